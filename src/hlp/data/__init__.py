@@ -1,0 +1,1 @@
+"""Folders on disk (or generated worlds) to frames and object models."""

@@ -1,0 +1,49 @@
+"""What every origin of RGB-D frames offers, and the identity of files by their content."""
+
+import hashlib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Protocol
+
+from hlp.records import Frame
+
+_CHUNK = 1 << 20
+
+
+class FrameSource(Protocol):
+    """An ordered set of RGB-D frames, loaded one at a time.
+
+    `keys` are the `Frame.key` of the frames, in order and unique: known without decoding an image.
+    """
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Names of the frames, in order."""
+        ...
+
+    def load(self, key: str) -> Frame:
+        """Decode one frame. Raises KeyError for an unknown key, ValueError for a broken file."""
+        ...
+
+    def identity(self) -> str:
+        """Hash of the content that the frames are made of; equal content, equal identity."""
+        ...
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        ...
+
+
+def content_hash(files: Iterable[Path], extra: str = "") -> str:
+    """BLAKE2b over the bytes of the files in the given order, and `extra` (32 hex digits).
+
+    Names enter without their folders, so a data set keeps its identity when it is moved. A file
+    that is absent or cannot be read raises its own OSError.
+    """
+    digest = hashlib.blake2b(extra.encode(), digest_size=16)
+    for file in files:
+        digest.update(f"\0{file.name}\0{file.stat().st_size}\0".encode())
+        with file.open("rb") as stream:
+            while chunk := stream.read(_CHUNK):
+                digest.update(chunk)
+    return digest.hexdigest()
