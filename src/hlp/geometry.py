@@ -1,0 +1,99 @@
+"""Rigid motions, projection, back-projection and distances between rotations. Metres, radians."""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+Array = Float[np.ndarray, "..."]
+
+
+def rigid(rotation: Float[np.ndarray, "*b 3 3"], translation: Float[np.ndarray, "*b 3"]) -> Array:
+    """Join rotations (…, 3, 3) and translations (…, 3) into motions (…, 4, 4)."""
+    rotation, translation = np.asarray(rotation), np.asarray(translation)
+    shape = np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1])
+    motion = np.zeros((*shape, 4, 4))
+    motion[..., :3, :3] = rotation
+    motion[..., :3, 3] = translation
+    motion[..., 3, 3] = 1.0
+    return motion
+
+
+def inverse(motion: Float[np.ndarray, "*b 4 4"]) -> Array:
+    """Inverse of rigid motions (…, 4, 4)."""
+    turned = np.swapaxes(motion[..., :3, :3], -1, -2)
+    return rigid(turned, -np.einsum("...ij,...j->...i", turned, motion[..., :3, 3]))
+
+
+def transform(
+    motion: Float[np.ndarray, "*b 4 4"], points: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "*b n 3"]:
+    """Apply motions (…, 4, 4) to points (n, 3)."""
+    moved = points @ np.swapaxes(motion[..., :3, :3], -1, -2)
+    return np.asarray(moved + motion[..., None, :3, 3])
+
+
+def project(
+    points_cam: Float[np.ndarray, "*b 3"], camera_matrix: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "*b 2"]:
+    """Pixels (x, y) of points in front of the camera; pixel centres are integers."""
+    focal = camera_matrix[[0, 1], [0, 1]]
+    return np.asarray(points_cam[..., :2] / points_cam[..., 2:] * focal + camera_matrix[:2, 2])
+
+
+def back_project(
+    pixels: Float[np.ndarray, "*b 2"],
+    depth: Float[np.ndarray, "*b"],
+    camera_matrix: Float[np.ndarray, "3 3"],
+) -> Float[np.ndarray, "*b 3"]:
+    """Points in camera coordinates (m) of pixels (x, y) at a depth along z (m)."""
+    focal = camera_matrix[[0, 1], [0, 1]]
+    plane = (np.asarray(pixels) - camera_matrix[:2, 2]) / focal
+    return np.concatenate([plane * depth[..., None], depth[..., None]], axis=-1)
+
+
+def rotation_distance(
+    first: Float[np.ndarray, "*b 3 3"], second: Float[np.ndarray, "*b 3 3"]
+) -> Float[np.ndarray, "*b"]:
+    """Angle (rad) of the rotation between two rotations.
+
+    From the chord ‖A − B‖ = 2√2 sin(θ/2), which keeps its precision near 0 where the arc cosine
+    of the trace loses half the digits.
+    """
+    chord = np.linalg.norm(np.asarray(first) - np.asarray(second), axis=(-2, -1))
+    return np.asarray(2.0 * np.arcsin(np.clip(chord / (2.0 * np.sqrt(2.0)), 0.0, 1.0)))
+
+
+def turn_to_ray(rays: Float[np.ndarray, "*b 3"]) -> Float[np.ndarray, "*b 3 3"]:
+    """Smallest rotation that takes the optical axis to each ray (…, 3), rays need no unit length.
+
+    A view is rendered at the image centre. What is seen along another ray looks as the view does
+    relative to that ray, so `turn_to_ray(ray) @ R_view` is the rotation in the camera's frame
+    (allocentric to egocentric).
+    """
+    unit = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+    x, y, z = unit[..., 0], unit[..., 1], unit[..., 2]
+    shared = 1.0 / (1.0 + z)
+    rows = [
+        [1.0 - x * x * shared, -x * y * shared, x],
+        [-x * y * shared, 1.0 - y * y * shared, y],
+        [-x, -y, z],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def quaternions(rotations: Float[np.ndarray, "*b 3 3"]) -> Float[np.ndarray, "*b 4"]:
+    """Unit quaternions (x, y, z, w) of rotations; q and −q are one rotation."""
+    flat = Rotation.from_matrix(np.reshape(rotations, (-1, 3, 3))).as_quat()
+    return np.reshape(flat, (*np.shape(rotations)[:-2], 4))
+
+
+def rotation_matrices(quats: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*b 3 3"]:
+    """Rotations of quaternions (x, y, z, w), normalised first. Raises ValueError on a zero one."""
+    flat = Rotation.from_quat(np.reshape(quats, (-1, 4))).as_matrix()
+    return np.reshape(flat, (*np.shape(quats)[:-1], 3, 3))
+
+
+def nearest_rotation(matrix: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+    """The rotation closest to a matrix in the Frobenius norm (files print rotations rounded)."""
+    u, _, vt = np.linalg.svd(matrix)
+    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
