@@ -1,0 +1,74 @@
+# Everything a person or CI does here. `make help` lists the targets.
+.DEFAULT_GOAL := help
+SHELL := /bin/bash
+
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+PYTHON ?=
+WORKERS ?= 2
+PORT ?= 5000
+WORK ?= work
+
+# Spinning threads on shared cores cost twenty times their worth; no telemetry, no windows.
+export OMP_WAIT_POLICY := PASSIVE
+export OMP_NUM_THREADS ?= 2
+export OPENBLAS_NUM_THREADS ?= 2
+export MKL_NUM_THREADS ?= 2
+export MLFLOW_DISABLE_TELEMETRY := true
+export MPLBACKEND := Agg
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+export PIP_ROOT_USER_ACTION := ignore
+
+.PHONY: help env demo test test-slow check ui clean
+
+help: ## list the targets
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
+
+env: $(STAMP) ## make .venv with exact versions of everything
+
+# torch comes first: named by a dependant, pip would take it with gigabytes of CUDA packages.
+$(STAMP): pyproject.toml constraints.txt
+	@python="$(PYTHON)"; \
+	usable() { "$$1" -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; }; \
+	if [ -z "$$python" ]; then \
+	  for each in python3.11 python3.12 python3.13 python3; do \
+	    if usable "$$each"; then python=$$each; break; fi; \
+	  done; \
+	fi; \
+	if [ -z "$$python" ] || ! usable "$$python"; then \
+	  echo "No usable Python: HLP needs Python 3.11 or newer with the venv module" >&2; \
+	  echo "(on Debian or Ubuntu: the package python3-venv). Name one with PYTHON=/path/to/python3." >&2; \
+	  exit 1; \
+	fi; \
+	echo "Making $(VENV) with $$("$$python" --version); this takes a few minutes the first time"; \
+	"$$python" -m venv $(VENV)
+	@$(BIN)/pip install -q -c constraints.txt "$$(grep '^torch==' constraints.txt)"
+	@$(BIN)/pip install -q -c constraints.txt -e '.[dev]'
+	@touch $@
+
+demo: $(STAMP) ## poses of synthetic objects: train, recover, score, log to MLflow
+	@$(BIN)/hlp run work=$(WORK)
+
+test: $(STAMP) ## the tests
+	@$(BIN)/python -m pytest -q -n $(WORKERS)
+
+test-slow: $(STAMP) ## the tests that take longer
+	@$(BIN)/python -m pytest -q -m slow
+
+check: $(STAMP) ## style, types and layers
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+	@$(BIN)/lint-imports
+
+ui: $(STAMP) ## browse the runs in MLflow
+	@test -f $(WORK)/mlflow.db || { echo "No runs in $(WORK)/mlflow.db yet: make demo makes one." >&2; exit 1; }
+	@experiment=$$($(BIN)/python -c "import sqlite3; print(sqlite3.connect('$(WORK)/mlflow.db').execute('select max(experiment_id) from experiments').fetchone()[0])"); \
+	echo "Runs: http://127.0.0.1:$(PORT)/#/experiments/$$experiment/runs?workflowType=machine_learning  (stop with Ctrl-C)"
+	@$(BIN)/mlflow server --workers 1 --host 127.0.0.1 --port $(PORT) \
+	  --backend-store-uri sqlite:///$(WORK)/mlflow.db
+
+clean: ## remove caches and build outputs; runs and .venv stay
+	@rm -rf build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache
+	@find src tests -name __pycache__ -type d -prune -exec rm -rf {} +
