@@ -1,0 +1,200 @@
+"""Triangle z-buffer on the CPU (numba): depth of many poses, or RGB-D of one scene, no OpenGL.
+
+Pixel centres have integer coordinates, 1/z is interpolated linearly in the image (which is exact
+for planes), and both faces of a triangle are visible, because scans orient theirs unreliably.
+Kernels are serial and release the GIL; poses are shared out over threads.
+"""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+from numba import njit
+
+from hlp.geometry import transform
+from hlp.records import Mesh
+from hlp.rendering.light import Light, shade
+
+NEAR = 0.01
+"""Triangles with a corner nearer to the camera than this (m) are not drawn."""
+
+
+@njit(nogil=True, cache=True)
+def fill_triangles(
+    corners: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    inverse_depth: Float[np.ndarray, "h w"],
+    triangles: Int[np.ndarray, "h w"],
+) -> None:
+    """Draw triangles into a z-buffer of inverse depths (1/m, 0 = nothing), keeping the nearest.
+
+    `corners` are (x px, y px, 1/z) of each vertex; a vertex with 1/z <= 0 drops its triangles.
+    `triangles` receives the index of the face seen at each pixel. Edges belong to both triangles
+    that share them, with a tolerance above the rounding error, so that no crack is left between.
+    """
+    height, width = inverse_depth.shape
+    for f in range(faces.shape[0]):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        wa, wb, wc = corners[a, 2], corners[b, 2], corners[c, 2]
+        if wa <= 0.0 or wb <= 0.0 or wc <= 0.0:
+            continue
+        ax, ay = corners[a, 0], corners[a, 1]
+        bx, by = corners[b, 0], corners[b, 1]
+        cx, cy = corners[c, 0], corners[c, 1]
+        x0 = max(np.ceil(min(ax, bx, cx) - 1e-6), 0.0)
+        x1 = min(np.floor(max(ax, bx, cx) + 1e-6), width - 1.0)
+        y0 = max(np.ceil(min(ay, by, cy) - 1e-6), 0.0)
+        y1 = min(np.floor(max(ay, by, cy) + 1e-6), height - 1.0)
+        if x0 > x1 or y0 > y1:
+            continue
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if abs(area) < 1e-12:
+            continue
+        sign = 1.0 if area > 0.0 else -1.0
+        scale = 1.0 / abs(area)
+        low, high = min(wa, wb, wc), max(wa, wb, wc)
+        for yi in range(int(y0), int(y1) + 1):
+            for xi in range(int(x0), int(x1) + 1):
+                ea = sign * ((cx - bx) * (yi - by) - (cy - by) * (xi - bx))
+                eb = sign * ((ax - cx) * (yi - cy) - (ay - cy) * (xi - cx))
+                ec = sign * ((bx - ax) * (yi - ay) - (by - ay) * (xi - ax))
+                if ea < -1e-8 or eb < -1e-8 or ec < -1e-8:
+                    continue
+                # A pixel within the tolerance may lie outside a sliver: do not extrapolate there.
+                w = min(max((ea * wa + eb * wb + ec * wc) * scale, low), high)
+                if w > inverse_depth[yi, xi]:
+                    inverse_depth[yi, xi] = w
+                    triangles[yi, xi] = f
+
+
+def render_depth(
+    mesh: Mesh,
+    poses_cam_obj: Float[np.ndarray, "n 4 4"],
+    camera_matrix: Float[np.ndarray, "3 3"],
+    shape: tuple[int, int],
+    threads: int = 2,
+) -> Float[np.ndarray, "n h w"]:
+    """Depth along z (m, float32, 0 = nothing) of a mesh in each of n poses.
+
+    Raises ValueError on a pose that is not finite.
+    """
+    poses_cam_obj = np.asarray(poses_cam_obj, dtype=np.float64)
+    _require_finite(poses_cam_obj)
+    depth = np.zeros((len(poses_cam_obj), *shape), dtype=np.float32)
+
+    def draw(index: int) -> None:
+        points = transform(poses_cam_obj[index], mesh.vertices)
+        inverse_depth, _ = _draw(points, mesh.faces, camera_matrix, shape)
+        depth[index] = _depth(inverse_depth)
+
+    if threads > 1 and len(depth) > 1:
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(draw, range(len(depth))))
+    else:
+        for index in range(len(depth)):
+            draw(index)
+    return depth
+
+
+def render_rgbd(
+    mesh: Mesh,
+    pose_cam_obj: Float[np.ndarray, "4 4"],
+    camera_matrix: Float[np.ndarray, "3 3"],
+    shape: tuple[int, int],
+    light: Light,
+) -> tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]]:
+    """Colour (black where nothing is) and depth (m, 0 = nothing) of one mesh in one pose."""
+    rgb, depth, _ = render_scene([(mesh, pose_cam_obj)], camera_matrix, shape, light)
+    return rgb, depth
+
+
+def render_scene(
+    parts: Sequence[tuple[Mesh, Float[np.ndarray, "4 4"]]],
+    camera_matrix: Float[np.ndarray, "3 3"],
+    shape: tuple[int, int],
+    light: Light,
+) -> tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"], Int[np.ndarray, "h w"]]:
+    """Colour, depth (m) and the index of the part seen at each pixel (-1 = nothing).
+
+    `parts` are meshes, each with its pose; they hide each other as in one z-buffer. Raises
+    ValueError if there is none, or on a pose that is not finite.
+    """
+    if not parts:
+        raise ValueError("render_scene needs at least one (mesh, pose) to draw")
+    poses = np.stack([np.asarray(pose, dtype=np.float64) for _, pose in parts])
+    _require_finite(poses)
+    meshes = [mesh for mesh, _ in parts]
+    points = np.concatenate(
+        [transform(pose, mesh.vertices) for pose, mesh in zip(poses, meshes, strict=True)]
+    )
+    normals = np.concatenate(
+        [mesh.normals @ pose[:3, :3].T for pose, mesh in zip(poses, meshes, strict=True)]
+    )
+    colors = np.concatenate([mesh.colors for mesh in meshes])
+    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
+    faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=True)])
+    last_face = np.cumsum([len(mesh.faces) for mesh in meshes])
+
+    inverse_depth, triangles = _draw(points, faces, camera_matrix, shape)
+    seen = triangles >= 0
+    corners = faces[triangles[seen]]
+    weights = _corner_weights(points[corners], np.argwhere(seen)[:, ::-1], camera_matrix)
+    rgb = np.zeros((*shape, 3), dtype=np.uint8)
+    rgb[seen] = shade(
+        np.einsum("ni,nij->nj", weights, colors[corners]),
+        np.einsum("ni,nij->nj", weights, normals[corners]),
+        -np.einsum("ni,nij->nj", weights, points[corners]),
+        light,
+    )
+    index = np.full(shape, -1, dtype=np.int64)
+    index[seen] = np.searchsorted(last_face, triangles[seen], side="right")
+    return rgb, _depth(inverse_depth), index
+
+
+def _draw(
+    points_cam: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    camera_matrix: Float[np.ndarray, "3 3"],
+    shape: tuple[int, int],
+) -> tuple[Float[np.ndarray, "h w"], Int[np.ndarray, "h w"]]:
+    """Inverse depth (0 = nothing) and face index (-1 = nothing) of triangles in camera space."""
+    z = points_cam[:, 2]
+    inverse = np.where(z >= NEAR, 1.0 / np.where(z >= NEAR, z, 1.0), 0.0)
+    corners = np.empty((len(points_cam), 3))
+    corners[:, 0] = points_cam[:, 0] * inverse * camera_matrix[0, 0] + camera_matrix[0, 2]
+    corners[:, 1] = points_cam[:, 1] * inverse * camera_matrix[1, 1] + camera_matrix[1, 2]
+    corners[:, 2] = inverse
+    inverse_depth = np.zeros(shape)
+    triangles = np.full(shape, -1, dtype=np.int64)
+    fill_triangles(corners, np.ascontiguousarray(faces, dtype=np.int64), inverse_depth, triangles)
+    return inverse_depth, triangles
+
+
+def _corner_weights(
+    corners_cam: Float[np.ndarray, "n 3 3"],
+    pixels: Int[np.ndarray, "n 2"],
+    camera_matrix: Float[np.ndarray, "3 3"],
+) -> Float[np.ndarray, "n 3"]:
+    """Perspective-correct weights of each triangle's corners where a pixel's ray meets it."""
+    rays = np.ones((len(pixels), 3))
+    rays[:, :2] = (pixels - camera_matrix[:2, 2]) / camera_matrix[[0, 1], [0, 1]]
+    a, b, c = corners_cam[:, 0], corners_cam[:, 1], corners_cam[:, 2]
+    # The ray's three volumes with the edges, one for the corner opposite to each edge.
+    volumes = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+    weights = np.einsum("nij,nj->ni", volumes, rays)
+    weights = np.maximum(weights * np.sign(weights.sum(axis=1, keepdims=True)), 0.0)
+    return np.asarray(weights / weights.sum(axis=1, keepdims=True))
+
+
+def _depth(inverse_depth: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+    drawn = inverse_depth > 0.0
+    depth = np.zeros(inverse_depth.shape, dtype=np.float32)
+    depth[drawn] = 1.0 / inverse_depth[drawn]
+    return depth
+
+
+def _require_finite(poses_cam_obj: Float[np.ndarray, "n 4 4"]) -> None:
+    bad = ~np.isfinite(poses_cam_obj).all(axis=(-2, -1))
+    if bad.any():
+        raise ValueError(f"poses_cam_obj[{int(np.flatnonzero(bad)[0])}] is not finite (nan or inf)")

@@ -1,0 +1,186 @@
+"""The z-buffer against a slow ray caster written here, and against closed forms."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from hlp.geometry import rigid
+from hlp.records import Mesh
+from hlp.rendering.light import FRONTAL_LIGHT, Light
+from hlp.rendering.rasterizer import render_depth, render_rgbd, render_scene
+
+CAMERA = np.array([[70.0, 0.0, 31.3], [0.0, 72.0, 24.6], [0.0, 0.0, 1.0]])
+SHAPE = (48, 64)
+AMBIENT = Light((0.0, 0.0, -1.0), ambient=1.0, diffuse=0.0, specular=0.0, shininess=1.0)
+
+
+def as_mesh(shape: trimesh.Trimesh, color: tuple[int, int, int] = (200, 100, 50)) -> Mesh:
+    vertices = np.asarray(shape.vertices, dtype=np.float64)
+    return Mesh(
+        vertices=vertices,
+        faces=np.asarray(shape.faces, dtype=np.int64),
+        colors=np.tile(np.array(color, dtype=np.uint8), (len(vertices), 1)),
+        normals=np.array(shape.vertex_normals),
+    )
+
+
+def random_pose(rng: np.random.Generator, z: float) -> np.ndarray:
+    rotation = trimesh.transformations.random_rotation_matrix(rng.random(3))[:3, :3]
+    return rigid(rotation, np.array([*rng.uniform(-0.05, 0.05, 2), z]))
+
+
+def rays(shape: tuple[int, int]) -> np.ndarray:
+    """Ray through each pixel centre, z = 1 (by the camera's definition, not by our code)."""
+    y, x = np.mgrid[: shape[0], : shape[1]]
+    return np.stack(
+        [
+            (x - CAMERA[0, 2]) / CAMERA[0, 0],
+            (y - CAMERA[1, 2]) / CAMERA[1, 1],
+            np.ones(shape),
+        ],
+        axis=-1,
+    )
+
+
+def cast(mesh: Mesh, pose: np.ndarray) -> np.ndarray:
+    """Depth by Möller–Trumbore of every ray with every triangle (0 = nothing)."""
+    points = mesh.vertices @ pose[:3, :3].T + pose[:3, 3]
+    a, b, c = (points[mesh.faces[:, i]] for i in range(3))
+    direction = rays(SHAPE).reshape(-1, 1, 3)
+    p = np.cross(direction, c - a)
+    det = np.einsum("rfi,fi->rf", p, b - a)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u = np.einsum("rfi,fi->rf", p, -a) / det
+        q = np.cross(-a, b - a)
+        v = np.einsum("ri,fi->rf", direction[:, 0], q) / det
+        t = np.einsum("fi,fi->f", c - a, q) / det
+        hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0)
+    depth = np.where(hit, t, np.inf).min(axis=1)
+    return np.where(np.isfinite(depth), depth, 0.0).reshape(SHAPE)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_depth_equals_ray_casting(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    mesh = as_mesh(trimesh.creation.icosphere(subdivisions=2, radius=0.08))
+    mesh = Mesh(mesh.vertices * [1.0, 0.7, 0.4], mesh.faces, mesh.colors, mesh.normals)
+    pose = random_pose(rng, 0.35)
+    drawn = render_depth(mesh, pose[None], CAMERA, SHAPE)[0]
+    expected = cast(mesh, pose)
+    both = (drawn > 0) & (expected > 0)
+    assert both.sum() > 200
+    assert np.count_nonzero((drawn > 0) != (expected > 0)) <= 1
+    assert np.abs(drawn - expected)[both].max() < 1e-6
+
+
+def test_plane_reaches_the_closed_form_depth_at_pixel_centres() -> None:
+    """A tilted plane n·p = d has depth d / (n·ray): perspective-correct, exact to float32."""
+    square = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+    mesh = Mesh(
+        3 * square, np.array([[0, 1, 2], [0, 2, 3]]), np.zeros((4, 3), np.uint8), np.ones((4, 3))
+    )
+    tilt = trimesh.transformations.rotation_matrix(0.6, [1.0, 0.4, 0.0])[:3, :3]
+    depth = render_depth(mesh, rigid(tilt, np.array([0.0, 0.0, 2.5]))[None], CAMERA, SHAPE)[0]
+    normal = tilt[:, 2]
+    expected = normal[2] * 2.5 / (rays(SHAPE) @ normal)
+    assert (depth > 0).all()
+    np.testing.assert_allclose(depth, expected, rtol=3e-7)
+
+
+def test_no_cracks_between_neighbouring_triangles() -> None:
+    """A fine jittered grid, edges of it along pixel rows, covers every pixel, from both sides."""
+    rng = np.random.default_rng(0)
+    side = np.linspace(-1.0, 1.0, 60)
+    x, y = np.meshgrid(side, side)
+    x[1:-1, 1:-1] += rng.uniform(-0.01, 0.01, (58, 58))
+    vertices = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
+    corner = (np.arange(59)[:, None] * 60 + np.arange(59)).ravel()
+    faces = np.concatenate(
+        [
+            np.stack([corner, corner + 1, corner + 61], axis=1),
+            np.stack([corner, corner + 61, corner + 60], axis=1),
+        ]
+    )
+    mesh = Mesh(vertices, faces, np.zeros((3600, 3), np.uint8), np.ones((3600, 3)))
+    camera = np.array([[59.0, 0.0, 32.0], [0.0, 59.0, 24.0], [0.0, 0.0, 1.0]])
+    flipped = np.diag([1.0, -1.0, -1.0])
+    poses = np.stack([rigid(r, np.array([0.0, 0.0, 1.0])) for r in (np.eye(3), flipped)])
+    depth = render_depth(mesh, poses, camera, SHAPE)
+    np.testing.assert_allclose(depth, 1.0, rtol=1e-6)
+
+
+def test_threads_and_batch_do_not_change_the_depth() -> None:
+    rng = np.random.default_rng(3)
+    mesh = as_mesh(trimesh.creation.torus(0.06, 0.02))
+    poses = np.stack([random_pose(rng, 0.4) for _ in range(5)])
+    one = render_depth(mesh, poses, CAMERA, SHAPE, threads=1)
+    two = render_depth(mesh, poses, CAMERA, SHAPE, threads=2)
+    alone = np.concatenate([render_depth(mesh, pose[None], CAMERA, SHAPE) for pose in poses])
+    np.testing.assert_array_equal(one, two)
+    np.testing.assert_array_equal(one, alone)
+
+
+def test_what_is_behind_or_at_the_camera_is_not_drawn() -> None:
+    mesh = as_mesh(trimesh.creation.icosphere(subdivisions=1, radius=0.05))
+    poses = np.stack([rigid(np.eye(3), np.array([0.0, 0.0, z])) for z in (-0.5, 0.0)])
+    depth = render_depth(mesh, poses, CAMERA, SHAPE)
+    assert (depth[0] == 0).all()
+    assert np.isfinite(depth).all()
+
+
+def test_vertex_colours_are_interpolated_perspective_correctly() -> None:
+    """Colour = position on a strongly tilted plane; its value follows the 3D point, not the 2D."""
+    square = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+    colors = np.array([[0, 0, 9], [250, 0, 9], [250, 250, 9], [0, 250, 9]], dtype=np.uint8)
+    mesh = Mesh(square, np.array([[0, 1, 2], [0, 2, 3]]), colors, np.tile([0.0, 0.0, 1.0], (4, 1)))
+    tilt = trimesh.transformations.rotation_matrix(0.9, [0.0, 1.0, 0.0])[:3, :3]
+    pose = rigid(tilt, np.array([0.0, 0.0, 1.5]))
+    rgb, depth = render_rgbd(mesh, pose, CAMERA, SHAPE, AMBIENT)
+    seen = depth > 0
+    point = (rays(SHAPE)[seen] * depth[seen][:, None] - pose[:3, 3]) @ tilt
+    assert seen.sum() > 500
+    np.testing.assert_allclose(rgb[seen][:, 0], 125.0 * (point[:, 0] + 1.0), atol=0.6)
+    np.testing.assert_allclose(rgb[seen][:, 1], 125.0 * (point[:, 1] + 1.0), atol=0.6)
+    assert (rgb[~seen] == 0).all()
+
+
+def test_scene_keeps_the_nearest_part_and_names_it() -> None:
+    rng = np.random.default_rng(5)
+    meshes = [
+        as_mesh(trimesh.creation.icosphere(subdivisions=2, radius=0.06), (250, 0, 0)),
+        as_mesh(trimesh.creation.box((0.1, 0.08, 0.1)), (0, 250, 0)),
+    ]
+    poses = [random_pose(rng, 0.4), random_pose(rng, 0.42)]
+    rgb, depth, index = render_scene(list(zip(meshes, poses, strict=True)), CAMERA, SHAPE, AMBIENT)
+    alone = np.stack(
+        [
+            render_depth(mesh, pose[None], CAMERA, SHAPE)[0]
+            for mesh, pose in zip(meshes, poses, strict=True)
+        ]
+    )
+    distance = np.where(alone > 0, alone, np.inf)
+    nearest = np.where((alone > 0).any(axis=0), distance.argmin(axis=0), -1)
+    np.testing.assert_array_equal(index, nearest)
+    np.testing.assert_array_equal(depth, np.where(nearest >= 0, distance.min(axis=0), 0))
+    assert min((index == part).sum() for part in (0, 1)) > 50
+    assert (rgb[index == 0] == [250, 0, 0]).all() and (rgb[index == 1] == [0, 250, 0]).all()
+
+
+def test_a_sphere_under_frontal_light_darkens_towards_its_rim() -> None:
+    mesh = as_mesh(trimesh.creation.icosphere(subdivisions=4, radius=0.1), (200, 200, 200))
+    pose = rigid(np.eye(3), np.array([0.0, 0.0, 0.5]))
+    rgb, depth = render_rgbd(mesh, pose, CAMERA, SHAPE, FRONTAL_LIGHT)
+    seen = depth > 0
+    normal = (rays(SHAPE)[seen] * depth[seen][:, None] - pose[:3, 3]) / 0.1
+    expected = 200 * (FRONTAL_LIGHT.ambient + FRONTAL_LIGHT.diffuse * -normal[:, 2])
+    assert np.abs(rgb[seen][:, 0] - expected).max() < 3.0
+
+
+def test_bad_input_is_named() -> None:
+    mesh = as_mesh(trimesh.creation.box((0.1, 0.1, 0.1)))
+    poses = np.stack([rigid(np.eye(3), np.array([0.0, 0.0, 0.5]))] * 3)
+    poses[1, 0, 3] = np.nan
+    with pytest.raises(ValueError, match=r"poses_cam_obj\[1\]"):
+        render_depth(mesh, poses, CAMERA, SHAPE)
+    with pytest.raises(ValueError, match="at least one"):
+        render_scene([], CAMERA, SHAPE, AMBIENT)
