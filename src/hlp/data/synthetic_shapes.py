@@ -1,0 +1,206 @@
+"""Closed, plainly coloured surfaces from which the demo world's objects are put together.
+
+Every shape is a `Mesh` in metres whose vertices lie at most about `SPACING` apart, so that
+colours and shading interpolated between vertices look smooth. Shapes are joined by `merge`
+without cutting away what lies inside: a z-buffer never sees it.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import trimesh
+from jaxtyping import Bool, Float, Int
+from scipy.spatial.transform import Rotation
+
+from hlp.records import Mesh
+
+SPACING = 0.004
+Color = tuple[int, int, int]
+Points = Float[np.ndarray, "n 3"]
+
+
+def solid(vertices: Points, faces: Int[np.ndarray, "f 3"], color: Color) -> Mesh:
+    """A closed surface of one colour; equal vertices become one, normals point outwards."""
+    surface = trimesh.Trimesh(vertices, faces, process=True)
+    surface.update_faces(surface.nondegenerate_faces())
+    surface.remove_unreferenced_vertices()
+    if surface.volume < 0:
+        surface.invert()
+    return Mesh(
+        vertices=np.array(surface.vertices, dtype=np.float64),
+        faces=np.array(surface.faces, dtype=np.int64),
+        colors=np.tile(np.array(color, dtype=np.uint8), (len(surface.vertices), 1)),
+        normals=np.array(surface.vertex_normals, dtype=np.float64),
+    )
+
+
+def merge(parts: Sequence[Mesh]) -> Mesh:
+    """One mesh of several, side by side in one list of vertices."""
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
+    return Mesh(
+        vertices=np.concatenate([part.vertices for part in parts]),
+        faces=np.concatenate([p.faces + s for p, s in zip(parts, starts, strict=True)]),
+        colors=np.concatenate([part.colors for part in parts]),
+        normals=np.concatenate([part.normals for part in parts]),
+    )
+
+
+def moved(
+    mesh: Mesh,
+    translation: Sequence[float] = (0.0, 0.0, 0.0),
+    euler_deg: Sequence[float] = (0.0, 0.0, 0.0),
+) -> Mesh:
+    """Turn about the fixed x, then y, then z axis (degrees), then shift (m)."""
+    turn = Rotation.from_euler("xyz", euler_deg, degrees=True).as_matrix()
+    return Mesh(
+        vertices=mesh.vertices @ turn.T + np.asarray(translation),
+        faces=mesh.faces,
+        colors=mesh.colors,
+        normals=mesh.normals @ turn.T,
+    )
+
+
+def painted(mesh: Mesh, where: Bool[np.ndarray, "v"], color: Color) -> Mesh:
+    """The mesh with another colour at the vertices `where`."""
+    colors = mesh.colors.copy()
+    colors[where] = color
+    return Mesh(mesh.vertices, mesh.faces, colors, mesh.normals)
+
+
+def lathe(
+    profile: Sequence[tuple[float, float]],
+    color: Color,
+    segments: int | None = None,
+    spacing: float = SPACING,
+) -> Mesh:
+    """Surface of revolution about z of the open line `profile` of (radius, height), in metres.
+
+    The line should begin and end on the axis (radius 0), so that the surface is closed. `segments`
+    is the number of steps around; by default as many as `spacing` asks for.
+    """
+    line = _resampled(np.asarray(profile, dtype=np.float64), spacing)
+    count = segments or max(12, int(np.ceil(2 * np.pi * line[:, 0].max() / spacing)))
+    angles = np.arange(count) * (2 * np.pi / count)
+    around = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    ring = line[:, None, :1] * around
+    height = np.broadcast_to(line[:, None, 1:], (*ring.shape[:2], 1))
+    return _woven(np.concatenate([ring, height], axis=-1), color)
+
+
+def cylinder(radius: float, height: float, color: Color, spacing: float = SPACING) -> Mesh:
+    """Upright cylinder that stands on z = 0."""
+    corners = [(0.0, 0.0), (radius, 0.0), (radius, height), (0.0, height)]
+    return lathe(corners, color, spacing=spacing)
+
+
+def ellipsoid(radii: Sequence[float], color: Color, spacing: float = SPACING) -> Mesh:
+    """Ellipsoid about the origin with half axes `radii` (m)."""
+    largest = max(radii)
+    steps = max(10, int(np.ceil(np.pi * largest / spacing)))
+    angle = np.linspace(0.0, np.pi, steps + 1)
+    radius = np.sin(angle)
+    radius[[0, -1]] = 0.0
+    around = max(12, int(np.ceil(2 * np.pi * max(radii[:2]) / spacing)))
+    turn = np.arange(around) * (2 * np.pi / around)
+    sphere = np.stack(
+        [
+            radius[:, None] * np.cos(turn),
+            radius[:, None] * np.sin(turn),
+            np.repeat(-np.cos(angle)[:, None], around, axis=1),
+        ],
+        axis=-1,
+    )
+    return _woven(sphere * np.asarray(radii), color)
+
+
+def rounded_box(
+    size: Sequence[float], rounding: float, color: Color, spacing: float = SPACING
+) -> Mesh:
+    """Box about the origin with sides `size` and edges rounded with a radius `rounding` (m).
+
+    A box of a fine grid is taken back onto the surface at `rounding` from the inner box.
+    """
+    half = np.asarray(size, dtype=np.float64) / 2
+    inner = half - rounding
+    vertices, faces = _box_grid(half, spacing)
+    nearest = np.clip(vertices, -inner, inner)
+    away = vertices - nearest
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    return solid(nearest + rounding * away, faces, color)
+
+
+def tube(
+    path: Sequence[Sequence[float]],
+    radii: Sequence[float],
+    color: Color,
+    spacing: float = SPACING,
+) -> Mesh:
+    """Tube along the line `path` (k, 3) with radius `radii` (k,) at each point, flat ends (m)."""
+    line = _resampled(np.column_stack([np.asarray(path), np.asarray(radii)]), spacing)
+    points, radius = line[:, :3], line[:, 3]
+    along = np.gradient(points, axis=0)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    across = _carried_along(along)
+    second = np.cross(along, across)
+    count = max(10, int(np.ceil(2 * np.pi * radius.max() / spacing)))
+    angle = np.arange(count) * (2 * np.pi / count)
+    circle = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * second[:, None]
+    rings = points[:, None] + radius[:, None, None] * circle
+    ends = [np.repeat(points[[i], None], count, axis=1) for i in (0, -1)]
+    return _woven(np.concatenate([ends[0], rings, ends[1]]), color)
+
+
+def _carried_along(along: Points) -> Points:
+    """A unit vector across the line at each of its points, carried along without twist."""
+    across = np.empty_like(along)
+    start = np.eye(3)[np.argmin(np.abs(along[0]))]
+    for i, direction in enumerate(along):
+        start = start - direction * (start @ direction)
+        start /= np.linalg.norm(start)
+        across[i] = start
+    return across
+
+
+def _resampled(line: Float[np.ndarray, "k d"], spacing: float) -> Float[np.ndarray, "n d"]:
+    """The broken line with points added until neighbours are at most `spacing` apart."""
+    pieces = [line[:1]]
+    for start, end in zip(line[:-1], line[1:], strict=True):
+        steps = max(1, int(np.ceil(np.linalg.norm(end - start) / spacing)))
+        share = np.arange(1, steps + 1)[:, None] / steps
+        pieces.append(start + share * (end - start))
+    return np.concatenate(pieces)
+
+
+def _woven(grid: Float[np.ndarray, "rows columns 3"], color: Color) -> Mesh:
+    """Closed surface of a grid of points whose columns run around."""
+    rows, columns = grid.shape[:2]
+    number = np.arange(rows * columns).reshape(rows, columns)
+    a, b = number[:-1], number[1:]
+    a_next, b_next = np.roll(a, -1, axis=1), np.roll(b, -1, axis=1)
+    lower, upper = np.stack([a, a_next, b_next], -1), np.stack([a, b_next, b], -1)
+    faces = np.concatenate([lower.reshape(-1, 3), upper.reshape(-1, 3)])
+    return solid(grid.reshape(-1, 3), faces, color)
+
+
+def _box_grid(half: Float[np.ndarray, "3"], spacing: float) -> tuple[Points, np.ndarray]:
+    """Vertices and faces of a box about the origin, each side a regular grid."""
+    vertices, faces, count = [], [], 0
+    for axis in range(3):
+        u, v = (axis + 1) % 3, (axis + 2) % 3
+        steps = [max(1, int(np.ceil(2 * half[i] / spacing))) for i in (u, v)]
+        uu, vv = np.meshgrid(
+            np.linspace(-half[u], half[u], steps[0] + 1),
+            np.linspace(-half[v], half[v], steps[1] + 1),
+            indexing="ij",
+        )
+        number = np.arange(uu.size).reshape(uu.shape)
+        a, b = number[:-1, :-1].ravel(), number[1:, :-1].ravel()
+        c, d = number[1:, 1:].ravel(), number[:-1, 1:].ravel()
+        quads = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+        for sign in (-1.0, 1.0):
+            side = np.empty((uu.size, 3))
+            side[:, axis], side[:, u], side[:, v] = sign * half[axis], uu.ravel(), vv.ravel()
+            vertices.append(side)
+            faces.append((quads if sign > 0 else quads[:, ::-1]) + count)
+            count += uu.size
+    return np.concatenate(vertices), np.concatenate(faces)
