@@ -24,8 +24,9 @@ class SensorSettings:
     Depth: `baseline` from projector to camera (m); `disparity_noise` and `disparity_step` (px);
     `edge_jitter`, how far (px) depth edges wander; `edge_missing`, the share of edge pixels without
     a reading; `grazing_deg`, the angle between ray and normal from which readings begin to fail
-    (all fail half-way from there to 90°); `hole_rate`, holes begun per pixel; `shadow`, whether the
-    projector's shadow is missing; `far`, the largest depth measured (m); `depth_unit`, rounding (m).
+    (all fail half-way from there to 90°); `hole_rate`, holes begun per pixel; `shadow`, whether
+    what the projector cannot see is missing; `far`, the largest depth measured (m); `depth_unit`,
+    what depth is rounded to (m).
     Colour: `rgb_noise` (of 255), `rgb_blur` (px), `white_balance` and `exposure` (standard
     deviations of the logarithm of the channels' and of all channels' gain).
     """

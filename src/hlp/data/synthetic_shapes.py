@@ -6,6 +6,7 @@ without cutting away what lies inside: a z-buffer never sees it.
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 import trimesh
@@ -164,7 +165,7 @@ def _carried_along(along: Points) -> Points:
 def _resampled(line: Float[np.ndarray, "k d"], spacing: float) -> Float[np.ndarray, "n d"]:
     """The broken line with points added until neighbours are at most `spacing` apart."""
     pieces = [line[:1]]
-    for start, end in zip(line[:-1], line[1:], strict=True):
+    for start, end in pairwise(line):
         steps = max(1, int(np.ceil(np.linalg.norm(end - start) / spacing)))
         share = np.arange(1, steps + 1)[:, None] / steps
         pieces.append(start + share * (end - start))
