@@ -1,0 +1,86 @@
+"""Object models of a BOP data set: `models/obj_%06d.ply` and `models_info.json` (millimetres).
+
+Format: Hodan et al., BOP (ECCV 2018), docs/bop_datasets_format.md of the BOP toolkit.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from hlp.data.images import read_json
+from hlp.data.object_models import ObjectSettings, build_object_model, check_unique
+from hlp.geometry import nearest_rotation, rigid
+from hlp.records import ObjectModel
+
+_MM = 1e-3
+_FOLDERS = ("models", "models_eval")
+
+
+def load_object_models(
+    root: Path, objects: Mapping[str, ObjectSettings], proxy_faces: int, symmetry_steps: int
+) -> dict[int, ObjectModel]:
+    """Object models by id, from `models`, else (plain colour) from `models_eval`.
+
+    Diameters and symmetries come from `models_info.json`, where the set has one; continuous
+    symmetries become `symmetry_steps` rotations. Raises FileNotFoundError naming the object and
+    the paths tried, and what `load_mesh` raises.
+    """
+    check_unique(objects)
+    models = {}
+    for name, settings in objects.items():
+        path = _mesh_path(root, name, settings.id)
+        info = _model_info(path.parent, settings.id)
+        diameter = float(info["diameter"]) * _MM if "diameter" in info else None
+        symmetries = symmetry_motions(info, symmetry_steps)
+        models[settings.id] = build_object_model(
+            name, settings, path, _MM, proxy_faces, diameter, symmetries
+        )
+    return models
+
+
+def symmetry_motions(info: dict[str, Any], steps: int) -> Float[np.ndarray, "n 4 4"]:
+    """Symmetries of an entry of `models_info.json` as motions in metres, identity first.
+
+    Every continuous one, discretised in `steps`, is applied after every discrete one.
+    """
+    if steps < 1:
+        raise ValueError(f"symmetry_steps must be at least 1, not {steps}")
+    discrete = [np.eye(4)]
+    for values in info.get("symmetries_discrete", []):
+        motion = np.asarray(values, dtype=np.float64).reshape(4, 4)
+        discrete.append(rigid(nearest_rotation(motion[:3, :3]), motion[:3, 3] * _MM))
+    motions = np.stack(discrete)
+    for entry in info.get("symmetries_continuous", []):
+        axis = np.asarray(entry["axis"], dtype=np.float64)
+        angles = np.arange(steps)[:, None] * (2.0 * np.pi / steps)
+        turns = Rotation.from_rotvec(angles * axis / np.linalg.norm(axis)).as_matrix()
+        offset = np.asarray(entry["offset"], dtype=np.float64) * _MM
+        continuous = rigid(turns, offset - turns @ offset)
+        motions = np.einsum("aij,bjk->baik", continuous, motions).reshape(-1, 4, 4)
+    return motions
+
+
+def _mesh_path(root: Path, name: str, object_id: int) -> Path:
+    tried = [root / folder / f"obj_{object_id:06d}.ply" for folder in _FOLDERS]
+    for path in tried:
+        if path.is_file():
+            return path
+    raise FileNotFoundError(
+        f"no mesh of object {object_id} ({name}), tried "
+        f"{' and '.join(str(path) for path in tried)}: check data.root, or drop it with "
+        f"~data.objects.{name}"
+    )
+
+
+def _model_info(folder: Path, object_id: int) -> dict[str, Any]:
+    path = folder / "models_info.json"
+    if not path.is_file():
+        return {}
+    info: dict[str, Any] = read_json(path).get(str(object_id), {})
+    if "diameter" in info and not 0 < float(info["diameter"]) < float("inf"):
+        raise ValueError(f"{path}: diameter {info['diameter']} of object {object_id}")
+    return info

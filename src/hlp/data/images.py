@@ -1,0 +1,95 @@
+"""Colour and depth images, decoded strictly: a broken file is an error that names it."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+
+_SATURATED = 65535  # 7-Scenes and others write this where the sensor saw nothing
+EXTENSIONS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+
+
+def _decode(path: Path, flags: int) -> np.ndarray[Any, Any]:
+    if not path.is_file():
+        raise FileNotFoundError(f"no image {path}")
+    encoded = np.frombuffer(path.read_bytes(), np.uint8)
+    image = cv2.imdecode(encoded, flags) if len(encoded) else None
+    if image is None:
+        raise ValueError(f"{path} is truncated or no image: copy or download it again")
+    return np.asarray(image)
+
+
+def read_rgb(path: Path) -> UInt8[np.ndarray, "h w 3"]:
+    """Colour image as RGB; grey ones are repeated, EXIF turns ignored (depth knows none).
+
+    Raises FileNotFoundError, or ValueError where the file is truncated or no image.
+    """
+    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    return np.ascontiguousarray(_decode(path, flags)[..., ::-1])
+
+
+def read_depth(path: Path, millimetres: float) -> Float[np.ndarray, "h w"]:
+    """16-bit depth PNG in metres (float32), 0 where missing (file: 0 or 65535).
+
+    `millimetres` is what one unit of the file is worth (BOP's `depth_scale`). Raises
+    FileNotFoundError; ValueError where the file is broken, not 16-bit, or empty of depth.
+    """
+    raw = _decode(path, cv2.IMREAD_UNCHANGED)
+    if raw.dtype != np.uint16 or raw.ndim != 2:
+        raise ValueError(
+            f"{path} holds {raw.dtype} {raw.shape}: depth must be a 16-bit PNG of one channel"
+        )
+    return depth_metres(raw, millimetres, path)
+
+
+def depth_metres(
+    raw: np.ndarray[Any, Any], millimetres: float, path: Path
+) -> Float[np.ndarray, "h w"]:
+    """Raw 16-bit depth in metres (float32). Raises ValueError where no pixel has depth."""
+    metres = np.where(raw == _SATURATED, 0, raw).astype(np.float32) * np.float32(millimetres / 1e3)
+    if not metres.any():
+        raise ValueError(f"{path} has no depth at any pixel: check the sensor or leave it out")
+    return np.asarray(metres)
+
+
+def same_size(rgb_path: Path, rgb: np.ndarray[Any, Any], depth: np.ndarray[Any, Any]) -> None:
+    """Raise ValueError unless colour and depth of a frame have one size."""
+    if rgb.shape[:2] != depth.shape:
+        raise ValueError(
+            f"{rgb_path} is {rgb.shape[1]}x{rgb.shape[0]} but its depth image is "
+            f"{depth.shape[1]}x{depth.shape[0]}: register depth to colour first"
+        )
+
+
+def find_image(folder: Path, stem: str) -> Path:
+    """The image `stem` in a folder, whatever its extension. Raises FileNotFoundError."""
+    for extension in EXTENSIONS:
+        if (path := folder / f"{stem}{extension}").is_file():
+            return path
+    raise FileNotFoundError(f"no image {folder / stem}.png (nor .jpg): is the data set complete?")
+
+
+def read_json(path: Path) -> Any:
+    """Parsed JSON. Raises FileNotFoundError, or ValueError that names a file it cannot parse."""
+    if not path.is_file():
+        raise FileNotFoundError(f"no {path}: is the data set complete and its root right?")
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(f"{path} is no valid JSON ({error}): copy or download it again") from error
+
+
+def camera_matrix(values: Any, path: Path) -> Float[np.ndarray, "3 3"]:
+    """Check nine numbers of an intrinsic matrix K (row-major). Raises ValueError naming `path`."""
+    try:
+        matrix = np.asarray(values, dtype=np.float64).reshape(3, 3)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: cam_K must hold 9 numbers, not {values!r}") from error
+    if not np.isfinite(matrix).all() or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
+        raise ValueError(
+            f"{path}: cam_K {values!r} needs finite numbers and positive focal lengths"
+        )
+    return matrix

@@ -1,0 +1,146 @@
+"""LINEMOD as Hinterstoisser et al. (ACCV 2012) published it, one folder per object.
+
+`OBJ/data/colorN.jpg`, `depthN.dpt`, `rotN.rot`, `traN.tra` and `OBJ/mesh.ply`. Depth is in
+millimetres, translations in centimetres. No file holds the intrinsics: the configuration does.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, UInt16
+
+from hlp.data.images import camera_matrix, depth_metres, read_rgb, same_size
+from hlp.data.object_models import ObjectSettings, build_object_model, check_unique
+from hlp.data.sources import content_hash
+from hlp.geometry import nearest_rotation, rigid
+from hlp.records import Frame, ObjectModel, Target
+
+_CM = 1e-2
+_HEADER_BYTES = 8
+
+
+@dataclass(frozen=True)
+class LinemodSettings:
+    """Where a data set in LINEMOD's first layout lies; keys as in conf/data/linemod.yaml."""
+
+    name: str
+    root: str
+    camera_matrix: list[float]
+    mesh_scale: float
+    photographs: str | None
+    rgbd_frames: str | None
+    rooms: str | None
+    proxy_faces: int
+    objects: dict[str, ObjectSettings]
+
+
+def read_dpt(path: Path) -> UInt16[np.ndarray, "h w"]:
+    """Raw depth (mm): rows and columns as int32, then rows x columns uint16, little-endian.
+
+    Raises FileNotFoundError; ValueError where the length does not agree with the header.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"no depth {path}")
+    content = path.read_bytes()
+    rows, columns = np.frombuffer(content[:_HEADER_BYTES].ljust(_HEADER_BYTES, b"\0"), "<i4")
+    if rows < 1 or columns < 1 or len(content) != _HEADER_BYTES + 2 * int(rows) * int(columns):
+        raise ValueError(f"{path} is truncated or no .dpt file: copy or download it again")
+    return np.frombuffer(content, "<u2", offset=_HEADER_BYTES).reshape(rows, columns)
+
+
+def read_matrix(path: Path, count: int) -> Float[np.ndarray, "n"]:
+    """The `count` numbers of a .rot or .tra file, after its header line (rows and columns).
+
+    Raises FileNotFoundError; ValueError where the file holds other numbers, NaN or infinity.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"no pose {path}")
+    words = " ".join(path.read_text(encoding="utf-8").splitlines()[1:]).split()
+    try:
+        values = np.array([float(word) for word in words])
+    except ValueError as error:
+        raise ValueError(f"{path} holds something that is no number ({error})") from error
+    if len(values) != count or not np.isfinite(values).all():
+        raise ValueError(f"{path} must hold a header line and {count} finite numbers")
+    return values
+
+
+def load_object_models(
+    root: Path, objects: Mapping[str, ObjectSettings], proxy_faces: int, mesh_scale: float
+) -> dict[int, ObjectModel]:
+    """Object models by id from `OBJ/mesh.ply`, times `mesh_scale` (metres per unit of the file).
+
+    The layout states neither diameters nor symmetries: the diameter is the largest vertex
+    distance, the only symmetry the identity. Raises what `load_mesh` raises.
+    """
+    check_unique(objects)
+    return {
+        settings.id: build_object_model(
+            name, settings, root / name / "mesh.ply", mesh_scale, proxy_faces
+        )
+        for name, settings in objects.items()
+    }
+
+
+class LinemodFrames:
+    """All frames of the given objects, one target each (a `FrameSource`); reads nothing at first.
+
+    `object_ids` maps folder names to ids; the id is also the frames' scene id, as in BOP.
+    """
+
+    def __init__(self, root: Path, object_ids: Mapping[str, int], camera: Sequence[float]) -> None:
+        self._root = Path(root)
+        self._names = {object_id: name for name, object_id in object_ids.items()}
+        self._camera = camera_matrix(list(camera), Path("data.camera_matrix"))
+
+    @cached_property
+    def _frames(self) -> dict[str, tuple[int, int]]:
+        frames: dict[str, tuple[int, int]] = {}
+        for object_id in sorted(self._names):
+            folder = self._folder(object_id)
+            numbers = [path.stem.removeprefix("color") for path in folder.glob("color*.jpg")]
+            for number in sorted(int(text) for text in numbers if text.isdigit()):
+                frames[f"{object_id:06d}_{number:06d}"] = (object_id, number)
+        if not frames:
+            raise FileNotFoundError(
+                f"no OBJ/data/color*.jpg under {self._root} for the objects"
+                f" {', '.join(self._names.values())}: check data.root"
+            )
+        return frames
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Frame keys, `<object id>_<frame number>`."""
+        return tuple(self._frames)
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def load(self, key: str) -> Frame:
+        """Decode one frame. Raises KeyError, FileNotFoundError, or ValueError for a broken file."""
+        if key not in self._frames:
+            raise KeyError(f"no frame {key!r} under {self._root}")
+        object_id, number = self._frames[key]
+        color, dpt, rot, tra = self._files(object_id, number)
+        rgb = read_rgb(color)
+        depth = depth_metres(read_dpt(dpt), 1.0, dpt)
+        same_size(color, rgb, depth)
+        rotation = nearest_rotation(read_matrix(rot, 9).reshape(3, 3))
+        pose = rigid(rotation, read_matrix(tra, 3) * _CM)
+        return Frame(object_id, number, rgb, depth, self._camera, (Target(object_id, pose),))
+
+    def identity(self) -> str:
+        """Hash of images, poses and intrinsics."""
+        files = [path for frame in self._frames.values() for path in self._files(*frame)]
+        return content_hash(files, extra=repr((list(self._frames), self._camera.tolist())))
+
+    def _folder(self, object_id: int) -> Path:
+        return self._root / self._names[object_id] / "data"
+
+    def _files(self, object_id: int, number: int) -> tuple[Path, Path, Path, Path]:
+        names = (f"color{number}.jpg", f"depth{number}.dpt", f"rot{number}.rot", f"tra{number}.tra")
+        color, dpt, rot, tra = (self._folder(object_id) / name for name in names)
+        return color, dpt, rot, tra

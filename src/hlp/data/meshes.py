@@ -1,0 +1,120 @@
+"""CAD models: loading with checks, decimation, true diameter. Metres inside."""
+
+import struct
+from pathlib import Path
+from typing import Any
+
+import fast_simplification
+import numpy as np
+import trimesh
+from jaxtyping import Float, Int, UInt8
+from scipy.spatial import ConvexHull, QhullError, cKDTree
+from scipy.spatial.distance import cdist
+
+from hlp.records import Mesh
+
+PLAIN_COLOR = (210, 210, 210)
+_DIAMETER_RANGE = (0.01, 2.0)
+_BLOCK = 1024
+# trimesh's loaders let through whatever their parsers meet in a broken file.
+_PARSE_ERRORS = (
+    ValueError, KeyError, IndexError, TypeError, AttributeError, EOFError, NotImplementedError,
+    struct.error, SyntaxError, AssertionError,
+)  # fmt: skip
+
+
+def load_mesh(path: Path, scale: float = 0.001) -> Mesh:
+    """Load a triangle mesh in file order, times `scale` (file units to metres; BOP writes mm).
+
+    Colours are the file's own (per vertex, per face or texture), else plain light grey; normals are
+    the file's own, else computed. Raises FileNotFoundError; ValueError for a file that cannot be
+    parsed, has no triangles or NaN vertices, or whose diameter is not 1 cm … 2 m (wrong unit).
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"no mesh {path}")
+    try:
+        raw = trimesh.load(path, process=False, maintain_order=True, force="mesh")
+    except _PARSE_ERRORS as error:
+        raise ValueError(f"{path} cannot be read as a mesh ({error}): export it again") from error
+    if not isinstance(raw, trimesh.Trimesh) or len(raw.vertices) == 0 or len(raw.faces) == 0:
+        raise ValueError(f"{path} has no triangles: export it as a triangle mesh")
+    vertices = np.array(raw.vertices, dtype=np.float64) * scale
+    if not np.isfinite(vertices).all():
+        raise ValueError(f"{path} has NaN or infinite vertices: repair the mesh")
+    _check_unit(path, mesh_diameter(vertices), scale)
+    faces = np.array(raw.faces, dtype=np.int32)
+    return Mesh(vertices, faces, _colors(raw), _unit_normals(np.array(raw.vertex_normals)))
+
+
+def decimate(mesh: Mesh, faces: int) -> Mesh:
+    """At most about `faces` triangles, by quadric error; the mesh itself where it has no more.
+
+    Colours come from the nearest vertex of the full mesh, normals from the new triangles (the
+    nearest vertex of a thin wall may lie on its other side). Raises ValueError if nothing is left.
+    """
+    if faces < 4:
+        raise ValueError(f"a decimated mesh needs at least 4 faces, not {faces}")
+    if len(mesh.faces) <= faces:
+        return mesh
+    # Triangle soups (STL, textured OBJ) would fall apart: weld equal positions first.
+    welded, index = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    triangles = index.reshape(-1)[mesh.faces].astype(np.int32)
+    points, kept = fast_simplification.simplify(
+        welded.astype(np.float32), triangles, target_count=faces
+    )
+    if len(kept) == 0:
+        raise ValueError(f"decimating {len(mesh.faces)} triangles to {faces} leaves none")
+    vertices = np.asarray(points, dtype=np.float64)
+    _, nearest = cKDTree(mesh.vertices).query(vertices)
+    kept = np.asarray(kept, dtype=np.int32)
+    return Mesh(vertices, kept, mesh.colors[nearest], _vertex_normals(vertices, kept))
+
+
+def mesh_diameter(vertices: Float[np.ndarray, "v 3"]) -> float:
+    """Largest distance between two vertices: it is attained on the convex hull."""
+    try:
+        corners = vertices[ConvexHull(vertices).vertices]
+    except QhullError:  # flat or tiny: every vertex may be a corner
+        corners = np.unique(vertices, axis=0)
+    blocks = (corners[i : i + _BLOCK] for i in range(0, len(corners), _BLOCK))
+    return max(float(cdist(block, corners).max()) for block in blocks)
+
+
+def _check_unit(path: Path, diameter: float, scale: float) -> None:
+    low, high = _DIAMETER_RANGE
+    if not low <= diameter <= high:
+        raise ValueError(
+            f"{path}: diameter {diameter:.4g} m at {scale:g} m per unit is not within {low} … "
+            f"{high} m: probably the wrong unit (a mesh in metres needs scale 1, in millimetres 0.001)"
+        )
+
+
+def _colors(raw: trimesh.Trimesh) -> UInt8[np.ndarray, "v 3"]:
+    plain = np.tile(np.array(PLAIN_COLOR, np.uint8), (len(raw.vertices), 1))
+    visual: Any = raw.visual
+    if visual is None or not visual.defined:
+        return plain
+    if visual.kind == "texture":
+        visual = visual.to_color()
+    colors = np.asarray(visual.vertex_colors, dtype=np.uint8)
+    return colors[:, :3].copy() if len(colors) == len(plain) else plain
+
+
+def _vertex_normals(
+    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
+) -> Float[np.ndarray, "v 3"]:
+    """Normals weighted by the areas of the triangles around each vertex."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    area = np.cross(b - a, c - a)
+    total = np.zeros_like(vertices)
+    for corner in range(3):
+        np.add.at(total, faces[:, corner], area)
+    return _unit_normals(total)
+
+
+def _unit_normals(normals: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "v 3"]:
+    """Unit length; +z where a vertex belongs to no triangle of any area and so has no normal."""
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    usable = np.isfinite(length) & (length > 0)
+    up = np.array([0.0, 0.0, 1.0])
+    return np.asarray(np.where(usable, normals / np.where(usable, length, 1.0), up))

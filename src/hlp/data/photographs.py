@@ -1,0 +1,74 @@
+"""Photographs as backgrounds: any folder of pictures, such as PASCAL VOC's `JPEGImages`."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+from hlp.data.images import EXTENSIONS, read_rgb
+
+Image = UInt8[np.ndarray, "h w 3"]
+
+
+def list_photographs(folder: Path) -> tuple[Path, ...]:
+    """All pictures below a folder, sorted; of a VOC set only `JPEGImages` (no masks).
+
+    Raises FileNotFoundError where the folder is absent or holds none.
+    """
+    if not folder.is_dir():
+        raise FileNotFoundError(f"no folder of photographs {folder}: check data.photographs")
+    found = sorted(path for path in folder.rglob("*") if path.suffix.lower() in EXTENSIONS)
+    voc = [path for path in found if path.parent.name == "JPEGImages"]
+    if not found:
+        raise FileNotFoundError(f"no photograph (jpg, png) in {folder}: check data.photographs")
+    return tuple(voc or found)
+
+
+def load_photographs(paths: Sequence[Path], limit: int, long_side: int) -> list[Image]:
+    """Decode at most `limit` photographs, spread evenly over `paths`, shrunk to `long_side` pixels.
+
+    A few hundred are plenty of variety for crops and fit in memory. Raises ValueError naming a file
+    that is broken.
+    """
+    if limit < 1 or long_side < 1:
+        raise ValueError(f"limit and long_side must be positive, not {limit} and {long_side}")
+    count = min(limit, len(paths))
+    chosen = np.linspace(0, len(paths) - 1, count).round().astype(int)
+    return [_shrink(read_rgb(paths[i]), long_side) for i in chosen]
+
+
+def random_crops(
+    images: Sequence[Image], count: int, size: int, rng: np.random.Generator
+) -> UInt8[np.ndarray, "n s s 3"]:
+    """Random square crops (mirrored half the time) of random images, resized to `size` pixels.
+
+    The side is uniform between half of `size` (or all there is) and the image's short side.
+    Raises ValueError where there is no image.
+    """
+    if not images:
+        raise ValueError("no photograph to crop backgrounds from")
+    crops = np.empty((count, size, size, 3), np.uint8)
+    for crop in crops:
+        image = images[int(rng.integers(len(images)))]
+        short = min(image.shape[:2])
+        side = int(rng.integers(min(max(size // 2, 1), short), short + 1))
+        top = int(rng.integers(image.shape[0] - side + 1))
+        left = int(rng.integers(image.shape[1] - side + 1))
+        patch = image[top : top + side, left : left + side]
+        if rng.random() < 0.5:
+            patch = patch[:, ::-1]
+        # Bilinear does not average when it shrinks, area does not interpolate when it enlarges.
+        method = cv2.INTER_AREA if side > size else cv2.INTER_LINEAR
+        crop[:] = cv2.resize(np.ascontiguousarray(patch), (size, size), interpolation=method)
+    return crops
+
+
+def _shrink(image: Image, long_side: int) -> Image:
+    height, width = image.shape[:2]
+    factor = long_side / max(height, width)
+    if factor >= 1:
+        return image
+    shape = (max(1, round(width * factor)), max(1, round(height * factor)))
+    return np.asarray(cv2.resize(image, shape, interpolation=cv2.INTER_AREA), dtype=np.uint8)
