@@ -1,0 +1,65 @@
+"""What the design promises of the code as a whole."""
+
+import os
+import pkgutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_dir
+from importlinter.cli import EXIT_STATUS_SUCCESS, lint_imports
+
+import hlp
+from hlp.cli import config_folder
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_imports_keep_to_the_layers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    assert lint_imports(config_filename="pyproject.toml", no_cache=True) == EXIT_STATUS_SUCCESS
+
+
+def test_importing_does_nothing(tmp_path: Path) -> None:
+    """Every module is imported in one fresh process, in an empty folder."""
+    modules = [each.name for each in pkgutil.walk_packages(hlp.__path__, "hlp.")]
+    assert "hlp.pipeline.store" in modules
+    code = (
+        "import importlib, os, threading\n"
+        "before = dict(os.environ)\n"
+        f"for name in {modules!r}: importlib.import_module(name)\n"
+        "new = {key: value for key, value in os.environ.items() if before.get(key) != value}\n"
+        "assert not new, f'importing sets {new}'\n"
+        "import sys\n"
+        "assert 'mlflow' not in sys.modules, 'mlflow costs seconds: import it where it is used'\n"
+        "assert 'OpenGL' not in sys.modules, 'OpenGL may be missing: import it where it is used'\n"
+        "import torch\n"
+        "assert not torch.cuda.is_initialized()\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "PYTHONDONTWRITEBYTECODE": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == ""
+    assert not list(tmp_path.iterdir()), "importing writes files"
+
+
+def alternatives() -> list[str]:
+    found = config_folder().glob("*/*.yaml")
+    return sorted(f"{path.parent.name}={path.stem}" for path in found if path.stem[0] != "_")
+
+
+@pytest.mark.parametrize("choice", alternatives())
+def test_every_alternative_composes_and_bears_a_name(choice: str) -> None:
+    with initialize_config_dir(str(config_folder().absolute()), version_base="1.3"):
+        config = compose("config", overrides=[choice])
+    group = choice.partition("=")[0]
+    if group not in {"method", "experiment"}:
+        assert config[group].name

@@ -1,0 +1,196 @@
+"""The command line in processes of its own, with stand-ins for all groups and for the run."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import hlp
+from hlp.cli import config_folder
+
+STAND_INS = {
+    "data": ("demo", "lm_board"),
+    "rendering": ("auto",),
+    "patches": ("hlp", "paper"),
+    "classifier": ("cnn",),
+    "encoder": ("contrastive", "cae", "pca"),
+    "codebook": ("exact", "kd_forest"),
+    "voting": ("joint", "paper"),
+    "refinement": ("pso", "icp", "paper"),
+    "evaluation": ("bop",),
+}
+
+DRIVER = """
+import json, logging, sys, types
+from pathlib import Path
+import hlp.cli, hlp.pipeline
+
+def build_run(config):
+    from omegaconf import OmegaConf
+    if config.seed == 13:
+        raise FileNotFoundError("data.root: no folder /nowhere")
+    if config.seed == 14:
+        raise KeyError("a bug")
+    return OmegaConf.to_container(config, resolve=True)
+
+def run(config, output):
+    logging.getLogger("hlp.run").info("running %s", config["seed"])
+    (output / "seen.json").write_text(json.dumps(config))
+
+for name, function in (("build", build_run), ("runner", run)):
+    module = types.ModuleType(f"hlp.pipeline.{name}")
+    setattr(module, function.__name__, function)
+    sys.modules[module.__name__] = module
+    setattr(hlp.pipeline, name, module)
+hlp.cli.config_folder = lambda: Path("conf").absolute()
+hlp.cli.main()
+"""
+
+Hlp = Callable[..., "subprocess.CompletedProcess[str]"]
+
+
+@pytest.fixture
+def call(tmp_path: Path) -> Hlp:
+    """`hlp` in an empty folder, with conf/'s real composition over stand-in alternatives."""
+    conf = tmp_path / "conf"
+    for group in ("method", "experiment", "machine", "trainer", "reporting"):
+        shutil.copytree(config_folder() / group, conf / group)
+    shutil.copy(config_folder() / "config.yaml", conf)
+    for group, names in STAND_INS.items():
+        (conf / group).mkdir()
+        for name in names:
+            (conf / group / f"{name}.yaml").write_text(f"name: {name}\nsize: 1\n")
+    (conf / "experiment" / "mine.yaml").write_text(
+        "# @package _global_\n"
+        "defaults:\n  - override /method: paper\n  - override /encoder: pca\n\n"
+        "name: mine\nvoting:\n  size: 7\n"
+    )
+    (tmp_path / "driver.py").write_text(DRIVER)
+
+    def run(*arguments: str, **variables: str) -> "subprocess.CompletedProcess[str]":
+        environment = {**os.environ, "PYTHONPATH": str(Path(hlp.__file__).parents[1])}
+        return subprocess.run(
+            [sys.executable, "driver.py", *arguments],
+            cwd=tmp_path,
+            env=environment | variables,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    return run
+
+
+def seen(folder: Path) -> dict[str, dict[str, str]]:
+    found: dict[str, dict[str, str]] = json.loads((folder / "seen.json").read_text())
+    return found
+
+
+def choices(folder: Path) -> dict[str, str]:
+    return {group: seen(folder)[group]["name"] for group in STAND_INS}
+
+
+def test_bare_command_lists_the_commands(call: Hlp) -> None:
+    bare = call()
+    assert bare.returncode == 0
+    assert "\n  run " in bare.stdout
+    assert "\n  report " in bare.stdout
+    assert call("--help").stdout == bare.stdout
+
+
+def test_unknown_command_is_named(call: Hlp) -> None:
+    wrong = call("rnu")
+    assert wrong.returncode == 2
+    assert "no command 'rnu'" in wrong.stderr
+    assert "\n  run " in wrong.stderr
+
+
+def test_help_of_run_lists_groups_and_examples(call: Hlp) -> None:
+    shown = call("run", "--help")
+    assert shown.returncode == 0
+    assert "refinement: icp, paper, pso" in shown.stdout
+    assert "output=DIR" in shown.stdout
+
+
+def test_default_run_is_the_demo(call: Hlp, tmp_path: Path) -> None:
+    done = call("run")
+    assert done.returncode == 0
+    assert "running 0" in done.stdout
+    (folder,) = (tmp_path / "outputs" / "demo").iterdir()
+    assert choices(folder) == {group: names[0] for group, names in STAND_INS.items()}
+    assert seen(folder)["output"] == str(folder)
+    assert (folder / ".hydra" / "config.yaml").is_file()
+
+
+def test_method_chooses_and_the_command_line_wins(call: Hlp, tmp_path: Path) -> None:
+    call("run", "encoder=pca", "method=paper", "refinement=icp", "output=out")
+    found = choices(tmp_path / "out")
+    assert found["voting"] == "paper"
+    assert found["codebook"] == "kd_forest"
+    assert found["encoder"] == "pca"
+    assert found["refinement"] == "icp"
+
+
+def test_experiment_wins_over_method_and_loses_to_the_command_line(
+    call: Hlp, tmp_path: Path
+) -> None:
+    call("run", "experiment=mine", "codebook=exact", "output=out")
+    found = choices(tmp_path / "out")
+    assert found["voting"] == "paper"  # of the method that the experiment chose
+    assert found["encoder"] == "pca"  # of the experiment itself
+    assert found["codebook"] == "exact"  # of the command line
+    assert seen(tmp_path / "out")["voting"]["size"] == 7
+    call("run", "experiment=mine", "method=hlp", "voting.size=9", "output=other")
+    assert choices(tmp_path / "other")["voting"] == "joint"
+    assert seen(tmp_path / "other")["voting"]["size"] == 9
+
+
+def test_arms_of_a_sweep_have_folders_of_their_own(call: Hlp, tmp_path: Path) -> None:
+    done = call("run", "-m", "refinement=pso,icp", "output=sweep")
+    assert done.returncode == 0
+    assert [choices(tmp_path / "sweep" / arm)["refinement"] for arm in "01"] == ["pso", "icp"]
+
+
+def test_failed_arm_stops_no_other(call: Hlp, tmp_path: Path) -> None:
+    done = call("run", "-m", "seed=13,1", "output=sweep")
+    assert done.returncode == 1
+    assert "data.root: no folder /nowhere" in done.stdout
+    assert seen(tmp_path / "sweep" / "1")["seed"] == 1
+
+
+@pytest.mark.parametrize(
+    ("argument", "word"),
+    [("sede=1", "sede"), ("encoder=none", "contrastive"), ("seed=13", "data.root")],
+)
+def test_error_is_one_message_that_names_the_key(call: Hlp, argument: str, word: str) -> None:
+    failed = call("run", argument)
+    assert failed.returncode == 1
+    assert failed.stderr.startswith("hlp: ")
+    assert word in failed.stderr
+    assert "Traceback" not in failed.stderr
+    assert "Traceback" in call("run", argument, HLP_TRACEBACK="1").stderr
+
+
+def test_bug_keeps_its_traceback(call: Hlp) -> None:
+    failed = call("run", "seed=14")
+    assert failed.returncode == 1
+    assert "KeyError: 'a bug'" in failed.stderr
+    assert "in build_run" in failed.stderr
+
+
+def test_report_refuses_what_it_does_not_take(call: Hlp) -> None:
+    wrong = call("report", "experimnt=demo")
+    assert wrong.returncode == 2
+    assert "'experimnt=demo'" in wrong.stderr
+
+
+def test_report_without_runs_says_where_it_looked(call: Hlp) -> None:
+    empty = call("report", "experiment=demo")
+    assert empty.returncode == 1
+    assert empty.stderr.startswith("hlp: ")
+    assert str(Path("outputs", "demo")) in empty.stderr
