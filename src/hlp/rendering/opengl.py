@@ -1,0 +1,122 @@
+"""RGB-D pictures of a mesh by OpenGL (pyrender on EGL), with the numba renderer's meaning.
+
+Same camera, same light, same depth as `rasterizer.render_rgbd`. pyrender is imported, and the
+environment read, only when the first picture is asked for. A context belongs to the process and
+thread that made it; there is one per process and it is never deleted, because deleting one kills
+all others.
+"""
+
+import logging
+import os
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from hlp.records import Mesh
+from hlp.rendering.light import Light
+
+_Picture = tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]]
+
+NEAR = 0.01
+"""What is nearer to the camera than this (m) is not drawn."""
+
+_MESHES_KEPT = 16
+_INSTALL = (
+    "OpenGL cannot start. Install the system packages libegl1 libgl1 libxrender1 "
+    "(`apt-get install libegl1 libgl1 libxrender1`), or set rendering=numba"
+)
+
+
+@dataclass(frozen=True)
+class _Context:
+    """What draws in the process' one OpenGL context, or why there is none, and whose it is."""
+
+    draw: Callable[..., _Picture] | None
+    problem: str
+    process: int
+    thread: int
+
+
+_contexts: list[_Context] = []  # at most one; a list, so that it is never rebound
+_starting = threading.Lock()
+
+
+def opengl_problem() -> str | None:
+    """Why OpenGL cannot render here, in words for the user; None where it can.
+
+    The first call starts OpenGL and binds it to the calling thread.
+    """
+    context = _context()
+    if context.problem:
+        return context.problem
+    if context.process != os.getpid():
+        return (
+            "OpenGL was started before this process was forked and is unusable in it: "
+            "start workers with spawn (or joblib's loky), or set rendering=numba"
+        )
+    if context.thread != threading.get_ident():
+        return (
+            "OpenGL was started in another thread and only works there: "
+            "render from that thread, or set rendering=numba"
+        )
+    return None
+
+
+def opengl_available() -> bool:
+    """Whether `render_rgbd` works in this process and thread (`opengl_problem` says why not)."""
+    return opengl_problem() is None
+
+
+def render_rgbd(
+    mesh: Mesh,
+    pose_cam_obj: Float[np.ndarray, "4 4"],
+    camera_matrix: Float[np.ndarray, "3 3"],
+    shape: tuple[int, int],
+    light: Light,
+) -> tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]]:
+    """Colour (black where nothing is) and depth (m, 0 = nothing) of one mesh in one pose.
+
+    The mesh is uploaded on first use and recognised by identity: do not change its arrays.
+    Raises RuntimeError where OpenGL cannot run, ValueError on a pose that is not finite.
+    """
+    problem = opengl_problem()
+    if problem is not None:
+        raise RuntimeError(problem)
+    if not np.isfinite(pose_cam_obj).all():
+        raise ValueError("pose_cam_obj is not finite (nan or inf)")
+    draw = _context().draw
+    assert draw is not None
+    # A tight range of depths leaves the 24-bit buffer steps far below a micrometre.
+    z = mesh.vertices @ pose_cam_obj[2, :3] + pose_cam_obj[2, 3]
+    margin = 1e-3 * float(np.ptp(z)) + 1e-4
+    near, far = max(float(z.min()) - margin, NEAR), float(z.max()) + margin
+    if far <= near:  # all of it behind the camera
+        return np.zeros((*shape, 3), dtype=np.uint8), np.zeros(shape, dtype=np.float32)
+    return draw(mesh, pose_cam_obj, camera_matrix, shape, light, (near, far))
+
+
+def _context() -> _Context:
+    with _starting:
+        if not _contexts:
+            draw, problem = _start()
+            _contexts.append(_Context(draw, problem, os.getpid(), threading.get_ident()))
+        return _contexts[0]
+
+
+def _start() -> tuple[Callable[..., _Picture] | None, str]:
+    os.environ.setdefault("PYOPENGL_PLATFORM", "egl")  # read by PyOpenGL when it is imported
+    # PyOpenGL logs every missing accelerator and library as if it were an error.
+    logging.getLogger("OpenGL").setLevel(logging.CRITICAL)
+    try:
+        from hlp.rendering.blinn_phong import BlinnPhongScene
+    except (ImportError, AttributeError, OSError) as error:
+        return None, f"{_INSTALL} ({type(error).__name__}: {error})"
+    from OpenGL.error import Error  # type: ignore[import-untyped]
+
+    try:
+        return BlinnPhongScene(_MESHES_KEPT).render, ""
+    except (Error, AssertionError, AttributeError, OSError, RuntimeError, ValueError) as error:
+        return None, f"{_INSTALL} ({type(error).__name__}: {error})"

@@ -1,0 +1,193 @@
+"""RGB-D views of an object from all around (stage 0), rendered as crops, and their files."""
+
+import logging
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from tqdm import tqdm
+
+from hlp.geometry import rigid
+from hlp.records import Mesh, ObjectModel, Views
+from hlp.rendering import opengl, rasterizer
+from hlp.rendering.light import Light, random_light
+from hlp.rendering.viewpoints import hemisphere, thomson, view_rotations
+
+_COVERAGES = {"hemisphere": hemisphere, "sphere": thomson}
+# `auto` is numba: on a CPU it is the faster one (measured on LINEMOD's cat, 31k faces, 128 px, one
+# core: 250 views/s against 150 of pyrender on Mesa's llvmpipe), it is there on every machine, and
+# the same views everywhere make the same results everywhere.
+_RENDERERS = {"auto": "numba", "numba": "numba", "pyrender": "pyrender"}
+_DEPTH_UNIT = 1e-4
+_FILES = ("object_id", "rgb", "depth", "poses_cam_obj", "camera_matrix")
+
+_Renderer = Callable[
+    [Mesh, Float[np.ndarray, "4 4"], Float[np.ndarray, "3 3"], tuple[int, int], Light],
+    tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]],
+]
+
+
+@dataclass(frozen=True)
+class ViewsSettings:
+    """Config group `rendering`: which renderer, from where, and how large (see the YAML files).
+
+    Views are viewpoints x in-plane angles (`in_plane_steps` from min to max, both included).
+    Raises ValueError on a value that makes no sense, naming the key.
+    """
+
+    name: str
+    viewpoints: int
+    coverage: str
+    in_plane_min_deg: float
+    in_plane_max_deg: float
+    in_plane_steps: int
+    distance_mm: float
+    focal_px: float
+    size_px: int
+    threads: int
+
+    def __post_init__(self) -> None:
+        for key, known in (("name", _RENDERERS), ("coverage", _COVERAGES)):
+            if getattr(self, key) not in known:
+                raise ValueError(
+                    f"rendering.{key} is {getattr(self, key)!r}; choose one of {', '.join(known)}"
+                )
+        at_least = {"viewpoints": 1, "in_plane_steps": 1, "size_px": 8, "threads": 1}
+        for key, least in at_least.items():
+            if getattr(self, key) < least:
+                raise ValueError(
+                    f"rendering.{key} is {getattr(self, key)}; it must be at least {least}"
+                )
+        for key in ("distance_mm", "focal_px"):
+            if not getattr(self, key) > 0:
+                raise ValueError(f"rendering.{key} is {getattr(self, key)}; it must be positive")
+        if self.in_plane_max_deg < self.in_plane_min_deg:
+            raise ValueError(
+                f"rendering.in_plane_max_deg is {self.in_plane_max_deg}, less than "
+                f"in_plane_min_deg, {self.in_plane_min_deg}"
+            )
+
+
+def render_views(
+    model: ObjectModel, settings: ViewsSettings, seed: int, progress: bool = True
+) -> Views:
+    """Views of the full mesh, viewpoint-major, each under its own random light.
+
+    The centroid lies on the optical axis at `distance_mm`, the principal point is the crop's
+    centre. The focal length is `focal_px`, or less where the object would not fit in the crop.
+    The same seed gives the same views, whatever the number of threads. Raises ValueError if the
+    object is larger than its distance, RuntimeError if pyrender is asked for and cannot run.
+    """
+    poses = _poses(model, settings, seed)
+    camera_matrix = _crop_camera(model, settings)
+    rng = np.random.default_rng(seed)
+    lights = [random_light(rng) for _ in poses]
+    shape = (settings.size_px, settings.size_px)
+    rgb = np.zeros((len(poses), *shape, 3), dtype=np.uint8)
+    depth = np.zeros((len(poses), *shape), dtype=np.float32)
+    render, threads = _renderer(settings)
+
+    def draw(index: int) -> None:
+        rgb[index], depth[index] = render(
+            model.mesh, poses[index], camera_matrix, shape, lights[index]
+        )
+
+    bar = tqdm(total=len(poses), desc=f"views of {model.name}", disable=None if progress else True)
+    with bar:
+        if threads == 1:
+            for index in range(len(poses)):
+                draw(index)
+                bar.update()
+        else:
+            with ThreadPoolExecutor(threads) as pool:
+                for _ in pool.map(draw, range(len(poses))):
+                    bar.update()
+    return Views(model.object_id, rgb, depth, poses, camera_matrix)
+
+
+def save_views(folder: Path, views: Views) -> None:
+    """Write views as plain .npy files into `folder`, which is made if it is not there.
+
+    Depth is stored in steps of 0.1 mm (uint16), so it is rounded by up to 0.05 mm. Raises
+    ValueError on depth beyond 6.5 m, which would not fit.
+    """
+    steps = np.rint(views.depth / _DEPTH_UNIT)
+    if steps.size and not (steps.min() >= 0 and steps.max() <= np.iinfo(np.uint16).max):
+        raise ValueError(
+            f"depth of object {views.object_id} lies outside 0 to 6.5535 m; "
+            "use a smaller rendering.distance_mm"
+        )
+    arrays = (
+        np.asarray(views.object_id),
+        views.rgb,
+        steps.astype(np.uint16),
+        views.poses_cam_obj,
+        views.camera_matrix,
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, array in zip(_FILES, arrays, strict=True):
+        np.save(folder / f"{name}.npy", array)
+
+
+def load_views(folder: Path) -> Views:
+    """Views written by `save_views`; `rgb` stays on disk (memory-mapped, read-only).
+
+    Raises FileNotFoundError if a file is missing, ValueError if one is damaged or does not fit
+    the others; both name the file.
+    """
+    object_id, rgb, steps, poses, camera_matrix = (_load(folder / f"{name}.npy") for name in _FILES)
+    if not len(rgb) == len(steps) == len(poses):
+        raise ValueError(
+            f"{folder} holds {len(rgb)} colour, {len(steps)} depth images and {len(poses)} poses; "
+            "delete the folder to render it again"
+        )
+    depth = np.multiply(steps, np.float32(_DEPTH_UNIT), dtype=np.float32)
+    return Views(int(object_id), rgb, depth, np.array(poses), np.array(camera_matrix))
+
+
+def _load(file: Path) -> np.ndarray:
+    if not file.is_file():
+        raise FileNotFoundError(f"{file} is missing; render the object's views first")
+    try:
+        return np.asarray(np.load(file, mmap_mode="r"))
+    except (ValueError, EOFError) as error:
+        message = f"{file} is damaged ({error}); delete its folder to render again"
+        raise ValueError(message) from error
+
+
+def _poses(model: ObjectModel, settings: ViewsSettings, seed: int) -> Float[np.ndarray, "n 4 4"]:
+    viewpoints = _COVERAGES[settings.coverage](settings.viewpoints, seed)
+    angles = np.linspace(
+        settings.in_plane_min_deg, settings.in_plane_max_deg, settings.in_plane_steps
+    )
+    rotations = view_rotations(viewpoints, np.deg2rad(angles))
+    on_axis = np.array([0.0, 0.0, settings.distance_mm / 1000.0])
+    return rigid(rotations, on_axis - rotations @ model.centroid)
+
+
+def _crop_camera(model: ObjectModel, settings: ViewsSettings) -> Float[np.ndarray, "3 3"]:
+    """Camera of the crop, in which a sphere about the centroid that holds the object just fits."""
+    distance = settings.distance_mm / 1000.0
+    radius = float(np.linalg.norm(model.mesh.vertices - model.centroid, axis=1).max())
+    if distance <= radius + rasterizer.NEAR:
+        raise ValueError(
+            f"rendering.distance_mm is {settings.distance_mm:g}, but {model.name} reaches "
+            f"{radius * 1000:.0f} mm from its centre: the camera would be inside"
+        )
+    # A pixel is left free on each side: patches at the silhouette see where the object ends.
+    fitting = (settings.size_px / 2 - 1) * np.sqrt(distance**2 - radius**2) / radius
+    focal = min(settings.focal_px, fitting)
+    centre = (settings.size_px - 1) / 2
+    return np.array([[focal, 0.0, centre], [0.0, focal, centre], [0.0, 0.0, 1.0]])
+
+
+def _renderer(settings: ViewsSettings) -> tuple[_Renderer, int]:
+    """The renderer of the settings, and how many threads it may use (OpenGL: this one only)."""
+    name = _RENDERERS[settings.name]
+    logging.getLogger(__name__).info("views are rendered by %s", name)
+    if name == "numba":
+        return rasterizer.render_rgbd, settings.threads
+    return opengl.render_rgbd, 1

@@ -1,0 +1,204 @@
+"""OpenGL draws what the numba rasteriser draws, pixel for pixel; each known trap has its test."""
+
+import gc
+import subprocess
+import sys
+import textwrap
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from hlp.records import Mesh
+from hlp.rendering import opengl, rasterizer
+from hlp.rendering.light import Light, random_light
+
+CAMERA = np.array([[300.0, 0.0, 31.3], [0.0, 310.0, 22.6], [0.0, 0.0, 1.0]])
+SHAPE = (48, 67)
+LIGHT = Light((0.0, 0.6, -0.8), ambient=0.4, diffuse=0.5, specular=0.3, shininess=20.0)
+
+
+@pytest.fixture
+def working_opengl() -> None:
+    problem = opengl.opengl_problem()
+    if problem is not None:
+        pytest.skip(problem)
+
+
+def as_mesh(shape: trimesh.Trimesh, seed: int = 0) -> Mesh:
+    colors = np.random.default_rng(seed).integers(0, 256, (len(shape.vertices), 3))
+    return Mesh(
+        vertices=np.array(shape.vertices),
+        faces=np.array(shape.faces),
+        colors=colors.astype(np.uint8),
+        normals=np.array(shape.vertex_normals),
+    )
+
+
+def bumpy_ball(seed: int = 0) -> Mesh:
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
+    bumps = np.random.default_rng(seed).uniform(0.8, 1.2, (len(ball.vertices), 1))
+    return as_mesh(trimesh.Trimesh(ball.vertices * bumps, ball.faces, process=False), seed)
+
+
+def random_poses(count: int) -> np.ndarray:
+    rng = np.random.default_rng(1)
+    poses = np.stack(
+        [trimesh.transformations.random_rotation_matrix(rng.random(3)) for _ in range(count)]
+    )
+    poses[:, :3, 3] = rng.uniform([-0.02, -0.02, 0.4], [0.02, 0.02, 0.8], (count, 3))
+    return poses
+
+
+def at(z: float) -> np.ndarray:
+    return trimesh.transformations.translation_matrix([0, 0, z])
+
+
+def assert_same_pictures(
+    mesh: Mesh, poses: np.ndarray, camera: np.ndarray, shape: tuple[int, int]
+) -> None:
+    rng = np.random.default_rng(2)
+    depth_gaps, color_gaps, silhouette = [], [], []
+    for pose in poses:
+        light = random_light(rng)
+        rgb, depth = opengl.render_rgbd(mesh, pose, camera, shape, light)
+        rgb_ref, depth_ref = rasterizer.render_rgbd(mesh, pose, camera, shape, light)
+        assert rgb.shape == (*shape, 3) and rgb.dtype == np.uint8
+        assert depth.shape == shape and depth.dtype == np.float32
+        assert (rgb[depth == 0] == 0).all()
+        shared = (depth > 0) & (depth_ref > 0)
+        depth_gaps.append(np.abs(depth - depth_ref)[shared])
+        color_gaps.append(np.abs(rgb.astype(int) - rgb_ref)[shared].max(axis=1))
+        silhouette.append(np.mean((depth > 0) != (depth_ref > 0)))
+    assert sum(len(gap) for gap in depth_gaps) > 1000
+    assert np.mean(np.concatenate(depth_gaps) < 1e-5) >= 0.999
+    assert np.mean(np.concatenate(color_gaps) <= 1) >= 0.999
+    assert np.mean(silhouette) < 1e-3
+
+
+@pytest.mark.usefixtures("working_opengl")
+class TestPictures:
+    def test_agrees_with_the_numba_rasterizer(self) -> None:
+        assert_same_pictures(bumpy_ball(), random_poses(20), CAMERA, SHAPE)
+
+    def test_agrees_on_the_real_cat(self, shared_data: Path) -> None:
+        cat = trimesh.load(shared_data / "lm/models/obj_000006.ply", process=False)
+        cat.apply_scale(1e-3)
+        camera = np.array([[572.0, 0.0, 63.5], [0.0, 572.0, 63.5], [0.0, 0.0, 1.0]])
+        assert_same_pictures(as_mesh(cat), random_poses(5), camera, (128, 128))
+
+    def test_silhouette_of_a_box_is_exact(self) -> None:
+        # Front face at 0.5 m, between x = 10.2 and 20.8 px and y = 5.3 and 30.7 px: moved by half
+        # a pixel either way, it would cover other pixels.
+        low = (np.array([10.2, 5.3]) - CAMERA[:2, 2]) / CAMERA[[0, 1], [0, 1]] * 0.5
+        high = (np.array([20.8, 30.7]) - CAMERA[:2, 2]) / CAMERA[[0, 1], [0, 1]] * 0.5
+        box = trimesh.creation.box(bounds=[[*low, 0.0], [*high, 1e-4]])
+        _, depth = opengl.render_rgbd(as_mesh(box), at(0.5), CAMERA, SHAPE, LIGHT)
+        expected = np.zeros(SHAPE)
+        expected[6:31, 11:21] = 0.5
+        np.testing.assert_allclose(depth[5:32, 10:22], expected[5:32, 10:22], atol=1e-6)
+        np.testing.assert_allclose(depth, expected, atol=1e-6)
+
+    def test_depth_of_a_ball_is_where_each_ray_meets_it(self) -> None:
+        # With several samples a pixel, depth would be off by up to a pixel's worth on slopes.
+        radius, distance = 0.05, 0.6
+        ball = as_mesh(trimesh.creation.icosphere(subdivisions=6, radius=radius))
+        _, depth = opengl.render_rgbd(ball, at(distance), CAMERA, SHAPE, LIGHT)
+        x, y = np.meshgrid(np.arange(SHAPE[1]), np.arange(SHAPE[0]))
+        ray = np.stack([(x - 31.3) / 300, (y - 22.6) / 310, np.ones(SHAPE)], axis=-1)
+        squared = (ray**2).sum(axis=-1)
+        under_root = distance**2 - squared * (distance**2 - radius**2)
+        inside = under_root > 1e-4  # well inside the outline
+        expected = (distance - np.sqrt(under_root[inside])) / squared[inside]
+        assert inside.sum() > 1000
+        np.testing.assert_allclose(depth[inside], expected, atol=5e-5)  # facets are flat
+        assert (depth[under_root < 0] == 0).all()
+
+    def test_back_faces_are_drawn(self) -> None:
+        corners = np.array([[-0.05, -0.05, 0.0], [0.05, -0.05, 0.0], [0.0, 0.05, 0.0]])
+        pictures = []
+        for order in ([0, 1, 2], [0, 2, 1]):
+            mesh = Mesh(
+                corners,
+                np.array([order]),
+                np.full((3, 3), 200, np.uint8),
+                np.tile([0.0, 0, 1], (3, 1)),
+            )
+            pictures.append(opengl.render_rgbd(mesh, at(0.5), CAMERA, SHAPE, LIGHT))
+        assert (pictures[0][1] > 0).sum() > 500
+        np.testing.assert_array_equal(pictures[0][1], pictures[1][1])
+        np.testing.assert_array_equal(pictures[0][0], pictures[1][0])
+
+    def test_sizes_and_meshes_may_change_from_call_to_call(self) -> None:
+        meshes = [bumpy_ball(seed) for seed in range(opengl._MESHES_KEPT + 2)]
+        first = opengl.render_rgbd(meshes[0], at(0.5), CAMERA, SHAPE, LIGHT)
+        others = [opengl.render_rgbd(mesh, at(0.5), CAMERA, (9, 7), LIGHT)[0] for mesh in meshes]
+        assert all((others[0] != other).any() for other in others[1:])
+        gc.collect()
+        again = opengl.render_rgbd(meshes[0], at(0.5), CAMERA, SHAPE, LIGHT)
+        np.testing.assert_array_equal(first[0], again[0])
+        np.testing.assert_array_equal(first[1], again[1])
+
+    def test_an_object_behind_the_camera_is_not_seen(self) -> None:
+        rgb, depth = opengl.render_rgbd(bumpy_ball(), at(-0.5), CAMERA, SHAPE, LIGHT)
+        assert not rgb.any() and not depth.any()
+
+    def test_a_pose_that_is_not_finite_is_refused(self) -> None:
+        with pytest.raises(ValueError, match="not finite"):
+            opengl.render_rgbd(bumpy_ball(), np.full((4, 4), np.nan), CAMERA, SHAPE, LIGHT)
+
+    def test_another_thread_is_told_why_it_cannot_render(self) -> None:
+        problems: list[str | None] = []
+        thread = threading.Thread(target=lambda: problems.append(opengl.opengl_problem()))
+        thread.start()
+        thread.join()
+        assert problems[0] is not None and "thread" in problems[0]
+        assert opengl.opengl_available()  # here it still works
+
+
+def run_python(code: str) -> str:
+    result = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, timeout=60
+    )
+    assert result.returncode == 0, result.stderr
+    return result.stdout
+
+
+@pytest.mark.usefixtures("working_opengl")
+def test_a_forked_child_is_told_why_it_cannot_render() -> None:
+    printed = run_python("""
+        import os
+        from hlp.rendering.opengl import opengl_problem
+        assert opengl_problem() is None
+        if os.fork() == 0:
+            print(opengl_problem(), flush=True)
+            os._exit(0)
+        os.wait()
+    """)
+    assert "forked" in printed and "spawn" in printed
+
+
+def test_importing_starts_nothing() -> None:
+    run_python("""
+        import os, sys
+        before = dict(os.environ)
+        import hlp.rendering.views, hlp.rendering.opengl
+        assert "pyrender" not in sys.modules and "OpenGL" not in sys.modules
+        assert dict(os.environ) == before
+    """)
+
+
+def test_missing_libraries_are_named() -> None:
+    printed = run_python("""
+        import sys
+        sys.modules["pyrender"] = None  # importing it raises ImportError
+        from hlp.rendering.opengl import opengl_available, render_rgbd
+        assert not opengl_available()
+        try:
+            render_rgbd(None, None, None, (1, 1), None)
+        except RuntimeError as error:
+            print(error)
+    """)
+    assert "libegl1 libgl1 libxrender1" in printed

@@ -1,0 +1,116 @@
+"""Viewpoints reach the known optima of the Thomson problem; the cameras look where they should."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from hlp.rendering.viewpoints import coulomb_energy, hemisphere, thomson, view_rotations
+
+# Lowest known energies: Wales & Ulker, Physical Review B 74 (2006), 212101.
+BEST_ENERGY = {
+    2: 0.5,
+    3: 1.732050808,
+    4: 3.674234614,
+    6: 9.985281374,
+    12: 49.165253058,
+    32: 412.261274651,
+    50: 1055.182314726,
+}
+
+
+def spacings(points: np.ndarray) -> np.ndarray:
+    """Distance of each point to its nearest neighbour."""
+    distance = np.linalg.norm(points[:, None] - points[None], axis=-1)
+    np.fill_diagonal(distance, np.inf)
+    return distance.min(axis=1)
+
+
+def test_energy_is_the_sum_over_pairs() -> None:
+    points = np.random.default_rng(0).normal(size=(7, 3))
+    expected = sum(1.0 / np.sqrt(((a - b) ** 2).sum()) for a, b in combinations(points, 2))
+    assert coulomb_energy(points) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("count", BEST_ENERGY)
+def test_thomson_reaches_the_known_optimum(count: int) -> None:
+    points = thomson(count, seed=3)
+    assert points.shape == (count, 3)
+    np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1.0, atol=1e-12)
+    best = BEST_ENERGY[count]
+    assert best * (1 - 1e-8) <= coulomb_energy(points) <= best * 1.005
+
+
+def test_thomson_at_the_number_of_views_used() -> None:
+    points = thomson(400, seed=0)
+    assert coulomb_energy(points) == pytest.approx(75582.448512213, rel=1e-3)
+    assert spacings(points).min() > 0.85 * spacings(points).max()
+
+
+def test_a_seed_names_one_result() -> None:
+    np.testing.assert_array_equal(thomson(20, seed=5), thomson(20, seed=5))
+    assert not np.allclose(thomson(20, seed=5), thomson(20, seed=6))
+
+
+@pytest.mark.parametrize("count", [1, 2, 10, 100])
+def test_hemisphere_is_the_upper_half_of_an_even_sphere(count: int) -> None:
+    upper = hemisphere(count, seed=1)
+    assert upper.shape == (count, 3)
+    assert (upper[:, 2] > 0).all()
+    whole = np.concatenate([upper, upper * [1, 1, -1]])
+    assert coulomb_energy(whole) < 1.05 * coulomb_energy(thomson(2 * count, seed=1))
+
+
+def test_hemisphere_is_evenly_spread() -> None:
+    upper = hemisphere(200, seed=0)
+    # Nearest neighbours on a triangular lattice with as many points on the half sphere's area.
+    lattice = np.sqrt(2 / np.sqrt(3) * 2 * np.pi / 200)
+    assert 0.85 * lattice < spacings(upper).min()
+    assert spacings(upper).max() < 1.1 * lattice
+    # The sphere's area is even in z, and so are the points: no crowd at the pole or the equator.
+    assert abs(upper[:, 2].mean() - 0.5) < 0.01
+
+
+def test_too_few_viewpoints_are_refused() -> None:
+    with pytest.raises(ValueError, match="at least 1"):
+        thomson(0, seed=0)
+    with pytest.raises(ValueError, match="at least 1"):
+        hemisphere(0, seed=0)
+
+
+def test_cameras_look_at_the_object_the_right_way_up() -> None:
+    viewpoints = thomson(30, seed=2)
+    rotations = view_rotations(viewpoints, np.zeros(1))
+    identity = np.broadcast_to(np.eye(3), (30, 3, 3))
+    np.testing.assert_allclose(rotations @ rotations.swapaxes(1, 2), identity, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(rotations), 1.0)
+    # The camera stands along its own -z, seen from the object.
+    np.testing.assert_allclose(rotations.swapaxes(1, 2) @ [0, 0, -1], viewpoints, atol=1e-12)
+    up_in_camera = rotations @ [0, 0, 1]
+    assert (up_in_camera[:, 1] < 0).all()  # image y points down
+    np.testing.assert_allclose(up_in_camera[:, 0], 0.0, atol=1e-12)
+
+
+def test_cameras_at_the_poles() -> None:
+    poles = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+    rotations = view_rotations(poles, np.zeros(1))
+    np.testing.assert_allclose(np.linalg.det(rotations), 1.0)
+    np.testing.assert_allclose(rotations.swapaxes(1, 2) @ [0, 0, -1], poles, atol=1e-12)
+    np.testing.assert_allclose(rotations @ [0, 1, 0], [[0, -1, 0]] * 2, atol=1e-12)
+
+
+def test_in_plane_angles_turn_the_image_viewpoint_by_viewpoint() -> None:
+    viewpoints = thomson(3, seed=0)
+    angles = np.array([-0.4, 0.0, 0.7])
+    rotations = view_rotations(viewpoints, angles)
+    upright = view_rotations(viewpoints, np.zeros(1))
+    assert rotations.shape == (9, 3, 3)
+    for viewpoint in range(3):
+        for step, angle in enumerate(angles):
+            turned = rotations[3 * viewpoint + step]
+            # An image direction (x, y) of the upright view goes to the same, turned by the angle.
+            x, y, z = upright[viewpoint] @ [0.2, -0.5, 0.3]
+            cosine, sine = np.cos(angle), np.sin(angle)
+            np.testing.assert_allclose(
+                turned @ [0.2, -0.5, 0.3], [cosine * x - sine * y, sine * x + cosine * y, z]
+            )
