@@ -206,7 +206,8 @@ class PoseEstimate:
 class TargetScore:
     """Errors and verdicts of one target. A missing pose has infinite errors and is wrong.
 
-    `ad_error` (m) is ADD, or ADI for objects the policy calls symmetric.
+    `ad_error` (m) is ADD, or ADI for objects the policy calls symmetric. The three recalls are
+    BOP's, averaged over its thresholds; nan where not computed.
     """
 
     scene_id: int
@@ -221,3 +222,6 @@ class TargetScore:
     ad_correct: bool
     pose_correct: bool
     box_correct: bool
+    mssd_recall: float = float("nan")
+    mspd_recall: float = float("nan")
+    vsd_recall: float = float("nan")

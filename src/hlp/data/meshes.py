@@ -85,7 +85,7 @@ def _check_unit(path: Path, diameter: float, scale: float) -> None:
     if not low <= diameter <= high:
         raise ValueError(
             f"{path}: diameter {diameter:.4g} m at {scale:g} m per unit is not within {low} … "
-            f"{high} m: probably the wrong unit (a mesh in metres needs scale 1, in millimetres 0.001)"
+            f"{high} m: probably the wrong unit (metres need scale 1, millimetres 0.001)"
         )
 
 

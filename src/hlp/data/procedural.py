@@ -28,7 +28,7 @@ def procedural_backgrounds(
 
 def _batch(count: int, size: int, rng: np.random.Generator) -> UInt8[np.ndarray, "n s s 3"]:
     base = _noise(count, size, rng) + _gradients(count, size, rng)
-    pictures = np.clip(base * 255.0, 0, 255).astype(np.uint8)
+    pictures = np.ascontiguousarray(np.clip(base * 255.0, 0, 255), dtype=np.uint8)
     for picture in pictures:
         if rng.random() < 1 / 3:
             _stripes(picture, rng)
@@ -46,7 +46,7 @@ def _noise(count: int, size: int, rng: np.random.Generator) -> Float[np.ndarray,
     color = rng.uniform(0.05, 0.95, (count, 1, 1, 3))
     grey = color.mean(axis=-1, keepdims=True)
     total = grey + (color - grey) * rng.beta(1.5, 2.5, (count, 1, 1, 1))
-    total = np.broadcast_to(total, (count, size, size, 3)).astype(np.float32)
+    total = np.broadcast_to(total, (count, size, size, 3)).astype(np.float32, order="C")
     decay = rng.uniform(0.35, 0.8, count)
     contrast = rng.uniform(0.02, 0.25, count)
     for level, cells in enumerate(o for o in _OCTAVES if o <= max(size, _OCTAVES[0])):

@@ -1,0 +1,1 @@
+"""Errors of poses, verdicts on targets, recalls with confidence intervals."""

@@ -1,0 +1,156 @@
+"""Errors between an estimated and a true pose, pure functions. Metres, radians, pixels.
+
+Poses are `pose_cam_obj` (4, 4), vertices (v, 3) in object coordinates. Symmetries (s, 4, 4) are the
+motions that leave the object as it is; S turns the true pose T into T @ S.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.spatial import cKDTree
+
+from hlp.geometry import back_project, inverse, project, rotation_distance, transform
+
+Pose = Float[np.ndarray, "4 4"]
+Vertices = Float[np.ndarray, "v 3"]
+Depth = Float[np.ndarray, "h w"]
+
+VSD_DELTA = 0.015
+"""BOP's tolerance (m) of what still counts as visible."""
+
+
+def add(estimated: Pose, true: Pose, vertices: Vertices) -> float:
+    """Mean distance between the vertices at both poses (Hinterstoisser et al., ACCV 2012)."""
+    apart = transform(estimated, vertices) - transform(true, vertices)
+    return float(np.linalg.norm(apart, axis=1).mean())
+
+
+def adi(estimated: Pose, true: Pose, vertices: Vertices, tree: cKDTree | None = None) -> float:
+    """Mean distance from each true vertex to the closest estimated one (ibid.).
+
+    For symmetric objects. `tree` may hold a kd-tree over `vertices`, built once: distances stay
+    the same when both sets are moved into the estimate's object coordinates.
+    """
+    tree = cKDTree(vertices) if tree is None else tree
+    moved = transform(inverse(estimated) @ true, vertices)
+    return float(tree.query(moved)[0].mean())
+
+
+def rotation_error(estimated: Pose, true: Pose) -> float:
+    """Angle (rad) between both rotations."""
+    return float(rotation_distance(estimated[:3, :3], true[:3, :3]))
+
+
+def translation_error(estimated: Pose, true: Pose) -> float:
+    """Distance (m) between both translations."""
+    return float(np.linalg.norm(estimated[:3, 3] - true[:3, 3]))
+
+
+def nearest_symmetric_pose(
+    estimated: Pose, true: Pose, symmetries: Float[np.ndarray, "s 4 4"]
+) -> Pose:
+    """Of the true poses that look alike, the one closest in rotation to the estimate."""
+    alike = true @ symmetries
+    apart = rotation_distance(estimated[:3, :3], alike[:, :3, :3])
+    return np.asarray(alike[int(np.argmin(apart))])
+
+
+def box_iou(
+    estimated: Pose, true: Pose, vertices: Vertices, camera_matrix: Float[np.ndarray, "3 3"]
+) -> float:
+    """Intersection over union of the axis-aligned boxes of the projected vertices.
+
+    0 where the estimate reaches behind the camera, where its projection means nothing.
+    """
+    boxes = []
+    for pose in (estimated, true):
+        points = transform(pose, vertices)
+        if points[:, 2].min() <= 0:
+            return 0.0
+        pixels = project(points, camera_matrix)
+        boxes.append((pixels.min(axis=0), pixels.max(axis=0)))
+    (low_a, high_a), (low_b, high_b) = boxes
+    shared = np.prod(np.maximum(np.minimum(high_a, high_b) - np.maximum(low_a, low_b), 0.0))
+    return float(shared / (np.prod(high_a - low_a) + np.prod(high_b - low_b) - shared))
+
+
+def mssd(
+    estimated: Pose, true: Pose, vertices: Vertices, symmetries: Float[np.ndarray, "s 4 4"]
+) -> float:
+    """Maximum symmetry-aware surface distance (Hodan et al., BOP Challenge 2020).
+
+    The largest vertex distance, least over the symmetries. It is convex in the vertex, so the
+    vertices of the convex hull give the same.
+    """
+    moved = transform(estimated, vertices)
+    return min(
+        float(np.linalg.norm(moved - transform(true @ motion, vertices), axis=1).max())
+        for motion in symmetries
+    )
+
+
+def mspd(
+    estimated: Pose,
+    true: Pose,
+    vertices: Vertices,
+    symmetries: Float[np.ndarray, "s 4 4"],
+    camera_matrix: Float[np.ndarray, "3 3"],
+) -> float:
+    """Maximum symmetry-aware projection distance in pixels (ibid.).
+
+    Infinite where the estimate reaches behind the camera.
+    """
+    moved = transform(estimated, vertices)
+    if moved[:, 2].min() <= 0:
+        return float("inf")
+    pixels = project(moved, camera_matrix)
+    return min(
+        float(
+            np.linalg.norm(
+                pixels - project(transform(true @ motion, vertices), camera_matrix), axis=1
+            ).max()
+        )
+        for motion in symmetries
+    )
+
+
+def vsd(
+    estimated_depth: Depth,
+    true_depth: Depth,
+    observed_depth: Depth,
+    camera_matrix: Float[np.ndarray, "3 3"],
+    tolerances: Sequence[float],
+    delta: float = VSD_DELTA,
+) -> Float[np.ndarray, "t"]:
+    """Visible surface discrepancy (ibid.), one value for each misalignment tolerance (m).
+
+    Depth maps (h, w) in metres, 0 where nothing: the model rendered at both poses, and the image.
+    Distances are along the viewing rays. A rendered pixel is visible where it lies at most `delta`
+    behind what was observed, or nothing was observed; the estimate also wherever the truth is.
+    """
+    rays = _ray_lengths(true_depth.shape, camera_matrix)
+    estimated_m, true_m, observed_m = (
+        depth * rays for depth in (estimated_depth, true_depth, observed_depth)
+    )
+    true_seen = _visible(true_m, observed_m, delta)
+    estimated_seen = _visible(estimated_m, observed_m, delta) | (true_seen & (estimated_m > 0))
+    union = int((true_seen | estimated_seen).sum())
+    both = true_seen & estimated_seen
+    if union == 0:
+        return np.ones(len(tolerances))
+    apart = np.abs(estimated_m[both] - true_m[both])
+    lone = union - int(both.sum())
+    return np.array([(int((apart >= tau).sum()) + lone) / union for tau in tolerances])
+
+
+def _visible(rendered: Depth, observed: Depth, delta: float) -> Bool[np.ndarray, "h w"]:
+    return np.asarray((rendered > 0) & ((rendered - observed <= delta) | (observed == 0)))
+
+
+def _ray_lengths(shape: tuple[int, ...], camera_matrix: Float[np.ndarray, "3 3"]) -> Depth:
+    """Distance along the viewing ray per unit of depth, of every pixel."""
+    height, width = shape
+    pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
+    points = back_project(pixels, np.ones((height, width)), camera_matrix)
+    return np.asarray(np.linalg.norm(points, axis=-1))

@@ -1,0 +1,196 @@
+"""Estimates against truth: errors and verdicts, one score a target (paper, Sec. 4).
+
+Recall counts targets. What should be found and is not, is wrong; what no target asks for is
+neither right nor wrong.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import ConvexHull, QhullError, cKDTree
+
+from hlp.evaluation import errors
+from hlp.evaluation.settings import EvaluationSettings
+from hlp.records import Frame, ObjectModel, PoseEstimate, Target, TargetScore
+from hlp.rendering.rasterizer import render_depth
+
+Pose = Float[np.ndarray, "4 4"]
+
+# BOP Challenge 2020, Sec. 2.2: recalls are averaged over these thresholds.
+_BOP_FRACTIONS = np.arange(1, 11) * 0.05
+_BOP_PIXELS = np.arange(1, 11) * 5.0
+_BOP_WIDTH = 640
+
+
+@dataclass(frozen=True)
+class FrameTruth:
+    """What scoring needs of a frame; `depth` (m) only where VSD is wanted."""
+
+    scene_id: int
+    frame_id: int
+    camera_matrix: Float[np.ndarray, "3 3"]
+    width: int
+    targets: tuple[Target, ...]
+    depth: Float[np.ndarray, "h w"] | None = None
+
+    @classmethod
+    def of(cls, frame: Frame, with_depth: bool = False) -> "FrameTruth":
+        """Keep of a frame what scoring needs."""
+        return cls(
+            frame.scene_id,
+            frame.frame_id,
+            frame.camera_matrix,
+            frame.rgb.shape[1],
+            frame.targets,
+            frame.depth if with_depth else None,
+        )
+
+
+def score_targets(
+    truths: Iterable[FrameTruth],
+    models: Mapping[int, ObjectModel],
+    estimates: Iterable[PoseEstimate],
+    settings: EvaluationSettings,
+) -> list[TargetScore]:
+    """One score a target, in the order of the frames and of their targets.
+
+    An absent estimate, or one without a pose, is wrong with infinite errors. Where a frame holds
+    several instances of an object, the surest estimate first takes the instance it fits best.
+    Raises ValueError for a pose with NaN and for a target whose object has no model.
+    """
+    answers: dict[tuple[int, int, int], list[PoseEstimate]] = {}
+    for estimate in estimates:
+        _check_finite(estimate)
+        key = (estimate.scene_id, estimate.frame_id, estimate.object_id)
+        answers.setdefault(key, []).append(estimate)
+    judges: dict[int, _Judge] = {}
+    scores = []
+    for truth in truths:
+        for object_id in dict.fromkeys(target.object_id for target in truth.targets):
+            if object_id not in models:
+                raise ValueError(f"targets ask for object {object_id}, which has no model")
+            if object_id not in judges:
+                judges[object_id] = _Judge(models[object_id], settings)
+            found = answers.get((truth.scene_id, truth.frame_id, object_id), [])
+            scores += judges[object_id].score(truth, found)
+    return scores
+
+
+class _Judge:
+    """Scores the targets of one object; holds what its errors need more than once."""
+
+    def __init__(self, model: ObjectModel, settings: EvaluationSettings) -> None:
+        self._model, self._settings = model, settings
+        self._vertices = np.asarray(model.mesh.vertices, dtype=np.float64)
+        self._symmetric = model.name in settings.symmetric
+        self._tree = cKDTree(self._vertices) if self._symmetric else None
+        try:
+            self._hull = self._vertices[ConvexHull(self._vertices).vertices]
+        except QhullError:  # a flat object
+            self._hull = self._vertices
+
+    def score(self, truth: FrameTruth, estimates: Sequence[PoseEstimate]) -> list[TargetScore]:
+        """Scores of all targets of this object in one frame."""
+        targets = [t for t in truth.targets if t.object_id == self._model.object_id]
+        matched = self._match(targets, estimates)
+        return [
+            self._missing(truth, target) if pose is None else self._judge(truth, target, pose)
+            for target, pose in zip(targets, matched, strict=True)
+        ]
+
+    def _match(
+        self, targets: Sequence[Target], estimates: Sequence[PoseEstimate]
+    ) -> list[Pose | None]:
+        matched: list[Pose | None] = [None] * len(targets)
+        for estimate in sorted(estimates, key=lambda item: -item.score):
+            free = [i for i, pose in enumerate(matched) if pose is None]
+            pose = estimate.pose_cam_obj
+            if pose is not None and free:
+                best = min(free, key=lambda i: self._ad(pose, targets[i].pose_cam_obj))
+                matched[best] = pose
+        return matched
+
+    def _ad(self, estimated: Pose, true: Pose) -> float:
+        if self._symmetric:
+            return errors.adi(estimated, true, self._vertices, self._tree)
+        return errors.add(estimated, true, self._vertices)
+
+    def _judge(self, truth: FrameTruth, target: Target, pose: Pose) -> TargetScore:
+        settings, true = self._settings, target.pose_cam_obj
+        alike = true
+        if self._symmetric:
+            alike = errors.nearest_symmetric_pose(pose, true, self._model.symmetries)
+        ad = self._ad(pose, true)
+        turn = errors.rotation_error(pose, alike)
+        shift = errors.translation_error(pose, alike)
+        iou = errors.box_iou(pose, true, self._vertices, truth.camera_matrix)
+        near = shift < settings.translation_cm * 1e-2
+        return TargetScore(
+            truth.scene_id,
+            truth.frame_id,
+            target.object_id,
+            found=True,
+            visible_fraction=target.visible_fraction,
+            ad_error=ad,
+            rotation_error=turn,
+            translation_error=shift,
+            box_iou=iou,
+            ad_correct=ad < settings.ad_fraction * self._model.diameter,
+            pose_correct=near and turn < np.deg2rad(settings.rotation_deg),
+            box_correct=iou >= settings.iou,
+            mssd_recall=self._mssd_recall(pose, true),
+            mspd_recall=self._mspd_recall(pose, true, truth),
+            vsd_recall=self._vsd_recall(pose, true, truth),
+        )
+
+    def _mssd_recall(self, pose: Pose, true: Pose) -> float:
+        error = errors.mssd(pose, true, self._hull, self._model.symmetries)
+        return float((error < _BOP_FRACTIONS * self._model.diameter).mean())
+
+    def _mspd_recall(self, pose: Pose, true: Pose, truth: FrameTruth) -> float:
+        # The hull of the object projects onto the hull of its image, where the error peaks too
+        # but for perspective: a difference far below the thresholds' 5 px.
+        error = errors.mspd(pose, true, self._hull, self._model.symmetries, truth.camera_matrix)
+        return float((error < _BOP_PIXELS * truth.width / _BOP_WIDTH).mean())
+
+    def _vsd_recall(self, pose: Pose, true: Pose, truth: FrameTruth) -> float:
+        if truth.depth is None:
+            return float("nan")
+        height, width = truth.depth.shape
+        rendered = render_depth(
+            self._model.mesh, np.stack([pose, true]), truth.camera_matrix, (height, width)
+        )
+        tolerances = list(_BOP_FRACTIONS * self._model.diameter)
+        values = errors.vsd(rendered[0], rendered[1], truth.depth, truth.camera_matrix, tolerances)
+        return float((values[:, None] < _BOP_FRACTIONS).mean())
+
+    def _missing(self, truth: FrameTruth, target: Target) -> TargetScore:
+        infinite = float("inf")
+        return TargetScore(
+            truth.scene_id,
+            truth.frame_id,
+            target.object_id,
+            found=False,
+            visible_fraction=target.visible_fraction,
+            ad_error=infinite,
+            rotation_error=infinite,
+            translation_error=infinite,
+            box_iou=0.0,
+            ad_correct=False,
+            pose_correct=False,
+            box_correct=False,
+            mssd_recall=0.0,
+            mspd_recall=0.0,
+            vsd_recall=float("nan") if truth.depth is None else 0.0,
+        )
+
+
+def _check_finite(estimate: PoseEstimate) -> None:
+    pose = estimate.pose_cam_obj
+    if pose is not None and not np.isfinite(pose).all():
+        raise ValueError(
+            f"the estimate of object {estimate.object_id} in scene {estimate.scene_id}, frame"
+            f" {estimate.frame_id} holds NaN or infinity"
+        )

@@ -1,0 +1,144 @@
+"""Scores of targets summed up: recalls with intervals, per object, times, where targets were lost.
+
+The dictionary is `summary.json`, the contract that scripts rely on.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from hlp.evaluation.settings import EvaluationSettings
+from hlp.records import TargetScore
+
+Summary = dict[str, Any]
+
+METRICS: dict[str, Callable[[TargetScore], bool]] = {
+    "add": lambda score: score.ad_correct,
+    "5cm5deg": lambda score: score.pose_correct,
+    "iou50": lambda score: score.box_correct,
+}
+"""Name of each metric in `summary.json` and the verdict that it counts."""
+
+
+def summarise(
+    scores: Sequence[TargetScore],
+    names: Mapping[int, str],
+    timings_ms: Mapping[str, Sequence[float]],
+    waterfall: Mapping[str, int],
+    settings: EvaluationSettings,
+    seed: int,
+) -> Summary:
+    """What `summary.json` holds: plain dictionaries of numbers, None where there is none.
+
+    `names` by object id; `timings_ms` one number a frame for `total` and each stage; `waterfall`
+    how many targets ended where. Raises ValueError without scores, and for an object without name.
+    """
+    if not scores:
+        raise ValueError("nothing to summarise: no target was scored")
+    unknown = sorted({score.object_id for score in scores} - set(names))
+    if unknown:
+        raise ValueError(f"no name for the objects {unknown}")
+    groups: dict[str, list[TargetScore]] = {}
+    for score in sorted(scores, key=lambda item: item.object_id):
+        groups.setdefault(names[score.object_id], []).append(score)
+    return {
+        "targets": len(scores),
+        "metrics": {
+            name: _metric(scores, list(groups.values()), correct, settings.bootstrap, seed)
+            for name, correct in METRICS.items()
+        },
+        "per_object": {name: _object(group) for name, group in groups.items()},
+        "median_errors": _median_errors(scores),
+        "bop": _bop(scores),
+        "policy": settings.name,
+        "timing_ms": {stage: _times(values) for stage, values in timings_ms.items()},
+        "waterfall": dict(waterfall),
+    }
+
+
+def bootstrap_interval(
+    scores: Sequence[TargetScore],
+    correct: Callable[[TargetScore], bool],
+    resamplings: int,
+    seed: int,
+) -> tuple[float, float]:
+    """95 % interval of the recall over targets, by the percentile bootstrap over frames.
+
+    Targets of one frame share light, blur and clutter, so frames are what is drawn anew.
+    """
+    counts: dict[tuple[int, int], list[int]] = {}
+    for score in scores:
+        count = counts.setdefault((score.scene_id, score.frame_id), [0, 0])
+        count[0] += correct(score)
+        count[1] += 1
+    frames = np.array(list(counts.values()))
+    drawn = np.random.default_rng(seed).integers(len(frames), size=(resamplings, len(frames)))
+    sums = frames[drawn].sum(axis=1)
+    low, high = np.percentile(sums[:, 0] / sums[:, 1], [2.5, 97.5])
+    return float(low), float(high)
+
+
+def _recall(scores: Sequence[TargetScore], correct: Callable[[TargetScore], bool]) -> float:
+    return sum(correct(score) for score in scores) / len(scores)
+
+
+def _metric(
+    scores: Sequence[TargetScore],
+    groups: Sequence[Sequence[TargetScore]],
+    correct: Callable[[TargetScore], bool],
+    resamplings: int,
+    seed: int,
+) -> Summary:
+    return {
+        "recall": _recall(scores, correct),
+        "ci95": list(bootstrap_interval(scores, correct, resamplings, seed)),
+        "mean_object": float(np.mean([_recall(group, correct) for group in groups])),
+    }
+
+
+def _object(scores: Sequence[TargetScore]) -> Summary:
+    recalls = {name: {"recall": _recall(scores, correct)} for name, correct in METRICS.items()}
+    return {"targets": len(scores), **recalls}
+
+
+def _median_errors(scores: Sequence[TargetScore]) -> Summary:
+    """Over the targets that got a pose, right or wrong."""
+    found = [score for score in scores if score.found]
+    if not found:
+        return {
+            "found": 0,
+            "ad_mm": None,
+            "rotation_deg": None,
+            "translation_mm": None,
+            "box_iou": None,
+        }
+    return {
+        "found": len(found),
+        "ad_mm": float(np.median([score.ad_error for score in found]) * 1e3),
+        "rotation_deg": float(np.rad2deg(np.median([score.rotation_error for score in found]))),
+        "translation_mm": float(np.median([score.translation_error for score in found]) * 1e3),
+        "box_iou": float(np.median([score.box_iou for score in found])),
+    }
+
+
+def _bop(scores: Sequence[TargetScore]) -> Summary:
+    """BOP's average recalls; None where some target has none (VSD without depth images)."""
+    recalls = {
+        "vsd": np.array([score.vsd_recall for score in scores]),
+        "mssd": np.array([score.mssd_recall for score in scores]),
+        "mspd": np.array([score.mspd_recall for score in scores]),
+    }
+    return {name: _mean_or_none(values) for name, values in recalls.items()}
+
+
+def _mean_or_none(values: Float[np.ndarray, "n"]) -> float | None:
+    mean = float(values.mean())
+    return None if np.isnan(mean) else mean
+
+
+def _times(values: Sequence[float]) -> Summary:
+    if not len(values):
+        return {"median": None, "p95": None}
+    return {"median": float(np.median(values)), "p95": float(np.percentile(values, 95))}
