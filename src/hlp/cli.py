@@ -63,7 +63,6 @@ def _usage() -> str:
 
 def _set_environment() -> None:
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # spinning costs 20x on shared cores
-    os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
     os.environ.setdefault("MPLBACKEND", "Agg")
     os.environ["HYDRA_FULL_ERROR"] = "1"  # errors reach us whole; `_fail` shortens them
 

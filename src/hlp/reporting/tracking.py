@@ -1,0 +1,161 @@
+"""Runs in MLflow. A run is opened before any work is done, so that a crash leaves a FAILED row."""
+
+import logging
+import os
+import re
+import time
+import traceback
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from filelock import FileLock
+
+if TYPE_CHECKING:
+    from mlflow import MlflowClient
+
+LONGEST_PARAMETER = 6000  # MLflow's own limit
+PARAMETERS_AT_ONCE = 100  # likewise
+SQLITE = "sqlite:///"
+
+
+@dataclass(frozen=True)
+class TrackingSettings:
+    """Config group `reporting`: the database or server `uri`, and the MLflow `experiment`."""
+
+    name: str
+    uri: str
+    experiment: str
+
+
+class Tracker:
+    """One MLflow run. Names may be anything: characters that MLflow refuses become `_`."""
+
+    def __init__(self, client: "MlflowClient", experiment_id: str, run_id: str) -> None:
+        self._client = client
+        self.experiment_id = experiment_id
+        self.run_id = run_id
+
+    @property
+    def page(self) -> str:
+        """Path of the run's page below the address of MLflow's server."""
+        return f"/#/experiments/{self.experiment_id}/runs/{self.run_id}"
+
+    def log_metrics(self, metrics: Mapping[str, float | None], step: int = 0) -> None:
+        """Log numbers at once, e.g. `add/recall`; None (nothing measured) is left out."""
+        from mlflow.entities import Metric
+
+        now = int(time.time() * 1000)
+        entries = [
+            Metric(metric_name(name), float(value), now, step)
+            for name, value in metrics.items()
+            if value is not None
+        ]
+        self._client.log_batch(self.run_id, metrics=entries)
+
+    def log_epoch_metrics(self, stage: str, epoch: int, metrics: Mapping[str, float]) -> None:
+        """Log one epoch of a stage's training as `<stage>/<name>`: a call an epoch, none a step."""
+        self.log_metrics({f"{stage}/{name}": value for name, value in metrics.items()}, epoch)
+
+    def log_params(self, params: Mapping[str, Any]) -> None:
+        """Log a nested configuration as flat parameters, values cut at MLflow's limit."""
+        from mlflow.entities import Param
+
+        entries = [
+            Param(metric_name(name), str(value)[:LONGEST_PARAMETER])
+            for name, value in flatten(params).items()
+        ]
+        for start in range(0, len(entries), PARAMETERS_AT_ONCE):
+            self._client.log_batch(self.run_id, params=entries[start : start + PARAMETERS_AT_ONCE])
+
+    def log_artifact(self, path: Path, folder: str | None = None) -> None:
+        """Copy a file into the run's artifacts; raises FileNotFoundError where there is none."""
+        if not path.is_file():
+            raise FileNotFoundError(f"no file {path} to log")
+        self._client.log_artifact(self.run_id, str(path), folder)
+
+    def log_artifacts(self, path: Path, folder: str | None = None) -> None:
+        """Copy what is in a folder into the run's artifacts (below `folder`)."""
+        if not path.is_dir():
+            raise FileNotFoundError(f"no folder {path} to log")
+        self._client.log_artifacts(self.run_id, str(path), folder)
+
+    def log_table(self, name: str, columns: Mapping[str, Sequence[Any]]) -> None:
+        """Log a table that MLflow's page shows, as `<name>.json`."""
+        data = {column: list(values) for column, values in columns.items()}
+        self._client.log_table(self.run_id, data, f"{name}.json")
+
+
+@contextmanager
+def track_run(
+    settings: TrackingSettings, run_name: str, params: Mapping[str, Any]
+) -> Iterator[Tracker]:
+    """Open an MLflow run; it ends FINISHED, KILLED if interrupted, or FAILED with a traceback.
+
+    `params` is the run's configuration. A local database is made on first use, together with the
+    folder for artifacts beside it.
+    """
+    client, experiment_id = _connect(settings)
+    run = client.create_run(
+        experiment_id, run_name=run_name, tags={"mlflow.source.name": "hlp run"}
+    )
+    tracker = Tracker(client, experiment_id, run.info.run_id)
+    try:
+        tracker.log_params(params)
+        yield tracker
+    except Exception as error:
+        client.set_tag(tracker.run_id, "error", f"{type(error).__name__}: {error}"[:500])
+        client.log_text(tracker.run_id, traceback.format_exc(), "traceback.txt")
+        client.set_terminated(tracker.run_id, "FAILED")
+        raise
+    except BaseException:  # Ctrl-C, or an exit asked for
+        client.set_terminated(tracker.run_id, "KILLED")
+        raise
+    client.set_terminated(tracker.run_id, "FINISHED")
+
+
+def metric_name(name: str) -> str:
+    """The name with all that MLflow refuses (@, brackets, %, …) replaced by `_`."""
+    return re.sub(r"[^\w\-. :/]", "_", name)
+
+
+def flatten(nested: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Join the keys of nested mappings with dots: {"a": {"b": 1}} → {"a.b": 1}."""
+    flat: dict[str, Any] = {}
+    for key, value in nested.items():
+        if isinstance(value, Mapping) and value:
+            flat |= flatten(value, f"{prefix}{key}.")
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat
+
+
+def _connect(settings: TrackingSettings) -> tuple["MlflowClient", str]:
+    """MLflow's client and the id of the experiment, made if need be.
+
+    Processes that create one SQLite database at the same time spoil it (MLflow 3), so the first
+    contact with a local one, which the client's construction is, is made under a lock.
+    """
+    os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")  # read when mlflow is imported
+    import mlflow  # noqa: F401
+
+    for name in ("mlflow", "alembic"):  # a new database is not news
+        logging.getLogger(name).setLevel(logging.WARNING)
+    if not settings.uri.startswith(SQLITE):
+        return _open(settings, None)
+    database = Path(settings.uri.removeprefix(SQLITE)).absolute()
+    database.parent.mkdir(parents=True, exist_ok=True)
+    with FileLock(database.with_name(database.name + ".lock")):
+        return _open(settings, (database.parent / "mlflow-artifacts").as_uri())
+
+
+def _open(settings: TrackingSettings, artifacts: str | None) -> tuple["MlflowClient", str]:
+    from mlflow import MlflowClient
+
+    client = MlflowClient(settings.uri, registry_uri=settings.uri)
+    found = client.get_experiment_by_name(settings.experiment)
+    if found is not None:
+        return client, str(found.experiment_id)
+    return client, str(client.create_experiment(settings.experiment, artifact_location=artifacts))

@@ -1,0 +1,120 @@
+import json
+import multiprocessing
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mlflow import MlflowClient
+
+from hlp.reporting.tracking import TrackingSettings, flatten, metric_name, track_run
+
+
+@pytest.fixture(scope="module")
+def settings(tmp_path_factory: pytest.TempPathFactory) -> TrackingSettings:
+    """One database for the module: making one takes seconds."""
+    uri = f"sqlite:///{tmp_path_factory.mktemp('tracking') / 'deep' / 'mlflow.db'}"
+    return TrackingSettings(name="mlflow", uri=uri, experiment="hlp")
+
+
+def artifact(settings: TrackingSettings, run_id: str, path: str) -> Path:
+    root = MlflowClient(settings.uri).get_run(run_id).info.artifact_uri
+    return Path(root.removeprefix("file://")) / path
+
+
+def test_run_holds_what_was_logged(settings: TrackingSettings, tmp_path: Path) -> None:
+    (tmp_path / "summary.json").write_text("{}")
+    (tmp_path / "panels").mkdir()
+    (tmp_path / "panels" / "frame.png").write_bytes(b"png")
+    params = {"seed": 3, "refinement": {"name": "pso", "long": "x" * 7000}, "empty": {}}
+    many = {f"group{i}": {"key": i} for i in range(150)}
+    with track_run(settings, "demo", params | many) as tracker:
+        tracker.log_metrics({"add/recall": 0.5, "add/recall_eggbox [2]": 1.0, "nothing": None})
+        for epoch in range(3):
+            tracker.log_epoch_metrics("encoder", epoch, {"loss": 1.0 / (epoch + 1)})
+        tracker.log_artifact(tmp_path / "summary.json")
+        tracker.log_artifacts(tmp_path / "panels", "panels")
+        tracker.log_table("per_object", {"object": ["cat", "ape"], "add": (0.5, 1.0)})
+
+    client = MlflowClient(settings.uri)
+    run = client.get_run(tracker.run_id)
+    assert run.info.status == "FINISHED"
+    assert run.info.run_name == "demo"
+    assert run.data.metrics["add/recall"] == 0.5
+    assert run.data.metrics["add/recall_eggbox _2_"] == 1.0
+    assert "nothing" not in run.data.metrics
+    history = client.get_metric_history(tracker.run_id, "encoder/loss")
+    assert [(each.step, each.value) for each in history] == [(0, 1.0), (1, 0.5), (2, 1 / 3)]
+    assert run.data.params["refinement.name"] == "pso"
+    assert len(run.data.params["refinement.long"]) == 6000
+    assert run.data.params["group149.key"] == "149"
+    assert artifact(settings, tracker.run_id, "panels/frame.png").read_bytes() == b"png"
+    table = json.loads(artifact(settings, tracker.run_id, "per_object.json").read_text())
+    assert table == {"columns": ["object", "add"], "data": [["cat", 0.5], ["ape", 1.0]]}
+    assert tracker.page.endswith(f"/runs/{tracker.run_id}")
+
+
+def test_artifacts_lie_beside_the_database(settings: TrackingSettings) -> None:
+    with track_run(settings, "demo", {}) as tracker:
+        pass
+    folder = Path(settings.uri.removeprefix("sqlite:///")).parent / "mlflow-artifacts"
+    assert artifact(settings, tracker.run_id, "x").is_relative_to(folder)
+
+
+def test_crash_leaves_a_failed_run_with_its_traceback(settings: TrackingSettings) -> None:
+    with pytest.raises(ValueError, match="no views"), track_run(settings, "demo", {}) as tracker:
+        raise ValueError("no views")
+    run = MlflowClient(settings.uri).get_run(tracker.run_id)
+    assert run.info.status == "FAILED"
+    assert run.data.tags["error"] == "ValueError: no views"
+    text = artifact(settings, tracker.run_id, "traceback.txt").read_text()
+    assert "test_tracking.py" in text
+    assert text.endswith("ValueError: no views\n")
+
+
+def test_interruption_leaves_a_killed_run(settings: TrackingSettings) -> None:
+    with pytest.raises(KeyboardInterrupt), track_run(settings, "demo", {}) as tracker:
+        raise KeyboardInterrupt
+    assert MlflowClient(settings.uri).get_run(tracker.run_id).info.status == "KILLED"
+
+
+def test_missing_artifact_is_named(settings: TrackingSettings, tmp_path: Path) -> None:
+    with track_run(settings, "demo", {}) as tracker:
+        with pytest.raises(FileNotFoundError, match=r"nothing\.json"):
+            tracker.log_artifact(tmp_path / "nothing.json")
+        with pytest.raises(FileNotFoundError, match="nowhere"):
+            tracker.log_artifacts(tmp_path / "nowhere")
+
+
+def log_one(settings: TrackingSettings, barrier: Any, number: int) -> None:
+    barrier.wait()
+    with track_run(settings, f"run {number}", {"number": number}) as tracker:
+        tracker.log_metrics({"number": number})
+
+
+def test_processes_that_start_together_share_one_new_database(tmp_path: Path) -> None:
+    settings = TrackingSettings("mlflow", f"sqlite:///{tmp_path / 'mlflow.db'}", "race")
+    context = multiprocessing.get_context("spawn")
+    barrier = context.Barrier(3)
+    runs = [context.Process(target=log_one, args=(settings, barrier, i)) for i in range(3)]
+    for run in runs:
+        run.start()
+    for run in runs:
+        run.join()
+    client = MlflowClient(settings.uri)
+    experiment = client.get_experiment_by_name("race")
+    found = client.search_runs([experiment.experiment_id])
+    assert sorted(run.data.metrics["number"] for run in found) == [0, 1, 2]
+    assert {run.info.status for run in found} == {"FINISHED"}
+
+
+@pytest.mark.parametrize(
+    ("name", "clean"),
+    [("recall@5cm[cat]", "recall_5cm_cat_"), ("time_ms/total p95", "time_ms/total p95")],
+)
+def test_names_that_mlflow_refuses_are_mended(name: str, clean: str) -> None:
+    assert metric_name(name) == clean
+
+
+def test_flatten() -> None:
+    nested = {"a": {"b": {"c": 1}, "d": [1, 2]}, "e": {}}
+    assert flatten(nested) == {"a.b.c": 1, "a.d": [1, 2], "e": {}}
