@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 Array = Float[np.ndarray, "..."]
 
 
-def rigid(rotation: Float[np.ndarray, "*b 3 3"], translation: Float[np.ndarray, "*b 3"]) -> Array:
+def rigid(rotation: Float[np.ndarray, "*#b 3 3"], translation: Float[np.ndarray, "*#b 3"]) -> Array:
     """Join rotations (…, 3, 3) and translations (…, 3) into motions (…, 4, 4)."""
     rotation, translation = np.asarray(rotation), np.asarray(translation)
     shape = np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1])
@@ -52,7 +52,7 @@ def back_project(
 
 
 def rotation_distance(
-    first: Float[np.ndarray, "*b 3 3"], second: Float[np.ndarray, "*b 3 3"]
+    first: Float[np.ndarray, "*#b 3 3"], second: Float[np.ndarray, "*#b 3 3"]
 ) -> Float[np.ndarray, "*b"]:
     """Angle (rad) of the rotation between two rotations.
 

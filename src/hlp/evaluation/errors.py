@@ -151,6 +151,6 @@ def _visible(rendered: Depth, observed: Depth, delta: float) -> Bool[np.ndarray,
 def _ray_lengths(shape: tuple[int, ...], camera_matrix: Float[np.ndarray, "3 3"]) -> Depth:
     """Distance along the viewing ray per unit of depth, of every pixel."""
     height, width = shape
-    pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
+    pixels = np.stack(np.meshgrid(np.arange(float(width)), np.arange(float(height))), axis=-1)
     points = back_project(pixels, np.ones((height, width)), camera_matrix)
     return np.asarray(np.linalg.norm(points, axis=-1))

@@ -4,6 +4,7 @@ Recall counts targets. What should be found and is not, is wrong; what no target
 neither right nor wrong.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -138,7 +139,7 @@ class _Judge:
             translation_error=shift,
             box_iou=iou,
             ad_correct=ad < settings.ad_fraction * self._model.diameter,
-            pose_correct=near and turn < np.deg2rad(settings.rotation_deg),
+            pose_correct=near and turn < math.radians(settings.rotation_deg),
             box_correct=iou >= settings.iou,
             mssd_recall=self._mssd_recall(pose, true),
             mspd_recall=self._mspd_recall(pose, true, truth),

@@ -1,0 +1,132 @@
+import json
+
+import numpy as np
+import pytest
+
+from hlp.evaluation.settings import EvaluationSettings
+from hlp.evaluation.summary import METRICS, bootstrap_interval, summarise
+from hlp.records import TargetScore
+
+SETTINGS = EvaluationSettings("bop", [], 0.1, 5.0, 5.0, 0.5, 2000)
+NAMES = {1: "ape", 6: "cat"}
+TIMINGS = {"total": [100.0, 200.0, 300.0], "holistic": [10.0, 20.0, 30.0]}
+
+
+def _score(frame_id, object_id, correct, found=True, error=0.004):
+    infinite = float("inf")
+    return TargetScore(
+        scene_id=6,
+        frame_id=frame_id,
+        object_id=object_id,
+        found=found,
+        visible_fraction=0.5,
+        ad_error=error if found else infinite,
+        rotation_error=0.1 if found else infinite,
+        translation_error=0.01 if found else infinite,
+        box_iou=0.8 if found else 0.0,
+        ad_correct=correct,
+        pose_correct=correct and object_id == 6,
+        box_correct=found,
+        mssd_recall=0.5 if found else 0.0,
+        mspd_recall=1.0 if found else 0.0,
+    )
+
+
+SCORES = [
+    _score(0, 6, True),
+    _score(0, 1, False),
+    _score(1, 6, True, error=0.008),
+    _score(2, 6, False, found=False),
+    _score(3, 1, True),
+]
+
+
+def _summary(scores=SCORES, seed=0):
+    return summarise(scores, NAMES, TIMINGS, {"correct": 3, "wrong_pose": 2}, SETTINGS, seed)
+
+
+def test_recalls_count_targets():
+    summary = _summary()
+    assert summary["targets"] == 5
+    assert summary["metrics"]["add"]["recall"] == pytest.approx(3 / 5)
+    assert summary["metrics"]["5cm5deg"]["recall"] == pytest.approx(2 / 5)
+    assert summary["metrics"]["iou50"]["recall"] == pytest.approx(4 / 5)
+
+
+def test_per_object_and_the_mean_over_objects():
+    summary = _summary()
+    assert list(summary["per_object"]) == ["ape", "cat"]
+    assert summary["per_object"]["cat"] == {
+        "targets": 3,
+        "add": {"recall": pytest.approx(2 / 3)},
+        "5cm5deg": {"recall": pytest.approx(2 / 3)},
+        "iou50": {"recall": pytest.approx(2 / 3)},
+    }
+    assert summary["metrics"]["add"]["mean_object"] == pytest.approx((1 / 2 + 2 / 3) / 2)
+
+
+def test_times_and_waterfall():
+    summary = _summary()
+    assert summary["timing_ms"]["total"] == {"median": 200.0, "p95": pytest.approx(290.0)}
+    assert summary["timing_ms"]["holistic"]["median"] == 20.0
+    assert summary["waterfall"] == {"correct": 3, "wrong_pose": 2}
+
+
+def test_median_errors_are_of_the_targets_that_got_a_pose():
+    median = _summary()["median_errors"]
+    assert median["found"] == 4
+    assert median["ad_mm"] == pytest.approx(4.0)
+    assert median["rotation_deg"] == pytest.approx(np.rad2deg(0.1))
+    assert median["translation_mm"] == pytest.approx(10.0)
+
+
+def test_bop_recalls_are_means_and_none_where_not_computed():
+    assert _summary()["bop"] == {
+        "vsd": None,
+        "mssd": pytest.approx(0.4),
+        "mspd": pytest.approx(0.8),
+    }
+
+
+def test_it_is_strict_json_even_if_nothing_was_found():
+    lost = [_score(0, 6, False, found=False)]
+    summary = summarise(lost, NAMES, {"total": []}, {}, SETTINGS, 0)
+    text = json.dumps(summary, allow_nan=False)
+    assert json.loads(text)["metrics"]["add"] == {
+        "recall": 0.0,
+        "ci95": [0.0, 0.0],
+        "mean_object": 0.0,
+    }
+    json.dumps(_summary(), allow_nan=False)
+
+
+def test_the_interval_is_that_of_a_binomial_where_frames_hold_one_target():
+    rng = np.random.default_rng(0)
+    scores = [_score(i, 6, bool(rng.random() < 0.8)) for i in range(400)]
+    recall = np.mean([score.ad_correct for score in scores])
+    low, high = bootstrap_interval(scores, METRICS["add"], 4000, seed=1)
+    half = 1.96 * np.sqrt(recall * (1 - recall) / 400)
+    assert low == pytest.approx(recall - half, abs=0.006)
+    assert high == pytest.approx(recall + half, abs=0.006)
+
+
+def test_targets_of_one_frame_are_drawn_together():
+    # Twenty targets a frame, all right or all wrong: as uncertain as one target a frame.
+    frames = [_score(i, 6, i % 4 != 0) for i in range(40)]
+    crowded = [score for score in frames for _ in range(20)]
+    single = bootstrap_interval(frames, METRICS["add"], 1000, seed=2)
+    assert bootstrap_interval(crowded, METRICS["add"], 1000, seed=2) == pytest.approx(single)
+
+
+def test_the_seed_decides_the_interval():
+    assert _summary(seed=3) == _summary(seed=3)
+    scores = [_score(i, 6, i % 3 != 0) for i in range(101)]
+    intervals = {bootstrap_interval(scores, METRICS["add"], 50, seed) for seed in range(5)}
+    assert len(intervals) > 1
+
+
+def test_nothing_scored_and_unnamed_objects_are_errors():
+    with pytest.raises(ValueError, match="no target"):
+        _summary([])
+    with pytest.raises(ValueError, match=r"\[9\]"):
+        _summary([_score(0, 9, True)])
