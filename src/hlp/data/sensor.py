@@ -53,7 +53,7 @@ KINECT = SensorSettings(
     disparity_step=0.125,
     edge_jitter=1,
     edge_missing=0.25,
-    grazing_deg=72.0,
+    grazing_deg=78.0,
     hole_rate=2e-5,
     shadow=True,
     far=4.0,
@@ -186,7 +186,7 @@ def _gentler(depth: Depth, axis: int) -> Depth:
     first, last = np.take(step, [0], axis=axis), np.take(step, [-1], axis=axis)
     before = np.concatenate([first, step], axis=axis)
     after = np.concatenate([step, last], axis=axis)
-    return np.minimum(before, after)
+    return np.asarray(np.minimum(before, after))
 
 
 def _holes(

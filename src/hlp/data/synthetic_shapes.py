@@ -6,6 +6,7 @@ without cutting away what lies inside: a z-buffer never sees it.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,6 +14,7 @@ import trimesh
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
+from hlp.geometry import rigid, transform
 from hlp.records import Mesh
 
 SPACING = 0.004
@@ -53,11 +55,15 @@ def moved(
 ) -> Mesh:
     """Turn about the fixed x, then y, then z axis (degrees), then shift (m)."""
     turn = Rotation.from_euler("xyz", euler_deg, degrees=True).as_matrix()
-    return Mesh(
-        vertices=mesh.vertices @ turn.T + np.asarray(translation),
-        faces=mesh.faces,
-        colors=mesh.colors,
-        normals=mesh.normals @ turn.T,
+    return moved_by(mesh, rigid(turn, np.asarray(translation, dtype=np.float64)))
+
+
+def moved_by(mesh: Mesh, motion: Float[np.ndarray, "4 4"]) -> Mesh:
+    """The mesh after a rigid motion."""
+    return replace(
+        mesh,
+        vertices=transform(motion, mesh.vertices),
+        normals=mesh.normals @ motion[:3, :3].T,
     )
 
 
@@ -65,7 +71,7 @@ def painted(mesh: Mesh, where: Bool[np.ndarray, "v"], color: Color) -> Mesh:
     """The mesh with another colour at the vertices `where`."""
     colors = mesh.colors.copy()
     colors[where] = color
-    return Mesh(mesh.vertices, mesh.faces, colors, mesh.normals)
+    return replace(mesh, colors=colors)
 
 
 def lathe(
@@ -138,17 +144,27 @@ def tube(
 ) -> Mesh:
     """Tube along the line `path` (k, 3) with radius `radii` (k,) at each point, flat ends (m)."""
     line = _resampled(np.column_stack([np.asarray(path), np.asarray(radii)]), spacing)
-    points, radius = line[:, :3], line[:, 3]
-    along = np.gradient(points, axis=0)
+    along = np.gradient(line[:, :3], axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     across = _carried_along(along)
     second = np.cross(along, across)
-    count = max(10, int(np.ceil(2 * np.pi * radius.max() / spacing)))
+    count = max(10, int(np.ceil(2 * np.pi * line[:, 3].max() / spacing)))
     angle = np.arange(count) * (2 * np.pi / count)
     circle = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * second[:, None]
-    rings = points[:, None] + radius[:, None, None] * circle
-    ends = [np.repeat(points[[i], None], count, axis=1) for i in (0, -1)]
-    return _woven(np.concatenate([ends[0], rings, ends[1]]), color)
+    first, last = (_shrinking(line[end], spacing) for end in (0, -1))
+    rings = np.concatenate([first[::-1], line, last])
+    circles = np.concatenate(
+        [np.repeat(circle[:1], len(first), 0), circle, np.repeat(circle[-1:], len(last), 0)]
+    )
+    return _woven(rings[:, None, :3] + rings[:, None, 3:] * circles, color)
+
+
+def _shrinking(end: Float[np.ndarray, "4"], spacing: float) -> Float[np.ndarray, "n 4"]:
+    """Rings (x, y, z, radius) that close a tube's end flatly, down to radius 0."""
+    steps = max(1, int(np.ceil(end[3] / spacing)))
+    rings = np.tile(end, (steps, 1))
+    rings[:, 3] *= np.arange(steps - 1, -1, -1) / steps
+    return rings
 
 
 def _carried_along(along: Points) -> Points:
