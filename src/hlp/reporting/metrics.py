@@ -1,0 +1,27 @@
+"""A run's summary as flat numbers under the names that MLflow shows."""
+
+from collections.abc import Mapping
+from typing import Any
+
+SHOWN = {"add": "add", "5cm5deg": "pose_5cm5deg", "iou50": "box_iou50"}
+"""MLflow's name of each metric in `summary.json`."""
+
+
+def summary_metrics(summary: Mapping[str, Any]) -> dict[str, float | None]:
+    """Numbers of `summary.json` by name, e.g. `add/recall`, `add/recall_cat`, `time_ms/total`.
+
+    None stays where nothing was measured.
+    """
+    flat: dict[str, float | None] = {"targets": summary["targets"]}
+    for key, shown in SHOWN.items():
+        metric = summary["metrics"][key]
+        low, high = metric["ci95"]
+        flat |= {f"{shown}/recall": metric["recall"], f"{shown}/mean_object": metric["mean_object"]}
+        flat |= {f"{shown}/recall_ci95_low": low, f"{shown}/recall_ci95_high": high}
+        for name, scores in summary["per_object"].items():
+            flat[f"{shown}/recall_{name}"] = scores[key]["recall"]
+    for stage, times in summary["timing_ms"].items():
+        flat |= {f"time_ms/{stage}": times["median"], f"time_ms/{stage}_p95": times["p95"]}
+    for group in ("median_errors", "bop", "waterfall"):
+        flat |= {f"{group}/{name}": value for name, value in summary[group].items()}
+    return flat

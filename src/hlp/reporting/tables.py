@@ -1,0 +1,164 @@
+"""Tables of finished runs for the terminal and for Markdown, the paper's figures beside ours."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+PAPER_AD = {
+    "ape": 0.970,
+    "benchvise": 0.951,
+    "bowl": 0.999,
+    "cam": 0.953,
+    "can": 0.969,
+    "cat": 0.979,
+    "cup": 0.995,
+    "driller": 0.960,
+    "duck": 0.977,
+    "eggbox": 0.999,
+    "glue": 0.830,
+    "holepuncher": 0.972,
+    "iron": 0.989,
+    "lamp": 0.949,
+    "phone": 0.903,
+}
+"""Recall of AD on LINEMOD's whole sequences (paper, Table 1)."""
+
+METRICS = {"add": "AD", "5cm5deg": "5cm5deg", "iou50": "IoU.5"}
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of text: the first column is aligned left, the others right."""
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+    def text(self) -> str:
+        """Columns padded with spaces, a line below the header."""
+        lines = [self.header, *self.rows]
+        widths = [max(len(cell) for cell in column) for column in zip(*lines, strict=True)]
+        rule = "-" * (sum(widths) + 2 * (len(widths) - 1))
+        padded = [
+            "  ".join(
+                cell.rjust(width) if index else cell.ljust(width)
+                for index, (cell, width) in enumerate(zip(line, widths, strict=True))
+            ).rstrip()
+            for line in lines
+        ]
+        return "\n".join([padded[0], rule, *padded[1:]])
+
+    def markdown(self) -> str:
+        """The table as Markdown."""
+        rule = ["---", *["---:"] * (len(self.header) - 1)]
+        return "\n".join(f"| {' | '.join(line)} |" for line in (self.header, rule, *self.rows))
+
+
+FORMATS: dict[str, Callable[[Table], str]] = {"text": Table.text, "markdown": Table.markdown}
+
+
+def report(folder: Path, layout: str) -> str:
+    """Tables of every run in or below a folder, oldest first, and all of them side by side.
+
+    `layout` is `text` or `markdown`. Raises ValueError for another layout or a broken summary, and
+    FileNotFoundError where no finished run is found.
+    """
+    if layout not in FORMATS:
+        raise ValueError(f"format={layout}: choose one of {', '.join(FORMATS)}")
+    paths = sorted(folder.rglob("summary.json"), key=lambda path: path.stat().st_mtime)
+    if not paths:
+        raise FileNotFoundError(f"no finished run (summary.json) in or below {folder}")
+    summaries = {str(path.parent): read_summary(path) for path in paths}
+    heading = "## " if layout == "markdown" else ""
+    parts = [
+        f"{heading}{name}\n\n{format_summary(summary, layout)}"
+        for name, summary in summaries.items()
+    ]
+    if len(summaries) > 1:
+        parts.append(f"{heading}All runs\n\n{FORMATS[layout](runs_table(summaries))}")
+    return "\n\n".join(parts)
+
+
+def read_summary(path: Path) -> dict[str, Any]:
+    """Read `summary.json`; raises ValueError naming the file where it is none."""
+    try:
+        summary: dict[str, Any] = json.loads(path.read_text())
+    except ValueError as error:
+        raise ValueError(f"{path} is no JSON: {error}") from error
+    missing = {"targets", "metrics", "per_object", "timing_ms", "waterfall"} - set(summary)
+    if missing:
+        raise ValueError(f"{path} is no summary of a run: it lacks {', '.join(sorted(missing))}")
+    return summary
+
+
+def format_summary(summary: Mapping[str, Any], layout: str = "text") -> str:
+    """The three tables of one run: recalls per object, time per stage, where targets ended."""
+    tables = (objects_table(summary), time_table(summary), waterfall_table(summary))
+    return "\n\n".join(FORMATS[layout](table) for table in tables if table.rows)
+
+
+def objects_table(summary: Mapping[str, Any]) -> Table:
+    """Recall of each metric per object, over objects and over targets with its 95 % interval."""
+    names = list(summary["per_object"])
+    known = [PAPER_AD[name] for name in names if name in PAPER_AD]
+    metrics = summary["metrics"]
+    rows = [
+        [
+            name,
+            str(scores["targets"]),
+            *(_share(scores[key]["recall"]) for key in METRICS),
+            _share(PAPER_AD.get(name)),
+        ]
+        for name, scores in summary["per_object"].items()
+    ]
+    paper_mean = sum(known) / len(known) if len(known) == len(names) else None
+    means = [_share(metrics[key]["mean_object"]) for key in METRICS]
+    recalls = [_share(metrics[key]["recall"]) for key in METRICS]
+    intervals = ["-".join(_share(end) for end in metrics[key]["ci95"]) for key in METRICS]
+    targets = str(summary["targets"])
+    rows.append(["mean of objects", targets, *means, _share(paper_mean)])
+    rows.append(["all targets", targets, *recalls, ""])
+    rows.append(["  95 % interval", "", *intervals, ""])
+    table = Table(["object", "targets", *METRICS.values(), "paper AD"], rows)
+    return table if known else Table(table.header[:-1], [row[:-1] for row in rows])
+
+
+def time_table(summary: Mapping[str, Any]) -> Table:
+    """Median and 95th percentile of the time per frame of each stage, the total last."""
+    times = dict(summary["timing_ms"])
+    if "total" in times:
+        times["total"] = times.pop("total")
+    rows = [[stage, _ms(time["median"]), _ms(time["p95"])] for stage, time in times.items()]
+    return Table(["ms per frame", "median", "95 %"], rows)
+
+
+def waterfall_table(summary: Mapping[str, Any]) -> Table:
+    """How many targets ended where, and their share."""
+    total = max(summary["targets"], 1)
+    rows = [
+        [name, str(count), _share(count / total)] for name, count in summary["waterfall"].items()
+    ]
+    return Table(["targets ended as", "number", "share"], rows)
+
+
+def runs_table(summaries: Mapping[str, Mapping[str, Any]]) -> Table:
+    """One line a run: recalls over its targets and the median time per frame."""
+    rows = [
+        [
+            name,
+            str(summary["targets"]),
+            *(_share(summary["metrics"][key]["recall"]) for key in METRICS),
+            _ms(summary["timing_ms"].get("total", {}).get("median")),
+        ]
+        for name, summary in summaries.items()
+    ]
+    return Table(["run", "targets", *METRICS.values(), "ms"], rows)
+
+
+def _share(value: float | None) -> str:
+    return "" if value is None else f"{value:.3f}"
+
+
+def _ms(value: float | None) -> str:
+    return "" if value is None else f"{value:.0f}" if value >= 10 else f"{value:.1f}"

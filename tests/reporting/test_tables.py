@@ -1,0 +1,127 @@
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hlp.reporting.metrics import summary_metrics
+from hlp.reporting.tables import (
+    PAPER_AD,
+    Table,
+    format_summary,
+    objects_table,
+    read_summary,
+    report,
+    runs_table,
+    time_table,
+)
+
+
+def recall(value: float) -> dict[str, Any]:
+    return {"recall": value, "ci95": [value - 0.1, value + 0.1], "mean_object": value / 2}
+
+
+def summary(names: tuple[str, ...] = ("cat", "ape")) -> dict[str, Any]:
+    metrics = {"add": 0.5, "5cm5deg": 0.25, "iou50": 0.75}
+    each = {key: {"recall": value} for key, value in metrics.items()}
+    return {
+        "targets": 8,
+        "metrics": {key: recall(value) for key, value in metrics.items()},
+        "per_object": {name: {"targets": 4, **each} for name in names},
+        "median_errors": {"found": 7, "ad_mm": 3.5},
+        "bop": {"vsd": None, "mssd": 0.6},
+        "timing_ms": {
+            "total": {"median": 480.0, "p95": 700.0},
+            "voting": {"median": 2.34, "p95": None},
+        },
+        "waterfall": {"correct": 6, "no region": 2},
+    }
+
+
+def test_paper_figures_have_the_printed_mean_and_deviation() -> None:
+    """Table 1 prints mean .960 and std .042 of its fifteen objects."""
+    values = list(PAPER_AD.values())
+    mean = sum(values) / len(values)
+    variance = sum((value - mean) ** 2 for value in values) / len(values)
+    assert len(values) == 15
+    assert mean == pytest.approx(0.960, abs=5e-4)
+    assert variance**0.5 == pytest.approx(0.042, abs=5e-4)
+
+
+def test_objects_table_has_the_papers_figures_beside_ours() -> None:
+    table = objects_table(summary())
+    assert table.header == ["object", "targets", "AD", "5cm5deg", "IoU.5", "paper AD"]
+    assert list(table.rows) == [
+        ["cat", "4", "0.500", "0.250", "0.750", "0.979"],
+        ["ape", "4", "0.500", "0.250", "0.750", "0.970"],
+        ["mean of objects", "8", "0.250", "0.125", "0.375", "0.974"],
+        ["all targets", "8", "0.500", "0.250", "0.750", ""],
+        ["  95 % interval", "", "0.400-0.600", "0.150-0.350", "0.650-0.850", ""],
+    ]
+
+
+def test_paper_is_left_out_where_it_says_nothing() -> None:
+    assert "paper AD" not in objects_table(summary(("bracket", "cone"))).header
+    mixed = objects_table(summary(("cat", "cone")))
+    assert [row[-1] for row in mixed.rows] == ["0.979", "", "", "", ""]
+
+
+def test_time_table_ends_with_the_total() -> None:
+    assert list(time_table(summary()).rows) == [["voting", "2.3", ""], ["total", "480", "700"]]
+
+
+def test_text_is_aligned_and_markdown_is_a_table() -> None:
+    table = Table(["object", "AD"], [["cat", "0.5"], ["holepuncher", "1"]])
+    assert table.text() == (
+        "object        AD\n"
+        "----------------\n"
+        "cat          0.5\n"
+        "holepuncher    1"
+    )  # fmt: skip
+    assert table.markdown() == (
+        "| object | AD |\n| --- | ---: |\n| cat | 0.5 |\n| holepuncher | 1 |"
+    )
+
+
+def test_report_lists_runs_oldest_first_then_side_by_side(tmp_path: Path) -> None:
+    for age, name in enumerate(("late", "early")):
+        path = tmp_path / name / "summary.json"
+        path.parent.mkdir()
+        path.write_text(json.dumps(summary()))
+        os.utime(path, (1000 - age, 1000 - age))
+    text = report(tmp_path, "text")
+    assert text.index(str(tmp_path / "early")) < text.index(str(tmp_path / "late"))
+    assert text.endswith(
+        runs_table({str(tmp_path / each): summary() for each in ("early", "late")}).text()
+    )
+    assert "## All runs" in report(tmp_path, "markdown")
+    assert "All runs" not in report(tmp_path / "late", "text")
+    assert format_summary(summary()) in report(tmp_path / "late", "text")
+
+
+def test_report_says_what_is_wrong(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match=str(tmp_path)):
+        report(tmp_path, "text")
+    with pytest.raises(ValueError, match="format=html"):
+        report(tmp_path, "html")
+    (tmp_path / "summary.json").write_text('{"targets": 3')
+    with pytest.raises(ValueError, match=r"summary\.json is no JSON"):
+        read_summary(tmp_path / "summary.json")
+    (tmp_path / "summary.json").write_text('{"targets": 3}')
+    with pytest.raises(ValueError, match="it lacks metrics"):
+        read_summary(tmp_path / "summary.json")
+
+
+def test_metrics_bear_the_names_that_mlflow_takes() -> None:
+    flat = summary_metrics(summary())
+    assert flat["add/recall"] == 0.5
+    assert flat["add/recall_cat"] == 0.5
+    assert flat["pose_5cm5deg/recall_ci95_low"] == pytest.approx(0.15)
+    assert flat["box_iou50/mean_object"] == 0.375
+    assert flat["time_ms/total"] == 480.0
+    assert flat["time_ms/voting_p95"] is None
+    assert flat["waterfall/no region"] == 2
+    assert flat["median_errors/ad_mm"] == 3.5
+    assert flat["bop/vsd"] is None
+    assert flat["targets"] == 8
