@@ -33,7 +33,10 @@ def load_mesh(path: Path, scale: float = 0.001) -> Mesh:
     if not path.is_file():
         raise FileNotFoundError(f"no mesh {path}")
     try:
-        raw = trimesh.load(path, process=False, maintain_order=True, force="mesh")
+        # `force="mesh"` would drop the normals of the file.
+        raw = trimesh.load(path, process=False, maintain_order=True)
+        if isinstance(raw, trimesh.Scene):
+            raw = raw.to_mesh()
     except _PARSE_ERRORS as error:
         raise ValueError(f"{path} cannot be read as a mesh ({error}): export it again") from error
     if not isinstance(raw, trimesh.Trimesh) or len(raw.vertices) == 0 or len(raw.faces) == 0:

@@ -1,0 +1,117 @@
+import json
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from hlp.data.bop_models import load_object_models, symmetry_motions
+from hlp.data.meshes import PLAIN_COLOR
+from hlp.data.object_models import ObjectSettings
+
+APE, BOWL = ObjectSettings(1, 80.0, 30.0), ObjectSettings(3, None, None)
+
+
+@pytest.fixture
+def root(tmp_path):
+    box = trimesh.creation.box((70, 80, 90))
+    colors = np.full((8, 3), [150, 60, 50], np.uint8)
+    painted = trimesh.Trimesh(box.vertices, box.faces, vertex_colors=colors)
+    for folder in ("models", "models_eval"):
+        (tmp_path / folder).mkdir()
+        info = {"1": {"diameter": 139.5}, "3": {"diameter": 139.6}}
+        (tmp_path / folder / "models_info.json").write_text(json.dumps(info))
+    (tmp_path / "models" / "obj_000001.ply").write_bytes(painted.export(file_type="ply"))
+    (tmp_path / "models_eval" / "obj_000001.ply").write_bytes(box.export(file_type="ply"))
+    (tmp_path / "models_eval" / "obj_000003.ply").write_bytes(box.export(file_type="ply"))
+    return tmp_path
+
+
+def test_colours_come_from_models_and_what_is_missing_there_from_models_eval(root):
+    models = load_object_models(root, {"ape": APE, "bowl": BOWL}, 2000, 36)
+    assert [(key, model.name) for key, model in models.items()] == [(1, "ape"), (3, "bowl")]
+    assert models[1].mesh.colors[0].tolist() == [150, 60, 50]
+    assert models[3].mesh.colors[0].tolist() == list(PLAIN_COLOR)
+    assert models[1].diameter == pytest.approx(0.1395)
+    assert models[1].mesh.vertices.max() == pytest.approx(0.045)
+
+
+def test_without_a_list_the_diameter_is_measured(root):
+    (root / "models" / "models_info.json").unlink()
+    model = load_object_models(root, {"ape": APE}, 2000, 36)[1]
+    assert model.diameter == pytest.approx(np.sqrt(0.07**2 + 0.08**2 + 0.09**2))
+
+
+def test_an_absent_mesh_names_the_object_and_where_it_was_sought(root):
+    with pytest.raises(FileNotFoundError) as caught:
+        load_object_models(root, {"cat": ObjectSettings(6, None, None)}, 2000, 36)
+    message = str(caught.value)
+    assert "object 6 (cat)" in message
+    assert str(root / "models" / "obj_000006.ply") in message
+    assert str(root / "models_eval" / "obj_000006.ply") in message
+
+
+def test_an_impossible_diameter_is_refused(root):
+    (root / "models" / "models_info.json").write_text('{"1": {"diameter": 0}}')
+    with pytest.raises(ValueError, match="diameter 0"):
+        load_object_models(root, {"ape": APE}, 2000, 36)
+
+
+def test_without_symmetries_there_is_the_identity():
+    np.testing.assert_array_equal(symmetry_motions({}, 36), np.eye(4)[None])
+
+
+def test_a_discrete_symmetry_gets_a_true_rotation_and_metres():
+    flip = np.diag([-1.0, -1.0, 1.0, 1.0])
+    flip[:3, 3] = [4.0, 0.0, -2.0]
+    rounded = flip.copy()
+    rounded[0, 1] = 0.003
+    motions = symmetry_motions({"symmetries_discrete": [rounded.ravel().tolist()]}, 36)
+    assert motions.shape == (2, 4, 4)
+    np.testing.assert_array_equal(motions[0], np.eye(4))
+    np.testing.assert_allclose(motions[1, :3, :3] @ motions[1, :3, :3].T, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(motions[1, :3, 3], [0.004, 0.0, -0.002])
+    np.testing.assert_allclose(motions[1, :3, :3], flip[:3, :3], atol=0.002)
+
+
+def test_a_continuous_symmetry_turns_about_its_axis():
+    offset = np.array([10.0, 20.0, 5.0])
+    info = {"symmetries_continuous": [{"axis": [0, 0, 2], "offset": offset.tolist()}]}
+    motions = symmetry_motions(info, 8)
+    np.testing.assert_allclose(motions[0], np.eye(4), atol=1e-12)
+    angles = np.sort(Rotation.from_matrix(motions[:, :3, :3]).as_rotvec()[:, 2] % (2 * np.pi))
+    np.testing.assert_allclose(angles, np.arange(8) * np.pi / 4, atol=1e-9)
+    for height in (-0.1, 0.3):
+        on_axis = np.array([0.01, 0.02, height, 1.0])
+        np.testing.assert_allclose(motions @ on_axis, np.tile(on_axis, (8, 1)), atol=1e-12)
+
+
+def test_both_kinds_combine():
+    flip = np.diag([1.0, -1.0, -1.0, 1.0])
+    info = {
+        "symmetries_discrete": [flip.ravel().tolist()],
+        "symmetries_continuous": [{"axis": [0, 0, 1], "offset": [0, 0, 0]}],
+    }
+    motions = symmetry_motions(info, 4)
+    assert len(motions) == 8
+    np.testing.assert_array_equal(motions[0], np.eye(4))
+    assert len({tuple(np.round(motion, 6).ravel() + 0.0) for motion in motions}) == 8
+    # A cylinder's rim, top and bottom, maps onto itself.
+    angles = np.arange(4) * np.pi / 2
+    rim = np.stack([np.cos(angles), np.sin(angles), np.ones(4), np.ones(4)], axis=1)
+    rim = np.concatenate([rim, rim * [1, 1, -1, 1]])
+    for motion in motions:
+        moved = rim @ motion.T
+        assert all(np.linalg.norm(rim - point, axis=1).min() < 1e-9 for point in moved)
+
+
+def test_symmetries_of_linemod_leave_the_surfaces_where_they_are(shared_data):
+    objects = {"bowl": BOWL, "eggbox": ObjectSettings(10, None, None)}
+    models = load_object_models(shared_data / "lm", objects, 2000, 12)
+    assert {key: len(model.symmetries) for key, model in models.items()} == {3: 12, 10: 2}
+    for model in models.values():
+        tree = cKDTree(model.mesh.vertices)
+        for motion in model.symmetries[1:4]:
+            moved = model.mesh.vertices[::50] @ motion[:3, :3].T + motion[:3, 3]
+            assert tree.query(moved)[0].mean() < 0.003, model.name
