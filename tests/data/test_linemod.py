@@ -1,0 +1,122 @@
+import cv2
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from hlp.data.linemod import LinemodFrames, load_object_models, read_dpt, read_matrix
+from hlp.data.object_models import ObjectSettings
+
+K = [572.4, 0, 40, 0, 573.6, 30, 0, 0, 1]
+TURN = Rotation.from_euler("xyz", [0.3, -0.2, 0.9]).as_matrix()
+IDS = {"ape": 1, "cat": 6}
+
+
+def _write_dpt(path, raw):
+    path.write_bytes(np.array(raw.shape, "<i4").tobytes() + raw.astype("<u2").tobytes())
+
+
+def _write_matrix(path, matrix):
+    rows = [" ".join(f"{value:.6f}" for value in row) for row in matrix]
+    path.write_text("\n".join([f"{matrix.shape[1]} {matrix.shape[0]}", *rows, ""]))
+
+
+@pytest.fixture
+def root(tmp_path):
+    for name, numbers in (("ape", (0, 2, 10)), ("cat", (0,))):
+        data = tmp_path / name / "data"
+        data.mkdir(parents=True)
+        box = trimesh.creation.box((70, 80, 90))
+        (data.parent / "mesh.ply").write_bytes(box.export(file_type="ply"))
+        for number in numbers:
+            color = np.full((60, 80, 3), number * 10 + 5, np.uint8)
+            cv2.imwrite(str(data / f"color{number}.jpg"), color)
+            _write_dpt(data / f"depth{number}.dpt", np.full((60, 80), 1000 + number))
+            _write_matrix(data / f"rot{number}.rot", TURN)
+            _write_matrix(data / f"tra{number}.tra", np.array([[1.0], [-2.0], [100.0 + number]]))
+    return tmp_path
+
+
+def test_frames_are_found_in_numeric_order(root):
+    frames = LinemodFrames(root, IDS, K)
+    assert frames.keys == ("000001_000000", "000001_000002", "000001_000010", "000006_000000")
+    assert len(frames) == 4
+
+
+def test_a_frame_comes_in_metres(root):
+    frame = LinemodFrames(root, IDS, K).load("000001_000010")
+    assert frame.key == "000001_000010"
+    assert frame.rgb.shape == (60, 80, 3) and abs(int(frame.rgb[5, 5, 0]) - 105) < 3
+    np.testing.assert_allclose(frame.depth, 1.010, rtol=1e-6)
+    np.testing.assert_array_equal(frame.camera_matrix.ravel(), K)
+    (target,) = frame.targets
+    assert target.object_id == 1 and np.isnan(target.visible_fraction)
+    np.testing.assert_allclose(target.pose_cam_obj[:3, 3], [0.01, -0.02, 1.10])
+    rotation = target.pose_cam_obj[:3, :3]
+    np.testing.assert_allclose(rotation, TURN, atol=1e-6)
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+
+
+def test_depth_keeps_rows_and_columns_apart(tmp_path):
+    raw = np.arange(12).reshape(3, 4)
+    _write_dpt(tmp_path / "a.dpt", raw)
+    np.testing.assert_array_equal(read_dpt(tmp_path / "a.dpt"), raw)
+
+
+@pytest.mark.parametrize("length", [0, 5, 8, 20, 31, 33])
+def test_depth_of_the_wrong_length_is_an_error_that_names_the_file(tmp_path, length):
+    path = tmp_path / "cut.dpt"
+    _write_dpt(path, np.arange(12).reshape(3, 4))
+    path.write_bytes((path.read_bytes() + b"\0" * 9)[:length])
+    with pytest.raises(ValueError, match=r"cut\.dpt is truncated"):
+        read_dpt(path)
+
+
+def test_empty_depth_is_an_error(root):
+    _write_dpt(root / "cat/data/depth0.dpt", np.zeros((60, 80)))
+    with pytest.raises(ValueError, match=r"depth0\.dpt has no depth"):
+        LinemodFrames(root, IDS, K).load("000006_000000")
+
+
+@pytest.mark.parametrize("text", ["3 3\n1 2 3\n", "3 3\n1 2 3 4 nan 6 7 8 9\n", "3 3\na b c\n", ""])
+def test_a_broken_pose_is_an_error_that_names_the_file(tmp_path, text):
+    path = tmp_path / "rot0.rot"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=r"rot0\.rot"):
+        read_matrix(path, 9)
+
+
+def test_absent_files_are_named(root):
+    (root / "cat/data/tra0.tra").unlink()
+    with pytest.raises(FileNotFoundError, match=r"tra0\.tra"):
+        LinemodFrames(root, IDS, K).load("000006_000000")
+    (root / "ape/data/depth0.dpt").unlink()
+    with pytest.raises(FileNotFoundError, match=r"depth0\.dpt"):
+        LinemodFrames(root, IDS, K).load("000001_000000")
+    with pytest.raises(FileNotFoundError, match="duck"):
+        len(LinemodFrames(root, {"duck": 9}, K))
+    with pytest.raises(KeyError, match="000001_000007"):
+        LinemodFrames(root, IDS, K).load("000001_000007")
+
+
+def test_intrinsics_of_another_shape_name_their_key():
+    with pytest.raises(ValueError, match=r"data\.camera_matrix"):
+        LinemodFrames("unused", IDS, [1.0, 2.0])
+
+
+def test_models_come_from_each_objects_folder(root):
+    objects = {"ape": ObjectSettings(1, 80.0, 30.0), "cat": ObjectSettings(6, None, None)}
+    models = load_object_models(root, objects, 2000, mesh_scale=0.001)
+    assert [(key, model.name) for key, model in models.items()] == [(1, "ape"), (6, "cat")]
+    assert models[6].diameter == pytest.approx(np.sqrt(0.07**2 + 0.08**2 + 0.09**2))
+    np.testing.assert_array_equal(models[6].symmetries, np.eye(4)[None])
+    with pytest.raises(ValueError, match="unit"):
+        load_object_models(root, objects, 2000, mesh_scale=1.0)
+
+
+def test_identity_changes_with_content_and_intrinsics(root):
+    before = LinemodFrames(root, IDS, K).identity()
+    assert LinemodFrames(root, IDS, K).identity() == before
+    assert LinemodFrames(root, IDS, [573.0, *K[1:]]).identity() != before
+    _write_matrix(root / "cat/data/tra0.tra", np.array([[1.0], [-2.0], [100.5]]))
+    assert LinemodFrames(root, IDS, K).identity() != before
