@@ -109,9 +109,13 @@ class _Judge:
             free = [i for i, pose in enumerate(matched) if pose is None]
             pose = estimate.pose_cam_obj
             if pose is not None and free:
-                best = min(free, key=lambda i: self._ad(pose, targets[i].pose_cam_obj))
-                matched[best] = pose
+                matched[self._closest(targets, free, pose)] = pose
         return matched
+
+    def _closest(self, targets: Sequence[Target], free: Sequence[int], pose: Pose) -> int:
+        if len(free) == 1:
+            return free[0]
+        return min(free, key=lambda i: self._ad(pose, targets[i].pose_cam_obj))
 
     def _ad(self, estimated: Pose, true: Pose) -> float:
         if self._symmetric:
