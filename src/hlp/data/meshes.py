@@ -62,12 +62,13 @@ def decimate(mesh: Mesh, faces: int) -> Mesh:
     # Triangle soups (STL, textured OBJ) would fall apart: weld equal positions first.
     welded, index = np.unique(mesh.vertices, axis=0, return_inverse=True)
     triangles = index.reshape(-1)[mesh.faces].astype(np.int32)
+    # In metres the library's tolerances are as large as the details: it works in millimetres.
     points, kept = fast_simplification.simplify(
-        welded.astype(np.float32), triangles, target_count=faces
+        (welded * 1000.0).astype(np.float32), triangles, target_count=faces
     )
     if len(kept) == 0:
         raise ValueError(f"decimating {len(mesh.faces)} triangles to {faces} leaves none")
-    vertices = np.asarray(points, dtype=np.float64)
+    vertices = np.asarray(points, dtype=np.float64) / 1000.0
     _, nearest = cKDTree(mesh.vertices).query(vertices)
     kept = np.asarray(kept, dtype=np.int32)
     return Mesh(vertices, kept, mesh.colors[nearest], _vertex_normals(vertices, kept))

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from hlp.data.meshes import decimate, load_mesh, mesh_diameter
 from hlp.data.patch_sizes import holistic_size, local_size
-from hlp.records import ObjectModel
+from hlp.records import Mesh, ObjectModel
 
 _MM = 1e-3
 
@@ -71,10 +71,16 @@ def check_unique(objects: Mapping[str, ObjectSettings]) -> None:
 def model_identity(model: ObjectModel) -> str:
     """Hash of an object's geometry: mesh, proxy, diameter, symmetries (not its patch sizes)."""
     digest = hashlib.blake2b(f"{model.object_id} {model.diameter!r}".encode(), digest_size=16)
-    arrays = [model.symmetries]
-    for mesh in (model.mesh, model.proxy):
-        arrays += [mesh.vertices, mesh.faces, mesh.colors, mesh.normals]
-    for array in arrays:
+    for part in (mesh_identity(model.mesh), mesh_identity(model.proxy)):
+        digest.update(part.encode())
+    digest.update(np.ascontiguousarray(model.symmetries).tobytes())
+    return digest.hexdigest()
+
+
+def mesh_identity(mesh: Mesh) -> str:
+    """Hash of a mesh's vertices, faces, colours and normals."""
+    digest = hashlib.blake2b(digest_size=16)
+    for array in (mesh.vertices, mesh.faces, mesh.colors, mesh.normals):
         digest.update(f"\0{array.dtype.str}{array.shape}".encode())
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()

@@ -1,0 +1,1 @@
+"""Codebook of local features and the search for nearest neighbours in it (paper, section 3.2)."""

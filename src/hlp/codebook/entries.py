@@ -1,0 +1,67 @@
+"""Entries of a codebook: what is stored with each feature, and where it is kept on disk."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from hlp.geometry import turn_to_ray
+from hlp.records import Codebook
+
+
+@dataclass(frozen=True)
+class EntrySettings:
+    """`patches_per_view` local patches are drawn from every view."""
+
+    patches_per_view: int
+
+
+def make_codebook(
+    object_id: int,
+    features: Float[np.ndarray, "m d"],
+    points_cam: Float[np.ndarray, "m 3"],
+    poses_cam_obj: Float[np.ndarray, "m 4 4"],
+    feature_scale: float,
+) -> Codebook:
+    """Label features with what they vote for.
+
+    `points_cam` are the patch centres in their view's camera, `poses_cam_obj` the view's pose.
+    The rotation is stored relative to the patch's viewing ray, so that it can be turned to any
+    other ray at test time.
+    """
+    rotations = poses_cam_obj[:, :3, :3]
+    along_axis = np.swapaxes(turn_to_ray(points_cam), -1, -2) @ rotations
+    from_view = points_cam - poses_cam_obj[:, :3, 3]
+    points_obj = np.einsum("mij,mi->mj", rotations, from_view)
+    return Codebook(
+        object_id,
+        features.astype(np.float32),
+        along_axis.astype(np.float32),
+        points_obj.astype(np.float32),
+        feature_scale,
+    )
+
+
+def save_codebook(folder: Path, codebook: Codebook) -> None:
+    """Write a codebook as one .npz file."""
+    np.savez(
+        folder / "codebook.npz",
+        object_id=codebook.object_id,
+        features=codebook.features,
+        rotations=codebook.rotations_cam_obj,
+        points=codebook.points_obj,
+        feature_scale=codebook.feature_scale,
+    )
+
+
+def load_codebook(folder: Path) -> Codebook:
+    """Read what `save_codebook` wrote."""
+    with np.load(folder / "codebook.npz") as stored:
+        return Codebook(
+            int(stored["object_id"]),
+            stored["features"],
+            stored["rotations"],
+            stored["points"],
+            float(stored["feature_scale"]),
+        )

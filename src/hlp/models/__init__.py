@@ -1,0 +1,1 @@
+"""Networks with their Lightning modules: the holistic classifier and the local encoders."""

@@ -1,0 +1,86 @@
+"""What separates a render from a photograph, drawn anew for every batch (torch, vectorised).
+
+Random light, white balance, exposure, blur, noise, occluders and backgrounds decide whether a
+network trained on renders works on real pictures. All draws come from the generator given, so a
+batch is a function of (seed, step).
+"""
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+_GREY = torch.tensor([0.299, 0.587, 0.114])
+
+
+def uniform(gen: torch.Generator, shape: tuple[int, ...], low: float, high: float) -> Tensor:
+    """Uniform draws in [low, high)."""
+    return torch.rand(shape, generator=gen) * (high - low) + low
+
+
+def normal(gen: torch.Generator, shape: tuple[int, ...], sigma: float) -> Tensor:
+    """Normal draws about zero."""
+    return torch.randn(shape, generator=gen) * sigma
+
+
+def vary_surface(color: Tensor, gen: torch.Generator) -> Tensor:
+    """White balance (σ .2), exposure and saturation of an object's own colour (n, 3, h, w), 0…1."""
+    n = len(color)
+    gain = torch.exp(normal(gen, (n, 3, 1, 1), 0.2) + uniform(gen, (n, 1, 1, 1), -0.7, 0.35))
+    grey = torch.einsum("nchw,c->nhw", color, _GREY)[:, None]
+    saturation = (1.0 + normal(gen, (n, 1, 1, 1), 0.3)).clamp(min=0.0)
+    return (grey + (color - grey) * saturation) * gain
+
+
+def vary_camera(color: Tensor, gen: torch.Generator) -> Tensor:
+    """Exposure, gamma, contrast, blur (half of the images) and noise of whole images, 0…1."""
+    n = len(color)
+    color = color * torch.exp(uniform(gen, (n, 1, 1, 1), -0.7, 0.2))
+    color = color.clamp(0.0, 1.0) ** torch.exp(normal(gen, (n, 1, 1, 1), 0.2))
+    mean = color.mean(dim=(1, 2, 3), keepdim=True)
+    color = mean + (color - mean) * (1.0 + normal(gen, (n, 1, 1, 1), 0.2)).clamp(min=0.3)
+    color = blur(color, gen, share=0.5)
+    noise = normal(gen, tuple(color.shape), 1.0)
+    return (color + noise * uniform(gen, (n, 1, 1, 1), 0.0, 0.04)).clamp(0.0, 1.0)
+
+
+def blur(image: Tensor, gen: torch.Generator, share: float) -> Tensor:
+    """Binomial 3 × 3 blur, once or twice, of a share of the images (n, c, h, w)."""
+    kernel = torch.tensor([0.25, 0.5, 0.25])
+    square = (kernel[:, None] * kernel)[None, None].expand(image.shape[1], 1, 3, 3)
+
+    def smooth(x: Tensor) -> Tensor:
+        padded = functional.pad(x, (1, 1, 1, 1), mode="replicate")
+        return functional.conv2d(padded, square, groups=image.shape[1])
+
+    drawn = torch.rand((len(image), 1, 1, 1), generator=gen)
+    once = smooth(image)
+    return torch.where(drawn < share / 2, smooth(once), torch.where(drawn < share, once, image))
+
+
+def rectangles(
+    gen: torch.Generator, n: int, size: int, share: float, low: float, high: float
+) -> Tensor:
+    """Masks (n, size, size) of one rectangle each, sides `low`…`high` of the image's; bool.
+
+    Rectangles lean against the border as often as not, since occluders rarely end inside.
+    """
+    extent = uniform(gen, (n, 2), low, high)
+    start = uniform(gen, (n, 2), -0.3, 1.0)
+    axis = (torch.arange(size) + 0.5) / size
+    inside = (axis > start[..., None]) & (axis < (start + extent)[..., None])
+    drawn = torch.rand(n, generator=gen) < share
+    return inside[:, 0, :, None] & inside[:, 1, None, :] & drawn[:, None, None]
+
+
+def random_planes(gen: torch.Generator, n: int, size: int, low: float, high: float) -> Tensor:
+    """Slanted planes (n, size, size): offset drawn in low…high, slope up to ±1 over the image."""
+    axis = torch.linspace(-0.5, 0.5, size)
+    offset = uniform(gen, (n, 1, 1), low, high)
+    slope = normal(gen, (n, 2, 1, 1), 0.5)
+    return offset + slope[:, 0] * axis[:, None] + slope[:, 1] * axis[None, :]
+
+
+def smooth_noise(gen: torch.Generator, n: int, size: int, cells: int) -> Tensor:
+    """Smooth random fields (n, size, size) of unit variance at the grid of `cells`."""
+    coarse = torch.randn((n, 1, cells, cells), generator=gen)
+    return functional.interpolate(coarse, size=(size, size), mode="bilinear")[:, 0]

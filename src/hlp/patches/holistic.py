@@ -1,0 +1,142 @@
+"""Holistic patches: windows of an object's metric size (paper, section 3.1, Eq. 1)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from hlp.patches.sampling import sample_squares
+from hlp.records import Region
+
+
+@dataclass(frozen=True)
+class HolisticSettings:
+    """What a window is: `resolution` px of its side after resizing, `channels` `rgb` (the paper)
+    or `rgbd`."""
+
+    resolution: int
+    channels: str
+
+
+@dataclass(frozen=True)
+class RegionSettings:
+    """Where windows lie and how their probabilities become a region.
+
+    `step` px between windows. A window is accepted where the target is the most likely class
+    (`threshold` 0, the paper) or where its probability exceeds `threshold`; with fewer than
+    `min_windows` accepted, that many of the most probable ones are taken.
+    """
+
+    step: int
+    threshold: float
+    min_windows: int
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Window centres (x, y), the depth (m) that sets their side, and the side in pixels."""
+
+    centers: Float[np.ndarray, "n 2"]
+    depths: Float[np.ndarray, "n"]
+    sides: Float[np.ndarray, "n"]
+
+
+def pixel_grid(shape: tuple[int, int], step: int) -> Int[np.ndarray, "n 2"]:
+    """Pixels (x, y) every `step` px, half a step away from the border, row by row."""
+    y, x = np.mgrid[step // 2 : shape[0] : step, step // 2 : shape[1] : step]
+    return np.stack([x.ravel(), y.ravel()], axis=1)
+
+
+def center_depths(
+    depth: Float[np.ndarray, "h w"], pixels: Int[np.ndarray, "n 2"], radius: int = 1
+) -> Float[np.ndarray, "n"]:
+    """Median of the depths (m) present in the small square around each pixel; 0 where none is."""
+    padded = np.pad(depth, radius)
+    offsets = range(2 * radius + 1)
+    x, y = pixels[:, 0], pixels[:, 1]
+    near = np.stack([padded[y + dy, x + dx] for dy in offsets for dx in offsets], axis=1)
+    near = np.sort(np.where(near > 0, near, np.inf), axis=1)
+    present = np.isfinite(near).sum(axis=1)
+    middle = near[np.arange(len(near)), np.maximum(present - 1, 0) // 2]
+    return np.where(present > 0, middle, 0.0).astype(np.float32)
+
+
+def metric_windows(
+    depth: Float[np.ndarray, "h w"],
+    camera_matrix: Float[np.ndarray, "3 3"],
+    metric_size: float,
+    step: int,
+) -> Windows:
+    """Windows on a grid, each of side f·s/z (Eq. 1) for an object of size s (m).
+
+    z is the depth at the window's centre; where it is missing there is no window.
+    """
+    centers = pixel_grid((depth.shape[0], depth.shape[1]), step)
+    z = center_depths(depth, centers)
+    kept = z > 0
+    focal = float(camera_matrix[0, 0] + camera_matrix[1, 1]) / 2
+    sides = focal * metric_size / z[kept]
+    return Windows(centers[kept].astype(np.float64), z[kept], sides)
+
+
+def cut_windows(
+    rgb: UInt8[np.ndarray, "h w 3"],
+    depth: Float[np.ndarray, "h w"],
+    windows: Windows,
+    metric_size: float,
+    resolution: int,
+) -> tuple[UInt8[np.ndarray, "n p p 3"], UInt8[np.ndarray, "n p p"]]:
+    """Colour and depth of windows, resized. Depth is coded by `depth_code`."""
+    color = sample_squares(rgb, windows.centers, windows.sides, resolution)
+    raw = sample_squares(depth, windows.centers, windows.sides, resolution, nearest=True)
+    return color, depth_code(raw, windows.depths, metric_size)
+
+
+def depth_code(
+    depth: Float[np.ndarray, "n p p"], center: Float[np.ndarray, "n"], metric_size: float
+) -> UInt8[np.ndarray, "n p p"]:
+    """Depth relative to the centre's in units of the metric size, clamped to ±1, as 1 … 254.
+
+    Missing depth becomes 255, next to what lies far behind: both say "not the object".
+    """
+    relative = (depth - center[:, None, None]) / metric_size
+    code = np.clip(np.rint(relative * 127.0), -127, 126) + 128.0
+    return np.where(depth > 0, code, 255.0).astype(np.uint8)
+
+
+def candidate_region(
+    object_id: int,
+    windows: Windows,
+    probabilities: Float[np.ndarray, "n"],
+    is_best: Bool[np.ndarray, "n"],
+    shape: tuple[int, int],
+    settings: RegionSettings,
+) -> Region:
+    """Union of the accepted windows (paper, section 3.1).
+
+    `is_best` tells where the object is the arg-max class.
+    """
+    accepted = is_best if settings.threshold == 0 else probabilities > settings.threshold
+    if accepted.sum() < settings.min_windows and len(probabilities):
+        order = np.argsort(-probabilities, kind="stable")[: settings.min_windows]
+        accepted = accepted.copy()
+        accepted[order] = True
+    mask = _union_of_squares(windows.centers[accepted], windows.sides[accepted] / 2, shape)
+    return Region(object_id, windows.centers, probabilities, mask)
+
+
+def _union_of_squares(
+    centers: Float[np.ndarray, "n 2"], reach: Float[np.ndarray, "n"], shape: tuple[int, int]
+) -> Bool[np.ndarray, "h w"]:
+    """Pixels within any square: corners are counted in a table that is then summed twice."""
+    height, width = shape
+    left, top = np.rint(centers - reach[:, None]).astype(int).T
+    right, bottom = np.rint(centers + reach[:, None]).astype(int).T + 1
+    left, right = np.clip(left, 0, width), np.clip(right, 0, width)
+    top, bottom = np.clip(top, 0, height), np.clip(bottom, 0, height)
+    table = np.zeros((height + 1, width + 1), dtype=np.int32)
+    np.add.at(table, (top, left), 1)
+    np.add.at(table, (bottom, right), 1)
+    np.add.at(table, (top, right), -1)
+    np.add.at(table, (bottom, left), -1)
+    return np.asarray(table.cumsum(axis=0).cumsum(axis=1)[:height, :width] > 0)

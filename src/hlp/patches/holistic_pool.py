@@ -1,0 +1,202 @@
+"""Training windows for the holistic classifier, baked once from the views (paper, section 3.1).
+
+A pool holds geometry and light; backgrounds, occluders and colour are drawn anew for every batch
+(`hlp.patches.augmentation`), which costs a tenth of cutting windows anew.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from hlp.geometry import project
+from hlp.patches.holistic import Windows, cut_windows
+from hlp.patches.sampling import bleed_color
+from hlp.records import Frame, Views
+
+BACKGROUND = 0
+
+
+@dataclass(frozen=True)
+class HolisticPoolSettings:
+    """What the classifier is shown.
+
+    `per_object` windows are cut from each object's views, of them a share `off_center` badly
+    centred and `wrong_scale` of another object's size, both labelled background;
+    `background_share` of each batch is background alone. A window counts as centred within
+    `center_tolerance` of its side from the object's centroid, as badly centred beyond
+    `off_center_from`; what lies between is not shown. `scale_jitter` is relative.
+    `backgrounds` crops are kept of photographs and of RGB-D frames each.
+    """
+
+    per_object: int
+    off_center: float
+    wrong_scale: float
+    background_share: float
+    center_tolerance: float
+    off_center_from: float
+    scale_jitter: float
+    backgrounds: int
+
+
+@dataclass(frozen=True)
+class HolisticPool:
+    """Windows of objects (`mask` tells object from void) with labels, 0 for background."""
+
+    color: UInt8[np.ndarray, "n p p 3"]
+    depth: UInt8[np.ndarray, "n p p"]
+    mask: Bool[np.ndarray, "n p p"]
+    labels: Int[np.ndarray, "n"]
+
+
+@dataclass(frozen=True)
+class BackgroundPool:
+    """Crops to stand behind objects; `depth` is coded as in windows, 0 where none was measured."""
+
+    color: UInt8[np.ndarray, "n p p 3"]
+    depth: UInt8[np.ndarray, "n p p"]
+
+
+def bake_windows(
+    views: Views,
+    label: int,
+    metric_size: float,
+    other_sizes: Sequence[float],
+    centroid: Float[np.ndarray, "3"],
+    resolution: int,
+    settings: HolisticPoolSettings,
+    rng: np.random.Generator,
+) -> HolisticPool:
+    """Cut one object's training windows by the rule that holds at test time.
+
+    The window's side comes from the surface depth at its centre, never from the object's centroid.
+    """
+    per_view = int(np.ceil(settings.per_object / len(views)))
+    order = rng.permutation(len(views))[: int(np.ceil(settings.per_object / per_view))]
+    parts = [
+        _view_windows(views, int(i), per_view, label, metric_size, other_sizes, centroid,
+                      resolution, settings, rng)
+        for i in np.sort(order)
+    ]
+    return join_pools(parts)
+
+
+def join_pools(pools: Sequence[HolisticPool]) -> HolisticPool:
+    """Put the windows of several pools into one."""
+    return HolisticPool(
+        np.concatenate([p.color for p in pools]),
+        np.concatenate([p.depth for p in pools]),
+        np.concatenate([p.mask for p in pools]),
+        np.concatenate([p.labels for p in pools]),
+    )
+
+
+def bake_backgrounds(
+    photograph_crops: UInt8[np.ndarray, "n p p 3"],
+    frames: Sequence[Frame],
+    metric_sizes: Sequence[float],
+    resolution: int,
+    count: int,
+    rng: np.random.Generator,
+) -> BackgroundPool:
+    """Crops of photographs (no depth) and windows of RGB-D frames that hold no object."""
+    colors, depths = [photograph_crops], [np.zeros(photograph_crops.shape[:3], dtype=np.uint8)]
+    for frame in frames:
+        color, depth = _frame_windows(frame, metric_sizes, resolution, count // len(frames), rng)
+        colors.append(color)
+        depths.append(depth)
+    return BackgroundPool(np.concatenate(colors), np.concatenate(depths))
+
+
+def _view_windows(
+    views: Views,
+    index: int,
+    count: int,
+    label: int,
+    metric_size: float,
+    other_sizes: Sequence[float],
+    centroid: Float[np.ndarray, "3"],
+    resolution: int,
+    settings: HolisticPoolSettings,
+    rng: np.random.Generator,
+) -> HolisticPool:
+    depth = np.asarray(views.depth[index])
+    focal = float(views.camera_matrix[0, 0])
+    pose = views.poses_cam_obj[index]
+    center_cam = pose[:3, :3] @ centroid + pose[:3, 3]
+    middle = project(center_cam, views.camera_matrix)
+    kinds = rng.random(count)
+    off_center = kinds < settings.off_center
+    wrong_scale = ~off_center & (kinds < settings.off_center + settings.wrong_scale)
+    pixels, z = _window_centers(depth, middle, focal, metric_size, off_center, settings, rng)
+    size = metric_size * np.exp(rng.uniform(-1, 1, count) * np.log1p(settings.scale_jitter))
+    other = rng.choice(np.asarray(other_sizes), count)
+    far_scale = np.abs(np.log(other / metric_size)) > np.log(1.3)
+    stretched = metric_size * np.where(rng.random(count) < 0.5, 0.55, 1.8)
+    size = np.where(wrong_scale, np.where(far_scale, other, stretched), size)
+    windows = Windows(pixels.astype(np.float64), z, focal * size / z)
+    rgb = bleed_color(np.asarray(views.rgb[index]), depth > 0)
+    scaled = [
+        cut_windows(rgb, depth, _one(windows, i), float(size[i]), resolution)
+        for i in range(count)
+    ]
+    color = np.concatenate([c for c, _ in scaled])
+    code = np.concatenate([d for _, d in scaled])
+    labels = np.where(off_center | wrong_scale, BACKGROUND, label)
+    return HolisticPool(color, code, code < 255, labels.astype(np.int64))
+
+
+def _one(windows: Windows, i: int) -> Windows:
+    return Windows(windows.centers[i : i + 1], windows.depths[i : i + 1], windows.sides[i : i + 1])
+
+
+def _window_centers(
+    depth: Float[np.ndarray, "s s"],
+    middle: Float[np.ndarray, "2"],
+    focal: float,
+    metric_size: float,
+    off_center: Bool[np.ndarray, "n"],
+    settings: HolisticPoolSettings,
+    rng: np.random.Generator,
+) -> tuple[Int[np.ndarray, "n 2"], Float[np.ndarray, "n"]]:
+    """Centres (x, y) near the centroid or away from it, and the depths that size the windows."""
+    size = depth.shape[0]
+    y, x = np.mgrid[:size, :size]
+    on_object = depth > 0
+    typical = float(np.median(depth[on_object]))
+    shift = np.hypot(x - middle[0], y - middle[1]) * typical / focal / metric_size
+    near = np.flatnonzero(on_object & (shift < settings.center_tolerance))
+    if len(near) == 0:
+        near = np.flatnonzero(on_object)
+    away = np.flatnonzero((shift > settings.off_center_from) & (shift < 1.0))
+    if len(away) == 0:
+        away = near
+    chosen = np.where(off_center, rng.choice(away, len(off_center)), rng.choice(near, len(off_center)))
+    z = depth.ravel()[chosen]
+    behind = typical + rng.uniform(-0.05, 0.15, len(chosen))
+    return np.stack([chosen % size, chosen // size], axis=1), np.where(z > 0, z, behind)
+
+
+def _frame_windows(
+    frame: Frame,
+    metric_sizes: Sequence[float],
+    resolution: int,
+    count: int,
+    rng: np.random.Generator,
+) -> tuple[UInt8[np.ndarray, "n p p 3"], UInt8[np.ndarray, "n p p"]]:
+    y, x = np.nonzero(frame.depth > 0)
+    colors = [np.zeros((0, resolution, resolution, 3), np.uint8)]
+    depths = [np.zeros((0, resolution, resolution), np.uint8)]
+    if len(x) == 0:
+        return colors[0], depths[0]
+    focal = float(frame.camera_matrix[0, 0])
+    for size, share in zip(*np.unique(rng.choice(metric_sizes, count), return_counts=True)):
+        chosen = rng.integers(len(x), size=share)
+        z = frame.depth[y[chosen], x[chosen]]
+        centers = np.stack([x[chosen], y[chosen]], axis=1).astype(np.float64)
+        windows = Windows(centers, z, focal * size / z)
+        color, code = cut_windows(frame.rgb, frame.depth, windows, float(size), resolution)
+        colors.append(color)
+        depths.append(code)
+    return np.concatenate(colors), np.concatenate(depths)

@@ -1,0 +1,189 @@
+"""Training pairs for the contrastive encoder and patches for the CAE (stage 2)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from hlp.geometry import back_project, project, transform
+from hlp.patches.holistic import pixel_grid
+from hlp.patches.local import LocalSettings, cut_local_patches
+from hlp.patches.sampling import bleed_color
+from hlp.records import Frame, LocalPatches, Views
+
+_FRAME_MIN_VALID = 0.2
+_FIELDS = tuple(LocalPatches.__dataclass_fields__)
+_SAME_SURFACE = 0.005  # m: a point is visible in a view whose depth agrees this well
+
+
+@dataclass(frozen=True)
+class PairSettings:
+    """Which patches count as the same: one surface point in two views.
+
+    `per_object` pairs; the partner view lies within `max_angle_deg` of the first (or is it).
+    """
+
+    per_object: int
+    max_angle_deg: float
+
+
+@dataclass(frozen=True)
+class PairPool:
+    """Pairs of local patches that show one surface point, with what tells pairs apart.
+
+    `sizes` (m) of the patches, `points_obj` the point (m), `rotations` of the first view.
+    """
+
+    color: UInt8[np.ndarray, "n 2 p p 3"]
+    depth: Float[np.ndarray, "n 2 p p"]
+    valid: Bool[np.ndarray, "n 2 p p"]
+    sizes: Float[np.ndarray, "n"]
+    object_ids: Int[np.ndarray, "n"]
+    points_obj: Float[np.ndarray, "n 3"]
+    rotations: Float[np.ndarray, "n 3 3"]
+
+
+def bake_pairs(
+    views: Views,
+    metric_size: float,
+    local: LocalSettings,
+    pairs: PairSettings,
+    rng: np.random.Generator,
+) -> PairPool:
+    """Cut pairs of patches around the same surface point in neighbouring views of one object."""
+    first, second = _neighbouring_views(views, pairs, rng)
+    pixels, points_obj = _surface_points(views, first, rng)
+    partner_pixels, visible = _seen_from(views, second, points_obj)
+    # Where the partner does not see the point the pair is the patch with itself.
+    second = np.where(visible, second, first)
+    partner_pixels = np.where(visible[:, None], partner_pixels, pixels)
+    size = metric_size * local.size_scale
+    a = _cut_by_view(views, first, pixels, size, local)
+    b = _cut_by_view(views, second, partner_pixels, size, local)
+    count = len(first)
+    return PairPool(
+        np.stack([a.color, b.color], axis=1),
+        np.stack([a.depth, b.depth], axis=1).astype(np.float16),
+        np.stack([a.valid, b.valid], axis=1),
+        np.full(count, size, dtype=np.float32),
+        np.full(count, views.object_id),
+        points_obj.astype(np.float32),
+        views.poses_cam_obj[first, :3, :3].astype(np.float32),
+    )
+
+
+def join_pairs(pools: Sequence[PairPool]) -> PairPool:
+    """Put the pairs of several objects into one pool."""
+    return PairPool(
+        *(
+            np.concatenate([getattr(pool, name) for pool in pools])
+            for name in PairPool.__dataclass_fields__
+        )
+    )
+
+
+def bake_frame_patches(
+    frames: Sequence[Frame],
+    metric_sizes: Sequence[float],
+    per_frame: int,
+    local: LocalSettings,
+    rng: np.random.Generator,
+) -> list[LocalPatches]:
+    """Local patches of any RGB-D frames, at sizes drawn among the objects' (for the CAE)."""
+    found = []
+    for frame in frames:
+        shape = (frame.depth.shape[0], frame.depth.shape[1])
+        grid = pixel_grid(shape, 2)
+        for size in metric_sizes:
+            chosen = rng.choice(len(grid), per_frame // len(metric_sizes), replace=False)
+            patches = cut_local_patches(
+                frame.rgb, frame.depth, frame.camera_matrix, grid[chosen],
+                size * local.size_scale, local, _FRAME_MIN_VALID,
+            )
+            found.append(patches)
+    return found
+
+
+def _neighbouring_views(
+    views: Views, pairs: PairSettings, rng: np.random.Generator
+) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
+    first = np.sort(rng.integers(len(views), size=pairs.per_object))
+    flat = views.poses_cam_obj[:, :3, :3].reshape(-1, 9)
+    limit = 1.0 + 2.0 * np.cos(np.deg2rad(pairs.max_angle_deg))
+    second = np.empty_like(first)
+    for view in np.unique(first):
+        rows = np.flatnonzero(first == view)
+        near = np.flatnonzero(flat @ flat[view] >= limit)
+        second[rows] = rng.choice(near, len(rows))
+    return first, second
+
+
+def _surface_points(
+    views: Views, chosen: Int[np.ndarray, "n"], rng: np.random.Generator
+) -> tuple[Int[np.ndarray, "n 2"], Float[np.ndarray, "n 3"]]:
+    pixels = np.empty((len(chosen), 2), dtype=np.int64)
+    points = np.empty((len(chosen), 3))
+    for view in np.unique(chosen):
+        rows = np.flatnonzero(chosen == view)
+        depth = np.asarray(views.depth[view])
+        y, x = np.nonzero(depth > 0)
+        drawn = rng.integers(len(x), size=len(rows))
+        pixels[rows] = np.stack([x[drawn], y[drawn]], axis=1)
+        cam = back_project(pixels[rows], depth[y[drawn], x[drawn]], views.camera_matrix)
+        pose = views.poses_cam_obj[view]
+        points[rows] = (cam - pose[:3, 3]) @ pose[:3, :3]
+    return pixels, points
+
+
+def _seen_from(
+    views: Views, chosen: Int[np.ndarray, "n"], points_obj: Float[np.ndarray, "n 3"]
+) -> tuple[Int[np.ndarray, "n 2"], Bool[np.ndarray, "n"]]:
+    cam = transform(views.poses_cam_obj[chosen], points_obj[:, None, :])[:, 0]
+    size = views.depth.shape[1]
+    pixels = np.clip(np.rint(project(cam, views.camera_matrix)), 0, size - 1).astype(np.int64)
+    depth = np.asarray(views.depth[chosen, pixels[:, 1], pixels[:, 0]])
+    return pixels, (depth > 0) & (np.abs(depth - cam[:, 2]) < _SAME_SURFACE)
+
+
+def _cut_by_view(
+    views: Views,
+    chosen: Int[np.ndarray, "n"],
+    pixels: Int[np.ndarray, "n 2"],
+    size: float,
+    local: LocalSettings,
+) -> LocalPatches:
+    order = np.argsort(chosen, kind="stable")
+    bounds = np.flatnonzero(np.diff(chosen[order])) + 1
+    parts = [cut_view_patches(views, int(chosen[rows[0]]), pixels[rows], size, local)
+             for rows in np.split(order, bounds)]
+    return take_patches(join_patches(parts), np.argsort(order, kind="stable"))
+
+
+def join_patches(parts: Sequence[LocalPatches]) -> LocalPatches:
+    """Put patches of several cuts into one record."""
+    return LocalPatches(
+        *(np.concatenate([getattr(part, name) for part in parts]) for name in _FIELDS)
+    )
+
+
+def take_patches(patches: LocalPatches, rows: Int[np.ndarray, "m"]) -> LocalPatches:
+    """The patches of some rows, in their order."""
+    return LocalPatches(*(getattr(patches, name)[rows] for name in _FIELDS))
+
+
+def cut_view_patches(
+    views: Views,
+    view: int,
+    pixels: Int[np.ndarray, "n 2"],
+    size: float,
+    local: LocalSettings,
+) -> LocalPatches:
+    """Local patches of one view around surface pixels (x, y); every one of them is kept.
+
+    A patch at a thin part has little inside its cube, in the scene as well, so `min_valid` is for
+    scenes only.
+    """
+    depth = np.asarray(views.depth[view])
+    rgb = bleed_color(np.asarray(views.rgb[view]), depth > 0)
+    return cut_local_patches(rgb, depth, views.camera_matrix, pixels, size, local, min_valid=0.0)

@@ -1,0 +1,45 @@
+"""Loader of batches from arrays in memory, in an order that depends on seed and epoch only."""
+
+from collections.abc import Iterator, Mapping
+
+import torch
+from torch import Tensor
+from torch.utils.data import DataLoader, Dataset, Sampler
+
+Batch = dict[str, Tensor]
+
+
+class _PoolDataset(Dataset[Batch]):
+    """Gathers a whole batch at once: a batch of rows is one item."""
+
+    def __init__(self, pool: Mapping[str, Tensor]) -> None:
+        self.pool = dict(pool)
+
+    def __getitem__(self, rows: Tensor) -> Batch:
+        return {name: values[rows] for name, values in self.pool.items()}
+
+
+class _EpochBatches(Sampler[Tensor]):
+    """Permuted batches of rows; Lightning calls `set_epoch`, so that a resumed run goes on as is."""
+
+    def __init__(self, rows: int, batch_size: int, seed: int) -> None:
+        self.rows, self.batch_size, self.seed, self.epoch = rows, batch_size, seed, 0
+
+    def set_epoch(self, epoch: int) -> None:
+        self.epoch = epoch
+
+    def __len__(self) -> int:
+        return max(1, self.rows // self.batch_size)
+
+    def __iter__(self) -> Iterator[Tensor]:
+        gen = torch.Generator().manual_seed(self.seed * 100_003 + self.epoch)
+        order = torch.randperm(self.rows, generator=gen)
+        for start in range(0, len(self) * self.batch_size, self.batch_size):
+            yield order[start : start + self.batch_size]
+
+
+def pool_loader(pool: Mapping[str, Tensor], batch_size: int, seed: int) -> DataLoader[Batch]:
+    """Batches of a pool of equally long tensors; the last, incomplete batch is left out."""
+    rows = len(next(iter(pool.values())))
+    sampler = _EpochBatches(rows, batch_size, seed)
+    return DataLoader(_PoolDataset(pool), sampler=sampler, batch_size=None)

@@ -1,0 +1,103 @@
+"""Square patches of one output size cut from an image, all at once."""
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Num, UInt8
+
+# Bilinear sampling sees 2 x 2 pixels: a patch that shrinks by more than this is cut from a halved
+# image instead (area average), or it would alias.
+MAX_SHRINK = 1.5
+_ROWS_PER_REMAP = 16384  # below the 32767 rows that cv2.remap addresses
+
+
+def sample_squares(
+    image: Num[np.ndarray, "h w *c"],
+    centers: Float[np.ndarray, "n 2"],
+    sides: Float[np.ndarray, "n"],
+    resolution: int,
+    nearest: bool = False,
+    border: float = 0.0,
+) -> Num[np.ndarray, "n p p *c"]:
+    """Cut squares of `sides` pixels around `centers` (x, y) and resize them to one resolution.
+
+    Output pixel i samples the image at centre + ((i + ½)/p − ½)·side. `nearest` keeps single
+    measurements apart, as depth needs; otherwise bilinear from an image halved until the shrink is
+    at most 1.5. Outside the image the value is `border`.
+    """
+    out = np.empty((len(centers), resolution, resolution, *image.shape[2:]), dtype=image.dtype)
+    shrink = np.maximum(np.asarray(sides, dtype=np.float64) / resolution / MAX_SHRINK, 1.0)
+    levels = np.zeros(len(centers), dtype=int) if nearest else np.ceil(np.log2(shrink)).astype(int)
+    for level in np.unique(levels):
+        rows = np.flatnonzero(levels == level)
+        factor = 2**level
+        small = _area_shrink(image, factor)
+        x, y = _sample_positions(centers[rows], sides[rows], resolution, factor)
+        out[rows] = _remap(small, x, y, nearest, border)
+    return out
+
+
+def bleed_color(
+    rgb: UInt8[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]
+) -> UInt8[np.ndarray, "h w 3"]:
+    """Continue a view's colours two pixels beyond its silhouette.
+
+    Bilinear sampling at the edge would mix in the void's black, and a network would learn that
+    objects have dark outlines.
+    """
+    weight = cv2.boxFilter(mask.astype(np.float32), -1, (5, 5))
+    blurred = cv2.boxFilter(np.where(mask[..., None], rgb, 0).astype(np.float32), -1, (5, 5))
+    around = blurred / np.maximum(weight, 1e-6)[..., None]
+    return np.where(mask[..., None], rgb, np.clip(around, 0, 255)).astype(np.uint8)
+
+
+def _area_shrink(
+    image: Num[np.ndarray, "h w *c"], factor: int
+) -> Num[np.ndarray, "h2 w2 *c"]:
+    if factor == 1:
+        return image
+    height, width = image.shape[:2]
+    # Cropped to a multiple of the factor, so that every small pixel averages exactly factor²
+    # pixels and its centre is where `_sample_positions` expects it.
+    even = image[: height // factor * factor, : width // factor * factor]
+    size = (width // factor, height // factor)
+    return np.asarray(cv2.resize(even, size, interpolation=cv2.INTER_AREA))
+
+
+def _sample_positions(
+    centers: Float[np.ndarray, "n 2"], sides: Float[np.ndarray, "n"], resolution: int, factor: int
+) -> tuple[Float[np.ndarray, "n p"], Float[np.ndarray, "n p"]]:
+    steps = (np.arange(resolution) + 0.5) / resolution - 0.5
+    offsets = np.asarray(sides)[:, None] * steps
+    x = (centers[:, :1] + offsets + 0.5) / factor - 0.5
+    y = (centers[:, 1:] + offsets + 0.5) / factor - 0.5
+    return x.astype(np.float32), y.astype(np.float32)
+
+
+def _remap(
+    image: Num[np.ndarray, "h w *c"],
+    x: Float[np.ndarray, "n p"],
+    y: Float[np.ndarray, "n p"],
+    nearest: bool,
+    border: float,
+) -> Num[np.ndarray, "n p p *c"]:
+    count, resolution = x.shape
+    chunk = max(1, _ROWS_PER_REMAP // resolution)
+    interpolation = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
+    parts = []
+    for start in range(0, count, chunk):
+        xs, ys = x[start : start + chunk], y[start : start + chunk]
+        shape = (len(xs), resolution, resolution)
+        map_x = np.broadcast_to(xs[:, None, :], shape).reshape(-1, resolution)
+        map_y = np.broadcast_to(ys[:, :, None], shape).reshape(-1, resolution)
+        flat = cv2.remap(
+            image,
+            np.ascontiguousarray(map_x),
+            np.ascontiguousarray(map_y),
+            interpolation,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=(border,) * 4,
+        )
+        parts.append(flat.reshape(*shape, *image.shape[2:]))
+    if not parts:
+        return np.zeros((0, resolution, resolution, *image.shape[2:]), dtype=image.dtype)
+    return np.concatenate(parts)

@@ -1,0 +1,169 @@
+"""Configuration → checked objects, before any stage runs. OmegaConf stops here."""
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from omegaconf import DictConfig, OmegaConf
+from pydantic import TypeAdapter, ValidationError
+
+from hlp.codebook.neighbours import ExactSettings, KdForestSettings
+from hlp.data import bop_models, linemod
+from hlp.data.bop import BopFrames, BopSettings
+from hlp.data.linemod import LinemodFrames, LinemodSettings
+from hlp.data.rgbd_frames import RgbdFrames
+from hlp.data.sources import FrameSource
+from hlp.data.synthetic_objects import demo_objects
+from hlp.data.synthetic_scenes import SyntheticScenes, SyntheticSettings, training_frames
+from hlp.evaluation.settings import EvaluationSettings
+from hlp.models.autoencoder import AutoencoderSettings
+from hlp.models.classifier import ClassifierSettings
+from hlp.models.contrastive import ContrastiveSettings
+from hlp.models.pca import PcaSettings
+from hlp.pipeline.settings import MachineSettings, PatchesSettings, RunSettings, TrainerSettings
+from hlp.pipeline.world import World
+from hlp.refinement.icp import IcpSettings
+from hlp.refinement.none import NoneSettings
+from hlp.refinement.pso import PsoSettings
+from hlp.rendering.views import ViewsSettings
+from hlp.reporting.tracking import TrackingSettings
+from hlp.voting.modes import JointVotingSettings, PaperVotingSettings
+
+# Settings of each group: one class for all its files, or one for each `name`.
+GROUPS: dict[str, type | dict[str, type]] = {
+    "data": {"synthetic": SyntheticSettings, "bop": BopSettings, "linemod": LinemodSettings},
+    "rendering": ViewsSettings,
+    "patches": PatchesSettings,
+    "classifier": ClassifierSettings,
+    "encoder": {
+        "contrastive": ContrastiveSettings,
+        "cae": AutoencoderSettings,
+        "pca": PcaSettings,
+    },
+    "codebook": {"exact": ExactSettings, "kd_forest": KdForestSettings},
+    "voting": {"joint": JointVotingSettings, "paper": PaperVotingSettings},
+    "refinement": {"pso": PsoSettings, "icp": IcpSettings, "none": NoneSettings},
+    "evaluation": EvaluationSettings,
+    "reporting": TrackingSettings,
+    "trainer": TrainerSettings,
+    "machine": MachineSettings,
+}
+_BACKGROUND_FRAMES = 40
+_BACKGROUND_SEED = 1_000_000  # far from the seeds of scenes with targets
+
+
+@dataclass(frozen=True)
+class Run:
+    """Everything a run needs, checked: settings, world, the frames to look at, and the config."""
+
+    settings: RunSettings
+    world: World
+    keys: tuple[str, ...]
+    config: dict[str, Any]
+
+
+def build_run(config: DictConfig) -> Run:
+    """Check the configuration and build what it names.
+
+    Raises ValueError naming a key that is unknown, missing or of the wrong type, and
+    FileNotFoundError naming a data folder, mesh or image list that is absent.
+    """
+    settings = build_settings(config)
+    world = build_world(settings)
+    keys = world.frames.keys
+    if settings.frames is not None:
+        keys = evenly(keys, settings.frames)
+    plain = OmegaConf.to_container(config, resolve=True)
+    assert isinstance(plain, dict)
+    return Run(settings, world, keys, {str(key): value for key, value in plain.items()})
+
+
+def build_settings(config: DictConfig) -> RunSettings:
+    """Typed settings of every group. Raises ValueError naming the key that is wrong."""
+    groups = {name: build_group(name, config[name]) for name in GROUPS}
+    kinds = get_type_hints(RunSettings)
+    scalars = {
+        name: _typed(kind, config[name], name) for name, kind in kinds.items() if name not in groups
+    }
+    return RunSettings(**scalars, **groups)
+
+
+def build_group(group: str, node: DictConfig) -> Any:
+    """One group's settings as its dataclass. Raises ValueError naming the key that is wrong."""
+    kinds = GROUPS[group]
+    name = str(node.get("name"))
+    if isinstance(kinds, dict) and name not in kinds:
+        known = ", ".join(kinds)
+        raise ValueError(f"{group}.name is '{name}': choose one of {known}")
+    kind = kinds[name] if isinstance(kinds, dict) else kinds
+    values = OmegaConf.to_container(node, resolve=True, throw_on_missing=True)
+    assert isinstance(values, dict)
+    if name != "None" and "name" not in {each.name for each in dataclasses.fields(kind)}:
+        values.pop("name")
+    return _typed(kind, values, group)
+
+
+def _typed(kind: Any, values: Any, key: str) -> Any:
+    """Check values against a type, strictly: "3" is no number, an unknown key is an error.
+
+    By way of JSON, whose arrays may become tuples: settings are read-only.
+    """
+    try:
+        return TypeAdapter(kind).validate_json(json.dumps(values), strict=True, extra="forbid")
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join([key, *(str(part) for part in first["loc"])])
+        problem = first["msg"].removeprefix("Value error, ")
+        given = "" if first["type"] == "missing" else f" (given: {first['input']!r})"
+        raise ValueError(f"{where}: {problem}{given}") from error
+
+
+def build_world(settings: RunSettings) -> World:
+    """Objects and frames of the configured data set; reads meshes, decodes no image."""
+    data = settings.data
+    if isinstance(data, SyntheticSettings):
+        background = training_frames(data, _BACKGROUND_FRAMES, data.seed + _BACKGROUND_SEED)
+        models = demo_objects()
+        frames = SyntheticScenes(data)
+        return World(models, tuple(models), frames, None, background, background)
+    if not Path(data.root).is_dir():
+        raise FileNotFoundError(f"data.root is no folder: {data.root} (set data.root=PATH)")
+    root = Path(data.root)
+    photographs = _folder("data.photographs", data.photographs)
+    rooms = _rgbd("data.rooms", data.rooms)
+    scenes = _rgbd("data.rgbd_frames", data.rgbd_frames)
+    if isinstance(data, LinemodSettings):
+        models = linemod.load_object_models(root, data.objects, data.proxy_faces, data.mesh_scale)
+        ids = {name: each.id for name, each in data.objects.items()}
+        own = LinemodFrames(root, ids, data.camera_matrix)
+        return World(models, tuple(models), own, photographs, rooms, scenes)
+    models = bop_models.load_object_models(
+        root, data.objects, data.proxy_faces, data.symmetry_steps
+    )
+    frames_bop = BopFrames(root, data.split, data.targets, models)
+    wanted = {object_id for ids in frames_bop.targets.values() for object_id in ids}
+    return World(models, tuple(sorted(wanted)), frames_bop, photographs, rooms, scenes)
+
+
+def _folder(key: str, path: str | None) -> Path | None:
+    if path is None:
+        return None
+    if not Path(path).is_dir():
+        raise FileNotFoundError(f"{key} is no folder: {path} (set {key}=PATH, or null for none)")
+    return Path(path)
+
+
+def _rgbd(key: str, path: str | None) -> FrameSource | None:
+    folder = _folder(key, path)
+    return None if folder is None else RgbdFrames(folder)
+
+
+def evenly(keys: tuple[str, ...], count: int) -> tuple[str, ...]:
+    """`count` of the keys, spread evenly. Raises ValueError below 1."""
+    if count < 1:
+        raise ValueError(f"frames is {count}: set a number of frames from 1, or null for all")
+    if count >= len(keys):
+        return keys
+    return tuple(keys[i * len(keys) // count] for i in range(count))

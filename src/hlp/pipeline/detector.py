@@ -1,0 +1,141 @@
+"""The method on one frame and one object: window → region → votes → coarse poses → pose."""
+
+import time
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+
+from hlp.codebook.neighbours import ExactNeighbours, ExactSettings, KdForest, Neighbours
+from hlp.models.classifier import class_probabilities
+from hlp.patches.holistic import Windows, candidate_region, cut_windows, metric_windows
+from hlp.patches.holistic_data import window_images
+from hlp.patches.local import cut_local_patches, region_pixels
+from hlp.pipeline.learning import Learner
+from hlp.pipeline.refiners import make_refiner
+from hlp.pipeline.settings import RunSettings
+from hlp.pipeline.world import World
+from hlp.records import Codebook, Frame, Hypotheses, LocalPatches, Refinement, Region, Votes
+from hlp.voting.cast import cast_votes
+from hlp.voting.modes import JointModes, JointVotingSettings, ModeFinder, PaperModes
+
+
+@dataclass(frozen=True)
+class Coarse:
+    """What stage 2 makes of a region: patches, votes and hypotheses, and the time (s) of each."""
+
+    patches: LocalPatches
+    votes: Votes
+    hypotheses: Hypotheses
+    local_seconds: float
+    voting_seconds: float
+
+
+class Detector:
+    """Finds one object in one frame; networks and codebooks are loaded when first needed."""
+
+    def __init__(self, world: World, settings: RunSettings, learner: Learner) -> None:
+        self.world = world
+        self.settings = settings
+        self.learner = learner
+        self._labels = {object_id: i for i, object_id in enumerate(sorted(world.models), start=1)}
+        self._searches: dict[int, tuple[Codebook, Neighbours]] = {}
+        self._modes = _make_modes(settings)
+
+    @cached_property
+    def _classifier(self) -> torch.nn.Module:
+        return self.learner.load_classifier()
+
+    @cached_property
+    def _encoder(self):  # type: ignore[no-untyped-def]
+        return self.learner.load_encoder()
+
+    @cached_property
+    def _refiner(self):  # type: ignore[no-untyped-def]
+        return make_refiner(self.settings)
+
+    def region(self, frame: Frame, object_id: int) -> Region:
+        """Stage 1: the candidate region of an object (paper, section 3.1)."""
+        patches, size = self.settings.patches, self.world.models[object_id].holistic_size
+        windows = metric_windows(frame.depth, frame.camera_matrix, size, patches.region.step)
+        classes = self._classify(frame, windows, size)
+        label = self._labels[object_id]
+        shape = (frame.depth.shape[0], frame.depth.shape[1])
+        return candidate_region(
+            object_id,
+            windows,
+            classes[:, label],
+            classes.argmax(axis=1) == label,
+            shape,
+            patches.region,
+        )
+
+    def _classify(self, frame: Frame, windows: Windows, size: float) -> np.ndarray:
+        holistic = self.settings.patches.holistic
+        if len(windows.depths) == 0:
+            return np.zeros((0, len(self._labels) + 1), dtype=np.float32)
+        color, code = cut_windows(frame.rgb, frame.depth, windows, size, holistic.resolution)
+        return class_probabilities(
+            self._classifier, window_images(color, code, holistic.channels)
+        )
+
+    def coarse(self, frame: Frame, region: Region) -> Coarse:
+        """Stage 2: votes of the region's local patches, and their modes (paper, section 3.2)."""
+        begun = time.perf_counter()
+        patches, model = self.settings.patches, self.world.models[region.object_id]
+        codebook, search = self._codebook(region.object_id)
+        cut = cut_local_patches(
+            frame.rgb,
+            frame.depth,
+            frame.camera_matrix,
+            region_pixels(region.mask, patches.grid),
+            model.local_size * patches.local.size_scale,
+            patches.local,
+            patches.grid.min_valid,
+        )
+        matches = search.search(self._encoder.encode(cut))
+        matched = time.perf_counter()
+        voting = self.settings.voting
+        votes = cast_votes(
+            cut, matches, codebook, model.centroid, voting.max_distance, voting.weighted
+        )
+        found = self._modes.find(votes, model.centroid)
+        return Coarse(cut, votes, found, matched - begun, time.perf_counter() - matched)
+
+    def fine(self, frame: Frame, object_id: int, coarse: Hypotheses) -> Refinement | None:
+        """Stage 3: refine every hypothesis, keep the one of least cost; None without any."""
+        if len(coarse) == 0:
+            return None
+        model = self.world.models[object_id]
+        seed = hash_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id)
+        refined = self._refiner.refine(model, frame.depth, frame.camera_matrix, coarse, seed)
+        return min(refined, key=lambda each: each.cost)
+
+    def _codebook(self, object_id: int) -> tuple[Codebook, Neighbours]:
+        if object_id not in self._searches:
+            codebook = self.learner.load_codebook(object_id)
+            self._searches[object_id] = (codebook, self._make_search(codebook))
+        return self._searches[object_id]
+
+    def _make_search(self, codebook: Codebook) -> Neighbours:
+        settings = self.settings.codebook
+        if isinstance(settings, ExactSettings):
+            return ExactNeighbours(codebook.features, settings.neighbours)
+        return KdForest(
+            codebook.features,
+            settings.neighbours,
+            settings.trees,
+            settings.checks,
+            self.settings.seed,
+        )
+
+
+def hash_seed(*parts: int) -> int:
+    """One seed of several numbers, so that frames and objects draw apart in any order."""
+    return int(np.random.SeedSequence(parts).generate_state(1)[0])
+
+
+def _make_modes(settings: RunSettings) -> ModeFinder:
+    voting = settings.voting
+    return JointModes(voting) if isinstance(voting, JointVotingSettings) else PaperModes(voting)

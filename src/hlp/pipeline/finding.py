@@ -1,0 +1,190 @@
+"""Stages that find objects in frames: regions, coarse hypotheses, refined poses, frame by frame."""
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from hlp.pipeline.detector import Detector
+from hlp.pipeline.fingerprint import fingerprint
+from hlp.pipeline.frame_files import read_arrays, write_arrays
+from hlp.pipeline.learning import Learner, Output
+from hlp.pipeline.settings import RunSettings, result_settings
+from hlp.pipeline.store import StageStore
+from hlp.pipeline.world import World
+from hlp.records import Frame, Hypotheses, PoseEstimate, Region
+
+VERSIONS = {"regions": 1, "hypotheses": 1, "poses": 1}
+
+Arrays = dict[str, np.ndarray]
+
+
+class Finder:
+    """Runs the three stages over frames; what is on disk already is not made again.
+
+    `keys` are the frames to look at. Every stage writes one file a frame, so an interrupted run
+    goes on where it stopped.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        settings: RunSettings,
+        learner: Learner,
+        store: StageStore,
+        keys: tuple[str, ...],
+    ) -> None:
+        self.world = world
+        self.settings = settings
+        self.learner = learner
+        self.store = store
+        self.keys = keys
+        self.detector = Detector(world, settings, learner)
+
+    def regions(self) -> Output:
+        """Stage 1: candidate regions of the targets of every frame."""
+        patches = self.settings.patches
+        settings = {
+            "holistic": result_settings(patches.holistic),
+            "region": result_settings(patches.region),
+            "sizes": {str(i): self.world.models[i].holistic_size for i in self.world.target_ids},
+        }
+        upstream = {"classifier": self.learner.classifier().fingerprint}
+
+        def find(frame: Frame) -> Arrays:
+            arrays: Arrays = {}
+            for target in frame.targets:
+                begun = time.perf_counter()
+                region = self.detector.region(frame, target.object_id)
+                arrays |= _region_arrays(region, time.perf_counter() - begun)
+            return arrays
+
+        return self._stage("regions", settings, upstream, find)
+
+    def hypotheses(self) -> Output:
+        """Stage 2: ranked coarse poses of the targets of every frame."""
+        patches = self.settings.patches
+        settings = {
+            "grid": result_settings(patches.grid),
+            "neighbours": result_settings(self.settings.codebook),
+            "voting": result_settings(self.settings.voting),
+        }
+        regions = self.regions()
+        upstream = {"regions": regions.fingerprint, "encoder": self.learner.encoder().fingerprint}
+        for object_id in self.world.target_ids:
+            upstream[f"codebook_{object_id}"] = self.learner.codebook(object_id).fingerprint
+
+        def find(frame: Frame) -> Arrays:
+            found = read_regions(regions.folder, frame)
+            arrays: Arrays = {}
+            for object_id, region in found.items():
+                coarse = self.detector.coarse(frame, region)
+                arrays |= {
+                    f"{object_id}/poses": coarse.hypotheses.poses_cam_obj,
+                    f"{object_id}/support": coarse.hypotheses.support,
+                    f"{object_id}/votes": np.array(len(coarse.votes)),
+                    f"{object_id}/seconds": np.array([coarse.local_seconds, coarse.voting_seconds]),
+                }
+            return arrays
+
+        return self._stage("hypotheses", settings, upstream, find)
+
+    def poses(self) -> Output:
+        """Stage 3: the refined pose of every target, the best of its hypotheses."""
+        hypotheses = self.hypotheses()
+        settings = {"refinement": result_settings(self.settings.refinement)}
+        upstream = {"hypotheses": hypotheses.fingerprint}
+        for object_id in self.world.target_ids:
+            upstream[f"model_{object_id}"] = self.world.model_identities[object_id]
+
+        def find(frame: Frame) -> Arrays:
+            stored = read_arrays(hypotheses.folder, frame.key)
+            arrays: Arrays = {}
+            for target in frame.targets:
+                name = str(target.object_id)
+                coarse = Hypotheses(stored[f"{name}/poses"], stored[f"{name}/support"])
+                begun = time.perf_counter()
+                best = self.detector.fine(frame, target.object_id, coarse)
+                if best is not None:
+                    arrays[f"{name}/pose"] = best.pose_cam_obj
+                    arrays[f"{name}/cost"] = np.array(best.cost)
+                arrays[f"{name}/seconds"] = np.array(time.perf_counter() - begun)
+            return arrays
+
+        return self._stage("poses", settings, upstream, find)
+
+    def _stage(
+        self,
+        stage: str,
+        settings: Mapping[str, Any],
+        upstream: Mapping[str, str],
+        find: Callable[[Frame], Arrays],
+    ) -> Output:
+        inputs = {**upstream, "frames": self.world.frames_identity}
+        decided = {**settings, "keys": list(self.keys)}
+        name = fingerprint(stage, VERSIONS[stage], self.settings.seed, decided, inputs)
+
+        def make(folder: Path) -> None:
+            for key in tqdm(self.keys, desc=stage, unit="frame", disable=None):
+                if not (folder / f"{key}.npz").exists():
+                    write_arrays(folder, key, find(self.world.frames.load(key)))
+
+        described = {"settings": decided, "upstream": inputs, "seed": self.settings.seed}
+        return Output(name, self.store.get_or_make(stage, name, make, described))
+
+    def estimates(self) -> list[PoseEstimate]:
+        """The answer for every target, with the time that each stage took."""
+        regions, hypotheses = self.regions().folder, self.hypotheses().folder
+        poses = self.poses().folder
+        answers = []
+        for key in self.keys:
+            stored = [read_arrays(folder, key) for folder in (regions, hypotheses, poses)]
+            scene_id, frame_id = (int(part) for part in key.split("_"))
+            for name in sorted({entry.split("/")[0] for entry in stored[2]}, key=int):
+                answers.append(_estimate(scene_id, frame_id, name, *stored))
+        return answers
+
+
+def _estimate(
+    scene_id: int, frame_id: int, name: str, region: Arrays, coarse: Arrays, fine: Arrays
+) -> PoseEstimate:
+    local, voting = (float(part) for part in coarse[f"{name}/seconds"])
+    seconds = {
+        "holistic": float(region[f"{name}/seconds"]),
+        "local": local,
+        "voting": voting,
+        "refinement": float(fine[f"{name}/seconds"]),
+    }
+    pose = fine.get(f"{name}/pose")
+    score = 0.0 if pose is None else float(np.clip(1.0 - fine[f"{name}/cost"], 0.0, 1.0))
+    return PoseEstimate(scene_id, frame_id, int(name), pose, score, seconds)
+
+
+def _region_arrays(region: Region, seconds: float) -> Arrays:
+    name = str(region.object_id)
+    return {
+        f"{name}/centers": region.centers.astype(np.float32),
+        f"{name}/probabilities": region.probabilities.astype(np.float32),
+        f"{name}/mask": np.packbits(region.mask),
+        f"{name}/seconds": np.array(seconds),
+    }
+
+
+def read_regions(folder: Path, frame: Frame) -> dict[int, Region]:
+    """Candidate regions of a frame's targets, from disk."""
+    stored = read_arrays(folder, frame.key)
+    shape = frame.depth.shape
+    regions = {}
+    for target in frame.targets:
+        name = str(target.object_id)
+        bits = np.unpackbits(stored[f"{name}/mask"], count=shape[0] * shape[1])
+        regions[target.object_id] = Region(
+            target.object_id,
+            stored[f"{name}/centers"],
+            stored[f"{name}/probabilities"],
+            bits.reshape(shape).astype(bool),
+        )
+    return regions

@@ -1,0 +1,26 @@
+"""One file of arrays a frame, written at once or not at all."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+
+def write_arrays(folder: Path, key: str, arrays: dict[str, np.ndarray]) -> None:
+    """Write `key`.npz; a crash or a full disk leaves no half file under that name."""
+    begun = folder / f"{key}.npz.begun"
+    with begun.open("wb") as stream:
+        np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
+    os.replace(begun, folder / f"{key}.npz")
+
+
+def read_arrays(folder: Path, key: str) -> dict[str, np.ndarray]:
+    """Read what `write_arrays` wrote. Raises ValueError naming a file that is damaged."""
+    path = folder / f"{key}.npz"
+    try:
+        with np.load(path) as stored:
+            return dict(stored)
+    except (ValueError, EOFError, OSError) as error:
+        if isinstance(error, FileNotFoundError):
+            raise
+        raise ValueError(f"{path} is damaged ({error}): delete its folder to make it anew") from error

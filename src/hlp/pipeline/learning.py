@@ -1,0 +1,208 @@
+"""Stages that learn the objects: views, classifier, encoder, codebooks. Each is made once."""
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from hlp.codebook.entries import load_codebook, make_codebook, save_codebook
+from hlp.codebook.neighbours import ExactNeighbours
+from hlp.models.classifier import HolisticClassifier, HolisticCNN
+from hlp.models.encoder import Encoder
+from hlp.patches.holistic_data import HolisticDataModule
+from hlp.patches.holistic_pool import bake_backgrounds, bake_windows, join_pools
+from hlp.patches.local import surface_pixels
+from hlp.patches.local_data import degrade_patches
+from hlp.patches.local_pool import cut_view_patches, join_patches
+from hlp.pipeline.encoders import load_encoder, train_encoder
+from hlp.pipeline.fingerprint import fingerprint
+from hlp.pipeline.settings import RunSettings, result_settings
+from hlp.pipeline.store import StageStore
+from hlp.pipeline.training import fit, load_weights
+from hlp.pipeline.world import World, frames_identity
+from hlp.records import Codebook, Views
+from hlp.rendering.views import load_views, render_views, save_views
+
+VERSIONS = {"views": 1, "classifier": 1, "encoder": 1, "codebook": 1}
+_SCALE_SAMPLE = 1024
+
+
+@dataclass(frozen=True)
+class Output:
+    """A finished stage output: its fingerprint and its folder."""
+
+    fingerprint: str
+    folder: Path
+
+
+class Learner:
+    """Makes what is learnt from the objects' models, or finds it on disk.
+
+    Each stage's fingerprint holds exactly the settings and inputs that its `make` is handed.
+    """
+
+    def __init__(self, world: World, settings: RunSettings, store: StageStore) -> None:
+        self.world = world
+        self.settings = settings
+        self.store = store
+        self._made: dict[tuple[str, int], Output] = {}
+
+    def views(self, object_id: int) -> Output:
+        """Stage 0: RGB-D views of one object."""
+        settings, seed = self.settings.rendering, self.settings.seed
+        model = self.world.models[object_id]
+
+        def make(folder: Path) -> None:
+            save_views(folder, render_views(model, settings, seed))
+
+        upstream = {"mesh": self.world.mesh_identities[object_id]}
+        return self._stage("views", object_id, result_settings(settings), upstream, make)
+
+    def load_views(self, object_id: int) -> Views:
+        """Views of one object, from disk."""
+        return load_views(self.views(object_id).folder)
+
+    def classifier(self) -> Output:
+        """Stage 1: the holistic classifier of all objects."""
+        patches = self.settings.patches
+        sizes = {str(i): m.holistic_size for i, m in sorted(self.world.models.items())}
+        upstream = {f"views_{i}": self.views(i).fingerprint for i in self.world.models}
+        upstream["photographs"] = self.world.photographs_identity
+        upstream["background_frames"] = frames_identity(self.world.background_frames)
+        settings = {
+            "holistic": result_settings(patches.holistic),
+            "pool": result_settings(patches.pool),
+            "classifier": result_settings(self.settings.classifier),
+            "trainer": result_settings(self.settings.trainer),
+            "sizes": sizes,
+        }
+        return self._stage("classifier", 0, settings, upstream, self._train_classifier)
+
+    def _train_classifier(self, folder: Path) -> None:
+        patches, seed = self.settings.patches, self.settings.seed
+        models = self.world.models
+        resolution = patches.holistic.resolution
+        sizes = [model.holistic_size for model in models.values()]
+        logging.getLogger(__name__).info("cutting windows of %d objects", len(models))
+        pools = []
+        for label, (object_id, model) in enumerate(sorted(models.items()), start=1):
+            rng = np.random.default_rng([seed, object_id])
+            views = self.load_views(object_id)
+            pools.append(
+                bake_windows(views, label, model.holistic_size, sizes, model.centroid,
+                             resolution, patches.pool, rng)
+            )
+        rng = np.random.default_rng([seed, 0])
+        source = self.world.background_frames
+        frames = [] if source is None else [source.load(key) for key in source.keys]
+        crops = self.world.photograph_crops(patches.pool.backgrounds, resolution, rng)
+        backgrounds = bake_backgrounds(
+            crops, frames, sizes, resolution, patches.pool.backgrounds, rng
+        )
+        settings = self.settings.classifier
+        data = HolisticDataModule(
+            join_pools(pools), backgrounds, patches.holistic.channels,
+            patches.pool.background_share, settings.batch_size, seed,
+        )
+        torch.manual_seed(seed)
+        module = HolisticClassifier(settings, self._channels(), len(models) + 1)
+        fit(module, data, module.network, settings.epochs, self.settings.trainer, folder)
+
+    def _channels(self) -> int:
+        return 4 if self.settings.patches.holistic.channels == "rgbd" else 3
+
+    def load_classifier(self) -> HolisticCNN:
+        """The trained classifier, from disk; class i is the i-th object by id, 0 background."""
+        settings = self.settings.classifier
+        network = HolisticCNN(
+            self._channels(), len(self.world.models) + 1, settings.widths, settings.hidden,
+            settings.dropout,
+        )
+        load_weights(network, self.classifier().folder)
+        return network.eval().to(memory_format=torch.channels_last)
+
+    def encoder(self) -> Output:
+        """Stage 2: the encoder of local patches, shared by all objects."""
+        patches = self.settings.patches
+        settings = {
+            "encoder": result_settings(self.settings.encoder),
+            "local": result_settings(patches.local),
+            "trainer": result_settings(self.settings.trainer),
+            "sizes": {str(i): m.local_size for i, m in sorted(self.world.models.items())},
+        }
+        if self.settings.encoder.name == "cae":
+            upstream = {"encoder_frames": frames_identity(self.world.encoder_frames)}
+        else:
+            settings["pairs"] = result_settings(patches.pairs)
+            upstream = {f"views_{i}": self.views(i).fingerprint for i in self.world.models}
+
+        def make(folder: Path) -> None:
+            train_encoder(self.world, self.settings, self.load_views, folder)
+
+        return self._stage("encoder", 0, settings, upstream, make)
+
+    def load_encoder(self) -> Encoder:
+        """The trained encoder, from disk."""
+        return load_encoder(self.settings.encoder, self.encoder().folder)
+
+    def codebook(self, object_id: int) -> Output:
+        """Stage 2: features of one object's views with what they vote for."""
+        patches = self.settings.patches
+        settings = {
+            "local": result_settings(patches.local),
+            "entries": result_settings(patches.entries),
+            "size": self.world.models[object_id].local_size,
+        }
+        upstream = {
+            "views": self.views(object_id).fingerprint,
+            "encoder": self.encoder().fingerprint,
+        }
+
+        def make(folder: Path) -> None:
+            save_codebook(folder, self._make_codebook(object_id))
+
+        return self._stage("codebook", object_id, settings, upstream, make)
+
+    def load_codebook(self, object_id: int) -> Codebook:
+        """One object's codebook, from disk."""
+        return load_codebook(self.codebook(object_id).folder)
+
+    def _make_codebook(self, object_id: int) -> Codebook:
+        patches = self.settings.patches
+        views, encoder = self.load_views(object_id), self.load_encoder()
+        size = self.world.models[object_id].local_size * patches.local.size_scale
+        rng = np.random.default_rng([self.settings.seed, object_id])
+        cut, poses = [], []
+        for view in range(len(views)):
+            pixels = surface_pixels(views.depth[view], patches.entries.patches_per_view, rng)
+            cut.append(cut_view_patches(views, view, pixels, size, patches.local))
+            poses.append(np.broadcast_to(views.poses_cam_obj[view], (len(cut[-1]), 4, 4)))
+        entries = join_patches(cut)
+        features = encoder.encode(entries)
+        # The scale of distances: how far a patch seen by a camera in clutter is from its match.
+        chosen = np.sort(rng.choice(len(entries), min(_SCALE_SAMPLE, len(entries)), replace=False))
+        seen = encoder.encode(degrade_patches(entries, chosen, size, self.settings.seed))
+        nearest = ExactNeighbours(features, 1).search(seen).distances
+        return make_codebook(
+            object_id, features, entries.points_cam, np.concatenate(poses),
+            float(np.median(nearest)),
+        )
+
+    def _stage(
+        self,
+        stage: str,
+        object_id: int,
+        settings: Mapping[str, Any],
+        upstream: Mapping[str, str],
+        make: Callable[[Path], None],
+    ) -> Output:
+        if (stage, object_id) not in self._made:
+            name = fingerprint(stage, VERSIONS[stage], self.settings.seed, settings, upstream)
+            described = {"settings": settings, "upstream": upstream, "seed": self.settings.seed}
+            folder = self.store.get_or_make(stage, name, make, described)
+            self._made[stage, object_id] = Output(name, folder)
+        return self._made[stage, object_id]

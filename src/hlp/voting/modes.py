@@ -1,0 +1,220 @@
+"""Modes of the votes: the paper's two independent mean shifts, and the joint 6D modes."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from hlp.geometry import quaternions, rigid, rotation_matrices
+from hlp.records import Hypotheses, Votes
+
+
+@dataclass(frozen=True)
+class PaperVotingSettings:
+    """Independent mean shifts (paper, section 3.2).
+
+    Flat kernels of `translation_mm` and `rotation_deg` (in quaternion space); `max_distance` is
+    Th; `max_votes` the most votes used (the nearest matches), `shifts` of the mean at most.
+    """
+
+    name: str
+    max_distance: float
+    weighted: bool
+    translation_mm: float
+    rotation_deg: float
+    max_votes: int
+    shifts: int
+
+
+@dataclass(frozen=True)
+class JointVotingSettings:
+    """Modes of the joint vote: a mode gathers votes that agree in translation and in rotation.
+
+    The keys are as in `PaperVotingSettings`; up to `hypotheses` modes come out, best first, no two
+    within the kernel of each other.
+    """
+
+    name: str
+    max_distance: float
+    weighted: bool
+    translation_mm: float
+    rotation_deg: float
+    max_votes: int
+    shifts: int
+    hypotheses: int
+
+
+class ModeFinder(Protocol):
+    """Finds coarse poses among votes."""
+
+    def find(self, votes: Votes, centroid_obj: Float[np.ndarray, "3"]) -> Hypotheses:
+        """Hypotheses, best first; none where there are no votes."""
+
+
+class PaperModes:
+    """Mean shift of translations and of rotations apart; the best centre of each makes the pose."""
+
+    def __init__(self, settings: PaperVotingSettings) -> None:
+        self.settings = settings
+        self.radius = settings.translation_mm / 1000.0
+        self.cosine = float(np.cos(np.deg2rad(settings.rotation_deg) / 2.0))
+
+    def find(self, votes: Votes, centroid_obj: Float[np.ndarray, "3"]) -> Hypotheses:
+        """At most one hypothesis: the two centres with most votes."""
+        if len(votes) == 0:
+            return no_hypotheses()
+        centroids, quats, weights = _strongest(votes, self.settings.max_votes)
+        near = _within(centroids, self.radius)
+        start = centroids[[int(np.argmax(near @ weights))]]
+        center = _shift_translations(start, centroids, weights, self.radius, self.settings.shifts)
+        alike = np.abs(quats @ quats.T) >= self.cosine
+        seed = quats[[int(np.argmax(alike @ weights))]]
+        turned = _shift_rotations(seed, quats, weights, self.cosine, self.settings.shifts)
+        support = float((near @ weights).max())
+        return Hypotheses(_poses(center, turned, centroid_obj), np.array([support]))
+
+
+class JointModes:
+    """Flat-kernel mean shift in translation × rotation from every vote that many agree with."""
+
+    def __init__(self, settings: JointVotingSettings) -> None:
+        self.settings = settings
+        self.radius = settings.translation_mm / 1000.0
+        self.cosine = float(np.cos(np.deg2rad(settings.rotation_deg) / 2.0))
+
+    def find(self, votes: Votes, centroid_obj: Float[np.ndarray, "3"]) -> Hypotheses:
+        """Up to `hypotheses` modes, ranked by the weight of the votes within the kernel."""
+        if len(votes) == 0:
+            return no_hypotheses()
+        centroids, quats, weights = _strongest(votes, self.settings.max_votes)
+        agree = _within(centroids, self.radius) & (np.abs(quats @ quats.T) >= self.cosine)
+        support = agree @ weights
+        seeds = self._seeds(agree, support)
+        centers, turned = centroids[seeds], quats[seeds]
+        inside = agree[seeds]
+        for _ in range(self.settings.shifts):
+            centers = _weighted_mean(inside, weights, centroids)
+            turned = _mean_quaternions(inside, weights, quats, turned)
+            inside = self._inside(centers, turned, centroids, quats)
+        backing = inside @ weights
+        order = np.argsort(-backing, kind="stable")
+        kept = self._distinct(centers, turned, order)[: self.settings.hypotheses]
+        return Hypotheses(_poses(centers[kept], turned[kept], centroid_obj), backing[kept])
+
+    def _seeds(
+        self, agree: Bool[np.ndarray, "v v"], support: Float[np.ndarray, "v"]
+    ) -> Int[np.ndarray, "s"]:
+        """Strongest votes, none within the kernel of a stronger one; a few times what is asked."""
+        seeds: list[int] = []
+        free = np.ones(len(support), dtype=bool)
+        for _ in range(4 * self.settings.hypotheses):
+            if not free.any():
+                break
+            best = int(np.argmax(np.where(free, support, -1.0)))
+            seeds.append(best)
+            free &= ~agree[best]
+        return np.array(seeds)
+
+    def _inside(
+        self,
+        centers: Float[np.ndarray, "s 3"],
+        turned: Float[np.ndarray, "s 4"],
+        centroids: Float[np.ndarray, "v 3"],
+        quats: Float[np.ndarray, "v 4"],
+    ) -> Bool[np.ndarray, "s v"]:
+        apart = np.linalg.norm(centers[:, None] - centroids, axis=-1)
+        inside = (apart <= self.radius) & (np.abs(turned @ quats.T) >= self.cosine)
+        # A mean that drifted away from all votes keeps its nearest one.
+        lonely = ~inside.any(axis=1)
+        inside[lonely, np.argmin(apart[lonely], axis=1)] = True
+        return np.asarray(inside)
+
+    def _distinct(
+        self,
+        centers: Float[np.ndarray, "s 3"],
+        turned: Float[np.ndarray, "s 4"],
+        order: Int[np.ndarray, "s"],
+    ) -> list[int]:
+        kept: list[int] = []
+        for i in order:
+            apart = np.linalg.norm(centers[kept] - centers[i], axis=-1)
+            alike = np.abs(turned[kept] @ turned[i])
+            if not np.any((apart <= self.radius) & (alike >= self.cosine)):
+                kept.append(int(i))
+        return kept
+
+
+def no_hypotheses() -> Hypotheses:
+    """What comes of no votes."""
+    return Hypotheses(np.zeros((0, 4, 4)), np.zeros(0))
+
+
+def _strongest(
+    votes: Votes, limit: int
+) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v 4"], Float[np.ndarray, "v"]]:
+    rows = np.argsort(-votes.weights, kind="stable")[:limit]
+    return votes.centroids_cam[rows], quaternions(votes.rotations_cam_obj[rows]), votes.weights[rows]
+
+
+def _within(points: Float[np.ndarray, "v 3"], radius: float) -> Bool[np.ndarray, "v v"]:
+    squares = (points**2).sum(axis=1)
+    apart = squares[:, None] + squares - 2.0 * points @ points.T
+    return np.asarray(apart <= radius**2)
+
+
+def _weighted_mean(
+    inside: Bool[np.ndarray, "s v"],
+    weights: Float[np.ndarray, "v"],
+    values: Float[np.ndarray, "v c"],
+) -> Float[np.ndarray, "s c"]:
+    shares = inside * weights
+    return np.asarray(shares @ values / np.maximum(shares.sum(axis=1), 1e-12)[:, None])
+
+
+def _mean_quaternions(
+    inside: Bool[np.ndarray, "s v"],
+    weights: Float[np.ndarray, "v"],
+    quats: Float[np.ndarray, "v 4"],
+    reference: Float[np.ndarray, "s 4"],
+) -> Float[np.ndarray, "s 4"]:
+    """Mean of unit quaternions, each flipped to the reference's side: q and −q are one rotation."""
+    signs = np.sign(reference @ quats.T)
+    total = (inside * weights * np.where(signs == 0, 1.0, signs)) @ quats
+    return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1), 1e-12)[:, None])
+
+
+def _shift_translations(
+    center: Float[np.ndarray, "s 3"],
+    points: Float[np.ndarray, "v 3"],
+    weights: Float[np.ndarray, "v"],
+    radius: float,
+    shifts: int,
+) -> Float[np.ndarray, "s 3"]:
+    for _ in range(shifts):
+        inside = np.linalg.norm(center[:, None] - points, axis=-1) <= radius
+        center = _weighted_mean(inside, weights, points)
+    return center
+
+
+def _shift_rotations(
+    center: Float[np.ndarray, "s 4"],
+    quats: Float[np.ndarray, "v 4"],
+    weights: Float[np.ndarray, "v"],
+    cosine: float,
+    shifts: int,
+) -> Float[np.ndarray, "s 4"]:
+    for _ in range(shifts):
+        inside = np.abs(center @ quats.T) >= cosine
+        center = _mean_quaternions(inside, weights, quats, center)
+    return center
+
+
+def _poses(
+    centers: Float[np.ndarray, "s 3"],
+    quats: Float[np.ndarray, "s 4"],
+    centroid_obj: Float[np.ndarray, "3"],
+) -> Float[np.ndarray, "s 4 4"]:
+    """Poses that put the object's centroid at the centres."""
+    rotations = rotation_matrices(quats)
+    return rigid(rotations, centers - rotations @ centroid_obj)
