@@ -1,0 +1,304 @@
+"""Cost of a pose: rendered depth S against observed depth O (paper, Section 3.3, Eq. 2).
+
+cost(S, O) = w_d · C_d + w_e · C_e, both in [0, 1], over a region of interest (ROI) around the
+coarse pose that is resampled to a bounded size, so that every object costs about the same time.
+One compiled kernel transforms the mesh, draws it into a z-buffer and sums the cost.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numba import njit
+
+from hlp.geometry import project, transform
+from hlp.records import Mesh
+from hlp.rendering.rasterizer import NEAR, fill_triangles, is_closed
+
+WORST = 1.0
+"""Cost of a pose that nothing speaks for: not in the image, or no observed depth under it."""
+
+
+@dataclass(frozen=True)
+class CostSettings:
+    """Settings of the cost; see conf/refinement/cost/hlp.yaml for what each means."""
+
+    weight_depth: float
+    weight_edge: float
+    tau_depth_mm: float
+    tau_edge_mm: float
+    edge_step_mm: float
+    missing_cost: float
+    occluder_cost: float
+    uncovered_cost: float
+    reference_mm: float
+    roi_size: int
+    roi_margin_mm: float
+    verify_tau_depth_mm: float
+
+
+class DepthCost:
+    """Cost of poses of one mesh near one coarse pose in one depth image.
+
+    C_d is the mean, over the rendered pixels, of min(|S − O|, τ_d) / τ_d; missing depth costs
+    `missing_cost`, and where O is in front of S (an occluder) no more than `occluder_cost`. C_e is
+    the mean, over S's depth edgelets, of the distance to O's closest one, clipped at τ_e.
+
+    A mean over the rendered pixels alone favours poses that show little of the object. So pixels
+    that the coarse pose covered, where its depth agreed with O within `reference_mm`, are added to
+    C_d's mean at `uncovered_cost` where the candidate does not cover them (0 turns this off).
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        depth: Float[np.ndarray, "h w"],
+        camera_matrix: Float[np.ndarray, "3 3"],
+        pose_cam_obj: Float[np.ndarray, "4 4"],
+        settings: CostSettings,
+        threads: int = 1,
+    ) -> None:
+        self._settings = settings
+        self._vertices = np.ascontiguousarray(mesh.vertices, dtype=np.float64)
+        self._faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
+        self._closed = is_closed(self._faces, self._vertices)
+        points = transform(pose_cam_obj, self._vertices)
+        self.observed, self.camera_matrix = _region(
+            depth, camera_matrix, points, settings.roi_size, settings.roi_margin_mm / 1000.0
+        )
+        self._edge_cost = self._edge_costs(float(np.median(points[:, 2])))
+        self._reference = np.zeros(self.observed.shape, dtype=np.bool_)
+        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+        self._threads = threads
+        if settings.uncovered_cost > 0.0:
+            self._reference = self._agreeing(pose_cam_obj, settings.reference_mm / 1000.0)
+
+    def evaluate(self, poses_cam_obj: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n"]:
+        """Cost in [0, 1] of each pose, lower is better."""
+        settings = self._settings
+        depth_sum, pixels, seen, edge_sum, edges, covered = self.terms(poses_cam_obj).T
+        uncovered = np.count_nonzero(self._reference) - covered
+        area = np.maximum(pixels + uncovered, 1.0)
+        depth_cost = (depth_sum + settings.uncovered_cost * uncovered) / area
+        cost = settings.weight_depth * depth_cost
+        cost += settings.weight_edge * edge_sum / np.maximum(edges, 1.0)
+        return np.where(seen > 0.0, cost, WORST)
+
+    def terms(self, poses_cam_obj: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 6"]:
+        """Sums behind the cost of each pose.
+
+        Depth costs, rendered pixels, of them with observed depth, edge costs, edgelets, and pixels
+        of the coarse pose's agreeing evidence that the pose covers.
+        """
+        poses = np.ascontiguousarray(poses_cam_obj[:, :3], dtype=np.float64)
+        sums = np.empty((len(poses), 6))
+        if self._pool is None:
+            self._run(poses, sums)
+        else:
+            bounds = np.linspace(0, len(poses), self._threads + 1).astype(int)
+            parts = [slice(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+            list(self._pool.map(lambda part: self._run(poses[part], sums[part]), parts))
+        return sums
+
+    def render(self, pose_cam_obj: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "h w"]:
+        """Depth of the mesh in the ROI (m, 0 = nothing)."""
+        inverse = np.zeros(self.observed.shape)
+        corners = np.empty_like(self._vertices)
+        _project(np.asarray(pose_cam_obj)[:3], self._vertices, self.camera_matrix, corners)
+        fill_triangles(corners, self._faces, self._closed, inverse, None)
+        return np.where(inverse > 0.0, 1.0 / np.where(inverse > 0.0, inverse, 1.0), 0.0)
+
+    def _run(self, poses: Float[np.ndarray, "n 3 4"], sums: Float[np.ndarray, "n 6"]) -> None:
+        settings = self._settings
+        _sum_costs(
+            poses,
+            self._vertices,
+            self._faces,
+            self._closed,
+            self.camera_matrix,
+            self.observed,
+            self._edge_cost,
+            self._reference,
+            settings.tau_depth_mm / 1000.0,
+            settings.edge_step_mm / 1000.0,
+            settings.missing_cost,
+            settings.occluder_cost,
+            sums,
+        )
+
+    def _edge_costs(self, z: float) -> Float[np.ndarray, "h w"]:
+        """Distance to O's closest edgelet over τ_e, at most 1; τ_e is metric, at the depth z."""
+        tau_pixels = self._settings.tau_edge_mm / 1000.0 * self.camera_matrix[0, 0] / z
+        edges = depth_edges(self.observed, self._settings.edge_step_mm / 1000.0)
+        if not edges.any():
+            return np.ones(self.observed.shape)
+        distance = cv2.distanceTransform(
+            (~edges).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
+        )
+        # OpenCV's float32 root differs in its last bit from run to run; the squares are integers.
+        exact = np.sqrt(np.rint(distance.astype(np.float64) ** 2))
+        return np.asarray(np.minimum(exact / tau_pixels, 1.0))
+
+    def _agreeing(
+        self, pose_cam_obj: Float[np.ndarray, "4 4"], tolerance: float
+    ) -> Bool[np.ndarray, "h w"]:
+        rendered = self.render(pose_cam_obj)
+        both = (rendered > 0.0) & (self.observed > 0.0)
+        return np.asarray(both & (np.abs(rendered - self.observed) <= tolerance))
+
+
+def verify(
+    mesh: Mesh,
+    depth: Float[np.ndarray, "h w"],
+    camera_matrix: Float[np.ndarray, "3 3"],
+    pose_cam_obj: Float[np.ndarray, "4 4"],
+    settings: CostSettings,
+) -> float:
+    """Cost of a final pose on its own, comparable between the hypotheses of one object.
+
+    It owes nothing to the coarse pose: the ROI is its own and no area reference enters. τ_d is
+    `verify_tau_depth_mm`: a wide one finds the pose, a narrow one tells right from wrong.
+    """
+    alone = replace(
+        settings,
+        uncovered_cost=0.0,
+        roi_margin_mm=0.0,
+        tau_depth_mm=settings.verify_tau_depth_mm,
+    )
+    pose_cam_obj = np.asarray(pose_cam_obj, dtype=np.float64)
+    cost = DepthCost(mesh, depth, camera_matrix, pose_cam_obj, alone)
+    return float(cost.evaluate(pose_cam_obj[None])[0])
+
+
+def depth_edges(depth: Float[np.ndarray, "h w"], step: float) -> Bool[np.ndarray, "h w"]:
+    """Edgelets: pixels with a 4-neighbour that lies farther by more than `step` (m) or is empty.
+
+    The near side of a discontinuity is the object's, so only that side is marked. The image's own
+    border is no discontinuity.
+    """
+    far = np.where(depth > 0.0, depth, np.inf)
+    padded = np.pad(far, 1, mode="edge")
+    neighbours = (padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:])
+    edges = np.zeros(depth.shape, dtype=np.bool_)
+    for neighbour in neighbours:
+        edges |= neighbour > far + step
+    return edges
+
+
+def _region(
+    depth: Float[np.ndarray, "h w"],
+    camera_matrix: Float[np.ndarray, "3 3"],
+    points_cam: Float[np.ndarray, "v 3"],
+    size: int,
+    margin: float,
+) -> tuple[Float[np.ndarray, "r c"], Float[np.ndarray, "3 3"]]:
+    """Depth around projected points, at most `size` pixels on the long side, and its camera.
+
+    `margin` (m) is added on each side at the points' depth. Nearest sampling, never upwards: depth
+    must not be averaged over edges.
+    """
+    height, width = depth.shape
+    points = points_cam[points_cam[:, 2] > NEAR]
+    camera = np.array(camera_matrix, dtype=np.float64)
+    if len(points) == 0:
+        return np.zeros((1, 1)), camera
+    pixels = project(points, camera)
+    border = margin * camera[0, 0] / float(np.median(points[:, 2])) + 1.0
+    left, top = np.floor(np.maximum(pixels.min(axis=0) - border, 0.0))
+    right, bottom = np.ceil(np.minimum(pixels.max(axis=0) + border, [width - 1.0, height - 1.0]))
+    if left > right or top > bottom:
+        return np.zeros((1, 1)), camera
+    step = max(max(right - left + 1.0, bottom - top + 1.0) / size, 1.0)
+    columns = left + (np.arange(int((right - left + 1.0) / step)) + 0.5) * step - 0.5
+    rows = top + (np.arange(int((bottom - top + 1.0) / step)) + 0.5) * step - 0.5
+    observed = depth[np.rint(rows).astype(int)[:, None], np.rint(columns).astype(int)]
+    camera[:2] /= step
+    camera[:2, 2] = (np.asarray(camera_matrix)[:2, 2] - [left, top] + 0.5) / step - 0.5
+    observed = np.where(np.isfinite(observed) & (observed > 0.0), observed, 0.0)
+    return np.ascontiguousarray(observed, dtype=np.float64), camera
+
+
+@njit(nogil=True, cache=True)
+def _project(
+    pose: Float[np.ndarray, "3 4"],
+    vertices: Float[np.ndarray, "v 3"],
+    camera: Float[np.ndarray, "3 3"],
+    corners: Float[np.ndarray, "v 3"],
+) -> None:
+    """(x px, y px, 1/z) of each vertex; 1/z = 0 where it is nearer than NEAR."""
+    fx, fy, cx, cy = camera[0, 0], camera[1, 1], camera[0, 2], camera[1, 2]
+    for v in range(vertices.shape[0]):
+        a, b, c = vertices[v, 0], vertices[v, 1], vertices[v, 2]
+        z = pose[2, 0] * a + pose[2, 1] * b + pose[2, 2] * c + pose[2, 3]
+        if z < NEAR:
+            corners[v, :] = 0.0
+            continue
+        inverse = 1.0 / z
+        x = pose[0, 0] * a + pose[0, 1] * b + pose[0, 2] * c + pose[0, 3]
+        y = pose[1, 0] * a + pose[1, 1] * b + pose[1, 2] * c + pose[1, 3]
+        corners[v, 0] = x * inverse * fx + cx
+        corners[v, 1] = y * inverse * fy + cy
+        corners[v, 2] = inverse
+
+
+@njit(nogil=True, cache=True)
+def _sum_costs(
+    poses: Float[np.ndarray, "n 3 4"],
+    vertices: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    closed: bool,
+    camera: Float[np.ndarray, "3 3"],
+    observed: Float[np.ndarray, "h w"],
+    edge_cost: Float[np.ndarray, "h w"],
+    reference: Bool[np.ndarray, "h w"],
+    tau: float,
+    step: float,
+    missing_cost: float,
+    occluder_cost: float,
+    sums: Float[np.ndarray, "n 6"],
+) -> None:
+    """Fill `sums` with the terms of each pose (see DepthCost.terms)."""
+    height, width = observed.shape
+    inverse = np.zeros((height, width))
+    corners = np.empty((vertices.shape[0], 3))
+    depth = np.empty((height, width))
+    for n in range(poses.shape[0]):
+        _project(poses[n], vertices, camera, corners)
+        inverse[:] = 0.0
+        fill_triangles(corners, faces, closed, inverse, None)
+        for y in range(height):
+            for x in range(width):
+                depth[y, x] = 1.0 / inverse[y, x] if inverse[y, x] > 0.0 else np.inf
+        depth_sum, edge_sum = 0.0, 0.0
+        pixels, seen, edges, covered = 0, 0, 0, 0
+        for y in range(height):
+            for x in range(width):
+                s = depth[y, x]
+                if s == np.inf:
+                    continue
+                pixels += 1
+                covered += reference[y, x]
+                o = observed[y, x]
+                occluded = False
+                if o <= 0.0:
+                    depth_sum += missing_cost
+                else:
+                    seen += 1
+                    occluded = s - o > tau
+                    if o < s:
+                        depth_sum += min((s - o) / tau, occluder_cost)
+                    else:
+                        depth_sum += min((o - s) / tau, 1.0)
+                far = s + step
+                if (
+                    (x > 0 and depth[y, x - 1] > far)
+                    or (x + 1 < width and depth[y, x + 1] > far)
+                    or (y > 0 and depth[y - 1, x] > far)
+                    or (y + 1 < height and depth[y + 1, x] > far)
+                ):
+                    edges += 1
+                    edge_sum += occluder_cost if occluded else edge_cost[y, x]
+        sums[n, 0], sums[n, 1], sums[n, 2] = depth_sum, pixels, seen
+        sums[n, 3], sums[n, 4], sums[n, 5] = edge_sum, edges, covered

@@ -1,0 +1,128 @@
+"""Fine pose by iterative closest points, point to plane (Chen & Medioni 1992).
+
+The alternative that the paper sets PSO against: a least-squares step per iteration in place of a
+search. Visible surface points of the model are taken from a rendering at the current pose.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from hlp.geometry import back_project, rigid
+from hlp.records import Hypotheses, ObjectModel, Refinement
+from hlp.refinement.cost import CostSettings, DepthCost, verify
+from hlp.refinement.refiner import checked_poses
+
+
+@dataclass(frozen=True)
+class IcpSettings:
+    """Settings of ICP and the cost; see conf/refinement/icp.yaml for what each means."""
+
+    name: str
+    cost: CostSettings
+    iterations: int
+    points: int
+    reach_mm: float
+    final_reach_mm: float
+    trim: float
+    converged_mm: float
+
+
+class IcpRefiner:
+    """Point-to-plane ICP of the rendered surface against the observed points around it."""
+
+    def __init__(self, settings: IcpSettings) -> None:
+        self._settings = settings
+
+    def refine(
+        self,
+        model: ObjectModel,
+        depth: Float[np.ndarray, "h w"],
+        camera_matrix: Float[np.ndarray, "3 3"],
+        hypotheses: Hypotheses,
+        seed: int,
+    ) -> list[Refinement]:
+        """See Refiner.refine. Nothing is drawn at random: `seed` is not used."""
+        refined = []
+        for pose in checked_poses(hypotheses):
+            cost = DepthCost(model.proxy, depth, camera_matrix, pose, self._settings.cost)
+            best, iterations = align(cost, pose, self._settings)
+            final = verify(model.proxy, depth, camera_matrix, best, self._settings.cost)
+            refined.append(Refinement(best, final, iterations))
+        return refined
+
+
+def align(
+    cost: DepthCost, pose_cam_obj: Float[np.ndarray, "4 4"], settings: IcpSettings
+) -> tuple[Float[np.ndarray, "4 4"], int]:
+    """Aligned pose and the number of steps taken; the pose given where nothing can be matched.
+
+    Pairs farther apart than the reach are ignored; it shrinks geometrically from `reach_mm` to
+    `final_reach_mm`. Of the rest the closest share `trim` is used.
+    """
+    pose = np.array(pose_cam_obj, dtype=np.float64)
+    observed = _points(cost.observed, cost.camera_matrix)[cost.observed > 0.0]
+    if len(observed) == 0:
+        return pose, 0
+    tree = cKDTree(observed)
+    reaches = np.geomspace(settings.reach_mm, settings.final_reach_mm, settings.iterations) / 1e3
+    for iteration, reach in enumerate(reaches):
+        points, normals = _surface(cost, pose, settings.points)
+        distances, indices = tree.query(points, distance_upper_bound=reach)
+        near = np.flatnonzero(np.isfinite(distances))
+        near = near[np.argsort(distances[near], kind="stable")][: int(settings.trim * len(near))]
+        if len(near) < 6:
+            return pose, iteration
+        step = _step(points[near], normals[near], observed[indices[near]])
+        pose = step @ pose
+        moved = np.linalg.norm(points[near] @ step[:3, :3].T + step[:3, 3] - points[near], axis=1)
+        if moved.max() < settings.converged_mm / 1000.0 and reach == reaches[-1]:
+            break
+    return pose, iteration + 1
+
+
+def _surface(
+    cost: DepthCost, pose_cam_obj: Float[np.ndarray, "4 4"], count: int
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+    """About `count` visible points of the model, evenly over the image, with unit normals."""
+    rendered = cost.render(pose_cam_obj)
+    points = _points(rendered, cost.camera_matrix)
+    across, down = np.zeros_like(points), np.zeros_like(points)
+    across[:, 1:-1] = points[:, 2:] - points[:, :-2]
+    down[1:-1] = points[2:] - points[:-2]
+    inside = np.zeros(rendered.shape, dtype=np.bool_)
+    drawn = rendered > 0.0
+    inside[1:-1, 1:-1] = drawn[1:-1, 1:-1] & drawn[1:-1, 2:] & drawn[1:-1, :-2]
+    inside[1:-1] &= drawn[2:, :][: len(inside) - 2] & drawn[:-2]
+    normals = np.cross(across[inside], down[inside])
+    length = np.linalg.norm(normals, axis=1)
+    keep = np.flatnonzero(length > 0.0)
+    keep = keep[:: max(len(keep) // count, 1)]
+    return points[inside][keep], normals[keep] / length[keep, None]
+
+
+def _step(
+    points: Float[np.ndarray, "n 3"],
+    normals: Float[np.ndarray, "n 3"],
+    targets: Float[np.ndarray, "n 3"],
+) -> Float[np.ndarray, "4 4"]:
+    """Motion of the points that minimises Σ (n · (R p + t − target))², linearised about p's mean.
+
+    Directions that the surface leaves free (a sphere's rotations) are not moved.
+    """
+    middle = points.mean(axis=0)
+    jacobian = np.concatenate([np.cross(points - middle, normals), normals], axis=1)
+    residual = np.einsum("ij,ij->i", normals, targets - points)
+    solution = np.linalg.lstsq(jacobian, residual, rcond=1e-4)[0]
+    rotation = Rotation.from_rotvec(solution[:3]).as_matrix()
+    return rigid(rotation, middle + solution[3:] - rotation @ middle)
+
+
+def _points(
+    depth: Float[np.ndarray, "h w"], camera_matrix: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "h w 3"]:
+    y, x = np.indices(depth.shape)
+    return back_project(np.stack([x, y], axis=-1), depth, camera_matrix)

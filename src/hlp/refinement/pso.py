@@ -1,0 +1,129 @@
+"""Fine pose by particle swarm optimisation (paper, Section 3.3; Kennedy & Eberhart 1995)."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from hlp.geometry import rigid
+from hlp.records import Hypotheses, ObjectModel, Refinement
+from hlp.refinement.cost import CostSettings, DepthCost, verify
+from hlp.refinement.refiner import checked_poses
+
+
+@dataclass(frozen=True)
+class PsoSettings:
+    """Settings of the swarm and its cost; see conf/refinement/pso.yaml for what each means."""
+
+    name: str
+    cost: CostSettings
+    particles: int
+    theta_deg: float
+    tau_mm: float
+    phi_1: float
+    phi_2: float
+    iterations: int
+    patience: int
+    recentre: bool
+    budget_ms: float
+    threads: int
+
+
+class PsoRefiner:
+    """Canonical PSO over six degrees of freedom around the coarse pose."""
+
+    def __init__(self, settings: PsoSettings) -> None:
+        self._settings = settings
+
+    def refine(
+        self,
+        model: ObjectModel,
+        depth: Float[np.ndarray, "h w"],
+        camera_matrix: Float[np.ndarray, "3 3"],
+        hypotheses: Hypotheses,
+        seed: int,
+    ) -> list[Refinement]:
+        """See Refiner.refine. Each hypothesis has its own random stream.
+
+        With a budget (`budget_ms` > 0) the time left is shared evenly among the hypotheses left;
+        what time allows differs from run to run, so poses are then not reproducible.
+        """
+        poses = checked_poses(hypotheses)
+        budget = self._settings.budget_ms / 1000.0 if self._settings.budget_ms > 0 else np.inf
+        start = time.perf_counter()
+        refined = []
+        for index, pose in enumerate(poses):
+            now = time.perf_counter()
+            deadline = now + (budget - (now - start)) / (len(poses) - index)
+            rng = np.random.default_rng([seed, index])
+            cost = DepthCost(
+                model.proxy, depth, camera_matrix, pose, self._settings.cost, self._settings.threads
+            )
+            best, iterations = search(cost, pose, model.centroid, self._settings, rng, deadline)
+            final = verify(model.proxy, depth, camera_matrix, best, self._settings.cost)
+            refined.append(Refinement(best, final, iterations))
+        return refined
+
+
+def search(
+    cost: DepthCost,
+    pose_cam_obj: Float[np.ndarray, "4 4"],
+    centroid: Float[np.ndarray, "3"],
+    settings: PsoSettings,
+    rng: np.random.Generator,
+    deadline: float = np.inf,
+) -> tuple[Float[np.ndarray, "4 4"], int]:
+    """Pose of least cost found around a pose, and the number of iterations it took.
+
+    Positions are fractions of the box (θ, τ) around the box's centre. With `recentre` the box
+    follows the best pose, so that poses outside it can be reached in several steps; particles keep
+    their place relative to the box, which is exact for the best pose and, as rotations about
+    different centres do not quite add, approximate for the others' memories. `deadline` is a
+    reading of time.perf_counter() after which no iteration begins.
+    """
+    box = np.repeat([np.deg2rad(settings.theta_deg), settings.tau_mm / 1000.0], 3)
+    phi = settings.phi_1 + settings.phi_2
+    constriction = 2.0 / abs(2.0 - phi - np.sqrt(phi * phi - 4.0 * phi))
+    centre = np.array(pose_cam_obj, dtype=np.float64)
+    position = rng.uniform(-1.0, 1.0, (settings.particles, 6))
+    position[0] = 0.0
+    velocity = rng.uniform(-1.0, 1.0, position.shape)
+    own, own_cost = position.copy(), cost.evaluate(moved(centre, position * box, centroid))
+    best = int(own_cost.argmin())
+    lowest, leader, idle, iteration = own_cost[best], own[best].copy(), 0, 0
+    while iteration < settings.iterations and idle < settings.patience:
+        if time.perf_counter() > deadline:
+            break
+        iteration += 1
+        if settings.recentre and leader.any():
+            centre = moved(centre, leader[None] * box, centroid)[0]
+            position, own, leader = position - leader, own - leader, np.zeros(6)
+        pull_1, pull_2 = rng.random((2, *position.shape))
+        velocity += settings.phi_1 * pull_1 * (own - position)
+        velocity += settings.phi_2 * pull_2 * (leader - position)
+        velocity *= constriction
+        position = np.clip(position + velocity, -1.0, 1.0)
+        current = cost.evaluate(moved(centre, position * box, centroid))
+        better = current < own_cost
+        own[better], own_cost[better] = position[better], current[better]
+        best = int(own_cost.argmin())
+        idle = 0 if own_cost[best] < lowest else idle + 1
+        lowest, leader = own_cost[best], own[best].copy()
+    return moved(centre, leader[None] * box, centroid)[0], iteration
+
+
+def moved(
+    pose_cam_obj: Float[np.ndarray, "4 4"],
+    steps: Float[np.ndarray, "n 6"],
+    centroid: Float[np.ndarray, "3"],
+) -> Float[np.ndarray, "n 4 4"]:
+    """Poses R_r·R_0, t_0 + t_r for steps (α, β, γ rad, t_r m), R_r = R_x(α)·R_y(β)·R_z(γ).
+
+    R_r turns about the object's centroid (object coordinates), t_r moves the centroid.
+    """
+    rotation, translation = pose_cam_obj[:3, :3], pose_cam_obj[:3, 3]
+    turned = Rotation.from_euler("XYZ", steps[:, :3]).as_matrix() @ rotation
+    middle = rotation @ centroid + translation + steps[:, 3:]
+    return rigid(turned, middle - turned @ centroid)
