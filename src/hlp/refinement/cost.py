@@ -7,14 +7,15 @@ One compiled kernel transforms the mesh, draws it into a z-buffer and sums the c
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int
-from numba import njit
+from jaxtyping import Bool, Float
 
 from hlp.geometry import project, transform
 from hlp.records import Mesh
+from hlp.refinement.cost_kernel import project_vertices, sum_costs
 from hlp.rendering.rasterizer import NEAR, fill_triangles, is_closed
 
 WORST = 1.0
@@ -98,7 +99,7 @@ class DepthCost:
             self._run(poses, sums)
         else:
             bounds = np.linspace(0, len(poses), self._threads + 1).astype(int)
-            parts = [slice(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+            parts = [slice(a, b) for a, b in pairwise(bounds)]
             list(self._pool.map(lambda part: self._run(poses[part], sums[part]), parts))
         return sums
 
@@ -106,13 +107,13 @@ class DepthCost:
         """Depth of the mesh in the ROI (m, 0 = nothing)."""
         inverse = np.zeros(self.observed.shape)
         corners = np.empty_like(self._vertices)
-        _project(np.asarray(pose_cam_obj)[:3], self._vertices, self.camera_matrix, corners)
+        project_vertices(np.asarray(pose_cam_obj)[:3], self._vertices, self.camera_matrix, corners)
         fill_triangles(corners, self._faces, self._closed, inverse, None)
         return np.where(inverse > 0.0, 1.0 / np.where(inverse > 0.0, inverse, 1.0), 0.0)
 
     def _run(self, poses: Float[np.ndarray, "n 3 4"], sums: Float[np.ndarray, "n 6"]) -> None:
         settings = self._settings
-        _sum_costs(
+        sum_costs(
             poses,
             self._vertices,
             self._faces,
@@ -218,87 +219,3 @@ def _region(
     camera[:2, 2] = (np.asarray(camera_matrix)[:2, 2] - [left, top] + 0.5) / step - 0.5
     observed = np.where(np.isfinite(observed) & (observed > 0.0), observed, 0.0)
     return np.ascontiguousarray(observed, dtype=np.float64), camera
-
-
-@njit(nogil=True, cache=True)
-def _project(
-    pose: Float[np.ndarray, "3 4"],
-    vertices: Float[np.ndarray, "v 3"],
-    camera: Float[np.ndarray, "3 3"],
-    corners: Float[np.ndarray, "v 3"],
-) -> None:
-    """(x px, y px, 1/z) of each vertex; 1/z = 0 where it is nearer than NEAR."""
-    fx, fy, cx, cy = camera[0, 0], camera[1, 1], camera[0, 2], camera[1, 2]
-    for v in range(vertices.shape[0]):
-        a, b, c = vertices[v, 0], vertices[v, 1], vertices[v, 2]
-        z = pose[2, 0] * a + pose[2, 1] * b + pose[2, 2] * c + pose[2, 3]
-        if z < NEAR:
-            corners[v, :] = 0.0
-            continue
-        inverse = 1.0 / z
-        x = pose[0, 0] * a + pose[0, 1] * b + pose[0, 2] * c + pose[0, 3]
-        y = pose[1, 0] * a + pose[1, 1] * b + pose[1, 2] * c + pose[1, 3]
-        corners[v, 0] = x * inverse * fx + cx
-        corners[v, 1] = y * inverse * fy + cy
-        corners[v, 2] = inverse
-
-
-@njit(nogil=True, cache=True)
-def _sum_costs(
-    poses: Float[np.ndarray, "n 3 4"],
-    vertices: Float[np.ndarray, "v 3"],
-    faces: Int[np.ndarray, "f 3"],
-    closed: bool,
-    camera: Float[np.ndarray, "3 3"],
-    observed: Float[np.ndarray, "h w"],
-    edge_cost: Float[np.ndarray, "h w"],
-    reference: Bool[np.ndarray, "h w"],
-    tau: float,
-    step: float,
-    missing_cost: float,
-    occluder_cost: float,
-    sums: Float[np.ndarray, "n 6"],
-) -> None:
-    """Fill `sums` with the terms of each pose (see DepthCost.terms)."""
-    height, width = observed.shape
-    inverse = np.zeros((height, width))
-    corners = np.empty((vertices.shape[0], 3))
-    depth = np.empty((height, width))
-    for n in range(poses.shape[0]):
-        _project(poses[n], vertices, camera, corners)
-        inverse[:] = 0.0
-        fill_triangles(corners, faces, closed, inverse, None)
-        for y in range(height):
-            for x in range(width):
-                depth[y, x] = 1.0 / inverse[y, x] if inverse[y, x] > 0.0 else np.inf
-        depth_sum, edge_sum = 0.0, 0.0
-        pixels, seen, edges, covered = 0, 0, 0, 0
-        for y in range(height):
-            for x in range(width):
-                s = depth[y, x]
-                if s == np.inf:
-                    continue
-                pixels += 1
-                covered += reference[y, x]
-                o = observed[y, x]
-                occluded = False
-                if o <= 0.0:
-                    depth_sum += missing_cost
-                else:
-                    seen += 1
-                    occluded = s - o > tau
-                    if o < s:
-                        depth_sum += min((s - o) / tau, occluder_cost)
-                    else:
-                        depth_sum += min((o - s) / tau, 1.0)
-                far = s + step
-                if (
-                    (x > 0 and depth[y, x - 1] > far)
-                    or (x + 1 < width and depth[y, x + 1] > far)
-                    or (y > 0 and depth[y - 1, x] > far)
-                    or (y + 1 < height and depth[y + 1, x] > far)
-                ):
-                    edges += 1
-                    edge_sum += occluder_cost if occluded else edge_cost[y, x]
-        sums[n, 0], sums[n, 1], sums[n, 2] = depth_sum, pixels, seen
-        sums[n, 3], sums[n, 4], sums[n, 5] = edge_sum, edges, covered

@@ -124,5 +124,5 @@ def _step(
 def _points(
     depth: Float[np.ndarray, "h w"], camera_matrix: Float[np.ndarray, "3 3"]
 ) -> Float[np.ndarray, "h w 3"]:
-    y, x = np.indices(depth.shape)
+    y, x = np.indices(depth.shape, dtype=np.float64)
     return back_project(np.stack([x, y], axis=-1), depth, camera_matrix)

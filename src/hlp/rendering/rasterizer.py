@@ -32,43 +32,57 @@ def fill_triangles(
 
     `corners` are (x px, y px, 1/z) of each vertex; a vertex with 1/z <= 0 drops its triangles.
     `cull` skips back faces (right for closed meshes, see `is_closed`). `triangles` receives the
-    index of the face seen at each pixel, if asked for (twice the time). Edges belong to both triangles that share them, with a
-    tolerance above the rounding error, so that no crack is left between.
+    index of the face seen at each pixel, if asked for (twice the time). Edges belong to both
+    triangles that share them, with a tolerance above the rounding error, so that no crack is left
+    between.
     """
+    for face in range(faces.shape[0]):
+        _fill_triangle(corners, faces, face, cull, inverse_depth, triangles)
+
+
+@njit(nogil=True, cache=True)
+def _fill_triangle(
+    corners: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    face: int,
+    cull: bool,
+    inverse_depth: Float[np.ndarray, "h w"],
+    triangles: Int[np.ndarray, "h w"] | None,
+) -> None:
+    """Draw one triangle, see fill_triangles."""
     height, width = inverse_depth.shape
-    for f in range(faces.shape[0]):
-        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        ax, ay, wa = corners[a, 0], corners[a, 1], corners[a, 2]
-        bx, by, wb = corners[b, 0], corners[b, 1], corners[b, 2]
-        cx, cy, wc = corners[c, 0], corners[c, 1], corners[c, 2]
-        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        if cull and area >= 0.0:
-            continue
-        x0 = max(int(np.ceil(min(ax, bx, cx) - 1e-6)), 0)
-        x1 = min(int(np.floor(max(ax, bx, cx) + 1e-6)), width - 1)
-        y0 = max(int(np.ceil(min(ay, by, cy) - 1e-6)), 0)
-        y1 = min(int(np.floor(max(ay, by, cy) + 1e-6)), height - 1)
-        low, high = min(wa, wb, wc), max(wa, wb, wc)
-        if x0 > x1 or y0 > y1 or abs(area) < 1e-12 or low <= 0.0:
-            continue
-        # Weights of corners b and c grow linearly from corner a; corner a has the rest.
-        scale = 1.0 / area
-        b_x, b_y = (cy - ay) * scale, (ax - cx) * scale
-        c_x, c_y = (ay - by) * scale, (bx - ax) * scale
-        tolerance = -1e-8 * abs(scale)
-        for y in range(y0, y1 + 1):
-            for x in range(x0, x1 + 1):
-                weight_b = b_x * (x - ax) + b_y * (y - ay)
-                weight_c = c_x * (x - ax) + c_y * (y - ay)
-                least = min(min(weight_b, weight_c), 1.0 - weight_b - weight_c)
-                # A pixel within the tolerance may lie outside a sliver: do not extrapolate there.
-                w = min(max(wa + weight_b * (wb - wa) + weight_c * (wc - wa), low), high)
-                # Without a branch: which pixels are hit is unpredictable, and a wrongly predicted
-                # branch costs more than this arithmetic (2.6 times, measured).
-                nearest = (least >= tolerance) & (w > inverse_depth[y, x])
-                inverse_depth[y, x] = w if nearest else inverse_depth[y, x]
-                if triangles is not None:  # decided when the kernel is compiled
-                    triangles[y, x] = f if nearest else triangles[y, x]
+    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+    ax, ay, wa = corners[a, 0], corners[a, 1], corners[a, 2]
+    bx, by, wb = corners[b, 0], corners[b, 1], corners[b, 2]
+    cx, cy, wc = corners[c, 0], corners[c, 1], corners[c, 2]
+    area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    if cull and area >= 0.0:
+        return
+    x0 = max(int(np.ceil(min(ax, bx, cx) - 1e-6)), 0)
+    x1 = min(int(np.floor(max(ax, bx, cx) + 1e-6)), width - 1)
+    y0 = max(int(np.ceil(min(ay, by, cy) - 1e-6)), 0)
+    y1 = min(int(np.floor(max(ay, by, cy) + 1e-6)), height - 1)
+    low, high = min(wa, wb, wc), max(wa, wb, wc)
+    if x0 > x1 or y0 > y1 or abs(area) < 1e-12 or low <= 0.0:
+        return
+    # Weights of corners b and c grow linearly from corner a; corner a has the rest.
+    scale = 1.0 / area
+    b_x, b_y = (cy - ay) * scale, (ax - cx) * scale
+    c_x, c_y = (ay - by) * scale, (bx - ax) * scale
+    tolerance = -1e-8 * abs(scale)
+    for y in range(y0, y1 + 1):
+        for x in range(x0, x1 + 1):
+            weight_b = b_x * (x - ax) + b_y * (y - ay)
+            weight_c = c_x * (x - ax) + c_y * (y - ay)
+            least = min(min(weight_b, weight_c), 1.0 - weight_b - weight_c)
+            # A pixel within the tolerance may lie outside a sliver: do not extrapolate there.
+            w = min(max(wa + weight_b * (wb - wa) + weight_c * (wc - wa), low), high)
+            # Without a branch: which pixels are hit is unpredictable, and a wrongly predicted
+            # branch costs more than this arithmetic (2.6 times, measured).
+            nearest = (least >= tolerance) & (w > inverse_depth[y, x])
+            inverse_depth[y, x] = w if nearest else inverse_depth[y, x]
+            if triangles is not None:  # decided when the kernel is compiled
+                triangles[y, x] = face if nearest else triangles[y, x]
 
 
 def is_closed(faces: Int[np.ndarray, "f 3"], vertices: Float[np.ndarray, "v 3"]) -> bool:

@@ -1,0 +1,27 @@
+import pytest
+from refinement_scene import Scene, make_scene
+
+from hlp.refinement.cost import CostSettings
+
+
+@pytest.fixture(scope="session")
+def scene() -> Scene:
+    return make_scene(0)
+
+
+@pytest.fixture
+def cost_settings() -> CostSettings:
+    return CostSettings(
+        weight_depth=0.8,
+        weight_edge=0.2,
+        tau_depth_mm=30.0,
+        tau_edge_mm=15.0,
+        edge_step_mm=15.0,
+        missing_cost=0.5,
+        occluder_cost=0.5,
+        uncovered_cost=1.0,
+        reference_mm=30.0,
+        roi_size=96,
+        roi_margin_mm=30.0,
+        verify_tau_depth_mm=20.0,
+    )

@@ -1,0 +1,86 @@
+"""A synthetic scene: an object without symmetry on a table, partly hidden by a box, noisy depth."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+
+from hlp.geometry import rigid
+from hlp.records import Mesh, ObjectModel
+from hlp.rendering.light import FRONTAL_LIGHT
+from hlp.rendering.rasterizer import render_scene
+
+CAMERA = np.array([[520.0, 0.0, 151.2], [0.0, 525.0, 118.7], [0.0, 0.0, 1.0]])
+SHAPE = (240, 320)
+
+
+@dataclass(frozen=True)
+class Scene:
+    model: ObjectModel
+    pose: np.ndarray
+    depth: np.ndarray
+    camera_matrix: np.ndarray
+
+
+def as_mesh(shape: trimesh.Trimesh) -> Mesh:
+    vertices = np.array(shape.vertices, dtype=np.float64)
+    colors = np.full((len(vertices), 3), 180, dtype=np.uint8)
+    return Mesh(
+        vertices, np.array(shape.faces, dtype=np.int64), colors, np.array(shape.vertex_normals)
+    )
+
+
+def make_model() -> ObjectModel:
+    """A body, a tower at one end and a ball at the other; its origin lies outside of it."""
+    body = trimesh.creation.box((0.10, 0.05, 0.04))
+    tower = trimesh.creation.box((0.03, 0.04, 0.06))
+    tower.apply_translation([0.04, 0.005, 0.04])
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.02)
+    ball.apply_translation([-0.035, -0.02, 0.025])
+    shape = trimesh.util.concatenate([body, tower, ball])
+    shape.apply_translation([0.03, -0.02, 0.05])
+    mesh = as_mesh(shape)
+    spread = mesh.vertices[:, None] - mesh.vertices[None]
+    diameter = float(np.linalg.norm(spread, axis=-1).max())
+    return ObjectModel(1, "toy", mesh, mesh, diameter, np.eye(4)[None], 0.1, 0.04)
+
+
+def posed(model: ObjectModel, rotation: np.ndarray, centroid: np.ndarray) -> np.ndarray:
+    return rigid(rotation, centroid - rotation @ model.centroid)
+
+
+def make_scene(seed: int, hidden: bool = True) -> Scene:
+    rng = np.random.default_rng(seed)
+    model = make_model()
+    turn = trimesh.transformations.rotation_matrix
+    rotation = (turn(2.2, [1, 0, 0]) @ turn(rng.uniform(0, 6.0), [0, 0, 1]))[:3, :3]
+    pose = posed(model, rotation, np.array([0.02, -0.01, 0.62]))
+    table = as_mesh(trimesh.creation.box((0.8, 0.8, 0.01)))
+    parts = [
+        (model.mesh, pose),
+        (table, rigid(turn(2.2, [1, 0, 0])[:3, :3], np.array([0, 0.04, 0.72]))),
+    ]
+    if hidden:
+        box = as_mesh(trimesh.creation.box((0.03, 0.06, 0.03)))
+        parts.append((box, rigid(np.eye(3), np.array([-0.03, 0.02, 0.5]))))
+    _, depth, _ = render_scene(parts, CAMERA, SHAPE, FRONTAL_LIGHT)
+    noisy = depth + rng.normal(scale=0.001, size=SHAPE) * (depth > 0)
+    noisy[rng.random(SHAPE) < 0.05] = 0.0
+    return Scene(model, pose, noisy.astype(np.float32), CAMERA)
+
+
+def disturbed(scene: Scene, degrees: float, millimetres: float, seed: int) -> np.ndarray:
+    """The true pose, turned about the centroid and shifted, in random directions."""
+    rng = np.random.default_rng(seed)
+    axis, shift = rng.normal(size=(2, 3))
+    turn = trimesh.transformations.rotation_matrix(np.deg2rad(degrees), axis)[:3, :3]
+    centre = scene.pose[:3, :3] @ scene.model.centroid + scene.pose[:3, 3]
+    moved = centre + shift / np.linalg.norm(shift) * millimetres / 1000
+    return posed(scene.model, turn @ scene.pose[:3, :3], moved)
+
+
+def error(scene: Scene, pose: np.ndarray) -> float:
+    """Mean distance between the vertices in two poses (m)."""
+    vertices = scene.model.mesh.vertices
+    difference = vertices @ (pose - scene.pose)[:3, :3].T + (pose - scene.pose)[:3, 3]
+    return float(np.linalg.norm(difference, axis=1).mean())

@@ -1,0 +1,159 @@
+"""The compiled cost against a slow one written here from Eq. 2, and its special cases."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from refinement_scene import CAMERA, SHAPE, Scene, disturbed, error, make_scene
+from scipy.spatial import cKDTree
+
+from hlp.geometry import project
+from hlp.refinement.cost import WORST, CostSettings, DepthCost, depth_edges, verify
+from hlp.rendering.rasterizer import render_depth
+
+
+def slow_edges(depth: np.ndarray, step: float) -> np.ndarray:
+    """Pixel by pixel: a 4-neighbour is empty or lies farther by more than the step."""
+    height, width = depth.shape
+    edges = np.zeros(depth.shape, dtype=bool)
+    for y, x in np.argwhere(depth > 0):
+        for j, i in ((y - 1, x), (y + 1, x), (y, x - 1), (y, x + 1)):
+            if 0 <= j < height and 0 <= i < width:
+                edges[y, x] |= depth[j, i] == 0 or depth[j, i] > depth[y, x] + step
+    return edges
+
+
+def slow_cost(
+    scene: Scene, cost: DepthCost, coarse: np.ndarray, pose: np.ndarray, s: CostSettings
+) -> float:
+    """Eq. 2 on the region's grid, with NumPy and a k-d tree over the observed edgelets."""
+    observed, camera = cost.observed, cost.camera_matrix
+    first, rendered = render_depth(
+        scene.model.proxy, np.stack([coarse, pose]), camera, observed.shape
+    ).astype(np.float64)
+    drawn, seen = rendered > 0, observed > 0
+    tau = s.tau_depth_mm / 1000
+    cost_map = np.full(observed.shape, s.missing_cost)
+    behind = np.minimum((observed - rendered) / tau, 1.0)
+    before = np.minimum((rendered - observed) / tau, s.occluder_cost)
+    cost_map[seen] = np.where(observed >= rendered, behind, before)[seen]
+    agreed = (first > 0) & seen & (np.abs(first - observed) <= s.reference_mm / 1000)
+    uncovered = np.count_nonzero(agreed & ~drawn)
+    total = cost_map[drawn].sum() + s.uncovered_cost * uncovered
+    depth_cost = total / (np.count_nonzero(drawn) + uncovered * (s.uncovered_cost > 0))
+
+    step = s.edge_step_mm / 1000
+    own = np.argwhere(slow_edges(rendered, step))
+    theirs = np.argwhere(slow_edges(observed, step))
+    centre = coarse[:3, :3] @ scene.model.proxy.vertices.T + coarse[:3, 3:]
+    tau_edge = s.tau_edge_mm / 1000 * camera[0, 0] / np.median(centre[2])
+    distance = np.minimum(cKDTree(theirs).query(own)[0] / tau_edge, 1.0)
+    at = tuple(own.T)
+    hidden = seen[at] & (rendered[at] - observed[at] > tau)
+    edge_cost = np.where(hidden, s.occluder_cost, distance).mean()
+    return float(s.weight_depth * depth_cost + s.weight_edge * edge_cost)
+
+
+@pytest.mark.parametrize("changes", [{}, {"uncovered_cost": 0.0, "roi_size": 50}])
+def test_cost_equals_the_slow_reference(
+    scene: Scene, cost_settings: CostSettings, changes: dict[str, float]
+) -> None:
+    settings = replace(cost_settings, **changes)
+    coarse = disturbed(scene, 12, 12, seed=1)
+    cost = DepthCost(scene.model.proxy, scene.depth, CAMERA, coarse, settings)
+    poses = np.stack([coarse] + [disturbed(scene, 9 * k, 8 * k, seed=k) for k in range(5)])
+    expected = [slow_cost(scene, cost, coarse, pose, settings) for pose in poses]
+    assert np.ptp(expected) > 0.1
+    np.testing.assert_allclose(cost.evaluate(poses), expected, atol=1e-6)
+
+
+def test_an_open_mesh_costs_the_same_from_its_inside(
+    scene: Scene, cost_settings: CostSettings
+) -> None:
+    """Without its culled triangles a mesh is open: nothing may be culled then."""
+    model = scene.model
+    half = replace(model.proxy, faces=model.proxy.faces[::2, ::-1])
+    opened = replace(scene, model=replace(model, proxy=half))
+    cost = DepthCost(half, scene.depth, CAMERA, scene.pose, cost_settings)
+    expected = slow_cost(opened, cost, scene.pose, scene.pose, cost_settings)
+    np.testing.assert_allclose(cost.evaluate(scene.pose[None])[0], expected, atol=1e-6)
+
+
+def test_region_samples_pixels_of_the_image_under_its_own_camera(
+    scene: Scene, cost_settings: CostSettings
+) -> None:
+    """A ramp as depth says where each sample comes from: at most half a pixel from its ray."""
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    for size in (1000, 96, 41):
+        settings = replace(cost_settings, roi_size=size, uncovered_cost=0.0)
+        samples = []
+        for ramp in (1.0 + x, 1.0 + y):
+            cost = DepthCost(scene.model.proxy, ramp, CAMERA, scene.pose, settings)
+            samples.append(cost.observed - 1.0)
+        height, width = cost.observed.shape
+        assert max(height, width) <= size
+        rows, columns = np.mgrid[:height, :width]
+        rays = np.linalg.inv(cost.camera_matrix) @ np.stack(
+            [columns.ravel(), rows.ravel(), np.ones(columns.size)]
+        )
+        there = project(rays.T, CAMERA).reshape(height, width, 2)
+        assert np.abs(there - np.stack(samples, axis=-1)).max() <= 0.5 + 1e-9
+    assert (
+        max(DepthCost(scene.model.proxy, ramp, CAMERA, scene.pose, cost_settings).observed.shape)
+        > 80
+    )
+
+
+def test_threads_change_no_bit(scene: Scene, cost_settings: CostSettings) -> None:
+    poses = np.stack([disturbed(scene, 20, 20, seed=k) for k in range(7)])
+    one, two, again = (
+        DepthCost(scene.model.proxy, scene.depth, CAMERA, scene.pose, cost_settings, threads)
+        for threads in (1, 2, 2)
+    )
+    np.testing.assert_array_equal(one.evaluate(poses), two.evaluate(poses))
+    np.testing.assert_array_equal(two.evaluate(poses[:1]), again.evaluate(poses)[:1])
+
+
+def test_true_pose_costs_least(cost_settings: CostSettings) -> None:
+    for seed in range(3):
+        scene = make_scene(seed)
+        true = verify(scene.model.proxy, scene.depth, CAMERA, scene.pose, cost_settings)
+        for k in range(8):
+            pose = disturbed(scene, 10 + 8 * k, 5 + 2 * k, seed=k)
+            assert error(scene, pose) > 0.005
+            wrong = verify(scene.model.proxy, scene.depth, CAMERA, pose, cost_settings)
+            assert true < wrong - 0.03
+
+
+def test_occluders_cost_less_than_free_space(cost_settings: CostSettings) -> None:
+    scene = make_scene(0, hidden=False)
+    wall = np.full(SHAPE, 0.3, dtype=np.float32)
+    behind = np.full(SHAPE, 2.0, dtype=np.float32)
+    args = (CAMERA, scene.pose, replace(cost_settings, weight_edge=0.0))
+    assert verify(scene.model.proxy, wall, *args) == pytest.approx(0.8 * 0.5)
+    assert verify(scene.model.proxy, behind, *args) == pytest.approx(0.8)
+
+
+def test_edges_are_on_the_near_side() -> None:
+    depth = np.full((6, 8), 1.0)
+    depth[:, 4:] = 0.9
+    depth[2, 1] = 0.0
+    expected = np.zeros((6, 8), dtype=bool)
+    expected[:, 4] = True
+    for y, x in ((1, 1), (3, 1), (2, 0), (2, 2)):
+        expected[y, x] = True
+    np.testing.assert_array_equal(depth_edges(depth, 0.05), expected)
+    np.testing.assert_array_equal(slow_edges(depth, 0.05), expected)
+    assert not depth_edges(depth[3:], 0.2).any()
+
+
+@pytest.mark.parametrize("fill", [0.0, np.nan])
+def test_without_depth_or_out_of_the_image_the_cost_is_the_worst(
+    scene: Scene, cost_settings: CostSettings, fill: float
+) -> None:
+    empty = np.full(SHAPE, fill, dtype=np.float32)
+    away, behind = scene.pose.copy(), scene.pose.copy()
+    away[0, 3], behind[2, 3] = 5.0, -1.0
+    assert verify(scene.model.proxy, empty, CAMERA, scene.pose, cost_settings) == WORST
+    assert verify(scene.model.proxy, scene.depth, CAMERA, away, cost_settings) == WORST
+    assert verify(scene.model.proxy, scene.depth, CAMERA, behind, cost_settings) == WORST

@@ -1,0 +1,110 @@
+"""The swarm on costs whose minimum is known, and its moves against Eq. R_x R_y R_z."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from refinement_scene import CAMERA, Scene, disturbed, posed
+
+from hlp.geometry import rigid, rotation_distance
+from hlp.records import Hypotheses
+from hlp.refinement.cost import CostSettings
+from hlp.refinement.pso import PsoRefiner, PsoSettings, moved, search
+
+CENTROID = np.array([0.02, -0.01, 0.03])
+
+
+class Bowl:
+    """Distance to a known pose: 1 for each radian and for each 0.1 m of the centroid."""
+
+    def __init__(self, goal: np.ndarray) -> None:
+        self.goal = goal
+        self.calls = 0
+
+    def evaluate(self, poses: np.ndarray) -> np.ndarray:
+        self.calls += 1
+        middle = poses[:, :3, :3] @ CENTROID + poses[:, :3, 3]
+        goal = self.goal[:3, :3] @ CENTROID + self.goal[:3, 3]
+        angle = rotation_distance(poses[:, :3, :3], self.goal[:3, :3])
+        return angle**2 + (np.linalg.norm(middle - goal, axis=1) / 0.1) ** 2
+
+
+@pytest.fixture
+def settings(cost_settings: CostSettings) -> PsoSettings:
+    return PsoSettings("pso", cost_settings, 25, 10.0, 10.0, 2.8, 1.3, 60, 10, True, 0.0, 1)
+
+
+def start() -> np.ndarray:
+    return rigid(np.eye(3), np.array([0.0, 0.0, 0.8]))
+
+
+def test_moves_turn_about_the_centroid_in_the_papers_order() -> None:
+    a, b, c = steps = np.array([0.3, -0.5, 0.7])
+    shift = np.array([0.01, 0.02, -0.03])
+    x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
+    y = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
+    z = np.array([[np.cos(c), -np.sin(c), 0], [np.sin(c), np.cos(c), 0], [0, 0, 1]])
+    first = rigid(z @ x, np.array([0.1, 0.2, 0.9]))
+    result = moved(first, np.concatenate([steps, shift])[None], CENTROID)[0]
+    np.testing.assert_allclose(result[:3, :3], x @ y @ z @ first[:3, :3], atol=1e-12)
+    before = first[:3, :3] @ CENTROID + first[:3, 3]
+    np.testing.assert_allclose(result[:3, :3] @ CENTROID + result[:3, 3], before + shift)
+
+
+def test_swarm_reaches_goals_outside_its_box_only_when_the_box_follows(
+    settings: PsoSettings,
+) -> None:
+    goal = moved(start(), np.array([[0.5, -0.3, 0.2, 0.03, -0.02, 0.01]]), CENTROID)[0]
+    follows, _ = search(Bowl(goal), start(), CENTROID, settings, np.random.default_rng(0))
+    fixed = replace(settings, recentre=False)
+    stays, _ = search(Bowl(goal), start(), CENTROID, fixed, np.random.default_rng(0))
+    assert Bowl(goal).evaluate(follows[None])[0] < 1e-3
+    assert Bowl(goal).evaluate(stays[None])[0] > 0.1
+    low = rotation_distance(stays[:3, :3], np.eye(3))
+    assert low < np.deg2rad(10.0) * 3**0.5 + 1e-9
+
+
+@pytest.mark.parametrize("recentre", [True, False])
+def test_swarm_finds_a_goal_in_its_box(settings: PsoSettings, recentre: bool) -> None:
+    goal = moved(start(), np.array([[0.1, -0.12, 0.05, 0.005, -0.007, 0.003]]), CENTROID)[0]
+    long = replace(settings, recentre=recentre, iterations=200, patience=40)
+    found, _ = search(Bowl(goal), start(), CENTROID, long, np.random.default_rng(1))
+    assert Bowl(goal).evaluate(found[None])[0] < 1e-5
+
+
+def test_a_pose_that_cannot_be_bettered_is_kept(settings: PsoSettings) -> None:
+    bowl = Bowl(start())
+    found, iterations = search(bowl, start(), CENTROID, settings, np.random.default_rng(0))
+    np.testing.assert_allclose(found, start(), atol=1e-12)
+    assert iterations == settings.patience
+    assert bowl.calls == settings.patience + 1
+
+
+def test_iterations_are_capped(settings: PsoSettings) -> None:
+    goal = moved(start(), np.array([[0.1, 0.1, 0.1, 0.0, 0.0, 0.0]]), CENTROID)[0]
+    bowl = Bowl(goal)
+    few = replace(settings, iterations=4)
+    assert search(bowl, start(), CENTROID, few, np.random.default_rng(0))[1] == 4
+    assert bowl.calls == 5
+
+
+def test_budget_ends_the_search(scene: Scene, settings: PsoSettings) -> None:
+    coarse = Hypotheses(np.stack([disturbed(scene, 20, 20, 1)] * 2), np.ones(2))
+    hasty = PsoRefiner(replace(settings, budget_ms=1e-3))
+    found = hasty.refine(scene.model, scene.depth, CAMERA, coarse, seed=0)
+    assert [each.iterations for each in found] == [0, 0]
+
+
+def test_hypotheses_have_their_own_streams(scene: Scene, settings: PsoSettings) -> None:
+    """What becomes of one hypothesis does not depend on those before it."""
+    first, second = (
+        disturbed(scene, 20, 10, 1),
+        posed(scene.model, np.eye(3), np.array([0.0, 0.0, 0.6])),
+    )
+    short = PsoRefiner(replace(settings, iterations=3))
+    other = np.stack([second, first]), np.stack([first, first])
+    found = [
+        short.refine(scene.model, scene.depth, CAMERA, Hypotheses(poses, np.ones(2)), 7)[1]
+        for poses in other
+    ]
+    np.testing.assert_array_equal(found[0].pose_cam_obj, found[1].pose_cam_obj)

@@ -1,0 +1,135 @@
+"""What holds for every refiner: recovery, order, determinism, bad input."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from refinement_scene import CAMERA, SHAPE, Scene, disturbed, error, make_scene
+
+from hlp.records import Hypotheses
+from hlp.refinement.cost import WORST, CostSettings, verify
+from hlp.refinement.icp import IcpRefiner, IcpSettings
+from hlp.refinement.none import NoneRefiner, NoneSettings
+from hlp.refinement.pso import PsoRefiner, PsoSettings
+from hlp.refinement.refiner import Refiner
+
+
+@pytest.fixture
+def pso_settings(cost_settings: CostSettings) -> PsoSettings:
+    return PsoSettings("pso", cost_settings, 25, 10.0, 10.0, 2.8, 1.3, 30, 6, True, 0.0, 2)
+
+
+@pytest.fixture
+def icp_settings(cost_settings: CostSettings) -> IcpSettings:
+    return IcpSettings("icp", cost_settings, 20, 500, 40.0, 10.0, 0.8, 0.05)
+
+
+@pytest.fixture(params=["pso", "icp", "none"])
+def refiner(
+    request: pytest.FixtureRequest,
+    pso_settings: PsoSettings,
+    icp_settings: IcpSettings,
+    cost_settings: CostSettings,
+) -> Refiner:
+    refiners: dict[str, Refiner] = {
+        "pso": PsoRefiner(pso_settings),
+        "icp": IcpRefiner(icp_settings),
+        "none": NoneRefiner(NoneSettings("none", cost_settings)),
+    }
+    return refiners[request.param]
+
+
+def hypotheses(*poses: np.ndarray) -> Hypotheses:
+    return Hypotheses(np.stack(poses), np.ones(len(poses)))
+
+
+def test_perturbed_poses_are_recovered_by_pso(pso_settings: PsoSettings) -> None:
+    refiner, errors = PsoRefiner(pso_settings), []
+    for seed in range(4):
+        scene = make_scene(seed)
+        coarse = hypotheses(*(disturbed(scene, *step, seed) for step in ((20, 15), (30, 20))))
+        found = refiner.refine(scene.model, scene.depth, CAMERA, coarse, seed=seed)
+        errors += [error(scene, each.pose_cam_obj) for each in found]
+    assert np.median(errors) < 0.002
+    assert sum(each < 0.1 * scene.model.diameter for each in errors) >= 7
+
+
+def test_small_perturbations_are_recovered_by_icp(icp_settings: IcpSettings) -> None:
+    refiner, errors = IcpRefiner(icp_settings), []
+    for seed in range(4):
+        scene = make_scene(seed)
+        coarse = hypotheses(disturbed(scene, 10, 10, seed))
+        found = refiner.refine(scene.model, scene.depth, CAMERA, coarse, seed=seed)
+        errors += [error(scene, each.pose_cam_obj) for each in found]
+    assert np.median(errors) < 0.003
+    assert max(errors) < 0.1 * scene.model.diameter
+
+
+def test_none_leaves_the_poses(scene: Scene, cost_settings: CostSettings) -> None:
+    coarse = hypotheses(scene.pose, disturbed(scene, 30, 20, 0))
+    refiner = NoneRefiner(NoneSettings("none", cost_settings))
+    found = refiner.refine(scene.model, scene.depth, CAMERA, coarse, seed=0)
+    for each, pose in zip(found, coarse.poses_cam_obj, strict=True):
+        np.testing.assert_array_equal(each.pose_cam_obj, pose)
+    assert found[0].cost < found[1].cost
+
+
+def test_results_keep_the_order_and_carry_the_verification_cost(
+    scene: Scene, refiner: Refiner, cost_settings: CostSettings
+) -> None:
+    far = disturbed(scene, 170, 60, 3)
+    coarse = hypotheses(far, disturbed(scene, 3, 3, 1))
+    found = refiner.refine(scene.model, scene.depth, CAMERA, coarse, seed=0)
+    assert len(found) == 2
+    assert error(scene, found[0].pose_cam_obj) > 0.03 > error(scene, found[1].pose_cam_obj)
+    assert found[1].cost < found[0].cost
+    for each in found:
+        expected = verify(scene.model.proxy, scene.depth, CAMERA, each.pose_cam_obj, cost_settings)
+        assert each.cost == expected
+        rotation = each.pose_cam_obj[:3, :3]
+        np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
+
+
+def test_same_seed_same_poses(scene: Scene, refiner: Refiner) -> None:
+    coarse = hypotheses(disturbed(scene, 20, 10, 1), disturbed(scene, 10, 20, 2))
+    first, second = (
+        refiner.refine(scene.model, scene.depth, CAMERA, coarse, seed=5) for _ in range(2)
+    )
+    for a, b in zip(first, second, strict=True):
+        np.testing.assert_array_equal(a.pose_cam_obj, b.pose_cam_obj)
+        assert (a.cost, a.iterations) == (b.cost, b.iterations)
+
+
+def test_no_depth_gives_the_coarse_pose_at_the_worst_cost(scene: Scene, refiner: Refiner) -> None:
+    empty = np.zeros(SHAPE, dtype=np.float32)
+    away = scene.pose.copy()
+    away[0, 3] = 3.0
+    found = refiner.refine(scene.model, empty, CAMERA, hypotheses(scene.pose, away), seed=0)
+    for each, pose in zip(found, (scene.pose, away), strict=True):
+        np.testing.assert_array_equal(each.pose_cam_obj, pose)
+        assert each.cost == WORST
+
+
+def test_no_hypotheses_no_results(scene: Scene, refiner: Refiner) -> None:
+    none = Hypotheses(np.zeros((0, 4, 4)), np.zeros(0))
+    assert refiner.refine(scene.model, scene.depth, CAMERA, none, seed=0) == []
+
+
+def test_a_bad_hypothesis_is_named(scene: Scene, refiner: Refiner) -> None:
+    bad, behind = scene.pose.copy(), scene.pose.copy()
+    bad[1, 1], behind[2, 3] = np.nan, -0.5
+    with pytest.raises(ValueError, match=r"hypothesis 1.*finite"):
+        refiner.refine(scene.model, scene.depth, CAMERA, hypotheses(scene.pose, bad), seed=0)
+    with pytest.raises(ValueError, match=r"hypothesis 0.*behind"):
+        refiner.refine(scene.model, scene.depth, CAMERA, hypotheses(behind), seed=0)
+
+
+def test_threads_do_not_change_the_poses_of_pso(scene: Scene, pso_settings: PsoSettings) -> None:
+    coarse = hypotheses(disturbed(scene, 20, 10, 1))
+    one, two = (
+        PsoRefiner(replace(pso_settings, threads=threads)).refine(
+            scene.model, scene.depth, CAMERA, coarse, seed=5
+        )[0]
+        for threads in (1, 2)
+    )
+    np.testing.assert_array_equal(one.pose_cam_obj, two.pose_cam_obj)
