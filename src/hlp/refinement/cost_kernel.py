@@ -101,7 +101,7 @@ def _sum_pixels(
     sums[3], sums[4], sums[5] = edge_sum, edges, covered
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, inline="always")
 def _is_edge(depth: Float[np.ndarray, "h w"], y: int, x: int, far: float) -> bool:
     """Whether a 4-neighbour within the region lies beyond `far`."""
     return bool(

@@ -40,7 +40,7 @@ def fill_triangles(
         _fill_triangle(corners, faces, face, cull, inverse_depth, triangles)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, inline="always")
 def _fill_triangle(
     corners: Float[np.ndarray, "v 3"],
     faces: Int[np.ndarray, "f 3"],
