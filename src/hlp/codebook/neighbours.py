@@ -78,9 +78,7 @@ class KdForest:
         self.checks = checks
         cv2.setRNGSeed(seed)
         flann_kd_tree = 1
-        self.index = cv2.flann_Index(
-            self.features, {"algorithm": flann_kd_tree, "trees": trees}
-        )
+        self.index = cv2.flann_Index(self.features, {"algorithm": flann_kd_tree, "trees": trees})
 
     def search(self, queries: Float[np.ndarray, "n d"]) -> Matches:
         """The k approximately nearest features of each query, nearest first."""

@@ -103,9 +103,7 @@ class HolisticClassifier(pl.LightningModule):
 
 
 @torch.inference_mode()
-def class_probabilities(
-    network: nn.Module, images: Tensor
-) -> Float[np.ndarray, "n classes"]:
+def class_probabilities(network: nn.Module, images: Tensor) -> Float[np.ndarray, "n classes"]:
     """Softmax over the classes for windows (n, c, 64, 64) in [-1, 1], in chunks, bf16."""
     network.eval()
     chunks = []

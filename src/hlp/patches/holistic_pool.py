@@ -75,8 +75,18 @@ def bake_windows(
     per_view = int(np.ceil(settings.per_object / len(views)))
     order = rng.permutation(len(views))[: int(np.ceil(settings.per_object / per_view))]
     parts = [
-        _view_windows(views, int(i), per_view, label, metric_size, other_sizes, centroid,
-                      resolution, settings, rng)
+        _view_windows(
+            views,
+            int(i),
+            per_view,
+            label,
+            metric_size,
+            other_sizes,
+            centroid,
+            resolution,
+            settings,
+            rng,
+        )
         for i in np.sort(order)
     ]
     return join_pools(parts)
@@ -138,8 +148,7 @@ def _view_windows(
     windows = Windows(pixels.astype(np.float64), z, focal * size / z)
     rgb = bleed_color(np.asarray(views.rgb[index]), depth > 0)
     scaled = [
-        cut_windows(rgb, depth, _one(windows, i), float(size[i]), resolution)
-        for i in range(count)
+        cut_windows(rgb, depth, _one(windows, i), float(size[i]), resolution) for i in range(count)
     ]
     color = np.concatenate([c for c, _ in scaled])
     code = np.concatenate([d for _, d in scaled])
@@ -172,7 +181,9 @@ def _window_centers(
     away = np.flatnonzero((shift > settings.off_center_from) & (shift < 1.0))
     if len(away) == 0:
         away = near
-    chosen = np.where(off_center, rng.choice(away, len(off_center)), rng.choice(near, len(off_center)))
+    chosen = np.where(
+        off_center, rng.choice(away, len(off_center)), rng.choice(near, len(off_center))
+    )
     z = depth.ravel()[chosen]
     behind = typical + rng.uniform(-0.05, 0.15, len(chosen))
     return np.stack([chosen % size, chosen // size], axis=1), np.where(z > 0, z, behind)

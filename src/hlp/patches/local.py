@@ -71,14 +71,10 @@ def cut_local_patches(
         color[~valid] = _FILL_COLOR
     full = valid.mean(axis=(1, 2)) >= min_valid
     points = back_project(centers, z.astype(np.float64), camera_matrix)
-    return LocalPatches(
-        color[full], relative[full], valid[full], points[full], centers[full]
-    )
+    return LocalPatches(color[full], relative[full], valid[full], points[full], centers[full])
 
 
-def region_pixels(
-    mask: Bool[np.ndarray, "h w"], settings: GridSettings
-) -> Int[np.ndarray, "n 2"]:
+def region_pixels(mask: Bool[np.ndarray, "h w"], settings: GridSettings) -> Int[np.ndarray, "n 2"]:
     """Pixels (x, y) of the grid that lie in a candidate region, thinned evenly to the limit."""
     grid = pixel_grid((mask.shape[0], mask.shape[1]), settings.step)
     inside = grid[mask[grid[:, 1], grid[:, 0]]]

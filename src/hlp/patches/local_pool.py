@@ -98,8 +98,13 @@ def bake_frame_patches(
         for size in metric_sizes:
             chosen = rng.choice(len(grid), per_frame // len(metric_sizes), replace=False)
             patches = cut_local_patches(
-                frame.rgb, frame.depth, frame.camera_matrix, grid[chosen],
-                size * local.size_scale, local, _FRAME_MIN_VALID,
+                frame.rgb,
+                frame.depth,
+                frame.camera_matrix,
+                grid[chosen],
+                size * local.size_scale,
+                local,
+                _FRAME_MIN_VALID,
             )
             found.append(patches)
     return found
@@ -155,8 +160,10 @@ def _cut_by_view(
 ) -> LocalPatches:
     order = np.argsort(chosen, kind="stable")
     bounds = np.flatnonzero(np.diff(chosen[order])) + 1
-    parts = [cut_view_patches(views, int(chosen[rows[0]]), pixels[rows], size, local)
-             for rows in np.split(order, bounds)]
+    parts = [
+        cut_view_patches(views, int(chosen[rows[0]]), pixels[rows], size, local)
+        for rows in np.split(order, bounds)
+    ]
     return take_patches(join_patches(parts), np.argsort(order, kind="stable"))
 
 

@@ -50,9 +50,7 @@ def bleed_color(
     return np.where(mask[..., None], rgb, np.clip(around, 0, 255)).astype(np.uint8)
 
 
-def _area_shrink(
-    image: Num[np.ndarray, "h w *c"], factor: int
-) -> Num[np.ndarray, "h2 w2 *c"]:
+def _area_shrink(image: Num[np.ndarray, "h w *c"], factor: int) -> Num[np.ndarray, "h2 w2 *c"]:
     if factor == 1:
         return image
     height, width = image.shape[:2]

@@ -76,9 +76,7 @@ class Detector:
         if len(windows.depths) == 0:
             return np.zeros((0, len(self._labels) + 1), dtype=np.float32)
         color, code = cut_windows(frame.rgb, frame.depth, windows, size, holistic.resolution)
-        return class_probabilities(
-            self._classifier, window_images(color, code, holistic.channels)
-        )
+        return class_probabilities(self._classifier, window_images(color, code, holistic.channels))
 
     def coarse(self, frame: Frame, region: Region) -> Coarse:
         """Stage 2: votes of the region's local patches, and their modes (paper, section 3.2)."""

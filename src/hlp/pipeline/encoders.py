@@ -11,7 +11,13 @@ from hlp.models.contrastive import ContrastiveEncoder, ContrastiveSettings
 from hlp.models.encoder import Encoder, NetworkEncoder, PatchEncoder
 from hlp.models.pca import PcaEncoder, PcaSettings, fit_pca
 from hlp.patches.local_data import PairDataModule, PatchDataModule
-from hlp.patches.local_pool import PairPool, bake_frame_patches, bake_pairs, join_pairs, join_patches
+from hlp.patches.local_pool import (
+    PairPool,
+    bake_frame_patches,
+    bake_pairs,
+    join_pairs,
+    join_patches,
+)
 from hlp.pipeline.settings import RunSettings
 from hlp.pipeline.training import fit, load_weights
 from hlp.pipeline.world import World

@@ -23,4 +23,6 @@ def read_arrays(folder: Path, key: str) -> dict[str, np.ndarray]:
     except (ValueError, EOFError, OSError) as error:
         if isinstance(error, FileNotFoundError):
             raise
-        raise ValueError(f"{path} is damaged ({error}): delete its folder to make it anew") from error
+        raise ValueError(
+            f"{path} is damaged ({error}): delete its folder to make it anew"
+        ) from error

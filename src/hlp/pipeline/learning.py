@@ -93,8 +93,16 @@ class Learner:
             rng = np.random.default_rng([seed, object_id])
             views = self.load_views(object_id)
             pools.append(
-                bake_windows(views, label, model.holistic_size, sizes, model.centroid,
-                             resolution, patches.pool, rng)
+                bake_windows(
+                    views,
+                    label,
+                    model.holistic_size,
+                    sizes,
+                    model.centroid,
+                    resolution,
+                    patches.pool,
+                    rng,
+                )
             )
         rng = np.random.default_rng([seed, 0])
         source = self.world.background_frames
@@ -105,8 +113,12 @@ class Learner:
         )
         settings = self.settings.classifier
         data = HolisticDataModule(
-            join_pools(pools), backgrounds, patches.holistic.channels,
-            patches.pool.background_share, settings.batch_size, seed,
+            join_pools(pools),
+            backgrounds,
+            patches.holistic.channels,
+            patches.pool.background_share,
+            settings.batch_size,
+            seed,
         )
         torch.manual_seed(seed)
         module = HolisticClassifier(settings, self._channels(), len(models) + 1)
@@ -119,7 +131,10 @@ class Learner:
         """The trained classifier, from disk; class i is the i-th object by id, 0 background."""
         settings = self.settings.classifier
         network = HolisticCNN(
-            self._channels(), len(self.world.models) + 1, settings.widths, settings.hidden,
+            self._channels(),
+            len(self.world.models) + 1,
+            settings.widths,
+            settings.hidden,
             settings.dropout,
         )
         load_weights(network, self.classifier().folder)
@@ -188,7 +203,10 @@ class Learner:
         seen = encoder.encode(degrade_patches(entries, chosen, size, self.settings.seed))
         nearest = ExactNeighbours(features, 1).search(seen).distances
         return make_codebook(
-            object_id, features, entries.points_cam, np.concatenate(poses),
+            object_id,
+            features,
+            entries.points_cam,
+            np.concatenate(poses),
             float(np.median(nearest)),
         )
 

@@ -154,7 +154,11 @@ def _strongest(
     votes: Votes, limit: int
 ) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v 4"], Float[np.ndarray, "v"]]:
     rows = np.argsort(-votes.weights, kind="stable")[:limit]
-    return votes.centroids_cam[rows], quaternions(votes.rotations_cam_obj[rows]), votes.weights[rows]
+    return (
+        votes.centroids_cam[rows],
+        quaternions(votes.rotations_cam_obj[rows]),
+        votes.weights[rows],
+    )
 
 
 def _within(points: Float[np.ndarray, "v 3"], radius: float) -> Bool[np.ndarray, "v v"]:
