@@ -42,14 +42,14 @@ class ExactNeighbours:
     """All distances, by one matrix product per block of queries."""
 
     def __init__(self, features: Float[np.ndarray, "m d"], neighbours: int) -> None:
-        self.features = torch.from_numpy(np.ascontiguousarray(features, dtype=np.float32))
+        self.features = _single(features)
         self.squares = (self.features**2).sum(dim=1)
         self.neighbours = min(neighbours, len(features))
 
     def search(self, queries: Float[np.ndarray, "n d"]) -> Matches:
         """The k nearest features of each query, nearest first."""
         indices, distances = [], []
-        for block in torch.from_numpy(np.ascontiguousarray(queries, dtype=np.float32)).split(_ROWS):
+        for block in torch.split(_single(queries), _ROWS):
             # |q − f|² = |q|² + |f|² − 2 q·f; |q|² does not change the order.
             partial = torch.addmm(self.squares, block, self.features.T, alpha=-2.0)
             least, rows = partial.topk(self.neighbours, dim=1, largest=False)
@@ -89,6 +89,10 @@ class KdForest:
             single, self.neighbours, params={"checks": self.checks}
         )
         return Matches(indices.astype(np.int64), np.sqrt(np.maximum(squared, 0.0)))
+
+
+def _single(features: Float[np.ndarray, "n d"]) -> torch.Tensor:
+    return torch.from_numpy(np.ascontiguousarray(features, dtype=np.float32))
 
 
 def _no_matches(neighbours: int) -> Matches:

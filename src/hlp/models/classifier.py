@@ -7,6 +7,7 @@ import numpy as np
 import pytorch_lightning as pl
 import torch
 from jaxtyping import Float
+from pytorch_lightning.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
 from torch.nn import functional
 
@@ -85,7 +86,7 @@ class HolisticClassifier(pl.LightningModule):
         self.log("accuracy", accuracy, on_step=False, on_epoch=True, prog_bar=True)
         return loss
 
-    def configure_optimizers(self) -> dict[str, object]:
+    def configure_optimizers(self) -> OptimizerLRScheduler:
         """AdamW with one cycle over the whole training."""
         optimizer = torch.optim.AdamW(
             self.parameters(),
@@ -107,7 +108,7 @@ def class_probabilities(network: nn.Module, images: Tensor) -> Float[np.ndarray,
     """Softmax over the classes for windows (n, c, 64, 64) in [-1, 1], in chunks, bf16."""
     network.eval()
     chunks = []
-    for part in images.split(_CHUNK):
+    for part in torch.split(images, _CHUNK):
         with torch.autocast("cpu", dtype=torch.bfloat16):
             scores = network(part.contiguous(memory_format=torch.channels_last))
         chunks.append(functional.softmax(scores.float(), dim=1))

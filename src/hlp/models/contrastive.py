@@ -10,6 +10,7 @@ from typing import Any
 
 import pytorch_lightning as pl
 import torch
+from pytorch_lightning.utilities.types import OptimizerLRScheduler
 from torch import Tensor
 from torch.nn import functional
 
@@ -47,9 +48,9 @@ class ContrastiveEncoder(pl.LightningModule):
 
     def training_step(self, batch: dict[str, Any], _: int) -> Tensor:
         """Symmetric InfoNCE of one batch; logs loss and retrieval accuracy per epoch."""
-        images = [
-            encoder_input(*batch[side], kind=self.settings.input) for side in ("noisy", "clean")
-        ]
+        images = []
+        for color, depth, valid in (batch["noisy"], batch["clean"]):
+            images.append(encoder_input(color, depth, valid, self.settings.input))
         both = torch.cat(images).contiguous(memory_format=torch.channels_last)
         noisy, clean = functional.normalize(self.network(both).float(), dim=1).chunk(2)
         logits = noisy @ clean.T / self.settings.temperature
@@ -69,9 +70,9 @@ class ContrastiveEncoder(pl.LightningModule):
         limit = 1.0 + 2.0 * torch.cos(torch.deg2rad(torch.tensor(self.settings.exclude_deg)))
         turned = flat @ flat.T
         near = same & (apart < self.settings.exclude_mm) & (turned > limit)
-        return near & ~torch.eye(len(near), dtype=torch.bool)
+        return torch.as_tensor(near & ~torch.eye(len(near), dtype=torch.bool))
 
-    def configure_optimizers(self) -> dict[str, object]:
+    def configure_optimizers(self) -> OptimizerLRScheduler:
         """AdamW with one cycle over the whole training."""
         settings = self.settings
         optimizer = torch.optim.AdamW(

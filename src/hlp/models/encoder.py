@@ -52,7 +52,9 @@ class NetworkEncoder:
     """
 
     def __init__(self, network: PatchEncoder, kind: str, unit_length: bool) -> None:
-        self.network = network.eval().to(memory_format=torch.channels_last)
+        network.eval()
+        network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.network = network
         self.kind = kind
         self.unit_length = unit_length
 
@@ -62,8 +64,9 @@ class NetworkEncoder:
         if len(patches) == 0:
             return empty_features(self.network.dense.out_features)
         features = []
-        for parts in zip(*(t.split(_CHUNK) for t in patch_tensors(patches)), strict=True):
-            images = encoder_input(*parts, kind=self.kind)
+        tensors = (torch.split(values, _CHUNK) for values in patch_tensors(patches))
+        for color, depth, valid in zip(*tensors, strict=True):
+            images = encoder_input(color, depth, valid, self.kind)
             with torch.autocast("cpu", dtype=torch.bfloat16):
                 code = self.network(images.contiguous(memory_format=torch.channels_last))
             features.append(code.float())

@@ -11,8 +11,10 @@ from hlp.records import Region
 
 @dataclass(frozen=True)
 class HolisticSettings:
-    """What a window is: `resolution` px of its side after resizing, `channels` `rgb` (the paper)
-    or `rgbd`."""
+    """What a window is: `resolution` px of its side after resizing; colour with depth or without.
+
+    `channels` is `rgb` (the paper) or `rgbd`.
+    """
 
     resolution: int
     channels: str

@@ -202,7 +202,8 @@ def _frame_windows(
     if len(x) == 0:
         return colors[0], depths[0]
     focal = float(frame.camera_matrix[0, 0])
-    for size, share in zip(*np.unique(rng.choice(metric_sizes, count), return_counts=True)):
+    drawn, shares = np.unique(rng.choice(metric_sizes, count), return_counts=True)
+    for size, share in zip(drawn, shares, strict=True):
         chosen = rng.integers(len(x), size=share)
         z = frame.depth[y[chosen], x[chosen]]
         centers = np.stack([x[chosen], y[chosen]], axis=1).astype(np.float64)

@@ -77,10 +77,11 @@ def cut_local_patches(
 def region_pixels(mask: Bool[np.ndarray, "h w"], settings: GridSettings) -> Int[np.ndarray, "n 2"]:
     """Pixels (x, y) of the grid that lie in a candidate region, thinned evenly to the limit."""
     grid = pixel_grid((mask.shape[0], mask.shape[1]), settings.step)
-    inside = grid[mask[grid[:, 1], grid[:, 0]]]
+    inside = np.asarray(grid[mask[grid[:, 1], grid[:, 0]]])
     if len(inside) <= settings.max_patches:
         return inside
-    return inside[np.linspace(0, len(inside) - 1, settings.max_patches).astype(int)]
+    chosen = np.linspace(0, len(inside) - 1, settings.max_patches).astype(int)
+    return np.asarray(inside[chosen])
 
 
 def surface_pixels(

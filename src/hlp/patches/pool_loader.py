@@ -20,7 +20,7 @@ class _PoolDataset(Dataset[Batch]):
 
 
 class _EpochBatches(Sampler[Tensor]):
-    """Permuted batches of rows; Lightning calls `set_epoch`, so that a resumed run goes on as is."""
+    """Permuted batches of rows; Lightning calls `set_epoch`, so a resumed run goes on as is."""
 
     def __init__(self, rows: int, batch_size: int, seed: int) -> None:
         self.rows, self.batch_size, self.seed, self.epoch = rows, batch_size, seed, 0

@@ -9,6 +9,7 @@ import torch
 
 from hlp.codebook.neighbours import ExactNeighbours, ExactSettings, KdForest, Neighbours
 from hlp.models.classifier import class_probabilities
+from hlp.models.encoder import Encoder
 from hlp.patches.holistic import Windows, candidate_region, cut_windows, metric_windows
 from hlp.patches.holistic_data import window_images
 from hlp.patches.local import cut_local_patches, region_pixels
@@ -17,6 +18,7 @@ from hlp.pipeline.refiners import make_refiner
 from hlp.pipeline.settings import RunSettings
 from hlp.pipeline.world import World
 from hlp.records import Codebook, Frame, Hypotheses, LocalPatches, Refinement, Region, Votes
+from hlp.refinement.refiner import Refiner
 from hlp.voting.cast import cast_votes
 from hlp.voting.modes import JointModes, JointVotingSettings, ModeFinder, PaperModes
 
@@ -48,11 +50,11 @@ class Detector:
         return self.learner.load_classifier()
 
     @cached_property
-    def _encoder(self):  # type: ignore[no-untyped-def]
+    def _encoder(self) -> Encoder:
         return self.learner.load_encoder()
 
     @cached_property
-    def _refiner(self):  # type: ignore[no-untyped-def]
+    def _refiner(self) -> Refiner:
         return make_refiner(self.settings)
 
     def region(self, frame: Frame, object_id: int) -> Region:

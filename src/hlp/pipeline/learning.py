@@ -138,7 +138,9 @@ class Learner:
             settings.dropout,
         )
         load_weights(network, self.classifier().folder)
-        return network.eval().to(memory_format=torch.channels_last)
+        network.eval()
+        network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        return network
 
     def encoder(self) -> Output:
         """Stage 2: the encoder of local patches, shared by all objects."""

@@ -4,6 +4,7 @@ import csv
 import sys
 import warnings
 from pathlib import Path
+from typing import Any
 
 import pytorch_lightning as pl
 import torch
@@ -27,17 +28,35 @@ def fit(
 ) -> None:
     """Train for `epochs`, going on from the last checkpoint in `folder` where there is one.
 
+    A training that was interrupted and goes on ends with the weights of one that was not.
     Leaves the network's weights (`weights.pt`) and the metrics of every epoch (`history.csv`).
     """
-    checkpoints = folder / _CHECKPOINTS
+    last = folder / _CHECKPOINTS / "last.ckpt"
     callbacks: list[Callback] = [
-        ModelCheckpoint(checkpoints, filename="epoch", save_last=True, save_top_k=0),
+        ModelCheckpoint(last.parent, filename=last.stem, enable_version_counter=False),
         _History(folder / HISTORY),
+        _RandomState(),
     ]
+    engine = _make_trainer(trainer, epochs, callbacks, folder)
+    network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    with warnings.catch_warnings():
+        # Batches come from memory, so worker processes would only copy them.
+        warnings.filterwarnings("ignore", message=".*does not have many workers.*")
+        warnings.filterwarnings("ignore", message=".*val_dataloader.*")
+        # The checkpoint that a resumed training goes on from is meant to be there.
+        warnings.filterwarnings("ignore", message=".*exists and is not empty.*")
+        engine.fit(module, data, ckpt_path=str(last) if last.exists() else None, weights_only=False)
+    torch.save(network.state_dict(), folder / WEIGHTS)
+    _remove(last.parent)
+
+
+def _make_trainer(
+    trainer: TrainerSettings, epochs: int, callbacks: list[Callback], folder: Path
+) -> pl.Trainer:
     terminal = sys.stderr.isatty()
     if terminal:
-        callbacks.append(TQDMProgressBar())
-    engine = pl.Trainer(
+        callbacks = [*callbacks, TQDMProgressBar()]
+    return pl.Trainer(
         accelerator=trainer.accelerator,
         devices=trainer.devices,
         strategy=trainer.strategy,
@@ -49,15 +68,6 @@ def fit(
         enable_model_summary=False,
         default_root_dir=folder,
     )
-    last = checkpoints / "last.ckpt"
-    network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    with warnings.catch_warnings():
-        # Batches come from memory, so worker processes would only copy them.
-        warnings.filterwarnings("ignore", message=".*does not have many workers.*")
-        warnings.filterwarnings("ignore", message=".*val_dataloader.*")
-        engine.fit(module, data, ckpt_path=str(last) if last.exists() else None, weights_only=False)
-    torch.save(network.state_dict(), folder / WEIGHTS)
-    _remove(checkpoints)
 
 
 def load_weights(network: nn.Module, folder: Path) -> None:
@@ -77,20 +87,39 @@ def read_history(folder: Path) -> list[dict[str, float]]:
 
 
 class _History(Callback):
-    """Appends each epoch's metrics to a file that survives an interruption."""
+    """Writes the metrics of every epoch; the rows so far travel with each checkpoint."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.rows: list[dict[str, float]] = []
 
     def on_train_epoch_end(self, trainer: pl.Trainer, _: pl.LightningModule) -> None:
         metrics = {name: float(value) for name, value in sorted(trainer.callback_metrics.items())}
-        row = {"epoch": trainer.current_epoch, **metrics}
-        fresh = not self.path.exists()
-        with self.path.open("a", newline="") as stream:
-            writer = csv.DictWriter(stream, fieldnames=list(row))
-            if fresh:
-                writer.writeheader()
-            writer.writerow(row)
+        self.rows.append({"epoch": trainer.current_epoch, **metrics})
+        with self.path.open("w", newline="") as stream:
+            writer = csv.DictWriter(stream, fieldnames=list(self.rows[0]))
+            writer.writeheader()
+            writer.writerows(self.rows)
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"rows": self.rows}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        self.rows = list(state["rows"])
+
+
+class _RandomState(Callback):
+    """Keeps torch's random state, which dropout draws from, with each checkpoint.
+
+    It is set where the checkpoint is loaded, before Lightning makes the epoch's batches: making
+    them draws as well.
+    """
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"torch": torch.get_rng_state()}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        torch.set_rng_state(state["torch"])
 
 
 def _remove(checkpoints: Path) -> None:
