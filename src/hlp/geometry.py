@@ -25,9 +25,9 @@ def inverse(motion: Float[np.ndarray, "*b 4 4"]) -> Array:
 
 
 def transform(
-    motion: Float[np.ndarray, "*b 4 4"], points: Float[np.ndarray, "n 3"]
+    motion: Float[np.ndarray, "*#b 4 4"], points: Float[np.ndarray, "*#b n 3"]
 ) -> Float[np.ndarray, "*b n 3"]:
-    """Apply motions (…, 4, 4) to points (n, 3)."""
+    """Apply motions (…, 4, 4) to points (…, n, 3)."""
     moved = points @ np.swapaxes(motion[..., :3, :3], -1, -2)
     return np.asarray(moved + motion[..., None, :3, 3])
 

@@ -29,7 +29,7 @@ class Data(pl.LightningDataModule):
     def train_dataloader(self):
         return pool_loader(self.pool, 16, self.seed)
 
-    def on_after_batch_transfer(self, batch, dataloader_idx):
+    def on_before_batch_transfer(self, batch, dataloader_idx):
         gen = torch.Generator().manual_seed(self.trainer.global_step)
         noise = torch.randn(batch["image"].shape, generator=gen)
         return batch["image"] + 0.1 * noise, batch["label"]

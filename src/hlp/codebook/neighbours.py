@@ -56,8 +56,6 @@ class ExactNeighbours:
             squared = least + (block**2).sum(dim=1, keepdim=True)
             indices.append(rows)
             distances.append(squared.clamp(min=0.0).sqrt())
-        if not indices:
-            return _no_matches(self.neighbours)
         return Matches(torch.cat(indices).numpy(), torch.cat(distances).numpy())
 
 
@@ -78,12 +76,13 @@ class KdForest:
         self.checks = checks
         cv2.setRNGSeed(seed)
         flann_kd_tree = 1
-        self.index = cv2.flann_Index(self.features, {"algorithm": flann_kd_tree, "trees": trees})
+        self.index = cv2.flann.Index(self.features, {"algorithm": flann_kd_tree, "trees": trees})
 
     def search(self, queries: Float[np.ndarray, "n d"]) -> Matches:
         """The k approximately nearest features of each query, nearest first."""
         if len(queries) == 0:
-            return _no_matches(self.neighbours)
+            empty = np.zeros((0, self.neighbours))
+            return Matches(empty.astype(np.int64), empty.astype(np.float32))
         single = np.ascontiguousarray(queries, dtype=np.float32)
         indices, squared = self.index.knnSearch(
             single, self.neighbours, params={"checks": self.checks}
@@ -93,8 +92,3 @@ class KdForest:
 
 def _single(features: Float[np.ndarray, "n d"]) -> torch.Tensor:
     return torch.from_numpy(np.ascontiguousarray(features, dtype=np.float32))
-
-
-def _no_matches(neighbours: int) -> Matches:
-    empty = np.zeros((0, neighbours))
-    return Matches(empty.astype(np.int64), empty.astype(np.float32))

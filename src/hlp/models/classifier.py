@@ -112,6 +112,4 @@ def class_probabilities(network: nn.Module, images: Tensor) -> Float[np.ndarray,
         with torch.autocast("cpu", dtype=torch.bfloat16):
             scores = network(part.contiguous(memory_format=torch.channels_last))
         chunks.append(functional.softmax(scores.float(), dim=1))
-    if not chunks:
-        return np.zeros((0, 0), dtype=np.float32)
     return torch.cat(chunks).numpy()

@@ -55,7 +55,7 @@ class ContrastiveEncoder(pl.LightningModule):
         noisy, clean = functional.normalize(self.network(both).float(), dim=1).chunk(2)
         logits = noisy @ clean.T / self.settings.temperature
         logits = logits.masked_fill(self._near(batch), float("-inf"))
-        own = torch.arange(len(logits))
+        own = torch.arange(len(logits), device=logits.device)
         loss = (functional.cross_entropy(logits, own) + functional.cross_entropy(logits.T, own)) / 2
         accuracy = (logits.argmax(dim=1) == own).float().mean()
         self.log("loss", loss, on_step=False, on_epoch=True, prog_bar=True)
@@ -70,7 +70,7 @@ class ContrastiveEncoder(pl.LightningModule):
         limit = 1.0 + 2.0 * torch.cos(torch.deg2rad(torch.tensor(self.settings.exclude_deg)))
         turned = flat @ flat.T
         near = same & (apart < self.settings.exclude_mm) & (turned > limit)
-        return torch.as_tensor(near & ~torch.eye(len(near), dtype=torch.bool))
+        return torch.as_tensor(near & ~torch.eye(len(near), dtype=torch.bool, device=near.device))
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
         """AdamW with one cycle over the whole training."""

@@ -55,10 +55,10 @@ class HolisticDataModule(pl.LightningDataModule):
         """Batches in an order that depends on seed and epoch only."""
         return pool_loader(self.pool, self.batch_size, self.seed)
 
-    def on_after_batch_transfer(
+    def on_before_batch_transfer(
         self, batch: dict[str, Tensor], dataloader_idx: int
     ) -> tuple[Tensor, Tensor]:
-        """Composite and augment, seeded by the trainer's step."""
+        """Composite and augment on the CPU, seeded by the trainer's step."""
         step = self.trainer.global_step if self.trainer is not None else 0
         gen = torch.Generator().manual_seed(self.seed * 1_000_003 + step)
         return self.compose(batch, gen)

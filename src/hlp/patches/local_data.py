@@ -44,10 +44,10 @@ class PairDataModule(pl.LightningDataModule):
         """Batches in an order that depends on seed and epoch only."""
         return pool_loader(self.pool, self.batch_size, self.seed)
 
-    def on_after_batch_transfer(
+    def on_before_batch_transfer(
         self, batch: dict[str, Tensor], dataloader_idx: int
     ) -> dict[str, object]:
-        """Degrade the first patch of each pair, seeded by the trainer's step."""
+        """Degrade the first patch of each pair on the CPU, seeded by the trainer's step."""
         step = self.trainer.global_step if self.trainer is not None else 0
         gen = torch.Generator().manual_seed(self.seed * 1_000_003 + step)
         color = batch["color"].permute(0, 1, 4, 2, 3).float() / 255.0

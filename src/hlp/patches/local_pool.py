@@ -119,8 +119,9 @@ def _neighbouring_views(
     second = np.empty_like(first)
     for view in np.unique(first):
         rows = np.flatnonzero(first == view)
-        near = np.flatnonzero(flat @ flat[view] >= limit)
-        second[rows] = rng.choice(near, len(rows))
+        near = flat @ flat[view] >= limit
+        near[view] = True  # whatever the rounding
+        second[rows] = rng.choice(np.flatnonzero(near), len(rows))
     return first, second
 
 
@@ -135,7 +136,8 @@ def _surface_points(
         y, x = np.nonzero(depth > 0)
         drawn = rng.integers(len(x), size=len(rows))
         pixels[rows] = np.stack([x[drawn], y[drawn]], axis=1)
-        cam = back_project(pixels[rows], depth[y[drawn], x[drawn]], views.camera_matrix)
+        z = depth[y[drawn], x[drawn]].astype(np.float64)
+        cam = back_project(pixels[rows].astype(np.float64), z, views.camera_matrix)
         pose = views.poses_cam_obj[view]
         points[rows] = (cam - pose[:3, 3]) @ pose[:3, :3]
     return pixels, points

@@ -27,6 +27,7 @@ def sample_squares(
     out = np.empty((len(centers), resolution, resolution, *image.shape[2:]), dtype=image.dtype)
     shrink = np.maximum(np.asarray(sides, dtype=np.float64) / resolution / MAX_SHRINK, 1.0)
     levels = np.zeros(len(centers), dtype=int) if nearest else np.ceil(np.log2(shrink)).astype(int)
+    levels = np.minimum(levels, int(np.log2(min(image.shape[:2]))))  # at least one pixel is left
     for level in np.unique(levels):
         rows = np.flatnonzero(levels == level)
         factor = 2**level
@@ -96,6 +97,4 @@ def _remap(
             borderValue=(border,) * 4,
         )
         parts.append(flat.reshape(*shape, *image.shape[2:]))
-    if not parts:
-        return np.zeros((0, resolution, resolution, *image.shape[2:]), dtype=image.dtype)
     return np.concatenate(parts)

@@ -1,6 +1,8 @@
 """One file of arrays a frame, written at once or not at all."""
 
 import os
+import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +22,9 @@ def read_arrays(folder: Path, key: str) -> dict[str, np.ndarray]:
     try:
         with np.load(path) as stored:
             return dict(stored)
-    except (ValueError, EOFError, OSError) as error:
-        if isinstance(error, FileNotFoundError):
-            raise
+    except FileNotFoundError:
+        raise
+    except (ValueError, EOFError, OSError, zipfile.BadZipFile, zlib.error) as error:
         raise ValueError(
             f"{path} is damaged ({error}): delete its folder to make it anew"
         ) from error

@@ -14,7 +14,13 @@ from hlp.codebook.neighbours import ExactNeighbours
 from hlp.models.classifier import HolisticClassifier, HolisticCNN
 from hlp.models.encoder import Encoder
 from hlp.patches.holistic_data import HolisticDataModule
-from hlp.patches.holistic_pool import bake_backgrounds, bake_windows, join_pools
+from hlp.patches.holistic_pool import (
+    BackgroundPool,
+    HolisticPool,
+    bake_backgrounds,
+    bake_windows,
+    join_pools,
+)
 from hlp.patches.local import surface_pixels
 from hlp.patches.local_data import degrade_patches
 from hlp.patches.local_pool import cut_view_patches, join_patches
@@ -83,46 +89,48 @@ class Learner:
         return self._stage("classifier", 0, settings, upstream, self._train_classifier)
 
     def _train_classifier(self, folder: Path) -> None:
-        patches, seed = self.settings.patches, self.settings.seed
-        models = self.world.models
-        resolution = patches.holistic.resolution
-        sizes = [model.holistic_size for model in models.values()]
-        logging.getLogger(__name__).info("cutting windows of %d objects", len(models))
-        pools = []
-        for label, (object_id, model) in enumerate(sorted(models.items()), start=1):
-            rng = np.random.default_rng([seed, object_id])
-            views = self.load_views(object_id)
-            pools.append(
-                bake_windows(
-                    views,
-                    label,
-                    model.holistic_size,
-                    sizes,
-                    model.centroid,
-                    resolution,
-                    patches.pool,
-                    rng,
-                )
-            )
-        rng = np.random.default_rng([seed, 0])
-        source = self.world.background_frames
-        frames = [] if source is None else [source.load(key) for key in source.keys]
-        crops = self.world.photograph_crops(patches.pool.backgrounds, resolution, rng)
-        backgrounds = bake_backgrounds(
-            crops, frames, sizes, resolution, patches.pool.backgrounds, rng
-        )
-        settings = self.settings.classifier
+        settings, patches = self.settings.classifier, self.settings.patches
+        logging.getLogger(__name__).info("cutting windows of %d objects", len(self.world.models))
         data = HolisticDataModule(
-            join_pools(pools),
-            backgrounds,
+            self._bake_windows(),
+            self._bake_backgrounds(),
             patches.holistic.channels,
             patches.pool.background_share,
             settings.batch_size,
-            seed,
+            self.settings.seed,
         )
-        torch.manual_seed(seed)
-        module = HolisticClassifier(settings, self._channels(), len(models) + 1)
+        torch.manual_seed(self.settings.seed)
+        module = HolisticClassifier(settings, self._channels(), len(self.world.models) + 1)
         fit(module, data, module.network, settings.epochs, self.settings.trainer, folder)
+
+    def _holistic_sizes(self) -> list[float]:
+        return [model.holistic_size for _, model in sorted(self.world.models.items())]
+
+    def _bake_windows(self) -> HolisticPool:
+        patches = self.settings.patches
+        pools = []
+        for label, (object_id, model) in enumerate(sorted(self.world.models.items()), start=1):
+            pool = bake_windows(
+                self.load_views(object_id),
+                label,
+                model.holistic_size,
+                self._holistic_sizes(),
+                model.centroid,
+                patches.holistic.resolution,
+                patches.pool,
+                np.random.default_rng([self.settings.seed, object_id]),
+            )
+            pools.append(pool)
+        return join_pools(pools)
+
+    def _bake_backgrounds(self) -> BackgroundPool:
+        resolution = self.settings.patches.holistic.resolution
+        count = self.settings.patches.pool.backgrounds
+        rng = np.random.default_rng([self.settings.seed, 0])
+        crops = self.world.photograph_crops(count, resolution, rng)
+        source = self.world.background_frames
+        frames = [] if source is None else [source.load(key) for key in source.keys]
+        return bake_backgrounds(crops, frames, self._holistic_sizes(), resolution, count, rng)
 
     def _channels(self) -> int:
         return 4 if self.settings.patches.holistic.channels == "rgbd" else 3

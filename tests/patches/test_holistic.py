@@ -1,0 +1,148 @@
+import numpy as np
+import pytest
+
+from hlp.patches.holistic import (
+    RegionSettings,
+    Windows,
+    candidate_region,
+    center_depths,
+    cut_windows,
+    depth_code,
+    metric_windows,
+    pixel_grid,
+)
+from hlp.records import Frame
+
+CAMERA = np.array([[570.0, 0.0, 320.0], [0.0, 574.0, 240.0], [0.0, 0.0, 1.0]])
+
+
+def windows_at(centers, sides):
+    return Windows(np.asarray(centers, float), np.ones(len(sides)), np.asarray(sides, float))
+
+
+@pytest.mark.parametrize(("shape", "step"), [((40, 56), 8), ((33, 47), 8), ((20, 30), 1)])
+def test_grid_is_even_and_within_the_image(shape, step):
+    expected = [
+        (x, y) for y in range(step // 2, shape[0], step) for x in range(step // 2, shape[1], step)
+    ]
+    np.testing.assert_array_equal(pixel_grid(shape, step), expected)
+
+
+@pytest.mark.parametrize("radius", [0, 1, 2])
+def test_center_depth_is_the_median_of_what_was_measured_around(radius):
+    rng = np.random.default_rng(0)
+    depth = rng.uniform(0.5, 1.5, (24, 30)).astype(np.float32)
+    depth[rng.random(depth.shape) < 0.4] = 0.0
+    depth[0:6, 0:6] = 0.0
+    depth[20, 20] = np.nan
+    pixels = np.stack(np.meshgrid(np.arange(30), np.arange(24)), axis=-1).reshape(-1, 2)
+    found = center_depths(depth, pixels, radius)
+    for (x, y), value in zip(pixels, found, strict=True):
+        rows = slice(max(y - radius, 0), y + radius + 1)
+        near = depth[rows, max(x - radius, 0) : x + radius + 1]
+        near = np.sort(near[near > 0])  # NaN is no depth
+        expected = near[(len(near) - 1) // 2] if len(near) else 0.0  # a measured one: the lower
+        assert value == np.float32(expected)
+
+
+def test_window_sides_follow_equation_1_and_missing_depth_gives_no_window():
+    depth = np.zeros((48, 64), np.float32)
+    depth[:, :32] = 0.8
+    depth[:24, 32:] = 1.6
+    found = metric_windows(depth, CAMERA, 0.2, 8)
+    at = {tuple(center): side for center, side in zip(found.centers, found.sides, strict=True)}
+    assert at[(4.0, 4.0)] == pytest.approx(572.0 * 0.2 / 0.8)
+    assert at[(60.0, 4.0)] == pytest.approx(572.0 * 0.2 / 1.6)
+    assert (60.0, 44.0) not in at
+    assert len(at) == 4 * 6 + 4 * 3
+    np.testing.assert_allclose(found.sides * found.depths, 572.0 * 0.2, rtol=1e-6)
+
+
+def test_depth_code_counts_in_steps_of_the_metric_size():
+    center = np.array([1.0], np.float32)
+    meters = np.array([[[1.0, 1.1, 0.9, 1.2, 5.0, 0.1, 0.0]]], np.float32)
+    code = depth_code(meters, center, 0.2)
+    assert code.dtype == np.uint8
+    # centre 128; ±half a size ±63.5, rounded; clamped to 1 … 254; missing 255
+    np.testing.assert_array_equal(code[0, 0], [128, 192, 64, 254, 254, 1, 255])
+    rng = np.random.default_rng(1)
+    meters = rng.uniform(0.7, 1.3, (3, 9, 9)).astype(np.float32)
+    center = rng.uniform(0.9, 1.1, 3).astype(np.float32)
+    decoded = (depth_code(meters, center, 0.2).astype(float) - 128) / 127 * 0.2
+    expected = np.clip(meters - center[:, None, None], -0.2, 0.2)
+    np.testing.assert_allclose(decoded, expected, atol=0.2 / 127 * 1.01)
+
+
+def test_cut_windows_holds_the_colour_and_the_coded_depth_of_each(room: Frame):
+    windows = metric_windows(room.depth, room.camera_matrix, 0.1, 16)
+    color, code = cut_windows(room.rgb, room.depth, windows, 0.1, 12)
+    assert color.shape == (len(windows.sides), 12, 12, 3)
+    x, y = windows.centers.astype(int).T
+    middle = color[:, 5:7, 5:7].astype(float).mean(axis=(1, 2))
+    inside = (x > 10) & (x < 118) & (y > 10) & (y < 86)
+    np.testing.assert_allclose(middle[inside], room.rgb[y, x][inside], atol=1.5)
+    measured = room.depth[y, x] > 0
+    assert (np.abs(code[measured & inside][:, 6, 6].astype(int) - 128) <= 4).all()
+    assert (code == 255).any()  # the hole
+
+
+def region(probabilities, best, threshold, min_windows):
+    count = len(probabilities)
+    windows = windows_at([(10 * i + 5, 5) for i in range(count)], [4.0] * count)
+    settings = RegionSettings(8, threshold, min_windows)
+    found = candidate_region(
+        7, windows, np.asarray(probabilities), np.asarray(best), (10, 10 * count), settings
+    )
+    assert found.object_id == 7
+    return [bool(found.mask[5, 10 * i + 5]) for i in range(count)], found
+
+
+def test_threshold_0_accepts_where_the_object_is_the_most_likely_class():
+    accepted, _ = region([0.4, 0.9, 0.3], [True, False, True], 0.0, 0)
+    assert accepted == [True, False, True]
+
+
+def test_a_threshold_accepts_by_probability():
+    accepted, _ = region([0.4, 0.1, 0.2], [False, True, False], 0.2, 0)
+    assert accepted == [True, False, False]
+
+
+def test_too_few_windows_are_made_up_by_the_most_probable():
+    best = np.zeros(4, bool)
+    accepted, found = region([0.02, 0.5, 0.05, 0.01], best, 0.3, 3)
+    assert accepted == [True, True, True, False]
+    assert not best.any()  # the caller's array stays as it was
+    np.testing.assert_array_equal(found.probabilities, [0.02, 0.5, 0.05, 0.01])
+    accepted, _ = region([0.02, 0.5], [False, True], 0.0, 8)
+    assert accepted == [True, True]
+
+
+def test_no_window_accepted_is_an_empty_region():
+    accepted, found = region([0.1, 0.2], [False, False], 0.0, 0)
+    assert accepted == [False, False] and not found.mask.any()
+    empty = candidate_region(
+        1, windows_at(np.zeros((0, 2)), []), np.zeros(0), np.zeros(0, bool), (8, 9),
+        RegionSettings(8, 0.1, 4),
+    )  # fmt: skip
+    assert empty.mask.shape == (8, 9) and not empty.mask.any()
+
+
+def test_the_mask_is_the_union_of_the_squares():
+    rng = np.random.default_rng(2)
+    shape = (60, 80)
+    centers = np.stack([rng.integers(0, 80, 25), rng.integers(0, 60, 25)], axis=1)
+    sides = rng.uniform(2, 30, 25)
+    found = candidate_region(
+        1, windows_at(centers, sides), np.ones(25), np.ones(25, bool), shape,
+        RegionSettings(8, 0.0, 0),
+    )  # fmt: skip
+    expected = np.zeros(shape, bool)
+    for (cx, cy), side in zip(centers, sides, strict=True):
+        for y in range(shape[0]):
+            for x in range(shape[1]):
+                low_x, high_x = np.rint(cx - side / 2), np.rint(cx + side / 2)
+                low_y, high_y = np.rint(cy - side / 2), np.rint(cy + side / 2)
+                if low_x <= x <= high_x and low_y <= y <= high_y:
+                    expected[y, x] = True
+    assert 0.2 < expected.mean() < 1.0
+    np.testing.assert_array_equal(found.mask, expected)

@@ -1,0 +1,138 @@
+import dataclasses
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+
+from hlp.patches.holistic import depth_code
+from hlp.patches.holistic_data import HolisticDataModule, code_to_unit, window_images
+from hlp.patches.holistic_pool import BACKGROUND, BackgroundPool, HolisticPool
+
+COUNT, SIZE, LABEL = 120, 16, 2
+
+
+def make_pool(seed=0):
+    """Objects as discs about the centre, of random colours."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:SIZE, :SIZE]
+    mask = np.broadcast_to(np.hypot(x - 7.5, y - 7.5) < 6, (COUNT, SIZE, SIZE)).copy()
+    color = rng.integers(0, 256, (COUNT, SIZE, SIZE, 3)).astype(np.uint8)
+    depth = np.where(mask, rng.integers(100, 150, mask.shape), 255).astype(np.uint8)
+    return HolisticPool(color, depth, mask, np.full(COUNT, LABEL, np.int64))
+
+
+def make_backgrounds(seed=1):
+    rng = np.random.default_rng(seed)
+    color = rng.integers(0, 256, (20, SIZE, SIZE, 3)).astype(np.uint8)
+    depth = rng.integers(1, 256, (20, SIZE, SIZE)).astype(np.uint8)
+    depth[:10] = 0  # photographs
+    return BackgroundPool(color, depth)
+
+
+def module(pool, channels="rgbd", share=0.4, seed=0, backgrounds=None):
+    backgrounds = make_backgrounds() if backgrounds is None else backgrounds
+    return HolisticDataModule(pool, backgrounds, channels, share, 40, seed)
+
+
+def compose(data, seed=0):
+    return data.compose(data.pool, torch.Generator().manual_seed(seed))
+
+
+@pytest.mark.parametrize(("channels", "count"), [("rgb", 3), ("rgbd", 4)])
+def test_images_are_what_the_classifier_expects(channels, count):
+    images, labels = compose(module(make_pool(), channels))
+    assert images.shape == (COUNT, count, SIZE, SIZE) and images.dtype == torch.float32
+    assert images.min() >= -1 and images.max() <= 1
+    assert labels.dtype == torch.int64
+
+
+def test_depth_changes_no_colour():
+    with_depth, labels = compose(module(make_pool(), "rgbd"))
+    without, same = compose(module(make_pool(), "rgb"))
+    torch.testing.assert_close(with_depth[:, :3], without, rtol=0, atol=0)
+    assert torch.equal(labels, same)
+
+
+def test_background_alone_holds_no_pixel_of_the_object_and_is_labelled_so():
+    first, labels = compose(module(make_pool(0)))
+    second, same = compose(module(make_pool(1)))  # other objects, all else as before
+    assert torch.equal(labels, same)
+    alone = labels == BACKGROUND
+    assert int(alone.sum()) == pytest.approx(0.4 * COUNT, abs=15)
+    assert (labels[~alone] == LABEL).all()
+    assert torch.equal(first[alone], second[alone])
+    # Elsewhere the object shows, at the centre always: no occluder covers it.
+    middle = (slice(None), slice(None), slice(7, 9), slice(7, 9))
+    changed = (first[middle] != second[middle]).flatten(1).any(dim=1)
+    assert changed[~alone].all()
+
+
+def test_share_0_shows_every_object_and_share_1_none():
+    assert (compose(module(make_pool(), share=0.0))[1] == LABEL).all()
+    assert (compose(module(make_pool(), share=1.0))[1] == BACKGROUND).all()
+
+
+def test_the_void_around_the_object_never_shows():
+    pool = make_pool()
+    void = ~pool.mask
+    color, depth = pool.color.copy(), pool.depth.copy()
+    color[void] = 255 - color[void]
+    depth[void] = 3
+    other = dataclasses.replace(pool, color=color, depth=depth)
+    assert torch.equal(compose(module(pool))[0], compose(module(other))[0])
+
+
+def test_the_background_shows_around_the_object():
+    first, labels = compose(module(make_pool()))
+    second, _ = compose(module(make_pool(), backgrounds=make_backgrounds(2)))
+    corner = (slice(None), slice(0, 3), slice(0, 2), slice(0, 2))
+    assert (first[corner] != second[corner]).flatten(1).any(dim=1).float().mean() > 0.95
+
+
+def test_depth_of_the_object_survives_but_for_noise_and_holes():
+    pool = make_pool()
+    images, labels = compose(module(pool, share=0.0))
+    expected = code_to_unit(torch.from_numpy(pool.depth))
+    middle = images[:, 3, 7, 7]
+    near = (middle - expected[:, 7, 7]).abs() < 0.15
+    hole = middle == 1.0
+    assert (near | hole).all()
+    assert near.float().mean() > 0.8
+
+
+def test_the_same_seed_and_step_give_the_same_batch_whatever_ran_before():
+    def batch(data, step):
+        data.trainer = SimpleNamespace(global_step=step)
+        loader = data.train_dataloader()
+        return data.on_before_batch_transfer(next(iter(loader)), 0)
+
+    first = batch(module(make_pool()), 5)
+    data = module(make_pool())
+    batch(data, 4)
+    torch.rand(7)
+    for one, other in zip(first, batch(data, 5), strict=True):
+        assert torch.equal(one, other)
+    assert not torch.equal(batch(data, 6)[0], first[0])
+    assert not torch.equal(batch(module(make_pool(), seed=1), 5)[0], first[0])
+
+
+@pytest.mark.parametrize("channels", ["rgb", "rgbd"])
+def test_windows_of_a_scene_become_images_in_the_same_ranges(channels):
+    rng = np.random.default_rng(0)
+    color = rng.integers(0, 256, (3, 8, 8, 3)).astype(np.uint8)
+    code = rng.integers(1, 256, (3, 8, 8)).astype(np.uint8)
+    images = window_images(color, code, channels).numpy()
+    expected = color.transpose(0, 3, 1, 2) / 127.5 - 1
+    np.testing.assert_allclose(images[:, :3], expected, atol=1e-6)
+    if channels == "rgbd":
+        np.testing.assert_allclose(images[:, 3], (code - 128.0) / 127.0, atol=1e-6)
+    assert images.shape[1] == len(channels)
+
+
+def test_decoding_inverts_the_depth_code():
+    depth = np.linspace(0.85, 1.15, 49, dtype=np.float32).reshape(1, 7, 7)
+    code = depth_code(depth, np.array([1.0], np.float32), 0.2)
+    decoded = code_to_unit(torch.from_numpy(code)).numpy() * 0.2 + 1.0
+    np.testing.assert_allclose(decoded, depth, atol=0.2 / 127 / 2 * 1.01)
+    assert code_to_unit(torch.tensor(255, dtype=torch.uint8)) == 1.0

@@ -1,0 +1,135 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hlp.geometry import project
+from hlp.patches import holistic_pool
+from hlp.patches.holistic_pool import (
+    BACKGROUND,
+    HolisticPoolSettings,
+    bake_backgrounds,
+    bake_windows,
+    join_pools,
+)
+from hlp.records import Frame
+
+SETTINGS = HolisticPoolSettings(
+    per_object=144,
+    off_center=0.25,
+    wrong_scale=0.2,
+    background_share=0.25,
+    center_tolerance=0.2,
+    off_center_from=0.4,
+    scale_jitter=0.0,
+    backgrounds=30,
+)
+RESOLUTION = 24
+
+
+def bake(views, model, settings=SETTINGS, seed=0, sizes=(0.1, 0.2)):
+    return bake_windows(
+        views, 3, model.holistic_size, sizes, model.centroid, RESOLUTION, settings,
+        np.random.default_rng(seed),
+    )  # fmt: skip
+
+
+@pytest.fixture
+def cuts(monkeypatch):
+    """Centre, depth, side (px) and metric size of every window that is cut."""
+    seen = []
+    cut = holistic_pool.cut_windows
+
+    def spy(rgb, depth, windows, size, resolution):
+        seen.append((windows.centers[0], windows.depths[0], windows.sides[0], size))
+        return cut(rgb, depth, windows, size, resolution)
+
+    monkeypatch.setattr(holistic_pool, "cut_windows", spy)
+    return seen
+
+
+def only(settings, **changes):
+    return dataclasses.replace(settings, off_center=0.0, wrong_scale=0.0, **changes)
+
+
+def test_labels_and_shares(views, model):
+    pool = bake(views, model)
+    assert len(pool.labels) == 144
+    assert set(pool.labels) == {BACKGROUND, 3}
+    assert (pool.labels == BACKGROUND).mean() == pytest.approx(0.45, abs=0.12)
+    assert (bake(views, model, only(SETTINGS)).labels == 3).all()
+
+
+def test_the_same_generator_bakes_the_same_pool(views, model):
+    first, second, other = bake(views, model), bake(views, model), bake(views, model, seed=1)
+    for name in ("color", "depth", "mask", "labels"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+    assert (first.color != other.color).any()
+
+
+def test_centred_windows_show_the_object_at_their_depth(views, model):
+    pool = bake(views, model, only(SETTINGS))
+    middle = (slice(None), RESOLUTION // 2, RESOLUTION // 2)
+    assert pool.mask[middle].mean() > 0.95
+    # The side follows from the surface depth at the centre: depth there is coded as 128.
+    assert (np.abs(pool.depth[middle][pool.mask[middle]].astype(int) - 128) < 16).mean() > 0.9
+    np.testing.assert_array_equal(pool.mask, pool.depth < 255)
+
+
+def test_badly_centred_windows_lie_away_from_the_centroid(views, model, cuts):
+    settings = dataclasses.replace(SETTINGS, off_center=0.5, wrong_scale=0.0)
+    pool = bake(views, model, settings)
+    middle = project(views.poses_cam_obj[0, :3, :3] @ model.centroid
+                     + views.poses_cam_obj[0, :3, 3], views.camera_matrix)  # fmt: skip
+    depths = [float(np.median(d[d > 0])) for d in views.depth]
+    focal = views.camera_matrix[0, 0]
+    for i, (center, z, side, size) in enumerate(cuts):
+        typical = depths[i // 4]  # 144 windows of 36 views
+        shift = np.hypot(*(center - middle)) * typical / focal / model.holistic_size
+        assert (shift < 0.2) if pool.labels[i] == 3 else (shift > 0.4)
+        assert side == pytest.approx(focal * size / z)
+        assert size == pytest.approx(model.holistic_size)
+        assert 0.8 * typical < z < 1.3 * typical
+
+
+def test_wrongly_scaled_windows_are_background_and_of_another_size(views, model, cuts):
+    settings = dataclasses.replace(SETTINGS, off_center=0.0, wrong_scale=0.5)
+    pool = bake(views, model, settings, sizes=(0.1, 0.11, 0.2))
+    ratio = np.array([size for *_, size in cuts]) / model.holistic_size
+    wrong = pool.labels == BACKGROUND
+    assert 0.3 < wrong.mean() < 0.7
+    np.testing.assert_allclose(ratio[~wrong], 1.0)
+    assert (np.abs(np.log(ratio[wrong])) > np.log(1.3)).all()
+    assert {0.55, 1.8, 2.0} <= set(np.round(ratio[wrong], 2))
+
+
+def test_scale_jitter_is_bounded(views, model, cuts):
+    bake(views, model, only(SETTINGS, scale_jitter=0.08))
+    ratio = np.array([size for *_, size in cuts]) / model.holistic_size
+    assert ratio.min() >= 1 / 1.08 and ratio.max() <= 1.08
+    assert ratio.std() > 0.02
+
+
+def test_joined_pools_keep_their_rows_together(views, model):
+    first, second = bake(views, model), bake(views, model, seed=1)
+    joined = join_pools([first, second])
+    np.testing.assert_array_equal(joined.color[144:], second.color)
+    np.testing.assert_array_equal(joined.labels, np.r_[first.labels, second.labels])
+
+
+def test_backgrounds_are_photographs_and_windows_of_frames(room: Frame):
+    crops = np.random.default_rng(0).integers(0, 256, (7, 24, 24, 3)).astype(np.uint8)
+    frames = [room, dataclasses.replace(room, frame_id=2)]
+    pool = bake_backgrounds(crops, frames, [0.1, 0.2], 24, 30, np.random.default_rng(0))
+    assert pool.color.shape == (7 + 30, 24, 24, 3)
+    np.testing.assert_array_equal(pool.color[:7], crops)
+    assert not pool.depth[:7].any()  # 0: no depth was measured
+    assert (pool.depth[7:] > 0).all()
+    assert (np.abs(pool.depth[7:, 12, 12].astype(int) - 128) < 10).mean() > 0.7
+
+
+def test_a_frame_without_depth_gives_no_background(room: Frame):
+    blind = dataclasses.replace(room, depth=np.zeros_like(room.depth))
+    crops = np.zeros((2, 24, 24, 3), np.uint8)
+    pool = bake_backgrounds(crops, [blind], [0.1], 24, 10, np.random.default_rng(0))
+    assert len(pool.color) == len(pool.depth) == 2

@@ -1,0 +1,132 @@
+import numpy as np
+import pytest
+
+from hlp.patches.local import (
+    GridSettings,
+    LocalSettings,
+    cut_local_patches,
+    region_pixels,
+    surface_pixels,
+)
+
+CAMERA = np.array([[200.0, 0.0, 50.0], [0.0, 204.0, 40.0], [0.0, 0.0, 1.0]])
+MASKED = LocalSettings(16, 1.0, True)
+CLAMPED = LocalSettings(16, 1.0, False)
+SIZE = 0.1  # m
+
+
+@pytest.fixture
+def scene():
+    """A step: the left half stands 0.2 m before the right one, with a hole below."""
+    rng = np.random.default_rng(0)
+    depth = np.full((80, 100), 1.0, np.float32)
+    depth[:, :50] = 0.8
+    depth += rng.uniform(0, 0.03, depth.shape).astype(np.float32)
+    depth[60:, :] = 0.0
+    rgb = rng.integers(0, 256, (80, 100, 3)).astype(np.uint8)
+    return rgb, depth
+
+
+def reference(depth, pixel, z, resolution):
+    """Depth of one patch pixel by pixel, from the docstring: (d − z)/(size/2), clamped to ±1."""
+    side = 202.0 * SIZE / z
+    out = np.ones((resolution, resolution))
+    valid = np.zeros((resolution, resolution), bool)
+    for i in range(resolution):
+        for j in range(resolution):
+            x = int(np.rint(pixel[0] + ((j + 0.5) / resolution - 0.5) * side))
+            y = int(np.rint(pixel[1] + ((i + 0.5) / resolution - 0.5) * side))
+            if not (0 <= x < depth.shape[1] and 0 <= y < depth.shape[0]) or depth[y, x] <= 0:
+                continue
+            relative = (depth[y, x] - z) / (SIZE / 2)
+            valid[i, j] = abs(relative) <= 1
+            out[i, j] = np.clip(relative, -1, 1)
+    return out, valid
+
+
+@pytest.mark.parametrize("settings", [MASKED, CLAMPED])
+def test_depth_is_relative_to_the_centre_clamped_and_masked(scene, settings):
+    rgb, depth = scene
+    pixels = np.array([[46, 30], [54, 31], [20, 55], [3, 4]])
+    cut = cut_local_patches(rgb, depth, CAMERA, pixels, SIZE, settings, 0.0)
+    assert len(cut) == 4
+    partial = 0
+    for i, pixel in enumerate(pixels):
+        z = np.sort(depth[pixel[1] - 1 : pixel[1] + 2, pixel[0] - 1 : pixel[0] + 2].ravel())[4]
+        expected, valid = reference(depth, pixel, z, 16)
+        if settings.mask_beyond_clamp:
+            expected[~valid] = 1.0
+            assert (cut.color[i][~valid] == 128).all()
+        np.testing.assert_array_equal(cut.valid[i], valid)
+        np.testing.assert_allclose(cut.depth[i], expected, atol=1e-5)
+        partial += not valid.all()
+        ray = np.linalg.inv(CAMERA) @ [*pixel, 1.0]
+        np.testing.assert_allclose(cut.points_cam[i], ray * z, rtol=1e-6)
+    assert partial >= 2
+    np.testing.assert_array_equal(cut.pixels, pixels)
+
+
+def test_clamping_alone_keeps_the_colour_beyond(scene):
+    rgb, depth = scene
+    pixels = np.array([[46, 30]])
+    masked = cut_local_patches(rgb, depth, CAMERA, pixels, SIZE, MASKED, 0.0)
+    clamped = cut_local_patches(rgb, depth, CAMERA, pixels, SIZE, CLAMPED, 0.0)
+    inside = masked.valid[0]
+    np.testing.assert_array_equal(masked.color[0][inside], clamped.color[0][inside])
+    assert clamped.color[0][~inside].std() > 20
+
+
+def test_what_lies_beyond_the_clamp_does_not_change_a_masked_patch(scene):
+    rgb, depth = scene
+    pixels = np.array([[46, 30]])
+    other_rgb, other_depth = rgb.copy(), depth.copy()
+    other_rgb[:, 50:] = 255 - rgb[:, 50:]
+    other_depth[:, 50:] += 0.7
+    first = cut_local_patches(rgb, depth, CAMERA, pixels, SIZE, MASKED, 0.0)
+    second = cut_local_patches(other_rgb, other_depth, CAMERA, pixels, SIZE, MASKED, 0.0)
+    np.testing.assert_array_equal(first.depth, second.depth)
+    far = ~first.valid[0]
+    beside = np.zeros_like(far)  # bilinear colour mixes over one pixel
+    beside[:, :-1] = far[:, 1:]
+    np.testing.assert_array_equal(first.color[0][~beside], second.color[0][~beside])
+
+
+def test_patches_without_depth_or_with_too_little_of_it_are_left_out(scene):
+    rgb, depth = scene
+    pixels = np.array([[20, 30], [20, 75], [20, 59]])  # full, in the hole, at its border
+    cut = cut_local_patches(rgb, depth, CAMERA, pixels, SIZE, MASKED, 0.0)
+    np.testing.assert_array_equal(cut.pixels, [[20, 30], [20, 59]])
+    share = cut.valid.mean(axis=(1, 2))
+    assert share[0] == 1.0 and 0.4 < share[1] < 0.7
+    cut = cut_local_patches(rgb, depth, CAMERA, pixels, SIZE, MASKED, 0.8)
+    np.testing.assert_array_equal(cut.pixels, [[20, 30]])
+
+
+def test_no_pixels_give_no_patches(scene):
+    cut = cut_local_patches(*scene, CAMERA, np.zeros((0, 2), int), SIZE, MASKED, 0.2)
+    assert len(cut) == 0 and cut.color.shape == (0, 16, 16, 3)
+
+
+def test_region_pixels_lie_in_the_region_and_are_thinned_evenly():
+    mask = np.zeros((64, 64), bool)
+    mask[10:50, 20:60] = True
+    every = region_pixels(mask, GridSettings(8, 0.2, 1000))
+    expected = [(x, y) for y in range(4, 64, 8) for x in range(4, 64, 8) if mask[y, x]]
+    np.testing.assert_array_equal(every, expected)
+    thinned = region_pixels(mask, GridSettings(8, 0.2, 7))
+    rows = [expected.index(tuple(pixel)) for pixel in thinned]
+    assert len(set(rows)) == 7 and rows[0] == 0 and rows[-1] == len(expected) - 1
+    assert set(np.diff(rows)) <= {len(expected) // 7, len(expected) // 7 + 1}
+    assert len(region_pixels(~np.ones((64, 64), bool), GridSettings(8, 0.2, 7))) == 0
+
+
+def test_surface_pixels_are_drawn_from_the_surface_without_repetition():
+    depth = np.zeros((20, 30), np.float32)
+    depth[5:9, 10:16] = 0.7
+    drawn = surface_pixels(depth, 10, np.random.default_rng(0))
+    assert len({tuple(pixel) for pixel in drawn}) == 10
+    assert (depth[drawn[:, 1], drawn[:, 0]] > 0).all()
+    assert len(surface_pixels(depth, 100, np.random.default_rng(0))) == 24
+    again = surface_pixels(depth, 10, np.random.default_rng(0))
+    np.testing.assert_array_equal(again, drawn)
+    assert (surface_pixels(depth, 10, np.random.default_rng(1)) != drawn).any()

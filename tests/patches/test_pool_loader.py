@@ -1,0 +1,37 @@
+import pytest
+import torch
+
+from hlp.patches.pool_loader import pool_loader
+
+POOL = {"row": torch.arange(23), "square": torch.arange(23) ** 2}
+
+
+def epoch(loader, number):
+    loader.sampler.set_epoch(number)
+    return [batch["row"].tolist() for batch in loader]
+
+
+def test_an_epoch_shows_every_row_once_but_for_the_incomplete_batch():
+    batches = epoch(pool_loader(POOL, 5, 0), 0)
+    assert [len(batch) for batch in batches] == [5] * 4
+    assert len({row for batch in batches for row in batch}) == 20
+    assert len(pool_loader(POOL, 5, 0)) == 4
+
+
+def test_tensors_of_a_batch_belong_to_the_same_rows():
+    for batch in pool_loader(POOL, 5, 0):
+        torch.testing.assert_close(batch["square"], batch["row"] ** 2)
+
+
+def test_the_order_depends_on_seed_and_epoch_alone():
+    first = epoch(pool_loader(POOL, 5, 3), 7)
+    torch.rand(5)
+    assert epoch(pool_loader(POOL, 5, 3), 7) == first
+    assert epoch(pool_loader(POOL, 5, 3), 8) != first
+    assert epoch(pool_loader(POOL, 5, 4), 7) != first
+
+
+@pytest.mark.parametrize("size", [23, 100])
+def test_a_pool_smaller_than_a_batch_is_one_batch(size):
+    (batch,) = epoch(pool_loader(POOL, size, 0), 0)
+    assert sorted(batch) == list(range(23))
