@@ -92,7 +92,7 @@ def test_the_background_shows_around_the_object():
 
 def test_depth_of_the_object_survives_but_for_noise_and_holes():
     pool = make_pool()
-    images, labels = compose(module(pool, share=0.0))
+    images, _ = compose(module(pool, share=0.0))
     expected = code_to_unit(torch.from_numpy(pool.depth))
     middle = images[:, 3, 7, 7]
     near = (middle - expected[:, 7, 7]).abs() < 0.15

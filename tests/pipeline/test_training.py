@@ -12,7 +12,7 @@ CPU = TrainerSettings("cpu", "cpu", 1, "auto", "32-true")
 EPOCHS = 4
 
 
-class Stop(RuntimeError):
+class StopError(RuntimeError):
     pass
 
 
@@ -53,7 +53,7 @@ class Net(pl.LightningModule):
 
     def training_step(self, batch, _):
         if self.global_step == self.stop_at:
-            raise Stop
+            raise StopError
         images, labels = batch
         self.seen.append(float(images.sum()))
         loss = functional.cross_entropy(self.network(images), labels)
@@ -84,7 +84,7 @@ def uninterrupted(tmp_path_factory):
 def test_resumed_training_equals_an_uninterrupted_one_bit_for_bit(uninterrupted, tmp_path, stops):
     whole, module = uninterrupted
     for stop in stops:
-        with pytest.raises(Stop):
+        with pytest.raises(StopError):
             train(tmp_path, stop)
         assert not (tmp_path / WEIGHTS).exists()
         torch.rand(17)  # whatever else draws in between
@@ -97,7 +97,7 @@ def test_resumed_training_equals_an_uninterrupted_one_bit_for_bit(uninterrupted,
 
 
 def test_resuming_repeats_no_finished_epoch(tmp_path):
-    with pytest.raises(Stop):
+    with pytest.raises(StopError):
         train(tmp_path, 8)  # within the third epoch of 3 steps each
     assert len(train(tmp_path).seen) == 6
 

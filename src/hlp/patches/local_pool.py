@@ -96,7 +96,8 @@ def bake_frame_patches(
         shape = (frame.depth.shape[0], frame.depth.shape[1])
         grid = pixel_grid(shape, 2)
         for size in metric_sizes:
-            chosen = rng.choice(len(grid), per_frame // len(metric_sizes), replace=False)
+            count = min(per_frame // len(metric_sizes), len(grid))
+            chosen = rng.choice(len(grid), count, replace=False)
             patches = cut_local_patches(
                 frame.rgb,
                 frame.depth,

@@ -1,0 +1,134 @@
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+
+from hlp.patches.local_data import PairDataModule, PatchDataModule, degrade, degrade_patches
+from hlp.patches.local_pool import PairPool
+from hlp.records import LocalPatches
+
+COUNT, SIZE, METRIC = 150, 24, 0.06
+
+
+def make_patches(seed=0):
+    """Flat discs of random colours before the void."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:SIZE, :SIZE]
+    valid = np.broadcast_to(np.hypot(x - 11.5, y - 11.5) < 9, (COUNT, SIZE, SIZE)).copy()
+    color = np.where(valid[..., None], rng.integers(0, 256, (COUNT, 1, 1, 3)), 128)
+    depth = np.where(valid, 0.0, 1.0).astype(np.float32)
+    return LocalPatches(
+        color.astype(np.uint8), depth, valid, rng.random((COUNT, 3)), rng.random((COUNT, 2))
+    )
+
+
+def make_pool():
+    a, b = make_patches(0), make_patches(1)
+    rng = np.random.default_rng(2)
+    return PairPool(
+        np.stack([a.color, b.color], axis=1),
+        np.stack([a.depth, b.depth], axis=1).astype(np.float16),
+        np.stack([a.valid, b.valid], axis=1),
+        np.full(COUNT, METRIC, np.float32),
+        np.arange(COUNT),
+        rng.random((COUNT, 3)).astype(np.float32),
+        rng.random((COUNT, 3, 3)).astype(np.float32),
+    )
+
+
+def degraded(seed=0):
+    patches = make_patches()
+    return degrade(
+        torch.from_numpy(patches.color).permute(0, 3, 1, 2).float() / 255.0,
+        torch.from_numpy(patches.depth),
+        torch.from_numpy(patches.valid),
+        torch.full((COUNT,), METRIC),
+        torch.Generator().manual_seed(seed),
+    )
+
+
+def test_what_is_not_valid_is_filled_as_in_any_patch():
+    color, depth, valid = degraded()
+    np.testing.assert_allclose(color.permute(0, 2, 3, 1)[~valid], 128 / 255, atol=1e-6)
+    assert (depth[~valid] == 1.0).all()
+    assert depth[valid].abs().max() <= 1.0
+    assert color.min() >= 0 and color.max() <= 1
+
+
+def test_the_object_is_partly_hidden_and_surroundings_appear():
+    _, _, valid = degraded()
+    clean = torch.from_numpy(make_patches().valid)
+    lost = (clean & ~valid).float().mean(dim=(1, 2)) / clean.float().mean(dim=(1, 2))
+    gained = (valid & ~clean).any(dim=2).any(dim=1).float().mean()
+    assert 0.02 < float(lost.mean()) < 0.5
+    assert 0.3 < float(gained) < 0.9
+    assert valid[:, 11:13, 11:13].float().mean() > 0.85  # occluders spare the centre
+
+
+def test_depth_noise_is_that_of_a_sensor():
+    _, depth, valid = degraded()
+    clean = torch.from_numpy(make_patches().valid)
+    meters = depth[valid & clean] * METRIC / 2
+    assert 0.0005 < float(meters.std()) < 0.005
+    steps = [len(np.unique(d[v & c])) for d, v, c in zip(depth, valid, clean, strict=True)]
+    assert np.median(steps) < 60  # quantised: of some 250 pixels many agree
+
+
+def test_degradation_is_a_function_of_the_seed():
+    for one, other in zip(degraded(3), degraded(3), strict=True):
+        assert torch.equal(one, other)
+    assert not torch.equal(degraded(4)[1], degraded(3)[1])
+
+
+def test_degraded_patches_of_a_codebook_keep_their_places():
+    patches = make_patches()
+    rows = np.array([5, 2, 90])
+    seen = degrade_patches(patches, rows, METRIC, 7)
+    np.testing.assert_array_equal(seen.points_cam, patches.points_cam[rows])
+    assert seen.color.dtype == np.uint8 and seen.color.shape == (3, SIZE, SIZE, 3)
+    assert (seen.color[~seen.valid] == 128).all()
+    again = degrade_patches(patches, rows, METRIC, 7)
+    np.testing.assert_array_equal(seen.depth, again.depth)
+    np.testing.assert_array_equal(seen.color, again.color)
+
+
+def pair_batch(data, step):
+    data.trainer = SimpleNamespace(global_step=step)
+    return data.on_before_batch_transfer(next(iter(data.train_dataloader())), 0)
+
+
+def test_a_pair_is_a_degraded_patch_and_the_clean_other_one():
+    pool = make_pool()
+    batch = pair_batch(PairDataModule(pool, 32, 0), 0)
+    rows = batch["object"].numpy()  # the pool's object ids are its rows
+    color, depth, valid = batch["clean"]
+    np.testing.assert_allclose(color.permute(0, 2, 3, 1) * 255, pool.color[rows, 1], atol=1e-4)
+    np.testing.assert_array_equal(depth, pool.depth[rows, 1].astype(np.float32))
+    np.testing.assert_array_equal(valid, pool.valid[rows, 1])
+    np.testing.assert_array_equal(batch["point"], pool.points_obj[rows])
+    np.testing.assert_array_equal(batch["rotation"], pool.rotations[rows])
+    noisy = batch["noisy"]
+    assert noisy[1].shape == depth.shape
+    assert (noisy[1] != depth).flatten(1).any(dim=1).all()
+
+
+def test_the_same_seed_and_step_give_the_same_pairs_whatever_ran_before():
+    first = pair_batch(PairDataModule(make_pool(), 32, 0), 9)
+    data = PairDataModule(make_pool(), 32, 0)
+    pair_batch(data, 8)
+    torch.rand(3)
+    again = pair_batch(data, 9)
+    for one, other in zip(first["noisy"], again["noisy"], strict=True):
+        assert torch.equal(one, other)
+    assert not torch.equal(pair_batch(data, 10)["noisy"][1], first["noisy"][1])
+
+
+@pytest.mark.parametrize("size", [32, COUNT])
+def test_patches_for_the_autoencoder_come_as_they_are(size):
+    patches = make_patches()
+    batches = list(PatchDataModule(patches, size, 0).train_dataloader())
+    assert [len(batch["color"]) for batch in batches] == [size] * (COUNT // size)
+    seen = torch.cat([batch["color"] for batch in batches]).numpy()
+    known = {color.tobytes() for color in patches.color}
+    assert {color.tobytes() for color in seen} <= known
