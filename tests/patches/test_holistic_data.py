@@ -84,7 +84,7 @@ def test_the_void_around_the_object_never_shows():
 
 
 def test_the_background_shows_around_the_object():
-    first, labels = compose(module(make_pool()))
+    first, _ = compose(module(make_pool()))
     second, _ = compose(module(make_pool(), backgrounds=make_backgrounds(2)))
     corner = (slice(None), slice(0, 3), slice(0, 2), slice(0, 2))
     assert (first[corner] != second[corner]).flatten(1).any(dim=1).float().mean() > 0.95

@@ -1,0 +1,67 @@
+import numpy as np
+import pytest
+import pytorch_lightning as pl
+import torch
+from torch.utils.data import DataLoader, TensorDataset
+
+from hlp.models.classifier import (
+    ClassifierSettings,
+    HolisticClassifier,
+    HolisticCNN,
+    class_probabilities,
+)
+
+SETTINGS = ClassifierSettings("cnn", (6, 8), 16, 0.1, 0.01, 0.0, 8, 16)
+
+
+@pytest.mark.parametrize("widths", [(4, 8), (24, 48, 96, 128)])
+@pytest.mark.parametrize(("channels", "classes"), [(3, 16), (4, 2)])
+def test_shapes_and_parameter_counts(widths, channels, classes):
+    network = HolisticCNN(channels, classes, widths, 32, 0.2)
+    assert network(torch.zeros(2, channels, 64, 64)).shape == (2, classes)
+    expected, previous, side, kernel = 0, channels, 64, 5
+    for width in widths:
+        expected += kernel**2 * previous * width + 2 * width  # no bias before batch norm
+        previous, side, kernel = width, side // 2, 3
+    expected += previous * side**2 * 32 + 32 + 32 * classes + classes
+    assert sum(each.numel() for each in network.parameters()) == expected
+
+
+def test_probabilities_are_the_softmax_of_each_window():
+    torch.manual_seed(0)
+    network = HolisticCNN(4, 3, (4, 8), 16, 0.5).train()
+    images = torch.rand(300, 4, 64, 64) * 2 - 1  # more than one chunk
+    found = class_probabilities(network, images)
+    assert found.shape == (300, 3)
+    np.testing.assert_allclose(found.sum(axis=1), 1.0, atol=1e-5)
+    with torch.no_grad():
+        expected = torch.softmax(network.eval()(images), dim=1).numpy()
+    np.testing.assert_allclose(found, expected, atol=0.02)  # bfloat16
+    np.testing.assert_array_equal(class_probabilities(network, images), found)  # no dropout
+
+
+def test_no_windows_have_no_probabilities():
+    found = class_probabilities(HolisticCNN(3, 5, (4, 8), 16, 0.1), torch.zeros(0, 3, 64, 64))
+    assert found.shape == (0, 5)
+
+
+def test_training_tells_classes_apart():
+    torch.manual_seed(0)
+    labels = torch.arange(48) % 3
+    images = torch.randn(48, 3, 64, 64) * 0.1
+    images[torch.arange(48), labels] += 0.5  # each class in a channel of its own
+    module = HolisticClassifier(SETTINGS, 3, 3)
+    trainer = pl.Trainer(
+        accelerator="cpu", max_epochs=8, logger=False, enable_checkpointing=False,
+        enable_progress_bar=False, enable_model_summary=False,
+    )  # fmt: skip
+    loader = DataLoader(TensorDataset(images, labels), batch_size=16)
+    before = (class_probabilities(module.network, images).argmax(axis=1) == labels.numpy()).mean()
+    module.train()
+    trainer.fit(module, loader)
+    after = (class_probabilities(module.network, images).argmax(axis=1) == labels.numpy()).mean()
+    assert before < 0.7
+    assert after > 0.95
+    assert trainer.callback_metrics.keys() == {"loss", "accuracy"}
+    (optimizer,) = trainer.optimizers
+    assert optimizer.param_groups[0]["lr"] < SETTINGS.learning_rate / 100  # the cycle has ended

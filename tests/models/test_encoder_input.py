@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+import torch
+
+from hlp.models.encoder_input import encoder_input, patch_tensors, surface_normals
+from hlp.records import LocalPatches
+
+
+def plane(slope_x, slope_y, size=32):
+    """Depth of a plane; pixel centres lie at (i + ½)·2/p − 1, in halves of the metric size."""
+    axis = (torch.arange(size) + 0.5) * 2 / size - 1
+    return (slope_x * axis[None, :] + slope_y * axis[:, None])[None]
+
+
+@pytest.mark.parametrize("slope", [(0.0, 0.0), (0.5, -0.2), (-0.3, 0.6)])
+def test_normals_of_a_tilted_plane_are_exact(slope):
+    depth = plane(*slope)
+    normals = surface_normals(depth, torch.ones_like(depth, dtype=torch.bool))
+    expected = np.array([slope[0], slope[1], -1.0])
+    expected /= np.linalg.norm(expected)
+    inner = normals[0, :, 3:-3, 3:-3].permute(1, 2, 0).numpy()  # smoothing and differences: 3 px
+    np.testing.assert_allclose(inner, np.broadcast_to(expected, inner.shape), atol=1e-5)
+
+
+def test_normals_are_unit_vectors_where_valid_and_0_elsewhere():
+    gen = torch.Generator().manual_seed(0)
+    depth = torch.rand((4, 32, 32), generator=gen)
+    valid = torch.rand((4, 32, 32), generator=gen) < 0.6
+    normals = surface_normals(depth, valid).permute(0, 2, 3, 1)
+    np.testing.assert_allclose(normals[valid].norm(dim=1), 1.0, atol=1e-5)
+    assert (normals[~valid] == 0).all()
+    assert (normals[valid][:, 2] < 0).all()  # towards the camera
+
+
+def test_what_is_not_valid_does_not_reach_the_normals():
+    depth = plane(0.4, 0.1)
+    valid = torch.ones_like(depth, dtype=torch.bool)
+    valid[:, :, 20:] = False
+    other = torch.where(valid, depth, torch.full_like(depth, 9.0))
+    first, second = surface_normals(depth, valid), surface_normals(other, valid)
+    # Differences at the edge take in one pixel beyond, smoothed from valid ones alone.
+    torch.testing.assert_close(first[..., :19], second[..., :19], atol=1e-5, rtol=0)
+
+
+def random_patches(count=5):
+    rng = np.random.default_rng(1)
+    return LocalPatches(
+        rng.integers(0, 256, (count, 32, 32, 3)).astype(np.uint8),
+        rng.uniform(-1, 1, (count, 32, 32)).astype(np.float32),
+        rng.random((count, 32, 32)) < 0.9,
+        np.zeros((count, 3)),
+        np.zeros((count, 2)),
+    )
+
+
+def test_channels_of_each_kind():
+    patches = random_patches()
+    color, depth, valid = patch_tensors(patches)
+    rgbd = encoder_input(color, depth, valid, "rgbd").numpy()
+    np.testing.assert_allclose(
+        rgbd[:, :3], patches.color.transpose(0, 3, 1, 2) / 127.5 - 1, atol=1e-6
+    )
+    np.testing.assert_array_equal(rgbd[:, 3], patches.depth)
+    shape = encoder_input(color, depth, valid, "normals_depth")
+    torch.testing.assert_close(shape[:, :3], surface_normals(depth, valid))
+    np.testing.assert_array_equal(shape[:, 3], patches.depth)
+    assert shape.abs().max() <= 1.0 + 1e-6
+    blind = encoder_input(1 - color, depth, valid, "normals_depth")
+    assert torch.equal(blind, shape)  # sees no colour
+
+
+def test_another_kind_is_refused_by_name():
+    with pytest.raises(ValueError, match="'depth_only'.*rgbd, normals_depth"):
+        encoder_input(*patch_tensors(random_patches()), "depth_only")

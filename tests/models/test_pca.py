@@ -1,0 +1,82 @@
+import numpy as np
+import torch
+from torch.nn import functional
+
+from hlp.models.encoder_input import surface_normals
+from hlp.models.pca import PcaSettings, fit_pca
+from hlp.records import LocalPatches
+
+CELLS = 4
+
+
+def make_patches(count, seed=0):
+    gen = torch.Generator().manual_seed(seed)
+    coarse = torch.randn((count, 1, 5, 5), generator=gen)
+    depth = functional.interpolate(coarse, (32, 32), mode="bilinear")[:, 0] * 0.3
+    valid = torch.rand((count, 32, 32), generator=gen) < 0.95
+    return LocalPatches(
+        np.zeros((count, 32, 32, 3), np.uint8),
+        depth.numpy(),
+        valid.numpy(),
+        np.zeros((count, 3)),
+        np.zeros((count, 2)),
+    )
+
+
+def averaged(patches):
+    """Normals averaged over cells, cell by cell."""
+    normals = surface_normals(torch.from_numpy(patches.depth), torch.from_numpy(patches.valid))
+    cells = normals.numpy().reshape(len(patches), 3, CELLS, 8, CELLS, 8)
+    return cells.mean(axis=(3, 5)).reshape(len(patches), -1).astype(np.float64)
+
+
+def fitted(patches, dimension):
+    settings = PcaSettings("pca", dimension, CELLS)
+    return fit_pca(torch.from_numpy(patches.depth), torch.from_numpy(patches.valid), settings)
+
+
+def test_components_equal_those_of_the_singular_value_decomposition():
+    patches = make_patches(200)
+    pca = fitted(patches, 10)
+    data = averaged(patches)
+    _, _, vt = np.linalg.svd(data - data.mean(axis=0), full_matrices=False)
+    np.testing.assert_allclose(pca.mean, data.mean(axis=0), atol=1e-5)
+    overlap = np.abs(np.einsum("df,df->d", pca.components, vt[:10]))  # signs are free
+    np.testing.assert_allclose(overlap, 1.0, atol=1e-3)
+
+
+def test_features_are_projections_and_keep_distances():
+    patches, others = make_patches(200), make_patches(30, seed=1)
+    pca = fitted(patches, 48)
+    features = pca.encode(others)
+    assert features.shape == (30, 48) and features.dtype == np.float32
+    data = averaged(others)
+    expected = (data - averaged(patches).mean(axis=0)) @ pca.components.T
+    np.testing.assert_allclose(features, expected, atol=1e-4)
+    # With all 3·4·4 components nothing is lost.
+    first = np.linalg.norm(features[:, None] - features, axis=2)
+    second = np.linalg.norm(data[:, None] - data, axis=2)
+    np.testing.assert_allclose(first, second, atol=1e-4)
+
+
+def test_the_first_components_keep_most_of_the_variance():
+    patches = make_patches(200)
+    data = averaged(patches)
+    total = data.var(axis=0).sum()
+    kept = [fitted(patches, d).encode(patches).var(axis=0).sum() / total for d in (2, 10, 48)]
+    singular = np.linalg.svd(data - data.mean(axis=0), compute_uv=False) ** 2
+    expected = [singular[:d].sum() / singular.sum() for d in (2, 10, 48)]
+    np.testing.assert_allclose(kept, expected, atol=1e-3)
+
+
+def test_a_patch_has_one_feature_in_whatever_company():
+    patches = make_patches(50)
+    pca = fitted(patches, 8)
+    alone = LocalPatches(*(getattr(patches, name)[7:8] for name in vars(patches)))
+    np.testing.assert_allclose(pca.encode(alone)[0], pca.encode(patches)[7], atol=1e-5)
+
+
+def test_no_more_components_than_there_are_values_and_none_of_nothing():
+    pca = fitted(make_patches(60), 500)
+    assert pca.components.shape == (48, 48)
+    assert pca.encode(make_patches(0)).shape == (0, 48)
