@@ -1,0 +1,162 @@
+"""A run from start to end: learn, find, score, draw, log. What is on disk is not made again."""
+
+import logging
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import torch
+from tqdm import tqdm
+
+from hlp.evaluation.evaluator import FrameTruth, score_targets
+from hlp.evaluation.poses_file import write_poses, write_scores
+from hlp.evaluation.summary import summarise
+from hlp.pipeline.build import Run
+from hlp.pipeline.finding import Finder, read_regions
+from hlp.pipeline.frame_files import read_arrays
+from hlp.pipeline.learning import Learner
+from hlp.pipeline.manifest import make_manifest, write_json
+from hlp.pipeline.store import StageStore
+from hlp.pipeline.training import read_history
+from hlp.records import PoseEstimate, TargetScore
+from hlp.reporting.metrics import summary_metrics
+from hlp.reporting.panels import draw_panels, write_png
+from hlp.reporting.tables import format_summary
+from hlp.reporting.tracking import Tracker, track_run
+
+STAGES = ("holistic", "local", "voting", "refinement")
+
+
+def run(planned: Run, output: Path) -> dict[str, Any]:
+    """Run every stage not yet on disk, write the results into `output`, return the summary.
+
+    `output` receives summary.json, scores.csv, poses.csv, manifest.json and panels/. Everything is
+    logged as one MLflow run, which is opened first: a crash leaves it FAILED.
+    """
+    settings = planned.settings
+    torch.set_num_threads(settings.machine.threads)
+    cv2.setNumThreads(settings.machine.threads)
+    output.mkdir(parents=True, exist_ok=True)
+    name = f"{settings.name} {settings.encoder.name} {settings.voting.name} {output.name}"
+    with track_run(settings.reporting, name, planned.config) as tracker:
+        store = StageStore(Path(settings.work))
+        learner = Learner(planned.world, settings, store)
+        finder = Finder(planned.world, settings, learner, store, planned.keys)
+        estimates = finder.estimates()
+        _log_training(learner, tracker)
+        summary = _score(planned, finder, estimates, output)
+        write_json(output / "manifest.json", make_manifest(planned, store))
+        _draw(planned, finder, estimates, output / "panels")
+        tracker.log_metrics(summary_metrics(summary))
+        tracker.log_artifacts(output)
+    print(format_summary(summary))
+    _say_where(planned, output, tracker)
+    return summary
+
+
+def _score(
+    planned: Run, finder: Finder, estimates: Sequence[PoseEstimate], output: Path
+) -> dict[str, Any]:
+    """Save the poses first, then score what was saved."""
+    world, settings = planned.world, planned.settings
+    write_poses(output / "poses.csv", [each for each in estimates if each.pose_cam_obj is not None])
+    keys = tqdm(planned.keys, desc="scores", unit="frame", disable=None)
+    truths = [FrameTruth.of(world.frames.load(key)) for key in keys]
+    scores = score_targets(truths, world.models, estimates, settings.evaluation)
+    names = {object_id: model.name for object_id, model in world.models.items()}
+    write_scores(output / "scores.csv", scores, names)
+    summary = summarise(
+        scores,
+        names,
+        _times_ms(estimates),
+        waterfall(scores, _lost_early(finder)),
+        settings.evaluation,
+        settings.seed,
+    )
+    write_json(output / "summary.json", summary)
+    return summary
+
+
+def _times_ms(estimates: Sequence[PoseEstimate]) -> dict[str, list[float]]:
+    """Milliseconds of one object in one frame, in all and for each stage."""
+    total = [1000.0 * sum(each.seconds.values()) for each in estimates]
+    stages = {name: [1000.0 * each.seconds[name] for each in estimates] for name in STAGES}
+    return {"total": total, **stages}
+
+
+def waterfall(
+    scores: Sequence[TargetScore], lost: Mapping[tuple[int, int, int], str]
+) -> dict[str, int]:
+    """How many targets were right by AD, and at which stage the others were lost.
+
+    `lost` names the cause for targets (scene, frame, object) that never became a pose.
+    """
+    causes = Counter(
+        "correct"
+        if score.ad_correct
+        else lost.get((score.scene_id, score.frame_id, score.object_id), "wrong_pose")
+        for score in scores
+    )
+    return {name: causes[name] for name in ("correct", "no_region", "no_votes", "wrong_pose")}
+
+
+def _lost_early(finder: Finder) -> dict[tuple[int, int, int], str]:
+    regions, coarse = finder.regions().folder, finder.hypotheses().folder
+    lost = {}
+    for key in finder.keys:
+        scene_id, frame_id = (int(part) for part in key.split("_"))
+        masks, found = read_arrays(regions, key), read_arrays(coarse, key)
+        for entry in found:
+            object_id, _, field = entry.partition("/")
+            if field == "support" and len(found[entry]) == 0:
+                empty = not masks[f"{object_id}/mask"].any()
+                cause = "no_region" if empty else "no_votes"
+                lost[scene_id, frame_id, int(object_id)] = cause
+    return lost
+
+
+def _log_training(learner: Learner, tracker: Tracker) -> None:
+    for stage, output in (("classifier", learner.classifier()), ("encoder", learner.encoder())):
+        for epoch, row in enumerate(read_history(output.folder)):
+            metrics = {name: value for name, value in row.items() if name != "epoch"}
+            tracker.log_epoch_metrics(stage, epoch, metrics)
+
+
+def _draw(
+    planned: Run, finder: Finder, estimates: Sequence[PoseEstimate], folder: Path
+) -> None:
+    """The paper's four panels (Fig. 7) for a handful of frames, each of another object in turn."""
+    world = planned.world
+    answers = {(each.scene_id, each.frame_id, each.object_id): each for each in estimates}
+    count = min(planned.settings.panels, len(planned.keys))
+    for i in range(count):
+        frame = world.frames.load(planned.keys[i * len(planned.keys) // count])
+        if not frame.targets:
+            continue
+        target = frame.targets[i % len(frame.targets)]
+        region = read_regions(finder.regions().folder, frame)[target.object_id]
+        coarse = finder.detector.coarse(frame, region)
+        voters = sorted(set(coarse.votes.patches.tolist()))
+        picture = draw_panels(
+            frame,
+            world.models[target.object_id],
+            region,
+            coarse.patches.pixels[voters],
+            coarse.votes,
+            answers.get((frame.scene_id, frame.frame_id, target.object_id)),
+            target,
+        )
+        name = world.models[target.object_id].name
+        folder.mkdir(parents=True, exist_ok=True)
+        write_png(folder / f"{frame.key}_{name}.png", picture)
+
+
+def _say_where(planned: Run, output: Path, tracker: Tracker) -> None:
+    uri = planned.settings.reporting.uri
+    say = logging.getLogger(__name__).info
+    say("\nResults   %s (summary.json, scores.csv, poses.csv, manifest.json)", output)
+    say("Pictures  %s", output / "panels")
+    say("MLflow    mlflow server --workers 1 --backend-store-uri %s", uri)
+    say("          then open http://127.0.0.1:5000%s", tracker.page)
