@@ -39,7 +39,7 @@ def make_batch(seed=0):
 
 
 def reference(module, batch, excluded=()):
-    """Symmetric InfoNCE, written out with loops. `excluded` holds pairs (i, j) that are left out."""
+    """Symmetric InfoNCE, written out with loops, without the `excluded` pairs (i, j)."""
     with torch.no_grad():
         images = torch.cat([encoder_input(*batch[s], SETTINGS.input) for s in ("noisy", "clean")])
         features = module.network(images).numpy().astype(np.float64)

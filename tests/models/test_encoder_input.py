@@ -70,5 +70,5 @@ def test_channels_of_each_kind():
 
 
 def test_another_kind_is_refused_by_name():
-    with pytest.raises(ValueError, match="'depth_only'.*rgbd, normals_depth"):
+    with pytest.raises(ValueError, match=r"'depth_only'.*rgbd, normals_depth"):
         encoder_input(*patch_tensors(random_patches()), "depth_only")

@@ -1,0 +1,85 @@
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from hlp.codebook.neighbours import ExactNeighbours, KdForest
+
+
+def clustered(count, dimension=24, seed=0):
+    """Features in clusters, as those of patches are: random ones have no near neighbours."""
+    rng = np.random.default_rng(seed)
+    centers = np.random.default_rng(99).normal(size=(40, dimension))
+    noise = 0.2 * rng.normal(size=(count, dimension))
+    return (centers[rng.integers(40, size=count)] + noise).astype(np.float32)
+
+
+FEATURES, QUERIES = clustered(3000), clustered(700, seed=1)  # more than a block of queries
+
+
+@pytest.mark.parametrize("neighbours", [1, 3])
+def test_exact_search_equals_scipys(neighbours):
+    matches = ExactNeighbours(FEATURES, neighbours).search(QUERIES)
+    distances, indices = cKDTree(FEATURES).query(QUERIES, k=neighbours)
+    np.testing.assert_array_equal(matches.indices, indices.reshape(len(QUERIES), neighbours))
+    np.testing.assert_allclose(
+        matches.distances, distances.reshape(len(QUERIES), neighbours), rtol=1e-4
+    )
+
+
+def test_an_entry_is_its_own_nearest_neighbour():
+    matches = ExactNeighbours(FEATURES, 2).search(FEATURES[:50])
+    np.testing.assert_array_equal(matches.indices[:, 0], np.arange(50))
+    assert matches.distances[:, 0].max() < 5e-3  # not NaN, though the square may round below 0
+    assert (matches.distances[:, 1] > matches.distances[:, 0]).all()
+
+
+def recall(matches, exact):
+    found = [len(set(a) & set(b)) for a, b in zip(matches.indices, exact.indices, strict=True)]
+    return sum(found) / exact.indices.size
+
+
+def test_a_forest_finds_most_neighbours_and_more_with_more_checks():
+    exact = ExactNeighbours(FEATURES, 3).search(QUERIES)
+    recalls = [
+        recall(KdForest(FEATURES, 3, 4, checks, seed=0).search(QUERIES), exact)
+        for checks in (8, 64, 3000)
+    ]
+    assert recalls[0] < recalls[1] <= recalls[2]
+    assert recalls[1] > 0.85
+    assert recalls[2] > 0.999
+
+
+def test_a_forests_distances_are_euclidean_and_ascend():
+    matches = KdForest(FEATURES, 3, 4, 64, seed=0).search(QUERIES)
+    expected = np.linalg.norm(FEATURES[matches.indices] - QUERIES[:, None], axis=2)
+    np.testing.assert_allclose(matches.distances, expected, rtol=1e-4)
+    assert (np.diff(matches.distances, axis=1) >= 0).all()
+
+
+def test_a_forest_is_a_function_of_its_seed():
+    first = KdForest(FEATURES, 3, 4, 16, seed=5).search(QUERIES)
+    KdForest(FEATURES, 3, 2, 16, seed=8)
+    again = KdForest(FEATURES, 3, 4, 16, seed=5).search(QUERIES)
+    np.testing.assert_array_equal(first.indices, again.indices)
+    np.testing.assert_array_equal(first.distances, again.distances)
+    other = KdForest(FEATURES, 3, 4, 16, seed=6).search(QUERIES)
+    assert (first.indices != other.indices).any()
+
+
+@pytest.mark.parametrize(
+    "make", [lambda f: ExactNeighbours(f, 3), lambda f: KdForest(f, 3, 4, 32, seed=0)]
+)
+def test_small_codebooks_and_no_queries(make):
+    few = make(FEATURES[:2]).search(QUERIES[:5])
+    assert few.indices.shape == few.distances.shape == (5, 2)
+    assert (np.sort(few.indices, axis=1) == [0, 1]).all()
+    none = make(FEATURES).search(QUERIES[:0])
+    assert none.indices.shape == none.distances.shape == (0, 3)
+
+
+def test_queries_of_any_layout_and_precision():
+    wide = np.asfortranarray(QUERIES[:20].astype(np.float64))
+    for search in (ExactNeighbours(FEATURES, 3), KdForest(FEATURES, 3, 4, 64, seed=0)):
+        np.testing.assert_array_equal(
+            search.search(wide).indices, search.search(QUERIES[:20]).indices
+        )

@@ -1,0 +1,244 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from hlp.geometry import quaternions, rotation_distance
+from hlp.records import Votes
+from hlp.voting.modes import JointModes, JointVotingSettings, PaperModes, PaperVotingSettings
+
+PAPER = PaperVotingSettings("paper", 3.0, False, 10.0, 5.0, 3000, 30)
+JOINT = JointVotingSettings("joint", 3.0, True, 20.0, 18.0, 1500, 5, 5)
+CENTROID = np.array([0.02, -0.01, 0.03])
+RADIUS, ANGLE = 0.02, np.deg2rad(18.0)
+HERE, THERE = np.array([0.0, 0.0, 1.0]), np.array([0.1, 0.05, 0.9])
+
+
+def make_votes(*groups, seed=0):
+    """Votes of groups (count, centre, rotation, spread (m), spread (degrees), weight)."""
+    rng = np.random.default_rng(seed)
+    centroids, rotations, weights = [], [], []
+    for count, center, rotation, metres, degrees, weight in groups:
+        centroids.append(center + rng.normal(size=(count, 3)) * metres / np.sqrt(3))
+        axes = rng.normal(size=(count, 3)) * np.deg2rad(degrees) / np.sqrt(3)
+        turns = Rotation.from_rotvec(axes).as_matrix()
+        rotations.append(turns @ rotation)
+        weights.append(np.full(count, weight))
+    count = sum(len(part) for part in weights)
+    return Votes(
+        np.concatenate(centroids), np.concatenate(rotations), np.concatenate(weights),
+        np.arange(count), np.zeros((count, 2)),
+    )  # fmt: skip
+
+
+def clutter(count, seed=9):
+    rng = np.random.default_rng(seed)
+    return Votes(
+        HERE + rng.uniform(-0.3, 0.3, (count, 3)),
+        Rotation.random(count, random_state=seed).as_matrix(),
+        np.ones(count), np.arange(count), np.zeros((count, 2)),
+    )  # fmt: skip
+
+
+def join(*parts):
+    names = [field.name for field in dataclasses.fields(Votes)]
+    return Votes(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
+
+
+def rotation(degrees, axis="x"):
+    return Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
+
+
+def voted_center(pose):
+    return pose[:3, :3] @ CENTROID + pose[:3, 3]
+
+
+def brute_translation(votes, radius, shifts):
+    """Flat-kernel mean shift from every vote, in loops; the centre with the most weight."""
+    best, most = None, -1.0
+    for center in votes.centroids_cam:
+        for _ in range(shifts):
+            inside = [np.linalg.norm(p - center) <= radius for p in votes.centroids_cam]
+            center = np.average(votes.centroids_cam[inside], axis=0, weights=votes.weights[inside])
+        weight = votes.weights[np.linalg.norm(votes.centroids_cam - center, axis=1) <= radius].sum()
+        if weight > most + 1e-9:
+            best, most = center, weight
+    return best
+
+
+def brute_rotation(votes, angle, shifts):
+    """The same of rotations, with SciPy's mean of rotations, which knows no signs."""
+    best, most = None, -1.0
+    for center in votes.rotations_cam_obj:
+        for _ in range(shifts):
+            inside = rotation_distance(votes.rotations_cam_obj, center) <= angle
+            chosen = Rotation.from_matrix(votes.rotations_cam_obj[inside])
+            center = chosen.mean(weights=votes.weights[inside]).as_matrix()
+        apart = rotation_distance(votes.rotations_cam_obj, center)
+        weight = votes.weights[apart <= angle].sum()
+        if weight > most + 1e-9:
+            best, most = center, weight
+    return best
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_papers_modes_equal_brute_force(seed):
+    groups = (
+        (40, HERE, rotation(30), 0.004, 2.0, 1.0),
+        (25, THERE, rotation(120, "y"), 0.004, 2.0, 1.0),
+    )
+    votes = join(make_votes(*groups, seed=seed), clutter(40, seed))
+    found = PaperModes(PAPER).find(votes, CENTROID)
+    assert len(found) == 1
+    pose = found.poses_cam_obj[0]
+    expected = brute_translation(votes, 0.010, 10)
+    np.testing.assert_allclose(voted_center(pose), expected, atol=1e-9)
+    turned = brute_rotation(votes, np.deg2rad(5.0), 10)
+    assert np.rad2deg(rotation_distance(pose[:3, :3], turned)) < 0.02
+    assert np.linalg.norm(expected - HERE) < 0.003  # the larger group
+    near = np.linalg.norm(votes.centroids_cam - HERE, axis=1) < 0.02
+    assert 20 <= found.support[0] <= near.sum()
+
+
+@pytest.mark.parametrize("finder", [PaperModes(PAPER), JointModes(JOINT)])
+@pytest.mark.parametrize("quat", [(1, -1, 0, 0), (0, 1, -1, 0), (-1, 0, 0, 1)])
+def test_q_and_minus_q_are_one_rotation(finder, quat):
+    # Two components of the quaternion are equally large and of opposite sign, and SciPy makes the
+    # largest one positive: nearby rotations come with both signs.
+    turn = Rotation.from_quat(quat).as_matrix()
+    votes = make_votes((60, HERE, turn, 0.003, 2.5, 1.0))
+    quats = quaternions(votes.rotations_cam_obj)
+    assert 10 < (quats @ quats[0] > 0).sum() < 50
+    found = finder.find(votes, CENTROID)
+    assert np.rad2deg(rotation_distance(found.poses_cam_obj[0, :3, :3], turn)) < 1.0
+    assert found.support[0] > 0.7 * 60
+
+
+def two_objects():
+    """Most votes lie HERE, but of any rotation; most of one rotation lie THERE."""
+    return join(
+        make_votes(
+            (20, HERE, rotation(20), 0.003, 1.0, 1.0),
+            (25, THERE, rotation(100, "y"), 0.003, 1.0, 1.0),
+        ),
+        dataclasses.replace(clutter(15), centroids_cam=np.tile(HERE, (15, 1))),
+    )
+
+
+def test_joint_modes_pair_no_translation_with_the_rotation_of_another_hypothesis():
+    found = JointModes(JOINT).find(two_objects(), CENTROID)
+    for pose, place, turn in zip(
+        found.poses_cam_obj[:2], (THERE, HERE), (rotation(100, "y"), rotation(20)), strict=True
+    ):
+        np.testing.assert_allclose(voted_center(pose), place, atol=0.003)
+        assert np.rad2deg(rotation_distance(pose[:3, :3], turn)) < 1.0
+    np.testing.assert_allclose(found.support[:2], [25, 20])
+
+
+def test_the_papers_modes_may():
+    found = PaperModes(PAPER).find(two_objects(), CENTROID)
+    np.testing.assert_allclose(voted_center(found.poses_cam_obj[0]), HERE, atol=0.003)
+    apart = rotation_distance(found.poses_cam_obj[0, :3, :3], rotation(100, "y"))
+    assert np.rad2deg(apart) < 1.0
+
+
+def many_objects(seed=3):
+    groups = [
+        (30 - 3 * i, HERE + np.array([0.06 * (i % 4), 0.06 * (i // 4), 0.0]), rotation(70 * i, "z"),
+         0.006, 4.0, 1.0 - 0.02 * i)
+        for i in range(8)
+    ]  # fmt: skip
+    return join(make_votes(*groups, seed=seed), clutter(60, seed))
+
+
+def inside(votes, pose):
+    apart = np.linalg.norm(votes.centroids_cam - voted_center(pose), axis=1)
+    turned = rotation_distance(votes.rotations_cam_obj, pose[:3, :3])
+    return (apart <= RADIUS) & (turned <= ANGLE)
+
+
+@pytest.mark.parametrize("hypotheses", [1, 5])
+def test_joint_modes_are_ranked_distinct_and_no_more_than_asked_for(hypotheses):
+    votes = many_objects()
+    settings = dataclasses.replace(JOINT, hypotheses=hypotheses)
+    found = JointModes(settings).find(votes, CENTROID)
+    assert len(found) == hypotheses
+    assert (np.diff(found.support) <= 0).all()
+    for pose, support in zip(found.poses_cam_obj, found.support, strict=True):
+        assert support == pytest.approx(votes.weights[inside(votes, pose)].sum())
+    for i in range(len(found)):
+        for j in range(i):
+            first, second = found.poses_cam_obj[i], found.poses_cam_obj[j]
+            apart = np.linalg.norm(voted_center(first) - voted_center(second))
+            turned = rotation_distance(first[:3, :3], second[:3, :3])
+            assert apart > RADIUS or turned > ANGLE
+
+
+def test_joint_modes_are_the_means_of_their_votes():
+    votes = many_objects()
+    settings = dataclasses.replace(JOINT, shifts=30)
+    for pose in JointModes(settings).find(votes, CENTROID).poses_cam_obj:
+        chosen = inside(votes, pose)
+        weights = votes.weights[chosen]
+        mean = np.average(votes.centroids_cam[chosen], axis=0, weights=weights)
+        np.testing.assert_allclose(voted_center(pose), mean, atol=1e-9)
+        turned = Rotation.from_matrix(votes.rotations_cam_obj[chosen]).mean(weights=weights)
+        assert np.rad2deg(rotation_distance(pose[:3, :3], turned.as_matrix())) < 0.05
+
+
+def test_the_best_joint_mode_equals_brute_force():
+    votes = join(make_votes((30, HERE, rotation(20), 0.006, 4.0, 1.0)), clutter(60))
+    best, most = None, -1.0
+    for center, turn in zip(votes.centroids_cam, votes.rotations_cam_obj, strict=True):
+        for _ in range(20):
+            near = (np.linalg.norm(votes.centroids_cam - center, axis=1) <= RADIUS) & (
+                rotation_distance(votes.rotations_cam_obj, turn) <= ANGLE
+            )
+            center = votes.centroids_cam[near].mean(axis=0)
+            turn = Rotation.from_matrix(votes.rotations_cam_obj[near]).mean().as_matrix()
+        if near.sum() > most:
+            best, most = (center, turn), near.sum()
+    found = JointModes(dataclasses.replace(JOINT, shifts=20)).find(votes, CENTROID)
+    np.testing.assert_allclose(voted_center(found.poses_cam_obj[0]), best[0], atol=1e-9)
+    assert np.rad2deg(rotation_distance(found.poses_cam_obj[0, :3, :3], best[1])) < 0.02
+    assert found.support[0] == most
+
+
+@pytest.mark.parametrize("finder", [PaperModes, JointModes])
+def test_only_the_strongest_votes_count_where_there_are_too_many(finder):
+    weak = make_votes((50, HERE, rotation(20), 0.003, 1.0, 0.1))
+    strong = make_votes((4, THERE, rotation(90), 0.003, 1.0, 0.9))
+    settings = PAPER if finder is PaperModes else JOINT
+    votes = join(weak, strong)
+    every = finder(settings).find(votes, CENTROID)
+    few = finder(dataclasses.replace(settings, max_votes=10)).find(votes, CENTROID)
+    np.testing.assert_allclose(voted_center(every.poses_cam_obj[0]), HERE, atol=0.004)
+    np.testing.assert_allclose(voted_center(few.poses_cam_obj[0]), THERE, atol=0.004)
+
+
+@pytest.mark.parametrize("finder", [PaperModes(PAPER), JointModes(JOINT)])
+def test_few_votes(finder):
+    none = make_votes((0, HERE, np.eye(3), 0.0, 0.0, 1.0))
+    found = finder.find(none, CENTROID)
+    assert len(found) == 0 and found.poses_cam_obj.shape == (0, 4, 4)
+    one = make_votes((1, HERE, rotation(40), 0.0, 0.0, 0.7))
+    found = finder.find(one, CENTROID)
+    assert len(found) == 1 and found.support[0] == pytest.approx(0.7)
+    np.testing.assert_allclose(voted_center(found.poses_cam_obj[0]), HERE, atol=1e-12)
+    np.testing.assert_allclose(found.poses_cam_obj[0, :3, :3], rotation(40), atol=1e-9)
+
+
+@pytest.mark.parametrize("finder", [PaperModes(PAPER), JointModes(JOINT)])
+def test_modes_move_with_their_votes(finder):
+    votes = many_objects()
+    turn, shift = rotation(25, "y"), np.array([0.1, 0.0, 0.3])
+    moved = dataclasses.replace(
+        votes,
+        centroids_cam=votes.centroids_cam @ turn.T + shift,
+        rotations_cam_obj=turn @ votes.rotations_cam_obj,
+    )
+    before = finder.find(votes, CENTROID).poses_cam_obj[0]
+    after = finder.find(moved, CENTROID).poses_cam_obj[0]
+    np.testing.assert_allclose(after[:3, :3], turn @ before[:3, :3], atol=1e-8)
+    np.testing.assert_allclose(voted_center(after), turn @ voted_center(before) + shift, atol=1e-9)
