@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from hlp.models.encoder import PatchEncoder
-from hlp.models.encoder_input import encoder_input
+from hlp.models.encoder_input import EncoderInput, encoder_input
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class AutoencoderSettings:
     """
 
     name: str
-    input: str
+    input: EncoderInput
     dimension: int
     widths: tuple[int, ...]
     learning_rate: float

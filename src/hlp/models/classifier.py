@@ -11,6 +11,7 @@ from pytorch_lightning.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
 from torch.nn import functional
 
+RESOLUTION = 64  # px of a window's side (paper, Fig. 3)
 # More windows at once fall out of the cache: chunks of this size are about 4 times faster.
 _CHUNK = 256
 
@@ -51,7 +52,7 @@ class HolisticCNN(nn.Module):
             ]
             previous = width
         self.features = nn.Sequential(*layers)
-        side = 64 // 2 ** len(widths)
+        side = RESOLUTION // 2 ** len(widths)
         self.head = nn.Sequential(
             nn.Flatten(),
             nn.Dropout(dropout),

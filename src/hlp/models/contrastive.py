@@ -15,7 +15,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from hlp.models.encoder import PatchEncoder
-from hlp.models.encoder_input import encoder_input
+from hlp.models.encoder_input import EncoderInput, encoder_input
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class ContrastiveSettings:
     """
 
     name: str
-    input: str
+    input: EncoderInput
     dimension: int
     widths: tuple[int, ...]
     temperature: float

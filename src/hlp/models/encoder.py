@@ -12,6 +12,7 @@ from torch.nn import functional
 from hlp.models.encoder_input import empty_features, encoder_input, patch_tensors
 from hlp.records import LocalPatches
 
+RESOLUTION = 32  # px of a patch's side (paper, section 3.2)
 _CHUNK = 512
 
 
@@ -36,7 +37,7 @@ class PatchEncoder(nn.Module):
                 nn.LeakyReLU(0.1, inplace=True),
             ]
             previous = width
-        self.side = 32 // 2 ** len(widths)
+        self.side = RESOLUTION // 2 ** len(widths)
         self.convolutions = nn.Sequential(*layers)
         self.dense = nn.Linear(previous * self.side**2, dimension)
 

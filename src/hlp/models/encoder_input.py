@@ -1,5 +1,7 @@
 """What a local encoder sees of a patch: four channels at 32 × 32, chosen by name."""
 
+from typing import Literal, get_args
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -7,7 +9,7 @@ from torch.nn import functional
 
 from hlp.records import LocalPatches
 
-INPUTS = ("rgbd", "normals_depth")
+EncoderInput = Literal["rgbd", "normals_depth"]
 
 
 def encoder_input(color: Tensor, depth: Tensor, valid: Tensor, kind: str) -> Tensor:
@@ -20,7 +22,9 @@ def encoder_input(color: Tensor, depth: Tensor, valid: Tensor, kind: str) -> Ten
         return torch.cat([color * 2.0 - 1.0, depth[:, None]], dim=1)
     if kind == "normals_depth":
         return torch.cat([surface_normals(depth, valid), depth[:, None]], dim=1)
-    raise ValueError(f"unknown encoder input '{kind}': choose one of {', '.join(INPUTS)}")
+    raise ValueError(
+        f"unknown encoder input '{kind}': choose one of {', '.join(get_args(EncoderInput))}"
+    )
 
 
 def patch_tensors(patches: LocalPatches) -> tuple[Tensor, Tensor, Tensor]:

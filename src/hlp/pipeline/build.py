@@ -7,17 +7,20 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import InterpolationToMissingValueError, MissingMandatoryValue
 from pydantic import TypeAdapter, ValidationError
 
 from hlp.codebook.neighbours import ExactSettings, KdForestSettings
 from hlp.data import bop_models, linemod
 from hlp.data.bop import BopFrames, BopSettings
 from hlp.data.linemod import LinemodFrames, LinemodSettings
+from hlp.data.photographs import list_photographs
 from hlp.data.rgbd_frames import RgbdFrames
 from hlp.data.sources import FrameSource
 from hlp.data.synthetic_objects import demo_objects
 from hlp.data.synthetic_scenes import SyntheticScenes, SyntheticSettings, training_frames
 from hlp.evaluation.settings import EvaluationSettings
+from hlp.models import classifier, encoder
 from hlp.models.autoencoder import AutoencoderSettings
 from hlp.models.classifier import ClassifierSettings
 from hlp.models.contrastive import ContrastiveSettings
@@ -71,8 +74,13 @@ def build_run(config: DictConfig) -> Run:
     FileNotFoundError naming a data folder, mesh or image list that is absent.
     """
     settings = build_settings(config)
+    _check_patch_sizes(settings)
     world = build_world(settings)
+    if isinstance(settings.encoder, AutoencoderSettings):
+        world.require_encoder_frames()
     keys = world.frames.keys
+    if not keys:
+        raise ValueError("data holds no frame with a target")
     if settings.frames is not None:
         keys = evenly(keys, settings.frames)
     plain = OmegaConf.to_container(config, resolve=True)
@@ -82,8 +90,15 @@ def build_run(config: DictConfig) -> Run:
 
 def build_settings(config: DictConfig) -> RunSettings:
     """Typed settings of every group. Raises ValueError naming the key that is wrong."""
-    groups = {name: build_group(name, config[name]) for name in GROUPS}
     kinds = get_type_hints(RunSettings)
+    for name in [*config, *kinds]:
+        if name not in kinds:
+            raise ValueError(
+                f"{name} is no key of the configuration: `hlp run --cfg job` lists all"
+            )
+        if name not in config or OmegaConf.is_missing(config, name):
+            raise ValueError(f"{name} is not set: set {name}=VALUE")
+    groups = {name: build_group(name, config[name]) for name in GROUPS}
     scalars = {
         name: _typed(kind, config[name], name) for name, kind in kinds.items() if name not in groups
     }
@@ -98,7 +113,11 @@ def build_group(group: str, node: DictConfig) -> Any:
         known = ", ".join(kinds)
         raise ValueError(f"{group}.name is '{name}': choose one of {known}")
     kind = kinds[name] if isinstance(kinds, dict) else kinds
-    values = OmegaConf.to_container(node, resolve=True, throw_on_missing=True)
+    try:
+        values = OmegaConf.to_container(node, resolve=True, throw_on_missing=True)
+    except (MissingMandatoryValue, InterpolationToMissingValueError) as error:
+        key = error.full_key or group
+        raise ValueError(f"{key} is not set: set {key}=VALUE") from error
     assert isinstance(values, dict)
     if name != "None" and "name" not in {each.name for each in dataclasses.fields(kind)}:
         values.pop("name")
@@ -116,8 +135,21 @@ def _typed(kind: Any, values: Any, key: str) -> Any:
         first = error.errors(include_url=False)[0]
         where = ".".join([key, *(str(part) for part in first["loc"])])
         problem = first["msg"].removeprefix("Value error, ")
+        if first["type"] == "value_error":  # by the settings themselves, in their own words
+            raise ValueError(problem if key in problem else f"{where}: {problem}") from error
         given = "" if first["type"] == "missing" else f" (given: {first['input']!r})"
         raise ValueError(f"{where}: {problem}{given}") from error
+
+
+def _check_patch_sizes(settings: RunSettings) -> None:
+    """The networks' input sizes are fixed: the paper's."""
+    patches = settings.patches
+    for key, given, taken in (
+        ("patches.holistic.resolution", patches.holistic.resolution, classifier.RESOLUTION),
+        ("patches.local.resolution", patches.local.resolution, encoder.RESOLUTION),
+    ):
+        if given != taken:
+            raise ValueError(f"{key} is {given}: the networks take {taken}")
 
 
 def build_world(settings: RunSettings) -> World:
@@ -132,6 +164,8 @@ def build_world(settings: RunSettings) -> World:
         raise FileNotFoundError(f"data.root is no folder: {data.root} (set data.root=PATH)")
     root = Path(data.root)
     photographs = _folder("data.photographs", data.photographs)
+    if photographs is not None:
+        list_photographs(photographs)
     rooms = _rgbd("data.rooms", data.rooms)
     scenes = _rgbd("data.rgbd_frames", data.rgbd_frames)
     if isinstance(data, LinemodSettings):
@@ -142,6 +176,8 @@ def build_world(settings: RunSettings) -> World:
     models = bop_models.load_object_models(
         root, data.objects, data.proxy_faces, data.symmetry_steps
     )
+    if not (root / data.split).is_dir():
+        raise FileNotFoundError(f"data.split is no folder: {root / data.split} (set data.split)")
     frames_bop = BopFrames(root, data.split, data.targets, models)
     wanted = {object_id for ids in frames_bop.targets.values() for object_id in ids}
     return World(models, tuple(sorted(wanted)), frames_bop, photographs, rooms, scenes)
@@ -151,13 +187,17 @@ def _folder(key: str, path: str | None) -> Path | None:
     if path is None:
         return None
     if not Path(path).is_dir():
-        raise FileNotFoundError(f"{key} is no folder: {path} (set {key}=PATH, or null for none)")
+        raise FileNotFoundError(f"{key} is no folder: {path} (set {key}, or null for none)")
     return Path(path)
 
 
 def _rgbd(key: str, path: str | None) -> FrameSource | None:
     folder = _folder(key, path)
-    return None if folder is None else RgbdFrames(folder)
+    if folder is None:
+        return None
+    frames = RgbdFrames(folder)
+    len(frames)  # lists the images: what is wrong with the folder is said now
+    return frames
 
 
 def evenly(keys: tuple[str, ...], count: int) -> tuple[str, ...]:

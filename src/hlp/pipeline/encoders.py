@@ -67,9 +67,7 @@ def load_encoder(
 def _train_autoencoder(
     world: World, settings: RunSettings, encoder: AutoencoderSettings, folder: Path
 ) -> None:
-    source = world.encoder_frames
-    if source is None:
-        raise ValueError("encoder=cae trains on RGB-D frames: set data.rgbd_frames to a folder")
+    source = world.require_encoder_frames()
     sizes = sorted({model.local_size for model in world.models.values()})
     rng = np.random.default_rng(settings.seed)
     frames = [source.load(key) for key in source.keys]

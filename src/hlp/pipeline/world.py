@@ -57,6 +57,12 @@ class World:
             return _PROCEDURAL
         return content_hash(list_photographs(self.photographs))
 
+    def require_encoder_frames(self) -> FrameSource:
+        """The frames that train the autoencoder. Raises ValueError where there are none."""
+        if self.encoder_frames is None:
+            raise ValueError("encoder=cae trains on RGB-D frames: set data.rgbd_frames to a folder")
+        return self.encoder_frames
+
     def photograph_crops(
         self, count: int, size: int, rng: np.random.Generator
     ) -> UInt8[np.ndarray, "n s s 3"]:
