@@ -32,6 +32,17 @@ def test_makes_once_then_reuses(tmp_path: Path) -> None:
     assert again.events[0].seconds == pytest.approx(first.events[0].seconds, abs=1e-3)
 
 
+def test_log_and_events_name_the_object(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    store = StageStore(tmp_path)
+    with caplog.at_level("INFO"):
+        store.get_or_make("views", NAME, write, DESCRIPTION, "cat")
+        store.get_or_make("encoder", NAME, write, DESCRIPTION)
+    assert [event.of for event in store.events] == ["cat", ""]
+    views, encoder = caplog.messages
+    assert views.startswith(f"made   views of cat {NAME} (")
+    assert encoder.startswith(f"made   encoder {NAME} (")
+
+
 def test_record_says_what_the_output_was_made_from(tmp_path: Path) -> None:
     folder = StageStore(tmp_path).get_or_make("codebook", NAME, write, DESCRIPTION)
     record = json.loads((folder / "stage.json").read_text())

@@ -43,6 +43,7 @@ class Finder:
         self.store = store
         self.keys = keys
         self.detector = Detector(world, settings, learner)
+        self._made: dict[str, Output] = {}
 
     def regions(self) -> Output:
         """Stage 1: candidate regions of the targets of every frame."""
@@ -132,8 +133,11 @@ class Finder:
                 if not (folder / f"{key}.npz").exists():
                     write_arrays(folder, key, find(self.world.frames.load(key)))
 
-        described = {"settings": decided, "upstream": inputs, "seed": self.settings.seed}
-        return Output(name, self.store.get_or_make(stage, name, make, described))
+        if stage not in self._made:
+            described = {"settings": decided, "upstream": inputs, "seed": self.settings.seed}
+            folder = self.store.get_or_make(stage, name, make, described)
+            self._made[stage] = Output(name, folder)
+        return self._made[stage]
 
     def estimates(self) -> list[PoseEstimate]:
         """The answer for every target, with the time that each stage took."""

@@ -231,6 +231,7 @@ class Learner:
         if (stage, object_id) not in self._made:
             name = fingerprint(stage, VERSIONS[stage], self.settings.seed, settings, upstream)
             described = {"settings": settings, "upstream": upstream, "seed": self.settings.seed}
-            folder = self.store.get_or_make(stage, name, make, described)
+            of = self.world.models[object_id].name if object_id else ""
+            folder = self.store.get_or_make(stage, name, make, described, of)
             self._made[stage, object_id] = Output(name, folder)
         return self._made[stage, object_id]

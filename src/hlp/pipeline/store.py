@@ -26,9 +26,13 @@ RECORD = "stage.json"
 
 @dataclass(frozen=True)
 class StageEvent:
-    """One stage output that a run asked for; `seconds` is what making it took, now or earlier."""
+    """One stage output that a run asked for; `seconds` is what making it took, now or earlier.
+
+    `of` names the object that it is of, empty where it is of all.
+    """
 
     stage: str
+    of: str
     fingerprint: str
     reused: bool
     seconds: float
@@ -50,6 +54,7 @@ class StageStore:
         fingerprint: str,
         make: Callable[[Path], None],
         description: Mapping[str, Any],
+        of: str = "",
     ) -> Path:
         """Return the folder of a stage's output, made now unless it is there already.
 
@@ -59,30 +64,34 @@ class StageStore:
         is given it again: resumable work finds its own files there. Runs that ask for the same
         output at once wait for the first of them.
 
-        `description` (settings, upstream) is kept beside the output, in `stage.json`. Raises
-        what `make` raises, with a note that names the folder, and FileExistsError where a folder
-        that the store did not write bears the output's name.
+        `description` (settings, upstream) is kept beside the output, in `stage.json`; `of` names
+        the object in log and events. Raises what `make` raises, with a note that names the folder,
+        and FileExistsError where a folder that the store did not write bears the output's name.
         """
         folder = self.root / stage / fingerprint
-        if self._reuse(folder):
+        if self._reuse(folder, of):
             return folder
         folder.parent.mkdir(parents=True, exist_ok=True)
         with self._only_one(folder):
-            if not self._reuse(folder):
-                self._make(folder, make, description)
+            if not self._reuse(folder, of):
+                self._make(folder, make, description, of)
         return folder
 
-    def _reuse(self, folder: Path) -> bool:
+    def _reuse(self, folder: Path, of: str) -> bool:
         if not folder.exists():
             return False
         if not (folder / RECORD).is_file():
             raise FileExistsError(f"{folder} is no finished output: it has no {RECORD}. Remove it.")
         seconds = json.loads((folder / RECORD).read_text())["seconds"]
-        self._note(folder, reused=True, seconds=seconds)
+        self._note(folder, of, reused=True, seconds=seconds)
         return True
 
     def _make(
-        self, folder: Path, make: Callable[[Path], None], description: Mapping[str, Any]
+        self,
+        folder: Path,
+        make: Callable[[Path], None],
+        description: Mapping[str, Any],
+        of: str,
     ) -> None:
         partial = folder.with_name(folder.name + ".partial")
         record = {
@@ -104,15 +113,15 @@ class StageStore:
         except BaseException as error:
             error.add_note(f"while making {folder.parent.name} in {partial}")
             raise
-        self._note(folder, reused=False, seconds=seconds)
+        self._note(folder, of, reused=False, seconds=seconds)
 
-    def _note(self, folder: Path, *, reused: bool, seconds: float) -> None:
-        event = StageEvent(folder.parent.name, folder.name, reused, seconds)
+    def _note(self, folder: Path, of: str, *, reused: bool, seconds: float) -> None:
+        event = StageEvent(folder.parent.name, of, folder.name, reused, seconds)
         self.events.append(event)
         logging.getLogger(__name__).info(
             "%-6s %s %s (%.1f s%s)",
             "reused" if reused else "made",
-            event.stage,
+            f"{event.stage} of {of}" if of else event.stage,
             event.fingerprint,
             seconds,
             " saved" if reused else "",

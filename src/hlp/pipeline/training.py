@@ -1,8 +1,11 @@
 """Fits a Lightning module in a stage's folder: resumable, quiet off a terminal, history on disk."""
 
 import csv
+import logging
 import sys
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -37,14 +40,9 @@ def fit(
         _History(folder / HISTORY),
         _RandomState(),
     ]
-    engine = _make_trainer(trainer, epochs, callbacks, folder)
     network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    with warnings.catch_warnings():
-        # Batches come from memory, so worker processes would only copy them.
-        warnings.filterwarnings("ignore", message=".*does not have many workers.*")
-        warnings.filterwarnings("ignore", message=".*val_dataloader.*")
-        # The checkpoint that a resumed training goes on from is meant to be there.
-        warnings.filterwarnings("ignore", message=".*exists and is not empty.*")
+    with _quiet():
+        engine = _make_trainer(trainer, epochs, callbacks, folder)
         engine.fit(module, data, ckpt_path=str(last) if last.exists() else None, weights_only=False)
     torch.save(network.state_dict(), folder / WEIGHTS)
     _remove(last.parent)
@@ -68,6 +66,23 @@ def _make_trainer(
         enable_model_summary=False,
         default_root_dir=folder,
     )
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without Lightning's tips and without warnings of what is meant to be as it is."""
+    logging.getLogger("pytorch_lightning").setLevel(logging.WARNING)
+    with warnings.catch_warnings():
+        # Batches come from memory, so worker processes would only copy them.
+        warnings.filterwarnings("ignore", message=".*does not have many workers.*")
+        warnings.filterwarnings("ignore", message=".*val_dataloader.*")
+        # The checkpoint that a resumed training goes on from is meant to be there.
+        warnings.filterwarnings("ignore", message=".*exists and is not empty.*")
+        # `trainer.accelerator` decides.
+        warnings.filterwarnings("ignore", message=".*GPU available but not used.*")
+        # Lightning's own affair with torch.
+        warnings.filterwarnings("ignore", message=".*LeafSpec.*")
+        yield
 
 
 def load_weights(network: nn.Module, folder: Path) -> None:

@@ -187,7 +187,7 @@ def _crop_camera(model: ObjectModel, settings: ViewsSettings) -> Float[np.ndarra
 def _renderer(settings: ViewsSettings) -> tuple[_Renderer, int]:
     """The renderer of the settings, and how many threads it may use (OpenGL: this one only)."""
     name = _RENDERERS[settings.name]
-    logging.getLogger(__name__).info("views are rendered by %s", name)
+    logging.getLogger(__name__).debug("views are rendered by %s", name)
     if name == "numba":
         return rasterizer.render_rgbd, settings.threads
     return opengl.render_rgbd, 1
