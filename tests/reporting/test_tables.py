@@ -63,8 +63,7 @@ def test_objects_table_has_the_papers_figures_beside_ours() -> None:
 
 def test_paper_is_left_out_where_it_says_nothing() -> None:
     assert "paper AD" not in objects_table(summary(("bracket", "cone"))).header
-    mixed = objects_table(summary(("cat", "cone")))
-    assert [row[-1] for row in mixed.rows] == ["0.979", "", "", "", ""]
+    assert "paper AD" not in objects_table(summary(("duck", "cone"))).header  # another duck
 
 
 def test_time_table_ends_with_the_total() -> None:

@@ -1,12 +1,21 @@
 import json
 import multiprocessing
+import shlex
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 from mlflow import MlflowClient
 
-from hlp.reporting.tracking import TrackingSettings, flatten, metric_name, track_run
+from hlp.reporting.tracking import (
+    Tracker,
+    TrackingSettings,
+    flatten,
+    how_to_browse,
+    metric_name,
+    track_run,
+)
 
 
 @pytest.fixture(scope="module")
@@ -118,3 +127,17 @@ def test_names_that_mlflow_refuses_are_mended(name: str, clean: str) -> None:
 def test_flatten() -> None:
     nested = {"a": {"b": {"c": 1}, "d": [1, 2]}, "e": {}}
     assert flatten(nested) == {"a.b.c": 1, "a.d": [1, 2], "e": {}}
+
+
+def test_browsing_is_told_as_a_command_that_works_from_anywhere(tmp_path: Path) -> None:
+    local = TrackingSettings(
+        name="mlflow", uri=f"sqlite:///{tmp_path / 'my runs'}/mlflow.db", experiment="hlp"
+    )
+    tracker = Tracker(MlflowClient("http://server"), "7", "abc")
+    command, page = how_to_browse(local, tracker).splitlines()
+    words = shlex.split(command)
+    assert words[:4] == [sys.executable, "-m", "mlflow", "server"]
+    assert words[-2:] == ["--backend-store-uri", f"sqlite:///{tmp_path / 'my runs'}/mlflow.db"]
+    assert page == "http://127.0.0.1:5000/#/experiments/7/runs/abc"
+    remote = TrackingSettings(name="mlflow", uri="http://server:5000/", experiment="hlp")
+    assert how_to_browse(remote, tracker) == "http://server:5000/#/experiments/7/runs/abc"

@@ -24,7 +24,7 @@ from hlp.records import PoseEstimate, TargetScore
 from hlp.reporting.metrics import summary_metrics
 from hlp.reporting.panels import draw_panels, write_png
 from hlp.reporting.tables import format_summary
-from hlp.reporting.tracking import Tracker, track_run
+from hlp.reporting.tracking import Tracker, how_to_browse, track_run
 
 STAGES = ("holistic", "local", "voting", "refinement")
 
@@ -124,9 +124,7 @@ def _log_training(learner: Learner, tracker: Tracker) -> None:
             tracker.log_epoch_metrics(stage, epoch, metrics)
 
 
-def _draw(
-    planned: Run, finder: Finder, estimates: Sequence[PoseEstimate], folder: Path
-) -> None:
+def _draw(planned: Run, finder: Finder, estimates: Sequence[PoseEstimate], folder: Path) -> None:
     """The paper's four panels (Fig. 7) for a handful of frames, each of another object in turn."""
     world = planned.world
     answers = {(each.scene_id, each.frame_id, each.object_id): each for each in estimates}
@@ -154,9 +152,9 @@ def _draw(
 
 
 def _say_where(planned: Run, output: Path, tracker: Tracker) -> None:
-    uri = planned.settings.reporting.uri
     say = logging.getLogger(__name__).info
     say("\nResults   %s (summary.json, scores.csv, poses.csv, manifest.json)", output)
-    say("Pictures  %s", output / "panels")
-    say("MLflow    mlflow server --workers 1 --backend-store-uri %s", uri)
-    say("          then open http://127.0.0.1:5000%s", tracker.page)
+    if planned.settings.panels > 0:
+        say("Pictures  %s (what each stage saw)", output / "panels")
+    browse = how_to_browse(planned.settings.reporting, tracker)
+    say("MLflow    %s", browse.replace("\n", "\n          "))

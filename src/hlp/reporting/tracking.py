@@ -3,6 +3,8 @@
 import logging
 import os
 import re
+import shlex
+import sys
 import time
 import traceback
 from collections.abc import Iterator, Mapping, Sequence
@@ -116,6 +118,15 @@ def track_run(
     client.set_terminated(tracker.run_id, "FINISHED")
 
 
+def how_to_browse(settings: TrackingSettings, tracker: Tracker) -> str:
+    """What to start and which page to open to see a run, for a person at a terminal."""
+    if not settings.uri.startswith(SQLITE):
+        return f"{settings.uri.rstrip('/')}{tracker.page}"
+    address = shlex.quote(f"{SQLITE}{_database(settings)}")
+    server = f"{shlex.quote(sys.executable)} -m mlflow server --workers 1"
+    return f"{server} --backend-store-uri {address}\nhttp://127.0.0.1:5000{tracker.page}"
+
+
 def metric_name(name: str) -> str:
     """The name with all that MLflow refuses (@, brackets, %, …) replaced by `_`."""
     return re.sub(r"[^\w\-. :/]", "_", name)
@@ -145,10 +156,14 @@ def _connect(settings: TrackingSettings) -> tuple["MlflowClient", str]:
         logging.getLogger(name).setLevel(logging.WARNING)
     if not settings.uri.startswith(SQLITE):
         return _open(settings, None)
-    database = Path(settings.uri.removeprefix(SQLITE)).absolute()
+    database = _database(settings)
     database.parent.mkdir(parents=True, exist_ok=True)
     with FileLock(database.with_name(database.name + ".lock")):
         return _open(settings, (database.parent / "mlflow-artifacts").as_uri())
+
+
+def _database(settings: TrackingSettings) -> Path:
+    return Path(settings.uri.removeprefix(SQLITE)).absolute()
 
 
 def _open(settings: TrackingSettings, artifacts: str | None) -> tuple["MlflowClient", str]:
