@@ -1,6 +1,7 @@
 """Holistic patches: windows of an object's metric size (paper, section 3.1, Eq. 1)."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
@@ -17,7 +18,7 @@ class HolisticSettings:
     """
 
     resolution: int
-    channels: str
+    channels: Literal["rgb", "rgbd"]
 
 
 @dataclass(frozen=True)
@@ -26,12 +27,14 @@ class RegionSettings:
 
     `step` px between windows. A window is accepted where the target is the most likely class
     (`threshold` 0, the paper) or where its probability exceeds `threshold`; with fewer than
-    `min_windows` accepted, that many of the most probable ones are taken.
+    `min_windows` accepted, that many of the most probable ones are taken. The region is the union
+    of squares of `reach` times the accepted windows' sides (1: the paper).
     """
 
     step: int
     threshold: float
     min_windows: int
+    reach: float
 
 
 @dataclass(frozen=True)
@@ -123,7 +126,7 @@ def candidate_region(
         order = np.argsort(-probabilities, kind="stable")[: settings.min_windows]
         accepted = accepted.copy()
         accepted[order] = True
-    mask = _union_of_squares(windows.centers[accepted], windows.sides[accepted] / 2, shape)
+    mask = _union_of_squares(windows.centers[accepted], windows.sides[accepted] * settings.reach / 2, shape)
     return Region(object_id, windows.centers, probabilities, mask)
 
 

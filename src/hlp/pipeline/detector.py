@@ -98,7 +98,7 @@ class Detector:
         matched = time.perf_counter()
         voting = self.settings.voting
         votes = cast_votes(
-            cut, matches, codebook, model.centroid, voting.max_distance, voting.weighted
+            cut, matches, codebook, model, voting.max_distance, voting.weighted
         )
         found = self._modes.find(votes, model.centroid)
         return Coarse(cut, votes, found, matched - begun, time.perf_counter() - matched)

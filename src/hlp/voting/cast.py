@@ -4,14 +4,19 @@ import numpy as np
 from jaxtyping import Float
 
 from hlp.geometry import turn_to_ray
-from hlp.records import Codebook, LocalPatches, Matches, Votes
+from hlp.records import Codebook, LocalPatches, Matches, ObjectModel, Votes
+
+# The object upright, seen from 45° above: far from every pose where the choice would jump, since
+# an upright object's axis never points away from this one by half a turn.
+_IN_FRONT = np.array([[1.0, 0.0, 0.0], [0.0, -np.sqrt(0.5), -np.sqrt(0.5)],
+                      [0.0, np.sqrt(0.5), -np.sqrt(0.5)]])
 
 
 def cast_votes(
     patches: LocalPatches,
     matches: Matches,
     codebook: Codebook,
-    centroid_obj: Float[np.ndarray, "3"],
+    model: ObjectModel,
     max_distance: float,
     weighted: bool,
 ) -> Votes:
@@ -20,7 +25,8 @@ def cast_votes(
     R is the entry's rotation turned from the optical axis to the patch's viewing ray (allocentric
     to egocentric). Neighbours farther than `max_distance` (the paper's Th, in units of the
     codebook's `feature_scale`) cast none. `weighted` gives a vote exp(−d²/2σ²), σ the feature
-    scale; otherwise each counts 1.
+    scale; otherwise each counts 1. Of the rotations that a symmetric object cannot tell apart,
+    all votes name the same one.
     """
     relative = matches.distances / codebook.feature_scale
     rows, ranks = np.nonzero(relative <= max_distance)
@@ -28,7 +34,23 @@ def cast_votes(
     points_cam = patches.points_cam[rows]
     turns = turn_to_ray(patches.points_cam)[rows]
     rotations = turns @ codebook.rotations_cam_obj[entries].astype(np.float64)
-    to_centroid = centroid_obj - codebook.points_obj[entries]
+    to_centroid = model.centroid - codebook.points_obj[entries]
     centroids = points_cam + np.einsum("vij,vj->vi", rotations, to_centroid)
     weights = np.exp(-(relative[rows, ranks] ** 2) / 2.0) if weighted else np.ones(len(rows))
-    return Votes(centroids, rotations, weights.astype(np.float64), rows, patches.pixels[rows])
+    turned = canonical_rotations(rotations, model.symmetries)
+    return Votes(centroids, turned, weights.astype(np.float64), rows, patches.pixels[rows])
+
+
+def canonical_rotations(
+    rotations: Float[np.ndarray, "v 3 3"], symmetries: Float[np.ndarray, "s 4 4"]
+) -> Float[np.ndarray, "v 3 3"]:
+    """Of the rotations R·S that look alike, the one nearest to an object seen from above in front.
+
+    Without it the votes for one pose of a bowl are spread around its axis and make no mode.
+    """
+    if len(symmetries) == 1:
+        return rotations
+    turns = symmetries[:, :3, :3]
+    # tr(Aᵀ R S) is largest where R S is nearest to A; as a matrix product over all pairs.
+    likeness = (np.swapaxes(rotations, 1, 2) @ _IN_FRONT).reshape(-1, 9) @ turns.reshape(-1, 9).T
+    return np.asarray(rotations @ turns[np.argmax(likeness, axis=1)])
