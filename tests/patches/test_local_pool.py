@@ -124,10 +124,21 @@ def test_frames_give_patches_of_every_size_with_enough_depth(room):
     for patches in found:
         assert 20 < len(patches) <= 30
         assert (patches.valid.mean(axis=(1, 2)) >= 0.2).all()
-    # The slope of the wall is the same in units of any patch's size.
-    rise = [float(np.median(p.depth[:, 8, 15] - p.depth[:, 8, 0])) for p in found[:2]]
-    assert rise[0] > 0.1
-    assert rise[0] == pytest.approx(rise[1], rel=0.15)
+
+
+def test_patches_of_frames_are_relative_to_their_own_size(room):
+    rises = []
+    for size in (0.04, 0.1):
+        rng = np.random.default_rng(0)  # the same pixels for both
+        (patches,) = bake_frame_patches([room], [size], 300, LOCAL, rng)
+        whole = patches.valid[:, 8].all(axis=1)
+        rise = patches.depth[whole, 8, 14] - patches.depth[whole, 8, 1]
+        rises.append(dict(zip(map(tuple, patches.pixels[whole]), rise, strict=True)))
+    both = sorted(rises[0].keys() & rises[1].keys())
+    assert len(both) > 50
+    first, second = (np.array([rise[pixel] for pixel in both]) for rise in rises)
+    assert np.median(first) > 0.1
+    np.testing.assert_allclose(np.median(first / second), 1.0, atol=0.1)
 
 
 def test_small_frames_give_what_they_have(room):

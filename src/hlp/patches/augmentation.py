@@ -52,9 +52,13 @@ def blur(image: Tensor, gen: torch.Generator, share: float) -> Tensor:
         padded = functional.pad(x, (1, 1, 1, 1), mode="replicate")
         return functional.conv2d(padded, square, groups=image.shape[1])
 
-    drawn = torch.rand((len(image), 1, 1, 1), generator=gen)
-    once = smooth(image)
-    return torch.where(drawn < share / 2, smooth(once), torch.where(drawn < share, once, image))
+    drawn = torch.rand(len(image), generator=gen)
+    blurred = image.clone()
+    rows = torch.nonzero(drawn < share)[:, 0]
+    blurred[rows] = smooth(image[rows])
+    again = torch.nonzero(drawn < share / 2)[:, 0]
+    blurred[again] = smooth(blurred[again])
+    return blurred
 
 
 def rectangles(

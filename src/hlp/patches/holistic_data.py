@@ -75,9 +75,10 @@ class HolisticDataModule(pl.LightningDataModule):
         middle = slice(size // 2 - 3, size // 2 + 3)
         occluder &= ~occluder[:, middle, middle].any(dim=(1, 2))[:, None, None]
         shown = mask & ~alone[:, None, None] & ~occluder
-        behind, front = self._draw_backgrounds(n, gen), self._draw_backgrounds(n, gen)
+        behind = self._draw_backgrounds(n, gen)
         surface = aug.vary_surface(_unit(batch["color"]), gen)
-        color = torch.where(occluder[:, None], front.color, behind.color)
+        # Another sample's background serves as occluder: as random, and already there.
+        color = torch.where(occluder[:, None], behind.color.roll(1, dims=0), behind.color)
         color = torch.where(shown[:, None], surface, color)
         color = aug.vary_camera(color, gen) * 2 - 1
         if self.channels == "rgb":
