@@ -126,7 +126,8 @@ def candidate_region(
         order = np.argsort(-probabilities, kind="stable")[: settings.min_windows]
         accepted = accepted.copy()
         accepted[order] = True
-    mask = _union_of_squares(windows.centers[accepted], windows.sides[accepted] * settings.reach / 2, shape)
+    reach = windows.sides[accepted] * settings.reach / 2
+    mask = _union_of_squares(windows.centers[accepted], reach, shape)
     return Region(object_id, windows.centers, probabilities, mask)
 
 

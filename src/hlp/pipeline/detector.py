@@ -97,9 +97,7 @@ class Detector:
         matches = search.search(self._encoder.encode(cut))
         matched = time.perf_counter()
         voting = self.settings.voting
-        votes = cast_votes(
-            cut, matches, codebook, model, voting.max_distance, voting.weighted
-        )
+        votes = cast_votes(cut, matches, codebook, model, voting.max_distance, voting.weighted)
         found = self._modes.find(votes, model.centroid)
         return Coarse(cut, votes, found, matched - begun, time.perf_counter() - matched)
 

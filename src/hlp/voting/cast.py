@@ -8,8 +8,9 @@ from hlp.records import Codebook, LocalPatches, Matches, ObjectModel, Votes
 
 # The object upright, seen from 45° above: far from every pose where the choice would jump, since
 # an upright object's axis never points away from this one by half a turn.
-_IN_FRONT = np.array([[1.0, 0.0, 0.0], [0.0, -np.sqrt(0.5), -np.sqrt(0.5)],
-                      [0.0, np.sqrt(0.5), -np.sqrt(0.5)]])
+_IN_FRONT = np.array(
+    [[1.0, 0.0, 0.0], [0.0, -np.sqrt(0.5), -np.sqrt(0.5)], [0.0, np.sqrt(0.5), -np.sqrt(0.5)]]
+)
 
 
 def cast_votes(
