@@ -242,3 +242,38 @@ def test_modes_move_with_their_votes(finder):
     after = finder.find(moved, CENTROID).poses_cam_obj[0]
     np.testing.assert_allclose(after[:3, :3], turn @ before[:3, :3], atol=1e-8)
     np.testing.assert_allclose(voted_center(after), turn @ voted_center(before) + shift, atol=1e-9)
+
+
+def test_the_kernels_are_as_wide_as_the_settings_say():
+    def pair(degrees, metres=0.0):
+        there = HERE + np.array([metres, 0.0, 0.0])
+        return make_votes(
+            (20, HERE, rotation(0), 0.0005, 0.2, 1.0),
+            (15, there, rotation(degrees), 0.0005, 0.2, 1.0),
+        )
+
+    joint = JointModes(JOINT)
+    assert joint.find(pair(16.0), CENTROID).support[0] == 35.0
+    np.testing.assert_array_equal(joint.find(pair(20.0), CENTROID).support, [20.0, 15.0])
+    assert joint.find(pair(0.0, 0.018), CENTROID).support[0] == 35.0
+    np.testing.assert_array_equal(joint.find(pair(0.0, 0.022), CENTROID).support, [20.0, 15.0])
+    for degrees, alone in ((4.0, False), (6.0, True)):
+        pose = PaperModes(PAPER).find(pair(degrees), CENTROID).poses_cam_obj[0]
+        turned = np.rad2deg(rotation_distance(pose[:3, :3], rotation(0)))
+        assert turned < 0.2 if alone else turned == pytest.approx(degrees * 15 / 35, abs=0.2)
+    assert PaperModes(PAPER).find(pair(0.0, 0.009), CENTROID).support[0] == 35.0
+    assert PaperModes(PAPER).find(pair(0.0, 0.013), CENTROID).support[0] == 20.0
+
+
+def test_modes_are_ranked_by_the_votes_of_the_mode_not_of_the_seed():
+    # Around a hollow ball no vote sees all the others, but their mean does.
+    directions = np.random.default_rng(0).normal(size=(20, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    ball = make_votes((20, THERE, rotation(50), 0.0, 1.0, 1.0))
+    ball = dataclasses.replace(ball, centroids_cam=THERE + 0.65 * RADIUS * directions)
+    apart = np.linalg.norm(ball.centroids_cam[:, None] - ball.centroids_cam, axis=2)
+    assert (apart <= RADIUS).sum(axis=1).max() < 16
+    votes = join(make_votes((16, HERE, rotation(20), 0.001, 1.0, 1.0)), ball)
+    found = JointModes(JOINT).find(votes, CENTROID)
+    np.testing.assert_allclose(voted_center(found.poses_cam_obj[0]), THERE, atol=0.006)
+    np.testing.assert_array_equal(found.support[:2], [20.0, 16.0])
