@@ -98,8 +98,9 @@ class Views:
 class LocalPatches:
     """Local RGB-D patches on a common grid (stage 2), before any encoder sees them.
 
-    `color` in 0…255; `depth` in units of half the patch's metric size relative to the centre's
-    depth, clamped to [-1, 1]; `valid` is False where depth is missing or beyond the clamp.
+    `color` in 0…255; `depth` along the centre's viewing ray, in units of half the patch's metric
+    size relative to the centre's, clamped to [-1, 1]; `valid` is False where depth is missing or
+    beyond the clamp.
     `points_cam` are the patch centres in camera coordinates (m), `pixels` the same as (x, y).
     """
 

@@ -28,7 +28,8 @@ def scene():
 
 
 def reference(depth, pixel, z, resolution):
-    """Depth of one patch pixel by pixel, from the docstring: (d − z)/(size/2), clamped to ±1."""
+    """Depth of one patch pixel by pixel, from the docstring: along its ray, clamped to ±1."""
+    center = np.linalg.inv(CAMERA) @ [*pixel, 1.0]
     side = 202.0 * SIZE / z
     out = np.ones((resolution, resolution))
     valid = np.zeros((resolution, resolution), bool)
@@ -38,7 +39,15 @@ def reference(depth, pixel, z, resolution):
             y = int(np.rint(pixel[1] + ((i + 0.5) / resolution - 0.5) * side))
             if not (0 <= x < depth.shape[1] and 0 <= y < depth.shape[0]) or depth[y, x] <= 0:
                 continue
-            relative = (depth[y, x] - z) / (SIZE / 2)
+            point = depth[y, x] * (
+                np.linalg.inv(CAMERA)
+                @ [
+                    pixel[0] + ((j + 0.5) / resolution - 0.5) * side,
+                    pixel[1] + ((i + 0.5) / resolution - 0.5) * side,
+                    1.0,
+                ]
+            )
+            relative = (point @ center - z * center @ center) / np.linalg.norm(center) / (SIZE / 2)
             valid[i, j] = abs(relative) <= 1
             out[i, j] = np.clip(relative, -1, 1)
     return out, valid
@@ -130,3 +139,15 @@ def test_surface_pixels_are_drawn_from_the_surface_without_repetition():
     again = surface_pixels(depth, 10, np.random.default_rng(0))
     np.testing.assert_array_equal(again, drawn)
     assert (surface_pixels(depth, 10, np.random.default_rng(1)) != drawn).any()
+
+
+@pytest.mark.parametrize("pixel", [(160, 120), (20, 20), (300, 200)])
+def test_a_wall_across_the_viewing_ray_is_flat_wherever_it_stands(pixel):
+    camera = np.array([[300.0, 0.0, 160.0], [0.0, 300.0, 120.0], [0.0, 0.0, 1.0]])
+    y, x = np.mgrid[:240, :320]
+    rays = np.stack([(x - 160) / 300, (y - 120) / 300, np.ones(x.shape)], axis=-1)
+    normal = rays[pixel[1], pixel[0]] / np.linalg.norm(rays[pixel[1], pixel[0]])
+    depth = (0.8 / (rays @ normal)).astype(np.float32)
+    rgb = np.zeros((240, 320, 3), np.uint8)
+    cut = cut_local_patches(rgb, depth, camera, np.array([pixel]), SIZE, MASKED, 0.0)
+    assert np.abs(cut.depth[0][cut.valid[0]]).max() < 0.02  # half a millimetre: nearest pixels

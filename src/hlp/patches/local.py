@@ -53,7 +53,9 @@ def cut_local_patches(
     """Cut patches of side f·size/z around pixels (x, y), the same way in views and scenes.
 
     Pixels without depth give no patch, nor do patches with less than the share `min_valid` inside
-    the metric cube; the result tells which remained. Depth becomes (d − z)/(size/2), clamped to ±1.
+    the metric cube; the result tells which remained. Depth becomes (d − z)/(size/2), clamped to ±1,
+    both measured along the patch's viewing ray: a surface has the same relief wherever in the image
+    it is seen from the same side, as a vote's turn to the ray assumes.
     """
     z = center_depths(depth, pixels)
     kept = z > 0
@@ -63,7 +65,9 @@ def cut_local_patches(
     centers = pixels.astype(np.float64)
     color = sample_squares(rgb, centers, sides, settings.resolution)
     raw = sample_squares(depth, centers, sides, settings.resolution, nearest=True)
-    relative = (raw - z[:, None, None]) / np.float32(metric_size / 2)
+    ratio = _along_ray(centers, sides, settings.resolution, camera_matrix)
+    relative = (raw * ratio - z[:, None, None]) / np.float32(metric_size / 2)
+    relative *= np.linalg.norm(_rays(centers, camera_matrix), axis=1)[:, None, None]
     valid = (raw > 0) & (np.abs(relative) <= 1.0)
     relative = np.where(raw > 0, np.clip(relative, -1.0, 1.0), _FILL_DEPTH).astype(np.float32)
     if settings.mask_beyond_clamp:
@@ -72,6 +76,27 @@ def cut_local_patches(
     full = valid.mean(axis=(1, 2)) >= min_valid
     points = back_project(centers, z.astype(np.float64), camera_matrix)
     return LocalPatches(color[full], relative[full], valid[full], points[full], centers[full])
+
+
+def _rays(
+    pixels: Float[np.ndarray, "*n 2"], camera_matrix: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "*n 3"]:
+    return back_project(pixels, np.ones(pixels.shape[:-1]), camera_matrix)
+
+
+def _along_ray(
+    centers: Float[np.ndarray, "n 2"],
+    sides: Float[np.ndarray, "n"],
+    resolution: int,
+    camera_matrix: Float[np.ndarray, "3 3"],
+) -> Float[np.ndarray, "n p p"]:
+    """What depth along z is multiplied by to become depth along the centre's ray, over |ray|."""
+    center = _rays(centers, camera_matrix)
+    offsets = sides[:, None] * ((np.arange(resolution) + 0.5) / resolution - 0.5)
+    focal = camera_matrix[[0, 1], [0, 1]]
+    shares = center[:, :2] / (center**2).sum(axis=1, keepdims=True) / focal
+    across, down = offsets * shares[:, :1], offsets * shares[:, 1:]
+    return np.asarray(1.0 + across[:, None, :] + down[:, :, None], dtype=np.float32)
 
 
 def region_pixels(mask: Bool[np.ndarray, "h w"], settings: GridSettings) -> Int[np.ndarray, "n 2"]:
