@@ -8,7 +8,7 @@ from hlp.patches.pool_loader import pool_loader
 from hlp.pipeline.settings import TrainerSettings
 from hlp.pipeline.training import HISTORY, WEIGHTS, fit, load_weights, read_history
 
-CPU = TrainerSettings("cpu", "cpu", 1, "auto", "32-true")
+CPU = TrainerSettings("cpu", "cpu", 1, "auto", "32-true", 2)
 EPOCHS = 4
 
 

@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
-import torch
 from tqdm import tqdm
 
 from hlp.evaluation.evaluator import FrameTruth, score_targets
@@ -19,6 +17,7 @@ from hlp.pipeline.frame_files import read_arrays
 from hlp.pipeline.learning import Learner
 from hlp.pipeline.manifest import make_manifest, write_json
 from hlp.pipeline.store import StageStore
+from hlp.pipeline.threads import set_threads
 from hlp.pipeline.training import read_history
 from hlp.records import PoseEstimate, TargetScore
 from hlp.reporting.metrics import summary_metrics
@@ -36,8 +35,7 @@ def run(planned: Run, output: Path) -> dict[str, Any]:
     logged as one MLflow run, which is opened first: a crash leaves it FAILED.
     """
     settings = planned.settings
-    torch.set_num_threads(settings.machine.threads)
-    cv2.setNumThreads(settings.machine.threads)
+    set_threads(settings)
     output.mkdir(parents=True, exist_ok=True)
     name = f"{settings.name} {settings.encoder.name} {settings.voting.name} {output.name}"
     with track_run(settings.reporting, name, planned.config) as tracker:

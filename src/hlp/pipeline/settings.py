@@ -45,18 +45,19 @@ class PatchesSettings:
 
 @dataclass(frozen=True)
 class TrainerSettings:
-    """Config group `trainer`: passed to Lightning's Trainer."""
+    """Config group `trainer`: passed to Lightning's Trainer; `torch_threads` for all of torch."""
 
     name: str
     accelerator: str
     devices: int
     strategy: str
     precision: str
+    torch_threads: int
 
 
 @dataclass(frozen=True)
 class MachineSettings:
-    """Config group `machine`: `threads` of torch and of the numba kernels."""
+    """Config group `machine`: `threads` of the numba kernels and of OpenCV."""
 
     name: str
     threads: int
