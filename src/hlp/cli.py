@@ -39,8 +39,6 @@ def run(config: DictConfig) -> None:
     """Build everything the composed configuration names, then run every stage and score."""
     from hydra.core.hydra_config import HydraConfig
 
-    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(variable, str(config.machine.threads))  # read when torch is imported
     config.output = HydraConfig.get().runtime.output_dir  # an arm of a sweep has its own
 
     from hlp.pipeline import build, runner
@@ -78,6 +76,9 @@ def _run_command(arguments: Sequence[str]) -> None:
         app(_job)()
     except (HydraException, OmegaConfBaseException, ValueError, OSError) as error:
         _fail(error)
+    except KeyboardInterrupt:
+        print("hlp: interrupted; the same command goes on from here", file=sys.stderr)
+        sys.exit(130)  # as shells have it
 
 
 def _job(config: DictConfig) -> None:
@@ -134,9 +135,11 @@ def config_folder() -> Path:
 
 
 def _in_words(error: BaseException) -> str:
-    """The error, what caused it, and its notes, without the stack."""
-    causes = [str(error), str(error.__cause__ or "")]
-    return "\n".join(filter(None, [*causes, *getattr(error, "__notes__", [])]))
+    """The error and its notes without the stack; of Hydra's errors also what lies behind them."""
+    from hydra.errors import HydraException
+
+    behind = str(error.__cause__ or "").split("\n")[:1] if isinstance(error, HydraException) else []
+    return "\n".join(filter(None, [str(error), *behind, *getattr(error, "__notes__", [])]))
 
 
 def _fail(error: BaseException) -> None:
