@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from tiny_run import TINY, TinyRun, start_run
+
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
@@ -16,3 +18,12 @@ def shared_data() -> Path:
     if not (folder / "lm").is_dir():
         pytest.skip(f"development data is absent: no {folder / 'lm'}")
     return folder
+
+
+@pytest.fixture(scope="session")
+def tiny_run(tmp_path_factory: pytest.TempPathFactory) -> TinyRun:
+    """A tiny run that tests look at, and whose stages they use again."""
+    folder = tmp_path_factory.mktemp("tiny_run")
+    process = start_run(folder, *TINY, "output=first", threads=2)
+    assert process.returncode == 0, process.stderr
+    return TinyRun(folder, folder / "first", TINY, process)
