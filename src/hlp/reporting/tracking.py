@@ -122,7 +122,7 @@ def how_to_browse(settings: TrackingSettings, tracker: Tracker) -> str:
     """What to start and which page to open to see a run, for a person at a terminal."""
     if not settings.uri.startswith(SQLITE):
         return f"{settings.uri.rstrip('/')}{tracker.page}"
-    address = shlex.quote(f"{SQLITE}{_database(settings)}")
+    address = shlex.quote(f"{SQLITE}{database_path(settings)}")
     server = f"{shlex.quote(sys.executable)} -m mlflow server --workers 1"
     return f"{server} --backend-store-uri {address}\nhttp://127.0.0.1:5000{tracker.page}"
 
@@ -149,27 +149,32 @@ def _connect(settings: TrackingSettings) -> tuple["MlflowClient", str]:
     Processes that create one SQLite database at the same time spoil it (MLflow 3), so the first
     contact with a local one, which the client's construction is, is made under a lock.
     """
-    os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")  # read when mlflow is imported
-    import mlflow  # noqa: F401
-
-    for name in ("mlflow", "alembic"):  # a new database is not news
-        logging.getLogger(name).setLevel(logging.WARNING)
+    import_client()
     if not settings.uri.startswith(SQLITE):
         return _open(settings, None)
-    database = _database(settings)
+    database = database_path(settings)
     database.parent.mkdir(parents=True, exist_ok=True)
     with FileLock(database.with_name(database.name + ".lock")):
         return _open(settings, (database.parent / "mlflow-artifacts").as_uri())
 
 
-def _database(settings: TrackingSettings) -> Path:
+def import_client() -> type["MlflowClient"]:
+    """Import MLflow, which takes seconds, without its telemetry and its talk of databases."""
+    os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")  # read when mlflow is imported
+    from mlflow import MlflowClient
+
+    for name in ("mlflow", "alembic"):
+        logging.getLogger(name).setLevel(logging.WARNING)
+    return MlflowClient
+
+
+def database_path(settings: TrackingSettings) -> Path:
+    """File of a local database."""
     return Path(settings.uri.removeprefix(SQLITE)).absolute()
 
 
 def _open(settings: TrackingSettings, artifacts: str | None) -> tuple["MlflowClient", str]:
-    from mlflow import MlflowClient
-
-    client = MlflowClient(settings.uri, registry_uri=settings.uri)
+    client = import_client()(settings.uri, registry_uri=settings.uri)
     found = client.get_experiment_by_name(settings.experiment)
     if found is not None:
         return client, str(found.experiment_id)

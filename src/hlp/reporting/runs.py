@@ -1,0 +1,73 @@
+"""Runs as MLflow has them, read back: what was set, what came of it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from hlp.reporting.tables import Table
+from hlp.reporting.tracking import SQLITE, TrackingSettings, database_path, import_client
+
+_PER_PAGE = 500
+
+
+@dataclass(frozen=True)
+class LoggedRun:
+    """One run in MLflow; `params` is its flat configuration."""
+
+    run_id: str
+    name: str
+    status: str
+    started: datetime
+    params: dict[str, str]
+    metrics: dict[str, float]
+
+
+def read_runs(settings: TrackingSettings) -> list[LoggedRun]:
+    """Every run of the experiment, newest first, whatever became of it.
+
+    Raises FileNotFoundError where a local database is absent, ValueError for an unknown experiment.
+    """
+    if settings.uri.startswith(SQLITE) and not database_path(settings).is_file():
+        raise FileNotFoundError(
+            f"no MLflow database {database_path(settings)}: `hlp run` makes one"
+        )
+    client = import_client()(settings.uri)
+    experiment = client.get_experiment_by_name(settings.experiment)
+    if experiment is None:
+        raise ValueError(f"no experiment '{settings.experiment}' in {settings.uri}")
+    runs: list[LoggedRun] = []
+    token = None
+    while True:
+        page = client.search_runs(
+            [experiment.experiment_id], max_results=_PER_PAGE, page_token=token
+        )
+        runs += [
+            LoggedRun(
+                run.info.run_id,
+                run.info.run_name,
+                run.info.status,
+                datetime.fromtimestamp(run.info.start_time / 1000, UTC),
+                dict(run.data.params),
+                dict(run.data.metrics),
+            )
+            for run in page
+        ]
+        token = page.token
+        if not token:
+            return runs
+
+
+def differences_table(runs: Sequence[LoggedRun], metrics: Sequence[str]) -> Table:
+    """One line a run: the settings that are not the same in all runs, and some metrics."""
+    keys = sorted({key for run in runs for key in run.params if key != "output"})
+    differing = [key for key in keys if len({run.params.get(key) for run in runs}) > 1]
+    rows = [
+        [
+            run.name,
+            run.status,
+            *(run.params.get(key, "") for key in differing),
+            *(f"{run.metrics[name]:.3f}" if name in run.metrics else "" for name in metrics),
+        ]
+        for run in runs
+    ]
+    return Table(["run", "status", *differing, *metrics], rows)

@@ -1,0 +1,54 @@
+from pathlib import Path
+
+import pytest
+
+from hlp.reporting import runs as reading
+from hlp.reporting.runs import differences_table, read_runs
+from hlp.reporting.tracking import TrackingSettings, track_run
+
+
+@pytest.fixture(scope="module")
+def settings(tmp_path_factory: pytest.TempPathFactory) -> TrackingSettings:
+    """Two finished runs and a crashed one, in this order."""
+    uri = f"sqlite:///{tmp_path_factory.mktemp('runs') / 'mlflow.db'}"
+    settings = TrackingSettings(name="mlflow", uri=uri, experiment="hlp")
+    for name, particles, recall in (("first", 25, 0.5), ("second", 50, 0.75)):
+        params = {"seed": 0, "refinement": {"particles": particles}, "output": name}
+        with track_run(settings, name, params) as tracker:
+            tracker.log_metrics({"add/recall": recall})
+    with pytest.raises(ValueError, match="no depth"), track_run(settings, "third", {"seed": 0}):
+        raise ValueError("no depth")
+    return settings
+
+
+def test_runs_come_newest_first_with_what_was_logged(settings: TrackingSettings) -> None:
+    found = read_runs(settings)
+    assert [run.name for run in found] == ["third", "second", "first"]
+    assert [run.status for run in found] == ["FAILED", "FINISHED", "FINISHED"]
+    assert found[1].params == {"seed": "0", "refinement.particles": "50", "output": "second"}
+    assert found[1].metrics == {"add/recall": 0.75}
+    assert found[1].started <= found[0].started
+
+
+def test_pages_are_joined(settings: TrackingSettings, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reading, "_PER_PAGE", 2)
+    assert [run.name for run in read_runs(settings)] == ["third", "second", "first"]
+
+
+def test_table_shows_the_settings_that_differ(settings: TrackingSettings) -> None:
+    table = differences_table(read_runs(settings), ["add/recall"])
+    assert list(table.header) == ["run", "status", "refinement.particles", "add/recall"]
+    assert list(table.rows) == [
+        ["third", "FAILED", "", ""],
+        ["second", "FINISHED", "50", "0.750"],
+        ["first", "FINISHED", "25", "0.500"],
+    ]
+
+
+def test_nothing_to_read_is_named_and_not_made(settings: TrackingSettings, tmp_path: Path) -> None:
+    absent = TrackingSettings("mlflow", f"sqlite:///{tmp_path / 'mlflow.db'}", "hlp")
+    with pytest.raises(FileNotFoundError, match=r"mlflow\.db"):
+        read_runs(absent)
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(ValueError, match="no experiment 'other'"):
+        read_runs(TrackingSettings("mlflow", settings.uri, "other"))
