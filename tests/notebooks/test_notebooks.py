@@ -1,0 +1,87 @@
+"""The notebooks run from first cell to last, on the tiny run of the demo world."""
+
+import base64
+from pathlib import Path
+
+import cv2
+import nbformat
+import numpy as np
+import pytest
+from nbclient import NotebookClient
+from nbformat import NotebookNode
+
+import hlp
+from tiny_run import TinyRun
+
+NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
+
+
+def execute(path: Path, parameters: str, folder: Path) -> NotebookNode:
+    """Run a notebook with other values in its parameters cell."""
+    notebook = nbformat.read(path, as_version=4)
+    (cell,) = [each for each in notebook.cells if "parameters" in each.metadata.get("tags", [])]
+    assert {line.split(" = ")[0] for line in cell.source.splitlines()} == {
+        line.split(" = ")[0] for line in parameters.splitlines()
+    }
+    cell.source = parameters
+    client = NotebookClient(notebook, timeout=120, resources={"metadata": {"path": str(folder)}})
+    return client.execute()
+
+
+def pictures(notebook: NotebookNode) -> list[np.ndarray]:
+    found = []
+    for cell in notebook.cells:
+        for output in cell.get("outputs", []):
+            data = output.get("data", {}).get("image/png")
+            if data is not None:
+                buffer = np.frombuffer(base64.b64decode(data), np.uint8)
+                picture = cv2.imdecode(buffer, cv2.IMREAD_COLOR)
+                assert picture is not None
+                found.append(picture)
+    return found
+
+
+def printed(notebook: NotebookNode) -> str:
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    texts = [output.get("text", "") for output in outputs]
+    shown = [output.get("data", {}).get("text/markdown", "") for output in outputs]
+    return "\n".join([*texts, *shown])
+
+
+@pytest.fixture(autouse=True)
+def package_on_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONPATH", str(Path(hlp.__file__).parents[1]))
+
+
+@pytest.mark.parametrize("path", sorted(NOTEBOOKS.glob("*.ipynb")), ids=lambda path: path.stem)
+def test_committed_without_outputs(path: Path) -> None:
+    notebook = nbformat.read(path, as_version=4)
+    nbformat.validate(notebook)
+    for cell in notebook.cells:
+        assert not cell.get("outputs")
+        assert cell.get("execution_count") is None
+
+
+def test_method_shows_every_stage(tiny_run: TinyRun) -> None:
+    overrides = [each for each in tiny_run.overrides if not each.startswith("panels")]
+    parameters = f"OVERRIDES = {overrides}\nWORK = 'work'\nFRAME = 0"
+    before = set((tiny_run.folder / "work").glob("*/*"))
+    done = execute(NOTEBOOKS / "01_method.ipynb", parameters, tiny_run.folder)
+    shown = pictures(done)
+    assert len(shown) == 7  # frame, views, region, patches, distances, votes, panels
+    assert all(picture.std() > 10 for picture in shown)
+    text = printed(done)
+    assert "hypothesis 1: coarse cost " in text
+    assert "fine   cost " in text
+    assert set((tiny_run.folder / "work").glob("*/*")) == before  # it found what was learnt
+
+
+def test_runs_are_read_from_outputs_and_mlflow(tiny_run: TinyRun) -> None:
+    parameters = "OUTPUTS = '.'\nDATABASE = 'work/mlflow.db'"
+    done = execute(NOTEBOOKS / "02_runs.ipynb", parameters, tiny_run.folder)
+    text = printed(done)
+    assert "| first |" in text
+    assert "| all targets |" in text
+    assert "| add/recall |" in text
+    assert "FINISHED" in text
+    assert len(pictures(done)) == 3  # recalls, errors, panels
