@@ -41,7 +41,7 @@ def draw_panels(
     true_pose = truth.pose_cam_obj if truth is not None else None
     verdict = f"score {estimate.score:.2f} (green)" if estimate and pose is not None else "no pose"
     verdict += ", truth (pink)" if truth is not None else ""
-    region_title = f"1 candidate region: {len(region.centers)} windows"
+    region_title = f"1 candidate region, of {len(region.centers)} windows"
     patches_title = f"2 local samples: {len(patch_pixels)} accepted"
     votes_title = f"3 votes: {len(votes)}, in {VOTE_CELL}x{VOTE_CELL} px cells"
     panels = [
