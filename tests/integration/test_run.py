@@ -352,6 +352,8 @@ def dataset(tmp_path: Path) -> Path:
         (["rendering.viewpoints=three"], ["rendering.viewpoints", "valid integer", "'three'"]),
         (["encoder=none"], ["encoder/none", "contrastive"]),
         (["frames=0"], ["frames is 0"]),
+        (["refinement.particles=0"], ["refinement.particles is 0", "at least 1"]),
+        (["refinement.phi_1=1.0"], ["refinement.phi_1 + phi_2", "above 4"]),
         (["experiment=lm_board"], ["data.root is not set"]),
         (["experiment=lm_board", "data.root=nowhere"], ["data.root is no folder", "nowhere"]),
         (

@@ -80,7 +80,7 @@ WRONG = [
     ("encoder.input", "depth", r"^encoder\.input: .*'rgbd' or 'normals_depth'"),
     ("encoder.name", "cea", r"^encoder\.name is 'cea': choose one of contrastive, cae, pca$"),
     ("encoder.widths", [32, "a"], r"^encoder\.widths\.1: .*\(given: 'a'\)$"),
-    ("frames", 0, r"^frames is 0: set a number of frames from 1, or null for all$"),
+    ("frames", 0, r"^frames is 0: it must be at least 1$"),
     ("mesh", "a.ply", r"^mesh is no key of the configuration"),
     ("name", "???", r"^name is not set: set name=VALUE$"),
     ("data.seed", "???", r"^data\.seed is not set: set data\.seed=VALUE$"),

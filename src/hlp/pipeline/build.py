@@ -25,6 +25,7 @@ from hlp.models.autoencoder import AutoencoderSettings
 from hlp.models.classifier import ClassifierSettings
 from hlp.models.contrastive import ContrastiveSettings
 from hlp.models.pca import PcaSettings
+from hlp.pipeline.ranges import check_ranges
 from hlp.pipeline.settings import MachineSettings, PatchesSettings, RunSettings, TrainerSettings
 from hlp.pipeline.world import World
 from hlp.refinement.icp import IcpSettings
@@ -74,6 +75,7 @@ def build_run(config: DictConfig) -> Run:
     FileNotFoundError naming a data folder, mesh or image list that is absent.
     """
     settings = build_settings(config)
+    check_ranges(settings)
     _check_patch_sizes(settings)
     world = build_world(settings)
     if isinstance(settings.encoder, AutoencoderSettings):

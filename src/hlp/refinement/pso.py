@@ -30,6 +30,13 @@ class PsoSettings:
     budget_ms: float
     threads: int
 
+    def __post_init__(self) -> None:
+        """Raise ValueError where the swarm would have no constriction."""
+        if not self.phi_1 + self.phi_2 > 4.0:
+            raise ValueError(
+                f"refinement.phi_1 + phi_2 is {self.phi_1 + self.phi_2}: it must be above 4"
+            )
+
 
 class PsoRefiner:
     """Canonical PSO over six degrees of freedom around the coarse pose."""
