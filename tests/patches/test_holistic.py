@@ -91,7 +91,7 @@ def region(probabilities, best, threshold, min_windows):
     windows = windows_at([(10 * i + 5, 5) for i in range(count)], [4.0] * count)
     settings = RegionSettings(8, threshold, min_windows, 1.0)
     found = candidate_region(
-        7, windows, np.asarray(probabilities), np.asarray(best), (10, 10 * count), settings
+        7, windows, np.asarray(probabilities), np.asarray(best), (10, 10 * count), 1.0, settings
     )
     assert found.object_id == 7
     return [bool(found.mask[5, 10 * i + 5]) for i in range(count)], found
@@ -121,27 +121,27 @@ def test_no_window_accepted_is_an_empty_region():
     accepted, found = region([0.1, 0.2], [False, False], 0.0, 0)
     assert accepted == [False, False] and not found.mask.any()
     empty = candidate_region(
-        1, windows_at(np.zeros((0, 2)), []), np.zeros(0), np.zeros(0, bool), (8, 9),
+        1, windows_at(np.zeros((0, 2)), []), np.zeros(0), np.zeros(0, bool), (8, 9), 1.0,
         RegionSettings(8, 0.1, 4, 1.0),
     )  # fmt: skip
     assert empty.mask.shape == (8, 9) and not empty.mask.any()
 
 
-@pytest.mark.parametrize("reach", [1.0, 0.6])
-def test_the_mask_is_the_union_of_the_squares(reach):
+@pytest.mark.parametrize(("reach", "extent", "scale"), [(0.0, 3.0, 1.0), (0.6, 1.5, 0.9)])
+def test_the_mask_is_the_union_of_the_squares(reach, extent, scale):
     rng = np.random.default_rng(2)
     shape = (60, 80)
     centers = np.stack([rng.integers(0, 80, 25), rng.integers(0, 60, 25)], axis=1)
     sides = rng.uniform(2, 30, 25)
     found = candidate_region(
-        1, windows_at(centers, sides), np.ones(25), np.ones(25, bool), shape,
+        1, windows_at(centers, sides), np.ones(25), np.ones(25, bool), shape, extent,
         RegionSettings(8, 0.0, 0, reach),
     )  # fmt: skip
     expected = np.zeros(shape, bool)
     for (cx, cy), side in zip(centers, sides, strict=True):
         for y in range(shape[0]):
             for x in range(shape[1]):
-                half = reach * side / 2
+                half = scale * side / 2
                 low_x, high_x = np.rint(cx - half), np.rint(cx + half)
                 low_y, high_y = np.rint(cy - half), np.rint(cy + half)
                 if low_x <= x <= high_x and low_y <= y <= high_y:

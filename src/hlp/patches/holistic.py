@@ -28,7 +28,8 @@ class RegionSettings:
     `step` px between windows. A window is accepted where the target is the most likely class
     (`threshold` 0, the paper) or where its probability exceeds `threshold`; with fewer than
     `min_windows` accepted, that many of the most probable ones are taken. The region is the union
-    of squares of `reach` times the accepted windows' sides (1: the paper).
+    of squares about their centres, of side `reach` times the object's diameter, or of the windows
+    themselves (`reach` 0, the paper).
     """
 
     step: int
@@ -115,18 +116,21 @@ def candidate_region(
     probabilities: Float[np.ndarray, "n"],
     is_best: Bool[np.ndarray, "n"],
     shape: tuple[int, int],
+    extent: float,
     settings: RegionSettings,
 ) -> Region:
-    """Union of the accepted windows (paper, section 3.1).
+    """Union of the accepted windows, or of squares about their centres (paper, section 3.1).
 
-    `is_best` tells where the object is the arg-max class.
+    `is_best` tells where the object is the arg-max class; `extent` is its diameter in units of the
+    windows' metric size: a tall object in small windows needs more than their union.
     """
     accepted = is_best if settings.threshold == 0 else probabilities > settings.threshold
     if accepted.sum() < settings.min_windows and len(probabilities):
         order = np.argsort(-probabilities, kind="stable")[: settings.min_windows]
         accepted = accepted.copy()
         accepted[order] = True
-    reach = windows.sides[accepted] * settings.reach / 2
+    scale = settings.reach * extent if settings.reach > 0 else 1.0
+    reach = windows.sides[accepted] * scale / 2
     mask = _union_of_squares(windows.centers[accepted], reach, shape)
     return Region(object_id, windows.centers, probabilities, mask)
 

@@ -59,7 +59,8 @@ class Detector:
 
     def region(self, frame: Frame, object_id: int) -> Region:
         """Stage 1: the candidate region of an object (paper, section 3.1)."""
-        patches, size = self.settings.patches, self.world.models[object_id].holistic_size
+        patches, model = self.settings.patches, self.world.models[object_id]
+        size = model.holistic_size
         windows = metric_windows(frame.depth, frame.camera_matrix, size, patches.region.step)
         classes = self._classify(frame, windows, size)
         label = self._labels[object_id]
@@ -70,6 +71,7 @@ class Detector:
             classes[:, label],
             classes.argmax(axis=1) == label,
             shape,
+            model.diameter / size,
             patches.region,
         )
 
