@@ -138,6 +138,6 @@ def test_browsing_is_told_as_a_command_that_works_from_anywhere(tmp_path: Path) 
     words = shlex.split(command)
     assert words[:4] == [sys.executable, "-m", "mlflow", "server"]
     assert words[-2:] == ["--backend-store-uri", f"sqlite:///{tmp_path / 'my runs'}/mlflow.db"]
-    assert page == "http://127.0.0.1:5000/#/experiments/7/runs/abc"
+    assert page == "then open http://127.0.0.1:5000/#/experiments/7/runs/abc"
     remote = TrackingSettings(name="mlflow", uri="http://server:5000/", experiment="hlp")
     assert how_to_browse(remote, tracker) == "http://server:5000/#/experiments/7/runs/abc"

@@ -124,7 +124,7 @@ def how_to_browse(settings: TrackingSettings, tracker: Tracker) -> str:
         return f"{settings.uri.rstrip('/')}{tracker.page}"
     address = shlex.quote(f"{SQLITE}{database_path(settings)}")
     server = f"{shlex.quote(sys.executable)} -m mlflow server --workers 1"
-    return f"{server} --backend-store-uri {address}\nhttp://127.0.0.1:5000{tracker.page}"
+    return f"{server} --backend-store-uri {address}\nthen open http://127.0.0.1:5000{tracker.page}"
 
 
 def metric_name(name: str) -> str:
