@@ -9,7 +9,7 @@ from typing import Any
 from tqdm import tqdm
 
 from hlp.evaluation.evaluator import FrameTruth, score_targets
-from hlp.evaluation.poses_file import write_poses, write_scores
+from hlp.evaluation.poses_file import read_poses, write_poses, write_scores
 from hlp.evaluation.summary import summarise
 from hlp.pipeline.build import Run
 from hlp.pipeline.finding import Finder, read_regions
@@ -59,10 +59,12 @@ def _score(
 ) -> dict[str, Any]:
     """Save the poses first, then score what was saved."""
     world, settings = planned.world, planned.settings
-    write_poses(output / "poses.csv", [each for each in estimates if each.pose_cam_obj is not None])
+    answered = [each for each in estimates if each.pose_cam_obj is not None]
+    write_poses(output / "poses.csv", answered)
     keys = tqdm(planned.keys, desc="scores", unit="frame", disable=None)
     truths = [FrameTruth.of(world.frames.load(key)) for key in keys]
-    scores = score_targets(truths, world.models, estimates, settings.evaluation)
+    saved = read_poses(output / "poses.csv")
+    scores = score_targets(truths, world.models, saved, settings.evaluation)
     names = {object_id: model.name for object_id, model in world.models.items()}
     write_scores(output / "scores.csv", scores, names)
     summary = summarise(
