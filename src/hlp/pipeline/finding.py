@@ -51,7 +51,7 @@ class Finder:
         settings = {
             "holistic": result_settings(patches.holistic),
             "region": result_settings(patches.region),
-            "sizes": {str(i): self.world.models[i].holistic_size for i in self.world.target_ids},
+            "sizes": {str(i): self._sizes(i) for i in self.world.target_ids},
         }
         upstream = {"classifier": self.learner.classifier().fingerprint}
 
@@ -65,6 +65,10 @@ class Finder:
 
         return self._stage("regions", settings, upstream, find)
 
+    def _sizes(self, object_id: int) -> list[float]:
+        model = self.world.models[object_id]
+        return [model.holistic_size, model.diameter]
+
     def hypotheses(self) -> Output:
         """Stage 2: ranked coarse poses of the targets of every frame."""
         patches = self.settings.patches
@@ -77,6 +81,7 @@ class Finder:
         upstream = {"regions": regions.fingerprint, "encoder": self.learner.encoder().fingerprint}
         for object_id in self.world.target_ids:
             upstream[f"codebook_{object_id}"] = self.learner.codebook(object_id).fingerprint
+            upstream[f"model_{object_id}"] = self.world.model_identities[object_id]
 
         def find(frame: Frame) -> Arrays:
             found = read_regions(regions.folder, frame)
