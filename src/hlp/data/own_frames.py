@@ -1,0 +1,185 @@
+"""A user's own frames and CAD model: colour and depth images, intrinsics, no true poses."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from hlp.data.images import (
+    EXTENSIONS,
+    camera_matrix,
+    find_image,
+    read_depth,
+    read_json,
+    read_rgb,
+    same_size,
+)
+from hlp.data.object_models import ObjectSettings, build_object_model
+from hlp.data.sources import content_hash
+from hlp.records import Frame, ObjectModel
+
+OBJECT_ID = 1
+_SCENE_ID = 0
+
+
+@dataclass(frozen=True)
+class FilesSettings:
+    """Where a user's own object and frames lie; keys as in conf/data/files.yaml."""
+
+    name: str
+    model: str
+    rgb: str
+    depth: str
+    intrinsics: str | list[float]
+    mesh_scale: float
+    depth_scale: float | None
+    photographs: str | None
+    rgbd_frames: str | None
+    rooms: str | None
+    proxy_faces: int
+    holistic_size_mm: float | None
+    local_size_mm: float | None
+
+
+def load_object_model(settings: FilesSettings) -> ObjectModel:
+    """The object, named after its mesh file. Errors as of `load_mesh`, with the key to change."""
+    path = Path(settings.model)
+    sizes = ObjectSettings(OBJECT_ID, settings.holistic_size_mm, settings.local_size_mm)
+    try:
+        return build_object_model(path.stem, sizes, path, settings.mesh_scale, settings.proxy_faces)
+    except FileNotFoundError as error:
+        raise FileNotFoundError(f"model is no file: {path} (set model=FILE)") from error
+    except ValueError as error:
+        raise ValueError(f"model: {error}; the unit is mesh_scale") from error
+
+
+def read_intrinsics(given: str | list[float]) -> tuple[Float[np.ndarray, "3 3"], float]:
+    """Camera matrix (px) and depth scale (mm per unit of the depth images; 1 where not stated).
+
+    `given` is a JSON file with `cam_K` (9 numbers) or `fx, fy, cx, cy`, and `depth_scale`; or the
+    nine or four numbers themselves. Raises FileNotFoundError, or ValueError for anything else.
+    """
+    if not isinstance(given, str):
+        return _matrix(given, "intrinsics"), 1.0
+    path = Path(given)
+    if not path.is_file():
+        raise FileNotFoundError(
+            f"intrinsics is no file: {path} (set intrinsics=FILE.json or intrinsics=[fx,fy,cx,cy])"
+        )
+    camera = read_json(path)
+    where = f"intrinsics, {path}"
+    if isinstance(camera, dict) and "cam_K" in camera:
+        values = camera["cam_K"]
+    elif isinstance(camera, dict) and {"fx", "fy", "cx", "cy"} <= camera.keys():
+        values = [camera[key] for key in ("fx", "fy", "cx", "cy")]
+    else:
+        raise ValueError(f"{where}: no cam_K (nine numbers), nor fx, fy, cx and cy")
+    scale = camera.get("depth_scale", 1.0)
+    if not isinstance(scale, int | float):
+        raise ValueError(f"{where}: depth_scale must be a number, not {scale!r}")
+    return _matrix(values, where), float(scale)
+
+
+def _matrix(values: Any, where: str) -> Float[np.ndarray, "3 3"]:
+    flat = np.ravel(values).tolist() if isinstance(values, list) else []
+    if len(flat) == 4:
+        flat = [flat[0], 0.0, flat[2], 0.0, flat[1], flat[3], 0.0, 0.0, 1.0]
+    if len(flat) != 9:
+        raise ValueError(f"{where}: {values!r} is neither nine numbers of K nor [fx,fy,cx,cy]")
+    matrix = camera_matrix(flat, Path(where))
+    if not np.array_equal(matrix[[1, 2, 2, 2], [0, 0, 1, 2]], [0.0, 0.0, 0.0, 1.0]):
+        raise ValueError(f"{where}: {flat} is no camera matrix, row by row: fx 0 cx 0 fy cy 0 0 1")
+    return matrix
+
+
+class OwnFrames:
+    """Frames without true poses (a `FrameSource`); constructing reads nothing.
+
+    `rgb` and `depth` are one image each or a folder of images each, which belong together where
+    their names agree but for the extension. Frames are numbered in the order of their names.
+    """
+
+    def __init__(
+        self, rgb: Path, depth: Path, intrinsics: str | list[float], depth_scale: float | None
+    ) -> None:
+        self._rgb, self._depth, self._intrinsics = rgb, depth, intrinsics
+        self._depth_scale = depth_scale
+
+    @cached_property
+    def _camera(self) -> tuple[Float[np.ndarray, "3 3"], float]:
+        matrix, stated = read_intrinsics(self._intrinsics)
+        scale = stated if self._depth_scale is None else self._depth_scale
+        if not 0 < scale < float("inf"):
+            raise ValueError(f"depth_scale is {scale}: it must be mm per unit of the depth images")
+        return matrix, scale
+
+    @cached_property
+    def _paths(self) -> dict[str, tuple[Path, Path]]:
+        for key, path in (("rgb", self._rgb), ("depth", self._depth)):
+            if not path.exists():
+                raise FileNotFoundError(
+                    f"{key} is no image and no folder: {path} (set {key}=IMAGE or {key}=FOLDER)"
+                )
+        images = [self._rgb]
+        if self._rgb.is_dir():
+            images = sorted(p for p in self._rgb.iterdir() if p.suffix.lower() in EXTENSIONS)
+        if not images:
+            raise FileNotFoundError(f"rgb: no image in {self._rgb}")
+        for first, second in pairwise(images):
+            if first.stem == second.stem:
+                raise ValueError(f"rgb: {first} and {second} have one name: remove one of them")
+        return {
+            f"{_SCENE_ID:06d}_{number:06d}": (path, self._partner(path))
+            for number, path in enumerate(images)
+        }
+
+    def _partner(self, image: Path) -> Path:
+        if not self._depth.is_dir():
+            if self._rgb.is_dir():
+                raise ValueError("depth is one image and rgb is a folder: give two of a kind")
+            return self._depth
+        try:
+            return find_image(self._depth, image.stem)
+        except FileNotFoundError as error:
+            raise FileNotFoundError(
+                f"depth: {self._depth} has no {image.stem}.png for the rgb image {image}"
+            ) from error
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Frame keys, numbered in the order of the file names."""
+        return tuple(self._paths)
+
+    def __len__(self) -> int:
+        return len(self._paths)
+
+    def image(self, key: str) -> Path:
+        """The colour image of a frame, as the user named it."""
+        return self._paths[key][0]
+
+    def load(self, key: str) -> Frame:
+        """Decode one frame. Raises KeyError, FileNotFoundError, or ValueError for a broken file."""
+        if key not in self._paths:
+            raise KeyError(f"no frame {key!r} in {self._rgb}")
+        color, depth_path = self._paths[key]
+        matrix, scale = self._camera
+        rgb = read_rgb(color)
+        depth = read_depth(depth_path, scale)
+        same_size(color, rgb, depth)
+        height, width = depth.shape
+        if not (0 <= matrix[0, 2] < width and 0 <= matrix[1, 2] < height):
+            raise ValueError(
+                f"intrinsics: the principal point ({matrix[0, 2]:g}, {matrix[1, 2]:g}) lies outside"
+                f" {color} ({width}x{height}): they belong to images of another size"
+            )
+        return Frame(_SCENE_ID, int(key.split("_")[1]), rgb, depth, matrix)
+
+    def identity(self) -> str:
+        """Hash of images and intrinsics."""
+        matrix, scale = self._camera
+        files = [path for pair in self._paths.values() for path in pair]
+        return content_hash(files, extra=f"{matrix.tolist()} {scale}")
