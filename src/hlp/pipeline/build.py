@@ -11,9 +11,10 @@ from omegaconf.errors import InterpolationToMissingValueError, MissingMandatoryV
 from pydantic import TypeAdapter, ValidationError
 
 from hlp.codebook.neighbours import ExactSettings, KdForestSettings
-from hlp.data import bop_models, linemod
+from hlp.data import bop_models, linemod, own_frames
 from hlp.data.bop import BopFrames, BopSettings
 from hlp.data.linemod import LinemodFrames, LinemodSettings
+from hlp.data.own_frames import FilesSettings, OwnFrames
 from hlp.data.photographs import list_photographs
 from hlp.data.rgbd_frames import RgbdFrames
 from hlp.data.sources import FrameSource
@@ -37,7 +38,12 @@ from hlp.voting.modes import JointVotingSettings, PaperVotingSettings
 
 # Settings of each group: one class for all its files, or one for each `name`.
 GROUPS: dict[str, type | dict[str, type]] = {
-    "data": {"synthetic": SyntheticSettings, "bop": BopSettings, "linemod": LinemodSettings},
+    "data": {
+        "synthetic": SyntheticSettings,
+        "bop": BopSettings,
+        "linemod": LinemodSettings,
+        "files": FilesSettings,
+    },
     "rendering": ViewsSettings,
     "patches": PatchesSettings,
     "classifier": ClassifierSettings,
@@ -162,14 +168,19 @@ def build_world(settings: RunSettings) -> World:
         models = demo_objects()
         frames = SyntheticScenes(data)
         return World(models, tuple(models), frames, None, background, background)
-    if not Path(data.root).is_dir():
+    if not isinstance(data, FilesSettings) and not Path(data.root).is_dir():
         raise FileNotFoundError(f"data.root is no folder: {data.root} (set data.root=PATH)")
-    root = Path(data.root)
     photographs = _folder("data.photographs", data.photographs)
     if photographs is not None:
         list_photographs(photographs)
     rooms = _rgbd("data.rooms", data.rooms)
     scenes = _rgbd("data.rgbd_frames", data.rgbd_frames)
+    if isinstance(data, FilesSettings):
+        model = own_frames.load_object_model(data)
+        given = OwnFrames(Path(data.rgb), Path(data.depth), data.intrinsics, data.depth_scale)
+        objects = {model.object_id: model}
+        return World(objects, tuple(objects), given, photographs, rooms, scenes, annotated=False)
+    root = Path(data.root)
     if isinstance(data, LinemodSettings):
         models = linemod.load_object_models(root, data.objects, data.proxy_faces, data.mesh_scale)
         ids = {name: each.id for name, each in data.objects.items()}

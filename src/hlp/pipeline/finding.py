@@ -57,9 +57,9 @@ class Finder:
 
         def find(frame: Frame) -> Arrays:
             arrays: Arrays = {}
-            for target in frame.targets:
+            for object_id in self.world.wanted(frame):
                 begun = time.perf_counter()
-                region = self.detector.region(frame, target.object_id)
+                region = self.detector.region(frame, object_id)
                 arrays |= _region_arrays(region, time.perf_counter() - begun)
             return arrays
 
@@ -109,11 +109,11 @@ class Finder:
         def find(frame: Frame) -> Arrays:
             stored = read_arrays(hypotheses.folder, frame.key)
             arrays: Arrays = {}
-            for target in frame.targets:
-                name = str(target.object_id)
+            for object_id in self.world.wanted(frame):
+                name = str(object_id)
                 coarse = Hypotheses(stored[f"{name}/poses"], stored[f"{name}/support"])
                 begun = time.perf_counter()
-                best = self.detector.fine(frame, target.object_id, coarse)
+                best = self.detector.fine(frame, object_id, coarse)
                 if best is not None:
                     arrays[f"{name}/pose"] = best.pose_cam_obj
                     arrays[f"{name}/cost"] = np.array(best.cost)
@@ -183,15 +183,17 @@ def _region_arrays(region: Region, seconds: float) -> Arrays:
 
 
 def read_regions(folder: Path, frame: Frame) -> dict[int, Region]:
-    """Candidate regions of a frame's targets, from disk."""
+    """Candidate regions of the objects looked for in a frame, from disk."""
     stored = read_arrays(folder, frame.key)
     shape = frame.depth.shape
     regions = {}
-    for target in frame.targets:
-        name = str(target.object_id)
-        bits = np.unpackbits(stored[f"{name}/mask"], count=shape[0] * shape[1])
-        regions[target.object_id] = Region(
-            target.object_id,
+    for entry in stored:
+        name, _, field = entry.partition("/")
+        if field != "mask":
+            continue
+        bits = np.unpackbits(stored[entry], count=shape[0] * shape[1])
+        regions[int(name)] = Region(
+            int(name),
             stored[f"{name}/centers"],
             stored[f"{name}/probabilities"],
             bits.reshape(shape).astype(bool),

@@ -12,7 +12,8 @@ from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.evaluation.poses_file import read_poses, write_poses, write_scores
 from hlp.evaluation.summary import summarise
 from hlp.pipeline.build import Run
-from hlp.pipeline.finding import Finder, read_regions
+from hlp.pipeline.drawing import picture_of_stages
+from hlp.pipeline.finding import Finder
 from hlp.pipeline.frame_files import read_arrays
 from hlp.pipeline.learning import Learner
 from hlp.pipeline.manifest import make_manifest, write_json
@@ -21,7 +22,7 @@ from hlp.pipeline.threads import set_threads
 from hlp.pipeline.training import read_history
 from hlp.records import PoseEstimate, TargetScore
 from hlp.reporting.metrics import summary_metrics
-from hlp.reporting.panels import draw_panels, write_png
+from hlp.reporting.panels import write_png
 from hlp.reporting.tables import format_summary
 from hlp.reporting.tracking import Tracker, how_to_browse, track_run
 
@@ -35,6 +36,8 @@ def run(planned: Run, output: Path) -> dict[str, Any]:
     logged as one MLflow run, which is opened first: a crash leaves it FAILED.
     """
     settings = planned.settings
+    if not planned.world.annotated:
+        raise ValueError("these frames have no true poses to score against: use `hlp predict`")
     set_threads(settings)
     output.mkdir(parents=True, exist_ok=True)
     name = f"{settings.name} {settings.encoder.name} {settings.voting.name} {output.name}"
@@ -134,18 +137,8 @@ def _draw(planned: Run, finder: Finder, estimates: Sequence[PoseEstimate], folde
         if not frame.targets:
             continue
         target = frame.targets[i % len(frame.targets)]
-        region = read_regions(finder.regions().folder, frame)[target.object_id]
-        coarse = finder.detector.coarse(frame, region)
-        voters = sorted(set(coarse.votes.patches.tolist()))
-        picture = draw_panels(
-            frame,
-            world.models[target.object_id],
-            region,
-            coarse.patches.pixels[voters],
-            coarse.votes,
-            answers.get((frame.scene_id, frame.frame_id, target.object_id)),
-            target,
-        )
+        answer = answers.get((frame.scene_id, frame.frame_id, target.object_id))
+        picture = picture_of_stages(finder, frame, target.object_id, answer, target)
         name = world.models[target.object_id].name
         folder.mkdir(parents=True, exist_ok=True)
         write_png(folder / f"{frame.key}_{name}.png", picture)

@@ -8,6 +8,7 @@ from hlp.codebook.entries import EntrySettings
 from hlp.codebook.neighbours import ExactSettings, KdForestSettings
 from hlp.data.bop import BopSettings
 from hlp.data.linemod import LinemodSettings
+from hlp.data.own_frames import FilesSettings
 from hlp.data.synthetic_scenes import SyntheticSettings
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.models.autoencoder import AutoencoderSettings
@@ -77,7 +78,7 @@ class RunSettings:
     output: str
     frames: int | None
     panels: int
-    data: SyntheticSettings | BopSettings | LinemodSettings
+    data: SyntheticSettings | BopSettings | LinemodSettings | FilesSettings
     rendering: ViewsSettings
     patches: PatchesSettings
     classifier: ClassifierSettings

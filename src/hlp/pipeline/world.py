@@ -11,7 +11,7 @@ from hlp.data.object_models import mesh_identity, model_identity
 from hlp.data.photographs import list_photographs, load_photographs, random_crops
 from hlp.data.procedural import procedural_backgrounds
 from hlp.data.sources import FrameSource, content_hash
-from hlp.records import ObjectModel
+from hlp.records import Frame, ObjectModel
 
 _PHOTOGRAPHS = 400
 _LONG_SIDE = 400
@@ -26,6 +26,8 @@ class World:
 
     `photographs` is a folder (None: procedural backgrounds). `background_frames` stand behind
     objects in training, `encoder_frames` train the autoencoder; either may be None.
+
+    `annotated`: the frames state their targets. Else every target object is looked for in each.
     """
 
     models: dict[int, ObjectModel]
@@ -34,6 +36,13 @@ class World:
     photographs: Path | None
     background_frames: FrameSource | None
     encoder_frames: FrameSource | None
+    annotated: bool = True
+
+    def wanted(self, frame: Frame) -> tuple[int, ...]:
+        """Ids of the objects to look for in a frame, each once."""
+        if not self.annotated:
+            return self.target_ids
+        return tuple(dict.fromkeys(target.object_id for target in frame.targets))
 
     @cached_property
     def mesh_identities(self) -> dict[int, str]:
