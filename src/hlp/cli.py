@@ -46,6 +46,21 @@ def run(config: DictConfig) -> None:
     runner.run(build.build_run(config), Path(config.output))
 
 
+def predict(config: DictConfig) -> None:
+    """Poses of a user's own object in their own frames; what is learnt is kept for next time."""
+    from hydra.core.hydra_config import HydraConfig
+    from omegaconf import OmegaConf
+
+    for key in OWN_FILES:
+        if OmegaConf.is_missing(config.data, key):
+            raise ValueError(f"{key} is not set: give {key}=…, see `hlp predict --help`")
+    config.output = HydraConfig.get().runtime.output_dir
+
+    from hlp.pipeline import build, prediction
+
+    prediction.predict(build.build_run(config), Path(config.output))
+
+
 @dataclass(frozen=True)
 class _Command:
     call: Callable[[Sequence[str]], None]
@@ -66,14 +81,38 @@ def _set_environment() -> None:
 
 
 def _run_command(arguments: Sequence[str]) -> None:
+    _compose_and_call("run", arguments, run)
+
+
+def _predict_command(arguments: Sequence[str]) -> None:
+    if not arguments or {"-h", "--help"} & set(arguments):
+        print(PREDICT_HELP)
+        return
+    overrides = [_data_override(argument) for argument in arguments]
+    _compose_and_call("predict", ["experiment=predict", *overrides], predict)
+
+
+def _data_override(argument: str) -> str:
+    """`model=FILE` as Hydra's override of `data.model`; paths may hold what Hydra's have not."""
+    key, _, value = argument.partition("=")
+    if key not in (*OWN_FILES, *OWN_UNITS):
+        return argument
+    if key in OWN_FILES and not value.startswith(("[", "'", '"')):
+        value = "'" + value.replace("'", "\\'") + "'"
+    return f"data.{key}={value}"
+
+
+def _compose_and_call(
+    command: str, arguments: Sequence[str], task: Callable[[DictConfig], None]
+) -> None:
     import hydra
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
 
-    sys.argv = ["hlp run", *arguments]  # Hydra takes no other way
+    sys.argv = [f"hlp {command}", *arguments]  # Hydra takes no other way
     app = hydra.main(version_base="1.3", config_path=str(config_folder()), config_name="config")
     try:
-        app(_job)()
+        app(lambda config: _job(config, task))()
     except (HydraException, OmegaConfBaseException, ValueError, OSError) as error:
         _fail(error)
     except KeyboardInterrupt:
@@ -81,13 +120,13 @@ def _run_command(arguments: Sequence[str]) -> None:
         sys.exit(130)  # as shells have it
 
 
-def _job(config: DictConfig) -> None:
-    """One run. In a sweep an error is logged where it happens, and the other arms go on."""
+def _job(config: DictConfig, task: Callable[[DictConfig], None]) -> None:
+    """One task. In a sweep an error is logged where it happens, and the other arms go on."""
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
 
     try:
-        run(config)
+        task(config)
     except (ValueError, OSError) as error:
         if HydraConfig.get().mode == RunMode.RUN:
             _fail(error)
@@ -155,7 +194,37 @@ usage: hlp report [experiment=NAME] [output=DIR] [format=text|markdown]
 Tables of finished runs, with the paper's figures beside ours for LINEMOD's objects:
 those below outputs/, of one experiment (outputs/NAME), or below any other folder (output=DIR)."""
 
+OWN_FILES = ("model", "rgb", "depth", "intrinsics")
+OWN_UNITS = ("mesh_scale", "depth_scale")
+
+PREDICT_HELP = """\
+usage: hlp predict model=FILE rgb=PATH depth=PATH intrinsics=FILE|[fx,fy,cx,cy] [overrides]
+
+Poses of your own object in your own RGB-D frames, from its CAD model alone.
+
+  model        triangle mesh of the object (PLY, OBJ, STL …), in millimetres
+  rgb          a colour image, or a folder of them
+  depth        its 16-bit depth PNG, or a folder with the same names; registered to the colour
+  intrinsics   JSON with cam_K (nine numbers) or fx, fy, cx, cy, and depth_scale; or the numbers
+
+  mesh_scale   metres per unit of the model (0.001; 1 for a model in metres)
+  depth_scale  millimetres per unit of the depth images (the JSON's, else 1)
+  output       folder of the results (outputs/predict/TIME)
+  work         what is learnt about the object is kept there (work)
+
+hlp predict model=bracket.ply rgb=frame.png depth=frame_depth.png intrinsics=camera.json
+hlp predict model=bracket.ply rgb=rgb/ depth=depth/ "intrinsics=[572.4,573.6,325.3,242.0]"
+
+The first call learns the object, which takes minutes; later ones find it at once. It learns better
+with photographs and RGB-D frames of places like yours, without the object:
+  data.photographs=FOLDER   data.rooms=FOLDER (with rgb/, depth/ and camera.json)
+All of `hlp run`'s groups and keys can be changed as well, e.g. refinement=icp or method=paper.
+
+Written into the output folder: poses.csv (BOP's format), poses.json and panels/, a picture of each
+frame. R and t (mm) map the object's coordinates to the camera's: x right, y down, z forward."""
+
 COMMANDS = {
     "run": _Command(_run_command, "every stage not yet on disk, then scores (default: the demo)"),
+    "predict": _Command(_predict_command, "poses of your own object in your own frames"),
     "report": _Command(_report_command, "tables of finished runs, the paper's figures beside ours"),
 }
