@@ -98,7 +98,7 @@ def _data_override(argument: str) -> str:
     if key not in (*OWN_FILES, *OWN_UNITS):
         return argument
     if key in OWN_FILES and not value.startswith(("[", "'", '"')):
-        value = "'" + value.replace("'", "\\'") + "'"
+        value = "'" + os.path.expanduser(value).replace("'", "\\'") + "'"
     return f"data.{key}={value}"
 
 
