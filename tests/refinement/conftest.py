@@ -24,4 +24,5 @@ def cost_settings() -> CostSettings:
         roi_size=96,
         roi_margin_mm=30.0,
         verify_tau_depth_mm=20.0,
+        candidates=5,
     )

@@ -19,6 +19,7 @@ from hlp.pipeline.settings import RunSettings
 from hlp.pipeline.world import World
 from hlp.records import Codebook, Frame, Hypotheses, LocalPatches, Refinement, Region, Votes
 from hlp.refinement.refiner import Refiner
+from hlp.refinement.screening import screen
 from hlp.voting.cast import cast_votes
 from hlp.voting.modes import JointModes, JointVotingSettings, ModeFinder, PaperModes
 
@@ -104,12 +105,14 @@ class Detector:
         return Coarse(cut, votes, found, matched - begun, time.perf_counter() - matched)
 
     def fine(self, frame: Frame, object_id: int, coarse: Hypotheses) -> Refinement | None:
-        """Stage 3: refine every hypothesis, keep the one of least cost; None without any."""
+        """Stage 3: refine the hypotheses that fit best, keep the one of least cost; None without."""
         if len(coarse) == 0:
             return None
         model = self.world.models[object_id]
         seed = hash_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id)
-        refined = self._refiner.refine(model, frame.depth, frame.camera_matrix, coarse, seed)
+        depth, camera = frame.depth, frame.camera_matrix
+        fitting = screen(model, depth, camera, coarse, self.settings.refinement.cost)
+        refined = self._refiner.refine(model, depth, camera, fitting, seed)
         return min(refined, key=lambda each: each.cost)
 
     def _codebook(self, object_id: int) -> tuple[Codebook, Neighbours]:

@@ -38,6 +38,7 @@ class CostSettings:
     roi_size: int
     roi_margin_mm: float
     verify_tau_depth_mm: float
+    candidates: int
 
 
 class DepthCost:
