@@ -24,5 +24,6 @@ def cost_settings() -> CostSettings:
         roi_size=96,
         roi_margin_mm=30.0,
         verify_tau_depth_mm=20.0,
+        verify_occluder_cost=0.3,
         candidates=5,
     )

@@ -130,7 +130,7 @@ def test_occluders_cost_less_than_free_space(cost_settings: CostSettings) -> Non
     wall = np.full(SHAPE, 0.3, dtype=np.float32)
     behind = np.full(SHAPE, 2.0, dtype=np.float32)
     args = (CAMERA, scene.pose, replace(cost_settings, weight_edge=0.0))
-    assert verify(scene.model.proxy, wall, *args) == pytest.approx(0.8 * 0.5)
+    assert verify(scene.model.proxy, wall, *args) == pytest.approx(0.8 * 0.3)
     assert verify(scene.model.proxy, behind, *args) == pytest.approx(0.8)
 
 

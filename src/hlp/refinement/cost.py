@@ -38,6 +38,7 @@ class CostSettings:
     roi_size: int
     roi_margin_mm: float
     verify_tau_depth_mm: float
+    verify_occluder_cost: float
     candidates: int
 
 
@@ -161,13 +162,16 @@ def verify(
     """Cost of a final pose on its own, comparable between the hypotheses of one object.
 
     It owes nothing to the coarse pose: the ROI is its own and no area reference enters. τ_d is
-    `verify_tau_depth_mm`: a wide one finds the pose, a narrow one tells right from wrong.
+    `verify_tau_depth_mm`: a wide one finds the pose, a narrow one tells right from wrong. Occluders
+    cost `verify_occluder_cost`: the search must not hide behind them, but a pose that is right
+    must not lose to a wrong one in the open.
     """
     alone = replace(
         settings,
         uncovered_cost=0.0,
         roi_margin_mm=0.0,
         tau_depth_mm=settings.verify_tau_depth_mm,
+        occluder_cost=settings.verify_occluder_cost,
     )
     pose_cam_obj = np.asarray(pose_cam_obj, dtype=np.float64)
     cost = DepthCost(mesh, depth, camera_matrix, pose_cam_obj, alone)
