@@ -19,28 +19,31 @@ def uniform(gen: torch.Generator, shape: tuple[int, ...], low: float, high: floa
 
 def normal(gen: torch.Generator, shape: tuple[int, ...], sigma: float) -> Tensor:
     """Normal draws about zero."""
-    return torch.randn(shape, generator=gen) * sigma
+    return torch.randn(shape, generator=gen).mul_(sigma)
 
 
 def vary_surface(color: Tensor, gen: torch.Generator) -> Tensor:
     """White balance (σ .2), exposure and saturation of an object's own colour (n, 3, h, w), 0…1."""
     n = len(color)
-    gain = torch.exp(normal(gen, (n, 3, 1, 1), 0.2) + uniform(gen, (n, 1, 1, 1), -0.7, 0.35))
-    grey = torch.einsum("nchw,c->nhw", color, _GREY)[:, None]
-    saturation = (1.0 + normal(gen, (n, 1, 1, 1), 0.3)).clamp(min=0.0)
-    return (grey + (color - grey) * saturation) * gain
+    gain = torch.exp(normal(gen, (n, 3, 1), 0.2) + uniform(gen, (n, 1, 1), -0.7, 0.35))
+    saturation = (1.0 + normal(gen, (n, 1, 1), 0.3)).clamp(min=0.0)
+    # grey + (colour − grey)·saturation, times gain, as one matrix: a pass over the pixels, not five.
+    mix = gain * (saturation * torch.eye(3) + (1.0 - saturation) * _GREY)
+    return (mix @ color.flatten(2)).view(color.shape)
 
 
 def vary_camera(color: Tensor, gen: torch.Generator) -> Tensor:
     """Exposure, gamma, contrast, blur (half of the images) and noise of whole images, 0…1."""
     n = len(color)
     color = color * torch.exp(uniform(gen, (n, 1, 1, 1), -0.7, 0.2))
-    color = color.clamp(0.0, 1.0) ** torch.exp(normal(gen, (n, 1, 1, 1), 0.2))
+    color.clamp_(0.0, 1.0).pow_(torch.exp(normal(gen, (n, 1, 1, 1), 0.2)))
     mean = color.mean(dim=(1, 2, 3), keepdim=True)
-    color = mean + (color - mean) * (1.0 + normal(gen, (n, 1, 1, 1), 0.2)).clamp(min=0.3)
+    contrast = (1.0 + normal(gen, (n, 1, 1, 1), 0.2)).clamp(min=0.3)
+    color.mul_(contrast).add_(mean * (1.0 - contrast))
     color = blur(color, gen, share=0.5)
     noise = normal(gen, tuple(color.shape), 1.0)
-    return (color + noise * uniform(gen, (n, 1, 1, 1), 0.0, 0.04)).clamp(0.0, 1.0)
+    noise.mul_(uniform(gen, (n, 1, 1, 1), 0.0, 0.04))
+    return color.add_(noise).clamp_(0.0, 1.0)
 
 
 def blur(image: Tensor, gen: torch.Generator, share: float) -> Tensor:
