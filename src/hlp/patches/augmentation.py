@@ -27,7 +27,7 @@ def vary_surface(color: Tensor, gen: torch.Generator) -> Tensor:
     n = len(color)
     gain = torch.exp(normal(gen, (n, 3, 1), 0.2) + uniform(gen, (n, 1, 1), -0.7, 0.35))
     saturation = (1.0 + normal(gen, (n, 1, 1), 0.3)).clamp(min=0.0)
-    # grey + (colour − grey)·saturation, times gain, as one matrix: a pass over the pixels, not five.
+    # grey + (colour − grey)·saturation, times gain, as one matrix: one pass instead of five.
     mix = gain * (saturation * torch.eye(3) + (1.0 - saturation) * _GREY)
     return (mix @ color.flatten(2)).view(color.shape)
 

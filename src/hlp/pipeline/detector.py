@@ -105,7 +105,7 @@ class Detector:
         return Coarse(cut, votes, found, matched - begun, time.perf_counter() - matched)
 
     def fine(self, frame: Frame, object_id: int, coarse: Hypotheses) -> Refinement | None:
-        """Stage 3: refine the hypotheses that fit best, keep the one of least cost; None without."""
+        """Stage 3: the refined hypothesis of least cost; None where there is no hypothesis."""
         if len(coarse) == 0:
             return None
         model = self.world.models[object_id]
