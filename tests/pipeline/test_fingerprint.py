@@ -88,7 +88,11 @@ def test_nan_is_refused_and_the_key_named() -> None:
         plain({"a": [0.0, np.float64("nan")]})
 
 
-@pytest.mark.parametrize("value", [np.zeros(2), {1, 2}, object(), Pso, {1: "one"}], ids=str)
+@pytest.mark.parametrize(
+    "value",
+    [np.zeros(2), {1, 2}, object(), Pso, {1: "one"}],
+    ids=["array", "set", "object", "class", "key"],  # the same in every worker
+)
 def test_what_has_no_plain_form_is_refused(value: object) -> None:
     with pytest.raises(TypeError, match=r"settings\.bad"):
         plain({"bad": value})
