@@ -28,11 +28,11 @@ DRILL = 5
 LOOKED_AT = (0, 2)  # frames in which the drill is near and in full view
 TINY = (
     "encoder=pca",
-    "rendering.viewpoints=60",
-    "rendering.in_plane_steps=3",
-    "patches.pool.per_object=300",
+    "rendering.viewpoints=80",
+    "rendering.in_plane_steps=7",
+    "patches.pool.per_object=900",
     "patches.pool.backgrounds=300",
-    "patches.pairs.per_object=60",
+    "patches.pairs.per_object=600",
     "classifier.epochs=4",
     "machine.threads=2",
 )

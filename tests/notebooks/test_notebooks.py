@@ -51,6 +51,7 @@ def printed(notebook: NotebookNode) -> str:
 @pytest.fixture(autouse=True)
 def package_on_path(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", str(Path(hlp.__file__).parents[1]))
+    monkeypatch.delenv("MPLBACKEND", raising=False)  # the kernel draws into the notebook
 
 
 @pytest.mark.parametrize("path", sorted(NOTEBOOKS.glob("*.ipynb")), ids=lambda path: path.stem)

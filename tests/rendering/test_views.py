@@ -187,7 +187,7 @@ def test_a_camera_inside_the_object_is_refused() -> None:
 @pytest.mark.parametrize("name", ["auto", "numba", "pyrender"])
 def test_the_config_files_make_settings(name: str) -> None:
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        config = compose(overrides=[f"+rendering={name}"]).rendering
+        config = compose(overrides=[f"+rendering={name}", "+machine=local"]).rendering
     settings = ViewsSettings(**config)
     assert settings.name == name
     assert settings.viewpoints * settings.in_plane_steps == 3600  # as many views as the paper's
