@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 import torch
+from jaxtyping import Int
 
 from hlp.codebook.neighbours import ExactNeighbours, ExactSettings, KdForest, Neighbours
 from hlp.models.classifier import class_probabilities
@@ -33,6 +34,18 @@ class Coarse:
     hypotheses: Hypotheses
     local_seconds: float
     voting_seconds: float
+
+
+@dataclass(frozen=True)
+class Fine:
+    """What stage 3 makes of the hypotheses: those refined, which they were, and the answer's index.
+
+    `refined[i]` comes of the coarse hypothesis `sources[i]`; `refined[best]` is the answer.
+    """
+
+    refined: list[Refinement]
+    sources: Int[np.ndarray, "c"]
+    best: int
 
 
 class Detector:
@@ -104,16 +117,18 @@ class Detector:
         found = self._modes.find(votes, model.centroid)
         return Coarse(cut, votes, found, matched - begun, time.perf_counter() - matched)
 
-    def fine(self, frame: Frame, object_id: int, coarse: Hypotheses) -> Refinement | None:
-        """Stage 3: the refined hypothesis of least cost; None where there is no hypothesis."""
+    def fine(self, frame: Frame, object_id: int, coarse: Hypotheses) -> Fine | None:
+        """Stage 3: refine the hypotheses worth it and choose one; None where there is none."""
         if len(coarse) == 0:
             return None
         model = self.world.models[object_id]
         seed = hash_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id)
         depth, camera = frame.depth, frame.camera_matrix
-        fitting = screen(model, depth, camera, coarse, self.settings.refinement.cost)
+        kept = screen(model, depth, camera, coarse, self.settings.refinement.cost)
+        fitting = Hypotheses(coarse.poses_cam_obj[kept], coarse.support[kept])
         refined = self._refiner.refine(model, depth, camera, fitting, seed)
-        return min(refined, key=lambda each: each.cost)
+        best = min(range(len(refined)), key=lambda i: refined[i].cost)
+        return Fine(refined, kept, best)
 
     def _codebook(self, object_id: int) -> tuple[Codebook, Neighbours]:
         if object_id not in self._searches:

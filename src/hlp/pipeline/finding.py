@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
-from hlp.pipeline.detector import Detector
+from hlp.pipeline.detector import Coarse, Detector, Fine
 from hlp.pipeline.fingerprint import fingerprint
 from hlp.pipeline.frame_files import read_arrays, write_arrays
 from hlp.pipeline.learning import Learner, Output
@@ -17,7 +18,7 @@ from hlp.pipeline.store import StageStore
 from hlp.pipeline.world import World
 from hlp.records import Frame, Hypotheses, PoseEstimate, Region
 
-VERSIONS = {"regions": 1, "hypotheses": 1, "poses": 1}
+VERSIONS = {"regions": 1, "hypotheses": 2, "poses": 2}
 
 Arrays = dict[str, np.ndarray]
 
@@ -88,18 +89,13 @@ class Finder:
             arrays: Arrays = {}
             for object_id, region in found.items():
                 coarse = self.detector.coarse(frame, region)
-                arrays |= {
-                    f"{object_id}/poses": coarse.hypotheses.poses_cam_obj,
-                    f"{object_id}/support": coarse.hypotheses.support,
-                    f"{object_id}/votes": np.array(len(coarse.votes)),
-                    f"{object_id}/seconds": np.array([coarse.local_seconds, coarse.voting_seconds]),
-                }
+                arrays |= _coarse_arrays(str(object_id), coarse)
             return arrays
 
         return self._stage("hypotheses", settings, upstream, find)
 
     def poses(self) -> Output:
-        """Stage 3: the refined pose of every target, the best of its hypotheses."""
+        """Stage 3: the refined hypotheses of every target, and which of them is the answer."""
         hypotheses = self.hypotheses()
         settings = {"refinement": result_settings(self.settings.refinement)}
         upstream = {"hypotheses": hypotheses.fingerprint}
@@ -113,11 +109,8 @@ class Finder:
                 name = str(object_id)
                 coarse = Hypotheses(stored[f"{name}/poses"], stored[f"{name}/support"])
                 begun = time.perf_counter()
-                best = self.detector.fine(frame, object_id, coarse)
-                if best is not None:
-                    arrays[f"{name}/pose"] = best.pose_cam_obj
-                    arrays[f"{name}/cost"] = np.array(best.cost)
-                arrays[f"{name}/seconds"] = np.array(time.perf_counter() - begun)
+                fine = self.detector.fine(frame, object_id, coarse)
+                arrays |= _fine_arrays(name, fine, time.perf_counter() - begun)
             return arrays
 
         return self._stage("poses", settings, upstream, find)
@@ -167,8 +160,11 @@ def _estimate(
         "voting": voting,
         "refinement": float(fine[f"{name}/seconds"]),
     }
-    pose = fine.get(f"{name}/pose")
-    score = 0.0 if pose is None else float(np.clip(1.0 - fine[f"{name}/cost"], 0.0, 1.0))
+    pose, score = None, 0.0
+    if f"{name}/best" in fine:
+        best = int(fine[f"{name}/best"])
+        pose = fine[f"{name}/poses"][best]
+        score = float(np.clip(1.0 - fine[f"{name}/costs"][best], 0.0, 1.0))
     return PoseEstimate(scene_id, frame_id, int(name), pose, score, seconds)
 
 
@@ -179,6 +175,33 @@ def _region_arrays(region: Region, seconds: float) -> Arrays:
         f"{name}/probabilities": region.probabilities.astype(np.float32),
         f"{name}/mask": np.packbits(region.mask),
         f"{name}/seconds": np.array(seconds),
+    }
+
+
+def _coarse_arrays(name: str, coarse: Coarse) -> Arrays:
+    """Hypotheses and votes; a vote in single precision is still exact to a micrometre."""
+    votes = coarse.votes
+    rotations = Rotation.from_matrix(votes.rotations_cam_obj.reshape(-1, 3, 3))
+    return {
+        f"{name}/poses": coarse.hypotheses.poses_cam_obj,
+        f"{name}/support": coarse.hypotheses.support,
+        f"{name}/vote_centroids": votes.centroids_cam.astype(np.float32),
+        f"{name}/vote_quaternions": rotations.as_quat().astype(np.float32),
+        f"{name}/vote_weights": votes.weights.astype(np.float32),
+        f"{name}/seconds": np.array([coarse.local_seconds, coarse.voting_seconds]),
+    }
+
+
+def _fine_arrays(name: str, fine: Fine | None, seconds: float) -> Arrays:
+    """Every refined hypothesis, its cost and the coarse one it comes of, and the index of the answer."""
+    arrays = {f"{name}/seconds": np.array(seconds)}
+    if fine is None:
+        return arrays
+    return arrays | {
+        f"{name}/poses": np.stack([each.pose_cam_obj for each in fine.refined]),
+        f"{name}/costs": np.array([each.cost for each in fine.refined]),
+        f"{name}/sources": fine.sources,
+        f"{name}/best": np.array(fine.best),
     }
 
 
