@@ -193,7 +193,7 @@ def _coarse_arrays(name: str, coarse: Coarse) -> Arrays:
 
 
 def _fine_arrays(name: str, fine: Fine | None, seconds: float) -> Arrays:
-    """Every refined hypothesis, its cost and the coarse one it comes of, and the index of the answer."""
+    """Every refined hypothesis with its cost and the coarse one it comes of; which is the answer."""
     arrays = {f"{name}/seconds": np.array(seconds)}
     if fine is None:
         return arrays
