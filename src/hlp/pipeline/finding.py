@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
+from hlp.geometry import quaternions
 from hlp.pipeline.detector import Coarse, Detector, Fine
 from hlp.pipeline.fingerprint import fingerprint
 from hlp.pipeline.frame_files import read_arrays, write_arrays
@@ -181,19 +181,18 @@ def _region_arrays(region: Region, seconds: float) -> Arrays:
 def _coarse_arrays(name: str, coarse: Coarse) -> Arrays:
     """Hypotheses and votes; a vote in single precision is still exact to a micrometre."""
     votes = coarse.votes
-    rotations = Rotation.from_matrix(votes.rotations_cam_obj.reshape(-1, 3, 3))
     return {
         f"{name}/poses": coarse.hypotheses.poses_cam_obj,
         f"{name}/support": coarse.hypotheses.support,
         f"{name}/vote_centroids": votes.centroids_cam.astype(np.float32),
-        f"{name}/vote_quaternions": rotations.as_quat().astype(np.float32),
+        f"{name}/vote_quaternions": quaternions(votes.rotations_cam_obj).astype(np.float32),
         f"{name}/vote_weights": votes.weights.astype(np.float32),
         f"{name}/seconds": np.array([coarse.local_seconds, coarse.voting_seconds]),
     }
 
 
 def _fine_arrays(name: str, fine: Fine | None, seconds: float) -> Arrays:
-    """Every refined hypothesis with its cost and the coarse one it comes of; which is the answer."""
+    """Every refined hypothesis, its cost and the coarse one it comes of; `best` is the answer."""
     arrays = {f"{name}/seconds": np.array(seconds)}
     if fine is None:
         return arrays
