@@ -12,13 +12,15 @@ from hlp.records import LocalPatches
 EncoderInput = Literal["rgbd", "normals_depth"]
 
 
-def encoder_input(color: Tensor, depth: Tensor, valid: Tensor, kind: str) -> Tensor:
+def encoder_input(color: Tensor | None, depth: Tensor, valid: Tensor, kind: str) -> Tensor:
     """Channels (n, 4, p, p) in [-1, 1] of colour (n, 3, p, p) in 0…1 and depth, valid (n, p, p).
 
-    `rgbd` is the paper's (section 3.2); `normals_depth` sees shape only. Raises ValueError on
-    another kind.
+    `rgbd` is the paper's (section 3.2); `normals_depth` sees shape only and needs no colour.
+    Raises ValueError on another kind and where `rgbd` lacks colour.
     """
     if kind == "rgbd":
+        if color is None:
+            raise ValueError("the encoder's input 'rgbd' needs patches with colour")
         return torch.cat([color * 2.0 - 1.0, depth[:, None]], dim=1)
     if kind == "normals_depth":
         return torch.cat([surface_normals(depth, valid), depth[:, None]], dim=1)

@@ -1,7 +1,5 @@
 """Batches for the holistic classifier: composites on backgrounds, then augmentation."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytorch_lightning as pl
 import torch
@@ -9,22 +7,17 @@ from jaxtyping import UInt8
 from torch import Tensor
 from torch.utils.data import DataLoader
 
-from hlp.patches import augmentation as aug
+from hlp.patches.composite import DRAWS, NOISE_LENGTH, compose_windows
 from hlp.patches.holistic_pool import BACKGROUND, BackgroundPool, HolisticPool
 from hlp.patches.pool_loader import pool_loader
-
-
-@dataclass(frozen=True)
-class _Backdrop:
-    color: Tensor
-    depth: Tensor
 
 
 class HolisticDataModule(pl.LightningDataModule):
     """Composites of baked windows on backgrounds.
 
     A batch is a pair of images (n, c, p, p) in [-1, 1], c = 3 (`rgb`) or 4 (`rgbd`), and labels.
-    The same seed, epoch and step give the same batch, whatever ran before.
+    The same seed, epoch and step give the same batch, whatever ran before and on however many
+    `threads`.
     """
 
     def __init__(
@@ -35,6 +28,7 @@ class HolisticDataModule(pl.LightningDataModule):
         background_share: float,
         batch_size: int,
         seed: int,
+        threads: int,
     ) -> None:
         super().__init__()
         self.pool = {
@@ -43,13 +37,14 @@ class HolisticDataModule(pl.LightningDataModule):
             "mask": torch.from_numpy(pool.mask),
             "label": torch.from_numpy(pool.labels),
         }
-        self.backgrounds = _Backdrop(
-            torch.from_numpy(backgrounds.color), torch.from_numpy(backgrounds.depth)
-        )
+        self.backgrounds = backgrounds
         self.channels = channels
         self.background_share = background_share
         self.batch_size = batch_size
         self.seed = seed
+        self.threads = threads
+        noise = np.random.default_rng(seed).standard_normal(NOISE_LENGTH, dtype=np.float32)
+        self._noise = noise
 
     def train_dataloader(self) -> DataLoader[dict[str, Tensor]]:
         """Batches in an order that depends on seed and epoch only."""
@@ -60,62 +55,96 @@ class HolisticDataModule(pl.LightningDataModule):
     ) -> tuple[Tensor, Tensor]:
         """Composite and augment on the CPU, seeded by the trainer's step."""
         step = self.trainer.global_step if self.trainer is not None else 0
-        gen = torch.Generator().manual_seed(self.seed * 1_000_003 + step)
-        return self.compose(batch, gen)
+        return self.compose(batch, np.random.default_rng([self.seed, step]))
 
-    def compose(self, batch: dict[str, Tensor], gen: torch.Generator) -> tuple[Tensor, Tensor]:
+    def compose(self, batch: dict[str, Tensor], rng: np.random.Generator) -> tuple[Tensor, Tensor]:
         """Images and labels of one batch of baked windows."""
+        count, size = batch["mask"].shape[:2]
+        draws = draw_composites(
+            rng, count, size, len(self.backgrounds.color), self.background_share
+        )
+        images = compose_windows(
+            batch["color"].numpy(),
+            batch["depth"].numpy(),
+            batch["mask"].numpy(),
+            self.backgrounds.color,
+            self.backgrounds.depth,
+            draws,
+            self._noise,
+            self.channels == "rgbd",
+            self.threads,
+        )
         labels = batch["label"].clone()
-        mask = batch["mask"]
-        n, size = len(labels), mask.shape[-1]
-        alone = torch.rand(n, generator=gen) < self.background_share
-        labels[alone] = BACKGROUND
-        occluder = aug.rectangles(gen, n, size, share=1 / 3, low=0.15, high=0.6)
-        # An occluder over the centre would set another depth, hence another window.
-        middle = slice(size // 2 - 3, size // 2 + 3)
-        occluder &= ~occluder[:, middle, middle].any(dim=(1, 2))[:, None, None]
-        shown = mask & ~alone[:, None, None] & ~occluder
-        behind = self._draw_backgrounds(n, gen)
-        surface = aug.vary_surface(_unit(batch["color"]), gen)
-        # Another sample's background serves as occluder: as random, and already there.
-        color = torch.where(occluder[:, None], behind.color.roll(1, dims=0), behind.color)
-        color = torch.where(shown[:, None], surface, color)
-        color = aug.vary_camera(color, gen) * 2 - 1
-        if self.channels == "rgb":
-            return color.contiguous(memory_format=torch.channels_last), labels
-        depth = self._depth(batch["depth"], shown, occluder, behind.depth, gen)
-        image = torch.cat([color, depth[:, None]], dim=1)
-        return image.contiguous(memory_format=torch.channels_last), labels
+        labels[torch.from_numpy(draws["alone"].copy())] = BACKGROUND
+        # Channels last in memory, as the network wants them.
+        return torch.from_numpy(images).permute(0, 3, 1, 2), labels
 
-    def _draw_backgrounds(self, n: int, gen: torch.Generator) -> _Backdrop:
-        rows = torch.randint(len(self.backgrounds.color), (n,), generator=gen)
-        color = _unit(self.backgrounds.color[rows])
-        gain = torch.exp(aug.uniform(gen, (n, 1, 1, 1), -0.4, 0.3))
-        size = color.shape[-1]
-        code = self.backgrounds.depth[rows]
-        plane = aug.random_planes(gen, n, size, -0.2, 1.2)
-        plane = plane + aug.smooth_noise(gen, n, size, 4) * aug.uniform(gen, (n, 1, 1), 0, 0.4)
-        measured = (code > 0).flatten(1).any(dim=1)[:, None, None]
-        return _Backdrop(color * gain, torch.where(measured, code_to_unit(code), plane))
 
-    def _depth(
-        self,
-        code: Tensor,
-        shown: Tensor,
-        occluder: Tensor,
-        behind: Tensor,
-        gen: torch.Generator,
-    ) -> Tensor:
-        """Depth of the composite in [-1, 1]: noise, steps of quantisation, holes."""
-        n, size = len(code), code.shape[-1]
-        away = aug.uniform(gen, (n, 1, 1), 0.0, 0.6)
-        depth = torch.where(shown, code_to_unit(code), behind + away)
-        near = aug.random_planes(gen, n, size, -0.8, -0.1)
-        depth = torch.where(occluder, near, depth)
-        depth = depth + aug.normal(gen, (n, 1, 1), 0.02)
-        depth = depth + aug.normal(gen, (n, size, size), 1.0) * aug.uniform(gen, (n, 1, 1), 0, 0.03)
-        holes = aug.smooth_noise(gen, n, size, 16) > aug.uniform(gen, (n, 1, 1), 1.2, 4.0)
-        return torch.where(holes, torch.ones(()), depth.clamp(-1.0, 1.0))
+def draw_composites(
+    rng: np.random.Generator, count: int, size: int, backgrounds: int, background_share: float
+) -> np.ndarray:
+    """What is drawn for `count` images of `size` px (type DRAWS).
+
+    Random light, white balance, exposure, blur, noise, occluders and backgrounds decide whether a
+    network trained on renders works on real pictures.
+    """
+    draws = np.zeros(count, DRAWS)
+    draws["alone"] = rng.random(count) < background_share
+    _draw_occluders(rng, draws, size)
+    draws["behind"] = rng.integers(backgrounds, size=count)
+    draws["behind_gain"] = np.exp(rng.uniform(-0.4, 0.3, count))
+    # Another image's background serves as occluder.
+    draws["before"] = np.roll(draws["behind"], 1)
+    draws["before_gain"] = np.roll(draws["behind_gain"], 1)
+    _draw_colors(rng, draws)
+    _draw_depths(rng, draws)
+    draws["noise_start"] = rng.integers(NOISE_LENGTH - 4 * size * size, size=count)
+    return draws
+
+
+def _draw_occluders(rng: np.random.Generator, draws: np.ndarray, size: int) -> None:
+    """Rectangles on a third; they lean against the border as often as not."""
+    count = len(draws)
+    extent = rng.uniform(0.15, 0.6, (count, 2))
+    start = rng.uniform(-0.3, 1.0, (count, 2))
+    low = np.rint(np.clip(start, 0.0, 1.0) * size).astype(int)
+    high = np.rint(np.clip(start + extent, 0.0, 1.0) * size).astype(int)
+    # An occluder over the centre would set another depth, hence another window.
+    middle = ((low < size // 2 + 3) & (high > size // 2 - 3)).all(axis=1)
+    shown = (rng.random(count) < 1 / 3) & ~middle
+    draws["top"], draws["left"] = low.T
+    draws["bottom"], draws["right"] = np.where(shown[:, None], high, low).T
+
+
+def _draw_colors(rng: np.random.Generator, draws: np.ndarray) -> None:
+    """White balance, exposure and saturation of the object; exposure to noise of the camera."""
+    count = len(draws)
+    gain = np.exp(rng.normal(0.0, 0.2, (count, 3)) + rng.uniform(-0.7, 0.35, (count, 1)))
+    saturation = np.maximum(rng.normal(1.0, 0.3, (count, 1, 1)), 0.0)
+    grey = np.array([0.299, 0.587, 0.114])
+    # grey + (colour − grey)·saturation, times gain, as one matrix.
+    draws["surface"] = gain[:, :, None] * (saturation * np.eye(3) + (1.0 - saturation) * grey)
+    draws["exposure"] = np.exp(rng.uniform(-0.7, 0.2, count))
+    draws["gamma"] = np.exp(rng.normal(0.0, 0.2, count))
+    draws["contrast"] = np.maximum(rng.normal(1.0, 0.2, count), 0.3)
+    draws["blurs"] = rng.choice([0, 1, 2], count, p=[0.5, 0.25, 0.25])
+    draws["color_noise"] = rng.uniform(0.0, 0.04, count)
+
+
+def _draw_depths(rng: np.random.Generator, draws: np.ndarray) -> None:
+    """Planes of backgrounds and occluders, the sensor's noise and holes."""
+    count = len(draws)
+    offsets = {"far": (-0.2, 1.2), "near": (-0.8, -0.1)}
+    for name, (low, high) in offsets.items():
+        slopes = rng.normal(0.0, 0.5, (count, 2))
+        draws[name] = np.column_stack([rng.uniform(low, high, count), slopes])
+    height = rng.uniform(0.0, 0.4, (count, 1, 1))
+    draws["relief"] = rng.standard_normal((count, 4, 4)) * height
+    draws["away"] = rng.uniform(0.0, 0.6, count)
+    draws["depth_shift"] = rng.normal(0.0, 0.02, count)
+    draws["depth_noise"] = rng.uniform(0.0, 0.03, count)
+    draws["holes"] = rng.standard_normal((count, 16, 16))
+    draws["hole_level"] = rng.uniform(1.2, 4.0, count)
 
 
 def window_images(

@@ -40,7 +40,8 @@ def train_encoder(
         _train_autoencoder(world, settings, encoder, folder)
     elif isinstance(encoder, ContrastiveSettings):
         pairs = _pairs(world, settings, views_of)
-        data = PairDataModule(pairs, encoder.batch_size, settings.seed)
+        with_color = encoder.input == "rgbd"
+        data = PairDataModule(pairs, with_color, encoder.batch_size, settings.seed)
         module = ContrastiveEncoder(encoder)
         fit(module, data, module.network, encoder.epochs, settings.trainer, folder)
     else:

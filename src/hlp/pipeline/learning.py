@@ -33,7 +33,7 @@ from hlp.pipeline.world import World, frames_identity
 from hlp.records import Codebook, Views
 from hlp.rendering.views import load_views, render_views, save_views
 
-VERSIONS = {"views": 1, "classifier": 1, "encoder": 1, "codebook": 1}
+VERSIONS = {"views": 1, "classifier": 2, "encoder": 2, "codebook": 2}
 _SCALE_SAMPLE = 1024
 
 
@@ -98,6 +98,7 @@ class Learner:
             patches.pool.background_share,
             settings.batch_size,
             self.settings.seed,
+            self.settings.machine.threads,
         )
         torch.manual_seed(self.settings.seed)
         module = HolisticClassifier(settings, self._channels(), len(self.world.models) + 1)

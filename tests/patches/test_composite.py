@@ -1,0 +1,116 @@
+"""The compiled composite against plain NumPy and SciPy, one operation at a time."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import convolve
+
+from hlp.patches.composite import NOISE_LENGTH, compose_windows
+from hlp.patches.holistic_data import draw_composites
+
+COUNT, SIZE, BACKGROUNDS = 60, 32, 7
+NOISE = np.random.default_rng(5).standard_normal(NOISE_LENGTH, dtype=np.float32)
+
+
+def make_windows():
+    rng = np.random.default_rng(0)
+    color = rng.integers(0, 256, (COUNT, SIZE, SIZE, 3)).astype(np.uint8)
+    code = rng.integers(1, 256, (COUNT, SIZE, SIZE)).astype(np.uint8)
+    mask = rng.random((COUNT, SIZE, SIZE)) < 0.6
+    behind = rng.integers(0, 256, (BACKGROUNDS, SIZE, SIZE, 3)).astype(np.uint8)
+    behind_code = rng.integers(1, 256, (BACKGROUNDS, SIZE, SIZE)).astype(np.uint8)
+    behind_code[:3] = 0  # photographs
+    return color, code, mask, behind, behind_code
+
+
+def draws(seed=1):
+    return draw_composites(np.random.default_rng(seed), COUNT, SIZE, BACKGROUNDS, 0.25)
+
+
+def composed(drawn, with_depth=True, threads=1):
+    return compose_windows(*make_windows(), drawn, NOISE, with_depth, threads)
+
+
+def smooth(grid):
+    """Bilinear between the centres of the grid's cells, held beyond the outermost."""
+    at = (np.arange(SIZE) + 0.5) * len(grid) / SIZE - 0.5
+    cells = np.arange(len(grid))
+    rows = np.stack([np.interp(at, cells, column) for column in grid.T], axis=1)
+    return np.stack([np.interp(at, cells, row) for row in rows])
+
+
+def plane(draw):
+    axis = np.linspace(-0.5, 0.5, SIZE)
+    return draw[0] + draw[1] * axis[:, None] + draw[2] * axis
+
+
+def reference(i, draw):
+    """One image and its depth, spelled out."""
+    color, code, mask, behind, behind_code = make_windows()
+    y, x = np.mgrid[:SIZE, :SIZE]
+    hidden = (y >= draw["top"]) & (y < draw["bottom"]) & (x >= draw["left"]) & (x < draw["right"])
+    shown = mask[i] & ~draw["alone"] & ~hidden
+    image = behind[draw["behind"]] / 255 * draw["behind_gain"]
+    image = np.where(shown[..., None], color[i] / 255 @ draw["surface"].T, image)
+    other = behind[draw["before"]] / 255 * draw["before_gain"]
+    image = np.where(hidden[..., None], other, image)
+    image = np.clip(image * draw["exposure"], 0, 1) ** draw["gamma"]
+    image = (image - image.mean()) * draw["contrast"] + image.mean()
+    kernel = np.outer([0.25, 0.5, 0.25], [0.25, 0.5, 0.25])[..., None]
+    for _ in range(draw["blurs"]):
+        image = convolve(image, kernel, mode="nearest")
+    start, pixels = draw["noise_start"], SIZE * SIZE
+    noise = NOISE[start : start + 3 * pixels].reshape(image.shape)
+    image = np.clip(image + noise * draw["color_noise"], 0, 1) * 2 - 1
+    measured = behind_code[draw["behind"]]
+    depth = (measured - 128.0) / 127.0
+    if not measured.any():
+        depth = plane(draw["far"]) + smooth(draw["relief"])
+    depth = np.where(shown, (code[i] - 128.0) / 127.0, depth + draw["away"])
+    depth = np.where(hidden, plane(draw["near"]), depth)
+    noise = NOISE[start + 3 * pixels : start + 4 * pixels].reshape(depth.shape)
+    depth = np.clip(depth + draw["depth_shift"] + noise * draw["depth_noise"], -1, 1)
+    return image, np.where(smooth(draw["holes"]) > draw["hole_level"], 1.0, depth)
+
+
+def test_each_image_is_what_plain_numpy_makes_of_the_same_draws():
+    drawn = draws()
+    images = composed(drawn)
+    assert images.shape == (COUNT, SIZE, SIZE, 4) and images.dtype == np.float32
+    for i, draw in enumerate(drawn):
+        color, depth = reference(i, draw)
+        # The tone curve is a table of 2049 values; a dark pixel under a small gamma is coarsest.
+        assert np.abs(images[i, ..., :3] - color).mean() < 1e-3
+        np.testing.assert_allclose(images[i, ..., :3], color, atol=0.05)
+        wrong = np.abs(images[i, ..., 3] - depth) > 1e-5
+        assert wrong.sum() <= 1  # rounding at the edge of a hole
+
+
+def test_threads_and_depth_change_no_colour():
+    drawn = draws()
+    one = composed(drawn)
+    np.testing.assert_array_equal(composed(drawn, threads=3), one)
+    np.testing.assert_array_equal(composed(drawn, with_depth=False), one[..., :3])
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_draws_stay_within_their_ranges(seed):
+    drawn = draw_composites(np.random.default_rng(seed), 6000, 64, 11, 0.25)
+    assert drawn["alone"].mean() == pytest.approx(0.25, abs=0.03)
+    assert drawn["behind"].min() == 0 and drawn["behind"].max() == 10
+    height, width = drawn["bottom"] - drawn["top"], drawn["right"] - drawn["left"]
+    assert height.min() >= 0 and width.min() >= 0
+    assert max(height.max(), width.max()) <= 0.6 * 64 + 1
+    shown = (height > 0) & (width > 0)
+    assert 0.1 < shown.mean() < 1 / 3
+    rows = (drawn["top"] < 35) & (drawn["bottom"] > 29)
+    columns = (drawn["left"] < 35) & (drawn["right"] > 29)
+    assert not (shown & rows & columns).any()  # no occluder over the centre
+    grey = drawn["surface"].sum(axis=2)  # what a white surface becomes
+    assert np.log(grey).std() > 0.25
+    assert drawn["gamma"].min() > 0 and drawn["contrast"].min() >= 0.3
+    assert drawn["noise_start"].max() + 4 * 64 * 64 <= NOISE_LENGTH
+
+
+def test_a_draw_follows_from_the_generator_alone():
+    assert draws(3).tobytes() == draws(3).tobytes()
+    assert draws(4).tobytes() != draws(3).tobytes()
