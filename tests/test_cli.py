@@ -38,11 +38,11 @@ def build_run(config):
         raise KeyError("a bug")
     return OmegaConf.to_container(config, resolve=True)
 
-def run(config, output):
+def run_task(config, output):
     logging.getLogger("hlp.run").info("running %s", config["seed"])
     (output / "seen.json").write_text(json.dumps(config))
 
-for name, function in (("build", build_run), ("runner", run)):
+for name, function in (("build", build_run), ("tasks", run_task)):
     module = types.ModuleType(f"hlp.pipeline.{name}")
     setattr(module, function.__name__, function)
     sys.modules[module.__name__] = module
@@ -58,7 +58,7 @@ Hlp = Callable[..., "subprocess.CompletedProcess[str]"]
 def call(tmp_path: Path) -> Hlp:
     """`hlp` in an empty folder, with conf/'s real composition over stand-in alternatives."""
     conf = tmp_path / "conf"
-    for group in ("method", "experiment", "machine", "trainer", "reporting"):
+    for group in ("method", "experiment", "machine", "trainer", "reporting", "task"):
         shutil.copytree(config_folder() / group, conf / group)
     shutil.copy(config_folder() / "config.yaml", conf)
     for group, names in STAND_INS.items():

@@ -36,14 +36,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def run(config: DictConfig) -> None:
-    """Build everything the composed configuration names, then run every stage and score."""
+    """Build everything the composed configuration names, then do its task with it."""
     from hydra.core.hydra_config import HydraConfig
 
     config.output = HydraConfig.get().runtime.output_dir  # an arm of a sweep has its own
 
-    from hlp.pipeline import build, runner
+    from hlp.pipeline import build, tasks
 
-    runner.run(build.build_run(config), Path(config.output))
+    tasks.run_task(build.build_run(config), Path(config.output))
 
 
 def predict(config: DictConfig) -> None:

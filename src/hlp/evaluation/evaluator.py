@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from hlp.evaluation import errors
@@ -79,12 +79,25 @@ def score_targets(
     return scores
 
 
+def ad_correct(
+    poses_cam_obj: Float[np.ndarray, "n 4 4"],
+    true_pose: Float[np.ndarray, "4 4"],
+    model: ObjectModel,
+    settings: EvaluationSettings,
+) -> Bool[np.ndarray, "n"]:
+    """Verdict of AD on many poses of one target, by the same policy as `score_targets`."""
+    judge = _Judge(model, settings)
+    errors_ad = np.array([judge.ad(pose, true_pose) for pose in poses_cam_obj])
+    return errors_ad < judge.ad_limit
+
+
 class _Judge:
     """Scores the targets of one object; holds what its errors need more than once."""
 
     def __init__(self, model: ObjectModel, settings: EvaluationSettings) -> None:
         self._model, self._settings = model, settings
         self._vertices = np.asarray(model.mesh.vertices, dtype=np.float64)
+        self.ad_limit = settings.ad_fraction * model.diameter
         self._symmetric = model.name in settings.symmetric
         self._tree = cKDTree(self._vertices) if self._symmetric else None
         try:
@@ -115,9 +128,10 @@ class _Judge:
     def _closest(self, targets: Sequence[Target], free: Sequence[int], pose: Pose) -> int:
         if len(free) == 1:
             return free[0]
-        return min(free, key=lambda i: self._ad(pose, targets[i].pose_cam_obj))
+        return min(free, key=lambda i: self.ad(pose, targets[i].pose_cam_obj))
 
-    def _ad(self, estimated: Pose, true: Pose) -> float:
+    def ad(self, estimated: Pose, true: Pose) -> float:
+        """ADD, or ADI where the policy calls the object symmetric (m)."""
         if self._symmetric:
             return errors.adi(estimated, true, self._vertices, self._tree)
         return errors.add(estimated, true, self._vertices)
@@ -127,7 +141,7 @@ class _Judge:
         alike = true
         if self._symmetric:
             alike = errors.nearest_symmetric_pose(pose, true, self._model.symmetries)
-        ad = self._ad(pose, true)
+        ad = self.ad(pose, true)
         turn = errors.rotation_error(pose, alike)
         shift = errors.translation_error(pose, alike)
         iou = errors.box_iou(pose, true, self._vertices, truth.camera_matrix)
@@ -142,7 +156,7 @@ class _Judge:
             rotation_error=turn,
             translation_error=shift,
             box_iou=iou,
-            ad_correct=ad < settings.ad_fraction * self._model.diameter,
+            ad_correct=ad < self.ad_limit,
             pose_correct=near and turn < math.radians(settings.rotation_deg),
             box_correct=iou >= settings.iou,
             mssd_recall=self._mssd_recall(pose, true),

@@ -27,7 +27,15 @@ from hlp.models.classifier import ClassifierSettings
 from hlp.models.contrastive import ContrastiveSettings
 from hlp.models.pca import PcaSettings
 from hlp.pipeline.ranges import check_ranges
-from hlp.pipeline.settings import MachineSettings, PatchesSettings, RunSettings, TrainerSettings
+from hlp.pipeline.settings import (
+    BasinSettings,
+    MachineSettings,
+    MethodSettings,
+    OracleSettings,
+    PatchesSettings,
+    RunSettings,
+    TrainerSettings,
+)
 from hlp.pipeline.world import World
 from hlp.refinement.icp import IcpSettings
 from hlp.refinement.none import NoneSettings
@@ -59,6 +67,7 @@ GROUPS: dict[str, type | dict[str, type]] = {
     "reporting": TrackingSettings,
     "trainer": TrainerSettings,
     "machine": MachineSettings,
+    "task": {"method": MethodSettings, "oracle": OracleSettings, "basin": BasinSettings},
 }
 _BACKGROUND_FRAMES = 40
 _BACKGROUND_SEED = 1_000_000  # far from the seeds of scenes with targets

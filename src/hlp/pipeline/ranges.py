@@ -1,6 +1,7 @@
 """Numbers that no run can work with, found before any stage runs."""
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 MAY_BE_ZERO = frozenset(
@@ -16,6 +17,9 @@ def check_ranges(settings: Any, key: str = "") -> None:
         value, name = getattr(settings, each.name), f"{key}{each.name}"
         if dataclasses.is_dataclass(value):
             check_ranges(value, f"{name}.")
+        elif isinstance(value, Mapping):
+            for key_of, one in value.items():
+                check_ranges(one, f"{name}.{key_of}.")
         elif isinstance(value, int | float) and each.name not in MAY_BE_NEGATIVE:
             whole = isinstance(value, int) and not isinstance(value, bool)
             least = 1 if whole and each.name not in MAY_BE_ZERO else 0

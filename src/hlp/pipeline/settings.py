@@ -65,6 +65,50 @@ class MachineSettings:
 
 
 @dataclass(frozen=True)
+class MethodSettings:
+    """Config group `task`: learn, find and score."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class OracleSettings:
+    """Config group `task`: what each stage costs; keys as in conf/task/oracle.yaml."""
+
+    name: str
+    frames: int | None
+    noise_deg: float
+    noise_mm: float
+
+
+@dataclass(frozen=True)
+class BasinSettings:
+    """Config group `task`: what each refiner recovers from; keys as in conf/task/basin.yaml."""
+
+    name: str
+    compared: tuple[str, ...]
+    frames: int | None
+    rotation_deg: tuple[float, ...]
+    translation_mm: tuple[float, ...]
+    starts: int
+    refiners: dict[str, PsoSettings | IcpSettings | NoneSettings]
+
+    def __post_init__(self) -> None:
+        """Raise ValueError naming the key of a list that cannot be worked with."""
+        for refiner in self.compared:
+            if refiner not in self.refiners:
+                known = ", ".join(self.refiners)
+                raise ValueError(f"task.compared names '{refiner}': choose of {known}")
+        for key in ("compared", "rotation_deg", "translation_mm"):
+            values = getattr(self, key)
+            if not values or len(set(values)) < len(values):
+                raise ValueError(f"task.{key} is {list(values)}: list each once, one at least")
+        for key in ("rotation_deg", "translation_mm"):
+            if not all(value >= 0.0 for value in getattr(self, key)):
+                raise ValueError(f"task.{key} is {list(getattr(self, key))}: from 0 upwards")
+
+
+@dataclass(frozen=True)
 class RunSettings:
     """The whole configuration, one typed record per group.
 
@@ -90,6 +134,7 @@ class RunSettings:
     reporting: TrackingSettings
     trainer: TrainerSettings
     machine: MachineSettings
+    task: MethodSettings | OracleSettings | BasinSettings
 
 
 def result_settings(settings: Any) -> dict[str, Any]:

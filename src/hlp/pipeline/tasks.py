@@ -1,0 +1,18 @@
+"""What is to be done with a configuration: run the method, or measure its stages."""
+
+from pathlib import Path
+
+from hlp.pipeline import basin, oracle, runner
+from hlp.pipeline.build import Run
+from hlp.pipeline.settings import BasinSettings, OracleSettings
+
+
+def run_task(planned: Run, output: Path) -> None:
+    """Do what config group `task` names; raises what the task raises."""
+    task = planned.settings.task
+    if isinstance(task, OracleSettings):
+        oracle.run(planned, task, output)
+    elif isinstance(task, BasinSettings):
+        basin.run(planned, task, output)
+    else:
+        runner.run(planned, output)
