@@ -1,19 +1,37 @@
-"""What made a result: versions, seed, configuration, code, data and stages (`manifest.json`)."""
+"""What made a result: versions, seed, configuration, code, data and stages (`manifest.json`).
 
+A run writes its manifest last: a folder that has one holds a whole result.
+"""
+
+import csv
 import dataclasses
+import hashlib
 import json
 import os
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from hlp.pipeline.build import Run
-from hlp.pipeline.provenance import code_digest, library_versions
+from hlp.pipeline.provenance import code_digest, git_revision, library_versions
 from hlp.pipeline.store import StageStore
 from hlp.pipeline.world import frames_identity
 
+if TYPE_CHECKING:
+    from hlp.pipeline.build import Run
 
-def make_manifest(planned: Run, store: StageStore) -> dict[str, Any]:
+FILE = "manifest.json"
+
+
+def make_manifest(planned: "Run", store: StageStore) -> dict[str, Any]:
     """Everything needed to tell whether two results were made alike."""
+    return {
+        **made_from(planned),
+        "revision": git_revision(),
+        "stages": [dataclasses.asdict(event) for event in store.events],
+    }
+
+
+def made_from(planned: "Run") -> dict[str, Any]:
+    """What decides a result: versions, code, seed, configuration and the data's content."""
     world = planned.world
     return {
         "versions": library_versions(),
@@ -28,8 +46,49 @@ def make_manifest(planned: Run, store: StageStore) -> dict[str, Any]:
             "background_frames": frames_identity(world.background_frames),
             "encoder_frames": frames_identity(world.encoder_frames),
         },
-        "stages": [dataclasses.asdict(event) for event in store.events],
     }
+
+
+def is_finished(planned: "Run", output: Path) -> bool:
+    """Whether a folder holds the whole result of such a run, made by this code from this data.
+
+    Where the result was written is no part of it. Raises ValueError for a broken manifest.
+    """
+    if not (output / FILE).is_file():
+        return False
+    manifest = read_manifest(output / FILE)
+    return all(
+        _without_output(manifest.get(key)) == _without_output(value)
+        for key, value in made_from(planned).items()
+    )
+
+
+def read_manifest(path: Path) -> dict[str, Any]:
+    """Read `manifest.json`. Raises FileNotFoundError, and ValueError where it is none."""
+    if not path.is_file():
+        raise FileNotFoundError(f"no manifest {path}")
+    try:
+        manifest = json.loads(path.read_text())
+    except ValueError as error:
+        raise ValueError(f"{path} is no JSON: {error}") from error
+    if not isinstance(manifest, dict) or not isinstance(manifest.get("config"), dict):
+        raise ValueError(f"{path} is no manifest of a run: it has no config")
+    return manifest
+
+
+def poses_digest(path: Path) -> str:
+    """Digest (16 hex digits) of all that `poses.csv` says, but for the times."""
+    digest = hashlib.blake2b(digest_size=8)
+    with path.open(encoding="utf-8", newline="") as stream:
+        for row in csv.DictReader(stream):
+            digest.update(json.dumps({**row, "time": ""}, sort_keys=True).encode() + b"\n")
+    return digest.hexdigest()
+
+
+def _without_output(value: Any) -> Any:
+    """A part of a manifest as JSON has it, without the run's own folder."""
+    plain = json.loads(json.dumps(value))
+    return {**plain, "output": None} if isinstance(plain, dict) else plain
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:

@@ -2,6 +2,7 @@
 
 import hashlib
 import platform
+import subprocess
 from importlib.metadata import version
 from pathlib import Path
 
@@ -35,3 +36,23 @@ def code_digest() -> str:
         digest.update(source.relative_to(package).as_posix().encode() + b"\0")
         digest.update(source.read_bytes() + b"\0")
     return digest.hexdigest()
+
+
+def git_revision() -> str | None:
+    """Commit of the checkout that HLP runs from, `+` behind it where files were changed since.
+
+    None for an installed package, wherever it lies, and where there is no git.
+    """
+    package = Path(hlp.__file__).parent
+
+    def git(*words: str) -> str | None:
+        try:
+            done = subprocess.run(["git", *words], cwd=package, capture_output=True, text=True)
+        except OSError:
+            return None
+        return done.stdout.strip() if done.returncode == 0 else None
+
+    if git("ls-files", "--error-unmatch", "__init__.py") is None:
+        return None
+    changed = git("status", "--porcelain", "--untracked-files=no", "--", ".")
+    return f"{git('rev-parse', 'HEAD')}{'+' if changed else ''}"

@@ -11,14 +11,15 @@ from tqdm import tqdm
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.evaluation.poses_file import read_poses, write_poses, write_scores
 from hlp.evaluation.summary import summarise
+from hlp.pipeline import manifest
 from hlp.pipeline.build import Run
 from hlp.pipeline.drawing import picture_of_stages
 from hlp.pipeline.finding import Finder
 from hlp.pipeline.frame_files import read_arrays
 from hlp.pipeline.learning import Learner
-from hlp.pipeline.manifest import make_manifest, write_json
 from hlp.pipeline.store import StageStore
 from hlp.pipeline.threads import set_threads
+from hlp.pipeline.tracked import log_inputs, log_tables, revision_tag, run_name
 from hlp.pipeline.training import read_history
 from hlp.records import PoseEstimate, TargetScore
 from hlp.reporting.metrics import summary_metrics
@@ -32,25 +33,30 @@ STAGES = ("holistic", "local", "voting", "refinement")
 def run(planned: Run, output: Path) -> dict[str, Any]:
     """Run every stage not yet on disk, write the results into `output`, return the summary.
 
-    `output` receives summary.json, scores.csv, poses.csv, manifest.json and panels/. Everything is
-    logged as one MLflow run, which is opened first: a crash leaves it FAILED.
+    `output` receives summary.json, scores.csv, poses.csv, panels/ and, last, manifest.json.
+    Everything is logged as one MLflow run, which is opened first: a crash leaves it FAILED.
     """
     settings = planned.settings
     if not planned.world.annotated:
         raise ValueError("these frames have no true poses to score against: use `hlp predict`")
     set_threads(settings)
     output.mkdir(parents=True, exist_ok=True)
-    name = f"{settings.name} {settings.encoder.name} {settings.voting.name} {output.name}"
-    with track_run(settings.reporting, name, planned.config) as tracker:
+    (output / manifest.FILE).unlink(missing_ok=True)
+    name = run_name(settings, output)
+    with track_run(settings.reporting, name, planned.config, revision_tag()) as tracker:
+        log_inputs(planned, tracker)
         store = StageStore(Path(settings.work))
         learner = Learner(planned.world, settings, store)
         finder = Finder(planned.world, settings, learner, store, planned.keys)
         estimates = finder.estimates()
         _log_training(learner, tracker)
         summary = _score(planned, finder, estimates, output)
-        write_json(output / "manifest.json", make_manifest(planned, store))
         _draw(planned, finder, estimates, output / "panels")
         tracker.log_metrics(summary_metrics(summary))
+        log_tables(summary, output, tracker)
+        made = manifest.make_manifest(planned, store)
+        made["poses"] = manifest.poses_digest(output / "poses.csv")
+        manifest.write_json(output / manifest.FILE, made)
         tracker.log_artifacts(output)
     print(format_summary(summary))
     _say_where(planned, output, tracker)
@@ -78,7 +84,7 @@ def _score(
         settings.evaluation,
         settings.seed,
     )
-    write_json(output / "summary.json", summary)
+    manifest.write_json(output / "summary.json", summary)
     return summary
 
 

@@ -1,5 +1,6 @@
 """Runs in MLflow. A run is opened before any work is done, so that a crash leaves a FAILED row."""
 
+import json
 import logging
 import os
 import re
@@ -9,6 +10,7 @@ import time
 import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +22,9 @@ if TYPE_CHECKING:
 
 LONGEST_PARAMETER = 6000  # MLflow's own limit
 PARAMETERS_AT_ONCE = 100  # likewise
+LONGEST_DIGEST = 36  # likewise
+PARENT = "mlflow.parentRunId"  # tag of a sweep's arms
+REVISION = "mlflow.source.git.commit"
 SQLITE = "sqlite:///"
 
 
@@ -30,6 +35,28 @@ class TrackingSettings:
     name: str
     uri: str
     experiment: str
+
+
+@dataclass(frozen=True)
+class Arm:
+    """One run of a sweep: its name, its parent's id, and the keys that the sweep changes."""
+
+    name: str
+    parent: str
+    swept: Mapping[str, str]
+
+
+_ARM: ContextVar[Arm | None] = ContextVar("arm", default=None)
+
+
+@contextmanager
+def as_arm(arm: Arm) -> Iterator[None]:
+    """Runs opened meanwhile are this arm: what opens them need not know of sweeps."""
+    token = _ARM.set(arm)
+    try:
+        yield
+    finally:
+        _ARM.reset(token)
 
 
 class Tracker:
@@ -72,6 +99,14 @@ class Tracker:
         for start in range(0, len(entries), PARAMETERS_AT_ONCE):
             self._client.log_batch(self.run_id, params=entries[start : start + PARAMETERS_AT_ONCE])
 
+    def log_input(self, name: str, digest: str, source: str, context: str) -> None:
+        """Log a data set that the run reads: `digest` of its content, and what it is read for."""
+        from mlflow.entities import Dataset, DatasetInput, InputTag
+
+        data = Dataset(name, digest[:LONGEST_DIGEST], "local", json.dumps({"uri": source}))
+        tags = [InputTag("mlflow.data.context", context)]
+        self._client.log_inputs(self.run_id, datasets=[DatasetInput(data, tags)])
+
     def log_artifact(self, path: Path, folder: str | None = None) -> None:
         """Copy a file into the run's artifacts; raises FileNotFoundError where there is none."""
         if not path.is_file():
@@ -92,20 +127,31 @@ class Tracker:
 
 @contextmanager
 def track_run(
-    settings: TrackingSettings, run_name: str, params: Mapping[str, Any]
+    settings: TrackingSettings,
+    run_name: str,
+    params: Mapping[str, Any],
+    tags: Mapping[str, str] | None = None,
+    resume: str | None = None,
 ) -> Iterator[Tracker]:
     """Open an MLflow run; it ends FINISHED, KILLED if interrupted, or FAILED with a traceback.
 
-    `params` is the run's configuration. A local database is made on first use, together with the
-    folder for artifacts beside it.
+    `params` is the run's configuration; `tags` may name the `REVISION` of the code. An `as_arm`
+    around it decides the name, and the parent. With `resume`, the run of that id goes on instead of
+    a new one, unless MLflow has it no more. A local database is made on first use, together with
+    the folder for artifacts beside it.
     """
     client, experiment_id = _connect(settings)
-    run = client.create_run(
-        experiment_id, run_name=run_name, tags={"mlflow.source.name": "hlp run"}
-    )
-    tracker = Tracker(client, experiment_id, run.info.run_id)
+    all_tags = {"mlflow.source.name": "hlp run", **(tags or {})}
+    arm = _ARM.get()
+    if arm is not None:
+        run_name, all_tags[PARENT] = arm.name, arm.parent
+    run_id = resume
+    if run_id is None or not _goes_on(client, run_id):
+        run_id = client.create_run(experiment_id, run_name=run_name, tags=all_tags).info.run_id
+    tracker = Tracker(client, experiment_id, run_id)
     try:
-        tracker.log_params(params)
+        tracker.log_params({**(arm.swept if arm else {}), **flatten(params)})
+        client.log_dict(run_id, dict(params), "config.yaml")
         yield tracker
     except Exception as error:
         client.set_tag(tracker.run_id, "error", f"{type(error).__name__}: {error}"[:500])
@@ -116,6 +162,22 @@ def track_run(
         client.set_terminated(tracker.run_id, "KILLED")
         raise
     client.set_terminated(tracker.run_id, "FINISHED")
+
+
+def _goes_on(client: "MlflowClient", run_id: str) -> bool:
+    """Have a run that ended be running again; False where MLflow does not have it."""
+    from mlflow.exceptions import MlflowException
+
+    try:
+        run = client.get_run(run_id)
+    except MlflowException as error:
+        if error.error_code != "RESOURCE_DOES_NOT_EXIST":
+            raise
+        return False
+    if "error" in run.data.tags:
+        client.delete_tag(run_id, "error")
+    client.update_run(run_id, status="RUNNING")
+    return True
 
 
 def how_to_browse(settings: TrackingSettings, tracker: Tracker) -> str:
