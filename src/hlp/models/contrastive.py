@@ -58,8 +58,15 @@ class ContrastiveEncoder(pl.LightningModule):
         own = torch.arange(len(logits), device=logits.device)
         loss = (functional.cross_entropy(logits, own) + functional.cross_entropy(logits.T, own)) / 2
         accuracy = (logits.argmax(dim=1) == own).float().mean()
-        self.log("loss", loss, on_step=False, on_epoch=True, prog_bar=True)
-        self.log("accuracy", accuracy, on_step=False, on_epoch=True, prog_bar=True)
+        self.log("loss", loss, on_step=False, on_epoch=True, prog_bar=True, batch_size=len(logits))
+        self.log(
+            "accuracy",
+            accuracy,
+            on_step=False,
+            on_epoch=True,
+            prog_bar=True,
+            batch_size=len(logits),
+        )
         return loss
 
     def _near(self, batch: dict[str, Any]) -> Tensor:
