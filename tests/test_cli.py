@@ -151,7 +151,7 @@ def test_experiment_wins_over_method_and_loses_to_the_command_line(
 
 
 def test_arms_of_a_sweep_have_folders_of_their_own(call: Hlp, tmp_path: Path) -> None:
-    done = call("run", "-m", "refinement=pso,icp", "output=sweep")
+    done = call("-m", "refinement=pso,icp", "output=sweep")
     assert done.returncode == 0
     assert [choices(tmp_path / "sweep" / arm)["refinement"] for arm in "01"] == ["pso", "icp"]
 

@@ -22,6 +22,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     `HLP_TRACEBACK=1` shows where an error came from instead of one line that says what it is.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
+    if given and given[0] in MULTIRUN:
+        given = ["run", *given]
     name = given[0] if given else "--help"
     if name in {"-h", "--help"}:
         print(_usage())
@@ -38,11 +40,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def run(config: DictConfig) -> None:
     """Build everything the composed configuration names, then do its task with it."""
     from hydra.core.hydra_config import HydraConfig
+    from hydra.types import RunMode
 
     config.output = HydraConfig.get().runtime.output_dir  # an arm of a sweep has its own
 
-    from hlp.pipeline import build, tasks
+    from hlp.pipeline import build, sweep, tasks
 
+    if HydraConfig.get().mode == RunMode.MULTIRUN:
+        sweep.run_arm(config)
+        return
     tasks.run_task(build.build_run(config), Path(config.output))
 
 
@@ -70,7 +76,14 @@ class _Command:
 def _usage() -> str:
     lines = [f"  {name:<8} {command.summary}" for name, command in COMMANDS.items()]
     return "\n".join(
-        ["usage: hlp COMMAND [overrides]", "", *lines, "", "`hlp COMMAND --help` says more."]
+        [
+            "usage: hlp COMMAND [overrides]",
+            "       hlp -m [overrides]   (a sweep)",
+            "",
+            *lines,
+            "",
+            "`hlp COMMAND --help` says more.",
+        ]
     )
 
 
@@ -81,6 +94,12 @@ def _set_environment() -> None:
 
 
 def _run_command(arguments: Sequence[str]) -> None:
+    from hlp.pipeline.sweep import unfinished_sweep
+
+    folder = unfinished_sweep(arguments, Path("outputs")) if MULTIRUN & {*arguments} else None
+    if folder is not None:
+        print(f"going on with the sweep in {folder}")
+        arguments = [*arguments, f"output='{folder}'"]
     _compose_and_call("run", arguments, run)
 
 
@@ -109,10 +128,13 @@ def _compose_and_call(
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
 
+    from hlp.pipeline.sweep import sweep_open
+
     sys.argv = [f"hlp {command}", *arguments]  # Hydra takes no other way
     app = hydra.main(version_base="1.3", config_path=str(config_folder()), config_name="config")
     try:
-        app(lambda config: _job(config, task))()
+        with sweep_open():
+            app(lambda config: _job(config, task))()
     except (HydraException, OmegaConfBaseException, ValueError, OSError) as error:
         _fail(error)
     except KeyboardInterrupt:
@@ -194,6 +216,8 @@ usage: hlp report [experiment=NAME] [output=DIR] [format=text|markdown]
 Tables of finished runs, with the paper's figures beside ours for LINEMOD's objects:
 those below outputs/, of one experiment (outputs/NAME), or below any other folder (output=DIR)."""
 
+USAGE = ("usage: hlp COMMAND [overrides]", "       hlp -m [overrides]   (a sweep of runs)")
+MULTIRUN = {"-m", "--multirun"}
 OWN_FILES = ("model", "rgb", "depth", "intrinsics")
 OWN_UNITS = ("mesh_scale", "depth_scale")
 

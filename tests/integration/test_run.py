@@ -2,21 +2,16 @@
 
 import csv
 import json
-import logging
-import os
 import shutil
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-import torch
 from mlflow import MlflowClient
 
-from hlp.cli import main
 from hlp.data.synthetic_objects import demo_objects
 from hlp.data.synthetic_scenes import SyntheticScenes, SyntheticSettings
 from hlp.pipeline.detector import Detector
@@ -82,37 +77,6 @@ def truth() -> dict[tuple[int, int, int], Target]:
         for frame in frames
         for target in frame.targets
     }
-
-
-@pytest.fixture
-def call(
-    tiny_run: TinyRun, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Iterator[Call]:
-    """`hlp run` in this process and the tiny run's folder: exit code, standard output and error."""
-    root = logging.getLogger()
-    handlers, level, threads = root.handlers[:], root.level, torch.get_num_threads()
-    variables = dict(os.environ)
-    monkeypatch.setattr(sys, "argv", sys.argv)
-    monkeypatch.chdir(tiny_run.folder)
-
-    def run(*overrides: str) -> tuple[int, str, str]:
-        capsys.readouterr()
-        try:
-            main(["run", *overrides])
-            code = 0
-        except SystemExit as exit_:
-            code = int(exit_.code or 0)
-        printed = capsys.readouterr()
-        return code, printed.out, printed.err
-
-    yield run
-    root.handlers[:] = handlers
-    root.setLevel(level)
-    torch.set_num_threads(threads)
-    cv2.setNumThreads(-1)
-    for name in set(os.environ) - set(variables):
-        del os.environ[name]
-    os.environ.update(variables)
 
 
 def test_summary_says_what_the_scores_say(tiny_run: TinyRun) -> None:

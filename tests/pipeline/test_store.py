@@ -1,11 +1,13 @@
 import json
 import multiprocessing
 import os
+import signal
 import time
 from pathlib import Path
 from typing import Any
 
 import pytest
+from filelock import FileLock
 
 from hlp.pipeline.store import StageStore
 
@@ -110,14 +112,38 @@ def ask(root: Path, barrier: Any, answers: Any) -> None:
     answers.put((store.events[0].reused, (folder / "data.txt").read_text()))
 
 
-def test_two_runs_at_once_compute_it_once(tmp_path: Path) -> None:
+def test_runs_at_once_compute_it_once(tmp_path: Path) -> None:
     context = multiprocessing.get_context("spawn")
-    barrier, answers = context.Barrier(2), context.Queue()
-    runs = [context.Process(target=ask, args=(tmp_path, barrier, answers)) for _ in range(2)]
+    barrier, answers = context.Barrier(4), context.Queue()
+    runs = [context.Process(target=ask, args=(tmp_path, barrier, answers)) for _ in range(4)]
     for run in runs:
         run.start()
     found = sorted(answers.get(timeout=60) for _ in runs)
     for run in runs:
         run.join()
-    assert found == [(False, "done"), (True, "done")]
+    assert found == [(False, "done"), *[(True, "done")] * 3]
     assert len((tmp_path / "calls").read_text().split()) == 1
+
+
+def die(folder: Path) -> None:
+    (folder / "epoch-3").touch()
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def ask_and_die(root: Path) -> None:
+    StageStore(root).get_or_make("codebook", NAME, die, DESCRIPTION)
+
+
+def test_a_process_that_died_holds_nobody_up(tmp_path: Path) -> None:
+    """Killed while it made the output: its lock file stays, the lock does not."""
+    dead = multiprocessing.get_context("spawn").Process(target=ask_and_die, args=(tmp_path,))
+    dead.start()
+    dead.join(timeout=60)
+    assert dead.exitcode == -signal.SIGKILL
+    partial = tmp_path / "codebook" / f"{NAME}.partial"
+    assert (partial / "epoch-3").exists()
+    assert (tmp_path / "codebook" / f"{NAME}.lock").exists()
+    with FileLock(tmp_path / "codebook" / f"{NAME}.lock", timeout=0):
+        pass
+    folder = StageStore(tmp_path).get_or_make("codebook", NAME, write, DESCRIPTION)
+    assert {path.name for path in folder.iterdir()} == {"epoch-3", "data.txt", "stage.json"}

@@ -3,17 +3,19 @@
 import csv
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from hlp.pipeline.build import Run
 from hlp.pipeline.provenance import git_revision
-from hlp.pipeline.settings import RunSettings
 from hlp.pipeline.world import frames_identity
 from hlp.reporting.metrics import SHOWN
 from hlp.reporting.tracking import REVISION, Tracker
 
+if TYPE_CHECKING:
+    from hlp.pipeline.build import Run
+    from hlp.pipeline.settings import RunSettings
 
-def run_name(settings: RunSettings, output: Path) -> str:
+
+def run_name(settings: "RunSettings", output: Path) -> str:
     """What a person can tell a single run by: what it was about, how, and its folder."""
     return f"{settings.name} {settings.encoder.name} {settings.voting.name} {output.name}"
 
@@ -24,7 +26,7 @@ def revision_tag() -> dict[str, str]:
     return {} if revision is None else {REVISION: revision}
 
 
-def log_inputs(planned: Run, tracker: Tracker) -> None:
+def log_inputs(planned: "Run", tracker: Tracker) -> None:
     """The data sets that the run reads, each by a hash of its content."""
     world, data = planned.world, planned.config["data"]
     where = str(data.get("root", data["name"]))

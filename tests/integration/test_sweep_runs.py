@@ -1,0 +1,97 @@
+"""Sweeps of the tiny run's refiner: what MLflow has of them, and what an interruption costs."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mlflow import MlflowClient
+from mlflow.entities import Run
+
+from hlp.pipeline.detector import Detector
+from tiny_run import TinyRun
+
+Call = Callable[..., tuple[int, str, str]]
+PARENT = "mlflow.parentRunId"
+
+
+def logged(folder: Path) -> tuple[MlflowClient, list[Run]]:
+    client = MlflowClient(f"sqlite:///{folder / 'work' / 'mlflow.db'}")
+    experiment = client.get_experiment_by_name("hlp")
+    assert experiment is not None
+    return client, client.search_runs([experiment.experiment_id])
+
+
+def family(folder: Path, output: Path) -> tuple[MlflowClient, Run, list[Run]]:
+    """The sweep's own run and those of its arms, oldest first."""
+    client, runs = logged(folder)
+    parent_id = json.loads((output / "sweep.json").read_text())["run_id"]
+    (parent,) = [run for run in runs if run.info.run_id == parent_id]
+    arms = [run for run in runs if run.data.tags.get(PARENT) == parent_id]
+    return client, parent, sorted(arms, key=lambda run: run.info.start_time)
+
+
+def sweep_of(tiny_run: TinyRun) -> Path:
+    (record,) = (tiny_run.folder / "outputs" / "swept").glob("*/sweep.json")
+    return record.parent
+
+
+def test_failed_arm_is_a_failed_run_and_the_others_go_on(tiny_run: TinyRun, call: Call) -> None:
+    """No particles: refused before any stage. The arm after it is run."""
+    code, _, error = call("-m", *tiny_run.overrides, "refinement.particles=0,5", "output=failing")
+    assert code == 1
+    assert "refinement.particles is 0" in error
+    output = tiny_run.folder / "failing"
+    client, parent, arms = family(tiny_run.folder, output)
+    assert parent.info.status == "FAILED"
+    assert parent.info.run_name == "demo sweep of refinement.particles failing"
+    named = [(arm.info.run_name, arm.info.status) for arm in arms]
+    assert named == [
+        ("demo 0: refinement.particles=0", "FAILED"),
+        ("demo 1: refinement.particles=5", "FINISHED"),
+    ]
+    assert [arm.data.params["refinement.particles"] for arm in arms] == ["0", "5"]
+    traceback = Path(client.download_artifacts(arms[0].info.run_id, "traceback.txt")).read_text()
+    assert "refinement.particles is 0" in traceback
+    whole = Path(client.download_artifacts(arms[1].info.run_id, "config.yaml")).read_text()
+    assert "particles: 5" in whole
+    summary = json.loads((output / "1" / "summary.json").read_text())
+    assert arms[1].data.metrics["add/recall"] == summary["metrics"]["add"]["recall"]
+
+
+def test_interrupted_sweep_goes_on_without_repeating_arms(
+    tiny_run: TinyRun, call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    overrides = ("-m", *tiny_run.overrides, "name=swept", "refinement.particles=5,6")
+    fine = Detector.fine
+    asked: set[int] = set()
+
+    def counted(self: Detector, *arguments: Any) -> Any:
+        asked.add(self.settings.refinement.particles)
+        return fine(self, *arguments)
+
+    def interrupted(self: Detector, *arguments: Any) -> Any:
+        if self.settings.refinement.particles == 6:
+            raise KeyboardInterrupt
+        return fine(self, *arguments)
+
+    monkeypatch.setattr(Detector, "fine", interrupted)
+    assert call(*overrides)[0] == 130
+    output = sweep_of(tiny_run)
+    _, parent, arms = family(tiny_run.folder, output)
+    assert [run.info.status for run in (parent, *arms)] == ["KILLED", "FINISHED", "KILLED"]
+    first = (output / "0" / "summary.json").stat().st_mtime_ns
+
+    monkeypatch.setattr(Detector, "fine", counted)
+    code, said, _ = call(*overrides)
+    assert code == 0
+    assert f"going on with the sweep in {output.relative_to(tiny_run.folder)}" in said
+    assert "finished already: swept 0: refinement.particles=5" in said
+    assert asked == {6}
+    assert (output / "0" / "summary.json").stat().st_mtime_ns == first
+    _, again, arms = family(tiny_run.folder, sweep_of(tiny_run))
+    assert again.info.run_id == parent.info.run_id
+    assert again.info.status == "FINISHED"
+    found = [(arm.data.params["refinement.particles"], arm.info.status) for arm in arms]
+    assert found == [("5", "FINISHED"), ("6", "KILLED"), ("6", "FINISHED")]
