@@ -181,10 +181,9 @@ class Hypotheses:
 
 @dataclass(frozen=True)
 class Refinement:
-    """What a refiner makes of one coarse pose: the pose, its cost (lower is better), iterations."""
+    """What a refiner makes of one coarse pose: the pose, and how many iterations it took."""
 
     pose_cam_obj: Float[np.ndarray, "4 4"]
-    cost: float
     iterations: int
 
 
@@ -208,7 +207,8 @@ class TargetScore:
     """Errors and verdicts of one target. A missing pose has infinite errors and is wrong.
 
     `ad_error` (m) is ADD, or ADI for objects the policy calls symmetric. The three recalls are
-    BOP's, averaged over its thresholds; nan where not computed.
+    BOP's, averaged over its thresholds; nan where not computed. `cause` is why a target was missed
+    (evaluation.waterfall), empty where it was not or nobody asked.
     """
 
     scene_id: int
@@ -226,3 +226,4 @@ class TargetScore:
     mssd_recall: float = float("nan")
     mspd_recall: float = float("nan")
     vsd_recall: float = float("nan")
+    cause: str = ""

@@ -2,6 +2,7 @@ import pytest
 from refinement_scene import Scene, make_scene
 
 from hlp.refinement.cost import CostSettings
+from hlp.refinement.verification import VerificationSettings
 
 
 @pytest.fixture(scope="session")
@@ -23,7 +24,22 @@ def cost_settings() -> CostSettings:
         reference_mm=30.0,
         roi_size=96,
         roi_margin_mm=30.0,
-        verify_tau_depth_mm=20.0,
-        verify_occluder_cost=0.3,
+    )
+
+
+@pytest.fixture
+def verification() -> VerificationSettings:
+    return VerificationSettings(
         candidates=5,
+        weight_depth=0.8,
+        weight_edge=0.2,
+        weight_color=0.1,
+        tau_depth_mm=20.0,
+        tau_edge_mm=15.0,
+        tau_color=0.3,
+        edge_step_mm=15.0,
+        missing_cost=0.5,
+        hidden_cost=0.1,
+        hidden_share_cost=0.2,
+        roi_size=96,
     )

@@ -18,13 +18,14 @@ SHAPE = (240, 320)
 class Scene:
     model: ObjectModel
     pose: np.ndarray
+    rgb: np.ndarray
     depth: np.ndarray
     camera_matrix: np.ndarray
 
 
-def as_mesh(shape: trimesh.Trimesh) -> Mesh:
+def as_mesh(shape: trimesh.Trimesh, color: tuple[int, int, int] = (180, 180, 180)) -> Mesh:
     vertices = np.array(shape.vertices, dtype=np.float64)
-    colors = np.full((len(vertices), 3), 180, dtype=np.uint8)
+    colors = np.tile(np.array(color, dtype=np.uint8), (len(vertices), 1))
     return Mesh(
         vertices, np.array(shape.faces, dtype=np.int64), colors, np.array(shape.vertex_normals)
     )
@@ -39,7 +40,7 @@ def make_model() -> ObjectModel:
     ball.apply_translation([-0.035, -0.02, 0.025])
     shape = trimesh.util.concatenate([body, tower, ball])
     shape.apply_translation([0.03, -0.02, 0.05])
-    mesh = as_mesh(shape)
+    mesh = as_mesh(shape, (170, 90, 60))
     spread = mesh.vertices[:, None] - mesh.vertices[None]
     diameter = float(np.linalg.norm(spread, axis=-1).max())
     return ObjectModel(1, "toy", mesh, mesh, diameter, np.eye(4)[None], 0.1, 0.04)
@@ -63,10 +64,10 @@ def make_scene(seed: int, hidden: bool = True) -> Scene:
     if hidden:
         box = as_mesh(trimesh.creation.box((0.03, 0.06, 0.03)))
         parts.append((box, rigid(np.eye(3), np.array([-0.03, 0.02, 0.5]))))
-    _, depth, _ = render_scene(parts, CAMERA, SHAPE, FRONTAL_LIGHT)
+    rgb, depth, _ = render_scene(parts, CAMERA, SHAPE, FRONTAL_LIGHT)
     noisy = depth + rng.normal(scale=0.001, size=SHAPE) * (depth > 0)
     noisy[rng.random(SHAPE) < 0.05] = 0.0
-    return Scene(model, pose, noisy.astype(np.float32), CAMERA)
+    return Scene(model, pose, rgb, noisy.astype(np.float32), CAMERA)
 
 
 def disturbed(scene: Scene, degrees: float, millimetres: float, seed: int) -> np.ndarray:

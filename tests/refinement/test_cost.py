@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from refinement_scene import CAMERA, SHAPE, Scene, disturbed, error, make_scene
+from refinement_scene import CAMERA, SHAPE, Scene, disturbed
 from scipy.spatial import cKDTree
 
 from hlp.geometry import project
-from hlp.refinement.cost import WORST, CostSettings, DepthCost, depth_edges, verify
+from hlp.refinement.cost import WORST, CostSettings, DepthCost, depth_edges
 from hlp.rendering.rasterizer import render_depth
 
 
@@ -114,26 +114,6 @@ def test_threads_change_no_bit(scene: Scene, cost_settings: CostSettings) -> Non
     np.testing.assert_array_equal(two.evaluate(poses[:1]), again.evaluate(poses)[:1])
 
 
-def test_true_pose_costs_least(cost_settings: CostSettings) -> None:
-    for seed in range(3):
-        scene = make_scene(seed)
-        true = verify(scene.model.proxy, scene.depth, CAMERA, scene.pose, cost_settings)
-        for k in range(8):
-            pose = disturbed(scene, 10 + 8 * k, 5 + 2 * k, seed=k)
-            assert error(scene, pose) > 0.005
-            wrong = verify(scene.model.proxy, scene.depth, CAMERA, pose, cost_settings)
-            assert true < wrong - 0.03
-
-
-def test_occluders_cost_less_than_free_space(cost_settings: CostSettings) -> None:
-    scene = make_scene(0, hidden=False)
-    wall = np.full(SHAPE, 0.3, dtype=np.float32)
-    behind = np.full(SHAPE, 2.0, dtype=np.float32)
-    args = (CAMERA, scene.pose, replace(cost_settings, weight_edge=0.0))
-    assert verify(scene.model.proxy, wall, *args) == pytest.approx(0.8 * 0.3)
-    assert verify(scene.model.proxy, behind, *args) == pytest.approx(0.8)
-
-
 def test_edges_are_on_the_near_side() -> None:
     depth = np.full((6, 8), 1.0)
     depth[:, 4:] = 0.9
@@ -154,6 +134,6 @@ def test_without_depth_or_out_of_the_image_the_cost_is_the_worst(
     empty = np.full(SHAPE, fill, dtype=np.float32)
     away, behind = scene.pose.copy(), scene.pose.copy()
     away[0, 3], behind[2, 3] = 5.0, -1.0
-    assert verify(scene.model.proxy, empty, CAMERA, scene.pose, cost_settings) == WORST
-    assert verify(scene.model.proxy, scene.depth, CAMERA, away, cost_settings) == WORST
-    assert verify(scene.model.proxy, scene.depth, CAMERA, behind, cost_settings) == WORST
+    for depth, pose in ((empty, scene.pose), (scene.depth, away), (scene.depth, behind)):
+        cost = DepthCost(scene.model.proxy, depth, CAMERA, pose, cost_settings)
+        assert cost.evaluate(pose[None])[0] == WORST

@@ -10,6 +10,7 @@ from hlp.geometry import rigid, rotation_distance
 from hlp.records import Hypotheses
 from hlp.refinement.cost import CostSettings
 from hlp.refinement.pso import PsoRefiner, PsoSettings, moved, search
+from hlp.refinement.verification import VerificationSettings
 
 CENTROID = np.array([0.02, -0.01, 0.03])
 
@@ -30,8 +31,10 @@ class Bowl:
 
 
 @pytest.fixture
-def settings(cost_settings: CostSettings) -> PsoSettings:
-    return PsoSettings("pso", cost_settings, 25, 10.0, 10.0, 2.8, 1.3, 60, 10, True, 0.0, 1)
+def settings(cost_settings: CostSettings, verification: VerificationSettings) -> PsoSettings:
+    return PsoSettings(
+        "pso", cost_settings, verification, 25, 10.0, 10.0, 2.8, 1.3, 60, 10, True, 0.0, 1
+    )
 
 
 def start() -> np.ndarray:

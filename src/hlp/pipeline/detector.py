@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 import torch
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from hlp.codebook.neighbours import ExactNeighbours, ExactSettings, KdForest, Neighbours
 from hlp.models.classifier import class_probabilities
@@ -19,8 +19,8 @@ from hlp.pipeline.refiners import make_refiner
 from hlp.pipeline.settings import RunSettings
 from hlp.pipeline.world import World
 from hlp.records import Codebook, Frame, Hypotheses, LocalPatches, Refinement, Region, Votes
-from hlp.refinement.refiner import Refiner
-from hlp.refinement.screening import screen
+from hlp.refinement.refiner import Refiner, checked_poses
+from hlp.refinement.verification import Verifier, least
 from hlp.voting.cast import cast_votes
 from hlp.voting.modes import JointModes, JointVotingSettings, ModeFinder, PaperModes
 
@@ -40,10 +40,12 @@ class Coarse:
 class Fine:
     """What stage 3 makes of the hypotheses: those refined, which they were, and the answer's index.
 
-    `refined[i]` comes of the coarse hypothesis `sources[i]`; `refined[best]` is the answer.
+    `refined[i]` comes of the coarse hypothesis `sources[i]` and has the verification cost
+    `costs[i]`; `refined[best]` is the answer.
     """
 
     refined: list[Refinement]
+    costs: Float[np.ndarray, "c"]
     sources: Int[np.ndarray, "c"]
     best: int
 
@@ -57,6 +59,7 @@ class Detector:
         self.learner = learner
         self._labels = {object_id: i for i, object_id in enumerate(sorted(world.models), start=1)}
         self._searches: dict[int, tuple[Codebook, Neighbours]] = {}
+        self._verifiers: dict[int, Verifier] = {}
         self._modes = _make_modes(settings)
 
     @cached_property
@@ -124,11 +127,23 @@ class Detector:
         model = self.world.models[object_id]
         seed = hash_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id)
         depth, camera = frame.depth, frame.camera_matrix
-        kept = screen(model, depth, camera, coarse, self.settings.refinement.cost)
+        verifier = self._verifier(object_id)
+        kept = np.arange(len(coarse))
+        if len(coarse) > self.settings.refinement.verification.candidates:
+            costs = verifier.costs(frame.rgb, depth, camera, checked_poses(coarse))
+            kept = least(costs, self.settings.refinement.verification.candidates)
         fitting = Hypotheses(coarse.poses_cam_obj[kept], coarse.support[kept])
         refined = self._refiner.refine(model, depth, camera, fitting, seed)
-        best = min(range(len(refined)), key=lambda i: refined[i].cost)
-        return Fine(refined, kept, best)
+        poses = np.stack([each.pose_cam_obj for each in refined])
+        final = verifier.costs(frame.rgb, depth, camera, poses)
+        return Fine(refined, final, kept, int(np.argmin(final)))
+
+    def _verifier(self, object_id: int) -> Verifier:
+        if object_id not in self._verifiers:
+            proxy = self.world.models[object_id].proxy
+            settings = self.settings.refinement.verification
+            self._verifiers[object_id] = Verifier(proxy, settings)
+        return self._verifiers[object_id]
 
     def _codebook(self, object_id: int) -> tuple[Codebook, Neighbours]:
         if object_id not in self._searches:

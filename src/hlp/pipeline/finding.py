@@ -18,7 +18,7 @@ from hlp.pipeline.store import StageStore
 from hlp.pipeline.world import World
 from hlp.records import Frame, Hypotheses, PoseEstimate, Region
 
-VERSIONS = {"regions": 1, "hypotheses": 2, "poses": 2}
+VERSIONS = {"regions": 1, "hypotheses": 2, "poses": 3}
 
 Arrays = dict[str, np.ndarray]
 
@@ -198,7 +198,7 @@ def _fine_arrays(name: str, fine: Fine | None, seconds: float) -> Arrays:
         return arrays
     return arrays | {
         f"{name}/poses": np.stack([each.pose_cam_obj for each in fine.refined]),
-        f"{name}/costs": np.array([each.cost for each in fine.refined]),
+        f"{name}/costs": fine.costs,
         f"{name}/sources": fine.sources,
         f"{name}/best": np.array(fine.best),
     }

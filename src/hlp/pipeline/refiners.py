@@ -14,4 +14,4 @@ def make_refiner(settings: RunSettings) -> Refiner:
         return PsoRefiner(refinement)
     if isinstance(refinement, IcpSettings):
         return IcpRefiner(refinement)
-    return NoneRefiner(refinement)
+    return NoneRefiner()

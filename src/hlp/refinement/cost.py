@@ -6,7 +6,7 @@ One compiled kernel transforms the mesh, draws it into a z-buffer and sums the c
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import cv2
@@ -37,9 +37,6 @@ class CostSettings:
     reference_mm: float
     roi_size: int
     roi_margin_mm: float
-    verify_tau_depth_mm: float
-    verify_occluder_cost: float
-    candidates: int
 
 
 class DepthCost:
@@ -64,19 +61,21 @@ class DepthCost:
         threads: int = 1,
     ) -> None:
         self._settings = settings
-        self._vertices = np.ascontiguousarray(mesh.vertices, dtype=np.float64)
+        self._vertices = np.ascontiguousarray(mesh.vertices.T, dtype=np.float64)
         self._faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
-        self._closed = is_closed(self._faces, self._vertices)
-        points = transform(pose_cam_obj, self._vertices)
+        self._closed = is_closed(self._faces, mesh.vertices)
+        points = transform(pose_cam_obj, mesh.vertices)
         self.observed, self.camera_matrix = _region(
             depth, camera_matrix, points, settings.roi_size, settings.roi_margin_mm / 1000.0
         )
-        self._edge_cost = self._edge_costs(float(np.median(points[:, 2])))
-        self._reference = np.zeros(self.observed.shape, dtype=np.bool_)
+        self._observed = self.observed.astype(np.float32)
+        self._edge_cost = self._edge_costs(float(np.median(points[:, 2]))).astype(np.float32)
+        self._reference = np.zeros(self.observed.shape, dtype=np.float32)
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
         self._threads = threads
         if settings.uncovered_cost > 0.0:
-            self._reference = self._agreeing(pose_cam_obj, settings.reference_mm / 1000.0)
+            agreeing = self._agreeing(pose_cam_obj, settings.reference_mm / 1000.0)
+            self._reference = agreeing.astype(np.float32)
 
     def evaluate(self, poses_cam_obj: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n"]:
         """Cost in [0, 1] of each pose, lower is better."""
@@ -109,8 +108,9 @@ class DepthCost:
         """Depth of the mesh in the ROI (m, 0 = nothing)."""
         inverse = np.zeros(self.observed.shape)
         corners = np.empty_like(self._vertices)
-        project_vertices(np.asarray(pose_cam_obj)[:3], self._vertices, self.camera_matrix, corners)
-        fill_triangles(corners, self._faces, self._closed, inverse, None)
+        pose = np.ascontiguousarray(pose_cam_obj[:3], dtype=np.float64)
+        project_vertices(pose, self._vertices, self.camera_matrix, corners)
+        fill_triangles(np.ascontiguousarray(corners.T), self._faces, self._closed, inverse, None)
         return np.where(inverse > 0.0, 1.0 / np.where(inverse > 0.0, inverse, 1.0), 0.0)
 
     def _run(self, poses: Float[np.ndarray, "n 3 4"], sums: Float[np.ndarray, "n 6"]) -> None:
@@ -121,13 +121,13 @@ class DepthCost:
             self._faces,
             self._closed,
             self.camera_matrix,
-            self.observed,
+            self._observed,
             self._edge_cost,
             self._reference,
-            settings.tau_depth_mm / 1000.0,
-            settings.edge_step_mm / 1000.0,
-            settings.missing_cost,
-            settings.occluder_cost,
+            np.float32(settings.tau_depth_mm / 1000.0),
+            np.float32(settings.edge_step_mm / 1000.0),
+            np.float32(settings.missing_cost),
+            np.float32(settings.occluder_cost),
             sums,
         )
 
@@ -150,32 +150,6 @@ class DepthCost:
         rendered = self.render(pose_cam_obj)
         both = (rendered > 0.0) & (self.observed > 0.0)
         return np.asarray(both & (np.abs(rendered - self.observed) <= tolerance))
-
-
-def verify(
-    mesh: Mesh,
-    depth: Float[np.ndarray, "h w"],
-    camera_matrix: Float[np.ndarray, "3 3"],
-    pose_cam_obj: Float[np.ndarray, "4 4"],
-    settings: CostSettings,
-) -> float:
-    """Cost of a final pose on its own, comparable between the hypotheses of one object.
-
-    It owes nothing to the coarse pose: the ROI is its own and no area reference enters. τ_d is
-    `verify_tau_depth_mm`: a wide one finds the pose, a narrow one tells right from wrong. Occluders
-    cost `verify_occluder_cost`: the search must not hide behind them, but a pose that is right
-    must not lose to a wrong one in the open.
-    """
-    alone = replace(
-        settings,
-        uncovered_cost=0.0,
-        roi_margin_mm=0.0,
-        tau_depth_mm=settings.verify_tau_depth_mm,
-        occluder_cost=settings.verify_occluder_cost,
-    )
-    pose_cam_obj = np.asarray(pose_cam_obj, dtype=np.float64)
-    cost = DepthCost(mesh, depth, camera_matrix, pose_cam_obj, alone)
-    return float(cost.evaluate(pose_cam_obj[None])[0])
 
 
 def depth_edges(depth: Float[np.ndarray, "h w"], step: float) -> Bool[np.ndarray, "h w"]:

@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from hlp.geometry import back_project, rigid
 from hlp.records import Hypotheses, ObjectModel, Refinement
-from hlp.refinement.cost import CostSettings, DepthCost, verify
+from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.refiner import checked_poses
+from hlp.refinement.verification import VerificationSettings
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,7 @@ class IcpSettings:
 
     name: str
     cost: CostSettings
+    verification: VerificationSettings
     iterations: int
     points: int
     reach_mm: float
@@ -50,8 +52,7 @@ class IcpRefiner:
         for pose in checked_poses(hypotheses):
             cost = DepthCost(model.proxy, depth, camera_matrix, pose, self._settings.cost)
             best, iterations = align(cost, pose, self._settings)
-            final = verify(model.proxy, depth, camera_matrix, best, self._settings.cost)
-            refined.append(Refinement(best, final, iterations))
+            refined.append(Refinement(best, iterations))
         return refined
 
 

@@ -1,4 +1,4 @@
-"""No refinement: coarse poses as they are, with the cost that ranks them."""
+"""No refinement: coarse poses as they are."""
 
 from dataclasses import dataclass
 
@@ -6,23 +6,20 @@ import numpy as np
 from jaxtyping import Float
 
 from hlp.records import Hypotheses, ObjectModel, Refinement
-from hlp.refinement.cost import CostSettings, verify
 from hlp.refinement.refiner import checked_poses
+from hlp.refinement.verification import VerificationSettings
 
 
 @dataclass(frozen=True)
 class NoneSettings:
-    """Settings of the cost; see conf/refinement/none.yaml."""
+    """Nothing to set but what ranks the poses; see conf/refinement/none.yaml."""
 
     name: str
-    cost: CostSettings
+    verification: VerificationSettings
 
 
 class NoneRefiner:
     """Leaves every pose where it is."""
-
-    def __init__(self, settings: NoneSettings) -> None:
-        self._settings = settings
 
     def refine(
         self,
@@ -33,9 +30,4 @@ class NoneRefiner:
         seed: int,
     ) -> list[Refinement]:
         """See Refiner.refine. Nothing is drawn at random: `seed` is not used."""
-        return [
-            Refinement(
-                pose, verify(model.proxy, depth, camera_matrix, pose, self._settings.cost), 0
-            )
-            for pose in checked_poses(hypotheses)
-        ]
+        return [Refinement(pose, 0) for pose in checked_poses(hypotheses)]

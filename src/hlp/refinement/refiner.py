@@ -21,10 +21,8 @@ class Refiner(Protocol):
     ) -> list[Refinement]:
         """One refinement per hypothesis, in the same order.
 
-        `depth` in metres, 0 where missing. The costs are verification costs (`cost.verify`),
-        comparable between the hypotheses of one object in one frame, whichever refiner found them;
-        1.0 is the worst, given where there is nothing to compare with. Equal inputs and seeds give
-        equal poses. Raises ValueError naming a hypothesis that is not finite or behind the camera.
+        `depth` in metres, 0 where missing. Equal inputs and seeds give equal poses. Raises
+        ValueError naming a hypothesis that is not finite or behind the camera.
         """
         ...
 

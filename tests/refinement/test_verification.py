@@ -1,0 +1,156 @@
+"""The verification cost against plain NumPy, and what it must tell apart."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from refinement_scene import CAMERA, SHAPE, Scene, disturbed, error, make_scene
+from scipy.ndimage import distance_transform_edt
+
+from hlp.records import Mesh
+from hlp.refinement.cost import depth_edges
+from hlp.refinement.verification import WORST, Evidence, VerificationSettings, Verifier, least
+from hlp.rendering.light import Light
+from hlp.rendering.rasterizer import render_depth, render_rgbd
+
+AMBIENT = Light((0.0, 0.0, -1.0), 1.0, 0.0, 0.0, 1.0)
+
+
+def reference(scene: Scene, pose: np.ndarray, settings: VerificationSettings) -> Evidence:
+    """Evidence over the whole image, spelled out."""
+    rendered = render_depth(scene.model.proxy, pose[None], CAMERA, SHAPE)[0].astype(float)
+    albedo, _ = render_rgbd(scene.model.proxy, pose, CAMERA, SHAPE, AMBIENT)
+    observed, on = scene.depth.astype(float), rendered > 0
+    apart, seen = observed - rendered, on & (observed > 0)
+    tau = settings.tau_depth_mm / 1000
+    agree, hidden = seen & (np.abs(apart) <= tau), seen & (apart < -tau)
+    colors = [image[agree] + 4.0 for image in (scene.rgb.astype(float), albedo.astype(float))]
+    shares = [color / color.sum(axis=1, keepdims=True) for color in colors]
+    color = np.minimum(np.abs(shares[0] - shares[1]).sum(axis=1) / settings.tau_color, 1.0)
+    step = settings.edge_step_mm / 1000
+    edges = depth_edges(rendered, step) & on
+    points = scene.model.proxy.vertices @ pose[2, :3] + pose[2, 3]
+    reach = settings.tau_edge_mm / 1000 * CAMERA[0, 0] / np.median(points)
+    distance = distance_transform_edt(~depth_edges(observed, step)) / reach
+    pixels = on.sum()
+    return Evidence(
+        int(pixels),
+        np.abs(apart[agree]).sum() / tau / pixels,
+        (seen & (apart > tau)).sum() / pixels,
+        hidden.sum() / pixels,
+        (on & ~seen).sum() / pixels,
+        color.mean(),
+        np.minimum(distance[edges & ~hidden], 1.0).mean(),
+        (edges & hidden).sum() / edges.sum(),
+    )
+
+
+def evidence(scene: Scene, pose: np.ndarray, settings: VerificationSettings) -> Evidence:
+    found = Verifier(scene.model.proxy, settings).evidence(scene.rgb, scene.depth, CAMERA, pose)
+    assert found is not None
+    return found
+
+
+def cost(scene: Scene, pose: np.ndarray, settings: VerificationSettings) -> float:
+    return float(
+        Verifier(scene.model.proxy, settings).costs(scene.rgb, scene.depth, CAMERA, pose[None])[0]
+    )
+
+
+@pytest.mark.parametrize("step", [(0, 0), (15, 10), (60, 30)])
+def test_evidence_is_what_plain_numpy_finds(
+    scene: Scene, verification: VerificationSettings, step: tuple[float, float]
+) -> None:
+    pose = disturbed(scene, *step, seed=2)
+    fine = replace(verification, roi_size=1000)
+    found, expected = evidence(scene, pose, fine), reference(scene, pose, fine)
+    for name in ("residual", "behind", "hidden", "missing", "color", "edge_hidden"):
+        assert getattr(found, name) == pytest.approx(getattr(expected, name), abs=0.01), name
+    assert found.pixels == pytest.approx(expected.pixels, rel=0.005)
+    # Observed edges beyond the object's box are not looked at.
+    assert found.edge == pytest.approx(expected.edge, abs=0.03)
+
+
+def test_a_coarser_grid_sees_much_the_same(
+    scene: Scene, verification: VerificationSettings
+) -> None:
+    fine = evidence(scene, scene.pose, replace(verification, roi_size=1000))
+    coarse = evidence(scene, scene.pose, replace(verification, roi_size=40))
+    assert coarse.pixels < fine.pixels / 4
+    for name in ("residual", "behind", "hidden", "missing", "color"):
+        assert getattr(coarse, name) == pytest.approx(getattr(fine, name), abs=0.05), name
+
+
+def test_the_cost_weighs_the_evidence(verification: VerificationSettings) -> None:
+    seen = Evidence(100, 0.1, 0.2, 0.4, 0.3, color=0.5, edge=0.6, edge_hidden=0.25)
+    price = 0.1 + 0.2 * 0.4
+    depth = 0.1 + 0.2 + price * 0.4 + 0.5 * 0.3
+    edge = 0.75 * 0.6 + price * 0.25
+    expected = (0.8 * depth + 0.2 * edge + 0.1 * 0.5) / 1.1
+    verifier = Verifier(make_scene(0).model.proxy, verification)
+    assert verifier.weigh(seen) == pytest.approx(expected)
+
+
+def test_the_true_pose_costs_least(verification: VerificationSettings) -> None:
+    for seed in range(3):
+        scene = make_scene(seed)
+        true = cost(scene, scene.pose, verification)
+        for k in range(8):
+            pose = disturbed(scene, 10 + 8 * k, 5 + 2 * k, seed=k)
+            assert error(scene, pose) > 0.005
+            assert true < cost(scene, pose, verification) - 0.03
+
+
+def test_hiding_costs_less_than_free_space_but_not_nothing(
+    verification: VerificationSettings,
+) -> None:
+    scene = make_scene(0, hidden=False)
+    wall = replace_depth(scene, np.full(SHAPE, 0.3, dtype=np.float32))
+    behind = replace_depth(scene, np.full(SHAPE, 2.0, dtype=np.float32))
+    true = cost(scene, scene.pose, verification)
+    assert true < cost(wall, scene.pose, verification) < cost(behind, scene.pose, verification)
+    # More than a right pose that is half hidden.
+    assert cost(wall, scene.pose, verification) > 0.3
+
+
+def replace_depth(scene: Scene, depth: np.ndarray) -> Scene:
+    return replace(scene, depth=depth)
+
+
+def test_colour_tells_things_of_one_shape_apart(
+    scene: Scene, verification: VerificationSettings
+) -> None:
+    model = scene.model
+    blue = np.tile(np.array([40, 60, 190], dtype=np.uint8), (len(model.proxy.vertices), 1))
+    other = Mesh(model.proxy.vertices, model.proxy.faces, blue, model.proxy.normals)
+    args = (scene.rgb, scene.depth, CAMERA, scene.pose[None])
+    own = Verifier(model.proxy, verification).costs(*args)[0]
+    assert Verifier(other, verification).costs(*args)[0] > own + 0.05
+    blind = replace(verification, weight_color=0.0)
+    assert Verifier(other, blind).costs(*args)[0] == Verifier(model.proxy, blind).costs(*args)[0]
+
+
+@pytest.mark.parametrize("light", [0.4, 1.0])
+def test_brightness_does_not_count(
+    scene: Scene, verification: VerificationSettings, light: float
+) -> None:
+    dimmed = replace(scene, rgb=(scene.rgb * light).astype(np.uint8))
+    assert evidence(dimmed, scene.pose, verification).color < 0.2
+
+
+@pytest.mark.parametrize("fill", [0.0, np.nan])
+def test_without_depth_or_out_of_the_image_the_cost_is_the_worst(
+    scene: Scene, verification: VerificationSettings, fill: float
+) -> None:
+    empty = replace_depth(scene, np.full(SHAPE, fill, dtype=np.float32))
+    away, behind = scene.pose.copy(), scene.pose.copy()
+    away[0, 3], behind[2, 3] = 5.0, -1.0
+    assert cost(empty, scene.pose, verification) == WORST
+    assert cost(scene, away, verification) == WORST
+    assert cost(scene, behind, verification) == WORST
+
+
+def test_least_keeps_the_cheapest_in_their_order() -> None:
+    np.testing.assert_array_equal(least(np.array([0.5, 0.1, 0.3, 0.1]), 2), [1, 3])
+    np.testing.assert_array_equal(least(np.array([0.2, 0.2, 0.2]), 2), [0, 1])
+    np.testing.assert_array_equal(least(np.array([0.2]), 5), [0])
