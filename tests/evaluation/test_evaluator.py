@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
+from waterfall_bounds import BOUNDS
 
 from hlp.evaluation import errors
 from hlp.evaluation.evaluator import FrameTruth, score_targets
@@ -13,7 +14,7 @@ from hlp.records import Frame, Mesh, ObjectModel, PoseEstimate, Target
 from hlp.rendering.rasterizer import render_depth
 
 K = np.array([[570.0, 0.0, 80.0], [0.0, 570.0, 60.0], [0.0, 0.0, 1.0]])
-SETTINGS = EvaluationSettings("test", ["cup"], 0.1, 5.0, 5.0, 0.5, 100)
+SETTINGS = EvaluationSettings("test", ["cup"], 0.1, 5.0, 5.0, 0.5, 100, BOUNDS)
 HALF_TURN = rigid(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
 TRUE = rigid(Rotation.from_euler("xyz", [0.4, 0.2, 0.1]).as_matrix(), np.array([0.01, 0.0, 0.8]))
 

@@ -2,13 +2,15 @@ import json
 
 import numpy as np
 import pytest
+from waterfall_bounds import BOUNDS
 
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.evaluation.summary import METRICS, bootstrap_interval, summarise
 from hlp.records import TargetScore
 
-SETTINGS = EvaluationSettings("bop", [], 0.1, 5.0, 5.0, 0.5, 2000)
+SETTINGS = EvaluationSettings("bop", [], 0.1, 5.0, 5.0, 0.5, 2000, BOUNDS)
 NAMES = {1: "ape", 6: "cat"}
+VOTES = {"total": {"good": 0.25}, "per_object": {}}
 TIMINGS = {"total": [100.0, 200.0, 300.0], "holistic": [10.0, 20.0, 30.0]}
 
 
@@ -29,6 +31,7 @@ def _score(frame_id, object_id, correct, found=True, error=0.004):
         box_correct=found,
         mssd_recall=0.5 if found else 0.0,
         mspd_recall=1.0 if found else 0.0,
+        cause="" if correct else "ranking" if found else "few_votes",
     )
 
 
@@ -42,7 +45,7 @@ SCORES = [
 
 
 def _summary(scores=SCORES, seed=0):
-    return summarise(scores, NAMES, TIMINGS, {"correct": 3, "wrong_pose": 2}, SETTINGS, seed)
+    return summarise(scores, NAMES, TIMINGS, VOTES, SETTINGS, seed)
 
 
 def test_recalls_count_targets():
@@ -65,11 +68,17 @@ def test_per_object_and_the_mean_over_objects():
     assert summary["metrics"]["add"]["mean_object"] == pytest.approx((1 / 2 + 2 / 3) / 2)
 
 
-def test_times_and_waterfall():
+def test_times_votes_and_waterfall():
     summary = _summary()
     assert summary["timing_ms"]["total"] == {"median": 200.0, "p95": pytest.approx(290.0)}
     assert summary["timing_ms"]["holistic"]["median"] == 20.0
-    assert summary["waterfall"] == {"correct": 3, "wrong_pose": 2}
+    assert summary["votes"] == VOTES
+    total = summary["waterfall"]["total"]
+    assert {name: n for name, n in total.items() if n} == {
+        "correct": 3,
+        "ranking": 1,
+        "few_votes": 1,
+    }
 
 
 def test_median_errors_are_of_the_targets_that_got_a_pose():

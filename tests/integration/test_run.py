@@ -3,6 +3,7 @@
 import csv
 import json
 import shutil
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -97,8 +98,12 @@ def test_summary_says_what_the_scores_say(tiny_run: TinyRun) -> None:
         for metric, verdict in VERDICTS.items():
             expected = np.mean([int(row[verdict]) for row in own])
             assert found[metric] == {"recall": pytest.approx(expected)}
-    assert sum(summary["waterfall"].values()) == len(scores)
-    assert summary["waterfall"]["correct"] == sum(int(row["ad_correct"]) for row in scores)
+    lost = Counter(row["cause"] for row in scores if not int(row["ad_correct"]))
+    total = summary["waterfall"]["total"]
+    assert "" not in lost and lost.keys() <= total.keys()
+    assert total == {**dict.fromkeys(total, 0), **lost, "correct": len(scores) - lost.total()}
+    assert summary["votes"]["per_object"].keys() == summary["per_object"].keys()
+    assert summary["votes"]["total"]["votes"] > 0
     assert summary["timing_ms"].keys() == {"total", "holistic", "local", "voting", "refinement"}
     for time in summary["timing_ms"].values():
         assert 0.0 < time["median"] <= time["p95"]

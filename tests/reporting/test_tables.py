@@ -15,6 +15,9 @@ from hlp.reporting.tables import (
     report,
     runs_table,
     time_table,
+    total_table,
+    votes_table,
+    waterfall_tables,
 )
 
 
@@ -35,8 +38,31 @@ def summary(names: tuple[str, ...] = ("cat", "ape")) -> dict[str, Any]:
             "total": {"median": 480.0, "p95": 700.0},
             "voting": {"median": 2.34, "p95": None},
         },
-        "waterfall": {"correct": 6, "no region": 2},
+        "waterfall": {
+            "total": {"correct": 5, "no_window": 0, "few_votes": 1, "ranking": 2},
+            "per_object": {
+                "cat": {"correct": 3, "no_window": 0, "few_votes": 1, "ranking": 0},
+                "ape": {"correct": 2, "no_window": 0, "few_votes": 0, "ranking": 2},
+            },
+            "per_visibility": {
+                "0.6-1": {"correct": 5, "no_window": 0, "few_votes": 1, "ranking": 2}
+            },
+        },
+        "votes": {
+            "total": {"good": 0.25, "good_weight": 0.5, "votes": 1200.0},
+            "per_object": {
+                "cat": {"good": 0.125, "good_weight": 0.375, "votes": 1000.4},
+                "ape": {"good": None, "good_weight": None, "votes": 0.0},
+            },
+        },
     }
+
+
+def older_summary() -> dict[str, Any]:
+    """As runs wrote it before misses had causes and votes were kept."""
+    older = {**summary(), "waterfall": {"correct": 6, "no_region": 2}}
+    del older["votes"]
+    return older
 
 
 def test_paper_figures_have_the_printed_mean_and_deviation() -> None:
@@ -68,6 +94,50 @@ def test_paper_is_left_out_where_it_says_nothing() -> None:
 
 def test_time_table_ends_with_the_total() -> None:
     assert list(time_table(summary()).rows) == [["voting", "2.3", ""], ["total", "480", "700"]]
+
+
+def test_where_targets_ended_in_all_per_object_and_per_visible_fraction() -> None:
+    assert list(total_table(summary()).rows) == [
+        ["correct", "5", "0.625"],
+        ["no window", "0", "0.000"],
+        ["few votes", "1", "0.125"],
+        ["ranking", "2", "0.250"],
+    ]
+    objects, visibility = waterfall_tables(summary())
+    assert objects.header == ["object", "targets", "correct", "few votes", "ranking"]
+    assert list(objects.rows) == [
+        ["cat", "4", "3", "1", "0"],
+        ["ape", "4", "2", "0", "2"],
+        ["all", "8", "5", "1", "2"],
+    ]
+    assert visibility.header[0] == "visible fraction"
+    assert list(visibility.rows) == [["0.6-1", "8", "5", "1", "2"], ["all", "8", "5", "1", "2"]]
+
+
+def test_votes_table_has_their_number_and_the_share_of_good_ones() -> None:
+    assert list(votes_table(summary()).rows) == [
+        ["cat", "1000", "0.125", "0.375"],
+        ["ape", "0.0", "", ""],
+        ["all", "1200", "0.250", "0.500"],
+    ]
+
+
+def test_report_tells_the_waterfall_and_draws_it(tmp_path: Path) -> None:
+    (tmp_path / "summary.json").write_text(json.dumps(summary()))
+    text = report(tmp_path, "text")
+    for table in (*waterfall_tables(summary()), votes_table(summary())):
+        assert table.text() in text
+    assert str(tmp_path / "waterfall.png") in text
+    assert (tmp_path / "waterfall.png").is_file()
+    assert (tmp_path / "waterfall.svg").is_file()
+
+
+def test_summaries_of_before_there_were_causes_are_still_read(tmp_path: Path) -> None:
+    (tmp_path / "summary.json").write_text(json.dumps(older_summary()))
+    text = report(tmp_path, "text")
+    assert list(total_table(older_summary()).rows)[1] == ["no region", "2", "0.250"]
+    assert total_table(older_summary()).text() in text
+    assert not list(tmp_path.glob("waterfall.*"))
 
 
 def test_text_is_aligned_and_markdown_is_a_table() -> None:
@@ -120,7 +190,12 @@ def test_metrics_bear_the_names_that_mlflow_takes() -> None:
     assert flat["box_iou50/mean_object"] == 0.375
     assert flat["time_ms/total"] == 480.0
     assert flat["time_ms/voting_p95"] is None
-    assert flat["waterfall/no region"] == 2
+    assert flat["waterfall/correct"] == 5
+    assert flat["waterfall/few_votes"] == 1
+    assert flat["votes/good"] == 0.25
+    assert flat["votes/good_weight"] == 0.5
+    assert flat["votes/good_cat"] == 0.125
+    assert flat["votes/good_ape"] is None
     assert flat["median_errors/ad_mm"] == 3.5
     assert flat["bop/vsd"] is None
     assert flat["targets"] == 8

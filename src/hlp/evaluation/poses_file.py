@@ -15,7 +15,7 @@ POSE_COLUMNS = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 SCORE_COLUMNS = (
     "scene_id", "im_id", "obj_id", "object", "found", "visible_fraction", "ad_mm", "rotation_deg",
     "translation_mm", "box_iou", "ad_correct", "pose_correct", "box_correct", "mssd_recall",
-    "mspd_recall", "vsd_recall",
+    "mspd_recall", "vsd_recall", "cause",
 )  # fmt: skip
 
 _MM = 1e3
@@ -83,6 +83,7 @@ def write_scores(path: Path, scores: Sequence[TargetScore], names: Mapping[int, 
             float(item.mssd_recall),
             float(item.mspd_recall),
             float(item.vsd_recall),
+            item.cause,
         )
         for item in scores
     ]
@@ -95,7 +96,8 @@ def read_scores(path: Path) -> list[TargetScore]:
         raise FileNotFoundError(f"no scores {path}: score the poses first")
     with path.open(encoding="utf-8", newline="") as stream:
         reader = csv.DictReader(stream)
-        if tuple(reader.fieldnames or ()) != SCORE_COLUMNS:
+        # The last column, the cause, came later: older files lack it.
+        if tuple(reader.fieldnames or ()) not in (SCORE_COLUMNS, SCORE_COLUMNS[:-1]):
             raise ValueError(f"{path}: the first line must be {','.join(SCORE_COLUMNS)}")
         return [_score(row, f"{path}, line {reader.line_num}") for row in reader]
 
@@ -134,6 +136,7 @@ def _score(row: Mapping[str, Any], where: str) -> TargetScore:
             mssd_recall=float(row["mssd_recall"]),
             mspd_recall=float(row["mspd_recall"]),
             vsd_recall=float(row["vsd_recall"]),
+            cause=row.get("cause", ""),
         )
     except (ValueError, TypeError) as error:
         raise ValueError(f"{where}: no score ({error})") from error

@@ -1,6 +1,28 @@
-"""Which poses count as correct."""
+"""Which poses count as correct, and what explains those that are not."""
 
 from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class WaterfallSettings:
+    """Bounds by which a miss gets its cause; keys as in conf/evaluation/waterfall/*.yaml."""
+
+    basin_deg: float
+    basin_mm: float
+    vote_deg: float
+    vote_mm: float
+    good_votes: int
+    region_share: float
+    depth_share: float
+    flip_fraction: float
+
+    def __post_init__(self) -> None:
+        """Raise ValueError naming the key of a share that is none."""
+        for key in ("region_share", "depth_share"):
+            if not 0 < getattr(self, key) <= 1:
+                raise ValueError(
+                    f"evaluation.waterfall.{key} is {getattr(self, key)}: a share, above 0 up to 1"
+                )
 
 
 @dataclass(frozen=True)
@@ -9,7 +31,7 @@ class EvaluationSettings:
 
     `symmetric` names the objects that get ADI for ADD and, for the rotation error, the nearest of
     the poses that look alike. Thresholds: fraction of the diameter, cm, degrees, IoU. Intervals
-    come from `bootstrap` resamplings.
+    come from `bootstrap` resamplings. `waterfall` tells why a target was missed.
     """
 
     name: str
@@ -19,6 +41,7 @@ class EvaluationSettings:
     rotation_deg: float
     iou: float
     bootstrap: int
+    waterfall: WaterfallSettings
 
     def __post_init__(self) -> None:
         """Raise ValueError naming the key of a threshold that makes no sense."""

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hlp.evaluation.settings import EvaluationSettings
+from hlp.evaluation.waterfall import count_causes
 from hlp.records import TargetScore
 
 Summary = dict[str, Any]
@@ -26,14 +27,14 @@ def summarise(
     scores: Sequence[TargetScore],
     names: Mapping[int, str],
     timings_ms: Mapping[str, Sequence[float]],
-    waterfall: Mapping[str, int],
+    votes: Mapping[str, Any],
     settings: EvaluationSettings,
     seed: int,
 ) -> Summary:
     """What `summary.json` holds: plain dictionaries of numbers, None where there is none.
 
-    `names` by object id; `timings_ms` one number a frame for `total` and each stage; `waterfall`
-    how many targets ended where. Raises ValueError without scores, and for an object without name.
+    `names` by object id; `timings_ms` one number a frame for `total` and each stage; `votes` what
+    `votes_quality` says. Raises ValueError without scores, and for an object without name.
     """
     if not scores:
         raise ValueError("nothing to summarise: no target was scored")
@@ -54,7 +55,8 @@ def summarise(
         "bop": _bop(scores),
         "policy": settings.name,
         "timing_ms": {stage: _times(values) for stage, values in timings_ms.items()},
-        "waterfall": dict(waterfall),
+        "waterfall": count_causes(scores, names),
+        "votes": dict(votes),
     }
 
 

@@ -1,31 +1,32 @@
 """A run from start to end: learn, find, score, draw, log. What is on disk is not made again."""
 
 import logging
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
 from hlp.evaluation.evaluator import FrameTruth, score_targets
+from hlp.evaluation.nearness import votes_quality
 from hlp.evaluation.poses_file import read_poses, write_poses, write_scores
 from hlp.evaluation.summary import summarise
 from hlp.pipeline import manifest
 from hlp.pipeline.build import Run
+from hlp.pipeline.diagnosis import explain_misses, tally_votes
 from hlp.pipeline.drawing import picture_of_stages
 from hlp.pipeline.finding import Finder
-from hlp.pipeline.frame_files import read_arrays
 from hlp.pipeline.learning import Learner
 from hlp.pipeline.store import StageStore
 from hlp.pipeline.threads import set_threads
 from hlp.pipeline.tracked import log_inputs, log_tables, revision_tag, run_name
 from hlp.pipeline.training import read_history
-from hlp.records import PoseEstimate, TargetScore
+from hlp.records import PoseEstimate
 from hlp.reporting.metrics import summary_metrics
 from hlp.reporting.panels import write_png
 from hlp.reporting.tables import format_summary
 from hlp.reporting.tracking import Tracker, how_to_browse, track_run
+from hlp.reporting.waterfall import draw_waterfall
 
 STAGES = ("holistic", "local", "voting", "refinement")
 
@@ -74,17 +75,20 @@ def _score(
     truths = [FrameTruth.of(world.frames.load(key)) for key in keys]
     saved = read_poses(output / "poses.csv")
     scores = score_targets(truths, world.models, saved, settings.evaluation)
+    scores = explain_misses(finder, scores)
     names = {object_id: model.name for object_id, model in world.models.items()}
     write_scores(output / "scores.csv", scores, names)
+    tallies = tally_votes(finder.hypotheses().folder, truths, world.models, settings.evaluation)
     summary = summarise(
         scores,
         names,
         _times_ms(estimates),
-        waterfall(scores, _lost_early(finder)),
+        votes_quality(tallies, names),
         settings.evaluation,
         settings.seed,
     )
     manifest.write_json(output / "summary.json", summary)
+    draw_waterfall(output, summary["waterfall"])
     return summary
 
 
@@ -93,37 +97,6 @@ def _times_ms(estimates: Sequence[PoseEstimate]) -> dict[str, list[float]]:
     total = [1000.0 * sum(each.seconds.values()) for each in estimates]
     stages = {name: [1000.0 * each.seconds[name] for each in estimates] for name in STAGES}
     return {"total": total, **stages}
-
-
-def waterfall(
-    scores: Sequence[TargetScore], lost: Mapping[tuple[int, int, int], str]
-) -> dict[str, int]:
-    """How many targets were right by AD, and at which stage the others were lost.
-
-    `lost` names the cause for targets (scene, frame, object) that never became a pose.
-    """
-    causes = Counter(
-        "correct"
-        if score.ad_correct
-        else lost.get((score.scene_id, score.frame_id, score.object_id), "wrong_pose")
-        for score in scores
-    )
-    return {name: causes[name] for name in ("correct", "no_region", "no_votes", "wrong_pose")}
-
-
-def _lost_early(finder: Finder) -> dict[tuple[int, int, int], str]:
-    regions, coarse = finder.regions().folder, finder.hypotheses().folder
-    lost = {}
-    for key in finder.keys:
-        scene_id, frame_id = (int(part) for part in key.split("_"))
-        masks, found = read_arrays(regions, key), read_arrays(coarse, key)
-        for entry in found:
-            object_id, _, field = entry.partition("/")
-            if field == "support" and len(found[entry]) == 0:
-                empty = not masks[f"{object_id}/mask"].any()
-                cause = "no_region" if empty else "no_votes"
-                lost[scene_id, frame_id, int(object_id)] = cause
-    return lost
 
 
 def _log_training(learner: Learner, tracker: Tracker) -> None:

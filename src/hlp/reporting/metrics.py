@@ -22,6 +22,10 @@ def summary_metrics(summary: Mapping[str, Any]) -> dict[str, float | None]:
             flat[f"{shown}/recall_{name}"] = scores[key]["recall"]
     for stage, times in summary["timing_ms"].items():
         flat |= {f"time_ms/{stage}": times["median"], f"time_ms/{stage}_p95": times["p95"]}
-    for group in ("median_errors", "bop", "waterfall"):
+    votes, lost = summary["votes"], summary["waterfall"]["total"]
+    flat |= {f"votes/{name}": value for name, value in votes["total"].items()}
+    flat |= {f"votes/good_{name}": each["good"] for name, each in votes["per_object"].items()}
+    flat |= {f"waterfall/{name}": count for name, count in lost.items()}
+    for group in ("median_errors", "bop"):
         flat |= {f"{group}/{name}": value for name, value in summary[group].items()}
     return flat

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hlp.reporting.waterfall import CORRECT, PANELS, draw_waterfall
+
 PAPER_AD = {
     "ape": 0.970,
     "benchvise": 0.951,
@@ -62,8 +64,9 @@ FORMATS: dict[str, Callable[[Table], str]] = {"text": Table.text, "markdown": Ta
 def report(folder: Path, layout: str) -> str:
     """Tables of every run in or below a folder, oldest first, and all of them side by side.
 
-    `layout` is `text` or `markdown`. Raises ValueError for another layout or a broken summary, and
-    FileNotFoundError where no finished run is found.
+    `layout` is `text` or `markdown`. Each run's waterfall is drawn into its folder. Raises
+    ValueError for another layout or a broken summary, and FileNotFoundError where no finished run
+    is found.
     """
     if layout not in FORMATS:
         raise ValueError(f"format={layout}: choose one of {', '.join(FORMATS)}")
@@ -72,10 +75,14 @@ def report(folder: Path, layout: str) -> str:
         raise FileNotFoundError(f"no finished run (summary.json) in or below {folder}")
     summaries = {str(path.parent): read_summary(path) for path in paths}
     heading = "## " if layout == "markdown" else ""
-    parts = [
-        f"{heading}{name}\n\n{format_summary(summary, layout)}"
-        for name, summary in summaries.items()
-    ]
+    parts = []
+    for name, summary in summaries.items():
+        parts.append(f"{heading}{name}\n\n{format_summary(summary, layout)}")
+        tables = (*waterfall_tables(summary), votes_table(summary))
+        parts += [FORMATS[layout](table) for table in tables if table.rows]
+        if waterfall_tables(summary):
+            draw_waterfall(Path(name), summary["waterfall"])
+            parts.append(f"Drawn: {Path(name, 'waterfall.png')} and .svg")
     if len(summaries) > 1:
         parts.append(f"{heading}All runs\n\n{FORMATS[layout](runs_table(summaries))}")
     return "\n\n".join(parts)
@@ -95,7 +102,7 @@ def read_summary(path: Path) -> dict[str, Any]:
 
 def format_summary(summary: Mapping[str, Any], layout: str = "text") -> str:
     """The three tables of one run: recalls per object, time per stage, where targets ended."""
-    tables = (objects_table(summary), time_table(summary), waterfall_table(summary))
+    tables = (objects_table(summary), time_table(summary), total_table(summary))
     parts = [FORMATS[layout](table) for table in tables if table.rows]
     return "\n\n".join([RECALL, *parts])
 
@@ -139,13 +146,49 @@ def time_table(summary: Mapping[str, Any]) -> Table:
     return Table(["ms per target", "median", "95 %"], rows)
 
 
-def waterfall_table(summary: Mapping[str, Any]) -> Table:
-    """How many targets ended where, and their share."""
+def total_table(summary: Mapping[str, Any]) -> Table:
+    """How many targets were correct and how many were lost by which cause, and their shares."""
+    counts = summary["waterfall"]
+    if "total" in counts:
+        counts = counts["total"]
     total = max(summary["targets"], 1)
-    rows = [
-        [name, str(count), _share(count / total)] for name, count in summary["waterfall"].items()
-    ]
+    rows = [[_words(name), str(count), _share(count / total)] for name, count in counts.items()]
     return Table(["targets ended as", "number", "share"], rows)
+
+
+def waterfall_tables(summary: Mapping[str, Any]) -> list[Table]:
+    """Lost targets by cause, a row an object and a row a class of the visible fraction.
+
+    Causes that lost none are left out. Empty for runs of before there were causes.
+    """
+    waterfall = summary["waterfall"]
+    if "total" not in waterfall:
+        return []
+    total = waterfall["total"]
+    causes = [name for name, count in total.items() if count and name != CORRECT]
+    header = ["targets", CORRECT, *map(_words, causes)]
+    tables = []
+    for panel, title in PANELS.items():
+        rows = [
+            [name, str(sum(counts.values())), *(str(counts[each]) for each in (CORRECT, *causes))]
+            for name, counts in {**waterfall[panel], "all": total}.items()
+        ]
+        tables.append(Table([title, *header], rows))
+    return tables
+
+
+def votes_table(summary: Mapping[str, Any]) -> Table:
+    """Number of votes for one object in one frame, and the share near the truth.
+
+    Empty for runs of before votes were kept.
+    """
+    votes = summary.get("votes", {"per_object": {}})
+    groups = {**votes["per_object"], "all": votes["total"]} if "total" in votes else {}
+    rows = [
+        [name, _ms(each["votes"]), _share(each["good"]), _share(each["good_weight"])]
+        for name, each in groups.items()
+    ]
+    return Table(["votes", "number", "good", "of the weight"], rows)
 
 
 def runs_table(summaries: Mapping[str, Mapping[str, Any]]) -> Table:
@@ -160,6 +203,10 @@ def runs_table(summaries: Mapping[str, Mapping[str, Any]]) -> Table:
         for name, summary in summaries.items()
     ]
     return Table(["run", "targets", *METRICS.values(), "ms"], rows)
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
 
 
 def _share(value: float | None) -> str:

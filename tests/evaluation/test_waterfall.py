@@ -1,0 +1,129 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from waterfall_bounds import BOUNDS
+
+from hlp.evaluation.waterfall import (
+    CAUSES,
+    CORRECT,
+    Evidence,
+    cause_of,
+    count_causes,
+    visibility_class,
+)
+from hlp.records import TargetScore
+
+
+def _none(count):
+    return np.zeros(count, dtype=bool)
+
+
+# A target for which every stage did its part but the last: the right pose was not chosen.
+FINE = Evidence(
+    visible=1000,
+    with_depth=900,
+    windows=12,
+    in_region=800,
+    good_votes=50,
+    near_basin=np.array([False, True, False, True]),
+    refined=np.array([0, 1]),
+    right=np.array([False, True]),
+    flipped=False,
+)
+NOT_RIGHT = dataclasses.replace(FINE, right=_none(2))
+NOT_REFINED = dataclasses.replace(NOT_RIGHT, refined=np.array([0, 2]))
+NOT_NEAR = dataclasses.replace(NOT_RIGHT, near_basin=_none(4))
+FEW = dataclasses.replace(NOT_NEAR, good_votes=4)
+NO_REGION = dataclasses.replace(FEW, in_region=249)
+NO_WINDOW = dataclasses.replace(NO_REGION, windows=0)
+NO_DEPTH = dataclasses.replace(NO_WINDOW, with_depth=499)
+FLIPPED = dataclasses.replace(FINE, flipped=True)
+
+
+@pytest.mark.parametrize(
+    ("cause", "evidence"),
+    [
+        ("symmetric_flip", FLIPPED),
+        ("ranking", FINE),
+        ("refiner_diverged", NOT_RIGHT),
+        ("screening", NOT_REFINED),
+        ("outside_basin", NOT_NEAR),
+        ("few_votes", FEW),
+        ("wrong_region", NO_REGION),
+        ("no_window", NO_WINDOW),
+        ("depth_missing", NO_DEPTH),
+    ],
+)
+def test_every_cause_has_its_case(cause, evidence):
+    assert cause_of(evidence, BOUNDS) == cause
+
+
+def test_at_its_bound_a_stage_still_did_its_part():
+    at_bounds = dataclasses.replace(NOT_NEAR, good_votes=5, in_region=250, windows=1)
+    assert cause_of(dataclasses.replace(at_bounds, with_depth=500), BOUNDS) == "outside_basin"
+
+
+def test_a_later_stage_that_did_its_part_clears_those_before_it():
+    lucky = dataclasses.replace(NO_DEPTH, near_basin=FINE.near_basin)
+    assert cause_of(lucky, BOUNDS) == "refiner_diverged"
+    assert cause_of(dataclasses.replace(lucky, right=FINE.right), BOUNDS) == "ranking"
+
+
+def test_a_hidden_target_without_any_hypothesis_has_no_window():
+    nothing = Evidence(0, 0, 0, 0, 0, _none(0), np.zeros(0, dtype=int), _none(0), False)
+    assert cause_of(nothing, BOUNDS) == "no_window"
+
+
+@pytest.mark.parametrize(
+    ("fraction", "name"),
+    [
+        (0.0, "0-0.1"),
+        (0.1, "0.1-0.3"),
+        (0.299, "0.1-0.3"),
+        (0.3, "0.3-0.6"),
+        (0.6, "0.6-1"),
+        (1.0, "0.6-1"),
+        (float("nan"), "not stated"),
+    ],
+)
+def test_classes_of_the_visible_fraction(fraction, name):
+    assert visibility_class(fraction) == name
+
+
+def _score(object_id, fraction, cause=""):
+    right = not cause
+    return TargetScore(
+        6, 0, object_id, True, fraction, 0.1, 0.1, 0.1, 0.5, right, right, right, cause=cause
+    )
+
+
+def test_counts_add_up_in_all_and_in_every_class():
+    scores = [
+        _score(2, 0.2, "wrong_region"),
+        _score(1, 0.7),
+        _score(1, 0.8, "ranking"),
+        _score(2, 0.9),
+        _score(2, 0.25, "wrong_region"),
+    ]
+    counts = count_causes(scores, {1: "cat", 2: "ape", 3: "can"})
+    assert list(counts["total"]) == [CORRECT, *CAUSES]
+    assert {name: n for name, n in counts["total"].items() if n} == {
+        "correct": 2,
+        "wrong_region": 2,
+        "ranking": 1,
+    }
+    assert list(counts["per_object"]) == ["cat", "ape"]
+    assert counts["per_object"]["ape"]["wrong_region"] == 2
+    assert counts["per_object"]["cat"]["ranking"] == 1
+    assert list(counts["per_visibility"]) == ["0.1-0.3", "0.6-1"]
+    assert counts["per_visibility"]["0.1-0.3"]["wrong_region"] == 2
+    assert counts["per_visibility"]["0.6-1"]["correct"] == 2
+    for groups in (counts["per_object"], counts["per_visibility"]):
+        assert sum(sum(group.values()) for group in groups.values()) == len(scores)
+
+
+def test_a_miss_without_a_cause_is_an_error():
+    unexplained = dataclasses.replace(_score(1, 0.5, "ranking"), cause="")
+    with pytest.raises(ValueError, match=r"scene 6, frame 0, object 1"):
+        count_causes([unexplained], {1: "cat"})
