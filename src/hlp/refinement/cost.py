@@ -7,11 +7,12 @@ One compiled kernel transforms the mesh, draws it into a z-buffer and sums the c
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from hlp.geometry import project, transform
 from hlp.records import Mesh
@@ -61,9 +62,7 @@ class DepthCost:
         threads: int = 1,
     ) -> None:
         self._settings = settings
-        self._vertices = np.ascontiguousarray(mesh.vertices.T, dtype=np.float64)
-        self._faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
-        self._closed = is_closed(self._faces, mesh.vertices)
+        self._vertices, self._faces, self._closed = _prepared(mesh)
         points = transform(pose_cam_obj, mesh.vertices)
         self.observed, self.camera_matrix = _region(
             depth, camera_matrix, points, settings.roi_size, settings.roi_margin_mm / 1000.0
@@ -150,6 +149,14 @@ class DepthCost:
         rendered = self.render(pose_cam_obj)
         both = (rendered > 0.0) & (self.observed > 0.0)
         return np.asarray(both & (np.abs(rendered - self.observed) <= tolerance))
+
+
+@lru_cache(maxsize=32)
+def _prepared(mesh: Mesh) -> tuple[Float[np.ndarray, "3 v"], Int[np.ndarray, "f 3"], bool]:
+    """Vertices by coordinate, faces, and whether back faces are hidden: once for each mesh."""
+    faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
+    closed = is_closed(faces, mesh.vertices)
+    return np.ascontiguousarray(mesh.vertices.T, dtype=np.float64), faces, closed
 
 
 def depth_edges(depth: Float[np.ndarray, "h w"], step: float) -> Bool[np.ndarray, "h w"]:
