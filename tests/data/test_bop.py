@@ -238,3 +238,20 @@ def test_a_true_pose_lies_on_the_depth_that_was_measured(shared_data):
 def test_every_development_frame_loads(shared_data):
     frames = BopFrames(shared_data / "lm", "test", "test_targets_bop19.json")
     assert sum(len(frames.load(key).targets) for key in frames.keys) == 1309
+
+
+def test_visible_masks_are_read_by_the_number_of_the_annotation(root):
+    """Of object 6 the frame's target is the third annotation, the more visible one."""
+    frames = _frames(root)
+    frame = frames.load("000006_000000")
+    target = next(target for target in frame.targets if target.object_id == 6)
+    assert frames.visible_mask(frame, target) is None
+    folder = _scene(root, "mask_visib")
+    folder.mkdir()
+    masks = np.random.default_rng(1).random((3, 60, 80)) < 0.2
+    for number, mask in enumerate(masks):
+        cv2.imwrite(str(folder / f"000000_{number:06d}.png"), mask.astype(np.uint8) * 255)
+    np.testing.assert_array_equal(frames.visible_mask(frame, target), masks[2])
+    cv2.imwrite(str(folder / "000000_000002.png"), np.zeros((30, 40), np.uint8))
+    with pytest.raises(ValueError, match=r"000000_000002\.png is 40x30"):
+        frames.visible_mask(frame, target)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
+from hlp.data.sources import VisibleMasks
 from hlp.data.synthetic_objects import demo_objects
 from hlp.data.synthetic_scenes import (
     LINEMOD_CAMERA,
@@ -22,6 +23,7 @@ CONF = Path(__file__).parents[2] / "conf" / "data" / "demo.yaml"
 def demo_settings(**changes: object) -> SyntheticSettings:
     values = OmegaConf.to_container(OmegaConf.load(CONF))
     assert isinstance(values, dict)
+    del values["defaults"]  # Hydra's
     assert values.pop("name") == "synthetic"
     return replace(SyntheticSettings(**values), **{"width": 320, "height": 240, **changes})
 
@@ -38,7 +40,7 @@ def source() -> SyntheticScenes:
 def test_config_names_every_setting_and_no_other() -> None:
     values = OmegaConf.to_container(OmegaConf.load(CONF))
     assert isinstance(values, dict)
-    assert set(values) - {"name"} == {field.name for field in fields(SyntheticSettings)}
+    assert set(values) - {"name", "defaults"} == {field.name for field in fields(SyntheticSettings)}
     defaults = inspect.signature(SyntheticSettings).parameters.values()
     assert all(parameter.default is inspect.Parameter.empty for parameter in defaults)
 
@@ -95,6 +97,25 @@ def test_visible_fraction_counts_what_others_and_the_border_hide(source: Synthet
                 fractions.append(expected)
     assert listed >= 18
     assert min(fractions) < 0.8 < max(fractions)
+
+
+def test_visible_masks_show_the_targets_as_much_as_they_are_visible(
+    source: SyntheticScenes,
+) -> None:
+    """Inside a mask the object is what is seen: its own rendering has the noiseless depth."""
+    assert isinstance(source, VisibleMasks)
+    models = demo_objects()
+    frame = source.load(source.keys[1])
+    depth = source.scene(frame.key).depth
+    for target in frame.targets:
+        mask = source.visible_mask(frame, target)
+        mesh, camera = models[target.object_id].mesh, frame.camera_matrix
+        alone = render_depth(mesh, target.pose_cam_obj[None], camera, (240, 320))[0]
+        np.testing.assert_allclose(depth[mask], alone[mask], atol=1e-5)
+        if target.visible_fraction == 1.0:
+            np.testing.assert_array_equal(mask, alone > 0)
+        else:
+            assert 0 < mask.sum() < (alone > 0).sum() * (target.visible_fraction + 0.02)
 
 
 def test_frames_depend_on_seed_and_number_only() -> None:

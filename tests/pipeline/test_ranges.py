@@ -21,9 +21,11 @@ class Outer:
     frames: int | None
     name: str
     grid: Inner
+    each: dict[str, Inner]
+    windows: dict[str, str]
 
 
-GOOD = Outer(0, False, -45.0, None, "x", Inner(1, 0.0))
+GOOD = Outer(0, False, -45.0, None, "x", Inner(1, 0.0), {"cat": Inner(1, 1.0)}, {"a": "b"})
 
 
 def test_sound_settings_pass() -> None:
@@ -37,6 +39,7 @@ def test_sound_settings_pass() -> None:
         ({"frames": 0}, "frames is 0: it must be at least 1"),
         ({"grid": Inner(0, 1.0)}, r"grid\.step is 0: it must be at least 1"),
         ({"grid": Inner(8, -2.5)}, r"grid\.tau_mm is -2\.5: it must be at least 0"),
+        ({"each": {"cat": Inner(1, 1.0), "cup": Inner(0, 1.0)}}, r"each\.cup\.step is 0: .*"),
         ({"grid": Inner(8, math.nan)}, r"grid\.tau_mm is nan: it must be at least 0"),
     ],
 )

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from hlp.data.images import camera_matrix, find_image, read_depth, read_json, read_rgb, same_size
 from hlp.data.object_models import ObjectSettings
@@ -135,6 +135,26 @@ class BopFrames:
             folder = self._folder(scene)
             files += [find_image(folder / kind, f"{frame:06d}") for kind in ("rgb", "depth")]
         return content_hash(files, extra=repr(list(self.targets.items())))
+
+    def visible_mask(self, frame: Frame, target: Target) -> Bool[np.ndarray, "h w"] | None:
+        """What `mask_visib/` says of one of the frame's targets; None where there is no such file.
+
+        Raises ValueError naming a mask that is broken or not of the frame's size.
+        """
+        folder, (_, truths, _) = self._folder(frame.scene_id), self._scene(frame.scene_id)
+        annotated = _annotated_targets(truths[str(frame.frame_id)], [], str(folder))
+        number = next(
+            number
+            for number, each in enumerate(annotated)
+            if each.object_id == target.object_id
+            and np.array_equal(each.pose_cam_obj, target.pose_cam_obj)
+        )
+        path = folder / "mask_visib" / f"{frame.frame_id:06d}_{number:06d}.png"
+        if not path.is_file():
+            return None
+        mask = read_rgb(path)[..., 0] > 0
+        same_size(path, mask, frame.depth)
+        return mask
 
     def _folder(self, scene_id: int) -> Path:
         return self._root / self._split / f"{scene_id:06d}"

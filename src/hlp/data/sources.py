@@ -3,9 +3,12 @@
 import hashlib
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
-from hlp.records import Frame
+import numpy as np
+from jaxtyping import Bool
+
+from hlp.records import Frame, Target
 
 _CHUNK = 1 << 20
 
@@ -31,6 +34,15 @@ class FrameSource(Protocol):
 
     def __len__(self) -> int:
         """Number of frames."""
+        ...
+
+
+@runtime_checkable
+class VisibleMasks(Protocol):
+    """Frames that know which pixels show a target."""
+
+    def visible_mask(self, frame: Frame, target: Target) -> Bool[np.ndarray, "h w"] | None:
+        """Pixels where the target, one of the frame's, is what is seen; None where not known."""
         ...
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
 from hlp.data.sensor import kinect, noisy_depth, noisy_rgb
 from hlp.data.sources import content_hash
@@ -137,6 +137,15 @@ class SyntheticScenes:
         empty = index < 0
         rgb[empty], depth[empty] = back_rgb[empty], back_depth[empty]
         return Scene(tuple(items), pose_cam_world, light, rgb, depth, index)
+
+    def visible_mask(self, frame: Frame, target: Target) -> Bool[np.ndarray, "h w"]:
+        """Pixels where one of the frame's targets is what is seen, whatever the sensor makes of it.
+
+        Raises KeyError for an unknown frame.
+        """
+        scene = self.scene(frame.key)
+        number = [item.object_id for item in scene.items].index(target.object_id)
+        return np.asarray(scene.index == number)
 
     def _place(self, eye: Float[np.ndarray, "3"], rng: np.random.Generator) -> list[Item]:
         """Objects in a random choice and order, then clutter; without targets clutter alone."""

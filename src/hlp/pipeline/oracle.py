@@ -77,6 +77,7 @@ def _stage(finder: Finder, task: OracleSettings, keys: Sequence[str], store: Sta
     decided = {
         "noise_deg": task.noise_deg,
         "noise_mm": task.noise_mm,
+        "agree_mm": task.agree_mm,
         "refinement": result_settings(settings.refinement),
         "poses_version": VERSIONS["poses"],
         "keys": list(keys),
@@ -117,7 +118,7 @@ def _answers(
     """
     object_id, model = target.object_id, finder.world.models[target.object_id]
     stored = read_arrays(finder.hypotheses().folder, frame.key)
-    visible = visible_mask(frame, target, model)
+    visible = visible_mask(finder.world.frames, frame, target, model, task.agree_mm / 1e3)
     shown = Region(object_id, np.zeros((0, 2)), np.zeros(0), visible)
     masks = {
         "estimated": read_regions(finder.regions().folder, frame)[object_id].mask,

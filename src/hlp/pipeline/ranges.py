@@ -18,8 +18,9 @@ def check_ranges(settings: Any, key: str = "") -> None:
         if dataclasses.is_dataclass(value):
             check_ranges(value, f"{name}.")
         elif isinstance(value, Mapping):
-            for key_of, one in value.items():
-                check_ranges(one, f"{name}.{key_of}.")
+            for entry, one in value.items():
+                if dataclasses.is_dataclass(one):
+                    check_ranges(one, f"{name}.{entry}.")
         elif isinstance(value, int | float) and each.name not in MAY_BE_NEGATIVE:
             whole = isinstance(value, int) and not isinstance(value, bool)
             least = 1 if whole and each.name not in MAY_BE_ZERO else 0

@@ -2,7 +2,9 @@
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Discriminator, Tag
 
 from hlp.codebook.entries import EntrySettings
 from hlp.codebook.neighbours import ExactSettings, KdForestSettings
@@ -79,6 +81,20 @@ class OracleSettings:
     frames: int | None
     noise_deg: float
     noise_mm: float
+    agree_mm: float
+
+
+# Told apart by their `name`, so that a wrong key is named as one of its own refiner.
+AnyRefiner = Annotated[
+    Annotated[PsoSettings, Tag("pso")]
+    | Annotated[IcpSettings, Tag("icp")]
+    | Annotated[NoneSettings, Tag("none")],
+    Discriminator(
+        lambda values: values.get("name"),
+        custom_error_type="refiner",
+        custom_error_message="its name is none of pso, icp, none",
+    ),
+]
 
 
 @dataclass(frozen=True)
@@ -91,7 +107,7 @@ class BasinSettings:
     rotation_deg: tuple[float, ...]
     translation_mm: tuple[float, ...]
     starts: int
-    refiners: dict[str, PsoSettings | IcpSettings | NoneSettings]
+    refiners: dict[str, AnyRefiner]
 
     def __post_init__(self) -> None:
         """Raise ValueError naming the key of a list that cannot be worked with."""

@@ -1,0 +1,81 @@
+"""Which task a configuration asks for, and on which world."""
+
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_dir
+
+from hlp.pipeline import basin, oracle, runner
+from hlp.pipeline.build import Run, build_settings
+from hlp.pipeline.settings import BasinSettings, MethodSettings, OracleSettings
+from hlp.pipeline.tasks import run_task
+
+CONF = Path(__file__).parents[2] / "conf"
+
+
+def configuration(*overrides):
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return compose("config", overrides=["output=out", *overrides])
+
+
+@pytest.mark.parametrize(
+    ("experiment", "kind", "module"),
+    [
+        ("demo", MethodSettings, runner),
+        ("oracle", OracleSettings, oracle),
+        ("basin", BasinSettings, basin),
+    ],
+)
+def test_the_experiment_chooses_the_task(experiment, kind, module, monkeypatch):
+    settings = build_settings(configuration(f"experiment={experiment}"))
+    assert isinstance(settings.task, kind)
+    called = []
+    for each in (runner, oracle, basin):
+        monkeypatch.setattr(each, "run", lambda *given, each=each: called.append((each, given[0])))
+    planned = Run(settings, None, (), {})
+    run_task(planned, Path("out"))
+    assert called == [(module, planned)]
+
+
+def test_an_experiment_takes_the_sizes_of_the_world_it_is_run_on():
+    """So it finds the stages that a run of that world has left."""
+    board = ("data=lm_board", "data.root=lm")
+    for experiment in ("oracle", "basin"):
+        demo = build_settings(configuration(f"experiment={experiment}"))
+        assert demo.patches == build_settings(configuration()).patches
+        assert demo.rendering == build_settings(configuration()).rendering
+        own = build_settings(configuration(f"experiment={experiment}", *board))
+        run = build_settings(configuration("experiment=lm_board", "data.root=lm"))
+        assert (own.patches, own.rendering) == (run.patches, run.rendering)
+        assert own.rendering != demo.rendering and own.name == experiment
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (["+task.frame=3"], r"^task\.frame: Unexpected"),
+        (["task.noise_deg=wide"], r"^task\.noise_deg: .*number \(given: 'wide'\)$"),
+        (["task.name=orakel"], r"^task\.name is 'orakel': choose one of method, oracle, basin$"),
+    ],
+)
+def test_a_wrong_value_is_named_by_its_key(overrides, message):
+    with pytest.raises(ValueError, match=message):
+        build_settings(configuration("experiment=oracle", *overrides))
+
+
+def test_a_refiner_that_is_not_there_is_named_and_others_can_be_added():
+    with pytest.raises(ValueError, match=r"^task\.compared names 'psi': choose of pso, icp, none"):
+        build_settings(configuration("experiment=basin", "task.compared=[psi]"))
+    with pytest.raises(ValueError, match=r"^task\.refiners\.icp\.icp\.trim: .*'much'"):
+        build_settings(configuration("experiment=basin", "task.refiners.icp.trim=much"))
+    with pytest.raises(
+        ValueError, match=r"^task\.refiners\.icp: its name is none of pso, icp, none"
+    ):
+        build_settings(configuration("experiment=basin", "task.refiners.icp.name=icq"))
+    task = build_settings(
+        configuration(
+            "experiment=basin", "task.compared=[paper,wide]", "+refinement@task.refiners.wide=pso"
+        )
+    ).task
+    assert isinstance(task, BasinSettings)
+    assert task.refiners["paper"].theta_deg == 5.0 and task.refiners["wide"].theta_deg == 10.0
