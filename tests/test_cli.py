@@ -194,3 +194,17 @@ def test_report_without_runs_says_where_it_looked(call: Hlp) -> None:
     assert empty.returncode == 1
     assert empty.stderr.startswith("hlp: ")
     assert str(Path("outputs", "demo")) in empty.stderr
+
+
+def test_report_compares_two_runs(call: Hlp, tmp_path: Path) -> None:
+    header = "scene_id,im_id,obj_id,object,visible_fraction,ad_mm,rotation_deg,"
+    for name, right in (("a", 0), ("b", 1)):
+        (tmp_path / name).mkdir()
+        lines = (f"{header}ad_correct,pose_correct,box_correct", f"1,2,6,cat,1.0,9,9,{right},1,1")
+        (tmp_path / name / "scores.csv").write_text("\n".join(lines) + "\n")
+    compared = call("report", "runs=[a, b]")
+    assert compared.returncode == 0
+    assert "Flipped by AD: 1" in compared.stdout
+    one = call("report", "runs=[a]")
+    assert one.returncode == 1
+    assert "runs=[a]: name two" in one.stderr

@@ -5,10 +5,11 @@ from __future__ import annotations
 import logging
 import os
 import sys
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import hlp
 
@@ -37,19 +38,24 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(2)
 
 
-def run(config: DictConfig) -> None:
-    """Build everything the composed configuration names, then do its task with it."""
+def run(config: DictConfig, manifest: Path | None = None) -> None:
+    """Build everything the composed configuration names, then do its task with it.
+
+    With a `manifest`, whose configuration it is, the data and the poses are compared with it.
+    """
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
 
     config.output = HydraConfig.get().runtime.output_dir  # an arm of a sweep has its own
 
-    from hlp.pipeline import build, sweep, tasks
+    from hlp.pipeline import build, repeat, sweep, tasks
 
     if HydraConfig.get().mode == RunMode.MULTIRUN:
         sweep.run_arm(config)
-        return
-    tasks.run_task(build.build_run(config), Path(config.output))
+    elif manifest is not None:
+        repeat.run_again(build.build_run(config), manifest, Path(config.output))
+    else:
+        tasks.run_task(build.build_run(config), Path(config.output))
 
 
 def predict(config: DictConfig) -> None:
@@ -96,11 +102,29 @@ def _set_environment() -> None:
 def _run_command(arguments: Sequence[str]) -> None:
     from hlp.pipeline.sweep import unfinished_sweep
 
+    if any(each.startswith(MANIFEST) for each in arguments):
+        _repeat(arguments)
+        return
     folder = unfinished_sweep(arguments, Path("outputs")) if MULTIRUN & {*arguments} else None
     if folder is not None:
         print(f"going on with the sweep in {folder}")
         arguments = [*arguments, f"output='{folder}'"]
-    _compose_and_call("run", arguments, run)
+    _compose_and_call("run", arguments, run, config_folder())
+
+
+def _repeat(arguments: Sequence[str]) -> None:
+    from hlp.pipeline.repeat import config_of
+
+    overrides = [each for each in arguments if not each.startswith(MANIFEST)]
+    named = [each.removeprefix(MANIFEST) for each in arguments if each.startswith(MANIFEST)]
+    manifest = Path(named[-1]).expanduser()
+    try:
+        config = config_of(manifest, overrides, config_folder())
+    except (ValueError, OSError) as error:
+        _fail(error)
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder, "config.yaml").write_text(config)
+        _compose_and_call("run", overrides, lambda each: run(each, manifest), Path(folder))
 
 
 def _predict_command(arguments: Sequence[str]) -> None:
@@ -108,7 +132,7 @@ def _predict_command(arguments: Sequence[str]) -> None:
         print(PREDICT_HELP)
         return
     overrides = [_data_override(argument) for argument in arguments]
-    _compose_and_call("predict", ["experiment=predict", *overrides], predict)
+    _compose_and_call("predict", ["experiment=predict", *overrides], predict, config_folder())
 
 
 def _data_override(argument: str) -> str:
@@ -122,8 +146,12 @@ def _data_override(argument: str) -> str:
 
 
 def _compose_and_call(
-    command: str, arguments: Sequence[str], task: Callable[[DictConfig], None]
+    command: str,
+    arguments: Sequence[str],
+    task: Callable[[DictConfig], None],
+    folder: Path,
 ) -> None:
+    """Compose the configuration that lies in a folder and do the task with it."""
     import hydra
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
@@ -131,7 +159,7 @@ def _compose_and_call(
     from hlp.pipeline.sweep import sweep_open
 
     sys.argv = [f"hlp {command}", *arguments]  # Hydra takes no other way
-    app = hydra.main(version_base="1.3", config_path=str(config_folder()), config_name="config")
+    app = hydra.main(version_base="1.3", config_path=str(folder), config_name="config")
     try:
         with sweep_open():
             app(lambda config: _job(config, task))()
@@ -158,18 +186,23 @@ def _job(config: DictConfig, task: Callable[[DictConfig], None]) -> None:
 
 def _report_command(arguments: Sequence[str]) -> None:
     try:
-        given = _key_values(arguments, ("experiment", "output", "format"))
+        given = _key_values(arguments, ("experiment", "output", "format", "runs", "uri"))
     except ValueError as error:
         print(f"hlp report: {error}\n\n{REPORT_HELP}", file=sys.stderr)
         sys.exit(2)
     if given is None:
         print(REPORT_HELP)
         return
+    from hlp.reporting.comparison import compare
     from hlp.reporting.tables import report
 
+    layout = given.get("format", "text")
     folder = Path(given.get("output") or Path("outputs", given.get("experiment", "")))
     try:
-        print(report(folder, given.get("format", "text")))
+        if "runs" in given:
+            print(compare(given["runs"], given.get("uri", MLFLOW), layout))
+        else:
+            print(report(folder, layout))
     except (ValueError, OSError) as error:
         _fail(error)
 
@@ -203,7 +236,7 @@ def _in_words(error: BaseException) -> str:
     return "\n".join(filter(None, [str(error), *behind, *getattr(error, "__notes__", [])]))
 
 
-def _fail(error: BaseException) -> None:
+def _fail(error: BaseException) -> NoReturn:
     if os.environ.get("HLP_TRACEBACK", "0") not in {"", "0"}:
         raise error
     print(f"hlp: {_in_words(error)}", file=sys.stderr)
@@ -212,11 +245,19 @@ def _fail(error: BaseException) -> None:
 
 REPORT_HELP = """\
 usage: hlp report [experiment=NAME] [output=DIR] [format=text|markdown]
+       hlp report 'runs=[A,B]' [uri=MLFLOW]
 
 Tables of finished runs, with the paper's figures beside ours for LINEMOD's objects:
-those below outputs/, of one experiment (outputs/NAME), or below any other folder (output=DIR)."""
+those below outputs/, of one experiment (outputs/NAME), or below any other folder (output=DIR).
+
+runs=[A,B] compares two runs target by target: the difference of their recalls with its interval,
+McNemar's test, and which targets flipped. Each is an output folder, or a run's id in MLflow
+(uri=sqlite:///work/mlflow.db)."""
+
+MLFLOW = "sqlite:///work/mlflow.db"
 
 USAGE = ("usage: hlp COMMAND [overrides]", "       hlp -m [overrides]   (a sweep of runs)")
+MANIFEST = "manifest="
 MULTIRUN = {"-m", "--multirun"}
 OWN_FILES = ("model", "rgb", "depth", "intrinsics")
 OWN_UNITS = ("mesh_scale", "depth_scale")

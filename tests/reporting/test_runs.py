@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from hlp.reporting import runs as reading
-from hlp.reporting.runs import differences_table, read_runs
+from hlp.reporting.runs import differences_table, read_runs, scores_file
 from hlp.reporting.tracking import TrackingSettings, track_run
 
 
@@ -52,3 +52,21 @@ def test_nothing_to_read_is_named_and_not_made(settings: TrackingSettings, tmp_p
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(ValueError, match="no experiment 'other'"):
         read_runs(TrackingSettings("mlflow", settings.uri, "other"))
+
+
+def test_scores_are_found_by_folder_and_by_run(settings: TrackingSettings, tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    path = tmp_path / "out" / "scores.csv"
+    with pytest.raises(FileNotFoundError, match="no finished run"):
+        scores_file(str(path.parent), settings.uri)
+    path.write_text("scene_id\n")
+    assert scores_file(str(path.parent), settings.uri) == path
+    other = TrackingSettings("mlflow", settings.uri, "scored")
+    with track_run(other, "scored", {}) as tracker:
+        tracker.log_artifact(path)
+    assert scores_file(tracker.run_id, settings.uri).read_text() == "scene_id\n"
+    with pytest.raises(FileNotFoundError, match="no folder nowhere"):
+        scores_file("nowhere", settings.uri)
+    with pytest.raises(FileNotFoundError, match="no MLflow database"):
+        scores_file("nowhere", f"sqlite:///{tmp_path / 'absent.db'}")
+    assert not (tmp_path / "absent.db").exists()

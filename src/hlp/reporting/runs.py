@@ -3,10 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 
 from hlp.reporting.tables import Table
 from hlp.reporting.tracking import SQLITE, TrackingSettings, database_path, import_client
 
+SCORES = "scores.csv"
 _PER_PAGE = 500
 
 
@@ -71,3 +73,24 @@ def differences_table(runs: Sequence[LoggedRun], metrics: Sequence[str]) -> Tabl
         for run in runs
     ]
     return Table(["run", "status", *differing, *metrics], rows)
+
+
+def scores_file(run: str, uri: str) -> Path:
+    """`scores.csv` of a run that is named by its output folder, or by its id in MLflow.
+
+    Raises FileNotFoundError where neither is found, or the run has no scores.
+    """
+    if Path(run).is_dir():
+        path = Path(run) / SCORES
+        if not path.is_file():
+            raise FileNotFoundError(f"no {SCORES} in {run}: it holds no finished run")
+        return path
+    if uri.startswith(SQLITE) and not Path(uri.removeprefix(SQLITE)).is_file():
+        raise FileNotFoundError(f"no folder {run}, and no MLflow database {uri} to look for it in")
+    client = import_client()(uri)
+    from mlflow.exceptions import MlflowException
+
+    try:
+        return Path(client.download_artifacts(run, SCORES))
+    except (MlflowException, OSError) as error:
+        raise FileNotFoundError(f"no folder {run}, and no scores of such a run in {uri}") from error
