@@ -277,3 +277,27 @@ def test_modes_are_ranked_by_the_votes_of_the_mode_not_of_the_seed():
     found = JointModes(JOINT).find(votes, CENTROID)
     np.testing.assert_allclose(voted_center(found.poses_cam_obj[0]), THERE, atol=0.006)
     np.testing.assert_array_equal(found.support[:2], [20.0, 16.0])
+
+
+def test_without_shifts_a_mode_is_backed_by_what_agrees_with_its_vote():
+    """The compiled count of agreeing votes against SciPy's distances and angles, vote by vote."""
+    votes = join(
+        make_votes(*[(60, HERE + 0.03 * i, rotation(25 * i), 0.02, 15.0, 1.0) for i in range(4)]),
+        clutter(50),
+    )
+    rng = np.random.default_rng(1)
+    votes = dataclasses.replace(votes, weights=rng.uniform(0.1, 1.0, len(votes)))
+    angles = rotation_distance(votes.rotations_cam_obj[:, None], votes.rotations_cam_obj[None])
+    apart = np.linalg.norm(votes.centroids_cam[:, None] - votes.centroids_cam, axis=2)
+    agree = (apart <= RADIUS) & (angles <= ANGLE)
+    support = agree @ votes.weights
+    expected, free = [], np.ones(len(votes), dtype=bool)
+    while free.any() and len(expected) < 5:
+        best = int(np.argmax(np.where(free, support, -1.0)))
+        expected.append(best)
+        free &= ~agree[best]
+    found = JointModes(dataclasses.replace(JOINT, shifts=0)).find(votes, CENTROID)
+    np.testing.assert_allclose(found.support, support[expected], rtol=1e-12)
+    for pose, vote in zip(found.poses_cam_obj, expected, strict=True):
+        np.testing.assert_allclose(voted_center(pose), votes.centroids_cam[vote], atol=1e-12)
+        np.testing.assert_allclose(pose[:3, :3], votes.rotations_cam_obj[vote], atol=1e-9)
