@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from waterfall_bounds import BOUNDS
 
 from hlp.evaluation import errors
-from hlp.evaluation.evaluator import FrameTruth, score_targets
+from hlp.evaluation.evaluator import FrameTruth, ad_correct, score_targets
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.geometry import rigid
 from hlp.records import Frame, Mesh, ObjectModel, PoseEstimate, Target
@@ -182,3 +182,19 @@ def test_truth_of_a_frame_drops_the_images_unless_wanted():
 def test_a_threshold_that_is_not_positive_is_named(key):
     with pytest.raises(ValueError, match=f"evaluation.{key}"):
         dataclasses.replace(SETTINGS, **{key: 0})
+
+
+@pytest.mark.parametrize("object_id", [1, 2])
+def test_verdicts_of_many_poses_are_those_of_scoring_them_one_by_one(object_id):
+    moved = [_moved(0.02 * dx, 0.0, 8.0 * turn) for dx, turn in np.ndindex(4, 4)]
+    poses = np.stack([TRUE, TRUE @ HALF_TURN, *moved])
+    scores = [
+        score_targets(
+            [_truth(Target(object_id, TRUE))], MODELS, [_estimate(pose, object_id)], SETTINGS
+        )[0]
+        for pose in poses
+    ]
+    verdicts = ad_correct(poses, TRUE, MODELS[object_id], SETTINGS)
+    assert verdicts.tolist() == [score.ad_correct for score in scores]
+    assert verdicts[0] and not verdicts.all()
+    assert verdicts[1] == (MODELS[object_id].name == "cup")  # which is symmetric: ADI

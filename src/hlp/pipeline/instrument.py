@@ -6,9 +6,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from hlp.pipeline.build import Run, evenly
-from hlp.pipeline.manifest import make_manifest, write_json
+from hlp.pipeline.manifest import FILE, make_manifest, write_json
 from hlp.pipeline.store import StageStore
 from hlp.pipeline.threads import set_threads
+from hlp.pipeline.tracked import log_inputs, revision_tag
 from hlp.reporting.tracking import Tracker, how_to_browse, track_run
 
 
@@ -17,18 +18,21 @@ def instrument_run(planned: Run, output: Path) -> Iterator[tuple[StageStore, Tra
     """The store and the MLflow run of one instrument's work.
 
     After the work `output` gets its manifest.json, all that is in it is logged, and a person is
-    told where it is. Raises ValueError where the frames have no true poses.
+    told where it is: a folder with a manifest holds a whole result. Raises ValueError where the
+    frames have no true poses.
     """
     settings = planned.settings
     if not planned.world.annotated:
         raise ValueError(f"these frames have no true poses, which task={settings.task.name} needs")
     set_threads(settings)
     output.mkdir(parents=True, exist_ok=True)
+    (output / FILE).unlink(missing_ok=True)
     name = f"{settings.name} {settings.task.name} {output.name}"
-    with track_run(settings.reporting, name, planned.config) as tracker:
+    with track_run(settings.reporting, name, planned.config, revision_tag()) as tracker:
+        log_inputs(planned, tracker)
         store = StageStore(Path(settings.work))
         yield store, tracker
-        write_json(output / "manifest.json", make_manifest(planned, store))
+        write_json(output / FILE, make_manifest(planned, store))
         tracker.log_artifacts(output)
     say = logging.getLogger(__name__).info
     written = sorted(path.name for path in output.iterdir() if not path.name.startswith("."))
