@@ -105,13 +105,26 @@ def test_flipped_is_what_lies_on_the_surface_but_is_turned():
 
 def test_shares_are_of_all_votes_and_none_without_votes():
     tallies = [
-        VoteTally(2, 10, 1, 4.0, 1.0),
-        VoteTally(1, 30, 9, 16.0, 9.0),
-        VoteTally(2, 0, 0, 0.0, 0.0),
+        VoteTally(2, 10, 1, 4.0, 1.0, 5, 1),
+        VoteTally(1, 30, 9, 16.0, 9.0, 15, 6),
+        VoteTally(2, 0, 0, 0.0, 0.0, 0, 0),
     ]
     quality = votes_quality(tallies, {1: "cat", 2: "ape", 3: "can"})
-    assert quality["total"] == {"good": 0.25, "good_weight": 0.5, "votes": pytest.approx(40 / 3)}
+    assert quality["total"] == {
+        "good": 0.25,
+        "good_weight": 0.5,
+        "by_object": 0.5,
+        "good_by_object": pytest.approx(7 / 20),
+        "votes": pytest.approx(40 / 3),
+    }
     assert list(quality["per_object"]) == ["cat", "ape"]
-    assert quality["per_object"]["ape"] == {"good": 0.1, "good_weight": 0.25, "votes": 5.0}
-    nothing = votes_quality([VoteTally(2, 0, 0, 0.0, 0.0)], {2: "ape"})
-    assert nothing["total"] == {"good": None, "good_weight": None, "votes": 0.0}
+    assert quality["per_object"]["ape"] == {
+        "good": 0.1,
+        "good_weight": 0.25,
+        "by_object": 0.5,
+        "good_by_object": 0.2,
+        "votes": 5.0,
+    }
+    nothing = votes_quality([VoteTally(2, 0, 0, 0.0, 0.0, 0, 0)], {2: "ape"})["total"]
+    shares = ("good", "good_weight", "by_object", "good_by_object")
+    assert nothing == {**dict.fromkeys(shares), "votes": 0.0}

@@ -8,10 +8,9 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from hlp.evaluation.evaluator import FrameTruth
 from hlp.evaluation.nearness import VoteTally
 from hlp.evaluation.settings import EvaluationSettings, WaterfallSettings
-from hlp.geometry import quaternions, rigid, transform
+from hlp.geometry import project, quaternions, rigid, transform
 from hlp.pipeline.diagnosis import explain_misses, tally_votes, visible_pixels
 from hlp.pipeline.frame_files import write_arrays
 from hlp.records import Frame, Mesh, ObjectModel, Target, TargetScore
@@ -46,6 +45,13 @@ def _frame():
 
 
 FRAME = _frame()
+TARGET = FRAME.targets[0]
+SOURCE = SimpleNamespace(load=lambda key: FRAME)
+CENTERS = np.rint(project(np.stack([NEAR[:3, 3], FAR[:3, 3]]), K)).astype(np.int16)
+PIXELS = np.concatenate(
+    [CENTERS, CENTERS, np.zeros((2, 2), np.int16), CENTERS, np.zeros((2, 2), np.int16)]
+)
+"""Centres (x, y) of the patches that vote: on the boxes, and in the corner of the picture."""
 
 
 def _moved(pose, degrees, metres):
@@ -71,6 +77,7 @@ def _finder(folder, frame, mask, coarse, refined, sources, votes):
             "1/vote_centroids": transform(votes, MODEL.centroid[None])[:, 0].astype(np.float32),
             "1/vote_quaternions": quaternions(votes[:, :3, :3]).astype(np.float32),
             "1/vote_weights": np.linspace(1.0, 2.0, len(votes)).astype(np.float32),
+            "1/vote_pixels": PIXELS[: len(votes)],
         },
         "poses": {
             "1/poses": np.stack(refined),
@@ -87,7 +94,7 @@ def _finder(folder, frame, mask, coarse, refined, sources, votes):
         stage: (lambda folder=folder / stage: SimpleNamespace(folder=folder)) for stage in stages
     }
     frames = SimpleNamespace(load=lambda key: frame)
-    world = SimpleNamespace(models={1: MODEL}, frames=frames)
+    world = SimpleNamespace(models={1: MODEL}, frames=frames, wanted=lambda frame: (1,))
     return SimpleNamespace(world=world, settings=SimpleNamespace(evaluation=SETTINGS), **outputs)
 
 
@@ -144,7 +151,7 @@ def test_an_answer_on_the_surface_the_wrong_way_round_is_a_flip(tmp_path):
 
 
 def test_missing_depth_and_missing_windows(tmp_path):
-    shown = visible_pixels(FRAME, NEAR, MODEL)
+    shown = visible_pixels(SOURCE, FRAME, TARGET, MODEL)
     blind = dataclasses.replace(FRAME, depth=np.where(shown, 0.0, FRAME.depth))
     (tmp_path / "a").mkdir()
     finder = _finder(tmp_path / "a", blind, ~EVERYWHERE, [], [], [], _votes(NEAR, 4))
@@ -157,20 +164,29 @@ def test_missing_depth_and_missing_windows(tmp_path):
 
 def test_visible_is_what_nothing_else_hides():
     own = render_depth(MODEL.mesh, NEAR[None], K, (120, 160))[0] > 0
-    assert (visible_pixels(FRAME, NEAR, MODEL) == own).all()
+    assert (visible_pixels(SOURCE, FRAME, TARGET, MODEL) == own).all()
     depth = FRAME.depth.copy()
     depth[:, :60] = 0.5  # something stands before the left part
     depth[:, 60:64] = 0.0  # unknown
-    shown = visible_pixels(dataclasses.replace(FRAME, depth=depth), NEAR, MODEL)
+    shown = visible_pixels(SOURCE, dataclasses.replace(FRAME, depth=depth), TARGET, MODEL)
     assert 0 < shown.sum() < own.sum()
     assert (shown[:, 60:] == own[:, 60:]).all() and not shown[:, :60].any()
 
 
-def test_votes_near_either_target_are_good(tmp_path):
+def test_the_data_sets_own_mask_is_taken_where_it_has_one():
+    given = FRAME.depth < 1.0
+    source = SimpleNamespace(load=lambda key: FRAME, visible_mask=lambda frame, target: given)
+    assert visible_pixels(source, FRAME, TARGET, MODEL) is given
+    source.visible_mask = lambda frame, target: None
+    own = render_depth(MODEL.mesh, NEAR[None], K, (120, 160))[0] > 0
+    assert (visible_pixels(source, FRAME, TARGET, MODEL) == own).all()
+
+
+def test_votes_near_either_target_are_good_and_those_on_either_are_the_objects(tmp_path):
     votes = np.concatenate([_votes(NEAR, 3), _votes(FAR, 2), _votes(WRONG, 5)])
     finder = _finder(tmp_path, FRAME, EVERYWHERE, [], [], [], votes)
-    folder = finder.hypotheses().folder
-    (tally,) = tally_votes(folder, [FrameTruth.of(FRAME)], {1: MODEL}, SETTINGS)
+    (counted,) = tally_votes(finder, FRAME)
     weights = np.linspace(1.0, 2.0, 10)
-    good_weight = pytest.approx(weights[:5].sum())
-    assert tally == VoteTally(1, 10, 5, pytest.approx(15.0), good_weight)
+    assert counted == VoteTally(
+        1, 10, 5, pytest.approx(15.0), pytest.approx(weights[:5].sum()), 6, 4
+    )

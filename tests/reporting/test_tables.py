@@ -25,6 +25,12 @@ def recall(value: float) -> dict[str, Any]:
     return {"recall": value, "ci95": [value - 0.1, value + 0.1], "mean_object": value / 2}
 
 
+def quality(good: float | None, votes: float) -> dict[str, Any]:
+    shares = ("good", "good_weight", "by_object", "good_by_object")
+    values = [None if good is None else good + 0.1 * i for i in range(4)]
+    return {**dict(zip(shares, values, strict=True)), "votes": votes}
+
+
 def summary(names: tuple[str, ...] = ("cat", "ape")) -> dict[str, Any]:
     metrics = {"add": 0.5, "5cm5deg": 0.25, "iou50": 0.75}
     each = {key: {"recall": value} for key, value in metrics.items()}
@@ -49,10 +55,10 @@ def summary(names: tuple[str, ...] = ("cat", "ape")) -> dict[str, Any]:
             },
         },
         "votes": {
-            "total": {"good": 0.25, "good_weight": 0.5, "votes": 1200.0},
+            "total": quality(0.25, 1200.0),
             "per_object": {
-                "cat": {"good": 0.125, "good_weight": 0.375, "votes": 1000.4},
-                "ape": {"good": None, "good_weight": None, "votes": 0.0},
+                "cat": quality(0.125, 1000.4),
+                "ape": quality(None, 0.0),
             },
         },
     }
@@ -116,9 +122,9 @@ def test_where_targets_ended_in_all_per_object_and_per_visible_fraction() -> Non
 
 def test_votes_table_has_their_number_and_the_share_of_good_ones() -> None:
     assert list(votes_table(summary()).rows) == [
-        ["cat", "1000", "0.125", "0.375"],
-        ["ape", "0.0", "", ""],
-        ["all", "1200", "0.250", "0.500"],
+        ["cat", "1000", "0.125", "0.225", "0.325", "0.425"],
+        ["ape", "0.0", "", "", "", ""],
+        ["all", "1200", "0.250", "0.350", "0.450", "0.550"],
     ]
 
 
@@ -193,7 +199,8 @@ def test_metrics_bear_the_names_that_mlflow_takes() -> None:
     assert flat["waterfall/correct"] == 5
     assert flat["waterfall/few_votes"] == 1
     assert flat["votes/good"] == 0.25
-    assert flat["votes/good_weight"] == 0.5
+    assert flat["votes/good_weight"] == 0.35
+    assert flat["votes/good_by_object_cat"] == pytest.approx(0.425)
     assert flat["votes/good_cat"] == 0.125
     assert flat["votes/good_ape"] is None
     assert flat["median_errors/ad_mm"] == 3.5

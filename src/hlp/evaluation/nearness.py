@@ -17,13 +17,37 @@ Pose = Float[np.ndarray, "4 4"]
 
 @dataclass(frozen=True)
 class VoteTally:
-    """Votes for one object in one frame: how many, how many good, and the weight of both."""
+    """Votes for one object in one frame: how many, how many good, and the weight of both.
+
+    `cast_by_object` counts those of patches on the visible object, `good_by_object` the good ones
+    of these.
+    """
 
     object_id: int
     votes: int
     good: int
     weight: float
     good_weight: float
+    cast_by_object: int
+    good_by_object: int
+
+
+def tally(
+    object_id: int,
+    good: Bool[np.ndarray, "v"],
+    weights: Float[np.ndarray, "v"],
+    on_object: Bool[np.ndarray, "v"],
+) -> VoteTally:
+    """Count votes of which these are good and these were cast by patches on the object."""
+    return VoteTally(
+        object_id,
+        len(good),
+        int(good.sum()),
+        float(weights.sum()),
+        float(weights[good].sum()),
+        int(on_object.sum()),
+        int((good & on_object).sum()),
+    )
 
 
 def near_truth(
@@ -89,28 +113,35 @@ def is_flipped(pose: Pose, true: Pose, model: ObjectModel, settings: EvaluationS
 
 
 def votes_quality(tallies: Iterable[VoteTally], names: Mapping[int, str]) -> dict[str, Any]:
-    """Share of good votes and of their weight, over all votes and per object.
+    """Share of good votes, over all votes and per object; `votes` is their mean number a target.
 
-    None where there is no vote. `votes` is their mean number for one object in one frame.
+    `good_weight` is the share of the weight; `by_object` of the votes that patches on the object
+    cast (the others are the region's fault), and `good_by_object` of the good ones among these (the
+    features'). None where there is no vote.
     """
     groups: dict[str, list[VoteTally]] = {}
-    for tally in sorted(tallies, key=lambda each: each.object_id):
-        groups.setdefault(names[tally.object_id], []).append(tally)
-    everything = [tally for group in groups.values() for tally in group]
+    for each in sorted(tallies, key=lambda item: item.object_id):
+        groups.setdefault(names[each.object_id], []).append(each)
+    everything = [each for group in groups.values() for each in group]
     per_object = {name: _quality(group) for name, group in groups.items()}
     return {"total": _quality(everything), "per_object": per_object}
 
 
 def _quality(tallies: list[VoteTally]) -> dict[str, float | None]:
-    votes = sum(tally.votes for tally in tallies)
-    weight = sum(tally.weight for tally in tallies)
-    good = sum(tally.good for tally in tallies)
-    good_weight = sum(tally.good_weight for tally in tallies)
+    votes = sum(each.votes for each in tallies)
+    weight = sum(each.weight for each in tallies)
+    cast = sum(each.cast_by_object for each in tallies)
     return {
-        "good": good / votes if votes else None,
-        "good_weight": good_weight / weight if weight else None,
-        "votes": votes / len(tallies) if tallies else None,
+        "good": _ratio(sum(each.good for each in tallies), votes),
+        "good_weight": _ratio(sum(each.good_weight for each in tallies), weight),
+        "by_object": _ratio(cast, votes),
+        "good_by_object": _ratio(sum(each.good_by_object for each in tallies), cast),
+        "votes": _ratio(votes, len(tallies)),
     }
+
+
+def _ratio(part: float, whole: float) -> float | None:
+    return part / whole if whole else None
 
 
 def _symmetries(model: ObjectModel, settings: EvaluationSettings) -> Float[np.ndarray, "s 4 4"]:

@@ -1,20 +1,20 @@
 """Why targets were missed and how good the votes were, from what the stages left on disk."""
 
 import dataclasses
-from collections.abc import Iterable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
+from hlp.data.sources import FrameSource, VisibleMasks
 from hlp.evaluation.errors import VSD_DELTA
-from hlp.evaluation.evaluator import FrameTruth
 from hlp.evaluation.nearness import (
     VoteTally,
     is_flipped,
     near_truth,
     poses_near_truth,
     right_poses,
+    tally,
 )
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.evaluation.waterfall import Evidence, cause_of
@@ -58,7 +58,8 @@ class _FrameDiagnosis:
     def __init__(self, finder: Finder, key: str) -> None:
         self._models = finder.world.models
         self._settings = finder.settings.evaluation
-        self._frame = finder.world.frames.load(key)
+        self._source = finder.world.frames
+        self._frame = self._source.load(key)
         self._regions = read_regions(finder.regions().folder, self._frame)
         self._coarse = read_arrays(finder.hypotheses().folder, key)
         self._fine = read_arrays(finder.poses().folder, key)
@@ -72,7 +73,7 @@ class _FrameDiagnosis:
     def _evidence(self, target: Target, model: ObjectModel) -> Evidence:
         settings, true = self._settings, target.pose_cam_obj
         name, region = str(target.object_id), self._regions[target.object_id]
-        visible = visible_pixels(self._frame, true, model)
+        visible = visible_pixels(self._source, self._frame, target, model)
         poses = self._fine.get(f"{name}/poses", np.zeros((0, 4, 4)))
         answer = poses[self._fine[f"{name}/best"]] if len(poses) else None
         basin = (settings.waterfall.basin_deg, settings.waterfall.basin_mm)
@@ -91,33 +92,23 @@ class _FrameDiagnosis:
         )
 
 
-def tally_votes(
-    folder: Path,
-    truths: Iterable[FrameTruth],
-    models: dict[int, ObjectModel],
-    settings: EvaluationSettings,
-) -> list[VoteTally]:
-    """Votes and good votes of every object in every frame, of the hypotheses in a folder.
+def tally_votes(finder: Finder, frame: Frame) -> list[VoteTally]:
+    """Votes, good votes and those cast by the object itself, of every object in a frame.
 
     A vote is good that is near to any of the object's targets in the frame.
     """
+    settings = finder.settings.evaluation
+    stored = read_arrays(finder.hypotheses().folder, frame.key)
     tallies = []
-    for truth in truths:
-        stored = read_arrays(folder, f"{truth.scene_id:06d}_{truth.frame_id:06d}")
-        for object_id in dict.fromkeys(target.object_id for target in truth.targets):
-            targets = [each for each in truth.targets if each.object_id == object_id]
-            flags = [good_votes(stored, each, models[object_id], settings) for each in targets]
-            good = np.any(flags, axis=0)
-            weights = stored[f"{object_id}/vote_weights"].astype(np.float64)
-            tallies.append(
-                VoteTally(
-                    object_id,
-                    len(good),
-                    int(good.sum()),
-                    float(weights.sum()),
-                    float(weights[good].sum()),
-                )
-            )
+    for object_id in finder.world.wanted(frame):
+        model = finder.world.models[object_id]
+        targets = [each for each in frame.targets if each.object_id == object_id]
+        good = [good_votes(stored, each, model, settings) for each in targets]
+        shown = [visible_pixels(finder.world.frames, frame, each, model) for each in targets]
+        x, y = stored[f"{object_id}/vote_pixels"].T
+        on_object = np.any(shown, axis=0)[y, x]
+        weights = stored[f"{object_id}/vote_weights"].astype(np.float64)
+        tallies.append(tally(object_id, np.any(good, axis=0), weights, on_object))
     return tallies
 
 
@@ -137,14 +128,18 @@ def good_votes(
 
 
 def visible_pixels(
-    frame: Frame, true: Float[np.ndarray, "4 4"], model: ObjectModel
+    source: FrameSource, frame: Frame, target: Target, model: ObjectModel
 ) -> Bool[np.ndarray, "h w"]:
-    """Where the object is seen: in front of, at, or by BOP's tolerance behind the observed depth.
+    """Pixels that show the target: the data set's own mask, or else BOP's rule.
 
-    A pixel without depth counts as seen, as in BOP: nothing is known to hide the object there.
+    That is where the object is in front of, at, or by BOP's tolerance behind the observed depth. A
+    pixel without depth counts: nothing is known to hide the object there.
     """
+    given = source.visible_mask(frame, target) if isinstance(source, VisibleMasks) else None
+    if given is not None:
+        return given
     shape = (frame.depth.shape[0], frame.depth.shape[1])
-    rendered = render_depth(model.proxy, true[None], frame.camera_matrix, shape)[0]
+    rendered = render_depth(model.proxy, target.pose_cam_obj[None], frame.camera_matrix, shape)[0]
     hidden = (frame.depth > 0) & (rendered - frame.depth > VSD_DELTA)
     return np.asarray((rendered > 0) & ~hidden)
 

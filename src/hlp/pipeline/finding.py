@@ -18,7 +18,7 @@ from hlp.pipeline.store import StageStore
 from hlp.pipeline.world import World
 from hlp.records import Frame, Hypotheses, PoseEstimate, Region
 
-VERSIONS = {"regions": 1, "hypotheses": 2, "poses": 3}
+VERSIONS = {"regions": 1, "hypotheses": 3, "poses": 3}
 
 Arrays = dict[str, np.ndarray]
 
@@ -187,6 +187,7 @@ def _coarse_arrays(name: str, coarse: Coarse) -> Arrays:
         f"{name}/vote_centroids": votes.centroids_cam.astype(np.float32),
         f"{name}/vote_quaternions": quaternions(votes.rotations_cam_obj).astype(np.float32),
         f"{name}/vote_weights": votes.weights.astype(np.float32),
+        f"{name}/vote_pixels": np.rint(votes.pixels).astype(np.int16),
         f"{name}/seconds": np.array([coarse.local_seconds, coarse.voting_seconds]),
     }
 

@@ -72,13 +72,16 @@ def _score(
     answered = [each for each in estimates if each.pose_cam_obj is not None]
     write_poses(output / "poses.csv", answered)
     keys = tqdm(planned.keys, desc="scores", unit="frame", disable=None)
-    truths = [FrameTruth.of(world.frames.load(key)) for key in keys]
+    truths, tallies = [], []
+    for key in keys:
+        frame = world.frames.load(key)
+        truths.append(FrameTruth.of(frame))
+        tallies += tally_votes(finder, frame)
     saved = read_poses(output / "poses.csv")
     scores = score_targets(truths, world.models, saved, settings.evaluation)
     scores = explain_misses(finder, scores)
     names = {object_id: model.name for object_id, model in world.models.items()}
     write_scores(output / "scores.csv", scores, names)
-    tallies = tally_votes(finder.hypotheses().folder, truths, world.models, settings.evaluation)
     summary = summarise(
         scores,
         names,

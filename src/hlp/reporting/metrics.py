@@ -24,7 +24,9 @@ def summary_metrics(summary: Mapping[str, Any]) -> dict[str, float | None]:
         flat |= {f"time_ms/{stage}": times["median"], f"time_ms/{stage}_p95": times["p95"]}
     votes, lost = summary["votes"], summary["waterfall"]["total"]
     flat |= {f"votes/{name}": value for name, value in votes["total"].items()}
-    flat |= {f"votes/good_{name}": each["good"] for name, each in votes["per_object"].items()}
+    for name, each in votes["per_object"].items():
+        flat[f"votes/good_{name}"] = each["good"]
+        flat[f"votes/good_by_object_{name}"] = each["good_by_object"]
     flat |= {f"waterfall/{name}": count for name, count in lost.items()}
     for group in ("median_errors", "bop"):
         flat |= {f"{group}/{name}": value for name, value in summary[group].items()}

@@ -28,6 +28,12 @@ PAPER_AD = {
 """Recall of AD on LINEMOD's whole sequences (paper, Table 1)."""
 
 METRICS = {"add": "AD", "5cm5deg": "5cm5deg", "iou50": "IoU.5"}
+VOTE_SHARES = {
+    "good": "good",
+    "good_weight": "good by weight",
+    "by_object": "from the object",
+    "good_by_object": "good of these",
+}
 RECALL = "Recall: the share of targets (objects to be found in a frame) with a right pose."
 
 
@@ -178,17 +184,19 @@ def waterfall_tables(summary: Mapping[str, Any]) -> list[Table]:
 
 
 def votes_table(summary: Mapping[str, Any]) -> Table:
-    """Number of votes for one object in one frame, and the share near the truth.
+    """Number of votes for one object in one frame, and the share near the truth (good).
+
+    Of all votes, of their weight, and of those cast by patches on the object itself.
 
     Empty for runs of before votes were kept.
     """
     votes = summary.get("votes", {"per_object": {}})
     groups = {**votes["per_object"], "all": votes["total"]} if "total" in votes else {}
     rows = [
-        [name, _ms(each["votes"]), _share(each["good"]), _share(each["good_weight"])]
+        [name, _ms(each["votes"]), *(_share(each[key]) for key in VOTE_SHARES)]
         for name, each in groups.items()
     ]
-    return Table(["votes", "number", "good", "of the weight"], rows)
+    return Table(["votes", "number", *VOTE_SHARES.values()], rows)
 
 
 def runs_table(summaries: Mapping[str, Mapping[str, Any]]) -> Table:
