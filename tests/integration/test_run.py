@@ -213,7 +213,14 @@ def test_mlflow_has_the_run_with_all_of_it(tiny_run: TinyRun) -> None:
     assert run.data.metrics["time_ms/total"] == summary["timing_ms"]["total"]["median"]
     assert len(client.get_metric_history(run.info.run_id, "classifier/loss")) == 1
     artifacts = {item.path for item in client.list_artifacts(run.info.run_id)}
-    assert artifacts >= {"summary.json", "scores.csv", "poses.csv", "manifest.json", "panels"}
+    wanted = {"summary.json", "scores.csv", "poses.csv", "manifest.json", "panels", "config.yaml"}
+    assert artifacts >= wanted
+    tables = {item.path for item in client.list_artifacts(run.info.run_id, "tables")}
+    assert tables == {"tables/objects.json", "tables/targets.json"}
+    inputs = {each.dataset.name: each.dataset.digest for each in run.inputs.dataset_inputs}
+    data = read_json(tiny_run.output / "manifest.json")["data"]
+    assert inputs["synthetic frames"] == data["frames"]
+    assert all(inputs[f"model of {name}"] == digest for name, digest in data["models"].items())
 
 
 def test_other_refinement_makes_only_poses(tiny_run: TinyRun, call: Call) -> None:

@@ -1,6 +1,8 @@
 import json
 import multiprocessing
+import os
 import shlex
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -8,9 +10,13 @@ from typing import Any
 import pytest
 from mlflow import MlflowClient
 
+import hlp
 from hlp.reporting.tracking import (
+    REVISION,
+    Arm,
     Tracker,
     TrackingSettings,
+    as_arm,
     flatten,
     how_to_browse,
     metric_name,
@@ -94,17 +100,82 @@ def test_missing_artifact_is_named(settings: TrackingSettings, tmp_path: Path) -
             tracker.log_artifacts(tmp_path / "nowhere")
 
 
+def test_data_sets_and_the_whole_configuration_are_logged(settings: TrackingSettings) -> None:
+    config = {"data": {"name": "lm", "root": "x" * 7000}}
+    revision = {REVISION: "0123abc"}
+    with track_run(settings, "demo", config, revision) as tracker:
+        tracker.log_input("lm frames", "0" * 40, "../data/lm", "evaluation")
+        tracker.log_input("photographs", "12ab", "../data/photos", "training")
+    run = MlflowClient(settings.uri).get_run(tracker.run_id)
+    inputs = {
+        each.dataset.name: (each.dataset.digest, each.dataset.source, each.tags[0].value)
+        for each in run.inputs.dataset_inputs
+    }
+    assert inputs == {
+        "lm frames": ("0" * 36, '{"uri": "../data/lm"}', "evaluation"),
+        "photographs": ("12ab", '{"uri": "../data/photos"}', "training"),
+    }
+    assert run.data.tags["mlflow.source.git.commit"] == "0123abc"
+    whole = artifact(settings, tracker.run_id, "config.yaml").read_text()
+    assert "x" * 7000 in whole
+
+
+def test_an_arm_has_its_parent_and_its_own_name(settings: TrackingSettings) -> None:
+    with (
+        track_run(settings, "sweep", {}) as parent,
+        as_arm(Arm("demo 0: refinement=icp", parent.run_id, {"refinement": "icp", "seed": "0"})),
+        track_run(settings, "as ever", {"refinement": {"name": "icp"}, "seed": 0}) as child,
+    ):
+        pass
+    run = MlflowClient(settings.uri).get_run(child.run_id)
+    assert run.info.run_name == "demo 0: refinement=icp"
+    assert run.data.tags["mlflow.parentRunId"] == parent.run_id
+    assert run.data.params == {"refinement": "icp", "refinement.name": "icp", "seed": "0"}
+    with track_run(settings, "alone", {}) as alone:
+        pass
+    tags = MlflowClient(settings.uri).get_run(alone.run_id).data.tags
+    assert "mlflow.parentRunId" not in tags
+
+
+def test_a_run_goes_on(settings: TrackingSettings) -> None:
+    client = MlflowClient(settings.uri)
+    with pytest.raises(OSError, match="disk"), track_run(settings, "sweep", {"a": 1}) as first:
+        raise OSError("disk")
+    with track_run(settings, "sweep", {"a": 1}, resume=first.run_id) as again:
+        assert client.get_run(first.run_id).info.status == "RUNNING"
+    assert again.run_id == first.run_id
+    run = client.get_run(first.run_id)
+    assert run.info.status == "FINISHED"
+    assert "error" not in run.data.tags
+    with track_run(settings, "sweep", {}, resume="0" * 32) as new:  # another database by now
+        pass
+    assert new.run_id != "0" * 32
+    assert client.get_run(new.run_id).info.run_name == "sweep"
+
+
+def test_nothing_is_told_to_mlflows_makers() -> None:
+    code = (
+        "import os; from hlp.reporting.tracking import import_client; import_client();"
+        "from mlflow.telemetry.utils import is_telemetry_disabled as off; assert off()"
+    )
+    clean = ("MLFLOW_DISABLE_TELEMETRY", "DO_NOT_TRACK", "CI", "PYTEST_CURRENT_TEST")
+    environment = {key: value for key, value in os.environ.items() if key not in clean}
+    environment["PYTHONPATH"] = str(Path(hlp.__file__).parents[1])
+    subprocess.run([sys.executable, "-c", code], env=environment, check=True)
+
+
 def log_one(settings: TrackingSettings, barrier: Any, number: int) -> None:
     barrier.wait()
     with track_run(settings, f"run {number}", {"number": number}) as tracker:
         tracker.log_metrics({"number": number})
+        tracker.log_epoch_metrics("encoder", 0, {"loss": 0.5})
 
 
 def test_processes_that_start_together_share_one_new_database(tmp_path: Path) -> None:
     settings = TrackingSettings("mlflow", f"sqlite:///{tmp_path / 'mlflow.db'}", "race")
     context = multiprocessing.get_context("spawn")
-    barrier = context.Barrier(3)
-    runs = [context.Process(target=log_one, args=(settings, barrier, i)) for i in range(3)]
+    barrier = context.Barrier(8)
+    runs = [context.Process(target=log_one, args=(settings, barrier, i)) for i in range(8)]
     for run in runs:
         run.start()
     for run in runs:
@@ -112,7 +183,7 @@ def test_processes_that_start_together_share_one_new_database(tmp_path: Path) ->
     client = MlflowClient(settings.uri)
     experiment = client.get_experiment_by_name("race")
     found = client.search_runs([experiment.experiment_id])
-    assert sorted(run.data.metrics["number"] for run in found) == [0, 1, 2]
+    assert sorted(run.data.metrics["number"] for run in found) == list(range(8))
     assert {run.info.status for run in found} == {"FINISHED"}
 
 

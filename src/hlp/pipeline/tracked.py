@@ -34,7 +34,8 @@ def log_inputs(planned: "Run", tracker: Tracker) -> None:
     for object_id in world.target_ids:
         name, digest = world.models[object_id].name, world.model_identities[object_id]
         tracker.log_input(f"model of {name}", digest, where, "objects")
-    tracker.log_input("photographs", world.photographs_identity, str(world.photographs), "training")
+    photographs = str(world.photographs or "procedural")
+    tracker.log_input("photographs", world.photographs_identity, photographs, "training")
     if world.background_frames is not None:
         digest = frames_identity(world.background_frames)
         tracker.log_input("background frames", digest, where, "training")
