@@ -26,7 +26,7 @@ from hlp.reporting.metrics import summary_metrics
 from hlp.reporting.panels import write_png
 from hlp.reporting.tables import format_summary
 from hlp.reporting.tracking import Tracker, how_to_browse, track_run
-from hlp.reporting.waterfall import draw_waterfall
+from hlp.reporting.waterfall_bars import draw_waterfall
 
 STAGES = ("holistic", "local", "voting", "refinement")
 

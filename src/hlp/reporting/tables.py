@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hlp.reporting.waterfall import CORRECT, PANELS, draw_waterfall
+from hlp.reporting.waterfall_bars import CORRECT, PANELS, draw_waterfall
 
 PAPER_AD = {
     "ape": 0.970,
