@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 import torch
+from torch.nn import functional
 
 from hlp.models.encoder_input import encoder_input, patch_tensors, surface_normals
 from hlp.records import LocalPatches
@@ -40,6 +41,23 @@ def test_what_is_not_valid_does_not_reach_the_normals():
     first, second = surface_normals(depth, valid), surface_normals(other, valid)
     # Differences at the edge take in one pixel beyond, smoothed from valid ones alone.
     torch.testing.assert_close(first[..., :19], second[..., :19], atol=1e-5, rtol=0)
+
+
+def test_normals_are_what_whole_array_operations_give():
+    gen = torch.Generator().manual_seed(3)
+    depth = torch.rand((6, 32, 32), generator=gen) * 2 - 1
+    valid = torch.rand((6, 32, 32), generator=gen) < 0.3  # holes that smoothing does not reach
+    weight = valid.float()[:, None]
+    smooth = depth[:, None] * weight
+    for _ in range(2):
+        smooth, weight = (functional.avg_pool2d(x, 3, 1, padding=1) for x in (smooth, weight))
+    surface = torch.where(weight > 0.05, smooth / weight.clamp(min=1e-3), depth[:, None])
+    padded = functional.pad(surface, (1, 1, 1, 1), mode="replicate")
+    dx = (padded[:, :, 1:-1, 2:] - padded[:, :, 1:-1, :-2]) * 8
+    dy = (padded[:, :, 2:, 1:-1] - padded[:, :, :-2, 1:-1]) * 8
+    expected = functional.normalize(torch.cat([dx, dy, -torch.ones_like(dx)], dim=1), dim=1)
+    found = surface_normals(depth, valid)
+    torch.testing.assert_close(found, expected * valid[:, None], atol=1e-5, rtol=0)
 
 
 def random_patches(count=5):
