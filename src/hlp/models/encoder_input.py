@@ -43,8 +43,8 @@ def surface_normals(depth: Tensor, valid: Tensor) -> Tensor:
 def _normals_and_depth(depth: Tensor, valid: Tensor) -> Tensor:
     """Channels (n, 4, p, p), the channels last in memory, as the network wants them."""
     out = np.empty((*depth.shape, 4), dtype=np.float32)
-    normals_and_depth(depth.numpy(), valid.numpy(), out)
-    return torch.from_numpy(out).permute(0, 3, 1, 2)
+    normals_and_depth(depth.cpu().numpy(), valid.cpu().numpy(), out)
+    return torch.from_numpy(out).permute(0, 3, 1, 2).to(depth.device)
 
 
 def empty_features(dimension: int) -> np.ndarray:
