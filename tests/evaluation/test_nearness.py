@@ -11,7 +11,6 @@ from hlp.evaluation.nearness import (
     is_flipped,
     near_truth,
     poses_near_truth,
-    right_poses,
     votes_quality,
 )
 from hlp.evaluation.settings import EvaluationSettings
@@ -81,17 +80,9 @@ def test_votes_near_the_truth_are_those_that_angles_and_distances_say():
     np.testing.assert_array_equal(near, expected)
 
 
-def test_no_vote_and_no_pose_are_near_nothing():
+def test_no_vote_is_near_nothing():
     none = near_truth(np.zeros((0, 3, 3)), np.zeros((0, 3)), TRUE, BAR, SETTINGS, (15.0, 20.0))
     assert none.shape == (0,)
-    assert right_poses(np.zeros((0, 4, 4)), TRUE, PLAIN, SETTINGS).shape == (0,)
-
-
-def test_right_poses_are_right_by_add_or_by_adi():
-    limit = 0.1 * PLAIN.diameter * 1000.0
-    poses = np.stack([_turned(0, limit - 0.1), _turned(0, limit + 0.1), TRUE @ BAR_TURN])
-    assert right_poses(poses, TRUE, PLAIN, SETTINGS).tolist() == [True, False, False]
-    assert right_poses(poses[[0, 2]], TRUE, BAR, SETTINGS).tolist() == [True, True]
 
 
 def test_flipped_is_what_lies_on_the_surface_but_is_turned():

@@ -84,19 +84,6 @@ def poses_near_truth(
     return near_truth(poses_cam_obj[:, :3, :3], centroids, true, model, settings, bounds)
 
 
-def right_poses(
-    poses_cam_obj: Float[np.ndarray, "n 4 4"],
-    true: Pose,
-    model: ObjectModel,
-    settings: EvaluationSettings,
-) -> Bool[np.ndarray, "n"]:
-    """Which poses are right by AD: ADI for objects that the policy calls symmetric, else ADD."""
-    error = errors.adi if model.name in settings.symmetric else errors.add
-    vertices = np.asarray(model.mesh.vertices, dtype=np.float64)
-    limit = settings.ad_fraction * model.diameter
-    return np.array([error(pose, true, vertices) < limit for pose in poses_cam_obj], dtype=bool)
-
-
 def is_flipped(pose: Pose, true: Pose, model: ObjectModel, settings: EvaluationSettings) -> bool:
     """Whether a wrong pose is right but for a turn that (nearly) maps the object onto itself.
 

@@ -8,12 +8,12 @@ from jaxtyping import Bool
 
 from hlp.data.sources import FrameSource, VisibleMasks
 from hlp.evaluation.errors import VSD_DELTA
+from hlp.evaluation.evaluator import ad_correct
 from hlp.evaluation.nearness import (
     VoteTally,
     is_flipped,
     near_truth,
     poses_near_truth,
-    right_poses,
     tally,
 )
 from hlp.evaluation.settings import EvaluationSettings
@@ -87,7 +87,7 @@ class _FrameDiagnosis:
                 self._coarse[f"{name}/poses"], true, model, settings, basin
             ),
             refined=self._fine.get(f"{name}/sources", np.zeros(0, dtype=int)),
-            right=right_poses(poses, true, model, settings),
+            right=ad_correct(poses, true, model, settings),
             flipped=answer is not None and is_flipped(answer, true, model, settings),
         )
 
