@@ -9,6 +9,7 @@ from hlp.models.classifier import (
     HolisticClassifier,
     HolisticCNN,
     class_probabilities,
+    inference_network,
 )
 
 SETTINGS = ClassifierSettings("cnn", (6, 8), 16, 0.1, 0.01, 0.0, 8, 16)
@@ -27,22 +28,38 @@ def test_shapes_and_parameter_counts(widths, channels, classes):
     assert sum(each.numel() for each in network.parameters()) == expected
 
 
-def test_probabilities_are_the_softmax_of_each_window():
+def trained(channels, classes):
+    """A network whose batch norms have seen data, as training leaves them."""
     torch.manual_seed(0)
-    network = HolisticCNN(4, 3, (4, 8), 16, 0.5).train()
+    network = HolisticCNN(channels, classes, (4, 8), 16, 0.5).train()
+    for scale in (0.5, 1.0, 2.0):
+        network(torch.randn(16, channels, 64, 64) * scale)
+    return network
+
+
+def test_probabilities_are_the_softmax_of_each_window():
+    network = trained(4, 3)
     images = torch.rand(300, 4, 64, 64) * 2 - 1  # more than one chunk
-    found = class_probabilities(network, images)
+    found = class_probabilities(inference_network(network), images)
     assert found.shape == (300, 3)
     np.testing.assert_allclose(found.sum(axis=1), 1.0, atol=1e-5)
+    assert network.training  # left as it was
     with torch.no_grad():
         expected = torch.softmax(network.eval()(images), dim=1).numpy()
     np.testing.assert_allclose(found, expected, atol=0.02)  # bfloat16
-    np.testing.assert_array_equal(class_probabilities(network, images), found)  # no dropout
+
+
+def test_what_is_said_of_a_window_does_not_depend_on_the_others():
+    network = inference_network(trained(4, 3))
+    images = torch.rand(300, 4, 64, 64) * 2 - 1
+    together = class_probabilities(network, images)
+    np.testing.assert_array_equal(class_probabilities(network, images[250:263]), together[250:263])
+    np.testing.assert_array_equal(class_probabilities(network, images), together)  # no dropout
 
 
 def test_no_windows_have_no_probabilities():
-    found = class_probabilities(HolisticCNN(3, 5, (4, 8), 16, 0.1), torch.zeros(0, 3, 64, 64))
-    assert found.shape == (0, 5)
+    network = inference_network(HolisticCNN(3, 5, (4, 8), 16, 0.1))
+    assert class_probabilities(network, torch.zeros(0, 3, 64, 64)).shape == (0, 5)
 
 
 def test_training_tells_classes_apart():
@@ -56,12 +73,16 @@ def test_training_tells_classes_apart():
         enable_progress_bar=False, enable_model_summary=False,
     )  # fmt: skip
     loader = DataLoader(TensorDataset(images, labels), batch_size=16)
-    before = (class_probabilities(module.network, images).argmax(axis=1) == labels.numpy()).mean()
+
+    def right():
+        found = class_probabilities(inference_network(module.network), images)
+        return (found.argmax(axis=1) == labels.numpy()).mean()
+
+    before = right()
     module.train()
     trainer.fit(module, loader)
-    after = (class_probabilities(module.network, images).argmax(axis=1) == labels.numpy()).mean()
     assert before < 0.7
-    assert after > 0.95
+    assert right() > 0.95
     assert trainer.callback_metrics.keys() == {"loss", "accuracy"}
     (optimizer,) = trainer.optimizers
     assert optimizer.param_groups[0]["lr"] < SETTINGS.learning_rate / 100  # the cycle has ended

@@ -89,7 +89,7 @@ def test_cut_windows_holds_the_colour_and_the_coded_depth_of_each(room: Frame):
 def region(probabilities, best, threshold, min_windows):
     count = len(probabilities)
     windows = windows_at([(10 * i + 5, 5) for i in range(count)], [4.0] * count)
-    settings = RegionSettings(8, threshold, min_windows, 1.0)
+    settings = RegionSettings(8, threshold, min_windows, 1.0, "exact")
     found = candidate_region(
         7, windows, np.asarray(probabilities), np.asarray(best), (10, 10 * count), 1.0, settings
     )
@@ -122,7 +122,7 @@ def test_no_window_accepted_is_an_empty_region():
     assert accepted == [False, False] and not found.mask.any()
     empty = candidate_region(
         1, windows_at(np.zeros((0, 2)), []), np.zeros(0), np.zeros(0, bool), (8, 9), 1.0,
-        RegionSettings(8, 0.1, 4, 1.0),
+        RegionSettings(8, 0.1, 4, 1.0, "exact"),
     )  # fmt: skip
     assert empty.mask.shape == (8, 9) and not empty.mask.any()
 
@@ -135,7 +135,7 @@ def test_the_mask_is_the_union_of_the_squares(reach, extent, scale):
     sides = rng.uniform(2, 30, 25)
     found = candidate_region(
         1, windows_at(centers, sides), np.ones(25), np.ones(25, bool), shape, extent,
-        RegionSettings(8, 0.0, 0, reach),
+        RegionSettings(8, 0.0, 0, reach, "exact"),
     )  # fmt: skip
     expected = np.zeros(shape, bool)
     for (cx, cy), side in zip(centers, sides, strict=True):

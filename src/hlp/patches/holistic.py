@@ -29,13 +29,15 @@ class RegionSettings:
     (`threshold` 0, the paper) or where its probability exceeds `threshold`; with fewer than
     `min_windows` accepted, that many of the most probable ones are taken. The region is the union
     of squares about their centres, of side `reach` times the object's diameter, or of the windows
-    themselves (`reach` 0, the paper).
+    themselves (`reach` 0, the paper). `scan` says which windows are classified: `exact` all of
+    them, `fast` those that `hlp.patches.window_choice` leaves.
     """
 
     step: int
     threshold: float
     min_windows: int
     reach: float
+    scan: Literal["exact", "fast"]
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,10 @@ class Windows:
     centers: Float[np.ndarray, "n 2"]
     depths: Float[np.ndarray, "n"]
     sides: Float[np.ndarray, "n"]
+
+    def at(self, rows: slice | Bool[np.ndarray, "n"]) -> "Windows":
+        """Some of the windows."""
+        return Windows(self.centers[rows], self.depths[rows], self.sides[rows])
 
 
 def pixel_grid(shape: tuple[int, int], step: int) -> Int[np.ndarray, "n 2"]:

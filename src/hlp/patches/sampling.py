@@ -2,7 +2,7 @@
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Num, UInt8
+from jaxtyping import Bool, Float, Int, Num, UInt8
 
 # Bilinear sampling sees 2 x 2 pixels: a patch that shrinks by more than this is cut from a halved
 # image instead (area average), or it would alias.
@@ -25,16 +25,37 @@ def sample_squares(
     at most 1.5. Outside the image the value is `border`.
     """
     out = np.empty((len(centers), resolution, resolution, *image.shape[2:]), dtype=image.dtype)
-    shrink = np.maximum(np.asarray(sides, dtype=np.float64) / resolution / MAX_SHRINK, 1.0)
-    levels = np.zeros(len(centers), dtype=int) if nearest else np.ceil(np.log2(shrink)).astype(int)
-    levels = np.minimum(levels, int(np.log2(min(image.shape[:2]))))  # at least one pixel is left
+    levels = halvings(sides, resolution, (image.shape[0], image.shape[1]))
+    if nearest:
+        levels = np.zeros_like(levels)
     for level in np.unique(levels):
         rows = np.flatnonzero(levels == level)
         factor = 2**level
-        small = _area_shrink(image, factor)
+        small = area_shrink(image, factor)
         x, y = _sample_positions(centers[rows], sides[rows], resolution, factor)
         out[rows] = _remap(small, x, y, nearest, border)
     return out
+
+
+def halvings(
+    sides: Float[np.ndarray, "n"], resolution: int, shape: tuple[int, int]
+) -> Int[np.ndarray, "n"]:
+    """How often an image is halved before squares of `sides` pixels are cut from it."""
+    shrink = np.maximum(np.asarray(sides, dtype=np.float64) / resolution / MAX_SHRINK, 1.0)
+    levels = np.ceil(np.log2(shrink)).astype(int)
+    return np.asarray(np.minimum(levels, int(np.log2(min(shape)))))  # at least one pixel is left
+
+
+def area_shrink(image: Num[np.ndarray, "h w *c"], factor: int) -> Num[np.ndarray, "h2 w2 *c"]:
+    """The image, smaller by a whole factor: each pixel the mean of factor² ones."""
+    if factor == 1:
+        return image
+    height, width = image.shape[:2]
+    # Cropped to a multiple of the factor, so that every small pixel averages exactly factor²
+    # pixels and its centre is where `_sample_positions` expects it.
+    even = image[: height // factor * factor, : width // factor * factor]
+    size = (width // factor, height // factor)
+    return np.asarray(cv2.resize(even, size, interpolation=cv2.INTER_AREA))
 
 
 def bleed_color(
@@ -49,17 +70,6 @@ def bleed_color(
     blurred = cv2.boxFilter(np.where(mask[..., None], rgb, 0).astype(np.float32), -1, (5, 5))
     around = blurred / np.maximum(weight, 1e-6)[..., None]
     return np.where(mask[..., None], rgb, np.clip(around, 0, 255)).astype(np.uint8)
-
-
-def _area_shrink(image: Num[np.ndarray, "h w *c"], factor: int) -> Num[np.ndarray, "h2 w2 *c"]:
-    if factor == 1:
-        return image
-    height, width = image.shape[:2]
-    # Cropped to a multiple of the factor, so that every small pixel averages exactly factor²
-    # pixels and its centre is where `_sample_positions` expects it.
-    even = image[: height // factor * factor, : width // factor * factor]
-    size = (width // factor, height // factor)
-    return np.asarray(cv2.resize(even, size, interpolation=cv2.INTER_AREA))
 
 
 def _sample_positions(

@@ -5,15 +5,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import torch
 from jaxtyping import Float, Int
 
 from hlp.codebook.neighbours import ExactNeighbours, ExactSettings, KdForest, Neighbours
-from hlp.models.classifier import class_probabilities
 from hlp.models.encoder import Encoder
-from hlp.patches.holistic import Windows, candidate_region, cut_windows, metric_windows
-from hlp.patches.holistic_data import window_images
+from hlp.patches.holistic import candidate_region
 from hlp.patches.local import cut_local_patches, region_pixels
+from hlp.pipeline.holistic_scan import HolisticScan
 from hlp.pipeline.learning import Learner
 from hlp.pipeline.refiners import make_refiner
 from hlp.pipeline.settings import RunSettings
@@ -63,8 +61,17 @@ class Detector:
         self._modes = _make_modes(settings)
 
     @cached_property
-    def _classifier(self) -> torch.nn.Module:
-        return self.learner.load_classifier()
+    def _scan(self) -> HolisticScan:
+        objects = {each: self.world.models[each] for each in self.world.target_ids}
+        patches = self.settings.patches
+        return HolisticScan(
+            self.learner.load_classifier(),
+            objects,
+            patches.holistic,
+            patches.region,
+            patches.pool.scale_jitter,
+            self.settings.machine.threads,
+        )
 
     @cached_property
     def _encoder(self) -> Encoder:
@@ -77,9 +84,7 @@ class Detector:
     def region(self, frame: Frame, object_id: int) -> Region:
         """Stage 1: the candidate region of an object (paper, section 3.1)."""
         patches, model = self.settings.patches, self.world.models[object_id]
-        size = model.holistic_size
-        windows = metric_windows(frame.depth, frame.camera_matrix, size, patches.region.step)
-        classes = self._classify(frame, windows, size)
+        windows, classes = self._scan.classify(frame, object_id)
         label = self._labels[object_id]
         shape = (frame.depth.shape[0], frame.depth.shape[1])
         return candidate_region(
@@ -88,16 +93,9 @@ class Detector:
             classes[:, label],
             classes.argmax(axis=1) == label,
             shape,
-            model.diameter / size,
+            model.diameter / model.holistic_size,
             patches.region,
         )
-
-    def _classify(self, frame: Frame, windows: Windows, size: float) -> np.ndarray:
-        holistic = self.settings.patches.holistic
-        if len(windows.depths) == 0:
-            return np.zeros((0, len(self._labels) + 1), dtype=np.float32)
-        color, code = cut_windows(frame.rgb, frame.depth, windows, size, holistic.resolution)
-        return class_probabilities(self._classifier, window_images(color, code, holistic.channels))
 
     def coarse(self, frame: Frame, region: Region) -> Coarse:
         """Stage 2: votes of the region's local patches, and their modes (paper, section 3.2)."""

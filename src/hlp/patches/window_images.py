@@ -1,0 +1,203 @@
+"""Images of all windows of a frame at once, as the classifier reads them: bfloat16, channels last.
+
+The same windows as `holistic.cut_windows` and `holistic_data.window_images` make, in one compiled
+pass: each image row that a window needs is resampled once and stays in the processor's cache.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32, Int, UInt8, UInt16, UInt32, UInt64
+from numba import njit
+from torch import Tensor
+
+from hlp.patches.holistic import HolisticSettings, Windows
+from hlp.patches.sampling import area_shrink, halvings
+
+_PAD = 2  # black pixels about an image: what lies beyond reads as these
+_LANES = 4  # values of a pixel: colour, and one that keeps pixels aligned
+_NOWHERE = -(1 << 40)
+_ONE, _TWO, _CODES, _LEVELS = (np.float32(value) for value in (1, 2, 127, 255))
+_LEAST, _MOST = np.float32(-127), np.float32(126)
+
+
+class WindowImages:
+    """Cuts windows from one frame: images (n, c, p, p) in [-1, 1], c = 3 (`rgb`) or 4 (`rgbd`).
+
+    Equal to `window_images` of `cut_windows`, rounded to bfloat16, but for a colour level where
+    interpolation ends halfway between two. The number of threads changes nothing but the time.
+    """
+
+    def __init__(
+        self,
+        rgb: UInt8[np.ndarray, "h w 3"],
+        depth: Float[np.ndarray, "h w"],
+        settings: HolisticSettings,
+        threads: int,
+    ) -> None:
+        self._rgb = rgb
+        self._depth = np.ascontiguousarray(depth, dtype=np.float32)
+        self._settings = settings
+        self._threads = threads
+        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+        self._padded: dict[int, Float32[np.ndarray, "h2 w2 4"]] = {}
+
+    def cut(self, windows: Windows, metric_size: float) -> Tensor:
+        """Images of windows whose sides are those of an object of `metric_size` (m)."""
+        p, with_depth = self._settings.resolution, self._settings.channels == "rgbd"
+        out = np.empty((len(windows.sides), p, p, _LANES), dtype=np.uint16)
+        levels = halvings(windows.sides, p, (self._rgb.shape[0], self._rgb.shape[1]))
+        images = {int(level): self._halved(int(level)) for level in np.unique(levels)}
+        places = np.column_stack([windows.centers, windows.sides]).astype(np.float64)
+        depths, size = windows.depths.astype(np.float32), np.float32(metric_size)
+
+        def work(part: tuple[int, int]) -> None:
+            first, last = part
+            for level, image in images.items():
+                rows = first + np.flatnonzero(levels[first:last] == level)
+                _cut_color(image, places, rows, 2**level, out)
+            if with_depth:
+                _cut_depth(self._depth, places, depths, size, first, last, out)
+
+        bounds = np.linspace(0, len(places), self._threads + 1).astype(int)
+        list((self._pool.map if self._pool else map)(work, pairwise(bounds)))
+        kept = out if with_depth else out[..., :3]
+        return torch.from_numpy(kept).view(torch.bfloat16).permute(0, 3, 1, 2)
+
+    def _halved(self, level: int) -> Float32[np.ndarray, "h2 w2 4"]:
+        if level not in self._padded:
+            self._padded[level] = _pad(area_shrink(self._rgb, 2**level))
+        return self._padded[level]
+
+
+def _pad(image: UInt8[np.ndarray, "h w 3"]) -> Float32[np.ndarray, "h2 w2 4"]:
+    height, width = image.shape[:2]
+    out = np.zeros((height + 2 * _PAD + 1, width + 2 * _PAD + 1, _LANES), dtype=np.float32)
+    out[_PAD : _PAD + height, _PAD : _PAD + width, :3] = image
+    return out
+
+
+@njit(nogil=True, cache=True)
+def _cut_color(
+    image: Float32[np.ndarray, "h2 w2 4"],
+    places: Float[np.ndarray, "n 3"],
+    rows: Int[np.ndarray, "m"],
+    factor: int,
+    out: UInt16[np.ndarray, "n p p 4"],
+) -> None:
+    height, width = image.shape[0] - 2 * _PAD - 1, image.shape[1] - 2 * _PAD - 1
+    p = out.shape[1]
+    starts = np.empty(p, np.uint64)
+    weights = np.empty(p, np.float32)
+    lines = np.empty((2, p * _LANES), np.float32)
+    mixed = np.empty(p * _LANES, np.float32)
+    for r in rows:
+        for i in range(p):
+            x = _position(places[r, 0], places[r, 2], i, p, factor)
+            low = np.floor(x)
+            weights[i] = x - low
+            starts[i] = _LANES * (min(max(np.int64(low), -_PAD), width) + _PAD)
+        held = _NOWHERE  # the image's row in lines[held & 1]; the one below is in the other
+        for j in range(p):
+            y = _position(places[r, 1], places[r, 2], j, p, factor)
+            low = np.floor(y)
+            k = min(max(np.int64(low), -_PAD), height)
+            if k != held:
+                if k != held + 1:
+                    _resample(image[k + _PAD].reshape(-1), starts, weights, lines[k & 1])
+                _resample(image[k + _PAD + 1].reshape(-1), starts, weights, lines[(k + 1) & 1])
+                held = k
+            _mix(lines[k & 1], lines[(k + 1) & 1], y - low, mixed)
+            _round_to_bfloat16(mixed.view(np.uint32), out[r, j].reshape(-1))
+
+
+@njit(nogil=True, cache=True)
+def _cut_depth(
+    depth: Float32[np.ndarray, "h w"],
+    places: Float[np.ndarray, "n 3"],
+    centers: Float32[np.ndarray, "n"],
+    metric_size: np.float32,
+    first: int,
+    last: int,
+    out: UInt16[np.ndarray, "n p p 4"],
+) -> None:
+    height, width = depth.shape
+    p = out.shape[1]
+    columns = np.empty(p, np.int64)
+    line = np.empty(p, np.float32)
+    codes = np.empty(p, np.uint16)
+    for r in range(first, last):
+        for i in range(p):
+            k = np.int64(np.rint(_position(places[r, 0], places[r, 2], i, p, 1)))
+            columns[i] = k if 0 <= k < width else -1
+        held = np.int64(_NOWHERE)
+        for j in range(p):
+            k = np.int64(np.rint(_position(places[r, 1], places[r, 2], j, p, 1)))
+            if k != held:
+                held = k
+                line[:] = 0
+                if 0 <= k < height:
+                    for i in range(p):
+                        if columns[i] >= 0:
+                            line[i] = depth[k, columns[i]]
+                _code(line, centers[r], metric_size)
+                _round_to_bfloat16(line.view(np.uint32), codes)
+            for i in range(p):
+                out[r, j, i, 3] = codes[i]
+
+
+@njit(nogil=True, cache=True)
+def _position(center: float, side: float, i: int, p: int, factor: int) -> np.float32:
+    """Where output pixel i samples the image that was shrunk by `factor`."""
+    offset = side * ((i + 0.5) / p - 0.5)
+    return np.float32((center + offset + 0.5) / factor - 0.5)
+
+
+@njit(nogil=True, cache=True)
+def _resample(
+    row: Float32[np.ndarray, "w4"],
+    starts: UInt64[np.ndarray, "p"],
+    weights: Float32[np.ndarray, "p"],
+    line: Float32[np.ndarray, "p4"],
+) -> None:
+    # Unsigned indices: the compiler need not look for negative ones.
+    one, two, three, four = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
+    for i in range(len(starts)):
+        k, w = starts[i], weights[i]
+        a, b, c = row[k], row[k + one], row[k + two]
+        d, e, f = row[k + four], row[k + four + one], row[k + four + two]
+        o = four * np.uint64(i)
+        line[o] = a + w * (d - a)
+        line[o + one] = b + w * (e - b)
+        line[o + two] = c + w * (f - c)
+        line[o + three] = np.float32(0)
+
+
+@njit(nogil=True, cache=True)
+def _mix(
+    upper: Float32[np.ndarray, "p4"],
+    lower: Float32[np.ndarray, "p4"],
+    weight: np.float32,
+    line: Float32[np.ndarray, "p4"],
+) -> None:
+    """A whole colour level between two rows, in [-1, 1]."""
+    for c in range(len(line)):
+        level = np.rint(upper[c] + weight * (lower[c] - upper[c]))
+        line[c] = level / _LEVELS * _TWO - _ONE
+
+
+@njit(nogil=True, cache=True)
+def _code(line: Float32[np.ndarray, "p"], center: np.float32, size: np.float32) -> None:
+    """What `depth_code` and `code_to_unit` make of depths, in place."""
+    for i in range(len(line)):
+        code = min(max(np.rint((line[i] - center) / size * _CODES), _LEAST), _MOST)
+        line[i] = (code if line[i] > 0 else _CODES) / _CODES
+
+
+@njit(nogil=True, cache=True)
+def _round_to_bfloat16(bits: UInt32[np.ndarray, "k"], out: UInt16[np.ndarray, "k"]) -> None:
+    half, last, keep = np.uint32(0x7FFF), np.uint32(1), np.uint32(16)
+    for c in range(len(out)):
+        out[c] = (bits[c] + half + ((bits[c] >> keep) & last)) >> keep

@@ -1,0 +1,115 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hlp.geometry import project
+from hlp.patches.holistic import metric_windows
+from hlp.patches.window_choice import group_sizes, off_planes
+
+CAMERA = np.array([[570.0, 0.0, 319.5], [0.0, 570.0, 239.5], [0.0, 0.0, 1.0]])
+STEP = 16
+
+
+def groups_of(sizes, jitter):
+    return group_sizes({i: (size, size * (1 + i / 10)) for i, size in enumerate(sizes)}, jitter)
+
+
+def test_without_jitter_only_equal_sizes_share_windows():
+    found = groups_of([0.1, 0.2, 0.1, 0.11], 0.0)
+    assert [found[i].metric_size for i in range(4)] == [0.1, 0.2, 0.1, 0.11]
+    assert found[0] == found[2]
+    assert found[0].diameter == pytest.approx(0.12)  # the largest of the two
+    assert found[3].diameter == pytest.approx(0.143)
+
+
+def test_a_shared_size_is_within_the_jitter_of_each_that_shares_it():
+    sizes = [0.08, 0.2, 0.18, 0.15, 0.2, 0.13, 0.1, 0.2, 0.09, 0.12, 0.08, 0.11, 0.15, 0.2, 0.16]
+    found = groups_of(sizes, 0.08)  # LINEMOD's 15 objects
+    ratios = [found[i].metric_size / size for i, size in enumerate(sizes)]
+    assert max(ratios) <= 1.08 + 1e-9 and min(ratios) >= 1 / 1.08 - 1e-9
+    assert len(set(found.values())) == 5
+    for i in range(15):
+        members = [k for k in range(15) if found[k] == found[i]]
+        assert found[i].diameter == max(sizes[k] * (1 + k / 10) for k in members)
+
+
+def table(tilt=0.9, height=0.08, width=0.10, noise=0.002):
+    """A table seen at an angle with a box on it, a camera's noise and holes; the box's mask."""
+    rng = np.random.default_rng(0)
+    rays = np.stack(np.meshgrid(np.arange(640), np.arange(480)), axis=-1)
+    rays = np.concatenate([(rays - CAMERA[:2, 2]) / 570.0, np.ones((480, 640, 1))], axis=-1)
+    normal = np.array([0.0, -np.cos(tilt), -np.sin(tilt)])  # towards the camera
+    far = -0.9 * np.sin(tilt) / (rays @ normal)  # depth 0.9 m in the middle
+    near = (height - 0.9 * np.sin(tilt)) / (rays @ normal)
+    down = np.array([0.0, np.sin(tilt), -np.cos(tilt)])
+    middle = np.array([0.0, 0.0, 0.9])
+    places = near[..., None] * rays - middle
+    box = (np.abs(places @ down) < width / 2) & (np.abs(places[..., 0]) < width / 2)
+    depth = np.where(box, near, far) + rng.normal(0, noise, far.shape)
+    depth[rng.random(depth.shape) < 0.05] = 0.0
+    return depth.astype(np.float32), box
+
+
+def windows_off(depth, diameter, size=0.1):
+    windows = metric_windows(depth, CAMERA, size, STEP)
+    off = off_planes(windows, CAMERA, STEP, diameter)
+    x, y = windows.centers.astype(int).T
+    return off, (x, y)
+
+
+def test_windows_on_a_table_are_left_out_and_those_on_a_thing_on_it_are_kept():
+    depth, box = table()
+    off, (x, y) = windows_off(depth, 0.13)
+    assert box[y, x].sum() > 10
+    assert off[box[y, x]].all()
+    assert off[~box[y, x]].mean() < 0.02
+
+
+def test_a_plane_that_an_object_could_have_is_kept():
+    depth, _ = table()
+    off, _ = windows_off(depth, 2.0)
+    assert off.all()
+
+
+def test_a_scene_without_a_plane_keeps_all_windows():
+    y, x = np.mgrid[:480, :640]
+    depth = (0.9 + 0.1 * np.sin(x / 40.0) * np.cos(y / 30.0)).astype(np.float32)
+    off, _ = windows_off(depth, 0.1)
+    assert off.all()
+
+
+def test_two_planes_are_found():
+    depth, _ = table()
+    wall = depth.copy()
+    wall[:200] = 1.4
+    off, (_, y) = windows_off(wall, 0.13)
+    assert off[y < 192].mean() < 0.02
+    assert off[y > 208].mean() < 0.05
+
+
+def test_the_area_counts_as_it_is_not_as_it_is_seen():
+    y, _ = np.mgrid[:480, :640]
+    depth = (1.0 / (1.6 - y / 480)).astype(np.float32)  # a floor that recedes
+    windows = metric_windows(depth, CAMERA, 0.1, STEP)
+    corners = np.array([[-8.0, -8], [8, -8], [8, 8], [-8, 8]])
+    normal, total = None, 0.0
+    for center in windows.centers:
+        rays = np.c_[(center + corners - CAMERA[:2, 2]) / 570.0, np.ones(4)]
+        rows = (center + corners)[:, 1]
+        quad = rays / (1.6 - rows / 480)[:, None]
+        normal = np.cross(quad[2] - quad[0], quad[3] - quad[1])
+        total += np.linalg.norm(normal) / 2
+    assert project(quad, CAMERA)[0] == pytest.approx(center + corners[0])
+    limit = np.sqrt(total / 2.0)  # dropped where the area exceeds twice the squared diameter
+    assert not off_planes(windows, CAMERA, STEP, 0.97 * limit).any()
+    assert off_planes(windows, CAMERA, STEP, 1.03 * limit).all()
+
+
+def test_no_windows_are_fine():
+    depth = np.zeros((480, 640), np.float32)
+    off, _ = windows_off(depth, 0.1)
+    assert off.shape == (0,)
+    windows = metric_windows(table()[0], CAMERA, 0.1, STEP)
+    few = dataclasses.replace(windows.at(slice(0, 2)))
+    assert off_planes(few, CAMERA, STEP, 0.1).all()
