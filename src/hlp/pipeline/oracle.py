@@ -175,7 +175,8 @@ def summarise_oracle(
     """What `oracle.json` holds: AD recall with 95 % interval of each cell, and what stages lost.
 
     `lost` shares out the misses: with the true region the estimated pose gains what stage 1 lost,
-    with the true coarse pose as well what stage 2 lost, and the rest is lost by stage 3.
+    with the true coarse pose as well what stage 2 lost, and the rest is lost by stage 3. A true
+    pose comes alone: to choose wrongly among hypotheses counts as stage 2's loss.
     """
     cells = []
     recalls: dict[Cell, float] = {}

@@ -37,7 +37,8 @@ def format_oracle(result: Mapping[str, Any], layout: str = "text") -> str:
             " fine pose is estimated. A true pose is given where the region shows any of the"
             " target.",
             FORMATS[layout](oracle_table(result)),
-            f"Recall lost by each stage: {lost}.",
+            f"Recall lost by each stage: {lost}. A wrong choice among the hypotheses counts as the"
+            " coarse pose's.",
         ]
     )
 
