@@ -10,8 +10,9 @@ from hlp.patches.holistic import (
     depth_code,
     metric_windows,
     pixel_grid,
+    region_trust,
 )
-from hlp.records import Frame
+from hlp.records import Frame, Region
 
 CAMERA = np.array([[570.0, 0.0, 320.0], [0.0, 574.0, 240.0], [0.0, 0.0, 1.0]])
 
@@ -148,3 +149,16 @@ def test_the_mask_is_the_union_of_the_squares(reach, extent, scale):
                     expected[y, x] = True
     assert 0.2 < expected.mean() < 1.0
     np.testing.assert_array_equal(found.mask, expected)
+
+
+def test_trust_is_the_probability_of_the_surest_window_about_a_pixel():
+    centers = np.array([[10.0, 10.0], [30.0, 10.0], [200.0, 50.0]])
+    probabilities = np.array([0.9, 0.3, 0.005])
+    region = Region(1, centers, probabilities, np.ones((60, 240), bool))
+    pixels = np.array([[12.0, 10.0], [24.0, 10.0], [24.0, 10.0], [30.0, 16.0], [200.0, 50.0]])
+    radii = np.array([10.0, 10.0, 15.0, 5.0, 10.0])
+    found = region_trust(region, pixels, radii)
+    np.testing.assert_allclose(found, [0.9, 0.3, 0.9, 0.01, 0.01])
+    assert region_trust(region, np.zeros((0, 2)), np.zeros(0)).shape == (0,)
+    nothing = Region(1, np.zeros((0, 2)), np.zeros(0), np.ones((60, 240), bool))
+    np.testing.assert_array_equal(region_trust(nothing, pixels, radii), np.full(5, 0.01))

@@ -77,6 +77,15 @@ def test_votes_equal_a_slow_loop(model, weighted, limit):
     np.testing.assert_array_equal(votes.pixels, pixels)
 
 
+def test_trust_multiplies_the_weight_of_every_vote_of_a_patch(model):
+    patches, matches, codebook = random_case(4)
+    plain = cast_votes(patches, matches, codebook, model, 3.0, True)
+    trust = np.linspace(0.1, 1.0, len(patches))
+    trusted = cast_votes(patches, matches, codebook, model, 3.0, True, trust)
+    np.testing.assert_allclose(trusted.weights, plain.weights * trust[plain.patches])
+    np.testing.assert_array_equal(trusted.centroids_cam, plain.centroids_cam)
+
+
 def test_without_near_neighbours_or_patches_there_are_no_votes(model):
     patches, matches, codebook = random_case()
     assert len(cast_votes(patches, matches, codebook, model, -1.0, True)) == 0

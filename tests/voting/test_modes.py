@@ -8,8 +8,8 @@ from hlp.geometry import quaternions, rotation_distance
 from hlp.records import Votes
 from hlp.voting.modes import JointModes, JointVotingSettings, PaperModes, PaperVotingSettings
 
-PAPER = PaperVotingSettings("paper", 3.0, False, 10.0, 5.0, 3000, 30)
-JOINT = JointVotingSettings("joint", 3.0, True, 20.0, 18.0, 1500, 5, 5)
+PAPER = PaperVotingSettings("paper", 3.0, False, False, 10.0, 5.0, 3000, 30)
+JOINT = JointVotingSettings("joint", 3.0, True, True, 20.0, 18.0, 1500, 5, 5)
 CENTROID = np.array([0.02, -0.01, 0.03])
 RADIUS, ANGLE = 0.02, np.deg2rad(18.0)
 HERE, THERE = np.array([0.0, 0.0, 1.0]), np.array([0.1, 0.05, 0.9])

@@ -9,6 +9,8 @@ from jaxtyping import Bool, Float, Int, UInt8
 from hlp.patches.sampling import sample_squares
 from hlp.records import Region
 
+_LEAST_TRUST = 0.01
+
 
 @dataclass(frozen=True)
 class HolisticSettings:
@@ -139,6 +141,22 @@ def candidate_region(
     reach = windows.sides[accepted] * scale / 2
     mask = _union_of_squares(windows.centers[accepted], reach, shape)
     return Region(object_id, windows.centers, probabilities, mask)
+
+
+def region_trust(
+    region: Region, pixels: Float[np.ndarray, "n 2"], radii: Float[np.ndarray, "n"]
+) -> Float[np.ndarray, "n"]:
+    """How far to believe that pixels (x, y) show the region's object: 0.01 … 1.
+
+    The largest probability among the windows centred within `radii` px, half the object's extent:
+    most of a region is not the object, and what lies about a doubtful window should not outvote
+    what lies about a sure one.
+    """
+    hopeful = region.probabilities > _LEAST_TRUST
+    centers = region.centers[hopeful].astype(np.float64)
+    near = np.square(pixels[:, :1] - centers[:, 0]) + np.square(pixels[:, 1:] - centers[:, 1])
+    believed = np.where(near <= np.square(radii)[:, None], region.probabilities[hopeful], 0.0)
+    return np.asarray(believed.max(axis=1, initial=_LEAST_TRUST), dtype=np.float64)
 
 
 def _union_of_squares(

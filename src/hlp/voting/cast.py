@@ -20,13 +20,14 @@ def cast_votes(
     model: ObjectModel,
     max_distance: float,
     weighted: bool,
+    trust: Float[np.ndarray, "n"] | None = None,
 ) -> Votes:
     """One vote per accepted neighbour: t = p_cam + R·(centroid − p_obj), rotation R.
 
     R is the entry's rotation turned from the optical axis to the patch's viewing ray (allocentric
     to egocentric). Neighbours farther than `max_distance` (the paper's Th, in units of the
     codebook's `feature_scale`) cast none. `weighted` gives a vote exp(−d²/2σ²), σ the feature
-    scale; otherwise each counts 1. Of the rotations that a symmetric object cannot tell apart,
+    scale; otherwise each counts 1; `trust` in each of the n patches multiplies it. Of the rotations that a symmetric object cannot tell apart,
     all votes name the same one.
     """
     relative = matches.distances / codebook.feature_scale
@@ -38,6 +39,8 @@ def cast_votes(
     to_centroid = model.centroid - codebook.points_obj[entries]
     centroids = points_cam + np.einsum("vij,vj->vi", rotations, to_centroid)
     weights = np.exp(-(relative[rows, ranks] ** 2) / 2.0) if weighted else np.ones(len(rows))
+    if trust is not None:
+        weights = weights * trust[rows]
     turned = canonical_rotations(rotations, model.symmetries)
     return Votes(centroids, turned, weights.astype(np.float64), rows, patches.pixels[rows])
 

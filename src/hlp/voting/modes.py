@@ -16,12 +16,15 @@ class PaperVotingSettings:
     """Independent mean shifts (paper, section 3.2).
 
     Flat kernels of `translation_mm` and `rotation_deg` (in quaternion space); `max_distance` is
-    Th; `max_votes` the most votes used (the nearest matches), `shifts` of the mean at most.
+    Th; `max_votes` the most votes used (the weightiest), `shifts` of the mean at most. A vote's
+    weight falls with its match's distance (`weighted`) and grows with the probability of the
+    object at its patch (`trusted`); otherwise each counts 1.
     """
 
     name: str
     max_distance: float
     weighted: bool
+    trusted: bool
     translation_mm: float
     rotation_deg: float
     max_votes: int
@@ -39,6 +42,7 @@ class JointVotingSettings:
     name: str
     max_distance: float
     weighted: bool
+    trusted: bool
     translation_mm: float
     rotation_deg: float
     max_votes: int
