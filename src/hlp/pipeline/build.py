@@ -10,6 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import InterpolationToMissingValueError, MissingMandatoryValue
 from pydantic import TypeAdapter, ValidationError
 
+from hlp.codebook.inverted_lists import InvertedListsSettings
 from hlp.codebook.neighbours import ExactSettings, KdForestSettings
 from hlp.data import bop_models, linemod, own_frames
 from hlp.data.bop import BopFrames, BopSettings
@@ -60,7 +61,11 @@ GROUPS: dict[str, type | dict[str, type]] = {
         "cae": AutoencoderSettings,
         "pca": PcaSettings,
     },
-    "codebook": {"exact": ExactSettings, "kd_forest": KdForestSettings},
+    "codebook": {
+        "exact": ExactSettings,
+        "kd_forest": KdForestSettings,
+        "inverted_lists": InvertedListsSettings,
+    },
     "voting": {"joint": JointVotingSettings, "paper": PaperVotingSettings},
     "refinement": {"pso": PsoSettings, "icp": IcpSettings, "none": NoneSettings},
     "evaluation": EvaluationSettings,

@@ -7,9 +7,10 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
+from hlp.codebook.inverted_lists import InvertedLists, InvertedListsSettings
 from hlp.codebook.neighbours import ExactNeighbours, ExactSettings, KdForest, Neighbours
 from hlp.models.encoder import Encoder
-from hlp.patches.holistic import candidate_region
+from hlp.patches.holistic import candidate_region, region_trust
 from hlp.patches.local import cut_local_patches, region_pixels
 from hlp.pipeline.holistic_scan import HolisticScan
 from hlp.pipeline.learning import Learner
@@ -114,7 +115,13 @@ class Detector:
         matches = search.search(self._encoder.encode(cut))
         matched = time.perf_counter()
         voting = self.settings.voting
-        votes = cast_votes(cut, matches, codebook, model, voting.max_distance, voting.weighted)
+        trust = None
+        if voting.trusted:
+            half = frame.camera_matrix[0, 0] * model.diameter / cut.points_cam[:, 2] / 2.0
+            trust = region_trust(region, cut.pixels, half)
+        votes = cast_votes(
+            cut, matches, codebook, model, voting.max_distance, voting.weighted, trust
+        )
         found = self._modes.find(votes, model.centroid)
         return Coarse(cut, votes, found, matched - begun, time.perf_counter() - matched)
 
@@ -153,6 +160,8 @@ class Detector:
         settings = self.settings.codebook
         if isinstance(settings, ExactSettings):
             return ExactNeighbours(codebook.features, settings.neighbours)
+        if isinstance(settings, InvertedListsSettings):
+            return InvertedLists(codebook.features, settings, self.settings.seed)
         return KdForest(
             codebook.features,
             settings.neighbours,

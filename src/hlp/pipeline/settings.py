@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from pydantic import Discriminator, Tag
 
 from hlp.codebook.entries import EntrySettings
+from hlp.codebook.inverted_lists import InvertedListsSettings
 from hlp.codebook.neighbours import ExactSettings, KdForestSettings
 from hlp.data.bop import BopSettings
 from hlp.data.linemod import LinemodSettings
@@ -143,7 +144,7 @@ class RunSettings:
     patches: PatchesSettings
     classifier: ClassifierSettings
     encoder: ContrastiveSettings | AutoencoderSettings | PcaSettings
-    codebook: ExactSettings | KdForestSettings
+    codebook: ExactSettings | KdForestSettings | InvertedListsSettings
     voting: JointVotingSettings | PaperVotingSettings
     refinement: PsoSettings | IcpSettings | NoneSettings
     evaluation: EvaluationSettings

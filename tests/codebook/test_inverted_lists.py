@@ -1,0 +1,89 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hlp.codebook.inverted_lists import FEWEST, InvertedLists, InvertedListsSettings
+from hlp.codebook.neighbours import ExactNeighbours
+
+SETTINGS = InvertedListsSettings("inverted_lists", 3, lists=32, probes=8, candidates=16, threads=1)
+
+
+def surface(count, dimension=24, seed=0):
+    """Features on a folded four-dimensional surface, as those of patches lie on one of poses."""
+    rng = np.random.default_rng(seed)
+    folds = np.random.default_rng(99).normal(size=(2, 4, dimension))
+    places = rng.uniform(-1.0, 1.0, (count, 4))
+    features = places @ folds[0] + np.sin(3.0 * places @ folds[1])
+    features /= np.linalg.norm(features, axis=1, keepdims=True)
+    return (features + 0.01 * rng.normal(size=features.shape)).astype(np.float32)
+
+
+FEATURES, QUERIES = surface(2 * FEWEST), surface(600, seed=1)
+EXACT = ExactNeighbours(FEATURES, 3).search(QUERIES)
+
+
+def recall(settings):
+    found = InvertedLists(FEATURES, settings, seed=0).search(QUERIES).indices
+    pairs = zip(found, EXACT.indices, strict=True)
+    return sum(len(set(a) & set(b)) for a, b in pairs) / found.size
+
+
+def test_most_neighbours_are_found_and_more_with_more_probes_and_candidates():
+    few = dataclasses.replace(SETTINGS, probes=1)
+    hasty = dataclasses.replace(SETTINGS, candidates=1)
+    every = dataclasses.replace(SETTINGS, probes=32, candidates=200)
+    recalls = [recall(each) for each in (few, hasty, SETTINGS, every)]
+    assert max(recalls[:2]) < recalls[2] - 0.05
+    assert recalls[2] > 0.9
+    assert recalls[3] > 0.999
+
+
+def test_distances_are_of_the_whole_features_and_ascend():
+    matches = InvertedLists(FEATURES, SETTINGS, seed=0).search(QUERIES)
+    expected = np.linalg.norm(FEATURES[matches.indices] - QUERIES[:, None], axis=2)
+    np.testing.assert_allclose(matches.distances, expected, rtol=1e-4)
+    assert (np.diff(matches.distances, axis=1) >= 0).all()
+
+
+def test_lists_are_a_function_of_the_seed_and_threads_change_nothing():
+    two = dataclasses.replace(SETTINGS, threads=2)
+    first, again = (InvertedLists(FEATURES, each, 5).search(QUERIES) for each in (SETTINGS, two))
+    np.testing.assert_array_equal(first.indices, again.indices)
+    np.testing.assert_array_equal(first.distances, again.distances)
+    other = InvertedLists(FEATURES, SETTINGS, 6).search(QUERIES)
+    assert (first.indices != other.indices).any()
+
+
+def test_small_codebooks_are_searched_exactly():
+    few = InvertedLists(FEATURES[: FEWEST - 1], SETTINGS, seed=0).search(QUERIES)
+    exact = ExactNeighbours(FEATURES[: FEWEST - 1], 3).search(QUERIES)
+    np.testing.assert_array_equal(few.indices, exact.indices)
+    np.testing.assert_allclose(few.distances, exact.distances, rtol=1e-3)
+    two = InvertedLists(FEATURES[:2], SETTINGS, seed=0).search(QUERIES[:5])
+    assert (np.sort(two.indices, axis=1) == [0, 1]).all()
+
+
+def test_what_the_lists_do_not_hold_is_infinitely_far():
+    """All entries but two in one place: the nearest list holds a single one."""
+    features = np.zeros((FEWEST, 24), dtype=np.float32)
+    features[0, 0] = features[1, 1] = 1.0
+    lone = dataclasses.replace(SETTINGS, lists=3, probes=1)
+    matches = InvertedLists(features, lone, seed=0).search(features[:1])
+    assert matches.indices[0, 0] == 0 and matches.distances[0, 0] == 0.0
+    missing = ~np.isfinite(matches.distances[0])
+    assert missing.sum() == 2
+    assert (matches.indices >= 0).all()
+
+
+def test_no_queries_and_any_layout():
+    search = InvertedLists(FEATURES, SETTINGS, seed=0)
+    none = search.search(QUERIES[:0])
+    assert none.indices.shape == none.distances.shape == (0, 3)
+    wide = np.asfortranarray(QUERIES[:20].astype(np.float64))
+    np.testing.assert_array_equal(search.search(wide).indices, search.search(QUERIES[:20]).indices)
+
+
+def test_features_that_do_not_divide_are_named():
+    with pytest.raises(ValueError, match=r"encoder\.dimension is 22"):
+        InvertedLists(FEATURES[:, :22], SETTINGS, seed=0)
