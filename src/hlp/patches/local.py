@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
+from numba import njit
 
 from hlp.geometry import back_project
 from hlp.patches.holistic import center_depths, pixel_grid
@@ -64,15 +65,14 @@ def cut_local_patches(
     sides = focal * metric_size / z
     centers = pixels.astype(np.float64)
     color = sample_squares(rgb, centers, sides, settings.resolution)
-    raw = sample_squares(depth, centers, sides, settings.resolution, nearest=True)
-    ratio = _along_ray(centers, sides, settings.resolution, camera_matrix)
-    relative = (raw * ratio - z[:, None, None]) / np.float32(metric_size / 2)
-    relative *= np.linalg.norm(_rays(centers, camera_matrix), axis=1)[:, None, None]
-    valid = (raw > 0) & (np.abs(relative) <= 1.0)
-    relative = np.where(raw > 0, np.clip(relative, -1.0, 1.0), _FILL_DEPTH).astype(np.float32)
-    if settings.mask_beyond_clamp:
-        relative[~valid] = _FILL_DEPTH
-        color[~valid] = _FILL_COLOR
+    single = np.asarray(depth, dtype=np.float32)
+    raw = sample_squares(single, centers, sides, settings.resolution, nearest=True)
+    across, down = _along_ray(centers, sides, settings.resolution, camera_matrix)
+    lengths = np.linalg.norm(_rays(centers, camera_matrix), axis=1)
+    valid = np.empty(raw.shape, dtype=np.bool_)
+    half = np.float32(metric_size / 2)
+    _relate(raw, z, half, lengths, across, down, settings.mask_beyond_clamp, color, valid)
+    relative = raw  # in place of the depths
     full = valid.mean(axis=(1, 2)) >= min_valid
     points = back_project(centers, z.astype(np.float64), camera_matrix)
     return LocalPatches(color[full], relative[full], valid[full], points[full], centers[full])
@@ -89,14 +89,46 @@ def _along_ray(
     sides: Float[np.ndarray, "n"],
     resolution: int,
     camera_matrix: Float[np.ndarray, "3 3"],
-) -> Float[np.ndarray, "n p p"]:
-    """What depth along z is multiplied by to become depth along the centre's ray, over |ray|."""
+) -> tuple[Float[np.ndarray, "n p"], Float[np.ndarray, "n p"]]:
+    """Columns' and rows' part of what makes depth along z depth along the centre's ray, over |ray|.
+
+    The depth at a pixel is multiplied by 1 + across + down.
+    """
     center = _rays(centers, camera_matrix)
     offsets = sides[:, None] * ((np.arange(resolution) + 0.5) / resolution - 0.5)
     focal = camera_matrix[[0, 1], [0, 1]]
     shares = center[:, :2] / (center**2).sum(axis=1, keepdims=True) / focal
-    across, down = offsets * shares[:, :1], offsets * shares[:, 1:]
-    return np.asarray(1.0 + across[:, None, :] + down[:, :, None], dtype=np.float32)
+    return offsets * shares[:, :1], offsets * shares[:, 1:]
+
+
+@njit(nogil=True, cache=True)
+def _relate(
+    depth: Float[np.ndarray, "n p p"],
+    center_depth: Float[np.ndarray, "n"],
+    half: np.float32,
+    lengths: Float[np.ndarray, "n"],
+    across: Float[np.ndarray, "n p"],
+    down: Float[np.ndarray, "n p"],
+    mask: bool,
+    color: UInt8[np.ndarray, "n p p 3"],
+    valid: Bool[np.ndarray, "n p p"],
+) -> None:
+    """Replace depths (m) by relative ones along the ray, fill `valid`; `mask` what is beyond."""
+    one, fill = np.float32(1.0), np.float32(_FILL_DEPTH)
+    for i in range(depth.shape[0]):
+        for y in range(depth.shape[1]):
+            for x in range(depth.shape[2]):
+                raw = depth[i, y, x]
+                ratio = np.float32(1.0 + across[i, x] + down[i, y])
+                relative = np.float32(((raw * ratio - center_depth[i]) / half) * lengths[i])
+                seen = raw > 0.0
+                inside = seen and abs(relative) <= one
+                valid[i, y, x] = inside
+                depth[i, y, x] = min(max(relative, -one), one) if seen else fill
+                if mask and not inside:
+                    depth[i, y, x] = fill
+                    for channel in range(3):
+                        color[i, y, x, channel] = _FILL_COLOR
 
 
 def region_pixels(mask: Bool[np.ndarray, "h w"], settings: GridSettings) -> Int[np.ndarray, "n 2"]:
