@@ -27,8 +27,8 @@ def cast_votes(
     R is the entry's rotation turned from the optical axis to the patch's viewing ray (allocentric
     to egocentric). Neighbours farther than `max_distance` (the paper's Th, in units of the
     codebook's `feature_scale`) cast none. `weighted` gives a vote exp(−d²/2σ²), σ the feature
-    scale; otherwise each counts 1; `trust` in each of the n patches multiplies it. Of the rotations that a symmetric object cannot tell apart,
-    all votes name the same one.
+    scale; otherwise each counts 1. `trust` in each of the n patches multiplies its votes. Of the
+    rotations that a symmetric object cannot tell apart, all votes name the same one.
     """
     relative = matches.distances / codebook.feature_scale
     rows, ranks = np.nonzero(relative <= max_distance)
