@@ -32,14 +32,14 @@ def verification() -> VerificationSettings:
     return VerificationSettings(
         candidates=5,
         weight_depth=0.8,
-        weight_edge=0.2,
-        weight_color=0.1,
+        weight_edge=0.3,
+        weight_color=0.2,
         tau_depth_mm=20.0,
         tau_edge_mm=15.0,
         tau_color=0.3,
         edge_step_mm=15.0,
-        missing_cost=0.5,
+        missing_cost=0.3,
         hidden_cost=0.1,
-        hidden_share_cost=0.2,
+        hidden_edge_cost=0.5,
         roi_size=96,
     )

@@ -38,7 +38,7 @@ class VerificationSettings:
     edge_step_mm: float
     missing_cost: float
     hidden_cost: float
-    hidden_share_cost: float
+    hidden_edge_cost: float
     roi_size: int
 
 
@@ -85,16 +85,12 @@ class Verifier:
         return np.array([WORST if each is None else self.weigh(each) for each in evidence])
 
     def weigh(self, evidence: Evidence) -> float:
-        """Cost of what was seen.
-
-        A hidden pixel costs more, the more of the object is hidden: right poses may be half
-        hidden, but one that hides altogether is believed by nobody.
-        """
+        """Cost of what was seen."""
         settings = self._settings
-        price = settings.hidden_cost + settings.hidden_share_cost * evidence.hidden
-        depth = evidence.residual + evidence.behind + price * evidence.hidden
-        depth += settings.missing_cost * evidence.missing
-        edge = (1.0 - evidence.edge_hidden) * evidence.edge + price * evidence.edge_hidden
+        depth = evidence.residual + evidence.behind
+        depth += settings.hidden_cost * evidence.hidden + settings.missing_cost * evidence.missing
+        edge = (1.0 - evidence.edge_hidden) * evidence.edge
+        edge += settings.hidden_edge_cost * evidence.edge_hidden
         parts = settings.weight_depth * depth + settings.weight_edge * edge
         parts += settings.weight_color * evidence.color
         whole = settings.weight_depth + settings.weight_edge + settings.weight_color
