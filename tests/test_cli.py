@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import hlp
-from hlp.cli import config_folder
+from hlp.commands.composing import config_folder
 
 STAND_INS = {
     "data": ("demo", "lm_board"),
@@ -47,7 +47,7 @@ for name, function in (("build", build_run), ("tasks", run_task)):
     setattr(module, function.__name__, function)
     sys.modules[module.__name__] = module
     setattr(hlp.pipeline, name, module)
-hlp.cli.config_folder = lambda: Path("conf").absolute()
+hlp.commands.composing.config_folder = lambda: Path("conf").absolute()
 hlp.cli.main()
 """
 

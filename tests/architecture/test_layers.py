@@ -11,7 +11,7 @@ from hydra import compose, initialize_config_dir
 from importlinter.cli import EXIT_STATUS_SUCCESS, lint_imports
 
 import hlp
-from hlp.cli import config_folder
+from hlp.commands.composing import config_folder
 
 ROOT = Path(__file__).parents[2]
 

@@ -12,7 +12,7 @@ import torch
 from hydra import compose, initialize_config_dir
 from mlflow import MlflowClient
 
-from hlp.cli import config_folder
+from hlp.commands.composing import config_folder
 from hlp.pipeline.build import Run, build_run
 from hlp.pipeline.detector import Detector
 from hlp.pipeline.tasks import run_task

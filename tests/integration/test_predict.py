@@ -16,7 +16,7 @@ import trimesh
 from hydra import compose, initialize_config_dir
 
 import hlp
-from hlp.cli import config_folder
+from hlp.commands.composing import config_folder
 from hlp.data.synthetic_objects import demo_objects
 from hlp.data.synthetic_scenes import SyntheticScenes, SyntheticSettings
 from hlp.geometry import rotation_distance

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
-from hlp.cli import config_folder
+from hlp.commands.composing import config_folder
 from tiny_run import start_run
 
 SMALL = (

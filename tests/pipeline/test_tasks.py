@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 from hydra import compose, initialize_config_dir
 
-from hlp.pipeline import basin, oracle, runner
+from hlp.pipeline import basin, bench, oracle, runner
 from hlp.pipeline.build import Run, build_settings
-from hlp.pipeline.settings import BasinSettings, MethodSettings, OracleSettings
+from hlp.pipeline.settings import BasinSettings, BenchSettings, MethodSettings, OracleSettings
 from hlp.pipeline.tasks import run_task
 
 CONF = Path(__file__).parents[2] / "conf"
@@ -19,18 +19,19 @@ def configuration(*overrides):
 
 
 @pytest.mark.parametrize(
-    ("experiment", "kind", "module"),
+    ("choice", "kind", "module"),
     [
-        ("demo", MethodSettings, runner),
-        ("oracle", OracleSettings, oracle),
-        ("basin", BasinSettings, basin),
+        ("experiment=demo", MethodSettings, runner),
+        ("experiment=oracle", OracleSettings, oracle),
+        ("experiment=basin", BasinSettings, basin),
+        ("task=bench", BenchSettings, bench),
     ],
 )
-def test_the_experiment_chooses_the_task(experiment, kind, module, monkeypatch):
-    settings = build_settings(configuration(f"experiment={experiment}"))
+def test_the_configuration_chooses_the_task(choice, kind, module, monkeypatch):
+    settings = build_settings(configuration(choice))
     assert isinstance(settings.task, kind)
     called = []
-    for each in (runner, oracle, basin):
+    for each in (runner, oracle, basin, bench):
         monkeypatch.setattr(each, "run", lambda *given, each=each: called.append((each, given[0])))
     planned = Run(settings, None, (), {})
     run_task(planned, Path("out"))
@@ -55,7 +56,10 @@ def test_an_experiment_takes_the_sizes_of_the_world_it_is_run_on():
     [
         (["+task.frame=3"], r"^task\.frame: Unexpected"),
         (["task.noise_deg=wide"], r"^task\.noise_deg: .*number \(given: 'wide'\)$"),
-        (["task.name=orakel"], r"^task\.name is 'orakel': choose one of method, oracle, basin$"),
+        (
+            ["task.name=orakel"],
+            r"^task\.name is 'orakel': choose one of method, oracle, basin, bench$",
+        ),
     ],
 )
 def test_a_wrong_value_is_named_by_its_key(overrides, message):

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -30,6 +31,7 @@ from hlp.models.pca import PcaSettings
 from hlp.pipeline.ranges import check_ranges
 from hlp.pipeline.settings import (
     BasinSettings,
+    BenchSettings,
     MachineSettings,
     MethodSettings,
     OracleSettings,
@@ -72,7 +74,12 @@ GROUPS: dict[str, type | dict[str, type]] = {
     "reporting": TrackingSettings,
     "trainer": TrainerSettings,
     "machine": MachineSettings,
-    "task": {"method": MethodSettings, "oracle": OracleSettings, "basin": BasinSettings},
+    "task": {
+        "method": MethodSettings,
+        "oracle": OracleSettings,
+        "basin": BasinSettings,
+        "bench": BenchSettings,
+    },
 }
 _BACKGROUND_FRAMES = 40
 _BACKGROUND_SEED = 1_000_000  # far from the seeds of scenes with targets
@@ -108,6 +115,27 @@ def build_run(config: DictConfig) -> Run:
     plain = OmegaConf.to_container(config, resolve=True)
     assert isinstance(plain, dict)
     return Run(settings, world, keys, {str(key): value for key, value in plain.items()})
+
+
+def vary(planned: Run, changes: Mapping[str, Any]) -> RunSettings:
+    """A run's settings with some values changed, nested as in the configuration.
+
+    A mapping with a `name` replaces a whole group. Raises ValueError naming the key that is wrong.
+    """
+    settings = build_settings(OmegaConf.create(_changed(planned.config, changes)))
+    check_ranges(settings)
+    _check_patch_sizes(settings)
+    return settings
+
+
+def _changed(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    changed = dict(values)
+    for key, change in changes.items():
+        before = values.get(key)
+        if isinstance(change, Mapping) and isinstance(before, Mapping) and "name" not in change:
+            change = _changed(before, change)
+        changed[key] = change
+    return changed
 
 
 def build_settings(config: DictConfig) -> RunSettings:

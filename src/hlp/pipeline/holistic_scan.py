@@ -7,9 +7,11 @@ from jaxtyping import Float
 
 from hlp.models.classifier import CHUNK, HolisticCNN, class_probabilities, inference_network
 from hlp.patches.holistic import HolisticSettings, RegionSettings, Windows, metric_windows
-from hlp.patches.window_choice import SizeGroup, group_sizes, off_planes
+from hlp.patches.window_choice import Plane, SizeGroup, find_planes, group_sizes, off_planes
 from hlp.patches.window_images import WindowImages
 from hlp.records import Frame, ObjectModel
+
+_APART = 1.25  # sizes that share windows: each object is seen at most 12 % from its own scale
 
 Classes = Float[np.ndarray, "n classes"]
 
@@ -17,8 +19,7 @@ Classes = Float[np.ndarray, "n classes"]
 class HolisticScan:
     """Classifies the windows of one frame after another, once for all objects of one size.
 
-    `objects` are those that may be asked for, `scale_jitter` the share by which windows of a size
-    varied in training. What is said of a window depends neither on which
+    `objects` are those that may be asked for. What is said of a window depends neither on which
     of them are asked for, nor on their order, nor on `threads`.
     """
 
@@ -28,24 +29,23 @@ class HolisticScan:
         objects: Mapping[int, ObjectModel],
         holistic: HolisticSettings,
         region: RegionSettings,
-        scale_jitter: float,
         threads: int,
     ) -> None:
-        self._network = inference_network(network)
+        self.network = inference_network(network)
         self._holistic = holistic
         self._step = region.step
         self._threads = threads
         self._fast = region.scan == "fast"
         self._sizes = {i: (model.holistic_size, model.diameter) for i, model in objects.items()}
-        # The exact scan shares windows between equal sizes only.
-        self._groups = group_sizes(self._sizes, scale_jitter if self._fast else 0.0)
+        self._groups = group_sizes(self._sizes, _APART if self._fast else 1.0)
         self._frame: Frame | None = None
         self._done: dict[SizeGroup, tuple[Windows, Classes]] = {}
+        self._planes: list[Plane] | None = None
 
     def classify(self, frame: Frame, object_id: int) -> tuple[Windows, Classes]:
         """An object's windows and the probabilities of all classes at each."""
         if frame is not self._frame:
-            self._frame, self._done = frame, {}
+            self._frame, self._done, self._planes = frame, {}, None
             self._images = WindowImages(frame.rgb, frame.depth, self._holistic, self._threads)
         group = self._groups[object_id]
         if group not in self._done:
@@ -58,13 +58,15 @@ class HolisticScan:
     def _windows(self, frame: Frame, group: SizeGroup) -> Windows:
         camera = frame.camera_matrix
         windows = metric_windows(frame.depth, camera, group.metric_size, self._step)
-        if not self._fast:
+        if not self._fast or len(windows.sides) == 0:
             return windows
-        return windows.at(off_planes(windows, camera, self._step, group.diameter))
+        if self._planes is None:  # of the frame, whatever the windows' size
+            self._planes = find_planes(windows, camera, self._step)
+        return windows.at(off_planes(self._planes, len(windows.sides), group.diameter))
 
     def _classes(self, windows: Windows, metric_size: float) -> Classes:
         # A chunk is cut and classified before the next, while it is in the processor's cache.
         starts = range(0, max(len(windows.sides), 1), CHUNK)
         parts = [windows.at(slice(start, start + CHUNK)) for start in starts]
         images = (self._images.cut(part, metric_size) for part in parts)
-        return np.concatenate([class_probabilities(self._network, each) for each in images])
+        return np.concatenate([class_probabilities(self.network, each) for each in images])

@@ -1,4 +1,4 @@
-"""What all instruments (oracle, basin) share: their run in MLflow, manifest, where to look."""
+"""What all instruments (oracle, basin, bench) share: MLflow run, manifest, where to look."""
 
 import logging
 from collections.abc import Iterator

@@ -126,6 +126,21 @@ class BasinSettings:
 
 
 @dataclass(frozen=True)
+class BenchSettings:
+    """Config group `task`: what detection costs; keys as in conf/task/bench.yaml.
+
+    `compared` holds, by name, what other paths through the same frames have otherwise, nested as
+    in the whole configuration.
+    """
+
+    name: str
+    frames: int | None
+    same_mm: float
+    same_deg: float
+    compared: dict[str, dict[str, Any]]
+
+
+@dataclass(frozen=True)
 class RunSettings:
     """The whole configuration, one typed record per group.
 
@@ -151,7 +166,7 @@ class RunSettings:
     reporting: TrackingSettings
     trainer: TrainerSettings
     machine: MachineSettings
-    task: MethodSettings | OracleSettings | BasinSettings
+    task: MethodSettings | OracleSettings | BasinSettings | BenchSettings
 
 
 def result_settings(settings: Any) -> dict[str, Any]:

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from hlp.pipeline import basin, oracle, runner
+from hlp.pipeline import basin, bench, oracle, runner
 from hlp.pipeline.build import Run
-from hlp.pipeline.settings import BasinSettings, OracleSettings
+from hlp.pipeline.settings import BasinSettings, BenchSettings, OracleSettings
 
 
 def run_task(planned: Run, output: Path) -> None:
@@ -14,5 +14,7 @@ def run_task(planned: Run, output: Path) -> None:
         oracle.run(planned, task, output)
     elif isinstance(task, BasinSettings):
         basin.run(planned, task, output)
+    elif isinstance(task, BenchSettings):
+        bench.run(planned, task, output)
     else:
         runner.run(planned, output)

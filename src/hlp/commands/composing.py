@@ -1,0 +1,100 @@
+"""What commands share: their configuration composed by Hydra, their arguments, their errors."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+import hlp
+
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
+
+MULTIRUN = {"-m", "--multirun"}
+HELP = {"-h", "--help"}
+
+
+def config_folder() -> Path:
+    """Folder of the configuration: inside an installed package, or the checkout's own `conf/`."""
+    package = Path(hlp.__file__).parent
+    folders = (package / "conf", package.parents[1] / "conf")
+    for folder in folders:
+        if (folder / "config.yaml").is_file():
+            return folder
+    raise FileNotFoundError(f"no config.yaml in {' or '.join(map(str, folders))}: reinstall hlp")
+
+
+def compose_and_call(
+    command: str,
+    arguments: Sequence[str],
+    task: Callable[[DictConfig], None],
+    folder: Path,
+) -> None:
+    """Compose the configuration that lies in a folder and do the task with it.
+
+    An error that says what is wrong ends the process with 1 and that message.
+    """
+    import hydra
+    from hydra.errors import HydraException
+    from omegaconf.errors import OmegaConfBaseException
+
+    from hlp.pipeline.sweep import sweep_open
+
+    sys.argv = [f"hlp {command}", *arguments]  # Hydra takes no other way
+    app = hydra.main(version_base="1.3", config_path=str(folder), config_name="config")
+    try:
+        with sweep_open():
+            app(lambda config: _job(config, task))()
+    except (HydraException, OmegaConfBaseException, ValueError, OSError) as error:
+        fail(error)
+    except KeyboardInterrupt:
+        print("hlp: interrupted; the same command goes on from here", file=sys.stderr)
+        sys.exit(130)  # as shells have it
+
+
+def _job(config: DictConfig, task: Callable[[DictConfig], None]) -> None:
+    """One task. In a sweep an error is logged where it happens, and the other arms go on."""
+    from hydra.core.hydra_config import HydraConfig
+    from hydra.types import RunMode
+
+    try:
+        task(config)
+    except (ValueError, OSError) as error:
+        if HydraConfig.get().mode == RunMode.RUN:
+            fail(error)
+        logging.getLogger(__name__).error("%s: %s", config.output, _in_words(error))
+        raise
+
+
+def key_values(arguments: Sequence[str], known: Sequence[str]) -> dict[str, str] | None:
+    """KEY=VALUE arguments as a mapping; None where help is asked for.
+
+    Raises ValueError for an argument that is none or whose key is not known.
+    """
+    if HELP & set(arguments):
+        return None
+    pairs = [argument.partition("=")[::2] for argument in arguments]
+    for argument, (key, value) in zip(arguments, pairs, strict=True):
+        if key not in known or not value:
+            raise ValueError(f"cannot use '{argument}'; it takes {', '.join(known)}")
+    return dict(pairs)
+
+
+def fail(error: BaseException) -> NoReturn:
+    """Say what is wrong and exit with 1; raise it where HLP_TRACEBACK asks for that."""
+    if os.environ.get("HLP_TRACEBACK", "0") not in {"", "0"}:
+        raise error
+    print(f"hlp: {_in_words(error)}", file=sys.stderr)
+    sys.exit(1)
+
+
+def _in_words(error: BaseException) -> str:
+    """The error and its notes without the stack; of Hydra's errors also what lies behind them."""
+    from hydra.errors import HydraException
+
+    behind = str(error.__cause__ or "").split("\n")[:1] if isinstance(error, HydraException) else []
+    return "\n".join(filter(None, [str(error), *behind, *getattr(error, "__notes__", [])]))

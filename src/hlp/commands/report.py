@@ -1,0 +1,46 @@
+"""`hlp report`: tables and pictures of finished runs."""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from hlp.commands import composing
+
+MLFLOW = "sqlite:///work/mlflow.db"
+
+
+def command(arguments: Sequence[str]) -> None:
+    """Print what the arguments ask for; exits with 2 where they cannot be used."""
+    try:
+        keys = ("experiment", "output", "format", "runs", "uri")
+        given = composing.key_values(arguments, keys)
+    except ValueError as error:
+        print(f"hlp report: {error}\n\n{REPORT_HELP}", file=sys.stderr)
+        sys.exit(2)
+    if given is None:
+        print(REPORT_HELP)
+        return
+    from hlp.reporting.comparison import compare
+    from hlp.reporting.tables import report
+
+    layout = given.get("format", "text")
+    folder = Path(given.get("output") or Path("outputs", given.get("experiment", "")))
+    try:
+        if "runs" in given:
+            print(compare(given["runs"], given.get("uri", MLFLOW), layout))
+        else:
+            print(report(folder, layout))
+    except (ValueError, OSError) as error:
+        composing.fail(error)
+
+
+REPORT_HELP = """\
+usage: hlp report [experiment=NAME] [output=DIR] [format=text|markdown]
+       hlp report 'runs=[A,B]' [uri=MLFLOW]
+
+Tables of finished runs, with the paper's figures beside ours for LINEMOD's objects:
+those below outputs/, of one experiment (outputs/NAME), or below any other folder (output=DIR).
+
+runs=[A,B] compares two runs target by target: the difference of their recalls with its interval,
+McNemar's test, and which targets flipped. Each is an output folder, or a run's id in MLflow
+(uri=sqlite:///work/mlflow.db)."""

@@ -1,0 +1,67 @@
+"""`hlp run`: the task that a configuration names, once, as a sweep, or again from a manifest."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hlp.commands import composing
+
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
+
+MANIFEST = "manifest="
+
+
+def command(arguments: Sequence[str], name: str = "run") -> None:
+    """Compose, build everything the configuration names, then do its task with it."""
+    from hlp.pipeline.sweep import unfinished_sweep
+
+    if any(each.startswith(MANIFEST) for each in arguments):
+        _repeat(arguments)
+        return
+    swept = composing.MULTIRUN & {*arguments}
+    folder = unfinished_sweep(arguments, Path("outputs")) if swept else None
+    if folder is not None:
+        print(f"going on with the sweep in {folder}")
+        arguments = [*arguments, f"output='{folder}'"]
+    composing.compose_and_call(name, arguments, _run, composing.config_folder())
+
+
+def _run(config: DictConfig, manifest: Path | None = None) -> None:
+    """Build everything the composed configuration names, then do its task with it.
+
+    With a `manifest`, whose configuration it is, the data and the poses are compared with it.
+    """
+    from hydra.core.hydra_config import HydraConfig
+    from hydra.types import RunMode
+
+    config.output = HydraConfig.get().runtime.output_dir  # an arm of a sweep has its own
+
+    from hlp.pipeline import build, repeat, sweep, tasks
+
+    if HydraConfig.get().mode == RunMode.MULTIRUN:
+        sweep.run_arm(config)
+    elif manifest is not None:
+        repeat.run_again(build.build_run(config), manifest, Path(config.output))
+    else:
+        tasks.run_task(build.build_run(config), Path(config.output))
+
+
+def _repeat(arguments: Sequence[str]) -> None:
+    from hlp.pipeline.repeat import config_of
+
+    overrides = [each for each in arguments if not each.startswith(MANIFEST)]
+    named = [each.removeprefix(MANIFEST) for each in arguments if each.startswith(MANIFEST)]
+    manifest = Path(named[-1]).expanduser()
+    try:
+        config = config_of(manifest, overrides, composing.config_folder())
+    except (ValueError, OSError) as error:
+        composing.fail(error)
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder, "config.yaml").write_text(config)
+        again = partial(_run, manifest=manifest)
+        composing.compose_and_call("run", overrides, again, Path(folder))

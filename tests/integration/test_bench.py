@@ -1,0 +1,111 @@
+"""`hlp bench` on the tiny run's world and stages."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import pytest
+import torch
+from hydra import compose, initialize_config_dir
+
+from hlp.commands.composing import config_folder
+from hlp.pipeline.build import Run, build_run
+from hlp.pipeline.detector import Detector
+from hlp.pipeline.learning import Learner
+from hlp.pipeline.stopwatch import PARTS, TimedDetector
+from hlp.pipeline.store import StageStore
+from hlp.pipeline.tasks import run_task
+from tiny_run import TinyRun
+
+ARMS = ("+task.compared.few.refinement.particles=3", "+task.compared.same.seed=0")
+
+
+@pytest.fixture(autouse=True)
+def threads() -> Iterator[None]:
+    """Tasks set the number of threads of torch and OpenCV."""
+    number = torch.get_num_threads()
+    yield
+    torch.set_num_threads(number)
+    cv2.setNumThreads(-1)
+
+
+def planned(tiny_run: TinyRun, *overrides: str) -> Run:
+    given = ("task=bench", f"work={tiny_run.folder / 'work'}", "output=out")
+    with initialize_config_dir(str(config_folder()), version_base="1.3"):
+        return build_run(compose("config", overrides=[*tiny_run.overrides, *given, *overrides]))
+
+
+@pytest.fixture(scope="module")
+def bench(tiny_run: TinyRun, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    output = tmp_path_factory.mktemp("bench")
+    fast = ("patches.region.scan=fast", "refinement.iterations=4")
+    run_task(planned(tiny_run, *fast, *ARMS), output)
+    return output
+
+
+def test_bench_states_every_part_of_every_path(bench: Path) -> None:
+    result: dict[str, Any] = json.loads((bench / "bench.json").read_text())
+    assert set(result["paths"]) == {"configured", "reference", "few", "same"}
+    for path in result["paths"].values():
+        for view in ("first", "further", "frame"):
+            spreads = path[view]
+            assert set(PARTS) | {"stage 1", "stage 2", "stage 3", "total"} == set(spreads)
+            assert spreads["network" if view == "first" else "refine"]["median_ms"] > 0
+            assert all(each["median_ms"] <= each["p95_ms"] for each in spreads.values())
+            assert spreads["total"]["cpu_ms"] > 0
+        counts = [each["frames"] for each in path["by_objects"].values()]
+        assert counts == [2] * 5
+    workload, loading = result["workload"], result["loading_s"]
+    assert (workload["frames"], workload["image"], workload["particles"]) == (2, [320, 240], 25)
+    assert set(workload["objects"]) == set(loading["objects"]) and len(loading["objects"]) == 8
+    assert 0 < loading["classifier"] < 5
+    assert 100 < result["memory"]["peak_mib"] <= result["memory"]["all_paths_mib"]
+    assert result["memory"]["learnt_too"] == []
+    assert result["search"]["recall"] == 1.0  # the tiny run's search is exact
+    stages = json.loads((bench / "manifest.json").read_text())["stages"]
+    assert stages and all(event["reused"] for event in stages)
+
+
+def test_bench_compares_results_and_times_of_paths(bench: Path) -> None:
+    result: dict[str, Any] = json.loads((bench / "bench.json").read_text())
+    compared = result["compared"]
+    same = compared["same"]
+    assert (same["same_pose"], same["same_verdict"], same["region_iou"]) == (1.0, 1.0, 1.0)
+    assert compared["reference"]["changes"]["patches"] == {"region": {"scan": "exact"}}
+    few = compared["few"]
+    assert few["region_iou"] == 1.0 and few["same_pose"] < 1.0
+    assert few["ratio"]["frame"]["refine"] < 0.9
+    own, other = (result["paths"][name]["frame"] for name in ("configured", "few"))
+    ratio = other["total"]["median_ms"] / own["total"]["median_ms"]
+    assert few["ratio"]["frame"]["total"] == pytest.approx(ratio)
+    assert "| 3" not in (bench / "bench.md").read_text().split("\n")[0]
+    assert "| refine |" in (bench / "bench.md").read_text()
+
+
+def test_a_timed_detector_answers_as_the_detector_does(tiny_run: TinyRun) -> None:
+    run = planned(tiny_run)
+    learner = Learner(run.world, run.settings, StageStore(tiny_run.folder / "work"))
+    timed = TimedDetector(run.world, run.settings, learner)
+    timed.load(run.world.target_ids)
+    plain = Detector(run.world, run.settings, learner)
+    frame = run.world.frames.load(run.keys[0])
+    object_id = run.world.wanted(frame)[0]
+    found = []
+    for detector in (timed, plain):
+        if detector is timed:
+            timed.clock.start()
+        coarse = detector.coarse(frame, detector.region(frame, object_id))
+        fine = detector.fine(frame, object_id, coarse.hypotheses)
+        assert fine is not None
+        found.append(fine.refined[fine.best].pose_cam_obj.tolist())
+    assert found[0] == found[1]
+    assert set(timed.clock.stop()) == set(PARTS)
+
+
+def test_a_wrong_path_is_named_before_anything_is_learnt(tiny_run: TinyRun, tmp_path: Path) -> None:
+    wrong = planned(tiny_run, "+task.compared.odd.refinement.particels=3", f"work={tmp_path / 'w'}")
+    with pytest.raises(ValueError, match=r"^refinement\.particels: Unexpected"):
+        run_task(wrong, tmp_path / "out")
+    assert not (tmp_path / "w").exists()
