@@ -49,7 +49,7 @@ def frame():
 
 
 def scan(network, objects, settings, threads=1):
-    return HolisticScan(network, objects, HOLISTIC, settings, 0.08, threads)
+    return HolisticScan(network, objects, HOLISTIC, settings, threads)
 
 
 def one_by_one(network, frame, size):

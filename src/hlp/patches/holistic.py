@@ -173,4 +173,6 @@ def _union_of_squares(
     np.add.at(table, (bottom, right), 1)
     np.add.at(table, (top, right), -1)
     np.add.at(table, (bottom, left), -1)
-    return np.asarray(table.cumsum(axis=0).cumsum(axis=1)[:height, :width] > 0)
+    np.cumsum(table, axis=0, out=table)
+    np.cumsum(table, axis=1, out=table)
+    return np.asarray(table[:height, :width] > 0)

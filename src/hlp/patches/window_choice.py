@@ -3,7 +3,7 @@
 Fewer windows than the reference, `region.scan: exact`, has; DESIGN, section 7, "Windows".
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,13 +12,13 @@ from jaxtyping import Bool, Float
 from hlp.geometry import back_project
 from hlp.patches.holistic import Windows
 
-_PLANES = 2  # a table and the floor, or a wall
+_PLANES = 3  # a table, the floor, a wall
 _DISTANCE = 0.010  # m from a plane within which a depth may be its own: a depth camera's noise
-_LEAST_SHARE = 0.1  # of the windows lie on a plane, or it is none
-_LEAST_AROUND = 0.5  # of the windows next to one are on it too: a slice through clutter is narrow
-_TRIES = 200
-_LEAST_AREA = 2.0  # squared diameters: more than twice what a face of the object can have
+_LEAST_SHARE = 0.05  # of the windows lie on a plane, or it is none
+_LEAST_AROUND = 0.375  # of the windows next to one are on it too: a slice through clutter is narrow
+_LEAST_NEAR = 0.6  # of them at half the distance: about all of a table, half of a slice
 _LEAST_FACING = 0.1  # cosine; a plane seen from its edge has no known area
+_TRIES = 200
 
 
 @dataclass(frozen=True)
@@ -29,20 +29,25 @@ class SizeGroup:
     diameter: float
 
 
-def group_sizes(
-    objects: Mapping[int, tuple[float, float]], scale_jitter: float
-) -> dict[int, SizeGroup]:
+@dataclass(frozen=True)
+class Plane:
+    """A plane of the scene: the windows whose centre lies on it, and their area on it (m²)."""
+
+    windows: Bool[np.ndarray, "n"]
+    area: float
+
+
+def group_sizes(objects: Mapping[int, tuple[float, float]], apart: float) -> dict[int, SizeGroup]:
     """A group for each object id, of its metric size and diameter (m).
 
-    From the smallest size on, sizes up to (1 + jitter)² apart share the one in their middle: then
-    every object is seen within the jitter of scale that the classifier was trained with.
+    From the smallest size on, sizes up to a factor `apart` from each other share the one in their
+    middle; with 1 only equal sizes do.
     """
     groups: dict[int, SizeGroup] = {}
     waiting = sorted(objects, key=lambda object_id: objects[object_id])
     while waiting:
         least = objects[waiting[0]][0]
-        limit = least * (1 + scale_jitter) ** 2
-        members = [each for each in waiting if objects[each][0] <= limit]
+        members = [each for each in waiting if objects[each][0] <= least * apart]
         most = objects[members[-1]][0]
         middle = least if most == least else float(np.sqrt(least * most))
         diameter = max(objects[each][1] for each in members)
@@ -51,34 +56,40 @@ def group_sizes(
     return groups
 
 
-def off_planes(
-    windows: Windows,
-    camera_matrix: Float[np.ndarray, "3 3"],
-    step: int,
-    diameter: float,
-) -> Bool[np.ndarray, "n"]:
-    """Windows whose centre lies on none of the scene's large planes.
-
-    The two largest planes through the windows' centres count, where they are much larger than an
-    object of that `diameter`: such a plane is what objects stand on. An object's points within a
-    centimetre of it are lost too, so this is not for objects as thin as that, nor for parts that
-    are packed so tightly that their faces make one plane.
-    """
+def find_planes(
+    windows: Windows, camera_matrix: Float[np.ndarray, "3 3"], step: int
+) -> list[Plane]:
+    """The three planes that most windows' centres lie on, or fewer; `step` px between windows."""
     points = back_project(windows.centers, windows.depths, camera_matrix)
     rays = points / np.linalg.norm(points, axis=1, keepdims=True)
     across = (step * windows.depths) ** 2 / (camera_matrix[0, 0] * camera_matrix[1, 1]) * rays[:, 2]
-    off = np.ones(len(points), dtype=bool)
-    for _ in range(_PLANES):
-        if off.sum() <= max(3, _LEAST_SHARE * len(points)):
+    left = np.ones(len(points), dtype=bool)
+    planes: list[Plane] = []
+    while len(planes) < _PLANES and left.sum() > max(3, _LEAST_SHARE * len(points)):
+        normal, offset = _largest_plane(points[left])
+        away = np.abs(points @ normal - offset)
+        found = left & (away < _DISTANCE)
+        found &= _around(windows.centers, found, step) >= _LEAST_AROUND
+        enough = found.sum() > _LEAST_SHARE * len(points)
+        if not enough or (away[found] < _DISTANCE / 2).mean() < _LEAST_NEAR:
             break
-        normal, offset = _largest_plane(points[off])
-        on_plane = off & (np.abs(points @ normal - offset) < _DISTANCE)
-        on_plane &= _around(windows.centers, on_plane, step) >= _LEAST_AROUND
-        facing = np.maximum(np.abs(rays[on_plane] @ normal), _LEAST_FACING)
-        large = (across[on_plane] / facing).sum() > _LEAST_AREA * diameter**2
-        if on_plane.sum() <= _LEAST_SHARE * len(points) or not large:
-            break
-        off &= ~on_plane
+        facing = np.maximum(np.abs(rays[found] @ normal), _LEAST_FACING)
+        planes.append(Plane(found, float((across[found] / facing).sum())))
+        left &= ~found
+    return planes
+
+
+def off_planes(planes: Sequence[Plane], count: int, diameter: float) -> Bool[np.ndarray, "n"]:
+    """Which of `count` windows lie on no plane that is larger than an object of that diameter (m).
+
+    No face of the object has a squared diameter's area, so such a plane is what objects stand on.
+    Points of an object within a centimetre of it are lost too: this is not for objects as thin as
+    that, nor for parts packed so tightly that their faces make one plane.
+    """
+    off = np.ones(count, dtype=bool)
+    for plane in planes:
+        if plane.area > diameter**2:
+            off &= ~plane.windows
     return off
 
 

@@ -70,7 +70,6 @@ class Detector:
             objects,
             patches.holistic,
             patches.region,
-            patches.pool.scale_jitter,
             self.settings.machine.threads,
         )
 
