@@ -208,3 +208,37 @@ def test_report_compares_two_runs(call: Hlp, tmp_path: Path) -> None:
     one = call("report", "runs=[a]")
     assert one.returncode == 1
     assert "runs=[a]: name two" in one.stderr
+
+
+def test_bench_is_a_task_of_its_own_on_the_same_data(call: Hlp, tmp_path: Path) -> None:
+    done = call("bench", "experiment=mine", "frames=3", "output=out")
+    assert done.returncode == 0, done.stderr
+    found = json.loads((tmp_path / "out" / "seen.json").read_text())
+    assert (found["task"]["name"], found["name"], found["frames"]) == ("bench", "mine", 3)
+    assert found["task"]["compared"]["reference"]["codebook"]["name"] == "exact"
+    assert call("bench", "--help").stdout.startswith("usage: hlp bench")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["compare=a.json"], "name two bench.json"),
+        (["compare=[a.json,b.json]", "frames=3"], "leave frames=3 out"),
+        (["compare=[a.json,b.json]"], "a.json"),
+    ],
+)
+def test_bench_says_what_it_cannot_compare(call: Hlp, arguments: list[str], words: str) -> None:
+    failed = call("bench", *arguments)
+    assert failed.returncode == 1
+    assert failed.stderr.startswith("hlp: ") and words in failed.stderr
+
+
+def test_anytime_is_a_sweep_of_budgets(call: Hlp, tmp_path: Path) -> None:
+    (tmp_path / "conf" / "refinement" / "pso.yaml").write_text("name: pso\nbudget_ms: 0.0\n")
+    done = call("run", "experiment=anytime", "output=sweep")
+    assert done.returncode == 0, done.stderr
+    arms = sorted((tmp_path / "sweep").glob("*/seen.json"), key=lambda path: path.parent.name)
+    budgets = [json.loads(path.read_text())["refinement"]["budget_ms"] for path in arms]
+    assert budgets == [0, 10, 20, 40, 80, 160]
+    call("-m", "experiment=anytime", "refinement.budget_ms=5,7", "output=other")
+    assert len(list((tmp_path / "other").glob("*/seen.json"))) == 2

@@ -98,6 +98,19 @@ def test_budget_ends_the_search(scene: Scene, settings: PsoSettings) -> None:
     assert [each.iterations for each in found] == [0, 0]
 
 
+def test_hypotheses_after_the_budget_stay_as_they_are(scene: Scene, settings: PsoSettings) -> None:
+    """`spent` belongs to the budget; without a budget it changes nothing."""
+    coarse = Hypotheses(np.stack([disturbed(scene, 20, 20, 1)] * 2), np.ones(2))
+    given = (scene.model, scene.depth, CAMERA, coarse, 0)
+    generous = PsoRefiner(replace(settings, budget_ms=60_000.0, iterations=2))
+    for each in generous.refine(*given, spent=61.0):
+        np.testing.assert_array_equal(each.pose_cam_obj, coarse.poses_cam_obj[0])
+        assert each.iterations == 0
+    assert [each.iterations for each in generous.refine(*given, spent=1.0)] == [2, 2]
+    unlimited = PsoRefiner(replace(settings, iterations=2))
+    assert [each.iterations for each in unlimited.refine(*given, spent=61.0)] == [2, 2]
+
+
 def test_hypotheses_have_their_own_streams(scene: Scene, settings: PsoSettings) -> None:
     """What becomes of one hypothesis does not depend on those before it."""
     first, second = (

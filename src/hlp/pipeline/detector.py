@@ -128,6 +128,7 @@ class Detector:
         """Stage 3: refine the hypotheses worth it and choose one; None where there is none."""
         if len(coarse) == 0:
             return None
+        begun = time.perf_counter()
         model = self.world.models[object_id]
         seed = hash_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id)
         depth, camera = frame.depth, frame.camera_matrix
@@ -137,7 +138,9 @@ class Detector:
             costs = verifier.costs(frame.rgb, depth, camera, checked_poses(coarse))
             kept = least(costs, self.settings.refinement.verification.candidates)
         fitting = Hypotheses(coarse.poses_cam_obj[kept], coarse.support[kept])
-        refined = self._refiner.refine(model, depth, camera, fitting, seed)
+        screened = time.perf_counter() - begun
+        spent = screened * (1.0 + len(kept) / len(coarse))  # verifying the refined is still to come
+        refined = self._refiner.refine(model, depth, camera, fitting, seed, spent)
         poses = np.stack([each.pose_cam_obj for each in refined])
         final = verifier.costs(frame.rgb, depth, camera, poses)
         return Fine(refined, final, kept, int(np.argmin(final)))

@@ -20,7 +20,8 @@ from omegaconf import DictConfig, OmegaConf
 
 from hlp.pipeline.manifest import is_finished, write_json
 from hlp.pipeline.tracked import revision_tag
-from hlp.reporting.tracking import Arm, TrackingSettings, as_arm, track_run
+from hlp.reporting.tracking import Arm, Tracker, TrackingSettings, as_arm, track_run
+from hlp.reporting.trade_off import draw_trade_off
 
 RECORD = "sweep.json"
 LOCK = "sweep.lock"
@@ -61,6 +62,7 @@ def _open_sweep(config: DictConfig) -> None:
     )
     record = {"overrides": overrides, "swept": swept, "run_id": tracker.run_id}
     _OPEN.enter_context(_recorded(folder, record))
+    _OPEN.enter_context(_drawn(folder, tracker))
 
 
 @contextmanager
@@ -123,6 +125,15 @@ def _recorded(folder: Path, record: dict[str, Any]) -> Iterator[None]:
         status = FINISHED
     finally:
         write_json(folder / RECORD, {**record, "status": status})
+
+
+@contextmanager
+def _drawn(folder: Path, tracker: Tracker) -> Iterator[None]:
+    """Draw what the arms reached in what time, once the last of them has ended well."""
+    yield
+    for path in draw_trade_off(folder):
+        tracker.log_artifact(path)
+        logging.getLogger(__name__).info("Drawn     %s", path)
 
 
 def _read(folder: Path) -> dict[str, Any]:

@@ -46,8 +46,9 @@ class IcpRefiner:
         camera_matrix: Float[np.ndarray, "3 3"],
         hypotheses: Hypotheses,
         seed: int,
+        spent: float = 0.0,
     ) -> list[Refinement]:
-        """See Refiner.refine. Nothing is drawn at random: `seed` is not used."""
+        """See Refiner.refine. Nothing is random nor timed: `seed` and `spent` are not used."""
         refined = []
         for pose in checked_poses(hypotheses):
             cost = DepthCost(model.proxy, depth, camera_matrix, pose, self._settings.cost)

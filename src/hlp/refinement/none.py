@@ -28,6 +28,7 @@ class NoneRefiner:
         camera_matrix: Float[np.ndarray, "3 3"],
         hypotheses: Hypotheses,
         seed: int,
+        spent: float = 0.0,
     ) -> list[Refinement]:
-        """See Refiner.refine. Nothing is drawn at random: `seed` is not used."""
+        """See Refiner.refine. Nothing is random nor timed: `seed` and `spent` are not used."""
         return [Refinement(pose, 0) for pose in checked_poses(hypotheses)]

@@ -53,12 +53,13 @@ class PsoRefiner:
         camera_matrix: Float[np.ndarray, "3 3"],
         hypotheses: Hypotheses,
         seed: int,
+        spent: float = 0.0,
     ) -> list[Refinement]:
         """See Refiner.refine. Each hypothesis has its own random stream.
 
         With a budget (`budget_ms` > 0) the time left is shared evenly among the hypotheses left,
-        of which as many run at once as there are threads; what time allows differs from run to
-        run, so poses are then not reproducible.
+        of which as many run at once as there are threads; those that are left when it is over stay
+        as they are. What time allows differs from run to run, so poses are then not reproducible.
         """
         poses = checked_poses(hypotheses)
         settings = self._settings
@@ -67,10 +68,12 @@ class PsoRefiner:
         # worth the waiting.
         at_once = min(settings.threads, len(poses))
         threads = settings.threads if at_once <= 1 else 1
-        start = time.perf_counter()
+        start = time.perf_counter() - spent
 
         def one(index: int) -> Refinement:
             now = time.perf_counter()
+            if now - start > budget:
+                return Refinement(poses[index], 0)
             share = min(at_once / (len(poses) - index), 1.0)
             deadline = now + (budget - (now - start)) * share
             rng = np.random.default_rng([seed, index])

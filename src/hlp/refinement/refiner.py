@@ -18,10 +18,12 @@ class Refiner(Protocol):
         camera_matrix: Float[np.ndarray, "3 3"],
         hypotheses: Hypotheses,
         seed: int,
+        spent: float = 0.0,
     ) -> list[Refinement]:
         """One refinement per hypothesis, in the same order.
 
-        `depth` in metres, 0 where missing. Equal inputs and seeds give equal poses. Raises
+        `depth` in metres, 0 where missing. Where the refiner has a budget of time, `spent` (s) of
+        it belongs to other work. Without one, equal inputs and seeds give equal poses. Raises
         ValueError naming a hypothesis that is not finite or behind the camera.
         """
         ...

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hlp.reporting.trade_off import SWEEP, draw_trade_off
 from hlp.reporting.waterfall_bars import CORRECT, PANELS, draw_waterfall
 
 PAPER_AD = {
@@ -70,7 +71,8 @@ FORMATS: dict[str, Callable[[Table], str]] = {"text": Table.text, "markdown": Ta
 def report(folder: Path, layout: str) -> str:
     """Tables of every run in or below a folder, oldest first, and all of them side by side.
 
-    `layout` is `text` or `markdown`. Each run's waterfall is drawn into its folder. Raises
+    `layout` is `text` or `markdown`. Each run's waterfall is drawn into its folder, and recall
+    against time into each sweep's. Raises
     ValueError for another layout or a broken summary, and FileNotFoundError where no finished run
     is found.
     """
@@ -89,6 +91,8 @@ def report(folder: Path, layout: str) -> str:
         if waterfall_tables(summary):
             draw_waterfall(Path(name), summary["waterfall"])
             parts.append(f"Drawn: {Path(name, 'waterfall.png')} and .svg")
+    for sweep in sorted(path.parent for path in folder.rglob(SWEEP)):
+        parts += [f"Drawn: {path}" for path in draw_trade_off(sweep)]
     if len(summaries) > 1:
         parts.append(f"{heading}All runs\n\n{FORMATS[layout](runs_table(summaries))}")
     return "\n\n".join(parts)
