@@ -57,6 +57,8 @@ def test_bench_states_every_part_of_every_path(bench: Path) -> None:
             assert spreads["total"]["cpu_ms"] > 0
         counts = [each["frames"] for each in path["by_objects"].values()]
         assert counts == [2] * 5
+    every = result["regions_of_all"]
+    assert every["objects"] == 8 and every["median_ms"] > 0
     workload, loading = result["workload"], result["loading_s"]
     assert (workload["frames"], workload["image"], workload["particles"]) == (2, [320, 240], 25)
     assert set(workload["objects"]) == set(loading["objects"]) and len(loading["objects"]) == 8

@@ -10,6 +10,7 @@ from hlp.pipeline.bench_summary import (
     ratios,
     summarise_path,
     summarise_search,
+    summarise_whole,
 )
 from hlp.pipeline.stopwatch import SearchTried, Spent
 from hlp.records import PoseEstimate
@@ -90,6 +91,13 @@ def test_paths_are_paired_by_frame_and_agree_by_share():
         "same_verdict": 0.5,
         "region_iou": pytest.approx((1 / 3 + 1) / 2),
     }
+
+
+def test_parts_are_added_before_the_median_is_taken():
+    first = {"windows": Spent(0.01, 0.02), "network": Spent(0.03, 0.03)}
+    found = summarise_whole([first, {"windows": Spent(0.08, 0.01)}])
+    assert found["median_ms"] == pytest.approx(60)
+    assert found["cpu_ms"] == pytest.approx(30)
 
 
 def test_recall_of_a_search_is_over_queries_not_frames():

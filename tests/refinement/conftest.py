@@ -40,6 +40,8 @@ def verification() -> VerificationSettings:
         edge_step_mm=15.0,
         missing_cost=0.3,
         hidden_cost=0.1,
+        hidden_share_cost=0.2,
         hidden_edge_cost=0.5,
+        unexplained_cost=0.2,
         roi_size=96,
     )

@@ -35,6 +35,7 @@ def reference(scene: Scene, pose: np.ndarray, settings: VerificationSettings) ->
     pixels = on.sum()
     return Evidence(
         int(pixels),
+        float(agree.sum()),
         np.abs(apart[agree]).sum() / tau / pixels,
         (seen & (apart > tau)).sum() / pixels,
         hidden.sum() / pixels,
@@ -46,14 +47,14 @@ def reference(scene: Scene, pose: np.ndarray, settings: VerificationSettings) ->
 
 
 def evidence(scene: Scene, pose: np.ndarray, settings: VerificationSettings) -> Evidence:
-    found = Verifier(scene.model.proxy, settings).evidence(scene.rgb, scene.depth, CAMERA, pose)
+    found = Verifier(scene.model, settings).evidence(scene.rgb, scene.depth, CAMERA, pose)
     assert found is not None
     return found
 
 
 def cost(scene: Scene, pose: np.ndarray, settings: VerificationSettings) -> float:
     return float(
-        Verifier(scene.model.proxy, settings).costs(scene.rgb, scene.depth, CAMERA, pose[None])[0]
+        Verifier(scene.model, settings).costs(scene.rgb, scene.depth, CAMERA, pose[None])[0]
     )
 
 
@@ -67,6 +68,7 @@ def test_evidence_is_what_plain_numpy_finds(
     for name in ("residual", "behind", "hidden", "missing", "color", "edge_hidden"):
         assert getattr(found, name) == pytest.approx(getattr(expected, name), abs=0.01), name
     assert found.pixels == pytest.approx(expected.pixels, rel=0.005)
+    assert found.area == pytest.approx(expected.area, rel=0.01)
     # Observed edges beyond the object's box are not looked at.
     assert found.edge == pytest.approx(expected.edge, abs=0.03)
 
@@ -77,16 +79,17 @@ def test_a_coarser_grid_sees_much_the_same(
     fine = evidence(scene, scene.pose, replace(verification, roi_size=1000))
     coarse = evidence(scene, scene.pose, replace(verification, roi_size=40))
     assert coarse.pixels < fine.pixels / 4
+    assert coarse.area == pytest.approx(fine.area, rel=0.1)
     for name in ("residual", "behind", "hidden", "missing", "color"):
         assert getattr(coarse, name) == pytest.approx(getattr(fine, name), abs=0.05), name
 
 
 def test_the_cost_weighs_the_evidence(verification: VerificationSettings) -> None:
-    seen = Evidence(100, 0.1, 0.2, 0.4, 0.3, color=0.5, edge=0.6, edge_hidden=0.25)
-    depth = 0.1 + 0.2 + 0.1 * 0.4 + 0.3 * 0.3
+    seen = Evidence(100, 0.0, 0.1, 0.2, 0.4, 0.3, color=0.5, edge=0.6, edge_hidden=0.25)
+    depth = 0.1 + 0.2 + (0.1 + 0.2 * 0.4) * 0.4 + 0.3 * 0.3
     edge = 0.75 * 0.6 + 0.5 * 0.25
     expected = (0.8 * depth + 0.3 * edge + 0.2 * 0.5) / 1.3
-    verifier = Verifier(make_scene(0).model.proxy, verification)
+    verifier = Verifier(make_scene(0).model, verification)
     assert verifier.weigh(seen) == pytest.approx(expected)
 
 
@@ -119,12 +122,29 @@ def test_colour_tells_things_of_one_shape_apart(
 ) -> None:
     model = scene.model
     blue = np.tile(np.array([40, 60, 190], dtype=np.uint8), (len(model.proxy.vertices), 1))
-    other = Mesh(model.proxy.vertices, model.proxy.faces, blue, model.proxy.normals)
+    painted = Mesh(model.proxy.vertices, model.proxy.faces, blue, model.proxy.normals)
+    other = replace(model, proxy=painted)
     args = (scene.rgb, scene.depth, CAMERA, scene.pose[None])
-    own = Verifier(model.proxy, verification).costs(*args)[0]
+    own = Verifier(model, verification).costs(*args)[0]
     assert Verifier(other, verification).costs(*args)[0] > own + 0.05
     blind = replace(verification, weight_color=0.0)
-    assert Verifier(other, blind).costs(*args)[0] == Verifier(model.proxy, blind).costs(*args)[0]
+    assert Verifier(other, blind).costs(*args)[0] == Verifier(model, blind).costs(*args)[0]
+
+
+def test_rivals_at_one_place_pay_for_what_they_leave_unexplained(
+    scene: Scene, verification: VerificationSettings
+) -> None:
+    away = scene.pose.copy()
+    away[:3, 3] += [0.12, 0.05, 0.04]  # elsewhere, on the table: no rival
+    poses = np.stack([scene.pose, disturbed(scene, 25, 5, seed=4), away])
+    verifier = Verifier(scene.model, verification)
+    args = (scene.rgb, scene.depth, CAMERA)
+    areas = [evidence(scene, pose, verification).area for pose in poses]
+    expected = verifier.costs(*args, poses)
+    expected[1] += verification.unexplained_cost * (1 - areas[1] / areas[0])
+    assert areas[1] < 0.9 * areas[0] and 0 < areas[2] < 0.9 * areas[0]
+    np.testing.assert_allclose(verifier.rival_costs(*args, poses), np.minimum(expected, 1.0))
+    np.testing.assert_allclose(verifier.rival_costs(*args, poses[:1]), expected[:1])
 
 
 @pytest.mark.parametrize("light", [0.4, 1.0])

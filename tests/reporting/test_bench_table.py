@@ -58,6 +58,7 @@ def result() -> dict[str, Any]:
         "paths": {"configured": path(1.0, 0.8), "reference": path(3.0, 0.7)},
         "compared": {"reference": {"changes": {}, "ratio": ratio, **agreed}},
         "tolerance": {"mm": 1.0, "deg": 0.5},
+        "regions_of_all": {"objects": 15, "median_ms": 111.0, "p95_ms": 130.0, "cpu_ms": 200.0},
         "search": {
             "queries": 170.0,
             "recall": 0.987,
@@ -88,6 +89,7 @@ def test_tables_state_the_machine_and_every_view() -> None:
         "0.950",
         "0.500",
     ]
+    assert "all 15 objects" in text and "111.0 ms" in text
     assert "recall 0.987" in text and "each object 0.40" in text and "900 MiB" in text
 
 

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,14 +10,21 @@ import numpy as np
 from tqdm import tqdm
 
 from hlp.evaluation.evaluator import FrameTruth, score_targets
-from hlp.pipeline.bench_summary import Look, compare_paths, ratios, summarise_path, summarise_search
+from hlp.pipeline.bench_summary import (
+    Look,
+    compare_paths,
+    ratios,
+    summarise_path,
+    summarise_search,
+    summarise_whole,
+)
 from hlp.pipeline.build import Run, build_world, vary
 from hlp.pipeline.instrument import frames_looked_at, instrument_run
 from hlp.pipeline.learning import Learner
 from hlp.pipeline.machine import describe_machine, peak_mib
 from hlp.pipeline.manifest import write_json
 from hlp.pipeline.settings import BenchSettings, RunSettings
-from hlp.pipeline.stopwatch import Loading, SearchTried, TimedDetector
+from hlp.pipeline.stopwatch import SearchTried, TimedDetector
 from hlp.pipeline.store import StageStore
 from hlp.records import Frame, LocalPatches, PoseEstimate, TargetScore
 from hlp.reporting.bench_table import OWN, VIEWS, bench_metrics, format_bench, write_bench
@@ -40,24 +48,20 @@ def run(planned: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
         for settings in paths.values():
             _learn(Learner(planned.world, settings, store))
         made = sorted({event.stage for event in store.events if not event.reused})
-        loading = _find_again(planned)
+        found = _find_again(planned)
         frame = planned.world.frames.load(keys[0])
-        detectors, peaks = {}, {}
-        for name, settings in paths.items():
-            detectors[name], loaded = _make_detector(planned, settings, store)
-            loading |= loaded if name == OWN else {}
-            for place, object_id in enumerate(planned.world.wanted(frame)):
-                _look(detectors[name], frame, object_id, place)
-            peaks[name] = peak_mib()
+        detectors, loaded, peak = _make_detectors(planned, paths, store, frame)
         looks, searches = _measure(planned, detectors, keys)
-        memory = {"peak_mib": peaks[OWN], "all_paths_mib": peak_mib(), "learnt_too": made}
+        everything = _regions_of_all(planned, store, keys)
+        memory = {"peak_mib": peak, "all_paths_mib": peak_mib(), "learnt_too": made}
         result = {
             "machine": machine,
             "workload": _workload(planned, detectors[OWN], frame, len(keys)),
-            "loading_s": loading,
+            "loading_s": {**found, **loaded},
             "memory": memory,
             **_summary(planned, task, keys, looks),
             "search": summarise_search(searches),
+            "regions_of_all": everything,
         }
         write_json(output / FILE, result)
         write_bench(output, result)
@@ -83,16 +87,25 @@ def _find_again(planned: Run) -> dict[str, Any]:
     return {"models": read - begun, "finding": time.perf_counter() - read}
 
 
-def _make_detector(
-    planned: Run, settings: RunSettings, store: StageStore
-) -> tuple[TimedDetector, dict[str, Any]]:
-    """A detector with everything loaded, and the seconds that took."""
+def _make_detectors(
+    planned: Run, paths: Mapping[str, RunSettings], store: StageStore, frame: Frame
+) -> tuple[Detectors, dict[str, Any], float]:
+    """Each path's detector, loaded and warmed up on a frame.
+
+    Of the configured one, which comes first, also the seconds of loading and the peak memory (MiB).
+    """
     world = planned.world
-    detector = TimedDetector(world, settings, Learner(world, settings, store))
-    loaded: Loading = detector.load(world.target_ids)
-    objects = {world.models[i].name: seconds for i, seconds in loaded.objects.items()}
-    shared = {"classifier": loaded.classifier, "encoder": loaded.encoder}
-    return detector, {**shared, "objects": objects}
+    detectors: dict[str, TimedDetector] = {}
+    for name, settings in paths.items():
+        detectors[name] = TimedDetector(world, settings, Learner(world, settings, store))
+        loading = detectors[name].load(world.target_ids)
+        for place, object_id in enumerate(world.wanted(frame)):
+            _look(detectors[name], frame, object_id, place)
+        if name == OWN:
+            shared = {"classifier": loading.classifier, "encoder": loading.encoder}
+            objects = {world.models[i].name: each for i, each in loading.objects.items()}
+            loaded, peak = {**shared, "objects": objects}, peak_mib()
+    return detectors, loaded, peak
 
 
 def _measure(
@@ -117,6 +130,23 @@ def _measure(
                     tried = detectors[name].try_search(object_id, patches)
                     searches += [] if tried is None else [tried]
     return looks, searches
+
+
+def _regions_of_all(planned: Run, store: StageStore, keys: Sequence[str]) -> dict[str, Any]:
+    """Stage 1 for every object that the classifier knows, asked for or not, frame by frame."""
+    object_ids = tuple(planned.world.models)
+    world = replace(planned.world, target_ids=object_ids)
+    learner = Learner(planned.world, planned.settings, store)
+    detector = TimedDetector(world, planned.settings, learner)
+    detector.load(())
+    spent = []
+    for key in tqdm(keys, desc="regions of all objects", unit="frame", disable=None):
+        frame = world.frames.load(key)
+        detector.clock.start()
+        for object_id in object_ids:
+            detector.region(frame, object_id)
+        spent.append(detector.clock.stop())
+    return {"objects": len(object_ids), **summarise_whole(spent)}
 
 
 def _rotated(values: Sequence[Any], turn: int) -> list[Any]:

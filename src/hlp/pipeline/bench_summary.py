@@ -55,6 +55,11 @@ def summarise_path(looks: Sequence[Look], scores: Sequence[TargetScore]) -> dict
     }
 
 
+def summarise_whole(spent: Sequence[Mapping[str, Spent]]) -> dict[str, float]:
+    """Median and 95th percentile (ms) of what all parts together took, median of the CPU time."""
+    return _spread([_sum(list(parts.values())) for parts in spent])
+
+
 def _by_part(look: Look) -> dict[str, Spent]:
     """Time of each part, stage and in all; 0 of parts that had nothing to do."""
     parts = {part: look.spent.get(part, NOTHING) for part in PARTS}

@@ -142,14 +142,14 @@ class Detector:
         spent = screened * (1.0 + len(kept) / len(coarse))  # verifying the refined is still to come
         refined = self._refiner.refine(model, depth, camera, fitting, seed, spent)
         poses = np.stack([each.pose_cam_obj for each in refined])
-        final = verifier.costs(frame.rgb, depth, camera, poses)
+        final = verifier.rival_costs(frame.rgb, depth, camera, poses)
         return Fine(refined, final, kept, int(np.argmin(final)))
 
     def _verifier(self, object_id: int) -> Verifier:
         if object_id not in self._verifiers:
-            proxy = self.world.models[object_id].proxy
+            model = self.world.models[object_id]
             settings = self.settings.refinement.verification
-            self._verifiers[object_id] = Verifier(proxy, settings)
+            self._verifiers[object_id] = Verifier(model, settings)
         return self._verifiers[object_id]
 
     def _codebook(self, object_id: int) -> tuple[Codebook, Neighbours]:

@@ -14,7 +14,7 @@ from jaxtyping import Float, Int, UInt8
 from numba import njit
 
 from hlp.geometry import project, transform
-from hlp.records import Mesh
+from hlp.records import ObjectModel
 from hlp.refinement.cost import depth_edges
 from hlp.rendering.rasterizer import NEAR, fill_triangles, is_closed
 
@@ -38,7 +38,9 @@ class VerificationSettings:
     edge_step_mm: float
     missing_cost: float
     hidden_cost: float
+    hidden_share_cost: float
     hidden_edge_cost: float
+    unexplained_cost: float
     roi_size: int
 
 
@@ -50,9 +52,11 @@ class Evidence:
     shows a surface beyond the object, `hidden` one before it, `missing` no depth. `color` is the
     mean of min(|Δ chromaticity|₁, τ_c) / τ_c where depth agrees. `edge` is the mean distance to
     O's closest edgelet over τ_e where the edgelet is not hidden, `edge_hidden` the hidden share.
+    `area` is what agrees, in the image's pixels.
     """
 
     pixels: int
+    area: float
     residual: float
     behind: float
     hidden: float
@@ -63,10 +67,12 @@ class Evidence:
 
 
 class Verifier:
-    """Verification cost of poses of one mesh."""
+    """Verification cost of poses of one object."""
 
-    def __init__(self, mesh: Mesh, settings: VerificationSettings) -> None:
+    def __init__(self, model: ObjectModel, settings: VerificationSettings) -> None:
+        mesh = model.proxy
         self._settings = settings
+        self._centroid, self._radius = model.centroid, model.diameter / 2.0
         self._vertices = np.ascontiguousarray(mesh.vertices, dtype=np.float64)
         self._faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
         self._closed = is_closed(self._faces, self._vertices)
@@ -84,11 +90,38 @@ class Verifier:
         evidence = (self.evidence(rgb, depth, camera_matrix, pose) for pose in poses_cam_obj)
         return np.array([WORST if each is None else self.weigh(each) for each in evidence])
 
+    def rival_costs(
+        self,
+        rgb: UInt8[np.ndarray, "h w 3"],
+        depth: Float[np.ndarray, "h w"],
+        camera_matrix: Float[np.ndarray, "3 3"],
+        poses_cam_obj: Float[np.ndarray, "n 4 4"],
+    ) -> Float[np.ndarray, "n"]:
+        """Cost in [0, 1] of each pose beside the others.
+
+        A mean over what a pose shows favours poses that show little. So a pose pays for what it
+        leaves unexplained: the share by which its agreeing area falls short of the largest among
+        the poses at its place, whose centroids are within half a diameter.
+        """
+        found = [self.evidence(rgb, depth, camera_matrix, pose) for pose in poses_cam_obj]
+        alone = np.array([WORST if each is None else self.weigh(each) for each in found])
+        area = np.array([0.0 if each is None else each.area for each in found])
+        centers = transform(poses_cam_obj, self._centroid[None])[:, 0]
+        apart = np.linalg.norm(centers[:, None] - centers, axis=-1)
+        largest = np.where(apart < self._radius, area, 0.0).max(axis=1, initial=1.0)
+        costs = alone + self._settings.unexplained_cost * (1.0 - area / largest)
+        return np.asarray(np.minimum(costs, WORST))
+
     def weigh(self, evidence: Evidence) -> float:
-        """Cost of what was seen."""
+        """Cost of what was seen.
+
+        A hidden pixel costs more, the more of the object is hidden: right poses may be half
+        hidden, but one that hides almost wholly is hardly believed.
+        """
         settings = self._settings
+        price = settings.hidden_cost + settings.hidden_share_cost * evidence.hidden
         depth = evidence.residual + evidence.behind
-        depth += settings.hidden_cost * evidence.hidden + settings.missing_cost * evidence.missing
+        depth += price * evidence.hidden + settings.missing_cost * evidence.missing
         edge = (1.0 - evidence.edge_hidden) * evidence.edge
         edge += settings.hidden_edge_cost * evidence.edge_hidden
         parts = settings.weight_depth * depth + settings.weight_edge * edge
@@ -128,7 +161,8 @@ class Verifier:
             settings.tau_depth_mm / 1000.0,
             settings.tau_color,
         )
-        return _in_shares(sums)
+        scale = camera_matrix[0, 0] / camera[0, 0]
+        return _in_shares(sums, scale * scale)
 
 
 def least(costs: Float[np.ndarray, "n"], count: int) -> Int[np.ndarray, "c"]:
@@ -136,12 +170,13 @@ def least(costs: Float[np.ndarray, "n"], count: int) -> Int[np.ndarray, "c"]:
     return np.sort(np.argsort(costs, kind="stable")[:count])
 
 
-def _in_shares(sums: Float[np.ndarray, "10"]) -> Evidence | None:
+def _in_shares(sums: Float[np.ndarray, "10"], pixel_area: float) -> Evidence | None:
     pixels, residual, agreeing, behind, hidden, missing, color, edge, edge_hidden, edges = sums
     if pixels == missing:  # nothing drawn, or nothing observed under it
         return None
     return Evidence(
         int(pixels),
+        agreeing * pixel_area,
         residual / pixels,
         behind / pixels,
         hidden / pixels,

@@ -32,7 +32,7 @@ def format_bench(result: Result, layout: str = "text") -> str:
         parts += [_comparison_words(result["tolerance"]), table(comparison_table(result))]
     if result["search"] is not None:
         parts.append(_search_words(result["search"]))
-    parts.append(_loading_words(result))
+    parts += [_regions_words(result["regions_of_all"]), _loading_words(result)]
     return "\n\n".join(parts)
 
 
@@ -195,6 +195,14 @@ def _search_words(search: Result) -> str:
         f" (median): recall {search['recall']:.3f}, of the nearest"
         f" {search['recall_of_nearest']:.3f}; {search['median_ms']:.1f} ms and"
         f" {search['exact_ms']:.1f} ms, x{search['ratio']:.1f}"
+    )
+
+
+def _regions_words(regions: Result) -> str:
+    times = (regions["median_ms"], regions["p95_ms"], regions["cpu_ms"])
+    return (
+        f"Stage 1 for all {regions['objects']} objects that the classifier knows, in one frame:"
+        " {:.1f} ms (95 %: {:.1f}; CPU {:.1f})".format(*times)
     )
 
 
