@@ -1,5 +1,6 @@
 """Sweeps of the tiny run's refiner: what MLflow has of them, and what an interruption costs."""
 
+import csv
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -95,3 +96,19 @@ def test_interrupted_sweep_goes_on_without_repeating_arms(
     assert again.info.status == "FINISHED"
     found = [(arm.data.params["refinement.particles"], arm.info.status) for arm in arms]
     assert found == [("5", "FINISHED"), ("6", "KILLED"), ("6", "FINISHED")]
+
+
+def test_anytime_draws_recall_against_the_time_of_each_budget(
+    tiny_run: TinyRun, call: Call
+) -> None:
+    budgets = ("experiment=anytime", "refinement.budget_ms=0,1", "output=anytime")
+    code, _, error = call(*tiny_run.overrides, *budgets)
+    assert code == 0, error
+    folder = tiny_run.folder / "anytime"
+    with (folder / "recall_by_time.csv").open(newline="") as stream:
+        unlimited, hasty = csv.DictReader(stream)
+    assert [each["refinement.budget_ms"] for each in (unlimited, hasty)] == ["0", "1"]
+    assert float(hasty["median_ms"]) < float(unlimited["median_ms"])
+    client, parent, _ = family(tiny_run.folder, folder)
+    logged_files = {each.path for each in client.list_artifacts(parent.info.run_id)}
+    assert {"recall_by_time.png", "recall_by_time.svg"} <= logged_files
