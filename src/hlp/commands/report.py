@@ -21,6 +21,7 @@ def command(arguments: Sequence[str]) -> None:
         print(REPORT_HELP)
         return
     from hlp.reporting.comparison import compare
+    from hlp.reporting.reproductions import describe_reproductions
     from hlp.reporting.tables import report
 
     layout = given.get("format", "text")
@@ -30,6 +31,7 @@ def command(arguments: Sequence[str]) -> None:
             print(compare(given["runs"], given.get("uri", MLFLOW), layout))
         else:
             print(report(folder, layout))
+            print(describe_reproductions(folder, layout))
     except (ValueError, OSError) as error:
         composing.fail(error)
 
@@ -40,6 +42,8 @@ usage: hlp report [experiment=NAME] [output=DIR] [format=text|markdown]
 
 Tables of finished runs, with the paper's figures beside ours for LINEMOD's objects:
 those below outputs/, of one experiment (outputs/NAME), or below any other folder (output=DIR).
+Of fig9a, fig9b, fig9c, table1, table2 and pso_vs_icp, the paper's figure or table is written into
+each sweep's or run's folder: PNG and SVG, Markdown, CSV and LaTeX.
 
 runs=[A,B] compares two runs target by target: the difference of their recalls with its interval,
 McNemar's test, and which targets flipped. Each is an output folder, or a run's id in MLflow

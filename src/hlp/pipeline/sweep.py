@@ -20,6 +20,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from hlp.pipeline.manifest import is_finished, write_json
 from hlp.pipeline.tracked import revision_tag
+from hlp.reporting.reproductions import write_reproductions
 from hlp.reporting.tracking import Arm, Tracker, TrackingSettings, as_arm, track_run
 from hlp.reporting.trade_off import draw_trade_off
 
@@ -131,7 +132,7 @@ def _recorded(folder: Path, record: dict[str, Any]) -> Iterator[None]:
 def _drawn(folder: Path, tracker: Tracker) -> Iterator[None]:
     """Draw what the arms reached in what time, once the last of them has ended well."""
     yield
-    for path in draw_trade_off(folder):
+    for path in [*draw_trade_off(folder), *write_reproductions(folder)]:
         tracker.log_artifact(path)
         logging.getLogger(__name__).info("Drawn     %s", path)
 

@@ -1,32 +1,16 @@
 """Tables of finished runs for the terminal and for Markdown, the paper's figures beside ours."""
 
+import csv
+import io
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hlp.reporting.paper import AD_BY_OBJECT
 from hlp.reporting.trade_off import SWEEP, draw_trade_off
 from hlp.reporting.waterfall_bars import CORRECT, PANELS, draw_waterfall
-
-PAPER_AD = {
-    "ape": 0.970,
-    "benchvise": 0.951,
-    "bowl": 0.999,
-    "cam": 0.953,
-    "can": 0.969,
-    "cat": 0.979,
-    "cup": 0.995,
-    "driller": 0.960,
-    "duck": 0.977,
-    "eggbox": 0.999,
-    "glue": 0.830,
-    "holepuncher": 0.972,
-    "iron": 0.989,
-    "lamp": 0.949,
-    "phone": 0.903,
-}
-"""Recall of AD on LINEMOD's whole sequences (paper, Table 1)."""
 
 METRICS = {"add": "AD", "5cm5deg": "5cm5deg", "iou50": "IoU.5"}
 VOTE_SHARES = {
@@ -64,6 +48,32 @@ class Table:
         rule = ["---", *["---:"] * (len(self.header) - 1)]
         return "\n".join(f"| {' | '.join(line)} |" for line in (self.header, rule, *self.rows))
 
+    def csv(self) -> str:
+        """The table as comma-separated values."""
+        stream = io.StringIO()
+        csv.writer(stream, lineterminator="\n").writerows([self.header, *self.rows])
+        return stream.getvalue().removesuffix("\n")
+
+    def latex(self) -> str:
+        """The table as LaTeX's `tabular`; it needs no package."""
+        columns = "l" + "r" * (len(self.header) - 1)
+        lines = [" & ".join(cell.translate(_LATEX) for cell in line) + r" \\" for line in self.rows]
+        header = " & ".join(cell.translate(_LATEX) for cell in self.header) + r" \\ \hline"
+        begin, end = rf"\begin{{tabular}}{{{columns}}}", r"\end{tabular}"
+        return "\n".join([begin, header, *lines, end])
+
+
+_LATEX = str.maketrans(
+    {
+        **{sign: f"\\{sign}" for sign in "&%$#_{}"},
+        "\\": r"\textbackslash{}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        "°": r"$^\circ$",
+        "θ": r"$\theta$",
+        "τ": r"$\tau$",
+    }
+)
 
 FORMATS: dict[str, Callable[[Table], str]] = {"text": Table.text, "markdown": Table.markdown}
 
@@ -124,21 +134,21 @@ def objects_table(summary: Mapping[str, Any]) -> Table:
     another duck.
     """
     names = list(summary["per_object"])
-    linemod = all(name in PAPER_AD for name in names)
+    linemod = all(name in AD_BY_OBJECT for name in names)
     metrics = summary["metrics"]
     rows = [
         [
             name,
             str(scores["targets"]),
             *(_share(scores[key]["recall"]) for key in METRICS),
-            _share(PAPER_AD.get(name)),
+            _share(AD_BY_OBJECT.get(name)),
         ]
         for name, scores in summary["per_object"].items()
     ]
-    paper_mean = sum(PAPER_AD[name] for name in names) / len(names) if linemod else None
+    paper_mean = sum(AD_BY_OBJECT[name] for name in names) / len(names) if linemod else None
     means = [_share(metrics[key]["mean_object"]) for key in METRICS]
     recalls = [_share(metrics[key]["recall"]) for key in METRICS]
-    intervals = ["-".join(_share(end) for end in metrics[key]["ci95"]) for key in METRICS]
+    intervals = [interval_words(metrics[key]["ci95"]) for key in METRICS]
     targets = str(summary["targets"])
     rows.append(["mean of objects", targets, *means, _share(paper_mean)])
     rows.append(["all targets", targets, *recalls, ""])
@@ -215,6 +225,11 @@ def runs_table(summaries: Mapping[str, Mapping[str, Any]]) -> Table:
         for name, summary in summaries.items()
     ]
     return Table(["run", "targets", *METRICS.values(), "ms"], rows)
+
+
+def interval_words(ends: Sequence[float]) -> str:
+    """A 95 % interval of a recall."""
+    return "-".join(_share(end) for end in ends)
 
 
 def _words(name: str) -> str:
