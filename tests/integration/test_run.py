@@ -204,7 +204,7 @@ def test_mlflow_has_the_run_with_all_of_it(tiny_run: TinyRun) -> None:
     experiment = client.get_experiment_by_name("hlp")
     assert experiment is not None
     found = client.search_runs([experiment.experiment_id])
-    (run,) = [each for each in found if each.info.run_name.endswith(" first")]
+    (run,) = [each for each in found if each.info.run_name == "demo pca joint first"]
     summary = read_json(tiny_run.output / "summary.json")
     assert run.info.status == "FINISHED"
     assert run.data.params["encoder.name"] == "pca"
