@@ -19,7 +19,7 @@ STAND_INS = {
     "patches": ("hlp", "paper"),
     "classifier": ("cnn",),
     "encoder": ("contrastive", "cae", "pca"),
-    "codebook": ("exact", "kd_forest"),
+    "codebook": ("inverted_lists", "exact", "kd_forest"),
     "voting": ("joint", "paper"),
     "refinement": ("pso", "icp", "paper"),
     "evaluation": ("bop",),
