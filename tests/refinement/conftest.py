@@ -43,5 +43,6 @@ def verification() -> VerificationSettings:
         hidden_share_cost=0.2,
         hidden_edge_cost=0.5,
         unexplained_cost=0.2,
+        backing_cost=0.01,
         roi_size=96,
     )

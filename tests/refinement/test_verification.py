@@ -143,8 +143,17 @@ def test_rivals_at_one_place_pay_for_what_they_leave_unexplained(
     expected = verifier.costs(*args, poses)
     expected[1] += verification.unexplained_cost * (1 - areas[1] / areas[0])
     assert areas[1] < 0.9 * areas[0] and 0 < areas[2] < 0.9 * areas[0]
-    np.testing.assert_allclose(verifier.rival_costs(*args, poses), np.minimum(expected, 1.0))
-    np.testing.assert_allclose(verifier.rival_costs(*args, poses[:1]), expected[:1])
+    found = verifier.rival_costs(*args, poses, np.full(3, 7.0))
+    np.testing.assert_allclose(found, np.minimum(expected, 1.0))
+    np.testing.assert_allclose(verifier.rival_costs(*args, poses[:1], np.ones(1)), expected[:1])
+
+
+def test_poses_with_few_votes_pay_for_it(scene: Scene, verification: VerificationSettings) -> None:
+    poses = np.repeat(scene.pose[None], 3, axis=0)
+    verifier = Verifier(scene.model, verification)
+    found = verifier.rival_costs(scene.rgb, scene.depth, CAMERA, poses, np.array([5.0, 50.0, 0.0]))
+    weight = verification.backing_cost
+    np.testing.assert_allclose(found - found[1], [weight * np.log(10), 0.0, weight * np.log(100)])
 
 
 @pytest.mark.parametrize("light", [0.4, 1.0])

@@ -142,7 +142,7 @@ class Detector:
         spent = screened * (1.0 + len(kept) / len(coarse))  # verifying the refined is still to come
         refined = self._refiner.refine(model, depth, camera, fitting, seed, spent)
         poses = np.stack([each.pose_cam_obj for each in refined])
-        final = verifier.rival_costs(frame.rgb, depth, camera, poses)
+        final = verifier.rival_costs(frame.rgb, depth, camera, poses, fitting.support)
         return Fine(refined, final, kept, int(np.argmin(final)))
 
     def _verifier(self, object_id: int) -> Verifier:

@@ -18,7 +18,7 @@ from hlp.pipeline.store import StageStore
 from hlp.pipeline.world import World
 from hlp.records import Frame, Hypotheses, PoseEstimate, Region
 
-VERSIONS = {"regions": 2, "hypotheses": 4, "poses": 5}
+VERSIONS = {"regions": 2, "hypotheses": 4, "poses": 6}
 
 Arrays = dict[str, np.ndarray]
 

@@ -21,6 +21,7 @@ from hlp.rendering.rasterizer import NEAR, fill_triangles, is_closed
 WORST = 1.0
 """Cost of a pose that nothing speaks for: not in the image, or no observed depth under it."""
 
+_LEAST_SUPPORT, _LEAST_SHARE = 1e-12, 0.01
 _FLOOR = 4.0  # added to every channel: the hue of what is nearly black means nothing
 
 
@@ -41,6 +42,7 @@ class VerificationSettings:
     hidden_share_cost: float
     hidden_edge_cost: float
     unexplained_cost: float
+    backing_cost: float
     roi_size: int
 
 
@@ -96,12 +98,14 @@ class Verifier:
         depth: Float[np.ndarray, "h w"],
         camera_matrix: Float[np.ndarray, "3 3"],
         poses_cam_obj: Float[np.ndarray, "n 4 4"],
+        support: Float[np.ndarray, "n"],
     ) -> Float[np.ndarray, "n"]:
         """Cost in [0, 1] of each pose beside the others.
 
         A mean over what a pose shows favours poses that show little. So a pose pays for what it
         leaves unexplained: the share by which its agreeing area falls short of the largest among
-        the poses at its place, whose centroids are within half a diameter.
+        the poses at its place, whose centroids are within half a diameter. It pays as well for few
+        votes, by the logarithm of the largest `support` over its own, as votes are evidence too.
         """
         found = [self.evidence(rgb, depth, camera_matrix, pose) for pose in poses_cam_obj]
         alone = np.array([WORST if each is None else self.weigh(each) for each in found])
@@ -110,6 +114,8 @@ class Verifier:
         apart = np.linalg.norm(centers[:, None] - centers, axis=-1)
         largest = np.where(apart < self._radius, area, 0.0).max(axis=1, initial=1.0)
         costs = alone + self._settings.unexplained_cost * (1.0 - area / largest)
+        share = support / max(float(support.max(initial=0.0)), _LEAST_SUPPORT)
+        costs -= self._settings.backing_cost * np.log(np.maximum(share, _LEAST_SHARE))
         return np.asarray(np.minimum(costs, WORST))
 
     def weigh(self, evidence: Evidence) -> float:
