@@ -58,7 +58,7 @@ Hlp = Callable[..., "subprocess.CompletedProcess[str]"]
 def call(tmp_path: Path) -> Hlp:
     """`hlp` in an empty folder, with conf/'s real composition over stand-in alternatives."""
     conf = tmp_path / "conf"
-    for group in ("method", "experiment", "machine", "trainer", "reporting", "task"):
+    for group in ("method", "experiment", "machine", "executor", "trainer", "reporting", "task"):
         shutil.copytree(config_folder() / group, conf / group)
     shutil.copy(config_folder() / "config.yaml", conf)
     for group, names in STAND_INS.items():

@@ -28,15 +28,19 @@ from hlp.models.autoencoder import AutoencoderSettings
 from hlp.models.classifier import ClassifierSettings
 from hlp.models.contrastive import ContrastiveSettings
 from hlp.models.pca import PcaSettings
+from hlp.pipeline.executor import require
 from hlp.pipeline.ranges import check_ranges
 from hlp.pipeline.settings import (
     BasinSettings,
     BenchSettings,
+    ClusterSettings,
     MachineSettings,
     MethodSettings,
     OracleSettings,
     PatchesSettings,
+    PoolSettings,
     RunSettings,
+    SerialSettings,
     TrainerSettings,
 )
 from hlp.pipeline.world import World
@@ -74,6 +78,13 @@ GROUPS: dict[str, type | dict[str, type]] = {
     "reporting": TrackingSettings,
     "trainer": TrainerSettings,
     "machine": MachineSettings,
+    "executor": {
+        "serial": SerialSettings,
+        "loky": PoolSettings,
+        "threading": PoolSettings,
+        "dask": ClusterSettings,
+        "ray": ClusterSettings,
+    },
     "task": {
         "method": MethodSettings,
         "oracle": OracleSettings,
@@ -104,6 +115,7 @@ def build_run(config: DictConfig) -> Run:
     settings = build_settings(config)
     check_ranges(settings)
     _check_patch_sizes(settings)
+    require(settings.executor)
     world = build_world(settings)
     if isinstance(settings.encoder, AutoencoderSettings):
         world.require_encoder_frames()

@@ -1,7 +1,7 @@
 """Stages that find objects in frames: regions, coarse hypotheses, refined poses, frame by frame."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +10,11 @@ from tqdm import tqdm
 
 from hlp.geometry import quaternions
 from hlp.pipeline.detector import Coarse, Detector, Fine
+from hlp.pipeline.executor import each_in_workers
 from hlp.pipeline.fingerprint import fingerprint
 from hlp.pipeline.frame_files import read_arrays, write_arrays
 from hlp.pipeline.learning import Learner, Output
-from hlp.pipeline.settings import RunSettings, result_settings
+from hlp.pipeline.settings import RunSettings, SerialSettings, result_settings
 from hlp.pipeline.store import StageStore
 from hlp.pipeline.world import World
 from hlp.records import Frame, Hypotheses, PoseEstimate, Region
@@ -27,7 +28,7 @@ class Finder:
     """Runs the three stages over frames; what is on disk already is not made again.
 
     `keys` are the frames to look at. Every stage writes one file a frame, so an interrupted run
-    goes on where it stopped.
+    goes on where it stopped, and frames may be shared out (config group `executor`).
     """
 
     def __init__(
@@ -55,16 +56,15 @@ class Finder:
             "sizes": {str(i): self._sizes(i) for i in self.world.target_ids},
         }
         upstream = {"classifier": self.learner.classifier().fingerprint}
+        return self._stage("regions", settings, upstream)
 
-        def find(frame: Frame) -> Arrays:
-            arrays: Arrays = {}
-            for object_id in self.world.wanted(frame):
-                begun = time.perf_counter()
-                region = self.detector.region(frame, object_id)
-                arrays |= _region_arrays(region, time.perf_counter() - begun)
-            return arrays
-
-        return self._stage("regions", settings, upstream, find)
+    def _regions_of(self, frame: Frame) -> Arrays:
+        arrays: Arrays = {}
+        for object_id in self.world.wanted(frame):
+            begun = time.perf_counter()
+            region = self.detector.region(frame, object_id)
+            arrays |= _region_arrays(region, time.perf_counter() - begun)
+        return arrays
 
     def _sizes(self, object_id: int) -> list[float]:
         model = self.world.models[object_id]
@@ -83,16 +83,15 @@ class Finder:
         for object_id in self.world.target_ids:
             upstream[f"codebook_{object_id}"] = self.learner.codebook(object_id).fingerprint
             upstream[f"model_{object_id}"] = self.world.model_identities[object_id]
+        return self._stage("hypotheses", settings, upstream)
 
-        def find(frame: Frame) -> Arrays:
-            found = read_regions(regions.folder, frame)
-            arrays: Arrays = {}
-            for object_id, region in found.items():
-                coarse = self.detector.coarse(frame, region)
-                arrays |= _coarse_arrays(str(object_id), coarse)
-            return arrays
-
-        return self._stage("hypotheses", settings, upstream, find)
+    def _hypotheses_of(self, frame: Frame) -> Arrays:
+        found = read_regions(self._made["regions"].folder, frame)
+        arrays: Arrays = {}
+        for object_id, region in found.items():
+            coarse = self.detector.coarse(frame, region)
+            arrays |= _coarse_arrays(str(object_id), coarse)
+        return arrays
 
     def poses(self) -> Output:
         """Stage 3: the refined hypotheses of every target, and which of them is the answer."""
@@ -101,41 +100,67 @@ class Finder:
         upstream = {"hypotheses": hypotheses.fingerprint}
         for object_id in self.world.target_ids:
             upstream[f"model_{object_id}"] = self.world.model_identities[object_id]
+        return self._stage("poses", settings, upstream)
 
-        def find(frame: Frame) -> Arrays:
-            stored = read_arrays(hypotheses.folder, frame.key)
-            arrays: Arrays = {}
-            for object_id in self.world.wanted(frame):
-                name = str(object_id)
-                coarse = Hypotheses(stored[f"{name}/poses"], stored[f"{name}/support"])
-                begun = time.perf_counter()
-                fine = self.detector.fine(frame, object_id, coarse)
-                arrays |= _fine_arrays(name, fine, time.perf_counter() - begun)
-            return arrays
+    def _poses_of(self, frame: Frame) -> Arrays:
+        stored = read_arrays(self._made["hypotheses"].folder, frame.key)
+        arrays: Arrays = {}
+        for object_id in self.world.wanted(frame):
+            name = str(object_id)
+            coarse = Hypotheses(stored[f"{name}/poses"], stored[f"{name}/support"])
+            begun = time.perf_counter()
+            fine = self.detector.fine(frame, object_id, coarse)
+            arrays |= _fine_arrays(name, fine, time.perf_counter() - begun)
+        return arrays
 
-        return self._stage("poses", settings, upstream, find)
+    @property
+    def made(self) -> Mapping[str, Output]:
+        """The outputs of the stages asked for so far, by stage."""
+        return dict(self._made)
+
+    def adopt(self, made: Mapping[str, Output]) -> None:
+        """Take outputs that another finder of the same settings has made or found."""
+        self._made |= made
+
+    def find(self, stage: str, folder: Path, key: str) -> None:
+        """Write one frame's file of a stage; what comes before it must have been made."""
+        found = {
+            "regions": self._regions_of,
+            "hypotheses": self._hypotheses_of,
+            "poses": self._poses_of,
+        }
+        write_arrays(folder, key, found[stage](self.world.frames.load(key)))
 
     def _stage(
-        self,
-        stage: str,
-        settings: Mapping[str, Any],
-        upstream: Mapping[str, str],
-        find: Callable[[Frame], Arrays],
+        self, stage: str, settings: Mapping[str, Any], upstream: Mapping[str, str]
     ) -> Output:
         inputs = {**upstream, "frames": self.world.frames_identity}
         decided = {**settings, "keys": list(self.keys)}
         name = fingerprint(stage, VERSIONS[stage], self.settings.seed, decided, inputs)
 
         def make(folder: Path) -> None:
-            for key in tqdm(self.keys, desc=stage, unit="frame", disable=None):
-                if not (folder / f"{key}.npz").exists():
-                    write_arrays(folder, key, find(self.world.frames.load(key)))
+            left = [key for key in self.keys if not (folder / f"{key}.npz").exists()]
+            with tqdm(desc=stage, unit="frame", total=len(left), disable=None) as bar:
+                for _ in self._find_all(stage, folder, left):
+                    bar.update()
 
         if stage not in self._made:
             described = {"settings": decided, "upstream": inputs, "seed": self.settings.seed}
             folder = self.store.get_or_make(stage, name, make, described)
             self._made[stage] = Output(name, folder)
         return self._made[stage]
+
+    def _find_all(self, stage: str, folder: Path, keys: Sequence[str]) -> Iterator[str]:
+        """Find in all frames, here or in workers: the same files. Yields the keys as they come."""
+        executor = self.settings.executor
+        if isinstance(executor, SerialSettings):
+            for key in keys:
+                self.find(stage, folder, key)
+                yield key
+        else:
+            from hlp.pipeline.frame_work import FrameWork
+
+            yield from each_in_workers(executor, FrameWork.of(self, stage, folder), keys)
 
     def estimates(self) -> list[PoseEstimate]:
         """The answer for every target, with the time that each stage took."""

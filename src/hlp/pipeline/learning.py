@@ -57,6 +57,15 @@ class Learner:
         self.store = store
         self._made: dict[tuple[str, int], Output] = {}
 
+    @property
+    def made(self) -> Mapping[tuple[str, int], Output]:
+        """The outputs asked for so far, by stage and object (0: of all)."""
+        return dict(self._made)
+
+    def adopt(self, made: Mapping[tuple[str, int], Output]) -> None:
+        """Take outputs that another learner of the same settings has made or found."""
+        self._made |= made
+
     def views(self, object_id: int) -> Output:
         """Stage 0: RGB-D views of one object."""
         settings, seed = self.settings.rendering, self.settings.seed

@@ -68,6 +68,40 @@ class MachineSettings:
 
 
 @dataclass(frozen=True)
+class SerialSettings:
+    """Config group `executor`: frames one after another, in the run's own process."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class PoolSettings:
+    """Config group `executor`: frames in `workers` of this machine, each with `threads`.
+
+    Workers are processes (loky) or threads of the run's process (threading).
+    """
+
+    name: str
+    workers: int
+    threads: int
+
+
+@dataclass(frozen=True)
+class ClusterSettings:
+    """Config group `executor`: frames on a running dask or ray cluster at `address`.
+
+    Each of its workers has `threads`.
+    """
+
+    name: str
+    address: str
+    threads: int
+
+
+ExecutorSettings = SerialSettings | PoolSettings | ClusterSettings
+
+
+@dataclass(frozen=True)
 class MethodSettings:
     """Config group `task`: learn, find and score."""
 
@@ -166,6 +200,7 @@ class RunSettings:
     reporting: TrackingSettings
     trainer: TrainerSettings
     machine: MachineSettings
+    executor: ExecutorSettings
     task: MethodSettings | OracleSettings | BasinSettings | BenchSettings
 
 
@@ -177,3 +212,15 @@ def result_settings(settings: Any) -> dict[str, Any]:
         if each.name not in MACHINE_KEYS
     }
     return {type(settings).__name__: kept}
+
+
+def with_threads(settings: Any, threads: int) -> Any:
+    """The same (nested) settings with another number of threads, which decides no result."""
+    changes: dict[str, Any] = {}
+    for each in dataclasses.fields(settings):
+        value = getattr(settings, each.name)
+        if each.name in MACHINE_KEYS:
+            changes[each.name] = threads
+        elif dataclasses.is_dataclass(value):
+            changes[each.name] = with_threads(value, threads)
+    return dataclasses.replace(settings, **changes)
