@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
+from hlp.data import synthetic_scenes
 from hlp.data.sources import VisibleMasks
 from hlp.data.synthetic_objects import demo_objects
 from hlp.data.synthetic_scenes import (
@@ -129,6 +130,21 @@ def test_frames_depend_on_seed_and_number_only() -> None:
     assert not same(last, first.load(first.keys[1]))
     other = SyntheticScenes(replace(settings, seed=1))
     assert not same(last, other.load(other.keys[2]))
+
+
+def test_frames_made_are_kept_and_the_oldest_forgotten(
+    source: SyntheticScenes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(synthetic_scenes, "_KEPT", 1)
+    fresh = SyntheticScenes(source._settings)
+    first, second = fresh.keys[:2]
+    made = fresh.load(first)
+    assert fresh.load(first) is made
+    fresh.load(second)
+    again = fresh.load(first)
+    assert again is not made
+    np.testing.assert_array_equal(again.rgb, made.rgb)
+    np.testing.assert_array_equal(again.depth, made.depth)
 
 
 def test_identity_follows_settings_and_kind() -> None:

@@ -26,6 +26,7 @@ VERSION = "1"
 """Part of the identity: raised whenever the same settings come to give other frames."""
 LINEMOD_CAMERA = np.array([[572.4114, 0, 325.2611], [0, 573.57043, 242.04899], [0, 0, 1.0]])
 """LINEMOD's intrinsics (px) at 640×480; other image sizes scale them."""
+_KEPT = 64  # frames: 2 MB each at full size
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,7 @@ class SyntheticScenes:
         scale = np.diag([settings.width / 640, settings.height / 480, 1.0])
         self.camera_matrix: Float[np.ndarray, "3 3"] = scale @ LINEMOD_CAMERA
         self._numbers = {f"{number:06d}_000000": number for number in range(settings.scenes)}
+        self._made: dict[str, Frame] = {}
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -98,7 +100,17 @@ class SyntheticScenes:
         return content_hash([], f"synthetic {VERSION} {self._targets} {self._settings}")
 
     def load(self, key: str) -> Frame:
-        """Make one frame. Raises KeyError for an unknown key."""
+        """One frame. Raises KeyError for an unknown key.
+
+        The last ones made are kept: making a frame takes longer than to find an object in it.
+        """
+        if key not in self._made:
+            if len(self._made) == _KEPT:
+                self._made.pop(next(iter(self._made)))
+            self._made[key] = self._make(key)
+        return self._made[key]
+
+    def _make(self, key: str) -> Frame:
         number = self._number(key)
         scene = self.scene(key)
         sensor = kinect(self._settings.noise)
