@@ -1,6 +1,7 @@
 """The notebooks run from first cell to last, on the tiny run of the demo world."""
 
 import base64
+import re
 from pathlib import Path
 
 import cv2
@@ -72,7 +73,7 @@ def test_method_shows_every_stage(tiny_run: TinyRun) -> None:
     assert len(shown) == 7  # frame, views, region, patches, distances, votes, panels
     assert all(picture.std() > 10 for picture in shown)
     text = printed(done)
-    assert "hypothesis 1: coarse cost " in text
+    assert re.search(r"hypothesis \d+: coarse cost ", text)
     assert "fine   cost " in text
     assert set((tiny_run.folder / "work").glob("*/*")) == before  # it found what was learnt
 
