@@ -1,7 +1,6 @@
 """Frames in workers: the same files as one process writes, whatever the engine."""
 
 import shutil
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import pytest
 import torch
 from hydra import compose, initialize_config_dir
 
+import hlp
 from hlp.commands.composing import config_folder
 from hlp.pipeline.build import Run, build_run
 from hlp.pipeline.finding import VERSIONS, Finder
@@ -18,6 +18,7 @@ from hlp.pipeline.frame_files import read_arrays
 from hlp.pipeline.frame_work import FrameWork
 from hlp.pipeline.learning import Learner
 from hlp.pipeline.store import StageStore
+from hlp.pipeline.training import read_history
 from tiny_run import TinyRun
 
 
@@ -82,8 +83,7 @@ def test_a_dask_cluster_of_two_processes_finds_the_same_bits(
     tiny_run: TinyRun, work: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     distributed = pytest.importorskip("distributed", reason="dask is not installed")
-    source = str(Path(sys.modules["hlp"].__path__[0]).parent)
-    monkeypatch.setenv("PYTHONPATH", source)
+    monkeypatch.setenv("PYTHONPATH", str(Path(hlp.__file__).parents[1]))
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
     ) as cluster:
@@ -93,8 +93,8 @@ def test_a_dask_cluster_of_two_processes_finds_the_same_bits(
         monkeypatch.setattr(finder, "find", None)
         finder.poses()
         with distributed.Client(address) as client:
-            done = client.run(lambda: len(sys.modules["hlp.pipeline.frame_work"].__dict__))
-    assert len(done) == 2  # both workers have had a frame
+            at_work = client.run(eval, "'hlp.pipeline.frame_work' in __import__('sys').modules")
+    assert list(at_work.values()) == [True, True]  # each of the two has had a frame
     assert made(finder) == list(VERSIONS)
     assert_same_files(finder, tiny_run)
 
@@ -108,6 +108,22 @@ def test_a_worker_of_other_data_finds_nothing(
     with pytest.raises(ValueError, match="not the same frames as the run"):
         wrong(finder.keys[0])
     assert not list(tmp_path.glob("*.npz"))
+
+
+@pytest.mark.slow
+def test_two_processes_train_the_classifier(tiny_run: TinyRun, work: Path) -> None:
+    """Lightning's DDP on the tiny run's windows: another classifier, as good as one process's."""
+    finders = [
+        finder_of(planned(tiny_run, work, f"trainer={name}"), work) for name in ("cpu", "ddp")
+    ]
+    one, two = (finder.learner.classifier() for finder in finders)
+    assert made(finders[0]) == [] and made(finders[1]) == ["classifier"]
+    assert one.fingerprint != two.fingerprint
+    (expected,), (found,) = read_history(one.folder), read_history(two.folder)
+    assert found["loss"] == pytest.approx(expected["loss"], rel=0.2)
+    network = finders[1].learner.load_classifier()
+    for value in network.state_dict().values():
+        assert torch.isfinite(value.float()).all()
 
 
 def test_an_error_in_a_worker_is_the_runs(tiny_run: TinyRun, work: Path) -> None:

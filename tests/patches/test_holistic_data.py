@@ -103,7 +103,7 @@ def test_depth_of_the_object_survives_but_for_noise_and_holes():
 
 def test_the_same_seed_and_step_give_the_same_batch_whatever_ran_before():
     def batch(data, step):
-        data.trainer = SimpleNamespace(global_step=step)
+        data.trainer = SimpleNamespace(global_step=step, world_size=1, global_rank=0)
         loader = data.train_dataloader()
         return data.on_before_batch_transfer(next(iter(loader)), 0)
 

@@ -101,7 +101,7 @@ def test_degraded_patches_of_a_codebook_keep_their_places():
 
 
 def pair_batch(data, step):
-    data.trainer = SimpleNamespace(global_step=step)
+    data.trainer = SimpleNamespace(global_step=step, world_size=1, global_rank=0)
     return data.on_before_batch_transfer(next(iter(data.train_dataloader())), 0)
 
 

@@ -1,5 +1,6 @@
 import pytest
 import torch
+from torch import distributed
 
 from hlp.patches.pool_loader import pool_loader
 
@@ -35,3 +36,15 @@ def test_the_order_depends_on_seed_and_epoch_alone():
 def test_a_pool_smaller_than_a_batch_is_one_batch(size):
     (batch,) = epoch(pool_loader(POOL, size, 0), 0)
     assert sorted(batch) == list(range(23))
+
+
+def test_processes_that_train_together_share_out_each_batch(monkeypatch):
+    whole = epoch(pool_loader(POOL, 5, 0), 3)
+    monkeypatch.setattr(distributed, "is_initialized", lambda: True)
+    monkeypatch.setattr(distributed, "get_world_size", lambda: 2)
+    shares = []
+    for rank in (0, 1):
+        monkeypatch.setattr(distributed, "get_rank", lambda rank=rank: rank)
+        shares.append(epoch(pool_loader(POOL, 5, 0), 3))
+    for batch, first, second in zip(whole, *shares, strict=True):
+        assert (batch[::2], batch[1::2]) == (first, second)

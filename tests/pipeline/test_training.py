@@ -125,3 +125,38 @@ def test_a_stage_without_training_has_no_history(tmp_path):
     assert read_history(tmp_path) == []
     with pytest.raises(FileNotFoundError, match=WEIGHTS):
         load_weights(Net().network, tmp_path)
+
+
+class Alone(Data):
+    """Batches as they are: the noise is drawn anew in every process."""
+
+    def on_before_batch_transfer(self, batch, dataloader_idx):
+        return batch["image"], batch["label"]
+
+
+class Plain(Net):
+    """Without batch norm and dropout, which know one process's share only."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.network = nn.Sequential(nn.Conv2d(2, 4, 3), nn.ReLU(), nn.Flatten(), nn.Linear(144, 2))
+
+
+@pytest.mark.slow
+def test_two_processes_learn_what_one_learns_from_the_same_batches(tmp_path):
+    """Their mean gradient is that of the whole batch, so the weights agree but for rounding."""
+    two = TrainerSettings("ddp", "cpu", 2, "ddp_spawn", "32-true", 1)
+    weights = []
+    for trainer, folder in ((CPU, tmp_path / "one"), (two, tmp_path / "two")):
+        folder.mkdir()
+        torch.manual_seed(3)
+        module = Plain()
+        before = module.network[0].weight.clone()
+        fit(module, Alone(0), module.network, EPOCHS, trainer, folder)
+        assert not torch.allclose(module.network[0].weight, before, atol=1e-2)
+        assert sorted(path.name for path in folder.iterdir()) == [HISTORY, WEIGHTS]
+        assert [row["epoch"] for row in read_history(folder)] == [0, 1, 2, 3]
+        weights.append(torch.load(folder / WEIGHTS, weights_only=True))
+    for name, value in weights[0].items():
+        torch.testing.assert_close(weights[1][name], value, atol=1e-4, rtol=0.0)
+    assert torch.get_num_threads() == CPU.torch_threads  # theirs are not this process's

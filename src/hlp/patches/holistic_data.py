@@ -9,7 +9,7 @@ from torch.utils.data import DataLoader
 
 from hlp.patches.composite import DRAWS, NOISE_LENGTH, compose_windows
 from hlp.patches.holistic_pool import BACKGROUND, BackgroundPool, HolisticPool
-from hlp.patches.pool_loader import pool_loader
+from hlp.patches.pool_loader import batch_number, pool_loader
 
 
 class HolisticDataModule(pl.LightningDataModule):
@@ -53,9 +53,9 @@ class HolisticDataModule(pl.LightningDataModule):
     def on_before_batch_transfer(
         self, batch: dict[str, Tensor], dataloader_idx: int
     ) -> tuple[Tensor, Tensor]:
-        """Composite and augment on the CPU, seeded by the trainer's step."""
-        step = self.trainer.global_step if self.trainer is not None else 0
-        return self.compose(batch, np.random.default_rng([self.seed, step]))
+        """Composite and augment on the CPU, seeded by the batch's number."""
+        number = batch_number(self.trainer)
+        return self.compose(batch, np.random.default_rng([self.seed, number]))
 
     def compose(self, batch: dict[str, Tensor], rng: np.random.Generator) -> tuple[Tensor, Tensor]:
         """Images and labels of one batch of baked windows."""

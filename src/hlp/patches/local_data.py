@@ -10,7 +10,7 @@ from torch.utils.data import DataLoader
 
 from hlp.patches import augmentation as aug
 from hlp.patches.local_pool import PairPool, take_patches
-from hlp.patches.pool_loader import pool_loader
+from hlp.patches.pool_loader import batch_number, pool_loader
 from hlp.records import LocalPatches
 
 _FILL = 128.0 / 255.0
@@ -49,9 +49,8 @@ class PairDataModule(pl.LightningDataModule):
     def on_before_batch_transfer(
         self, batch: dict[str, Tensor], dataloader_idx: int
     ) -> dict[str, object]:
-        """Degrade the first patch of each pair on the CPU, seeded by the trainer's step."""
-        step = self.trainer.global_step if self.trainer is not None else 0
-        gen = torch.Generator().manual_seed(self.seed * 1_000_003 + step)
+        """Degrade the first patch of each pair on the CPU, seeded by the batch's number."""
+        gen = torch.Generator().manual_seed(self.seed * 1_000_003 + batch_number(self.trainer))
         depth, valid = batch["depth"].float(), batch["valid"]
         seen_depth, seen, around = degrade_shape(depth[:, 0], valid[:, 0], batch["size"], gen)
         noisy_color, clean_color = None, None

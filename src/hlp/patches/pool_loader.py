@@ -1,9 +1,14 @@
-"""Loader of batches from arrays in memory, in an order that depends on seed and epoch only."""
+"""Loader of batches from arrays in memory, in an order that depends on seed and epoch only.
+
+Processes that train together (Lightning's DDP) share out each batch, so that their mean gradient is
+that of the whole batch.
+"""
 
 from collections.abc import Iterator, Mapping
 
+import pytorch_lightning as pl
 import torch
-from torch import Tensor
+from torch import Tensor, distributed
 from torch.utils.data import DataLoader, Dataset, Sampler
 
 Batch = dict[str, Tensor]
@@ -34,8 +39,23 @@ class _EpochBatches(Sampler[Tensor]):
     def __iter__(self) -> Iterator[Tensor]:
         gen = torch.Generator().manual_seed(self.seed * 100_003 + self.epoch)
         order = torch.randperm(self.rows, generator=gen)
+        rank, processes = _place()
         for start in range(0, len(self) * self.batch_size, self.batch_size):
-            yield order[start : start + self.batch_size]
+            yield order[start : start + self.batch_size][rank::processes]
+
+
+def _place() -> tuple[int, int]:
+    """This process's number among those that train together, and how many they are."""
+    if distributed.is_available() and distributed.is_initialized():
+        return distributed.get_rank(), distributed.get_world_size()
+    return 0, 1
+
+
+def batch_number(trainer: pl.Trainer | None) -> int:
+    """Number of the batch at hand, another one in each process: what is drawn for it differs."""
+    if trainer is None:
+        return 0
+    return trainer.global_step * trainer.world_size + trainer.global_rank
 
 
 def pool_loader(pool: Mapping[str, Tensor], batch_size: int, seed: int) -> DataLoader[Batch]:

@@ -32,7 +32,12 @@ def each_in_workers(
         returned = "list" if executor.name == "ray" else "generator_unordered"
         with parallel_config(backend=executor.name, n_jobs=count):
             parallel = Parallel(batch_size=1, return_as=returned)
-            yield from parallel(delayed(work)(key) for key in keys)
+            yield from parallel(delayed(_do)(work, key) for key in keys)
+
+
+def _do(work: Callable[[str], str], key: str) -> str:
+    # Joblib's dask backend takes nothing but what can be hashed for a function, and then hangs.
+    return work(key)
 
 
 @contextmanager

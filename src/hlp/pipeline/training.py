@@ -39,6 +39,7 @@ def fit(
         ModelCheckpoint(last.parent, filename=last.stem, enable_version_counter=False),
         _History(folder / HISTORY),
         _RandomState(),
+        _Threads(trainer.torch_threads),
     ]
     network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     with _quiet():
@@ -60,6 +61,7 @@ def _make_trainer(
         strategy=trainer.strategy,
         precision=trainer.precision,  # type: ignore[arg-type]
         max_epochs=epochs,
+        use_distributed_sampler=False,  # our loaders share out batches themselves
         callbacks=callbacks,
         logger=False,
         enable_progress_bar=terminal,
@@ -111,6 +113,8 @@ class _History(Callback):
     def on_train_epoch_end(self, trainer: pl.Trainer, _: pl.LightningModule) -> None:
         metrics = {name: float(value) for name, value in sorted(trainer.callback_metrics.items())}
         self.rows.append({"epoch": trainer.current_epoch, **metrics})
+        if not trainer.is_global_zero:
+            return
         with self.path.open("w", newline="") as stream:
             writer = csv.DictWriter(stream, fieldnames=list(self.rows[0]))
             writer.writeheader()
@@ -135,6 +139,16 @@ class _RandomState(Callback):
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         torch.set_rng_state(state["torch"])
+
+
+class _Threads(Callback):
+    """Gives torch its threads, which decide the last bits, in every process that trains."""
+
+    def __init__(self, threads: int) -> None:
+        self.threads = threads
+
+    def setup(self, trainer: pl.Trainer, pl_module: pl.LightningModule, stage: str) -> None:
+        torch.set_num_threads(self.threads)
 
 
 def _remove(checkpoints: Path) -> None:
