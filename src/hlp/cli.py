@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import hlp
-from hlp.commands import bench, predict, report, run
+from hlp.commands import bench, predict, report, run, search
 from hlp.commands.composing import MULTIRUN
 
 
@@ -62,4 +62,5 @@ COMMANDS = {
     "predict": _Command(predict.command, "poses of your own object in your own frames"),
     "report": _Command(report.command, "tables of finished runs, the paper's figures beside ours"),
     "bench": _Command(bench.command, "time and memory of every stage, on this machine"),
+    "search": _Command(search.command, "the settings with the best recall within a time limit"),
 }

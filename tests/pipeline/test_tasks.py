@@ -5,9 +5,15 @@ from pathlib import Path
 import pytest
 from hydra import compose, initialize_config_dir
 
-from hlp.pipeline import basin, bench, oracle, runner
+from hlp.pipeline import basin, bench, oracle, runner, search
 from hlp.pipeline.build import Run, build_settings
-from hlp.pipeline.settings import BasinSettings, BenchSettings, MethodSettings, OracleSettings
+from hlp.pipeline.settings import (
+    BasinSettings,
+    BenchSettings,
+    MethodSettings,
+    OracleSettings,
+    SearchSettings,
+)
 from hlp.pipeline.tasks import run_task
 
 CONF = Path(__file__).parents[2] / "conf"
@@ -25,13 +31,14 @@ def configuration(*overrides):
         ("experiment=oracle", OracleSettings, oracle),
         ("experiment=basin", BasinSettings, basin),
         ("task=bench", BenchSettings, bench),
+        ("task=search", SearchSettings, search),
     ],
 )
 def test_the_configuration_chooses_the_task(choice, kind, module, monkeypatch):
     settings = build_settings(configuration(choice))
     assert isinstance(settings.task, kind)
     called = []
-    for each in (runner, oracle, basin, bench):
+    for each in (runner, oracle, basin, bench, search):
         monkeypatch.setattr(each, "run", lambda *given, each=each: called.append((each, given[0])))
     planned = Run(settings, None, (), {})
     run_task(planned, Path("out"))
@@ -58,7 +65,7 @@ def test_an_experiment_takes_the_sizes_of_the_world_it_is_run_on():
         (["task.noise_deg=wide"], r"^task\.noise_deg: .*number \(given: 'wide'\)$"),
         (
             ["task.name=orakel"],
-            r"^task\.name is 'orakel': choose one of method, oracle, basin, bench$",
+            r"^task\.name is 'orakel': choose one of method, oracle, basin, bench, search$",
         ),
     ],
 )

@@ -40,6 +40,7 @@ from hlp.pipeline.settings import (
     PatchesSettings,
     PoolSettings,
     RunSettings,
+    SearchSettings,
     SerialSettings,
     TrainerSettings,
 )
@@ -90,6 +91,7 @@ GROUPS: dict[str, type | dict[str, type]] = {
         "oracle": OracleSettings,
         "basin": BasinSettings,
         "bench": BenchSettings,
+        "search": SearchSettings,
     },
 }
 _BACKGROUND_FRAMES = 40
@@ -138,6 +140,14 @@ def vary(planned: Run, changes: Mapping[str, Any]) -> RunSettings:
     check_ranges(settings)
     _check_patch_sizes(settings)
     return settings
+
+
+def vary_run(planned: Run, changes: Mapping[str, Any]) -> Run:
+    """A run on the same world with some values changed, as `vary` does; raises what it raises."""
+    settings = vary(planned, changes)
+    if settings.data != planned.settings.data:
+        raise ValueError("data: what is varied runs on one and the same world")
+    return dataclasses.replace(planned, settings=settings, config=_changed(planned.config, changes))
 
 
 def _changed(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

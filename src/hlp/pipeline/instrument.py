@@ -1,4 +1,4 @@
-"""What all instruments (oracle, basin, bench) share: MLflow run, manifest, where to look."""
+"""What all instruments (oracle, basin, bench, search) share: MLflow run, manifest, last words."""
 
 import logging
 from collections.abc import Iterator
@@ -14,12 +14,14 @@ from hlp.reporting.tracking import Tracker, how_to_browse, track_run
 
 
 @contextmanager
-def instrument_run(planned: Run, output: Path) -> Iterator[tuple[StageStore, Tracker]]:
+def instrument_run(
+    planned: Run, output: Path, resume: str | None = None
+) -> Iterator[tuple[StageStore, Tracker]]:
     """The store and the MLflow run of one instrument's work.
 
     After the work `output` gets its manifest.json, all that is in it is logged, and a person is
-    told where it is: a folder with a manifest holds a whole result. Raises ValueError where the
-    frames have no true poses.
+    told where it is: a folder with a manifest holds a whole result. With `resume` the MLflow run of
+    that id goes on. Raises ValueError where the frames have no true poses.
     """
     settings = planned.settings
     if not planned.world.annotated:
@@ -28,7 +30,8 @@ def instrument_run(planned: Run, output: Path) -> Iterator[tuple[StageStore, Tra
     output.mkdir(parents=True, exist_ok=True)
     (output / FILE).unlink(missing_ok=True)
     name = f"{settings.name} {settings.task.name} {output.name}"
-    with track_run(settings.reporting, name, planned.config, revision_tag()) as tracker:
+    tags = revision_tag()
+    with track_run(settings.reporting, name, planned.config, tags, resume) as tracker:
         log_inputs(planned, tracker)
         store = StageStore(Path(settings.work))
         yield store, tracker

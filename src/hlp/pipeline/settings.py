@@ -175,6 +175,24 @@ class BenchSettings:
 
 
 @dataclass(frozen=True)
+class SpaceSettings:
+    """What a search may change: ranges and choices, nested as in the whole configuration."""
+
+    name: str
+    parameters: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """Config group `task`: a search for settings; keys as in conf/task/search.yaml."""
+
+    name: str
+    trials: int
+    limit_ms: float
+    space: SpaceSettings
+
+
+@dataclass(frozen=True)
 class RunSettings:
     """The whole configuration, one typed record per group.
 
@@ -201,7 +219,7 @@ class RunSettings:
     trainer: TrainerSettings
     machine: MachineSettings
     executor: ExecutorSettings
-    task: MethodSettings | OracleSettings | BasinSettings | BenchSettings
+    task: MethodSettings | OracleSettings | BasinSettings | BenchSettings | SearchSettings
 
 
 def result_settings(settings: Any) -> dict[str, Any]:

@@ -1,10 +1,10 @@
-"""What is to be done with a configuration: run the method, or measure its stages."""
+"""What is to be done with a configuration: run the method, measure its stages, search."""
 
 from pathlib import Path
 
-from hlp.pipeline import basin, bench, oracle, runner
+from hlp.pipeline import basin, bench, oracle, runner, search
 from hlp.pipeline.build import Run
-from hlp.pipeline.settings import BasinSettings, BenchSettings, OracleSettings
+from hlp.pipeline.settings import BasinSettings, BenchSettings, OracleSettings, SearchSettings
 
 
 def run_task(planned: Run, output: Path) -> None:
@@ -16,5 +16,7 @@ def run_task(planned: Run, output: Path) -> None:
         basin.run(planned, task, output)
     elif isinstance(task, BenchSettings):
         bench.run(planned, task, output)
+    elif isinstance(task, SearchSettings):
+        search.run(planned, task, output)
     else:
         runner.run(planned, output)

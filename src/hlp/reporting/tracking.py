@@ -146,11 +146,13 @@ def track_run(
     if arm is not None:
         run_name, all_tags[PARENT] = arm.name, arm.parent
     run_id = resume
-    if run_id is None or not _goes_on(client, run_id):
+    goes_on = run_id is not None and _goes_on(client, run_id)
+    if run_id is None or not goes_on:
         run_id = client.create_run(experiment_id, run_name=run_name, tags=all_tags).info.run_id
     tracker = Tracker(client, experiment_id, run_id)
     try:
-        tracker.log_params({**(arm.swept if arm else {}), **flatten(params)})
+        if not goes_on:  # MLflow lets none be changed, and a run that goes on has its own
+            tracker.log_params({**(arm.swept if arm else {}), **flatten(params)})
         client.log_dict(run_id, dict(params), "config.yaml")
         yield tracker
     except Exception as error:
