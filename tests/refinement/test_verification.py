@@ -8,8 +8,8 @@ from refinement_scene import CAMERA, SHAPE, Scene, disturbed, error, make_scene
 from scipy.ndimage import distance_transform_edt
 
 from hlp.records import Mesh
-from hlp.refinement.cost import depth_edges
-from hlp.refinement.verification import WORST, Evidence, VerificationSettings, Verifier, least
+from hlp.refinement.cost import WORST, depth_edges
+from hlp.refinement.verification import Evidence, VerificationSettings, Verifier, least
 from hlp.rendering.light import Light
 from hlp.rendering.rasterizer import render_depth, render_rgbd
 

@@ -133,15 +133,8 @@ class DepthCost:
     def _edge_costs(self, z: float) -> Float[np.ndarray, "h w"]:
         """Distance to O's closest edgelet over τ_e, at most 1; τ_e is metric, at the depth z."""
         tau_pixels = self._settings.tau_edge_mm / 1000.0 * self.camera_matrix[0, 0] / z
-        edges = depth_edges(self.observed, self._settings.edge_step_mm / 1000.0)
-        if not edges.any():
-            return np.ones(self.observed.shape)
-        distance = cv2.distanceTransform(
-            (~edges).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
-        )
-        # OpenCV's float32 root differs in its last bit from run to run; the squares are integers.
-        exact = np.sqrt(np.rint(distance.astype(np.float64) ** 2))
-        return np.asarray(np.minimum(exact / tau_pixels, 1.0))
+        step = self._settings.edge_step_mm / 1000.0
+        return np.asarray(np.minimum(edge_distances(self.observed, step) / tau_pixels, 1.0))
 
     def _agreeing(
         self, pose_cam_obj: Float[np.ndarray, "4 4"], tolerance: float
@@ -172,6 +165,16 @@ def depth_edges(depth: Float[np.ndarray, "h w"], step: float) -> Bool[np.ndarray
     for neighbour in neighbours:
         edges |= neighbour > far + step
     return edges
+
+
+def edge_distances(depth: Float[np.ndarray, "h w"], step: float) -> Float[np.ndarray, "h w"]:
+    """Distance (px) of each pixel to the closest edgelet; infinite where there is none."""
+    edges = depth_edges(depth, step)
+    if not edges.any():
+        return np.full(depth.shape, np.inf)
+    distance = cv2.distanceTransform((~edges).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    # OpenCV's float32 root differs in its last bit from run to run; the squares are integers.
+    return np.asarray(np.sqrt(np.rint(distance.astype(np.float64) ** 2)))
 
 
 def _region(

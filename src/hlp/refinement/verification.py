@@ -8,18 +8,14 @@ the light's.
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 from numba import njit
 
 from hlp.geometry import project, transform
 from hlp.records import ObjectModel
-from hlp.refinement.cost import depth_edges
+from hlp.refinement.cost import WORST, depth_edges, edge_distances
 from hlp.rendering.rasterizer import NEAR, fill_triangles, is_closed
-
-WORST = 1.0
-"""Cost of a pose that nothing speaks for: not in the image, or no observed depth under it."""
 
 _LEAST_SUPPORT, _LEAST_SHARE = 1e-12, 0.01
 _FLOOR = 4.0  # added to every channel: the hue of what is nearly black means nothing
@@ -160,7 +156,7 @@ class Verifier:
             rendered,
             observed,
             depth_edges(rendered, step),
-            _edge_distances(observed, step) / tau_pixels,
+            edge_distances(observed, step) / tau_pixels,
             faces,
             self._chromaticity,
             rgb[rows[:, None], columns],
@@ -237,16 +233,6 @@ def _sum_evidence(
                 else:
                     sums[7] += min(edge_distance[y, x], 1.0)
     return sums
-
-
-def _edge_distances(observed: Float[np.ndarray, "h w"], step: float) -> Float[np.ndarray, "h w"]:
-    """Distance (px) of each pixel to O's closest edgelet; infinite where there is none."""
-    edges = depth_edges(observed, step)
-    if not edges.any():
-        return np.full(observed.shape, np.inf)
-    distance = cv2.distanceTransform((~edges).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    # OpenCV's float32 root differs in its last bit from run to run; the squares are integers.
-    return np.asarray(np.sqrt(np.rint(distance.astype(np.float64) ** 2)))
 
 
 def _corners(
