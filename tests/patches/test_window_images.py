@@ -3,8 +3,8 @@ import pytest
 import torch
 
 from hlp.patches.holistic import HolisticSettings, Windows, cut_windows, metric_windows
-from hlp.patches.holistic_data import window_images
 from hlp.patches.window_images import WindowImages
+from window_reference import window_images
 
 RGBD = HolisticSettings(16, "rgbd")
 

@@ -7,9 +7,9 @@ import torch
 from hlp.data.synthetic_objects import demo_objects
 from hlp.models.classifier import HolisticCNN
 from hlp.patches.holistic import HolisticSettings, RegionSettings, cut_windows, metric_windows
-from hlp.patches.holistic_data import window_images
 from hlp.pipeline.holistic_scan import HolisticScan
 from hlp.records import Frame
+from window_reference import window_images
 
 HOLISTIC = HolisticSettings(64, "rgbd")
 EXACT = RegionSettings(16, 0.15, 8, 0.7, "exact")

@@ -109,7 +109,7 @@ class HolisticClassifier(pl.LightningModule):
 def inference_network(network: HolisticCNN) -> nn.Module:
     """The trained network for finding: batch norm within the convolutions, bfloat16.
 
-    Closer to the network in single precision than autocast is, at half the time: what autocast
+    Closer to the network in single precision than autocast is, and faster: what autocast
     rounds after every step is rounded once a layer. The network itself stays as it was.
     """
     network = copy.deepcopy(network).float().eval()

@@ -3,7 +3,6 @@
 import numpy as np
 import pytorch_lightning as pl
 import torch
-from jaxtyping import UInt8
 from torch import Tensor
 from torch.utils.data import DataLoader
 
@@ -145,22 +144,3 @@ def _draw_depths(rng: np.random.Generator, draws: np.ndarray) -> None:
     draws["depth_noise"] = rng.uniform(0.0, 0.03, count)
     draws["holes"] = rng.standard_normal((count, 16, 16))
     draws["hole_level"] = rng.uniform(1.2, 4.0, count)
-
-
-def window_images(
-    color: UInt8[np.ndarray, "n p p 3"], code: UInt8[np.ndarray, "n p p"], channels: str
-) -> Tensor:
-    """Images (n, c, p, p) in [-1, 1] of a scene's windows, as the classifier was trained on."""
-    image = _unit(torch.from_numpy(color)) * 2 - 1
-    if channels == "rgb":
-        return image
-    return torch.cat([image, code_to_unit(torch.from_numpy(code))[:, None]], dim=1)
-
-
-def code_to_unit(code: Tensor) -> Tensor:
-    """Depth codes 1 … 255 (`hlp.patches.holistic.depth_code`) to [-1, 1]."""
-    return (code.float() - 128.0) / 127.0
-
-
-def _unit(color: Tensor) -> Tensor:
-    return color.permute(0, 3, 1, 2).float() / 255.0

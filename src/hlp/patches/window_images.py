@@ -1,7 +1,7 @@
 """Images of all windows of a frame at once, as the classifier reads them: bfloat16, channels last.
 
-The same windows as `holistic.cut_windows` and `holistic_data.window_images` make, in one compiled
-pass: each image row that a window needs is resampled once and stays in the processor's cache.
+The same windows as `holistic.cut_windows` makes for training, in one compiled pass: each image row
+that a window needs is resampled once and stays in the processor's cache.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -26,7 +26,7 @@ _LEAST, _MOST = np.float32(-127), np.float32(126)
 class WindowImages:
     """Cuts windows from one frame: images (n, c, p, p) in [-1, 1], c = 3 (`rgb`) or 4 (`rgbd`).
 
-    Equal to `window_images` of `cut_windows`, rounded to bfloat16, but for a colour level where
+    Those of `cut_windows`, scaled and rounded to bfloat16, but for a colour level where
     interpolation ends halfway between two. The number of threads changes nothing but the time.
     """
 
@@ -190,7 +190,7 @@ def _mix(
 
 @njit(nogil=True, cache=True)
 def _code(line: Float32[np.ndarray, "p"], center: np.float32, size: np.float32) -> None:
-    """What `depth_code` and `code_to_unit` make of depths, in place."""
+    """`depth_code` of depths, scaled to [-1, 1], in place."""
     for i in range(len(line)):
         code = min(max(np.rint((line[i] - center) / size * _CODES), _LEAST), _MOST)
         line[i] = (code if line[i] > 0 else _CODES) / _CODES

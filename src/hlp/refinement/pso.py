@@ -152,7 +152,7 @@ def moved(
 
 
 def _turns(angles: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
-    """R_x(α)·R_y(β)·R_z(γ), written out: SciPy's takes as long as drawing three particles."""
+    """R_x(α)·R_y(β)·R_z(γ), written out: of few angles SciPy's takes longer than their sines."""
     (sa, sb, sc), (ca, cb, cc) = np.sin(angles.T), np.cos(angles.T)
     turns = np.empty((len(angles), 3, 3))
     turns[:, 0, 0], turns[:, 0, 1], turns[:, 0, 2] = cb * cc, -cb * sc, sb

@@ -32,21 +32,13 @@ class PaperVotingSettings:
 
 
 @dataclass(frozen=True)
-class JointVotingSettings:
+class JointVotingSettings(PaperVotingSettings):
     """Modes of the joint vote: a mode gathers votes that agree in translation and in rotation.
 
-    The keys are as in `PaperVotingSettings`; up to `hypotheses` modes come out, best first, no two
+    Beside the keys of `PaperVotingSettings`: up to `hypotheses` modes come out, best first, no two
     within the kernel of each other.
     """
 
-    name: str
-    max_distance: float
-    weighted: bool
-    trusted: bool
-    translation_mm: float
-    rotation_deg: float
-    max_votes: int
-    shifts: int
     hypotheses: int
 
 
