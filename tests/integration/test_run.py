@@ -1,12 +1,6 @@
 """The whole pipeline through the command line: a tiny run of the demo world and its results."""
 
-import csv
-import json
-import shutil
 from collections import Counter
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -15,12 +9,9 @@ from mlflow import MlflowClient
 
 from hlp.data.synthetic_objects import demo_objects
 from hlp.data.synthetic_scenes import SyntheticScenes, SyntheticSettings
-from hlp.pipeline.detector import Detector
 from hlp.records import Target
-from tiny_run import TinyRun, start_run
-
-Row = dict[str, str]
-Call = Callable[..., tuple[int, str, str]]
+from run_files import Row, read_json, rows, stages
+from tiny_run import TinyRun
 
 METRICS = ("add", "5cm5deg", "iou50")
 VERDICTS = {"add": "ad_correct", "5cm5deg": "pose_correct", "iou50": "box_correct"}
@@ -28,40 +19,8 @@ LEARNT = {"views": 8, "classifier": 1, "encoder": 1, "codebook": 8}
 FOUND = {"regions": 1, "hypotheses": 1, "poses": 1}
 
 
-def rows(path: Path) -> list[Row]:
-    with path.open(newline="") as stream:
-        return list(csv.DictReader(stream))
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    content: dict[str, Any] = json.loads(path.read_text())
-    return content
-
-
 def target_of(row: Row) -> tuple[int, int, int]:
     return int(row["scene_id"]), int(row["im_id"]), int(row["obj_id"])
-
-
-def stages(output: Path, *, reused: bool) -> dict[str, int]:
-    """How many outputs of each stage a run reused or made, by its manifest."""
-    counts: dict[str, int] = {}
-    for event in read_json(output / "manifest.json")["stages"]:
-        if event["reused"] == reused:
-            counts[event["stage"]] = counts.get(event["stage"], 0) + 1
-    return counts
-
-
-def poses_without_times(path: Path) -> list[Row]:
-    return [{key: value for key, value in row.items() if key != "time"} for row in rows(path)]
-
-
-def statuses(folder: Path) -> dict[str, str]:
-    """Status of every MLflow run, by the name of its output folder."""
-    client = MlflowClient(f"sqlite:///{folder / 'work' / 'mlflow.db'}")
-    experiment = client.get_experiment_by_name("hlp")
-    assert experiment is not None
-    found = client.search_runs([experiment.experiment_id])
-    return {run.info.run_name.split()[-1]: run.info.status for run in found}
 
 
 @pytest.fixture(scope="module")
@@ -221,146 +180,3 @@ def test_mlflow_has_the_run_with_all_of_it(tiny_run: TinyRun) -> None:
     data = read_json(tiny_run.output / "manifest.json")["data"]
     assert inputs["synthetic frames"] == data["frames"]
     assert all(inputs[f"model of {name}"] == digest for name, digest in data["models"].items())
-
-
-def test_other_refinement_makes_only_poses(tiny_run: TinyRun, call: Call) -> None:
-    code, said, _ = call(*tiny_run.overrides, "refinement.particles=15", "output=fewer")
-    assert code == 0
-    output = tiny_run.folder / "fewer"
-    assert stages(output, reused=False) == {"poses": 1}
-    assert stages(output, reused=True) == LEARNT | {"regions": 1, "hypotheses": 1}
-    assert [line.split()[1] for line in said.splitlines() if line.startswith("made ")] == ["poses"]
-    assert poses_without_times(output / "poses.csv") != poses_without_times(
-        tiny_run.output / "poses.csv"
-    )
-
-
-def test_interrupted_stage_goes_on_where_it_stopped(
-    tiny_run: TinyRun, call: Call, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Ctrl-C in the second frame: the next run refines that frame only, to the same poses."""
-    overrides = (*tiny_run.overrides, "refinement.particles=5", "refinement.iterations=3")
-    fine = Detector.fine
-    asked: list[int] = []
-
-    def interrupted(self: Detector, frame: Any, object_id: int, coarse: Any) -> Any:
-        if frame.scene_id == 12:
-            raise KeyboardInterrupt
-        return fine(self, frame, object_id, coarse)
-
-    def counted(self: Detector, frame: Any, object_id: int, coarse: Any) -> Any:
-        asked.append(frame.scene_id)
-        return fine(self, frame, object_id, coarse)
-
-    monkeypatch.setattr(Detector, "fine", interrupted)
-    code, _, error = call(*overrides, "output=interrupted")
-    assert code == 130
-    assert "Traceback" not in error
-    assert statuses(tiny_run.folder)["interrupted"] == "KILLED"
-    (partial,) = (tiny_run.folder / "work" / "poses").glob("*.partial")
-    assert [path.name for path in partial.iterdir()] == ["000000_000000.npz"]
-    monkeypatch.setattr(Detector, "fine", counted)
-    assert call(*overrides, "output=resumed")[0] == 0
-    assert set(asked) == {12}
-    assert not partial.exists()
-    shutil.rmtree(partial.with_suffix(""))
-    asked.clear()
-    assert call(*overrides, "output=whole")[0] == 0
-    assert set(asked) == {0, 12}
-    assert poses_without_times(tiny_run.folder / "resumed" / "poses.csv") == poses_without_times(
-        tiny_run.folder / "whole" / "poses.csv"
-    )
-
-
-@pytest.mark.parametrize("error", [ValueError("depth is odd"), RuntimeError("a bug")])
-def test_crash_leaves_a_failed_run(
-    tiny_run: TinyRun, call: Call, monkeypatch: pytest.MonkeyPatch, error: Exception
-) -> None:
-    def fail(*_: Any) -> None:
-        raise error
-
-    monkeypatch.setattr(Detector, "fine", fail)
-    name = type(error).__name__
-    overrides = (*tiny_run.overrides, "refinement.iterations=2", f"output={name}")
-    if isinstance(error, RuntimeError):  # a bug keeps its traceback
-        with pytest.raises(RuntimeError, match="a bug"):
-            call(*overrides)
-    else:
-        code, _, said = call(*overrides)
-        assert code == 1
-        assert said.startswith("hlp: depth is odd\nwhile making poses in ")
-    assert statuses(tiny_run.folder)[name] == "FAILED"
-    assert not (tiny_run.folder / name / "summary.json").exists()
-
-
-def test_same_seed_same_poses_whatever_the_threads(tiny_run: TinyRun, tmp_path: Path) -> None:
-    """Everything is made again in another folder, by one thread instead of two."""
-    again = start_run(tmp_path, *tiny_run.overrides, "output=again", threads=1)
-    assert again.returncode == 0, again.stderr
-    first, second = (
-        {(event["stage"], event["of"]): event["fingerprint"] for event in manifest["stages"]}
-        for manifest in (
-            read_json(tiny_run.output / "manifest.json"),
-            read_json(tmp_path / "again" / "manifest.json"),
-        )
-    )
-    assert first == second
-    ours = poses_without_times(tmp_path / "again" / "poses.csv")
-    assert ours == poses_without_times(tiny_run.output / "poses.csv")
-    scores = (tmp_path / "again" / "scores.csv").read_bytes()
-    assert scores == (tiny_run.output / "scores.csv").read_bytes()
-
-
-@pytest.fixture
-def dataset(tmp_path: Path) -> Path:
-    """A data set without any mesh."""
-    for folder in ("models", "test", "photos", "rooms"):
-        (tmp_path / "lm" / folder).mkdir(parents=True)
-    return tmp_path / "lm"
-
-
-@pytest.mark.parametrize(
-    ("overrides", "words"),
-    [
-        (["sede=1"], ["sede"]),
-        (["refinement.partikles=3"], ["refinement.partikles"]),
-        (["+data.foo=1"], ["data.foo", "given: 1"]),
-        (["rendering.viewpoints=three"], ["rendering.viewpoints", "valid integer", "'three'"]),
-        (["encoder=none"], ["encoder/none", "contrastive"]),
-        (["frames=0"], ["frames is 0"]),
-        (["refinement.particles=0"], ["refinement.particles is 0", "at least 1"]),
-        (["refinement.phi_1=1.0"], ["refinement.phi_1 + phi_2", "above 4"]),
-        (["experiment=lm_board"], ["data.root is not set"]),
-        (["experiment=lm_board", "data.root=nowhere"], ["data.root is no folder", "nowhere"]),
-        (
-            [
-                "experiment=lm_board",
-                "data.root={root}",
-                "data.photographs=null",
-                "data.rooms=null",
-                "data.rgbd_frames=null",
-            ],
-            ["no mesh of object 1 (ape)", "obj_000001.ply"],
-        ),
-    ],
-)
-def test_wrong_input_is_named_before_any_stage(
-    call: Call,
-    dataset: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    overrides: list[str],
-    words: list[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    code, said, error = call(*[each.format(root=dataset) for each in overrides])
-    assert code in {1, 2}
-    assert said == ""
-    assert error.startswith("hlp: ")
-    assert error.count("hlp: ") == 1
-    assert len(error.splitlines()) <= 12
-    for word in words:
-        assert word in error
-    for word in ("Traceback", "pydantic", "input_value", "full_key"):
-        assert word not in error
-    assert not (tmp_path / "work").exists()

@@ -1,0 +1,118 @@
+"""What a run finds on disk: reused stages, interrupted ones, crashes, the same poses again."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mlflow import MlflowClient
+
+from hlp.pipeline.detector import Detector
+from run_files import Row, read_json, rows, stages
+from tiny_run import TinyRun, start_run
+
+Call = Callable[..., tuple[int, str, str]]
+
+LEARNT = {"views": 8, "classifier": 1, "encoder": 1, "codebook": 8}
+
+
+def poses_without_times(path: Path) -> list[Row]:
+    return [{key: value for key, value in row.items() if key != "time"} for row in rows(path)]
+
+
+def statuses(folder: Path) -> dict[str, str]:
+    """Status of every MLflow run, by the name of its output folder."""
+    client = MlflowClient(f"sqlite:///{folder / 'work' / 'mlflow.db'}")
+    experiment = client.get_experiment_by_name("hlp")
+    assert experiment is not None
+    found = client.search_runs([experiment.experiment_id])
+    return {run.info.run_name.split()[-1]: run.info.status for run in found}
+
+
+def test_other_refinement_makes_only_poses(tiny_run: TinyRun, call: Call) -> None:
+    code, said, _ = call(*tiny_run.overrides, "refinement.particles=15", "output=fewer")
+    assert code == 0
+    output = tiny_run.folder / "fewer"
+    assert stages(output, reused=False) == {"poses": 1}
+    assert stages(output, reused=True) == LEARNT | {"regions": 1, "hypotheses": 1}
+    assert [line.split()[1] for line in said.splitlines() if line.startswith("made ")] == ["poses"]
+    assert poses_without_times(output / "poses.csv") != poses_without_times(
+        tiny_run.output / "poses.csv"
+    )
+
+
+def test_interrupted_stage_goes_on_where_it_stopped(
+    tiny_run: TinyRun, call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-C in the second frame: the next run refines that frame only, to the same poses."""
+    overrides = (*tiny_run.overrides, "refinement.particles=5", "refinement.iterations=3")
+    fine = Detector.fine
+    asked: list[int] = []
+
+    def interrupted(self: Detector, frame: Any, object_id: int, coarse: Any) -> Any:
+        if frame.scene_id == 12:
+            raise KeyboardInterrupt
+        return fine(self, frame, object_id, coarse)
+
+    def counted(self: Detector, frame: Any, object_id: int, coarse: Any) -> Any:
+        asked.append(frame.scene_id)
+        return fine(self, frame, object_id, coarse)
+
+    monkeypatch.setattr(Detector, "fine", interrupted)
+    code, _, error = call(*overrides, "output=interrupted")
+    assert code == 130
+    assert "Traceback" not in error
+    assert statuses(tiny_run.folder)["interrupted"] == "KILLED"
+    (partial,) = (tiny_run.folder / "work" / "poses").glob("*.partial")
+    assert [path.name for path in partial.iterdir()] == ["000000_000000.npz"]
+    monkeypatch.setattr(Detector, "fine", counted)
+    assert call(*overrides, "output=resumed")[0] == 0
+    assert set(asked) == {12}
+    assert not partial.exists()
+    shutil.rmtree(partial.with_suffix(""))
+    asked.clear()
+    assert call(*overrides, "output=whole")[0] == 0
+    assert set(asked) == {0, 12}
+    assert poses_without_times(tiny_run.folder / "resumed" / "poses.csv") == poses_without_times(
+        tiny_run.folder / "whole" / "poses.csv"
+    )
+
+
+@pytest.mark.parametrize("error", [ValueError("depth is odd"), RuntimeError("a bug")])
+def test_crash_leaves_a_failed_run(
+    tiny_run: TinyRun, call: Call, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def fail(*_: Any) -> None:
+        raise error
+
+    monkeypatch.setattr(Detector, "fine", fail)
+    name = type(error).__name__
+    overrides = (*tiny_run.overrides, "refinement.iterations=2", f"output={name}")
+    if isinstance(error, RuntimeError):  # a bug keeps its traceback
+        with pytest.raises(RuntimeError, match="a bug"):
+            call(*overrides)
+    else:
+        code, _, said = call(*overrides)
+        assert code == 1
+        assert said.startswith("hlp: depth is odd\nwhile making poses in ")
+    assert statuses(tiny_run.folder)[name] == "FAILED"
+    assert not (tiny_run.folder / name / "summary.json").exists()
+
+
+def test_same_seed_same_poses_whatever_the_threads(tiny_run: TinyRun, tmp_path: Path) -> None:
+    """Everything is made again in another folder, by one thread instead of two."""
+    again = start_run(tmp_path, *tiny_run.overrides, "output=again", threads=1)
+    assert again.returncode == 0, again.stderr
+    first, second = (
+        {(event["stage"], event["of"]): event["fingerprint"] for event in manifest["stages"]}
+        for manifest in (
+            read_json(tiny_run.output / "manifest.json"),
+            read_json(tmp_path / "again" / "manifest.json"),
+        )
+    )
+    assert first == second
+    ours = poses_without_times(tmp_path / "again" / "poses.csv")
+    assert ours == poses_without_times(tiny_run.output / "poses.csv")
+    scores = (tmp_path / "again" / "scores.csv").read_bytes()
+    assert scores == (tiny_run.output / "scores.csv").read_bytes()
