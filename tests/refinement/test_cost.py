@@ -10,7 +10,8 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from hlp.geometry import project
-from hlp.refinement.cost import WORST, CostSettings, DepthCost, depth_edges
+from hlp.refinement.cost import WORST, CostSettings, DepthCost
+from hlp.refinement.cost_kernel import depth_edges
 from hlp.rendering.rasterizer import render_depth
 
 

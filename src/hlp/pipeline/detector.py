@@ -19,7 +19,7 @@ from hlp.pipeline.settings import RunSettings
 from hlp.pipeline.world import World
 from hlp.records import Codebook, Frame, Hypotheses, LocalPatches, Refinement, Region, Votes
 from hlp.refinement.refiner import Refiner, checked_poses
-from hlp.refinement.verification import Verifier, least
+from hlp.refinement.verification import Observation, Verifier, least, observe
 from hlp.voting.cast import cast_votes
 from hlp.voting.modes import JointModes, JointVotingSettings, ModeFinder, PaperModes
 
@@ -59,6 +59,7 @@ class Detector:
         self._labels = {object_id: i for i, object_id in enumerate(sorted(world.models), start=1)}
         self._searches: dict[int, tuple[Codebook, Neighbours]] = {}
         self._verifiers: dict[int, Verifier] = {}
+        self._observed: tuple[Frame, Observation] | None = None
         self._modes = _make_modes(settings)
 
     @cached_property
@@ -132,24 +133,32 @@ class Detector:
         model = self.world.models[object_id]
         seed = hash_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id)
         depth, camera = frame.depth, frame.camera_matrix
-        verifier = self._verifier(object_id)
+        verifier, observation = self._verifier(object_id), self._observe(frame)
         kept = np.arange(len(coarse))
         if len(coarse) > self.settings.refinement.verification.candidates:
-            costs = verifier.costs(frame.rgb, depth, camera, checked_poses(coarse))
+            costs = verifier.costs(observation, checked_poses(coarse))
             kept = least(costs, self.settings.refinement.verification.candidates)
         fitting = Hypotheses(coarse.poses_cam_obj[kept], coarse.support[kept])
         screened = time.perf_counter() - begun
         spent = screened * (1.0 + len(kept) / len(coarse))  # verifying the refined is still to come
         refined = self._refiner.refine(model, depth, camera, fitting, seed, spent)
         poses = np.stack([each.pose_cam_obj for each in refined])
-        final = verifier.rival_costs(frame.rgb, depth, camera, poses, fitting.support)
+        final = verifier.rival_costs(observation, poses, fitting.support)
         return Fine(refined, final, kept, int(np.argmin(final)))
+
+    def _observe(self, frame: Frame) -> Observation:
+        """The frame as poses are compared with it, made once for all objects."""
+        if self._observed is None or self._observed[0] is not frame:
+            settings = self.settings.refinement.verification
+            made = observe(frame.rgb, frame.depth, frame.camera_matrix, settings)
+            self._observed = frame, made
+        return self._observed[1]
 
     def _verifier(self, object_id: int) -> Verifier:
         if object_id not in self._verifiers:
             model = self.world.models[object_id]
             settings = self.settings.refinement.verification
-            self._verifiers[object_id] = Verifier(model, settings)
+            self._verifiers[object_id] = Verifier(model, settings, self.settings.machine.threads)
         return self._verifiers[object_id]
 
     def _codebook(self, object_id: int) -> tuple[Codebook, Neighbours]:

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 
 from hlp.geometry import project, transform
 from hlp.records import Mesh
-from hlp.refinement.cost_kernel import project_vertices, sum_costs
+from hlp.refinement.cost_kernel import depth_edges, project_vertices, sum_costs
 from hlp.rendering.rasterizer import NEAR, fill_triangles, is_closed
 
 WORST = 1.0
@@ -150,21 +150,6 @@ def _prepared(mesh: Mesh) -> tuple[Float[np.ndarray, "3 v"], Int[np.ndarray, "f 
     faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
     closed = is_closed(faces, mesh.vertices)
     return np.ascontiguousarray(mesh.vertices.T, dtype=np.float64), faces, closed
-
-
-def depth_edges(depth: Float[np.ndarray, "h w"], step: float) -> Bool[np.ndarray, "h w"]:
-    """Edgelets: pixels with a 4-neighbour that lies farther by more than `step` (m) or is empty.
-
-    The near side of a discontinuity is the object's, so only that side is marked. The image's own
-    border is no discontinuity.
-    """
-    far = np.where(depth > 0.0, depth, np.inf)
-    padded = np.pad(far, 1, mode="edge")
-    neighbours = (padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:])
-    edges = np.zeros(depth.shape, dtype=np.bool_)
-    for neighbour in neighbours:
-        edges |= neighbour > far + step
-    return edges
 
 
 def edge_distances(depth: Float[np.ndarray, "h w"], step: float) -> Float[np.ndarray, "h w"]:

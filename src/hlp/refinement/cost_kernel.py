@@ -6,7 +6,7 @@ The loops are written so that the compiler turns them into vector instructions.
 """
 
 import numpy as np
-from jaxtyping import Float, Float32, Int
+from jaxtyping import Bool, Float, Float32, Int
 from numba import njit
 
 from hlp.rendering.rasterizer import NEAR
@@ -18,6 +18,32 @@ _FAR = np.float32(np.inf)
 # Edges belong to both triangles that share them, with a tolerance of so many pixels: above single
 # precision's rounding error in a region of some hundred pixels, so that no crack is left between.
 _TOLERANCE = np.float32(1e-5)
+
+
+@njit(nogil=True, cache=True)
+def depth_edges(depth: Float[np.ndarray, "h w"], step: float) -> Bool[np.ndarray, "h w"]:
+    """Edgelets: pixels with a 4-neighbour that lies farther by more than `step` (m) or is empty.
+
+    The near side of a discontinuity is the object's, so only that side is marked. The image's own
+    border is no discontinuity.
+    """
+    height, width = depth.shape
+    edges = np.zeros((height, width), dtype=np.bool_)
+    for y in range(height):
+        for x in range(width):
+            reach = depth[y, x] + step
+            edges[y, x] = depth[y, x] > 0.0 and (
+                (y > 0 and _beyond(depth[y - 1, x], reach))
+                or (y < height - 1 and _beyond(depth[y + 1, x], reach))
+                or (x > 0 and _beyond(depth[y, x - 1], reach))
+                or (x < width - 1 and _beyond(depth[y, x + 1], reach))
+            )
+    return edges
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _beyond(depth: float, reach: float) -> bool:
+    return depth > reach or depth <= 0.0
 
 
 @njit(nogil=True, cache=True)
