@@ -98,13 +98,13 @@ class Views:
 class LocalPatches:
     """Local RGB-D patches on a common grid (stage 2), before any encoder sees them.
 
-    `color` in 0…255; `depth` along the centre's viewing ray, in units of half the patch's metric
-    size relative to the centre's, clamped to [-1, 1]; `valid` is False where depth is missing or
-    beyond the clamp.
+    `color` in 0…255, without channels where nobody looks at it; `depth` along the centre's viewing
+    ray, in units of half the patch's metric size relative to the centre's, clamped to [-1, 1];
+    `valid` is False where depth is missing or beyond the clamp.
     `points_cam` are the patch centres in camera coordinates (m), `pixels` the same as (x, y).
     """
 
-    color: UInt8[np.ndarray, "n p p 3"]
+    color: UInt8[np.ndarray, "n p p c"]
     depth: Float[np.ndarray, "n p p"]
     valid: Bool[np.ndarray, "n p p"]
     points_cam: Float[np.ndarray, "n 3"]

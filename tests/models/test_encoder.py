@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from hlp.models.encoder import NetworkEncoder, PatchEncoder
-from hlp.models.encoder_input import encoder_input, patch_tensors
+from hlp.models.encoder_input import patch_input
 from hlp.records import LocalPatches
 
 
@@ -54,7 +54,7 @@ def test_features_are_the_networks_own_but_for_bfloat16(kind):
     patches, network = random_patches(20), trained_network()
     features = NetworkEncoder(network, kind, unit_length=False).encode(patches)
     with torch.no_grad():
-        exact = network(encoder_input(*patch_tensors(patches), kind)).numpy()
+        exact = network.eval()(patch_input(patches, kind)).numpy()
     assert features.shape == (20, 24) and features.dtype == np.float32
     error = np.linalg.norm(features - exact, axis=1) / np.linalg.norm(exact, axis=1)
     assert error.max() < 0.03

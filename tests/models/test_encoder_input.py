@@ -1,9 +1,17 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 from torch.nn import functional
 
-from hlp.models.encoder_input import encoder_input, patch_tensors, surface_normals
+from hlp.models.encoder_input import (
+    encoder_input,
+    patch_depth,
+    patch_input,
+    sees_color,
+    surface_normals,
+)
 from hlp.records import LocalPatches
 
 
@@ -73,20 +81,23 @@ def random_patches(count=5):
 
 def test_channels_of_each_kind():
     patches = random_patches()
-    color, depth, valid = patch_tensors(patches)
-    rgbd = encoder_input(color, depth, valid, "rgbd").numpy()
+    depth, valid = patch_depth(patches)
+    rgbd = patch_input(patches, "rgbd").numpy()
     np.testing.assert_allclose(
         rgbd[:, :3], patches.color.transpose(0, 3, 1, 2) / 127.5 - 1, atol=1e-6
     )
     np.testing.assert_array_equal(rgbd[:, 3], patches.depth)
-    shape = encoder_input(color, depth, valid, "normals_depth")
+    shape = patch_input(patches, "normals_depth")
     torch.testing.assert_close(shape[:, :3], surface_normals(depth, valid))
     np.testing.assert_array_equal(shape[:, 3], patches.depth)
     assert shape.abs().max() <= 1.0 + 1e-6
-    blind = encoder_input(1 - color, depth, valid, "normals_depth")
-    assert torch.equal(blind, shape)  # sees no colour
+    colourless = replace(patches, color=patches.color[..., :0])
+    assert torch.equal(patch_input(colourless, "normals_depth"), shape)
+    assert sees_color("rgbd") and not sees_color("normals_depth")
+    with pytest.raises(ValueError, match="needs patches with colour"):
+        patch_input(colourless, "rgbd")
 
 
 def test_another_kind_is_refused_by_name():
     with pytest.raises(ValueError, match=r"'depth_only'.*rgbd, normals_depth"):
-        encoder_input(*patch_tensors(random_patches()), "depth_only")
+        encoder_input(None, *patch_depth(random_patches()), "depth_only")

@@ -151,3 +151,16 @@ def test_a_wall_across_the_viewing_ray_is_flat_wherever_it_stands(pixel):
     rgb = np.zeros((240, 320, 3), np.uint8)
     cut = cut_local_patches(rgb, depth, camera, np.array([pixel]), SIZE, MASKED, 0.0)
     assert np.abs(cut.depth[0][cut.valid[0]]).max() < 0.02  # half a millimetre: nearest pixels
+
+
+def test_patches_without_colour_are_the_same_but_for_it():
+    rng = np.random.default_rng(5)
+    rgb = rng.integers(0, 256, (120, 160, 3)).astype(np.uint8)
+    depth = rng.uniform(0.95, 1.05, (120, 160)).astype(np.float32)
+    pixels = np.array([[40, 30], [80, 60], [120, 90]])
+    settings = LocalSettings(32, 1.0, True)
+    given = (rgb, depth, CAMERA, pixels, 0.1, settings, 0.1)
+    full, plain = cut_local_patches(*given), cut_local_patches(*given, with_color=False)
+    assert full.color.shape == (3, 32, 32, 3) and plain.color.shape == (3, 32, 32, 0)
+    for name in ("depth", "valid", "points_cam", "pixels"):
+        np.testing.assert_array_equal(getattr(full, name), getattr(plain, name))

@@ -301,3 +301,10 @@ def test_without_shifts_a_mode_is_backed_by_what_agrees_with_its_vote():
     for pose, vote in zip(found.poses_cam_obj, expected, strict=True):
         np.testing.assert_allclose(voted_center(pose), votes.centroids_cam[vote], atol=1e-12)
         np.testing.assert_allclose(pose[:3, :3], votes.rotations_cam_obj[vote], atol=1e-9)
+
+
+def test_threads_change_no_bit():
+    votes = join(many_objects(), clutter(300))
+    one, two = (JointModes(JOINT, threads).find(votes, CENTROID) for threads in (1, 2))
+    np.testing.assert_array_equal(one.poses_cam_obj, two.poses_cam_obj)
+    np.testing.assert_array_equal(one.support, two.support)

@@ -1,6 +1,5 @@
 """CNN that classifies holistic patches (paper, Fig. 3; its sizes are not printed there)."""
 
-import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,7 +10,8 @@ from jaxtyping import Float
 from pytorch_lightning.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
 from torch.nn import functional
-from torch.nn.utils.fusion import fuse_conv_bn_eval
+
+from hlp.models.fusing import fused
 
 RESOLUTION = 64  # px of a window's side (paper, Fig. 3)
 CHUNK = 256
@@ -107,20 +107,8 @@ class HolisticClassifier(pl.LightningModule):
 
 
 def inference_network(network: HolisticCNN) -> nn.Module:
-    """The trained network for finding: batch norm within the convolutions, bfloat16.
-
-    Closer to the network in single precision than autocast is, and faster: what autocast
-    rounds after every step is rounded once a layer. The network itself stays as it was.
-    """
-    network = copy.deepcopy(network).float().eval()
-    layers: list[nn.Module] = []
-    for each in network.features:
-        if isinstance(each, nn.BatchNorm2d) and isinstance(layers[-1], nn.Conv2d):
-            layers[-1] = fuse_conv_bn_eval(layers[-1], each)
-        else:
-            layers.append(each)
-    layers += [each for each in network.head if not isinstance(each, nn.Dropout)]
-    return nn.Sequential(*layers).to(torch.bfloat16, memory_format=torch.channels_last)  # type: ignore[call-overload, no-any-return]
+    """The trained network for finding, see `fused`; the network itself stays as it was."""
+    return fused([*network.features, *network.head])
 
 
 @torch.inference_mode()

@@ -9,7 +9,8 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional
 
-from hlp.models.encoder_input import empty_features, encoder_input, patch_tensors
+from hlp.models.encoder_input import empty_features, patch_input, sees_color
+from hlp.models.fusing import fused
 from hlp.records import LocalPatches
 
 RESOLUTION = 32  # px of a patch's side (paper, section 3.2)
@@ -17,7 +18,12 @@ _CHUNK = 512
 
 
 class Encoder(Protocol):
-    """Turns local patches into features whose Euclidean distances mean likeness."""
+    """Turns local patches into features whose Euclidean distances mean likeness.
+
+    `sees_color`: whether it needs patches with colour.
+    """
+
+    sees_color: bool
 
     def encode(self, patches: LocalPatches) -> Float[np.ndarray, "n d"]:
         """Features (n, d) float32 of n patches."""
@@ -53,25 +59,22 @@ class NetworkEncoder:
     """
 
     def __init__(self, network: PatchEncoder, kind: str, unit_length: bool) -> None:
-        network.eval()
-        network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.network = network
+        self.network = fused([*network.convolutions, nn.Flatten(), network.dense])
+        self.dimension = network.dense.out_features
         self.kind = kind
+        self.sees_color = sees_color(kind)
         self.unit_length = unit_length
 
     @torch.inference_mode()
     def encode(self, patches: LocalPatches) -> Float[np.ndarray, "n d"]:
         """Features (n, d) float32 of n patches."""
         if len(patches) == 0:
-            return empty_features(self.network.dense.out_features)
-        features = []
-        tensors = (torch.split(values, _CHUNK) for values in patch_tensors(patches))
-        for color, depth, valid in zip(*tensors, strict=True):
-            images = encoder_input(color, depth, valid, self.kind)
-            with torch.autocast("cpu", dtype=torch.bfloat16):
-                code = self.network(images.contiguous(memory_format=torch.channels_last))
-            features.append(code.float())
-        stacked = torch.cat(features)
-        if self.unit_length:
-            stacked = functional.normalize(stacked, dim=1)
-        return np.asarray(stacked.numpy())
+            return empty_features(self.dimension)
+        images = patch_input(patches, self.kind)
+        features = [self._features(part) for part in torch.split(images, _CHUNK)]
+        return np.asarray(torch.cat(features).numpy())
+
+    def _features(self, images: Tensor) -> Tensor:
+        low = images.to(torch.bfloat16).contiguous(memory_format=torch.channels_last)
+        code = torch.as_tensor(self.network(low)).float()
+        return functional.normalize(code, dim=1) if self.unit_length else code

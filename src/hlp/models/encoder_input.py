@@ -29,10 +29,22 @@ def encoder_input(color: Tensor | None, depth: Tensor, valid: Tensor, kind: str)
     )
 
 
-def patch_tensors(patches: LocalPatches) -> tuple[Tensor, Tensor, Tensor]:
-    """Colour (n, 3, p, p) in 0…1, depth and valid (n, p, p) of cut patches."""
-    color = torch.from_numpy(patches.color).permute(0, 3, 1, 2).float() / 255.0
-    return color, torch.from_numpy(patches.depth).float(), torch.from_numpy(patches.valid)
+def patch_input(patches: LocalPatches, kind: str) -> Tensor:
+    """`encoder_input` of cut patches."""
+    color = None
+    if patches.color.shape[-1] and sees_color(kind):
+        color = torch.from_numpy(patches.color).permute(0, 3, 1, 2).float() / 255.0
+    return encoder_input(color, *patch_depth(patches), kind)
+
+
+def patch_depth(patches: LocalPatches) -> tuple[Tensor, Tensor]:
+    """Depth and valid (n, p, p) of cut patches."""
+    return torch.from_numpy(patches.depth).float(), torch.from_numpy(patches.valid)
+
+
+def sees_color(kind: str) -> bool:
+    """Whether an input of this kind needs patches with colour."""
+    return kind == "rgbd"
 
 
 def surface_normals(depth: Tensor, valid: Tensor) -> Tensor:

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional
 
-from hlp.models.encoder_input import empty_features, patch_tensors, surface_normals
+from hlp.models.encoder_input import empty_features, patch_depth, surface_normals
 from hlp.records import LocalPatches
 
 
@@ -23,6 +23,8 @@ class PcaSettings:
 class PcaEncoder:
     """Projection of averaged normals on their principal components."""
 
+    sees_color = False
+
     def __init__(
         self, mean: Float[np.ndarray, "f"], components: Float[np.ndarray, "d f"], cells: int
     ) -> None:
@@ -34,7 +36,7 @@ class PcaEncoder:
         """Features (n, d) float32 of n patches."""
         if len(patches) == 0:
             return empty_features(len(self.components))
-        _, depth, valid = patch_tensors(patches)
+        depth, valid = patch_depth(patches)
         flat = _averaged_normals(depth, valid, self.cells)
         return np.asarray((flat - self.mean) @ self.components.T, dtype=np.float32)
 

@@ -50,13 +50,15 @@ def cut_local_patches(
     metric_size: float,
     settings: LocalSettings,
     min_valid: float,
+    with_color: bool = True,
 ) -> LocalPatches:
     """Cut patches of side f·size/z around pixels (x, y), the same way in views and scenes.
 
     Pixels without depth give no patch, nor do patches with less than the share `min_valid` inside
     the metric cube; the result tells which remained. Depth becomes (d − z)/(size/2), clamped to ±1,
     both measured along the patch's viewing ray: a surface has the same relief wherever in the image
-    it is seen from the same side, as a vote's turn to the ray assumes.
+    it is seen from the same side, as a vote's turn to the ray assumes. Without `with_color` the
+    patches have no channel of colour.
     """
     z = center_depths(depth, pixels)
     kept = z > 0
@@ -64,9 +66,12 @@ def cut_local_patches(
     focal = float(camera_matrix[0, 0] + camera_matrix[1, 1]) / 2
     sides = focal * metric_size / z
     centers = pixels.astype(np.float64)
-    color = sample_squares(rgb, centers, sides, settings.resolution)
     single = np.asarray(depth, dtype=np.float32)
     raw = sample_squares(single, centers, sides, settings.resolution, nearest=True)
+    if with_color:
+        color = sample_squares(rgb, centers, sides, settings.resolution)
+    else:
+        color = np.empty((*raw.shape, 0), dtype=np.uint8)
     across, down = _along_ray(centers, sides, settings.resolution, camera_matrix)
     lengths = np.linalg.norm(_rays(centers, camera_matrix), axis=1)
     valid = np.empty(raw.shape, dtype=np.bool_)
@@ -110,7 +115,7 @@ def _relate(
     across: Float[np.ndarray, "n p"],
     down: Float[np.ndarray, "n p"],
     mask: bool,
-    color: UInt8[np.ndarray, "n p p 3"],
+    color: UInt8[np.ndarray, "n p p c"],
     valid: Bool[np.ndarray, "n p p"],
 ) -> None:
     """Replace depths (m) by relative ones along the ray, fill `valid`; `mask` what is beyond."""
@@ -127,7 +132,7 @@ def _relate(
                 depth[i, y, x] = min(max(relative, -one), one) if seen else fill
                 if mask and not inside:
                     depth[i, y, x] = fill
-                    for channel in range(3):
+                    for channel in range(color.shape[3]):
                         color[i, y, x, channel] = _FILL_COLOR
 
 

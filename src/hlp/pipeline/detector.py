@@ -111,6 +111,7 @@ class Detector:
             model.local_size * patches.local.size_scale,
             patches.local,
             patches.grid.min_valid,
+            self._encoder.sees_color,
         )
         matches = search.search(self._encoder.encode(cut))
         matched = time.perf_counter()
@@ -189,4 +190,6 @@ def hash_seed(*parts: int) -> int:
 
 def _make_modes(settings: RunSettings) -> ModeFinder:
     voting = settings.voting
-    return JointModes(voting) if isinstance(voting, JointVotingSettings) else PaperModes(voting)
+    if isinstance(voting, JointVotingSettings):
+        return JointModes(voting, settings.machine.threads)
+    return PaperModes(voting)

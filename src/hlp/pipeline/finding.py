@@ -19,7 +19,7 @@ from hlp.pipeline.store import StageStore
 from hlp.pipeline.world import World
 from hlp.records import Frame, Hypotheses, PoseEstimate, Region
 
-VERSIONS = {"regions": 2, "hypotheses": 4, "poses": 7}
+VERSIONS = {"regions": 2, "hypotheses": 5, "poses": 7}
 
 Arrays = dict[str, np.ndarray]
 

@@ -33,7 +33,7 @@ from hlp.pipeline.world import World, frames_identity
 from hlp.records import Codebook, Views
 from hlp.rendering.views import load_views, render_views, save_views
 
-VERSIONS = {"views": 1, "classifier": 2, "encoder": 2, "codebook": 2}
+VERSIONS = {"views": 1, "classifier": 2, "encoder": 2, "codebook": 3}
 _SCALE_SAMPLE = 1024
 
 

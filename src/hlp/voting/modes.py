@@ -1,14 +1,16 @@
 """Modes of the votes: the paper's two independent mean shifts, and the joint 6D modes."""
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
-from numba import njit
+from jaxtyping import Bool, Float
 
 from hlp.geometry import quaternions, rigid, rotation_matrices
 from hlp.records import Hypotheses, Votes
+from hlp.voting.modes_kernel import choose_distinct, shift_means, sum_support
 
 
 @dataclass(frozen=True)
@@ -73,12 +75,17 @@ class PaperModes:
 
 
 class JointModes:
-    """Flat-kernel mean shift in translation × rotation from every vote that many agree with."""
+    """Flat-kernel mean shift in translation × rotation from every vote that many agree with.
 
-    def __init__(self, settings: JointVotingSettings) -> None:
+    `threads` share out the votes and change no result.
+    """
+
+    def __init__(self, settings: JointVotingSettings, threads: int = 1) -> None:
         self.settings = settings
-        self.radius = settings.translation_mm / 1000.0
+        self.reach = (settings.translation_mm / 1000.0) ** 2
         self.cosine = float(np.cos(np.deg2rad(settings.rotation_deg) / 2.0))
+        self._threads = threads
+        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
 
     def find(self, votes: Votes, centroid_obj: Float[np.ndarray, "3"]) -> Hypotheses:
         """Up to `hypotheses` modes, ranked by the weight of the votes within the kernel."""
@@ -86,103 +93,25 @@ class JointModes:
             return no_hypotheses()
         centroids, quats, weights = _strongest(votes, self.settings.max_votes)
         places, turns = np.ascontiguousarray(centroids.T), np.ascontiguousarray(quats.T)
-        support = _supports(places, turns, weights, self.radius**2, self.cosine)
-        seeds, inside = self._seeds(places, turns, support)
-        centers, turned = centroids[seeds], quats[seeds]
-        for _ in range(self.settings.shifts):
-            centers = _weighted_mean(inside, weights, centroids)
-            turned = _mean_quaternions(inside, weights, quats, turned)
-            inside = self._inside(centers, turned, centroids, quats)
-        backing = inside @ weights
-        order = np.argsort(-backing, kind="stable")
-        kept = self._distinct(centers, turned, order)[: self.settings.hypotheses]
-        return Hypotheses(_poses(centers[kept], turned[kept], centroid_obj), backing[kept])
+        given = (places, turns, weights, self.reach, self.cosine)
+        support = np.empty(len(weights))
+        self._share(len(support), lambda a, b: sum_support(*given, a, support[a:b]))
+        # A few times as many as are asked for: several may drift to one mode.
+        most = 4 * self.settings.hypotheses
+        seeds = choose_distinct(places, turns, support, self.reach, self.cosine, most)
+        means, backing = np.hstack([centroids[seeds], quats[seeds]]), np.empty(len(seeds))
+        shifts = self.settings.shifts
+        self._share(len(seeds), lambda a, b: shift_means(*given, shifts, means[a:b], backing[a:b]))
+        found = (np.ascontiguousarray(means[:, :3].T), np.ascontiguousarray(means[:, 3:].T))
+        most = self.settings.hypotheses
+        kept = choose_distinct(*found, backing, self.reach, self.cosine, most)
+        poses = _poses(means[kept, :3], means[kept, 3:], centroid_obj)
+        return Hypotheses(poses, backing[kept])
 
-    def _seeds(
-        self,
-        places: Float[np.ndarray, "3 v"],
-        turns: Float[np.ndarray, "4 v"],
-        support: Float[np.ndarray, "v"],
-    ) -> tuple[Int[np.ndarray, "s"], Bool[np.ndarray, "s v"]]:
-        """Strongest votes, none within the kernel of a stronger one; a few times what is asked.
-
-        With each, the votes within its kernel.
-        """
-        seeds: list[int] = []
-        inside: list[Bool[np.ndarray, "v"]] = []
-        free = support.copy()
-        for _ in range(4 * self.settings.hypotheses):
-            best = int(np.argmax(free))
-            if free[best] < 0.0:
-                break
-            seeds.append(best)
-            inside.append(_agreeing(places, turns, best, self.radius**2, self.cosine))
-            free[inside[-1]] = -1.0
-        return np.array(seeds), np.array(inside)
-
-    def _inside(
-        self,
-        centers: Float[np.ndarray, "s 3"],
-        turned: Float[np.ndarray, "s 4"],
-        centroids: Float[np.ndarray, "v 3"],
-        quats: Float[np.ndarray, "v 4"],
-    ) -> Bool[np.ndarray, "s v"]:
-        apart = _squared_distances(centers, centroids)
-        inside = (apart <= self.radius**2) & (np.abs(turned @ quats.T) >= self.cosine)
-        # A mean that drifted away from all votes keeps its nearest one.
-        lonely = ~inside.any(axis=1)
-        inside[lonely, np.argmin(apart[lonely], axis=1)] = True
-        return np.asarray(inside)
-
-    def _distinct(
-        self,
-        centers: Float[np.ndarray, "s 3"],
-        turned: Float[np.ndarray, "s 4"],
-        order: Int[np.ndarray, "s"],
-    ) -> list[int]:
-        same = _squared_distances(centers, centers) <= self.radius**2
-        same &= np.abs(turned @ turned.T) >= self.cosine
-        kept: list[int] = []
-        for i in order:
-            if not same[i, kept].any():
-                kept.append(int(i))
-        return kept
-
-
-# Sums may be taken in another order, as vectors need.
-@njit(nogil=True, cache=True, fastmath={"reassoc", "contract", "nsz"})
-def _supports(
-    places: Float[np.ndarray, "3 v"],
-    turns: Float[np.ndarray, "4 v"],
-    weights: Float[np.ndarray, "v"],
-    reach: float,
-    cosine: float,
-) -> Float[np.ndarray, "v"]:
-    """Weight of the votes within the kernel of each vote; `reach` is the squared radius."""
-    count = len(weights)
-    support = np.empty(count)
-    x, y, z = places[0], places[1], places[2]
-    a, b, c, d = turns[0], turns[1], turns[2], turns[3]
-    for i in range(count):
-        total = 0.0
-        for j in range(count):
-            apart = (x[i] - x[j]) ** 2 + (y[i] - y[j]) ** 2 + (z[i] - z[j]) ** 2
-            alike = abs(a[i] * a[j] + b[i] * b[j] + c[i] * c[j] + d[i] * d[j])
-            total += weights[j] if (apart <= reach) & (alike >= cosine) else 0.0
-        support[i] = total
-    return support
-
-
-def _agreeing(
-    places: Float[np.ndarray, "3 v"],
-    turns: Float[np.ndarray, "4 v"],
-    vote: int,
-    reach: float,
-    cosine: float,
-) -> Bool[np.ndarray, "v"]:
-    """Which votes lie within the kernel of one."""
-    apart = _squared_distances(places[:, [vote]].T, places.T)[0]
-    return np.asarray((apart <= reach) & (np.abs(turns[:, vote] @ turns) >= cosine))
+    def _share(self, count: int, work: Callable[[int, int], None]) -> None:
+        """Do the work from each bound to the next, side by side."""
+        bounds = np.linspace(0, count, self._threads + 1).astype(int)
+        list((self._pool.map if self._pool else map)(work, bounds[:-1], bounds[1:]))
 
 
 def no_hypotheses() -> Hypotheses:
@@ -205,16 +134,6 @@ def _within(points: Float[np.ndarray, "v 3"], radius: float) -> Bool[np.ndarray,
     squares = (points**2).sum(axis=1)
     apart = squares[:, None] + squares - 2.0 * points @ points.T
     return np.asarray(apart <= radius**2)
-
-
-def _squared_distances(
-    first: Float[np.ndarray, "s 3"], second: Float[np.ndarray, "v 3"]
-) -> Float[np.ndarray, "s v"]:
-    """Axis by axis: a third of the time of a norm over the last axis."""
-    apart = np.zeros((len(first), len(second)))
-    for axis in range(3):
-        apart += (first[:, axis, None] - second[:, axis]) ** 2
-    return apart
 
 
 def _weighted_mean(
