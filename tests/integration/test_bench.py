@@ -75,7 +75,7 @@ def test_bench_compares_results_and_times_of_paths(bench: Path) -> None:
     compared = result["compared"]
     same = compared["same"]
     assert (same["same_pose"], same["same_verdict"], same["region_iou"]) == (1.0, 1.0, 1.0)
-    assert compared["reference"]["changes"]["patches"] == {"region": {"scan": "exact"}}
+    assert compared["reference"]["changes"]["patches"]["region"] == {"scan": "exact"}
     few = compared["few"]
     assert few["region_iou"] == 1.0 and few["same_pose"] < 1.0
     assert few["ratio"]["frame"]["refine"] < 0.9

@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 
 from hlp.geometry import project
-from hlp.patches.holistic import metric_windows
-from hlp.patches.window_choice import find_planes, group_sizes, off_planes
+from hlp.patches.holistic import metric_windows, pixel_grid
+from hlp.patches.window_choice import find_planes, group_sizes, off_planes, quincunx
 
 CAMERA = np.array([[570.0, 0.0, 319.5], [0.0, 570.0, 239.5], [0.0, 0.0, 1.0]])
 STEP = 16
@@ -114,3 +114,11 @@ def test_too_few_windows_for_a_plane_are_fine():
     for count in (0, 2, 3):
         assert find_planes(windows.at(slice(0, count)), CAMERA, STEP) == []
     assert off_planes([], 2, 0.1).all()
+
+
+def test_a_quincunx_keeps_half_and_no_two_neighbours():
+    centers = pixel_grid((480, 640), 16).astype(float)
+    kept = quincunx(centers, 16)
+    assert kept.sum() == len(centers) / 2
+    apart = np.linalg.norm(centers[kept][:, None] - centers[kept][None], axis=2)
+    assert apart[apart > 0].min() == pytest.approx(16 * np.sqrt(2))

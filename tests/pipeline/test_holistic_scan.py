@@ -101,7 +101,7 @@ def test_the_fast_scan_leaves_out_the_wall_and_is_exact_elsewhere(network, objec
     rows = {tuple(center): i for i, center in enumerate(windows.centers)}
     kept = np.array([rows[tuple(center)] for center in fewer.centers])
     assert uneven[kept].mean() > 0.9
-    assert len(kept) > 0.8 * uneven.sum()
+    assert len(kept) > 0.8 * uneven.sum() / 2  # of every other window
     np.testing.assert_array_equal(found, classes[kept])
     np.testing.assert_array_equal(fewer.sides, windows.sides[kept])
 

@@ -31,6 +31,7 @@ def cost_settings() -> CostSettings:
 def verification() -> VerificationSettings:
     return VerificationSettings(
         candidates=5,
+        most_gain=0.1,
         weight_depth=0.8,
         weight_edge=0.3,
         weight_color=0.2,

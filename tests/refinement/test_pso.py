@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from refinement_scene import CAMERA, Scene, disturbed, posed
+from refinement_scene import CAMERA, Scene, disturbed, error, posed
 
 from hlp.geometry import rigid, rotation_distance
-from hlp.records import Hypotheses
+from hlp.records import Hypotheses, Refinement
 from hlp.refinement.cost import CostSettings
-from hlp.refinement.pso import PsoRefiner, PsoSettings, moved, search
+from hlp.refinement.pso import PolishSettings, PsoRefiner, PsoSettings, moved, search
 from hlp.refinement.verification import VerificationSettings
 
 CENTROID = np.array([0.02, -0.01, 0.03])
@@ -33,7 +33,20 @@ class Bowl:
 @pytest.fixture
 def settings(cost_settings: CostSettings, verification: VerificationSettings) -> PsoSettings:
     return PsoSettings(
-        "pso", cost_settings, verification, 25, 10.0, 10.0, 2.8, 1.3, 60, 10, True, 0.0, 1
+        "pso",
+        cost_settings,
+        verification,
+        25,
+        10.0,
+        10.0,
+        2.8,
+        1.3,
+        60,
+        10,
+        True,
+        PolishSettings(3.0, 3.0, 6),
+        0.0,
+        1,
     )
 
 
@@ -124,3 +137,26 @@ def test_hypotheses_have_their_own_streams(scene: Scene, settings: PsoSettings) 
         for poses in other
     ]
     np.testing.assert_array_equal(found[0].pose_cam_obj, found[1].pose_cam_obj)
+
+
+def test_polish_makes_the_answer_more_exact(scene: Scene, settings: PsoSettings) -> None:
+    refiner = PsoRefiner(settings)
+    before, after = [], []
+    for seed in range(4):
+        answer = Refinement(disturbed(scene, 2, 2, seed), 5)
+        found = refiner.polish(scene.model, scene.depth, CAMERA, answer, seed)
+        assert found.iterations > 5
+        before.append(error(scene, answer.pose_cam_obj))
+        after.append(error(scene, found.pose_cam_obj))
+    assert np.mean(after) < 0.6 * np.mean(before)
+
+
+def test_no_polish_where_none_is_set_or_no_time_is_left(
+    scene: Scene, settings: PsoSettings
+) -> None:
+    answer = Refinement(disturbed(scene, 2, 2, 0), 5)
+    given = (scene.model, scene.depth, CAMERA, answer, 0)
+    assert PsoRefiner(replace(settings, polish=None)).polish(*given) is answer
+    late = PsoRefiner(replace(settings, budget_ms=50.0))
+    assert late.polish(*given, spent=0.06) is answer
+    assert late.polish(*given, spent=0.0) is not answer

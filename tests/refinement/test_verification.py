@@ -15,7 +15,6 @@ from hlp.refinement.verification import (
     Observation,
     VerificationSettings,
     Verifier,
-    least,
     observe,
 )
 from hlp.rendering.light import Light
@@ -193,9 +192,3 @@ def test_threads_change_no_bit(scene: Scene, verification: VerificationSettings)
     observation = seen(scene, verification)
     one, two = (Verifier(scene.model, verification, threads) for threads in (1, 2))
     np.testing.assert_array_equal(one.costs(observation, poses), two.costs(observation, poses))
-
-
-def test_least_keeps_the_cheapest_in_their_order() -> None:
-    np.testing.assert_array_equal(least(np.array([0.5, 0.1, 0.3, 0.1]), 2), [1, 3])
-    np.testing.assert_array_equal(least(np.array([0.2, 0.2, 0.2]), 2), [0, 1])
-    np.testing.assert_array_equal(least(np.array([0.2]), 5), [0])

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from hlp.codebook.inverted_lists import InvertedLists, InvertedListsSettings
 from hlp.codebook.neighbours import ExactNeighbours, ExactSettings, KdForest, Neighbours
@@ -17,9 +16,10 @@ from hlp.pipeline.learning import Learner
 from hlp.pipeline.refiners import make_refiner
 from hlp.pipeline.settings import RunSettings
 from hlp.pipeline.world import World
-from hlp.records import Codebook, Frame, Hypotheses, LocalPatches, Refinement, Region, Votes
-from hlp.refinement.refiner import Refiner, checked_poses
-from hlp.refinement.verification import Observation, Verifier, least, observe
+from hlp.records import Codebook, Frame, Hypotheses, LocalPatches, Region, Votes
+from hlp.refinement.choice import Fine, refine_and_choose
+from hlp.refinement.refiner import Refiner
+from hlp.refinement.verification import Observation, Verifier, observe
 from hlp.voting.cast import cast_votes
 from hlp.voting.modes import JointModes, JointVotingSettings, ModeFinder, PaperModes
 
@@ -33,20 +33,6 @@ class Coarse:
     hypotheses: Hypotheses
     local_seconds: float
     voting_seconds: float
-
-
-@dataclass(frozen=True)
-class Fine:
-    """What stage 3 makes of the hypotheses: those refined, which they were, and the answer's index.
-
-    `refined[i]` comes of the coarse hypothesis `sources[i]` and has the verification cost
-    `costs[i]`; `refined[best]` is the answer.
-    """
-
-    refined: list[Refinement]
-    costs: Float[np.ndarray, "c"]
-    sources: Int[np.ndarray, "c"]
-    best: int
 
 
 class Detector:
@@ -130,22 +116,17 @@ class Detector:
         """Stage 3: refine the hypotheses worth it and choose one; None where there is none."""
         if len(coarse) == 0:
             return None
-        begun = time.perf_counter()
-        model = self.world.models[object_id]
-        seed = hash_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id)
-        depth, camera = frame.depth, frame.camera_matrix
-        verifier, observation = self._verifier(object_id), self._observe(frame)
-        kept = np.arange(len(coarse))
-        if len(coarse) > self.settings.refinement.verification.candidates:
-            costs = verifier.costs(observation, checked_poses(coarse))
-            kept = least(costs, self.settings.refinement.verification.candidates)
-        fitting = Hypotheses(coarse.poses_cam_obj[kept], coarse.support[kept])
-        screened = time.perf_counter() - begun
-        spent = screened * (1.0 + len(kept) / len(coarse))  # verifying the refined is still to come
-        refined = self._refiner.refine(model, depth, camera, fitting, seed, spent)
-        poses = np.stack([each.pose_cam_obj for each in refined])
-        final = verifier.rival_costs(observation, poses, fitting.support)
-        return Fine(refined, final, kept, int(np.argmin(final)))
+        verification = self.settings.refinement.verification
+        return refine_and_choose(
+            self._refiner,
+            self._verifier(object_id),
+            self._observe(frame),
+            self.world.models[object_id],
+            coarse,
+            verification.candidates,
+            verification.most_gain,
+            hash_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id),
+        )
 
     def _observe(self, frame: Frame) -> Observation:
         """The frame as poses are compared with it, made once for all objects."""

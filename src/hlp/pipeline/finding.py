@@ -9,7 +9,7 @@ import numpy as np
 from tqdm import tqdm
 
 from hlp.geometry import quaternions
-from hlp.pipeline.detector import Coarse, Detector, Fine
+from hlp.pipeline.detector import Coarse, Detector
 from hlp.pipeline.executor import each_in_workers
 from hlp.pipeline.fingerprint import fingerprint
 from hlp.pipeline.frame_files import read_arrays, write_arrays
@@ -18,8 +18,9 @@ from hlp.pipeline.settings import RunSettings, SerialSettings, result_settings
 from hlp.pipeline.store import StageStore
 from hlp.pipeline.world import World
 from hlp.records import Frame, Hypotheses, PoseEstimate, Region
+from hlp.refinement.choice import Fine
 
-VERSIONS = {"regions": 2, "hypotheses": 5, "poses": 7}
+VERSIONS = {"regions": 3, "hypotheses": 5, "poses": 7}
 
 Arrays = dict[str, np.ndarray]
 

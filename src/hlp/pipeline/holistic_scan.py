@@ -7,7 +7,14 @@ from jaxtyping import Float
 
 from hlp.models.classifier import CHUNK, HolisticCNN, class_probabilities, inference_network
 from hlp.patches.holistic import HolisticSettings, RegionSettings, Windows, metric_windows
-from hlp.patches.window_choice import Plane, SizeGroup, find_planes, group_sizes, off_planes
+from hlp.patches.window_choice import (
+    Plane,
+    SizeGroup,
+    find_planes,
+    group_sizes,
+    off_planes,
+    quincunx,
+)
 from hlp.patches.window_images import WindowImages
 from hlp.records import Frame, ObjectModel
 
@@ -62,7 +69,8 @@ class HolisticScan:
             return windows
         if self._planes is None:  # of the frame, whatever the windows' size
             self._planes = find_planes(windows, camera, self._step)
-        return windows.at(off_planes(self._planes, len(windows.sides), group.diameter))
+        kept = off_planes(self._planes, len(windows.sides), group.diameter)
+        return windows.at(kept & quincunx(windows.centers, self._step))
 
     def _classes(self, windows: Windows, metric_size: float) -> Classes:
         # A chunk is cut and classified before the next, while it is in the processor's cache.

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from hlp.codebook.neighbours import ExactNeighbours
-from hlp.pipeline.detector import Coarse, Detector, Fine
+from hlp.pipeline.detector import Coarse, Detector
 from hlp.records import Frame, Hypotheses, LocalPatches, Region
+from hlp.refinement.choice import Fine
 
 PARTS = {
     "windows": 1,
@@ -24,6 +25,7 @@ PARTS = {
     "screen": 3,
     "refine": 3,
     "verify": 3,
+    "polish": 3,
 }
 """Parts of detection in their order, each with the stage that it belongs to."""
 
@@ -108,6 +110,7 @@ class TimedDetector(Detector):
             self._charge(self._codebook(object_id)[1], "search", "search", "vote")
         self._charge(self._modes, "find", "modes", "modes")
         self._charge(self._refiner, "refine", "refine", "verify")
+        self._charge(self._refiner, "polish", "polish", "verify")
         return Loading(classifier, encoder, objects)
 
     def _load_object(self, object_id: int) -> None:

@@ -56,6 +56,18 @@ class IcpRefiner:
             refined.append(Refinement(best, iterations))
         return refined
 
+    def polish(
+        self,
+        model: ObjectModel,
+        depth: Float[np.ndarray, "h w"],
+        camera_matrix: Float[np.ndarray, "3 3"],
+        answer: Refinement,
+        seed: int,
+        spent: float = 0.0,
+    ) -> Refinement:
+        """See Refiner.polish. There is nothing to add."""
+        return answer
+
 
 def align(
     cost: DepthCost, pose_cam_obj: Float[np.ndarray, "4 4"], settings: IcpSettings

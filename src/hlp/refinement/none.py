@@ -32,3 +32,15 @@ class NoneRefiner:
     ) -> list[Refinement]:
         """See Refiner.refine. Nothing is random nor timed: `seed` and `spent` are not used."""
         return [Refinement(pose, 0) for pose in checked_poses(hypotheses)]
+
+    def polish(
+        self,
+        model: ObjectModel,
+        depth: Float[np.ndarray, "h w"],
+        camera_matrix: Float[np.ndarray, "3 3"],
+        answer: Refinement,
+        seed: int,
+        spent: float = 0.0,
+    ) -> Refinement:
+        """See Refiner.polish. There is nothing to add."""
+        return answer

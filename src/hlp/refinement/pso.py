@@ -2,16 +2,27 @@
 
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
+from numba import njit
 
-from hlp.geometry import rigid
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.refiner import checked_poses
 from hlp.refinement.verification import VerificationSettings
+
+_POLISH = 1 << 16  # the polish's random stream; those of hypotheses are numbered from 0
+
+
+@dataclass(frozen=True)
+class PolishSettings:
+    """The second search, about the answer; see conf/refinement/pso.yaml for what each means."""
+
+    theta_deg: float
+    tau_mm: float
+    patience: int
 
 
 @dataclass(frozen=True)
@@ -29,6 +40,7 @@ class PsoSettings:
     iterations: int
     patience: int
     recentre: bool
+    polish: PolishSettings | None
     budget_ms: float
     threads: int
 
@@ -63,30 +75,59 @@ class PsoRefiner:
         """
         poses = checked_poses(hypotheses)
         settings = self._settings
-        budget = settings.budget_ms / 1000.0 if settings.budget_ms > 0 else np.inf
         # Whole hypotheses are shared out: nothing waits for the slowest particle. One alone is
         # worth the waiting.
         at_once = min(settings.threads, len(poses))
         threads = settings.threads if at_once <= 1 else 1
-        start = time.perf_counter() - spent
+        end = time.perf_counter() + self._left(spent)
 
         def one(index: int) -> Refinement:
             now = time.perf_counter()
-            if now - start > budget:
+            if now > end:
                 return Refinement(poses[index], 0)
-            share = min(at_once / (len(poses) - index), 1.0)
-            deadline = now + (budget - (now - start)) * share
+            deadline = now + (end - now) * min(at_once / (len(poses) - index), 1.0)
             rng = np.random.default_rng([seed, index])
-            pose = poses[index]
-            cost = DepthCost(model.proxy, depth, camera_matrix, pose, settings.cost, threads)
-            best, iterations = search(cost, pose, centroid, settings, rng, deadline)
+            cost = DepthCost(
+                model.proxy, depth, camera_matrix, poses[index], settings.cost, threads
+            )
+            best, iterations = search(cost, poses[index], model.centroid, settings, rng, deadline)
             return Refinement(best, iterations)
 
-        centroid = model.centroid
         if at_once <= 1:
             return [one(index) for index in range(len(poses))]
         with ThreadPoolExecutor(at_once) as pool:
             return list(pool.map(one, range(len(poses))))
+
+    def polish(
+        self,
+        model: ObjectModel,
+        depth: Float[np.ndarray, "h w"],
+        camera_matrix: Float[np.ndarray, "3 3"],
+        answer: Refinement,
+        seed: int,
+        spent: float = 0.0,
+    ) -> Refinement:
+        """See Refiner.polish: a search of a smaller box, in the time left."""
+        polish, left = self._settings.polish, self._left(spent)
+        if polish is None or left <= 0.0:
+            return answer
+        settings = replace(
+            self._settings,
+            theta_deg=polish.theta_deg,
+            tau_mm=polish.tau_mm,
+            patience=polish.patience,
+        )
+        pose, threads = answer.pose_cam_obj, self._settings.threads
+        cost = DepthCost(model.proxy, depth, camera_matrix, pose, settings.cost, threads)
+        rng = np.random.default_rng([seed, _POLISH])
+        deadline = time.perf_counter() + left
+        best, iterations = search(cost, pose, model.centroid, settings, rng, deadline)
+        return Refinement(best, answer.iterations + iterations)
+
+    def _left(self, spent: float) -> float:
+        """Seconds left of the budget; infinite without one."""
+        budget = self._settings.budget_ms
+        return budget / 1000.0 - spent if budget > 0 else np.inf
 
 
 def search(
@@ -136,6 +177,7 @@ def search(
     return moved(centre, leader[None] * box, centroid)[0], iteration
 
 
+@njit(nogil=True, cache=True)
 def moved(
     pose_cam_obj: Float[np.ndarray, "4 4"],
     steps: Float[np.ndarray, "n 6"],
@@ -145,18 +187,25 @@ def moved(
 
     R_r turns about the object's centroid (object coordinates), t_r moves the centroid.
     """
-    rotation, translation = pose_cam_obj[:3, :3], pose_cam_obj[:3, 3]
-    turned = _turns(steps[:, :3]) @ rotation
-    middle = rotation @ centroid + translation + steps[:, 3:]
-    return rigid(turned, middle - turned @ centroid)
-
-
-def _turns(angles: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
-    """R_x(α)·R_y(β)·R_z(γ), written out: of few angles SciPy's takes longer than their sines."""
-    (sa, sb, sc), (ca, cb, cc) = np.sin(angles.T), np.cos(angles.T)
-    turns = np.empty((len(angles), 3, 3))
-    turns[:, 0, 0], turns[:, 0, 1], turns[:, 0, 2] = cb * cc, -cb * sc, sb
-    turns[:, 1, 0], turns[:, 1, 1] = ca * sc + sa * sb * cc, ca * cc - sa * sb * sc
-    turns[:, 2, 0], turns[:, 2, 1] = sa * sc - ca * sb * cc, sa * cc + ca * sb * sc
-    turns[:, 1, 2], turns[:, 2, 2] = -sa * cb, ca * cb
-    return turns
+    poses = np.zeros((len(steps), 4, 4))
+    turn = np.empty((3, 3))
+    middle = np.empty(3)
+    for i in range(3):
+        middle[i] = pose_cam_obj[i, 3]
+        for k in range(3):
+            middle[i] += pose_cam_obj[i, k] * centroid[k]
+    for n in range(len(steps)):
+        sa, sb, sc = np.sin(steps[n, 0]), np.sin(steps[n, 1]), np.sin(steps[n, 2])
+        ca, cb, cc = np.cos(steps[n, 0]), np.cos(steps[n, 1]), np.cos(steps[n, 2])
+        turn[0, 0], turn[0, 1], turn[0, 2] = cb * cc, -cb * sc, sb
+        turn[1, 0], turn[1, 1] = ca * sc + sa * sb * cc, ca * cc - sa * sb * sc
+        turn[2, 0], turn[2, 1] = sa * sc - ca * sb * cc, sa * cc + ca * sb * sc
+        turn[1, 2], turn[2, 2] = -sa * cb, ca * cb
+        for i in range(3):
+            poses[n, i, 3] = middle[i] + steps[n, 3 + i]
+            for j in range(3):
+                for k in range(3):
+                    poses[n, i, j] += turn[i, k] * pose_cam_obj[k, j]
+                poses[n, i, 3] -= poses[n, i, j] * centroid[j]
+        poses[n, 3, 3] = 1.0
+    return poses

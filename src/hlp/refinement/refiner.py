@@ -28,6 +28,18 @@ class Refiner(Protocol):
         """
         ...
 
+    def polish(
+        self,
+        model: ObjectModel,
+        depth: Float[np.ndarray, "h w"],
+        camera_matrix: Float[np.ndarray, "3 3"],
+        answer: Refinement,
+        seed: int,
+        spent: float = 0.0,
+    ) -> Refinement:
+        """The answer, once chosen, made more exact; itself where there is nothing to add."""
+        ...
+
 
 def checked_poses(hypotheses: Hypotheses) -> Float[np.ndarray, "m 4 4"]:
     """The coarse poses as float64; raises ValueError naming the first that cannot be refined."""

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, Int, UInt8
+from jaxtyping import Float, Float32, UInt8
 
 from hlp.geometry import transform
 from hlp.records import ObjectModel
@@ -29,6 +29,7 @@ class VerificationSettings:
     """Settings; see conf/refinement/verification/hlp.yaml for what each means."""
 
     candidates: int
+    most_gain: float
     weight_depth: float
     weight_edge: float
     weight_color: float
@@ -194,11 +195,6 @@ class Verifier:
             settings.edge_step_mm / 1000.0,
             sums,
         )
-
-
-def least(costs: Float[np.ndarray, "n"], count: int) -> Int[np.ndarray, "c"]:
-    """Indices of the `count` least costs, ascending; the earlier where costs are equal."""
-    return np.sort(np.argsort(costs, kind="stable")[:count])
 
 
 def _in_shares(sums: Float[np.ndarray, "11"]) -> Evidence | None:
