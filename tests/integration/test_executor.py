@@ -1,5 +1,6 @@
 """Frames in workers: the same files as one process writes, whatever the engine."""
 
+import dataclasses
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,6 +20,7 @@ from hlp.pipeline.frame_work import FrameWork
 from hlp.pipeline.learning import Learner
 from hlp.pipeline.store import StageStore
 from hlp.pipeline.training import read_history
+from hlp.pipeline.view_work import render_in_workers
 from tiny_run import TinyRun
 
 
@@ -124,6 +126,28 @@ def test_two_processes_train_the_classifier(tiny_run: TinyRun, work: Path) -> No
     network = finders[1].learner.load_classifier()
     for value in network.state_dict().values():
         assert torch.isfinite(value.float()).all()
+
+
+@pytest.mark.parametrize("executor", ["loky", "threading"])
+def test_workers_render_missing_views_and_the_same(
+    tiny_run: TinyRun, work: Path, executor: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    learner = finder_of(planned(tiny_run, work, f"executor={executor}"), work).learner
+    first, second, *_ = sorted(learner.world.models)
+    wanted = {i: learner.load_views(i) for i in (first, second)}
+    for object_id in wanted:
+        shutil.rmtree(learner.views(object_id).folder)
+    learner = finder_of(planned(tiny_run, work, f"executor={executor}"), work).learner
+    assert learner.missing_views() == [first, second]
+    render_in_workers(learner)
+    assert learner.missing_views() == []
+    events = [(event.stage, event.of, event.reused) for event in learner.store.events]
+    names = {learner.world.models[i].name for i in wanted}
+    assert sorted(events) == sorted(("views", name, False) for name in names)
+    for object_id, views in wanted.items():
+        found = learner.load_views(object_id)
+        for field in dataclasses.fields(views):
+            np.testing.assert_array_equal(getattr(found, field.name), getattr(views, field.name))
 
 
 def test_an_error_in_a_worker_is_the_runs(tiny_run: TinyRun, work: Path) -> None:

@@ -1,4 +1,4 @@
-"""Frames shared out to workers by joblib: processes or threads of this machine, or a cluster."""
+"""Frames or objects shared out to workers by joblib: this machine's own, or a cluster's."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager

@@ -40,7 +40,7 @@ class FrameWork:
         executor = finder.settings.executor
         assert not isinstance(executor, SerialSettings)
         settings = with_threads(finder.settings, executor.threads)
-        made_from = _made_from(finder.world)
+        made_from = what_makes(finder.world)
         return cls(settings, made_from, finder.learner.made, finder.made, stage, folder)
 
     def __call__(self, key: str) -> str:
@@ -56,23 +56,26 @@ class FrameWork:
         if kept is None or kept.settings != self.settings or _KEPT.made_from != self.made_from:
             set_threads(self.settings)
             world = build_world(self.settings)
-            self._check(world)
+            check_same(self.made_from, world)
             store = StageStore(Path(self.settings.work))
             kept = Finder(world, self.settings, Learner(world, self.settings, store), store, ())
             _KEPT.finder, _KEPT.made_from = kept, self.made_from
         return kept
 
-    def _check(self, world: World) -> None:
-        here = _made_from(world)
-        other = [name for name, value in self.made_from.items() if here[name] != value]
-        if other:
-            raise ValueError(f"a worker has not the same {', '.join(other)} as the run")
 
-
-def _made_from(world: World) -> dict[str, Any]:
+def what_makes(world: World) -> dict[str, Any]:
+    """What must be the same where results are to be the same: versions, code and data."""
     return {
         "versions": library_versions(),
         "code": code_digest(),
         "frames": world.frames_identity,
         "models": world.model_identities,
     }
+
+
+def check_same(made_from: Mapping[str, Any], world: World) -> None:
+    """Raise ValueError where this process, a worker, has not what the run has."""
+    here = what_makes(world)
+    other = [name for name, value in made_from.items() if here[name] != value]
+    if other:
+        raise ValueError(f"a worker has not the same {', '.join(other)} as the run")

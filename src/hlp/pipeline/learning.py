@@ -74,8 +74,23 @@ class Learner:
         def make(folder: Path) -> None:
             save_views(folder, render_views(model, settings, seed))
 
+        return self._stage("views", object_id, *self._views_inputs(object_id), make)
+
+    def _views_inputs(self, object_id: int) -> tuple[Mapping[str, Any], Mapping[str, str]]:
+        """Settings and upstream of an object's views."""
         upstream = {"mesh": self.world.mesh_identities[object_id]}
-        return self._stage("views", object_id, result_settings(settings), upstream, make)
+        return result_settings(self.settings.rendering), upstream
+
+    def missing_views(self) -> list[int]:
+        """Objects whose views are not on disk."""
+        names = {i: self._name("views", *self._views_inputs(i)) for i in self.world.models}
+        return [i for i, name in names.items() if not self.store.holds("views", name)]
+
+    def take_views(self, object_id: int) -> None:
+        """Views that a worker of this run has just put on disk."""
+        name = self._name("views", *self._views_inputs(object_id))
+        folder = self.store.take("views", name, self.world.models[object_id].name)
+        self._made["views", object_id] = Output(name, folder)
 
     def load_views(self, object_id: int) -> Views:
         """Views of one object, from disk."""
@@ -239,9 +254,12 @@ class Learner:
         make: Callable[[Path], None],
     ) -> Output:
         if (stage, object_id) not in self._made:
-            name = fingerprint(stage, VERSIONS[stage], self.settings.seed, settings, upstream)
+            name = self._name(stage, settings, upstream)
             described = {"settings": settings, "upstream": upstream, "seed": self.settings.seed}
             of = self.world.models[object_id].name if object_id else ""
             folder = self.store.get_or_make(stage, name, make, described, of)
             self._made[stage, object_id] = Output(name, folder)
         return self._made[stage, object_id]
+
+    def _name(self, stage: str, settings: Mapping[str, Any], upstream: Mapping[str, str]) -> str:
+        return fingerprint(stage, VERSIONS[stage], self.settings.seed, settings, upstream)

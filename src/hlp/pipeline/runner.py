@@ -21,6 +21,7 @@ from hlp.pipeline.store import StageStore
 from hlp.pipeline.threads import set_threads
 from hlp.pipeline.tracked import log_inputs, log_tables, revision_tag, run_name
 from hlp.pipeline.training import read_history
+from hlp.pipeline.view_work import render_in_workers
 from hlp.records import PoseEstimate
 from hlp.reporting.metrics import summary_metrics
 from hlp.reporting.panels import write_png
@@ -48,6 +49,7 @@ def run(planned: Run, output: Path) -> dict[str, Any]:
         log_inputs(planned, tracker)
         store = StageStore(Path(settings.work))
         learner = Learner(planned.world, settings, store)
+        render_in_workers(learner)
         finder = Finder(planned.world, settings, learner, store, planned.keys)
         estimates = finder.estimates()
         _log_training(learner, tracker)

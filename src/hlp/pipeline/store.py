@@ -77,13 +77,22 @@ class StageStore:
                 self._make(folder, make, description, of)
         return folder
 
+    def holds(self, stage: str, fingerprint: str) -> bool:
+        """Whether an output is finished."""
+        return (self.root / stage / fingerprint / RECORD).is_file()
+
+    def take(self, stage: str, fingerprint: str, of: str = "") -> Path:
+        """The folder of an output that a worker of this run has just made."""
+        folder = self.root / stage / fingerprint
+        self._note(folder, of, reused=False, seconds=_seconds(folder))
+        return folder
+
     def _reuse(self, folder: Path, of: str) -> bool:
         if not folder.exists():
             return False
         if not (folder / RECORD).is_file():
             raise FileExistsError(f"{folder} is no finished output: it has no {RECORD}. Remove it.")
-        seconds = json.loads((folder / RECORD).read_text())["seconds"]
-        self._note(folder, of, reused=True, seconds=seconds)
+        self._note(folder, of, reused=True, seconds=_seconds(folder))
         return True
 
     def _make(
@@ -141,6 +150,11 @@ class StageStore:
             yield
         finally:
             lock.release()
+
+
+def _seconds(folder: Path) -> float:
+    """What making a finished output took."""
+    return float(json.loads((folder / RECORD).read_text())["seconds"])
 
 
 def _flush(folder: Path) -> None:
