@@ -8,6 +8,7 @@ from hlp.models.classifier import (
     ClassifierSettings,
     HolisticClassifier,
     HolisticCNN,
+    carry_over,
     class_probabilities,
     inference_network,
 )
@@ -86,3 +87,16 @@ def test_training_tells_classes_apart():
     assert trainer.callback_metrics.keys() == {"loss", "accuracy"}
     (optimizer,) = trainer.optimizers
     assert optimizer.param_groups[0]["lr"] < SETTINGS.learning_rate / 100  # the cycle has ended
+
+
+def test_weights_are_carried_over_class_by_class():
+    torch.manual_seed(0)
+    before, now = HolisticCNN(4, 3, (8, 8), 16, 0.0), HolisticCNN(4, 5, (8, 8), 16, 0.0)
+    fresh = {name: value.clone() for name, value in now.state_dict().items()}
+    carry_over(now, before.state_dict(), {0: 0, 1: 2, 2: 4})
+    images = torch.rand(6, 4, 64, 64)
+    with torch.no_grad():
+        expected, found = before.eval()(images), now.eval()(images)
+    torch.testing.assert_close(found[:, [0, 2, 4]], expected)
+    last = list(fresh)[-2]
+    torch.testing.assert_close(now.state_dict()[last][[1, 3]], fresh[last][[1, 3]])

@@ -1,6 +1,6 @@
 """CNN that classifies holistic patches (paper, Fig. 3; its sizes are not printed there)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -104,6 +104,22 @@ class HolisticClassifier(pl.LightningModule):
             "optimizer": optimizer,
             "lr_scheduler": {"scheduler": schedule, "interval": "step"},
         }
+
+
+def carry_over(
+    network: HolisticCNN, weights: Mapping[str, Tensor], labels: Mapping[int, int]
+) -> None:
+    """Start a network with the weights of one of fewer classes.
+
+    `labels` gives each class of the other network its class in this one; the rest stay as they are.
+    """
+    own, last = network.state_dict(), f"head.{len(network.head) - 1}."
+    before, now = list(labels), list(labels.values())
+    for name, value in weights.items():
+        if name.startswith(last):
+            own[name][now] = value[before]
+        else:
+            own[name].copy_(value)
 
 
 def inference_network(network: HolisticCNN) -> nn.Module:

@@ -171,10 +171,11 @@ def build_settings(config: DictConfig) -> RunSettings:
         if name not in config or OmegaConf.is_missing(config, name):
             raise ValueError(f"{name} is not set: set {name}=VALUE")
     groups = {name: build_group(name, config[name]) for name in GROUPS}
-    scalars = {
-        name: _typed(kind, config[name], name) for name, kind in kinds.items() if name not in groups
-    }
-    return RunSettings(**scalars, **groups)
+    own = [name for name in kinds if name not in groups]
+    plain = OmegaConf.to_container(OmegaConf.masked_copy(config, own), resolve=True)
+    assert isinstance(plain, dict)
+    others = {name: _typed(kinds[name], plain[name], name) for name in own}
+    return RunSettings(**others, **groups)
 
 
 def build_group(group: str, node: DictConfig) -> Any:

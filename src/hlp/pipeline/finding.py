@@ -13,9 +13,9 @@ from hlp.pipeline.detector import Coarse, Detector
 from hlp.pipeline.executor import each_in_workers
 from hlp.pipeline.fingerprint import fingerprint
 from hlp.pipeline.frame_files import read_arrays, write_arrays
-from hlp.pipeline.learning import Learner, Output
+from hlp.pipeline.learning import Learner
 from hlp.pipeline.settings import RunSettings, SerialSettings, result_settings
-from hlp.pipeline.store import StageStore
+from hlp.pipeline.store import Output, StageStore
 from hlp.pipeline.world import World
 from hlp.records import Frame, Hypotheses, PoseEstimate, Region
 from hlp.refinement.choice import Fine

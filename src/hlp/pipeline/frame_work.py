@@ -8,10 +8,10 @@ from typing import Any
 
 from hlp.pipeline.build import build_world
 from hlp.pipeline.finding import Finder
-from hlp.pipeline.learning import Learner, Output
+from hlp.pipeline.learning import Learner
 from hlp.pipeline.provenance import code_digest, library_versions
 from hlp.pipeline.settings import RunSettings, SerialSettings, with_threads
-from hlp.pipeline.store import StageStore
+from hlp.pipeline.store import Output, StageStore
 from hlp.pipeline.threads import set_threads
 from hlp.pipeline.world import World
 

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import torch
 
 from hlp.codebook.entries import load_codebook, make_codebook, save_codebook
 from hlp.codebook.neighbours import ExactNeighbours
-from hlp.models.classifier import HolisticClassifier, HolisticCNN
+from hlp.models.classifier import HolisticClassifier, HolisticCNN, carry_over
 from hlp.models.encoder import Encoder
 from hlp.patches.holistic_data import HolisticDataModule
 from hlp.patches.holistic_pool import (
@@ -24,25 +24,18 @@ from hlp.patches.holistic_pool import (
 from hlp.patches.local import surface_pixels
 from hlp.patches.local_data import degrade_patches
 from hlp.patches.local_pool import cut_view_patches, join_patches
+from hlp.pipeline.earlier import Earlier, read_earlier
 from hlp.pipeline.encoders import load_encoder, train_encoder
 from hlp.pipeline.fingerprint import fingerprint
 from hlp.pipeline.settings import RunSettings, result_settings
-from hlp.pipeline.store import StageStore
-from hlp.pipeline.training import fit, load_weights
+from hlp.pipeline.store import Output, StageStore
+from hlp.pipeline.training import fit, load_weights, read_weights
 from hlp.pipeline.world import World, frames_identity
 from hlp.records import Codebook, Views
 from hlp.rendering.views import load_views, render_views, save_views
 
 VERSIONS = {"views": 1, "classifier": 2, "encoder": 2, "codebook": 3}
 _SCALE_SAMPLE = 1024
-
-
-@dataclass(frozen=True)
-class Output:
-    """A finished stage output: its fingerprint and its folder."""
-
-    fingerprint: str
-    folder: Path
 
 
 class Learner:
@@ -89,7 +82,7 @@ class Learner:
     def take_views(self, object_id: int) -> None:
         """Views that a worker of this run has just put on disk."""
         name = self._name("views", *self._views_inputs(object_id))
-        folder = self.store.take("views", name, self.world.models[object_id].name)
+        folder = self.store.take("views", name, self.world.models[object_id].name, reused=False)
         self._made["views", object_id] = Output(name, folder)
 
     def load_views(self, object_id: int) -> Views:
@@ -110,7 +103,19 @@ class Learner:
             "trainer": result_settings(self.settings.trainer),
             "sizes": sizes,
         }
+        if self._earlier is not None:
+            settings["extend"] = {"epochs": self.settings.extend.epochs}
+            upstream["earlier"] = self._earlier.classifier.fingerprint
         return self._stage("classifier", 0, settings, upstream, self._train_classifier)
+
+    @cached_property
+    def _earlier(self) -> Earlier | None:
+        """What is gone on from; None where everything is learnt from nothing."""
+        manifest = self.settings.extend.manifest
+        if manifest is None:
+            return None
+        views = {i: self.views(i).fingerprint for i in self.world.models}
+        return read_earlier(Path(manifest), self.settings, views, self.store)
 
     def _train_classifier(self, folder: Path) -> None:
         settings, patches = self.settings.classifier, self.settings.patches
@@ -126,7 +131,12 @@ class Learner:
         )
         torch.manual_seed(self.settings.seed)
         module = HolisticClassifier(settings, self._channels(), len(self.world.models) + 1)
-        fit(module, data, module.network, settings.epochs, self.settings.trainer, folder)
+        epochs = settings.epochs
+        if self._earlier is not None:
+            weights = read_weights(self._earlier.classifier.folder)
+            carry_over(module.network, weights, self._earlier.labels)
+            epochs = self.settings.extend.epochs
+        fit(module, data, module.network, epochs, self.settings.trainer, folder)
 
     def _holistic_sizes(self) -> list[float]:
         return [model.holistic_size for _, model in sorted(self.world.models.items())]
@@ -177,6 +187,12 @@ class Learner:
 
     def encoder(self) -> Output:
         """Stage 2: the encoder of local patches, shared by all objects."""
+        if self._earlier is not None and ("encoder", 0) not in self._made:
+            kept = self._earlier.encoder
+            self.store.take("encoder", kept.fingerprint, "", reused=True)
+            self._made["encoder", 0] = kept
+        if ("encoder", 0) in self._made:
+            return self._made["encoder", 0]
         patches = self.settings.patches
         settings = {
             "encoder": result_settings(self.settings.encoder),

@@ -193,6 +193,14 @@ class SearchSettings:
 
 
 @dataclass(frozen=True)
+class ExtendSettings:
+    """Objects added to those of an earlier run; see conf/config.yaml for what each means."""
+
+    manifest: str | None
+    epochs: int
+
+
+@dataclass(frozen=True)
 class RunSettings:
     """The whole configuration, one typed record per group.
 
@@ -206,6 +214,7 @@ class RunSettings:
     output: str
     frames: int | None
     panels: int
+    extend: ExtendSettings
     data: SyntheticSettings | BopSettings | LinemodSettings | FilesSettings
     rendering: ViewsSettings
     patches: PatchesSettings

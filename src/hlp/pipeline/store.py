@@ -38,6 +38,14 @@ class StageEvent:
     seconds: float
 
 
+@dataclass(frozen=True)
+class Output:
+    """A finished stage output: its fingerprint and its folder."""
+
+    fingerprint: str
+    folder: Path
+
+
 class StageStore:
     """Makes each stage output once and hands out its folder.
 
@@ -81,10 +89,10 @@ class StageStore:
         """Whether an output is finished."""
         return (self.root / stage / fingerprint / RECORD).is_file()
 
-    def take(self, stage: str, fingerprint: str, of: str = "") -> Path:
-        """The folder of an output that a worker of this run has just made."""
+    def take(self, stage: str, fingerprint: str, of: str, *, reused: bool) -> Path:
+        """The folder of a finished output: one `reused`, or one that a worker of this run made."""
         folder = self.root / stage / fingerprint
-        self._note(folder, of, reused=False, seconds=_seconds(folder))
+        self._note(folder, of, reused=reused, seconds=_seconds(folder))
         return folder
 
     def _reuse(self, folder: Path, of: str) -> bool:

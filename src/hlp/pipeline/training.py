@@ -89,7 +89,13 @@ def _quiet() -> Iterator[None]:
 
 def load_weights(network: nn.Module, folder: Path) -> None:
     """Load what `fit` left. Raises FileNotFoundError where the stage was not finished."""
-    network.load_state_dict(torch.load(folder / WEIGHTS, weights_only=True))
+    network.load_state_dict(read_weights(folder))
+
+
+def read_weights(folder: Path) -> dict[str, torch.Tensor]:
+    """A network's weights by name. Raises FileNotFoundError where the stage was not finished."""
+    weights: dict[str, torch.Tensor] = torch.load(folder / WEIGHTS, weights_only=True)
+    return weights
 
 
 def read_history(folder: Path) -> list[dict[str, float]]:
