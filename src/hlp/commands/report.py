@@ -12,7 +12,7 @@ MLFLOW = "sqlite:///work/mlflow.db"
 def command(arguments: Sequence[str]) -> None:
     """Print what the arguments ask for; exits with 2 where they cannot be used."""
     try:
-        keys = ("experiment", "output", "format", "runs", "uri")
+        keys = ("experiment", "output", "format", "objects", "runs", "uri")
         given = composing.key_values(arguments, keys)
     except ValueError as error:
         print(f"hlp report: {error}\n\n{REPORT_HELP}", file=sys.stderr)
@@ -22,6 +22,7 @@ def command(arguments: Sequence[str]) -> None:
         return
     from hlp.reporting.comparison import compare
     from hlp.reporting.reproductions import describe_reproductions
+    from hlp.reporting.selection import report_selection
     from hlp.reporting.tables import report
 
     layout = given.get("format", "text")
@@ -29,6 +30,8 @@ def command(arguments: Sequence[str]) -> None:
     try:
         if "runs" in given:
             print(compare(given["runs"], given.get("uri", MLFLOW), layout))
+        elif "objects" in given:
+            print(report_selection(folder, given["objects"], layout))
         else:
             print(report(folder, layout))
             print(describe_reproductions(folder, layout))
@@ -38,12 +41,15 @@ def command(arguments: Sequence[str]) -> None:
 
 REPORT_HELP = """\
 usage: hlp report [experiment=NAME] [output=DIR] [format=text|markdown]
+       hlp report 'objects=[A,B,…]' [output=DIR]
        hlp report 'runs=[A,B]' [uri=MLFLOW]
 
 Tables of finished runs, with the paper's figures beside ours for LINEMOD's objects:
 those below outputs/, of one experiment (outputs/NAME), or below any other folder (output=DIR).
 Of fig9a, fig9b, fig9c, table1, table2 and pso_vs_icp, the paper's figure or table is written into
 each sweep's or run's folder: PNG and SVG, Markdown, CSV and LaTeX.
+
+objects=[A,B,…] gives the recall of these objects alone, of all targets and by visible fraction.
 
 runs=[A,B] compares two runs target by target: the difference of their recalls with its interval,
 McNemar's test, and which targets flipped. Each is an output folder, or a run's id in MLflow
