@@ -165,3 +165,13 @@ def test_without_depth_or_out_of_the_image_the_cost_is_the_worst(
     for depth, pose in ((empty, scene.pose), (scene.depth, away), (scene.depth, behind)):
         cost = DepthCost(scene.model.proxy, depth, CAMERA, pose, cost_settings)
         assert cost.evaluate(pose[None])[0] == WORST
+
+
+def test_what_is_not_finite_is_missing() -> None:
+    depth = np.full((5, 5), 1.0)
+    depth[2, 2] = 0.0
+    missing = depth_edges(depth, 0.1)
+    assert missing.sum() == 4
+    for fill in (np.nan, np.inf, -1.0):
+        depth[2, 2] = fill
+        np.testing.assert_array_equal(depth_edges(depth, 0.1), missing)

@@ -43,7 +43,7 @@ def depth_edges(depth: Float[np.ndarray, "h w"], step: float) -> Bool[np.ndarray
 
 @njit(nogil=True, cache=True, inline="always")
 def _beyond(depth: float, reach: float) -> bool:
-    return depth > reach or depth <= 0.0
+    return not 0.0 < depth <= reach  # NaN is as good as missing
 
 
 @njit(nogil=True, cache=True)

@@ -85,13 +85,18 @@ def observe(
     settings: VerificationSettings,
 ) -> Observation:
     """Prepare a frame, once for all poses and objects; depth in m, 0 or not finite = missing."""
-    single = np.where(np.isfinite(depth), depth, 0.0).astype(np.float32)
+    single = np.ascontiguousarray(depth, dtype=np.float32)
     smooth = ~depth_edges(single, settings.edge_step_mm / 1000.0)
-    distance = np.full(depth.shape, np.inf, dtype=np.float32)
-    if not smooth.all():
-        # Approximate, but by 2 % at most, and in a quarter of the exact one's time.
-        distance[:] = cv2.distanceTransform(smooth.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
-    return Observation(np.ascontiguousarray(rgb), single, np.asarray(camera_matrix), distance)
+    # Approximate, but by 2 % at most, and in a quarter of the exact one's time.
+    distance = cv2.distanceTransform(smooth.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
+    if smooth.all():
+        distance = np.full(depth.shape, np.inf)
+    return Observation(
+        np.ascontiguousarray(rgb),
+        single,
+        np.asarray(camera_matrix),
+        np.asarray(distance, dtype=np.float32),
+    )
 
 
 class Verifier:
