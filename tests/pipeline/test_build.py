@@ -235,3 +235,9 @@ def test_settings_are_read_only(default):
         settings.seed = 3
     assert isinstance(settings.encoder.widths, tuple)
     hash(settings.patches)
+
+
+def test_a_gpu_that_is_not_there_is_named(default, monkeypatch):
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    with pytest.raises(ValueError, match=r"machine\.device is cuda.*set it to cpu"):
+        build_run(changed(default, "machine.device", "cuda"))

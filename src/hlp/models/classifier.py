@@ -11,7 +11,7 @@ from pytorch_lightning.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
 from torch.nn import functional
 
-from hlp.models.fusing import fused
+from hlp.models.fusing import fused, on_device_of
 
 RESOLUTION = 64  # px of a window's side (paper, Fig. 3)
 CHUNK = 256
@@ -122,9 +122,9 @@ def carry_over(
             own[name].copy_(value)
 
 
-def inference_network(network: HolisticCNN) -> nn.Module:
+def inference_network(network: HolisticCNN, device: str = "cpu") -> nn.Module:
     """The trained network for finding, see `fused`; the network itself stays as it was."""
-    return fused([*network.features, *network.head])
+    return fused([*network.features, *network.head], device)
 
 
 @torch.inference_mode()
@@ -134,7 +134,7 @@ def class_probabilities(network: nn.Module, images: Tensor) -> Float[np.ndarray,
     `network` is an `inference_network`. What it says of a window does not depend on the others.
     """
     chunks = []
-    for part in torch.split(images.to(torch.bfloat16), CHUNK):
-        scores = network(part.contiguous(memory_format=torch.channels_last))
-        chunks.append(functional.softmax(scores.float(), dim=1))
+    for part in torch.split(images, CHUNK):
+        scores = network(on_device_of(network, part))
+        chunks.append(functional.softmax(scores.float().cpu(), dim=1))
     return torch.cat(chunks).numpy()

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from hlp.models.encoder_input import empty_features, patch_input, sees_color
-from hlp.models.fusing import fused
+from hlp.models.fusing import fused, on_device_of
 from hlp.records import LocalPatches
 
 RESOLUTION = 32  # px of a patch's side (paper, section 3.2)
@@ -58,8 +58,10 @@ class NetworkEncoder:
     `unit_length` divides features by their norm, as contrastive training assumes.
     """
 
-    def __init__(self, network: PatchEncoder, kind: str, unit_length: bool) -> None:
-        self.network = fused([*network.convolutions, nn.Flatten(), network.dense])
+    def __init__(
+        self, network: PatchEncoder, kind: str, unit_length: bool, device: str = "cpu"
+    ) -> None:
+        self.network = fused([*network.convolutions, nn.Flatten(), network.dense], device)
         self.dimension = network.dense.out_features
         self.kind = kind
         self.sees_color = sees_color(kind)
@@ -75,6 +77,5 @@ class NetworkEncoder:
         return np.asarray(torch.cat(features).numpy())
 
     def _features(self, images: Tensor) -> Tensor:
-        low = images.to(torch.bfloat16).contiguous(memory_format=torch.channels_last)
-        code = torch.as_tensor(self.network(low)).float()
+        code = torch.as_tensor(self.network(on_device_of(self.network, images))).float().cpu()
         return functional.normalize(code, dim=1) if self.unit_length else code

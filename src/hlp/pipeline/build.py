@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_type_hints
 
+import torch
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import InterpolationToMissingValueError, MissingMandatoryValue
 from pydantic import TypeAdapter, ValidationError
@@ -118,6 +119,8 @@ def build_run(config: DictConfig) -> Run:
     check_ranges(settings)
     _check_patch_sizes(settings)
     require(settings.executor)
+    if settings.machine.device == "cuda" and not torch.cuda.is_available():
+        raise ValueError("machine.device is cuda: torch sees no such GPU here; set it to cpu")
     world = build_world(settings)
     if isinstance(settings.encoder, AutoencoderSettings):
         world.require_encoder_frames()

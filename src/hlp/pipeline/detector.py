@@ -58,6 +58,7 @@ class Detector:
             patches.holistic,
             patches.region,
             self.settings.machine.threads,
+            self.settings.machine.device,
         )
 
     @cached_property

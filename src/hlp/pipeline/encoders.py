@@ -52,16 +52,16 @@ def train_encoder(
 
 
 def load_encoder(
-    settings: ContrastiveSettings | AutoencoderSettings | PcaSettings, folder: Path
+    settings: ContrastiveSettings | AutoencoderSettings | PcaSettings, folder: Path, device: str
 ) -> Encoder:
-    """The encoder that `train_encoder` left in `folder`."""
+    """The encoder that `train_encoder` left in `folder`; a network computes on the device."""
     if isinstance(settings, PcaSettings):
         with np.load(folder / _PCA) as stored:
             return PcaEncoder(stored["mean"], stored["components"], settings.cells)
     network = PatchEncoder(settings.widths, settings.dimension)
     load_weights(network, folder)
     return NetworkEncoder(
-        network, settings.input, unit_length=isinstance(settings, ContrastiveSettings)
+        network, settings.input, isinstance(settings, ContrastiveSettings), device
     )
 
 

@@ -37,8 +37,9 @@ class HolisticScan:
         holistic: HolisticSettings,
         region: RegionSettings,
         threads: int,
+        device: str = "cpu",
     ) -> None:
-        self.network = inference_network(network)
+        self.network = inference_network(network, device)
         self._holistic = holistic
         self._step = region.step
         self._threads = threads

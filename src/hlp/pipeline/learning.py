@@ -213,7 +213,9 @@ class Learner:
 
     def load_encoder(self) -> Encoder:
         """The trained encoder, from disk."""
-        return load_encoder(self.settings.encoder, self.encoder().folder)
+        return load_encoder(
+            self.settings.encoder, self.encoder().folder, self.settings.machine.device
+        )
 
     def codebook(self, object_id: int) -> Output:
         """Stage 2: features of one object's views with what they vote for."""

@@ -2,7 +2,7 @@
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Tag
 
@@ -61,10 +61,14 @@ class TrainerSettings:
 
 @dataclass(frozen=True)
 class MachineSettings:
-    """Config group `machine`: `threads` of the numba kernels and of OpenCV."""
+    """Config group `machine`: `threads` of the numba kernels and of OpenCV.
+
+    `device` computes the networks' answers.
+    """
 
     name: str
     threads: int
+    device: Literal["cpu", "cuda"]
 
 
 @dataclass(frozen=True)
