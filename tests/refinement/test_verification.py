@@ -41,7 +41,6 @@ def reference(scene: Scene, pose: np.ndarray, settings: VerificationSettings) ->
     distance = distance_transform_edt(~depth_edges(observed, step)) / reach
     pixels = on.sum()
     return Evidence(
-        int(pixels),
         float(agree.sum()),
         np.abs(apart[agree]).sum() / tau / pixels,
         (seen & (apart > tau)).sum() / pixels,
@@ -76,7 +75,6 @@ def test_evidence_is_what_plain_numpy_finds(
     found, expected = evidence(scene, pose, fine), reference(scene, pose, fine)
     for name in ("residual", "behind", "hidden", "missing", "color", "edge_hidden"):
         assert getattr(found, name) == pytest.approx(getattr(expected, name), abs=0.01), name
-    assert found.pixels == pytest.approx(expected.pixels, rel=0.005)
     assert found.area == pytest.approx(expected.area, rel=0.01)
     # Distances to observed edges are approximate.
     assert found.edge == pytest.approx(expected.edge, abs=0.02)
@@ -87,14 +85,13 @@ def test_a_coarser_grid_sees_much_the_same(
 ) -> None:
     fine = evidence(scene, scene.pose, replace(verification, roi_size=1000))
     coarse = evidence(scene, scene.pose, replace(verification, roi_size=40))
-    assert coarse.pixels < fine.pixels / 4
     assert coarse.area == pytest.approx(fine.area, rel=0.1)
     for name in ("residual", "behind", "hidden", "missing", "color"):
         assert getattr(coarse, name) == pytest.approx(getattr(fine, name), abs=0.05), name
 
 
 def test_the_cost_weighs_the_evidence(verification: VerificationSettings) -> None:
-    seen = Evidence(100, 0.0, 0.1, 0.2, 0.4, 0.3, color=0.5, edge=0.6, edge_hidden=0.25)
+    seen = Evidence(0.0, 0.1, 0.2, 0.4, 0.3, color=0.5, edge=0.6, edge_hidden=0.25)
     depth = 0.1 + 0.2 + (0.1 + 0.2 * 0.4) * 0.4 + 0.3 * 0.3
     edge = 0.75 * 0.6 + 0.5 * 0.25
     expected = (0.8 * depth + 0.3 * edge + 0.2 * 0.5) / 1.3

@@ -57,7 +57,6 @@ class Evidence:
     `area` is what agrees, in the image's pixels.
     """
 
-    pixels: int
     area: float
     residual: float
     behind: float
@@ -207,7 +206,6 @@ def _in_shares(sums: Float[np.ndarray, "11"]) -> Evidence | None:
     if pixels == missing:  # nothing drawn, or nothing observed under it
         return None
     return Evidence(
-        int(pixels),
         agreeing * sums[10],
         residual / pixels,
         behind / pixels,
