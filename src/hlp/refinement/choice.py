@@ -56,7 +56,8 @@ def refine_and_choose(
             break
         some = Hypotheses(poses[part], hypotheses.support[part])
         spent = time.perf_counter() - begun
-        refined += refiner.refine(model, depth, camera, some, seed + start, spent)
+        own = seed + start  # the refiner numbers hypotheses from 0 again
+        refined += refiner.refine(model, depth, camera, some, own, spent)
         lowest = min(lowest, verifier.costs(observation, _poses(refined[start:])).min())
     sources = order[: len(refined)]
     costs = verifier.rival_costs(observation, _poses(refined), hypotheses.support[sources])
