@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from hlp.geometry import back_project, rigid
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.cost import CostSettings, DepthCost
-from hlp.refinement.refiner import checked_poses
+from hlp.refinement.refiner import Refiner, checked_poses
 from hlp.refinement.verification import VerificationSettings
 
 
@@ -33,7 +33,7 @@ class IcpSettings:
     converged_mm: float
 
 
-class IcpRefiner:
+class IcpRefiner(Refiner):
     """Point-to-plane ICP of the rendered surface against the observed points around it."""
 
     def __init__(self, settings: IcpSettings) -> None:
@@ -55,18 +55,6 @@ class IcpRefiner:
             best, iterations = align(cost, pose, self._settings)
             refined.append(Refinement(best, iterations))
         return refined
-
-    def polish(
-        self,
-        model: ObjectModel,
-        depth: Float[np.ndarray, "h w"],
-        camera_matrix: Float[np.ndarray, "3 3"],
-        answer: Refinement,
-        seed: int,
-        spent: float = 0.0,
-    ) -> Refinement:
-        """See Refiner.polish. There is nothing to add."""
-        return answer
 
 
 def align(

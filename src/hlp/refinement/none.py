@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hlp.records import Hypotheses, ObjectModel, Refinement
-from hlp.refinement.refiner import checked_poses
+from hlp.refinement.refiner import Refiner, checked_poses
 from hlp.refinement.verification import VerificationSettings
 
 
@@ -18,7 +18,7 @@ class NoneSettings:
     verification: VerificationSettings
 
 
-class NoneRefiner:
+class NoneRefiner(Refiner):
     """Leaves every pose where it is."""
 
     def refine(
@@ -32,15 +32,3 @@ class NoneRefiner:
     ) -> list[Refinement]:
         """See Refiner.refine. Nothing is random nor timed: `seed` and `spent` are not used."""
         return [Refinement(pose, 0) for pose in checked_poses(hypotheses)]
-
-    def polish(
-        self,
-        model: ObjectModel,
-        depth: Float[np.ndarray, "h w"],
-        camera_matrix: Float[np.ndarray, "3 3"],
-        answer: Refinement,
-        seed: int,
-        spent: float = 0.0,
-    ) -> Refinement:
-        """See Refiner.polish. There is nothing to add."""
-        return answer

@@ -10,7 +10,7 @@ from numba import njit
 
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.cost import CostSettings, DepthCost
-from hlp.refinement.refiner import checked_poses
+from hlp.refinement.refiner import Refiner, checked_poses
 from hlp.refinement.verification import VerificationSettings
 
 _POLISH = 1 << 16  # the polish's random stream; those of hypotheses are numbered from 0
@@ -52,7 +52,7 @@ class PsoSettings:
             )
 
 
-class PsoRefiner:
+class PsoRefiner(Refiner):
     """Canonical PSO over six degrees of freedom around the coarse pose."""
 
     def __init__(self, settings: PsoSettings) -> None:

@@ -1,4 +1,4 @@
-"""What every refiner offers: coarse poses in, as many refined poses out."""
+"""What every refiner offers: coarse poses in, as many refined poses out; the answer polished."""
 
 from typing import Protocol
 
@@ -37,8 +37,8 @@ class Refiner(Protocol):
         seed: int,
         spent: float = 0.0,
     ) -> Refinement:
-        """The answer, once chosen, made more exact; itself where there is nothing to add."""
-        ...
+        """The answer, once chosen, made more exact; here itself: there is nothing to add."""
+        return answer
 
 
 def checked_poses(hypotheses: Hypotheses) -> Float[np.ndarray, "m 4 4"]:
