@@ -6,6 +6,7 @@ along +z, x to the right, y down (OpenCV's convention). Pixel centres have integ
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
@@ -40,7 +41,7 @@ class ObjectModel:
     holistic_size: float
     local_size: float
 
-    @property
+    @cached_property  # a millisecond for a scanned mesh, and wanted many times a frame
     def centroid(self) -> Float[np.ndarray, "3"]:
         """Centre of the bounding box, object coordinates (m): what patches vote for."""
         low, high = self.mesh.vertices.min(axis=0), self.mesh.vertices.max(axis=0)

@@ -10,8 +10,8 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from hlp.geometry import project
-from hlp.refinement.cost import WORST, CostSettings, DepthCost
-from hlp.refinement.cost_kernel import depth_edges
+from hlp.refinement.cost import CostSettings, DepthCost
+from hlp.refinement.cost_kernel import WORST, depth_edges
 from hlp.rendering.rasterizer import render_depth
 
 
@@ -130,16 +130,6 @@ def test_region_samples_pixels_of_the_image_under_its_own_camera(
         max(DepthCost(scene.model.proxy, ramp, CAMERA, scene.pose, cost_settings).observed.shape)
         > 80
     )
-
-
-def test_threads_change_no_bit(scene: Scene, cost_settings: CostSettings) -> None:
-    poses = np.stack([disturbed(scene, 20, 20, seed=k) for k in range(7)])
-    one, two, again = (
-        DepthCost(scene.model.proxy, scene.depth, CAMERA, scene.pose, cost_settings, threads)
-        for threads in (1, 2, 2)
-    )
-    np.testing.assert_array_equal(one.evaluate(poses), two.evaluate(poses))
-    np.testing.assert_array_equal(two.evaluate(poses[:1]), again.evaluate(poses)[:1])
 
 
 def test_edges_are_on_the_near_side() -> None:

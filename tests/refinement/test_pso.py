@@ -9,7 +9,8 @@ from refinement_scene import CAMERA, Scene, disturbed, error, posed
 from hlp.geometry import rigid, rotation_distance
 from hlp.records import Hypotheses, Refinement
 from hlp.refinement.cost import CostSettings
-from hlp.refinement.pso import PolishSettings, PsoRefiner, PsoSettings, moved, search
+from hlp.refinement.pso import PolishSettings, PsoRefiner, PsoSettings, search
+from hlp.refinement.swarm_kernel import moved
 from hlp.refinement.verification import VerificationSettings
 
 CENTROID = np.array([0.02, -0.01, 0.03])

@@ -8,8 +8,7 @@ from refinement_scene import CAMERA, SHAPE, Scene, disturbed, error, make_scene
 from scipy.ndimage import distance_transform_edt
 
 from hlp.records import Mesh
-from hlp.refinement.cost import WORST
-from hlp.refinement.cost_kernel import depth_edges
+from hlp.refinement.cost_kernel import WORST, depth_edges
 from hlp.refinement.verification import (
     Evidence,
     Observation,

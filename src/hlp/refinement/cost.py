@@ -5,10 +5,8 @@ coarse pose that is resampled to a bounded size, so that every object costs abou
 One compiled kernel transforms the mesh, draws it into a z-buffer and sums the cost.
 """
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -16,11 +14,8 @@ from jaxtyping import Bool, Float, Int
 
 from hlp.geometry import project, transform
 from hlp.records import Mesh
-from hlp.refinement.cost_kernel import depth_edges, project_vertices, sum_costs
+from hlp.refinement.cost_kernel import WORST, depth_edges, project_vertices, sum_costs, weigh
 from hlp.rendering.rasterizer import NEAR, fill_triangles, is_closed
-
-WORST = 1.0
-"""Cost of a pose that nothing speaks for: not in the image, or no observed depth under it."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +54,6 @@ class DepthCost:
         camera_matrix: Float[np.ndarray, "3 3"],
         pose_cam_obj: Float[np.ndarray, "4 4"],
         settings: CostSettings,
-        threads: int = 1,
     ) -> None:
         self._settings = settings
         self._vertices, self._faces, self._closed = _prepared(mesh)
@@ -70,22 +64,21 @@ class DepthCost:
         self._observed = self.observed.astype(np.float32)
         self._edge_cost = self._edge_costs(float(np.median(points[:, 2]))).astype(np.float32)
         self._reference = np.zeros(self.observed.shape, dtype=np.float32)
-        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
-        self._threads = threads
         if settings.uncovered_cost > 0.0:
             agreeing = self._agreeing(pose_cam_obj, settings.reference_mm / 1000.0)
             self._reference = agreeing.astype(np.float32)
+        self._agreed = float(np.count_nonzero(self._reference))
 
     def evaluate(self, poses_cam_obj: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n"]:
         """Cost in [0, 1] of each pose, lower is better."""
         settings = self._settings
-        depth_sum, pixels, seen, edge_sum, edges, covered = self.terms(poses_cam_obj).T
-        uncovered = np.count_nonzero(self._reference) - covered
-        area = np.maximum(pixels + uncovered, 1.0)
-        depth_cost = (depth_sum + settings.uncovered_cost * uncovered) / area
-        cost = settings.weight_depth * depth_cost
-        cost += settings.weight_edge * edge_sum / np.maximum(edges, 1.0)
-        return np.where(seen > 0.0, cost, WORST)
+        return weigh(
+            self.terms(poses_cam_obj),
+            self._agreed,
+            settings.weight_depth,
+            settings.weight_edge,
+            settings.uncovered_cost,
+        )
 
     def terms(self, poses_cam_obj: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 6"]:
         """Sums behind the cost of each pose.
@@ -93,29 +86,10 @@ class DepthCost:
         Depth costs, rendered pixels, of them with observed depth, edge costs, edgelets, and pixels
         of the coarse pose's agreeing evidence that the pose covers.
         """
-        poses = np.ascontiguousarray(poses_cam_obj[:, :3], dtype=np.float64)
-        sums = np.empty((len(poses), 6))
-        if self._pool is None:
-            self._run(poses, sums)
-        else:
-            bounds = np.linspace(0, len(poses), self._threads + 1).astype(int)
-            parts = [slice(a, b) for a, b in pairwise(bounds)]
-            list(self._pool.map(lambda part: self._run(poses[part], sums[part]), parts))
-        return sums
-
-    def render(self, pose_cam_obj: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "h w"]:
-        """Depth of the mesh in the ROI (m, 0 = nothing)."""
-        inverse = np.zeros(self.observed.shape)
-        corners = np.empty_like(self._vertices)
-        pose = np.ascontiguousarray(pose_cam_obj[:3], dtype=np.float64)
-        project_vertices(pose, self._vertices, self.camera_matrix, corners)
-        fill_triangles(np.ascontiguousarray(corners.T), self._faces, self._closed, inverse, None)
-        return np.where(inverse > 0.0, 1.0 / np.where(inverse > 0.0, inverse, 1.0), 0.0)
-
-    def _run(self, poses: Float[np.ndarray, "n 3 4"], sums: Float[np.ndarray, "n 6"]) -> None:
         settings = self._settings
+        sums = np.empty((len(poses_cam_obj), 6))
         sum_costs(
-            poses,
+            np.asarray(poses_cam_obj, dtype=np.float64),
             self._vertices,
             self._faces,
             self._closed,
@@ -129,6 +103,16 @@ class DepthCost:
             np.float32(settings.occluder_cost),
             sums,
         )
+        return sums
+
+    def render(self, pose_cam_obj: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "h w"]:
+        """Depth of the mesh in the ROI (m, 0 = nothing)."""
+        inverse = np.zeros(self.observed.shape)
+        corners = np.empty_like(self._vertices)
+        pose = np.asarray(pose_cam_obj, dtype=np.float64)
+        project_vertices(pose, self._vertices, self.camera_matrix, corners)
+        fill_triangles(np.ascontiguousarray(corners.T), self._faces, self._closed, inverse, None)
+        return np.where(inverse > 0.0, 1.0 / np.where(inverse > 0.0, inverse, 1.0), 0.0)
 
     def _edge_costs(self, z: float) -> Float[np.ndarray, "h w"]:
         """Distance to O's closest edgelet over τ_e, at most 1; τ_e is metric, at the depth z."""

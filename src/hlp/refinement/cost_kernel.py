@@ -11,6 +11,8 @@ from numba import njit
 
 from hlp.rendering.rasterizer import NEAR
 
+WORST = 1.0
+"""Cost of a pose that nothing speaks for: not in the image, or no observed depth under it."""
 LANES = 8
 """Pixels of a row that are drawn at once."""
 _ONE, _ZERO = np.float32(1.0), np.float32(0.0)
@@ -48,7 +50,7 @@ def _beyond(depth: float, reach: float) -> bool:
 
 @njit(nogil=True, cache=True)
 def project_vertices(
-    pose: Float[np.ndarray, "3 4"],
+    pose: Float[np.ndarray, "4 4"],
     vertices: Float[np.ndarray, "3 v"],
     camera: Float[np.ndarray, "3 3"],
     corners: Float[np.ndarray, "3 v"],
@@ -68,8 +70,32 @@ def project_vertices(
 
 
 @njit(nogil=True, cache=True)
+def weigh(
+    sums: Float[np.ndarray, "n 6"],
+    agreed: float,
+    weight_depth: float,
+    weight_edge: float,
+    uncovered_cost: float,
+) -> Float[np.ndarray, "n"]:
+    """Cost of each pose (paper, Eq. 2; see DepthCost) from its terms (see DepthCost.terms).
+
+    `agreed` is the number of pixels where the coarse pose agreed with the observed depth.
+    """
+    costs = np.empty(len(sums))
+    for n in range(len(sums)):
+        depth_sum, pixels, seen, edge_sum, edges, covered = sums[n]
+        uncovered = agreed - covered
+        area = max(pixels + uncovered, 1.0)
+        costs[n] = weight_depth * ((depth_sum + uncovered_cost * uncovered) / area)
+        costs[n] += weight_edge * edge_sum / max(edges, 1.0)
+        if seen == 0.0:
+            costs[n] = WORST
+    return costs
+
+
+@njit(nogil=True, cache=True)
 def sum_costs(
-    poses: Float[np.ndarray, "n 3 4"],
+    poses: Float[np.ndarray, "n 4 4"],
     vertices: Float[np.ndarray, "3 v"],
     faces: Int[np.ndarray, "f 3"],
     closed: bool,

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from numba import njit
 
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.refiner import Refiner, checked_poses
+from hlp.refinement.swarm_kernel import fly, moved, remember
 from hlp.refinement.verification import VerificationSettings
 
 _POLISH = 1 << 16  # the polish's random stream; those of hypotheses are numbered from 0
@@ -57,6 +57,7 @@ class PsoRefiner(Refiner):
 
     def __init__(self, settings: PsoSettings) -> None:
         self._settings = settings
+        self._pool = ThreadPoolExecutor(settings.threads) if settings.threads > 1 else None
 
     def refine(
         self,
@@ -75,10 +76,8 @@ class PsoRefiner(Refiner):
         """
         poses = checked_poses(hypotheses)
         settings = self._settings
-        # Whole hypotheses are shared out: nothing waits for the slowest particle. One alone is
-        # worth the waiting.
+        # Whole hypotheses are shared out: an iteration is too short to be.
         at_once = min(settings.threads, len(poses))
-        threads = settings.threads if at_once <= 1 else 1
         end = time.perf_counter() + self._left(spent)
 
         def one(index: int) -> Refinement:
@@ -87,16 +86,12 @@ class PsoRefiner(Refiner):
                 return Refinement(poses[index], 0)
             deadline = now + (end - now) * min(at_once / (len(poses) - index), 1.0)
             rng = np.random.default_rng([seed, index])
-            cost = DepthCost(
-                model.proxy, depth, camera_matrix, poses[index], settings.cost, threads
-            )
+            cost = DepthCost(model.proxy, depth, camera_matrix, poses[index], settings.cost)
             best, iterations = search(cost, poses[index], model.centroid, settings, rng, deadline)
             return Refinement(best, iterations)
 
-        if at_once <= 1:
-            return [one(index) for index in range(len(poses))]
-        with ThreadPoolExecutor(at_once) as pool:
-            return list(pool.map(one, range(len(poses))))
+        share = self._pool.map if self._pool and at_once > 1 else map
+        return list(share(one, range(len(poses))))
 
     def polish(
         self,
@@ -117,8 +112,8 @@ class PsoRefiner(Refiner):
             tau_mm=polish.tau_mm,
             patience=polish.patience,
         )
-        pose, threads = answer.pose_cam_obj, self._settings.threads
-        cost = DepthCost(model.proxy, depth, camera_matrix, pose, settings.cost, threads)
+        pose = answer.pose_cam_obj
+        cost = DepthCost(model.proxy, depth, camera_matrix, pose, settings.cost)
         rng = np.random.default_rng([seed, _POLISH])
         deadline = time.perf_counter() + left
         best, iterations = search(cost, pose, model.centroid, settings, rng, deadline)
@@ -147,8 +142,8 @@ def search(
     reading of time.perf_counter() after which no iteration begins.
     """
     box = np.repeat([np.deg2rad(settings.theta_deg), settings.tau_mm / 1000.0], 3)
-    phi = settings.phi_1 + settings.phi_2
-    constriction = 2.0 / abs(2.0 - phi - np.sqrt(phi * phi - 4.0 * phi))
+    phi = settings.phi_1, settings.phi_2
+    constriction = 2.0 / abs(2.0 - sum(phi) - np.sqrt(sum(phi) ** 2 - 4.0 * sum(phi)))
     centre = np.array(pose_cam_obj, dtype=np.float64)
     position = rng.uniform(-1.0, 1.0, (settings.particles, 6))
     position[0] = 0.0
@@ -163,49 +158,9 @@ def search(
         if settings.recentre and leader.any():
             centre = moved(centre, leader[None] * box, centroid)[0]
             position, own, leader = position - leader, own - leader, np.zeros(6)
-        pull_1, pull_2 = rng.random((2, *position.shape))
-        velocity += settings.phi_1 * pull_1 * (own - position)
-        velocity += settings.phi_2 * pull_2 * (leader - position)
-        velocity *= constriction
-        position = np.clip(position + velocity, -1.0, 1.0)
+        fly(position, velocity, own, leader, rng.random((2, *position.shape)), phi, constriction)
         current = cost.evaluate(moved(centre, position * box, centroid))
-        better = current < own_cost
-        own[better], own_cost[better] = position[better], current[better]
-        best = int(own_cost.argmin())
+        best = remember(position, current, own, own_cost)
         idle = 0 if own_cost[best] < lowest else idle + 1
         lowest, leader = own_cost[best], own[best].copy()
     return moved(centre, leader[None] * box, centroid)[0], iteration
-
-
-@njit(nogil=True, cache=True)
-def moved(
-    pose_cam_obj: Float[np.ndarray, "4 4"],
-    steps: Float[np.ndarray, "n 6"],
-    centroid: Float[np.ndarray, "3"],
-) -> Float[np.ndarray, "n 4 4"]:
-    """Poses R_r·R_0, t_0 + t_r for steps (α, β, γ rad, t_r m), R_r = R_x(α)·R_y(β)·R_z(γ).
-
-    R_r turns about the object's centroid (object coordinates), t_r moves the centroid.
-    """
-    poses = np.zeros((len(steps), 4, 4))
-    turn = np.empty((3, 3))
-    middle = np.empty(3)
-    for i in range(3):
-        middle[i] = pose_cam_obj[i, 3]
-        for k in range(3):
-            middle[i] += pose_cam_obj[i, k] * centroid[k]
-    for n in range(len(steps)):
-        sa, sb, sc = np.sin(steps[n, 0]), np.sin(steps[n, 1]), np.sin(steps[n, 2])
-        ca, cb, cc = np.cos(steps[n, 0]), np.cos(steps[n, 1]), np.cos(steps[n, 2])
-        turn[0, 0], turn[0, 1], turn[0, 2] = cb * cc, -cb * sc, sb
-        turn[1, 0], turn[1, 1] = ca * sc + sa * sb * cc, ca * cc - sa * sb * sc
-        turn[2, 0], turn[2, 1] = sa * sc - ca * sb * cc, sa * cc + ca * sb * sc
-        turn[1, 2], turn[2, 2] = -sa * cb, ca * cb
-        for i in range(3):
-            poses[n, i, 3] = middle[i] + steps[n, 3 + i]
-            for j in range(3):
-                for k in range(3):
-                    poses[n, i, j] += turn[i, k] * pose_cam_obj[k, j]
-                poses[n, i, 3] -= poses[n, i, j] * centroid[j]
-        poses[n, 3, 3] = 1.0
-    return poses

@@ -16,8 +16,7 @@ from jaxtyping import Float, Float32, UInt8
 
 from hlp.geometry import transform
 from hlp.records import ObjectModel
-from hlp.refinement.cost import WORST
-from hlp.refinement.cost_kernel import depth_edges
+from hlp.refinement.cost_kernel import WORST, depth_edges
 from hlp.refinement.verification_kernel import FLOOR, SUMS, sum_evidence
 from hlp.rendering.rasterizer import is_closed
 
