@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from hlp.geometry import project, transform
 from hlp.records import Mesh
-from hlp.refinement.cost_kernel import WORST, depth_edges, project_vertices, sum_costs, weigh
+from hlp.refinement.cost_kernel import depth_edges, project_vertices, sum_costs, weigh
 from hlp.rendering.rasterizer import NEAR, fill_triangles, is_closed
 
 
