@@ -141,7 +141,7 @@ class Detector:
         if object_id not in self._verifiers:
             model = self.world.models[object_id]
             settings = self.settings.refinement.verification
-            self._verifiers[object_id] = Verifier(model, settings, self.settings.machine.threads)
+            self._verifiers[object_id] = Verifier(model, settings)
         return self._verifiers[object_id]
 
     def _codebook(self, object_id: int) -> tuple[Codebook, Neighbours]:

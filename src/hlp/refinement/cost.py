@@ -14,8 +14,9 @@ from jaxtyping import Bool, Float, Int
 
 from hlp.geometry import project, transform
 from hlp.records import Mesh
-from hlp.refinement.cost_kernel import depth_edges, project_vertices, sum_costs, weigh
+from hlp.refinement.cost_kernel import depth_edges, sum_costs, weigh
 from hlp.rendering.rasterizer import NEAR, fill_triangles, is_closed
+from hlp.rendering.zbuffer import project_vertices
 
 
 @dataclass(frozen=True)

@@ -9,17 +9,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 from numba import njit
 
-from hlp.rendering.rasterizer import NEAR
+from hlp.rendering.zbuffer import draw_triangles, framed, project_vertices
 
 WORST = 1.0
 """Cost of a pose that nothing speaks for: not in the image, or no observed depth under it."""
-LANES = 8
-"""Pixels of a row that are drawn at once."""
 _ONE, _ZERO = np.float32(1.0), np.float32(0.0)
-_FAR = np.float32(np.inf)
-# Edges belong to both triangles that share them, with a tolerance of so many pixels: above single
-# precision's rounding error in a region of some hundred pixels, so that no crack is left between.
-_TOLERANCE = np.float32(1e-5)
 
 
 @njit(nogil=True, cache=True)
@@ -46,27 +40,6 @@ def depth_edges(depth: Float[np.ndarray, "h w"], step: float) -> Bool[np.ndarray
 @njit(nogil=True, cache=True, inline="always")
 def _beyond(depth: float, reach: float) -> bool:
     return not 0.0 < depth <= reach  # NaN is as good as missing
-
-
-@njit(nogil=True, cache=True)
-def project_vertices(
-    pose: Float[np.ndarray, "4 4"],
-    vertices: Float[np.ndarray, "3 v"],
-    camera: Float[np.ndarray, "3 3"],
-    corners: Float[np.ndarray, "3 v"],
-) -> None:
-    """(x px, y px, 1/z) of each vertex; 1/z = 0 where it is nearer than NEAR."""
-    fx, fy, cx, cy = camera[0, 0], camera[1, 1], camera[0, 2], camera[1, 2]
-    r00, r01, r02, t0 = pose[0, 0], pose[0, 1], pose[0, 2], pose[0, 3]
-    r10, r11, r12, t1 = pose[1, 0], pose[1, 1], pose[1, 2], pose[1, 3]
-    r20, r21, r22, t2 = pose[2, 0], pose[2, 1], pose[2, 2], pose[2, 3]
-    for v in range(vertices.shape[1]):
-        a, b, c = vertices[0, v], vertices[1, v], vertices[2, v]
-        z = r20 * a + r21 * b + r22 * c + t2
-        inverse = 1.0 / z if z >= NEAR else 0.0
-        corners[0, v] = (r00 * a + r01 * b + r02 * c + t0) * inverse * fx + cx
-        corners[1, v] = (r10 * a + r11 * b + r12 * c + t1) * inverse * fy + cy
-        corners[2, v] = inverse
 
 
 @njit(nogil=True, cache=True)
@@ -111,10 +84,7 @@ def sum_costs(
 ) -> None:
     """Draw the mesh in each pose and fill `sums` with its terms (see DepthCost.terms)."""
     height, width = observed.shape
-    # Inverse depth within a frame of infinitely near pixels: no edge is ever seen against them.
-    # Room to the right for the lanes that a triangle does not fill.
-    inverse = np.full((height + 2, width + 1 + LANES), _FAR, dtype=np.float32)
-    flat = inverse.reshape(-1)
+    inverse = framed(height, width)
     corners = np.empty((3, vertices.shape[1]), dtype=np.float32)
     for n in range(poses.shape[0]):
         project_vertices(poses[n], vertices, camera, corners)
@@ -125,7 +95,7 @@ def sum_costs(
             continue
         for y in range(max(top - 1, 0), min(bottom + 1, height - 1) + 1):
             inverse[y + 1, max(left - 1, 0) + 1 : min(right + 1, width - 1) + 2] = _ZERO
-        _draw(corners, faces, closed, flat, height, width, inverse.shape[1])
+        draw_triangles(corners, faces, closed, inverse, None)
         for y in range(top, bottom + 1):
             _sum_row(
                 inverse[y + 1, left : right + 3],
@@ -151,58 +121,6 @@ def _extent(positions: Float32[np.ndarray, "v"], size: int) -> tuple[int, int]:
     first = int(np.floor(min(max(least, _ZERO), np.float32(size))))
     last = int(np.ceil(min(max(most, -_ONE), np.float32(size - 1))))
     return first, last
-
-
-@njit(nogil=True, cache=True)
-def _draw(
-    corners: Float32[np.ndarray, "3 v"],
-    faces: Int[np.ndarray, "f 3"],
-    cull: bool,
-    inverse: Float32[np.ndarray, "p"],
-    height: int,
-    width: int,
-    stride: int,
-) -> None:
-    """As `rasterizer.fill_triangles`, in single precision, into a framed buffer of flat rows."""
-    for face in range(faces.shape[0]):
-        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-        ax, ay, wa = corners[0, a], corners[1, a], corners[2, a]
-        bx, by, wb = corners[0, b], corners[1, b], corners[2, b]
-        cx, cy, wc = corners[0, c], corners[1, c], corners[2, c]
-        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        if cull and area >= _ZERO:
-            continue
-        left, right = min(ax, bx, cx), max(ax, bx, cx)
-        top, bottom = min(ay, by, cy), max(ay, by, cy)
-        x0 = max(int(np.ceil(left - _TOLERANCE)), 0)
-        x1 = min(int(np.floor(right + _TOLERANCE)), width - 1)
-        y0 = max(int(np.ceil(top - _TOLERANCE)), 0)
-        y1 = min(int(np.floor(bottom + _TOLERANCE)), height - 1)
-        low, high = min(wa, wb, wc), max(wa, wb, wc)
-        if x0 > x1 or y0 > y1 or area == _ZERO or low <= _ZERO:
-            continue
-        # Weights of corners b and c grow linearly from corner a; corner a has the rest.
-        scale = _ONE / area
-        b_x, b_y = (cy - ay) * scale, (ax - cx) * scale
-        c_x, c_y = (ay - by) * scale, (bx - ax) * scale
-        w_x, w_y = b_x * (wb - wa) + c_x * (wc - wa), b_y * (wb - wa) + c_y * (wc - wa)
-        least_weight = -_TOLERANCE * (right - left + bottom - top) * abs(scale)
-        dx = np.float32(x0) - ax
-        # Whole lanes, as unsigned numbers: what the compiler needs for vectors without remainder.
-        lanes = np.uintp((x1 - x0 + LANES) // LANES * LANES)
-        start = np.uintp((y0 + 1) * stride + x0 + 1)
-        for y in range(y0, y1 + 1):
-            dy = np.float32(y) - ay
-            b_0, c_0, w_0 = b_x * dx + b_y * dy, c_x * dx + c_y * dy, wa + w_x * dx + w_y * dy
-            for k in range(lanes):
-                along = np.float32(np.int32(k))
-                weight_b, weight_c = b_0 + along * b_x, c_0 + along * c_x
-                least = min(min(weight_b, weight_c), _ONE - weight_b - weight_c)
-                # A pixel within the tolerance may lie outside a sliver: do not extrapolate there.
-                w = min(max(w_0 + along * w_x, low), high)
-                before = inverse[start + k]
-                inverse[start + k] = w if (least >= least_weight) & (w > before) else before
-            start += np.uintp(stride)
 
 
 # Sums may be taken in another order, as vectors need; NaN and infinity keep their meaning.

@@ -6,9 +6,7 @@ seen it has the model's colours, of which only the chromaticity is compared, sin
 the light's.
 """
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -47,23 +45,23 @@ class VerificationSettings:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What an image says about one pose, in shares of the rendered pixels (edges: edgelets).
+    """What an image says about n poses, in shares of the rendered pixels (edges: edgelets).
 
     `residual` is the mean of |S − O| / τ_d where it is below 1, counted over all pixels; `behind`
-    shows a surface beyond the object, `hidden` one before it, `missing` no depth. `color` is the
-    mean of min(|Δ chromaticity|₁, τ_c) / τ_c where depth agrees. `edge` is the mean distance to
-    O's closest edgelet over τ_e where the edgelet is not hidden, `edge_hidden` the hidden share.
-    `area` is what agrees, in the image's pixels.
+    shows a surface beyond the object, `hidden` one before it, `missing` no depth (1 as well where
+    nothing is rendered). `color` is the mean of min(|Δ chromaticity|₁, τ_c) / τ_c where depth
+    agrees. `edge` is the mean distance to O's closest edgelet over τ_e where the edgelet is not
+    hidden, `edge_hidden` the hidden share. `area` is what agrees, in the image's pixels.
     """
 
-    area: float
-    residual: float
-    behind: float
-    hidden: float
-    missing: float
-    color: float
-    edge: float
-    edge_hidden: float
+    area: Float[np.ndarray, "n"]
+    residual: Float[np.ndarray, "n"]
+    behind: Float[np.ndarray, "n"]
+    hidden: Float[np.ndarray, "n"]
+    missing: Float[np.ndarray, "n"]
+    color: Float[np.ndarray, "n"]
+    edge: Float[np.ndarray, "n"]
+    edge_hidden: Float[np.ndarray, "n"]
 
 
 @dataclass(frozen=True)
@@ -98,11 +96,9 @@ def observe(
 
 
 class Verifier:
-    """Verification cost of poses of one object; `threads` share them out and change no result."""
+    """Verification cost of poses of one object."""
 
-    def __init__(
-        self, model: ObjectModel, settings: VerificationSettings, threads: int = 1
-    ) -> None:
+    def __init__(self, model: ObjectModel, settings: VerificationSettings) -> None:
         mesh = model.proxy
         self._settings = settings
         self._centroid, self._radius = model.centroid, model.diameter / 2.0
@@ -110,16 +106,14 @@ class Verifier:
         self._faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
         self._closed = is_closed(self._faces, mesh.vertices)
         raised = mesh.colors[mesh.faces].mean(axis=1) + FLOOR
-        self._chromaticity = raised / raised.sum(axis=1, keepdims=True)
-        self._threads = threads
-        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+        shares = raised / raised.sum(axis=1, keepdims=True)
+        self._chromaticity = shares.astype(np.float32)
 
     def costs(
         self, observation: Observation, poses_cam_obj: Float[np.ndarray, "n 4 4"]
     ) -> Float[np.ndarray, "n"]:
         """Cost in [0, 1] of each pose, lower is better; comparable between poses of one object."""
-        found = self.evidence(observation, poses_cam_obj)
-        return np.array([WORST if each is None else self.weigh(each) for each in found])
+        return self.weigh(self.evidence(observation, poses_cam_obj))
 
     def rival_costs(
         self,
@@ -135,18 +129,16 @@ class Verifier:
         votes, by the logarithm of the largest `support` over its own, as votes are evidence too.
         """
         found = self.evidence(observation, poses_cam_obj)
-        alone = np.array([WORST if each is None else self.weigh(each) for each in found])
-        area = np.array([0.0 if each is None else each.area for each in found])
         centers = transform(poses_cam_obj, self._centroid[None])[:, 0]
         apart = np.linalg.norm(centers[:, None] - centers, axis=-1)
-        largest = np.where(apart < self._radius, area, 0.0).max(axis=1, initial=1.0)
-        costs = alone + self._settings.unexplained_cost * (1.0 - area / largest)
+        largest = np.where(apart < self._radius, found.area, 0.0).max(axis=1, initial=1.0)
+        costs = self.weigh(found) + self._settings.unexplained_cost * (1.0 - found.area / largest)
         share = support / max(float(support.max(initial=0.0)), _LEAST_SUPPORT)
         costs -= self._settings.backing_cost * np.log(np.maximum(share, _LEAST_SHARE))
         return np.asarray(np.minimum(costs, WORST))
 
-    def weigh(self, evidence: Evidence) -> float:
-        """Cost of what was seen.
+    def weigh(self, evidence: Evidence) -> Float[np.ndarray, "n"]:
+        """Cost of what was seen; the worst where that is no depth at all.
 
         A hidden pixel costs more, the more of the object is hidden: right poses may be half
         hidden, but one that hides almost wholly is hardly believed.
@@ -160,29 +152,16 @@ class Verifier:
         parts = settings.weight_depth * depth + settings.weight_edge * edge
         parts += settings.weight_color * evidence.color
         whole = settings.weight_depth + settings.weight_edge + settings.weight_color
-        return float(np.clip(parts / whole, 0.0, 1.0))
+        return np.where(evidence.missing < 1.0, np.clip(parts / whole, 0.0, 1.0), WORST)
 
     def evidence(
         self, observation: Observation, poses_cam_obj: Float[np.ndarray, "n 4 4"]
-    ) -> list[Evidence | None]:
-        """What the image says about each pose; None where it shows no depth at all there."""
-        poses = np.ascontiguousarray(poses_cam_obj[:, :3], dtype=np.float64)
-        sums = np.empty((len(poses), SUMS))
-        bounds = np.linspace(0, len(poses), self._threads + 1).astype(int)
-        parts = [slice(first, last) for first, last in pairwise(bounds)]
-        share = self._pool.map if self._pool else map
-        list(share(lambda part: self._sum(observation, poses[part], sums[part]), parts))
-        return [_in_shares(each) for each in sums]
-
-    def _sum(
-        self,
-        observation: Observation,
-        poses: Float[np.ndarray, "n 3 4"],
-        sums: Float[np.ndarray, "n 11"],
-    ) -> None:
+    ) -> Evidence:
+        """What the image says about each pose."""
         settings = self._settings
+        sums = np.empty((len(poses_cam_obj), SUMS))
         sum_evidence(
-            poses,
+            np.ascontiguousarray(poses_cam_obj, dtype=np.float64),
             self._vertices,
             self._faces,
             self._closed,
@@ -198,19 +177,21 @@ class Verifier:
             settings.edge_step_mm / 1000.0,
             sums,
         )
+        return _in_shares(sums)
 
 
-def _in_shares(sums: Float[np.ndarray, "11"]) -> Evidence | None:
-    pixels, residual, agreeing, behind, hidden, missing, color, edge, edge_hidden, edges = sums[:10]
-    if pixels == missing:  # nothing drawn, or nothing observed under it
-        return None
+def _in_shares(sums: Float[np.ndarray, "n 11"]) -> Evidence:
+    pixels, agreeing, behind, hidden, missing, edges, edge_hidden = sums.T[:7]
+    residual, color, edge, size = sums.T[7:]
+    per_pixel = 1.0 / np.maximum(pixels, 1.0)
+    seen_edges = edges - edge_hidden
     return Evidence(
-        agreeing * sums[10],
-        residual / pixels,
-        behind / pixels,
-        hidden / pixels,
-        missing / pixels,
-        color / agreeing if agreeing else 1.0,
-        edge / (edges - edge_hidden) if edges > edge_hidden else 1.0,
-        edge_hidden / edges if edges else 0.0,
+        agreeing * size,
+        residual * per_pixel,
+        behind * per_pixel,
+        hidden * per_pixel,
+        np.where(pixels > missing, missing * per_pixel, 1.0),
+        np.where(agreeing > 0.0, color / np.maximum(agreeing, 1.0), 1.0),
+        np.where(seen_edges > 0.0, edge / np.maximum(seen_edges, 1.0), 1.0),
+        edge_hidden / np.maximum(edges, 1.0),
     )

@@ -1,24 +1,25 @@
 """Compiled part of the verification: draw the mesh in many poses, count what is seen of each."""
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, UInt8
+from jaxtyping import Float, Float32, Int, Int32, UInt8
 from numba import njit
 
-from hlp.refinement.cost_kernel import project_vertices
-from hlp.rendering.rasterizer import fill_triangles
+from hlp.rendering.zbuffer import draw_triangles, framed, project_vertices
 
-FLOOR = 4.0
+FLOOR = np.float32(4.0)
 """Added to every colour channel: the hue of what is nearly black means nothing."""
 SUMS = 11
+_ONE, _ZERO, _FAR = np.float32(1.0), np.float32(0.0), np.float32(np.inf)
+_FLOORS = np.float32(3.0) * FLOOR
 
 
 @njit(nogil=True, cache=True)
 def sum_evidence(
-    poses: Float[np.ndarray, "n 3 4"],
+    poses: Float[np.ndarray, "n 4 4"],
     vertices: Float[np.ndarray, "3 v"],
     faces: Int[np.ndarray, "f 3"],
     closed: bool,
-    chromaticity: Float[np.ndarray, "f 3"],
+    chromaticity: Float32[np.ndarray, "f 3"],
     camera: Float[np.ndarray, "3 3"],
     size: int,
     depth: Float32[np.ndarray, "h w"],
@@ -36,94 +37,98 @@ def sum_evidence(
     `size` of them; never averages: depth must not be mixed over edges.
     """
     corners = np.empty((3, vertices.shape[1]))
-    placed = np.empty((vertices.shape[1], 3))
+    placed = np.empty((3, vertices.shape[1]), dtype=np.float32)
     for n in range(len(poses)):
         sums[n] = 0.0
         project_vertices(poses[n], vertices, camera, corners)
-        middle = np.median(corners[2])
         left, columns, top, rows, pace = _grid(corners, depth.shape, size)
-        if middle <= 0.0 or columns <= 0 or rows <= 0:
+        if columns <= 0 or rows <= 0:
             continue
-        placed[:, 0] = (corners[0] - left) / pace
-        placed[:, 1] = (corners[1] - top) / pace
-        placed[:, 2] = corners[2]
-        inverse = np.zeros((rows, columns))
-        seen = np.zeros((rows, columns), dtype=np.int32)
-        fill_triangles(placed, faces, closed, inverse, seen)
-        _sum_pixels(
-            inverse,
-            seen,
-            chromaticity,
-            depth[top::pace, left::pace],
-            rgb[top::pace, left::pace],
-            edge_distance[top::pace, left::pace],
-            tau_depth,
-            tau_edge * camera[0, 0] * middle,
-            tau_color,
-            step,
-            sums[n],
-        )
+        placed[0] = (corners[0] - left) / pace
+        placed[1] = (corners[1] - top) / pace
+        placed[2] = corners[2]
+        inverse = framed(rows, columns)
+        seen = np.empty(inverse.shape, dtype=np.int32)
+        draw_triangles(placed, faces, closed, inverse, seen)
+        reach = tau_edge * camera[0, 0] * corners[2].mean()
+        for j in range(rows):
+            y = top + j * pace
+            _sum_row(
+                inverse[j + 1],
+                inverse[j],
+                inverse[j + 2],
+                seen[j + 1],
+                chromaticity,
+                depth[y, left::pace],
+                rgb[y, left::pace],
+                edge_distance[y, left::pace],
+                np.float32(tau_depth),
+                np.float32(reach),
+                np.float32(tau_color),
+                np.float32(step),
+                columns,
+                sums[n],
+            )
         sums[n, 10] = pace * pace
 
 
-@njit(nogil=True, cache=True)
-def _sum_pixels(
-    inverse: Float[np.ndarray, "r c"],
-    seen: Int[np.ndarray, "r c"],
-    chromaticity: Float[np.ndarray, "f 3"],
-    depth: Float32[np.ndarray, "r c"],
-    rgb: UInt8[np.ndarray, "r c 3"],
-    edge_distance: Float32[np.ndarray, "r c"],
-    tau_depth: float,
-    tau_pixels: float,
-    tau_color: float,
-    step: float,
+@njit(nogil=True, cache=True, error_model="numpy")
+def _sum_row(
+    inverse: Float32[np.ndarray, "c+9"],
+    above: Float32[np.ndarray, "c+9"],
+    below: Float32[np.ndarray, "c+9"],
+    seen: Int32[np.ndarray, "c+9"],
+    chromaticity: Float32[np.ndarray, "f 3"],
+    depth: Float32[np.ndarray, "c"],
+    rgb: UInt8[np.ndarray, "c 3"],
+    edge_distance: Float32[np.ndarray, "c"],
+    tau_depth: np.float32,
+    tau_pixels: np.float32,
+    tau_color: np.float32,
+    step: np.float32,
+    columns: int,
     sums: Float[np.ndarray, "11"],
 ) -> None:
-    """Add up the rendered pixels, in the order in which `Evidence` is made of the sums."""
-    rows, columns = inverse.shape
-    for j in range(rows):
-        for i in range(columns):
-            if inverse[j, i] <= 0.0:
-                continue
-            sums[0] += 1.0
-            observed = depth[j, i]
-            present = observed > 0.0 and np.isfinite(observed)
-            apart = observed - 1.0 / inverse[j, i]
-            hidden = present and apart < -tau_depth
-            if not present:
-                sums[5] += 1.0
-            elif hidden:
-                sums[4] += 1.0
-            elif apart > tau_depth:
-                sums[3] += 1.0
-            else:
-                sums[1] += abs(apart) / tau_depth
-                sums[2] += 1.0
-                face = seen[j, i]
-                total = rgb[j, i, 0] + rgb[j, i, 1] + rgb[j, i, 2] + 3.0 * FLOOR
-                turned = 0.0
-                for c in range(3):
-                    turned += abs((rgb[j, i, c] + FLOOR) / total - chromaticity[face, c])
-                sums[6] += min(turned / tau_color, 1.0)
-            if _is_edge(inverse, j, i, step):
-                sums[9] += 1.0
-                if hidden:
-                    sums[8] += 1.0
-                else:
-                    sums[7] += min(edge_distance[j, i] / tau_pixels, 1.0)
+    """Add one row's pixels, in the order in which `Evidence` is made of the sums."""
+    pixels, missing, hidden, behind, agreeing, edges, hidden_edges = 0, 0, 0, 0, 0, 0, 0
+    residual, color, edge_sum = _ZERO, _ZERO, _ZERO
+    for i in range(columns):
+        here = inverse[i + 1]
+        if here <= _ZERO:
+            continue
+        pixels += 1
+        rendered = _ONE / here
+        apart = depth[i] - rendered
+        present = (depth[i] > _ZERO) & (depth[i] < _FAR)
+        covered = present & (apart < -tau_depth)
+        beyond = present & (apart > tau_depth)
+        missing += not present
+        hidden += covered
+        behind += beyond
+        if present & (abs(apart) <= tau_depth):
+            agreeing += 1
+            residual += abs(apart) / tau_depth
+            color += min(_turned(rgb[i], chromaticity[seen[i + 1]]) / tau_color, _ONE)
+        # An edgelet: a 4-neighbour is empty or farther by more than the step.
+        farthest = min(min(inverse[i], inverse[i + 2]), min(above[i + 1], below[i + 1]))
+        if farthest * (rendered + step) < _ONE:
+            edges += 1
+            hidden_edges += covered
+            edge_sum += _ZERO if covered else min(edge_distance[i] / tau_pixels, _ONE)
+    for k, found in enumerate((pixels, agreeing, behind, hidden, missing, edges, hidden_edges)):
+        sums[k] += found
+    for k, found in enumerate((residual, color, edge_sum)):
+        sums[7 + k] += found
 
 
 @njit(nogil=True, cache=True, inline="always")
-def _is_edge(inverse: Float[np.ndarray, "r c"], j: int, i: int, step: float) -> bool:
-    """Whether a 4-neighbour lies farther by more than `step` (m) or is empty."""
-    rows, columns = inverse.shape
-    reach = 1.0 / inverse[j, i] + step
-    edge = j > 0 and inverse[j - 1, i] * reach < 1.0
-    edge |= j < rows - 1 and inverse[j + 1, i] * reach < 1.0
-    edge |= i > 0 and inverse[j, i - 1] * reach < 1.0
-    edge |= i < columns - 1 and inverse[j, i + 1] * reach < 1.0
-    return bool(edge)
+def _turned(rgb: UInt8[np.ndarray, "3"], chromaticity: Float32[np.ndarray, "3"]) -> float:
+    """Sum of |Δr|, |Δg|, |Δb| of a colour's chromaticity."""
+    red, green, blue = np.float32(rgb[0]), np.float32(rgb[1]), np.float32(rgb[2])
+    share = _ONE / (red + green + blue + _FLOORS)
+    turned = abs((red + FLOOR) * share - chromaticity[0])
+    turned += abs((green + FLOOR) * share - chromaticity[1])
+    return turned + abs((blue + FLOOR) * share - chromaticity[2])
 
 
 @njit(nogil=True, cache=True)

@@ -1,0 +1,71 @@
+"""The fast z-buffer against the reference rasteriser: pixels, depths and the faces seen."""
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from hlp.geometry import rigid
+from hlp.rendering.rasterizer import fill_triangles
+from hlp.rendering.zbuffer import LANES, draw_triangles, framed, project_vertices
+
+CAMERA = np.array([[60.0, 0.0, 20.3], [0.0, 62.0, 17.8], [0.0, 0.0, 1.0]])
+HEIGHT, WIDTH = 37, 43
+
+
+def drawn(
+    vertices: np.ndarray, faces: np.ndarray, pose: np.ndarray, cull: bool
+) -> tuple[np.ndarray, ...]:
+    """Inverse depths and faces seen: of the fast z-buffer, then of the reference."""
+    corners = np.empty((3, len(vertices)))
+    project_vertices(pose, np.ascontiguousarray(vertices.T), CAMERA, corners)
+    fast = framed(HEIGHT, WIDTH)
+    seen = np.full(fast.shape, -1, dtype=np.int32)
+    draw_triangles(corners.astype(np.float32), faces, cull, fast, seen)
+    inside = slice(1, HEIGHT + 1), slice(1, WIDTH + 1)
+    frame = np.ones(fast.shape, dtype=bool)
+    frame[inside] = False
+    assert np.isinf(fast[frame]).all() and (seen[frame] == -1).all()
+    depth, owner = np.zeros((HEIGHT, WIDTH)), np.full((HEIGHT, WIDTH), -1, dtype=np.int32)
+    fill_triangles(np.ascontiguousarray(corners.T), faces, cull, depth, owner)
+    return fast[inside], seen[inside], depth, owner
+
+
+@pytest.mark.parametrize("subdivisions", [0, 1, 3, 5])
+@pytest.mark.parametrize("cull", [False, True])
+def test_pixels_depths_and_faces_are_those_of_the_reference(subdivisions: int, cull: bool) -> None:
+    """Triangles from many pixels wide to far below one, half of the poses cut by the border."""
+    ball = trimesh.creation.icosphere(subdivisions=subdivisions, radius=0.1)
+    ball.apply_scale([1.0, 0.7, 1.3])
+    faces = np.array(ball.faces, dtype=np.int32)
+    rng = np.random.default_rng(subdivisions)
+    differing = covered = 0
+    for k in range(20):
+        middle = rng.uniform([-0.1, -0.1, 0.4], [0.1, 0.1, 0.6]) * (1 + k % 2)
+        pose = rigid(Rotation.random(rng=rng).as_matrix(), middle)
+        fast, seen, depth, owner = drawn(np.array(ball.vertices), faces, pose, cull)
+        both = (fast > 0) & (depth > 0)
+        np.testing.assert_allclose(fast[both], depth[both], rtol=1e-5)
+        differing += np.count_nonzero((fast > 0) != (depth > 0))
+        # Where two faces meet, single precision may decide for the other.
+        differing += np.count_nonzero(seen[both] != owner[both])
+        np.testing.assert_array_equal(seen >= 0, fast > 0)
+        covered += np.count_nonzero(both)
+    assert covered > 2000
+    assert differing <= 0.002 * covered
+
+
+def test_the_nearest_face_is_seen_and_lanes_spill_nowhere() -> None:
+    """A triangle of one pixel at the right border: the lanes beyond it draw nothing."""
+    corners = np.array(
+        [[WIDTH - 1.4, WIDTH - 0.6, WIDTH - 1.0], [4.6, 4.6, 5.4], [1.0, 1.0, 1.0]],
+        dtype=np.float32,
+    )
+    both = np.hstack([corners, corners * np.float32([[1], [1], [2]])])
+    faces = np.array([[0, 1, 2], [3, 4, 5], [0, 1, 2]], dtype=np.int32)
+    buffer = framed(HEIGHT, WIDTH)
+    seen = np.full(buffer.shape, -1, dtype=np.int32)
+    draw_triangles(both, faces, False, buffer, seen)
+    assert buffer.shape == (HEIGHT + 2, WIDTH + 1 + LANES)
+    assert np.argwhere(seen >= 0).tolist() == [[6, WIDTH]]
+    assert seen[6, WIDTH] == 1 and buffer[6, WIDTH] == 2.0
