@@ -49,7 +49,7 @@ def slow_cost(
     own = np.argwhere(slow_edges(rendered, step))
     theirs = np.argwhere(slow_edges(observed, step))
     centre = coarse[:3, :3] @ scene.model.proxy.vertices.T + coarse[:3, 3:]
-    tau_edge = s.tau_edge_mm / 1000 * camera[0, 0] / np.median(centre[2])
+    tau_edge = s.tau_edge_mm / 1000 * camera[0, 0] / centre[2].mean()
     distance = np.minimum(cKDTree(theirs).query(own)[0] / tau_edge, 1.0)
     at = tuple(own.T)
     hidden = seen[at] & (rendered[at] - observed[at] > tau)

@@ -20,7 +20,7 @@ from hlp.pipeline.world import World
 from hlp.records import Frame, Hypotheses, PoseEstimate, Region
 from hlp.refinement.choice import Fine
 
-VERSIONS = {"regions": 3, "hypotheses": 5, "poses": 7}
+VERSIONS = {"regions": 3, "hypotheses": 5, "poses": 8}
 
 Arrays = dict[str, np.ndarray]
 

@@ -15,8 +15,8 @@ from jaxtyping import Bool, Float, Int
 from hlp.geometry import project, transform
 from hlp.records import Mesh
 from hlp.refinement.cost_kernel import depth_edges, sum_costs, weigh
-from hlp.rendering.rasterizer import NEAR, fill_triangles, is_closed
-from hlp.rendering.zbuffer import project_vertices
+from hlp.rendering.rasterizer import NEAR, is_closed
+from hlp.rendering.zbuffer import draw_triangles, framed, in_frame, project_vertices
 
 
 @dataclass(frozen=True)
@@ -59,15 +59,17 @@ class DepthCost:
         self._settings = settings
         self._vertices, self._faces, self._closed = _prepared(mesh)
         points = transform(pose_cam_obj, mesh.vertices)
+        z = max(float(points[:, 2].mean()), NEAR)
+        margin = settings.roi_margin_mm / 1000.0 * camera_matrix[0, 0] / z
         self.observed, self.camera_matrix = _region(
-            depth, camera_matrix, points, settings.roi_size, settings.roi_margin_mm / 1000.0
+            depth, camera_matrix, points, settings.roi_size, margin
         )
-        self._observed = self.observed.astype(np.float32)
-        self._edge_cost = self._edge_costs(float(np.median(points[:, 2]))).astype(np.float32)
-        self._reference = np.zeros(self.observed.shape, dtype=np.float32)
+        self._observed = in_frame(self.observed)
+        self._edge_cost = in_frame(self._edge_costs(z))
+        self._reference = np.zeros_like(self._observed)
         if settings.uncovered_cost > 0.0:
             agreeing = self._agreeing(pose_cam_obj, settings.reference_mm / 1000.0)
-            self._reference = agreeing.astype(np.float32)
+            self._reference = in_frame(agreeing)
         self._agreed = float(np.count_nonzero(self._reference))
 
     def evaluate(self, poses_cam_obj: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n"]:
@@ -108,11 +110,13 @@ class DepthCost:
 
     def render(self, pose_cam_obj: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "h w"]:
         """Depth of the mesh in the ROI (m, 0 = nothing)."""
-        inverse = np.zeros(self.observed.shape)
-        corners = np.empty_like(self._vertices)
+        height, width = self.observed.shape
+        buffer = framed(height, width)
+        corners = np.empty(self._vertices.shape, dtype=np.float32)
         pose = np.asarray(pose_cam_obj, dtype=np.float64)
         project_vertices(pose, self._vertices, self.camera_matrix, corners)
-        fill_triangles(np.ascontiguousarray(corners.T), self._faces, self._closed, inverse, None)
+        draw_triangles(corners, self._faces, self._closed, buffer, None)
+        inverse = buffer[1 : height + 1, 1 : width + 1].astype(np.float64)
         return np.where(inverse > 0.0, 1.0 / np.where(inverse > 0.0, inverse, 1.0), 0.0)
 
     def _edge_costs(self, z: float) -> Float[np.ndarray, "h w"]:
@@ -156,8 +160,8 @@ def _region(
 ) -> tuple[Float[np.ndarray, "r c"], Float[np.ndarray, "3 3"]]:
     """Depth around projected points, at most `size` pixels on the long side, and its camera.
 
-    `margin` (m) is added on each side at the points' depth. Nearest sampling, never upwards: depth
-    must not be averaged over edges.
+    `margin` (px) is added on each side. Nearest sampling, never upwards: depth must not be averaged
+    over edges.
     """
     height, width = depth.shape
     points = points_cam[points_cam[:, 2] > NEAR]
@@ -165,7 +169,7 @@ def _region(
     if len(points) == 0:
         return np.zeros((1, 1)), camera
     pixels = project(points, camera)
-    border = margin * camera[0, 0] / float(np.median(points[:, 2])) + 1.0
+    border = margin + 1.0
     left, top = np.floor(np.maximum(pixels.min(axis=0) - border, 0.0))
     right, bottom = np.ceil(np.minimum(pixels.max(axis=0) + border, [width - 1.0, height - 1.0]))
     if left > right or top > bottom:

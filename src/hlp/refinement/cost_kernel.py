@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 from numba import njit
 
-from hlp.rendering.zbuffer import draw_triangles, framed, project_vertices
+from hlp.rendering.zbuffer import LANES, draw_triangles, framed, project_vertices
 
 WORST = 1.0
 """Cost of a pose that nothing speaks for: not in the image, or no observed depth under it."""
-_ONE, _ZERO = np.float32(1.0), np.float32(0.0)
+_ONE, _ZERO, _FAR = np.float32(1.0), np.float32(0.0), np.float32(np.inf)
 
 
 @njit(nogil=True, cache=True)
@@ -73,18 +73,22 @@ def sum_costs(
     faces: Int[np.ndarray, "f 3"],
     closed: bool,
     camera: Float[np.ndarray, "3 3"],
-    observed: Float32[np.ndarray, "h w"],
-    edge_cost: Float32[np.ndarray, "h w"],
-    reference: Float32[np.ndarray, "h w"],
+    observed: Float32[np.ndarray, "h+2 w+5"],
+    edge_cost: Float32[np.ndarray, "h+2 w+5"],
+    reference: Float32[np.ndarray, "h+2 w+5"],
     tau: np.float32,
     step: np.float32,
     missing_cost: np.float32,
     occluder_cost: np.float32,
     sums: Float[np.ndarray, "n 6"],
 ) -> None:
-    """Draw the mesh in each pose and fill `sums` with its terms (see DepthCost.terms)."""
-    height, width = observed.shape
+    """Draw the mesh in each pose and fill `sums` with its terms (see DepthCost.terms).
+
+    The images have the frame of the buffer that is drawn into (see `zbuffer.framed`).
+    """
+    height, width = observed.shape[0] - 2, observed.shape[1] - 1 - LANES
     inverse = framed(height, width)
+    rows = inverse.reshape(-1), observed.reshape(-1), edge_cost.reshape(-1), reference.reshape(-1)
     corners = np.empty((3, vertices.shape[1]), dtype=np.float32)
     for n in range(poses.shape[0]):
         project_vertices(poses[n], vertices, camera, corners)
@@ -94,22 +98,20 @@ def sum_costs(
         if left > right or top > bottom:
             continue
         for y in range(max(top - 1, 0), min(bottom + 1, height - 1) + 1):
-            inverse[y + 1, max(left - 1, 0) + 1 : min(right + 1, width - 1) + 2] = _ZERO
+            inverse[y + 1, 1 : width + 1] = _ZERO
         draw_triangles(corners, faces, closed, inverse, None)
-        for y in range(top, bottom + 1):
-            _sum_row(
-                inverse[y + 1, left : right + 3],
-                inverse[y, left + 1 : right + 2],
-                inverse[y + 2, left + 1 : right + 2],
-                observed[y, left : right + 1],
-                edge_cost[y, left : right + 1],
-                reference[y, left : right + 1],
-                tau,
-                step,
-                missing_cost,
-                occluder_cost,
-                sums[n],
-            )
+        stride = inverse.shape[1]
+        _sum_rows(
+            rows,
+            (top + 1) * stride,
+            (bottom + 2) * stride,
+            stride,
+            tau,
+            step,
+            missing_cost,
+            occluder_cost,
+            sums[n],
+        )
 
 
 @njit(nogil=True, cache=True, fastmath={"nnan", "nsz", "reassoc"})
@@ -125,25 +127,31 @@ def _extent(positions: Float32[np.ndarray, "v"], size: int) -> tuple[int, int]:
 
 # Sums may be taken in another order, as vectors need; NaN and infinity keep their meaning.
 @njit(nogil=True, cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
-def _sum_row(
-    inverse: Float32[np.ndarray, "w+2"],
-    above: Float32[np.ndarray, "w"],
-    below: Float32[np.ndarray, "w"],
-    observed: Float32[np.ndarray, "w"],
-    edge_cost: Float32[np.ndarray, "w"],
-    reference: Float32[np.ndarray, "w"],
+def _sum_rows(
+    rows: tuple[Float32[np.ndarray, "p"], ...],
+    start: int,
+    stop: int,
+    stride: int,
     tau: np.float32,
     step: np.float32,
     missing_cost: np.float32,
     occluder_cost: np.float32,
     sums: Float[np.ndarray, "6"],
 ) -> None:
-    """Add one row's terms; `inverse` has a pixel more at each end, 0 where nothing is drawn."""
+    """Add the terms of the pixels from `start` to `stop`: whole rows, with the frame between them.
+
+    `rows` are inverse depth, observed depth, edge cost and reference, row behind row.
+    """
+    whole, observed, edge_cost, reference = rows
+    observed, edge_cost = observed[start:stop], edge_cost[start:stop]
+    reference, inverse = reference[start:stop], whole[start:stop]
+    before, after = whole[start - 1 : stop - 1], whole[start + 1 : stop + 1]
+    above, below = whole[start - stride : stop - stride], whole[start + stride : stop + stride]
     depth_sum, edge_sum, pixels, seen, edges, covered = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
     per_tau = _ONE / tau
     for x in range(observed.shape[0]):
-        here = inverse[x + 1]
-        drawn, has_depth = here > _ZERO, observed[x] > _ZERO
+        here = inverse[x]
+        drawn, has_depth = (here > _ZERO) & (here < _FAR), observed[x] > _ZERO
         rendered = _ONE / here
         behind = rendered - observed[x]
         limit = occluder_cost if behind > _ZERO else _ONE
@@ -153,7 +161,7 @@ def _sum_row(
         seen += _ONE if drawn & has_depth else _ZERO
         covered += reference[x] if drawn else _ZERO
         # An edgelet: a 4-neighbour is empty or farther by more than the step.
-        farthest = min(min(inverse[x], inverse[x + 2]), min(above[x], below[x]))
+        farthest = min(min(before[x], after[x]), min(above[x], below[x]))
         edge = drawn & (farthest < _ONE / (rendered + step))
         hidden = has_depth & (behind > tau)
         edges += _ONE if edge else _ZERO

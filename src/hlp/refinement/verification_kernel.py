@@ -74,10 +74,10 @@ def sum_evidence(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _sum_row(
-    inverse: Float32[np.ndarray, "c+9"],
-    above: Float32[np.ndarray, "c+9"],
-    below: Float32[np.ndarray, "c+9"],
-    seen: Int32[np.ndarray, "c+9"],
+    inverse: Float32[np.ndarray, "c+5"],
+    above: Float32[np.ndarray, "c+5"],
+    below: Float32[np.ndarray, "c+5"],
+    seen: Int32[np.ndarray, "c+5"],
     chromaticity: Float32[np.ndarray, "f 3"],
     depth: Float32[np.ndarray, "c"],
     rgb: UInt8[np.ndarray, "c 3"],
@@ -117,18 +117,19 @@ def _sum_row(
             edge_sum += _ZERO if covered else min(edge_distance[i] / tau_pixels, _ONE)
     for k, found in enumerate((pixels, agreeing, behind, hidden, missing, edges, hidden_edges)):
         sums[k] += found
-    for k, found in enumerate((residual, color, edge_sum)):
-        sums[7 + k] += found
+    for k, amount in enumerate((residual, color, edge_sum)):
+        sums[7 + k] += amount
 
 
 @njit(nogil=True, cache=True, inline="always")
-def _turned(rgb: UInt8[np.ndarray, "3"], chromaticity: Float32[np.ndarray, "3"]) -> float:
+def _turned(rgb: UInt8[np.ndarray, "3"], chromaticity: Float32[np.ndarray, "3"]) -> np.float32:
     """Sum of |Δr|, |Δg|, |Δb| of a colour's chromaticity."""
     red, green, blue = np.float32(rgb[0]), np.float32(rgb[1]), np.float32(rgb[2])
     share = _ONE / (red + green + blue + _FLOORS)
     turned = abs((red + FLOOR) * share - chromaticity[0])
     turned += abs((green + FLOOR) * share - chromaticity[1])
-    return turned + abs((blue + FLOOR) * share - chromaticity[2])
+    turned += abs((blue + FLOOR) * share - chromaticity[2])
+    return np.float32(turned)
 
 
 @njit(nogil=True, cache=True)

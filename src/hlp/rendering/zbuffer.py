@@ -6,12 +6,12 @@ turns them into vector instructions. `rasterizer` is the reference.
 """
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, Int32
+from jaxtyping import Float, Float32, Int, Int32, Shaped
 from numba import njit
 
 from hlp.rendering.rasterizer import NEAR
 
-LANES = 8
+LANES = 4
 """Pixels of a row that are drawn at once."""
 _ONE, _ZERO = np.float32(1.0), np.float32(0.0)
 _FAR = np.float32(np.inf)
@@ -21,7 +21,7 @@ _TOLERANCE = np.float32(1e-5)
 
 
 @njit(nogil=True, cache=True)
-def framed(height: int, width: int) -> Float32[np.ndarray, "h+2 w+9"]:
+def framed(height: int, width: int) -> Float32[np.ndarray, "h+2 w+5"]:
     """A buffer of inverse depths (1/m): nothing, within a frame of infinitely near pixels.
 
     So nothing is drawn on the frame, and no edge is ever seen against it. To the right there is
@@ -30,6 +30,14 @@ def framed(height: int, width: int) -> Float32[np.ndarray, "h+2 w+9"]:
     inverse = np.full((height + 2, width + 1 + LANES), _FAR, dtype=np.float32)
     inverse[1 : height + 1, 1 : width + 1] = _ZERO
     return inverse
+
+
+def in_frame(image: Shaped[np.ndarray, "h w"]) -> Float32[np.ndarray, "h+2 w+5"]:
+    """An image laid out as a framed buffer, 0 on the frame: both can be read row behind row."""
+    height, width = image.shape
+    laid_out = np.zeros((height + 2, width + 1 + LANES), dtype=np.float32)
+    laid_out[1 : height + 1, 1 : width + 1] = image
+    return laid_out
 
 
 @njit(nogil=True, cache=True)
@@ -58,8 +66,8 @@ def draw_triangles(
     corners: Float32[np.ndarray, "3 v"],
     faces: Int[np.ndarray, "f 3"],
     cull: bool,
-    inverse: Float32[np.ndarray, "h+2 w+9"],
-    triangles: Int32[np.ndarray, "h+2 w+9"] | None,
+    inverse: Float32[np.ndarray, "h+2 w+5"],
+    triangles: Int32[np.ndarray, "h+2 w+5"] | None,
 ) -> None:
     """As `rasterizer.fill_triangles`, in single precision, into a buffer made by `framed`.
 
