@@ -1,5 +1,6 @@
 """Stages that learn the objects: views, classifier, encoder, codebooks. Each is made once."""
 
+import gc
 import logging
 from collections.abc import Callable, Mapping
 from functools import cached_property
@@ -9,8 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from hlp.codebook.entries import load_codebook, make_codebook, save_codebook
-from hlp.codebook.neighbours import ExactNeighbours
+from hlp.codebook.entries import load_codebook, save_codebook
 from hlp.models.classifier import HolisticClassifier, HolisticCNN, carry_over
 from hlp.models.encoder import Encoder
 from hlp.patches.holistic_data import HolisticDataModule
@@ -21,9 +21,7 @@ from hlp.patches.holistic_pool import (
     bake_windows,
     join_pools,
 )
-from hlp.patches.local import surface_pixels
-from hlp.patches.local_data import degrade_patches
-from hlp.patches.local_pool import cut_view_patches, join_patches
+from hlp.pipeline.codebooks import build_codebook
 from hlp.pipeline.earlier import Earlier, read_earlier
 from hlp.pipeline.encoders import load_encoder, train_encoder
 from hlp.pipeline.fingerprint import fingerprint
@@ -35,7 +33,6 @@ from hlp.records import Codebook, Views
 from hlp.rendering.views import load_views, render_views, save_views
 
 VERSIONS = {"views": 1, "classifier": 2, "encoder": 2, "codebook": 3}
-_SCALE_SAMPLE = 1024
 
 
 class Learner:
@@ -106,7 +103,12 @@ class Learner:
         if self._earlier is not None:
             settings["extend"] = {"epochs": self.settings.extend.epochs}
             upstream["earlier"] = self._earlier.classifier.fingerprint
-        return self._stage("classifier", 0, settings, upstream, self._train_classifier)
+
+        def make(folder: Path) -> None:
+            self._train_classifier(folder)
+            gc.collect()  # trainer, loader and data hold each other: a gigabyte for 15 objects
+
+        return self._stage("classifier", 0, settings, upstream, make)
 
     @cached_property
     def _earlier(self) -> Earlier | None:
@@ -208,6 +210,7 @@ class Learner:
 
         def make(folder: Path) -> None:
             train_encoder(self.world, self.settings, self.load_views, folder)
+            gc.collect()  # as after the classifier
 
         return self._stage("encoder", 0, settings, upstream, make)
 
@@ -231,37 +234,15 @@ class Learner:
         }
 
         def make(folder: Path) -> None:
-            save_codebook(folder, self._make_codebook(object_id))
+            views, model = self.load_views(object_id), self.world.models[object_id]
+            made = build_codebook(model, views, self.load_encoder(), self.settings)
+            save_codebook(folder, made)
 
         return self._stage("codebook", object_id, settings, upstream, make)
 
     def load_codebook(self, object_id: int) -> Codebook:
         """One object's codebook, from disk."""
         return load_codebook(self.codebook(object_id).folder)
-
-    def _make_codebook(self, object_id: int) -> Codebook:
-        patches = self.settings.patches
-        views, encoder = self.load_views(object_id), self.load_encoder()
-        size = self.world.models[object_id].local_size * patches.local.size_scale
-        rng = np.random.default_rng([self.settings.seed, object_id])
-        cut, poses = [], []
-        for view in range(len(views)):
-            pixels = surface_pixels(views.depth[view], patches.entries.patches_per_view, rng)
-            cut.append(cut_view_patches(views, view, pixels, size, patches.local))
-            poses.append(np.broadcast_to(views.poses_cam_obj[view], (len(cut[-1]), 4, 4)))
-        entries = join_patches(cut)
-        features = encoder.encode(entries)
-        # The scale of distances: how far a patch seen by a camera in clutter is from its match.
-        chosen = np.sort(rng.choice(len(entries), min(_SCALE_SAMPLE, len(entries)), replace=False))
-        seen = encoder.encode(degrade_patches(entries, chosen, size, self.settings.seed))
-        nearest = ExactNeighbours(features, 1).search(seen).distances
-        return make_codebook(
-            object_id,
-            features,
-            entries.points_cam,
-            np.concatenate(poses),
-            float(np.median(nearest)),
-        )
 
     def _stage(
         self,

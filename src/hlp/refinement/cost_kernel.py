@@ -1,7 +1,7 @@
 """Compiled part of the cost: draw the mesh in many poses, compare each with the observed depth.
 
 Poses are computed in double precision, pixels in single: eight fit where four did, and a depth is
-still exact to a thousandth of a millimetre. Only the box of pixels that a pose covers is touched.
+still exact to a thousandth of a millimetre. Only the rows of pixels that a pose covers are touched.
 The loops are written so that the compiler turns them into vector instructions.
 """
 
