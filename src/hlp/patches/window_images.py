@@ -4,15 +4,13 @@ The same windows as `holistic.cut_windows` makes for training, in one compiled p
 that a window needs is resampled once and stays in the processor's cache.
 """
 
-from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
-
 import numpy as np
 import torch
 from jaxtyping import Float, Float32, Int, UInt8, UInt16, UInt32, UInt64
 from numba import njit
 from torch import Tensor
 
+from hlp.crew import Crew
 from hlp.patches.holistic import HolisticSettings, Windows
 from hlp.patches.sampling import area_shrink, halvings
 
@@ -27,7 +25,7 @@ class WindowImages:
     """Cuts windows from one frame: images (n, c, p, p) in [-1, 1], c = 3 (`rgb`) or 4 (`rgbd`).
 
     Those of `cut_windows`, scaled and rounded to bfloat16, but for a colour level where
-    interpolation ends halfway between two. The number of threads changes nothing but the time.
+    interpolation ends halfway between two. The crew changes nothing but the time.
     """
 
     def __init__(
@@ -35,13 +33,12 @@ class WindowImages:
         rgb: UInt8[np.ndarray, "h w 3"],
         depth: Float[np.ndarray, "h w"],
         settings: HolisticSettings,
-        threads: int,
+        crew: Crew,
     ) -> None:
         self._rgb = rgb
         self._depth = np.ascontiguousarray(depth, dtype=np.float32)
         self._settings = settings
-        self._threads = threads
-        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+        self._crew = crew
         self._padded: dict[int, Float32[np.ndarray, "h2 w2 4"]] = {}
 
     def cut(self, windows: Windows, metric_size: float) -> Tensor:
@@ -53,16 +50,14 @@ class WindowImages:
         places = np.column_stack([windows.centers, windows.sides]).astype(np.float64)
         depths, size = windows.depths.astype(np.float32), np.float32(metric_size)
 
-        def work(part: tuple[int, int]) -> None:
-            first, last = part
+        def work(first: int, last: int) -> None:
             for level, image in images.items():
                 rows = first + np.flatnonzero(levels[first:last] == level)
                 _cut_color(image, places, rows, 2**level, out)
             if with_depth:
                 _cut_depth(self._depth, places, depths, size, first, last, out)
 
-        bounds = np.linspace(0, len(places), self._threads + 1).astype(int)
-        list((self._pool.map if self._pool else map)(work, pairwise(bounds)))
+        self._crew.ranges(work, len(places))
         kept = out if with_depth else out[..., :3]
         return torch.from_numpy(kept).view(torch.bfloat16).permute(0, 3, 1, 2)
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
+from hlp.crew import Crew
 from hlp.models.classifier import CHUNK, HolisticCNN, class_probabilities, inference_network
 from hlp.patches.holistic import HolisticSettings, RegionSettings, Windows, metric_windows
 from hlp.patches.window_choice import (
@@ -42,7 +43,7 @@ class HolisticScan:
         self.network = inference_network(network, device)
         self._holistic = holistic
         self._step = region.step
-        self._threads = threads
+        self._crew = Crew(threads)
         self._fast = region.scan == "fast"
         self._sizes = {i: (model.holistic_size, model.diameter) for i, model in objects.items()}
         self._groups = group_sizes(self._sizes, _APART if self._fast else 1.0)
@@ -54,7 +55,7 @@ class HolisticScan:
         """An object's windows and the probabilities of all classes at each."""
         if frame is not self._frame:
             self._frame, self._done, self._planes = frame, {}, None
-            self._images = WindowImages(frame.rgb, frame.depth, self._holistic, self._threads)
+            self._images = WindowImages(frame.rgb, frame.depth, self._holistic, self._crew)
         group = self._groups[object_id]
         if group not in self._done:
             windows = self._windows(frame, group)

@@ -1,12 +1,12 @@
 """Fine pose by particle swarm optimisation (paper, Section 3.3; Kennedy & Eberhart 1995)."""
 
 import time
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
+from hlp.crew import Crew
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.refiner import Refiner, checked_poses
@@ -57,7 +57,7 @@ class PsoRefiner(Refiner):
 
     def __init__(self, settings: PsoSettings) -> None:
         self._settings = settings
-        self._pool = ThreadPoolExecutor(settings.threads) if settings.threads > 1 else None
+        self._crew = Crew(settings.threads)
 
     def refine(
         self,
@@ -90,8 +90,7 @@ class PsoRefiner(Refiner):
             best, iterations = search(cost, poses[index], model.centroid, settings, rng, deadline)
             return Refinement(best, iterations)
 
-        share = self._pool.map if self._pool and at_once > 1 else map
-        return list(share(one, range(len(poses))))
+        return self._crew.each(one, len(poses))
 
     def polish(
         self,

@@ -1,13 +1,12 @@
 """Modes of the votes: the paper's two independent mean shifts, and the joint 6D modes."""
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from hlp.crew import Crew
 from hlp.geometry import quaternions, rigid, rotation_matrices
 from hlp.records import Hypotheses, Votes
 from hlp.voting.modes_kernel import choose_distinct, shift_means, sum_support
@@ -84,8 +83,7 @@ class JointModes:
         self.settings = settings
         self.reach = (settings.translation_mm / 1000.0) ** 2
         self.cosine = float(np.cos(np.deg2rad(settings.rotation_deg) / 2.0))
-        self._threads = threads
-        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+        self._crew = Crew(threads)
 
     def find(self, votes: Votes, centroid_obj: Float[np.ndarray, "3"]) -> Hypotheses:
         """Up to `hypotheses` modes, ranked by the weight of the votes within the kernel."""
@@ -95,23 +93,20 @@ class JointModes:
         places, turns = np.ascontiguousarray(centroids.T), np.ascontiguousarray(quats.T)
         given = (places, turns, weights, self.reach, self.cosine)
         support = np.empty(len(weights))
-        self._share(len(support), lambda a, b: sum_support(*given, a, support[a:b]))
+        self._crew.ranges(lambda a, b: sum_support(*given, a, support[a:b]), len(support))
         # A few times as many as are asked for: several may drift to one mode.
         most = 4 * self.settings.hypotheses
         seeds = choose_distinct(places, turns, support, self.reach, self.cosine, most)
         means, backing = np.hstack([centroids[seeds], quats[seeds]]), np.empty(len(seeds))
         shifts = self.settings.shifts
-        self._share(len(seeds), lambda a, b: shift_means(*given, shifts, means[a:b], backing[a:b]))
+        self._crew.ranges(
+            lambda a, b: shift_means(*given, shifts, means[a:b], backing[a:b]), len(seeds)
+        )
         found = (np.ascontiguousarray(means[:, :3].T), np.ascontiguousarray(means[:, 3:].T))
         most = self.settings.hypotheses
         kept = choose_distinct(*found, backing, self.reach, self.cosine, most)
         poses = _poses(means[kept, :3], means[kept, 3:], centroid_obj)
         return Hypotheses(poses, backing[kept])
-
-    def _share(self, count: int, work: Callable[[int, int], None]) -> None:
-        """Do the work from each bound to the next, side by side."""
-        bounds = np.linspace(0, count, self._threads + 1).astype(int)
-        list((self._pool.map if self._pool else map)(work, bounds[:-1], bounds[1:]))
 
 
 def no_hypotheses() -> Hypotheses:
