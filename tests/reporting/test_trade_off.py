@@ -46,6 +46,18 @@ def test_budgets_are_one_line_in_the_order_of_their_time(tmp_path: Path) -> None
     assert ax.get_legend() is None
 
 
+def test_labels_of_arms_that_nearly_coincide_are_stacked(tmp_path: Path) -> None:
+    near = [
+        *BUDGETS,
+        (["refinement.budget_ms=160"], 0.85, 302.0),
+        (["refinement.budget_ms=320"], 0.9, 310.0),
+    ]
+    (ax,) = recall_by_time(read_arms(sweep(tmp_path, ["refinement.budget_ms"], near))).axes
+    assert [text.get_text() for text in ax.texts] == ["20 ms", "80 ms", "no limit\n160 ms\n320 ms"]
+    assert ax.texts[-1].xy == (300.0, 0.85)  # below the lowest of them
+    assert ax.get_xlim()[1] > 330.0
+
+
 def test_what_else_was_swept_makes_lines_of_its_own(tmp_path: Path) -> None:
     arms = [
         ([*budget, f"voting.hypotheses={count}"], recall, ms)

@@ -18,6 +18,7 @@ BUDGET = "refinement.budget_ms"
 _NAME = "recall_by_time"
 _COLUMNS = ("targets", "ad_recall", "ci95_low", "ci95_high", "median_ms", "p95_ms")
 _NO_LIMIT = "no limit"
+_NEAR = 0.05  # of the longest time
 
 
 @dataclass(frozen=True)
@@ -81,19 +82,18 @@ def recall_by_time(arms: Sequence[ArmReached]) -> "Figure":
         series.setdefault(_words(rest), []).append(arm)
     figure = Figure(figsize=(7.0, 4.6), layout="constrained")
     ax = figure.subplots()
+    latest = max(arm.median_ms for arm in arms)
     for name, own in series.items():
         own = sorted(own, key=lambda arm: arm.median_ms)
         times, recalls = [arm.median_ms for arm in own], [arm.recall for arm in own]
         lows = [arm.recall - arm.interval[0] for arm in own]
         highs = [arm.interval[1] - arm.recall for arm in own]
         ax.errorbar(times, recalls, (lows, highs), marker="o", capsize=3, label=name)
-        for arm in own:
-            if BUDGET in arm.values:
-                at = (arm.median_ms, arm.recall)
-                ax.annotate(_budget(arm), at, (5, -12), textcoords="offset points", fontsize=8)
+        for text, at in _budgets([arm for arm in own if BUDGET in arm.values], latest):
+            ax.annotate(text, at, (6, -4), textcoords="offset points", fontsize=8, va="top")
     ax.set_xlabel("ms for one object in one frame, all stages (median)")
     ax.set_ylabel("AD recall")
-    ax.set_xlim(left=0)
+    ax.set_xlim(0, 1.15 * latest)  # room for the last label
     ax.grid(alpha=0.3)
     ax.spines[["top", "right"]].set_visible(False)
     if any(series):
@@ -102,9 +102,17 @@ def recall_by_time(arms: Sequence[ArmReached]) -> "Figure":
     return figure
 
 
-def _budget(arm: ArmReached) -> str:
-    value = float(arm.values[BUDGET])
-    return f"{value:g} ms" if value else _NO_LIMIT
+def _budgets(arms: Sequence[ArmReached], latest: float) -> list[tuple[str, tuple[float, float]]]:
+    """Labels and where they belong; arms in order of time, those that nearly coincide share one."""
+    labels: list[tuple[str, tuple[float, float]]] = []
+    for arm in arms:
+        value = float(arm.values[BUDGET])
+        text, at = f"{value:g} ms" if value else _NO_LIMIT, (arm.median_ms, arm.recall)
+        if labels and arm.median_ms - labels[-1][1][0] < _NEAR * latest:
+            text, at = f"{labels[-1][0]}\n{text}", (labels[-1][1][0], min(labels[-1][1][1], at[1]))
+            labels.pop()
+        labels.append((text, at))
+    return labels
 
 
 def _words(values: Mapping[str, str]) -> str:
