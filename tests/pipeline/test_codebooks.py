@@ -74,10 +74,13 @@ def test_blocks_leave_no_trace(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A block may end anywhere, hold a single view or none of the sample for the scale."""
+    monkeypatch.setattr(codebooks, "_SCALE_SAMPLE", 5)
+    whole = build_codebook(model, views, Depths(), SETTINGS)
+    assert whole.feature_scale != codebook.feature_scale
     monkeypatch.setattr(codebooks, "_BLOCK", block)
     again = build_codebook(model, views, Depths(), SETTINGS)
     for field in fields(Codebook):
-        np.testing.assert_array_equal(getattr(again, field.name), getattr(codebook, field.name))
+        np.testing.assert_array_equal(getattr(again, field.name), getattr(whole, field.name))
 
 
 def test_the_scale_is_the_distance_to_a_degraded_self(codebook: Codebook) -> None:

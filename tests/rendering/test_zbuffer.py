@@ -27,7 +27,7 @@ def drawn(
     frame[inside] = False
     assert np.isinf(fast[frame]).all() and (seen[frame] == -1).all()
     depth, owner = np.zeros((HEIGHT, WIDTH)), np.full((HEIGHT, WIDTH), -1, dtype=np.int32)
-    fill_triangles(np.ascontiguousarray(corners.T), faces, cull, depth, owner)
+    fill_triangles(np.ascontiguousarray(corners.T), faces, depth, owner)
     return fast[inside], seen[inside], depth, owner
 
 

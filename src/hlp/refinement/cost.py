@@ -6,17 +6,16 @@ One compiled kernel transforms the mesh, draws it into a z-buffer and sums the c
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from hlp.geometry import project, transform
 from hlp.records import Mesh
 from hlp.refinement.cost_kernel import depth_edges, sum_costs, weigh
-from hlp.rendering.rasterizer import NEAR, is_closed
-from hlp.rendering.zbuffer import draw_triangles, framed, in_frame, project_vertices
+from hlp.rendering.rasterizer import NEAR
+from hlp.rendering.zbuffer import draw_triangles, framed, in_frame, prepared, project_vertices
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,7 @@ class DepthCost:
         settings: CostSettings,
     ) -> None:
         self._settings = settings
-        self._vertices, self._faces, self._closed = _prepared(mesh)
+        self._vertices, self._faces, self._closed = prepared(mesh)
         points = transform(pose_cam_obj, mesh.vertices)
         z = max(float(points[:, 2].mean()), NEAR)
         margin = settings.roi_margin_mm / 1000.0 * camera_matrix[0, 0] / z
@@ -131,14 +130,6 @@ class DepthCost:
         rendered = self.render(pose_cam_obj)
         both = (rendered > 0.0) & (self.observed > 0.0)
         return np.asarray(both & (np.abs(rendered - self.observed) <= tolerance))
-
-
-@lru_cache(maxsize=32)
-def _prepared(mesh: Mesh) -> tuple[Float[np.ndarray, "3 v"], Int[np.ndarray, "f 3"], bool]:
-    """Vertices by coordinate, faces, and whether back faces are hidden: once for each mesh."""
-    faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
-    closed = is_closed(faces, mesh.vertices)
-    return np.ascontiguousarray(mesh.vertices.T, dtype=np.float64), faces, closed
 
 
 def edge_distances(depth: Float[np.ndarray, "h w"], step: float) -> Float[np.ndarray, "h w"]:

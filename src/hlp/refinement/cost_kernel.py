@@ -92,10 +92,9 @@ def sum_costs(
     corners = np.empty((3, vertices.shape[1]), dtype=np.float32)
     for n in range(poses.shape[0]):
         project_vertices(poses[n], vertices, camera, corners)
-        left, right = _extent(corners[0], width)
         top, bottom = _extent(corners[1], height)
         sums[n] = 0.0
-        if left > right or top > bottom:
+        if top > bottom:
             continue
         for y in range(max(top - 1, 0), min(bottom + 1, height - 1) + 1):
             inverse[y + 1, 1 : width + 1] = _ZERO
@@ -116,7 +115,7 @@ def sum_costs(
 
 @njit(nogil=True, cache=True, fastmath={"nnan", "nsz", "reassoc"})
 def _extent(positions: Float32[np.ndarray, "v"], size: int) -> tuple[int, int]:
-    """First and last pixel of a row or column of `size` that any of the positions reaches."""
+    """First and last of `size` rows that any of the positions reaches; first > last: none."""
     least, most = positions[0], positions[0]
     for v in range(positions.shape[0]):
         least, most = min(least, positions[v]), max(most, positions[v])

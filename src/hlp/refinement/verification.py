@@ -16,7 +16,7 @@ from hlp.geometry import transform
 from hlp.records import ObjectModel
 from hlp.refinement.cost_kernel import WORST, depth_edges
 from hlp.refinement.verification_kernel import FLOOR, SUMS, sum_evidence
-from hlp.rendering.rasterizer import is_closed
+from hlp.rendering.zbuffer import prepared
 
 _LEAST_SUPPORT, _LEAST_SHARE = 1e-12, 0.01
 
@@ -102,9 +102,7 @@ class Verifier:
         mesh = model.proxy
         self._settings = settings
         self._centroid, self._radius = model.centroid, model.diameter / 2.0
-        self._vertices = np.ascontiguousarray(mesh.vertices.T, dtype=np.float64)
-        self._faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
-        self._closed = is_closed(self._faces, mesh.vertices)
+        self._vertices, self._faces, self._closed = prepared(mesh)
         raised = mesh.colors[mesh.faces].mean(axis=1) + FLOOR
         shares = raised / raised.sum(axis=1, keepdims=True)
         self._chromaticity = shares.astype(np.float32)

@@ -24,20 +24,17 @@ NEAR = 0.01
 def fill_triangles(
     corners: Float[np.ndarray, "v 3"],
     faces: Int[np.ndarray, "f 3"],
-    cull: bool,
     inverse_depth: Float[np.ndarray, "h w"],
-    triangles: Int[np.ndarray, "h w"] | None,
+    triangles: Int[np.ndarray, "h w"],
 ) -> None:
     """Draw triangles into a z-buffer of inverse depths (1/m, 0 = nothing), keeping the nearest.
 
     `corners` are (x px, y px, 1/z) of each vertex; a vertex with 1/z <= 0 drops its triangles.
-    `cull` skips back faces (right for closed meshes, see `is_closed`). `triangles` receives the
-    index of the face seen at each pixel, if asked for (twice the time). Edges belong to both
-    triangles that share them, with a tolerance above the rounding error, so that no crack is left
-    between.
+    `triangles` receives the index of the face seen at each pixel. Edges belong to both triangles
+    that share them, with a tolerance above the rounding error, so that no crack is left between.
     """
     for face in range(faces.shape[0]):
-        _fill_triangle(corners, faces, face, cull, inverse_depth, triangles)
+        _fill_triangle(corners, faces, face, inverse_depth, triangles)
 
 
 @njit(nogil=True, cache=True, inline="always")
@@ -45,9 +42,8 @@ def _fill_triangle(
     corners: Float[np.ndarray, "v 3"],
     faces: Int[np.ndarray, "f 3"],
     face: int,
-    cull: bool,
     inverse_depth: Float[np.ndarray, "h w"],
-    triangles: Int[np.ndarray, "h w"] | None,
+    triangles: Int[np.ndarray, "h w"],
 ) -> None:
     """Draw one triangle, see fill_triangles."""
     height, width = inverse_depth.shape
@@ -56,8 +52,6 @@ def _fill_triangle(
     bx, by, wb = corners[b, 0], corners[b, 1], corners[b, 2]
     cx, cy, wc = corners[c, 0], corners[c, 1], corners[c, 2]
     area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-    if cull and area >= 0.0:
-        return
     x0 = max(int(np.ceil(min(ax, bx, cx) - 1e-6)), 0)
     x1 = min(int(np.floor(max(ax, bx, cx) + 1e-6)), width - 1)
     y0 = max(int(np.ceil(min(ay, by, cy) - 1e-6)), 0)
@@ -81,8 +75,7 @@ def _fill_triangle(
             # branch costs more than this arithmetic (2.6 times, measured).
             nearest = (least >= tolerance) & (w > inverse_depth[y, x])
             inverse_depth[y, x] = w if nearest else inverse_depth[y, x]
-            if triangles is not None:  # decided when the kernel is compiled
-                triangles[y, x] = face if nearest else triangles[y, x]
+            triangles[y, x] = face if nearest else triangles[y, x]
 
 
 def is_closed(faces: Int[np.ndarray, "f 3"], vertices: Float[np.ndarray, "v 3"]) -> bool:
@@ -197,7 +190,7 @@ def _draw(
     inverse_depth = np.zeros(shape)
     triangles = np.full(shape, -1, dtype=np.int32)
     faces = np.ascontiguousarray(faces, dtype=np.int32)
-    fill_triangles(corners, faces, False, inverse_depth, triangles)
+    fill_triangles(corners, faces, inverse_depth, triangles)
     return inverse_depth, triangles
 
 

@@ -5,11 +5,14 @@ a depth is still exact to a thousandth of a millimetre. The loops are written so
 turns them into vector instructions. `rasterizer` is the reference.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int32, Shaped
 from numba import njit
 
-from hlp.rendering.rasterizer import NEAR
+from hlp.records import Mesh
+from hlp.rendering.rasterizer import NEAR, is_closed
 
 LANES = 4
 """Pixels of a row that are drawn at once."""
@@ -18,6 +21,14 @@ _FAR = np.float32(np.inf)
 # Edges belong to both triangles that share them, with a tolerance of so many pixels: above single
 # precision's rounding error in a region of some hundred pixels, so that no crack is left between.
 _TOLERANCE = np.float32(1e-5)
+
+
+@lru_cache(maxsize=32)
+def prepared(mesh: Mesh) -> tuple[Float[np.ndarray, "3 v"], Int32[np.ndarray, "f 3"], bool]:
+    """Vertices by coordinate, faces, and whether back faces are hidden: once for each mesh."""
+    faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
+    closed = is_closed(faces, mesh.vertices)
+    return np.ascontiguousarray(mesh.vertices.T, dtype=np.float64), faces, closed
 
 
 @njit(nogil=True, cache=True)
@@ -71,8 +82,9 @@ def draw_triangles(
 ) -> None:
     """As `rasterizer.fill_triangles`, in single precision, into a buffer made by `framed`.
 
-    `corners` are (x px, y px, 1/z) of each vertex, x and y counted from within the frame.
-    `triangles` receives the index of the face seen at each pixel, if asked for.
+    `corners` are (x px, y px, 1/z) of each vertex, x and y counted from within the frame. `cull`
+    skips back faces (right for closed meshes, see `rasterizer.is_closed`). `triangles` receives the
+    index of the face seen at each pixel, if asked for.
     """
     height, stride = inverse.shape[0] - 2, inverse.shape[1]
     width = stride - 1 - LANES

@@ -89,7 +89,8 @@ def recall_by_time(arms: Sequence[ArmReached]) -> "Figure":
         lows = [arm.recall - arm.interval[0] for arm in own]
         highs = [arm.interval[1] - arm.recall for arm in own]
         ax.errorbar(times, recalls, (lows, highs), marker="o", capsize=3, label=name)
-        for text, at in _budgets([arm for arm in own if BUDGET in arm.values], latest):
+        for text, time, recall in _budgets([arm for arm in own if BUDGET in arm.values], latest):
+            at = time, recall
             ax.annotate(text, at, (6, -4), textcoords="offset points", fontsize=8, va="top")
     ax.set_xlabel("ms for one object in one frame, all stages (median)")
     ax.set_ylabel("AD recall")
@@ -102,16 +103,17 @@ def recall_by_time(arms: Sequence[ArmReached]) -> "Figure":
     return figure
 
 
-def _budgets(arms: Sequence[ArmReached], latest: float) -> list[tuple[str, tuple[float, float]]]:
-    """Labels and where they belong; arms in order of time, those that nearly coincide share one."""
-    labels: list[tuple[str, tuple[float, float]]] = []
+def _budgets(arms: Sequence[ArmReached], latest: float) -> list[tuple[str, float, float]]:
+    """Labels, each with its time and recall, of arms in order of time; near ones share one."""
+    labels: list[tuple[str, float, float]] = []
     for arm in arms:
         value = float(arm.values[BUDGET])
-        text, at = f"{value:g} ms" if value else _NO_LIMIT, (arm.median_ms, arm.recall)
-        if labels and arm.median_ms - labels[-1][1][0] < _NEAR * latest:
-            text, at = f"{labels[-1][0]}\n{text}", (labels[-1][1][0], min(labels[-1][1][1], at[1]))
-            labels.pop()
-        labels.append((text, at))
+        text = f"{value:g} ms" if value else _NO_LIMIT
+        if labels and arm.median_ms - labels[-1][1] < _NEAR * latest:
+            others, time, recall = labels.pop()
+            labels.append((f"{others}\n{text}", time, min(recall, arm.recall)))
+        else:
+            labels.append((text, arm.median_ms, arm.recall))
     return labels
 
 
