@@ -14,7 +14,7 @@ import hlp
 from hlp.commands.composing import config_folder
 
 STAND_INS = {
-    "data": ("demo", "lm_board"),
+    "data": ("demo", "linemod_bop"),
     "rendering": ("auto",),
     "patches": ("hlp", "paper"),
     "classifier": ("cnn",),
@@ -28,7 +28,7 @@ STAND_INS = {
 DRIVER = """
 import json, logging, sys, types
 from pathlib import Path
-import hlp.cli, hlp.pipeline
+import hlp.cli, hlp.config, hlp.studies
 
 def build_run(config):
     from omegaconf import OmegaConf
@@ -42,11 +42,14 @@ def run_task(config, output):
     logging.getLogger("hlp.run").info("running %s", config["seed"])
     (output / "seen.json").write_text(json.dumps(config))
 
-for name, function in (("build", build_run), ("tasks", run_task)):
-    module = types.ModuleType(f"hlp.pipeline.{name}")
+for package, name, function in (
+    (hlp.config, "build", build_run),
+    (hlp.studies, "tasks", run_task),
+):
+    module = types.ModuleType(f"{package.__name__}.{name}")
     setattr(module, function.__name__, function)
     sys.modules[module.__name__] = module
-    setattr(hlp.pipeline, name, module)
+    setattr(package, name, module)
 hlp.commands.composing.config_folder = lambda: Path("conf").absolute()
 hlp.cli.main()
 """
@@ -197,10 +200,10 @@ def test_report_without_runs_says_where_it_looked(call: Hlp) -> None:
 
 
 def test_report_compares_two_runs(call: Hlp, tmp_path: Path) -> None:
-    header = "scene_id,im_id,obj_id,object,visible_fraction,ad_mm,rotation_deg,"
+    header = "scene_id,im_id,obj_id,object,visible_fraction,add_mm,rotation_deg,"
     for name, right in (("a", 0), ("b", 1)):
         (tmp_path / name).mkdir()
-        lines = (f"{header}ad_correct,pose_correct,box_correct", f"1,2,6,cat,1.0,9,9,{right},1,1")
+        lines = (f"{header}add_correct,pose_correct,box_correct", f"1,2,6,cat,1.0,9,9,{right},1,1")
         (tmp_path / name / "scores.csv").write_text("\n".join(lines) + "\n")
     compared = call("report", "runs=[a, b]")
     assert compared.returncode == 0

@@ -72,7 +72,7 @@ def test_rotation_distance_is_the_angle_between(angle):
 def test_turn_to_ray_takes_the_optical_axis_to_the_ray_by_the_smallest_rotation():
     rng = np.random.default_rng(6)
     rays = np.c_[rng.uniform(-1, 1, (30, 2)), rng.uniform(0.2, 2.0, 30)]
-    turns = geometry.turn_to_ray(rays)
+    turns = geometry.allocentric_to_egocentric(rays)
     unit = rays / np.linalg.norm(rays, axis=1, keepdims=True)
     np.testing.assert_allclose(turns @ [0.0, 0.0, 1.0], unit, atol=1e-12)
     np.testing.assert_allclose(

@@ -63,11 +63,11 @@ def rotation_distance(
     return np.asarray(2.0 * np.arcsin(np.clip(chord / (2.0 * np.sqrt(2.0)), 0.0, 1.0)))
 
 
-def turn_to_ray(rays: Float[np.ndarray, "*b 3"]) -> Float[np.ndarray, "*b 3 3"]:
+def allocentric_to_egocentric(rays: Float[np.ndarray, "*b 3"]) -> Float[np.ndarray, "*b 3 3"]:
     """Smallest rotation that takes the optical axis to each ray (…, 3), rays need no unit length.
 
     A view is rendered at the image centre. What is seen along another ray looks as the view does
-    relative to that ray, so `turn_to_ray(ray) @ R_view` is the rotation in the camera's frame
+    relative to that ray, so `allocentric_to_egocentric(ray) @ R_view` is the rotation in the camera's frame
     (allocentric to egocentric).
     """
     unit = rays / np.linalg.norm(rays, axis=-1, keepdims=True)

@@ -207,7 +207,7 @@ class PoseEstimate:
 class TargetScore:
     """Errors and verdicts of one target. A missing pose has infinite errors and is wrong.
 
-    `ad_error` (m) is ADD, or ADI for objects the policy calls symmetric. The three recalls are
+    `add_error` (m) is ADD, or ADI for objects the policy calls symmetric. The three recalls are
     BOP's, averaged over its thresholds; nan where not computed. `cause` is why a target was missed
     (evaluation.waterfall), empty where it was not or nobody asked.
     """
@@ -217,11 +217,11 @@ class TargetScore:
     object_id: int
     found: bool
     visible_fraction: float
-    ad_error: float
+    add_error: float
     rotation_error: float
     translation_error: float
     box_iou: float
-    ad_correct: bool
+    add_correct: bool
     pose_correct: bool
     box_correct: bool
     mssd_recall: float = float("nan")

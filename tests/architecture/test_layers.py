@@ -29,7 +29,7 @@ def test_importing_does_nothing(tmp_path: Path) -> None:
     """
     found = [each.name for each in pkgutil.walk_packages(hlp.__path__, "hlp.")]
     modules = [name for name in found if name != "hlp.rendering.blinn_phong"]
-    assert "hlp.pipeline.store" in modules
+    assert "hlp.stages.store" in modules
     code = (
         "import importlib, os\n"
         "import cv2, numba, pytorch_lightning, scipy, threadpoolctl, torch, trimesh\n"  # set some

@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hlp.codebook.entries import load_codebook, make_codebook, save_codebook
-from hlp.data.synthetic_objects import demo_objects
+from hlp.data.synthetic.objects import demo_objects
 from hlp.geometry import rigid, rotation_distance
 from hlp.records import LocalPatches, Matches
 from hlp.voting.cast import cast_votes
@@ -37,7 +37,7 @@ def test_seen_again_in_its_own_view_an_entry_votes_for_exactly_that_views_pose()
         np.zeros((COUNT, 4, 4, 3), np.uint8), empty, empty > 0, points_cam, np.zeros((COUNT, 2))
     )
     matches = Matches(np.arange(COUNT)[:, None], np.zeros((COUNT, 1)))
-    votes = cast_votes(patches, matches, codebook, model, 1.0, weighted=False)
+    votes = cast_votes(patches, matches, codebook, model, 1.0, weighted_by_distance=False)
     expected = poses[:, :3, :3] @ model.centroid + poses[:, :3, 3]
     np.testing.assert_allclose(votes.centroids_cam, expected, atol=1e-6)
     assert rotation_distance(votes.rotations_cam_obj, poses[:, :3, :3]).max() < 1e-6

@@ -6,8 +6,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hlp.data.bop import BopFrames, list_targets, load_frame
-from hlp.data.meshes import load_mesh
 from hlp.geometry import project, transform
+from hlp.objects.meshes import load_mesh
 
 K = [500.0, 0, 40, 0, 510.0, 30, 0, 0, 1]
 TURN = Rotation.from_euler("xyz", [0.3, -0.2, 0.9]).as_matrix()

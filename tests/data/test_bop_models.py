@@ -7,8 +7,8 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from hlp.data.bop_models import load_object_models, symmetry_motions
-from hlp.data.meshes import PLAIN_COLOR
-from hlp.data.object_models import ObjectSettings
+from hlp.objects.meshes import PLAIN_COLOR
+from hlp.objects.object_model import ObjectSettings
 
 APE, BOWL = ObjectSettings(1, 80.0, 30.0), ObjectSettings(3, None, None)
 

@@ -25,7 +25,7 @@ def _typed(settings, node):
 
 
 def test_the_board_becomes_typed_settings():
-    settings = _typed(BopSettings, _compose("data", "lm_board", "data.root=lm"))
+    settings = _typed(BopSettings, _compose("data", "linemod_bop", "data.root=lm"))
     assert settings.name == "bop"
     assert settings.photographs == "lm/../photos"
     assert len(settings.objects) == 15
@@ -36,7 +36,7 @@ def test_the_board_becomes_typed_settings():
 
 def test_an_objects_size_can_be_swept_and_an_object_left_out():
     overrides = ["data.root=lm", "data.objects.cat.local_size_mm=60", "~data.objects.ape"]
-    settings = _typed(BopSettings, _compose("data", "lm_board", *overrides))
+    settings = _typed(BopSettings, _compose("data", "linemod_bop", *overrides))
     assert settings.objects["cat"].local_size_mm == 60.0
     assert "ape" not in settings.objects
 
@@ -49,10 +49,10 @@ def test_linemods_first_layout_becomes_typed_settings():
 
 @pytest.mark.parametrize(
     ("policy", "symmetric"),
-    [("bop", ["bowl", "cup", "eggbox", "glue"]), ("deep", ["eggbox", "glue"])],
+    [("bop", ["bowl", "cup", "eggbox", "glue"]), ("eggbox_glue", ["eggbox", "glue"])],
 )
 def test_policies_of_evaluation_become_typed_settings(policy, symmetric):
     settings = _typed(EvaluationSettings, _compose("evaluation", policy))
     assert (settings.name, settings.symmetric) == (policy, symmetric)
-    assert (settings.ad_fraction, settings.translation_cm, settings.rotation_deg) == (0.1, 5, 5)
+    assert (settings.add_fraction, settings.translation_cm, settings.rotation_deg) == (0.1, 5, 5)
     assert settings.iou == 0.5

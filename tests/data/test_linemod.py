@@ -5,7 +5,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from hlp.data.linemod import LinemodFrames, load_object_models, read_dpt, read_matrix
-from hlp.data.object_models import ObjectSettings
+from hlp.objects.object_model import ObjectSettings
 
 K = [572.4, 0, 40, 0, 573.6, 30, 0, 0, 1]
 TURN = Rotation.from_euler("xyz", [0.3, -0.2, 0.9]).as_matrix()

@@ -38,8 +38,8 @@ def test_adi_is_the_mean_over_true_vertices_of_the_closest_estimated_one(seed):
     estimated, true, vertices = _poses(seed)
     moved = [_at(estimated, v) for v in vertices]
     reference = np.mean([min(np.linalg.norm(_at(true, v) - m) for m in moved) for v in vertices])
-    assert errors.adi(estimated, true, vertices) == pytest.approx(reference, rel=1e-10)
-    assert errors.adi(estimated, true, vertices, cKDTree(vertices)) == pytest.approx(reference)
+    assert errors.add_s(estimated, true, vertices) == pytest.approx(reference, rel=1e-10)
+    assert errors.add_s(estimated, true, vertices, cKDTree(vertices)) == pytest.approx(reference)
     assert reference < errors.add(estimated, true, vertices)
 
 
@@ -49,9 +49,9 @@ def test_adi_starts_from_the_true_vertices():
     true, estimated = np.eye(4), np.eye(4)
     estimated[0, 3] = 0.1
     # From the true side: 0.1, 0.099, 0.098 to the estimated cluster at 0.1, and 0 for the last.
-    assert errors.adi(estimated, true, vertices) == pytest.approx((0.1 + 0.099 + 0.098) / 4)
+    assert errors.add_s(estimated, true, vertices) == pytest.approx((0.1 + 0.099 + 0.098) / 4)
     # The other way round it would be 0, 0.001, 0.002 and 0.1.
-    assert errors.adi(true, estimated, vertices) == pytest.approx((0.001 + 0.002 + 0.1) / 4)
+    assert errors.add_s(true, estimated, vertices) == pytest.approx((0.001 + 0.002 + 0.1) / 4)
 
 
 def test_translation_along_an_axis_gives_its_length():

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from waterfall_bounds import BOUNDS
 
 from hlp.evaluation import errors
-from hlp.evaluation.evaluator import FrameTruth, ad_correct, score_targets
+from hlp.evaluation.evaluator import FrameTruth, add_correct, score_targets
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.geometry import rigid
 from hlp.records import Frame, Mesh, ObjectModel, PoseEstimate, Target
@@ -60,17 +60,17 @@ def _one(pose, settings=SETTINGS):
 
 def test_the_true_pose_is_right_in_every_respect():
     score = _one(TRUE)
-    assert (score.ad_correct, score.pose_correct, score.box_correct) == (True, True, True)
+    assert (score.add_correct, score.pose_correct, score.box_correct) == (True, True, True)
     assert (score.scene_id, score.frame_id, score.object_id) == (6, 3, 1)
     assert score.found and score.visible_fraction == 0.7
-    assert score.ad_error == 0.0 and score.box_iou == pytest.approx(1.0)
+    assert score.add_error == 0.0 and score.box_iou == pytest.approx(1.0)
     assert (score.mssd_recall, score.mspd_recall) == (1.0, 1.0)
 
 
 def test_ad_counts_below_a_tenth_of_the_diameter():
     threshold = 0.1 * MODELS[1].diameter
-    assert _one(_moved(dx=threshold * 0.99)).ad_correct
-    assert not _one(_moved(dx=threshold * 1.01)).ad_correct
+    assert _one(_moved(dx=threshold * 0.99)).add_correct
+    assert not _one(_moved(dx=threshold * 1.01)).add_correct
 
 
 def test_5cm5deg_wants_both():
@@ -93,9 +93,9 @@ def test_iou_counts_from_its_threshold_on():
 def test_a_target_without_a_pose_is_wrong_with_infinite_errors(estimates):
     (score,) = score_targets([_truth(Target(1, TRUE))], MODELS, estimates, SETTINGS)
     assert not score.found
-    assert (score.ad_correct, score.pose_correct, score.box_correct) == (False, False, False)
+    assert (score.add_correct, score.pose_correct, score.box_correct) == (False, False, False)
     infinite = float("inf")
-    assert (score.ad_error, score.rotation_error, score.translation_error) == (infinite,) * 3
+    assert (score.add_error, score.rotation_error, score.translation_error) == (infinite,) * 3
     assert (score.box_iou, score.mssd_recall, score.mspd_recall) == (0.0, 0.0, 0.0)
 
 
@@ -108,14 +108,14 @@ def test_an_object_that_no_target_asks_for_counts_neither_way():
 def test_the_policy_decides_which_objects_are_symmetric():
     truth, estimate = [_truth(Target(2, TRUE))], [_estimate(TRUE @ HALF_TURN, object_id=2)]
     (symmetric,) = score_targets(truth, MODELS, estimate, SETTINGS)
-    assert symmetric.ad_correct and symmetric.pose_correct
+    assert symmetric.add_correct and symmetric.pose_correct
     assert symmetric.rotation_error == pytest.approx(0, abs=1e-9)
     strict = dataclasses.replace(SETTINGS, symmetric=[])
     (plain,) = score_targets(truth, MODELS, estimate, strict)
-    assert not plain.ad_correct and not plain.pose_correct
+    assert not plain.add_correct and not plain.pose_correct
     assert plain.rotation_error == pytest.approx(np.pi)
     vertices = MODELS[2].mesh.vertices
-    assert plain.ad_error == pytest.approx(errors.add(TRUE @ HALF_TURN, TRUE, vertices))
+    assert plain.add_error == pytest.approx(errors.add(TRUE @ HALF_TURN, TRUE, vertices))
 
 
 def test_bop_recalls_average_over_ten_thresholds():
@@ -147,13 +147,13 @@ def test_instances_are_matched_once_each_the_surest_estimate_first():
     assert first.translation_error == pytest.approx(0.01)
     assert second.translation_error == pytest.approx(0.10)
     (only, lost) = score_targets([truth], MODELS, [_estimate(right)], SETTINGS)
-    assert not only.found and lost.ad_correct
+    assert not only.found and lost.add_correct
 
 
 def test_of_two_estimates_for_one_target_the_surer_counts():
     estimates = [_estimate(TRUE, score=0.2), _estimate(_moved(dx=0.3), score=0.8)]
     (score,) = score_targets([_truth(Target(1, TRUE))], MODELS, estimates, SETTINGS)
-    assert not score.ad_correct
+    assert not score.add_correct
 
 
 def test_a_pose_with_nan_is_an_error_that_names_it():
@@ -178,7 +178,7 @@ def test_truth_of_a_frame_drops_the_images_unless_wanted():
     assert FrameTruth.of(frame).targets == frame.targets
 
 
-@pytest.mark.parametrize("key", ["ad_fraction", "translation_cm", "iou", "bootstrap"])
+@pytest.mark.parametrize("key", ["add_fraction", "translation_cm", "iou", "bootstrap"])
 def test_a_threshold_that_is_not_positive_is_named(key):
     with pytest.raises(ValueError, match=f"evaluation.{key}"):
         dataclasses.replace(SETTINGS, **{key: 0})
@@ -194,7 +194,7 @@ def test_verdicts_of_many_poses_are_those_of_scoring_them_one_by_one(object_id):
         )[0]
         for pose in poses
     ]
-    verdicts = ad_correct(poses, TRUE, MODELS[object_id], SETTINGS)
-    assert verdicts.tolist() == [score.ad_correct for score in scores]
+    verdicts = add_correct(poses, TRUE, MODELS[object_id], SETTINGS)
+    assert verdicts.tolist() == [score.add_correct for score in scores]
     assert verdicts[0] and not verdicts.all()
     assert verdicts[1] == (MODELS[object_id].name == "cup")  # which is symmetric: ADI

@@ -116,9 +116,9 @@ def test_scores_come_back_as_they_were(tmp_path):
     path = tmp_path / "scores.csv"
     poses_file.write_scores(path, [_score(True), _score(False)], {1: "ape"})
     rows = list(csv.DictReader(path.open()))
-    assert rows[0]["object"] == "ape" and float(rows[0]["ad_mm"]) == pytest.approx(4.0)
+    assert rows[0]["object"] == "ape" and float(rows[0]["add_mm"]) == pytest.approx(4.0)
     assert float(rows[0]["rotation_deg"]) == pytest.approx(math.degrees(0.1))
-    assert rows[1]["ad_mm"] == "inf" and rows[1]["ad_correct"] == "0"
+    assert rows[1]["add_mm"] == "inf" and rows[1]["add_correct"] == "0"
     found, lost = poses_file.read_scores(path)
     for back, sent in ((found, _score(True)), (lost, _score(False))):
         for key in TargetScore.__dataclass_fields__:

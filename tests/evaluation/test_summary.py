@@ -22,11 +22,11 @@ def _score(frame_id, object_id, correct, found=True, error=0.004):
         object_id=object_id,
         found=found,
         visible_fraction=0.5,
-        ad_error=error if found else infinite,
+        add_error=error if found else infinite,
         rotation_error=0.1 if found else infinite,
         translation_error=0.01 if found else infinite,
         box_iou=0.8 if found else 0.0,
-        ad_correct=correct,
+        add_correct=correct,
         pose_correct=correct and object_id == 6,
         box_correct=found,
         mssd_recall=0.5 if found else 0.0,
@@ -84,7 +84,7 @@ def test_times_votes_and_waterfall():
 def test_median_errors_are_of_the_targets_that_got_a_pose():
     median = _summary()["median_errors"]
     assert median["found"] == 4
-    assert median["ad_mm"] == pytest.approx(4.0)
+    assert median["add_mm"] == pytest.approx(4.0)
     assert median["rotation_deg"] == pytest.approx(np.rad2deg(0.1))
     assert median["translation_mm"] == pytest.approx(10.0)
 
@@ -112,7 +112,7 @@ def test_it_is_strict_json_even_if_nothing_was_found():
 def test_the_interval_is_that_of_a_binomial_where_frames_hold_one_target():
     rng = np.random.default_rng(0)
     scores = [_score(i, 6, bool(rng.random() < 0.8)) for i in range(400)]
-    recall = np.mean([score.ad_correct for score in scores])
+    recall = np.mean([score.add_correct for score in scores])
     low, high = bootstrap_interval(scores, METRICS["add"], 4000, seed=1)
     half = 1.96 * np.sqrt(recall * (1 - recall) / 400)
     assert low == pytest.approx(recall - half, abs=0.006)

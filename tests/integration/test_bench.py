@@ -1,4 +1,4 @@
-"""`hlp bench` on the tiny run's world and stages."""
+"""`hlp bench` on the tiny run's dataset and stages."""
 
 import json
 from collections.abc import Iterator
@@ -11,12 +11,12 @@ import torch
 from hydra import compose, initialize_config_dir
 
 from hlp.commands.composing import config_folder
-from hlp.pipeline.build import Run, build_run
-from hlp.pipeline.detector import Detector
-from hlp.pipeline.learning import Learner
-from hlp.pipeline.stopwatch import PARTS, TimedDetector
-from hlp.pipeline.store import StageStore
-from hlp.pipeline.tasks import run_task
+from hlp.config.build import Run, build_run
+from hlp.method.pose_estimator import Detector
+from hlp.stages.store import StageStore
+from hlp.stages.training import TrainingStages
+from hlp.studies.stopwatch import PARTS, TimedDetector
+from hlp.studies.tasks import run_task
 from tiny_run import TinyRun
 
 ARMS = ("+task.compared.few.refinement.particles=3", "+task.compared.same.seed=0")
@@ -31,7 +31,7 @@ def threads() -> Iterator[None]:
     cv2.setNumThreads(-1)
 
 
-def planned(tiny_run: TinyRun, *overrides: str) -> Run:
+def build(tiny_run: TinyRun, *overrides: str) -> Run:
     given = ("task=bench", f"work={tiny_run.folder / 'work'}", "output=out")
     with initialize_config_dir(str(config_folder()), version_base="1.3"):
         return build_run(compose("config", overrides=[*tiny_run.overrides, *given, *overrides]))
@@ -41,7 +41,7 @@ def planned(tiny_run: TinyRun, *overrides: str) -> Run:
 def bench(tiny_run: TinyRun, tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = tmp_path_factory.mktemp("bench")
     fast = ("patches.region.scan=fast", "refinement.iterations=4")
-    run_task(planned(tiny_run, *fast, *ARMS), output)
+    run_task(build(tiny_run, *fast, *ARMS), output)
     return output
 
 
@@ -87,13 +87,13 @@ def test_bench_compares_results_and_times_of_paths(bench: Path) -> None:
 
 
 def test_a_timed_detector_answers_as_the_detector_does(tiny_run: TinyRun) -> None:
-    run = planned(tiny_run)
-    learner = Learner(run.world, run.settings, StageStore(tiny_run.folder / "work"))
-    timed = TimedDetector(run.world, run.settings, learner)
-    timed.load(run.world.target_ids)
-    plain = Detector(run.world, run.settings, learner)
-    frame = run.world.frames.load(run.keys[0])
-    object_id = run.world.wanted(frame)[0]
+    run = build(tiny_run)
+    training = TrainingStages(run.dataset, run.settings, StageStore(tiny_run.folder / "work"))
+    timed = TimedDetector(run.dataset, run.settings, training)
+    timed.load(run.dataset.target_ids)
+    plain = Detector(run.dataset, run.settings, training)
+    frame = run.dataset.frames.load(run.keys[0])
+    object_id = run.dataset.wanted(frame)[0]
     found = []
     for detector in (timed, plain):
         if detector is timed:
@@ -107,7 +107,7 @@ def test_a_timed_detector_answers_as_the_detector_does(tiny_run: TinyRun) -> Non
 
 
 def test_a_wrong_path_is_named_before_anything_is_learnt(tiny_run: TinyRun, tmp_path: Path) -> None:
-    wrong = planned(tiny_run, "+task.compared.odd.refinement.particels=3", f"work={tmp_path / 'w'}")
+    wrong = build(tiny_run, "+task.compared.odd.refinement.particels=3", f"work={tmp_path / 'w'}")
     with pytest.raises(ValueError, match=r"^refinement\.particels: Unexpected"):
         run_task(wrong, tmp_path / "out")
     assert not (tmp_path / "w").exists()

@@ -1,4 +1,4 @@
-"""Oracle matrix and basin map on the tiny run's world and stages."""
+"""Oracle matrix and basin map on the tiny run's dataset and stages."""
 
 import csv
 import json
@@ -13,10 +13,10 @@ from hydra import compose, initialize_config_dir
 from mlflow import MlflowClient
 
 from hlp.commands.composing import config_folder
-from hlp.pipeline.build import Run, build_run
-from hlp.pipeline.detector import Detector
-from hlp.pipeline.tasks import run_task
+from hlp.config.build import Run, build_run
+from hlp.method.pose_estimator import Detector
 from hlp.refinement.none import NoneRefiner
+from hlp.studies.tasks import run_task
 from tiny_run import TinyRun
 
 
@@ -29,7 +29,7 @@ def threads() -> Iterator[None]:
     cv2.setNumThreads(-1)
 
 
-def planned(tiny_run: TinyRun, experiment: str, *overrides: str) -> Run:
+def build(tiny_run: TinyRun, experiment: str, *overrides: str) -> Run:
     given = (f"experiment={experiment}", f"work={tiny_run.folder / 'work'}", "output=out")
     with initialize_config_dir(str(config_folder()), version_base="1.3"):
         return build_run(compose("config", overrides=[*tiny_run.overrides, *given, *overrides]))
@@ -59,7 +59,7 @@ def test_oracle_fills_the_matrix_from_the_runs_own_stages(
     tiny_run: TinyRun, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     output = tmp_path / "matrix"
-    run_task(planned(tiny_run, "oracle"), output)
+    run_task(build(tiny_run, "oracle"), output)
     assert stages(output, reused=False) == {"oracle"}
     assert {"regions", "hypotheses"} <= stages(output, reused=True)
     found = recalls(json.loads((output / "oracle.json").read_text()))
@@ -70,7 +70,7 @@ def test_oracle_fills_the_matrix_from_the_runs_own_stages(
     assert (output / "oracle.md").read_text().strip()
     with (output / "oracle.csv").open(newline="") as stream:
         rows = [row for row in csv.DictReader(stream) if row["object"] == "all"]
-    shown = {(row["region"], row["coarse"]): float(row["ad_recall"]) for row in rows}
+    shown = {(row["region"], row["coarse"]): float(row["add_recall"]) for row in rows}
     assert shown == pytest.approx(found)
     assert f"{found['true', 'noisy']:.3f}" in capsys.readouterr().out
     metrics = logged_metrics(tiny_run, output)
@@ -95,12 +95,12 @@ def test_interrupted_oracle_goes_on_where_it_stopped(
     short = ("refinement.particles=5", "refinement.iterations=3", "task.noise_deg=5.0")
     monkeypatch.setattr(Detector, "fine", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        run_task(planned(tiny_run, "oracle", *short), tmp_path / "broken_off")
+        run_task(build(tiny_run, "oracle", *short), tmp_path / "broken_off")
     monkeypatch.setattr(Detector, "fine", noted)
-    run_task(planned(tiny_run, "oracle", *short), tmp_path / "resumed")
+    run_task(build(tiny_run, "oracle", *short), tmp_path / "resumed")
     assert asked == {12}
     asked.clear()
-    run_task(planned(tiny_run, "oracle", *short, "task.frames=1"), tmp_path / "one")
+    run_task(build(tiny_run, "oracle", *short, "task.frames=1"), tmp_path / "one")
     assert asked == {0}
     assert json.loads((tmp_path / "one" / "oracle.json").read_text())["frames"] == 1
 
@@ -116,7 +116,7 @@ def test_basin_maps_every_refiner_from_the_same_starts(
         "task.starts=2",
     )
     output = tmp_path / "maps"
-    run_task(planned(tiny_run, "basin", *small), output)
+    run_task(build(tiny_run, "basin", *small), output)
     assert (stages(output, reused=False), stages(output, reused=True)) == ({"basin"}, set())
     with (output / "basin.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
@@ -128,9 +128,10 @@ def test_basin_maps_every_refiner_from_the_same_starts(
     targets = int(cells["pso", "all", 0.0, 0.0]["starts"]) // 2
     assert targets == len(objects) == 5
     assert all(cells["none", name, 0.0, 0.0]["right"] == "2" for name in objects)
-    assert float(cells["pso", "all", 0.0, 0.0]["ad_recall"]) >= 0.8
+    assert float(cells["pso", "all", 0.0, 0.0]["add_recall"]) >= 0.8
     turned = {
-        refiner: float(cells[refiner, "all", 25.0, 0.0]["ad_recall"]) for refiner in ("pso", "none")
+        refiner: float(cells[refiner, "all", 25.0, 0.0]["add_recall"])
+        for refiner in ("pso", "none")
     }
     assert turned["pso"] > turned["none"] + 0.2
     assert cells["none", "all", 0.0, 200.0]["right"] == "0"
@@ -144,9 +145,9 @@ def test_a_refiner_that_is_added_leaves_the_others_as_they_are(
     tiny_run: TinyRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     small = ("task.frames=1", "task.rotation_deg=[0]", "task.translation_mm=[0,10]")
-    run_task(planned(tiny_run, "basin", *small, "task.compared=[none]"), tmp_path / "first")
+    run_task(build(tiny_run, "basin", *small, "task.compared=[none]"), tmp_path / "first")
     monkeypatch.setattr(NoneRefiner, "refine", None)
-    run_task(planned(tiny_run, "basin", *small, "task.compared=[none,icp]"), tmp_path / "second")
+    run_task(build(tiny_run, "basin", *small, "task.compared=[none,icp]"), tmp_path / "second")
     assert stages(tmp_path / "second", reused=True) == {"basin"}
     assert (
         (tmp_path / "second" / "basin.csv")

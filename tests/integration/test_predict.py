@@ -1,4 +1,4 @@
-"""`hlp predict` on frames of the demo world, written to files as a user would have them."""
+"""`hlp predict` on frames of the demo dataset, written to files as a user would have them."""
 
 import csv
 import json
@@ -17,12 +17,12 @@ from hydra import compose, initialize_config_dir
 
 import hlp
 from hlp.commands.composing import config_folder
-from hlp.data.synthetic_objects import demo_objects
-from hlp.data.synthetic_scenes import SyntheticScenes, SyntheticSettings
+from hlp.config.build import build_run
+from hlp.data.synthetic.objects import demo_objects
+from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.geometry import rotation_distance
-from hlp.pipeline import prediction, runner
-from hlp.pipeline.build import build_run
 from hlp.records import Frame, Target
+from hlp.runs import prediction, runner
 
 DRILL = 5
 LOOKED_AT = (0, 2)  # frames in which the drill is near and in full view
@@ -197,7 +197,7 @@ def test_wrong_input_is_named_before_anything_is_learnt(own: Own, tmp_path: Path
 
 def test_each_command_refuses_the_others_frames(own: Own, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="no true poses"):
-        runner.run(build_run(composed(own)), tmp_path)
+        runner.run_method(build_run(composed(own)), tmp_path)
     with initialize_config_dir(str(config_folder()), version_base="1.3"):
         demo = compose("config", overrides=[f"output={tmp_path}"])
     with pytest.raises(ValueError, match="data=files alone"):

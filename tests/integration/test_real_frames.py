@@ -10,7 +10,7 @@ from hlp.commands.composing import config_folder
 from tiny_run import start_run
 
 SMALL = (
-    "experiment=lm_board",
+    "experiment=linemod_bop",
     "encoder=pca",
     "rendering.viewpoints=200",
     "rendering.in_plane_steps=7",

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from mlflow import MlflowClient
 
-from hlp.pipeline.detector import Detector
+from hlp.method.pose_estimator import Detector
 from run_files import Row, read_json, rows, stages
 from tiny_run import TinyRun, start_run
 

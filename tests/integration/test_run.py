@@ -1,4 +1,4 @@
-"""The whole pipeline through the command line: a tiny run of the demo world and its results."""
+"""The whole pipeline through the command line: a tiny run of the demo dataset and its results."""
 
 from collections import Counter
 
@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from mlflow import MlflowClient
 
-from hlp.data.synthetic_objects import demo_objects
-from hlp.data.synthetic_scenes import SyntheticScenes, SyntheticSettings
+from hlp.data.synthetic.objects import demo_objects
+from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.records import Target
 from run_files import Row, read_json, rows, stages
 from tiny_run import TinyRun
 
 METRICS = ("add", "5cm5deg", "iou50")
-VERDICTS = {"add": "ad_correct", "5cm5deg": "pose_correct", "iou50": "box_correct"}
+VERDICTS = {"add": "add_correct", "5cm5deg": "pose_correct", "iou50": "box_correct"}
 LEARNT = {"views": 8, "classifier": 1, "encoder": 1, "codebook": 8}
 FOUND = {"regions": 1, "hypotheses": 1, "poses": 1}
 
@@ -25,7 +25,7 @@ def target_of(row: Row) -> tuple[int, int, int]:
 
 @pytest.fixture(scope="module")
 def truth() -> dict[tuple[int, int, int], Target]:
-    """Targets of the two frames, from the demo world itself (frames 0 and 12 of its 24)."""
+    """Targets of the two frames, from the demo dataset itself (frames 0 and 12 of its 24)."""
     scenes = SyntheticScenes(
         SyntheticSettings(
             24, 0, 320, 240, 1.0, 0.3, (5, 5), (1, 3), (600.0, 1100.0), (20.0, 75.0), 20.0, 5.0
@@ -57,7 +57,7 @@ def test_summary_says_what_the_scores_say(tiny_run: TinyRun) -> None:
         for metric, verdict in VERDICTS.items():
             expected = np.mean([int(row[verdict]) for row in own])
             assert found[metric] == {"recall": pytest.approx(expected)}
-    lost = Counter(row["cause"] for row in scores if not int(row["ad_correct"]))
+    lost = Counter(row["cause"] for row in scores if not int(row["add_correct"]))
     total = summary["waterfall"]["total"]
     assert "" not in lost and lost.keys() <= total.keys()
     assert total == {**dict.fromkeys(total, 0), **lost, "correct": len(scores) - lost.total()}
@@ -109,9 +109,9 @@ def test_poses_are_in_bops_format_and_give_the_scores(
             moved = 1000.0 * vertices @ rotation.T + translation
             meant = 1000.0 * (vertices @ true[:3, :3].T + true[:3, 3])
             error = np.linalg.norm(moved - meant, axis=1).mean()
-            assert float(row["ad_mm"]) == pytest.approx(error, abs=1e-3)
+            assert float(row["add_mm"]) == pytest.approx(error, abs=1e-3)
             limit = 100.0 * models[target[2]].diameter
-            assert int(row["ad_correct"]) == (error < limit)
+            assert int(row["add_correct"]) == (error < limit)
             checked += 1
     assert checked >= 3
     for scene in {row["scene_id"] for row in poses.values()}:  # BOP: one time an image

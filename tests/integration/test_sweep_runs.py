@@ -10,7 +10,7 @@ import pytest
 from mlflow import MlflowClient
 from mlflow.entities import Run
 
-from hlp.pipeline.detector import Detector
+from hlp.method.pose_estimator import Detector
 from tiny_run import TinyRun
 
 Call = Callable[..., tuple[int, str, str]]

@@ -27,11 +27,11 @@ def dataset(tmp_path: Path) -> Path:
         (["frames=0"], ["frames is 0"]),
         (["refinement.particles=0"], ["refinement.particles is 0", "at least 1"]),
         (["refinement.phi_1=1.0"], ["refinement.phi_1 + phi_2", "above 4"]),
-        (["experiment=lm_board"], ["data.root is not set"]),
-        (["experiment=lm_board", "data.root=nowhere"], ["data.root is no folder", "nowhere"]),
+        (["experiment=linemod_bop"], ["data.root is not set"]),
+        (["experiment=linemod_bop", "data.root=nowhere"], ["data.root is no folder", "nowhere"]),
         (
             [
-                "experiment=lm_board",
+                "experiment=linemod_bop",
                 "data.root={root}",
                 "data.photographs=null",
                 "data.rooms=null",

@@ -8,8 +8,8 @@ from hlp.models.classifier import (
     ClassifierSettings,
     HolisticClassifier,
     HolisticCNN,
-    carry_over,
     class_probabilities,
+    copy_weights,
     inference_network,
 )
 
@@ -93,7 +93,7 @@ def test_weights_are_carried_over_class_by_class():
     torch.manual_seed(0)
     before, now = HolisticCNN(4, 3, (8, 8), 16, 0.0), HolisticCNN(4, 5, (8, 8), 16, 0.0)
     fresh = {name: value.clone() for name, value in now.state_dict().items()}
-    carry_over(now, before.state_dict(), {0: 0, 1: 2, 2: 4})
+    copy_weights(now, before.state_dict(), {0: 0, 1: 2, 2: 4})
     images = torch.rand(6, 4, 64, 64)
     with torch.no_grad():
         expected, found = before.eval()(images), now.eval()(images)

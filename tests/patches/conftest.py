@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hlp.data.synthetic_objects import demo_objects
+from hlp.data.synthetic.objects import demo_objects
 from hlp.records import Frame, ObjectModel, Views
 from hlp.rendering.views import ViewsSettings, render_views
 

@@ -10,7 +10,7 @@ from hlp.patches.holistic import (
     depth_code,
     metric_windows,
     pixel_grid,
-    region_trust,
+    region_weights,
 )
 from hlp.records import Frame, Region
 
@@ -157,8 +157,8 @@ def test_trust_is_the_probability_of_the_surest_window_about_a_pixel():
     region = Region(1, centers, probabilities, np.ones((60, 240), bool))
     pixels = np.array([[12.0, 10.0], [24.0, 10.0], [24.0, 10.0], [30.0, 16.0], [200.0, 50.0]])
     radii = np.array([10.0, 10.0, 15.0, 5.0, 10.0])
-    found = region_trust(region, pixels, radii)
+    found = region_weights(region, pixels, radii)
     np.testing.assert_allclose(found, [0.9, 0.3, 0.9, 0.01, 0.01])
-    assert region_trust(region, np.zeros((0, 2)), np.zeros(0)).shape == (0,)
+    assert region_weights(region, np.zeros((0, 2)), np.zeros(0)).shape == (0,)
     nothing = Region(1, np.zeros((0, 2)), np.zeros(0), np.ones((60, 240), bool))
-    np.testing.assert_array_equal(region_trust(nothing, pixels, radii), np.full(5, 0.01))
+    np.testing.assert_array_equal(region_weights(nothing, pixels, radii), np.full(5, 0.01))

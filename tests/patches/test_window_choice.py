@@ -4,7 +4,7 @@ import pytest
 
 from hlp.geometry import project
 from hlp.patches.holistic import metric_windows, pixel_grid
-from hlp.patches.window_choice import find_planes, group_sizes, off_planes, quincunx
+from hlp.patches.window_choice import checkerboard, find_planes, group_sizes, off_planes
 
 CAMERA = np.array([[570.0, 0.0, 319.5], [0.0, 570.0, 239.5], [0.0, 0.0, 1.0]])
 STEP = 16
@@ -118,7 +118,7 @@ def test_too_few_windows_for_a_plane_are_fine():
 
 def test_a_quincunx_keeps_half_and_no_two_neighbours():
     centers = pixel_grid((480, 640), 16).astype(float)
-    kept = quincunx(centers, 16)
+    kept = checkerboard(centers, 16)
     assert kept.sum() == len(centers) / 2
     apart = np.linalg.norm(centers[kept][:, None] - centers[kept][None], axis=2)
     assert apart[apart > 0].min() == pytest.approx(16 * np.sqrt(2))

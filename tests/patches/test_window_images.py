@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 import torch
 
-from hlp.crew import Crew
 from hlp.patches.holistic import HolisticSettings, Windows, cut_windows, metric_windows
 from hlp.patches.window_images import WindowImages
+from hlp.thread_team import ThreadTeam
 from window_reference import window_images
 
 RGBD = HolisticSettings(16, "rgbd")
@@ -49,14 +49,14 @@ def test_images_are_those_that_training_makes(low, high, channels):
     rgb, depth = pictures()
     windows = random_windows(np.random.default_rng(low), 60, low, high)
     settings = HolisticSettings(16, channels)
-    found = WindowImages(rgb, depth, settings, Crew(1)).cut(windows, 0.15)
+    found = WindowImages(rgb, depth, settings, ThreadTeam(1)).cut(windows, 0.15)
     assert found.shape[1] == len(channels)
     assert_same(found, reference(rgb, depth, windows, 0.15, settings), 1e-3)
 
 
 def test_windows_on_the_grid_of_a_frame(room):
     windows = metric_windows(room.depth, room.camera_matrix, 0.1, 8)
-    found = WindowImages(room.rgb, room.depth, RGBD, Crew(2)).cut(windows, 0.1)
+    found = WindowImages(room.rgb, room.depth, RGBD, ThreadTeam(2)).cut(windows, 0.1)
     expected = reference(room.rgb, room.depth, windows, 0.1, RGBD)
     # A synthetic ramp is halfway between two levels more often than a photograph.
     assert_same(found, expected, 1e-2)
@@ -65,8 +65,8 @@ def test_windows_on_the_grid_of_a_frame(room):
 def test_threads_and_chunks_change_nothing():
     rgb, depth = pictures()
     windows = random_windows(np.random.default_rng(5), 37, 5, 70)
-    together = WindowImages(rgb, depth, RGBD, Crew(1)).cut(windows, 0.15)
-    shared = WindowImages(rgb, depth, RGBD, Crew(3))
+    together = WindowImages(rgb, depth, RGBD, ThreadTeam(1)).cut(windows, 0.15)
+    shared = WindowImages(rgb, depth, RGBD, ThreadTeam(3))
     assert torch.equal(shared.cut(windows, 0.15), together)
     assert torch.equal(shared.cut(windows.at(slice(11, 20)), 0.15), together[11:20])
 
@@ -74,4 +74,4 @@ def test_threads_and_chunks_change_nothing():
 def test_no_windows_have_no_images():
     rgb, depth = pictures()
     nothing = random_windows(np.random.default_rng(0), 0, 5, 6)
-    assert WindowImages(rgb, depth, RGBD, Crew(2)).cut(nothing, 0.15).shape == (0, 4, 16, 16)
+    assert WindowImages(rgb, depth, RGBD, ThreadTeam(2)).cut(nothing, 0.15).shape == (0, 4, 16, 16)

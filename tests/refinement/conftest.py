@@ -31,7 +31,7 @@ def cost_settings() -> CostSettings:
 def verification() -> VerificationSettings:
     return VerificationSettings(
         candidates=5,
-        most_gain=0.1,
+        max_improvement=0.1,
         weight_depth=0.8,
         weight_edge=0.3,
         weight_color=0.2,
@@ -40,10 +40,10 @@ def verification() -> VerificationSettings:
         tau_color=0.3,
         edge_step_mm=15.0,
         missing_cost=0.3,
-        hidden_cost=0.1,
-        hidden_share_cost=0.2,
-        hidden_edge_cost=0.5,
+        occlusion_cost=0.1,
+        occlusion_share_cost=0.2,
+        occluded_edge_cost=0.5,
         unexplained_cost=0.2,
-        backing_cost=0.01,
+        support_cost=0.01,
         roi_size=96,
     )

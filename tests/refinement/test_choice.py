@@ -7,7 +7,7 @@ import pytest
 from refinement_scene import CAMERA, Scene, disturbed, error
 
 from hlp.records import Hypotheses, ObjectModel, Refinement
-from hlp.refinement.choice import Fine, refine_and_choose
+from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
 from hlp.refinement.verification import VerificationSettings, Verifier, observe
 
 
@@ -42,8 +42,8 @@ def choose(
     refiner: Still,
     poses: np.ndarray,
     candidates: int = 8,
-    most_gain: float = 0.1,
-) -> Fine:
+    max_improvement: float = 0.1,
+) -> RefinedHypotheses:
     # Support is left out of the cost: all have the same.
     hypotheses = Hypotheses(poses, np.ones(len(poses)))
     return refine_and_choose(
@@ -53,7 +53,7 @@ def choose(
         scene.model,
         hypotheses,
         candidates,
-        most_gain,
+        max_improvement,
         seed=3,
     )
 
@@ -68,7 +68,7 @@ def test_the_best_is_found_refined_first_and_polished(
     scene: Scene, verification: VerificationSettings, poses: np.ndarray
 ) -> None:
     refiner = Still()
-    fine = choose(scene, verification, refiner, poses, most_gain=1.0)
+    fine = choose(scene, verification, refiner, poses, max_improvement=1.0)
     assert len(refiner.asked) == 3 and len(fine.refined) == len(fine.costs) == 6
     np.testing.assert_array_equal(refiner.asked[0][0], poses[-1])
     assert fine.sources[fine.best] == 5 and sorted(fine.sources) == list(range(6))
@@ -83,7 +83,7 @@ def test_the_best_is_found_refined_first_and_polished(
 def test_no_more_are_refined_than_asked_for(
     scene: Scene, verification: VerificationSettings, poses: np.ndarray
 ) -> None:
-    fine = choose(scene, verification, Still(), poses, candidates=3, most_gain=1.0)
+    fine = choose(scene, verification, Still(), poses, candidates=3, max_improvement=1.0)
     observation = observe(scene.rgb, scene.depth, CAMERA, verification)
     costs = Verifier(scene.model, verification).costs(observation, poses)
     np.testing.assert_array_equal(fine.sources, np.argsort(costs)[:3])
@@ -96,8 +96,10 @@ def test_hopeless_ones_are_left_out(
     costs = np.sort(Verifier(scene.model, verification).costs(observation, poses))
     apart = costs[2] - costs[0]
     assert apart > 0.02
-    assert len(choose(scene, verification, Still(), poses, most_gain=apart * 0.9).refined) == 2
-    assert len(choose(scene, verification, Still(), poses, most_gain=apart * 1.1).refined) > 2
+    assert (
+        len(choose(scene, verification, Still(), poses, max_improvement=apart * 0.9).refined) == 2
+    )
+    assert len(choose(scene, verification, Still(), poses, max_improvement=apart * 1.1).refined) > 2
 
 
 def test_one_hypothesis_is_enough(

@@ -29,7 +29,7 @@ def reference(scene: Scene, pose: np.ndarray, settings: VerificationSettings) ->
     observed, on = scene.depth.astype(float), rendered > 0
     apart, seen = observed - rendered, on & (observed > 0)
     tau = settings.tau_depth_mm / 1000
-    agree, hidden = seen & (np.abs(apart) <= tau), seen & (apart < -tau)
+    agree, occluded = seen & (np.abs(apart) <= tau), seen & (apart < -tau)
     colors = [image[agree] + 4.0 for image in (scene.rgb.astype(float), albedo.astype(float))]
     shares = [color / color.sum(axis=1, keepdims=True) for color in colors]
     color = np.minimum(np.abs(shares[0] - shares[1]).sum(axis=1) / settings.tau_color, 1.0)
@@ -43,11 +43,11 @@ def reference(scene: Scene, pose: np.ndarray, settings: VerificationSettings) ->
         float(agree.sum()),
         np.abs(apart[agree]).sum() / tau / pixels,
         (seen & (apart > tau)).sum() / pixels,
-        hidden.sum() / pixels,
+        occluded.sum() / pixels,
         (on & ~seen).sum() / pixels,
         color.mean(),
-        np.minimum(distance[edges & ~hidden], 1.0).mean(),
-        (edges & hidden).sum() / edges.sum(),
+        np.minimum(distance[edges & ~occluded], 1.0).mean(),
+        (edges & occluded).sum() / edges.sum(),
     )
 
 
@@ -71,7 +71,7 @@ def test_evidence_is_what_plain_numpy_finds(
     pose = disturbed(scene, *step, seed=2)
     fine = replace(verification, roi_size=1000)
     found, expected = evidence(scene, pose, fine), reference(scene, pose, fine)
-    for name in ("residual", "behind", "hidden", "missing", "color", "edge_hidden"):
+    for name in ("residual", "behind", "occluded", "missing", "color", "edges_occluded"):
         assert getattr(found, name) == pytest.approx(getattr(expected, name), abs=0.01), name
     assert found.area == pytest.approx(expected.area, rel=0.01)
     # Distances to observed edges are approximate.
@@ -84,7 +84,7 @@ def test_a_coarser_grid_sees_much_the_same(
     fine = evidence(scene, scene.pose, replace(verification, roi_size=1000))
     coarse = evidence(scene, scene.pose, replace(verification, roi_size=40))
     assert coarse.area == pytest.approx(fine.area, rel=0.1)
-    for name in ("residual", "behind", "hidden", "missing", "color"):
+    for name in ("residual", "behind", "occluded", "missing", "color"):
         assert getattr(coarse, name) == pytest.approx(getattr(fine, name), abs=0.05), name
 
 
@@ -148,18 +148,18 @@ def test_rivals_at_one_place_pay_for_what_they_leave_unexplained(
     expected = verifier.costs(observation, poses)
     expected[1] += verification.unexplained_cost * (1 - areas[1] / areas[0])
     assert areas[1] < 0.9 * areas[0] and 0 < areas[2] < 0.9 * areas[0]
-    found = verifier.rival_costs(observation, poses, np.full(3, 7.0))
+    found = verifier.competing_costs(observation, poses, np.full(3, 7.0))
     np.testing.assert_allclose(found, np.minimum(expected, 1.0))
     np.testing.assert_allclose(
-        verifier.rival_costs(observation, poses[:1], np.ones(1)), expected[:1]
+        verifier.competing_costs(observation, poses[:1], np.ones(1)), expected[:1]
     )
 
 
 def test_poses_with_few_votes_pay_for_it(scene: Scene, verification: VerificationSettings) -> None:
     poses = np.repeat(scene.pose[None], 3, axis=0)
     verifier = Verifier(scene.model, verification)
-    found = verifier.rival_costs(seen(scene, verification), poses, np.array([5.0, 50.0, 0.0]))
-    weight = verification.backing_cost
+    found = verifier.competing_costs(seen(scene, verification), poses, np.array([5.0, 50.0, 0.0]))
+    weight = verification.support_cost
     np.testing.assert_allclose(found - found[1], [weight * np.log(10), 0.0, weight * np.log(100)])
 
 

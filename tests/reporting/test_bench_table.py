@@ -19,7 +19,7 @@ def spreads(scale: float) -> dict[str, dict[str, float]]:
 def path(scale: float, recall: float) -> dict[str, Any]:
     views = {"first": spreads(scale), "further": spreads(scale / 4), "frame": spreads(2 * scale)}
     by_objects = {"1": {"median_ms": 10.0 * scale, "frames": 3}}
-    return {"ad_recall": recall, **views, "by_objects": by_objects}
+    return {"add_recall": recall, **views, "by_objects": by_objects}
 
 
 def result() -> dict[str, Any]:

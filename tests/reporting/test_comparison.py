@@ -16,8 +16,8 @@ from hlp.reporting.comparison import (
 )
 
 COLUMNS = (
-    "scene_id", "im_id", "obj_id", "object", "found", "visible_fraction", "ad_mm", "rotation_deg",
-    "translation_mm", "box_iou", "ad_correct", "pose_correct", "box_correct",
+    "scene_id", "im_id", "obj_id", "object", "found", "visible_fraction", "add_mm", "rotation_deg",
+    "translation_mm", "box_iou", "add_correct", "pose_correct", "box_correct",
 )  # fmt: skip
 
 

@@ -57,7 +57,7 @@ def test_csv_has_a_row_for_each_object_and_cell_in_full(tmp_path):
         "coarse": "noisy",
         "fine": "estimated",
         "targets": "10",
-        "ad_recall": "0.8",
+        "add_recall": "0.8",
         "ci95_low": "0.4",
         "ci95_high": "0.8",
     }

@@ -16,8 +16,8 @@ from hlp.reporting.results import Result
 CATS = {"cat": 0.9, "ape": 0.8}
 
 
-def run(ad: float, objects: dict[str, float]) -> Result:
-    return Result({}, scored(ad, 100.0, objects), 2, {})
+def run(add_or_add_s: float, objects: dict[str, float]) -> Result:
+    return Result({}, scored(add_or_add_s, 100.0, objects), 2, {})
 
 
 @pytest.mark.parametrize(("recall", "targets"), [(0.9, 20), (1.0, 20), (0.0, 7)])

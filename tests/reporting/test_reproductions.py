@@ -8,9 +8,9 @@ from omegaconf import OmegaConf
 from written_results import scored, write_run, write_sweep
 
 from hlp.commands.composing import config_folder
-from hlp.pipeline.build import build_settings
+from hlp.config.build import build_settings
+from hlp.reporting.figures.sweep_bars import TRENDS
 from hlp.reporting.reproductions import TABLES, describe_reproductions, write_reproductions
-from hlp.reporting.trends import TRENDS
 
 OBJECTS = {"cat": 0.9, "ape": 0.8}
 ENDINGS = ("png", "svg", "md", "csv", "tex")

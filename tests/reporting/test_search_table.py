@@ -38,7 +38,7 @@ def test_the_csv_holds_every_trial(tmp_path):
     with (tmp_path / "search.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert [row["refinement.particles"] for row in rows] == ["25", "50", "10", "20"]
-    assert [row["ad_recall"] for row in rows] == ["0.8", "0.9", "", "0.8"]
+    assert [row["add_recall"] for row in rows] == ["0.8", "0.9", "", "0.8"]
     assert [row["error"] for row in rows] == ["", "", "no depth", ""]
     assert float(rows[1]["refinement.theta_deg"]) == 5.0 + 1 / 3.0
     assert (tmp_path / "search.md").read_text() == format_search(RESULT) + "\n"

@@ -38,7 +38,7 @@ def summary(names: tuple[str, ...] = ("cat", "ape")) -> dict[str, Any]:
         "targets": 8,
         "metrics": {key: recall(value) for key, value in metrics.items()},
         "per_object": {name: {"targets": 4, **each} for name in names},
-        "median_errors": {"found": 7, "ad_mm": 3.5},
+        "median_errors": {"found": 7, "add_mm": 3.5},
         "bop": {"vsd": None, "mssd": 0.6},
         "timing_ms": {
             "total": {"median": 480.0, "p95": 700.0},
@@ -203,7 +203,7 @@ def test_metrics_bear_the_names_that_mlflow_takes() -> None:
     assert flat["votes/good_by_object_cat"] == pytest.approx(0.425)
     assert flat["votes/good_cat"] == 0.125
     assert flat["votes/good_ape"] is None
-    assert flat["median_errors/ad_mm"] == 3.5
+    assert flat["median_errors/add_mm"] == 3.5
     assert flat["bop/vsd"] is None
     assert flat["targets"] == 8
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hlp.codebook.entries import make_codebook
-from hlp.data.synthetic_objects import demo_objects
+from hlp.data.synthetic.objects import demo_objects
 from hlp.geometry import rigid, rotation_distance
 from hlp.patches.local import LocalSettings, cut_local_patches
 from hlp.records import Codebook, LocalPatches, Matches
@@ -47,11 +47,11 @@ def random_case(seed=0, patches=12, entries=20, neighbours=3):
     return patches_at(points), Matches(indices, distances), codebook
 
 
-@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize("weighted_by_distance", [False, True])
 @pytest.mark.parametrize("limit", [0.5, 1.5, 9.0])
-def test_votes_equal_a_slow_loop(model, weighted, limit):
+def test_votes_equal_a_slow_loop(model, weighted_by_distance, limit):
     patches, matches, codebook = random_case()
-    votes = cast_votes(patches, matches, codebook, model, limit, weighted)
+    votes = cast_votes(patches, matches, codebook, model, limit, weighted_by_distance)
     expected = []
     for i, point in enumerate(patches.points_cam):
         ray = point / np.linalg.norm(point)
@@ -64,7 +64,7 @@ def test_votes_equal_a_slow_loop(model, weighted, limit):
                 continue
             rotation = turn @ codebook.rotations_cam_obj[entry]
             centroid = point + rotation @ (model.centroid - codebook.points_obj[entry])
-            weight = np.exp(-((distance / 0.4) ** 2) / 2) if weighted else 1.0
+            weight = np.exp(-((distance / 0.4) ** 2) / 2) if weighted_by_distance else 1.0
             expected.append((centroid, rotation, weight, i, patches.pixels[i]))
     assert 0 < len(expected) == len(votes)
     centroids, rotations, weights, rows, pixels = (
@@ -80,10 +80,12 @@ def test_votes_equal_a_slow_loop(model, weighted, limit):
 def test_trust_multiplies_the_weight_of_every_vote_of_a_patch(model):
     patches, matches, codebook = random_case(4)
     plain = cast_votes(patches, matches, codebook, model, 3.0, True)
-    trust = np.linspace(0.1, 1.0, len(patches))
-    trusted = cast_votes(patches, matches, codebook, model, 3.0, True, trust)
-    np.testing.assert_allclose(trusted.weights, plain.weights * trust[plain.patches])
-    np.testing.assert_array_equal(trusted.centroids_cam, plain.centroids_cam)
+    patch_weights = np.linspace(0.1, 1.0, len(patches))
+    weighted_by_region = cast_votes(patches, matches, codebook, model, 3.0, True, patch_weights)
+    np.testing.assert_allclose(
+        weighted_by_region.weights, plain.weights * patch_weights[plain.patches]
+    )
+    np.testing.assert_array_equal(weighted_by_region.centroids_cam, plain.centroids_cam)
 
 
 def test_without_near_neighbours_or_patches_there_are_no_votes(model):
@@ -124,7 +126,7 @@ def test_an_object_rendered_off_centre_is_voted_for_with_its_exact_pose(model, p
     rgb, depth = seen(model, pose)
     cut = cut_local_patches(rgb, depth, CAMERA, np.array([pixel]), model.local_size, LOCAL, 0.0)
     matches = Matches(np.zeros((1, 1), int), np.zeros((1, 1)))
-    votes = cast_votes(cut, matches, codebook, model, 1.0, weighted=True)
+    votes = cast_votes(cut, matches, codebook, model, 1.0, weighted_by_distance=True)
     centroid = pose[:3, :3] @ model.centroid + pose[:3, 3]
     # The patch's depth is a median over 3 x 3 pixels, in the view and here: up to a pixel apart.
     np.testing.assert_allclose(votes.centroids_cam[0], centroid, atol=0.0025)
@@ -178,6 +180,8 @@ def test_votes_of_a_symmetric_object_agree_on_the_rotation(model):
     poses = rigid(rotations, points - rotations @ model.centroid)
     codebook = make_codebook(model.object_id, features, points, poses, 1.0)
     matches = Matches(np.arange(36)[:, None], np.zeros((36, 1)))
-    votes = cast_votes(patches_at(points), matches, codebook, symmetric, 1.0, weighted=False)
+    votes = cast_votes(
+        patches_at(points), matches, codebook, symmetric, 1.0, weighted_by_distance=False
+    )
     assert rotation_distance(votes.rotations_cam_obj, votes.rotations_cam_obj[0]).max() < 1e-5
     np.testing.assert_allclose(votes.centroids_cam, points, atol=1e-6)

@@ -54,11 +54,11 @@ def voted_center(pose):
     return pose[:3, :3] @ CENTROID + pose[:3, 3]
 
 
-def brute_translation(votes, radius, shifts):
+def brute_translation(votes, radius, mean_shift_iterations):
     """Flat-kernel mean shift from every vote, in loops; the centre with the most weight."""
     best, most = None, -1.0
     for center in votes.centroids_cam:
-        for _ in range(shifts):
+        for _ in range(mean_shift_iterations):
             inside = [np.linalg.norm(p - center) <= radius for p in votes.centroids_cam]
             center = np.average(votes.centroids_cam[inside], axis=0, weights=votes.weights[inside])
         weight = votes.weights[np.linalg.norm(votes.centroids_cam - center, axis=1) <= radius].sum()
@@ -67,11 +67,11 @@ def brute_translation(votes, radius, shifts):
     return best
 
 
-def brute_rotation(votes, angle, shifts):
+def brute_rotation(votes, angle, mean_shift_iterations):
     """The same of rotations, with SciPy's mean of rotations, which knows no signs."""
     best, most = None, -1.0
     for center in votes.rotations_cam_obj:
-        for _ in range(shifts):
+        for _ in range(mean_shift_iterations):
             inside = rotation_distance(votes.rotations_cam_obj, center) <= angle
             chosen = Rotation.from_matrix(votes.rotations_cam_obj[inside])
             center = chosen.mean(weights=votes.weights[inside]).as_matrix()
@@ -177,7 +177,7 @@ def test_joint_modes_are_ranked_distinct_and_no_more_than_asked_for(hypotheses):
 
 def test_joint_modes_are_the_means_of_their_votes():
     votes = many_objects()
-    settings = dataclasses.replace(JOINT, shifts=30)
+    settings = dataclasses.replace(JOINT, mean_shift_iterations=30)
     for pose in JointModes(settings).find(votes, CENTROID).poses_cam_obj:
         chosen = inside(votes, pose)
         weights = votes.weights[chosen]
@@ -199,7 +199,7 @@ def test_the_best_joint_mode_equals_brute_force():
             turn = Rotation.from_matrix(votes.rotations_cam_obj[near]).mean().as_matrix()
         if near.sum() > most:
             best, most = (center, turn), near.sum()
-    found = JointModes(dataclasses.replace(JOINT, shifts=20)).find(votes, CENTROID)
+    found = JointModes(dataclasses.replace(JOINT, mean_shift_iterations=20)).find(votes, CENTROID)
     np.testing.assert_allclose(voted_center(found.poses_cam_obj[0]), best[0], atol=1e-9)
     assert np.rad2deg(rotation_distance(found.poses_cam_obj[0, :3, :3], best[1])) < 0.02
     assert found.support[0] == most
@@ -296,7 +296,7 @@ def test_without_shifts_a_mode_is_backed_by_what_agrees_with_its_vote():
         best = int(np.argmax(np.where(free, support, -1.0)))
         expected.append(best)
         free &= ~agree[best]
-    found = JointModes(dataclasses.replace(JOINT, shifts=0)).find(votes, CENTROID)
+    found = JointModes(dataclasses.replace(JOINT, mean_shift_iterations=0)).find(votes, CENTROID)
     np.testing.assert_allclose(found.support, support[expected], rtol=1e-12)
     for pose, vote in zip(found.poses_cam_obj, expected, strict=True):
         np.testing.assert_allclose(voted_center(pose), votes.centroids_cam[vote], atol=1e-12)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from hlp.geometry import turn_to_ray
+from hlp.geometry import allocentric_to_egocentric
 from hlp.records import Codebook
 
 
@@ -31,7 +31,7 @@ def make_codebook(
     other ray at test time.
     """
     rotations = poses_cam_obj[:, :3, :3]
-    along_axis = np.swapaxes(turn_to_ray(points_cam), -1, -2) @ rotations
+    along_axis = np.swapaxes(allocentric_to_egocentric(points_cam), -1, -2) @ rotations
     from_view = points_cam - poses_cam_obj[:, :3, 3]
     points_obj = np.einsum("mij,mi->mj", rotations, from_view)
     return Codebook(

@@ -48,7 +48,7 @@ usage: hlp bench [experiment=NAME] [frames=N] [overrides]
        hlp bench compare=A.json
        hlp bench 'compare=[A.json,B.json]'
 
-Times every stage of detection on the configured data (the demo's; lm_board: experiment=lm_board
+Times every stage of detection on the configured data (the demo's; linemod_bop: experiment=linemod_bop
 data.root=PATH), frame by frame: median and 95th percentile of wall time, CPU time of all threads,
 for the first object looked for in a frame and for each further one; loading a trained object; peak
 memory. What is learnt is reused from work, or made first. The same frames go through slower

@@ -42,7 +42,7 @@ def compose_and_call(
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
 
-    from hlp.pipeline.sweep import sweep_open
+    from hlp.studies.sweep import sweep_open
 
     sys.argv = [f"hlp {command}", *arguments]  # Hydra takes no other way
     app = hydra.main(version_base="1.3", config_path=str(folder), config_name="config")

@@ -35,7 +35,8 @@ def _predict(config: DictConfig) -> None:
             raise ValueError(f"{key} is not set: give {key}=…, see `hlp predict --help`")
     config.output = HydraConfig.get().runtime.output_dir
 
-    from hlp.pipeline import build, prediction
+    from hlp.config import build
+    from hlp.runs import prediction
 
     prediction.predict(build.build_run(config), Path(config.output))
 

@@ -18,7 +18,7 @@ MANIFEST = "manifest="
 
 def command(arguments: Sequence[str], name: str = "run") -> None:
     """Compose, build everything the configuration names, then do its task with it."""
-    from hlp.pipeline.sweep import unfinished_sweep
+    from hlp.studies.sweep import unfinished_sweep
 
     if any(each.startswith(MANIFEST) for each in arguments):
         _repeat(arguments)
@@ -41,7 +41,8 @@ def _run(config: DictConfig, manifest: Path | None = None) -> None:
 
     config.output = HydraConfig.get().runtime.output_dir  # an arm of a sweep has its own
 
-    from hlp.pipeline import build, repeat, sweep, tasks
+    from hlp.config import build
+    from hlp.studies import repeat, sweep, tasks
 
     if HydraConfig.get().mode == RunMode.MULTIRUN:
         sweep.run_arm(config)
@@ -52,7 +53,7 @@ def _run(config: DictConfig, manifest: Path | None = None) -> None:
 
 
 def _repeat(arguments: Sequence[str]) -> None:
-    from hlp.pipeline.repeat import config_of
+    from hlp.studies.repeat import config_of
 
     overrides = [each for each in arguments if not each.startswith(MANIFEST)]
     named = [each.removeprefix(MANIFEST) for each in arguments if each.startswith(MANIFEST)]

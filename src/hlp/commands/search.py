@@ -31,5 +31,5 @@ Written into the output folder: search.json, search.csv, search.md and manifest.
 
 hlp search                                            what the demo's refinement should do in 500 ms
 hlp search space=voting task.trials=50 frames=60      how local patches vote, on 60 frames
-hlp search experiment=lm_board data.root=PATH         on real frames
+hlp search experiment=linemod_bop data.root=PATH         on real frames
 hlp search task.space.parameters.refinement.particles.high=100     a wider range"""

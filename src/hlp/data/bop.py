@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hlp.data.images import camera_matrix, find_image, read_depth, read_json, read_rgb, same_size
-from hlp.data.object_models import ObjectSettings
 from hlp.data.sources import content_hash
 from hlp.geometry import nearest_rotation, rigid
+from hlp.objects.object_model import ObjectSettings
 from hlp.records import Frame, Target
 
 _MM = 1e-3
@@ -29,7 +29,7 @@ FrameId = tuple[int, int]
 
 @dataclass(frozen=True)
 class BopSettings:
-    """Where a data set in BOP's layout lies; keys as in conf/data/lm_board.yaml."""
+    """Where a data set in BOP's layout lies; keys as in conf/data/linemod_bop.yaml."""
 
     name: str
     root: str

@@ -12,8 +12,8 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from hlp.data.images import read_json
-from hlp.data.object_models import ObjectSettings, build_object_model, check_unique
 from hlp.geometry import nearest_rotation, rigid
+from hlp.objects.object_model import ObjectSettings, build_object_model, check_unique
 from hlp.records import ObjectModel
 
 _MM = 1e-3

@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Float, UInt16
 
 from hlp.data.images import camera_matrix, depth_metres, read_rgb, same_size
-from hlp.data.object_models import ObjectSettings, build_object_model, check_unique
 from hlp.data.sources import content_hash
 from hlp.geometry import nearest_rotation, rigid
+from hlp.objects.object_model import ObjectSettings, build_object_model, check_unique
 from hlp.records import Frame, ObjectModel, Target
 
 _CM = 1e-2

@@ -18,8 +18,8 @@ from hlp.data.images import (
     read_rgb,
     same_size,
 )
-from hlp.data.object_models import ObjectSettings, build_object_model
 from hlp.data.sources import content_hash
+from hlp.objects.object_model import ObjectSettings, build_object_model
 from hlp.records import Frame, ObjectModel
 
 OBJECT_ID = 1

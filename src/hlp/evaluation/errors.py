@@ -26,7 +26,7 @@ def add(estimated: Pose, true: Pose, vertices: Vertices) -> float:
     return float(np.linalg.norm(apart, axis=1).mean())
 
 
-def adi(estimated: Pose, true: Pose, vertices: Vertices, tree: cKDTree | None = None) -> float:
+def add_s(estimated: Pose, true: Pose, vertices: Vertices, tree: cKDTree | None = None) -> float:
     """Mean distance from each true vertex to the closest estimated one (ibid.).
 
     For symmetric objects. `tree` may hold a kd-tree over `vertices`, built once: distances stay

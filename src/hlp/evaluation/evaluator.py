@@ -79,7 +79,7 @@ def score_targets(
     return scores
 
 
-def ad_correct(
+def add_correct(
     poses_cam_obj: Float[np.ndarray, "n 4 4"],
     true_pose: Float[np.ndarray, "4 4"],
     model: ObjectModel,
@@ -87,7 +87,7 @@ def ad_correct(
 ) -> Bool[np.ndarray, "n"]:
     """Verdict of AD on many poses of one target, by the same policy as `score_targets`."""
     judge = _Judge(model, settings)
-    errors_ad = np.array([judge.ad(pose, true_pose) for pose in poses_cam_obj])
+    errors_ad = np.array([judge.add_or_add_s(pose, true_pose) for pose in poses_cam_obj])
     return errors_ad < judge.ad_limit
 
 
@@ -97,7 +97,7 @@ class _Judge:
     def __init__(self, model: ObjectModel, settings: EvaluationSettings) -> None:
         self._model, self._settings = model, settings
         self._vertices = np.asarray(model.mesh.vertices, dtype=np.float64)
-        self.ad_limit = settings.ad_fraction * model.diameter
+        self.ad_limit = settings.add_fraction * model.diameter
         self._symmetric = model.name in settings.symmetric
         self._tree = cKDTree(self._vertices) if self._symmetric else None
         try:
@@ -128,12 +128,12 @@ class _Judge:
     def _closest(self, targets: Sequence[Target], free: Sequence[int], pose: Pose) -> int:
         if len(free) == 1:
             return free[0]
-        return min(free, key=lambda i: self.ad(pose, targets[i].pose_cam_obj))
+        return min(free, key=lambda i: self.add_or_add_s(pose, targets[i].pose_cam_obj))
 
-    def ad(self, estimated: Pose, true: Pose) -> float:
+    def add_or_add_s(self, estimated: Pose, true: Pose) -> float:
         """ADD, or ADI where the policy calls the object symmetric (m)."""
         if self._symmetric:
-            return errors.adi(estimated, true, self._vertices, self._tree)
+            return errors.add_s(estimated, true, self._vertices, self._tree)
         return errors.add(estimated, true, self._vertices)
 
     def _judge(self, truth: FrameTruth, target: Target, pose: Pose) -> TargetScore:
@@ -141,7 +141,7 @@ class _Judge:
         alike = true
         if self._symmetric:
             alike = errors.nearest_symmetric_pose(pose, true, self._model.symmetries)
-        ad = self.ad(pose, true)
+        add_or_add_s = self.add_or_add_s(pose, true)
         turn = errors.rotation_error(pose, alike)
         shift = errors.translation_error(pose, alike)
         iou = errors.box_iou(pose, true, self._vertices, truth.camera_matrix)
@@ -152,11 +152,11 @@ class _Judge:
             target.object_id,
             found=True,
             visible_fraction=target.visible_fraction,
-            ad_error=ad,
+            add_error=add_or_add_s,
             rotation_error=turn,
             translation_error=shift,
             box_iou=iou,
-            ad_correct=ad < self.ad_limit,
+            add_correct=add_or_add_s < self.ad_limit,
             pose_correct=near and turn < math.radians(settings.rotation_deg),
             box_correct=iou >= settings.iou,
             mssd_recall=self._mssd_recall(pose, true),
@@ -193,11 +193,11 @@ class _Judge:
             target.object_id,
             found=False,
             visible_fraction=target.visible_fraction,
-            ad_error=infinite,
+            add_error=infinite,
             rotation_error=infinite,
             translation_error=infinite,
             box_iou=0.0,
-            ad_correct=False,
+            add_correct=False,
             pose_correct=False,
             box_correct=False,
             mssd_recall=0.0,

@@ -13,8 +13,8 @@ from hlp.records import PoseEstimate, TargetScore
 
 POSE_COLUMNS = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 SCORE_COLUMNS = (
-    "scene_id", "im_id", "obj_id", "object", "found", "visible_fraction", "ad_mm", "rotation_deg",
-    "translation_mm", "box_iou", "ad_correct", "pose_correct", "box_correct", "mssd_recall",
+    "scene_id", "im_id", "obj_id", "object", "found", "visible_fraction", "add_mm", "rotation_deg",
+    "translation_mm", "box_iou", "add_correct", "pose_correct", "box_correct", "mssd_recall",
     "mspd_recall", "vsd_recall", "cause",
 )  # fmt: skip
 
@@ -73,11 +73,11 @@ def write_scores(path: Path, scores: Sequence[TargetScore], names: Mapping[int, 
             names[item.object_id],
             int(item.found),
             float(item.visible_fraction),
-            float(item.ad_error * _MM),
+            float(item.add_error * _MM),
             float(np.rad2deg(item.rotation_error)),
             float(item.translation_error * _MM),
             float(item.box_iou),
-            int(item.ad_correct),
+            int(item.add_correct),
             int(item.pose_correct),
             int(item.box_correct),
             float(item.mssd_recall),
@@ -126,11 +126,11 @@ def _score(row: Mapping[str, Any], where: str) -> TargetScore:
             object_id=int(row["obj_id"]),
             found=bool(int(row["found"])),
             visible_fraction=float(row["visible_fraction"]),
-            ad_error=float(row["ad_mm"]) / _MM,
+            add_error=float(row["add_mm"]) / _MM,
             rotation_error=float(np.deg2rad(float(row["rotation_deg"]))),
             translation_error=float(row["translation_mm"]) / _MM,
             box_iou=float(row["box_iou"]),
-            ad_correct=bool(int(row["ad_correct"])),
+            add_correct=bool(int(row["add_correct"])),
             pose_correct=bool(int(row["pose_correct"])),
             box_correct=bool(int(row["box_correct"])),
             mssd_recall=float(row["mssd_recall"]),

@@ -36,7 +36,7 @@ class EvaluationSettings:
 
     name: str
     symmetric: list[str]
-    ad_fraction: float
+    add_fraction: float
     translation_cm: float
     rotation_deg: float
     iou: float
@@ -45,6 +45,6 @@ class EvaluationSettings:
 
     def __post_init__(self) -> None:
         """Raise ValueError naming the key of a threshold that makes no sense."""
-        for key in ("ad_fraction", "translation_cm", "rotation_deg", "iou", "bootstrap"):
+        for key in ("add_fraction", "translation_cm", "rotation_deg", "iou", "bootstrap"):
             if not getattr(self, key) > 0:
                 raise ValueError(f"evaluation.{key} must be positive, not {getattr(self, key)}")

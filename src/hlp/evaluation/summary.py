@@ -16,7 +16,7 @@ from hlp.records import TargetScore
 Summary = dict[str, Any]
 
 METRICS: dict[str, Callable[[TargetScore], bool]] = {
-    "add": lambda score: score.ad_correct,
+    "add": lambda score: score.add_correct,
     "5cm5deg": lambda score: score.pose_correct,
     "iou50": lambda score: score.box_correct,
 }
@@ -111,14 +111,14 @@ def _median_errors(scores: Sequence[TargetScore]) -> Summary:
     if not found:
         return {
             "found": 0,
-            "ad_mm": None,
+            "add_mm": None,
             "rotation_deg": None,
             "translation_mm": None,
             "box_iou": None,
         }
     return {
         "found": len(found),
-        "ad_mm": float(np.median([score.ad_error for score in found]) * 1e3),
+        "add_mm": float(np.median([score.add_error for score in found]) * 1e3),
         "rotation_deg": float(np.rad2deg(np.median([score.rotation_error for score in found]))),
         "translation_mm": float(np.median([score.translation_error for score in found]) * 1e3),
         "box_iou": float(np.median([score.box_iou for score in found])),

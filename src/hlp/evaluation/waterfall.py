@@ -87,7 +87,7 @@ def count_causes(scores: Sequence[TargetScore], names: Mapping[int, str]) -> dic
     cause.
     """
     for score in scores:
-        if not score.ad_correct and score.cause not in CAUSES:
+        if not score.add_correct and score.cause not in CAUSES:
             raise ValueError(
                 f"scene {score.scene_id}, frame {score.frame_id}, object {score.object_id} was"
                 f" missed, but its cause is '{score.cause}'"
@@ -111,5 +111,5 @@ def visibility_class(fraction: float) -> str:
 
 
 def _count(scores: Sequence[TargetScore]) -> dict[str, int]:
-    counts = Counter(CORRECT if score.ad_correct else score.cause for score in scores)
+    counts = Counter(CORRECT if score.add_correct else score.cause for score in scores)
     return {name: counts[name] for name in (CORRECT, *CAUSES)}

@@ -11,7 +11,7 @@ from pytorch_lightning.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
 from torch.nn import functional
 
-from hlp.models.fusing import fused, on_device_of
+from hlp.models.fusing import fuse_for_inference, on_device_of
 
 RESOLUTION = 64  # px of a window's side (paper, Fig. 3)
 CHUNK = 256
@@ -106,7 +106,7 @@ class HolisticClassifier(pl.LightningModule):
         }
 
 
-def carry_over(
+def copy_weights(
     network: HolisticCNN, weights: Mapping[str, Tensor], labels: Mapping[int, int]
 ) -> None:
     """Start a network with the weights of one of fewer classes.
@@ -123,8 +123,8 @@ def carry_over(
 
 
 def inference_network(network: HolisticCNN, device: str = "cpu") -> nn.Module:
-    """The trained network for finding, see `fused`; the network itself stays as it was."""
-    return fused([*network.features, *network.head], device)
+    """The trained network for finding, see `fuse_for_inference`; the network itself stays as it was."""
+    return fuse_for_inference([*network.features, *network.head], device)
 
 
 @torch.inference_mode()

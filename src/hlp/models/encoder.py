@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from hlp.models.encoder_input import empty_features, patch_input, sees_color
-from hlp.models.fusing import fused, on_device_of
+from hlp.models.fusing import fuse_for_inference, on_device_of
 from hlp.records import LocalPatches
 
 RESOLUTION = 32  # px of a patch's side (paper, section 3.2)
@@ -61,7 +61,9 @@ class NetworkEncoder:
     def __init__(
         self, network: PatchEncoder, kind: str, unit_length: bool, device: str = "cpu"
     ) -> None:
-        self.network = fused([*network.convolutions, nn.Flatten(), network.dense], device)
+        self.network = fuse_for_inference(
+            [*network.convolutions, nn.Flatten(), network.dense], device
+        )
         self.dimension = network.dense.out_features
         self.kind = kind
         self.sees_color = sees_color(kind)

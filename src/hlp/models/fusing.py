@@ -15,7 +15,7 @@ def on_device_of(network: nn.Module, images: Tensor) -> Tensor:
     return low.contiguous(memory_format=torch.channels_last)
 
 
-def fused(layers: Iterable[nn.Module], device: str) -> nn.Sequential:
+def fuse_for_inference(layers: Iterable[nn.Module], device: str) -> nn.Sequential:
     """The layers for finding on a device: batch norm within convolutions, no dropout, bfloat16.
 
     Closer to the network in single precision than autocast is, and faster: what autocast rounds

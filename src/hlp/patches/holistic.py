@@ -30,15 +30,15 @@ class RegionSettings:
     `step` px between windows. A window is accepted where the target is the most likely class
     (`threshold` 0, the paper) or where its probability exceeds `threshold`; with fewer than
     `min_windows` accepted, that many of the most probable ones are taken. The region is the union
-    of squares about their centres, of side `reach` times the object's diameter, or of the windows
-    themselves (`reach` 0, the paper). `scan` says which windows are classified: `exact` all of
+    of squares about their centres, of side `square_side` times the object's diameter, or of the windows
+    themselves (`square_side` 0, the paper). `scan` says which windows are classified: `exact` all of
     them, `fast` those that `hlp.patches.window_choice` leaves.
     """
 
     step: int
     threshold: float
     min_windows: int
-    reach: float
+    square_side: float
     scan: Literal["exact", "fast"]
 
 
@@ -137,13 +137,13 @@ def candidate_region(
         order = np.argsort(-probabilities, kind="stable")[: settings.min_windows]
         accepted = accepted.copy()
         accepted[order] = True
-    scale = settings.reach * extent if settings.reach > 0 else 1.0
-    reach = windows.sides[accepted] * scale / 2
-    mask = _union_of_squares(windows.centers[accepted], reach, shape)
+    scale = settings.square_side * extent if settings.square_side > 0 else 1.0
+    half_sides = windows.sides[accepted] * scale / 2
+    mask = _union_of_squares(windows.centers[accepted], half_sides, shape)
     return Region(object_id, windows.centers, probabilities, mask)
 
 
-def region_trust(
+def region_weights(
     region: Region, pixels: Float[np.ndarray, "n 2"], radii: Float[np.ndarray, "n"]
 ) -> Float[np.ndarray, "n"]:
     """How far to believe that pixels (x, y) show the region's object: 0.01 … 1.
@@ -160,12 +160,12 @@ def region_trust(
 
 
 def _union_of_squares(
-    centers: Float[np.ndarray, "n 2"], reach: Float[np.ndarray, "n"], shape: tuple[int, int]
+    centers: Float[np.ndarray, "n 2"], half_sides: Float[np.ndarray, "n"], shape: tuple[int, int]
 ) -> Bool[np.ndarray, "h w"]:
     """Pixels within any square: corners are counted in a table that is then summed twice."""
     height, width = shape
-    left, top = np.rint(centers - reach[:, None]).astype(int).T
-    right, bottom = np.rint(centers + reach[:, None]).astype(int).T + 1
+    left, top = np.rint(centers - half_sides[:, None]).astype(int).T
+    right, bottom = np.rint(centers + half_sides[:, None]).astype(int).T + 1
     left, right = np.clip(left, 0, width), np.clip(right, 0, width)
     top, bottom = np.clip(top, 0, height), np.clip(bottom, 0, height)
     table = np.zeros((height + 1, width + 1), dtype=np.int32)

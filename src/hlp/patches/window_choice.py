@@ -94,7 +94,7 @@ def off_planes(planes: Sequence[Plane], count: int, diameter: float) -> Bool[np.
     return off
 
 
-def quincunx(centers: Float[np.ndarray, "n 2"], step: int) -> Bool[np.ndarray, "n"]:
+def checkerboard(centers: Float[np.ndarray, "n 2"], step: int) -> Bool[np.ndarray, "n"]:
     """Which windows lie on the dark fields of a chessboard, half of a grid of that step (px)."""
     return np.asarray((centers // step).sum(axis=1) % 2 == 0)
 

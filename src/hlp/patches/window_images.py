@@ -10,9 +10,9 @@ from jaxtyping import Float, Float32, Int, UInt8, UInt16, UInt32, UInt64
 from numba import njit
 from torch import Tensor
 
-from hlp.crew import Crew
 from hlp.patches.holistic import HolisticSettings, Windows
 from hlp.patches.sampling import area_shrink, halvings
+from hlp.thread_team import ThreadTeam
 
 _PAD = 2  # black pixels about an image: what lies beyond reads as these
 _LANES = 4  # values of a pixel: colour, and one that keeps pixels aligned
@@ -25,7 +25,7 @@ class WindowImages:
     """Cuts windows from one frame: images (n, c, p, p) in [-1, 1], c = 3 (`rgb`) or 4 (`rgbd`).
 
     Those of `cut_windows`, scaled and rounded to bfloat16, but for a colour level where
-    interpolation ends halfway between two. The crew changes nothing but the time.
+    interpolation ends halfway between two. The team changes nothing but the time.
     """
 
     def __init__(
@@ -33,12 +33,12 @@ class WindowImages:
         rgb: UInt8[np.ndarray, "h w 3"],
         depth: Float[np.ndarray, "h w"],
         settings: HolisticSettings,
-        crew: Crew,
+        team: ThreadTeam,
     ) -> None:
         self._rgb = rgb
         self._depth = np.ascontiguousarray(depth, dtype=np.float32)
         self._settings = settings
-        self._crew = crew
+        self._team = team
         self._padded: dict[int, Float32[np.ndarray, "h2 w2 4"]] = {}
 
     def cut(self, windows: Windows, metric_size: float) -> Tensor:
@@ -57,7 +57,7 @@ class WindowImages:
             if with_depth:
                 _cut_depth(self._depth, places, depths, size, first, last, out)
 
-        self._crew.ranges(work, len(places))
+        self._team.ranges(work, len(places))
         kept = out if with_depth else out[..., :3]
         return torch.from_numpy(kept).view(torch.bfloat16).permute(0, 3, 1, 2)
 

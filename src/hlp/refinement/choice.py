@@ -14,7 +14,7 @@ _TOGETHER = 2  # hypotheses that are refined before it is asked whether others a
 
 
 @dataclass(frozen=True)
-class Fine:
+class RefinedHypotheses:
     """What stage 3 makes of the hypotheses: those refined, which they were, and the answer's index.
 
     `refined[i]` comes of the coarse hypothesis `sources[i]` and has the verification cost
@@ -34,14 +34,14 @@ def refine_and_choose(
     model: ObjectModel,
     hypotheses: Hypotheses,
     candidates: int,
-    most_gain: float,
+    max_improvement: float,
     seed: int,
-) -> Fine:
+) -> RefinedHypotheses:
     """Refine the hypotheses worth it, choose one by its verification cost, polish it.
 
     At least one hypothesis is needed. Those of least verification cost come first, two at a time
     and at most `candidates`, until the next is behind the best refined one by more than
-    `most_gain`: refining hardly ever gains as much. Raises what `Refiner.refine` raises.
+    `max_improvement`: refining hardly ever gains as much. Raises what `Refiner.refine` raises.
     """
     begun = time.perf_counter()
     depth, camera = observation.depth, observation.camera_matrix
@@ -52,7 +52,7 @@ def refine_and_choose(
     lowest = np.inf
     for start in range(0, len(order), _TOGETHER):
         part = order[start : start + _TOGETHER]
-        if screened[part[0]] - most_gain > lowest:
+        if screened[part[0]] - max_improvement > lowest:
             break
         some = Hypotheses(poses[part], hypotheses.support[part])
         spent = time.perf_counter() - begun
@@ -60,11 +60,11 @@ def refine_and_choose(
         refined += refiner.refine(model, depth, camera, some, own, spent)
         lowest = min(lowest, verifier.costs(observation, _poses(refined[start:])).min())
     sources = order[: len(refined)]
-    costs = verifier.rival_costs(observation, _poses(refined), hypotheses.support[sources])
+    costs = verifier.competing_costs(observation, _poses(refined), hypotheses.support[sources])
     best = int(np.argmin(costs))
     spent = time.perf_counter() - begun
     refined[best] = refiner.polish(model, depth, camera, refined[best], seed, spent)
-    return Fine(refined, costs, sources, best)
+    return RefinedHypotheses(refined, costs, sources, best)
 
 
 def _poses(refined: list[Refinement]) -> Float[np.ndarray, "c 4 4"]:

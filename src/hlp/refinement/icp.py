@@ -27,8 +27,8 @@ class IcpSettings:
     verification: VerificationSettings
     iterations: int
     points: int
-    reach_mm: float
-    final_reach_mm: float
+    max_correspondence_mm: float
+    final_max_correspondence_mm: float
     trim: float
     converged_mm: float
 
@@ -62,18 +62,25 @@ def align(
 ) -> tuple[Float[np.ndarray, "4 4"], int]:
     """Aligned pose and the number of steps taken; the pose given where nothing can be matched.
 
-    Pairs farther apart than the reach are ignored; it shrinks geometrically from `reach_mm` to
-    `final_reach_mm`. Of the rest the closest share `trim` is used.
+    Pairs farther apart than the max_correspondence are ignored; it shrinks geometrically from `max_correspondence_mm` to
+    `final_max_correspondence_mm`. Of the rest the closest share `trim` is used.
     """
     pose = np.array(pose_cam_obj, dtype=np.float64)
     observed = _points(cost.observed, cost.camera_matrix)[cost.observed > 0.0]
     if len(observed) == 0:
         return pose, 0
     tree = cKDTree(observed)
-    reaches = np.geomspace(settings.reach_mm, settings.final_reach_mm, settings.iterations) / 1e3
-    for iteration, reach in enumerate(reaches):
+    max_correspondences = (
+        np.geomspace(
+            settings.max_correspondence_mm,
+            settings.final_max_correspondence_mm,
+            settings.iterations,
+        )
+        / 1e3
+    )
+    for iteration, max_correspondence in enumerate(max_correspondences):
         points, normals = _surface(cost, pose, settings.points)
-        distances, indices = tree.query(points, distance_upper_bound=reach)
+        distances, indices = tree.query(points, distance_upper_bound=max_correspondence)
         near = np.flatnonzero(np.isfinite(distances))
         near = near[np.argsort(distances[near], kind="stable")][: int(settings.trim * len(near))]
         if len(near) < 6:
@@ -81,7 +88,10 @@ def align(
         step = _step(points[near], normals[near], observed[indices[near]])
         pose = step @ pose
         moved = np.linalg.norm(points[near] @ step[:3, :3].T + step[:3, 3] - points[near], axis=1)
-        if moved.max() < settings.converged_mm / 1000.0 and reach == reaches[-1]:
+        if (
+            moved.max() < settings.converged_mm / 1000.0
+            and max_correspondence == max_correspondences[-1]
+        ):
             break
     return pose, iteration + 1
 

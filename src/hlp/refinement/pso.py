@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from hlp.crew import Crew
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.refiner import Refiner, checked_poses
-from hlp.refinement.swarm_kernel import fly, moved, remember
+from hlp.refinement.swarm_kernel import moved, update_personal_bests, update_swarm
 from hlp.refinement.verification import VerificationSettings
+from hlp.thread_team import ThreadTeam
 
 _POLISH = 1 << 16  # the polish's random stream; those of hypotheses are numbered from 0
 
@@ -57,7 +57,7 @@ class PsoRefiner(Refiner):
 
     def __init__(self, settings: PsoSettings) -> None:
         self._settings = settings
-        self._crew = Crew(settings.threads)
+        self._team = ThreadTeam(settings.threads)
 
     def refine(
         self,
@@ -68,7 +68,7 @@ class PsoRefiner(Refiner):
         seed: int,
         spent: float = 0.0,
     ) -> list[Refinement]:
-        """See Refiner.refine. Each hypothesis has its own random stream.
+        """See Refiner.refine. Each hypothesis has its personal_best random stream.
 
         With a budget (`budget_ms` > 0) the time left is shared evenly among the hypotheses left,
         of which as many run at once as there are threads; those that are left when it is over stay
@@ -90,7 +90,7 @@ class PsoRefiner(Refiner):
             best, iterations = search(cost, poses[index], model.centroid, settings, rng, deadline)
             return Refinement(best, iterations)
 
-        return self._crew.each(one, len(poses))
+        return self._team.each(one, len(poses))
 
     def polish(
         self,
@@ -147,19 +147,39 @@ def search(
     position = rng.uniform(-1.0, 1.0, (settings.particles, 6))
     position[0] = 0.0
     velocity = rng.uniform(-1.0, 1.0, position.shape)
-    own, own_cost = position.copy(), cost.evaluate(moved(centre, position * box, centroid))
-    best = int(own_cost.argmin())
-    lowest, leader, idle, iteration = own_cost[best], own[best].copy(), 0, 0
+    personal_best, personal_best_cost = (
+        position.copy(),
+        cost.evaluate(moved(centre, position * box, centroid)),
+    )
+    best = int(personal_best_cost.argmin())
+    lowest, global_best, idle, iteration = (
+        personal_best_cost[best],
+        personal_best[best].copy(),
+        0,
+        0,
+    )
     while iteration < settings.iterations and idle < settings.patience:
         if time.perf_counter() > deadline:
             break
         iteration += 1
-        if settings.recentre and leader.any():
-            centre = moved(centre, leader[None] * box, centroid)[0]
-            position, own, leader = position - leader, own - leader, np.zeros(6)
-        fly(position, velocity, own, leader, rng.random((2, *position.shape)), phi, constriction)
+        if settings.recentre and global_best.any():
+            centre = moved(centre, global_best[None] * box, centroid)[0]
+            position, personal_best, global_best = (
+                position - global_best,
+                personal_best - global_best,
+                np.zeros(6),
+            )
+        update_swarm(
+            position,
+            velocity,
+            personal_best,
+            global_best,
+            rng.random((2, *position.shape)),
+            phi,
+            constriction,
+        )
         current = cost.evaluate(moved(centre, position * box, centroid))
-        best = remember(position, current, own, own_cost)
-        idle = 0 if own_cost[best] < lowest else idle + 1
-        lowest, leader = own_cost[best], own[best].copy()
-    return moved(centre, leader[None] * box, centroid)[0], iteration
+        best = update_personal_bests(position, current, personal_best, personal_best_cost)
+        idle = 0 if personal_best_cost[best] < lowest else idle + 1
+        lowest, global_best = personal_best_cost[best], personal_best[best].copy()
+    return moved(centre, global_best[None] * box, centroid)[0], iteration

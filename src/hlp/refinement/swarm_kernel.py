@@ -6,43 +6,43 @@ from numba import njit
 
 
 @njit(nogil=True, cache=True)
-def fly(
+def update_swarm(
     position: Float[np.ndarray, "n 6"],
     velocity: Float[np.ndarray, "n 6"],
-    own: Float[np.ndarray, "n 6"],
-    leader: Float[np.ndarray, "6"],
-    chance: Float[np.ndarray, "2 n 6"],
+    personal_best: Float[np.ndarray, "n 6"],
+    global_best: Float[np.ndarray, "6"],
+    random: Float[np.ndarray, "2 n 6"],
     phi: tuple[float, float],
     constriction: float,
 ) -> None:
     """Move particles in place, within [-1, 1] (Kennedy & Eberhart 1995; Clerc & Kennedy 2002).
 
-    Each is pulled to its own best and to the swarm's (`leader`), by `phi` times a `chance` in
+    Each is pulled to its own best and to the swarm's (`global_best`), by `phi` times a `random` in
     [0, 1) for each particle and dimension.
     """
     for n in range(len(position)):
         for d in range(6):
             pace = velocity[n, d]
-            pace += phi[0] * chance[0, n, d] * (own[n, d] - position[n, d])
-            pace += phi[1] * chance[1, n, d] * (leader[d] - position[n, d])
+            pace += phi[0] * random[0, n, d] * (personal_best[n, d] - position[n, d])
+            pace += phi[1] * random[1, n, d] * (global_best[d] - position[n, d])
             velocity[n, d] = pace * constriction
             position[n, d] = min(max(position[n, d] + velocity[n, d], -1.0), 1.0)
 
 
 @njit(nogil=True, cache=True)
-def remember(
+def update_personal_bests(
     position: Float[np.ndarray, "n 6"],
     cost: Float[np.ndarray, "n"],
-    own: Float[np.ndarray, "n 6"],
-    own_cost: Float[np.ndarray, "n"],
+    personal_best: Float[np.ndarray, "n 6"],
+    personal_best_cost: Float[np.ndarray, "n"],
 ) -> int:
     """Overwrite the particles' own bests where they are bettered; index of the swarm's best."""
     best = 0
     for n in range(len(position)):
-        if cost[n] < own_cost[n]:
-            own_cost[n] = cost[n]
-            own[n] = position[n]
-        if own_cost[n] < own_cost[best]:
+        if cost[n] < personal_best_cost[n]:
+            personal_best_cost[n] = cost[n]
+            personal_best[n] = position[n]
+        if personal_best_cost[n] < personal_best_cost[best]:
             best = n
     return best
 

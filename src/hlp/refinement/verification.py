@@ -26,7 +26,7 @@ class VerificationSettings:
     """Settings; see conf/refinement/verification/hlp.yaml for what each means."""
 
     candidates: int
-    most_gain: float
+    max_improvement: float
     weight_depth: float
     weight_edge: float
     weight_color: float
@@ -35,11 +35,11 @@ class VerificationSettings:
     tau_color: float
     edge_step_mm: float
     missing_cost: float
-    hidden_cost: float
-    hidden_share_cost: float
-    hidden_edge_cost: float
+    occlusion_cost: float
+    occlusion_share_cost: float
+    occluded_edge_cost: float
     unexplained_cost: float
-    backing_cost: float
+    support_cost: float
     roi_size: int
 
 
@@ -48,20 +48,20 @@ class Evidence:
     """What an image says about n poses, in shares of the rendered pixels (edges: edgelets).
 
     `residual` is the mean of |S − O| / τ_d where it is below 1, counted over all pixels; `behind`
-    shows a surface beyond the object, `hidden` one before it, `missing` no depth (1 as well where
+    shows a surface beyond the object, `occluded` one before it, `missing` no depth (1 as well where
     nothing is rendered). `color` is the mean of min(|Δ chromaticity|₁, τ_c) / τ_c where depth
     agrees. `edge` is the mean distance to O's closest edgelet over τ_e where the edgelet is not
-    hidden, `edge_hidden` the hidden share. `area` is what agrees, in the image's pixels.
+    occluded, `edges_occluded` the occluded share. `area` is what agrees, in the image's pixels.
     """
 
     area: Float[np.ndarray, "n"]
     residual: Float[np.ndarray, "n"]
     behind: Float[np.ndarray, "n"]
-    hidden: Float[np.ndarray, "n"]
+    occluded: Float[np.ndarray, "n"]
     missing: Float[np.ndarray, "n"]
     color: Float[np.ndarray, "n"]
     edge: Float[np.ndarray, "n"]
-    edge_hidden: Float[np.ndarray, "n"]
+    edges_occluded: Float[np.ndarray, "n"]
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class Verifier:
         """Cost in [0, 1] of each pose, lower is better; comparable between poses of one object."""
         return self.weigh(self.evidence(observation, poses_cam_obj))
 
-    def rival_costs(
+    def competing_costs(
         self,
         observation: Observation,
         poses_cam_obj: Float[np.ndarray, "n 4 4"],
@@ -132,21 +132,21 @@ class Verifier:
         largest = np.where(apart < self._radius, found.area, 0.0).max(axis=1, initial=1.0)
         costs = self.weigh(found) + self._settings.unexplained_cost * (1.0 - found.area / largest)
         share = support / max(float(support.max(initial=0.0)), _LEAST_SUPPORT)
-        costs -= self._settings.backing_cost * np.log(np.maximum(share, _LEAST_SHARE))
+        costs -= self._settings.support_cost * np.log(np.maximum(share, _LEAST_SHARE))
         return np.asarray(np.minimum(costs, WORST))
 
     def weigh(self, evidence: Evidence) -> Float[np.ndarray, "n"]:
         """Cost of what was seen; the worst where that is no depth at all.
 
-        A hidden pixel costs more, the more of the object is hidden: right poses may be half
-        hidden, but one that hides almost wholly is hardly believed.
+        A occluded pixel costs more, the more of the object is occluded: right poses may be half
+        occluded, but one that hides almost wholly is hardly believed.
         """
         settings = self._settings
-        price = settings.hidden_cost + settings.hidden_share_cost * evidence.hidden
+        price = settings.occlusion_cost + settings.occlusion_share_cost * evidence.occluded
         depth = evidence.residual + evidence.behind
-        depth += price * evidence.hidden + settings.missing_cost * evidence.missing
-        edge = (1.0 - evidence.edge_hidden) * evidence.edge
-        edge += settings.hidden_edge_cost * evidence.edge_hidden
+        depth += price * evidence.occluded + settings.missing_cost * evidence.missing
+        edge = (1.0 - evidence.edges_occluded) * evidence.edge
+        edge += settings.occluded_edge_cost * evidence.edges_occluded
         parts = settings.weight_depth * depth + settings.weight_edge * edge
         parts += settings.weight_color * evidence.color
         whole = settings.weight_depth + settings.weight_edge + settings.weight_color
@@ -179,17 +179,17 @@ class Verifier:
 
 
 def _in_shares(sums: Float[np.ndarray, "n 11"]) -> Evidence:
-    pixels, agreeing, behind, hidden, missing, edges, edge_hidden = sums.T[:7]
+    pixels, agreeing, behind, occluded, missing, edges, edges_occluded = sums.T[:7]
     residual, color, edge, size = sums.T[7:]
     per_pixel = 1.0 / np.maximum(pixels, 1.0)
-    seen_edges = edges - edge_hidden
+    seen_edges = edges - edges_occluded
     return Evidence(
         agreeing * size,
         residual * per_pixel,
         behind * per_pixel,
-        hidden * per_pixel,
+        occluded * per_pixel,
         np.where(pixels > missing, missing * per_pixel, 1.0),
         np.where(agreeing > 0.0, color / np.maximum(agreeing, 1.0), 1.0),
         np.where(seen_edges > 0.0, edge / np.maximum(seen_edges, 1.0), 1.0),
-        edge_hidden / np.maximum(edges, 1.0),
+        edges_occluded / np.maximum(edges, 1.0),
     )

@@ -90,7 +90,7 @@ def _sum_row(
     sums: Float[np.ndarray, "11"],
 ) -> None:
     """Add one row's pixels, in the order in which `Evidence` is made of the sums."""
-    pixels, missing, hidden, behind, agreeing, edges, hidden_edges = 0, 0, 0, 0, 0, 0, 0
+    pixels, missing, occluded, behind, agreeing, edges, hidden_edges = 0, 0, 0, 0, 0, 0, 0
     residual, color, edge_sum = _ZERO, _ZERO, _ZERO
     for i in range(columns):
         here = inverse[i + 1]
@@ -103,7 +103,7 @@ def _sum_row(
         covered = present & (apart < -tau_depth)
         beyond = present & (apart > tau_depth)
         missing += not present
-        hidden += covered
+        occluded += covered
         behind += beyond
         if present & (abs(apart) <= tau_depth):
             agreeing += 1
@@ -115,7 +115,7 @@ def _sum_row(
             edges += 1
             hidden_edges += covered
             edge_sum += _ZERO if covered else min(edge_distance[i] / tau_pixels, _ONE)
-    for k, found in enumerate((pixels, agreeing, behind, hidden, missing, edges, hidden_edges)):
+    for k, found in enumerate((pixels, agreeing, behind, occluded, missing, edges, hidden_edges)):
         sums[k] += found
     for k, amount in enumerate((residual, color, edge_sum)):
         sums[7 + k] += amount

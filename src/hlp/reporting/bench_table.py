@@ -60,11 +60,11 @@ def objects_table(path: Result) -> Table:
 def comparison_table(result: Result) -> Table:
     """A row a path: how many times as long as the configured one, recall, and what agrees."""
     own, stages = result["paths"][OWN], [*_stages(result), TOTAL]
-    rows = [[OWN, *[""] * (len(stages) + 1), _share(own["ad_recall"]), *[""] * len(AGREEMENT)]]
+    rows = [[OWN, *[""] * (len(stages) + 1), _share(own["add_recall"]), *[""] * len(AGREEMENT)]]
     for name, compared in result["compared"].items():
         times = [_times(compared["ratio"]["first"][stage]) for stage in stages]
         whole = _times(compared["ratio"]["frame"][TOTAL])
-        recall = _share(result["paths"][name]["ad_recall"])
+        recall = _share(result["paths"][name]["add_recall"])
         rows.append([name, *times, whole, recall, *(_share(compared[key]) for key in AGREEMENT)])
     header = [*stages, VIEWS["frame"], "AD", *AGREEMENT.values()]
     return Table(["path", *header], rows)
@@ -80,7 +80,7 @@ def bench_metrics(result: Result) -> dict[str, float | None]:
     """Flat numbers for MLflow, e.g. `bench/configured/first/network`, `bench/configured/add`."""
     flat: dict[str, float | None] = {"bench/peak_mib": result["memory"]["peak_mib"]}
     for name, path in result["paths"].items():
-        flat[f"bench/{name}/add"] = path["ad_recall"]
+        flat[f"bench/{name}/add"] = path["add_recall"]
         for view in VIEWS:
             for part, spread in path[view].items():
                 flat[f"bench/{name}/{view}/{part}"] = spread["median_ms"]
@@ -120,7 +120,7 @@ def ratio_table(first: Result, second: Result) -> Table:
             one, other = (each[view][part]["median_ms"] for each in (first, second))
             cells += [_ms(one), _ms(other), _times(other / one if one else None)]
         rows.append([part, *cells])
-    recalls = (_share(first["ad_recall"]), _share(second["ad_recall"]))
+    recalls = (_share(first["add_recall"]), _share(second["add_recall"]))
     rows.append(["AD recall", *recalls, *[""] * (3 * len(views) - 2)])
     return Table(["part", *header], rows)
 

@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.stats import binomtest
 
-from hlp.reporting.runs import scores_file
+from hlp.reporting.mlflow_runs import scores_file
 from hlp.reporting.tables import FORMATS, METRICS, Table
 
-VERDICTS = {"add": "ad_correct", "5cm5deg": "pose_correct", "iou50": "box_correct"}
+VERDICTS = {"add": "add_correct", "5cm5deg": "pose_correct", "iou50": "box_correct"}
 """Column of `scores.csv` that holds each metric's verdict."""
 
 RESAMPLINGS = 10_000
@@ -32,7 +32,7 @@ class Scored:
 
     name: str
     visible_fraction: float
-    ad_mm: float
+    add_mm: float
     rotation_deg: float
     correct: dict[str, bool]
 
@@ -118,8 +118,8 @@ def flips_table(pairs: Sequence[Pair]) -> Table:
             f"{target[0]}/{target[1]}",
             after.name,
             f"{after.visible_fraction:.2f}",
-            f"{before.ad_mm:.1f}",
-            f"{after.ad_mm:.1f}",
+            f"{before.add_mm:.1f}",
+            f"{after.add_mm:.1f}",
             f"{before.rotation_deg:.1f}",
             f"{after.rotation_deg:.1f}",
         ]
@@ -168,7 +168,7 @@ def read_scored(path: Path) -> dict[Target, Scored]:
                 (int(row["scene_id"]), int(row["im_id"]), int(row["obj_id"])): Scored(
                     row["object"],
                     float(row["visible_fraction"]),
-                    float(row["ad_mm"]),
+                    float(row["add_mm"]),
                     float(row["rotation_deg"]),
                     {metric: bool(int(row[column])) for metric, column in VERDICTS.items()},
                 )

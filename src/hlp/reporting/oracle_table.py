@@ -9,7 +9,7 @@ from hlp.reporting.tables import FORMATS, Table
 
 _SHORT = {"estimated": "est", "true": "true", "noisy": "true±"}
 _ALL = "all targets"
-_COLUMNS = ("object", "region", "coarse", "fine", "targets", "ad_recall", "ci95_low", "ci95_high")
+_COLUMNS = ("object", "region", "coarse", "fine", "targets", "add_recall", "ci95_low", "ci95_high")
 
 
 def oracle_table(result: Mapping[str, Any]) -> Table:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hlp.reporting.figures.sweep_bars import TRENDS, draw_trend, trend_note, trend_table
 from hlp.reporting.paper_tables import (
     METRICS_NOTE,
     OBJECTS_NOTE,
@@ -17,7 +18,6 @@ from hlp.reporting.paper_tables import (
 )
 from hlp.reporting.results import Result, ResultSet, read_results, result_folders
 from hlp.reporting.tables import FORMATS, METRICS, Table
-from hlp.reporting.trends import TRENDS, draw_trend, trend_note, trend_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

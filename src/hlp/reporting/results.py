@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from hlp.reporting.trade_off import SWEEP
+from hlp.reporting.figures.trade_off import SWEEP
 
 MANIFEST = "manifest.json"
 """Of a run's folder, written last: a folder that has one holds a whole result."""

@@ -41,7 +41,7 @@ def write_search(folder: Path, result: Mapping[str, Any]) -> None:
     keys = list(result["trials"][0]["values"])
     with (folder / "search.csv").open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(["trial", *keys, "ad_recall", "median_ms", "error"])
+        writer.writerow(["trial", *keys, "add_recall", "median_ms", "error"])
         for each in result["trials"]:
             values = [each["values"][key] for key in keys]
             error = each["error"] or ""

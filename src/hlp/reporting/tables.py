@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hlp.reporting.figures.trade_off import SWEEP, draw_trade_off
+from hlp.reporting.figures.waterfall_bars import CORRECT, PANELS, draw_waterfall
 from hlp.reporting.paper import AD_BY_OBJECT
-from hlp.reporting.trade_off import SWEEP, draw_trade_off
-from hlp.reporting.waterfall_bars import CORRECT, PANELS, draw_waterfall
 
 METRICS = {"add": "AD", "5cm5deg": "5cm5deg", "iou50": "IoU.5"}
 VOTE_SHARES = {

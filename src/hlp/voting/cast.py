@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from hlp.geometry import turn_to_ray
+from hlp.geometry import allocentric_to_egocentric
 from hlp.records import Codebook, LocalPatches, Matches, ObjectModel, Votes
 
 # The object upright, seen from 45° above: far from every pose where the choice would jump, since
@@ -19,28 +19,30 @@ def cast_votes(
     codebook: Codebook,
     model: ObjectModel,
     max_distance: float,
-    weighted: bool,
-    trust: Float[np.ndarray, "n"] | None = None,
+    weighted_by_distance: bool,
+    patch_weights: Float[np.ndarray, "n"] | None = None,
 ) -> Votes:
     """One vote per accepted neighbour: t = p_cam + R·(centroid − p_obj), rotation R.
 
     R is the entry's rotation turned from the optical axis to the patch's viewing ray (allocentric
     to egocentric). Neighbours farther than `max_distance` (the paper's Th, in units of the
-    codebook's `feature_scale`) cast none. `weighted` gives a vote exp(−d²/2σ²), σ the feature
-    scale; otherwise each counts 1. `trust` in each of the n patches multiplies its votes. Of the
+    codebook's `feature_scale`) cast none. `weighted_by_distance` gives a vote exp(−d²/2σ²), σ the feature
+    scale; otherwise each counts 1. `patch_weights` in each of the n patches multiplies its votes. Of the
     rotations that a symmetric object cannot tell apart, all votes name the same one.
     """
     relative = matches.distances / codebook.feature_scale
     rows, ranks = np.nonzero(relative <= max_distance)
     entries = matches.indices[rows, ranks]
     points_cam = patches.points_cam[rows]
-    turns = turn_to_ray(patches.points_cam)[rows]
+    turns = allocentric_to_egocentric(patches.points_cam)[rows]
     rotations = turns @ codebook.rotations_cam_obj[entries].astype(np.float64)
     to_centroid = model.centroid - codebook.points_obj[entries]
     centroids = points_cam + np.einsum("vij,vj->vi", rotations, to_centroid)
-    weights = np.exp(-(relative[rows, ranks] ** 2) / 2.0) if weighted else np.ones(len(rows))
-    if trust is not None:
-        weights = weights * trust[rows]
+    weights = (
+        np.exp(-(relative[rows, ranks] ** 2) / 2.0) if weighted_by_distance else np.ones(len(rows))
+    )
+    if patch_weights is not None:
+        weights = weights * patch_weights[rows]
     turned = canonical_rotations(rotations, model.symmetries)
     return Votes(centroids, turned, weights.astype(np.float64), rows, patches.pixels[rows])
 

@@ -6,10 +6,10 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hlp.crew import Crew
 from hlp.geometry import quaternions, rigid, rotation_matrices
 from hlp.records import Hypotheses, Votes
-from hlp.voting.modes_kernel import choose_distinct, shift_means, sum_support
+from hlp.thread_team import ThreadTeam
+from hlp.voting.modes_kernel import choose_distinct, shift_modes, sum_support
 
 
 @dataclass(frozen=True)
@@ -17,19 +17,19 @@ class PaperVotingSettings:
     """Independent mean shifts (paper, section 3.2).
 
     Flat kernels of `translation_mm` and `rotation_deg` (in quaternion space); `max_distance` is
-    Th; `max_votes` the most votes used (the weightiest), `shifts` of the mean at most. A vote's
-    weight falls with its match's distance (`weighted`) and grows with the probability of the
-    object at its patch (`trusted`); otherwise each counts 1.
+    Th; `max_votes` the most votes used (the weightiest), `mean_shift_iterations` steps of mean shift at most. A vote's
+    weight falls with its match's distance (`weighted_by_distance`) and grows with the probability of the
+    object at its patch (`weighted_by_region`); otherwise each counts 1.
     """
 
     name: str
     max_distance: float
-    weighted: bool
-    trusted: bool
+    weighted_by_distance: bool
+    weighted_by_region: bool
     translation_mm: float
     rotation_deg: float
     max_votes: int
-    shifts: int
+    mean_shift_iterations: int
 
 
 @dataclass(frozen=True)
@@ -65,10 +65,14 @@ class PaperModes:
         centroids, quats, weights = _strongest(votes, self.settings.max_votes)
         near = _within(centroids, self.radius)
         start = centroids[[int(np.argmax(near @ weights))]]
-        center = _shift_translations(start, centroids, weights, self.radius, self.settings.shifts)
+        center = _shift_translations(
+            start, centroids, weights, self.radius, self.settings.mean_shift_iterations
+        )
         alike = np.abs(quats @ quats.T) >= self.cosine
         seed = quats[[int(np.argmax(alike @ weights))]]
-        turned = _shift_rotations(seed, quats, weights, self.cosine, self.settings.shifts)
+        turned = _shift_rotations(
+            seed, quats, weights, self.cosine, self.settings.mean_shift_iterations
+        )
         support = float((near @ weights).max())
         return Hypotheses(_poses(center, turned, centroid_obj), np.array([support]))
 
@@ -81,9 +85,9 @@ class JointModes:
 
     def __init__(self, settings: JointVotingSettings, threads: int = 1) -> None:
         self.settings = settings
-        self.reach = (settings.translation_mm / 1000.0) ** 2
+        self.radius_squared = (settings.translation_mm / 1000.0) ** 2
         self.cosine = float(np.cos(np.deg2rad(settings.rotation_deg) / 2.0))
-        self._crew = Crew(threads)
+        self._team = ThreadTeam(threads)
 
     def find(self, votes: Votes, centroid_obj: Float[np.ndarray, "3"]) -> Hypotheses:
         """Up to `hypotheses` modes, ranked by the weight of the votes within the kernel."""
@@ -91,22 +95,22 @@ class JointModes:
             return no_hypotheses()
         centroids, quats, weights = _strongest(votes, self.settings.max_votes)
         places, turns = np.ascontiguousarray(centroids.T), np.ascontiguousarray(quats.T)
-        given = (places, turns, weights, self.reach, self.cosine)
+        given = (places, turns, weights, self.radius_squared, self.cosine)
         support = np.empty(len(weights))
-        self._crew.ranges(lambda a, b: sum_support(*given, a, support[a:b]), len(support))
+        self._team.ranges(lambda a, b: sum_support(*given, a, support[a:b]), len(support))
         # A few times as many as are asked for: several may drift to one mode.
         most = 4 * self.settings.hypotheses
-        seeds = choose_distinct(places, turns, support, self.reach, self.cosine, most)
-        means, backing = np.hstack([centroids[seeds], quats[seeds]]), np.empty(len(seeds))
-        shifts = self.settings.shifts
-        self._crew.ranges(
-            lambda a, b: shift_means(*given, shifts, means[a:b], backing[a:b]), len(seeds)
+        seeds = choose_distinct(places, turns, support, self.radius_squared, self.cosine, most)
+        means, mode_support = np.hstack([centroids[seeds], quats[seeds]]), np.empty(len(seeds))
+        steps = self.settings.mean_shift_iterations
+        self._team.ranges(
+            lambda a, b: shift_modes(*given, steps, means[a:b], mode_support[a:b]), len(seeds)
         )
         found = (np.ascontiguousarray(means[:, :3].T), np.ascontiguousarray(means[:, 3:].T))
         most = self.settings.hypotheses
-        kept = choose_distinct(*found, backing, self.reach, self.cosine, most)
+        kept = choose_distinct(*found, mode_support, self.radius_squared, self.cosine, most)
         poses = _poses(means[kept, :3], means[kept, 3:], centroid_obj)
-        return Hypotheses(poses, backing[kept])
+        return Hypotheses(poses, mode_support[kept])
 
 
 def no_hypotheses() -> Hypotheses:
@@ -157,9 +161,9 @@ def _shift_translations(
     points: Float[np.ndarray, "v 3"],
     weights: Float[np.ndarray, "v"],
     radius: float,
-    shifts: int,
+    steps: int,
 ) -> Float[np.ndarray, "s 3"]:
-    for _ in range(shifts):
+    for _ in range(steps):
         inside = np.linalg.norm(center[:, None] - points, axis=-1) <= radius
         center = _weighted_mean(inside, weights, points)
     return center
@@ -170,9 +174,9 @@ def _shift_rotations(
     quats: Float[np.ndarray, "v 4"],
     weights: Float[np.ndarray, "v"],
     cosine: float,
-    shifts: int,
+    steps: int,
 ) -> Float[np.ndarray, "s 4"]:
-    for _ in range(shifts):
+    for _ in range(steps):
         inside = np.abs(center @ quats.T) >= cosine
         center = _mean_quaternions(inside, weights, quats, center)
     return center

@@ -1,7 +1,7 @@
 """Compiled mean shift in translation × rotation, with a flat kernel, over all votes at once.
 
 Votes are held by coordinate: `places` (3, v) in m, `turns` (4, v) unit quaternions. Two votes agree
-where their squared distance is at most `reach` and the cosine of half the angle between them at
+where their squared distance is at most `radius_squared` and the cosine of half the angle between them at
 least `cosine`. q and −q are one rotation.
 """
 
@@ -18,7 +18,7 @@ def sum_support(
     places: Float[np.ndarray, "3 v"],
     turns: Float[np.ndarray, "4 v"],
     weights: Float[np.ndarray, "v"],
-    reach: float,
+    radius_squared: float,
     cosine: float,
     first: int,
     support: Float[np.ndarray, "n"],
@@ -31,7 +31,7 @@ def sum_support(
         for j in range(len(weights)):
             apart = (x[i] - x[j]) ** 2 + (y[i] - y[j]) ** 2 + (z[i] - z[j]) ** 2
             alike = abs(a[i] * a[j] + b[i] * b[j] + c[i] * c[j] + d[i] * d[j])
-            total += weights[j] if (apart <= reach) & (alike >= cosine) else 0.0
+            total += weights[j] if (apart <= radius_squared) & (alike >= cosine) else 0.0
         support[n] = total
 
 
@@ -40,7 +40,7 @@ def choose_distinct(
     places: Float[np.ndarray, "3 v"],
     turns: Float[np.ndarray, "4 v"],
     support: Float[np.ndarray, "v"],
-    reach: float,
+    radius_squared: float,
     cosine: float,
     most: int,
 ) -> Int[np.ndarray, "s"]:
@@ -59,38 +59,38 @@ def choose_distinct(
             alike = 0.0
             for k in range(4):
                 alike += turns[k, best] * turns[k, j]
-            if apart <= reach and abs(alike) >= cosine:
+            if apart <= radius_squared and abs(alike) >= cosine:
                 free[j] = -1.0
     return chosen
 
 
 @njit(nogil=True, cache=True)
-def shift_means(
+def shift_modes(
     places: Float[np.ndarray, "3 v"],
     turns: Float[np.ndarray, "4 v"],
     weights: Float[np.ndarray, "v"],
-    reach: float,
+    radius_squared: float,
     cosine: float,
-    shifts: int,
+    steps: int,
     means: Float[np.ndarray, "s 7"],
-    backing: Float[np.ndarray, "s"],
+    mode_support: Float[np.ndarray, "s"],
 ) -> None:
-    """Move each mean (place, quaternion) `shifts` times; `backing` is the weight about it then.
+    """Move each mean (place, quaternion) `steps` times; `mode_support` is the weight about it then.
 
     A mean that drifted away from all votes goes to its nearest one.
     """
     sums = np.empty(8)
     for s in range(len(means)):
-        for shift in range(shifts + 1):
-            _sum_agreeing(places, turns, weights, reach, cosine, means[s], sums)
+        for shift in range(steps + 1):
+            _sum_agreeing(places, turns, weights, radius_squared, cosine, means[s], sums)
             if sums[7] <= 0.0:
                 j = _nearest(places, means[s])
                 sums[:3], sums[3:7], sums[7] = places[:, j], turns[:, j], 1.0
                 sums *= weights[j]
-            if shift < shifts:
+            if shift < steps:
                 means[s, :3] = sums[:3] / max(sums[7], 1e-12)
                 means[s, 3:] = sums[3:7] / max(np.sqrt((sums[3:7] ** 2).sum()), 1e-12)
-        backing[s] = sums[7]
+        mode_support[s] = sums[7]
 
 
 @njit(nogil=True, cache=True, fastmath=_FAST)
@@ -98,7 +98,7 @@ def _sum_agreeing(
     places: Float[np.ndarray, "3 v"],
     turns: Float[np.ndarray, "4 v"],
     weights: Float[np.ndarray, "v"],
-    reach: float,
+    radius_squared: float,
     cosine: float,
     mean: Float[np.ndarray, "7"],
     sums: Float[np.ndarray, "8"],
@@ -111,7 +111,7 @@ def _sum_agreeing(
     for j in range(len(weights)):
         apart = (x[j] - u) ** 2 + (y[j] - v) ** 2 + (z[j] - w) ** 2
         alike = a[j] * e + b[j] * f + c[j] * g + d[j] * h
-        own = weights[j] if (apart <= reach) & (abs(alike) >= cosine) else 0.0
+        own = weights[j] if (apart <= radius_squared) & (abs(alike) >= cosine) else 0.0
         turned = own if alike >= 0.0 else -own
         sx, sy, sz, total = sx + own * x[j], sy + own * y[j], sz + own * z[j], total + own
         sa, sb, sc, sd = (

@@ -1,0 +1,1 @@
+"""Composed configuration in, checked and typed objects out."""

@@ -1,0 +1,87 @@
+"""What a run is about: the objects, the frames to find them in, and pictures to train with."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import UInt8
+
+from hlp.data.photographs import list_photographs, load_photographs, random_crops
+from hlp.data.sources import FrameSource, content_hash
+from hlp.objects.object_model import mesh_identity, model_identity
+from hlp.patches.procedural_backgrounds import procedural_backgrounds
+from hlp.records import Frame, ObjectModel
+
+_PHOTOGRAPHS = 400
+_LONG_SIDE = 400
+_PROCEDURAL = "procedural-1"
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Objects by id, frames with targets, and frames without any target object.
+
+    `models` are the classifier's classes, `target_ids` those of them that the frames ask for.
+
+    `photographs` is a folder (None: procedural backgrounds). `background_frames` stand behind
+    objects in training, `encoder_frames` train the autoencoder; either may be None.
+
+    `annotated`: the frames state their targets. Else every target object is looked for in each.
+    """
+
+    models: dict[int, ObjectModel]
+    target_ids: tuple[int, ...]
+    frames: FrameSource
+    photographs: Path | None
+    background_frames: FrameSource | None
+    encoder_frames: FrameSource | None
+    annotated: bool = True
+
+    def wanted(self, frame: Frame) -> tuple[int, ...]:
+        """Ids of the objects to look for in a frame, each once."""
+        if not self.annotated:
+            return self.target_ids
+        return tuple(dict.fromkeys(target.object_id for target in frame.targets))
+
+    @cached_property
+    def mesh_identities(self) -> dict[int, str]:
+        """Content hash of each object's full mesh, all that its views are made of."""
+        return {object_id: mesh_identity(model.mesh) for object_id, model in self.models.items()}
+
+    @cached_property
+    def model_identities(self) -> dict[int, str]:
+        """Content hash of each object's geometry."""
+        return {object_id: model_identity(model) for object_id, model in self.models.items()}
+
+    @cached_property
+    def frames_identity(self) -> str:
+        """Content hash of the frames with targets."""
+        return self.frames.identity()
+
+    @cached_property
+    def photographs_identity(self) -> str:
+        """Content hash of the photographs."""
+        if self.photographs is None:
+            return _PROCEDURAL
+        return content_hash(list_photographs(self.photographs))
+
+    def require_encoder_frames(self) -> FrameSource:
+        """The frames that train the autoencoder. Raises ValueError where there are none."""
+        if self.encoder_frames is None:
+            raise ValueError("encoder=cae trains on RGB-D frames: set data.rgbd_frames to a folder")
+        return self.encoder_frames
+
+    def photograph_crops(
+        self, count: int, size: int, rng: np.random.Generator
+    ) -> UInt8[np.ndarray, "n s s 3"]:
+        """Random background crops, of photographs or procedural."""
+        if self.photographs is None:
+            return procedural_backgrounds(count, size, rng)
+        images = load_photographs(list_photographs(self.photographs), _PHOTOGRAPHS, _LONG_SIDE)
+        return random_crops(images, count, size, rng)
+
+
+def frames_identity(source: FrameSource | None) -> str:
+    """Content hash of optional frames."""
+    return "none" if source is None else source.identity()

@@ -1,0 +1,1 @@
+"""The embedded demo: objects modelled in code, scenes rendered on demand."""

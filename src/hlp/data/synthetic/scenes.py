@@ -1,0 +1,231 @@
+"""RGB-D frames of the demo world: seeded, cluttered scenes with exact poses, made on demand."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from hlp.data.sources import content_hash
+from hlp.data.synthetic.layout import (
+    Item,
+    light_from_above,
+    look_at,
+    place_clutter,
+    place_targets,
+)
+from hlp.data.synthetic.objects import demo_objects
+from hlp.data.synthetic.sensor import kinect, noisy_depth, noisy_rgb
+from hlp.data.synthetic.surfaces import draw_surroundings, random_surroundings
+from hlp.geometry import inverse, project, transform
+from hlp.records import Frame, Target
+from hlp.rendering.light import Light
+from hlp.rendering.rasterizer import render_depth, render_scene
+
+VERSION = "1"
+"""Part of the identity: raised whenever the same settings come to give other frames."""
+LINEMOD_CAMERA = np.array([[572.4114, 0, 325.2611], [0, 573.57043, 242.04899], [0, 0, 1.0]])
+"""LINEMOD's intrinsics (px) at 640×480; other image sizes scale them."""
+_KEPT = 64  # frames: 2 MB each at full size
+
+
+@dataclass(frozen=True)
+class SyntheticSettings:
+    """Settings of `SyntheticScenes`; values and comments in conf/data/demo.yaml.
+
+    `objects`, `clutter`, `distance_mm` and `elevation_deg` are ranges [least, most].
+    """
+
+    scenes: int
+    seed: int
+    width: int
+    height: int
+    noise: float
+    min_visible: float
+    objects: tuple[int, int]
+    clutter: tuple[int, int]
+    distance_mm: tuple[float, float]
+    elevation_deg: tuple[float, float]
+    roll_deg: float
+    tilt_deg: float
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene before the sensor: what stands where, and its clean rendering.
+
+    `index` names the item seen at each pixel, -1 where none is; `depth` in metres, 0 = nothing.
+    """
+
+    items: tuple[Item, ...]
+    pose_cam_world: Float[np.ndarray, "4 4"]
+    light: Light
+    rgb: UInt8[np.ndarray, "h w 3"]
+    depth: Float[np.ndarray, "h w"]
+    index: Int[np.ndarray, "h w"]
+
+    def pose_cam_obj(self, item: int) -> Float[np.ndarray, "4 4"]:
+        """Object to camera of the item of that number."""
+        return np.asarray(self.pose_cam_world @ self.items[item].pose_world_obj)
+
+
+class SyntheticScenes:
+    """A `FrameSource` of demo scenes, each a scene of its own with one frame.
+
+    A frame depends on the settings, the seed and its number only, whatever was loaded before. With
+    `targets=False` the demo objects are left out and more clutter takes their place: frames to
+    train on without having seen a target.
+    """
+
+    def __init__(self, settings: SyntheticSettings, targets: bool = True) -> None:
+        _check(settings)
+        self._settings = settings
+        self._targets = targets
+        self._models = tuple(demo_objects().values()) if targets else ()
+        scale = np.diag([settings.width / 640, settings.height / 480, 1.0])
+        self.camera_matrix: Float[np.ndarray, "3 3"] = scale @ LINEMOD_CAMERA
+        self._numbers = {f"{number:06d}_000000": number for number in range(settings.scenes)}
+        self._made: dict[str, Frame] = {}
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """`Frame.key` of the frames, in order."""
+        return tuple(self._numbers)
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    def identity(self) -> str:
+        """Hash of what the frames are made from: settings, kind and version of this generator."""
+        return content_hash([], f"synthetic {VERSION} {self._targets} {self._settings}")
+
+    def load(self, key: str) -> Frame:
+        """One frame. Raises KeyError for an unknown key.
+
+        The last ones made are kept: making a frame takes longer than to find an object in it.
+        """
+        if key not in self._made:
+            if len(self._made) == _KEPT:
+                self._made.pop(next(iter(self._made)))
+            self._made[key] = self._make(key)
+        return self._made[key]
+
+    def _make(self, key: str) -> Frame:
+        number = self._number(key)
+        scene = self.scene(key)
+        sensor = kinect(self._settings.noise)
+        rng = self._rng(number, "sensor")
+        return Frame(
+            scene_id=number,
+            frame_id=0,
+            rgb=noisy_rgb(scene.rgb, rng, sensor),
+            depth=noisy_depth(scene.depth, float(self.camera_matrix[0, 0]), rng, sensor),
+            camera_matrix=self.camera_matrix.copy(),
+            targets=self._find_targets(scene),
+        )
+
+    def scene(self, key: str) -> Scene:
+        """The scene of a frame before the sensor. Raises KeyError for an unknown key."""
+        rng = self._rng(self._number(key), "layout")
+        settings = self._settings
+        azimuth = rng.uniform(0.0, 2 * np.pi)
+        pose_cam_world = look_at(
+            target=np.array([*rng.uniform(-0.04, 0.04, 2), 0.05]),
+            distance=rng.uniform(*settings.distance_mm) / 1000.0,
+            azimuth=azimuth,
+            elevation=np.radians(rng.uniform(*settings.elevation_deg)),
+            roll=np.radians(rng.uniform(-settings.roll_deg, settings.roll_deg)),
+        )
+        items = self._place(inverse(pose_cam_world)[:3, 3], rng)
+        light = light_from_above(pose_cam_world, rng)
+        shape = (settings.height, settings.width)
+        parts = [(item.mesh, pose_cam_world @ item.pose_world_obj) for item in items]
+        rgb, depth, index = render_scene(parts, self.camera_matrix, shape, light)
+        around = random_surroundings(azimuth, rng)
+        back_rgb, back_depth = draw_surroundings(
+            around, items, pose_cam_world, self.camera_matrix, shape, light
+        )
+        # The surfaces enclose the items, so what is not an item is a surface or nothing.
+        empty = index < 0
+        rgb[empty], depth[empty] = back_rgb[empty], back_depth[empty]
+        return Scene(tuple(items), pose_cam_world, light, rgb, depth, index)
+
+    def visible_mask(self, frame: Frame, target: Target) -> Bool[np.ndarray, "h w"]:
+        """Pixels where one of the frame's targets is what is seen, whatever the sensor makes of it.
+
+        Raises KeyError for an unknown frame.
+        """
+        scene = self.scene(frame.key)
+        number = [item.object_id for item in scene.items].index(target.object_id)
+        return np.asarray(scene.index == number)
+
+    def _place(self, eye: Float[np.ndarray, "3"], rng: np.random.Generator) -> list[Item]:
+        """Objects in a random choice and order, then clutter; without targets clutter alone."""
+        settings = self._settings
+        count = _between(settings.objects, rng)
+        clutter = _between(settings.clutter, rng)
+        if not self._targets:
+            return place_clutter(count + clutter, [], eye, rng)
+        chosen = rng.permutation(len(self._models))[:count]
+        items = place_targets([self._models[i] for i in chosen], np.radians(settings.tilt_deg), rng)
+        return items + place_clutter(clutter, items, eye, rng)
+
+    def _find_targets(self, scene: Scene) -> tuple[Target, ...]:
+        """The objects of which enough can be seen, by object id."""
+        targets = []
+        for number, item in enumerate(scene.items):
+            if item.object_id == 0:
+                continue
+            pose = scene.pose_cam_obj(number)
+            alone = silhouette_area(item, pose, self.camera_matrix)
+            visible = np.count_nonzero(scene.index == number) / alone
+            if visible >= self._settings.min_visible:
+                targets.append(Target(item.object_id, pose, float(visible)))
+        return tuple(sorted(targets, key=lambda target: target.object_id))
+
+    def _number(self, key: str) -> int:
+        if key not in self._numbers:
+            raise KeyError(f"no synthetic frame {key!r}: there are {len(self)}, named as in .keys")
+        return self._numbers[key]
+
+    def _rng(self, number: int, purpose: str) -> np.random.Generator:
+        streams = ("layout", "sensor").index(purpose) * 2 + int(self._targets)
+        return np.random.default_rng([self._settings.seed, number, streams])
+
+
+def training_frames(settings: SyntheticSettings, count: int, seed: int) -> SyntheticScenes:
+    """`count` frames with the same camera and sensor but no demo object in them, only clutter."""
+    return SyntheticScenes(replace(settings, scenes=count, seed=seed), targets=False)
+
+
+def silhouette_area(
+    item: Item, pose_cam_obj: Float[np.ndarray, "4 4"], camera_matrix: Float[np.ndarray, "3 3"]
+) -> int:
+    """Pixels that an item covers where nothing hides it, those beyond the image's border too."""
+    pixels = project(transform(pose_cam_obj, item.mesh.vertices), camera_matrix)
+    low = np.floor(pixels.min(axis=0)) - 1
+    width, height = (np.ceil(pixels.max(axis=0)) + 2 - low).astype(int)
+    window = camera_matrix.copy()
+    window[:2, 2] -= low
+    depth = render_depth(item.mesh, pose_cam_obj[None], window, (int(height), int(width)), 1)
+    return int(np.count_nonzero(depth))
+
+
+def _between(limits: Sequence[int], rng: np.random.Generator) -> int:
+    return int(rng.integers(limits[0], limits[1] + 1))
+
+
+def _check(settings: SyntheticSettings) -> None:
+    """Raises ValueError that names the key which makes no scene."""
+    if settings.scenes < 0 or settings.width < 32 or settings.height < 32:
+        raise ValueError("data.scenes must be 0 or more, data.width and data.height at least 32")
+    if not 0.0 < settings.min_visible <= 1.0:
+        raise ValueError(f"data.min_visible must be in (0, 1], got {settings.min_visible}")
+    limits = {"objects": (1, len(demo_objects())), "clutter": (0, 30)}
+    limits |= {"distance_mm": (450, 3000), "elevation_deg": (10, 90)}
+    for name, (least, most) in limits.items():
+        values = getattr(settings, name)
+        if len(values) != 2 or not least <= values[0] <= values[1] <= most:
+            raise ValueError(
+                f"data.{name} must be [least, most] within {least} … {most}, got {values}"
+            )

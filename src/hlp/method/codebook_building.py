@@ -1,0 +1,64 @@
+"""Makes one object's codebook: features of its views' local patches, and what they vote for."""
+
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Int
+
+from hlp.codebook.entries import make_codebook
+from hlp.codebook.neighbours import ExactNeighbours
+from hlp.config.settings import RunSettings
+from hlp.models.encoder import Encoder
+from hlp.patches.local import surface_pixels
+from hlp.patches.local_data import degrade_patches
+from hlp.patches.local_pool import cut_view_patches, join_patches, take_patches
+from hlp.records import Codebook, LocalPatches, ObjectModel, Views
+
+_SCALE_SAMPLE = 1024
+# Views whose patches are held at once: memory stays as it is however many there are, and the
+# encoder's chunks are full, as they would be without blocks.
+_BLOCK = 512
+
+
+def build_codebook(
+    model: ObjectModel, views: Views, encoder: Encoder, settings: RunSettings
+) -> Codebook:
+    """Codebook of an object: local patches about pixels drawn from each view's surface.
+
+    The scale of its features' distances is how far a patch seen by a camera in clutter is from its
+    match: the median over a sample.
+    """
+    patches = settings.patches
+    size = model.local_size * patches.local.size_scale
+    rng = np.random.default_rng([settings.seed, model.object_id])
+    per_view = patches.entries.patches_per_view
+    pixels = [surface_pixels(views.depth[view], per_view, rng) for view in range(len(views))]
+    first = np.cumsum([0] + [len(each) for each in pixels])  # entry of each view
+    total = int(first[-1])
+    sample = np.sort(rng.choice(total, min(_SCALE_SAMPLE, total), replace=False))
+    features, points, sampled = [], [], []
+    for start, stop in pairwise([*range(0, len(views), _BLOCK), len(views)]):
+        cut = [
+            cut_view_patches(views, view, pixels[view], size, patches.local)
+            for view in range(start, stop)
+        ]
+        block = join_patches(cut)
+        features.append(encoder.encode(block))
+        points.append(block.points_cam)
+        sampled.append(_rows_in(block, sample - first[start]))
+    entries = np.concatenate(features)
+    some = join_patches(sampled)
+    seen = degrade_patches(some, np.arange(len(some)), size, settings.seed)
+    nearest = ExactNeighbours(entries, 1).search(encoder.encode(seen)).distances
+    return make_codebook(
+        model.object_id,
+        entries,
+        np.concatenate(points),
+        np.repeat(views.poses_cam_obj, np.diff(first), axis=0),
+        float(np.median(nearest)),
+    )
+
+
+def _rows_in(block: LocalPatches, rows: Int[np.ndarray, "n"]) -> LocalPatches:
+    """Those of the rows that lie in the block."""
+    return take_patches(block, rows[(rows >= 0) & (rows < len(block))])

@@ -1,0 +1,163 @@
+"""Fits a Lightning module in a stage's folder: resumable, quiet off a terminal, history on disk."""
+
+import csv
+import logging
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytorch_lightning as pl
+import torch
+from pytorch_lightning.callbacks import Callback, ModelCheckpoint, TQDMProgressBar
+from torch import nn
+
+from hlp.config.settings import TrainerSettings
+
+HISTORY = "history.csv"
+WEIGHTS = "weights.pt"
+_CHECKPOINTS = "checkpoints"
+
+
+def fit(
+    module: pl.LightningModule,
+    data: pl.LightningDataModule,
+    network: nn.Module,
+    epochs: int,
+    trainer: TrainerSettings,
+    folder: Path,
+) -> None:
+    """Train for `epochs`, going on from the last checkpoint in `folder` where there is one.
+
+    A training that was interrupted and goes on ends with the weights of one that was not.
+    Leaves the network's weights (`weights.pt`) and the metrics of every epoch (`history.csv`).
+    """
+    last = folder / _CHECKPOINTS / "last.ckpt"
+    callbacks: list[Callback] = [
+        ModelCheckpoint(last.parent, filename=last.stem, enable_version_counter=False),
+        _History(folder / HISTORY),
+        _RandomState(),
+        _Threads(trainer.torch_threads),
+    ]
+    network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    with _quiet():
+        engine = _make_trainer(trainer, epochs, callbacks, folder)
+        engine.fit(module, data, ckpt_path=str(last) if last.exists() else None, weights_only=False)
+    torch.save(network.state_dict(), folder / WEIGHTS)
+    _remove(last.parent)
+
+
+def _make_trainer(
+    trainer: TrainerSettings, epochs: int, callbacks: list[Callback], folder: Path
+) -> pl.Trainer:
+    terminal = sys.stderr.isatty()
+    if terminal:
+        callbacks = [*callbacks, TQDMProgressBar()]
+    return pl.Trainer(
+        accelerator=trainer.accelerator,
+        devices=trainer.devices,
+        strategy=trainer.strategy,
+        precision=trainer.precision,  # type: ignore[arg-type]
+        max_epochs=epochs,
+        use_distributed_sampler=False,  # our loaders share out batches themselves
+        callbacks=callbacks,
+        logger=False,
+        enable_progress_bar=terminal,
+        enable_model_summary=False,
+        default_root_dir=folder,
+    )
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without Lightning's tips and without warnings of what is meant to be as it is."""
+    logging.getLogger("pytorch_lightning").setLevel(logging.WARNING)
+    with warnings.catch_warnings():
+        # Batches come from memory, so worker processes would only copy them.
+        warnings.filterwarnings("ignore", message=".*does not have many workers.*")
+        warnings.filterwarnings("ignore", message=".*val_dataloader.*")
+        # The checkpoint that a resumed training goes on from is meant to be there.
+        warnings.filterwarnings("ignore", message=".*exists and is not empty.*")
+        # `trainer.accelerator` decides.
+        warnings.filterwarnings("ignore", message=".*GPU available but not used.*")
+        # Lightning's own affair with torch.
+        warnings.filterwarnings("ignore", message=".*LeafSpec.*")
+        yield
+
+
+def load_weights(network: nn.Module, folder: Path) -> None:
+    """Load what `fit` left. Raises FileNotFoundError where the stage was not finished."""
+    network.load_state_dict(read_weights(folder))
+
+
+def read_weights(folder: Path) -> dict[str, torch.Tensor]:
+    """A network's weights by name. Raises FileNotFoundError where the stage was not finished."""
+    weights: dict[str, torch.Tensor] = torch.load(folder / WEIGHTS, weights_only=True)
+    return weights
+
+
+def read_history(folder: Path) -> list[dict[str, float]]:
+    """Metrics of every epoch, in order; empty where a stage trains nothing."""
+    path = folder / HISTORY
+    if not path.exists():
+        return []
+    with path.open(newline="") as stream:
+        return [
+            {name: float(value) for name, value in row.items()} for row in csv.DictReader(stream)
+        ]
+
+
+class _History(Callback):
+    """Writes the metrics of every epoch; the rows so far travel with each checkpoint."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.rows: list[dict[str, float]] = []
+
+    def on_train_epoch_end(self, trainer: pl.Trainer, _: pl.LightningModule) -> None:
+        metrics = {name: float(value) for name, value in sorted(trainer.callback_metrics.items())}
+        self.rows.append({"epoch": trainer.current_epoch, **metrics})
+        if not trainer.is_global_zero:
+            return
+        with self.path.open("w", newline="") as stream:
+            writer = csv.DictWriter(stream, fieldnames=list(self.rows[0]))
+            writer.writeheader()
+            writer.writerows(self.rows)
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"rows": self.rows}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        self.rows = list(state["rows"])
+
+
+class _RandomState(Callback):
+    """Keeps torch's random state, which dropout draws from, with each checkpoint.
+
+    It is set where the checkpoint is loaded, before Lightning makes the epoch's batches: making
+    them draws as well.
+    """
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"torch": torch.get_rng_state()}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        torch.set_rng_state(state["torch"])
+
+
+class _Threads(Callback):
+    """Gives torch its threads, which decide the last bits, in every process that trains."""
+
+    def __init__(self, threads: int) -> None:
+        self.threads = threads
+
+    def setup(self, trainer: pl.Trainer, pl_module: pl.LightningModule, stage: str) -> None:
+        torch.set_num_threads(self.threads)
+
+
+def _remove(checkpoints: Path) -> None:
+    for path in checkpoints.glob("*.ckpt"):
+        path.unlink()
+    checkpoints.rmdir()

@@ -1,0 +1,1 @@
+"""Object models from CAD files: meshes, sizes, patch sizes."""

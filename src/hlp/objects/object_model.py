@@ -1,0 +1,86 @@
+"""What the configuration says of an object, and the object model built from it and its mesh."""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from hlp.objects.meshes import decimate, load_mesh, mesh_diameter
+from hlp.objects.patch_sizes import holistic_size, local_size
+from hlp.records import Mesh, ObjectModel
+
+_MM = 1e-3
+
+
+@dataclass(frozen=True)
+class ObjectSettings:
+    """One object of a data set: BOP id and patch sizes (mm; None: by rule from its mesh)."""
+
+    id: int
+    holistic_size_mm: float | None
+    local_size_mm: float | None
+
+
+def build_object_model(
+    name: str,
+    settings: ObjectSettings,
+    mesh_path: Path,
+    scale: float,
+    proxy_faces: int,
+    diameter: float | None = None,
+    symmetries: Float[np.ndarray, "n 4 4"] | None = None,
+) -> ObjectModel:
+    """Load one object; `scale` is metres per unit of the mesh file, `diameter` in metres.
+
+    Without a diameter it is the largest vertex distance, without symmetries the identity alone.
+    Raises what `load_mesh` raises; ValueError for a patch size that is not positive.
+    """
+    mesh = load_mesh(mesh_path, scale)
+    if diameter is None:
+        diameter = mesh_diameter(mesh.vertices)
+    holistic, local = settings.holistic_size_mm, settings.local_size_mm
+    for key, size in (("holistic_size_mm", holistic), ("local_size_mm", local)):
+        if size is not None and not size > 0:
+            raise ValueError(f"{key} of object {name} must be positive, not {size}")
+    return ObjectModel(
+        object_id=settings.id,
+        name=name,
+        mesh=mesh,
+        proxy=decimate(mesh, proxy_faces),
+        diameter=diameter,
+        symmetries=np.eye(4)[None] if symmetries is None else symmetries,
+        holistic_size=holistic_size(mesh.vertices) if holistic is None else holistic * _MM,
+        local_size=local_size(diameter) if local is None else local * _MM,
+    )
+
+
+def check_unique(objects: Mapping[str, ObjectSettings]) -> None:
+    """Raise ValueError where two objects share an id, or there is none."""
+    if not objects:
+        raise ValueError("data.objects names no object")
+    names: dict[int, str] = {}
+    for name, settings in objects.items():
+        if settings.id in names:
+            raise ValueError(f"data.objects: {names[settings.id]} and {name} have one id")
+        names[settings.id] = name
+
+
+def model_identity(model: ObjectModel) -> str:
+    """Hash of an object's geometry: mesh, proxy, diameter, symmetries (not its patch sizes)."""
+    digest = hashlib.blake2b(f"{model.object_id} {model.diameter!r}".encode(), digest_size=16)
+    for part in (mesh_identity(model.mesh), mesh_identity(model.proxy)):
+        digest.update(part.encode())
+    digest.update(np.ascontiguousarray(model.symmetries).tobytes())
+    return digest.hexdigest()
+
+
+def mesh_identity(mesh: Mesh) -> str:
+    """Hash of a mesh's vertices, faces, colours and normals."""
+    digest = hashlib.blake2b(digest_size=16)
+    for array in (mesh.vertices, mesh.faces, mesh.colors, mesh.normals):
+        digest.update(f"\0{array.dtype.str}{array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()

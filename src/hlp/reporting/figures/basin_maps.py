@@ -1,0 +1,127 @@
+"""Basins of refiners: recall against the size of the starting error, as heat maps and tables."""
+
+import csv
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from hlp.reporting.tables import Table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
+
+Verdicts = Bool[np.ndarray, "n degrees millimetres"]
+Recalls = Float[np.ndarray, "degrees millimetres"]
+
+ALL = "all"
+_COLUMNS = ("refiner", "object", "rotation_deg", "translation_mm", "starts", "right", "add_recall")
+_CELL = 0.62  # inches
+
+
+@dataclass(frozen=True)
+class Basins:
+    """Whether AD was right after refinement: `right[refiner][object]`, axes as the two sizes.
+
+    Every refiner was given the same starts.
+    """
+
+    rotation_deg: tuple[float, ...]
+    translation_mm: tuple[float, ...]
+    right: Mapping[str, Mapping[str, Verdicts]]
+
+    def with_all(self, refiner: str) -> dict[str, Verdicts]:
+        """One refiner's verdicts by object, those of all objects together first."""
+        own = self.right[refiner]
+        return {ALL: np.concatenate(list(own.values())), **own}
+
+
+def write_basins(folder: Path, basins: Basins) -> None:
+    """Write basin.csv: one row for each refiner, object and pair of starting errors."""
+    with (folder / "basin.csv").open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(_COLUMNS)
+        for refiner in basins.right:
+            for name, verdicts in basins.with_all(refiner).items():
+                for i, degrees in enumerate(basins.rotation_deg):
+                    for j, millimetres in enumerate(basins.translation_mm):
+                        tried, right = len(verdicts), int(verdicts[:, i, j].sum())
+                        cell = (refiner, name, degrees, millimetres)
+                        writer.writerow([*cell, tried, right, right / tried])
+
+
+def format_basins(basins: Basins) -> str:
+    """For people: recall over all objects against both errors, and each object's mean of them."""
+    parts = ["AD recall after refinement, by the starting error: degrees down, millimetres across."]
+    for refiner in basins.right:
+        recalls = basins.with_all(refiner)[ALL].mean(axis=0)
+        rows = [
+            [f"{degrees:g}", *(f"{value:.2f}" for value in row)]
+            for degrees, row in zip(basins.rotation_deg, recalls, strict=True)
+        ]
+        parts.append(Table([refiner, *(f"{mm:g}" for mm in basins.translation_mm)], rows).text())
+    means = {refiner: basins.with_all(refiner) for refiner in basins.right}
+    rows = [
+        [name, str(len(verdicts)), *(f"{means[refiner][name].mean():.3f}" for refiner in means)]
+        for name, verdicts in next(iter(means.values())).items()
+    ]
+    parts.append("Mean over all starting errors:")
+    parts.append(Table(["object", "starts each", *means], rows).text())
+    return "\n\n".join(parts)
+
+
+def basin_metrics(basins: Basins) -> dict[str, float | None]:
+    """Flat numbers for MLflow: the mean recall of each refiner and object, `basin/pso/cat`."""
+    return {
+        f"basin/{refiner}/{name}": float(verdicts.mean())
+        for refiner in basins.right
+        for name, verdicts in basins.with_all(refiner).items()
+    }
+
+
+def draw_basins(folder: Path, basins: Basins) -> None:
+    """Write NAME.png and NAME.svg for every object and for all: one heat map a refiner."""
+    import matplotlib
+
+    folder.mkdir(parents=True, exist_ok=True)
+    by_refiner = {refiner: basins.with_all(refiner) for refiner in basins.right}
+    for name in next(iter(by_refiner.values())):
+        verdicts = {refiner: own[name] for refiner, own in by_refiner.items()}
+        figure = heat_maps(name, basins, verdicts)
+        with matplotlib.rc_context({"svg.hashsalt": "hlp"}):  # equal figures, equal files
+            figure.savefig(folder / f"{name}.png", dpi=150)
+            figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
+
+
+def heat_maps(name: str, basins: Basins, verdicts: Mapping[str, Verdicts]) -> "Figure":
+    """One heat map a refiner side by side, recall written into every cell."""
+    from matplotlib.figure import Figure
+
+    rows, columns = len(basins.rotation_deg), len(basins.translation_mm)
+    width = _CELL * columns * len(verdicts) + 1.6
+    figure = Figure(figsize=(width, _CELL * rows + 1.3), layout="constrained")
+    axes = figure.subplots(1, len(verdicts), sharey=True, squeeze=False)[0]
+    for ax, (refiner, own) in zip(axes, verdicts.items(), strict=True):
+        image = _heat_map(ax, basins, own.mean(axis=0))
+        ax.set_title(refiner)
+    axes[0].set_ylabel("starting rotation error (degrees)")
+    figure.colorbar(image, ax=axes, label="AD recall")
+    tried = len(next(iter(verdicts.values())))
+    figure.suptitle(f"{name}: recall after refinement, {tried} starts a cell")
+    return figure
+
+
+def _heat_map(ax: "Axes", basins: Basins, recalls: Recalls) -> "AxesImage":
+    image = ax.imshow(recalls, cmap="viridis", vmin=0.0, vmax=1.0, origin="lower", aspect="auto")
+    ax.set_xticks(range(recalls.shape[1]), [f"{mm:g}" for mm in basins.translation_mm])
+    ax.set_yticks(range(recalls.shape[0]), [f"{degrees:g}" for degrees in basins.rotation_deg])
+    ax.set_xlabel("translation error (mm)")
+    for (i, j), recall in np.ndenumerate(recalls):
+        color = "black" if recall > 0.6 else "white"  # viridis is bright above
+        ax.text(j, i, f"{recall:.2f}", ha="center", va="center", color=color, fontsize=8)
+    return image

@@ -1,0 +1,98 @@
+"""What made a result: versions, seed, configuration, code, data and stages (`manifest.json`).
+
+A run writes its manifest last: a folder that has one holds a whole result.
+"""
+
+import csv
+import dataclasses
+import hashlib
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hlp.data.dataset import frames_identity
+from hlp.stages.provenance import code_digest, git_revision, library_versions
+from hlp.stages.store import StageStore
+
+if TYPE_CHECKING:
+    from hlp.config.build import Run
+
+FILE = "manifest.json"
+
+
+def make_manifest(run: "Run", store: StageStore) -> dict[str, Any]:
+    """Everything needed to tell whether two results were made alike."""
+    return {
+        **made_from(run),
+        "revision": git_revision(),
+        "stages": [dataclasses.asdict(event) for event in store.events],
+    }
+
+
+def made_from(run: "Run") -> dict[str, Any]:
+    """What decides a result: versions, code, seed, configuration and the data's content."""
+    dataset = run.dataset
+    return {
+        "versions": library_versions(),
+        "code": code_digest(),
+        "seed": run.settings.seed,
+        "config": run.config,
+        "data": {
+            "models": {m.name: dataset.model_identities[i] for i, m in dataset.models.items()},
+            "frames": dataset.frames_identity,
+            "keys": list(run.keys),
+            "photographs": dataset.photographs_identity,
+            "background_frames": frames_identity(dataset.background_frames),
+            "encoder_frames": frames_identity(dataset.encoder_frames),
+        },
+    }
+
+
+def is_finished(run: "Run", output: Path) -> bool:
+    """Whether a folder holds the whole result of such a run, made by this code from this data.
+
+    Where the result was written is no part of it. Raises ValueError for a broken manifest.
+    """
+    if not (output / FILE).is_file():
+        return False
+    manifest = read_manifest(output / FILE)
+    return all(
+        _without_output(manifest.get(key)) == _without_output(value)
+        for key, value in made_from(run).items()
+    )
+
+
+def read_manifest(path: Path) -> dict[str, Any]:
+    """Read `manifest.json`. Raises FileNotFoundError, and ValueError where it is none."""
+    if not path.is_file():
+        raise FileNotFoundError(f"no manifest {path}")
+    try:
+        manifest = json.loads(path.read_text())
+    except ValueError as error:
+        raise ValueError(f"{path} is no JSON: {error}") from error
+    if not isinstance(manifest, dict) or not isinstance(manifest.get("config"), dict):
+        raise ValueError(f"{path} is no manifest of a run: it has no config")
+    return manifest
+
+
+def poses_digest(path: Path) -> str:
+    """Digest (16 hex digits) of all that `poses.csv` says, but for the times."""
+    digest = hashlib.blake2b(digest_size=8)
+    with path.open(encoding="utf-8", newline="") as stream:
+        for row in csv.DictReader(stream):
+            digest.update(json.dumps({**row, "time": ""}, sort_keys=True).encode() + b"\n")
+    return digest.hexdigest()
+
+
+def _without_output(value: Any) -> Any:
+    """A part of a manifest as JSON has it, without the run's own folder."""
+    plain = json.loads(json.dumps(value))
+    return {**plain, "output": None} if isinstance(plain, dict) else plain
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Write JSON at once or not at all."""
+    begun = path.with_name(path.name + ".begun")
+    begun.write_text(json.dumps(content, indent=2) + "\n")
+    os.replace(begun, path)

@@ -1,0 +1,56 @@
+"""What MLflow is told of a run beside its files: names, revision, data sets, tables."""
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hlp.data.dataset import frames_identity
+from hlp.reporting.metrics import SHOWN
+from hlp.reporting.tracking import REVISION, Tracker
+from hlp.stages.provenance import git_revision
+
+if TYPE_CHECKING:
+    from hlp.config.build import Run
+    from hlp.config.settings import RunSettings
+
+
+def run_name(settings: "RunSettings", output: Path) -> str:
+    """What a person can tell a single run by: what it was about, how, and its folder."""
+    return f"{settings.name} {settings.encoder.name} {settings.voting.name} {output.name}"
+
+
+def revision_tag() -> dict[str, str]:
+    """The code's commit under the name that MLflow shows it by; empty where there is none."""
+    revision = git_revision()
+    return {} if revision is None else {REVISION: revision}
+
+
+def log_inputs(run: "Run", tracker: Tracker) -> None:
+    """The data sets that the run reads, each by a hash of its content."""
+    dataset, data = run.dataset, run.config["data"]
+    where = str(data.get("root", data["name"]))
+    tracker.log_input(f"{data['name']} frames", dataset.frames_identity, where, "evaluation")
+    for object_id in dataset.target_ids:
+        name, digest = dataset.models[object_id].name, dataset.model_identities[object_id]
+        tracker.log_input(f"model of {name}", digest, where, "objects")
+    photographs = str(dataset.photographs or "procedural")
+    tracker.log_input("photographs", dataset.photographs_identity, photographs, "training")
+    if dataset.background_frames is not None:
+        digest = frames_identity(dataset.background_frames)
+        tracker.log_input("background frames", digest, where, "training")
+
+
+def log_tables(summary: Mapping[str, Any], output: Path, tracker: Tracker) -> None:
+    """Recalls per object, and every target's scores, as tables that MLflow's page shows."""
+    objects = summary["per_object"]
+    columns: dict[str, list[Any]] = {
+        "object": list(objects),
+        "targets": [scores["targets"] for scores in objects.values()],
+    }
+    for key, shown in SHOWN.items():
+        columns[shown] = [scores[key]["recall"] for scores in objects.values()]
+    tracker.log_table("tables/objects", columns)
+    with (output / "scores.csv").open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    tracker.log_table("tables/targets", {name: [row[name] for row in rows] for name in rows[0]})

@@ -1,0 +1,77 @@
+"""Poses of a user's own object in their own frames: learn once, find, write, draw."""
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+
+from tqdm import tqdm
+
+from hlp.config.build import Run, evenly
+from hlp.data.own_frames import OwnFrames
+from hlp.evaluation.poses_file import write_poses
+from hlp.method.compute_threads import set_threads
+from hlp.records import PoseEstimate
+from hlp.reporting.figures.panels import write_png
+from hlp.reporting.pose_table import format_poses, poses_json
+from hlp.runs.manifest import write_json
+from hlp.runs.stage_panels import picture_of_stages
+from hlp.stages.detection import DetectionStages
+from hlp.stages.store import StageStore
+from hlp.stages.training import TrainingStages
+
+
+def predict(run: Run, output: Path) -> list[PoseEstimate]:
+    """Find the object in every frame; write poses.csv, poses.json and panels/ into `output`.
+
+    What is learnt about the object is kept in the stage store, for any other frames. Every frame
+    is decoded first, so that a broken one is named before anything is learnt. Raises ValueError
+    where the frames are not a user's own, and what decoding raises.
+    """
+    dataset, settings = run.dataset, run.settings
+    if not isinstance(dataset.frames, OwnFrames):
+        raise ValueError("`hlp predict` takes data=files alone; other data are for `hlp run`")
+    set_threads(settings)
+    for key in run.keys:
+        dataset.frames.load(key)
+    store = StageStore(Path(settings.work))
+    detection = DetectionStages(
+        dataset, settings, TrainingStages(dataset, settings, store), store, run.keys
+    )
+    answers = detection.estimates()
+    images = [str(dataset.frames.image(_key(answer))) for answer in answers]
+    names = {object_id: model.name for object_id, model in dataset.models.items()}
+    output.mkdir(parents=True, exist_ok=True)
+    write_poses(output / "poses.csv", answers)
+    write_json(output / "poses.json", poses_json(answers, images, names))
+    if settings.panels > 0:
+        _draw(detection, dataset.frames, answers, settings.panels, output / "panels")
+    print(format_poses(answers, [Path(image).name for image in images], names))
+    _say_where(output, settings.panels > 0)
+    return answers
+
+
+def _key(answer: PoseEstimate) -> str:
+    return f"{answer.scene_id:06d}_{answer.frame_id:06d}"
+
+
+def _draw(
+    detection: DetectionStages,
+    frames: OwnFrames,
+    answers: Sequence[PoseEstimate],
+    count: int,
+    folder: Path,
+) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    chosen = evenly(detection.keys, count)
+    shown = [answer for answer in answers if _key(answer) in chosen]
+    for answer in tqdm(shown, desc="pictures", unit="frame", disable=None):
+        key = _key(answer)
+        picture = picture_of_stages(detection, frames.load(key), answer.object_id, answer, None)
+        write_png(folder / f"{frames.image(key).stem}.png", picture)
+
+
+def _say_where(output: Path, drawn: bool) -> None:
+    say = logging.getLogger(__name__).info
+    say("\nPoses     %s (poses.csv in BOP's format, poses.json)", output)
+    if drawn:
+        say("Pictures  %s (what each stage saw)", output / "panels")

@@ -1,0 +1,139 @@
+"""A run from start to end: learn, find, score, draw, log. What is on disk is not made again."""
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from hlp.config.build import Run
+from hlp.evaluation.evaluator import FrameTruth, score_targets
+from hlp.evaluation.pose_distance import votes_quality
+from hlp.evaluation.poses_file import read_poses, write_poses, write_scores
+from hlp.evaluation.summary import summarise
+from hlp.method.compute_threads import set_threads
+from hlp.method.training import read_history
+from hlp.records import PoseEstimate
+from hlp.reporting.figures.panels import write_png
+from hlp.reporting.figures.waterfall_bars import draw_waterfall
+from hlp.reporting.metrics import summary_metrics
+from hlp.reporting.tables import format_summary
+from hlp.reporting.tracking import Tracker, how_to_browse, track_run
+from hlp.runs import manifest
+from hlp.runs.diagnosis import explain_misses, tally_votes
+from hlp.runs.mlflow_inputs import log_inputs, log_tables, revision_tag, run_name
+from hlp.runs.stage_panels import picture_of_stages
+from hlp.stages.detection import DetectionStages
+from hlp.stages.store import StageStore
+from hlp.stages.training import TrainingStages
+from hlp.stages.view_task import render_in_workers
+
+STAGES = ("holistic", "local", "voting", "refinement")
+
+
+def run_method(run: Run, output: Path) -> dict[str, Any]:
+    """Run every stage not yet on disk, write the results into `output`, return the summary.
+
+    `output` receives summary.json, scores.csv, poses.csv, panels/ and, last, manifest.json.
+    Everything is logged as one MLflow run, which is opened first: a crash leaves it FAILED.
+    """
+    settings = run.settings
+    if not run.dataset.annotated:
+        raise ValueError("these frames have no true poses to score against: use `hlp predict`")
+    set_threads(settings)
+    output.mkdir(parents=True, exist_ok=True)
+    (output / manifest.FILE).unlink(missing_ok=True)
+    name = run_name(settings, output)
+    with track_run(settings.reporting, name, run.config, revision_tag()) as tracker:
+        log_inputs(run, tracker)
+        store = StageStore(Path(settings.work))
+        training = TrainingStages(run.dataset, settings, store)
+        render_in_workers(training)
+        detection = DetectionStages(run.dataset, settings, training, store, run.keys)
+        estimates = detection.estimates()
+        _log_training(training, tracker)
+        summary = _score(run, detection, estimates, output)
+        _draw(run, detection, estimates, output / "panels")
+        tracker.log_metrics(summary_metrics(summary))
+        log_tables(summary, output, tracker)
+        made = manifest.make_manifest(run, store)
+        made["poses"] = manifest.poses_digest(output / "poses.csv")
+        manifest.write_json(output / manifest.FILE, made)
+        tracker.log_artifacts(output)
+    print(format_summary(summary))
+    _say_where(run, output, tracker)
+    return summary
+
+
+def _score(
+    run: Run, detection: DetectionStages, estimates: Sequence[PoseEstimate], output: Path
+) -> dict[str, Any]:
+    """Save the poses first, then score what was saved."""
+    dataset, settings = run.dataset, run.settings
+    answered = [each for each in estimates if each.pose_cam_obj is not None]
+    write_poses(output / "poses.csv", answered)
+    keys = tqdm(run.keys, desc="scores", unit="frame", disable=None)
+    truths, tallies = [], []
+    for key in keys:
+        frame = dataset.frames.load(key)
+        truths.append(FrameTruth.of(frame))
+        tallies += tally_votes(detection, frame)
+    saved = read_poses(output / "poses.csv")
+    scores = score_targets(truths, dataset.models, saved, settings.evaluation)
+    scores = explain_misses(detection, scores)
+    names = {object_id: model.name for object_id, model in dataset.models.items()}
+    write_scores(output / "scores.csv", scores, names)
+    summary = summarise(
+        scores,
+        names,
+        _times_ms(estimates),
+        votes_quality(tallies, names),
+        settings.evaluation,
+        settings.seed,
+    )
+    manifest.write_json(output / "summary.json", summary)
+    draw_waterfall(output, summary["waterfall"])
+    return summary
+
+
+def _times_ms(estimates: Sequence[PoseEstimate]) -> dict[str, list[float]]:
+    """Milliseconds of one object in one frame, in all and for each stage."""
+    total = [1000.0 * sum(each.seconds.values()) for each in estimates]
+    stages = {name: [1000.0 * each.seconds[name] for each in estimates] for name in STAGES}
+    return {"total": total, **stages}
+
+
+def _log_training(training: TrainingStages, tracker: Tracker) -> None:
+    for stage, output in (("classifier", training.classifier()), ("encoder", training.encoder())):
+        for epoch, row in enumerate(read_history(output.folder)):
+            metrics = {name: value for name, value in row.items() if name != "epoch"}
+            tracker.log_epoch_metrics(stage, epoch, metrics)
+
+
+def _draw(
+    run: Run, detection: DetectionStages, estimates: Sequence[PoseEstimate], folder: Path
+) -> None:
+    """The paper's four panels (Fig. 7) for a handful of frames, each of another object in turn."""
+    dataset = run.dataset
+    answers = {(each.scene_id, each.frame_id, each.object_id): each for each in estimates}
+    count = min(run.settings.panels, len(run.keys))
+    for i in range(count):
+        frame = dataset.frames.load(run.keys[i * len(run.keys) // count])
+        if not frame.targets:
+            continue
+        target = frame.targets[i % len(frame.targets)]
+        answer = answers.get((frame.scene_id, frame.frame_id, target.object_id))
+        picture = picture_of_stages(detection, frame, target.object_id, answer, target)
+        name = dataset.models[target.object_id].name
+        folder.mkdir(parents=True, exist_ok=True)
+        write_png(folder / f"{frame.key}_{name}.png", picture)
+
+
+def _say_where(run: Run, output: Path, tracker: Tracker) -> None:
+    say = logging.getLogger(__name__).info
+    say("\nResults   %s (summary.json, scores.csv, poses.csv, manifest.json)", output)
+    if run.settings.panels > 0:
+        say("Pictures  %s (what each stage saw)", output / "panels")
+    browse = how_to_browse(run.settings.reporting, tracker)
+    say("MLflow    %s", browse.replace("\n", "\n          "))

@@ -1,0 +1,59 @@
+"""Frames or objects shared out to workers by joblib: this machine's own, or a cluster's."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from importlib.util import find_spec
+
+from hlp.config.settings import ClusterSettings, ExecutorSettings, PoolSettings
+
+_PACKAGES = {"dask": "distributed", "ray": "ray"}
+
+
+def require(executor: ExecutorSettings) -> None:
+    """Raise ValueError, saying what to install, where a cluster's package is missing."""
+    if isinstance(executor, ClusterSettings) and find_spec(_PACKAGES[executor.name]) is None:
+        extra = executor.name
+        raise ValueError(f"executor={extra} needs the extra '{extra}': pip install 'hlp[{extra}]'")
+
+
+def each_in_workers(
+    executor: PoolSettings | ClusterSettings, work: Callable[[str], str], keys: Sequence[str]
+) -> Iterator[str]:
+    """Do the work once for each key, in any order; yields what it returns, as it comes.
+
+    `work` travels to the workers by pickle. Raises what it raises there.
+    """
+    from joblib import Parallel, delayed, parallel_config
+
+    with _connected(executor):
+        # Clusters know how many workers they have.
+        count = executor.workers if isinstance(executor, PoolSettings) else -1
+        # Ray's backend hands over nothing before all is done.
+        returned = "list" if executor.name == "ray" else "generator_unordered"
+        with parallel_config(backend=executor.name, n_jobs=count):
+            parallel = Parallel(batch_size=1, return_as=returned)
+            yield from parallel(delayed(_do)(work, key) for key in keys)
+
+
+def _do(work: Callable[[str], str], key: str) -> str:
+    # Joblib's dask backend takes nothing but what can be hashed for a function, and then hangs.
+    return work(key)
+
+
+@contextmanager
+def _connected(executor: PoolSettings | ClusterSettings) -> Iterator[None]:
+    """Be connected to the cluster, if it is one that is asked for."""
+    if isinstance(executor, PoolSettings):
+        yield
+    elif executor.name == "dask":
+        from distributed import Client
+
+        with Client(executor.address):
+            yield
+    else:
+        import ray
+        from ray.util.joblib import register_ray
+
+        with ray.init(executor.address):
+            register_ray()
+            yield

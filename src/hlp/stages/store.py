@@ -1,0 +1,175 @@
+"""Outputs of stages on disk, each in a folder named by its fingerprint.
+
+<root>/<stage>/<fingerprint>/          finished: never changed again
+<root>/<stage>/<fingerprint>.partial/  begun, not finished
+<root>/<stage>/<fingerprint>.lock      held by the run that is making it
+"""
+
+import json
+import logging
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from hlp.stages.fingerprint import plain
+from hlp.stages.provenance import library_versions
+
+RECORD = "stage.json"
+
+
+@dataclass(frozen=True)
+class StageEvent:
+    """One stage output that a run asked for; `seconds` is what making it took, now or warm_start.
+
+    `of` names the object that it is of, empty where it is of all.
+    """
+
+    stage: str
+    of: str
+    fingerprint: str
+    reused: bool
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Output:
+    """A finished stage output: its fingerprint and its folder."""
+
+    fingerprint: str
+    folder: Path
+
+
+class StageStore:
+    """Makes each stage output once and hands out its folder.
+
+    `events` lists what this run reused and made, in order, for the manifest.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.root = root.absolute()
+        self.events: list[StageEvent] = []
+
+    def get_or_make(
+        self,
+        stage: str,
+        fingerprint: str,
+        make: Callable[[Path], None],
+        description: Mapping[str, Any],
+        of: str = "",
+    ) -> Path:
+        """Return the folder of a stage's output, made now unless it is there already.
+
+        `make` is called with a folder to write into. The folder is published by a rename once
+        `make` has returned, so a half-written output is never seen. After an error or an
+        interruption it stays as `<fingerprint>.partial`, and the next `make` of the same output
+        is given it again: resumable work finds its own files there. Runs that ask for the same
+        output at once wait for the first of them.
+
+        `description` (settings, upstream) is kept beside the output, in `stage.json`; `of` names
+        the object in log and events. Raises what `make` raises, with a note that names the folder,
+        and FileExistsError where a folder that the store did not write bears the output's name.
+        """
+        folder = self.root / stage / fingerprint
+        if self._reuse(folder, of):
+            return folder
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with self._only_one(folder):
+            if not self._reuse(folder, of):
+                self._make(folder, make, description, of)
+        return folder
+
+    def holds(self, stage: str, fingerprint: str) -> bool:
+        """Whether an output is finished."""
+        return (self.root / stage / fingerprint / RECORD).is_file()
+
+    def take(self, stage: str, fingerprint: str, of: str, *, reused: bool) -> Path:
+        """The folder of a finished output: one `reused`, or one that a worker of this run made."""
+        folder = self.root / stage / fingerprint
+        self._note(folder, of, reused=reused, seconds=_seconds(folder))
+        return folder
+
+    def _reuse(self, folder: Path, of: str) -> bool:
+        if not folder.exists():
+            return False
+        if not (folder / RECORD).is_file():
+            raise FileExistsError(f"{folder} is no finished output: it has no {RECORD}. Remove it.")
+        self._note(folder, of, reused=True, seconds=_seconds(folder))
+        return True
+
+    def _make(
+        self,
+        folder: Path,
+        make: Callable[[Path], None],
+        description: Mapping[str, Any],
+        of: str,
+    ) -> None:
+        partial = folder.with_name(folder.name + ".partial")
+        record = {
+            "stage": folder.parent.name,
+            "fingerprint": folder.name,
+            **plain(description, "description"),
+            "versions": library_versions(),
+        }
+        begun = time.perf_counter()
+        try:
+            partial.mkdir(exist_ok=True)
+            make(partial)
+            seconds = time.perf_counter() - begun
+            made_at = datetime.now(UTC).isoformat(timespec="seconds")
+            record |= {"seconds": round(seconds, 3), "made_at": made_at}
+            (partial / RECORD).write_text(json.dumps(record, indent=2) + "\n")
+            _flush(partial)
+            partial.rename(folder)
+        except BaseException as error:
+            error.add_note(f"while making {folder.parent.name} in {partial}")
+            raise
+        self._note(folder, of, reused=False, seconds=seconds)
+
+    def _note(self, folder: Path, of: str, *, reused: bool, seconds: float) -> None:
+        event = StageEvent(folder.parent.name, of, folder.name, reused, seconds)
+        self.events.append(event)
+        logging.getLogger(__name__).info(
+            "%-6s %s %s (%.1f s%s)",
+            "reused" if reused else "made",
+            f"{event.stage} of {of}" if of else event.stage,
+            event.fingerprint,
+            seconds,
+            " saved" if reused else "",
+        )
+
+    @contextmanager
+    def _only_one(self, folder: Path) -> Iterator[None]:
+        lock = FileLock(folder.with_name(folder.name + ".lock"))
+        try:
+            lock.acquire(timeout=0)
+        except Timeout:
+            logging.getLogger(__name__).info(
+                "waiting for another run that makes %s %s", folder.parent.name, folder.name
+            )
+            lock.acquire()
+        try:
+            yield
+        finally:
+            lock.release()
+
+
+def _seconds(folder: Path) -> float:
+    """What making a finished output took."""
+    return float(json.loads((folder / RECORD).read_text())["seconds"])
+
+
+def _flush(folder: Path) -> None:
+    """Have everything in a folder reach the disk before its rename does."""
+    for path in (*folder.rglob("*"), folder):
+        descriptor = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

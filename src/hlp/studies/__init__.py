@@ -1,0 +1,1 @@
+"""Measure the method: oracle, basin, benchmark, search, sweep."""

@@ -1,0 +1,138 @@
+"""Basin map: from how far off the true pose each refiner finds back."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float
+from tqdm import tqdm
+
+from hlp.config.build import Run
+from hlp.config.settings import BasinSettings, result_settings
+from hlp.evaluation.evaluator import add_correct
+from hlp.method.pose_estimator import derive_seed
+from hlp.method.refiners import make_refiner
+from hlp.records import Frame, Hypotheses
+from hlp.refinement.refiner import Refiner
+from hlp.reporting.figures.basin_maps import (
+    Basins,
+    basin_metrics,
+    draw_basins,
+    format_basins,
+    write_basins,
+)
+from hlp.stages.detection import VERSIONS
+from hlp.stages.fingerprint import fingerprint
+from hlp.stages.frame_files import read_arrays, write_arrays
+from hlp.stages.store import StageStore
+from hlp.studies.perturbations import perturbed_poses
+from hlp.studies.study_run import chosen_frames, study_run
+
+VERSION = 1
+Verdicts = Bool[np.ndarray, "n degrees millimetres"]
+_STARTS = 2  # their stream of random numbers
+
+
+def run_basin(run: Run, task: BasinSettings, output: Path) -> Basins:
+    """Refine the same perturbations with every refiner; write basin.csv, heatmaps/ and manifest.json.
+
+    Nothing is learnt. What a refiner makes of the perturbations is a stage, so an interrupted run goes on
+    where it stopped. Everything is logged as one MLflow run. Returns the recalls.
+    """
+    with study_run(run, output) as (store, tracker):
+        keys = chosen_frames(run, task.frames)
+        right = {
+            name: _score(run, keys, _stage(run, task, name, keys, store)) for name in task.compared
+        }
+        basins = Basins(task.rotation_deg, task.translation_mm, right)
+        write_basins(output, basins)
+        draw_basins(output / "heatmaps", basins)
+        tracker.log_metrics(basin_metrics(basins))
+    print(format_basins(basins))
+    return basins
+
+
+def _stage(
+    run: Run, task: BasinSettings, name: str, keys: Sequence[str], store: StageStore
+) -> Path:
+    """Folder with the poses that one refiner makes of all perturbations, one file a frame."""
+    dataset, settings = run.dataset, run.settings
+    decided = {
+        "refinement": result_settings(task.refiners[name]),
+        "poses_version": VERSIONS["poses"],
+        "rotation_deg": task.rotation_deg,
+        "translation_mm": task.translation_mm,
+        "perturbations": task.perturbations,
+        "keys": list(keys),
+    }
+    upstream = {"frames": dataset.frames_identity}
+    upstream |= {f"model_{i}": dataset.model_identities[i] for i in dataset.target_ids}
+
+    def make(folder: Path) -> None:
+        refiner = make_refiner(replace(settings, refinement=task.refiners[name]))
+        for key in tqdm(keys, desc=f"basin of {name}", unit="frame", disable=None):
+            if not (folder / f"{key}.npz").exists():
+                write_arrays(folder, key, _refined(run, task, refiner, dataset.frames.load(key)))
+
+    digest = fingerprint("basin", VERSION, settings.seed, decided, upstream)
+    described = {"settings": decided, "upstream": upstream, "seed": settings.seed}
+    return store.get_or_make("basin", digest, make, described, name)
+
+
+def _refined(
+    run: Run, task: BasinSettings, refiner: Refiner, frame: Frame
+) -> dict[str, np.ndarray]:
+    """What a refiner makes of the perturbations of one frame's targets, and where these truly are.
+
+    Arrays are `number/object/poses` (degrees, mm, perturbations, 4, 4) and `number/object/truth` (4, 4).
+    """
+    arrays: dict[str, np.ndarray] = {}
+    for number, target in enumerate(frame.targets):
+        model = run.dataset.models[target.object_id]
+        seed = derive_seed(
+            run.settings.seed, frame.scene_id, frame.frame_id, target.object_id, number, _STARTS
+        )
+        perturbations = perturbation_grid(task, target.pose_cam_obj, model.centroid, seed)
+        coarse = Hypotheses(perturbations.reshape(-1, 4, 4), np.ones(perturbations[..., 0, 0].size))
+        refined = refiner.refine(model, frame.depth, frame.camera_matrix, coarse, seed)
+        poses = np.stack([each.pose_cam_obj for each in refined])
+        name = f"{number}/{target.object_id}"
+        arrays |= {
+            f"{name}/poses": poses.reshape(perturbations.shape),
+            f"{name}/truth": target.pose_cam_obj,
+        }
+    return arrays
+
+
+def perturbation_grid(
+    task: BasinSettings,
+    pose_cam_obj: Float[np.ndarray, "4 4"],
+    centroid: Float[np.ndarray, "3"],
+    seed: int,
+) -> Float[np.ndarray, "degrees millimetres perturbations 4 4"]:
+    """`perturbations` poses for each pair of the errors in `rotation_deg` and `translation_mm`."""
+    shape = (len(task.rotation_deg), len(task.translation_mm), task.perturbations)
+    degrees = np.broadcast_to(np.array(task.rotation_deg)[:, None, None], shape)
+    millimetres = np.broadcast_to(np.array(task.translation_mm)[:, None], shape)
+    rng = np.random.default_rng(seed)
+    perturbations = perturbed_poses(
+        pose_cam_obj, centroid, degrees.ravel(), millimetres.ravel(), rng
+    )
+    return perturbations.reshape(*shape, 4, 4)
+
+
+def _score(run: Run, keys: Sequence[str], folder: Path) -> dict[str, Verdicts]:
+    """By object whether AD is right (targets and perturbations, degrees, mm), from what is on disk."""
+    models, evaluation = run.dataset.models, run.settings.evaluation
+    right: dict[int, list[Verdicts]] = {}
+    for key in keys:
+        stored = read_arrays(folder, key)
+        for name in [each for each in stored if each.endswith("/poses")]:
+            number, object_id, _ = name.split("/")
+            poses, truth = stored[name], stored[f"{number}/{object_id}/truth"]
+            model = models[int(object_id)]
+            verdicts = add_correct(poses.reshape(-1, 4, 4), truth, model, evaluation)
+            found = verdicts.reshape(poses.shape[:3])
+            right.setdefault(int(object_id), []).append(np.moveaxis(found, 2, 0))
+    return {models[i].name: np.concatenate(right[i]) for i in sorted(right)}

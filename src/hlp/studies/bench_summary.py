@@ -1,0 +1,187 @@
+"""Numbers of a bench: times by part, and what two paths say of the same frames."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import UInt8
+
+from hlp.evaluation.errors import nearest_symmetric_pose, rotation_error, translation_error
+from hlp.records import ObjectModel, PoseEstimate, TargetScore
+from hlp.studies.stopwatch import PARTS, SearchComparison, Spent
+
+NOTHING = Spent(0.0, 0.0)
+STAGES = tuple(dict.fromkeys(PARTS.values()))
+TOTAL = "total"
+
+
+@dataclass(frozen=True)
+class TimedDetection:
+    """One object looked for in one frame: the answer, and the time of each part.
+
+    `place` counts the objects looked for in the frame before this one; `region` is stage 1's mask,
+    a bit a pixel.
+    """
+
+    estimate: PoseEstimate
+    place: int
+    spent: Mapping[str, Spent]
+    region: UInt8[np.ndarray, "b"]
+
+    @property
+    def frame(self) -> tuple[int, int]:
+        """Scene and frame."""
+        return self.estimate.scene_id, self.estimate.frame_id
+
+
+def summarise_path(
+    looks: Sequence[TimedDetection], scores: Sequence[TargetScore]
+) -> dict[str, Any]:
+    """Times (ms) of the first object in a frame, of each further one and of whole frames.
+
+    Each by part, stage and in all: median and 95th percentile of the wall time, median of the CPU
+    time. `by_objects` is the median time of a frame in which so many objects are looked for, from
+    the first ones of all frames that have as many. `add_recall` is the share of right targets.
+    """
+    frames: dict[tuple[int, int], list[TimedDetection]] = {}
+    for look in looks:
+        frames.setdefault(look.frame, []).append(look)
+    whole = [_added([_by_part(look) for look in own]) for own in frames.values()]
+    return {
+        "add_recall": float(np.mean([score.add_correct for score in scores])),
+        "first": _spreads([_by_part(look) for look in looks if look.place == 0]),
+        "further": _spreads([_by_part(look) for look in looks if look.place > 0]),
+        "frame": _spreads(whole),
+        "by_objects": _by_objects(list(frames.values())),
+    }
+
+
+def summarise_whole(spent: Sequence[Mapping[str, Spent]]) -> dict[str, float]:
+    """Median and 95th percentile (ms) of what all parts together took, median of the CPU time."""
+    return _spread([_sum(list(parts.values())) for parts in spent])
+
+
+def _by_part(look: TimedDetection) -> dict[str, Spent]:
+    """Time of each part, stage and in all; 0 of parts that had nothing to do."""
+    parts = {part: look.spent.get(part, NOTHING) for part in PARTS}
+    stages = {
+        f"stage {stage}": _sum([parts[part] for part, of in PARTS.items() if of == stage])
+        for stage in STAGES
+    }
+    return {**parts, **stages, TOTAL: _sum(list(parts.values()))}
+
+
+def _added(looks: Sequence[Mapping[str, Spent]]) -> dict[str, Spent]:
+    return {name: _sum([look[name] for look in looks]) for name in looks[0]}
+
+
+def _sum(spent: Sequence[Spent]) -> Spent:
+    return Spent(sum(each.wall for each in spent), sum(each.cpu for each in spent))
+
+
+def _spreads(looks: Sequence[Mapping[str, Spent]]) -> dict[str, dict[str, float]]:
+    return {name: _spread([look[name] for look in looks]) for name in (looks[0] if looks else ())}
+
+
+def _spread(spent: Sequence[Spent]) -> dict[str, float]:
+    wall = [1e3 * each.wall for each in spent]
+    return {
+        "median_ms": float(np.median(wall)),
+        "p95_ms": float(np.percentile(wall, 95)),
+        "cpu_ms": float(np.median([1e3 * each.cpu for each in spent])),
+    }
+
+
+def _by_objects(frames: Sequence[Sequence[TimedDetection]]) -> dict[str, dict[str, float]]:
+    """By number of objects: median ms of the first so many, and the frames that have as many."""
+    sums = [
+        np.cumsum([1e3 * _sum(list(look.spent.values())).wall for look in looks])
+        for looks in frames
+    ]
+    table = {}
+    for count in range(1, max(map(len, sums)) + 1):
+        found = [own[count - 1] for own in sums if len(own) >= count]
+        table[str(count)] = {"median_ms": float(np.median(found)), "frames": len(found)}
+    return table
+
+
+def compare_paths(
+    looks: Mapping[str, Sequence[TimedDetection]],
+    scores: Mapping[str, Sequence[TargetScore]],
+    models: Mapping[int, ObjectModel],
+    names: tuple[str, str],
+    tolerance: tuple[float, float],
+) -> dict[str, Any]:
+    """How far the second path's results are the first's, on the same frames.
+
+    `same_pose` is the share of answers within the tolerance (mm, degrees) of each other,
+    `same_verdict` of targets that are right by AD in both or in neither, `region_iou` the mean
+    overlap of the regions.
+    """
+    own, other = (_in_order(looks[name]) for name in names)
+    pairs = list(zip(own, other, strict=True))
+    verdicts = [np.array([score.add_correct for score in scores[name]]) for name in names]
+    same = [_same_pose(a.estimate, b.estimate, models, tolerance) for a, b in pairs]
+    return {
+        "same_pose": float(np.mean(same)),
+        "same_verdict": float(np.mean(verdicts[0] == verdicts[1])),
+        "region_iou": float(np.mean([_overlap(a.region, b.region) for a, b in pairs])),
+    }
+
+
+def ratios(
+    own: Mapping[str, Mapping[str, float]], other: Mapping[str, Mapping[str, float]]
+) -> dict[str, float | None]:
+    """By part, how many times as long the other takes, median by median; None where own is 0."""
+    return {
+        name: other[name]["median_ms"] / each["median_ms"] if each["median_ms"] else None
+        for name, each in own.items()
+        if name in other
+    }
+
+
+def _in_order(looks: Sequence[TimedDetection]) -> list[TimedDetection]:
+    return sorted(looks, key=lambda each: (*each.frame, each.estimate.object_id))
+
+
+def _same_pose(
+    a: PoseEstimate,
+    b: PoseEstimate,
+    models: Mapping[int, ObjectModel],
+    tolerance: tuple[float, float],
+) -> bool:
+    pose, other = a.pose_cam_obj, b.pose_cam_obj
+    if pose is None or other is None:
+        return pose is other
+    alike = nearest_symmetric_pose(pose, other, models[a.object_id].symmetries)
+    near = translation_error(pose, alike) * 1e3 <= tolerance[0]
+    return near and bool(np.rad2deg(rotation_error(pose, alike)) <= tolerance[1])
+
+
+def _overlap(a: UInt8[np.ndarray, "b"], b: UInt8[np.ndarray, "b"]) -> float:
+    """Intersection over union of two masks, a bit a pixel; 1 where both are empty."""
+    union = int(np.bitwise_count(a | b).sum())
+    return int(np.bitwise_count(a & b).sum()) / union if union else 1.0
+
+
+def summarise_search(searches: Sequence[SearchComparison]) -> dict[str, float] | None:
+    """The configured search beside the exact one on the same queries; None where there are none.
+
+    `recall` of the k nearest and of the nearest alone, over all queries; medians of the time.
+    """
+    if not searches:
+        return None
+    queries = np.array([each.queries for each in searches])
+    recall = np.average([each.recall for each in searches], weights=queries)
+    first = np.average([each.first for each in searches], weights=queries)
+    own = float(np.median([each.seconds for each in searches]))
+    exact = float(np.median([each.exact_seconds for each in searches]))
+    return {
+        "queries": float(np.median(queries)),
+        "recall": float(recall),
+        "recall_of_nearest": float(first),
+        "median_ms": 1e3 * own,
+        "exact_ms": 1e3 * exact,
+        "ratio": exact / own,
+    }

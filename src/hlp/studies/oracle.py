@@ -1,0 +1,212 @@
+"""Oracle matrix: what each stage costs, told by giving the next one the truth in its place."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from tqdm import tqdm
+
+from hlp.config.build import Run
+from hlp.config.settings import OracleSettings, result_settings
+from hlp.evaluation.evaluator import FrameTruth, score_targets
+from hlp.evaluation.settings import EvaluationSettings
+from hlp.evaluation.summary import METRICS, bootstrap_interval
+from hlp.method.pose_estimator import derive_seed
+from hlp.records import Frame, Hypotheses, PoseEstimate, Region, Target, TargetScore
+from hlp.reporting.oracle_table import format_oracle, oracle_metrics, write_oracle
+from hlp.runs.manifest import write_json
+from hlp.stages.detection import VERSIONS, DetectionStages, read_regions
+from hlp.stages.fingerprint import fingerprint
+from hlp.stages.frame_files import read_arrays, write_arrays
+from hlp.stages.store import StageStore
+from hlp.stages.training import TrainingStages
+from hlp.studies.perturbations import perturbed_poses
+from hlp.studies.study_run import chosen_frames, study_run
+from hlp.studies.visible_mask import visible_mask
+
+VERSION = 1
+Cell = tuple[str, str]
+Pose = Float[np.ndarray, "4 4"]
+CELLS: tuple[Cell, ...] = (
+    ("estimated", "estimated"),
+    ("true", "estimated"),
+    ("estimated", "true"),
+    ("true", "true"),
+    ("estimated", "noisy"),
+    ("true", "noisy"),
+)
+"""Region and coarse pose of each column; the fine pose is estimated in all of them."""
+_NOISE = 1  # its stream of random numbers
+
+
+def run_oracle(run: Run, task: OracleSettings, output: Path) -> dict[str, Any]:
+    """Fill the matrix; write oracle.md, oracle.csv, oracle.json and manifest.json; return it.
+
+    Regions and hypotheses are the run's own stages. What is found here is a stage as well, so an
+    interrupted run goes on where it stopped. Everything is logged as one MLflow run.
+    """
+    dataset, settings = run.dataset, run.settings
+    with study_run(run, output) as (store, tracker):
+        detection = DetectionStages(
+            dataset, settings, TrainingStages(dataset, settings, store), store, run.keys
+        )
+        keys = chosen_frames(run, task.frames)
+        folder = _stage(detection, task, keys, store)
+        loaded = tqdm(keys, desc="scores", unit="frame", disable=None)
+        truths = [FrameTruth.of(dataset.frames.load(key)) for key in loaded]
+        scores = {
+            cell: score_targets(
+                truths, dataset.models, _read(folder, keys, cell), settings.evaluation
+            )
+            for cell in CELLS
+        }
+        names = {object_id: model.name for object_id, model in dataset.models.items()}
+        noise = {"noise_deg": task.noise_deg, "noise_mm": task.noise_mm}
+        result = {"frames": len(keys), **noise}
+        result |= summarise_oracle(scores, names, settings.evaluation, settings.seed)
+        write_json(output / "oracle.json", result)
+        write_oracle(output, result)
+        tracker.log_metrics(oracle_metrics(result))
+    print(format_oracle(result))
+    return result
+
+
+def _stage(
+    detection: DetectionStages, task: OracleSettings, keys: Sequence[str], store: StageStore
+) -> Path:
+    """Folder with the pose of every target in every cell, one file a frame."""
+    settings = detection.settings
+    decided = {
+        "noise_deg": task.noise_deg,
+        "noise_mm": task.noise_mm,
+        "agree_mm": task.agree_mm,
+        "refinement": result_settings(settings.refinement),
+        "poses_version": VERSIONS["poses"],
+        "keys": list(keys),
+    }
+    upstream = {"hypotheses": detection.hypotheses().fingerprint}
+
+    def make(folder: Path) -> None:
+        for key in tqdm(keys, desc="oracle", unit="frame", disable=None):
+            if not (folder / f"{key}.npz").exists():
+                frame = detection.dataset.frames.load(key)
+                write_arrays(folder, key, _find(detection, frame, task))
+
+    name = fingerprint("oracle", VERSION, settings.seed, decided, upstream)
+    described = {"settings": decided, "upstream": upstream, "seed": settings.seed}
+    return store.get_or_make("oracle", name, make, described)
+
+
+def _find(detection: DetectionStages, frame: Frame, task: OracleSettings) -> dict[str, np.ndarray]:
+    """Poses of one frame, named `object/region/coarse`; absent where nothing was found.
+
+    Every object is looked for once, as the method does: of several instances the first counts.
+    """
+    arrays = {}
+    for object_id in detection.dataset.wanted(frame):
+        target = next(each for each in frame.targets if each.object_id == object_id)
+        for (region, coarse), pose in _answers(detection, frame, target, task).items():
+            arrays[f"{object_id}/{region}/{coarse}"] = pose
+    return arrays
+
+
+def _answers(
+    detection: DetectionStages, frame: Frame, target: Target, task: OracleSettings
+) -> dict[Cell, Pose]:
+    """Refined pose of a target in every cell that has one.
+
+    A true coarse pose stands for perfect votes, and votes need something to look at: it is given
+    only where the region shows any of the target.
+    """
+    object_id, model = target.object_id, detection.dataset.models[target.object_id]
+    stored = read_arrays(detection.hypotheses().folder, frame.key)
+    visible = visible_mask(detection.dataset.frames, frame, target, model, task.agree_mm / 1e3)
+    shown = Region(object_id, np.zeros((0, 2)), np.zeros(0), visible)
+    masks = {
+        "estimated": read_regions(detection.regions().folder, frame)[object_id].mask,
+        "true": visible,
+    }
+    voted = {
+        "estimated": Hypotheses(stored[f"{object_id}/poses"], stored[f"{object_id}/support"]),
+        "true": detection.detector.coarse(frame, shown).hypotheses,
+    }
+    given = {"true": target.pose_cam_obj, "noisy": _noisy(detection, frame, target, task)}
+    refined = {
+        coarse: _fine(detection, frame, object_id, Hypotheses(pose[None], np.ones(1)))
+        for coarse, pose in given.items()
+    }
+    found: dict[Cell, Pose | None] = {}
+    for region, mask in masks.items():
+        found[region, "estimated"] = _fine(detection, frame, object_id, voted[region])
+        if (mask & visible).any():
+            found |= {(region, coarse): pose for coarse, pose in refined.items()}
+    return {cell: pose for cell, pose in found.items() if pose is not None}
+
+
+def _noisy(detection: DetectionStages, frame: Frame, target: Target, task: OracleSettings) -> Pose:
+    parts = frame.scene_id, frame.frame_id, target.object_id, _NOISE
+    rng = np.random.default_rng(derive_seed(detection.settings.seed, *parts))
+    centroid = detection.dataset.models[target.object_id].centroid
+    sizes = np.array([task.noise_deg]), np.array([task.noise_mm])
+    return np.asarray(perturbed_poses(target.pose_cam_obj, centroid, *sizes, rng)[0])
+
+
+def _fine(
+    detection: DetectionStages, frame: Frame, object_id: int, coarse: Hypotheses
+) -> Pose | None:
+    fine = detection.detector.fine(frame, object_id, coarse)
+    return None if fine is None else fine.refined[fine.best].pose_cam_obj
+
+
+def _read(folder: Path, keys: Sequence[str], cell: Cell) -> list[PoseEstimate]:
+    """Answers of one cell, from disk."""
+    answers = []
+    for key in keys:
+        scene_id, frame_id = (int(part) for part in key.split("_"))
+        for name, pose in read_arrays(folder, key).items():
+            object_id, *of = name.split("/")
+            if tuple(of) == cell:
+                answers.append(PoseEstimate(scene_id, frame_id, int(object_id), pose, 1.0))
+    return answers
+
+
+def summarise_oracle(
+    scores: Mapping[Cell, Sequence[TargetScore]],
+    names: Mapping[int, str],
+    evaluation: EvaluationSettings,
+    seed: int,
+) -> dict[str, Any]:
+    """What `oracle.json` holds: AD recall with 95 % interval of each cell, and what stages lost.
+
+    `lost` shares out the misses: with the true region the estimated pose gains what stage 1 lost,
+    with the true coarse pose as well what stage 2 lost, and the rest is lost by stage 3. A true
+    pose comes alone: to choose wrongly among hypotheses counts as stage 2's loss.
+    """
+    cells = []
+    recalls: dict[Cell, float] = {}
+    for (region, coarse), found in scores.items():
+        groups: dict[str, list[TargetScore]] = {}
+        for score in sorted(found, key=lambda each: each.object_id):
+            groups.setdefault(names[score.object_id], []).append(score)
+        add = _recall(found, evaluation, seed)
+        per_object = {name: _recall(group, evaluation, seed) for name, group in groups.items()}
+        stages = {"region": region, "coarse": coarse, "fine": "estimated"}
+        cells.append({**stages, "add": add, "per_object": per_object})
+        recalls[region, coarse] = add["recall"]
+    lost = {
+        "region": recalls["true", "estimated"] - recalls["estimated", "estimated"],
+        "coarse pose": recalls["true", "true"] - recalls["true", "estimated"],
+        "fine pose": 1.0 - recalls["true", "true"],
+    }
+    return {"cells": cells, "lost": lost}
+
+
+def _recall(
+    scores: Sequence[TargetScore], evaluation: EvaluationSettings, seed: int
+) -> dict[str, Any]:
+    right = METRICS["add"]
+    interval = bootstrap_interval(scores, right, evaluation.bootstrap, seed)
+    share = sum(map(right, scores)) / len(scores)
+    return {"targets": len(scores), "recall": share, "ci95": list(interval)}

@@ -1,0 +1,69 @@
+"""A run repeated from its `manifest.json`: the same configuration and seed, so the same poses."""
+
+import json
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import yaml
+
+from hlp.runs.manifest import made_from, poses_digest, read_manifest
+
+if TYPE_CHECKING:
+    from hlp.config.build import Run
+
+
+def config_of(manifest: Path, overrides: Sequence[str], configuration: Path) -> str:
+    """A `config.yaml` for Hydra with all of a manifest's values.
+
+    `configuration` is the folder of HLP's own, for Hydra's part and for where a run is kept: work,
+    output and reporting. Raises what `read_manifest` raises, and ValueError for an override that
+    chooses a group's alternative, since the manifest has done so.
+    """
+    config = read_manifest(manifest)["config"]
+    for override in overrides:
+        key = override.partition("=")[0]
+        if isinstance(config.get(key), dict):
+            raise ValueError(f"{override}: {manifest} has its own {key}, of which keys can be set")
+    own = yaml.safe_load((configuration / "config.yaml").read_text())
+    reporting = yaml.safe_load((configuration / "reporting" / "mlflow.yaml").read_text())
+    where = {"work": own["work"], "output": own["output"], "reporting": reporting}
+    return json.dumps({"defaults": ["_self_"], **config, **where, "hydra": own["hydra"]})
+
+
+def run_again(run: "Run", manifest: Path, output: Path) -> None:
+    """Do the task once more, and say whether the poses are those of the manifest's run.
+
+    Raises ValueError where the data are not the manifest's.
+    """
+    from hlp.studies import tasks
+
+    check_same(run, manifest)
+    tasks.run_task(run, output)
+    digest = read_manifest(manifest).get("poses")
+    if digest is None:  # an instrument's
+        return
+    if digest == poses_digest(output / "poses.csv"):
+        logging.getLogger(__name__).info("Repeated  the same poses as in %s", manifest)
+    else:
+        logging.getLogger(__name__).warning("Repeated  NOT the same poses as in %s", manifest)
+
+
+def check_same(run: "Run", manifest: Path) -> None:
+    """Stop where the data are not the manifest's; say what else is not, for it may matter.
+
+    Raises ValueError naming the data that differ: models, frames, photographs, …
+    """
+    wanted, found = read_manifest(manifest), made_from(run)
+    data = wanted.get("data", {})
+    changed = [name for name, value in found["data"].items() if data.get(name) != value]
+    if changed:
+        raise ValueError(f"not the data of {manifest}: {', '.join(changed)} differ")
+    warn = logging.getLogger(__name__).warning
+    if wanted.get("code") != found["code"]:
+        warn("HLP's code is not that of %s (%s)", manifest, wanted.get("revision") or "no git")
+    for name, version in found["versions"].items():
+        before = wanted.get("versions", {}).get(name)
+        if before != version:
+            warn("%s is %s here, and %s in %s", name, version, before, manifest)

@@ -1,0 +1,164 @@
+"""Optuna's search for settings: the best AD recall within a time limit. Each trial is a run.
+
+work/search/<space>_<digest>/study.db   Optuna's study
+work/search/<space>_<digest>/0, 1, …    the trials' results
+"""
+
+import logging
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from filelock import FileLock, Timeout
+
+from hlp.config.build import Run, with_changed_run
+from hlp.config.settings import SearchSettings
+from hlp.method.pose_estimator import derive_seed
+from hlp.reporting.search_table import format_search, write_search
+from hlp.reporting.tracking import Arm, as_arm
+from hlp.runs import runner
+from hlp.runs.manifest import write_json
+from hlp.stages import detection, training
+from hlp.stages.fingerprint import fingerprint
+from hlp.studies.search_space import check_within, nested, read_space
+from hlp.studies.study_run import study_run
+
+if TYPE_CHECKING:
+    from optuna import Study
+    from optuna.trial import FrozenTrial
+
+VERSION = 1
+# What changes neither recall nor a trial's own time; the space and the limit are named beside.
+_APART = ("output", "work", "reporting", "panels", "task")
+_RUN_ID, _TIME, _ERROR = "run_id", "time_ms", "error"
+
+
+def run_search(run: Run, task: SearchSettings, output: Path) -> dict[str, Any]:
+    """Try settings until the study has `task.trials`; write search.json and search.csv; return it.
+
+    The first trial is the configuration as it stands. A trial that fails is a FAILED run, and the
+    others go on; one that was interrupted is begun again with the same values. Raises ValueError
+    where Optuna is missing, where the space names a wrong setting or value, and where another
+    process works on this search.
+    """
+    if find_spec("optuna") is None:
+        raise ValueError("task=search needs the extra 'search': pip install 'hlp[search]'")
+    space = read_space(task.space.parameters)
+    own = check_within(space, run.config)
+    for key, each in space.items():
+        for value in each.ends():
+            with_changed_run(run, nested({key: value}))
+    folder = Path(run.settings.work).absolute() / "search" / _study_name(run, task)
+    with _only_one(folder):
+        study = _open(folder, run.settings.seed, own)
+        resumed = study.user_attrs.get(_RUN_ID)
+        with study_run(run, output, resumed) as (_, tracker):
+            study.set_user_attr(_RUN_ID, tracker.run_id)
+            while len(_tried(study)) < task.trials:
+                _try(study, run, task, folder, tracker.run_id)
+            result = _result(study, task, folder)
+            write_json(output / "search.json", result)
+            write_search(output, result)
+            if result["best"] is not None:
+                found = {name: result["best"][name] for name in ("recall", _TIME)}
+                tracker.log_metrics({f"search/{name}": value for name, value in found.items()})
+    print(format_search(result))
+    return result
+
+
+def _study_name(run: Run, task: SearchSettings) -> str:
+    """The same for searches that go on with each other's trials."""
+    settings = {
+        "config": {key: value for key, value in run.config.items() if key not in _APART},
+        "space": task.space.parameters,
+        "limit_ms": task.limit_ms,
+        "versions": {**training.VERSIONS, **detection.VERSIONS},
+    }
+    upstream = {"frames": run.dataset.frames_identity}
+    digest = fingerprint("search", VERSION, run.settings.seed, settings, upstream)
+    return f"{task.space.name}_{digest}"
+
+
+@contextmanager
+def _only_one(folder: Path) -> Iterator[None]:
+    folder.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(folder / "study.lock")
+    try:
+        lock.acquire(timeout=0)
+    except Timeout as error:
+        raise ValueError(f"another process works on the search in {folder}") from error
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def _open(folder: Path, seed: int, own: Mapping[str, Any]) -> "Study":
+    """The study on disk. What was interrupted in it is to be tried again, `own` values first."""
+    import optuna
+
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    study = optuna.create_study(
+        storage=f"sqlite:///{folder / 'study.db'}",
+        study_name=folder.name,
+        direction="maximize",
+        load_if_exists=True,
+    )
+    # A seed of its own for every start: from one seed, a study that goes on would repeat its draws.
+    study.sampler = optuna.samplers.TPESampler(seed=derive_seed(seed, len(study.trials)))
+    if not study.trials:
+        study.enqueue_trial(dict(own))
+    for trial in study.get_trials(states=(optuna.trial.TrialState.RUNNING,)):
+        study.tell(trial.number, state=optuna.trial.TrialState.FAIL)
+        study.enqueue_trial(trial.params)
+    return study
+
+
+def _tried(study: "Study") -> list["FrozenTrial"]:
+    """Trials that came to their end, right or wrong; not those that were interrupted."""
+    return [each for each in study.trials if {_TIME, _ERROR} & set(each.user_attrs)]
+
+
+def _try(study: "Study", run: Run, task: SearchSettings, folder: Path, parent: str) -> None:
+    """One trial, as a child run of the search's."""
+    from optuna.trial import TrialState
+
+    space = read_space(task.space.parameters)
+    trial = study.ask({key: each.distribution() for key, each in space.items()})
+    values = {key: str(value) for key, value in trial.params.items()}
+    words = " ".join(f"{key}={value}" for key, value in values.items())
+    say = logging.getLogger(__name__)
+    say.info("\nTrial %d  %s", trial.number, words)
+    changes = {**nested(trial.params), "task": {"name": "method"}}
+    try:
+        with as_arm(Arm(f"{run.settings.name} trial {trial.number}", parent, values)):
+            summary = runner.run_method(with_changed_run(run, changes), folder / str(trial.number))
+    except (ValueError, OSError) as error:
+        say.error("trial %d failed: %s", trial.number, error)
+        trial.set_user_attr(_ERROR, str(error))
+        study.tell(trial, state=TrialState.FAIL)
+        return
+    time_ms = summary["timing_ms"]["total"]["median"]
+    trial.set_constraint(_TIME, time_ms - task.limit_ms)
+    trial.set_user_attr(_TIME, time_ms)
+    study.tell(trial, summary["metrics"]["add"]["recall"])
+
+
+def _result(study: "Study", task: SearchSettings, folder: Path) -> dict[str, Any]:
+    """What `search.json` holds: every trial, and the best within the limit (None: none is)."""
+    trials = [
+        {
+            "trial": each.number,
+            "values": each.params,
+            "recall": each.value,
+            "time_ms": each.user_attrs.get(_TIME),
+            "error": each.user_attrs.get(_ERROR),
+            "folder": str(folder / str(each.number)),
+        }
+        for each in _tried(study)
+    ]
+    within = [t for t in trials if t["error"] is None and t["time_ms"] <= task.limit_ms]
+    best = max(within, key=lambda each: (each["recall"], -each["time_ms"]), default=None)
+    return {"space": task.space.name, "limit_ms": task.limit_ms, "best": best, "trials": trials}

@@ -1,0 +1,177 @@
+"""Where a detection's time goes: a clock that charges every moment to one part of the method."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from hlp.codebook.neighbours import ExactNeighbours
+from hlp.method.pose_estimator import CoarseResult, Detector
+from hlp.records import Frame, Hypotheses, LocalPatches, Region
+from hlp.refinement.choice import RefinedHypotheses
+
+PARTS = {
+    "windows": 1,
+    "network": 1,
+    "region": 1,
+    "cut": 2,
+    "encode": 2,
+    "search": 2,
+    "vote": 2,
+    "modes": 2,
+    "screen": 3,
+    "refine": 3,
+    "verify": 3,
+    "polish": 3,
+}
+"""Parts of detection in their order, each with the stage that it belongs to."""
+
+
+@dataclass(frozen=True)
+class Spent:
+    """Wall time and CPU time of all threads of the process (s)."""
+
+    wall: float
+    cpu: float
+
+
+class PartClock:
+    """Sums the time of each part; between `start` and `stop` none is lost or counted twice."""
+
+    def __init__(self) -> None:
+        self._part: str | None = None
+        self._begun = (0.0, 0.0)
+        self._sums: dict[str, list[float]] = {}
+
+    def start(self) -> None:
+        """Forget what was measured; time counts from the first `enter`."""
+        self._sums = {}
+        self._part = None
+
+    def enter(self, part: str | None) -> None:
+        """From now on time is that of this part; None: of none."""
+        wall, cpu = time.perf_counter(), time.process_time()
+        if self._part is not None:
+            sums = self._sums.setdefault(self._part, [0.0, 0.0])
+            sums[0] += wall - self._begun[0]
+            sums[1] += cpu - self._begun[1]
+        self._part, self._begun = part, (wall, cpu)
+
+    def stop(self) -> dict[str, Spent]:
+        """What each part took since `start`; parts that were never entered are absent."""
+        self.enter(None)
+        return {part: Spent(*sums) for part, sums in self._sums.items()}
+
+
+@dataclass(frozen=True)
+class Loading:
+    """Seconds to load what the objects share, and each object's own (codebook, its index, mesh)."""
+
+    classifier: float
+    encoder: float
+    objects: dict[int, float]
+
+
+@dataclass(frozen=True)
+class SearchComparison:
+    """One target's features searched as configured and exactly (s).
+
+    `recall` is the share of the exact k nearest entries that were found, `first` whether the
+    nearest was, as a share of the queries.
+    """
+
+    queries: int
+    seconds: float
+    exact_seconds: float
+    recall: float
+    first: float
+
+
+class TimedDetector(Detector):
+    """A detector whose parts tell a clock when they begin and end; its results are the same."""
+
+    clock: PartClock
+
+    def load(self, object_ids: Sequence[int]) -> Loading:
+        """Load all that the objects need, and let their parts tell the clock. Call it first."""
+        self.clock = PartClock()
+        self.clock.start()
+        classifier = _seconds(lambda: self._scan)
+        encoder = _seconds(lambda: self._encoder)
+        objects = {each: _seconds(partial(self._load_object, each)) for each in object_ids}
+        self._charge(self._scan, "classify", "windows", "region")
+        self._scan.network.register_forward_pre_hook(lambda *_: self.clock.enter("network"))
+        self._scan.network.register_forward_hook(lambda *_: self.clock.enter("windows"))
+        self._charge(self._encoder, "encode", "encode", "search")
+        for object_id in object_ids:
+            self._charge(self._codebook(object_id)[1], "search", "search", "vote")
+        self._charge(self._modes, "find", "modes", "modes")
+        self._charge(self._refiner, "refine", "refine", "verify")
+        self._charge(self._refiner, "polish", "polish", "verify")
+        return Loading(classifier, encoder, objects)
+
+    def _load_object(self, object_id: int) -> None:
+        self._codebook(object_id)
+        self._verifier(object_id)
+
+    def _charge(self, owner: Any, method: str, during: str, after: str) -> None:
+        """Have the clock enter a part whenever a method of an object begins, another as it ends."""
+        call = getattr(owner, method)
+
+        def timed(*given: Any, **named: Any) -> Any:
+            self.clock.enter(during)
+            try:
+                return call(*given, **named)
+            finally:
+                self.clock.enter(after)
+
+        setattr(owner, method, timed)
+
+    def region(self, frame: Frame, object_id: int) -> Region:
+        """Stage 1; see Detector.region."""
+        self.clock.enter("windows")
+        return super().region(frame, object_id)
+
+    def coarse(self, frame: Frame, region: Region) -> CoarseResult:
+        """Stage 2; see Detector.coarse."""
+        self.clock.enter("cut")
+        return super().coarse(frame, region)
+
+    def fine(self, frame: Frame, object_id: int, coarse: Hypotheses) -> RefinedHypotheses | None:
+        """Stage 3; see Detector.fine."""
+        self.clock.enter("screen")
+        return super().fine(frame, object_id, coarse)
+
+    def entries(self, object_id: int) -> int:
+        """Number of the codebook's entries."""
+        return len(self._codebook(object_id)[0].features)
+
+    def compare_search(self, object_id: int, patches: LocalPatches) -> SearchComparison | None:
+        """Search the same patches as configured and exactly; None where there are none."""
+        if len(patches) == 0:
+            return None
+        codebook, search = self._codebook(object_id)
+        exact = ExactNeighbours(codebook.features, self.settings.codebook.neighbours)
+        queries = self._encoder.encode(patches)
+        begun = time.perf_counter()
+        found = search.search(queries).indices
+        middle = time.perf_counter()
+        nearest = exact.search(queries).indices
+        ended = time.perf_counter()
+        right = (found[:, :, None] == nearest[:, None, :]).any(axis=1)
+        return SearchComparison(
+            len(queries),
+            middle - begun,
+            ended - middle,
+            float(right.mean()),
+            float(np.mean(right[:, 0])),
+        )
+
+
+def _seconds(make: Callable[[], object]) -> float:
+    begun = time.perf_counter()
+    make()
+    return time.perf_counter() - begun

@@ -1,0 +1,49 @@
+"""What all instruments (oracle, basin, bench, search) share: MLflow run, manifest, last words."""
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from hlp.config.build import Run, evenly
+from hlp.method.compute_threads import set_threads
+from hlp.reporting.tracking import Tracker, how_to_browse, track_run
+from hlp.runs.manifest import FILE, make_manifest, write_json
+from hlp.runs.mlflow_inputs import log_inputs, revision_tag
+from hlp.stages.store import StageStore
+
+
+@contextmanager
+def study_run(
+    run: Run, output: Path, resume: str | None = None
+) -> Iterator[tuple[StageStore, Tracker]]:
+    """The store and the MLflow run of one instrument's work.
+
+    After the work `output` gets its manifest.json, all that is in it is logged, and a person is
+    told where it is: a folder with a manifest holds a whole result. With `resume` the MLflow run of
+    that id goes on. Raises ValueError where the frames have no true poses.
+    """
+    settings = run.settings
+    if not run.dataset.annotated:
+        raise ValueError(f"these frames have no true poses, which task={settings.task.name} needs")
+    set_threads(settings)
+    output.mkdir(parents=True, exist_ok=True)
+    (output / FILE).unlink(missing_ok=True)
+    name = f"{settings.name} {settings.task.name} {output.name}"
+    tags = revision_tag()
+    with track_run(settings.reporting, name, run.config, tags, resume) as tracker:
+        log_inputs(run, tracker)
+        store = StageStore(Path(settings.work))
+        yield store, tracker
+        write_json(output / FILE, make_manifest(run, store))
+        tracker.log_artifacts(output)
+    say = logging.getLogger(__name__).info
+    written = sorted(path.name for path in output.iterdir() if not path.name.startswith("."))
+    say("\nResults   %s (%s)", output, ", ".join(written))
+    browse = how_to_browse(settings.reporting, tracker)
+    say("MLflow    %s", browse.replace("\n", "\n          "))
+
+
+def chosen_frames(run: Run, count: int | None) -> tuple[str, ...]:
+    """`count` of the run's frames, spread evenly (None: all)."""
+    return run.keys if count is None else evenly(run.keys, count)

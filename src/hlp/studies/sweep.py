@@ -1,0 +1,182 @@
+"""Sweeps (`-m`): one parent run in MLflow, a child run an arm; what was interrupted goes on.
+
+<sweep's folder>/sweep.json   what was asked for, the parent's run, how it ended
+<sweep's folder>/sweep.lock   held by the sweep while it runs; freed by the system if it dies
+<sweep's folder>/0, 1, …      the arms' results; an arm with a manifest is finished
+"""
+
+import json
+import logging
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+from hydra.core.hydra_config import HydraConfig
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.experimental.callback import Callback
+from omegaconf import DictConfig, OmegaConf
+
+from hlp.reporting.figures.trade_off import draw_trade_off
+from hlp.reporting.reproductions import write_reproductions
+from hlp.reporting.tracking import Arm, Tracker, TrackingSettings, as_arm, track_run
+from hlp.runs.manifest import is_finished, write_json
+from hlp.runs.mlflow_inputs import revision_tag
+
+RECORD = "sweep.json"
+LOCK = "sweep.lock"
+FINISHED = "FINISHED"
+
+# Hydra makes its callbacks itself, so what one opens is left here for `sweep_open` to close.
+_OPEN = ExitStack()
+
+
+class SweepCallback(Callback):
+    """Hydra's hook (`hydra.callbacks`) that opens a sweep before its first arm."""
+
+    def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
+        """Open the parent's run, or that of the sweep that goes on in this folder."""
+        try:
+            _open_sweep(config)
+        except Exception as error:  # Hydra would make a warning of it, and start the arms
+            raise SystemExit(f"hlp: the sweep cannot be opened: {error}") from error
+
+
+def _open_sweep(config: DictConfig) -> None:
+    folder = Path(config.hydra.sweep.dir).absolute()
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        _OPEN.enter_context(FileLock(folder / LOCK).acquire(timeout=0))
+    except Timeout as error:
+        raise ValueError(f"another sweep is writing into {folder}") from error
+    overrides = [each for each in config.hydra.overrides.task if not each.startswith("output=")]
+    swept = _swept_keys(config)
+    tracker = _OPEN.enter_context(
+        track_run(
+            _tracking(config),
+            f"{config.name} sweep of {', '.join(swept) or 'nothing'} {folder.name}",
+            {"sweep": " ".join(overrides), "output": str(folder)},
+            revision_tag(),
+            _read(folder).get("run_id"),
+        )
+    )
+    record = {"overrides": overrides, "swept": swept, "run_id": tracker.run_id}
+    _OPEN.enter_context(_recorded(folder, record))
+    _OPEN.enter_context(_drawn(folder, tracker))
+
+
+@contextmanager
+def sweep_open() -> Iterator[None]:
+    """Close, at its end, the sweep that was opened meanwhile: FINISHED, FAILED or KILLED."""
+    with _OPEN:
+        yield
+
+
+def unfinished_sweep(arguments: Sequence[str], folder: Path) -> Path | None:
+    """The newest sweep below a folder of the same arguments that did not end well, if any.
+
+    None where it is running still, and where the arguments name an output folder.
+    """
+    overrides = [each for each in arguments if not each.startswith(("-", "hydra"))]
+    if any(each.startswith("output=") for each in overrides):
+        return None
+    found = sorted(folder.glob(f"*/*/{RECORD}"), key=lambda path: path.stat().st_mtime)
+    for path in reversed(found):
+        record = _read(path.parent)
+        if record["overrides"] == overrides:
+            ended_well = record["status"] == FINISHED
+            return None if ended_well or _is_running(path.parent) else path.parent
+    return None
+
+
+def run_arm(config: DictConfig) -> None:
+    """Do one arm's task as a child run; an arm that is finished is not repeated.
+
+    Whatever stops it, a wrong configuration too, leaves a FAILED run and is raised.
+    """
+    from hlp.config import build
+    from hlp.studies import tasks
+
+    hydra = HydraConfig.get()
+    output, sweep = Path(config.output), _read(Path(hydra.sweep.dir))
+    if not sweep:
+        raise FileNotFoundError(f"no {RECORD} in {hydra.sweep.dir}: the sweep could not be opened")
+    swept = _swept_values(config, list(hydra.overrides.task), sweep["swept"])
+    name = f"{config.name} {hydra.job.num}: {' '.join(f'{k}={v}' for k, v in swept.items())}"
+    with as_arm(Arm(name, sweep["run_id"], swept)):
+        try:
+            run = build.build_run(config)
+        except Exception:  # recorded, and raised again
+            whole = OmegaConf.to_container(config, resolve=False)
+            with track_run(_tracking(config), name, {"config": whole}, revision_tag()):
+                raise
+        if is_finished(run, output):
+            logging.getLogger(__name__).info("finished already: %s in %s", name, output)
+            return
+        tasks.run_task(run, output)
+
+
+@contextmanager
+def _recorded(folder: Path, record: dict[str, Any]) -> Iterator[None]:
+    """Keep in `sweep.json` whether a sweep came to its end."""
+    write_json(folder / RECORD, {**record, "status": "RUNNING"})
+    status = "STOPPED"
+    try:
+        yield
+        status = FINISHED
+    finally:
+        write_json(folder / RECORD, {**record, "status": status})
+
+
+@contextmanager
+def _drawn(folder: Path, tracker: Tracker) -> Iterator[None]:
+    """Draw what the arms reached in what time, once the last of them has ended well."""
+    yield
+    for path in [*draw_trade_off(folder), *write_reproductions(folder)]:
+        tracker.log_artifact(path)
+        logging.getLogger(__name__).info("Drawn     %s", path)
+
+
+def _read(folder: Path) -> dict[str, Any]:
+    path = folder / RECORD
+    record: dict[str, Any] = json.loads(path.read_text()) if path.is_file() else {}
+    return record
+
+
+def _is_running(folder: Path) -> bool:
+    lock = FileLock(folder / LOCK)
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        return True
+    lock.release()
+    return False
+
+
+def _swept_keys(config: DictConfig) -> list[str]:
+    """Keys that the command line or `hydra.sweeper.params` gives several values."""
+    given = OmegaConf.select(config, "hydra.sweeper.params") or {}
+    overrides = [*(f"{key}={value}" for key, value in given.items()), *config.hydra.overrides.task]
+    parsed = OverridesParser.create().parse_overrides(overrides)
+    keys = [each.key_or_group for each in parsed if each.is_sweep_override()]
+    return list(dict.fromkeys(keys))
+
+
+def _swept_values(
+    config: DictConfig, overrides: Sequence[str], keys: Sequence[str]
+) -> dict[str, str]:
+    """What an arm has for the keys: a value, or of a group the alternative's name."""
+    parsed = OverridesParser.create().parse_overrides([*overrides])
+    named = {each.key_or_group: each for each in parsed}
+    values = {}
+    for key in keys:
+        value = OmegaConf.select(config, key)
+        if isinstance(value, DictConfig) and key in named:
+            value = named[key].get_value_element_as_str()
+        values[key] = str(value)
+    return values
+
+
+def _tracking(config: DictConfig) -> TrackingSettings:
+    return TrackingSettings(**{str(key): str(value) for key, value in config.reporting.items()})

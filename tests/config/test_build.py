@@ -1,0 +1,243 @@
+import dataclasses
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from hlp.config.build import GROUPS, build_run, build_settings, evenly
+from hlp.config.settings import RunSettings, result_settings
+from hlp.data.bop import BopSettings
+
+CONF = Path(__file__).parents[2] / "conf"
+
+
+def configuration(*overrides):
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return compose("config", overrides=["output=out", *overrides])
+
+
+@pytest.fixture(scope="module")
+def default():
+    """The default configuration; it is copied, never changed: composing takes half a second."""
+    return configuration()
+
+
+def changed(config, key, value):
+    copy = OmegaConf.create(OmegaConf.to_container(config, resolve=True))
+    OmegaConf.set_struct(copy, False)
+    OmegaConf.update(copy, key, value)
+    return copy
+
+
+def alternatives(group):
+    return [path.stem for path in sorted((CONF / group).glob("*.yaml"))]
+
+
+def rounds():
+    """Every alternative of every group once, in as few compositions as may be: they are slow."""
+    groups = {group: alternatives(group) for group in GROUPS if group != "data"}
+    for i in range(max(len(names) for names in groups.values())):
+        yield {group: names[i % len(names)] for group, names in groups.items()}
+
+
+@pytest.mark.parametrize("chosen", list(rounds()))
+def test_every_alternative_becomes_typed_settings(chosen):
+    given = [f"{key}={name}" for key, name in chosen.items()]
+    if chosen["executor"] == "dask":
+        given.append("executor.address=tcp://host:8786")  # which only its user knows
+    settings = build_settings(configuration(*given))
+    for group, name in chosen.items():
+        stated = OmegaConf.load(CONF / group / f"{name}.yaml").get("name")
+        assert getattr(settings, group).name == stated
+
+
+@pytest.mark.parametrize("method", alternatives("method"))
+def test_methods_become_typed_settings(method):
+    assert isinstance(build_settings(configuration(f"method={method}")), RunSettings)
+
+
+def test_the_default_run_is_the_demo_and_needs_no_files(default):
+    run = build_run(default)
+    assert run.settings.name == "demo"
+    assert len(run.keys) == run.settings.data.scenes
+    assert run.dataset.target_ids == tuple(run.dataset.models)
+    assert run.config["seed"] == 0 and "rendering" in run.config
+    json.dumps(run.config)  # plain values
+
+
+WRONG = [
+    ("seed", "abc", r"^seed: .*integer \(given: 'abc'\)$"),
+    ("rendering.viewpoints", 3.5, r"^rendering\.viewpoints: .*integer \(given: 3\.5\)$"),
+    ("rendering.viewpoints", "3", r"^rendering\.viewpoints: .*integer \(given: '3'\)$"),
+    ("rendering.viewpoints", 0, r"^rendering\.viewpoints is 0; it must be at least 1$"),
+    ("rendering.viewpoint", 9, r"^rendering\.viewpoint: Unexpected"),
+    ("patches.region.stride", 8, r"^patches\.region\.stride: Unexpected"),
+    ("patches.holistic.channels", "bgr", r"^patches\.holistic\.channels: .*'rgb' or 'rgbd'"),
+    ("patches.holistic.resolution", 48, r"^patches\.holistic\.resolution is 48: .* 64$"),
+    ("patches.local.resolution", 48, r"^patches\.local\.resolution is 48: .* 32$"),
+    ("encoder.input", "depth", r"^encoder\.input: .*'rgbd' or 'normals_depth'"),
+    ("encoder.name", "cea", r"^encoder\.name is 'cea': choose one of contrastive, cae, pca$"),
+    ("encoder.widths", [32, "a"], r"^encoder\.widths\.1: .*\(given: 'a'\)$"),
+    ("frames", 0, r"^frames is 0: it must be at least 1$"),
+    ("mesh", "a.ply", r"^mesh is no key of the configuration"),
+    ("name", "???", r"^name is not set: set name=VALUE$"),
+    ("data.seed", "???", r"^data\.seed is not set: set data\.seed=VALUE$"),
+]
+
+
+@pytest.mark.parametrize(("key", "value", "message"), WRONG)
+def test_a_wrong_value_is_named_by_its_key(default, key, value, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        build_run(changed(default, key, value))
+    assert "\n" not in str(caught.value) and len(str(caught.value)) < 200
+
+
+@pytest.mark.parametrize("key", ["patches.local.resolution", "voting.rotation_deg", "work"])
+def test_a_missing_key_is_named(default, key):
+    config = changed(default, key, 0)
+    parent, _, leaf = key.rpartition(".")
+    del (OmegaConf.select(config, parent) if parent else config)[leaf]
+    with pytest.raises(ValueError, match=rf"^{key}(: Field required| is not set)"):
+        build_run(config)
+
+
+@pytest.fixture
+def bop(tmp_path):
+    """A BOP data set of one box in one frame, and its configuration. It has no images."""
+    scene = tmp_path / "lm" / "test" / "000003"
+    scene.mkdir(parents=True)
+    pose = {"cam_R_m2c": [1, 0, 0, 0, 1, 0, 0, 0, 1], "cam_t_m2c": [0, 0, 800.0], "obj_id": 1}
+    (scene / "scene_gt.json").write_text(json.dumps({"5": [pose]}))
+    camera = {"cam_K": [500, 0, 320, 0, 500, 240, 0, 0, 1], "depth_scale": 1.0}
+    (scene / "scene_camera.json").write_text(json.dumps({"5": camera}))
+    models = tmp_path / "lm" / "models"
+    models.mkdir()
+    trimesh.creation.box((60, 80, 100)).subdivide().export(models / "obj_000001.ply")
+    return tmp_path / "lm"
+
+
+@pytest.fixture(scope="module")
+def board():
+    return configuration("experiment=linemod_bop", "data.root=???")
+
+
+@pytest.fixture
+def bop_config(board, bop):
+    """Makes the configuration of the box, with some of data's keys changed."""
+    return lambda **data: _bop_config(board, data.pop("root", bop), data)
+
+
+def _bop_config(board, root, data):
+    config = board.copy()
+    box = {"id": 1, "holistic_size_mm": 120.0, "local_size_mm": None}
+    nothing = dict.fromkeys(("targets", "photographs", "rooms", "rgbd_frames"))
+    given = {"root": str(root), "objects": {"box": box}, "proxy_faces": 24, **nothing, **data}
+    for key, value in given.items():
+        config.data[key] = value
+    return config
+
+
+def test_a_data_set_is_built_without_decoding_an_image(bop_config):
+    run = build_run(bop_config())
+    assert isinstance(run.settings.data, BopSettings)
+    assert run.keys == ("000003_000005",)
+    assert run.dataset.target_ids == (1,)
+    model = run.dataset.models[1]
+    assert (model.name, model.holistic_size) == ("box", 0.12)
+    assert model.diameter == pytest.approx(np.linalg.norm([0.06, 0.08, 0.1]))
+
+
+def test_a_data_set_without_root_is_asked_for(board):
+    with pytest.raises(ValueError, match=r"^data\.root is not set: set data\.root=VALUE$"):
+        build_run(board)
+
+
+def test_a_root_that_is_not_there_is_named(tmp_path, bop_config):
+    with pytest.raises(FileNotFoundError, match=rf"^data\.root is no folder: {tmp_path}/nowhere"):
+        build_run(bop_config(root=tmp_path / "nowhere"))
+
+
+def test_a_missing_mesh_is_named_with_its_object(bop, bop_config):
+    (bop / "models" / "obj_000001.ply").unlink()
+    with pytest.raises(FileNotFoundError, match=r"object 1 \(box\).*models/obj_000001\.ply"):
+        build_run(bop_config())
+
+
+def test_a_broken_mesh_is_named(bop, bop_config):
+    (bop / "models" / "obj_000001.ply").write_bytes(b"ply\nnonsense")
+    with pytest.raises(ValueError, match=r"obj_000001\.ply"):
+        build_run(bop_config())
+
+
+def test_a_missing_split_is_named(bop_config):
+    with pytest.raises(FileNotFoundError, match=r"^data\.split is no folder: .*/lm/train"):
+        build_run(bop_config(split="train"))
+
+
+@pytest.mark.parametrize("key", ["photographs", "rooms", "rgbd_frames"])
+def test_folders_for_training_are_checked_before_any_stage(bop_config, tmp_path, key):
+    with pytest.raises(FileNotFoundError, match=rf"^data\.{key} is no folder: .*/nowhere"):
+        build_run(bop_config(**{key: str(tmp_path / "nowhere")}))
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    with pytest.raises(FileNotFoundError, match="empty"):
+        build_run(bop_config(**{key: str(empty)}))
+
+
+def test_the_autoencoder_asks_for_frames_before_any_stage(bop_config, tmp_path):
+    config = bop_config()
+    config.encoder = OmegaConf.load(CONF / "encoder" / "cae.yaml")
+    with pytest.raises(ValueError, match=r"^encoder=cae .* set data\.rgbd_frames to a folder$"):
+        build_run(config)
+    frames = tmp_path / "frames"
+    for kind in ("rgb", "depth"):
+        (frames / kind).mkdir(parents=True)
+        cv2.imwrite(str(frames / kind / "000001.png"), np.zeros((8, 8), np.uint16))
+    config.data.rgbd_frames = str(frames)
+    assert build_run(config).dataset.encoder_frames is not None
+
+
+def test_a_data_set_without_targets_is_refused(default, bop, bop_config):
+    (bop / "test" / "000003" / "scene_gt.json").write_text("{}")
+    with pytest.raises(ValueError, match="lists no target"):
+        build_run(bop_config())
+    with pytest.raises(ValueError, match=r"^data holds no frame with a target$"):
+        build_run(changed(default, "data.scenes", 0))
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 7, 99])
+def test_frames_are_spread_evenly(default, count):
+    keys = tuple(f"{i:02d}" for i in range(7))
+    chosen = evenly(keys, count)
+    assert len(chosen) == min(count, 7) and chosen[0] == "00"
+    steps = np.diff([int(key) for key in chosen])
+    assert len(steps) == 0 or steps.max() - steps.min() <= 1
+    assert build_run(changed(default, "frames", 3)).keys == evenly(build_run(default).keys, 3)
+
+
+def test_threads_are_no_part_of_a_result(default):
+    first = build_settings(default)
+    second = build_settings(changed(default, "rendering.threads", 7))
+    assert first.rendering != second.rendering
+    assert result_settings(first.rendering) == result_settings(second.rendering)
+    third = build_settings(changed(default, "rendering.viewpoints", 7))
+    assert result_settings(first.rendering) != result_settings(third.rendering)
+
+
+def test_settings_are_read_only(default):
+    settings = build_settings(default)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        settings.seed = 3
+    assert isinstance(settings.encoder.widths, tuple)
+    hash(settings.patches)
+
+
+def test_a_gpu_that_is_not_there_is_named(default, monkeypatch):
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    with pytest.raises(ValueError, match=r"machine\.device is cuda.*set it to cpu"):
+        build_run(changed(default, "machine.device", "cuda"))

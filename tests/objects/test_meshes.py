@@ -1,0 +1,187 @@
+import json
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.distance import pdist
+
+from hlp.objects.meshes import PLAIN_COLOR, decimate, load_mesh, mesh_diameter
+from hlp.records import Mesh
+
+
+def _export(path, mesh):
+    path.write_bytes(mesh.export(file_type=path.suffix[1:]))
+    return path
+
+
+def _sphere_mm(subdivisions=3):
+    return trimesh.creation.icosphere(subdivisions, 50.0)
+
+
+def test_vertices_keep_their_order_in_metres_with_colours(tmp_path):
+    sphere = _sphere_mm()
+    order = np.random.default_rng(0).permutation(len(sphere.vertices))
+    vertices = sphere.vertices[order]
+    faces = np.argsort(order)[sphere.faces]
+    colors = np.random.default_rng(1).integers(0, 256, (len(vertices), 3)).astype(np.uint8)
+    shuffled = trimesh.Trimesh(vertices, faces, vertex_colors=colors, process=False)
+    mesh = load_mesh(_export(tmp_path / "a.ply", shuffled))
+    np.testing.assert_allclose(mesh.vertices, vertices * 1e-3, atol=1e-8)
+    np.testing.assert_array_equal(mesh.faces, faces)
+    np.testing.assert_array_equal(mesh.colors, colors)
+
+
+def test_without_colours_it_is_plain_and_normals_are_computed(tmp_path):
+    mesh = load_mesh(_export(tmp_path / "a.ply", _sphere_mm()))
+    np.testing.assert_array_equal(mesh.colors, np.tile(PLAIN_COLOR, (len(mesh.vertices), 1)))
+    outward = mesh.vertices / np.linalg.norm(mesh.vertices, axis=1, keepdims=True)
+    np.testing.assert_allclose(mesh.normals, outward, atol=0.02)
+    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-12)
+
+
+def test_the_files_own_normals_win_and_get_unit_length(tmp_path):
+    lines = ["0 0 0 0 3 0", "100 0 0 0 0 2", "0 100 0 4 0 0"]
+    header = [
+        "ply", "format ascii 1.0", "element vertex 3",
+        *(f"property float {n}" for n in ("x", "y", "z", "nx", "ny", "nz")),
+        "element face 1", "property list uchar int vertex_indices", "end_header",
+    ]  # fmt: skip
+    path = tmp_path / "a.ply"
+    path.write_text("\n".join([*header, *lines, "3 0 1 2", ""]))
+    mesh = load_mesh(path)
+    np.testing.assert_allclose(mesh.normals, [[0, 1, 0], [0, 0, 1], [1, 0, 0]])
+
+
+def test_a_vertex_without_triangles_gets_a_normal_of_unit_length(tmp_path):
+    sphere = _sphere_mm(1)
+    loose = trimesh.Trimesh([*sphere.vertices, [0, 0, 0]], sphere.faces, process=False)
+    mesh = load_mesh(_export(tmp_path / "a.ply", loose))
+    np.testing.assert_array_equal(mesh.normals[-1], [0, 0, 1])
+
+
+def test_the_parts_of_a_scene_become_one_mesh(tmp_path):
+    parts = [trimesh.creation.box((30, 30, 30)), trimesh.creation.box((20, 20, 20))]
+    parts[1].apply_translation([60, 0, 0])
+    path = tmp_path / "a.glb"
+    path.write_bytes(trimesh.Scene(parts).export(file_type="glb"))
+    assert np.ptp(load_mesh(path).vertices, axis=0) == pytest.approx([0.085, 0.03, 0.03])
+
+
+def test_colours_of_faces_reach_the_vertices(tmp_path):
+    box = trimesh.creation.box((50, 60, 70))
+    box.visual.face_colors = [200, 30, 40, 255]
+    mesh = load_mesh(_export(tmp_path / "a.ply", box))
+    np.testing.assert_array_equal(mesh.colors, np.tile([200, 30, 40], (8, 1)))
+
+
+def test_an_absent_file_is_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"none\.ply"):
+        load_mesh(tmp_path / "none.ply")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "mesh|triangles"),
+        (b"this is no mesh at all", "mesh|triangles"),
+        (b"ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\n"
+         b"property float z\nend_header\n", "mesh|triangles"),
+    ],
+)  # fmt: skip
+def test_what_is_no_mesh_is_an_error_that_names_the_file(tmp_path, content, message):
+    path = tmp_path / "broken.ply"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=message) as caught:
+        load_mesh(path)
+    assert "broken.ply" in str(caught.value)
+
+
+@pytest.mark.parametrize("keep", [0.2, 0.5, 0.9])
+def test_a_truncated_mesh_is_an_error_that_names_the_file(tmp_path, keep):
+    path = _export(tmp_path / "cut.ply", _sphere_mm())
+    content = path.read_bytes()
+    path.write_bytes(content[: int(len(content) * keep)])
+    with pytest.raises(ValueError, match=r"cut\.ply"):
+        load_mesh(path)
+
+
+def test_nan_vertices_are_an_error(tmp_path):
+    sphere = _sphere_mm(1)
+    vertices = np.array(sphere.vertices)
+    vertices[3, 1] = np.nan
+    broken = trimesh.Trimesh(vertices, sphere.faces, process=False)
+    with pytest.raises(ValueError, match="NaN"):
+        load_mesh(_export(tmp_path / "a.ply", broken))
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-6])
+def test_a_size_that_no_object_has_hints_at_the_unit(tmp_path, scale):
+    with pytest.raises(ValueError, match="unit"):
+        load_mesh(_export(tmp_path / "a.ply", _sphere_mm()), scale)
+
+
+def _mesh(raw, scale=0.001):
+    colors = np.zeros((len(raw.vertices), 3), np.uint8)
+    colors[:, 0] = np.where(raw.vertices[:, 2] > 0, 250, 5)
+    return Mesh(
+        np.array(raw.vertices) * scale,
+        np.array(raw.faces, dtype=np.int32),
+        colors,
+        np.array(raw.vertex_normals),
+    )
+
+
+def test_a_decimated_mesh_stays_close_and_keeps_colours_and_outward_normals():
+    full = _mesh(_sphere_mm(5))
+    small = decimate(full, 500)
+    assert 400 <= len(small.faces) <= 500
+    surface = trimesh.Trimesh(small.vertices, small.faces, process=False)
+    _, distance, _ = trimesh.proximity.closest_point_naive(surface, full.vertices[::100])
+    assert distance.max() < 0.002
+    far = np.abs(small.vertices[:, 2]) > 0.005
+    np.testing.assert_array_equal(small.colors[far, 0] == 250, small.vertices[far, 2] > 0)
+    assert np.einsum("ij,ij->i", small.normals, small.vertices).min() > 0.04
+    np.testing.assert_allclose(np.linalg.norm(small.normals, axis=1), 1.0)
+
+
+def test_decimating_a_triangle_soup_does_not_tear_it():
+    sphere = _sphere_mm(4)
+    soup = trimesh.Trimesh(
+        sphere.vertices[sphere.faces].reshape(-1, 3),
+        np.arange(len(sphere.faces) * 3).reshape(-1, 3),
+        process=False,
+    )
+    small = decimate(_mesh(soup), 600)
+    assert trimesh.Trimesh(small.vertices, small.faces).is_watertight
+
+
+def test_a_mesh_that_is_small_enough_stays_itself():
+    mesh = _mesh(_sphere_mm(1))
+    assert decimate(mesh, len(mesh.faces)) is mesh
+
+
+def test_too_few_faces_are_refused():
+    with pytest.raises(ValueError, match="at least 4"):
+        decimate(_mesh(_sphere_mm(1)), 3)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_diameter_is_the_largest_of_all_distances(seed):
+    points = np.random.default_rng(seed).normal(size=(400, 3)) * [1, 2, 0.5]
+    assert mesh_diameter(points) == pytest.approx(pdist(points).max(), rel=1e-12)
+
+
+def test_the_diameter_of_something_flat_and_of_a_box():
+    flat = np.random.default_rng(0).normal(size=(1500, 3)) * [1, 1, 0]
+    assert mesh_diameter(flat) == pytest.approx(pdist(flat).max())
+    corners = trimesh.creation.box((0.1, 0.2, 0.3)).vertices
+    assert mesh_diameter(np.array(corners)) == pytest.approx(np.sqrt(0.14))
+
+
+def test_linemods_diameters_are_those_of_its_list(shared_data):
+    info = json.loads((shared_data / "lm/models/models_info.json").read_text())
+    for object_id in (1, 6, 11):
+        mesh = load_mesh(shared_data / f"lm/models/obj_{object_id:06d}.ply")
+        assert mesh_diameter(mesh.vertices) * 1e3 == pytest.approx(
+            info[str(object_id)]["diameter"], abs=0.05
+        )

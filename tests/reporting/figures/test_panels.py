@@ -1,0 +1,120 @@
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+
+from hlp.records import Frame, Mesh, ObjectModel, PoseEstimate, Region, Target, Votes
+from hlp.reporting.figures.panels import (
+    ESTIMATE_COLOR,
+    TITLE_HEIGHT,
+    TRUTH_COLOR,
+    count_votes,
+    draw_panels,
+    draw_poses,
+    draw_region,
+    write_png,
+)
+
+CAMERA = np.array([[100.0, 0.0, 49.5], [0.0, 100.0, 35.0], [0.0, 0.0, 1.0]])
+SHAPE = (70, 101)  # neither side is a whole number of cells
+
+
+@pytest.fixture(scope="module")
+def model() -> ObjectModel:
+    box = trimesh.creation.box((0.2, 0.2, 0.2))
+    mesh = Mesh(
+        np.asarray(box.vertices),
+        np.asarray(box.faces),
+        np.full((8, 3), 200, dtype=np.uint8),
+        np.asarray(box.vertex_normals),
+    )
+    return ObjectModel(1, "box", mesh, mesh, 0.2 * 3**0.5, np.eye(4)[None], 0.2, 0.1)
+
+
+def frame(rng: np.random.Generator) -> Frame:
+    rgb = rng.integers(90, 110, (*SHAPE, 3), dtype=np.uint8)
+    return Frame(1, 2, rgb, np.ones(SHAPE, dtype=np.float32), CAMERA)
+
+
+def at(x: float, y: float, z: float) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+def votes_at(centroids: np.ndarray) -> Votes:
+    number = len(centroids)
+    rotations = np.repeat(np.eye(3)[None], number, axis=0)
+    pixels = np.zeros((number, 2))
+    return Votes(centroids, rotations, np.ones(number), np.arange(number), pixels)
+
+
+def has(picture: np.ndarray, color: tuple[int, int, int]) -> bool:
+    return bool((np.abs(picture.astype(int) - color).sum(axis=2) < 12).any())
+
+
+def test_votes_are_counted_in_the_cell_of_the_pixel_they_fall_on() -> None:
+    rng = np.random.default_rng(0)
+    centroids = rng.uniform((-0.8, -0.6, -0.2), (0.8, 0.6, 1.5), (2000, 3))
+    expected = np.zeros((9, 13), dtype=int)
+    for x, y, z in centroids:
+        if z <= 0:
+            continue
+        column, row = round(100 * x / z + 49.5), round(100 * y / z + 35.0)
+        if 0 <= column < 104 and 0 <= row < 72:
+            expected[row // 8, column // 8] += 1
+    counts = count_votes(votes_at(centroids), CAMERA, SHAPE)
+    assert expected.sum() > 300
+    np.testing.assert_array_equal(counts, expected)
+
+
+def test_no_votes_count_nothing() -> None:
+    assert count_votes(votes_at(np.zeros((0, 3))), CAMERA, SHAPE).sum() == 0
+
+
+def test_region_keeps_its_brightness_and_the_rest_is_darkened() -> None:
+    rgb = np.full((*SHAPE, 3), 120, dtype=np.uint8)
+    mask = np.zeros(SHAPE, dtype=bool)
+    mask[10:40, 20:60] = True
+    picture = draw_region(rgb, mask)
+    assert (picture[15:35, 25:55] == 120).all()
+    assert (picture[45:, 65:] == 40).all()
+
+
+def test_poses_are_drawn_where_they_are(model: ObjectModel) -> None:
+    shot = frame(np.random.default_rng(0))
+    estimate, truth = at(-0.25, 0.0, 1.0), at(0.25, 0.0, 1.0)
+    picture = draw_poses(shot, model, estimate, truth)
+    assert has(picture[:, :50], ESTIMATE_COLOR)
+    assert has(picture[:, 51:], TRUTH_COLOR)
+    assert not has(picture[:, :50], TRUTH_COLOR)
+    assert not has(picture[:, 51:], ESTIMATE_COLOR)
+    corner = np.repeat(cv2.cvtColor(shot.rgb, cv2.COLOR_RGB2GRAY)[..., None], 3, axis=2)[:5, :5]
+    np.testing.assert_allclose(picture[:5, :5], 0.8 * corner, atol=1)
+
+
+@pytest.mark.parametrize("found", [True, False])
+def test_four_panels_and_a_file(model: ObjectModel, tmp_path: Path, found: bool) -> None:
+    shot = frame(np.random.default_rng(0))
+    region = Region(1, np.zeros((3, 2)), np.ones(3), np.ones(SHAPE, dtype=bool))
+    estimate = PoseEstimate(1, 2, 1, at(0, 0, 1.0) if found else None, 0.5)
+    picture = draw_panels(
+        shot,
+        model,
+        region,
+        np.array([[10.0, 20.0], [-900.0, 3e9]]),
+        votes_at(np.array([[0.0, 0.0, 1.0]])),
+        estimate,
+        Target(1, at(0.0, 0.1, 1.0)) if found else None,
+    )
+    assert picture.shape == (2 * (SHAPE[0] + TITLE_HEIGHT), 2 * SHAPE[1], 3)
+    write_png(tmp_path / "panels.png", picture)
+    read = cv2.cvtColor(cv2.imread(str(tmp_path / "panels.png")), cv2.COLOR_BGR2RGB)
+    np.testing.assert_array_equal(read, picture)
+
+
+def test_unwritable_picture_is_named(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match=r"nowhere.+panels\.png"):
+        write_png(tmp_path / "nowhere" / "panels.png", np.zeros((2, 2, 3), dtype=np.uint8))

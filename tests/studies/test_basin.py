@@ -1,0 +1,46 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from hlp.config.settings import BasinSettings
+from hlp.geometry import rigid
+from hlp.refinement.none import NoneSettings
+from hlp.studies.basin import perturbation_grid
+
+NONE = NoneSettings("none", None)
+TASK = BasinSettings("basin", ("none",), None, (0.0, 30.0), (0.0, 10.0, 50.0), 4, {"none": NONE})
+TRUE = rigid(Rotation.from_euler("xyz", [0.4, 0.2, 0.1]).as_matrix(), np.array([0.1, 0.0, 0.8]))
+CENTROID = np.array([0.03, -0.02, 0.05])
+
+
+def test_every_cell_of_the_grid_has_its_own_errors():
+    perturbations = perturbation_grid(TASK, TRUE, CENTROID, 7)
+    assert perturbations.shape == (2, 3, 4, 4, 4)
+    for i, degrees in enumerate(TASK.rotation_deg):
+        for j, millimetres in enumerate(TASK.translation_mm):
+            for start in perturbations[i, j]:
+                turn = Rotation.from_matrix(start[:3, :3] @ TRUE[:3, :3].T).magnitude()
+                assert np.rad2deg(turn) == pytest.approx(degrees, abs=1e-6)
+                moved = (start - TRUE)[:3, :3] @ CENTROID + (start - TRUE)[:3, 3]
+                assert np.linalg.norm(moved) * 1e3 == pytest.approx(millimetres, abs=1e-9)
+    assert len(np.unique(perturbations[1, 2].reshape(4, -1), axis=0)) == 4
+    np.testing.assert_array_equal(perturbations, perturbation_grid(TASK, TRUE, CENTROID, 7))
+    assert not np.allclose(perturbations[1:], perturbation_grid(TASK, TRUE, CENTROID, 8)[1:])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"compared": ("pso",)}, r"^task\.compared names 'pso': choose of none$"),
+        ({"compared": ()}, r"^task\.compared is \[\]: .*one at least"),
+        ({"compared": ("none", "none")}, r"^task\.compared is .*each once"),
+        ({"rotation_deg": ()}, r"^task\.rotation_deg is \[\]"),
+        ({"rotation_deg": (0.0, -1.0)}, r"^task\.rotation_deg is \[0\.0, -1\.0\]: from 0"),
+        ({"translation_mm": (float("nan"),)}, r"^task\.translation_mm is \[nan\]: from 0"),
+    ],
+)
+def test_a_list_that_cannot_be_worked_with_is_named(change, message):
+    with pytest.raises(ValueError, match=message):
+        dataclasses.replace(TASK, **change)

@@ -1,0 +1,112 @@
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from hlp.geometry import rigid
+from hlp.records import PoseEstimate
+from hlp.studies.bench_summary import (
+    TimedDetection,
+    compare_paths,
+    ratios,
+    summarise_path,
+    summarise_search,
+    summarise_whole,
+)
+from hlp.studies.stopwatch import SearchComparison, Spent
+
+HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
+MODELS = {1: SimpleNamespace(symmetries=np.stack([np.eye(4), HALF_TURN]))}
+
+
+def look(frame, place, spent, pose=None, region=(255,)):
+    times = {part: Spent(ms / 1e3, 2 * ms / 1e3) for part, ms in spent.items()}
+    estimate = PoseEstimate(1, frame, 1, pose, 1.0)
+    return TimedDetection(estimate, place, times, np.array(region, dtype=np.uint8))
+
+
+def verdicts(*right):
+    return [SimpleNamespace(add_correct=each) for each in right]
+
+
+def posed(millimetres=0.0, degrees=0.0):
+    turn = np.deg2rad(degrees)
+    c, s = np.cos(turn), np.sin(turn)
+    rotation = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    return rigid(rotation[None], np.array([[millimetres / 1e3, 0.0, 1.0]]))[0]
+
+
+def test_times_of_first_and_further_objects_and_of_whole_frames():
+    looks = [
+        look(1, 0, {"windows": 10, "network": 20, "refine": 5}),
+        look(1, 1, {"windows": 0, "refine": 7}),
+        look(2, 0, {"windows": 30, "network": 40, "refine": 9}),
+    ]
+    path = summarise_path(looks, verdicts(True, True, False))
+    assert path["add_recall"] == pytest.approx(2 / 3)
+    assert path["first"]["network"]["median_ms"] == pytest.approx(30)
+    assert path["first"]["stage 1"]["median_ms"] == pytest.approx((30 + 70) / 2)
+    assert path["first"]["total"]["p95_ms"] == pytest.approx(35 + 0.95 * (79 - 35))
+    assert path["first"]["total"]["cpu_ms"] == pytest.approx(35 + 79)
+    assert path["further"]["network"]["median_ms"] == 0
+    assert path["further"]["total"]["median_ms"] == pytest.approx(7)
+    assert path["frame"]["refine"]["median_ms"] == pytest.approx((12 + 9) / 2)
+    assert path["by_objects"]["1"] == {"median_ms": pytest.approx(57), "frames": 2}
+    assert path["by_objects"]["2"] == {"median_ms": pytest.approx(42), "frames": 1}
+
+
+def test_ratios_are_of_medians_and_absent_where_there_is_no_time():
+    own = {"a": {"median_ms": 4.0}, "b": {"median_ms": 0.0}}
+    other = {"a": {"median_ms": 6.0}, "b": {"median_ms": 1.0}}
+    assert ratios(own, other) == {"a": 1.5, "b": None}
+    assert ratios({}, {}) == {}
+
+
+@pytest.mark.parametrize(
+    ("pose", "same"),
+    [
+        (posed(0.9, 0.4), True),
+        (posed(1.1, 0.0), False),
+        (posed(0.0, 0.6), False),
+        (posed() @ HALF_TURN, True),
+        (None, False),
+    ],
+)
+def test_poses_are_the_same_within_the_tolerance_up_to_symmetry(pose, same):
+    looks = {"own": [look(1, 0, {}, posed())], "other": [look(1, 0, {}, pose)]}
+    scores = {"own": verdicts(True), "other": verdicts(True)}
+    found = compare_paths(looks, scores, MODELS, ("own", "other"), (1.0, 0.5))
+    assert found["same_pose"] == float(same)
+
+
+def test_paths_are_paired_by_frame_and_agree_by_share():
+    own = [look(1, 0, {}, None, (0b1100,)), look(2, 0, {}, posed(), (0,))]
+    other = [look(2, 0, {}, posed(), (0,)), look(1, 0, {}, None, (0b0110,))]
+    scores = {"own": verdicts(False, True), "other": verdicts(True, True)}
+    found = compare_paths(
+        {"own": own, "other": other}, scores, MODELS, ("own", "other"), (1.0, 0.5)
+    )
+    assert found == {
+        "same_pose": 1.0,
+        "same_verdict": 0.5,
+        "region_iou": pytest.approx((1 / 3 + 1) / 2),
+    }
+
+
+def test_parts_are_added_before_the_median_is_taken():
+    first = {"windows": Spent(0.01, 0.02), "network": Spent(0.03, 0.03)}
+    found = summarise_whole([first, {"windows": Spent(0.08, 0.01)}])
+    assert found["median_ms"] == pytest.approx(60)
+    assert found["cpu_ms"] == pytest.approx(30)
+
+
+def test_recall_of_a_search_is_over_queries_not_frames():
+    tried = [
+        SearchComparison(30, 0.001, 0.010, 1.0, 1.0),
+        SearchComparison(10, 0.003, 0.030, 0.6, 0.8),
+    ]
+    found = summarise_search(tried)
+    assert found["recall"] == pytest.approx(0.9)
+    assert found["recall_of_nearest"] == pytest.approx(0.95)
+    assert found["ratio"] == pytest.approx(10.0)
+    assert summarise_search([]) is None

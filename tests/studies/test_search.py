@@ -1,0 +1,174 @@
+"""A search over settings, with a stand-in for the runs that it makes."""
+
+import csv
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import pytest
+import torch
+from hydra import compose, initialize_config_dir
+
+from hlp.commands.composing import config_folder
+from hlp.config.build import Run, build_run
+from hlp.config.settings import SearchSettings
+from hlp.reporting.tracking import track_run
+from hlp.studies import search
+from hlp.studies.search_space import Choices, Range, check_within, nested, read_space
+
+LIMIT = 200.0
+SMALL = ("data.width=320", "data.height=240", "task=search", f"task.limit_ms={LIMIT}")
+Tried = list[dict[str, Any]]
+
+
+@pytest.fixture(autouse=True)
+def threads() -> Iterator[None]:
+    """A search sets the number of threads of torch and OpenCV."""
+    number = torch.get_num_threads()
+    yield
+    torch.set_num_threads(number)
+    cv2.setNumThreads(-1)
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Callable[..., dict[str, Any]]:
+    """`hlp search` with some overrides, in this process and in the same `work` every time."""
+    pytest.importorskip("optuna", reason="the extra `search` is not installed")
+
+    def call(output: str, *overrides: str) -> dict[str, Any]:
+        given = (*SMALL, f"work={tmp_path / 'work'}", f"output={output}", *overrides)
+        with initialize_config_dir(str(config_folder()), version_base="1.3"):
+            run = build_run(compose("config", overrides=list(given)))
+        assert isinstance(run.settings.task, SearchSettings)
+        return search.run_search(run, run.settings.task, tmp_path / output)
+
+    return call
+
+
+@pytest.fixture
+def tried(monkeypatch: pytest.MonkeyPatch) -> Tried:
+    """What trials were begun with. More particles take more time and find more."""
+    begun: Tried = []
+
+    def run_method(run: Run, output: Path) -> dict[str, Any]:
+        settings: Any = run.settings.refinement
+        begun.append({"particles": settings.particles, "theta": settings.theta_deg})
+        with track_run(run.settings.reporting, output.name, run.config):
+            if len(begun) == begun[0].get("stop_at"):
+                raise begun[0]["stop_by"]
+        recall, time = settings.particles / 100.0, 10.0 * settings.particles
+        return {"metrics": {"add": {"recall": recall}}, "timing_ms": {"total": {"median": time}}}
+
+    monkeypatch.setattr(search.runner, "run_method", run_method)
+    return begun
+
+
+def runs_of(tmp_path: Path) -> tuple[Any, list[Any]]:
+    """The search's run in MLflow and those of its trials, oldest first."""
+    from mlflow import MlflowClient
+
+    client = MlflowClient(f"sqlite:///{tmp_path / 'work' / 'mlflow.db'}")
+    experiment = client.get_experiment_by_name("hlp")
+    assert experiment is not None
+    runs = client.search_runs([experiment.experiment_id], order_by=["start_time ASC"])
+    (parent,) = [run for run in runs if "mlflow.parentRunId" not in run.data.tags]
+    trials = [run for run in runs if run is not parent]
+    assert {run.data.tags["mlflow.parentRunId"] for run in trials} == {parent.info.run_id}
+    return parent, trials
+
+
+def test_the_best_trial_is_the_best_within_the_limit(
+    start: Callable[..., dict[str, Any]], tried: Tried, tmp_path: Path
+) -> None:
+    result = start("out", "task.trials=12")
+    assert tried[0] == {"particles": 25, "theta": 10.0}  # the configuration as it stands
+    assert len(tried) == 12 and len({each["particles"] for each in tried}) > 3
+    assert all(5.0 <= each["theta"] <= 20.0 for each in tried)
+    slow = [each["particles"] for each in tried if 10.0 * each["particles"] > LIMIT]
+    fast = [each["particles"] for each in tried if 10.0 * each["particles"] <= LIMIT]
+    assert slow and fast
+    assert result["best"]["values"]["refinement.particles"] == max(fast)
+    assert json.loads((tmp_path / "out" / "search.json").read_text()) == result
+    with (tmp_path / "out" / "search.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [int(row["refinement.particles"]) for row in rows] == [t["particles"] for t in tried]
+    parent, trials = runs_of(tmp_path)
+    assert parent.data.metrics["search/recall"] == max(fast) / 100.0
+    logged = [run.data.params["refinement.particles"] for run in trials]
+    assert logged == [str(each["particles"]) for each in tried]
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), ValueError("no such pose")])
+def test_a_search_goes_on_where_it_stopped(
+    start: Callable[..., dict[str, Any]], tried: Tried, tmp_path: Path, error: BaseException
+) -> None:
+    """An interrupted trial is begun again; one that failed is not, and the others go on."""
+    tried.append({"stop_at": 4, "stop_by": error})  # the third trial
+    if isinstance(error, KeyboardInterrupt):
+        with pytest.raises(KeyboardInterrupt):
+            start("first", "task.trials=4")
+        tried[0] = {}
+        result = start("second", "task.trials=5")
+        assert tried[4] == tried[3]
+        assert len(tried) - 1 == 5 + 1
+        assert [each["error"] for each in result["trials"]] == [None] * 5
+        statuses = ["FINISHED", "FINISHED", "KILLED", *["FINISHED"] * 3]
+    else:
+        result = start("first", "task.trials=4")
+        assert [each["error"] for each in result["trials"]] == [None, None, "no such pose", None]
+        statuses = ["FINISHED", "FINISHED", "FAILED", "FINISHED"]
+    parent, trials = runs_of(tmp_path)
+    assert parent.info.status == "FINISHED"
+    assert [run.info.status for run in trials] == statuses
+    count = len(tried)
+    assert start("again", f"task.trials={len(result['trials'])}") == result
+    assert len(tried) == count  # nothing is left to try
+
+
+def test_another_configuration_is_another_search(
+    start: Callable[..., dict[str, Any]], tried: Tried
+) -> None:
+    folders = set()
+    for overrides in ((), ("seed=1",), ("voting.hypotheses=5",), ("task.limit_ms=100.0",)):
+        result = start("out", "task.trials=1", *overrides)
+        folders.add(Path(result["trials"][0]["folder"]).parent)
+    assert len(folders) == len(tried) == 4
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("+task.space.parameters.refinement.particels={low:1,high:5}", "has no refinement.part"),
+        ("task.space.parameters.refinement.particles.high=20", "leaves out the .* value, 25"),
+        ("task.space.parameters.refinement.particles.low=0", "refinement.particles is 0"),
+        ("task.space.parameters.refinement.particles=7", "particles: give it low and high"),
+    ],
+)
+def test_a_wrong_space_is_named_before_any_trial(
+    start: Callable[..., dict[str, Any]], tried: Tried, tmp_path: Path, override: str, words: str
+) -> None:
+    with pytest.raises(ValueError, match=words):
+        start("out", override)
+    assert not tried and not (tmp_path / "work").exists()
+
+
+def test_a_space_is_read_as_ranges_and_choices() -> None:
+    given = {"a": {"b": {"low": 1, "high": 5}, "c": {"low": 0.1, "high": 1.0, "log": True}}}
+    space = read_space({**given, "d": {"choices": ["x", "y"]}})
+    ranges = {"a.b": Range(1, 5), "a.c": Range(0.1, 1.0, log=True)}
+    assert space == {**ranges, "d": Choices(("x", "y"))}
+    config = {"a": {"b": 5, "c": 0.1}, "d": "y"}
+    assert nested(check_within(space, config)) == config
+    with pytest.raises(ValueError, match=r"parameters\.d leaves out"):
+        check_within(space, {**config, "d": "z"})
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"low": 5, "high": 5}, {"low": 1}, {"choices": [1]}, {"low": 0, "high": 1, "log": True}],
+)
+def test_a_range_that_holds_nothing_is_named(wrong: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=r"task\.space\.parameters\.a\.b is"):
+        read_space({"a": {"b": wrong}})

@@ -1,0 +1,45 @@
+import json
+from pathlib import Path
+
+import pytest
+from filelock import FileLock
+
+from hlp.studies.sweep import unfinished_sweep
+
+ASKED = ("seed=0,1", "refinement=icp")
+
+
+@pytest.fixture
+def stopped(tmp_path: Path) -> Path:
+    """A sweep that was stopped, beside one that came to its end."""
+    for name, status in (("old", "FINISHED"), ("new", "STOPPED")):
+        folder = tmp_path / "demo" / name
+        folder.mkdir(parents=True)
+        record = {"overrides": list(ASKED), "swept": ["seed"], "run_id": "1", "status": status}
+        (folder / "sweep.json").write_text(json.dumps(record))
+    return tmp_path / "demo" / "new"
+
+
+def test_the_same_command_goes_on(stopped: Path) -> None:
+    assert unfinished_sweep(["-m", *ASKED], stopped.parents[1]) == stopped
+    assert unfinished_sweep([*ASKED, "--multirun"], stopped.parents[1]) == stopped
+
+
+def test_another_command_is_another_sweep(stopped: Path) -> None:
+    for other in (["seed=0,2", "refinement=icp"], ["seed=0,1"], [*ASKED, "output=there"]):
+        assert unfinished_sweep(["-m", *other], stopped.parents[1]) is None
+
+
+def test_a_sweep_that_came_to_its_end_is_begun_anew(stopped: Path) -> None:
+    record = json.loads((stopped / "sweep.json").read_text())
+    (stopped / "sweep.json").write_text(json.dumps({**record, "status": "FINISHED"}))
+    assert unfinished_sweep(["-m", *ASKED], stopped.parents[1]) is None
+
+
+def test_a_sweep_that_is_running_is_left_alone(stopped: Path) -> None:
+    """`RUNNING` without its lock is one that died: killed, or the machine went down."""
+    record = json.loads((stopped / "sweep.json").read_text())
+    (stopped / "sweep.json").write_text(json.dumps({**record, "status": "RUNNING"}))
+    assert unfinished_sweep(["-m", *ASKED], stopped.parents[1]) == stopped
+    with FileLock(stopped / "sweep.lock"):
+        assert unfinished_sweep(["-m", *ASKED], stopped.parents[1]) is None

@@ -1,0 +1,99 @@
+"""Which task a configuration asks for, and on which dataset."""
+
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_dir
+
+from hlp.config.build import Run, build_settings
+from hlp.config.settings import (
+    BasinSettings,
+    BenchSettings,
+    EvaluateSettings,
+    OracleSettings,
+    SearchSettings,
+)
+from hlp.runs import runner
+from hlp.studies import basin, bench, oracle, search
+from hlp.studies.tasks import run_task
+
+CONF = Path(__file__).parents[2] / "conf"
+
+
+def configuration(*overrides):
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return compose("config", overrides=["output=out", *overrides])
+
+
+@pytest.mark.parametrize(
+    ("choice", "kind", "module"),
+    [
+        ("experiment=demo", EvaluateSettings, runner),
+        ("experiment=oracle", OracleSettings, oracle),
+        ("experiment=basin", BasinSettings, basin),
+        ("task=bench", BenchSettings, bench),
+        ("task=search", SearchSettings, search),
+    ],
+)
+def test_the_configuration_chooses_the_task(choice, kind, module, monkeypatch):
+    settings = build_settings(configuration(choice))
+    assert isinstance(settings.task, kind)
+    called = []
+    for each, name in (
+        (runner, "run_method"),
+        (oracle, "run_oracle"),
+        (basin, "run_basin"),
+        (bench, "run_bench"),
+        (search, "run_search"),
+    ):
+        monkeypatch.setattr(each, name, lambda *given, each=each: called.append((each, given[0])))
+    run = Run(settings, None, (), {})
+    run_task(run, Path("out"))
+    assert called == [(module, run)]
+
+
+def test_an_experiment_takes_the_sizes_of_the_world_it_is_run_on():
+    """So it finds the stages that a run of that dataset has left."""
+    board = ("data=linemod_bop", "data.root=lm")
+    for experiment in ("oracle", "basin"):
+        demo = build_settings(configuration(f"experiment={experiment}"))
+        assert demo.patches == build_settings(configuration()).patches
+        assert demo.rendering == build_settings(configuration()).rendering
+        own = build_settings(configuration(f"experiment={experiment}", *board))
+        run = build_settings(configuration("experiment=linemod_bop", "data.root=lm"))
+        assert (own.patches, own.rendering) == (run.patches, run.rendering)
+        assert own.rendering != demo.rendering and own.name == experiment
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (["+task.frame=3"], r"^task\.frame: Unexpected"),
+        (["task.noise_deg=wide"], r"^task\.noise_deg: .*number \(given: 'wide'\)$"),
+        (
+            ["task.name=orakel"],
+            r"^task\.name is 'orakel': choose one of evaluate, oracle, basin, bench, search$",
+        ),
+    ],
+)
+def test_a_wrong_value_is_named_by_its_key(overrides, message):
+    with pytest.raises(ValueError, match=message):
+        build_settings(configuration("experiment=oracle", *overrides))
+
+
+def test_a_refiner_that_is_not_there_is_named_and_others_can_be_added():
+    with pytest.raises(ValueError, match=r"^task\.compared names 'psi': choose of pso, icp, none"):
+        build_settings(configuration("experiment=basin", "task.compared=[psi]"))
+    with pytest.raises(ValueError, match=r"^task\.refiners\.icp\.icp\.trim: .*'much'"):
+        build_settings(configuration("experiment=basin", "task.refiners.icp.trim=much"))
+    with pytest.raises(
+        ValueError, match=r"^task\.refiners\.icp: its name is none of pso, icp, none"
+    ):
+        build_settings(configuration("experiment=basin", "task.refiners.icp.name=icq"))
+    task = build_settings(
+        configuration(
+            "experiment=basin", "task.compared=[paper,wide]", "+refinement@task.refiners.wide=pso"
+        )
+    ).task
+    assert isinstance(task, BasinSettings)
+    assert task.refiners["paper"].theta_deg == 5.0 and task.refiners["wide"].theta_deg == 10.0

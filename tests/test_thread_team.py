@@ -1,0 +1,71 @@
+"""Work shared out: done once, in order, whoever does it; errors reach the caller."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from hlp.thread_team import ThreadTeam
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+@pytest.mark.parametrize("count", [0, 1, 2, 17])
+def test_every_item_is_done_once_and_results_are_in_order(threads: int, count: int) -> None:
+    done: list[int] = []
+
+    def work(index: int) -> int:
+        done.append(index)
+        time.sleep(0.001 * (index % 3))
+        return index**2
+
+    assert ThreadTeam(threads).each(work, count) == [index**2 for index in range(count)]
+    assert sorted(done) == list(range(count))
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3])
+@pytest.mark.parametrize("count", [0, 1, 5, 1000])
+def test_ranges_cover_everything_once(threads: int, count: int) -> None:
+    touched = np.zeros(count, dtype=int)
+
+    def work(first: int, last: int) -> None:
+        touched[first:last] += 1
+
+    ThreadTeam(threads).ranges(work, count)
+    assert (touched == 1).all()
+
+
+def test_the_caller_works_and_waits_for_no_helper_that_sleeps() -> None:
+    """A helper that is busy elsewhere leaves all items to the caller."""
+    team, release = ThreadTeam(2), threading.Event()
+    assert team._helpers is not None
+    team._helpers.submit(release.wait)
+    names = team.each(lambda _: threading.current_thread().name, 4)
+    release.set()
+    assert set(names) == {threading.current_thread().name}
+
+
+def test_helpers_take_part() -> None:
+    barrier = threading.Barrier(3, timeout=10)  # all three must be at work at once
+
+    def work(_: int) -> str:
+        barrier.wait()
+        return threading.current_thread().name
+
+    assert len(set(ThreadTeam(3).each(work, 3))) == 3
+
+
+@pytest.mark.parametrize("bad", [0, 1])
+def test_errors_reach_the_caller_and_the_crew_goes_on(bad: int) -> None:
+    team = ThreadTeam(2)
+    barrier = threading.Barrier(2, timeout=10)
+
+    def work(index: int) -> int:
+        barrier.wait()  # one item each
+        if index == bad:
+            raise ValueError("item is bad")
+        return index
+
+    with pytest.raises(ValueError, match="item is bad"):
+        team.each(work, 2)
+    assert team.each(abs, 3) == [0, 1, 2]

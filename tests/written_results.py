@@ -1,0 +1,58 @@
+"""Finished runs and sweeps as `hlp` leaves them, written by hand."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+CONFIG: dict[str, Any] = {
+    "data": {"name": "bop", "root": "../somewhere/lm"},
+    "encoder": {"dimension": 200},
+    "refinement": {"name": "pso", "particles": 25, "theta_deg": 5.0, "tau_mm": 5.0},
+}
+
+
+def scored(add_or_add_s: float, ms: float, objects: Mapping[str, float]) -> dict[str, Any]:
+    """`summary.json` of twenty targets an object."""
+    recalls = {"add": add_or_add_s, "5cm5deg": add_or_add_s - 0.2, "iou50": add_or_add_s + 0.05}
+    return {
+        "targets": 20 * len(objects),
+        "metrics": {
+            key: {"recall": value, "ci95": [value - 0.1, value + 0.04], "mean_object": value}
+            for key, value in recalls.items()
+        },
+        "per_object": {
+            name: {"targets": 20, **{key: {"recall": value} for key in recalls}}
+            for name, value in objects.items()
+        },
+        "timing_ms": {
+            "total": {"median": ms, "p95": 2 * ms},
+            "refinement": {"median": ms / 4, "p95": ms / 2},
+        },
+        "waterfall": {"correct": 1},
+    }
+
+
+def write_run(
+    folder: Path,
+    name: str,
+    summary: Mapping[str, Any],
+    overrides: Sequence[str] = (),
+    **groups: Mapping[str, Any],
+) -> Path:
+    """A finished run of an experiment; `groups` are changes of the configuration's groups."""
+    (folder / ".hydra").mkdir(parents=True)
+    changed = {key: {**value, **groups.get(key, {})} for key, value in CONFIG.items()}
+    manifest = {"config": {"name": name, **changed}, "data": {"keys": ["000001", "000002"]}}
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    (folder / "summary.json").write_text(json.dumps(summary))
+    (folder / ".hydra" / "overrides.yaml").write_text(json.dumps([*overrides]))
+    return folder
+
+
+def write_sweep(folder: Path, swept: Sequence[str], overrides: Sequence[str]) -> Path:
+    """A sweep that is still without arms."""
+    folder.mkdir(parents=True)
+    record = {"swept": [*swept], "overrides": [*overrides], "status": "FINISHED"}
+    (folder / "sweep.json").write_text(json.dumps(record))
+    return folder
