@@ -4,7 +4,6 @@ import dataclasses
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, get_type_hints
 
 import torch
@@ -18,28 +17,19 @@ from hlp.config.ranges import check_ranges
 from hlp.config.settings import (
     BasinSettings,
     BenchSettings,
-    ClusterSettings,
     EvaluateSettings,
-    MachineSettings,
     OracleSettings,
-    PatchesSettings,
-    PoolSettings,
     RunSettings,
     SearchSettings,
-    SerialSettings,
-    TrainerSettings,
 )
-from hlp.data import bop_models, linemod, own_frames
-from hlp.data.bop import BopFrames, BopSettings
+from hlp.data.bop import BopSettings
 from hlp.data.dataset import Dataset
-from hlp.data.linemod import LinemodFrames, LinemodSettings
-from hlp.data.own_frames import FilesSettings, OwnFrames
-from hlp.data.photographs import list_photographs
-from hlp.data.rgbd_frames import RgbdFrames
-from hlp.data.sources import FrameSource
-from hlp.data.synthetic.objects import demo_objects
-from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings, training_frames
+from hlp.data.linemod import LinemodSettings
+from hlp.data.loading import build_dataset
+from hlp.data.own_frames import FilesSettings
+from hlp.data.synthetic.scenes import SyntheticSettings
 from hlp.evaluation.settings import EvaluationSettings
+from hlp.method.settings import MachineSettings, PatchesSettings, TrainerSettings
 from hlp.models import classifier, encoder
 from hlp.models.autoencoder import AutoencoderSettings
 from hlp.models.classifier import ClassifierSettings
@@ -51,6 +41,7 @@ from hlp.refinement.pso import PsoSettings
 from hlp.rendering.views import ViewsSettings
 from hlp.reporting.tracking import TrackingSettings
 from hlp.stages.executor import require
+from hlp.stages.executor_settings import ClusterSettings, PoolSettings, SerialSettings
 from hlp.voting.modes import JointVotingSettings, PaperVotingSettings
 
 # Settings of each group: one class for all its files, or one for each `name`.
@@ -95,8 +86,6 @@ GROUPS: dict[str, type | dict[str, type]] = {
         "search": SearchSettings,
     },
 }
-_BACKGROUND_FRAMES = 40
-_BACKGROUND_SEED = 1_000_000  # far from the seeds of scenes with targets
 
 
 @dataclass(frozen=True)
@@ -121,7 +110,7 @@ def build_run(config: DictConfig) -> Run:
     require(settings.executor)
     if settings.machine.device == "cuda" and not torch.cuda.is_available():
         raise ValueError("machine.device is cuda: torch sees no such GPU here; set it to cpu")
-    dataset = build_dataset(settings)
+    dataset = build_dataset(settings.data)
     if isinstance(settings.encoder, AutoencoderSettings):
         dataset.require_encoder_frames()
     keys = dataset.frames.keys
@@ -146,7 +135,7 @@ def with_changes(run: Run, changes: Mapping[str, Any]) -> RunSettings:
 
 
 def with_changed_run(run: Run, changes: Mapping[str, Any]) -> Run:
-    """A run on the same dataset with some values changed, as `with_changes` does; raises what it raises."""
+    """A run on the same data set with some values changed; see `with_changes`."""
     settings = with_changes(run, changes)
     if settings.data != run.settings.data:
         raise ValueError("data: what is varied runs on one and the same dataset")
@@ -226,59 +215,6 @@ def _check_patch_sizes(settings: RunSettings) -> None:
     ):
         if given != taken:
             raise ValueError(f"{key} is {given}: the networks take {taken}")
-
-
-def build_dataset(settings: RunSettings) -> Dataset:
-    """Objects and frames of the configured data set; reads meshes, decodes no image."""
-    data = settings.data
-    if isinstance(data, SyntheticSettings):
-        background = training_frames(data, _BACKGROUND_FRAMES, data.seed + _BACKGROUND_SEED)
-        models = demo_objects()
-        frames = SyntheticScenes(data)
-        return Dataset(models, tuple(models), frames, None, background, background)
-    if not isinstance(data, FilesSettings) and not Path(data.root).is_dir():
-        raise FileNotFoundError(f"data.root is no folder: {data.root} (set data.root=PATH)")
-    photographs = _folder("data.photographs", data.photographs)
-    if photographs is not None:
-        list_photographs(photographs)
-    rooms = _rgbd("data.rooms", data.rooms)
-    scenes = _rgbd("data.rgbd_frames", data.rgbd_frames)
-    if isinstance(data, FilesSettings):
-        model = own_frames.load_object_model(data)
-        given = OwnFrames(Path(data.rgb), Path(data.depth), data.intrinsics, data.depth_scale)
-        objects = {model.object_id: model}
-        return Dataset(objects, tuple(objects), given, photographs, rooms, scenes, annotated=False)
-    root = Path(data.root)
-    if isinstance(data, LinemodSettings):
-        models = linemod.load_object_models(root, data.objects, data.proxy_faces, data.mesh_scale)
-        ids = {name: each.id for name, each in data.objects.items()}
-        own = LinemodFrames(root, ids, data.camera_matrix)
-        return Dataset(models, tuple(models), own, photographs, rooms, scenes)
-    models = bop_models.load_object_models(
-        root, data.objects, data.proxy_faces, data.symmetry_steps
-    )
-    if not (root / data.split).is_dir():
-        raise FileNotFoundError(f"data.split is no folder: {root / data.split} (set data.split)")
-    frames_bop = BopFrames(root, data.split, data.targets, models)
-    wanted = {object_id for ids in frames_bop.targets.values() for object_id in ids}
-    return Dataset(models, tuple(sorted(wanted)), frames_bop, photographs, rooms, scenes)
-
-
-def _folder(key: str, path: str | None) -> Path | None:
-    if path is None:
-        return None
-    if not Path(path).is_dir():
-        raise FileNotFoundError(f"{key} is no folder: {path} (set {key}, or null for none)")
-    return Path(path)
-
-
-def _rgbd(key: str, path: str | None) -> FrameSource | None:
-    folder = _folder(key, path)
-    if folder is None:
-        return None
-    frames = RgbdFrames(folder)
-    len(frames)  # lists the images: what is wrong with the folder is said now
-    return frames
 
 
 def evenly(keys: tuple[str, ...], count: int) -> tuple[str, ...]:

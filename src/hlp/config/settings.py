@@ -1,108 +1,30 @@
 """All settings of a run, typed: what the configuration becomes before any stage runs."""
 
-import dataclasses
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import Discriminator, Tag
 
-from hlp.codebook.entries import EntrySettings
-from hlp.codebook.inverted_lists import InvertedListsSettings
-from hlp.codebook.neighbours import ExactSettings, KdForestSettings
-from hlp.data.bop import BopSettings
-from hlp.data.linemod import LinemodSettings
-from hlp.data.own_frames import FilesSettings
-from hlp.data.synthetic.scenes import SyntheticSettings
+from hlp.data.loading import DataSettings
 from hlp.evaluation.settings import EvaluationSettings
-from hlp.models.autoencoder import AutoencoderSettings
+from hlp.method.settings import (
+    EncoderSettings,
+    MachineSettings,
+    MethodSettings,
+    PatchesSettings,
+    RefinementSettings,
+    SearchIndexSettings,
+    TrainerSettings,
+    VotingSettings,
+)
 from hlp.models.classifier import ClassifierSettings
-from hlp.models.contrastive import ContrastiveSettings
-from hlp.models.pca import PcaSettings
-from hlp.patches.holistic import HolisticSettings, RegionSettings
-from hlp.patches.holistic_pool import HolisticPoolSettings
-from hlp.patches.local import GridSettings, LocalSettings
-from hlp.patches.local_pool import PairSettings
 from hlp.refinement.icp import IcpSettings
 from hlp.refinement.none import NoneSettings
 from hlp.refinement.pso import PsoSettings
 from hlp.rendering.views import ViewsSettings
 from hlp.reporting.tracking import TrackingSettings
-from hlp.voting.modes import JointVotingSettings, PaperVotingSettings
-
-# Keys that change how fast a result is made, never what it is.
-MACHINE_KEYS = frozenset({"threads"})
-
-
-@dataclass(frozen=True)
-class PatchesSettings:
-    """Config group `patches`: one record per step that cuts or chooses patches."""
-
-    name: str
-    holistic: HolisticSettings
-    region: RegionSettings
-    pool: HolisticPoolSettings
-    local: LocalSettings
-    grid: GridSettings
-    pairs: PairSettings
-    entries: EntrySettings
-
-
-@dataclass(frozen=True)
-class TrainerSettings:
-    """Config group `trainer`: passed to Lightning's Trainer; `torch_threads` for all of torch."""
-
-    name: str
-    accelerator: str
-    devices: int
-    strategy: str
-    precision: str
-    torch_threads: int
-
-
-@dataclass(frozen=True)
-class MachineSettings:
-    """Config group `machine`: `threads` of the numba kernels and of OpenCV.
-
-    `device` computes the networks' answers.
-    """
-
-    name: str
-    threads: int
-    device: Literal["cpu", "cuda"]
-
-
-@dataclass(frozen=True)
-class SerialSettings:
-    """Config group `executor`: frames one after another, in the run's own process."""
-
-    name: str
-
-
-@dataclass(frozen=True)
-class PoolSettings:
-    """Config group `executor`: frames in `workers` of this machine, each with `threads`.
-
-    Workers are processes (loky) or threads of the run's process (threading).
-    """
-
-    name: str
-    workers: int
-    threads: int
-
-
-@dataclass(frozen=True)
-class ClusterSettings:
-    """Config group `executor`: frames on a running dask or ray cluster at `address`.
-
-    Each of its workers has `threads`.
-    """
-
-    name: str
-    address: str
-    threads: int
-
-
-ExecutorSettings = SerialSettings | PoolSettings | ClusterSettings
+from hlp.stages.executor_settings import ExecutorSettings
+from hlp.stages.warm_start import WarmStartSettings
 
 
 @dataclass(frozen=True)
@@ -197,19 +119,12 @@ class SearchSettings:
 
 
 @dataclass(frozen=True)
-class WarmStartSettings:
-    """Objects added to those of an earlier run; see conf/config.yaml for what each means."""
-
-    manifest: str | None
-    epochs: int
-
-
-@dataclass(frozen=True)
 class RunSettings:
     """The whole configuration, one typed record per group.
 
     `frames` limits a run to that many frames, spread evenly (None: all); pictures are drawn of
-    `panels` frames.
+    `panels` frames; `timing_frames` are looked at again to measure the time, where results were
+    found on disk.
     """
 
     name: str
@@ -218,15 +133,16 @@ class RunSettings:
     output: str
     frames: int | None
     panels: int
+    timing_frames: int
     warm_start: WarmStartSettings
-    data: SyntheticSettings | BopSettings | LinemodSettings | FilesSettings
+    data: DataSettings
     rendering: ViewsSettings
     patches: PatchesSettings
     classifier: ClassifierSettings
-    encoder: ContrastiveSettings | AutoencoderSettings | PcaSettings
-    codebook: ExactSettings | KdForestSettings | InvertedListsSettings
-    voting: JointVotingSettings | PaperVotingSettings
-    refinement: PsoSettings | IcpSettings | NoneSettings
+    encoder: EncoderSettings
+    codebook: SearchIndexSettings
+    voting: VotingSettings
+    refinement: RefinementSettings
     evaluation: EvaluationSettings
     reporting: TrackingSettings
     trainer: TrainerSettings
@@ -234,24 +150,18 @@ class RunSettings:
     executor: ExecutorSettings
     task: EvaluateSettings | OracleSettings | BasinSettings | BenchSettings | SearchSettings
 
-
-def result_settings(settings: Any) -> dict[str, Any]:
-    """Settings that decide a result: all but machine keys, with the record's name."""
-    kept = {
-        each.name: getattr(settings, each.name)
-        for each in dataclasses.fields(settings)
-        if each.name not in MACHINE_KEYS
-    }
-    return {type(settings).__name__: kept}
-
-
-def with_threads(settings: Any, threads: int) -> Any:
-    """The same (nested) settings with another number of threads, which decides no result."""
-    changes: dict[str, Any] = {}
-    for each in dataclasses.fields(settings):
-        value = getattr(settings, each.name)
-        if each.name in MACHINE_KEYS:
-            changes[each.name] = threads
-        elif dataclasses.is_dataclass(value):
-            changes[each.name] = with_threads(value, threads)
-    return dataclasses.replace(settings, **changes)
+    @property
+    def method(self) -> MethodSettings:
+        """What the method itself is handed: its groups, without data set, scores and reports."""
+        return MethodSettings(
+            seed=self.seed,
+            rendering=self.rendering,
+            patches=self.patches,
+            classifier=self.classifier,
+            encoder=self.encoder,
+            codebook=self.codebook,
+            voting=self.voting,
+            refinement=self.refinement,
+            trainer=self.trainer,
+            machine=self.machine,
+        )

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import UInt8
@@ -28,6 +29,8 @@ class Dataset:
     objects in training, `encoder_frames` train the autoencoder; either may be None.
 
     `annotated`: the frames state their targets. Else every target object is looked for in each.
+
+    `settings` are those that the data set was built from: workers build it again from them.
     """
 
     models: dict[int, ObjectModel]
@@ -37,6 +40,7 @@ class Dataset:
     background_frames: FrameSource | None
     encoder_frames: FrameSource | None
     annotated: bool = True
+    settings: Any = None
 
     def wanted(self, frame: Frame) -> tuple[int, ...]:
         """Ids of the objects to look for in a frame, each once."""
@@ -71,6 +75,16 @@ class Dataset:
         if self.encoder_frames is None:
             raise ValueError("encoder=cae trains on RGB-D frames: set data.rgbd_frames to a folder")
         return self.encoder_frames
+
+    def load_encoder_frames(self) -> list[Frame]:
+        """The frames that train the autoencoder. Raises ValueError where there are none."""
+        source = self.require_encoder_frames()
+        return [source.load(key) for key in source.keys]
+
+    def load_background_frames(self) -> list[Frame]:
+        """The RGB-D frames that stand behind objects in training; empty where there are none."""
+        source = self.background_frames
+        return [] if source is None else [source.load(key) for key in source.keys]
 
     def photograph_crops(
         self, count: int, size: int, rng: np.random.Generator

@@ -7,7 +7,7 @@ from jaxtyping import Int
 
 from hlp.codebook.entries import make_codebook
 from hlp.codebook.neighbours import ExactNeighbours
-from hlp.config.settings import RunSettings
+from hlp.method.settings import MethodSettings
 from hlp.models.encoder import Encoder
 from hlp.patches.local import surface_pixels
 from hlp.patches.local_data import degrade_patches
@@ -21,7 +21,7 @@ _BLOCK = 512
 
 
 def build_codebook(
-    model: ObjectModel, views: Views, encoder: Encoder, settings: RunSettings
+    model: ObjectModel, views: Views, encoder: Encoder, settings: MethodSettings
 ) -> Codebook:
     """Codebook of an object: local patches about pixels drawn from each view's surface.
 

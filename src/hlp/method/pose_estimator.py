@@ -1,32 +1,54 @@
-"""The method on one frame and one object: window → region → votes → coarse poses → pose."""
+"""The method on one frame: windows → region → votes → coarse poses → refined pose."""
 
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
-from hlp.codebook.inverted_lists import InvertedLists, InvertedListsSettings
-from hlp.codebook.neighbours import ExactNeighbours, ExactSettings, KdForest, Neighbours
-from hlp.config.settings import RunSettings
-from hlp.data.dataset import Dataset
-from hlp.method.holistic_scan import HolisticScan
-from hlp.method.refiners import make_refiner
+from hlp.codebook.neighbours import Neighbours
+from hlp.method.alternatives import make_mode_finder, make_neighbours, make_refiner
+from hlp.method.holistic_scan import FrameWindows, HolisticScan
+from hlp.method.settings import MethodSettings
+from hlp.models.classifier import HolisticCNN
 from hlp.models.encoder import Encoder
 from hlp.patches.holistic import candidate_region, region_weights
 from hlp.patches.local import cut_local_patches, region_pixels
-from hlp.records import Codebook, Frame, Hypotheses, LocalPatches, Region, Votes
+from hlp.records import Codebook, Frame, Hypotheses, LocalPatches, ObjectModel, Region, Votes
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
-from hlp.refinement.refiner import Refiner
-from hlp.refinement.verification import Observation, Verifier, observe
-from hlp.stages.training import TrainingStages
+from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
 from hlp.voting.cast import cast_votes
-from hlp.voting.modes import JointModes, JointVotingSettings, ModeFinder, PaperModes
+
+
+class LearntObjects(Protocol):
+    """What detection needs of the learnt objects; every part is loaded when first needed.
+
+    `models` are all objects that the classifier knows: class i is the i-th by id, 0 background.
+    """
+
+    @property
+    def models(self) -> Mapping[int, ObjectModel]:
+        """Object models by id."""
+        ...
+
+    def load_classifier(self) -> HolisticCNN:
+        """The classifier of holistic patches."""
+        ...
+
+    def load_encoder(self) -> Encoder:
+        """The encoder of local patches."""
+        ...
+
+    def load_codebook(self, object_id: int) -> Codebook:
+        """The codebook of one object."""
+        ...
 
 
 @dataclass(frozen=True)
 class CoarseResult:
-    """What stage 2 makes of a region: patches, votes and hypotheses, and the time (s) of each."""
+    """Patches, votes and hypotheses of one object in one frame, and the time (s) of both steps."""
 
     patches: LocalPatches
     votes: Votes
@@ -35,60 +57,91 @@ class CoarseResult:
     voting_seconds: float
 
 
-class Detector:
-    """Finds one object in one frame; networks and codebooks are loaded when first needed."""
+class FrameContext:
+    """One frame, and the work on it that all objects share; made by `PoseEstimator.prepare`."""
 
-    def __init__(self, dataset: Dataset, settings: RunSettings, training: TrainingStages) -> None:
-        self.dataset = dataset
+    def __init__(
+        self, frame: Frame, windows: FrameWindows, verification: VerificationSettings
+    ) -> None:
+        self.frame = frame
+        self.windows = windows
+        self._verification = verification
+
+    @cached_property
+    def observation(self) -> Observation:
+        """The frame as the verification compares poses with it."""
+        frame = self.frame
+        return observe(frame.rgb, frame.depth, frame.camera_matrix, self._verification)
+
+
+class PoseEstimator:
+    """The three stages for single objects in single frames.
+
+    Networks and codebooks are loaded when first needed, or by `load`. `object_ids` are the objects
+    that may be asked for (default: all learnt ones). Not safe for use by several threads at once.
+    """
+
+    def __init__(
+        self,
+        learnt: LearntObjects,
+        settings: MethodSettings,
+        object_ids: Sequence[int] | None = None,
+    ) -> None:
+        self.learnt = learnt
         self.settings = settings
-        self.training = training
-        self._labels = {object_id: i for i, object_id in enumerate(sorted(dataset.models), start=1)}
+        self.object_ids = tuple(learnt.models if object_ids is None else object_ids)
+        self._labels = {object_id: i for i, object_id in enumerate(sorted(learnt.models), start=1)}
         self._searches: dict[int, tuple[Codebook, Neighbours]] = {}
         self._verifiers: dict[int, Verifier] = {}
-        self._observed: tuple[Frame, Observation] | None = None
-        self._modes = _make_modes(settings)
+        self._modes = make_mode_finder(settings.voting, settings.machine.threads)
+        self._refiner = make_refiner(settings.refinement)
 
     @cached_property
     def _scan(self) -> HolisticScan:
-        objects = {each: self.dataset.models[each] for each in self.dataset.target_ids}
-        patches = self.settings.patches
+        objects = {each: self.learnt.models[each] for each in self.object_ids}
+        patches, machine = self.settings.patches, self.settings.machine
+        network = self.learnt.load_classifier()
         return HolisticScan(
-            self.training.load_classifier(),
-            objects,
-            patches.holistic,
-            patches.region,
-            self.settings.machine.threads,
-            self.settings.machine.device,
+            network, objects, patches.holistic, patches.region, machine.threads, machine.device
         )
 
     @cached_property
     def _encoder(self) -> Encoder:
-        return self.training.load_encoder()
+        return self.learnt.load_encoder()
 
-    @cached_property
-    def _refiner(self) -> Refiner:
-        return make_refiner(self.settings)
+    def load(self, object_ids: Sequence[int]) -> None:
+        """Load networks and the codebooks of these objects now instead of at their first use."""
+        _ = self._scan, self._encoder
+        for object_id in object_ids:
+            self._codebook(object_id)
+            self._verifier(object_id)
 
-    def region(self, frame: Frame, object_id: int) -> Region:
+    def prepare(self, frame: Frame) -> FrameContext:
+        """The context of a frame, to be handed to the stages of every object looked for in it."""
+        windows = self._scan.start(frame)
+        return FrameContext(frame, windows, self.settings.refinement.verification)
+
+    def find_region(self, context: FrameContext, object_id: int) -> Region:
         """Stage 1: the candidate region of an object (paper, section 3.1)."""
-        patches, model = self.settings.patches, self.dataset.models[object_id]
-        windows, classes = self._scan.classify(frame, object_id)
+        patches, model = self.settings.patches, self.learnt.models[object_id]
+        windows, classes = context.windows.classify(object_id)
         label = self._labels[object_id]
-        shape = (frame.depth.shape[0], frame.depth.shape[1])
+        height, width = context.frame.depth.shape
         return candidate_region(
             object_id,
             windows,
             classes[:, label],
             classes.argmax(axis=1) == label,
-            shape,
+            (height, width),
             model.diameter / model.holistic_size,
             patches.region,
         )
 
-    def coarse(self, frame: Frame, region: Region) -> CoarseResult:
+    def find_hypotheses(self, context: FrameContext, region: Region) -> CoarseResult:
         """Stage 2: votes of the region's local patches, and their modes (paper, section 3.2)."""
         begun = time.perf_counter()
-        patches, model = self.settings.patches, self.dataset.models[region.object_id]
+        frame, patches = context.frame, self.settings.patches
+        model = self.learnt.models[region.object_id]
         codebook, search = self._codebook(region.object_id)
         cut = cut_local_patches(
             frame.rgb,
@@ -102,82 +155,54 @@ class Detector:
         )
         matches = search.search(self._encoder.encode(cut))
         matched = time.perf_counter()
-        voting = self.settings.voting
-        patch_weights = None
+        voting, weights = self.settings.voting, None
         if voting.weighted_by_region:
             half = frame.camera_matrix[0, 0] * model.diameter / cut.points_cam[:, 2] / 2.0
-            patch_weights = region_weights(region, cut.pixels, half)
+            weights = region_weights(region, cut.pixels, half)
         votes = cast_votes(
-            cut,
-            matches,
-            codebook,
-            model,
-            voting.max_distance,
-            voting.weighted_by_distance,
-            patch_weights,
+            cut, matches, codebook, model, voting.max_distance, voting.weighted_by_distance, weights
         )
         found = self._modes.find(votes, model.centroid)
         return CoarseResult(cut, votes, found, matched - begun, time.perf_counter() - matched)
 
-    def fine(self, frame: Frame, object_id: int, coarse: Hypotheses) -> RefinedHypotheses | None:
-        """Stage 3: refine the hypotheses worth it and choose one; None where there is none."""
-        if len(coarse) == 0:
+    def refine(
+        self, context: FrameContext, object_id: int, hypotheses: Hypotheses
+    ) -> RefinedHypotheses | None:
+        """Stage 3: refine the promising hypotheses and choose one (paper, section 3.3).
+
+        None where there is no hypothesis.
+        """
+        if len(hypotheses) == 0:
             return None
-        verification = self.settings.refinement.verification
+        frame, verification = context.frame, self.settings.refinement.verification
         return refine_and_choose(
             self._refiner,
             self._verifier(object_id),
-            self._observe(frame),
-            self.dataset.models[object_id],
-            coarse,
+            context.observation,
+            self.learnt.models[object_id],
+            hypotheses,
             verification.candidates,
             verification.max_improvement,
             derive_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id),
         )
 
-    def _observe(self, frame: Frame) -> Observation:
-        """The frame as poses are compared with it, made once for all objects."""
-        if self._observed is None or self._observed[0] is not frame:
-            settings = self.settings.refinement.verification
-            made = observe(frame.rgb, frame.depth, frame.camera_matrix, settings)
-            self._observed = frame, made
-        return self._observed[1]
-
     def _verifier(self, object_id: int) -> Verifier:
         if object_id not in self._verifiers:
-            model = self.dataset.models[object_id]
-            settings = self.settings.refinement.verification
-            self._verifiers[object_id] = Verifier(model, settings)
+            model, verification = (
+                self.learnt.models[object_id],
+                self.settings.refinement.verification,
+            )
+            self._verifiers[object_id] = Verifier(model, verification)
         return self._verifiers[object_id]
 
     def _codebook(self, object_id: int) -> tuple[Codebook, Neighbours]:
         if object_id not in self._searches:
-            codebook = self.training.load_codebook(object_id)
-            self._searches[object_id] = (codebook, self._make_search(codebook))
+            codebook = self.learnt.load_codebook(object_id)
+            search = make_neighbours(codebook.features, self.settings.codebook, self.settings.seed)
+            self._searches[object_id] = (codebook, search)
         return self._searches[object_id]
-
-    def _make_search(self, codebook: Codebook) -> Neighbours:
-        settings = self.settings.codebook
-        if isinstance(settings, ExactSettings):
-            return ExactNeighbours(codebook.features, settings.neighbours)
-        if isinstance(settings, InvertedListsSettings):
-            return InvertedLists(codebook.features, settings, self.settings.seed)
-        return KdForest(
-            codebook.features,
-            settings.neighbours,
-            settings.trees,
-            settings.checks,
-            self.settings.seed,
-        )
 
 
 def derive_seed(*parts: int) -> int:
-    """One seed of several numbers, so that frames and objects draw apart in any order."""
+    """One seed from several numbers: frames and objects draw independently, in any order."""
     return int(np.random.SeedSequence(parts).generate_state(1)[0])
-
-
-def _make_modes(settings: RunSettings) -> ModeFinder:
-    voting = settings.voting
-    if isinstance(voting, JointVotingSettings):
-        return JointModes(voting, settings.machine.threads)
-    return PaperModes(voting)

@@ -14,7 +14,7 @@ import torch
 from pytorch_lightning.callbacks import Callback, ModelCheckpoint, TQDMProgressBar
 from torch import nn
 
-from hlp.config.settings import TrainerSettings
+from hlp.method.settings import TrainerSettings
 
 HISTORY = "history.csv"
 WEIGHTS = "weights.pt"

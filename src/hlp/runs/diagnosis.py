@@ -21,11 +21,14 @@ from hlp.evaluation.waterfall import Evidence, cause_of
 from hlp.geometry import rotation_matrices
 from hlp.records import Frame, ObjectModel, Region, Target, TargetScore
 from hlp.rendering.rasterizer import render_depth
-from hlp.stages.detection import Arrays, DetectionStages, read_regions
+from hlp.stages.detection import DetectionStages
 from hlp.stages.frame_files import read_arrays
+from hlp.stages.frame_results import Arrays, read_regions
 
 
-def explain_misses(detection: DetectionStages, scores: Sequence[TargetScore]) -> list[TargetScore]:
+def explain_misses(
+    detection: DetectionStages, scores: Sequence[TargetScore], settings: EvaluationSettings
+) -> list[TargetScore]:
     """The scores, each missed target's with its cause.
 
     `scores` holds one score a target, in the order of the frames and, for each object, of its
@@ -43,7 +46,7 @@ def explain_misses(detection: DetectionStages, scores: Sequence[TargetScore]) ->
             if not all(scores[index].add_correct for index in indices)
         }
         if missed:
-            diagnosis = _FrameDiagnosis(detection, key)
+            diagnosis = _FrameDiagnosis(detection, settings, key)
             for object_id, indices in missed.items():
                 for place, index in enumerate(indices):
                     if not scores[index].add_correct:
@@ -55,9 +58,9 @@ def explain_misses(detection: DetectionStages, scores: Sequence[TargetScore]) ->
 class _FrameDiagnosis:
     """Evidence of the targets of one frame; everything is read once."""
 
-    def __init__(self, detection: DetectionStages, key: str) -> None:
+    def __init__(self, detection: DetectionStages, settings: EvaluationSettings, key: str) -> None:
         self._models = detection.dataset.models
-        self._settings = detection.settings.evaluation
+        self._settings = settings
         self._source = detection.dataset.frames
         self._frame = self._source.load(key)
         self._regions = read_regions(detection.regions().folder, self._frame)
@@ -92,12 +95,13 @@ class _FrameDiagnosis:
         )
 
 
-def tally_votes(detection: DetectionStages, frame: Frame) -> list[VoteTally]:
+def tally_votes(
+    detection: DetectionStages, frame: Frame, settings: EvaluationSettings
+) -> list[VoteTally]:
     """Votes, good votes and those cast by the object itself, of every object in a frame.
 
     A vote is good that is near to any of the object's targets in the frame.
     """
-    settings = detection.settings.evaluation
     stored = read_arrays(detection.hypotheses().folder, frame.key)
     tallies = []
     for object_id in detection.dataset.wanted(frame):

@@ -12,13 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hlp.data.dataset import frames_identity
+from hlp.stages.manifest import FILE, read_manifest
 from hlp.stages.provenance import code_digest, git_revision, library_versions
 from hlp.stages.store import StageStore
 
 if TYPE_CHECKING:
     from hlp.config.build import Run
-
-FILE = "manifest.json"
 
 
 def make_manifest(run: "Run", store: StageStore) -> dict[str, Any]:
@@ -61,19 +60,6 @@ def is_finished(run: "Run", output: Path) -> bool:
         _without_output(manifest.get(key)) == _without_output(value)
         for key, value in made_from(run).items()
     )
-
-
-def read_manifest(path: Path) -> dict[str, Any]:
-    """Read `manifest.json`. Raises FileNotFoundError, and ValueError where it is none."""
-    if not path.is_file():
-        raise FileNotFoundError(f"no manifest {path}")
-    try:
-        manifest = json.loads(path.read_text())
-    except ValueError as error:
-        raise ValueError(f"{path} is no JSON: {error}") from error
-    if not isinstance(manifest, dict) or not isinstance(manifest.get("config"), dict):
-        raise ValueError(f"{path} is no manifest of a run: it has no config")
-    return manifest
 
 
 def poses_digest(path: Path) -> str:

@@ -9,15 +9,15 @@ from tqdm import tqdm
 from hlp.config.build import Run, evenly
 from hlp.data.own_frames import OwnFrames
 from hlp.evaluation.poses_file import write_poses
-from hlp.method.compute_threads import set_threads
+from hlp.method.compute_threads import set_compute_threads
 from hlp.records import PoseEstimate
 from hlp.reporting.figures.panels import write_png
 from hlp.reporting.pose_table import format_poses, poses_json
 from hlp.runs.manifest import write_json
+from hlp.runs.run_stages import stages_of
 from hlp.runs.stage_panels import picture_of_stages
 from hlp.stages.detection import DetectionStages
 from hlp.stages.store import StageStore
-from hlp.stages.training import TrainingStages
 
 
 def predict(run: Run, output: Path) -> list[PoseEstimate]:
@@ -30,13 +30,11 @@ def predict(run: Run, output: Path) -> list[PoseEstimate]:
     dataset, settings = run.dataset, run.settings
     if not isinstance(dataset.frames, OwnFrames):
         raise ValueError("`hlp predict` takes data=files alone; other data are for `hlp run`")
-    set_threads(settings)
+    set_compute_threads(settings.machine.threads, settings.trainer.torch_threads)
     for key in run.keys:
         dataset.frames.load(key)
     store = StageStore(Path(settings.work))
-    detection = DetectionStages(
-        dataset, settings, TrainingStages(dataset, settings, store), store, run.keys
-    )
+    detection = stages_of(run, store)
     answers = detection.estimates()
     images = [str(dataset.frames.image(_key(answer))) for answer in answers]
     names = {object_id: model.name for object_id, model in dataset.models.items()}

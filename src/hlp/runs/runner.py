@@ -12,7 +12,7 @@ from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.evaluation.pose_distance import votes_quality
 from hlp.evaluation.poses_file import read_poses, write_poses, write_scores
 from hlp.evaluation.summary import summarise
-from hlp.method.compute_threads import set_threads
+from hlp.method.compute_threads import set_compute_threads
 from hlp.method.training import read_history
 from hlp.records import PoseEstimate
 from hlp.reporting.figures.panels import write_png
@@ -23,13 +23,14 @@ from hlp.reporting.tracking import Tracker, how_to_browse, track_run
 from hlp.runs import manifest
 from hlp.runs.diagnosis import explain_misses, tally_votes
 from hlp.runs.mlflow_inputs import log_inputs, log_tables, revision_tag, run_name
+from hlp.runs.run_stages import stages_of
 from hlp.runs.stage_panels import picture_of_stages
+from hlp.runs.timing import Timing, measure_times
 from hlp.stages.detection import DetectionStages
+from hlp.stages.manifest import FILE as MANIFEST
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
 from hlp.stages.view_task import render_in_workers
-
-STAGES = ("holistic", "local", "voting", "refinement")
 
 
 def run_method(run: Run, output: Path) -> dict[str, Any]:
@@ -41,25 +42,26 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
     settings = run.settings
     if not run.dataset.annotated:
         raise ValueError("these frames have no true poses to score against: use `hlp predict`")
-    set_threads(settings)
+    set_compute_threads(settings.machine.threads, settings.trainer.torch_threads)
     output.mkdir(parents=True, exist_ok=True)
-    (output / manifest.FILE).unlink(missing_ok=True)
+    (output / MANIFEST).unlink(missing_ok=True)
     name = run_name(settings, output)
     with track_run(settings.reporting, name, run.config, revision_tag()) as tracker:
         log_inputs(run, tracker)
         store = StageStore(Path(settings.work))
-        training = TrainingStages(run.dataset, settings, store)
-        render_in_workers(training)
-        detection = DetectionStages(run.dataset, settings, training, store, run.keys)
+        detection = stages_of(run, store)
+        training = detection.training
+        render_in_workers(training, settings.executor)
         estimates = detection.estimates()
         _log_training(training, tracker)
-        summary = _score(run, detection, estimates, output)
+        timing = measure_times(run, detection, estimates)
+        summary = _score(run, detection, estimates, timing, output)
         _draw(run, detection, estimates, output / "panels")
         tracker.log_metrics(summary_metrics(summary))
         log_tables(summary, output, tracker)
         made = manifest.make_manifest(run, store)
         made["poses"] = manifest.poses_digest(output / "poses.csv")
-        manifest.write_json(output / manifest.FILE, made)
+        manifest.write_json(output / MANIFEST, made)
         tracker.log_artifacts(output)
     print(format_summary(summary))
     _say_where(run, output, tracker)
@@ -67,7 +69,11 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
 
 
 def _score(
-    run: Run, detection: DetectionStages, estimates: Sequence[PoseEstimate], output: Path
+    run: Run,
+    detection: DetectionStages,
+    estimates: Sequence[PoseEstimate],
+    timing: Timing,
+    output: Path,
 ) -> dict[str, Any]:
     """Save the poses first, then score what was saved."""
     dataset, settings = run.dataset, run.settings
@@ -78,30 +84,24 @@ def _score(
     for key in keys:
         frame = dataset.frames.load(key)
         truths.append(FrameTruth.of(frame))
-        tallies += tally_votes(detection, frame)
+        tallies += tally_votes(detection, frame, settings.evaluation)
     saved = read_poses(output / "poses.csv")
     scores = score_targets(truths, dataset.models, saved, settings.evaluation)
-    scores = explain_misses(detection, scores)
+    scores = explain_misses(detection, scores, settings.evaluation)
     names = {object_id: model.name for object_id, model in dataset.models.items()}
     write_scores(output / "scores.csv", scores, names)
     summary = summarise(
         scores,
         names,
-        _times_ms(estimates),
+        timing.milliseconds(),
         votes_quality(tallies, names),
         settings.evaluation,
         settings.seed,
     )
+    summary["timing"] = timing.summary()
     manifest.write_json(output / "summary.json", summary)
     draw_waterfall(output, summary["waterfall"])
     return summary
-
-
-def _times_ms(estimates: Sequence[PoseEstimate]) -> dict[str, list[float]]:
-    """Milliseconds of one object in one frame, in all and for each stage."""
-    total = [1000.0 * sum(each.seconds.values()) for each in estimates]
-    stages = {name: [1000.0 * each.seconds[name] for each in estimates] for name in STAGES}
-    return {"total": total, **stages}
 
 
 def _log_training(training: TrainingStages, tracker: Tracker) -> None:

@@ -5,7 +5,8 @@ from jaxtyping import UInt8
 
 from hlp.records import Frame, PoseEstimate, Target
 from hlp.reporting.figures.panels import draw_panels
-from hlp.stages.detection import DetectionStages, read_regions
+from hlp.stages.detection import DetectionStages
+from hlp.stages.frame_results import read_regions
 
 
 def picture_of_stages(
@@ -17,7 +18,8 @@ def picture_of_stages(
 ) -> UInt8[np.ndarray, "_ _ 3"]:
     """The paper's four panels (Fig. 7): region, accepted patches, votes and pose."""
     region = read_regions(detection.regions().folder, frame)[object_id]
-    coarse = detection.detector.coarse(frame, region)
+    context = detection.estimator.prepare(frame)
+    coarse = detection.estimator.find_hypotheses(context, region)
     voters = sorted(set(coarse.votes.patches.tolist()))
     return draw_panels(
         frame,

@@ -3,8 +3,11 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
+from typing import TypeVar
 
-from hlp.config.settings import ClusterSettings, ExecutorSettings, PoolSettings
+from hlp.stages.executor_settings import ClusterSettings, ExecutorSettings, PoolSettings
+
+Result = TypeVar("Result")
 
 _PACKAGES = {"dask": "distributed", "ray": "ray"}
 
@@ -17,8 +20,8 @@ def require(executor: ExecutorSettings) -> None:
 
 
 def each_in_workers(
-    executor: PoolSettings | ClusterSettings, work: Callable[[str], str], keys: Sequence[str]
-) -> Iterator[str]:
+    executor: PoolSettings | ClusterSettings, work: Callable[[str], Result], keys: Sequence[str]
+) -> Iterator[Result]:
     """Do the work once for each key, in any order; yields what it returns, as it comes.
 
     `work` travels to the workers by pickle. Raises what it raises there.
@@ -35,7 +38,7 @@ def each_in_workers(
             yield from parallel(delayed(_do)(work, key) for key in keys)
 
 
-def _do(work: Callable[[str], str], key: str) -> str:
+def _do(work: Callable[[str], Result], key: str) -> Result:
     # Joblib's dask backend takes nothing but what can be hashed for a function, and then hangs.
     return work(key)
 

@@ -11,26 +11,54 @@ from typing import Any
 
 import numpy as np
 
+from hlp.stages.provenance import Code
+
+# Keys that change how fast a result is made, never what it is.
+MACHINE_KEYS = frozenset({"threads"})
+
 
 def fingerprint(
-    stage: str, version: int, seed: int, settings: Any, upstream: Mapping[str, str]
+    stage: str, code: Code, seed: int, settings: Any, upstream: Mapping[str, str]
 ) -> str:
     """Digest (16 hex digits) of everything that decides a stage's output.
 
-    `version` is raised when the stage's code changes what it writes. `settings` is a settings
-    dataclass or a mapping of them, without machine-specific keys (paths, threads, devices).
-    `upstream` maps each input to the fingerprint of the stage that made it, or to the identity
-    of the data it was read from. Raises TypeError and ValueError as `plain` does.
+    `code` is the source and the libraries that the stage uses. `settings` is a settings dataclass
+    or a mapping of them, without keys that only change the time (paths, threads). `upstream` maps
+    each input to the fingerprint of the stage that made it, or to the identity of the data it was
+    read from. Raises TypeError and ValueError as `plain` does.
     """
     identity = {
         "stage": stage,
-        "version": version,
+        "source": code.source,
+        "libraries": code.libraries,
         "seed": seed,
         "settings": plain(settings),
         "upstream": dict(upstream),
     }
     text = json.dumps(identity, sort_keys=True, separators=(",", ":"))
     return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
+
+
+def result_settings(settings: Any) -> dict[str, Any]:
+    """Settings that decide a result: all but `threads`, with the record's name."""
+    kept = {
+        each.name: getattr(settings, each.name)
+        for each in dataclasses.fields(settings)
+        if each.name not in MACHINE_KEYS
+    }
+    return {type(settings).__name__: kept}
+
+
+def with_threads(settings: Any, threads: int) -> Any:
+    """The same (nested) settings with another number of threads, which decides no result."""
+    changes: dict[str, Any] = {}
+    for each in dataclasses.fields(settings):
+        value = getattr(settings, each.name)
+        if each.name in MACHINE_KEYS:
+            changes[each.name] = threads
+        elif dataclasses.is_dataclass(value):
+            changes[each.name] = with_threads(value, threads)
+    return dataclasses.replace(settings, **changes)
 
 
 def plain(value: Any, key: str = "settings") -> Any:

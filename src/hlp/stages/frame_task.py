@@ -1,4 +1,4 @@
-"""A stage's work on one frame, as a worker gets it: settings and folders, no data, no networks."""
+"""The detection stages on one frame, as a worker gets them: settings and folders, no images."""
 
 import threading
 from collections.abc import Mapping
@@ -6,16 +6,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hlp.config.build import build_dataset
-from hlp.config.settings import RunSettings, SerialSettings, with_threads
 from hlp.data.dataset import Dataset
-from hlp.method.compute_threads import set_threads
-from hlp.stages.detection import DetectionStages
+from hlp.data.loading import DataSettings, build_dataset
+from hlp.method.compute_threads import set_compute_threads
+from hlp.method.settings import MethodSettings
+from hlp.stages.detection import DetectionStages, Seconds
+from hlp.stages.executor_settings import SerialSettings
+from hlp.stages.fingerprint import with_threads
 from hlp.stages.provenance import code_digest, library_versions
 from hlp.stages.store import Output, StageStore
 from hlp.stages.training import TrainingStages
 
-# A worker's own: dataset, networks and codebooks stay loaded from frame to frame.
+# A worker's own: data set, networks and codebooks stay loaded from frame to frame.
 _KEPT = threading.local()
 
 
@@ -23,44 +25,56 @@ _KEPT = threading.local()
 class FrameTask:
     """What a worker needs to find in a frame what the run's own process would find, bit for bit.
 
-    `learnt` and `found` are the outputs that stand before the stage; a worker makes none of them.
+    `learnt` and `found` are the outputs that the stages start from; a worker makes none of them.
     `made_from` are the versions, the code and the data that it must have as well.
     """
 
-    settings: RunSettings
+    data: DataSettings
+    settings: MethodSettings
+    work: Path
     made_from: Mapping[str, Any]
     learnt: Mapping[tuple[str, int], Output]
     found: Mapping[str, Output]
-    stage: str
-    folder: Path
+    folders: Mapping[str, Path]
+    missing: tuple[str, ...]
 
     @classmethod
-    def of(cls, detection: DetectionStages, stage: str, folder: Path) -> "FrameTask":
-        """The work of a detection's stage, which writes into a folder."""
-        executor = detection.settings.executor
-        assert not isinstance(executor, SerialSettings)
-        settings = with_threads(detection.settings, executor.threads)
-        made_from = what_makes(detection.dataset)
-        return cls(settings, made_from, detection.training.made, detection.made, stage, folder)
+    def of(
+        cls, detection: DetectionStages, folders: Mapping[str, Path], missing: tuple[str, ...]
+    ) -> "FrameTask":
+        """The task of making the missing stages' files in their folders."""
+        executor = detection.executor
+        assert executor is not None and not isinstance(executor, SerialSettings)
+        return cls(
+            detection.dataset.settings,
+            with_threads(detection.settings, executor.threads),
+            detection.store.root,
+            what_makes(detection.dataset),
+            detection.training.made,
+            detection.made,
+            folders,
+            missing,
+        )
 
-    def __call__(self, key: str) -> str:
-        """Write a frame's file; its key. Raises ValueError where code or data are not the run's."""
+    def __call__(self, key: str) -> tuple[str, Seconds]:
+        """Write a frame's files; its key, and the time of each object's steps.
+
+        Raises ValueError where code or data are not the run's.
+        """
         detection = self._detection()
         detection.training.adopt(self.learnt)
         detection.adopt(self.found)
-        detection.find(self.stage, self.folder, key)
-        return key
+        return key, detection.find(key, self.folders, self.missing)
 
     def _detection(self) -> DetectionStages:
         kept: DetectionStages | None = getattr(_KEPT, "detection", None)
         if kept is None or kept.settings != self.settings or _KEPT.made_from != self.made_from:
-            set_threads(self.settings)
-            dataset = build_dataset(self.settings)
+            set_compute_threads(self.settings.machine.threads, self.settings.trainer.torch_threads)
+            dataset = build_dataset(self.data)
             check_same(self.made_from, dataset)
-            store = StageStore(Path(self.settings.work))
-            kept = DetectionStages(
-                dataset, self.settings, TrainingStages(dataset, self.settings, store), store, ()
-            )
+            store = StageStore(self.work)
+            training = TrainingStages(dataset, self.settings, store)
+            kept = DetectionStages(dataset, self.settings, training, store, ())
             _KEPT.detection, _KEPT.made_from = kept, self.made_from
         return kept
 

@@ -46,6 +46,14 @@ class Output:
     folder: Path
 
 
+@dataclass(frozen=True)
+class Opened:
+    """An output's folder: `finished`, or to be made now."""
+
+    folder: Path
+    finished: bool
+
+
 class StageStore:
     """Makes each stage output once and hands out its folder.
 
@@ -64,26 +72,42 @@ class StageStore:
         description: Mapping[str, Any],
         of: str = "",
     ) -> Path:
-        """Return the folder of a stage's output, made now unless it is there already.
+        """Return the folder of a stage's output, made by `make` unless it is there already.
 
-        `make` is called with a folder to write into. The folder is published by a rename once
-        `make` has returned, so a half-written output is never seen. After an error or an
-        interruption it stays as `<fingerprint>.partial`, and the next `make` of the same output
-        is given it again: resumable work finds its own files there. Runs that ask for the same
-        output at once wait for the first of them.
+        `make` is called with a folder to write into; see `open` for the rest. Raises what `make`
+        and `open` raise.
+        """
+        with self.open(stage, fingerprint, description, of) as opened:
+            if not opened.finished:
+                make(opened.folder)
+        return self.root / stage / fingerprint
+
+    @contextmanager
+    def open(
+        self, stage: str, fingerprint: str, description: Mapping[str, Any], of: str = ""
+    ) -> Iterator[Opened]:
+        """A stage's output: finished, or a folder to make it in.
+
+        What is made is published by a rename when the block ends, so a half-written output is
+        never seen. After an error or an interruption it stays as `<fingerprint>.partial`, and
+        whoever makes the same output next is given it again: resumable work finds its own files
+        there. Runs that ask for the same output at once wait for the first of them.
 
         `description` (settings, upstream) is kept beside the output, in `stage.json`; `of` names
-        the object in log and events. Raises what `make` raises, with a note that names the folder,
-        and FileExistsError where a folder that the store did not write bears the output's name.
+        the object in log and events. Raises what the block raises, with a note that names the
+        folder, and FileExistsError where a folder that the store did not write has that name.
         """
         folder = self.root / stage / fingerprint
         if self._reuse(folder, of):
-            return folder
+            yield Opened(folder, True)
+            return
         folder.parent.mkdir(parents=True, exist_ok=True)
         with self._only_one(folder):
-            if not self._reuse(folder, of):
-                self._make(folder, make, description, of)
-        return folder
+            if self._reuse(folder, of):
+                yield Opened(folder, True)
+            else:
+                with self._making(folder, description, of) as partial:
+                    yield Opened(partial, False)
 
     def holds(self, stage: str, fingerprint: str) -> bool:
         """Whether an output is finished."""
@@ -103,13 +127,8 @@ class StageStore:
         self._note(folder, of, reused=True, seconds=_seconds(folder))
         return True
 
-    def _make(
-        self,
-        folder: Path,
-        make: Callable[[Path], None],
-        description: Mapping[str, Any],
-        of: str,
-    ) -> None:
+    @contextmanager
+    def _making(self, folder: Path, description: Mapping[str, Any], of: str) -> Iterator[Path]:
         partial = folder.with_name(folder.name + ".partial")
         record = {
             "stage": folder.parent.name,
@@ -120,7 +139,7 @@ class StageStore:
         begun = time.perf_counter()
         try:
             partial.mkdir(exist_ok=True)
-            make(partial)
+            yield partial
             seconds = time.perf_counter() - begun
             made_at = datetime.now(UTC).isoformat(timespec="seconds")
             record |= {"seconds": round(seconds, 3), "made_at": made_at}

@@ -6,10 +6,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hlp.config.settings import RunSettings, result_settings
-from hlp.runs.manifest import read_manifest
-from hlp.stages.fingerprint import plain
+from hlp.method.settings import MethodSettings
+from hlp.stages.fingerprint import plain, result_settings
+from hlp.stages.manifest import read_manifest
 from hlp.stages.store import RECORD, Output, StageStore
+
+
+@dataclass(frozen=True)
+class WarmStartSettings:
+    """Config key `warm_start`: what an earlier run learnt is kept, and objects are added.
+
+    `manifest` is that run's manifest.json (None: everything is learnt from nothing). Its encoder is
+    used as it is; its classifier is trained for `epochs` more.
+    """
+
+    manifest: str | None
+    epochs: int
 
 
 @dataclass(frozen=True)
@@ -22,7 +34,7 @@ class WarmStart:
 
 
 def read_warm_start(
-    manifest: Path, settings: RunSettings, views: Mapping[int, str], store: StageStore
+    manifest: Path, settings: MethodSettings, views: Mapping[int, str], store: StageStore
 ) -> WarmStart:
     """What the run of a manifest learnt, from this run's `work`.
 

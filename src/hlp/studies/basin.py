@@ -1,7 +1,6 @@
 """Basin map: from how far off the true pose each refiner finds back."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +8,10 @@ from jaxtyping import Bool, Float
 from tqdm import tqdm
 
 from hlp.config.build import Run
-from hlp.config.settings import BasinSettings, result_settings
+from hlp.config.settings import BasinSettings
 from hlp.evaluation.evaluator import add_correct
+from hlp.method.alternatives import make_refiner
 from hlp.method.pose_estimator import derive_seed
-from hlp.method.refiners import make_refiner
 from hlp.records import Frame, Hypotheses
 from hlp.refinement.refiner import Refiner
 from hlp.reporting.figures.basin_maps import (
@@ -22,14 +21,13 @@ from hlp.reporting.figures.basin_maps import (
     format_basins,
     write_basins,
 )
-from hlp.stages.detection import VERSIONS
-from hlp.stages.fingerprint import fingerprint
+from hlp.stages.fingerprint import fingerprint, result_settings
 from hlp.stages.frame_files import read_arrays, write_arrays
+from hlp.stages.provenance import code_of
 from hlp.stages.store import StageStore
 from hlp.studies.perturbations import perturbed_poses
 from hlp.studies.study_run import chosen_frames, study_run
 
-VERSION = 1
 Verdicts = Bool[np.ndarray, "n degrees millimetres"]
 _STARTS = 2  # their stream of random numbers
 
@@ -60,7 +58,6 @@ def _stage(
     dataset, settings = run.dataset, run.settings
     decided = {
         "refinement": result_settings(task.refiners[name]),
-        "poses_version": VERSIONS["poses"],
         "rotation_deg": task.rotation_deg,
         "translation_mm": task.translation_mm,
         "perturbations": task.perturbations,
@@ -70,12 +67,12 @@ def _stage(
     upstream |= {f"model_{i}": dataset.model_identities[i] for i in dataset.target_ids}
 
     def make(folder: Path) -> None:
-        refiner = make_refiner(replace(settings, refinement=task.refiners[name]))
+        refiner = make_refiner(task.refiners[name])
         for key in tqdm(keys, desc=f"basin of {name}", unit="frame", disable=None):
             if not (folder / f"{key}.npz").exists():
                 write_arrays(folder, key, _refined(run, task, refiner, dataset.frames.load(key)))
 
-    digest = fingerprint("basin", VERSION, settings.seed, decided, upstream)
+    digest = fingerprint("basin", code_of(__name__), settings.seed, decided, upstream)
     described = {"settings": decided, "upstream": upstream, "seed": settings.seed}
     return store.get_or_make("basin", digest, make, described, name)
 

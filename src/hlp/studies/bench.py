@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from hlp.config.build import Run, build_dataset, with_changes
+from hlp.config.build import Run, with_changes
 from hlp.config.settings import BenchSettings, RunSettings
+from hlp.data.loading import build_dataset
 from hlp.evaluation.evaluator import FrameTruth, score_targets
+from hlp.method.pose_estimator import FrameContext
 from hlp.records import Frame, LocalPatches, PoseEstimate, TargetScore
 from hlp.reporting.bench_table import OWN, VIEWS, bench_metrics, format_bench, write_bench
 from hlp.runs.manifest import write_json
@@ -26,11 +28,11 @@ from hlp.studies.bench_summary import (
     summarise_whole,
 )
 from hlp.studies.machine import describe_machine, peak_mib
-from hlp.studies.stopwatch import SearchComparison, TimedDetector
+from hlp.studies.stopwatch import SearchComparison, TimedEstimator
 from hlp.studies.study_run import chosen_frames, study_run
 
 FILE = "bench.json"
-Detectors = Mapping[str, TimedDetector]
+Detectors = Mapping[str, TimedEstimator]
 Looks = dict[str, list[TimedDetection]]
 
 
@@ -46,7 +48,7 @@ def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
         machine = describe_machine(run.settings)
         keys = chosen_frames(run, task.frames)
         for settings in paths.values():
-            _learn(TrainingStages(run.dataset, settings, store))
+            TrainingStages(run.dataset, settings.method, store).make_for(run.dataset.target_ids)
         made = sorted({event.stage for event in store.events if not event.reused})
         found = _find_again(run)
         frame = run.dataset.frames.load(keys[0])
@@ -70,20 +72,13 @@ def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
     return result
 
 
-def _learn(training: TrainingStages) -> None:
-    """Have everything on disk that detection loads."""
-    training.classifier()
-    training.encoder()
-    for object_id in training.dataset.target_ids:
-        training.codebook(object_id)
-
-
 def _find_again(run: Run) -> dict[str, Any]:
     """Seconds to read the objects' models, and to find what was learnt about them by its inputs."""
     begun = time.perf_counter()
-    dataset = build_dataset(run.settings)
+    dataset = build_dataset(run.settings.data)
     read = time.perf_counter()
-    _learn(TrainingStages(dataset, run.settings, StageStore(Path(run.settings.work))))
+    store = StageStore(Path(run.settings.work))
+    TrainingStages(dataset, run.settings.method, store).make_for(dataset.target_ids)
     return {"models": read - begun, "finding": time.perf_counter() - read}
 
 
@@ -95,12 +90,13 @@ def _make_detectors(
     Of the configured one, which comes first, also the seconds of loading and the peak memory (MiB).
     """
     dataset = run.dataset
-    detectors: dict[str, TimedDetector] = {}
+    detectors: dict[str, TimedEstimator] = {}
     for name, settings in paths.items():
-        detectors[name] = TimedDetector(dataset, settings, TrainingStages(dataset, settings, store))
-        loading = detectors[name].load(dataset.target_ids)
-        for place, object_id in enumerate(dataset.wanted(frame)):
-            _look(detectors[name], frame, object_id, place)
+        detectors[name] = TimedEstimator(
+            TrainingStages(dataset, settings.method, store), settings.method, dataset.target_ids
+        )
+        loading = detectors[name].load_timed(dataset.target_ids)
+        _look_for_all(detectors[name], frame, dataset.wanted(frame))
         if name == OWN:
             shared = {"classifier": loading.classifier, "encoder": loading.encoder}
             objects = {dataset.models[i].name: each for i, each in loading.objects.items()}
@@ -123,10 +119,10 @@ def _measure(
         frame = run.dataset.frames.load(key)
         objects = _rotated(run.dataset.wanted(frame), turn)
         for name in _rotated(names, turn):
-            for place, object_id in enumerate(objects):
-                look, patches = _look(detectors[name], frame, object_id, place)
+            for look, patches in _look_for_all(detectors[name], frame, objects):
                 looks[name].append(look)
                 if name == OWN:
+                    object_id = look.estimate.object_id
                     tried = detectors[name].compare_search(object_id, patches)
                     searches += [] if tried is None else [tried]
     return looks, searches
@@ -136,15 +132,16 @@ def _regions_of_all(run: Run, store: StageStore, keys: Sequence[str]) -> dict[st
     """Stage 1 for every object that the classifier knows, asked for or not, frame by frame."""
     object_ids = tuple(run.dataset.models)
     dataset = replace(run.dataset, target_ids=object_ids)
-    training = TrainingStages(run.dataset, run.settings, store)
-    detector = TimedDetector(dataset, run.settings, training)
-    detector.load(())
+    training = TrainingStages(run.dataset, run.settings.method, store)
+    detector = TimedEstimator(training, run.settings.method, object_ids)
+    detector.load_timed(())
     spent = []
     for key in tqdm(keys, desc="regions of all objects", unit="frame", disable=None):
         frame = dataset.frames.load(key)
         detector.clock.start()
+        context = detector.prepare(frame)
         for object_id in object_ids:
-            detector.region(frame, object_id)
+            detector.find_region(context, object_id)
         spent.append(detector.clock.stop())
     return {"objects": len(object_ids), **summarise_whole(spent)}
 
@@ -154,18 +151,24 @@ def _rotated(values: Sequence[Any], turn: int) -> list[Any]:
     return [*values[start:], *values[:start]]
 
 
-def _look(
-    detector: TimedDetector, frame: Frame, object_id: int, place: int
-) -> tuple[TimedDetection, LocalPatches]:
-    """One object in one frame, from image to pose."""
-    detector.clock.start()
-    region = detector.region(frame, object_id)
-    coarse = detector.coarse(frame, region)
-    fine = detector.fine(frame, object_id, coarse.hypotheses)
-    spent = detector.clock.stop()
-    pose = None if fine is None else fine.refined[fine.best].pose_cam_obj
-    estimate = PoseEstimate(frame.scene_id, frame.frame_id, object_id, pose, 1.0)
-    return TimedDetection(estimate, place, spent, np.packbits(region.mask)), coarse.patches
+def _look_for_all(
+    detector: TimedEstimator, frame: Frame, object_ids: Sequence[int]
+) -> list[tuple[TimedDetection, LocalPatches]]:
+    """Every object in one frame, from image to pose; what they share is the first one's time."""
+    found = []
+    context: FrameContext | None = None
+    for place, object_id in enumerate(object_ids):
+        detector.clock.start()
+        context = detector.prepare(frame) if context is None else context
+        region = detector.find_region(context, object_id)
+        coarse = detector.find_hypotheses(context, region)
+        refined = detector.refine(context, object_id, coarse.hypotheses)
+        spent = detector.clock.stop()
+        pose = None if refined is None else refined.refined[refined.best].pose_cam_obj
+        estimate = PoseEstimate(frame.scene_id, frame.frame_id, object_id, pose, 1.0)
+        timed = TimedDetection(estimate, place, spent, np.packbits(region.mask))
+        found.append((timed, coarse.patches))
+    return found
 
 
 def _summary(run: Run, task: BenchSettings, keys: Sequence[str], looks: Looks) -> dict[str, Any]:
@@ -188,7 +191,7 @@ def _summary(run: Run, task: BenchSettings, keys: Sequence[str], looks: Looks) -
     return {"paths": paths, "compared": compared, "tolerance": tolerance}
 
 
-def _workload(run: Run, detector: TimedDetector, frame: Frame, frames: int) -> dict[str, Any]:
+def _workload(run: Run, detector: TimedEstimator, frame: Frame, frames: int) -> dict[str, Any]:
     """What was measured, as far as it decides the time."""
     settings, dataset = run.settings, run.dataset
     refinement = settings.refinement

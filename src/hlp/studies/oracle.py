@@ -9,24 +9,25 @@ from jaxtyping import Float
 from tqdm import tqdm
 
 from hlp.config.build import Run
-from hlp.config.settings import OracleSettings, result_settings
+from hlp.config.settings import OracleSettings
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.evaluation.summary import METRICS, bootstrap_interval
-from hlp.method.pose_estimator import derive_seed
+from hlp.method.pose_estimator import FrameContext, derive_seed
 from hlp.records import Frame, Hypotheses, PoseEstimate, Region, Target, TargetScore
 from hlp.reporting.oracle_table import format_oracle, oracle_metrics, write_oracle
 from hlp.runs.manifest import write_json
-from hlp.stages.detection import VERSIONS, DetectionStages, read_regions
-from hlp.stages.fingerprint import fingerprint
+from hlp.runs.run_stages import stages_of
+from hlp.stages.detection import DetectionStages
+from hlp.stages.fingerprint import fingerprint, result_settings
 from hlp.stages.frame_files import read_arrays, write_arrays
+from hlp.stages.frame_results import read_regions
+from hlp.stages.provenance import code_of
 from hlp.stages.store import StageStore
-from hlp.stages.training import TrainingStages
 from hlp.studies.perturbations import perturbed_poses
 from hlp.studies.study_run import chosen_frames, study_run
 from hlp.studies.visible_mask import visible_mask
 
-VERSION = 1
 Cell = tuple[str, str]
 Pose = Float[np.ndarray, "4 4"]
 CELLS: tuple[Cell, ...] = (
@@ -49,9 +50,7 @@ def run_oracle(run: Run, task: OracleSettings, output: Path) -> dict[str, Any]:
     """
     dataset, settings = run.dataset, run.settings
     with study_run(run, output) as (store, tracker):
-        detection = DetectionStages(
-            dataset, settings, TrainingStages(dataset, settings, store), store, run.keys
-        )
+        detection = stages_of(run, store)
         keys = chosen_frames(run, task.frames)
         folder = _stage(detection, task, keys, store)
         loaded = tqdm(keys, desc="scores", unit="frame", disable=None)
@@ -83,7 +82,6 @@ def _stage(
         "noise_mm": task.noise_mm,
         "agree_mm": task.agree_mm,
         "refinement": result_settings(settings.refinement),
-        "poses_version": VERSIONS["poses"],
         "keys": list(keys),
     }
     upstream = {"hypotheses": detection.hypotheses().fingerprint}
@@ -94,7 +92,7 @@ def _stage(
                 frame = detection.dataset.frames.load(key)
                 write_arrays(folder, key, _find(detection, frame, task))
 
-    name = fingerprint("oracle", VERSION, settings.seed, decided, upstream)
+    name = fingerprint("oracle", code_of(__name__), settings.seed, decided, upstream)
     described = {"settings": decided, "upstream": upstream, "seed": settings.seed}
     return store.get_or_make("oracle", name, make, described)
 
@@ -105,22 +103,24 @@ def _find(detection: DetectionStages, frame: Frame, task: OracleSettings) -> dic
     Every object is looked for once, as the method does: of several instances the first counts.
     """
     arrays = {}
+    context = detection.estimator.prepare(frame)
     for object_id in detection.dataset.wanted(frame):
         target = next(each for each in frame.targets if each.object_id == object_id)
-        for (region, coarse), pose in _answers(detection, frame, target, task).items():
+        for (region, coarse), pose in _answers(detection, context, target, task).items():
             arrays[f"{object_id}/{region}/{coarse}"] = pose
     return arrays
 
 
 def _answers(
-    detection: DetectionStages, frame: Frame, target: Target, task: OracleSettings
+    detection: DetectionStages, context: FrameContext, target: Target, task: OracleSettings
 ) -> dict[Cell, Pose]:
     """Refined pose of a target in every cell that has one.
 
     A true coarse pose stands for perfect votes, and votes need something to look at: it is given
     only where the region shows any of the target.
     """
-    object_id, model = target.object_id, detection.dataset.models[target.object_id]
+    frame, object_id = context.frame, target.object_id
+    model = detection.dataset.models[object_id]
     stored = read_arrays(detection.hypotheses().folder, frame.key)
     visible = visible_mask(detection.dataset.frames, frame, target, model, task.agree_mm / 1e3)
     shown = Region(object_id, np.zeros((0, 2)), np.zeros(0), visible)
@@ -130,16 +130,16 @@ def _answers(
     }
     voted = {
         "estimated": Hypotheses(stored[f"{object_id}/poses"], stored[f"{object_id}/support"]),
-        "true": detection.detector.coarse(frame, shown).hypotheses,
+        "true": detection.estimator.find_hypotheses(context, shown).hypotheses,
     }
     given = {"true": target.pose_cam_obj, "noisy": _noisy(detection, frame, target, task)}
     refined = {
-        coarse: _fine(detection, frame, object_id, Hypotheses(pose[None], np.ones(1)))
+        coarse: _refined(detection, context, object_id, Hypotheses(pose[None], np.ones(1)))
         for coarse, pose in given.items()
     }
     found: dict[Cell, Pose | None] = {}
     for region, mask in masks.items():
-        found[region, "estimated"] = _fine(detection, frame, object_id, voted[region])
+        found[region, "estimated"] = _refined(detection, context, object_id, voted[region])
         if (mask & visible).any():
             found |= {(region, coarse): pose for coarse, pose in refined.items()}
     return {cell: pose for cell, pose in found.items() if pose is not None}
@@ -153,11 +153,11 @@ def _noisy(detection: DetectionStages, frame: Frame, target: Target, task: Oracl
     return np.asarray(perturbed_poses(target.pose_cam_obj, centroid, *sizes, rng)[0])
 
 
-def _fine(
-    detection: DetectionStages, frame: Frame, object_id: int, coarse: Hypotheses
+def _refined(
+    detection: DetectionStages, context: FrameContext, object_id: int, coarse: Hypotheses
 ) -> Pose | None:
-    fine = detection.detector.fine(frame, object_id, coarse)
-    return None if fine is None else fine.refined[fine.best].pose_cam_obj
+    refined = detection.estimator.refine(context, object_id, coarse)
+    return None if refined is None else refined.refined[refined.best].pose_cam_obj
 
 
 def _read(folder: Path, keys: Sequence[str], cell: Cell) -> list[PoseEstimate]:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import yaml
 
-from hlp.runs.manifest import made_from, poses_digest, read_manifest
+from hlp.runs.manifest import made_from, poses_digest
+from hlp.stages.manifest import read_manifest
 
 if TYPE_CHECKING:
     from hlp.config.build import Run

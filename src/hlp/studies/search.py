@@ -20,8 +20,8 @@ from hlp.reporting.search_table import format_search, write_search
 from hlp.reporting.tracking import Arm, as_arm
 from hlp.runs import runner
 from hlp.runs.manifest import write_json
-from hlp.stages import detection, training
 from hlp.stages.fingerprint import fingerprint
+from hlp.stages.provenance import code_of
 from hlp.studies.search_space import check_within, nested, read_space
 from hlp.studies.study_run import study_run
 
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from optuna import Study
     from optuna.trial import FrozenTrial
 
-VERSION = 1
 # What changes neither recall nor a trial's own time; the space and the limit are named beside.
 _APART = ("output", "work", "reporting", "panels", "task")
 _RUN_ID, _TIME, _ERROR = "run_id", "time_ms", "error"
@@ -74,10 +73,9 @@ def _study_name(run: Run, task: SearchSettings) -> str:
         "config": {key: value for key, value in run.config.items() if key not in _APART},
         "space": task.space.parameters,
         "limit_ms": task.limit_ms,
-        "versions": {**training.VERSIONS, **detection.VERSIONS},
     }
     upstream = {"frames": run.dataset.frames_identity}
-    digest = fingerprint("search", VERSION, run.settings.seed, settings, upstream)
+    digest = fingerprint("search", code_of(__name__), run.settings.seed, settings, upstream)
     return f"{task.space.name}_{digest}"
 
 

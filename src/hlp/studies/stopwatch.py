@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hlp.codebook.neighbours import ExactNeighbours
-from hlp.method.pose_estimator import CoarseResult, Detector
+from hlp.method.pose_estimator import CoarseResult, FrameContext, PoseEstimator
 from hlp.records import Frame, Hypotheses, LocalPatches, Region
 from hlp.refinement.choice import RefinedHypotheses
 
@@ -90,19 +90,18 @@ class SearchComparison:
     first: float
 
 
-class TimedDetector(Detector):
-    """A detector whose parts tell a clock when they begin and end; its results are the same."""
+class TimedEstimator(PoseEstimator):
+    """A pose estimator whose parts tell a clock when they begin and end; its results are the same."""
 
     clock: PartClock
 
-    def load(self, object_ids: Sequence[int]) -> Loading:
+    def load_timed(self, object_ids: Sequence[int]) -> Loading:
         """Load all that the objects need, and let their parts tell the clock. Call it first."""
         self.clock = PartClock()
         self.clock.start()
         classifier = _seconds(lambda: self._scan)
         encoder = _seconds(lambda: self._encoder)
         objects = {each: _seconds(partial(self._load_object, each)) for each in object_ids}
-        self._charge(self._scan, "classify", "windows", "region")
         self._scan.network.register_forward_pre_hook(lambda *_: self.clock.enter("network"))
         self._scan.network.register_forward_hook(lambda *_: self.clock.enter("windows"))
         self._charge(self._encoder, "encode", "encode", "search")
@@ -130,20 +129,29 @@ class TimedDetector(Detector):
 
         setattr(owner, method, timed)
 
-    def region(self, frame: Frame, object_id: int) -> Region:
-        """Stage 1; see Detector.region."""
+    def prepare(self, frame: Frame) -> FrameContext:
+        """The context of a frame, whose windows tell the clock; see PoseEstimator.prepare."""
         self.clock.enter("windows")
-        return super().region(frame, object_id)
+        context = super().prepare(frame)
+        self._charge(context.windows, "classify", "windows", "region")
+        return context
 
-    def coarse(self, frame: Frame, region: Region) -> CoarseResult:
-        """Stage 2; see Detector.coarse."""
+    def find_region(self, context: FrameContext, object_id: int) -> Region:
+        """Stage 1; see PoseEstimator.find_region."""
+        self.clock.enter("windows")
+        return super().find_region(context, object_id)
+
+    def find_hypotheses(self, context: FrameContext, region: Region) -> CoarseResult:
+        """Stage 2; see PoseEstimator.find_hypotheses."""
         self.clock.enter("cut")
-        return super().coarse(frame, region)
+        return super().find_hypotheses(context, region)
 
-    def fine(self, frame: Frame, object_id: int, coarse: Hypotheses) -> RefinedHypotheses | None:
-        """Stage 3; see Detector.fine."""
+    def refine(
+        self, context: FrameContext, object_id: int, hypotheses: Hypotheses
+    ) -> RefinedHypotheses | None:
+        """Stage 3; see PoseEstimator.refine."""
         self.clock.enter("screen")
-        return super().fine(frame, object_id, coarse)
+        return super().refine(context, object_id, hypotheses)
 
     def entries(self, object_id: int) -> int:
         """Number of the codebook's entries."""

@@ -6,10 +6,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from hlp.config.build import Run, evenly
-from hlp.method.compute_threads import set_threads
+from hlp.method.compute_threads import set_compute_threads
 from hlp.reporting.tracking import Tracker, how_to_browse, track_run
-from hlp.runs.manifest import FILE, make_manifest, write_json
+from hlp.runs.manifest import make_manifest, write_json
 from hlp.runs.mlflow_inputs import log_inputs, revision_tag
+from hlp.stages.manifest import FILE
 from hlp.stages.store import StageStore
 
 
@@ -26,7 +27,7 @@ def study_run(
     settings = run.settings
     if not run.dataset.annotated:
         raise ValueError(f"these frames have no true poses, which task={settings.task.name} needs")
-    set_threads(settings)
+    set_compute_threads(settings.machine.threads, settings.trainer.torch_threads)
     output.mkdir(parents=True, exist_ok=True)
     (output / FILE).unlink(missing_ok=True)
     name = f"{settings.name} {settings.task.name} {output.name}"

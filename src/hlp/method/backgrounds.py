@@ -1,0 +1,55 @@
+"""Images without any target object, which training needs beside the CAD models."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import UInt8
+
+from hlp.patches.procedural_backgrounds import procedural_backgrounds
+from hlp.records import Frame
+
+
+class Backgrounds(Protocol):
+    """Where training takes its backgrounds from."""
+
+    def photograph_crops(
+        self, count: int, size: int, rng: np.random.Generator
+    ) -> UInt8[np.ndarray, "n s s 3"]:
+        """Random square crops (RGB) of photographs, or procedural ones."""
+        ...
+
+    def load_background_frames(self) -> Sequence[Frame]:
+        """RGB-D frames that stand behind rendered objects; may be empty."""
+        ...
+
+    def load_encoder_frames(self) -> Sequence[Frame]:
+        """RGB-D frames that train the autoencoder (encoder=cae alone).
+
+        Raises ValueError where there are none.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class GivenBackgrounds:
+    """Procedural crops, and whatever RGB-D frames a caller has, of places without the objects."""
+
+    frames: tuple[Frame, ...] = ()
+
+    def photograph_crops(
+        self, count: int, size: int, rng: np.random.Generator
+    ) -> UInt8[np.ndarray, "n s s 3"]:
+        """See `Backgrounds`: procedural ones."""
+        return procedural_backgrounds(count, size, rng)
+
+    def load_background_frames(self) -> Sequence[Frame]:
+        """See `Backgrounds`."""
+        return self.frames
+
+    def load_encoder_frames(self) -> Sequence[Frame]:
+        """See `Backgrounds`."""
+        if not self.frames:
+            raise ValueError("encoder=cae trains on RGB-D frames without the objects: give some")
+        return self.frames

@@ -1,0 +1,80 @@
+"""What the three stages find in a frame, as arrays on disk and as records."""
+
+from pathlib import Path
+
+import numpy as np
+
+from hlp.geometry import quaternions
+from hlp.method.pose_estimator import CoarseResult
+from hlp.records import Frame, Hypotheses, Region
+from hlp.refinement.choice import RefinedHypotheses
+from hlp.stages.frame_files import read_arrays
+
+Arrays = dict[str, np.ndarray]
+
+
+def region_arrays(region: Region) -> Arrays:
+    """A region, its mask packed into bits; names begin with the object's id."""
+    name = str(region.object_id)
+    return {
+        f"{name}/centers": region.centers.astype(np.float32),
+        f"{name}/probabilities": region.probabilities.astype(np.float32),
+        f"{name}/mask": np.packbits(region.mask),
+    }
+
+
+def coarse_arrays(object_id: int, coarse: CoarseResult) -> Arrays:
+    """Hypotheses and votes; a vote in single precision is still exact to a micrometre."""
+    name, votes = str(object_id), coarse.votes
+    return {
+        f"{name}/poses": coarse.hypotheses.poses_cam_obj,
+        f"{name}/support": coarse.hypotheses.support,
+        f"{name}/vote_centroids": votes.centroids_cam.astype(np.float32),
+        f"{name}/vote_quaternions": quaternions(votes.rotations_cam_obj).astype(np.float32),
+        f"{name}/vote_weights": votes.weights.astype(np.float32),
+        f"{name}/vote_pixels": np.rint(votes.pixels).astype(np.int16),
+    }
+
+
+def refined_arrays(object_id: int, refined: RefinedHypotheses | None) -> Arrays:
+    """Every refined hypothesis, its cost and the coarse one it comes from; `best` is the answer.
+
+    Where nothing was refined only `looked_for` tells that the object was looked for.
+    """
+    name = str(object_id)
+    arrays: Arrays = {f"{name}/looked_for": np.array(True)}
+    if refined is None:
+        return arrays
+    return arrays | {
+        f"{name}/poses": np.stack([each.pose_cam_obj for each in refined.refined]),
+        f"{name}/costs": refined.costs,
+        f"{name}/sources": refined.sources,
+        f"{name}/best": np.array(refined.best),
+    }
+
+
+def regions_of(stored: Arrays, shape: tuple[int, int]) -> dict[int, Region]:
+    """Regions of a frame of that shape (h, w), by object id, from their arrays."""
+    regions = {}
+    for entry in stored:
+        name, _, field = entry.partition("/")
+        if field != "mask":
+            continue
+        bits = np.unpackbits(stored[entry], count=shape[0] * shape[1])
+        regions[int(name)] = Region(
+            int(name),
+            stored[f"{name}/centers"],
+            stored[f"{name}/probabilities"],
+            bits.reshape(shape).astype(bool),
+        )
+    return regions
+
+
+def hypotheses_of(stored: Arrays, object_id: int) -> Hypotheses:
+    """Hypotheses of an object, from a frame's arrays."""
+    return Hypotheses(stored[f"{object_id}/poses"], stored[f"{object_id}/support"])
+
+
+def read_regions(folder: Path, frame: Frame) -> dict[int, Region]:
+    """Candidate regions of the objects looked for in a frame, from disk."""
+    return regions_of(read_arrays(folder, frame.key), (frame.depth.shape[0], frame.depth.shape[1]))
