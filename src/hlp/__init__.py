@@ -1,7 +1,23 @@
 """HLP: 6D pose of known, texture-poor objects in RGB-D images, from their CAD models alone.
 
 A re-implementation of "Combined Holistic and Local Patches for Recovering 6D Object Pose"
-(Zhang and Cao, ICCV Workshops 2017) as a configurable experiment framework.
+(Zhang and Cao, ICCV Workshops 2017) as a configurable experiment framework. `Detector` is the
+method without the framework: learn objects from CAD models, find them in RGB-D images.
 """
 
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hlp.method.detector import Detection, Detector
+
 __version__ = "0.1.0"
+__all__ = ["Detection", "Detector"]
+
+
+def __getattr__(name: str) -> Any:
+    # Imported when first asked for: `import hlp` alone, as the command line does it, stays quick.
+    if name in __all__:
+        from hlp.method import detector
+
+        return getattr(detector, name)
+    raise AttributeError(f"module 'hlp' has no attribute {name!r}")

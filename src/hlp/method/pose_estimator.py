@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
+from jaxtyping import Float
 
 from hlp.codebook.neighbours import Neighbours
 from hlp.method.alternatives import make_mode_finder, make_neighbours, make_refiner
@@ -23,14 +24,16 @@ from hlp.voting.cast import cast_votes
 
 
 class LearntObjects(Protocol):
-    """What detection needs of the learnt objects; every part is loaded when first needed.
-
-    `models` are all objects that the classifier knows: class i is the i-th by id, 0 background.
-    """
+    """What detection needs of the learnt objects; every part is loaded when first needed."""
 
     @property
     def models(self) -> Mapping[int, ObjectModel]:
         """Object models by id."""
+        ...
+
+    @property
+    def classes(self) -> Sequence[int]:
+        """Object id of each class of the classifier, from class 1 on; class 0 is background."""
         ...
 
     def load_classifier(self) -> HolisticCNN:
@@ -90,7 +93,7 @@ class PoseEstimator:
         self.learnt = learnt
         self.settings = settings
         self.object_ids = tuple(learnt.models if object_ids is None else object_ids)
-        self._labels = {object_id: i for i, object_id in enumerate(sorted(learnt.models), start=1)}
+        self._labels = {object_id: i for i, object_id in enumerate(learnt.classes, 1)}
         self._searches: dict[int, tuple[Codebook, Neighbours]] = {}
         self._verifiers: dict[int, Verifier] = {}
         self._modes = make_mode_finder(settings.voting, settings.machine.threads)
@@ -186,12 +189,17 @@ class PoseEstimator:
             derive_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id),
         )
 
+    def visible_fraction(
+        self, context: FrameContext, object_id: int, pose_cam_obj: Float[np.ndarray, "4 4"]
+    ) -> float:
+        """Share of the object's silhouette at a pose that nothing nearer to the camera covers."""
+        verifier = self._verifier(object_id)
+        return 1.0 - float(verifier.evidence(context.observation, pose_cam_obj[None]).occluded[0])
+
     def _verifier(self, object_id: int) -> Verifier:
         if object_id not in self._verifiers:
-            model, verification = (
-                self.learnt.models[object_id],
-                self.settings.refinement.verification,
-            )
+            model = self.learnt.models[object_id]
+            verification = self.settings.refinement.verification
             self._verifiers[object_id] = Verifier(model, verification)
         return self._verifiers[object_id]
 

@@ -1,7 +1,8 @@
 """Settings of the method: everything that decides how objects are learnt and found."""
 
+import dataclasses
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from hlp.codebook.entries import EntrySettings
 from hlp.codebook.inverted_lists import InvertedListsSettings
@@ -82,3 +83,13 @@ class MethodSettings:
     refinement: RefinementSettings
     trainer: TrainerSettings
     machine: MachineSettings
+
+
+def settings_to_json(settings: MethodSettings) -> dict[str, Any]:
+    return dataclasses.asdict(settings)
+
+
+def settings_from_json(content: dict[str, Any]) -> MethodSettings:
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(MethodSettings).validate_python(content)

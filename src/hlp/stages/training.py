@@ -1,6 +1,6 @@
 """Stages that learn the objects: views, classifier, encoder, codebooks. Each is made once."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -53,6 +53,11 @@ class TrainingStages:
     def models(self) -> Mapping[int, ObjectModel]:
         """The objects that are learnt, by id."""
         return self.dataset.models
+
+    @property
+    def classes(self) -> Sequence[int]:
+        """Object id of each class of the classifier, from class 1 on; class 0 is background."""
+        return sorted(self.models)
 
     @property
     def made(self) -> Mapping[tuple[str, int], Output]:

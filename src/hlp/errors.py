@@ -1,0 +1,29 @@
+"""Errors that HLP expects: something outside its code is wrong, and the message says what to do.
+
+Only these are shown as one line on the command line. Any other exception is a bug and shows its
+traceback. Each is also the built-in error that it is a case of, so `except ValueError` works too.
+"""
+
+
+class HlpError(Exception):
+    """Something outside HLP's code is wrong; the message names it and says what to do."""
+
+
+class InputError(HlpError, ValueError):
+    """An argument is wrong: an image, a camera matrix, a mesh, a name."""
+
+
+class ConfigError(HlpError, ValueError):
+    """The configuration is wrong; the message names the key."""
+
+
+class DataError(HlpError, ValueError):
+    """A file or folder does not hold what it should; the message names it."""
+
+
+class MissingFileError(HlpError, FileNotFoundError):
+    """A file or folder is not there; the message names it and the key that set it."""
+
+
+class MissingDependencyError(HlpError, ImportError):
+    """An optional package is missing; the message says what to install."""

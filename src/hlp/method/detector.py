@@ -1,0 +1,233 @@
+"""The method in one hand: learn objects from CAD models, find them in RGB-D images."""
+
+import threading
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from threadpoolctl import ThreadpoolController
+
+from hlp.errors import InputError
+from hlp.method.learnt_folder import LearntFolder
+from hlp.method.pose_estimator import FrameContext, PoseEstimator
+from hlp.method.settings import MethodSettings
+from hlp.records import Frame
+
+_FARTHEST = 20.0  # m: a median depth beyond this is given in another unit
+
+
+@dataclass(frozen=True)
+class Detection:
+    """One object found in one image.
+
+    `object` is its name, `pose_cam_obj` (4, 4) maps its coordinates to the camera's (metres;
+    x right, y down, z forward). `score` in [0, 1], higher is surer. `visible_fraction` is the share
+    of its silhouette that nothing nearer covers. `seconds` is the time it took; what all objects of
+    an image share is counted for the first one.
+    """
+
+    object: str
+    score: float
+    pose_cam_obj: Float[np.ndarray, "4 4"]
+    visible_fraction: float
+    seconds: float
+
+
+class Detector:
+    """Finds learnt objects in RGB-D images: arrays in, poses out.
+
+        detector = Detector.learn({"bracket": "bracket.ply"}, "learnt/")   # minutes, once
+        detector = Detector.load("learnt/")                                # afterwards
+        for found in detector.detect(rgb, depth, camera_matrix):
+            print(found.object, found.score, found.pose_cam_obj)
+
+    Nothing is written but by `learn`, `add` and `remove`. Several threads may use one detector: they
+    take turns. The same image gives the same poses, whatever was looked at before and however many
+    `threads` are used.
+    """
+
+    def __init__(self, folder: str | PathLike[str], threads: int | None = None) -> None:
+        """Open a folder of learnt objects; see `load`."""
+        self.folder = Path(folder)
+        self._threads = threads
+        self._lock = threading.Lock()
+        self._blas = ThreadpoolController()
+        self._open()
+
+    def _open(self) -> None:
+        learnt = LearntFolder(self.folder)
+        settings = learnt.record.settings
+        if self._threads is not None:
+            machine = replace(settings.machine, threads=self._threads)
+            settings = replace(settings, machine=machine)
+        self._ids = dict(learnt.record.objects)
+        self._estimator = PoseEstimator(learnt, settings, tuple(self._ids.values()))
+
+    @classmethod
+    def learn(
+        cls,
+        meshes: Mapping[str, str | PathLike[str]],
+        folder: str | PathLike[str],
+        *,
+        settings: MethodSettings | None = None,
+        mesh_scale: float = 0.001,
+        background_frames: Iterable[Frame] = (),
+    ) -> "Detector":
+        """Learn objects from their CAD models into a new folder; minutes on two cores.
+
+        `meshes` maps names to files (PLY, OBJ, STL, …), `mesh_scale` is metres per unit of them
+        (0.001: millimetres). RGB-D frames of places without the objects make better backgrounds
+        than the procedural ones. An interrupted call goes on when it is made again. Progress is
+        shown on a terminal. Sets the threads of torch, OpenCV and BLAS in this process.
+
+        Raises InputError for a bad name or mesh or a folder that is there already.
+        """
+        from hlp.method.backgrounds import GivenBackgrounds
+        from hlp.method.learning import build_models, learn
+
+        models = build_models({n: Path(p) for n, p in meshes.items()}, mesh_scale, 1)
+        backgrounds = GivenBackgrounds(tuple(background_frames))
+        learn(models, Path(folder), MethodSettings() if settings is None else settings, backgrounds)
+        return cls(folder)
+
+    @classmethod
+    def load(cls, folder: str | PathLike[str], *, threads: int | None = None) -> "Detector":
+        """Open a folder that `learn` wrote, here or on another machine.
+
+        Networks and codebooks are read when first needed, or by `warm_up`. `threads` of the kernels
+        and networks (None: as learnt with). Raises MissingFileError where the folder holds no
+        learnt objects and DataError where they are damaged or of another version.
+        """
+        return cls(folder, threads)
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """Names of the learnt objects."""
+        return tuple(self._ids)
+
+    def add(
+        self,
+        meshes: Mapping[str, str | PathLike[str]],
+        *,
+        mesh_scale: float = 0.001,
+        background_frames: Iterable[Frame] = (),
+    ) -> None:
+        """Learn more objects into the folder: the encoder is kept, the classifier trained further.
+
+        Arguments and errors as of `learn`; InputError for a name that is taken.
+        """
+        from hlp.method.backgrounds import GivenBackgrounds
+        from hlp.method.learning import add, build_models
+
+        with self._lock:
+            first_id = LearntFolder(self.folder).record.next_id
+            models = build_models({n: Path(p) for n, p in meshes.items()}, mesh_scale, first_id)
+            add(self.folder, models, GivenBackgrounds(tuple(background_frames)))
+            self._open()
+
+    def remove(self, name: str) -> None:
+        """Take an object out of the folder. Raises InputError for an unknown or the last one."""
+        from hlp.method.learning import remove
+
+        with self._lock:
+            remove(self.folder, name)
+            self._open()
+
+    def warm_up(self) -> None:
+        """Load all networks and codebooks now instead of at the first `detect`."""
+        with self._lock:
+            self._estimator.load(tuple(self._ids.values()))
+
+    def detect(
+        self,
+        rgb: UInt8[np.ndarray, "h w 3"],
+        depth: Float[np.ndarray, "h w"],
+        camera_matrix: Float[np.ndarray, "3 3"],
+        objects: Sequence[str] | None = None,
+    ) -> list[Detection]:
+        """Find the objects (names; None: all learnt ones) in one RGB-D image.
+
+        `rgb` (h, w, 3) uint8, red first. `depth` (h, w) floating point in metres along the optical
+        axis, registered to `rgb`, 0 or NaN where missing. `camera_matrix` (3, 3) in pixels, pixel
+        centres at integers. Each object is looked for once; one of which nothing was found is left
+        out. The surest comes first.
+
+        Raises InputError naming the argument that is wrong.
+        """
+        frame = _checked_frame(rgb, depth, camera_matrix)
+        wanted = self._checked_names(objects)
+        with self._lock, self._blas.limit(limits=1, user_api="blas"):
+            context = self._estimator.prepare(frame)
+            found = [self._detect_one(context, name) for name in wanted]
+        return sorted((each for each in found if each), key=lambda each: -each.score)
+
+    def _detect_one(self, context: FrameContext, name: str) -> Detection | None:
+        begun = time.perf_counter()
+        object_id = self._ids[name]
+        region = self._estimator.find_region(context, object_id)
+        coarse = self._estimator.find_hypotheses(context, region)
+        refined = self._estimator.refine(context, object_id, coarse.hypotheses)
+        if refined is None:
+            return None
+        pose = refined.refined[refined.best].pose_cam_obj
+        visible = self._estimator.visible_fraction(context, object_id, pose)
+        score = float(np.clip(1.0 - refined.costs[refined.best], 0.0, 1.0))
+        return Detection(name, score, pose, visible, time.perf_counter() - begun)
+
+    def _checked_names(self, objects: Sequence[str] | None) -> Sequence[str]:
+        if objects is None:
+            return self.objects
+        if isinstance(objects, str):
+            raise InputError(f"objects is the text {objects!r}: give a list of names")
+        unknown = [name for name in objects if name not in self._ids]
+        if unknown:
+            known = ", ".join(self.objects)
+            raise InputError(f"objects: {', '.join(unknown)} not learnt; {self.folder} has {known}")
+        return list(dict.fromkeys(objects))
+
+
+def _checked_frame(rgb: object, depth: object, camera_matrix: object) -> Frame:
+    """The arguments of `detect` as a frame. Raises InputError naming what is wrong."""
+    color = np.asarray(rgb)
+    if color.ndim != 3 or color.shape[2] != 3 or color.dtype != np.uint8:
+        raise InputError(f"rgb is {color.dtype} {color.shape}: it must be uint8 (h, w, 3)")
+    distance = np.asarray(depth)
+    if distance.ndim != 2 or distance.dtype.kind != "f":
+        raise InputError(
+            f"depth is {distance.dtype} {distance.shape}: it must be floating point (h, w), in "
+            "metres; for millimetres in uint16: depth / 1000"
+        )
+    if distance.shape != color.shape[:2]:
+        raise InputError(f"depth is {distance.shape}, rgb {color.shape[:2]}: they must be alike")
+    distance = np.where(np.isfinite(distance), distance, 0.0).astype(np.float32)
+    if (distance < 0).any():
+        raise InputError("depth has negative values: metres, 0 where missing")
+    present = distance[distance > 0]
+    if len(present) and np.median(present) > _FARTHEST:
+        raise InputError(
+            f"depth has a median of {np.median(present):.4g} m: it must be in metres, is it in mm?"
+        )
+    return Frame(0, 0, color, distance, _checked_camera(camera_matrix, distance.shape))
+
+
+def _checked_camera(given: object, shape: tuple[int, ...]) -> Float[np.ndarray, "3 3"]:
+    camera = np.asarray(given, dtype=np.float64)
+    if camera.shape != (3, 3) or not np.isfinite(camera).all():
+        raise InputError(f"camera_matrix must be 3 × 3 finite numbers, not {given!r}")
+    if not np.array_equal(camera[[1, 2, 2, 2], [0, 0, 1, 2]], [0.0, 0.0, 0.0, 1.0]):
+        raise InputError(
+            f"camera_matrix is {camera.tolist()}: its rows must be fx 0 cx, 0 fy cy, 0 0 1"
+        )
+    height, width = shape
+    if camera[0, 0] <= 0 or camera[1, 1] <= 0:
+        raise InputError("camera_matrix: both focal lengths must be positive")
+    if not (0 <= camera[0, 2] < width and 0 <= camera[1, 2] < height):
+        raise InputError(
+            f"camera_matrix: the principal point ({camera[0, 2]:g}, {camera[1, 2]:g}) lies outside "
+            f"the image ({width} × {height}): it belongs to images of another size"
+        )
+    return camera

@@ -1,0 +1,230 @@
+"""Learns objects from CAD models into one folder; adds objects to it and takes them out."""
+
+import hashlib
+import json
+import logging
+import re
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from hlp.codebook.entries import save_codebook
+from hlp.errors import DataError, InputError
+from hlp.files import read_json, write_json
+from hlp.method.backgrounds import Backgrounds
+from hlp.method.classifiers import StartingWeights, train_classifier
+from hlp.method.codebook_building import build_codebook
+from hlp.method.compute_threads import set_compute_threads
+from hlp.method.encoders import load_encoder, train_encoder
+from hlp.method.learnt_folder import (
+    CLASSIFIER,
+    ENCODER,
+    OBJECTS,
+    RECORD,
+    LearntFolder,
+    LearntRecord,
+    read_record,
+    write_model,
+    write_record,
+)
+from hlp.method.settings import MethodSettings, settings_to_json
+from hlp.method.training import read_weights
+from hlp.objects.object_model import ObjectSettings, build_object_model, mesh_identity
+from hlp.records import ObjectModel, Views
+from hlp.rendering.views import load_views, render_views, save_views
+
+_NAME = re.compile(r"[\w][\w .+-]*")
+_DONE, _REQUEST, _VIEWS = "done", "request.json", "views"
+_ADDED_EPOCHS = 4  # of a classifier that knows most of its objects already
+_PROXY_FACES = 500  # triangles of the mesh that the refiner renders
+
+
+def build_models(
+    meshes: Mapping[str, Path], mesh_scale: float, first_id: int
+) -> dict[int, ObjectModel]:
+    """Object models of mesh files by id, numbered from `first_id` in the order given.
+
+    `mesh_scale` is metres per unit of the files. Raises InputError for a name that cannot be a
+    folder's, and what loading a mesh raises.
+    """
+    if not meshes:
+        raise InputError("no mesh is given: name one at least, {'bracket': 'bracket.ply'}")
+    models = {}
+    for object_id, (name, path) in enumerate(meshes.items(), first_id):
+        if not _NAME.fullmatch(name):
+            raise InputError(f"object name {name!r}: use letters, digits, blanks and _ . + -")
+        sizes = ObjectSettings(object_id, None, None)
+        models[object_id] = build_object_model(name, sizes, Path(path), mesh_scale, _PROXY_FACES)
+    return models
+
+
+def learn(
+    models: Mapping[int, ObjectModel],
+    folder: Path,
+    settings: MethodSettings,
+    backgrounds: Backgrounds,
+) -> None:
+    """Learn objects from nothing into `folder`, which must not exist yet.
+
+    An interrupted call goes on where it stopped when it is made again with the same objects.
+    """
+    record = LearntRecord(
+        {model.name: object_id for object_id, model in models.items()}, tuple(models), settings
+    )
+    with _folder_in_the_making(folder, models, settings) as partial:
+        views_of = _views(models, partial, settings)
+        with _once(partial / CLASSIFIER) as missing:
+            if missing:
+                train_classifier(models, views_of, backgrounds, settings, partial / CLASSIFIER)
+        with _once(partial / ENCODER) as missing:
+            if missing:
+                train_encoder(models, views_of, backgrounds, settings, partial / ENCODER)
+        _write_objects(models, views_of, partial, settings)
+        write_record(partial, record)
+
+
+def add(folder: Path, models: Mapping[int, ObjectModel], backgrounds: Backgrounds) -> None:
+    """Learn more objects into a folder of learnt ones.
+
+    The encoder is kept, the classifier's training goes on with all objects. Until that is done the
+    folder stays as it was. Raises InputError for a name that is taken.
+    """
+    before = LearntFolder(folder)
+    old, settings = before.record, before.record.settings
+    for model in models.values():
+        if model.name in old.objects:
+            raise InputError(f"{folder} knows an object {model.name!r} already: remove it first")
+    known = {**before.models, **models}
+    gone = [object_id for object_id in old.classes if object_id not in before.models]
+    ids = sorted(known)
+    labels = {0: 0} | {
+        old_class: ids.index(object_id) + 1
+        for old_class, object_id in enumerate(old.classes, 1)
+        if object_id not in gone
+    }
+    weights = read_weights(folder / CLASSIFIER)
+    start = StartingWeights(weights, labels, _ADDED_EPOCHS)
+    objects = {**old.objects, **{model.name: i for i, model in models.items()}}
+    with _folder_in_the_making(folder, known, settings, replaces=True) as partial:
+        views_of = _views(known, partial, settings)
+        with _once(partial / CLASSIFIER) as missing:
+            if missing:
+                train_classifier(
+                    known, views_of, backgrounds, settings, partial / CLASSIFIER, start
+                )
+        shutil.copytree(folder / ENCODER, partial / ENCODER, dirs_exist_ok=True)
+        for name in old.objects:
+            source = folder / OBJECTS / name
+            shutil.copytree(source, partial / OBJECTS / name, dirs_exist_ok=True)
+        _write_objects(models, views_of, partial, settings)
+        write_record(partial, LearntRecord(objects, tuple(ids), settings))
+
+
+def remove(folder: Path, name: str) -> None:
+    """Take an object out of a folder of learnt ones.
+
+    The classifier keeps its class, so that what looks like it is not taken for another object.
+    Raises InputError for a name that is not there, or the last one.
+    """
+    record = read_record(folder)
+    if name not in record.objects:
+        raise InputError(f"{folder} knows no object {name!r}; it knows {', '.join(record.objects)}")
+    left = {each: i for each, i in record.objects.items() if each != name}
+    if not left:
+        raise InputError(f"{name!r} is the last object in {folder}: delete the folder instead")
+    write_record(folder, LearntRecord(left, record.classes, record.settings))
+    shutil.rmtree(folder / OBJECTS / name)
+
+
+def _write_objects(
+    models: Mapping[int, ObjectModel],
+    views_of: Callable[[int], Views],
+    partial: Path,
+    settings: MethodSettings,
+) -> None:
+    encoder = load_encoder(settings.encoder, partial / ENCODER, settings.machine.device)
+    for object_id, model in models.items():
+        with _once(partial / OBJECTS / model.name) as missing:
+            if missing:
+                write_model(partial / OBJECTS / model.name, model)
+                codebook = build_codebook(model, views_of(object_id), encoder, settings)
+                save_codebook(partial / OBJECTS / model.name, codebook)
+
+
+def _views(
+    models: Mapping[int, ObjectModel], partial: Path, settings: MethodSettings
+) -> Callable[[int], Views]:
+    """Views by object id: rendered once, then read from disk, so that few are held at a time."""
+
+    def views_of(object_id: int) -> Views:
+        folder = partial / _VIEWS / str(object_id)
+        with _once(folder) as missing:
+            if missing:
+                views = render_views(models[object_id], settings.rendering, settings.seed)
+                save_views(folder, views)
+        return load_views(folder)
+
+    return views_of
+
+
+@contextmanager
+def _folder_in_the_making(
+    folder: Path,
+    models: Mapping[int, ObjectModel],
+    settings: MethodSettings,
+    replaces: bool = False,
+) -> Iterator[Path]:
+    """A folder beside `folder` that takes its place when the block ends without an error.
+
+    One that an interrupted call left is gone on with if it was for the same objects and settings.
+    """
+    if folder.exists() and not replaces:
+        what = "holds learnt objects" if (folder / RECORD).is_file() else "is there"
+        raise InputError(f"{folder} {what} already: load it, or name another folder")
+    partial = folder.with_name(folder.name + ".partial")
+    request = _request(models, settings)
+    if partial.exists() and _read_request(partial) != request:
+        shutil.rmtree(partial)
+    partial.mkdir(parents=True, exist_ok=True)
+    write_json(partial / _REQUEST, request)
+    set_compute_threads(settings.machine.threads, settings.trainer.torch_threads)
+    yield partial
+    shutil.rmtree(partial / _VIEWS)
+    (partial / _REQUEST).unlink()
+    for done in partial.rglob(_DONE):
+        done.unlink()
+    if replaces:
+        old = folder.with_name(folder.name + ".old")
+        folder.rename(old)
+        partial.rename(folder)
+        shutil.rmtree(old)
+    else:
+        partial.rename(folder)
+    logging.getLogger(__name__).info("learnt %s", folder)
+
+
+def _request(models: Mapping[int, ObjectModel], settings: MethodSettings) -> dict[str, str]:
+    """What a folder in the making is for."""
+    digest = hashlib.blake2b(json.dumps(settings_to_json(settings)).encode(), digest_size=16)
+    for object_id, model in sorted(models.items()):
+        digest.update(f"{object_id} {model.name} {mesh_identity(model.mesh)}".encode())
+    return {"objects_and_settings": digest.hexdigest()}
+
+
+def _read_request(partial: Path) -> object:
+    try:
+        return read_json(partial / _REQUEST)
+    except (OSError, DataError):
+        return None
+
+
+@contextmanager
+def _once(folder: Path) -> Iterator[bool]:
+    """Whether a folder's content is still to be made; after the block it is not."""
+    if (folder / _DONE).exists():
+        yield False
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    yield True
+    (folder / _DONE).touch()

@@ -1,0 +1,164 @@
+"""A folder of learnt objects: everything that detection needs, to be copied to any machine.
+
+<folder>/learnt.json            format, objects, the classifier's classes, settings
+<folder>/classifier/, encoder/  the networks
+<folder>/objects/NAME/          object.json, model.npz (meshes, symmetries), codebook.npz
+
+Nothing in it is pickled, so a folder from a stranger cannot run code.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from hlp.codebook.entries import load_codebook
+from hlp.errors import DataError, MissingFileError
+from hlp.files import read_json, write_json
+from hlp.method.classifiers import load_classifier
+from hlp.method.encoders import load_encoder
+from hlp.method.settings import MethodSettings, settings_from_json, settings_to_json
+from hlp.models.classifier import HolisticCNN
+from hlp.models.encoder import Encoder
+from hlp.records import Codebook, Mesh, ObjectModel
+
+FORMAT = 1
+RECORD = "learnt.json"
+CLASSIFIER, ENCODER, OBJECTS = "classifier", "encoder", "objects"
+_OBJECT, _MODEL = "object.json", "model.npz"
+_MESH_FIELDS = ("vertices", "faces", "colors", "normals")
+
+
+@dataclass(frozen=True)
+class LearntRecord:
+    """What `learnt.json` says.
+
+    `classes` are the ids of the objects that the classifier was trained on: class i + 1 is
+    `classes[i]`, class 0 background. An object that was removed keeps its class, so that what looks
+    like it is not taken for another. `objects` maps the names of those that are there to their ids.
+    """
+
+    objects: Mapping[str, int]
+    classes: tuple[int, ...]
+    settings: MethodSettings
+
+    @property
+    def next_id(self) -> int:
+        """An id that no object has or had."""
+        return max(self.classes, default=0) + 1
+
+
+def write_record(folder: Path, record: LearntRecord) -> None:
+    """Write `learnt.json`, which makes a folder one of learnt objects: last of all."""
+    content = {
+        "format": FORMAT,
+        "objects": dict(record.objects),
+        "classes": list(record.classes),
+        "settings": settings_to_json(record.settings),
+    }
+    write_json(folder / RECORD, content)
+
+
+def read_record(folder: Path) -> LearntRecord:
+    """Read `learnt.json`. Raises MissingFileError and DataError naming what is wrong."""
+    path = folder / RECORD
+    if not path.is_file():
+        raise MissingFileError(f"{folder} holds no learnt objects: it has no {RECORD}")
+    content = read_json(path)
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        given = content.get("format") if isinstance(content, dict) else content
+        raise DataError(
+            f"{path}: format is {given!r}, this version of HLP reads {FORMAT}: learn the objects "
+            "again, or install the version that wrote it"
+        )
+    try:
+        objects = {str(name): int(object_id) for name, object_id in content["objects"].items()}
+        classes = tuple(int(object_id) for object_id in content["classes"])
+        return LearntRecord(objects, classes, settings_from_json(content["settings"]))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise DataError(f"{path} is damaged ({error!r}): learn the objects again") from error
+
+
+def write_model(folder: Path, model: ObjectModel) -> None:
+    """Write an object's model into `folder`, which is made if it is not there."""
+    folder.mkdir(parents=True, exist_ok=True)
+    arrays = {
+        f"{part}_{field}": getattr(mesh, field)
+        for part, mesh in (("mesh", model.mesh), ("proxy", model.proxy))
+        for field in _MESH_FIELDS
+    }
+    np.savez(folder / _MODEL, symmetries=model.symmetries, **arrays)
+    content = {
+        "id": model.object_id,
+        "name": model.name,
+        "diameter": model.diameter,
+        "holistic_size": model.holistic_size,
+        "local_size": model.local_size,
+    }
+    write_json(folder / _OBJECT, content)
+
+
+def read_model(folder: Path) -> ObjectModel:
+    """Read what `write_model` wrote. Raises MissingFileError, DataError naming a damaged file."""
+    for name in (_OBJECT, _MODEL):
+        if not (folder / name).is_file():
+            raise MissingFileError(f"{folder} is no learnt object: it has no {name}")
+    content = read_json(folder / _OBJECT)
+    try:
+        with np.load(folder / _MODEL) as stored:
+            mesh, proxy = (
+                Mesh(*(stored[f"{part}_{field}"] for field in _MESH_FIELDS))
+                for part in ("mesh", "proxy")
+            )
+            symmetries = stored["symmetries"]
+        return ObjectModel(
+            int(content["id"]),
+            str(content["name"]),
+            mesh,
+            proxy,
+            float(content["diameter"]),
+            symmetries,
+            float(content["holistic_size"]),
+            float(content["local_size"]),
+        )
+    except (KeyError, TypeError, ValueError, OSError) as error:
+        raise DataError(f"{folder} is damaged ({error}): learn the object again") from error
+
+
+class LearntFolder:
+    """Learnt objects on disk, as detection wants them (`LearntObjects`); read when first needed."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.record = read_record(folder)
+        self._names = {object_id: name for name, object_id in self.record.objects.items()}
+
+    @cached_property
+    def models(self) -> dict[int, ObjectModel]:
+        """Object models by id."""
+        return {each: read_model(self.object_folder(each)) for each in sorted(self._names)}
+
+    @property
+    def classes(self) -> Sequence[int]:
+        """Object id of each class of the classifier, from class 1 on."""
+        return self.record.classes
+
+    def object_folder(self, object_id: int) -> Path:
+        """Where an object lies."""
+        return self.folder / OBJECTS / self._names[object_id]
+
+    def load_classifier(self) -> HolisticCNN:
+        """The classifier of holistic patches."""
+        settings = self.record.settings
+        return load_classifier(len(self.record.classes), settings, self.folder / CLASSIFIER)
+
+    def load_encoder(self) -> Encoder:
+        """The encoder of local patches."""
+        settings = self.record.settings
+        return load_encoder(settings.encoder, self.folder / ENCODER, settings.machine.device)
+
+    def load_codebook(self, object_id: int) -> Codebook:
+        """The codebook of one object."""
+        return load_codebook(self.object_folder(object_id))

@@ -1,0 +1,241 @@
+"""The public API on a small object: learn, load, detect, add, remove, and what it refuses."""
+
+import dataclasses
+import json
+import shutil
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from hlp import Detector
+from hlp.data.synthetic.objects import demo_objects
+from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
+from hlp.errors import DataError, InputError, MissingFileError
+from hlp.evaluation.errors import add_s
+from hlp.method.learnt_folder import RECORD, read_model
+from hlp.records import Frame, ObjectModel
+from tiny_method import tiny_method
+
+MODELS = {model.name: model for model in demo_objects().values()}
+
+
+def write_mesh(folder: Path, model: ObjectModel) -> Path:
+    """The object's mesh as a PLY file in millimetres."""
+    mesh = trimesh.Trimesh(
+        model.mesh.vertices * 1000.0,
+        model.mesh.faces,
+        vertex_normals=model.mesh.normals,
+        vertex_colors=model.mesh.colors,
+        process=False,
+    )
+    path = folder / f"{model.name}.ply"
+    mesh.export(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def learnt(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the bear and the can, learnt in seconds."""
+    folder = tmp_path_factory.mktemp("api")
+    meshes = {name: write_mesh(folder, MODELS[name]) for name in ("bear", "can")}
+    Detector.learn(meshes, folder / "learnt", settings=tiny_method())
+    return folder / "learnt"
+
+
+@pytest.fixture(scope="module")
+def frame() -> Frame:
+    """A demo scene that shows the bear clearly."""
+    scenes = SyntheticScenes(dataclasses.replace(DEMO, scenes=12, width=320, height=240))
+    frames = [scenes.load(key) for key in scenes.keys]
+    bear = MODELS["bear"].object_id
+    return max(frames, key=lambda each: visible(each, bear))
+
+
+DEMO = SyntheticSettings(
+    scenes=12,
+    seed=0,
+    width=320,
+    height=240,
+    noise=0.5,
+    min_visible=0.3,
+    objects=(5, 5),
+    clutter=(1, 3),
+    distance_mm=(600.0, 800.0),
+    elevation_deg=(20.0, 75.0),
+    roll_deg=20.0,
+    tilt_deg=5.0,
+)
+
+
+def visible(frame: Frame, object_id: int) -> float:
+    return max((t.visible_fraction for t in frame.targets if t.object_id == object_id), default=0.0)
+
+
+def test_a_learnt_object_is_found_where_it_is(learnt: Path, frame: Frame) -> None:
+    bear = MODELS["bear"]
+    (target,) = [each for each in frame.targets if each.object_id == bear.object_id]
+    (found,) = Detector.load(learnt).detect(
+        frame.rgb, frame.depth, frame.camera_matrix, objects=["bear"]
+    )
+    assert found.object == "bear"
+    assert 0.0 < found.score <= 1.0
+    assert 0.0 <= found.visible_fraction <= 1.0
+    assert found.seconds > 0.0
+    assert add_s(found.pose_cam_obj, target.pose_cam_obj, bear.mesh.vertices) < 0.1 * bear.diameter
+
+
+def test_the_same_image_gives_the_same_poses(learnt: Path, frame: Frame, tmp_path: Path) -> None:
+    """In another folder, in any order, with other threads, and from threads at the same time."""
+    given = (frame.rgb, frame.depth, frame.camera_matrix)
+    expected = {each.object: each for each in Detector.load(learnt).detect(*given)}
+    assert expected
+    copied = Detector.load(shutil.copytree(learnt, tmp_path / "copied"), threads=1)
+    for name in ("can", "bear"):
+        for each in copied.detect(*given, objects=[name]):
+            np.testing.assert_array_equal(each.pose_cam_obj, expected[name].pose_cam_obj)
+            assert each.score == expected[name].score
+    found: list[list] = []
+    shared = Detector.load(learnt)
+    threads = [threading.Thread(target=lambda: found.append(shared.detect(*given))) for _ in "abc"]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(found) == 3
+    for each in (one for detections in found for one in detections):
+        np.testing.assert_array_equal(each.pose_cam_obj, expected[each.object].pose_cam_obj)
+
+
+def test_objects_are_added_and_removed(learnt: Path, frame: Frame, tmp_path: Path) -> None:
+    folder = shutil.copytree(learnt, tmp_path / "learnt")
+    detector = Detector.load(folder)
+    before = read_model(folder / "objects" / "bear")
+    detector.add({"duck": write_mesh(tmp_path, MODELS["duck"])})
+    assert detector.objects == ("bear", "can", "duck")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["duck.ply", "learnt"]
+    np.testing.assert_array_equal(
+        read_model(folder / "objects" / "bear").mesh.vertices, before.mesh.vertices
+    )
+    with pytest.raises(InputError, match="knows an object 'duck' already"):
+        detector.add({"duck": write_mesh(tmp_path, MODELS["duck"])})
+    detector.remove("can")
+    assert detector.objects == ("bear", "duck") == Detector.load(folder).objects
+    assert not (folder / "objects" / "can").exists()
+    found = detector.detect(frame.rgb, frame.depth, frame.camera_matrix)
+    assert {each.object for each in found} <= {"bear", "duck"}
+    # A class that nobody asks for any more keeps its place, and a new object gets a new one.
+    assert json.loads((folder / RECORD).read_text())["classes"] == [1, 2, 3]
+    detector.add({"lamp": write_mesh(tmp_path, MODELS["lamp"])})
+    assert json.loads((folder / RECORD).read_text())["classes"] == [1, 3, 4]
+    detector.remove("duck")
+    detector.remove("lamp")
+    with pytest.raises(InputError, match="'bear' is the last object"):
+        detector.remove("bear")
+    with pytest.raises(InputError, match="no object 'cat'; it knows bear"):
+        detector.remove("cat")
+
+
+def test_an_interrupted_call_goes_on_where_it_stopped(
+    learnt: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from hlp.method import learning
+
+    meshes = {name: write_mesh(tmp_path, MODELS[name]) for name in ("bear", "can")}
+    whole = learning.build_codebook
+    monkeypatch.setattr(learning, "build_codebook", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        Detector.learn(meshes, tmp_path / "learnt", settings=tiny_method())
+    assert not (tmp_path / "learnt").exists()
+    monkeypatch.setattr(learning, "build_codebook", whole)
+    monkeypatch.setattr(learning, "train_classifier", lambda *_: 1 / 0)  # done already
+    Detector.learn(meshes, tmp_path / "learnt", settings=tiny_method())
+    names = sorted(str(p.relative_to(learnt)) for p in learnt.rglob("*") if p.is_file())
+    again = tmp_path / "learnt"
+    assert names == sorted(str(p.relative_to(again)) for p in again.rglob("*") if p.is_file())
+    one, two = (np.load(each / "objects/bear/codebook.npz") for each in (learnt, again))
+    for name in one.files:
+        np.testing.assert_array_equal(one[name], two[name])
+
+
+def test_a_folder_holds_nothing_that_runs_code(learnt: Path) -> None:
+    kinds = {path.suffix for path in learnt.rglob("*") if path.is_file()}
+    assert kinds <= {".json", ".npz", ".safetensors", ".onnx", ".csv"}, kinds
+
+
+def test_wrong_images_are_refused_by_name(learnt: Path, frame: Frame) -> None:
+    detector = Detector.load(learnt)
+    rgb, depth, camera = frame.rgb, frame.depth, frame.camera_matrix
+    moved = camera + np.array([[0, 0, 1000.0], [0, 0, 0], [0, 0, 0]])
+    for given, message in (
+        ((rgb[..., 0], depth, camera), "rgb is uint8 .* must be uint8"),
+        ((rgb / 255.0, depth, camera), "rgb is float64"),
+        ((rgb, (depth * 1000).astype(np.uint16), camera), "depth is uint16 .*in metres"),
+        ((rgb, depth * 1000, camera), "is it in mm"),
+        ((rgb, depth[:-1], camera), "they must be alike"),
+        ((rgb, -depth, camera), "negative"),
+        ((rgb, depth, camera.T), "its rows must be fx 0 cx"),
+        ((rgb, depth, camera[:2]), "3 × 3"),
+        ((rgb, depth, moved), "outside the image"),
+        ((rgb, depth, camera * np.array([[-1], [1], [1]])), "focal lengths"),
+    ):
+        with pytest.raises(InputError, match=message):
+            detector.detect(*given)
+    with pytest.raises(InputError, match="cat not learnt"):
+        detector.detect(rgb, depth, camera, objects=["cat"])
+    with pytest.raises(InputError, match="give a list"):
+        detector.detect(rgb, depth, camera, objects="bear")
+
+
+def test_missing_depth_may_be_nan(learnt: Path, frame: Frame) -> None:
+    holes = np.where(frame.depth > 0, frame.depth, np.nan)
+    given = frame.rgb, frame.camera_matrix
+    detector = Detector.load(learnt)
+    one = detector.detect(given[0], frame.depth, given[1])
+    two = detector.detect(given[0], holes, given[1])
+    assert [(each.object, each.score) for each in one] == [(e.object, e.score) for e in two]
+    nothing = np.zeros_like(frame.depth)
+    assert detector.detect(given[0], nothing, given[1]) == []
+
+
+def test_wrong_folders_are_refused_by_name(learnt: Path, tmp_path: Path) -> None:
+    with pytest.raises(MissingFileError, match="no learnt objects"):
+        Detector.load(tmp_path)
+    mesh = write_mesh(tmp_path, MODELS["bear"])
+    with pytest.raises(InputError, match="holds learnt objects already"):
+        Detector.learn({"bear": mesh}, learnt, settings=tiny_method())
+    with pytest.raises(InputError, match="object name '../bear'"):
+        Detector.learn({"../bear": mesh}, tmp_path / "new", settings=tiny_method())
+    folder = shutil.copytree(learnt, tmp_path / "damaged")
+    record = json.loads((folder / RECORD).read_text())
+    (folder / RECORD).write_text(json.dumps({**record, "format": 99}))
+    with pytest.raises(DataError, match=r"learnt.json: format is 99"):
+        Detector.load(folder)
+    (folder / RECORD).write_text("{")
+    with pytest.raises(DataError, match="is no JSON"):
+        Detector.load(folder)
+
+
+HEAVY = ("torch", "pytorch_lightning", "mlflow", "hydra", "omegaconf", "matplotlib", "trimesh")
+
+
+def test_detection_imports_no_framework(learnt: Path, frame: Frame, tmp_path: Path) -> None:
+    """In a fresh process, from loading to the first pose."""
+    np.savez(tmp_path / "frame.npz", rgb=frame.rgb, depth=frame.depth, camera=frame.camera_matrix)
+    code = (
+        "import sys, numpy as np\n"
+        "from hlp import Detector\n"
+        f"frame = np.load({str(tmp_path / 'frame.npz')!r})\n"
+        f"detector = Detector.load({str(learnt)!r})\n"
+        "detector.detect(frame['rgb'], frame['depth'], frame['camera'])\n"
+        f"loaded = [name for name in {HEAVY!r} if name in sys.modules]\n"
+        "assert not loaded, loaded\n"
+        "print(sum(name.partition('.')[0] == 'hlp' for name in sys.modules))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) < 78  # what importing the detector took before it had this API

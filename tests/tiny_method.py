@@ -1,0 +1,25 @@
+"""Settings of the method as small as they can be, for tests that learn an object."""
+
+from hydra import compose, initialize_config_dir
+
+from hlp.commands.composing import config_folder
+from hlp.config.build import build_settings
+from hlp.method.settings import MethodSettings
+
+TINY = (
+    "encoder=pca",
+    "codebook=exact",
+    "rendering.viewpoints=80",
+    "rendering.in_plane_steps=5",
+    "rendering.size_px=64",
+    "patches.pool.per_object=300",
+    "patches.pool.backgrounds=300",
+    "patches.pairs.per_object=300",
+    "classifier.epochs=3",
+)
+
+
+def tiny_method(*overrides: str) -> MethodSettings:
+    """The default method made small: PCA in place of a trained encoder, few views."""
+    with initialize_config_dir(str(config_folder().absolute()), version_base="1.3"):
+        return build_settings(compose("config", overrides=["output=out", *TINY, *overrides])).method
