@@ -13,10 +13,20 @@ from mkdocs.structure.files import File, Files
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from settings_reference import Key, Table, as_markdown, settings_classes, tables_of
+from settings_reference import Table, as_markdown, settings_classes, tables_of
 
 ROOT = Path(__file__).parents[2]
 CONF = ROOT / "conf"
+OVERVIEW = """\
+# Configuration
+
+`hlp run` composes its configuration from one file of every group. Choose another file with
+`GROUP=FILE`, change a value with `KEY=VALUE`. Unknown keys and values of the wrong type or out of
+range are refused before anything is computed. `hlp run --cfg job` prints the whole configuration.
+
+Keys that end in `_mm` are millimetres, in `_deg` degrees. In the files' comments, P marks what the
+paper says; D marks what it leaves open and was decided here.
+"""
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
@@ -60,19 +70,7 @@ def _groups() -> dict[str, Any]:
 def _overview(hints: dict[str, Any]) -> str:
     top, *nested = tables_of(_run_settings(), "")
     own = tuple(key for key in top.keys if key.name not in hints)
-    lines = [
-        "# Configuration",
-        "",
-        "`hlp run` composes its configuration from one file of every group. Choose another file with",
-        "`GROUP=FILE`, change a value with `KEY=VALUE`; unknown keys and values of the wrong type or",
-        "out of range are refused before anything is computed. `hlp run --cfg job` prints the whole",
-        "configuration. Keys that end in `_mm` are millimetres, in `_deg` degrees.",
-        "",
-        "In the files' comments, P marks what the paper says and D what it leaves open: our decision.",
-        "",
-        "| Group | Files |",
-        "| --- | --- |",
-    ]
+    lines = [OVERVIEW, "| Group | Files |", "| --- | --- |"]
     for group in hints:
         names = ", ".join(f"`{path.stem}`" for path in _files(group))
         lines.append(f"| [`{group}`]({group}.md) | {names} |")
@@ -84,15 +82,14 @@ def _overview(hints: dict[str, Any]) -> str:
         lines.append(f"| `{group}`, which {purpose} | {names} |")
     text = "\n".join([*lines, "", ""])
     text += as_markdown(Table("", "Keys beside the groups:", own), "## The run")
-    loose = [each for each in nested if each.keys and _group_of(each.keys[0]) not in hints]
-    for table in loose:
-        prefix = table.keys[0].name.rpartition(".")[0]
-        text += "\n" + as_markdown(table, f"## `{prefix}`")
+    for table in nested:
+        if _prefix(table).partition(".")[0] not in hints:
+            text += "\n" + as_markdown(table, f"## `{_prefix(table)}`")
     return text
 
 
-def _group_of(key: Key) -> str:
-    return key.name.partition(".")[0]
+def _prefix(table: Table) -> str:
+    return table.keys[0].name.rpartition(".")[0] if table.keys else table.title
 
 
 def _files(group: str) -> list[Path]:
@@ -107,13 +104,19 @@ def _group_page(group: str, hint: Any) -> str:
     classes = list(dict.fromkeys(settings_classes(hint)))
     if not classes:
         raise ValueError(f"no settings class for the config group {group}: {hint}")
+    shown: set[Table] = set()  # refiners share the tables of their costs
     for kind in classes:
         outer, *inner = tables_of(kind, f"{group}.")
         text += as_markdown(outer, f"### {outer.title}") + "\n"
         for table in inner:
-            prefix = table.keys[0].name.rpartition(".")[0] if table.keys else table.title
-            text += as_markdown(table, f"#### `{prefix}` ({table.title})") + "\n"
-    text += "## Files\n\n"
+            if table not in shown:
+                text += as_markdown(table, f"#### `{_prefix(table)}` ({table.title})") + "\n"
+        shown.update(inner)
+    return text + _group_files(group)
+
+
+def _group_files(group: str) -> str:
+    text = "## Files\n\n"
     for path in sorted((CONF / group).rglob("*.yaml")):
         shown = path.read_text().rstrip().replace("\n", "\n    ")
         name = path.relative_to(ROOT).as_posix()

@@ -167,7 +167,8 @@ def as_markdown(table: Table, heading: str) -> str:
         "Description": [key.description for key in table.keys],
     }
     used = {name: cells for name, cells in columns.items() if any(cells)}
-    lines = [heading, "", re.sub(r"^Config group `\w+`: ", "", table.intro), ""]
+    intro = re.sub(r"^Config group `\w+`: ", "", table.intro)
+    lines = [heading, "", intro[:1].upper() + intro[1:], ""]
     if used:
         lines += [_row(used), _row({name: ["---"] for name in used}, 0)]
         lines += [_row(used, index) for index in range(len(table.keys))]
