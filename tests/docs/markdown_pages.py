@@ -59,8 +59,8 @@ def links(path: Path) -> Iterator[str]:
 def commands(path: Path) -> Iterator[list[str]]:
     """The arguments of every `hlp …` in a page's shell blocks; a bare `…` stands for more."""
     for block in blocks(path):
-        if block.language in {"", "console", "bash", "sh"}:
+        if block.language in {"", "sh"}:
             for line in block.text.replace("\\\n", " ").splitlines():
-                words = shlex.split(line.removeprefix("$ "), comments=True)
+                words = shlex.split(line, comments=True)
                 if words and words[0] in {"hlp", ".venv/bin/hlp"}:
                     yield [word for word in words[1:] if word != "…"]

@@ -100,7 +100,7 @@ def test_blocks_of_a_page_run_in_order_unless_they_say_why_not(tmp_path):
     page = tmp_path / "page.md"
     page.write_text(
         "```python\nx = given + 1\n```\nText.\n<!-- not run: no robot here -->\n"
-        "```python\nmove_robot()\n```\n```console\n$ hlp run\n```\n```python\ny = 2 * x\n```\n"
+        "```python\nmove_robot()\n```\n```sh\nhlp run\n```\n```python\ny = 2 * x\n```\n"
     )
     names = {"given": 1}
     run_examples(page, names)
