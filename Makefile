@@ -5,6 +5,7 @@ SHELL := /bin/bash
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+DOCS_STAMP := $(VENV)/.docs-installed
 PYTHON ?=
 WORKERS ?= 2
 PORT ?= 5000
@@ -20,7 +21,7 @@ export MPLBACKEND := Agg
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_ROOT_USER_ACTION := ignore
 
-.PHONY: help env demo test test-slow check ui clean
+.PHONY: help env demo test test-slow check docs ui clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -61,6 +62,14 @@ check: $(STAMP) ## style, types and layers
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
+
+docs: $(DOCS_STAMP) ## the documentation as a site in build/docs; warnings are errors
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	@echo "Pages: build/docs/index.html (with search: $(BIN)/python -m http.server -d build/docs)"
+
+$(DOCS_STAMP): $(STAMP)
+	@$(BIN)/pip install -q -c constraints.txt -e '.[docs]'
+	@touch $@
 
 ui: $(STAMP) ## browse the runs in MLflow
 	@test -f $(WORK)/mlflow.db || { echo "No runs in $(WORK)/mlflow.db yet: make demo makes one." >&2; exit 1; }

@@ -1,0 +1,94 @@
+"""Every `hlp` command that README and the pages show: its groups, keys and values exist."""
+
+import re
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_dir
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from markdown_pages import EXAMPLES, ROOT, blocks, commands
+
+from hlp.cli import COMMANDS
+from hlp.commands import predict
+from hlp.commands.composing import MULTIRUN
+from hlp.commands.report import REPORT_HELP
+from hlp.config.build import build_settings
+
+CONF = ROOT / "conf"
+PREFIX = {"bench": ["task=bench"], "search": ["task=search"], "predict": ["experiment=predict"]}
+CASES = [(path, " ".join(words), words) for path in EXAMPLES for words in commands(path)]
+
+
+def compose_command(words: list[str], own_files: Path) -> int:
+    """Compose what a command names, every value of a sweep once; the number of configurations."""
+    command, *arguments = words if words[0] not in MULTIRUN else ["run", *words]
+    if command == "predict":
+        arguments = [predict._data_override(each) for each in arguments]
+    if command == "search":
+        arguments = [f"task/{each}" if each.startswith("space=") else each for each in arguments]
+    overrides, searched = [*PREFIX.get(command, [])], []
+    remaining = iter(arguments)
+    for each in remaining:
+        if each == "--config-dir":
+            searched = [f"hydra.searchpath=[file://{own_files / next(remaining)}]"]
+        elif each not in MULTIRUN and not each.startswith(("manifest=", "compare=")):
+            overrides.append(each.replace("…", "X"))
+    swept = [_values(each) for each in overrides]
+    count = max(map(len, swept), default=1)
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        for index in range(count):
+            arm = [values[index % len(values)] for values in swept]
+            config = compose("config", overrides=[*searched, "output=out", *arm])
+            build_settings(config)
+    return count
+
+
+def _values(override: str) -> list[str]:
+    (parsed,) = OverridesParser.create().parse_overrides([override])
+    if not parsed.is_sweep_override():
+        return [override]
+    key = override.partition("=")[0]
+    return [f"{key}={value}" for value in parsed.sweep_string_iterator()]
+
+
+@pytest.mark.parametrize(
+    ("path", "words"),
+    [(path, words) for path, _, words in CASES],
+    ids=[f"{path.stem}: {text}" for path, text, _ in CASES],
+)
+def test_command_exists_and_its_configuration_composes(path, words, tmp_path):
+    for block in blocks(path):
+        if block.language == "yaml" and block.title:
+            file = tmp_path / block.title
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(block.text)
+    if words[0] in MULTIRUN or words[0] != "report":
+        assert words[0] in MULTIRUN or words[0] in COMMANDS
+        compose_command(words, tmp_path)
+    else:
+        known = set(re.findall(r"(\w+)=", REPORT_HELP.partition("\n\n")[0]))
+        assert {each.partition("=")[0] for each in words[1:]} <= known
+
+
+def test_commands_of_every_page_are_found():
+    assert {"README", "index", "own-object", "sweeps", "mlflow", "adding-alternatives"} <= {
+        path.stem for path, _, _ in CASES
+    }
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["run", "refinement=magic"],
+        ["run", "refinement.no_such_key=1"],
+        ["-m", "refinement=pso,magic"],
+        ["run", "refinement.particles=many"],
+    ],
+)
+def test_a_wrong_command_would_be_found(words, tmp_path):
+    with pytest.raises(Exception, match=r"magic|no_such_key|particles"):
+        compose_command(words, tmp_path)
+
+
+def test_every_value_of_a_sweep_is_composed(tmp_path):
+    assert compose_command(["-m", "refinement=pso,icp,none", "seed=0,1"], tmp_path) == 3

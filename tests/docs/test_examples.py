@@ -1,0 +1,119 @@
+"""The Python examples of README and the pages run as they stand, on one object in one frame."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+from markdown_pages import EXAMPLES, blocks
+
+from hlp.data.synthetic.objects import demo_objects
+from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
+from hlp.evaluation.errors import add
+from hlp.geometry import project, transform
+from hlp.objects.meshes import load_mesh, mesh_diameter
+
+API_EXISTS = False
+"""`hlp.Detector` can be imported: its examples are run, and none may be marked `not run`."""
+
+SCENES = SyntheticSettings(
+    scenes=1,
+    seed=3,
+    width=640,
+    height=480,
+    noise=1.0,
+    min_visible=0.8,
+    objects=(5, 5),
+    clutter=(2, 2),
+    distance_mm=(700, 800),
+    elevation_deg=(30, 50),
+    roll_deg=10,
+    tilt_deg=0,
+)
+PAGES = [path for path in EXAMPLES if any(each.language == "python" for each in blocks(path))]
+
+
+@pytest.fixture(scope="module")
+def own_files(tmp_path_factory):
+    """Folder with what the examples read, the frame, and the true pose of its `bracket`."""
+    folder = tmp_path_factory.mktemp("examples")
+    scenes = SyntheticScenes(SCENES)
+    frame = scenes.load(scenes.keys[0])
+    models = demo_objects()
+    target = next(each for each in frame.targets if len(models[each.object_id].symmetries) == 1)
+    mesh = models[target.object_id].mesh
+    shape = trimesh.Trimesh(
+        mesh.vertices * 1000, mesh.faces, vertex_colors=mesh.colors, process=False
+    )
+    for name in ("bracket.ply", "bolt.ply"):
+        shape.export(folder / name)
+    cv2.imwrite(str(folder / "frame.png"), frame.rgb[:, :, ::-1])
+    cv2.imwrite(str(folder / "frame_depth.png"), np.rint(frame.depth * 1000).astype(np.uint16))
+    return folder, frame, models[target.object_id], target.pose_cam_obj
+
+
+def python_blocks(path: Path):
+    return [each for each in blocks(path) if each.language == "python"]
+
+
+def run_examples(path: Path, names: dict[str, object]) -> None:
+    """Blocks of a page share their names, as a reader who types them in would have it."""
+    for block in python_blocks(path):
+        if not block.not_run:
+            place = f"{path.name} from line {block.line}"
+            exec(compile("\n" * block.line + block.text, place, "exec"), names)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not API_EXISTS, reason="hlp.Detector does not exist yet")
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
+def test_examples_run_from_first_to_last(path, own_files, monkeypatch):
+    folder, frame, model, true_pose = own_files
+    monkeypatch.chdir(folder)
+    names = {"rgb": frame.rgb, "depth": frame.depth, "camera_matrix": frame.camera_matrix}
+    run_examples(path, names)
+    if "found" in names:
+        assert names["found"].object == "bracket"
+        error = add(names["found"].pose_cam_obj, true_pose, model.mesh.vertices)
+        assert error < 0.1 * model.diameter
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
+def test_examples_are_python(path):
+    for block in python_blocks(path):
+        compile(block.text, str(path), "exec")
+
+
+@pytest.mark.skipif(not API_EXISTS, reason="hlp.Detector does not exist yet")
+def test_no_example_waits_for_the_api():
+    waiting = [
+        f"{path.name}:{block.line}"
+        for path in PAGES
+        for block in python_blocks(path)
+        if "API" in block.not_run
+    ]
+    assert not waiting
+
+
+def test_blocks_of_a_page_run_in_order_unless_they_say_why_not(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(
+        "```python\nx = given + 1\n```\nText.\n<!-- not run: no robot here -->\n"
+        "```python\nmove_robot()\n```\n```sh\nhlp run\n```\n```python\ny = 2 * x\n```\n"
+    )
+    names = {"given": 1}
+    run_examples(page, names)
+    assert (names["x"], names["y"]) == (2, 4)
+    page.write_text("Text.\n\n```python\n1 / 0\n```\n")
+    with pytest.raises(ZeroDivisionError) as raised:
+        run_examples(page, {})
+    assert raised.traceback[-1].lineno + 1 == 4  # the page's own line
+
+
+def test_the_frame_of_the_examples_shows_the_object(own_files):
+    folder, frame, model, true_pose = own_files
+    mesh = load_mesh(folder / "bracket.ply")
+    assert mesh_diameter(mesh.vertices) == pytest.approx(model.diameter, rel=1e-3)
+    x, y = project(transform(true_pose, model.centroid[None]), frame.camera_matrix)[0]
+    assert 0 < x < frame.rgb.shape[1] and 0 < y < frame.rgb.shape[0]

@@ -1,0 +1,125 @@
+import dataclasses
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal, get_type_hints
+
+import pytest
+from annotated_types import Ge, Gt, Interval, Le, Lt, Unit
+from hydra import compose, initialize_config_dir
+from markdown_pages import ROOT
+from omegaconf import OmegaConf
+from pydantic import Discriminator, Field, Tag
+
+from hlp.config.settings import RunSettings
+
+
+@dataclass(frozen=True)
+class Inner:
+    """What is inside."""
+
+    size_px: Annotated[int, Field(ge=8, description="Side of the\n   image.")] = 64
+
+
+@dataclass(frozen=True)
+class Outer:
+    """Config group `things`: everything at once.
+
+    More about it.
+    """
+
+    name: Literal["outer"]
+    plain: int
+    angle_deg: Annotated[float, Gt(0), Lt(180)] = 5.0
+    share: Annotated[float, Interval(ge=0, le=1)] = 0.25
+    limit: Annotated[int | None, Field(description="None | all")] = None
+    pulled: float = Field(2.8, gt=0, description="Pull.")  # type: ignore[assignment]
+    speed: Annotated[float, Unit("m/s"), Ge(0), Le(3)] = 1.0
+    widths: tuple[int, ...] = (16, 32)
+    between: tuple[int, int] = (5, 8)
+    used: bool = True
+    inner: Inner = field(default_factory=lambda: Inner(size_px=48))
+    others: dict[str, Inner] = field(default_factory=dict)
+    made: int = field(default=0, init=False)
+
+
+@pytest.fixture(scope="module")
+def keys(settings_reference):
+    tables = settings_reference.tables_of(Outer, "things.")
+    return {key.name: key for table in tables for key in table.keys}
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "default", "unit", "limits", "description"),
+    [
+        ("name", "`outer`", "", "", "", ""),
+        ("plain", "integer", "", "", "", ""),
+        ("angle_deg", "number", "`5.0`", "°", "> 0, < 180", ""),
+        ("share", "number", "`0.25`", "", "≥ 0, ≤ 1", ""),
+        ("limit", "integer or null", "`null`", "", "", "None | all"),
+        ("pulled", "number", "`2.8`", "", "> 0", "Pull."),
+        ("speed", "number", "`1.0`", "m/s", "≥ 0, ≤ 3", ""),
+        ("widths", "list of integer", "`[16, 32]`", "", "", ""),
+        ("between", "list of 2: integer, integer", "`[5, 8]`", "", "", ""),
+        ("used", "true or false", "`true`", "", "", ""),
+        ("inner.size_px", "integer", "`48`", "px", "≥ 8", "Side of the image."),
+        ("others.NAME.size_px", "integer", "`64`", "px", "≥ 8", "Side of the image."),
+    ],
+)
+def test_a_field_becomes_a_row(keys, name, kind, default, unit, limits, description):
+    row = keys[f"things.{name}"]
+    assert dataclasses.astuple(row)[1:] == (kind, default, unit, limits, description)
+
+
+def test_nested_records_have_tables_of_their_own(settings_reference, keys):
+    tables = settings_reference.tables_of(Outer, "things.")
+    assert [table.title for table in tables] == ["Outer", "Inner", "Inner"]
+    assert "things.inner" not in keys
+    assert "things.made" not in keys
+
+
+def test_a_table_in_markdown(settings_reference):
+    text = settings_reference.as_markdown(
+        settings_reference.tables_of(Outer, "things.")[0], "## Things"
+    )
+    assert text.startswith("## Things\n\nEverything at once.\n\nMore about it.\n\n| Key | Type |")
+    assert "None \\| all" in text  # a bar would end the cell
+    widths = {line.replace("\\|", "").count("|") for line in text.splitlines() if line[:1] == "|"}
+    assert widths == {7}
+
+
+def test_columns_that_say_nothing_are_left_out(settings_reference):
+    plain = dataclasses.make_dataclass("Plain", [("count", int)], frozen=True)
+    text = settings_reference.as_markdown(settings_reference.tables_of(plain, "")[0], "#")
+    assert "| Key | Type |\n" in text
+
+
+def test_classes_of_a_union_are_found_in_order(settings_reference):
+    union = Annotated[
+        Annotated[Outer, Tag("outer")] | Annotated[Inner, Tag("inner")],
+        Discriminator(lambda values: "outer"),
+    ]
+    assert list(settings_reference.settings_classes(union)) == [Outer, Inner]
+    assert not list(settings_reference.settings_classes(dict[str, Any]))
+
+
+def test_every_key_of_the_default_configuration_is_listed(settings_reference):
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        config = OmegaConf.to_container(compose("config", overrides=["output=out"]), resolve=True)
+    listed = {
+        key.name
+        for name, hint in get_type_hints(RunSettings, include_extras=True).items()
+        for kind in settings_reference.settings_classes(hint)
+        for table in settings_reference.tables_of(kind, f"{name}.")
+        for key in table.keys
+    }
+    listed |= {key.name for key in settings_reference.tables_of(RunSettings, "")[0].keys}
+    # A group whose class does not keep the name of its file has no row for it.
+    missing = {key for key in leaves(config) if key not in listed and not key.endswith(".name")}
+    assert not missing
+
+
+def leaves(values, prefix=""):
+    for key, value in values.items():
+        if isinstance(value, dict) and value:
+            yield from leaves(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}"
