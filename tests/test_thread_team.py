@@ -1,4 +1,4 @@
-"""Work shared out: done once, in order, whoever does it; errors reach the caller."""
+"""Every item is done once, results are in order, errors reach the caller."""
 
 import threading
 import time
@@ -19,7 +19,7 @@ def test_every_item_is_done_once_and_results_are_in_order(threads: int, count: i
         time.sleep(0.001 * (index % 3))
         return index**2
 
-    assert ThreadTeam(threads).each(work, count) == [index**2 for index in range(count)]
+    assert ThreadTeam(threads).map(work, count) == [index**2 for index in range(count)]
     assert sorted(done) == list(range(count))
 
 
@@ -31,16 +31,16 @@ def test_ranges_cover_everything_once(threads: int, count: int) -> None:
     def work(first: int, last: int) -> None:
         touched[first:last] += 1
 
-    ThreadTeam(threads).ranges(work, count)
+    ThreadTeam(threads).map_ranges(work, count)
     assert (touched == 1).all()
 
 
-def test_the_caller_works_and_waits_for_no_helper_that_sleeps() -> None:
-    """A helper that is busy elsewhere leaves all items to the caller."""
+def test_the_caller_does_not_wait_for_helpers_that_have_not_started() -> None:
+    """While its only helper is busy elsewhere, the caller does all items."""
     team, release = ThreadTeam(2), threading.Event()
     assert team._helpers is not None
     team._helpers.submit(release.wait)
-    names = team.each(lambda _: threading.current_thread().name, 4)
+    names = team.map(lambda _: threading.current_thread().name, 4)
     release.set()
     assert set(names) == {threading.current_thread().name}
 
@@ -52,11 +52,11 @@ def test_helpers_take_part() -> None:
         barrier.wait()
         return threading.current_thread().name
 
-    assert len(set(ThreadTeam(3).each(work, 3))) == 3
+    assert len(set(ThreadTeam(3).map(work, 3))) == 3
 
 
 @pytest.mark.parametrize("bad", [0, 1])
-def test_errors_reach_the_caller_and_the_crew_goes_on(bad: int) -> None:
+def test_errors_reach_the_caller_and_the_team_goes_on(bad: int) -> None:
     team = ThreadTeam(2)
     barrier = threading.Barrier(2, timeout=10)
 
@@ -67,5 +67,5 @@ def test_errors_reach_the_caller_and_the_crew_goes_on(bad: int) -> None:
         return index
 
     with pytest.raises(ValueError, match="item is bad"):
-        team.each(work, 2)
-    assert team.each(abs, 3) == [0, 1, 2]
+        team.map(work, 2)
+    assert team.map(abs, 3) == [0, 1, 2]

@@ -1,4 +1,4 @@
-"""Work shared out between the calling thread and helpers, for kernels that release the GIL."""
+"""A pool of threads in which the caller works too, for kernels that release the GIL."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -7,44 +7,48 @@ from typing import TypeVar
 
 import numpy as np
 
-_PIECES = 4  # of a range, for each thread: whoever is late or slow takes fewer
+_RANGES_PER_THREAD = 4  # short ranges balance threads that start late or run slowly
 
 Result = TypeVar("Result")
 
 
 class ThreadTeam:
-    """The calling thread and `threads` − 1 helpers.
+    """The calling thread and `threads` - 1 helper threads.
 
-    Whoever is free takes the next item, the caller among them: on two busy cores a helper may wake
-    late, sometimes by milliseconds, and nothing waits for it then. Who does what changes no result.
+    Each thread takes the next item as soon as it is free. The caller works as well, because a
+    helper may start milliseconds late on a busy machine; a helper that has not started by the time
+    all items are taken is cancelled. Which thread does which item does not affect the results.
     """
 
     def __init__(self, threads: int) -> None:
         self.threads = threads
         self._helpers = ThreadPoolExecutor(threads - 1) if threads > 1 else None
 
-    def each(self, work: Callable[[int], Result], count: int) -> list[Result]:
-        """Results of the items 0 to `count` − 1, in order; raises what the work raises."""
+    def map(self, function: Callable[[int], Result], count: int) -> list[Result]:
+        """Results of `function(index)` for index 0 to `count` - 1, in order.
+
+        Raises what `function` raises, once all running calls have ended.
+        """
         results: dict[int, Result] = {}
         pending = iter(range(count))
 
-        def labour() -> None:
+        def run() -> None:
             for index in pending:
-                results[index] = work(index)
+                results[index] = function(index)
 
         helpers = min(self.threads, count) - 1
-        helping = [self._helpers.submit(labour) for _ in range(helpers)] if self._helpers else []
+        futures = [self._helpers.submit(run) for _ in range(helpers)] if self._helpers else []
         try:
-            labour()
+            run()
         finally:
-            begun = [each for each in helping if not each.cancel()]
-            wait(begun)
-        for each in begun:
-            each.result()
+            started = [future for future in futures if not future.cancel()]
+            wait(started)
+        for future in started:
+            future.result()
         return [results[index] for index in range(count)]
 
-    def ranges(self, work: Callable[[int, int], None], count: int) -> None:
-        """Do the work from a first to before a last item, until all `count` are done."""
-        pieces = min(_PIECES * self.threads, count) if self._helpers else 1
+    def map_ranges(self, function: Callable[[int, int], None], count: int) -> None:
+        """Call `function(start, stop)` for consecutive ranges that cover 0 to `count` - 1."""
+        pieces = min(_RANGES_PER_THREAD * self.threads, count) if self._helpers else 1
         bounds = list(pairwise(np.linspace(0, count, pieces + 1).astype(int).tolist()))
-        self.each(lambda piece: work(*bounds[piece]), len(bounds))
+        self.map(lambda piece: function(*bounds[piece]), len(bounds))

@@ -57,7 +57,7 @@ class WindowImages:
             if with_depth:
                 _cut_depth(self._depth, places, depths, size, first, last, out)
 
-        self._team.ranges(work, len(places))
+        self._team.map_ranges(work, len(places))
         kept = out if with_depth else out[..., :3]
         return torch.from_numpy(kept).view(torch.bfloat16).permute(0, 3, 1, 2)
 

@@ -90,7 +90,7 @@ class PsoRefiner(Refiner):
             best, iterations = search(cost, poses[index], model.centroid, settings, rng, deadline)
             return Refinement(best, iterations)
 
-        return self._team.each(one, len(poses))
+        return self._team.map(one, len(poses))
 
     def polish(
         self,

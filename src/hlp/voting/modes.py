@@ -97,13 +97,13 @@ class JointModes:
         places, turns = np.ascontiguousarray(centroids.T), np.ascontiguousarray(quats.T)
         given = (places, turns, weights, self.radius_squared, self.cosine)
         support = np.empty(len(weights))
-        self._team.ranges(lambda a, b: sum_support(*given, a, support[a:b]), len(support))
+        self._team.map_ranges(lambda a, b: sum_support(*given, a, support[a:b]), len(support))
         # A few times as many as are asked for: several may drift to one mode.
         most = 4 * self.settings.hypotheses
         seeds = choose_distinct(places, turns, support, self.radius_squared, self.cosine, most)
         means, mode_support = np.hstack([centroids[seeds], quats[seeds]]), np.empty(len(seeds))
         steps = self.settings.mean_shift_iterations
-        self._team.ranges(
+        self._team.map_ranges(
             lambda a, b: shift_modes(*given, steps, means[a:b], mode_support[a:b]), len(seeds)
         )
         found = (np.ascontiguousarray(means[:, :3].T), np.ascontiguousarray(means[:, 3:].T))
