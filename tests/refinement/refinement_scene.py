@@ -1,6 +1,6 @@
 """A synthetic scene: an object without symmetry on a table, partly hidden by a box, noisy depth."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import trimesh
@@ -78,6 +78,14 @@ def disturbed(scene: Scene, degrees: float, millimetres: float, seed: int) -> np
     centre = scene.pose[:3, :3] @ scene.model.centroid + scene.pose[:3, 3]
     moved = centre + shift / np.linalg.norm(shift) * millimetres / 1000
     return posed(scene.model, turn @ scene.pose[:3, :3], moved)
+
+
+def shifted_model(
+    model: ObjectModel, offset: np.ndarray, poses: np.ndarray
+) -> tuple[ObjectModel, np.ndarray]:
+    """The model with all coordinates shifted by an offset (m), and the poses that show the same."""
+    mesh = replace(model.mesh, vertices=model.mesh.vertices + offset)
+    return replace(model, mesh=mesh, proxy=mesh), poses @ rigid(np.eye(3), -offset)
 
 
 def error(scene: Scene, pose: np.ndarray) -> float:

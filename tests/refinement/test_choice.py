@@ -1,18 +1,19 @@
-"""Which hypotheses are refined: those worth it, best first; the answer is polished."""
+"""Which hypotheses are refined and in what order, which one is chosen, and how it is polished."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
-from refinement_scene import CAMERA, Scene, disturbed, error
+from refinement_scene import CAMERA, Scene, disturbed, error, shifted_model
 
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
 from hlp.refinement.verification import VerificationSettings, Verifier, observe
 
 
-class Still:
-    """Leaves poses where they are, and writes down what it was asked."""
+class Recorder:
+    """Leaves poses where they are and records its calls."""
 
     def __init__(self) -> None:
         self.asked: list[np.ndarray] = []
@@ -36,15 +37,15 @@ class Still:
         return Refinement(answer.pose_cam_obj, answer.iterations + 1)
 
 
-def choose(
+def try_to_choose(
     scene: Scene,
     verification: VerificationSettings,
-    refiner: Still,
+    refiner: Recorder,
     poses: np.ndarray,
     candidates: int = 8,
     max_improvement: float = 0.1,
-) -> RefinedHypotheses:
-    # Support is left out of the cost: all have the same.
+) -> RefinedHypotheses | None:
+    # All have the same support, which therefore adds nothing to the cost.
     hypotheses = Hypotheses(poses, np.ones(len(poses)))
     return refine_and_choose(
         refiner,
@@ -58,6 +59,12 @@ def choose(
     )
 
 
+def choose(*args: Any, **options: Any) -> RefinedHypotheses:
+    result = try_to_choose(*args, **options)
+    assert result is not None
+    return result
+
+
 @pytest.fixture
 def poses(scene: Scene) -> np.ndarray:
     """From bad to good: the last is right."""
@@ -67,26 +74,26 @@ def poses(scene: Scene) -> np.ndarray:
 def test_the_best_is_found_refined_first_and_polished(
     scene: Scene, verification: VerificationSettings, poses: np.ndarray
 ) -> None:
-    refiner = Still()
-    fine = choose(scene, verification, refiner, poses, max_improvement=1.0)
-    assert len(refiner.asked) == 3 and len(fine.refined) == len(fine.costs) == 6
+    refiner = Recorder()
+    result = choose(scene, verification, refiner, poses, max_improvement=1.0)
+    assert len(refiner.asked) == 3 and len(result.refined) == len(result.costs) == 6
     np.testing.assert_array_equal(refiner.asked[0][0], poses[-1])
-    assert fine.sources[fine.best] == 5 and sorted(fine.sources) == list(range(6))
-    for source, refined in zip(fine.sources, fine.refined, strict=True):
+    assert result.sources[result.best] == 5 and sorted(result.sources) == list(range(6))
+    for source, refined in zip(result.sources, result.refined, strict=True):
         np.testing.assert_array_equal(refined.pose_cam_obj, poses[source])
     np.testing.assert_array_equal(refiner.polished, poses[-1:])
-    assert fine.refined[fine.best].iterations == 2
-    assert error(scene, fine.refined[fine.best].pose_cam_obj) < 1e-9
+    assert result.refined[result.best].iterations == 2
+    assert error(scene, result.refined[result.best].pose_cam_obj) < 1e-9
     assert 0 < refiner.spent[0] < refiner.spent[1] < refiner.spent[-1]
 
 
 def test_no_more_are_refined_than_asked_for(
     scene: Scene, verification: VerificationSettings, poses: np.ndarray
 ) -> None:
-    fine = choose(scene, verification, Still(), poses, candidates=3, max_improvement=1.0)
+    result = choose(scene, verification, Recorder(), poses, candidates=3, max_improvement=1.0)
     observation = observe(scene.rgb, scene.depth, CAMERA, verification)
     costs = Verifier(scene.model, verification).costs(observation, poses)
-    np.testing.assert_array_equal(fine.sources, np.argsort(costs)[:3])
+    np.testing.assert_array_equal(result.sources, np.argsort(costs)[:3])
 
 
 def test_hopeless_ones_are_left_out(
@@ -96,22 +103,49 @@ def test_hopeless_ones_are_left_out(
     costs = np.sort(Verifier(scene.model, verification).costs(observation, poses))
     apart = costs[2] - costs[0]
     assert apart > 0.02
-    assert (
-        len(choose(scene, verification, Still(), poses, max_improvement=apart * 0.9).refined) == 2
-    )
-    assert len(choose(scene, verification, Still(), poses, max_improvement=apart * 1.1).refined) > 2
+    few = choose(scene, verification, Recorder(), poses, max_improvement=apart * 0.9)
+    more = choose(scene, verification, Recorder(), poses, max_improvement=apart * 1.1)
+    assert len(few.refined) == 2 < len(more.refined)
 
 
 def test_one_hypothesis_is_enough(
     scene: Scene, verification: VerificationSettings, poses: np.ndarray
 ) -> None:
-    fine = choose(scene, replace(verification, candidates=1), Still(), poses[:1])
-    assert fine.best == 0 and len(fine.refined) == 1
+    result = choose(scene, replace(verification, candidates=1), Recorder(), poses[:1])
+    assert result.best == 0 and len(result.refined) == 1
 
 
-def test_a_pose_that_is_not_finite_is_named(
+def test_hypotheses_behind_the_camera_or_not_finite_are_dropped(
     scene: Scene, verification: VerificationSettings, poses: np.ndarray
 ) -> None:
-    poses[1, 0, 0] = np.nan
-    with pytest.raises(ValueError, match="hypothesis 1"):
-        choose(scene, verification, Still(), poses)
+    bad = poses.copy()
+    bad[0, 0, 0] = np.nan
+    bad[2, 2, 3] *= -1.0
+    bad[4, 1, 3] = np.inf
+    result = choose(scene, verification, Recorder(), bad, max_improvement=1.0)
+    alone = choose(scene, verification, Recorder(), bad[[1, 3, 5]], max_improvement=1.0)
+    np.testing.assert_array_equal(result.sources, np.array([1, 3, 5])[alone.sources])
+    np.testing.assert_array_equal(result.costs, alone.costs)
+    assert result.sources[result.best] == 5
+
+
+def test_nothing_comes_of_hypotheses_that_are_all_behind_the_camera(
+    scene: Scene, verification: VerificationSettings, poses: np.ndarray
+) -> None:
+    poses[:, 2, 3] *= -1.0
+    refiner = Recorder()
+    assert try_to_choose(scene, verification, refiner, poses) is None
+    assert refiner.asked == [] and refiner.polished == []
+
+
+def test_the_origin_may_lie_behind_the_camera(
+    scene: Scene, verification: VerificationSettings, poses: np.ndarray
+) -> None:
+    """A mesh whose coordinates are a metre off gives the same poses in the camera."""
+    along_axis = scene.pose[2, :3]  # the optical axis in object coordinates
+    model, shifted = shifted_model(scene.model, along_axis, poses)
+    assert shifted[-1, 2, 3] < -0.3
+    expected = choose(scene, verification, Recorder(), poses)
+    found = choose(replace(scene, model=model), verification, Recorder(), shifted)
+    np.testing.assert_array_equal(found.sources, expected.sources)
+    np.testing.assert_allclose(found.costs, expected.costs, atol=1e-6)

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from refinement_scene import CAMERA, SHAPE, Scene, disturbed, error, make_scene
+from refinement_scene import CAMERA, SHAPE, Scene, disturbed, error, make_scene, shifted_model
 
+from hlp.geometry import rigid
 from hlp.records import Hypotheses
 from hlp.refinement.cost import CostSettings
 from hlp.refinement.icp import IcpRefiner, IcpSettings
@@ -116,6 +117,19 @@ def test_a_bad_hypothesis_is_named(scene: Scene, refiner: Refiner) -> None:
         refiner.refine(scene.model, scene.depth, CAMERA, hypotheses(scene.pose, bad), seed=0)
     with pytest.raises(ValueError, match=r"hypothesis 0.*behind"):
         refiner.refine(scene.model, scene.depth, CAMERA, hypotheses(behind), seed=0)
+
+
+def test_the_meshs_origin_does_not_matter(scene: Scene, refiner: Refiner) -> None:
+    """Coordinates a metre off their origin, even behind the camera, give the same poses."""
+    coarse = np.stack([disturbed(scene, 20, 10, 1), disturbed(scene, 10, 20, 2)])
+    expected = refiner.refine(scene.model, scene.depth, CAMERA, hypotheses(*coarse), seed=5)
+    along = scene.pose[2, :3]  # the optical axis in object coordinates
+    for offset in (along, -along, np.array([0.6, -0.5, 0.7])):
+        model, poses = shifted_model(scene.model, offset, coarse)
+        found = refiner.refine(model, scene.depth, CAMERA, hypotheses(*poses), seed=5)
+        for a, b in zip(found, expected, strict=True):
+            pose = a.pose_cam_obj @ rigid(np.eye(3), offset)
+            np.testing.assert_allclose(pose, b.pose_cam_obj, atol=1e-9)
 
 
 def test_threads_do_not_change_the_poses_of_pso(scene: Scene, pso_settings: PsoSettings) -> None:

@@ -1,4 +1,4 @@
-"""Stage 3 of one object: which hypotheses are refined, and which refined one is the answer."""
+"""Stage 3 of one object: choose the hypotheses to refine, and the best refined one."""
 
 import time
 from dataclasses import dataclass
@@ -7,18 +7,18 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hlp.records import Hypotheses, ObjectModel, Refinement
-from hlp.refinement.refiner import Refiner, checked_poses
+from hlp.refinement.refiner import Refiner, refinable
 from hlp.refinement.verification import Observation, Verifier
 
-_TOGETHER = 2  # hypotheses that are refined before it is asked whether others are worth it
+_BATCH = 2  # hypotheses refined before the next ones are compared with the best so far
 
 
 @dataclass(frozen=True)
 class RefinedHypotheses:
-    """What stage 3 makes of the hypotheses: those refined, which they were, and the answer's index.
+    """The refined hypotheses of one object, and which of them was chosen.
 
-    `refined[i]` comes of the coarse hypothesis `sources[i]` and has the verification cost
-    `costs[i]`; `refined[best]` is the answer.
+    `refined[i]` was refined from the coarse hypothesis of index `sources[i]` and has the
+    verification cost `costs[i]`; `refined[best]` is the result.
     """
 
     refined: list[Refinement]
@@ -36,28 +36,33 @@ def refine_and_choose(
     candidates: int,
     max_improvement: float,
     seed: int,
-) -> RefinedHypotheses:
-    """Refine the hypotheses worth it, choose one by its verification cost, polish it.
+) -> RefinedHypotheses | None:
+    """Refine the most promising hypotheses, choose the one of lowest verification cost, polish it.
 
-    At least one hypothesis is needed. Those of least verification cost come first, two at a time
-    and at most `candidates`, until the next is behind the best refined one by more than
-    `max_improvement`: refining hardly ever gains as much. Raises what `Refiner.refine` raises.
+    Hypotheses that are not finite or lie behind the camera are dropped; None if no other is left.
+    The rest is refined in order of verification cost, two at a time and at most `candidates`, until
+    the next one costs more than the best refined pose by `max_improvement`: refinement hardly ever
+    lowers a cost by that much.
     """
     begun = time.perf_counter()
     depth, camera = observation.depth, observation.camera_matrix
-    poses = checked_poses(hypotheses)
-    screened = verifier.costs(observation, poses)
-    order = np.argsort(screened, kind="stable")[:candidates]
+    poses = np.asarray(hypotheses.poses_cam_obj, dtype=np.float64)
+    usable = np.flatnonzero(refinable(poses, model.centroid))
+    if len(usable) == 0:
+        return None
+    coarse_costs = verifier.costs(observation, poses[usable])
+    ranking = np.argsort(coarse_costs, kind="stable")[:candidates]
+    order, coarse_costs = usable[ranking], coarse_costs[ranking]
     refined: list[Refinement] = []
     lowest = np.inf
-    for start in range(0, len(order), _TOGETHER):
-        part = order[start : start + _TOGETHER]
-        if screened[part[0]] - max_improvement > lowest:
+    for start in range(0, len(order), _BATCH):
+        if coarse_costs[start] - max_improvement > lowest:
             break
-        some = Hypotheses(poses[part], hypotheses.support[part])
+        rows = order[start : start + _BATCH]
+        batch = Hypotheses(poses[rows], hypotheses.support[rows])
         spent = time.perf_counter() - begun
-        own = seed + start  # the refiner numbers hypotheses from 0 again
-        refined += refiner.refine(model, depth, camera, some, own, spent)
+        batch_seed = seed + start  # the refiner numbers each batch's hypotheses from 0
+        refined += refiner.refine(model, depth, camera, batch, batch_seed, spent)
         lowest = min(lowest, verifier.costs(observation, _poses(refined[start:])).min())
     sources = order[: len(refined)]
     costs = verifier.competing_costs(observation, _poses(refined), hypotheses.support[sources])

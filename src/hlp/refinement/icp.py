@@ -50,7 +50,7 @@ class IcpRefiner(Refiner):
     ) -> list[Refinement]:
         """See Refiner.refine. Nothing is random nor timed: `seed` and `spent` are not used."""
         refined = []
-        for pose in checked_poses(hypotheses):
+        for pose in checked_poses(hypotheses, model):
             cost = DepthCost(model.proxy, depth, camera_matrix, pose, self._settings.cost)
             best, iterations = align(cost, pose, self._settings)
             refined.append(Refinement(best, iterations))

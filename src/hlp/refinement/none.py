@@ -31,4 +31,4 @@ class NoneRefiner(Refiner):
         spent: float = 0.0,
     ) -> list[Refinement]:
         """See Refiner.refine. Nothing is random nor timed: `seed` and `spent` are not used."""
-        return [Refinement(pose, 0) for pose in checked_poses(hypotheses)]
+        return [Refinement(pose, 0) for pose in checked_poses(hypotheses, model)]

@@ -74,7 +74,7 @@ class PsoRefiner(Refiner):
         of which as many run at once as there are threads; those that are left when it is over stay
         as they are. What time allows differs from run to run, so poses are then not reproducible.
         """
-        poses = checked_poses(hypotheses)
+        poses = checked_poses(hypotheses, model)
         settings = self._settings
         # Whole hypotheses are shared out: an iteration is too short to be.
         at_once = min(settings.threads, len(poses))

@@ -1,15 +1,15 @@
-"""What every refiner offers: coarse poses in, as many refined poses out; the answer polished."""
+"""Interface of the refiners, and which coarse poses they accept."""
 
 from typing import Protocol
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from hlp.records import Hypotheses, ObjectModel, Refinement
 
 
 class Refiner(Protocol):
-    """Stage 3: moves coarse poses until the rendered model fits the observed depth."""
+    """Stage 3: moves coarse poses until the rendered model fits the observed depth (paper, 3.3)."""
 
     def refine(
         self,
@@ -22,9 +22,9 @@ class Refiner(Protocol):
     ) -> list[Refinement]:
         """One refinement per hypothesis, in the same order.
 
-        `depth` in metres, 0 where missing. Where the refiner has a budget of time, `spent` (s) of
-        it belongs to other work. Without one, equal inputs and seeds give equal poses. Raises
-        ValueError naming a hypothesis that is not finite or behind the camera.
+        `depth` is in metres, 0 where missing. `spent` (s) is the part of the refiner's time budget
+        that is already used. Without a budget, equal inputs and seeds give equal poses. Raises
+        ValueError naming a hypothesis that is not finite or whose centroid is behind the camera.
         """
         ...
 
@@ -37,16 +37,27 @@ class Refiner(Protocol):
         seed: int,
         spent: float = 0.0,
     ) -> Refinement:
-        """The answer, once chosen, made more exact; here itself: there is nothing to add."""
+        """A more exact pose for the hypothesis that was chosen; by default the same pose."""
         return answer
 
 
-def checked_poses(hypotheses: Hypotheses) -> Float[np.ndarray, "m 4 4"]:
-    """The coarse poses as float64; raises ValueError naming the first that cannot be refined."""
+def refinable(
+    poses_cam_obj: Float[np.ndarray, "m 4 4"], centroid: Float[np.ndarray, "3"]
+) -> Bool[np.ndarray, "m"]:
+    """Which poses are finite and put the centroid (object coordinates, m) in front of the camera.
+
+    Where the origin lies does not matter: a CAD file may have it far outside the object.
+    """
+    depths = poses_cam_obj[:, 2, :3] @ centroid + poses_cam_obj[:, 2, 3]
+    return np.asarray(np.isfinite(poses_cam_obj).all(axis=(1, 2)) & (depths > 0.0))
+
+
+def checked_poses(hypotheses: Hypotheses, model: ObjectModel) -> Float[np.ndarray, "m 4 4"]:
+    """The coarse poses as float64. Raises ValueError naming the first that is not `refinable`."""
     poses = np.asarray(hypotheses.poses_cam_obj, dtype=np.float64)
-    for index, pose in enumerate(poses):
-        if not np.isfinite(pose).all():
-            raise ValueError(f"hypothesis {index}: pose_cam_obj is not finite (nan or inf)")
-        if pose[2, 3] <= 0.0:
-            raise ValueError(f"hypothesis {index}: pose_cam_obj lies behind the camera")
+    bad = np.flatnonzero(~refinable(poses, model.centroid))
+    if len(bad):
+        finite = np.isfinite(poses[bad[0]]).all()
+        problem = "puts the object behind the camera" if finite else "is not finite (nan or inf)"
+        raise ValueError(f"hypothesis {bad[0]}: pose_cam_obj {problem}")
     return poses
