@@ -115,6 +115,46 @@ def test_one_hypothesis_is_enough(
     assert result.best == 0 and len(result.refined) == 1
 
 
+class Polisher(Recorder):
+    """Polishes every pose to a given one."""
+
+    def __init__(self, polished: np.ndarray) -> None:
+        super().__init__()
+        self.result = polished
+
+    def polish(
+        self, model: ObjectModel, depth: np.ndarray, camera_matrix: np.ndarray,
+        answer: Refinement, seed: int, spent: float = 0.0,
+    ) -> Refinement:  # fmt: skip
+        return Refinement(self.result, answer.iterations + 1)
+
+
+def test_the_cost_is_that_of_the_polished_pose(
+    scene: Scene, verification: VerificationSettings, poses: np.ndarray
+) -> None:
+    """Among the other refined poses, whose costs stay as they are."""
+    coarse = poses[:4]
+    result = choose(scene, verification, Polisher(scene.pose), coarse, max_improvement=1.0)
+    plain = choose(scene, verification, Recorder(), coarse, max_improvement=1.0)
+    np.testing.assert_array_equal(result.refined[result.best].pose_cam_obj, scene.pose)
+    together = np.stack([each.pose_cam_obj for each in result.refined])
+    observation = observe(scene.rgb, scene.depth, CAMERA, verification)
+    verifier = Verifier(scene.model, verification)
+    expected = verifier.competing_costs(observation, together, np.ones(4))[result.best]
+    assert result.costs[result.best] == expected < plain.costs[plain.best]
+    others = np.arange(4) != result.best
+    np.testing.assert_array_equal(result.costs[others], plain.costs[others])
+
+
+def test_a_polish_that_makes_the_pose_worse_is_undone(
+    scene: Scene, verification: VerificationSettings, poses: np.ndarray
+) -> None:
+    result = choose(scene, verification, Polisher(poses[0]), poses)
+    plain = choose(scene, verification, Recorder(), poses)
+    np.testing.assert_array_equal(result.refined[result.best].pose_cam_obj, poses[-1])
+    np.testing.assert_array_equal(result.costs, plain.costs)
+
+
 def test_hypotheses_behind_the_camera_or_not_finite_are_dropped(
     scene: Scene, verification: VerificationSettings, poses: np.ndarray
 ) -> None:

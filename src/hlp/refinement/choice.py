@@ -1,7 +1,7 @@
 """Stage 3 of one object: choose the hypotheses to refine, and the best refined one."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -42,7 +42,8 @@ def refine_and_choose(
     Hypotheses that are not finite or lie behind the camera are dropped; None if no other is left.
     The rest is refined in order of verification cost, two at a time and at most `candidates`, until
     the next one costs more than the best refined pose by `max_improvement`: refinement hardly ever
-    lowers a cost by that much.
+    lowers a cost by that much. The polished pose is kept unless its cost, among the refined poses,
+    is higher than before.
     """
     begun = time.perf_counter()
     depth, camera = observation.depth, observation.camera_matrix
@@ -65,11 +66,32 @@ def refine_and_choose(
         refined += refiner.refine(model, depth, camera, batch, batch_seed, spent)
         lowest = min(lowest, verifier.costs(observation, _poses(refined[start:])).min())
     sources = order[: len(refined)]
-    costs = verifier.competing_costs(observation, _poses(refined), hypotheses.support[sources])
+    support = hypotheses.support[sources]
+    costs = verifier.competing_costs(observation, _poses(refined), support)
     best = int(np.argmin(costs))
     spent = time.perf_counter() - begun
-    refined[best] = refiner.polish(model, depth, camera, refined[best], seed, spent)
-    return RefinedHypotheses(refined, costs, sources, best)
+    polished = refiner.polish(model, depth, camera, refined[best], seed, spent)
+    chosen = RefinedHypotheses(refined, costs, sources, best)
+    return _with_polished(chosen, polished, verifier, observation, support)
+
+
+def _with_polished(
+    chosen: RefinedHypotheses,
+    polished: Refinement,
+    verifier: Verifier,
+    observation: Observation,
+    support: Float[np.ndarray, "c"],
+) -> RefinedHypotheses:
+    """The polished pose and its cost in place of the best, unless it costs more among the others.
+
+    The refiner's cost is not the verifier's, so a polished pose may fit the image less well.
+    """
+    best, refined, costs = chosen.best, list(chosen.refined), chosen.costs.copy()
+    refined[best] = polished
+    costs[best] = verifier.competing_costs(observation, _poses(refined), support)[best]
+    if costs[best] > chosen.costs[best]:
+        return chosen
+    return replace(chosen, refined=refined, costs=costs)
 
 
 def _poses(refined: list[Refinement]) -> Float[np.ndarray, "c 4 4"]:
