@@ -70,6 +70,24 @@ def test_the_default_run_is_the_demo_and_needs_no_files(default):
     json.dumps(run.config)  # plain values
 
 
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("data.noise", 0.5),
+        ("data.width", 320),
+        ("data.height", 240),
+        ("data.min_visible", 0.6),
+        ("data.scenes", 2),
+        ("data.clutter", [1, 2]),
+    ],
+)
+def test_what_the_test_scenes_look_like_is_no_reason_to_train_again(default, key, value):
+    plain, other = build_run(default).dataset, build_run(changed(default, key, value)).dataset
+    assert other.frames_identity != plain.frames_identity
+    for name in ("background_frames", "encoder_frames"):
+        assert getattr(other, name).identity() == getattr(plain, name).identity()
+
+
 WRONG = [
     ("seed", "abc", r"^seed: .*integer \(given: 'abc'\)$"),
     ("rendering.viewpoints", 3.5, r"^rendering\.viewpoints: .*integer \(given: 3\.5\)$"),

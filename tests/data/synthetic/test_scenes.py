@@ -160,12 +160,19 @@ def test_identity_follows_settings_and_kind() -> None:
 
 
 def test_training_frames_hold_no_target() -> None:
-    frames = training_frames(demo_settings(), count=3, seed=5)
+    frames = training_frames(count=3, seed=5)
     assert len(frames) == 3
     scene = frames.scene(frames.keys[0])
     assert all(item.object_id == 0 for item in scene.items)
     assert frames.load(frames.keys[0]).targets == ()
     assert len(np.unique(scene.index)) > 6
+
+
+def test_training_frames_are_those_of_the_default_configuration() -> None:
+    trained = training_frames(count=1, seed=5)
+    default = demo_settings(width=640, height=480, scenes=1, seed=5)
+    expected = SyntheticScenes(default, targets=False)
+    assert same(trained.load(trained.keys[0]), expected.load(expected.keys[0]))
 
 
 def test_noise_makes_depth_incomplete_and_rough() -> None:

@@ -50,6 +50,23 @@ class SyntheticSettings:
     tilt_deg: float
 
 
+_TRAINING_SETTINGS = SyntheticSettings(
+    scenes=0,
+    seed=0,
+    width=640,
+    height=480,
+    noise=1.0,
+    min_visible=0.3,
+    objects=(5, 8),
+    clutter=(6, 12),
+    distance_mm=(600.0, 1100.0),
+    elevation_deg=(20.0, 75.0),
+    roll_deg=20.0,
+    tilt_deg=5.0,
+)
+"""Settings of the frames that networks are trained with; scenes and seed are replaced."""
+
+
 @dataclass(frozen=True)
 class Scene:
     """A scene before the sensor: what stands where, and its clean rendering.
@@ -193,9 +210,13 @@ class SyntheticScenes:
         return np.random.default_rng([self._settings.seed, number, streams])
 
 
-def training_frames(settings: SyntheticSettings, count: int, seed: int) -> SyntheticScenes:
-    """`count` frames with the same camera and sensor but no demo object in them, only clutter."""
-    return SyntheticScenes(replace(settings, scenes=count, seed=seed), targets=False)
+def training_frames(count: int, seed: int) -> SyntheticScenes:
+    """`count` frames without any demo object: clutter only, under settings of their own.
+
+    The settings of the test scenes do not enter: a test set with more noise, or of another size,
+    is no reason to train again.
+    """
+    return SyntheticScenes(replace(_TRAINING_SETTINGS, scenes=count, seed=seed), targets=False)
 
 
 def silhouette_area(
