@@ -200,7 +200,7 @@ def few_views() -> Views:
 
 def test_files_bring_the_views_back(tmp_path: Path, few_views: Views) -> None:
     save_views(tmp_path / "new" / "folder", few_views)
-    loaded = load_views(tmp_path / "new" / "folder")
+    loaded = load_views(tmp_path / "new" / "folder", object_id=7)
     assert loaded.object_id == 7
     np.testing.assert_array_equal(loaded.rgb, few_views.rgb)
     np.testing.assert_allclose(loaded.depth, few_views.depth, atol=0.0000501)
@@ -209,6 +209,17 @@ def test_files_bring_the_views_back(tmp_path: Path, few_views: Views) -> None:
     np.testing.assert_array_equal(loaded.poses_cam_obj, few_views.poses_cam_obj)
     np.testing.assert_array_equal(loaded.camera_matrix, few_views.camera_matrix)
     assert not loaded.rgb.flags.owndata and not loaded.rgb.flags.writeable  # still on disk
+
+
+def test_files_name_no_object(tmp_path: Path, few_views: Views) -> None:
+    """The views of a mesh are the same whatever id it has in a data set."""
+    for object_id in (7, 3):
+        save_views(tmp_path / str(object_id), dataclasses.replace(few_views, object_id=object_id))
+    contents = [
+        {path.name: path.read_bytes() for path in (tmp_path / name).iterdir()} for name in "73"
+    ]
+    assert contents[0] == contents[1]
+    assert load_views(tmp_path / "7", object_id=3).object_id == 3
 
 
 def test_depth_that_does_not_fit_the_files_is_refused(tmp_path: Path, few_views: Views) -> None:
@@ -223,10 +234,10 @@ def test_missing_and_damaged_files_are_named(tmp_path: Path, few_views: Views) -
     for kept in (len(whole) // 2, 20, 0):
         (tmp_path / "depth.npy").write_bytes(whole[:kept])
         with pytest.raises(ValueError, match=r"depth\.npy is damaged"):
-            load_views(tmp_path)
+            load_views(tmp_path, 7)
     (tmp_path / "depth.npy").unlink()
     with pytest.raises(FileNotFoundError, match=r"depth\.npy"):
-        load_views(tmp_path)
+        load_views(tmp_path, 7)
     np.save(tmp_path / "depth.npy", np.zeros((3, 64, 64), np.uint16))
     with pytest.raises(ValueError, match="18 colour, 3 depth"):
-        load_views(tmp_path)
+        load_views(tmp_path, 7)

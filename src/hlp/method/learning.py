@@ -163,7 +163,7 @@ def _views(
             if missing:
                 views = render_views(models[object_id], settings.rendering, settings.seed)
                 save_views(folder, views)
-        return load_views(folder)
+        return load_views(folder, object_id)
 
     return views_of
 

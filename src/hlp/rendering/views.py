@@ -22,7 +22,7 @@ _COVERAGES = {"hemisphere": hemisphere, "sphere": thomson}
 # the same views everywhere make the same results everywhere.
 _RENDERERS = {"auto": "numba", "numba": "numba", "pyrender": "pyrender"}
 _DEPTH_UNIT = 1e-4
-_FILES = ("object_id", "rgb", "depth", "poses_cam_obj", "camera_matrix")
+_FILES = ("rgb", "depth", "poses_cam_obj", "camera_matrix")
 
 _Renderer = Callable[
     [Mesh, Float[np.ndarray, "4 4"], Float[np.ndarray, "3 3"], tuple[int, int], Light],
@@ -109,10 +109,11 @@ def render_views(
 
 
 def save_views(folder: Path, views: Views) -> None:
-    """Write views as plain .npy files into `folder`, which is made if it is not there.
+    """Write views as .npy files into `folder`, which is created if it does not exist.
 
-    Depth is stored in steps of 0.1 mm (uint16), so it is rounded by up to 0.05 mm. Raises
-    ValueError on depth beyond 6.5 m, which would not fit.
+    Depth is stored in steps of 0.1 mm (uint16), so it is rounded by up to 0.05 mm. The object's id
+    is not stored: objects of any id can share the views of one mesh. Raises ValueError on depth
+    beyond 6.5 m, which would not fit.
     """
     steps = np.rint(views.depth / _DEPTH_UNIT)
     if steps.size and not (steps.min() >= 0 and steps.max() <= np.iinfo(np.uint16).max):
@@ -121,7 +122,6 @@ def save_views(folder: Path, views: Views) -> None:
             "use a smaller rendering.distance_mm"
         )
     arrays = (
-        np.asarray(views.object_id),
         views.rgb,
         steps.astype(np.uint16),
         views.poses_cam_obj,
@@ -132,20 +132,20 @@ def save_views(folder: Path, views: Views) -> None:
         np.save(folder / f"{name}.npy", array)
 
 
-def load_views(folder: Path) -> Views:
-    """Views written by `save_views`; `rgb` stays on disk (memory-mapped, read-only).
+def load_views(folder: Path, object_id: int) -> Views:
+    """Views written by `save_views`, as those of the object `object_id`.
 
-    Raises FileNotFoundError if a file is missing, ValueError if one is damaged or does not fit
-    the others; both name the file.
+    `rgb` stays on disk (memory-mapped, read-only). Raises FileNotFoundError if a file is missing,
+    ValueError if one is damaged or does not fit the others; both name the file.
     """
-    object_id, rgb, steps, poses, camera_matrix = (_load(folder / f"{name}.npy") for name in _FILES)
+    rgb, steps, poses, camera_matrix = (_load(folder / f"{name}.npy") for name in _FILES)
     if not len(rgb) == len(steps) == len(poses):
         raise ValueError(
             f"{folder} holds {len(rgb)} colour, {len(steps)} depth images and {len(poses)} poses; "
             "delete the folder to render it again"
         )
     depth = np.multiply(steps, np.float32(_DEPTH_UNIT), dtype=np.float32)
-    return Views(int(object_id), rgb, depth, np.array(poses), np.array(camera_matrix))
+    return Views(object_id, rgb, depth, np.array(poses), np.array(camera_matrix))
 
 
 def _load(file: Path) -> np.ndarray:

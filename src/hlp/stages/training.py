@@ -103,7 +103,7 @@ class TrainingStages:
 
     def load_views(self, object_id: int) -> Views:
         """Views of one object, from disk."""
-        return load_views(self.views(object_id).folder)
+        return load_views(self.views(object_id).folder, object_id)
 
     def classifier(self) -> Output:
         """Stage 1: the holistic classifier of all objects."""
