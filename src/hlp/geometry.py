@@ -8,7 +8,7 @@ Array = Float[np.ndarray, "..."]
 
 
 def rigid(rotation: Float[np.ndarray, "*#b 3 3"], translation: Float[np.ndarray, "*#b 3"]) -> Array:
-    """Join rotations (…, 3, 3) and translations (…, 3) into motions (…, 4, 4)."""
+    """Rigid motions (…, 4, 4) of rotations (…, 3, 3) and translations (…, 3)."""
     rotation, translation = np.asarray(rotation), np.asarray(translation)
     shape = np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1])
     motion = np.zeros((*shape, 4, 4))
@@ -20,22 +20,22 @@ def rigid(rotation: Float[np.ndarray, "*#b 3 3"], translation: Float[np.ndarray,
 
 def inverse(motion: Float[np.ndarray, "*b 4 4"]) -> Array:
     """Inverse of rigid motions (…, 4, 4)."""
-    turned = np.swapaxes(motion[..., :3, :3], -1, -2)
-    return rigid(turned, -np.einsum("...ij,...j->...i", turned, motion[..., :3, 3]))
+    rotation = np.swapaxes(motion[..., :3, :3], -1, -2)
+    return rigid(rotation, -np.einsum("...ij,...j->...i", rotation, motion[..., :3, 3]))
 
 
 def transform(
     motion: Float[np.ndarray, "*#b 4 4"], points: Float[np.ndarray, "*#b n 3"]
 ) -> Float[np.ndarray, "*b n 3"]:
     """Apply motions (…, 4, 4) to points (…, n, 3)."""
-    moved = points @ np.swapaxes(motion[..., :3, :3], -1, -2)
-    return np.asarray(moved + motion[..., None, :3, 3])
+    rotated = points @ np.swapaxes(motion[..., :3, :3], -1, -2)
+    return np.asarray(rotated + motion[..., None, :3, 3])
 
 
 def project(
     points_cam: Float[np.ndarray, "*b 3"], camera_matrix: Float[np.ndarray, "3 3"]
 ) -> Float[np.ndarray, "*b 2"]:
-    """Pixels (x, y) of points in front of the camera; pixel centres are integers."""
+    """Pixels (x, y) of points in front of the camera (z > 0); pixel centres are integers."""
     focal = camera_matrix[[0, 1], [0, 1]]
     return np.asarray(points_cam[..., :2] / points_cam[..., 2:] * focal + camera_matrix[:2, 2])
 
@@ -54,21 +54,21 @@ def back_project(
 def rotation_distance(
     first: Float[np.ndarray, "*#b 3 3"], second: Float[np.ndarray, "*#b 3 3"]
 ) -> Float[np.ndarray, "*b"]:
-    """Angle (rad) of the rotation between two rotations.
+    """Angle (rad) of the rotation that takes one rotation to the other.
 
-    From the chord ‖A − B‖ = 2√2 sin(θ/2), which keeps its precision near 0 where the arc cosine
-    of the trace loses half the digits.
+    Computed from ‖A − B‖ = 2√2 sin(θ/2): the arc cosine of the trace would lose half the digits
+    near 0.
     """
     chord = np.linalg.norm(np.asarray(first) - np.asarray(second), axis=(-2, -1))
     return np.asarray(2.0 * np.arcsin(np.clip(chord / (2.0 * np.sqrt(2.0)), 0.0, 1.0)))
 
 
 def allocentric_to_egocentric(rays: Float[np.ndarray, "*b 3"]) -> Float[np.ndarray, "*b 3 3"]:
-    """Smallest rotation that takes the optical axis to each ray (…, 3), rays need no unit length.
+    """Smallest rotation (…, 3, 3) from the optical axis to each ray (…, 3) of any length.
 
-    A view is rendered at the image centre. What is seen along another ray looks as the view does
-    relative to that ray, so `allocentric_to_egocentric(ray) @ R_view` is the rotation in the camera's frame
-    (allocentric to egocentric).
+    Views are rendered at the image centre. An object seen along another ray looks like the view
+    with rotation R (allocentric) if its rotation in the camera's frame (egocentric) is
+    `allocentric_to_egocentric(ray) @ R`.
     """
     unit = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
     x, y, z = unit[..., 0], unit[..., 1], unit[..., 2]
@@ -83,18 +83,18 @@ def allocentric_to_egocentric(rays: Float[np.ndarray, "*b 3"]) -> Float[np.ndarr
 
 def quaternions(rotations: Float[np.ndarray, "*b 3 3"]) -> Float[np.ndarray, "*b 4"]:
     """Unit quaternions (x, y, z, w) of rotations; q and −q are one rotation."""
-    # Nobody passes anything but rotations; to make sure takes ten times as long.
+    # Checking that these are rotations would take ten times as long.
     flat = Rotation.from_matrix(np.reshape(rotations, (-1, 3, 3)), assume_valid=True).as_quat()
     return np.reshape(flat, (*np.shape(rotations)[:-2], 4))
 
 
 def rotation_matrices(quats: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*b 3 3"]:
-    """Rotations of quaternions (x, y, z, w), normalised first. Raises ValueError on a zero one."""
+    """Rotations of quaternions (x, y, z, w) of any length. Raises ValueError for length 0."""
     flat = Rotation.from_quat(np.reshape(quats, (-1, 4))).as_matrix()
     return np.reshape(flat, (*np.shape(quats)[:-1], 3, 3))
 
 
 def nearest_rotation(matrix: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
-    """The rotation closest to a matrix in the Frobenius norm (files print rotations rounded)."""
+    """The rotation closest to a matrix in the Frobenius norm, as files store rounded rotations."""
     u, _, vt = np.linalg.svd(matrix)
     return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)

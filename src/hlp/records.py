@@ -1,8 +1,9 @@
-"""Frozen hand-overs between the stages.
+"""Frozen records that the stages pass to each other.
 
-Everything inside HLP is in metres and radians; millimetres exist only at BOP's border and in text
-for people. `pose_cam_obj` (4, 4) maps object coordinates to camera coordinates; the camera looks
-along +z, x to the right, y down (OpenCV's convention). Pixel centres have integer coordinates.
+Everything inside HLP is in metres and radians; millimetres occur only in BOP's files, in keys that
+end in `_mm` and in output for people. `pose_cam_obj` (4, 4) maps object coordinates to camera
+coordinates; the camera looks along +z, x to the right, y down (OpenCV's convention). Pixel centres
+have integer coordinates.
 """
 
 from dataclasses import dataclass, field
@@ -11,10 +12,15 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
+MILLIMETRE = 1e-3
+"""One millimetre in metres: multiply by it what is given in mm."""
+MILLIMETRES_PER_METRE = 1000.0
+"""Multiply by it what is given in metres to get mm."""
+
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A triangle mesh in object coordinates, metres. Two are equal only if they are one."""
+    """A triangle mesh in object coordinates (m). Meshes are compared by identity."""
 
     vertices: Float[np.ndarray, "v 3"]
     faces: Int[np.ndarray, "f 3"]
@@ -24,11 +30,11 @@ class Mesh:
 
 @dataclass(frozen=True)
 class ObjectModel:
-    """What is known of an object before any image is seen: its CAD model and its sizes.
+    """An object as the method knows it: its CAD model, symmetries and patch sizes.
 
-    `mesh` is the full model, `proxy` the decimated one that the refiner renders.
-    `diameter` is the largest distance between two vertices (m). `symmetries` are the rigid motions
-    (n, 4, 4) that leave the object as it is, the identity first (continuous ones discretised).
+    `mesh` is the full model, `proxy` the decimated one that the refiner renders. `diameter` is the
+    largest distance between two vertices (m). `symmetries` are the rigid motions (n, 4, 4) that map
+    the object onto itself, the identity first; continuous symmetries are discretised.
     `holistic_size` and `local_size` are the metric sides (m) of its patches (paper, Eq. 1).
     """
 
@@ -41,18 +47,18 @@ class ObjectModel:
     holistic_size: float
     local_size: float
 
-    @cached_property  # a millisecond for a scanned mesh, and wanted many times a frame
+    @cached_property  # takes a millisecond for a scanned mesh and is used often
     def centroid(self) -> Float[np.ndarray, "3"]:
-        """Centre of the bounding box, object coordinates (m): what patches vote for."""
+        """Centre of the bounding box in object coordinates (m); patches vote for its position."""
         low, high = self.mesh.vertices.min(axis=0), self.mesh.vertices.max(axis=0)
         return np.asarray((low + high) / 2, dtype=np.float64)
 
 
 @dataclass(frozen=True)
 class Target:
-    """One object that should be found in a frame, with its true pose.
+    """One object to be found in a frame, with its true pose.
 
-    `visible_fraction` is nan where the data set does not say.
+    `visible_fraction` is nan where the data set does not state it.
     """
 
     object_id: int
@@ -79,10 +85,10 @@ class Frame:
 
 @dataclass(frozen=True)
 class Views:
-    """Rendered RGB-D views of one object, all at image centre and of one size (stage 0).
+    """Rendered RGB-D views of one object, square and of one size (stage 0).
 
-    The object's centroid lies on the optical axis, so each crop is centred on the principal point
-    of the shared `camera_matrix` (of the crop). `depth` is in metres, 0 where no object is.
+    The object's centroid lies on the optical axis, so it is seen at the principal point of
+    `camera_matrix`, which all views share. `depth` is in metres, 0 outside the object.
     """
 
     object_id: int
@@ -97,12 +103,13 @@ class Views:
 
 @dataclass(frozen=True)
 class LocalPatches:
-    """Local RGB-D patches on a common grid (stage 2), before any encoder sees them.
+    """Local RGB-D patches, resized to p x p pixels: the encoders' input (stage 2).
 
-    `color` in 0…255, without channels where nobody looks at it; `depth` along the centre's viewing
-    ray, in units of half the patch's metric size relative to the centre's, clamped to [-1, 1];
-    `valid` is False where depth is missing or beyond the clamp.
-    `points_cam` are the patch centres in camera coordinates (m), `pixels` the same as (x, y).
+    `color` is in 0…255; it has no channels (c = 0) if the encoder does not use colour. `depth` is
+    measured along the viewing ray of the patch centre, relative to the centre's depth, in units of
+    half the patch's metric size, and clamped to [-1, 1]. `valid` is False where depth is missing or
+    clamped. `points_cam` are the patch centres in camera coordinates (m), `pixels` in the image
+    (x, y).
     """
 
     color: UInt8[np.ndarray, "n p p c"]
@@ -119,8 +126,8 @@ class LocalPatches:
 class Region:
     """Candidate region of one object in one frame (stage 1).
 
-    `centers` are the window centres (x, y) in pixels, `probabilities` that of the object at each,
-    `mask` the union of the accepted windows.
+    `centers` are the window centres (x, y) in pixels, `probabilities` the classifier's probability
+    of the object in each window, `mask` the candidate region.
     """
 
     object_id: int
@@ -131,10 +138,11 @@ class Region:
 
 @dataclass(frozen=True)
 class Codebook:
-    """Features of the local patches of all views of one object, each with what it votes for.
+    """Features of local patches of an object's views, with what each patch votes for.
 
-    `rotations_cam_obj` of the view, seen along the optical axis (allocentric);
-    `points_obj` the patch centre in object coordinates (m): the offset to the centroid follows.
+    `rotations_cam_obj` are the rotations of the views, in which the object lies on the optical axis
+    (allocentric). `points_obj` are the patch centres in object coordinates (m), from which the
+    offsets to the centroid follow. `feature_scale` is the unit of feature distances.
     """
 
     object_id: int
@@ -146,7 +154,7 @@ class Codebook:
 
 @dataclass(frozen=True)
 class Matches:
-    """k nearest codebook entries of each query, nearest first; distances are Euclidean."""
+    """The k nearest codebook entries of each query, nearest first; Euclidean distances."""
 
     indices: Int[np.ndarray, "n k"]
     distances: Float[np.ndarray, "n k"]
@@ -154,9 +162,9 @@ class Matches:
 
 @dataclass(frozen=True)
 class Votes:
-    """Votes for the object's centroid and rotation in the camera's frame.
+    """Votes for the object's centroid (m) and rotation in the camera's frame.
 
-    `patches` names the local patch that cast each vote, `pixels` its centre (x, y).
+    `patches` is the index of the local patch that cast each vote, `pixels` its centre (x, y).
     """
 
     centroids_cam: Float[np.ndarray, "v 3"]
@@ -171,7 +179,10 @@ class Votes:
 
 @dataclass(frozen=True)
 class Hypotheses:
-    """Coarse poses of one object in one frame, best first; `support` is the weight behind each."""
+    """Coarse poses of one object in one frame, best first.
+
+    `support` is the total weight of the votes that agree with each.
+    """
 
     poses_cam_obj: Float[np.ndarray, "m 4 4"]
     support: Float[np.ndarray, "m"]
@@ -182,7 +193,7 @@ class Hypotheses:
 
 @dataclass(frozen=True)
 class Refinement:
-    """What a refiner makes of one coarse pose: the pose, and how many iterations it took."""
+    """A refined pose and the number of iterations it took."""
 
     pose_cam_obj: Float[np.ndarray, "4 4"]
     iterations: int
@@ -190,9 +201,9 @@ class Refinement:
 
 @dataclass(frozen=True)
 class PoseEstimate:
-    """The answer for one object in one frame. `pose_cam_obj` is None where none was found.
+    """The estimate for one object in one frame. `pose_cam_obj` is None if none was found.
 
-    `score` in [0, 1], higher is surer; `seconds` is wall time per stage.
+    `score` is in [0, 1], higher is more certain; `seconds` is wall time by stage.
     """
 
     scene_id: int
@@ -205,11 +216,11 @@ class PoseEstimate:
 
 @dataclass(frozen=True)
 class TargetScore:
-    """Errors and verdicts of one target. A missing pose has infinite errors and is wrong.
+    """Errors of one target and whether it counts as found. A missing pose has infinite errors.
 
-    `add_error` (m) is ADD, or ADI for objects the policy calls symmetric. The three recalls are
-    BOP's, averaged over its thresholds; nan where not computed. `cause` is why a target was missed
-    (evaluation.waterfall), empty where it was not or nobody asked.
+    `add_error` (m) is ADD(-S): ADD, or ADD-S for objects that count as symmetric. The three recalls
+    are BOP's, averaged over its thresholds; nan if not computed. `cause` is why the target was
+    missed (evaluation.waterfall), empty if it was found or the cause was not computed.
     """
 
     scene_id: int

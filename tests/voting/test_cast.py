@@ -77,7 +77,7 @@ def test_votes_equal_a_slow_loop(model, weighted_by_distance, limit):
     np.testing.assert_array_equal(votes.pixels, pixels)
 
 
-def test_trust_multiplies_the_weight_of_every_vote_of_a_patch(model):
+def test_patch_weights_multiply_the_votes_of_their_patch(model):
     patches, matches, codebook = random_case(4)
     plain = cast_votes(patches, matches, codebook, model, 3.0, True)
     patch_weights = np.linspace(0.1, 1.0, len(patches))

@@ -17,9 +17,8 @@ from hlp.data.images import camera_matrix, find_image, read_depth, read_json, re
 from hlp.data.sources import content_hash
 from hlp.geometry import nearest_rotation, rigid
 from hlp.objects.object_model import ObjectSettings
-from hlp.records import Frame, Target
+from hlp.records import MILLIMETRE, Frame, Target
 
-_MM = 1e-3
 _SCENE_FILES = ("scene_camera.json", "scene_gt.json", "scene_gt_info.json")
 # Printed rotations are rounded; a matrix farther than this from a rotation is something else.
 _ROUNDING = 0.05
@@ -212,7 +211,7 @@ def _pose(entry: dict[str, Any], where: str) -> Float[np.ndarray, "4 4"]:
     where = f"{where}, object {entry['obj_id']}"
     try:
         rotation = np.array(entry["cam_R_m2c"], dtype=np.float64).reshape(3, 3)
-        translation = np.array(entry["cam_t_m2c"], dtype=np.float64).reshape(3) * _MM
+        translation = np.array(entry["cam_t_m2c"], dtype=np.float64).reshape(3) * MILLIMETRE
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{where}: no pose of 9 and 3 numbers ({error!r})") from error
     if not (np.isfinite(rotation).all() and np.isfinite(translation).all()):

@@ -14,9 +14,8 @@ from scipy.spatial.transform import Rotation
 from hlp.data.images import read_json
 from hlp.geometry import nearest_rotation, rigid
 from hlp.objects.object_model import ObjectSettings, build_object_model, check_unique
-from hlp.records import ObjectModel
+from hlp.records import MILLIMETRE, ObjectModel
 
-_MM = 1e-3
 _FOLDERS = ("models", "models_eval")
 
 
@@ -34,10 +33,10 @@ def load_object_models(
     for name, settings in objects.items():
         path = _mesh_path(root, name, settings.id)
         info = _model_info(path.parent, settings.id)
-        diameter = float(info["diameter"]) * _MM if "diameter" in info else None
+        diameter = float(info["diameter"]) * MILLIMETRE if "diameter" in info else None
         symmetries = symmetry_motions(info, symmetry_steps)
         models[settings.id] = build_object_model(
-            name, settings, path, _MM, proxy_faces, diameter, symmetries
+            name, settings, path, MILLIMETRE, proxy_faces, diameter, symmetries
         )
     return models
 
@@ -52,13 +51,13 @@ def symmetry_motions(info: dict[str, Any], steps: int) -> Float[np.ndarray, "n 4
     discrete = [np.eye(4)]
     for values in info.get("symmetries_discrete", []):
         motion = np.asarray(values, dtype=np.float64).reshape(4, 4)
-        discrete.append(rigid(nearest_rotation(motion[:3, :3]), motion[:3, 3] * _MM))
+        discrete.append(rigid(nearest_rotation(motion[:3, :3]), motion[:3, 3] * MILLIMETRE))
     motions = np.stack(discrete)
     for entry in info.get("symmetries_continuous", []):
         axis = np.asarray(entry["axis"], dtype=np.float64)
         angles = np.arange(steps)[:, None] * (2.0 * np.pi / steps)
         turns = Rotation.from_rotvec(angles * axis / np.linalg.norm(axis)).as_matrix()
-        offset = np.asarray(entry["offset"], dtype=np.float64) * _MM
+        offset = np.asarray(entry["offset"], dtype=np.float64) * MILLIMETRE
         continuous = rigid(turns, offset - turns @ offset)
         motions = np.einsum("aij,bjk->baik", continuous, motions).reshape(-1, 4, 4)
     return motions

@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from hlp.records import MILLIMETRES_PER_METRE
+
 _SATURATED = 65535  # 7-Scenes and others write this where the sensor saw nothing
 EXTENSIONS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 
@@ -23,7 +25,7 @@ def _decode(path: Path, flags: int) -> np.ndarray[Any, Any]:
 
 
 def read_rgb(path: Path) -> UInt8[np.ndarray, "h w 3"]:
-    """Colour image as RGB; grey ones are repeated, EXIF turns ignored (depth knows none).
+    """Colour image as RGB; grey becomes three equal channels, EXIF rotation is ignored as in depth.
 
     Raises FileNotFoundError, or ValueError where the file is truncated or no image.
     """
@@ -32,10 +34,10 @@ def read_rgb(path: Path) -> UInt8[np.ndarray, "h w 3"]:
 
 
 def read_depth(path: Path, millimetres: float) -> Float[np.ndarray, "h w"]:
-    """16-bit depth PNG in metres (float32), 0 where missing (file: 0 or 65535).
+    """16-bit depth PNG in metres (float32), 0 where missing (0 or 65535 in the file).
 
-    `millimetres` is what one unit of the file is worth (BOP's `depth_scale`). Raises
-    FileNotFoundError; ValueError where the file is broken, not 16-bit, or empty of depth.
+    `millimetres` is the length of one unit of the file (BOP's `depth_scale`). Raises
+    FileNotFoundError; ValueError if the file is broken, not 16-bit, or has no depth at all.
     """
     raw = _decode(path, cv2.IMREAD_UNCHANGED)
     if raw.dtype != np.uint16 or raw.ndim != 2:
@@ -49,7 +51,8 @@ def depth_metres(
     raw: np.ndarray[Any, Any], millimetres: float, path: Path
 ) -> Float[np.ndarray, "h w"]:
     """Raw 16-bit depth in metres (float32). Raises ValueError where no pixel has depth."""
-    metres = np.where(raw == _SATURATED, 0, raw).astype(np.float32) * np.float32(millimetres / 1e3)
+    unit = np.float32(millimetres / MILLIMETRES_PER_METRE)
+    metres = np.where(raw == _SATURATED, 0, raw).astype(np.float32) * unit
     if not metres.any():
         raise ValueError(f"{path} has no depth at any pixel: check the sensor or leave it out")
     return np.asarray(metres)

@@ -18,7 +18,7 @@ from hlp.geometry import nearest_rotation, rigid
 from hlp.objects.object_model import ObjectSettings, build_object_model, check_unique
 from hlp.records import Frame, ObjectModel, Target
 
-_CM = 1e-2
+_CENTIMETRE = 1e-2  # m
 _HEADER_BYTES = 8
 
 
@@ -129,7 +129,7 @@ class LinemodFrames:
         depth = depth_metres(read_dpt(dpt), 1.0, dpt)
         same_size(color, rgb, depth)
         rotation = nearest_rotation(read_matrix(rot, 9).reshape(3, 3))
-        pose = rigid(rotation, read_matrix(tra, 3) * _CM)
+        pose = rigid(rotation, read_matrix(tra, 3) * _CENTIMETRE)
         return Frame(object_id, number, rgb, depth, self._camera, (Target(object_id, pose),))
 
     def identity(self) -> str:

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int, UInt8
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 from scipy.spatial.distance import cdist
 
-from hlp.records import Mesh
+from hlp.records import MILLIMETRE, MILLIMETRES_PER_METRE, Mesh
 
 PLAIN_COLOR = (210, 210, 210)
 _DIAMETER_RANGE = (0.01, 2.0)
@@ -23,7 +23,7 @@ _PARSE_ERRORS = (
 )  # fmt: skip
 
 
-def load_mesh(path: Path, scale: float = 0.001) -> Mesh:
+def load_mesh(path: Path, scale: float = MILLIMETRE) -> Mesh:
     """Load a triangle mesh in file order, times `scale` (file units to metres; BOP writes mm).
 
     Colours are the file's own (per vertex, per face or texture), else plain light grey; normals are
@@ -64,11 +64,11 @@ def decimate(mesh: Mesh, faces: int) -> Mesh:
     triangles = index.reshape(-1)[mesh.faces].astype(np.int32)
     # In metres the library's tolerances are as large as the details: it works in millimetres.
     points, kept = fast_simplification.simplify(
-        (welded * 1000.0).astype(np.float32), triangles, target_count=faces
+        (welded * MILLIMETRES_PER_METRE).astype(np.float32), triangles, target_count=faces
     )
     if len(kept) == 0:
         raise ValueError(f"decimating {len(mesh.faces)} triangles to {faces} leaves none")
-    vertices = np.asarray(points, dtype=np.float64) / 1000.0
+    vertices = np.asarray(points, dtype=np.float64) / MILLIMETRES_PER_METRE
     _, nearest = cKDTree(mesh.vertices).query(vertices)
     kept = np.asarray(kept, dtype=np.int32)
     return Mesh(vertices, kept, mesh.colors[nearest], _vertex_normals(vertices, kept))

@@ -10,9 +10,7 @@ from jaxtyping import Float
 
 from hlp.objects.meshes import decimate, load_mesh, mesh_diameter
 from hlp.objects.patch_sizes import holistic_size, local_size
-from hlp.records import Mesh, ObjectModel
-
-_MM = 1e-3
+from hlp.records import MILLIMETRE, Mesh, ObjectModel
 
 
 @dataclass(frozen=True)
@@ -52,8 +50,8 @@ def build_object_model(
         proxy=decimate(mesh, proxy_faces),
         diameter=diameter,
         symmetries=np.eye(4)[None] if symmetries is None else symmetries,
-        holistic_size=holistic_size(mesh.vertices) if holistic is None else holistic * _MM,
-        local_size=local_size(diameter) if local is None else local * _MM,
+        holistic_size=holistic_size(mesh.vertices) if holistic is None else holistic * MILLIMETRE,
+        local_size=local_size(diameter) if local is None else local * MILLIMETRE,
     )
 
 

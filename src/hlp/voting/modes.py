@@ -1,4 +1,4 @@
-"""Modes of the votes: the paper's two independent mean shifts, and the joint 6D modes."""
+"""Modes of the votes: the paper's two independent mean shifts, or joint modes in 6D."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -10,6 +10,8 @@ from hlp.geometry import quaternions, rigid, rotation_matrices
 from hlp.records import Hypotheses, Votes
 from hlp.thread_team import ThreadTeam
 from hlp.voting.modes_kernel import choose_distinct, shift_modes, sum_support
+
+_SEEDS_PER_MODE = 4
 
 
 @dataclass(frozen=True)
@@ -47,11 +49,11 @@ class ModeFinder(Protocol):
     """Finds coarse poses among votes."""
 
     def find(self, votes: Votes, centroid_obj: Float[np.ndarray, "3"]) -> Hypotheses:
-        """Hypotheses, best first; none where there are no votes."""
+        """Hypotheses, best first; none if there are no votes. `centroid_obj` is in metres."""
 
 
 class PaperModes:
-    """Mean shift of translations and of rotations apart; the best centre of each makes the pose."""
+    """Independent mean shifts of translations and rotations, joined to one pose (paper, 3.2)."""
 
     def __init__(self, settings: PaperVotingSettings) -> None:
         self.settings = settings
@@ -59,28 +61,28 @@ class PaperModes:
         self.cosine = float(np.cos(np.deg2rad(settings.rotation_deg) / 2.0))
 
     def find(self, votes: Votes, centroid_obj: Float[np.ndarray, "3"]) -> Hypotheses:
-        """At most one hypothesis: the two centres with most votes."""
+        """At most one hypothesis: the translation mode and the rotation mode with most votes."""
         if len(votes) == 0:
             return no_hypotheses()
-        centroids, quats, weights = _strongest(votes, self.settings.max_votes)
+        centroids, quats, weights = _heaviest(votes, self.settings.max_votes)
         near = _within(centroids, self.radius)
         start = centroids[[int(np.argmax(near @ weights))]]
         center = _shift_translations(
             start, centroids, weights, self.radius, self.settings.mean_shift_iterations
         )
-        alike = np.abs(quats @ quats.T) >= self.cosine
-        seed = quats[[int(np.argmax(alike @ weights))]]
-        turned = _shift_rotations(
+        similar = np.abs(quats @ quats.T) >= self.cosine
+        seed = quats[[int(np.argmax(similar @ weights))]]
+        rotation = _shift_rotations(
             seed, quats, weights, self.cosine, self.settings.mean_shift_iterations
         )
         support = float((near @ weights).max())
-        return Hypotheses(_poses(center, turned, centroid_obj), np.array([support]))
+        return Hypotheses(_poses(center, rotation, centroid_obj), np.array([support]))
 
 
 class JointModes:
-    """Flat-kernel mean shift in translation × rotation from every vote that many agree with.
+    """Mean shift with a flat kernel in translation × rotation, started from votes of high support.
 
-    `threads` share out the votes and change no result.
+    The result does not depend on the number of `threads`.
     """
 
     def __init__(self, settings: JointVotingSettings, threads: int = 1) -> None:
@@ -90,35 +92,38 @@ class JointModes:
         self._team = ThreadTeam(threads)
 
     def find(self, votes: Votes, centroid_obj: Float[np.ndarray, "3"]) -> Hypotheses:
-        """Up to `hypotheses` modes, ranked by the weight of the votes within the kernel."""
+        """Up to `hypotheses` modes, ordered by the weight of the votes within the kernel."""
         if len(votes) == 0:
             return no_hypotheses()
-        centroids, quats, weights = _strongest(votes, self.settings.max_votes)
-        places, turns = np.ascontiguousarray(centroids.T), np.ascontiguousarray(quats.T)
-        given = (places, turns, weights, self.radius_squared, self.cosine)
+        centroids, quats, weights = _heaviest(votes, self.settings.max_votes)
+        columns = np.ascontiguousarray(centroids.T), np.ascontiguousarray(quats.T)
+        grouped_votes = (*columns, weights, self.radius_squared, self.cosine)
         support = np.empty(len(weights))
-        self._team.map_ranges(lambda a, b: sum_support(*given, a, support[a:b]), len(support))
-        # A few times as many as are asked for: several may drift to one mode.
-        most = 4 * self.settings.hypotheses
-        seeds = choose_distinct(places, turns, support, self.radius_squared, self.cosine, most)
+        self._team.map_ranges(
+            lambda a, b: sum_support(*grouped_votes, a, support[a:b]), len(support)
+        )
+        # More seeds than modes wanted, because several may shift to the same mode.
+        limit = _SEEDS_PER_MODE * self.settings.hypotheses
+        seeds = choose_distinct(*columns, support, self.radius_squared, self.cosine, limit)
         means, mode_support = np.hstack([centroids[seeds], quats[seeds]]), np.empty(len(seeds))
         steps = self.settings.mean_shift_iterations
         self._team.map_ranges(
-            lambda a, b: shift_modes(*given, steps, means[a:b], mode_support[a:b]), len(seeds)
+            lambda a, b: shift_modes(*grouped_votes, steps, means[a:b], mode_support[a:b]),
+            len(seeds),
         )
-        found = (np.ascontiguousarray(means[:, :3].T), np.ascontiguousarray(means[:, 3:].T))
-        most = self.settings.hypotheses
-        kept = choose_distinct(*found, mode_support, self.radius_squared, self.cosine, most)
+        modes = (np.ascontiguousarray(means[:, :3].T), np.ascontiguousarray(means[:, 3:].T))
+        limit = self.settings.hypotheses
+        kept = choose_distinct(*modes, mode_support, self.radius_squared, self.cosine, limit)
         poses = _poses(means[kept, :3], means[kept, 3:], centroid_obj)
         return Hypotheses(poses, mode_support[kept])
 
 
 def no_hypotheses() -> Hypotheses:
-    """What comes of no votes."""
+    """Hypotheses without any pose."""
     return Hypotheses(np.zeros((0, 4, 4)), np.zeros(0))
 
 
-def _strongest(
+def _heaviest(
     votes: Votes, limit: int
 ) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v 4"], Float[np.ndarray, "v"]]:
     rows = np.argsort(-votes.weights, kind="stable")[:limit]
@@ -131,8 +136,8 @@ def _strongest(
 
 def _within(points: Float[np.ndarray, "v 3"], radius: float) -> Bool[np.ndarray, "v v"]:
     squares = (points**2).sum(axis=1)
-    apart = squares[:, None] + squares - 2.0 * points @ points.T
-    return np.asarray(apart <= radius**2)
+    distances = squares[:, None] + squares - 2.0 * points @ points.T
+    return np.asarray(distances <= radius**2)
 
 
 def _weighted_mean(
@@ -150,7 +155,7 @@ def _mean_quaternions(
     quats: Float[np.ndarray, "v 4"],
     reference: Float[np.ndarray, "s 4"],
 ) -> Float[np.ndarray, "s 4"]:
-    """Mean of unit quaternions, each flipped to the reference's side: q and −q are one rotation."""
+    """Mean unit quaternions, each q or −q, whichever is nearer to the reference."""
     signs = np.sign(reference @ quats.T)
     total = (inside * weights * np.where(signs == 0, 1.0, signs)) @ quats
     return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1), 1e-12)[:, None])
@@ -187,6 +192,6 @@ def _poses(
     quats: Float[np.ndarray, "s 4"],
     centroid_obj: Float[np.ndarray, "3"],
 ) -> Float[np.ndarray, "s 4 4"]:
-    """Poses that put the object's centroid at the centres."""
+    """Poses that place the object's centroid at the centres."""
     rotations = rotation_matrices(quats)
     return rigid(rotations, centers - rotations @ centroid_obj)
