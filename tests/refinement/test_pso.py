@@ -10,7 +10,7 @@ from hlp.geometry import rigid, rotation_distance
 from hlp.records import Hypotheses, Refinement
 from hlp.refinement.cost import CostSettings
 from hlp.refinement.pso import PolishSettings, PsoRefiner, PsoSettings, search
-from hlp.refinement.swarm_kernel import moved
+from hlp.refinement.swarm_kernel import apply_offsets
 from hlp.refinement.verification import VerificationSettings
 
 CENTROID = np.array([0.02, -0.01, 0.03])
@@ -62,7 +62,7 @@ def test_moves_turn_about_the_centroid_in_the_papers_order() -> None:
     y = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
     z = np.array([[np.cos(c), -np.sin(c), 0], [np.sin(c), np.cos(c), 0], [0, 0, 1]])
     first = rigid(z @ x, np.array([0.1, 0.2, 0.9]))
-    result = moved(first, np.concatenate([steps, shift])[None], CENTROID)[0]
+    result = apply_offsets(first, np.concatenate([steps, shift])[None], CENTROID)[0]
     np.testing.assert_allclose(result[:3, :3], x @ y @ z @ first[:3, :3], atol=1e-12)
     before = first[:3, :3] @ CENTROID + first[:3, 3]
     np.testing.assert_allclose(result[:3, :3] @ CENTROID + result[:3, 3], before + shift)
@@ -71,7 +71,7 @@ def test_moves_turn_about_the_centroid_in_the_papers_order() -> None:
 def test_swarm_reaches_goals_outside_its_box_only_when_the_box_follows(
     settings: PsoSettings,
 ) -> None:
-    goal = moved(start(), np.array([[0.5, -0.3, 0.2, 0.03, -0.02, 0.01]]), CENTROID)[0]
+    goal = apply_offsets(start(), np.array([[0.5, -0.3, 0.2, 0.03, -0.02, 0.01]]), CENTROID)[0]
     follows, _ = search(Bowl(goal), start(), CENTROID, settings, np.random.default_rng(0))
     fixed = replace(settings, recentre=False)
     stays, _ = search(Bowl(goal), start(), CENTROID, fixed, np.random.default_rng(0))
@@ -83,7 +83,7 @@ def test_swarm_reaches_goals_outside_its_box_only_when_the_box_follows(
 
 @pytest.mark.parametrize("recentre", [True, False])
 def test_swarm_finds_a_goal_in_its_box(settings: PsoSettings, recentre: bool) -> None:
-    goal = moved(start(), np.array([[0.1, -0.12, 0.05, 0.005, -0.007, 0.003]]), CENTROID)[0]
+    goal = apply_offsets(start(), np.array([[0.1, -0.12, 0.05, 0.005, -0.007, 0.003]]), CENTROID)[0]
     long = replace(settings, recentre=recentre, iterations=200, patience=40)
     found, _ = search(Bowl(goal), start(), CENTROID, long, np.random.default_rng(1))
     assert Bowl(goal).evaluate(found[None])[0] < 1e-5
@@ -98,7 +98,7 @@ def test_a_pose_that_cannot_be_bettered_is_kept(settings: PsoSettings) -> None:
 
 
 def test_iterations_are_capped(settings: PsoSettings) -> None:
-    goal = moved(start(), np.array([[0.1, 0.1, 0.1, 0.0, 0.0, 0.0]]), CENTROID)[0]
+    goal = apply_offsets(start(), np.array([[0.1, 0.1, 0.1, 0.0, 0.0, 0.0]]), CENTROID)[0]
     bowl = Bowl(goal)
     few = replace(settings, iterations=4)
     assert search(bowl, start(), CENTROID, few, np.random.default_rng(0))[1] == 4

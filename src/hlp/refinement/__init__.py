@@ -1,1 +1,1 @@
-"""Fine pose (stage 3): the cost of a pose against the observed depth, and what minimises it."""
+"""Fine pose (stage 3): the cost of a pose against the observed depth, and its minimisation."""

@@ -1,7 +1,7 @@
-"""Cost of a pose: rendered depth S against observed depth O (paper, Section 3.3, Eq. 2).
+"""Cost of a pose: rendered depth S against observed depth O (paper, section 3.3, Eq. 2).
 
 cost(S, O) = w_d · C_d + w_e · C_e, both in [0, 1], over a region of interest (ROI) around the
-coarse pose that is resampled to a bounded size, so that every object costs about the same time.
+coarse pose. The ROI is resampled to a bounded size, so that all objects take about the same time.
 One compiled kernel transforms the mesh, draws it into a z-buffer and sums the cost.
 """
 
@@ -15,7 +15,13 @@ from hlp.geometry import project, transform
 from hlp.records import Mesh
 from hlp.refinement.cost_kernel import depth_edges, sum_costs, weigh
 from hlp.rendering.rasterizer import NEAR
-from hlp.rendering.zbuffer import draw_triangles, framed, in_frame, prepared, project_vertices
+from hlp.rendering.zbuffer import (
+    add_frame,
+    draw_triangles,
+    framed_buffer,
+    prepare_mesh,
+    project_vertices,
+)
 
 
 @dataclass(frozen=True)
@@ -38,13 +44,14 @@ class CostSettings:
 class DepthCost:
     """Cost of poses of one mesh near one coarse pose in one depth image.
 
-    C_d is the mean, over the rendered pixels, of min(|S − O|, τ_d) / τ_d; missing depth costs
-    `missing_cost`, and where O is in front of S (an occluder) no more than `occluder_cost`. C_e is
-    the mean, over S's depth edgelets, of the distance to O's closest one, clipped at τ_e.
+    C_d is the mean of min(|S − O|, τ_d) / τ_d over the rendered pixels. A pixel without observed
+    depth costs `missing_cost`; one where O is in front of S (an occluder) costs at most
+    `occluder_cost`. C_e is the mean distance of S's depth edgelets to the closest edgelet of O, in
+    units of τ_e and at most 1.
 
-    A mean over the rendered pixels alone favours poses that show little of the object. So pixels
-    that the coarse pose covered, where its depth agreed with O within `reference_mm`, are added to
-    C_d's mean at `uncovered_cost` where the candidate does not cover them (0 turns this off).
+    A mean over the rendered pixels favours poses in which little of the object is visible.
+    Therefore pixels where the coarse pose agreed with O within `reference_mm`, but which the
+    candidate does not cover, enter the mean of C_d with `uncovered_cost` (0 turns this off).
     """
 
     def __init__(
@@ -56,19 +63,19 @@ class DepthCost:
         settings: CostSettings,
     ) -> None:
         self._settings = settings
-        self._vertices, self._faces, self._closed = prepared(mesh)
+        self._vertices, self._faces, self._closed = prepare_mesh(mesh)
         points = transform(pose_cam_obj, mesh.vertices)
         z = max(float(points[:, 2].mean()), NEAR)
         margin = settings.roi_margin_mm / 1000.0 * camera_matrix[0, 0] / z
         self.observed, self.camera_matrix = _region(
             depth, camera_matrix, points, settings.roi_size, margin
         )
-        self._observed = in_frame(self.observed)
-        self._edge_cost = in_frame(self._edge_costs(z))
+        self._observed = add_frame(self.observed)
+        self._edge_cost = add_frame(self._edge_costs(z))
         self._reference = np.zeros_like(self._observed)
         if settings.uncovered_cost > 0.0:
             agreeing = self._agreeing(pose_cam_obj, settings.reference_mm / 1000.0)
-            self._reference = in_frame(agreeing)
+            self._reference = add_frame(agreeing)
         self._agreed = float(np.count_nonzero(self._reference))
 
     def evaluate(self, poses_cam_obj: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n"]:
@@ -83,10 +90,10 @@ class DepthCost:
         )
 
     def terms(self, poses_cam_obj: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 6"]:
-        """Sums behind the cost of each pose.
+        """Sums from which the cost of each pose is computed.
 
-        Depth costs, rendered pixels, of them with observed depth, edge costs, edgelets, and pixels
-        of the coarse pose's agreeing evidence that the pose covers.
+        Depth costs, rendered pixels, rendered pixels with observed depth, edge costs, edgelets, and
+        covered pixels among those where the coarse pose agreed with the observed depth.
         """
         settings = self._settings
         sums = np.empty((len(poses_cam_obj), 6))
@@ -110,7 +117,7 @@ class DepthCost:
     def render(self, pose_cam_obj: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "h w"]:
         """Depth of the mesh in the ROI (m, 0 = nothing)."""
         height, width = self.observed.shape
-        buffer = framed(height, width)
+        buffer = framed_buffer(height, width)
         corners = np.empty(self._vertices.shape, dtype=np.float32)
         pose = np.asarray(pose_cam_obj, dtype=np.float64)
         project_vertices(pose, self._vertices, self.camera_matrix, corners)
@@ -119,7 +126,7 @@ class DepthCost:
         return np.where(inverse > 0.0, 1.0 / np.where(inverse > 0.0, inverse, 1.0), 0.0)
 
     def _edge_costs(self, z: float) -> Float[np.ndarray, "h w"]:
-        """Distance to O's closest edgelet over τ_e, at most 1; τ_e is metric, at the depth z."""
+        """Distance to O's closest edgelet in units of τ_e at depth z (m), at most 1."""
         tau_pixels = self._settings.tau_edge_mm / 1000.0 * self.camera_matrix[0, 0] / z
         step = self._settings.edge_step_mm / 1000.0
         return np.asarray(np.minimum(edge_distances(self.observed, step) / tau_pixels, 1.0))
@@ -133,12 +140,12 @@ class DepthCost:
 
 
 def edge_distances(depth: Float[np.ndarray, "h w"], step: float) -> Float[np.ndarray, "h w"]:
-    """Distance (px) of each pixel to the closest edgelet; infinite where there is none."""
+    """Distance (px) of each pixel to the closest edgelet; infinite if there is none."""
     edges = depth_edges(depth, step)
     if not edges.any():
         return np.full(depth.shape, np.inf)
     distance = cv2.distanceTransform((~edges).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    # OpenCV's float32 root differs in its last bit from run to run; the squares are integers.
+    # The last bit of OpenCV's float32 root differs from run to run; its square is an integer.
     return np.asarray(np.sqrt(np.rint(distance.astype(np.float64) ** 2)))
 
 
@@ -151,8 +158,8 @@ def _region(
 ) -> tuple[Float[np.ndarray, "r c"], Float[np.ndarray, "3 3"]]:
     """Depth around projected points, at most `size` pixels on the long side, and its camera.
 
-    `margin` (px) is added on each side. Nearest sampling, never upwards: depth must not be averaged
-    over edges.
+    `margin` (px) is added on each side. Sampling takes the nearest pixel and never enlarges:
+    interpolation would invent depth at edges.
     """
     height, width = depth.shape
     points = points_cam[points_cam[:, 2] > NEAR]

@@ -1,45 +1,45 @@
 """Compiled part of the cost: draw the mesh in many poses, compare each with the observed depth.
 
-Poses are computed in double precision, pixels in single: eight fit where four did, and a depth is
-still exact to a thousandth of a millimetre. Only the rows of pixels that a pose covers are touched.
-The loops are written so that the compiler turns them into vector instructions.
+Poses are computed in double precision, pixels in single precision (see `zbuffer`). Only the rows
+that a pose covers are cleared and read. The loops are written so that the compiler can turn them
+into vector instructions.
 """
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 from numba import njit
 
-from hlp.rendering.zbuffer import LANES, draw_triangles, framed, project_vertices
+from hlp.rendering.zbuffer import VECTOR_WIDTH, draw_triangles, framed_buffer, project_vertices
 
 WORST = 1.0
-"""Cost of a pose that nothing speaks for: not in the image, or no observed depth under it."""
-_ONE, _ZERO, _FAR = np.float32(1.0), np.float32(0.0), np.float32(np.inf)
+"""Cost of a pose outside the image or without any observed depth where it is rendered."""
+_ONE, _ZERO, _INFINITE = np.float32(1.0), np.float32(0.0), np.float32(np.inf)
 
 
 @njit(nogil=True, cache=True)
 def depth_edges(depth: Float[np.ndarray, "h w"], step: float) -> Bool[np.ndarray, "h w"]:
-    """Edgelets: pixels with a 4-neighbour that lies farther by more than `step` (m) or is empty.
+    """Edgelets: pixels with a 4-neighbour that is farther by more than `step` (m) or has no depth.
 
-    The near side of a discontinuity is the object's, so only that side is marked. The image's own
-    border is no discontinuity.
+    Only the near side of a discontinuity is marked, because it belongs to the object. The border of
+    the image is no discontinuity.
     """
     height, width = depth.shape
     edges = np.zeros((height, width), dtype=np.bool_)
     for y in range(height):
         for x in range(width):
-            reach = depth[y, x] + step
+            limit = depth[y, x] + step
             edges[y, x] = depth[y, x] > 0.0 and (
-                (y > 0 and _beyond(depth[y - 1, x], reach))
-                or (y < height - 1 and _beyond(depth[y + 1, x], reach))
-                or (x > 0 and _beyond(depth[y, x - 1], reach))
-                or (x < width - 1 and _beyond(depth[y, x + 1], reach))
+                (y > 0 and _beyond(depth[y - 1, x], limit))
+                or (y < height - 1 and _beyond(depth[y + 1, x], limit))
+                or (x > 0 and _beyond(depth[y, x - 1], limit))
+                or (x < width - 1 and _beyond(depth[y, x + 1], limit))
             )
     return edges
 
 
 @njit(nogil=True, cache=True, inline="always")
-def _beyond(depth: float, reach: float) -> bool:
-    return not 0.0 < depth <= reach  # NaN is as good as missing
+def _beyond(depth: float, limit: float) -> bool:
+    return not 0.0 < depth <= limit  # true for NaN, too
 
 
 @njit(nogil=True, cache=True)
@@ -84,10 +84,10 @@ def sum_costs(
 ) -> None:
     """Draw the mesh in each pose and fill `sums` with its terms (see DepthCost.terms).
 
-    The images have the frame of the buffer that is drawn into (see `zbuffer.framed`).
+    The images have the frame of `zbuffer.framed_buffer`, so that their pixels align with it.
     """
-    height, width = observed.shape[0] - 2, observed.shape[1] - 1 - LANES
-    inverse = framed(height, width)
+    height, width = observed.shape[0] - 2, observed.shape[1] - 1 - VECTOR_WIDTH
+    inverse = framed_buffer(height, width)
     rows = inverse.reshape(-1), observed.reshape(-1), edge_cost.reshape(-1), reference.reshape(-1)
     corners = np.empty((3, vertices.shape[1]), dtype=np.float32)
     for n in range(poses.shape[0]):
@@ -115,7 +115,7 @@ def sum_costs(
 
 @njit(nogil=True, cache=True, fastmath={"nnan", "nsz", "reassoc"})
 def _extent(positions: Float32[np.ndarray, "v"], size: int) -> tuple[int, int]:
-    """First and last of `size` rows that any of the positions reaches; first > last: none."""
+    """First and last of `size` rows that contain a position; first > last if none does."""
     least, most = positions[0], positions[0]
     for v in range(positions.shape[0]):
         least, most = min(least, positions[v]), max(most, positions[v])
@@ -124,7 +124,7 @@ def _extent(positions: Float32[np.ndarray, "v"], size: int) -> tuple[int, int]:
     return first, last
 
 
-# Sums may be taken in another order, as vectors need; NaN and infinity keep their meaning.
+# Allows the compiler to reorder sums; NaN and infinity keep their meaning.
 @njit(nogil=True, cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
 def _sum_rows(
     rows: tuple[Float32[np.ndarray, "p"], ...],
@@ -137,9 +137,9 @@ def _sum_rows(
     occluder_cost: np.float32,
     sums: Float[np.ndarray, "6"],
 ) -> None:
-    """Add the terms of the pixels from `start` to `stop`: whole rows, with the frame between them.
+    """Add the terms of the pixels `start` to `stop`, which are whole rows including their frame.
 
-    `rows` are inverse depth, observed depth, edge cost and reference, row behind row.
+    `rows` are the flattened inverse depth, observed depth, edge cost and reference.
     """
     whole, observed, edge_cost, reference = rows
     observed, edge_cost = observed[start:stop], edge_cost[start:stop]
@@ -150,7 +150,7 @@ def _sum_rows(
     per_tau = _ONE / tau
     for x in range(observed.shape[0]):
         here = inverse[x]
-        drawn, has_depth = (here > _ZERO) & (here < _FAR), observed[x] > _ZERO
+        drawn, has_depth = (here > _ZERO) & (here < _INFINITE), observed[x] > _ZERO
         rendered = _ONE / here
         behind = rendered - observed[x]
         limit = occluder_cost if behind > _ZERO else _ONE
@@ -162,9 +162,9 @@ def _sum_rows(
         # An edgelet: a 4-neighbour is empty or farther by more than the step.
         farthest = min(min(before[x], after[x]), min(above[x], below[x]))
         edge = drawn & (farthest < _ONE / (rendered + step))
-        hidden = has_depth & (behind > tau)
+        occluded = has_depth & (behind > tau)
         edges += _ONE if edge else _ZERO
-        edge_sum += (occluder_cost if hidden else edge_cost[x]) if edge else _ZERO
+        edge_sum += (occluder_cost if occluded else edge_cost[x]) if edge else _ZERO
     sums[0] += depth_sum
     sums[1] += pixels
     sums[2] += seen

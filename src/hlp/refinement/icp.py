@@ -1,7 +1,7 @@
 """Fine pose by iterative closest points, point to plane (Chen & Medioni 1992).
 
-The alternative that the paper sets PSO against: a least-squares step per iteration in place of a
-search. Visible surface points of the model are taken from a rendering at the current pose.
+The alternative that the paper compares PSO with: one least-squares step per iteration instead of a
+search. The model's visible surface points come from a rendering at the current pose.
 """
 
 from dataclasses import dataclass
@@ -11,8 +11,8 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from hlp.geometry import back_project, rigid
-from hlp.records import Hypotheses, ObjectModel, Refinement
+from hlp.geometry import back_project, rigid, transform
+from hlp.records import MILLIMETRES_PER_METRE, Hypotheses, ObjectModel, Refinement
 from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.refiner import Refiner, checked_poses
 from hlp.refinement.verification import VerificationSettings
@@ -48,7 +48,7 @@ class IcpRefiner(Refiner):
         seed: int,
         spent: float = 0.0,
     ) -> list[Refinement]:
-        """See Refiner.refine. Nothing is random nor timed: `seed` and `spent` are not used."""
+        """See `Refiner.refine`. `seed` and `spent` are not used: nothing is random or timed."""
         refined = []
         for pose in checked_poses(hypotheses, model):
             cost = DepthCost(model.proxy, depth, camera_matrix, pose, self._settings.cost)
@@ -60,38 +60,30 @@ class IcpRefiner(Refiner):
 def align(
     cost: DepthCost, pose_cam_obj: Float[np.ndarray, "4 4"], settings: IcpSettings
 ) -> tuple[Float[np.ndarray, "4 4"], int]:
-    """Aligned pose and the number of steps taken; the pose given where nothing can be matched.
+    """Aligned pose and the number of steps taken; the given pose if nothing can be matched.
 
-    Pairs farther apart than the max_correspondence are ignored; it shrinks geometrically from `max_correspondence_mm` to
-    `final_max_correspondence_mm`. Of the rest the closest share `trim` is used.
+    Correspondences farther apart than a limit are ignored. The limit shrinks geometrically from
+    `max_correspondence_mm` to `final_max_correspondence_mm`. Of the remaining correspondences the
+    closest share `trim` is used.
     """
     pose = np.array(pose_cam_obj, dtype=np.float64)
     observed = _points(cost.observed, cost.camera_matrix)[cost.observed > 0.0]
     if len(observed) == 0:
         return pose, 0
     tree = cKDTree(observed)
-    max_correspondences = (
-        np.geomspace(
-            settings.max_correspondence_mm,
-            settings.final_max_correspondence_mm,
-            settings.iterations,
-        )
-        / 1e3
-    )
-    for iteration, max_correspondence in enumerate(max_correspondences):
+    first, last = settings.max_correspondence_mm, settings.final_max_correspondence_mm
+    limits = np.geomspace(first, last, settings.iterations) / MILLIMETRES_PER_METRE
+    for iteration, limit in enumerate(limits):
         points, normals = _surface(cost, pose, settings.points)
-        distances, indices = tree.query(points, distance_upper_bound=max_correspondence)
+        distances, indices = tree.query(points, distance_upper_bound=limit)
         near = np.flatnonzero(np.isfinite(distances))
         near = near[np.argsort(distances[near], kind="stable")][: int(settings.trim * len(near))]
         if len(near) < 6:
             return pose, iteration
         step = _step(points[near], normals[near], observed[indices[near]])
         pose = step @ pose
-        moved = np.linalg.norm(points[near] @ step[:3, :3].T + step[:3, 3] - points[near], axis=1)
-        if (
-            moved.max() < settings.converged_mm / 1000.0
-            and max_correspondence == max_correspondences[-1]
-        ):
+        shifts = np.linalg.norm(transform(step, points[near]) - points[near], axis=1)
+        if shifts.max() < settings.converged_mm / MILLIMETRES_PER_METRE and limit == limits[-1]:
             break
     return pose, iteration + 1
 
@@ -99,7 +91,7 @@ def align(
 def _surface(
     cost: DepthCost, pose_cam_obj: Float[np.ndarray, "4 4"], count: int
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-    """About `count` visible points of the model, evenly over the image, with unit normals."""
+    """About `count` visible points of the model, spread evenly in the image, and unit normals."""
     rendered = cost.render(pose_cam_obj)
     points = _points(rendered, cost.camera_matrix)
     across, down = np.zeros_like(points), np.zeros_like(points)
@@ -121,9 +113,9 @@ def _step(
     normals: Float[np.ndarray, "n 3"],
     targets: Float[np.ndarray, "n 3"],
 ) -> Float[np.ndarray, "4 4"]:
-    """Motion of the points that minimises Σ (n · (R p + t − target))², linearised about p's mean.
+    """Motion (R, t) that minimises Σ (n · (R p + t − target))², linearised about the mean of p.
 
-    Directions that the surface leaves free (a sphere's rotations) are not moved.
+    Motions that the surface does not constrain, such as a sphere's rotations, are left out.
     """
     middle = points.mean(axis=0)
     jacobian = np.concatenate([np.cross(points - middle, normals), normals], axis=1)

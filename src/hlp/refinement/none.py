@@ -1,4 +1,4 @@
-"""No refinement: coarse poses as they are."""
+"""No refinement: coarse poses stay as they are."""
 
 from dataclasses import dataclass
 
@@ -30,5 +30,5 @@ class NoneRefiner(Refiner):
         seed: int,
         spent: float = 0.0,
     ) -> list[Refinement]:
-        """See Refiner.refine. Nothing is random nor timed: `seed` and `spent` are not used."""
+        """See `Refiner.refine`. `seed` and `spent` are not used: nothing is random or timed."""
         return [Refinement(pose, 0) for pose in checked_poses(hypotheses, model)]

@@ -1,4 +1,4 @@
-"""Fine pose by particle swarm optimisation (paper, Section 3.3; Kennedy & Eberhart 1995)."""
+"""Fine pose by particle swarm optimisation (paper, section 3.3; Kennedy & Eberhart 1995)."""
 
 import time
 from dataclasses import dataclass, replace
@@ -9,11 +9,11 @@ from jaxtyping import Float
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.refiner import Refiner, checked_poses
-from hlp.refinement.swarm_kernel import moved, update_personal_bests, update_swarm
+from hlp.refinement.swarm_kernel import apply_offsets, update_personal_bests, update_swarm
 from hlp.refinement.verification import VerificationSettings
 from hlp.thread_team import ThreadTeam
 
-_POLISH = 1 << 16  # the polish's random stream; those of hypotheses are numbered from 0
+_POLISH_STREAM = 1 << 16  # random stream of the polish; hypotheses use streams 0, 1, …
 
 
 @dataclass(frozen=True)
@@ -68,19 +68,19 @@ class PsoRefiner(Refiner):
         seed: int,
         spent: float = 0.0,
     ) -> list[Refinement]:
-        """See Refiner.refine. Each hypothesis has its personal_best random stream.
+        """See `Refiner.refine`. Each hypothesis has its own random stream.
 
-        With a budget (`budget_ms` > 0) the time left is shared evenly among the hypotheses left,
-        of which as many run at once as there are threads; those that are left when it is over stay
-        as they are. What time allows differs from run to run, so poses are then not reproducible.
+        As many hypotheses are refined at once as there are threads. With a time budget
+        (`budget_ms` > 0) the remaining time is divided evenly among the remaining hypotheses; those
+        not begun when it is used up stay as they are. Poses are then not reproducible.
         """
         poses = checked_poses(hypotheses, model)
         settings = self._settings
-        # Whole hypotheses are shared out: an iteration is too short to be.
+        # Threads refine whole hypotheses: one iteration is too short to be divided.
         at_once = min(settings.threads, len(poses))
-        end = time.perf_counter() + self._left(spent)
+        end = time.perf_counter() + self._remaining(spent)
 
-        def one(index: int) -> Refinement:
+        def refine_one(index: int) -> Refinement:
             now = time.perf_counter()
             if now > end:
                 return Refinement(poses[index], 0)
@@ -90,7 +90,7 @@ class PsoRefiner(Refiner):
             best, iterations = search(cost, poses[index], model.centroid, settings, rng, deadline)
             return Refinement(best, iterations)
 
-        return self._team.map(one, len(poses))
+        return self._team.map(refine_one, len(poses))
 
     def polish(
         self,
@@ -101,8 +101,8 @@ class PsoRefiner(Refiner):
         seed: int,
         spent: float = 0.0,
     ) -> Refinement:
-        """See Refiner.polish: a search of a smaller box, in the time left."""
-        polish, left = self._settings.polish, self._left(spent)
+        """See `Refiner.polish`: a search in a smaller box, in the remaining time."""
+        polish, left = self._settings.polish, self._remaining(spent)
         if polish is None or left <= 0.0:
             return answer
         settings = replace(
@@ -113,13 +113,13 @@ class PsoRefiner(Refiner):
         )
         pose = answer.pose_cam_obj
         cost = DepthCost(model.proxy, depth, camera_matrix, pose, settings.cost)
-        rng = np.random.default_rng([seed, _POLISH])
+        rng = np.random.default_rng([seed, _POLISH_STREAM])
         deadline = time.perf_counter() + left
         best, iterations = search(cost, pose, model.centroid, settings, rng, deadline)
         return Refinement(best, answer.iterations + iterations)
 
-    def _left(self, spent: float) -> float:
-        """Seconds left of the budget; infinite without one."""
+    def _remaining(self, spent: float) -> float:
+        """Remaining seconds of the budget; infinite without a budget."""
         budget = self._settings.budget_ms
         return budget / 1000.0 - spent if budget > 0 else np.inf
 
@@ -132,13 +132,12 @@ def search(
     rng: np.random.Generator,
     deadline: float = np.inf,
 ) -> tuple[Float[np.ndarray, "4 4"], int]:
-    """Pose of least cost found around a pose, and the number of iterations it took.
+    """The pose of lowest cost found around a pose, and the number of iterations.
 
-    Positions are fractions of the box (θ, τ) around the box's centre. With `recentre` the box
-    follows the best pose, so that poses outside it can be reached in several steps; particles keep
-    their place relative to the box, which is exact for the best pose and, as rotations about
-    different centres do not quite add, approximate for the others' memories. `deadline` is a
-    reading of time.perf_counter() after which no iteration begins.
+    Positions are offsets from the box's centre in units of (θ, τ). With `recentre` the box follows
+    the best pose, so that poses outside the first box can be reached. Positions are then shifted so
+    that the best one becomes 0; for the others this is approximate, since rotations do not add.
+    `deadline` is a value of `time.perf_counter()` after which no iteration starts.
     """
     box = np.repeat([np.deg2rad(settings.theta_deg), settings.tau_mm / 1000.0], 3)
     phi = settings.phi_1, settings.phi_2
@@ -147,39 +146,23 @@ def search(
     position = rng.uniform(-1.0, 1.0, (settings.particles, 6))
     position[0] = 0.0
     velocity = rng.uniform(-1.0, 1.0, position.shape)
-    personal_best, personal_best_cost = (
-        position.copy(),
-        cost.evaluate(moved(centre, position * box, centroid)),
-    )
-    best = int(personal_best_cost.argmin())
-    lowest, global_best, idle, iteration = (
-        personal_best_cost[best],
-        personal_best[best].copy(),
-        0,
-        0,
-    )
+    personal_best = position.copy()
+    personal_cost = cost.evaluate(apply_offsets(centre, position * box, centroid))
+    best = int(personal_cost.argmin())
+    global_best, global_cost = personal_best[best].copy(), personal_cost[best]
+    idle, iteration = 0, 0
     while iteration < settings.iterations and idle < settings.patience:
         if time.perf_counter() > deadline:
             break
         iteration += 1
         if settings.recentre and global_best.any():
-            centre = moved(centre, global_best[None] * box, centroid)[0]
-            position, personal_best, global_best = (
-                position - global_best,
-                personal_best - global_best,
-                np.zeros(6),
-            )
-        update_swarm(
-            position,
-            velocity,
-            personal_best,
-            global_best,
-            rng.random((2, *position.shape)),
-            phi,
-            constriction,
-        )
-        current = cost.evaluate(moved(centre, position * box, centroid))
-        best = update_personal_bests(position, current, personal_best, personal_best_cost)
-        idle = 0 if personal_best_cost[best] < lowest else idle + 1
-        lowest, global_best = personal_best_cost[best], personal_best[best].copy()
-    return moved(centre, global_best[None] * box, centroid)[0], iteration
+            centre = apply_offsets(centre, global_best[None] * box, centroid)[0]
+            position, personal_best = position - global_best, personal_best - global_best
+            global_best = np.zeros(6)
+        random = rng.random((2, *position.shape))
+        update_swarm(position, velocity, personal_best, global_best, random, phi, constriction)
+        current = cost.evaluate(apply_offsets(centre, position * box, centroid))
+        best = update_personal_bests(position, current, personal_best, personal_cost)
+        idle = 0 if personal_cost[best] < global_cost else idle + 1
+        global_best, global_cost = personal_best[best].copy(), personal_cost[best]
+    return apply_offsets(centre, global_best[None] * box, centroid)[0], iteration

@@ -1,4 +1,4 @@
-"""Compiled part of the swarm: its particles' flight, and the poses that they stand for."""
+"""Compiled part of PSO: the update of the swarm, and the poses of its particles."""
 
 import numpy as np
 from jaxtyping import Float
@@ -15,17 +15,17 @@ def update_swarm(
     phi: tuple[float, float],
     constriction: float,
 ) -> None:
-    """Move particles in place, within [-1, 1] (Kennedy & Eberhart 1995; Clerc & Kennedy 2002).
+    """Move the particles in place, within [-1, 1] (Kennedy & Eberhart 1995; Clerc & Kennedy 2002).
 
-    Each is pulled to its own best and to the swarm's (`global_best`), by `phi` times a `random` in
-    [0, 1) for each particle and dimension.
+    `phi` are the weights of the personal and the global best; each is multiplied by a `random`
+    number in [0, 1) for each particle and dimension.
     """
     for n in range(len(position)):
         for d in range(6):
-            pace = velocity[n, d]
-            pace += phi[0] * random[0, n, d] * (personal_best[n, d] - position[n, d])
-            pace += phi[1] * random[1, n, d] * (global_best[d] - position[n, d])
-            velocity[n, d] = pace * constriction
+            speed = velocity[n, d]
+            speed += phi[0] * random[0, n, d] * (personal_best[n, d] - position[n, d])
+            speed += phi[1] * random[1, n, d] * (global_best[d] - position[n, d])
+            velocity[n, d] = speed * constriction
             position[n, d] = min(max(position[n, d] + velocity[n, d], -1.0), 1.0)
 
 
@@ -36,7 +36,7 @@ def update_personal_bests(
     personal_best: Float[np.ndarray, "n 6"],
     personal_best_cost: Float[np.ndarray, "n"],
 ) -> int:
-    """Overwrite the particles' own bests where they are bettered; index of the swarm's best."""
+    """Update the personal bests and their costs in place; index of the global best."""
     best = 0
     for n in range(len(position)):
         if cost[n] < personal_best_cost[n]:
@@ -48,34 +48,35 @@ def update_personal_bests(
 
 
 @njit(nogil=True, cache=True)
-def moved(
+def apply_offsets(
     pose_cam_obj: Float[np.ndarray, "4 4"],
-    steps: Float[np.ndarray, "n 6"],
+    offsets: Float[np.ndarray, "n 6"],
     centroid: Float[np.ndarray, "3"],
 ) -> Float[np.ndarray, "n 4 4"]:
-    """Poses R_r·R_0, t_0 + t_r for steps (α, β, γ rad, t_r m), R_r = R_x(α)·R_y(β)·R_z(γ).
+    """Poses for offsets (α, β, γ in rad, t_r in m) from one pose.
 
-    R_r turns about the object's centroid (object coordinates), t_r moves the centroid.
+    R_r = R_x(α)·R_y(β)·R_z(γ) rotates the object about its `centroid` (object coordinates, m), then
+    t_r shifts it, both in camera coordinates.
     """
-    poses = np.zeros((len(steps), 4, 4))
-    turn = np.empty((3, 3))
-    middle = np.empty(3)
+    poses = np.zeros((len(offsets), 4, 4))
+    rotation = np.empty((3, 3))
+    center_cam = np.empty(3)
     for i in range(3):
-        middle[i] = pose_cam_obj[i, 3]
+        center_cam[i] = pose_cam_obj[i, 3]
         for k in range(3):
-            middle[i] += pose_cam_obj[i, k] * centroid[k]
-    for n in range(len(steps)):
-        sa, sb, sc = np.sin(steps[n, 0]), np.sin(steps[n, 1]), np.sin(steps[n, 2])
-        ca, cb, cc = np.cos(steps[n, 0]), np.cos(steps[n, 1]), np.cos(steps[n, 2])
-        turn[0, 0], turn[0, 1], turn[0, 2] = cb * cc, -cb * sc, sb
-        turn[1, 0], turn[1, 1] = ca * sc + sa * sb * cc, ca * cc - sa * sb * sc
-        turn[2, 0], turn[2, 1] = sa * sc - ca * sb * cc, sa * cc + ca * sb * sc
-        turn[1, 2], turn[2, 2] = -sa * cb, ca * cb
+            center_cam[i] += pose_cam_obj[i, k] * centroid[k]
+    for n in range(len(offsets)):
+        sa, sb, sc = np.sin(offsets[n, 0]), np.sin(offsets[n, 1]), np.sin(offsets[n, 2])
+        ca, cb, cc = np.cos(offsets[n, 0]), np.cos(offsets[n, 1]), np.cos(offsets[n, 2])
+        rotation[0, 0], rotation[0, 1], rotation[0, 2] = cb * cc, -cb * sc, sb
+        rotation[1, 0], rotation[1, 1] = ca * sc + sa * sb * cc, ca * cc - sa * sb * sc
+        rotation[2, 0], rotation[2, 1] = sa * sc - ca * sb * cc, sa * cc + ca * sb * sc
+        rotation[1, 2], rotation[2, 2] = -sa * cb, ca * cb
         for i in range(3):
-            poses[n, i, 3] = middle[i] + steps[n, 3 + i]
+            poses[n, i, 3] = center_cam[i] + offsets[n, 3 + i]
             for j in range(3):
                 for k in range(3):
-                    poses[n, i, j] += turn[i, k] * pose_cam_obj[k, j]
+                    poses[n, i, j] += rotation[i, k] * pose_cam_obj[k, j]
                 poses[n, i, 3] -= poses[n, i, j] * centroid[j]
         poses[n, 3, 3] = 1.0
     return poses

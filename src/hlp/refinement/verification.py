@@ -1,9 +1,8 @@
-"""Cost of a pose on its own: which of several hypotheses is right, and how sure is it.
+"""Verification cost: which of several hypotheses is right, and how certain it is.
 
-The search's cost (Eq. 2) is relative to a coarse pose and shaped to pull. This one compares poses
-that come from anywhere. Beside depth and edgelets it looks at colour: where an object's surface is
-seen it has the model's colours, of which only the chromaticity is compared, since brightness is
-the light's.
+The cost that the refiner minimises (Eq. 2) depends on the coarse pose. This cost compares poses
+from any source. Beside depth and depth edges it uses colour: the visible surface should have the
+model's chromaticity. Brightness is ignored, since it depends on the light.
 """
 
 from dataclasses import dataclass
@@ -15,10 +14,10 @@ from jaxtyping import Float, Float32, UInt8
 from hlp.geometry import transform
 from hlp.records import ObjectModel
 from hlp.refinement.cost_kernel import WORST, depth_edges
-from hlp.refinement.verification_kernel import FLOOR, SUMS, sum_evidence
-from hlp.rendering.zbuffer import prepared
+from hlp.refinement.verification_kernel import COLOR_OFFSET, SUM_COUNT, sum_evidence
+from hlp.rendering.zbuffer import prepare_mesh
 
-_LEAST_SUPPORT, _LEAST_SHARE = 1e-12, 0.01
+_MIN_SUPPORT, _MIN_SHARE = 1e-12, 0.01  # keep the logarithm of the support finite
 
 
 @dataclass(frozen=True)
@@ -45,13 +44,15 @@ class VerificationSettings:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What an image says about n poses, in shares of the rendered pixels (edges: edgelets).
+    """How an image agrees with each of n poses.
 
-    `residual` is the mean of |S − O| / τ_d where it is below 1, counted over all pixels; `behind`
-    shows a surface beyond the object, `occluded` one before it, `missing` no depth (1 as well where
-    nothing is rendered). `color` is the mean of min(|Δ chromaticity|₁, τ_c) / τ_c where depth
-    agrees. `edge` is the mean distance to O's closest edgelet over τ_e where the edgelet is not
-    occluded, `edges_occluded` the occluded share. `area` is what agrees, in the image's pixels.
+    Of the rendered pixels, `behind` is the share where the observed surface is behind the object by
+    more than τ_d, `occluded` the share where it is in front of it, `missing` the share without
+    observed depth (1 if nothing is rendered). `residual` sums |S − O| / τ_d over the agreeing
+    pixels, those with |S − O| ≤ τ_d, divided by the number of rendered pixels. `color` is the mean
+    of min(|Δ chromaticity|₁, τ_c) / τ_c over the agreeing pixels. `edges_occluded` is the occluded
+    share of the rendered edgelets, `edge` the mean distance of the others to the closest observed
+    edgelet, in units of τ_e and at most 1. `area` is the number of agreeing pixels of the image.
     """
 
     area: Float[np.ndarray, "n"]
@@ -66,7 +67,7 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Observation:
-    """What poses of any object are compared with: a frame, and its distances to edgelets (px)."""
+    """A frame prepared for verification, with each pixel's distance to the nearest edgelet (px)."""
 
     rgb: UInt8[np.ndarray, "h w 3"]
     depth: Float32[np.ndarray, "h w"]
@@ -80,10 +81,10 @@ def observe(
     camera_matrix: Float[np.ndarray, "3 3"],
     settings: VerificationSettings,
 ) -> Observation:
-    """Prepare a frame, once for all poses and objects; depth in m, 0 or not finite = missing."""
+    """Prepare a frame once for all poses and objects; depth in m, missing if 0 or not finite."""
     single = np.ascontiguousarray(depth, dtype=np.float32)
     smooth = ~depth_edges(single, settings.edge_step_mm / 1000.0)
-    # Approximate, but by 2 % at most, and in a quarter of the exact one's time.
+    # Up to 2 % off, in a quarter of the time of exact distances.
     distance = cv2.distanceTransform(smooth.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
     if smooth.all():
         distance = np.full(depth.shape, np.inf)
@@ -102,10 +103,10 @@ class Verifier:
         mesh = model.proxy
         self._settings = settings
         self._centroid, self._radius = model.centroid, model.diameter / 2.0
-        self._vertices, self._faces, self._closed = prepared(mesh)
-        raised = mesh.colors[mesh.faces].mean(axis=1) + FLOOR
-        shares = raised / raised.sum(axis=1, keepdims=True)
-        self._chromaticity = shares.astype(np.float32)
+        self._vertices, self._faces, self._closed = prepare_mesh(mesh)
+        offset_colors = mesh.colors[mesh.faces].mean(axis=1) + COLOR_OFFSET
+        chromaticity = offset_colors / offset_colors.sum(axis=1, keepdims=True)
+        self._chromaticity = chromaticity.astype(np.float32)
 
     def costs(
         self, observation: Observation, poses_cam_obj: Float[np.ndarray, "n 4 4"]
@@ -119,45 +120,45 @@ class Verifier:
         poses_cam_obj: Float[np.ndarray, "n 4 4"],
         support: Float[np.ndarray, "n"],
     ) -> Float[np.ndarray, "n"]:
-        """Cost in [0, 1] of each pose beside the others.
+        """Cost in [0, 1] of each pose in competition with the others.
 
-        A mean over what a pose shows favours poses that show little. So a pose pays for what it
-        leaves unexplained: the share by which its agreeing area falls short of the largest among
-        the poses at its place, whose centroids are within half a diameter. It pays as well for few
-        votes, by the logarithm of the largest `support` over its own, as votes are evidence too.
+        Means over the rendered pixels favour poses in which little of the object is visible. So a
+        pose pays for the share by which its agreeing area is smaller than the largest area among
+        the poses at the same place (centroids less than half a diameter apart). It also pays for
+        the logarithm of the largest `support` over its own, because votes are evidence, too.
         """
         found = self.evidence(observation, poses_cam_obj)
         centers = transform(poses_cam_obj, self._centroid[None])[:, 0]
-        apart = np.linalg.norm(centers[:, None] - centers, axis=-1)
-        largest = np.where(apart < self._radius, found.area, 0.0).max(axis=1, initial=1.0)
+        distances = np.linalg.norm(centers[:, None] - centers, axis=-1)
+        largest = np.where(distances < self._radius, found.area, 0.0).max(axis=1, initial=1.0)
         costs = self.weigh(found) + self._settings.unexplained_cost * (1.0 - found.area / largest)
-        share = support / max(float(support.max(initial=0.0)), _LEAST_SUPPORT)
-        costs -= self._settings.support_cost * np.log(np.maximum(share, _LEAST_SHARE))
+        share = support / max(float(support.max(initial=0.0)), _MIN_SUPPORT)
+        costs -= self._settings.support_cost * np.log(np.maximum(share, _MIN_SHARE))
         return np.asarray(np.minimum(costs, WORST))
 
     def weigh(self, evidence: Evidence) -> Float[np.ndarray, "n"]:
-        """Cost of what was seen; the worst where that is no depth at all.
+        """Cost in [0, 1] of the evidence for each pose; `WORST` if there is no depth at all.
 
-        A occluded pixel costs more, the more of the object is occluded: right poses may be half
-        occluded, but one that hides almost wholly is hardly believed.
+        An occluded pixel costs more, the more of the object is occluded: correct poses may be half
+        occluded, but poses that are almost completely occluded are rarely correct.
         """
         settings = self._settings
-        price = settings.occlusion_cost + settings.occlusion_share_cost * evidence.occluded
+        pixel_cost = settings.occlusion_cost + settings.occlusion_share_cost * evidence.occluded
         depth = evidence.residual + evidence.behind
-        depth += price * evidence.occluded + settings.missing_cost * evidence.missing
+        depth += pixel_cost * evidence.occluded + settings.missing_cost * evidence.missing
         edge = (1.0 - evidence.edges_occluded) * evidence.edge
         edge += settings.occluded_edge_cost * evidence.edges_occluded
-        parts = settings.weight_depth * depth + settings.weight_edge * edge
-        parts += settings.weight_color * evidence.color
-        whole = settings.weight_depth + settings.weight_edge + settings.weight_color
-        return np.where(evidence.missing < 1.0, np.clip(parts / whole, 0.0, 1.0), WORST)
+        weighted = settings.weight_depth * depth + settings.weight_edge * edge
+        weighted += settings.weight_color * evidence.color
+        total_weight = settings.weight_depth + settings.weight_edge + settings.weight_color
+        return np.where(evidence.missing < 1.0, np.clip(weighted / total_weight, 0.0, 1.0), WORST)
 
     def evidence(
         self, observation: Observation, poses_cam_obj: Float[np.ndarray, "n 4 4"]
     ) -> Evidence:
-        """What the image says about each pose."""
+        """How the image agrees with each pose."""
         settings = self._settings
-        sums = np.empty((len(poses_cam_obj), SUMS))
+        sums = np.empty((len(poses_cam_obj), SUM_COUNT))
         sum_evidence(
             np.ascontiguousarray(poses_cam_obj, dtype=np.float64),
             self._vertices,
@@ -175,10 +176,11 @@ class Verifier:
             settings.edge_step_mm / 1000.0,
             sums,
         )
-        return _in_shares(sums)
+        return _normalised(sums)
 
 
-def _in_shares(sums: Float[np.ndarray, "n 11"]) -> Evidence:
+def _normalised(sums: Float[np.ndarray, "n 11"]) -> Evidence:
+    # The order in which `verification_kernel` fills the sums.
     pixels, agreeing, behind, occluded, missing, edges, edges_occluded = sums.T[:7]
     residual, color, edge, size = sums.T[7:]
     per_pixel = 1.0 / np.maximum(pixels, 1.0)

@@ -1,9 +1,9 @@
-"""pyrender, with its multisampling taken out and `light.shade` as its shading.
+"""pyrender without multisampling and with the shading of `light.shade`.
 
-Imports pyrender and OpenGL at the top, so only `opengl` imports it, once rendering starts. Three
-parts of pyrender's renderer are replaced: the frame buffer (pyrender resolves depth from 4
-samples a pixel, which shifts it by up to a pixel's worth), the reading of it, and the shaders
-(pyrender's physically based ones know other lights than the numba renderer).
+Imports pyrender and OpenGL, so `opengl` imports it only once rendering starts. Three parts of
+pyrender's renderer are replaced: the frame buffer (pyrender resolves depth from 4 samples per
+pixel, which is off by up to a pixel's change of depth), its read-out, and the shaders (pyrender's
+are physically based, unlike the numba renderer's).
 """
 
 import numpy as np
@@ -135,9 +135,9 @@ class _SingleSampleRenderer(pyrender.Renderer):  # type: ignore[misc]
 
 
 class BlinnPhongScene:
-    """One OpenGL context with the meshes uploaded to it so far; at most one mesh is shown.
+    """One OpenGL context and the meshes uploaded to it, of which one is shown at a time.
 
-    Keeps at most `capacity` meshes; the one not shown for longest goes first.
+    Keeps at most `capacity` meshes and drops the least recently shown.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -148,7 +148,7 @@ class BlinnPhongScene:
         self._camera = pyrender.IntrinsicsCamera(1.0, 1.0, 0.0, 0.0)
         self._scene.add(self._camera, pose=_CAMERA_POSE)
         self._capacity = capacity
-        # The mesh is kept beside its node, or another one could be born with the same id.
+        # Holding the mesh itself keeps its id from being reused.
         self._nodes: dict[int, tuple[Mesh, pyrender.Node]] = {}
 
     def render(
@@ -174,7 +174,7 @@ class BlinnPhongScene:
         return rgb, depth
 
     def _show(self, mesh: Mesh) -> pyrender.Node:
-        """The mesh's node, visible, all others hidden; uploaded if it is new."""
+        """The node of the mesh, uploaded if it is new; it becomes the only visible one."""
         kept = self._nodes.pop(id(mesh), None) or (mesh, self._upload(mesh))
         self._nodes[id(mesh)] = kept
         while len(self._nodes) > self._capacity:

@@ -8,7 +8,7 @@ from jaxtyping import Float, UInt8
 
 @dataclass(frozen=True)
 class Light:
-    """One directional light beside an ambient one, both white.
+    """A directional and an ambient light, both white.
 
     `direction` is the unit vector from the surface towards the light in camera coordinates (the
     camera looks along +z, so light from behind the camera has a negative z). `ambient`, `diffuse`
@@ -26,7 +26,7 @@ FRONTAL_LIGHT = Light((0.0, 0.0, -1.0), ambient=0.4, diffuse=0.6, specular=0.0, 
 
 
 def random_light(rng: np.random.Generator) -> Light:
-    """A light from anywhere in the camera's half space, ambient .3–.9, some with highlights."""
+    """A light from a random direction on the camera's side, with random strengths."""
     direction = rng.normal(size=3)
     direction /= np.linalg.norm(direction)
     direction[2] = -abs(direction[2])
@@ -50,7 +50,7 @@ def shade(
 
     `albedo` in 0…255, `normals` and `view_directions` (from the surface towards the camera) in
     camera coordinates, of any length. Both sides of a surface are lit: a normal that points away
-    from the camera is turned round, because scans do not orient theirs reliably.
+    from the camera is flipped, because normals of scanned meshes are unreliable.
     """
     normals, view = _unit(normals), _unit(view_directions)
     facing = np.where(np.einsum("ij,ij->i", normals, view) < 0.0, -1.0, 1.0)
@@ -67,7 +67,7 @@ def shade(
 
 
 def _unit(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """Vectors at unit length; a vector of length 0 stays as it is."""
+    """Vectors scaled to unit length; a vector of length 0 stays 0."""
     vectors = np.asarray(vectors, dtype=np.float64)
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.asarray(vectors / np.where(length > 0.0, length, 1.0))

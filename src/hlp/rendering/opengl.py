@@ -1,9 +1,8 @@
-"""RGB-D pictures of a mesh by OpenGL (pyrender on EGL), with the numba renderer's meaning.
+"""RGB-D images of a mesh by OpenGL (pyrender on EGL).
 
-Same camera, same light, same depth as `rasterizer.render_rgbd`. pyrender is imported, and the
-environment read, only when the first picture is asked for. A context belongs to the process and
-thread that made it; there is one per process and it is never deleted, because deleting one kills
-all others.
+Camera, light and depth are those of `rasterizer.render_rgbd`. pyrender is imported, and the
+environment read, when the first image is rendered. A context only works in the process and thread
+that created it; there is one per process, never deleted, because deleting one breaks all others.
 """
 
 import logging
@@ -21,7 +20,7 @@ from hlp.rendering.light import Light
 _Picture = tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]]
 
 NEAR = 0.01
-"""What is nearer to the camera than this (m) is not drawn."""
+"""Near clipping plane (m)."""
 
 _MESHES_KEPT = 16
 _INSTALL = (
@@ -32,7 +31,7 @@ _INSTALL = (
 
 @dataclass(frozen=True)
 class _Context:
-    """What draws in the process' one OpenGL context, or why there is none, and whose it is."""
+    """The process's OpenGL context, or why it has none, and the thread that it belongs to."""
 
     draw: Callable[..., _Picture] | None
     problem: str
@@ -45,7 +44,7 @@ _starting = threading.Lock()
 
 
 def opengl_problem() -> str | None:
-    """Why OpenGL cannot render here, in words for the user; None where it can.
+    """Why OpenGL cannot render here, as a message for the user; None if it can.
 
     The first call starts OpenGL and binds it to the calling thread.
     """
@@ -66,7 +65,7 @@ def opengl_problem() -> str | None:
 
 
 def opengl_available() -> bool:
-    """Whether `render_rgbd` works in this process and thread (`opengl_problem` says why not)."""
+    """Whether `render_rgbd` works in this process and thread; `opengl_problem` says why not."""
     return opengl_problem() is None
 
 
@@ -80,7 +79,7 @@ def render_rgbd(
     """Colour (black where nothing is) and depth (m, 0 = nothing) of one mesh in one pose.
 
     The mesh is uploaded on first use and recognised by identity: do not change its arrays.
-    Raises RuntimeError where OpenGL cannot run, ValueError on a pose that is not finite.
+    Raises RuntimeError if OpenGL cannot run, ValueError on a pose that is not finite.
     """
     problem = opengl_problem()
     if problem is not None:
@@ -89,11 +88,11 @@ def render_rgbd(
         raise ValueError("pose_cam_obj is not finite (nan or inf)")
     draw = _context().draw
     assert draw is not None
-    # A tight range of depths leaves the 24-bit buffer steps far below a micrometre.
+    # With a tight depth range the 24-bit buffer resolves far less than a micrometre.
     z = mesh.vertices @ pose_cam_obj[2, :3] + pose_cam_obj[2, 3]
     margin = 1e-3 * float(np.ptp(z)) + 1e-4
     near, far = max(float(z.min()) - margin, NEAR), float(z.max()) + margin
-    if far <= near:  # all of it behind the camera
+    if far <= near:  # the whole mesh is behind the camera
         return np.zeros((*shape, 3), dtype=np.uint8), np.zeros(shape, dtype=np.float32)
     return draw(mesh, pose_cam_obj, camera_matrix, shape, light, (near, far))
 
@@ -108,7 +107,7 @@ def _context() -> _Context:
 
 def _start() -> tuple[Callable[..., _Picture] | None, str]:
     os.environ.setdefault("PYOPENGL_PLATFORM", "egl")  # read by PyOpenGL when it is imported
-    # PyOpenGL logs every missing accelerator and library as if it were an error.
+    # PyOpenGL logs missing optional libraries as errors.
     logging.getLogger("OpenGL").setLevel(logging.CRITICAL)
     try:
         from hlp.rendering.blinn_phong import BlinnPhongScene

@@ -1,8 +1,8 @@
-"""Triangle z-buffer on the CPU (numba): depth of many poses, or RGB-D of one scene, no OpenGL.
+"""Triangle z-buffer on the CPU (numba) without OpenGL: depth of many poses, or RGB-D of a scene.
 
-Pixel centres have integer coordinates, 1/z is interpolated linearly in the image (which is exact
-for planes), and both faces of a triangle are visible, because scans orient theirs unreliably.
-Kernels are serial and release the GIL; poses are shared out over threads.
+Pixel centres have integer coordinates. 1/z is interpolated linearly in the image, which is exact
+for planes. Both sides of a triangle are visible, because scanned meshes are not wound consistently.
+Kernels are serial and release the GIL; threads render different poses.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ def fill_triangles(
 
     `corners` are (x px, y px, 1/z) of each vertex; a vertex with 1/z <= 0 drops its triangles.
     `triangles` receives the index of the face seen at each pixel. Edges belong to both triangles
-    that share them, with a tolerance above the rounding error, so that no crack is left between.
+    that share them, with a tolerance above the rounding error, so that they leave no gap.
     """
     for face in range(faces.shape[0]):
         _fill_triangle(corners, faces, face, inverse_depth, triangles)
@@ -71,15 +71,15 @@ def _fill_triangle(
             least = min(min(weight_b, weight_c), 1.0 - weight_b - weight_c)
             # A pixel within the tolerance may lie outside a sliver: do not extrapolate there.
             w = min(max(wa + weight_b * (wb - wa) + weight_c * (wc - wa), low), high)
-            # Without a branch: which pixels are hit is unpredictable, and a wrongly predicted
-            # branch costs more than this arithmetic (2.6 times, measured).
+            # Without a branch, because mispredicted branches take longer than this arithmetic
+            # (2.6 times as long, measured).
             nearest = (least >= tolerance) & (w > inverse_depth[y, x])
             inverse_depth[y, x] = w if nearest else inverse_depth[y, x]
             triangles[y, x] = face if nearest else triangles[y, x]
 
 
 def is_closed(faces: Int[np.ndarray, "f 3"], vertices: Float[np.ndarray, "v 3"]) -> bool:
-    """Whether back faces can never be seen: closed, consistently wound, outside out."""
+    """Whether a mesh is closed and wound outwards, so that its back faces are never visible."""
     start = np.asarray(faces, dtype=np.int64).ravel()
     end = np.roll(faces, -1, axis=1).astype(np.int64).ravel()
     forth = np.sort(start * len(vertices) + end)
@@ -139,8 +139,8 @@ def render_scene(
 ) -> tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"], Int[np.ndarray, "h w"]]:
     """Colour, depth (m) and the index of the part seen at each pixel (-1 = nothing).
 
-    `parts` are meshes, each with its pose; they hide each other as in one z-buffer. Raises
-    ValueError if there is none, or on a pose that is not finite.
+    `parts` are meshes with their poses, drawn into one z-buffer. Raises ValueError if there is no
+    part, or on a pose that is not finite.
     """
     if not parts:
         raise ValueError("render_scene needs at least one (mesh, pose) to draw")

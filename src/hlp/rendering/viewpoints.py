@@ -1,7 +1,7 @@
-"""Viewpoints spread by electrostatic repulsion, and the camera rotations that look from them.
+"""Viewpoints distributed evenly over a sphere, and the rotations of cameras placed there.
 
-The paper (stage 0) puts its cameras where equal charges on a sphere would rest: the Thomson
-problem. Directions are unit vectors in object coordinates; angles are radians.
+The paper (stage 0) places its cameras like equal charges at rest on a sphere (Thomson problem).
+Directions are unit vectors in object coordinates; angles are radians.
 """
 
 import numpy as np
@@ -22,8 +22,8 @@ def coulomb_energy(points: Float[np.ndarray, "n 3"]) -> float:
 def thomson(count: int, seed: int) -> Float[np.ndarray, "n 3"]:
     """`count` directions over the whole sphere at a minimum of the Coulomb energy.
 
-    Starts from uniform random directions. The minimum is a local one; its energy lies within
-    0.01 % of the best known (Wales & Ulker 2006) for the counts tested, 2 to 400.
+    Starts from uniform random directions and finds a local minimum. Its energy is within 0.01 % of
+    the best known (Wales & Ulker 2006) for the counts tested, 2 to 400.
     Raises ValueError if `count` < 1.
     """
     return _relax(_random_directions(count, seed), mirrored=False)
@@ -78,7 +78,7 @@ def _relax(start: Float[np.ndarray, "n 3"], mirrored: bool) -> Float[np.ndarray,
     The energy depends on the directions only, so the sphere needs no constraint.
     """
     if len(start) == 1 and not mirrored:
-        return start  # nothing repels a lone charge
+        return start  # a single charge is at rest anywhere
 
     def energy(flat: Float[np.ndarray, "k"]) -> tuple[float, Float[np.ndarray, "k"]]:
         vectors = flat.reshape(-1, 3)
@@ -102,7 +102,7 @@ def _relax(start: Float[np.ndarray, "n 3"], mirrored: bool) -> Float[np.ndarray,
     points = result.x.reshape(-1, 3)
     points /= np.linalg.norm(points, axis=1, keepdims=True)
     if mirrored:
-        # A charge and its image are interchangeable: a step may have swapped them.
+        # A charge and its mirror image are equivalent: a step may have swapped them.
         points[:, 2] = np.abs(points[:, 2])
     return np.asarray(points)
 
@@ -112,9 +112,9 @@ def _repulsion(
     charges: Float[np.ndarray, "n 3"],
     excluded: Bool[np.ndarray, "n n"],
 ) -> tuple[float, Float[np.ndarray, "n 3"]]:
-    """Half the energy of every point against every charge, and its slope by the points.
+    """Half the energy of all points and charges, and its gradient with respect to the points.
 
-    Half, because each pair is met twice (charges are the points, or their mirror images).
+    Half, because each pair occurs twice (charges are the points or their mirror images).
     """
     squared = np.maximum(2.0 - 2.0 * points @ charges.T, 1e-12)
     inverse = 1.0 / np.sqrt(squared)

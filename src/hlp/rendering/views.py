@@ -1,4 +1,4 @@
-"""RGB-D views of an object from all around (stage 0), rendered as crops, and their files."""
+"""RGB-D views of an object from many viewpoints (stage 0), and their files."""
 
 import logging
 from collections.abc import Callable
@@ -11,17 +11,16 @@ from jaxtyping import Float, UInt8
 from tqdm import tqdm
 
 from hlp.geometry import rigid
-from hlp.records import Mesh, ObjectModel, Views
+from hlp.records import MILLIMETRES_PER_METRE, Mesh, ObjectModel, Views
 from hlp.rendering import opengl, rasterizer
 from hlp.rendering.light import Light, random_light
 from hlp.rendering.viewpoints import hemisphere, thomson, view_rotations
 
 _COVERAGES = {"hemisphere": hemisphere, "sphere": thomson}
-# `auto` is numba: on a CPU it is the faster one (measured on LINEMOD's cat, 31k faces, 128 px, one
-# core: 250 views/s against 150 of pyrender on Mesa's llvmpipe), it is there on every machine, and
-# the same views everywhere make the same results everywhere.
+# `auto` is numba: it works on every machine, gives the same views everywhere and is faster on a
+# CPU (LINEMOD's cat, 31k faces, 128 px, one core: 250 views/s, pyrender on llvmpipe 150).
 _RENDERERS = {"auto": "numba", "numba": "numba", "pyrender": "pyrender"}
-_DEPTH_UNIT = 1e-4
+_DEPTH_UNIT = 1e-4  # m
 _FILES = ("rgb", "depth", "poses_cam_obj", "camera_matrix")
 
 _Renderer = Callable[
@@ -74,7 +73,7 @@ class ViewsSettings:
 def render_views(
     model: ObjectModel, settings: ViewsSettings, seed: int, progress: bool = True
 ) -> Views:
-    """Views of the full mesh, viewpoint-major, each under its own random light.
+    """Views of the full mesh, viewpoint-major, each under a different random light.
 
     The centroid lies on the optical axis at `distance_mm`, the principal point is the crop's
     centre. The focal length is `focal_px`, or less where the object would not fit in the crop.
@@ -169,15 +168,15 @@ def _poses(model: ObjectModel, settings: ViewsSettings, seed: int) -> Float[np.n
 
 
 def _crop_camera(model: ObjectModel, settings: ViewsSettings) -> Float[np.ndarray, "3 3"]:
-    """Camera of the crop, in which a sphere about the centroid that holds the object just fits."""
+    """Camera of a crop in which the sphere about the centroid that encloses the object fits."""
     distance = settings.distance_mm / 1000.0
     radius = float(np.linalg.norm(model.mesh.vertices - model.centroid, axis=1).max())
     if distance <= radius + rasterizer.NEAR:
         raise ValueError(
             f"rendering.distance_mm is {settings.distance_mm:g}, but {model.name} reaches "
-            f"{radius * 1000:.0f} mm from its centre: the camera would be inside"
+            f"{radius * MILLIMETRES_PER_METRE:.0f} mm from its centre: the camera would be inside"
         )
-    # A pixel is left free on each side: patches at the silhouette see where the object ends.
+    # One pixel is left free on each side, so that patches at the silhouette include its edge.
     fitting = (settings.size_px / 2 - 1) * np.sqrt(distance**2 - radius**2) / radius
     focal = min(settings.focal_px, fitting)
     centre = (settings.size_px - 1) / 2
@@ -185,7 +184,7 @@ def _crop_camera(model: ObjectModel, settings: ViewsSettings) -> Float[np.ndarra
 
 
 def _renderer(settings: ViewsSettings) -> tuple[_Renderer, int]:
-    """The renderer of the settings, and how many threads it may use (OpenGL: this one only)."""
+    """The renderer of the settings and the number of threads it may use (OpenGL: 1)."""
     name = _RENDERERS[settings.name]
     logging.getLogger(__name__).debug("views are rendered by %s", name)
     if name == "numba":

@@ -1,8 +1,8 @@
-"""Fast triangle z-buffer for many small drawings of a mesh: single precision, vectorised.
+"""Fast triangle z-buffer for many small renderings of a mesh, in single precision.
 
-Vertices are projected in double precision and drawn in single: eight pixels fit where four did, and
-a depth is still exact to a thousandth of a millimetre. The loops are written so that the compiler
-turns them into vector instructions. `rasterizer` is the reference.
+Vertices are projected in double precision and drawn in single precision, which doubles the number
+of pixels per vector instruction and is exact to about a micrometre. The loops are written so that
+the compiler can turn them into vector instructions. `rasterizer` is the reference.
 """
 
 from functools import lru_cache
@@ -14,41 +14,41 @@ from numba import njit
 from hlp.records import Mesh
 from hlp.rendering.rasterizer import NEAR, is_closed
 
-LANES = 4
-"""Pixels of a row that are drawn at once."""
+VECTOR_WIDTH = 4
+"""Pixels of a row that are drawn at once (SIMD lanes)."""
 _ONE, _ZERO = np.float32(1.0), np.float32(0.0)
-_FAR = np.float32(np.inf)
-# Edges belong to both triangles that share them, with a tolerance of so many pixels: above single
-# precision's rounding error in a region of some hundred pixels, so that no crack is left between.
+_INFINITE = np.float32(np.inf)
+# Pixels by which each triangle is extended, so that neighbours leave no gap: more than the rounding
+# error of single precision in an image of a few hundred pixels.
 _TOLERANCE = np.float32(1e-5)
 
 
 @lru_cache(maxsize=32)
-def prepared(mesh: Mesh) -> tuple[Float[np.ndarray, "3 v"], Int32[np.ndarray, "f 3"], bool]:
-    """Vertices by coordinate, faces, and whether back faces are hidden: once for each mesh."""
+def prepare_mesh(mesh: Mesh) -> tuple[Float[np.ndarray, "3 v"], Int32[np.ndarray, "f 3"], bool]:
+    """Vertices by coordinate (m), faces, and whether the mesh is closed; cached for each mesh."""
     faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
     closed = is_closed(faces, mesh.vertices)
     return np.ascontiguousarray(mesh.vertices.T, dtype=np.float64), faces, closed
 
 
 @njit(nogil=True, cache=True)
-def framed(height: int, width: int) -> Float32[np.ndarray, "h+2 w+5"]:
-    """A buffer of inverse depths (1/m): nothing, within a frame of infinitely near pixels.
+def framed_buffer(height: int, width: int) -> Float32[np.ndarray, "h+2 w+5"]:
+    """An empty buffer of inverse depths (1/m) inside a frame of infinitely near pixels.
 
-    So nothing is drawn on the frame, and no edge is ever seen against it. To the right there is
-    room for the lanes that a triangle does not fill.
+    Nothing can be drawn on the frame, and no pixel has a depth edge towards it. On the right the
+    frame is wide enough for whole vectors of pixels, which may exceed a triangle.
     """
-    inverse = np.full((height + 2, width + 1 + LANES), _FAR, dtype=np.float32)
+    inverse = np.full((height + 2, width + 1 + VECTOR_WIDTH), _INFINITE, dtype=np.float32)
     inverse[1 : height + 1, 1 : width + 1] = _ZERO
     return inverse
 
 
-def in_frame(image: Shaped[np.ndarray, "h w"]) -> Float32[np.ndarray, "h+2 w+5"]:
-    """An image laid out as a framed buffer, 0 on the frame: both can be read row behind row."""
+def add_frame(image: Shaped[np.ndarray, "h w"]) -> Float32[np.ndarray, "h+2 w+5"]:
+    """An image with the frame of `framed_buffer`, filled with 0, so that their pixels align."""
     height, width = image.shape
-    laid_out = np.zeros((height + 2, width + 1 + LANES), dtype=np.float32)
-    laid_out[1 : height + 1, 1 : width + 1] = image
-    return laid_out
+    padded = np.zeros((height + 2, width + 1 + VECTOR_WIDTH), dtype=np.float32)
+    padded[1 : height + 1, 1 : width + 1] = image
+    return padded
 
 
 @njit(nogil=True, cache=True)
@@ -58,7 +58,7 @@ def project_vertices(
     camera: Float[np.ndarray, "3 3"],
     corners: Float[np.ndarray, "3 v"],
 ) -> None:
-    """(x px, y px, 1/z) of each vertex; 1/z = 0 where it is nearer than NEAR."""
+    """Fill `corners` with (x px, y px, 1/z) of each vertex; 1/z = 0 if z < NEAR."""
     fx, fy, cx, cy = camera[0, 0], camera[1, 1], camera[0, 2], camera[1, 2]
     r00, r01, r02, t0 = pose[0, 0], pose[0, 1], pose[0, 2], pose[0, 3]
     r10, r11, r12, t1 = pose[1, 0], pose[1, 1], pose[1, 2], pose[1, 3]
@@ -80,16 +80,16 @@ def draw_triangles(
     inverse: Float32[np.ndarray, "h+2 w+5"],
     triangles: Int32[np.ndarray, "h+2 w+5"] | None,
 ) -> None:
-    """As `rasterizer.fill_triangles`, in single precision, into a buffer made by `framed`.
+    """Like `rasterizer.fill_triangles`, in single precision, into a `framed_buffer`.
 
-    `corners` are (x px, y px, 1/z) of each vertex, x and y counted from within the frame. `cull`
-    skips back faces (right for closed meshes, see `rasterizer.is_closed`). `triangles` receives the
-    index of the face seen at each pixel, if asked for.
+    `corners` are (x px, y px, 1/z) of each vertex; pixel (0, 0) is the first inside the frame.
+    `cull` skips back faces, which is correct for closed meshes (see `rasterizer.is_closed`).
+    `triangles`, unless it is None, receives the index of the face seen at each pixel.
     """
     height, stride = inverse.shape[0] - 2, inverse.shape[1]
-    width = stride - 1 - LANES
+    width = stride - 1 - VECTOR_WIDTH
     flat = inverse.reshape(-1)
-    if triangles is not None:  # decided when the kernel is compiled
+    if triangles is not None:  # resolved at compile time
         seen = triangles.reshape(-1)
     for face in range(faces.shape[0]):
         a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
@@ -115,13 +115,13 @@ def draw_triangles(
         w_x, w_y = b_x * (wb - wa) + c_x * (wc - wa), b_y * (wb - wa) + c_y * (wc - wa)
         least_weight = -_TOLERANCE * (right - left + bottom - top) * abs(scale)
         dx = np.float32(x0) - ax
-        # Whole lanes, as unsigned numbers: what the compiler needs for vectors without remainder.
-        lanes = np.uintp((x1 - x0 + LANES) // LANES * LANES)
+        # Whole vectors of pixels, counted with unsigned integers, need no loop for the remainder.
+        columns = np.uintp((x1 - x0 + VECTOR_WIDTH) // VECTOR_WIDTH * VECTOR_WIDTH)
         start = np.uintp((y0 + 1) * stride + x0 + 1)
         for y in range(y0, y1 + 1):
             dy = np.float32(y) - ay
             b_0, c_0, w_0 = b_x * dx + b_y * dy, c_x * dx + c_y * dy, wa + w_x * dx + w_y * dy
-            for k in range(lanes):
+            for k in range(columns):
                 along = np.float32(np.int32(k))
                 weight_b, weight_c = b_0 + along * b_x, c_0 + along * c_x
                 least = min(min(weight_b, weight_c), _ONE - weight_b - weight_c)
