@@ -47,12 +47,12 @@ def reference(i, draw):
     """One image and its depth, spelled out."""
     color, code, mask, behind, behind_code = make_windows()
     y, x = np.mgrid[:SIZE, :SIZE]
-    hidden = (y >= draw["top"]) & (y < draw["bottom"]) & (x >= draw["left"]) & (x < draw["right"])
-    shown = mask[i] & ~draw["alone"] & ~hidden
-    image = behind[draw["behind"]] / 255 * draw["behind_gain"]
-    image = np.where(shown[..., None], color[i] / 255 @ draw["surface"].T, image)
-    other = behind[draw["before"]] / 255 * draw["before_gain"]
-    image = np.where(hidden[..., None], other, image)
+    occluded = (y >= draw["top"]) & (y < draw["bottom"]) & (x >= draw["left"]) & (x < draw["right"])
+    shown = mask[i] & ~draw["background_only"] & ~occluded
+    image = behind[draw["background"]] / 255 * draw["background_gain"]
+    image = np.where(shown[..., None], color[i] / 255 @ draw["color_mix"].T, image)
+    other = behind[draw["occluder"]] / 255 * draw["occluder_gain"]
+    image = np.where(occluded[..., None], other, image)
     image = np.clip(image * draw["exposure"], 0, 1) ** draw["gamma"]
     image = (image - image.mean()) * draw["contrast"] + image.mean()
     kernel = np.outer([0.25, 0.5, 0.25], [0.25, 0.5, 0.25])[..., None]
@@ -61,12 +61,12 @@ def reference(i, draw):
     start, pixels = draw["noise_start"], SIZE * SIZE
     noise = NOISE[start : start + 3 * pixels].reshape(image.shape)
     image = np.clip(image + noise * draw["color_noise"], 0, 1) * 2 - 1
-    measured = behind_code[draw["behind"]]
+    measured = behind_code[draw["background"]]
     depth = (measured - 128.0) / 127.0
     if not measured.any():
-        depth = plane(draw["far"]) + smooth(draw["relief"])
-    depth = np.where(shown, (code[i] - 128.0) / 127.0, depth + draw["away"])
-    depth = np.where(hidden, plane(draw["near"]), depth)
+        depth = plane(draw["background_plane"]) + smooth(draw["background_relief"])
+    depth = np.where(shown, (code[i] - 128.0) / 127.0, depth + draw["background_offset"])
+    depth = np.where(occluded, plane(draw["occluder_plane"]), depth)
     noise = NOISE[start + 3 * pixels : start + 4 * pixels].reshape(depth.shape)
     depth = np.clip(depth + draw["depth_shift"] + noise * draw["depth_noise"], -1, 1)
     return image, np.where(smooth(draw["holes"]) > draw["hole_level"], 1.0, depth)
@@ -95,8 +95,8 @@ def test_threads_and_depth_change_no_colour():
 @pytest.mark.parametrize("seed", [0, 1])
 def test_draws_stay_within_their_ranges(seed):
     drawn = draw_composites(np.random.default_rng(seed), 6000, 64, 11, 0.25)
-    assert drawn["alone"].mean() == pytest.approx(0.25, abs=0.03)
-    assert drawn["behind"].min() == 0 and drawn["behind"].max() == 10
+    assert drawn["background_only"].mean() == pytest.approx(0.25, abs=0.03)
+    assert drawn["background"].min() == 0 and drawn["background"].max() == 10
     height, width = drawn["bottom"] - drawn["top"], drawn["right"] - drawn["left"]
     assert height.min() >= 0 and width.min() >= 0
     assert max(height.max(), width.max()) <= 0.6 * 64 + 1
@@ -105,7 +105,7 @@ def test_draws_stay_within_their_ranges(seed):
     rows = (drawn["top"] < 35) & (drawn["bottom"] > 29)
     columns = (drawn["left"] < 35) & (drawn["right"] > 29)
     assert not (shown & rows & columns).any()  # no occluder over the centre
-    grey = drawn["surface"].sum(axis=2)  # what a white surface becomes
+    grey = drawn["color_mix"].sum(axis=2)  # what a white surface becomes
     assert np.log(grey).std() > 0.25
     assert drawn["gamma"].min() > 0 and drawn["contrast"].min() >= 0.3
     assert drawn["noise_start"].max() + 4 * 64 * 64 <= NOISE_LENGTH

@@ -8,8 +8,8 @@ from hlp.patches.local_data import (
     PairDataModule,
     PatchDataModule,
     degrade_color,
+    degrade_depth,
     degrade_patches,
-    degrade_shape,
 )
 from hlp.patches.local_pool import PairPool
 from hlp.records import LocalPatches
@@ -46,7 +46,7 @@ def make_pool():
 def degraded(seed=0):
     patches, gen = make_patches(), torch.Generator().manual_seed(seed)
     clean = torch.from_numpy(patches.color).permute(0, 3, 1, 2).float() / 255.0
-    depth, valid, around = degrade_shape(
+    depth, valid, around = degrade_depth(
         torch.from_numpy(patches.depth),
         torch.from_numpy(patches.valid),
         torch.full((COUNT,), METRIC),
@@ -63,7 +63,7 @@ def test_what_is_not_valid_is_filled_as_in_any_patch():
     assert color.min() >= 0 and color.max() <= 1
 
 
-def test_the_object_is_partly_hidden_and_surroundings_appear():
+def test_the_object_is_partly_occluded_and_clutter_appears():
     _, _, valid = degraded()
     clean = torch.from_numpy(make_patches().valid)
     lost = (clean & ~valid).float().mean(dim=(1, 2)) / clean.float().mean(dim=(1, 2))

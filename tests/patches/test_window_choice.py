@@ -116,7 +116,7 @@ def test_too_few_windows_for_a_plane_are_fine():
     assert off_planes([], 2, 0.1).all()
 
 
-def test_a_quincunx_keeps_half_and_no_two_neighbours():
+def test_a_checkerboard_keeps_half_and_no_two_neighbours():
     centers = pixel_grid((480, 640), 16).astype(float)
     kept = checkerboard(centers, 16)
     assert kept.sum() == len(centers) / 2

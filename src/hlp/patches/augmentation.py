@@ -1,8 +1,7 @@
-"""What separates a render from a photograph, drawn anew for every batch (torch, vectorised).
+"""Random image effects that make renderings of local patches look like photographs (torch).
 
-Random light, white balance, exposure, blur, noise, occluders and backgrounds decide whether a
-network trained on renders works on real pictures. All draws come from the generator given, so a
-batch is a function of (seed, step).
+White balance, exposure, saturation, blur, noise, occluders and surroundings. All random numbers
+come from the given generator.
 """
 
 import torch
@@ -13,17 +12,17 @@ _GREY = torch.tensor([0.299, 0.587, 0.114])
 
 
 def uniform(gen: torch.Generator, shape: tuple[int, ...], low: float, high: float) -> Tensor:
-    """Uniform draws in [low, high)."""
+    """Uniform random numbers in [low, high)."""
     return torch.rand(shape, generator=gen) * (high - low) + low
 
 
 def normal(gen: torch.Generator, shape: tuple[int, ...], sigma: float) -> Tensor:
-    """Normal draws about zero."""
+    """Normal random numbers with mean 0."""
     return torch.randn(shape, generator=gen).mul_(sigma)
 
 
 def vary_surface(color: Tensor, gen: torch.Generator) -> Tensor:
-    """White balance (σ .2), exposure and saturation of an object's own colour (n, 3, h, w), 0…1."""
+    """Random white balance, exposure and saturation of an object's colour (n, 3, h, w), 0…1."""
     n = len(color)
     gain = torch.exp(normal(gen, (n, 3, 1), 0.2) + uniform(gen, (n, 1, 1), -0.7, 0.35))
     saturation = (1.0 + normal(gen, (n, 1, 1), 0.3)).clamp(min=0.0)
@@ -33,7 +32,7 @@ def vary_surface(color: Tensor, gen: torch.Generator) -> Tensor:
 
 
 def vary_camera(color: Tensor, gen: torch.Generator) -> Tensor:
-    """Exposure, gamma, contrast, blur (half of the images) and noise of whole images, 0…1."""
+    """Random exposure, gamma, contrast, blur (on half) and noise of images (n, 3, h, w), 0…1."""
     n = len(color)
     color = color * torch.exp(uniform(gen, (n, 1, 1, 1), -0.7, 0.2))
     color.clamp_(0.0, 1.0).pow_(torch.exp(normal(gen, (n, 1, 1, 1), 0.2)))
@@ -47,7 +46,7 @@ def vary_camera(color: Tensor, gen: torch.Generator) -> Tensor:
 
 
 def blur(image: Tensor, gen: torch.Generator, share: float) -> Tensor:
-    """Binomial 3 × 3 blur, once or twice, of a share of the images (n, c, h, w)."""
+    """Binomial 3 × 3 blur of about a `share` of the images (n, c, h, w), of half of them twice."""
     kernel = torch.tensor([0.25, 0.5, 0.25])
     square = (kernel[:, None] * kernel)[None, None].expand(image.shape[1], 1, 3, 3)
 
@@ -67,9 +66,10 @@ def blur(image: Tensor, gen: torch.Generator, share: float) -> Tensor:
 def rectangles(
     gen: torch.Generator, n: int, size: int, share: float, low: float, high: float
 ) -> Tensor:
-    """Masks (n, size, size) of one rectangle each, sides `low`…`high` of the image's; bool.
+    """Boolean masks (n, size, size) with a rectangle on about a `share` of them, else empty.
 
-    Rectangles lean against the border as often as not, since occluders rarely end inside.
+    Sides are `low`…`high` of the image's. Most rectangles are cut off by the border, as occluders
+    are in small patches.
     """
     extent = uniform(gen, (n, 2), low, high)
     start = uniform(gen, (n, 2), -0.3, 1.0)
@@ -80,7 +80,7 @@ def rectangles(
 
 
 def random_planes(gen: torch.Generator, n: int, size: int, low: float, high: float) -> Tensor:
-    """Slanted planes (n, size, size): offset drawn in low…high, slope up to ±1 over the image."""
+    """Slanted planes (n, size, size): offset uniform in low…high, normal slope (σ .5 per image)."""
     axis = torch.linspace(-0.5, 0.5, size)
     offset = uniform(gen, (n, 1, 1), low, high)
     slope = normal(gen, (n, 2, 1, 1), 0.5)
@@ -88,6 +88,6 @@ def random_planes(gen: torch.Generator, n: int, size: int, low: float, high: flo
 
 
 def smooth_noise(gen: torch.Generator, n: int, size: int, cells: int) -> Tensor:
-    """Smooth random fields (n, size, size) of unit variance at the grid of `cells`."""
+    """Smooth random fields (n, size, size): unit normal values at `cells`² points, interpolated."""
     coarse = torch.randn((n, 1, cells, cells), generator=gen)
     return functional.interpolate(coarse, size=(size, size), mode="bilinear")[:, 0]

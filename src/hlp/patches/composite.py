@@ -1,7 +1,7 @@
-"""Composites of windows on backgrounds, as a camera would see them (paper, section 3.1).
+"""Composites of windows and backgrounds, as a camera would see them (paper, section 3.1).
 
-What is drawn at random is a record of numbers an image; the work on pixels is one compiled pass
-that stays in the processor's cache.
+The random numbers of an image form one record; a compiled kernel then computes its pixels in one
+pass, which keeps the image in the processor's cache.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -12,40 +12,40 @@ from jaxtyping import Bool, Float, UInt8
 from numba import njit
 
 NOISE_LENGTH = 1 << 20
-"""Length of the table of standard normal values that noise is read from."""
+"""Length of the table of standard normal values from which noise is read."""
 
-_LEVELS = 2048  # of the tone curve's table: a camera has 256
-_FAR = np.float32(1.0)  # depth where nothing was measured
+_LEVELS = 2048  # of the tone curve's table
+_NO_DEPTH = np.float32(1.0)  # depth where nothing was measured
 
-DRAWS = np.dtype(
+COMPOSITE_DRAWS = np.dtype(
     [
-        ("alone", "?"),  # background without object
-        ("top", "i4"),  # px of the occluder's rectangle; empty where there is none
+        ("background_only", "?"),  # no object in the image
+        ("top", "i4"),  # occluder's rectangle (px); empty if there is none
         ("bottom", "i4"),
         ("left", "i4"),
         ("right", "i4"),
-        ("behind", "i4"),  # row of the background, and of what the occluder shows
-        ("before", "i4"),
-        ("behind_gain", "f4"),
-        ("before_gain", "f4"),
-        ("surface", "f4", (3, 3)),  # mixes the object's own colour
+        ("background", "i4"),  # index of the background, and of the one that the occluder shows
+        ("occluder", "i4"),
+        ("background_gain", "f4"),
+        ("occluder_gain", "f4"),
+        ("color_mix", "f4", (3, 3)),  # matrix applied to the object's colour
         ("exposure", "f4"),
         ("gamma", "f4"),
         ("contrast", "f4"),
         ("blurs", "i4"),
         ("color_noise", "f4"),
-        ("away", "f4"),  # how far the background lies behind; depths are those of windows, ±1
-        ("far", "f4", (3,)),  # plane of a background without depth: offset, slopes down and right
-        ("relief", "f4", (4, 4)),  # added to it, smoothly
-        ("near", "f4", (3,)),  # plane of the occluder
+        ("background_offset", "f4"),  # added to its depth; depths are in units of the window, ±1
+        ("background_plane", "f4", (3,)),  # without depth: offset, slopes down and right
+        ("background_relief", "f4", (4, 4)),  # coarse grid added to that plane
+        ("occluder_plane", "f4", (3,)),  # offset, slopes down and right
         ("depth_shift", "f4"),
         ("depth_noise", "f4"),
-        ("holes", "f4", (16, 16)),  # no depth where this smooth field exceeds the level
+        ("holes", "f4", (16, 16)),  # no depth where this field exceeds hole_level
         ("hole_level", "f4"),
-        ("noise_start", "i4"),  # where in the table this image's noise begins
+        ("noise_start", "i4"),  # index in the noise table
     ]
 )
-"""What is drawn for one image."""
+"""The random numbers of one image."""
 
 
 def compose_windows(
@@ -61,8 +61,8 @@ def compose_windows(
 ) -> Float[np.ndarray, "n p p c"]:
     """Images in [-1, 1] of n windows: colour, and `with_depth` depth as the fourth channel.
 
-    `draws` (n,) of type DRAWS; a background's code is 0 throughout where it has no depth. The
-    number of threads changes nothing but the time.
+    `draws` (n,) is of type COMPOSITE_DRAWS. The code of a background without depth is 0 throughout.
+    The result does not depend on the number of `threads`.
     """
     out = np.empty((*mask.shape, 4 if with_depth else 3), dtype=np.float32)
     bounds = np.linspace(0, len(mask), threads + 1).astype(int)
@@ -93,8 +93,11 @@ def _compose(
     lines = np.empty((size, size, 3), dtype=np.float32)
     for i in range(first, last):
         draw = draws[i]
-        behind, before = background_color[draw["behind"]], background_color[draw["before"]]
-        _lay(color[i], mask[i], behind, before, draw, image)
+        background, occluder = (
+            background_color[draw["background"]],
+            background_color[draw["occluder"]],
+        )
+        _compose_color(color[i], mask[i], background, occluder, draw, image)
         _expose(image, draw)
         for _ in range(draw["blurs"]):
             _blur(image, lines)
@@ -106,37 +109,37 @@ def _compose(
                     out[i, y, x, c] = 2.0 * min(max(value, 0.0), 1.0) - 1.0
                     start += 1
         if out.shape[3] == 4:
-            _lay_depth(
-                code[i], mask[i], background_code[draw["behind"]], draw, noise, start, out[i]
+            _compose_depth(
+                code[i], mask[i], background_code[draw["background"]], draw, noise, start, out[i]
             )
 
 
 @njit(nogil=True, cache=True)
-def _lay(
+def _compose_color(
     color: UInt8[np.ndarray, "p p 3"],
     mask: Bool[np.ndarray, "p p"],
-    behind: UInt8[np.ndarray, "p p 3"],
-    before: UInt8[np.ndarray, "p p 3"],
+    background: UInt8[np.ndarray, "p p 3"],
+    occluder: UInt8[np.ndarray, "p p 3"],
     draw: np.void,
     image: Float[np.ndarray, "p p 3"],
 ) -> None:
-    """Object on background, occluder on both; 1 is white."""
+    """The object over the background, the occluder over both; 1 is white."""
     unit = np.float32(1.0 / 255.0)
-    mix = draw["surface"]
+    mix = draw["color_mix"]
     size = mask.shape[0]
     for y in range(size):
         covered = draw["top"] <= y < draw["bottom"]
         for x in range(size):
             if covered and draw["left"] <= x < draw["right"]:
                 for c in range(3):
-                    image[y, x, c] = before[y, x, c] * unit * draw["before_gain"]
-            elif mask[y, x] and not draw["alone"]:
+                    image[y, x, c] = occluder[y, x, c] * unit * draw["occluder_gain"]
+            elif mask[y, x] and not draw["background_only"]:
                 r, g, b = color[y, x, 0] * unit, color[y, x, 1] * unit, color[y, x, 2] * unit
                 for c in range(3):
                     image[y, x, c] = mix[c, 0] * r + mix[c, 1] * g + mix[c, 2] * b
             else:
                 for c in range(3):
-                    image[y, x, c] = behind[y, x, c] * unit * draw["behind_gain"]
+                    image[y, x, c] = background[y, x, c] * unit * draw["background_gain"]
 
 
 @njit(nogil=True, cache=True)
@@ -176,10 +179,10 @@ def _blur(image: Float[np.ndarray, "p p 3"], lines: Float[np.ndarray, "p p 3"]) 
 
 
 @njit(nogil=True, cache=True)
-def _lay_depth(
+def _compose_depth(
     code: UInt8[np.ndarray, "p p"],
     mask: Bool[np.ndarray, "p p"],
-    behind: UInt8[np.ndarray, "p p"],
+    background: UInt8[np.ndarray, "p p"],
     draw: np.void,
     noise: Float[np.ndarray, "t"],
     start: int,
@@ -187,7 +190,7 @@ def _lay_depth(
 ) -> None:
     """Depth of the composite in the fourth channel, with noise and holes."""
     size = mask.shape[0]
-    measured = behind.max() > 0
+    measured = background.max() > 0
     middle = 0.5 * (size - 1)
     for y in range(size):
         covered = draw["top"] <= y < draw["bottom"]
@@ -195,25 +198,25 @@ def _lay_depth(
         for x in range(size):
             right = (x - middle) / (size - 1)
             if covered and draw["left"] <= x < draw["right"]:
-                depth = draw["near"][0] + draw["near"][1] * down + draw["near"][2] * right
-            elif mask[y, x] and not draw["alone"]:
+                plane = draw["occluder_plane"]
+                depth = plane[0] + plane[1] * down + plane[2] * right
+            elif mask[y, x] and not draw["background_only"]:
                 depth = (code[y, x] - 128.0) / 127.0
             elif measured:
-                depth = (behind[y, x] - 128.0) / 127.0 + draw["away"]
+                depth = (background[y, x] - 128.0) / 127.0 + draw["background_offset"]
             else:
-                depth = (
-                    draw["far"][0] + draw["far"][1] * down + draw["far"][2] * right + draw["away"]
-                )
-                depth += _smooth(draw["relief"], y, x, size)
+                plane, offset = draw["background_plane"], draw["background_offset"]
+                depth = plane[0] + plane[1] * down + plane[2] * right + offset
+                depth += _smooth(draw["background_relief"], y, x, size)
             depth += draw["depth_shift"] + noise[start] * draw["depth_noise"]
             start += 1
             hole = _smooth(draw["holes"], y, x, size) > draw["hole_level"]
-            out[y, x, 3] = _FAR if hole else min(max(depth, -1.0), 1.0)
+            out[y, x, 3] = _NO_DEPTH if hole else min(max(depth, -1.0), 1.0)
 
 
 @njit(nogil=True, cache=True, inline="always")
 def _smooth(grid: Float[np.ndarray, "k k"], y: int, x: int, size: int) -> float:
-    """A coarse grid at a pixel's centre, bilinear between the cells' centres."""
+    """Value of a coarse grid at a pixel, interpolated bilinearly between cell centres."""
     cells = grid.shape[0]
     v = min(max((y + 0.5) * cells / size - 0.5, 0.0), cells - 1.0)
     u = min(max((x + 0.5) * cells / size - 0.5, 0.0), cells - 1.0)

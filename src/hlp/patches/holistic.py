@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from hlp.patches.sampling import sample_squares
 from hlp.records import Region
 
-_LEAST_TRUST = 0.01
+_MIN_WEIGHT = 0.01
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Windows:
     sides: Float[np.ndarray, "n"]
 
     def at(self, rows: slice | Bool[np.ndarray, "n"]) -> "Windows":
-        """Some of the windows."""
+        """The windows of some rows."""
         return Windows(self.centers[rows], self.depths[rows], self.sides[rows])
 
 
@@ -64,7 +64,7 @@ def pixel_grid(shape: tuple[int, int], step: int) -> Int[np.ndarray, "n 2"]:
 def center_depths(
     depth: Float[np.ndarray, "h w"], pixels: Int[np.ndarray, "n 2"], radius: int = 1
 ) -> Float[np.ndarray, "n"]:
-    """Median of the depths (m) present in the small square around each pixel; 0 where none is."""
+    """Median of the depths (m) present in the small square around each pixel; 0 if none is."""
     padded = np.pad(depth, radius)
     offsets = range(2 * radius + 1)
     x, y = pixels[:, 0], pixels[:, 1]
@@ -83,7 +83,7 @@ def metric_windows(
 ) -> Windows:
     """Windows on a grid, each of side f·s/z (Eq. 1) for an object of size s (m).
 
-    z is the depth at the window's centre; where it is missing there is no window.
+    z is the depth at the window's centre; there is no window where it is missing.
     """
     centers = pixel_grid((depth.shape[0], depth.shape[1]), step)
     z = center_depths(depth, centers)
@@ -100,7 +100,7 @@ def cut_windows(
     metric_size: float,
     resolution: int,
 ) -> tuple[UInt8[np.ndarray, "n p p 3"], UInt8[np.ndarray, "n p p"]]:
-    """Colour and depth of windows, resized. Depth is coded by `depth_code`."""
+    """Colour and depth of windows, resized; depth is coded by `depth_code`."""
     color = sample_squares(rgb, windows.centers, windows.sides, resolution)
     raw = sample_squares(depth, windows.centers, windows.sides, resolution, nearest=True)
     return color, depth_code(raw, windows.depths, metric_size)
@@ -109,9 +109,9 @@ def cut_windows(
 def depth_code(
     depth: Float[np.ndarray, "n p p"], center: Float[np.ndarray, "n"], metric_size: float
 ) -> UInt8[np.ndarray, "n p p"]:
-    """Depth relative to the centre's in units of the metric size, clamped to ±1, as 1 … 254.
+    """Depth relative to the centre's in units of the metric size, clamped to ±1, as 1…254.
 
-    Missing depth becomes 255, next to what lies far behind: both say "not the object".
+    Missing depth becomes 255, next to depth far behind the object: neither is the object.
     """
     relative = (depth - center[:, None, None]) / metric_size
     code = np.clip(np.rint(relative * 127.0), -127, 126) + 128.0
@@ -127,10 +127,10 @@ def candidate_region(
     extent: float,
     settings: RegionSettings,
 ) -> Region:
-    """Union of the accepted windows, or of squares about their centres (paper, section 3.1).
+    """Union of the accepted windows, or of squares around their centres (paper, section 3.1).
 
-    `is_best` tells where the object is the arg-max class; `extent` is its diameter in units of the
-    windows' metric size: a tall object in small windows needs more than their union.
+    `is_best` is True where the object is the arg-max class. `extent` is the object's diameter in
+    units of the windows' metric size: a long object may extend beyond the union of its windows.
     """
     accepted = is_best if settings.threshold == 0 else probabilities > settings.threshold
     if accepted.sum() < settings.min_windows and len(probabilities):
@@ -146,23 +146,23 @@ def candidate_region(
 def region_weights(
     region: Region, pixels: Float[np.ndarray, "n 2"], radii: Float[np.ndarray, "n"]
 ) -> Float[np.ndarray, "n"]:
-    """How far to believe that pixels (x, y) show the region's object: 0.01 … 1.
+    """Weights, 0.01…1, of pixels (x, y): how probable it is that they show the region's object.
 
-    The largest probability among the windows centred within `radii` px, half the object's extent:
-    most of a region is not the object, and what lies about a doubtful window should not outvote
-    what lies about a sure one.
+    The largest probability among the windows whose centres are within `radii` px, half the object's
+    extent. Most of a region does not show the object; patches near windows of low probability
+    should not outvote those near windows of high probability.
     """
-    hopeful = region.probabilities > _LEAST_TRUST
-    centers = region.centers[hopeful].astype(np.float64)
+    likely = region.probabilities > _MIN_WEIGHT
+    centers = region.centers[likely].astype(np.float64)
     near = np.square(pixels[:, :1] - centers[:, 0]) + np.square(pixels[:, 1:] - centers[:, 1])
-    believed = np.where(near <= np.square(radii)[:, None], region.probabilities[hopeful], 0.0)
-    return np.asarray(believed.max(axis=1, initial=_LEAST_TRUST), dtype=np.float64)
+    weights = np.where(near <= np.square(radii)[:, None], region.probabilities[likely], 0.0)
+    return np.asarray(weights.max(axis=1, initial=_MIN_WEIGHT), dtype=np.float64)
 
 
 def _union_of_squares(
     centers: Float[np.ndarray, "n 2"], half_sides: Float[np.ndarray, "n"], shape: tuple[int, int]
 ) -> Bool[np.ndarray, "h w"]:
-    """Pixels within any square: corners are counted in a table that is then summed twice."""
+    """Pixels within any square, by a summed-area table of the squares' corners."""
     height, width = shape
     left, top = np.rint(centers - half_sides[:, None]).astype(int).T
     right, bottom = np.rint(centers + half_sides[:, None]).astype(int).T + 1

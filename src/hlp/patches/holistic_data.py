@@ -1,4 +1,4 @@
-"""Batches for the holistic classifier: composites on backgrounds, then augmentation."""
+"""Batches for the holistic classifier: windows composed with random backgrounds and effects."""
 
 import numpy as np
 import pytorch_lightning as pl
@@ -6,17 +6,16 @@ import torch
 from torch import Tensor
 from torch.utils.data import DataLoader
 
-from hlp.patches.composite import DRAWS, NOISE_LENGTH, compose_windows
+from hlp.patches.composite import COMPOSITE_DRAWS, NOISE_LENGTH, compose_windows
 from hlp.patches.holistic_pool import BACKGROUND, BackgroundPool, HolisticPool
 from hlp.patches.pool_loader import batch_number, pool_loader
 
 
 class HolisticDataModule(pl.LightningDataModule):
-    """Composites of baked windows on backgrounds.
+    """Composites of pooled windows and backgrounds.
 
-    A batch is a pair of images (n, c, p, p) in [-1, 1], c = 3 (`rgb`) or 4 (`rgbd`), and labels.
-    The same seed, epoch and step give the same batch, whatever ran before and on however many
-    `threads`.
+    A batch is a pair: images (n, c, p, p) in [-1, 1] with c = 3 (`rgb`) or 4 (`rgbd`), and labels
+    (n,). It depends on seed, epoch and step only, whatever the earlier batches and `threads`.
     """
 
     def __init__(
@@ -52,12 +51,12 @@ class HolisticDataModule(pl.LightningDataModule):
     def on_before_batch_transfer(
         self, batch: dict[str, Tensor], dataloader_idx: int
     ) -> tuple[Tensor, Tensor]:
-        """Composite and augment on the CPU, seeded by the batch's number."""
+        """Compose the batch on the CPU, seeded by its number."""
         number = batch_number(self.trainer)
         return self.compose(batch, np.random.default_rng([self.seed, number]))
 
     def compose(self, batch: dict[str, Tensor], rng: np.random.Generator) -> tuple[Tensor, Tensor]:
-        """Images and labels of one batch of baked windows."""
+        """Images and labels of one batch of pooled windows."""
         count, size = batch["mask"].shape[:2]
         draws = draw_composites(
             rng, count, size, len(self.backgrounds.color), self.background_share
@@ -74,27 +73,27 @@ class HolisticDataModule(pl.LightningDataModule):
             self.threads,
         )
         labels = batch["label"].clone()
-        labels[torch.from_numpy(draws["alone"].copy())] = BACKGROUND
-        # Channels last in memory, as the network wants them.
+        labels[torch.from_numpy(draws["background_only"].copy())] = BACKGROUND
+        # A view: channels stay last in memory, which the network is fastest with.
         return torch.from_numpy(images).permute(0, 3, 1, 2), labels
 
 
 def draw_composites(
     rng: np.random.Generator, count: int, size: int, backgrounds: int, background_share: float
 ) -> np.ndarray:
-    """What is drawn for `count` images of `size` px (type DRAWS).
+    """Random numbers (type COMPOSITE_DRAWS) for `count` images of `size` px.
 
-    Random light, white balance, exposure, blur, noise, occluders and backgrounds decide whether a
-    network trained on renders works on real pictures.
+    Random white balance, exposure, blur, noise, occluders and backgrounds let a network that is
+    trained on renderings work on real images. Light is random in the rendered views already.
     """
-    draws = np.zeros(count, DRAWS)
-    draws["alone"] = rng.random(count) < background_share
+    draws = np.zeros(count, COMPOSITE_DRAWS)
+    draws["background_only"] = rng.random(count) < background_share
     _draw_occluders(rng, draws, size)
-    draws["behind"] = rng.integers(backgrounds, size=count)
-    draws["behind_gain"] = np.exp(rng.uniform(-0.4, 0.3, count))
-    # Another image's background serves as occluder.
-    draws["before"] = np.roll(draws["behind"], 1)
-    draws["before_gain"] = np.roll(draws["behind_gain"], 1)
+    draws["background"] = rng.integers(backgrounds, size=count)
+    draws["background_gain"] = np.exp(rng.uniform(-0.4, 0.3, count))
+    # The background of another image is the occluder's texture.
+    draws["occluder"] = np.roll(draws["background"], 1)
+    draws["occluder_gain"] = np.roll(draws["background_gain"], 1)
     _draw_colors(rng, draws)
     _draw_depths(rng, draws)
     draws["noise_start"] = rng.integers(NOISE_LENGTH - 4 * size * size, size=count)
@@ -102,13 +101,13 @@ def draw_composites(
 
 
 def _draw_occluders(rng: np.random.Generator, draws: np.ndarray, size: int) -> None:
-    """Rectangles on a third; they lean against the border as often as not."""
+    """Rectangles on up to a third of the images, most of them cut off by the border."""
     count = len(draws)
     extent = rng.uniform(0.15, 0.6, (count, 2))
     start = rng.uniform(-0.3, 1.0, (count, 2))
     low = np.rint(np.clip(start, 0.0, 1.0) * size).astype(int)
     high = np.rint(np.clip(start + extent, 0.0, 1.0) * size).astype(int)
-    # An occluder over the centre would set another depth, hence another window.
+    # None covers the centre, whose depth would then give a window of another size.
     middle = ((low < size // 2 + 3) & (high > size // 2 - 3)).all(axis=1)
     shown = (rng.random(count) < 1 / 3) & ~middle
     draws["top"], draws["left"] = low.T
@@ -116,13 +115,13 @@ def _draw_occluders(rng: np.random.Generator, draws: np.ndarray, size: int) -> N
 
 
 def _draw_colors(rng: np.random.Generator, draws: np.ndarray) -> None:
-    """White balance, exposure and saturation of the object; exposure to noise of the camera."""
+    """White balance, exposure and saturation of the object; the camera's effects."""
     count = len(draws)
     gain = np.exp(rng.normal(0.0, 0.2, (count, 3)) + rng.uniform(-0.7, 0.35, (count, 1)))
     saturation = np.maximum(rng.normal(1.0, 0.3, (count, 1, 1)), 0.0)
     grey = np.array([0.299, 0.587, 0.114])
     # grey + (colour − grey)·saturation, times gain, as one matrix.
-    draws["surface"] = gain[:, :, None] * (saturation * np.eye(3) + (1.0 - saturation) * grey)
+    draws["color_mix"] = gain[:, :, None] * (saturation * np.eye(3) + (1.0 - saturation) * grey)
     draws["exposure"] = np.exp(rng.uniform(-0.7, 0.2, count))
     draws["gamma"] = np.exp(rng.normal(0.0, 0.2, count))
     draws["contrast"] = np.maximum(rng.normal(1.0, 0.2, count), 0.3)
@@ -133,13 +132,13 @@ def _draw_colors(rng: np.random.Generator, draws: np.ndarray) -> None:
 def _draw_depths(rng: np.random.Generator, draws: np.ndarray) -> None:
     """Planes of backgrounds and occluders, the sensor's noise and holes."""
     count = len(draws)
-    offsets = {"far": (-0.2, 1.2), "near": (-0.8, -0.1)}
+    offsets = {"background_plane": (-0.2, 1.2), "occluder_plane": (-0.8, -0.1)}
     for name, (low, high) in offsets.items():
         slopes = rng.normal(0.0, 0.5, (count, 2))
         draws[name] = np.column_stack([rng.uniform(low, high, count), slopes])
     height = rng.uniform(0.0, 0.4, (count, 1, 1))
-    draws["relief"] = rng.standard_normal((count, 4, 4)) * height
-    draws["away"] = rng.uniform(0.0, 0.6, count)
+    draws["background_relief"] = rng.standard_normal((count, 4, 4)) * height
+    draws["background_offset"] = rng.uniform(0.0, 0.6, count)
     draws["depth_shift"] = rng.normal(0.0, 0.02, count)
     draws["depth_noise"] = rng.uniform(0.0, 0.03, count)
     draws["holes"] = rng.standard_normal((count, 16, 16))

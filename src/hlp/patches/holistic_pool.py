@@ -1,7 +1,8 @@
-"""Training windows for the holistic classifier, baked once from the views (paper, section 3.1).
+"""Training windows for the holistic classifier, cut once from the views (paper, section 3.1).
 
-A pool holds geometry and light; backgrounds, occluders and colour are drawn anew for every batch
-(`hlp.patches.augmentation`), which costs a tenth of cutting windows anew.
+A pool holds rendered windows: geometry, light and the object's colour. Backgrounds, occluders and
+changes of colour and depth are drawn for every batch (`hlp.patches.holistic_data`), which takes a
+tenth of the time of cutting windows.
 """
 
 from collections.abc import Sequence
@@ -42,7 +43,10 @@ class HolisticPoolSettings:
 
 @dataclass(frozen=True)
 class HolisticPool:
-    """Windows of objects (`mask` tells object from void) with labels, 0 for background."""
+    """Windows of objects with labels, `BACKGROUND` (0) for none; `mask` is where the object is.
+
+    `depth` is coded by `hlp.patches.holistic.depth_code`.
+    """
 
     color: UInt8[np.ndarray, "n p p 3"]
     depth: UInt8[np.ndarray, "n p p"]
@@ -52,7 +56,7 @@ class HolisticPool:
 
 @dataclass(frozen=True)
 class BackgroundPool:
-    """Crops to stand behind objects; `depth` is coded as in windows, 0 where none was measured."""
+    """Background images; `depth` is coded as in windows, 0 throughout for images without depth."""
 
     color: UInt8[np.ndarray, "n p p 3"]
     depth: UInt8[np.ndarray, "n p p"]
@@ -68,9 +72,10 @@ def bake_windows(
     settings: HolisticPoolSettings,
     rng: np.random.Generator,
 ) -> HolisticPool:
-    """Cut one object's training windows by the rule that holds at test time.
+    """Cut one object's training windows by the rule for test images (Eq. 1).
 
-    The window's side comes from the surface depth at its centre, never from the object's centroid.
+    A window's side follows from the depth at its centre, not from the depth of the object's
+    centroid. Windows centred beside the object have a random depth near the object's.
     """
     per_view = int(np.ceil(settings.per_object / len(views)))
     order = rng.permutation(len(views))[: int(np.ceil(settings.per_object / per_view))]
@@ -93,7 +98,7 @@ def bake_windows(
 
 
 def join_pools(pools: Sequence[HolisticPool]) -> HolisticPool:
-    """Put the windows of several pools into one."""
+    """One pool with the windows of several."""
     return HolisticPool(
         np.concatenate([p.color for p in pools]),
         np.concatenate([p.depth for p in pools]),
@@ -110,7 +115,7 @@ def bake_backgrounds(
     count: int,
     rng: np.random.Generator,
 ) -> BackgroundPool:
-    """Crops of photographs (no depth) and windows of RGB-D frames that hold no object."""
+    """Crops of photographs (without depth) and about `count` windows of RGB-D frames."""
     colors, depths = [photograph_crops], [np.zeros(photograph_crops.shape[:3], dtype=np.uint8)]
     for frame in frames:
         color, depth = _frame_windows(frame, metric_sizes, resolution, count // len(frames), rng)
@@ -148,7 +153,8 @@ def _view_windows(
     windows = Windows(pixels.astype(np.float64), z, focal * size / z)
     rgb = bleed_color(np.asarray(views.rgb[index]), depth > 0)
     scaled = [
-        cut_windows(rgb, depth, _one(windows, i), float(size[i]), resolution) for i in range(count)
+        cut_windows(rgb, depth, _single(windows, i), float(size[i]), resolution)
+        for i in range(count)
     ]
     color = np.concatenate([c for c, _ in scaled])
     code = np.concatenate([d for _, d in scaled])
@@ -156,7 +162,7 @@ def _view_windows(
     return HolisticPool(color, code, code < 255, labels.astype(np.int64))
 
 
-def _one(windows: Windows, i: int) -> Windows:
+def _single(windows: Windows, i: int) -> Windows:
     return Windows(windows.centers[i : i + 1], windows.depths[i : i + 1], windows.sides[i : i + 1])
 
 
@@ -169,7 +175,7 @@ def _window_centers(
     settings: HolisticPoolSettings,
     rng: np.random.Generator,
 ) -> tuple[Int[np.ndarray, "n 2"], Float[np.ndarray, "n"]]:
-    """Centres (x, y) near the centroid or away from it, and the depths that size the windows."""
+    """Centres (x, y) near the centroid or off it, and the depths (m) for the windows' sides."""
     size = depth.shape[0]
     y, x = np.mgrid[:size, :size]
     on_object = depth > 0

@@ -11,8 +11,8 @@ from hlp.patches.holistic import center_depths, pixel_grid
 from hlp.patches.sampling import sample_squares
 from hlp.records import LocalPatches
 
-_FILL_COLOR = 128  # mid-grey: nothing is known there
-_FILL_DEPTH = 1.0  # as what lies just beyond the clamp
+_FILL_COLOR = 128  # grey
+_FILL_DEPTH = 1.0  # the far end of the clamped range
 
 
 @dataclass(frozen=True)
@@ -52,13 +52,14 @@ def cut_local_patches(
     min_valid: float,
     with_color: bool = True,
 ) -> LocalPatches:
-    """Cut patches of side f·size/z around pixels (x, y), the same way in views and scenes.
+    """Cut patches of side f·size/z (px) around pixels (x, y), in views and test images alike.
 
-    Pixels without depth give no patch, nor do patches with less than the share `min_valid` inside
-    the metric cube; the result tells which remained. Depth becomes (d − z)/(size/2), clamped to ±1,
-    both measured along the patch's viewing ray: a surface has the same relief wherever in the image
-    it is seen from the same side, as a vote's turn to the ray assumes. Without `with_color` the
-    patches have no channel of colour.
+    Dropped are patches whose centre has no depth, and those with less than the share `min_valid` of
+    their pixels inside the metric cube; the result's `pixels` tell which remain. Depth becomes
+    (d − z)/(size/2), clamped to ±1, with d and z measured along the viewing ray of the patch. A
+    surface seen from the same side then has the same depth patch anywhere in the image, as
+    `geometry.allocentric_to_egocentric` assumes. `metric_size` is in m. Without `with_color` the
+    patches have no colour channels.
     """
     z = center_depths(depth, pixels)
     kept = z > 0
@@ -76,7 +77,7 @@ def cut_local_patches(
     lengths = np.linalg.norm(_rays(centers, camera_matrix), axis=1)
     valid = np.empty(raw.shape, dtype=np.bool_)
     half = np.float32(metric_size / 2)
-    _relate(raw, z, half, lengths, across, down, settings.mask_beyond_clamp, color, valid)
+    _normalise_depth(raw, z, half, lengths, across, down, settings.mask_beyond_clamp, color, valid)
     relative = raw  # in place of the depths
     full = valid.mean(axis=(1, 2)) >= min_valid
     points = back_project(centers, z.astype(np.float64), camera_matrix)
@@ -95,9 +96,10 @@ def _along_ray(
     resolution: int,
     camera_matrix: Float[np.ndarray, "3 3"],
 ) -> tuple[Float[np.ndarray, "n p"], Float[np.ndarray, "n p"]]:
-    """Columns' and rows' part of what makes depth along z depth along the centre's ray, over |ray|.
+    """Factors that turn depth along z into depth along the ray of the patch centre.
 
-    The depth at a pixel is multiplied by 1 + across + down.
+    Depth along the ray, divided by the length of the centre's ray with z = 1, is depth times
+    1 + across[column] + down[row].
     """
     center = _rays(centers, camera_matrix)
     offsets = sides[:, None] * ((np.arange(resolution) + 0.5) / resolution - 0.5)
@@ -107,7 +109,7 @@ def _along_ray(
 
 
 @njit(nogil=True, cache=True)
-def _relate(
+def _normalise_depth(
     depth: Float[np.ndarray, "n p p"],
     center_depth: Float[np.ndarray, "n"],
     half: np.float32,
@@ -118,7 +120,10 @@ def _relate(
     color: UInt8[np.ndarray, "n p p c"],
     valid: Bool[np.ndarray, "n p p"],
 ) -> None:
-    """Replace depths (m) by relative ones along the ray, fill `valid`; `mask` what is beyond."""
+    """Replace depths (m) by relative ones along the ray and fill `valid`.
+
+    With `mask`, pixels outside the metric cube get one constant in depth and colour.
+    """
     one, fill = np.float32(1.0), np.float32(_FILL_DEPTH)
     for i in range(depth.shape[0]):
         for y in range(depth.shape[1]):
@@ -137,7 +142,7 @@ def _relate(
 
 
 def region_pixels(mask: Bool[np.ndarray, "h w"], settings: GridSettings) -> Int[np.ndarray, "n 2"]:
-    """Pixels (x, y) of the grid that lie in a candidate region, thinned evenly to the limit."""
+    """Grid pixels (x, y) inside a candidate region, at most `max_patches`, evenly chosen."""
     grid = pixel_grid((mask.shape[0], mask.shape[1]), settings.step)
     inside = np.asarray(grid[mask[grid[:, 1], grid[:, 0]]])
     if len(inside) <= settings.max_patches:
@@ -149,7 +154,7 @@ def region_pixels(mask: Bool[np.ndarray, "h w"], settings: GridSettings) -> Int[
 def surface_pixels(
     depth: Float[np.ndarray, "s s"], count: int, rng: np.random.Generator
 ) -> Int[np.ndarray, "n 2"]:
-    """Pixels (x, y) drawn from a view's surface, at most `count`, without repetition."""
+    """At most `count` different random pixels (x, y) of a view's surface."""
     y, x = np.nonzero(depth > 0)
     chosen = rng.permutation(len(x))[:count]
     return np.stack([x[chosen], y[chosen]], axis=1)

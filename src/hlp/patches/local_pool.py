@@ -1,4 +1,4 @@
-"""Training pairs for the contrastive encoder and patches for the CAE (stage 2)."""
+"""Training pairs for the contrastive encoder and patches for the autoencoder (stage 2)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,9 +30,10 @@ class PairSettings:
 
 @dataclass(frozen=True)
 class PairPool:
-    """Pairs of local patches that show one surface point, with what tells pairs apart.
+    """Pairs of local patches that show the same surface point in two views.
 
-    `sizes` (m) of the patches, `points_obj` the point (m), `rotations` of the first view.
+    `sizes` (m) are those of the patches, `points_obj` the points in object coordinates (m),
+    `rotations` those of the first view (cam_obj).
     """
 
     color: UInt8[np.ndarray, "n 2 p p 3"]
@@ -55,7 +56,7 @@ def bake_pairs(
     first, second = _neighbouring_views(views, pairs, rng)
     pixels, points_obj = _surface_points(views, first, rng)
     partner_pixels, visible = _seen_from(views, second, points_obj)
-    # Where the partner does not see the point the pair is the patch with itself.
+    # Where the point is not visible in the second view, the pair is the first patch twice.
     second = np.where(visible, second, first)
     partner_pixels = np.where(visible[:, None], partner_pixels, pixels)
     size = metric_size * local.size_scale
@@ -74,7 +75,7 @@ def bake_pairs(
 
 
 def join_pairs(pools: Sequence[PairPool]) -> PairPool:
-    """Put the pairs of several objects into one pool."""
+    """One pool with the pairs of several."""
     return PairPool(
         *(
             np.concatenate([getattr(pool, name) for pool in pools])
@@ -90,7 +91,10 @@ def bake_frame_patches(
     local: LocalSettings,
     rng: np.random.Generator,
 ) -> list[LocalPatches]:
-    """Local patches of any RGB-D frames, at sizes drawn among the objects' (for the CAE)."""
+    """About `per_frame` local patches of each RGB-D frame, for the autoencoder.
+
+    They are divided evenly among the `metric_sizes` (m).
+    """
     found = []
     for frame in frames:
         shape = (frame.depth.shape[0], frame.depth.shape[1])
@@ -121,7 +125,7 @@ def _neighbouring_views(
     for view in np.unique(first):
         rows = np.flatnonzero(first == view)
         near = flat @ flat[view] >= limit
-        near[view] = True  # whatever the rounding
+        near[view] = True  # in spite of rounding
         second[rows] = rng.choice(np.flatnonzero(near), len(rows))
     return first, second
 
@@ -171,7 +175,7 @@ def _cut_by_view(
 
 
 def join_patches(parts: Sequence[LocalPatches]) -> LocalPatches:
-    """Put patches of several cuts into one record."""
+    """One record with the patches of several."""
     return LocalPatches(
         *(np.concatenate([getattr(part, name) for part in parts]) for name in _FIELDS)
     )
@@ -189,10 +193,10 @@ def cut_view_patches(
     size: float,
     local: LocalSettings,
 ) -> LocalPatches:
-    """Local patches of one view around surface pixels (x, y); every one of them is kept.
+    """Local patches of metric `size` (m) of one view around surface pixels (x, y).
 
-    A patch at a thin part has little inside its cube, in the scene as well, so `min_valid` is for
-    scenes only.
+    All are kept, however few of their pixels are valid: a patch at a thin part of the object has
+    few valid pixels in test images, too.
     """
     depth = np.asarray(views.depth[view])
     rgb = bleed_color(np.asarray(views.rgb[view]), depth > 0)

@@ -13,8 +13,8 @@ def procedural_backgrounds(
 ) -> UInt8[np.ndarray, "n s s 3"]:
     """Random textured pictures that stand in for photographs where none are given.
 
-    A base of smooth coloured noise and a gradient, on most some clutter (filled polygons, discs,
-    lines), on a third stripes or checks, then grain and an exposure of its own each.
+    Each has smooth coloured noise and a gradient, most have clutter (filled polygons, ellipses,
+    lines), a third have stripes or checks; grain and exposure differ from one to the next.
     Deterministic in `rng`. Raises ValueError for a size that is not positive.
     """
     if size < 1 or count < 0:
@@ -41,8 +41,8 @@ def _batch(count: int, size: int, rng: np.random.Generator) -> UInt8[np.ndarray,
 
 
 def _noise(count: int, size: int, rng: np.random.Generator) -> Float[np.ndarray, "n s s 3"]:
-    """Octaves of interpolated noise around a base colour, coarse ones the stronger."""
-    # A saturated base colour is rare in rooms: mix each towards its grey.
+    """Octaves of interpolated noise around a base colour; coarse octaves are stronger."""
+    # Saturated colours are rare indoors: mix each base colour with its grey.
     color = rng.uniform(0.05, 0.95, (count, 1, 1, 3))
     grey = color.mean(axis=-1, keepdims=True)
     total = grey + (color - grey) * rng.beta(1.5, 2.5, (count, 1, 1, 1))

@@ -1,13 +1,13 @@
-"""Square patches of one output size cut from an image, all at once."""
+"""Cutting of square patches from an image, resized to one resolution."""
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, Num, UInt8
 
-# Bilinear sampling sees 2 x 2 pixels: a patch that shrinks by more than this is cut from a halved
-# image instead (area average), or it would alias.
+# Bilinear sampling reads 2 x 2 pixels: patches that shrink by more than this would alias, and are
+# cut from an image halved by area averaging.
 MAX_SHRINK = 1.5
-_ROWS_PER_REMAP = 16384  # below the 32767 rows that cv2.remap addresses
+_ROWS_PER_REMAP = 16384  # cv2.remap is limited to 32767 rows
 
 
 def sample_squares(
@@ -20,8 +20,8 @@ def sample_squares(
 ) -> Num[np.ndarray, "n p p *c"]:
     """Cut squares of `sides` pixels around `centers` (x, y) and resize them to one resolution.
 
-    Output pixel i samples the image at centre + ((i + ½)/p − ½)·side. `nearest` keeps single
-    measurements apart, as depth needs; otherwise bilinear from an image halved until the shrink is
+    Output pixel i samples the image at centre + ((i + ½)/p − ½)·side. `nearest` does
+    not mix pixels, as depth requires; otherwise bilinear from an image halved until the shrink is
     at most 1.5. Outside the image the value is `border`.
     """
     out = np.empty((len(centers), resolution, resolution, *image.shape[2:]), dtype=image.dtype)
@@ -43,11 +43,11 @@ def halvings(
     """How often an image is halved before squares of `sides` pixels are cut from it."""
     shrink = np.maximum(np.asarray(sides, dtype=np.float64) / resolution / MAX_SHRINK, 1.0)
     levels = np.ceil(np.log2(shrink)).astype(int)
-    return np.asarray(np.minimum(levels, int(np.log2(min(shape)))))  # at least one pixel is left
+    return np.asarray(np.minimum(levels, int(np.log2(min(shape)))))  # at least one pixel remains
 
 
 def area_shrink(image: Num[np.ndarray, "h w *c"], factor: int) -> Num[np.ndarray, "h2 w2 *c"]:
-    """The image, smaller by a whole factor: each pixel the mean of factor² ones."""
+    """The image reduced by a whole factor: each pixel is the mean of factor² pixels."""
     if factor == 1:
         return image
     height, width = image.shape[:2]
@@ -63,8 +63,8 @@ def bleed_color(
 ) -> UInt8[np.ndarray, "h w 3"]:
     """Continue a view's colours two pixels beyond its silhouette.
 
-    Bilinear sampling at the edge would mix in the void's black, and a network would learn that
-    objects have dark outlines.
+    Bilinear sampling at the silhouette would otherwise mix in the black outside of it, and networks
+    would learn that objects have dark outlines.
     """
     weight = cv2.boxFilter(mask.astype(np.float32), -1, (5, 5))
     blurred = cv2.boxFilter(np.where(mask[..., None], rgb, 0).astype(np.float32), -1, (5, 5))
