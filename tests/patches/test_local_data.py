@@ -46,13 +46,13 @@ def make_pool():
 def degraded(seed=0):
     patches, gen = make_patches(), torch.Generator().manual_seed(seed)
     clean = torch.from_numpy(patches.color).permute(0, 3, 1, 2).float() / 255.0
-    depth, valid, around = degrade_depth(
+    depth, valid, clutter = degrade_depth(
         torch.from_numpy(patches.depth),
         torch.from_numpy(patches.valid),
         torch.full((COUNT,), METRIC),
         gen,
     )
-    return degrade_color(clean, valid, around, gen), depth, valid
+    return degrade_color(clean, valid, clutter, gen), depth, valid
 
 
 def test_what_is_not_valid_is_filled_as_in_any_patch():

@@ -1,1 +1,1 @@
-"""Folders on disk (or generated worlds) to frames and object models."""
+"""Readers of data sets, and a synthetic one: frames and object models."""

@@ -1,7 +1,7 @@
 """Frames of a data set in BOP's layout (LM, LM-O, IC-BIN and others).
 
 Format: Hodan et al., BOP (ECCV 2018), docs/bop_datasets_format.md of the BOP toolkit.
-Millimetres there, metres here.
+The files are in millimetres.
 """
 
 from collections.abc import Collection
@@ -20,7 +20,7 @@ from hlp.objects.object_model import ObjectSettings
 from hlp.records import MILLIMETRE, Frame, Target
 
 _SCENE_FILES = ("scene_camera.json", "scene_gt.json", "scene_gt_info.json")
-# Printed rotations are rounded; a matrix farther than this from a rotation is something else.
+# Rotations in files are rounded; a matrix that differs more from a rotation is an error.
 _ROUNDING = 0.05
 
 FrameId = tuple[int, int]
@@ -43,10 +43,10 @@ class BopSettings:
 
 
 def list_targets(root: Path, split: str, targets_file: str | None) -> dict[FrameId, dict[int, int]]:
-    """(scene, frame) -> object id -> how many instances should be found, in file order.
+    """(scene, frame) -> object id -> number of instances to find, in file order.
 
-    Without a targets file every annotated object of every frame counts. Raises FileNotFoundError;
-    ValueError where the file is not BOP's.
+    Without a targets file these are all annotated instances. Raises FileNotFoundError, and
+    ValueError if the file is not a BOP targets file.
     """
     if targets_file is None:
         return _annotated(root / split)
@@ -65,19 +65,19 @@ def list_targets(root: Path, split: str, targets_file: str | None) -> dict[Frame
 def load_frame(
     root: Path, split: str, scene_id: int, frame_id: int, wanted: dict[int, int] | None = None
 ) -> Frame:
-    """One frame with its targets, `wanted` (object id -> instances) or all that are annotated.
+    """One frame with its targets: `wanted` (object id -> instances) or all annotated ones.
 
-    Of more annotated instances than wanted, the most visible count. Raises FileNotFoundError for
-    an absent file; ValueError naming the file for a broken image, sizes that differ, a NaN pose,
-    or a wanted object without a pose.
+    If more instances are annotated than wanted, the most visible ones are the targets. Raises
+    FileNotFoundError, and ValueError naming the file for a broken image, colour and depth of
+    different sizes, a NaN pose, or a wanted object without a pose.
     """
     return BopFrames(root, split, None)._load(scene_id, frame_id, wanted)
 
 
 class BopFrames:
-    """The frames of a split that hold at least one target (a `FrameSource`).
+    """The frames of a split with at least one target (a `FrameSource`).
 
-    Constructing reads nothing. `object_ids` keeps only targets of these objects (None: all).
+    Constructing it reads no file. Only objects of `object_ids` are targets (None: all).
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class BopFrames:
 
     @cached_property
     def targets(self) -> dict[FrameId, dict[int, int]]:
-        """(scene, frame) -> object id -> instances, for the chosen objects, sorted by frame."""
+        """(scene, frame) -> object id -> number of instances, sorted by frame."""
         listed = list_targets(self._root, self._split, self._targets_file)
         chosen: dict[FrameId, dict[int, int]] = {}
         for frame, wanted in sorted(listed.items()):
@@ -136,7 +136,7 @@ class BopFrames:
         return content_hash(files, extra=repr(list(self.targets.items())))
 
     def visible_mask(self, frame: Frame, target: Target) -> Bool[np.ndarray, "h w"] | None:
-        """What `mask_visib/` says of one of the frame's targets; None where there is no such file.
+        """The mask in `mask_visib/` of one of the frame's targets; None if there is no such file.
 
         Raises ValueError naming a mask that is broken or not of the frame's size.
         """

@@ -22,11 +22,11 @@ _FOLDERS = ("models", "models_eval")
 def load_object_models(
     root: Path, objects: Mapping[str, ObjectSettings], proxy_faces: int, symmetry_steps: int
 ) -> dict[int, ObjectModel]:
-    """Object models by id, from `models`, else (plain colour) from `models_eval`.
+    """Object models by id, from `models` or else from `models_eval`, whose meshes lack colours.
 
-    Diameters and symmetries come from `models_info.json`, where the set has one; continuous
-    symmetries become `symmetry_steps` rotations. Raises FileNotFoundError naming the object and
-    the paths tried, and what `load_mesh` raises.
+    Diameters and symmetries come from `models_info.json` if there is one; continuous symmetries are
+    discretised into `symmetry_steps` rotations. Raises FileNotFoundError naming the object and the
+    paths tried, and what `build_object_model` raises.
     """
     check_unique(objects)
     models = {}
@@ -42,9 +42,10 @@ def load_object_models(
 
 
 def symmetry_motions(info: dict[str, Any], steps: int) -> Float[np.ndarray, "n 4 4"]:
-    """Symmetries of an entry of `models_info.json` as motions in metres, identity first.
+    """Symmetries in an entry of `models_info.json` as motions (n, 4, 4) in metres, identity first.
 
-    Every continuous one, discretised in `steps`, is applied after every discrete one.
+    Each continuous symmetry, discretised in `steps`, is combined with each discrete one. Raises
+    ValueError if `steps` < 1.
     """
     if steps < 1:
         raise ValueError(f"symmetry_steps must be at least 1, not {steps}")

@@ -1,4 +1,4 @@
-"""Colour and depth images, decoded strictly: a broken file is an error that names it."""
+"""Colour and depth images and camera files, read with checks; errors name the file."""
 
 import json
 from pathlib import Path
@@ -10,7 +10,7 @@ from jaxtyping import Float, UInt8
 
 from hlp.records import MILLIMETRES_PER_METRE
 
-_SATURATED = 65535  # 7-Scenes and others write this where the sensor saw nothing
+_SATURATED = 65535  # 7-Scenes and others write this for missing depth
 EXTENSIONS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 
 
@@ -27,7 +27,7 @@ def _decode(path: Path, flags: int) -> np.ndarray[Any, Any]:
 def read_rgb(path: Path) -> UInt8[np.ndarray, "h w 3"]:
     """Colour image as RGB; grey becomes three equal channels, EXIF rotation is ignored as in depth.
 
-    Raises FileNotFoundError, or ValueError where the file is truncated or no image.
+    Raises FileNotFoundError, and ValueError if the file is truncated or no image.
     """
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
     return np.ascontiguousarray(_decode(path, flags)[..., ::-1])
@@ -50,7 +50,7 @@ def read_depth(path: Path, millimetres: float) -> Float[np.ndarray, "h w"]:
 def depth_metres(
     raw: np.ndarray[Any, Any], millimetres: float, path: Path
 ) -> Float[np.ndarray, "h w"]:
-    """Raw 16-bit depth in metres (float32). Raises ValueError where no pixel has depth."""
+    """Raw 16-bit depth in metres (float32). Raises ValueError if no pixel has depth."""
     unit = np.float32(millimetres / MILLIMETRES_PER_METRE)
     metres = np.where(raw == _SATURATED, 0, raw).astype(np.float32) * unit
     if not metres.any():
@@ -59,7 +59,7 @@ def depth_metres(
 
 
 def same_size(rgb_path: Path, rgb: np.ndarray[Any, Any], depth: np.ndarray[Any, Any]) -> None:
-    """Raise ValueError unless colour and depth of a frame have one size."""
+    """Raise ValueError unless colour and depth of a frame have the same size."""
     if rgb.shape[:2] != depth.shape:
         raise ValueError(
             f"{rgb_path} is {rgb.shape[1]}x{rgb.shape[0]} but its depth image is "

@@ -1,7 +1,8 @@
-"""LINEMOD as Hinterstoisser et al. (ACCV 2012) published it, one folder per object.
+"""LINEMOD in its original layout (Hinterstoisser et al., ACCV 2012), one folder per object.
 
 `OBJ/data/colorN.jpg`, `depthN.dpt`, `rotN.rot`, `traN.tra` and `OBJ/mesh.ply`. Depth is in
-millimetres, translations in centimetres. No file holds the intrinsics: the configuration does.
+millimetres, translations are in centimetres. The intrinsics are in no file but in the
+configuration.
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,7 +41,7 @@ class LinemodSettings:
 def read_dpt(path: Path) -> UInt16[np.ndarray, "h w"]:
     """Raw depth (mm): rows and columns as int32, then rows x columns uint16, little-endian.
 
-    Raises FileNotFoundError; ValueError where the length does not agree with the header.
+    Raises FileNotFoundError, and ValueError if the length does not match the header.
     """
     if not path.is_file():
         raise FileNotFoundError(f"no depth {path}")
@@ -54,7 +55,7 @@ def read_dpt(path: Path) -> UInt16[np.ndarray, "h w"]:
 def read_matrix(path: Path, count: int) -> Float[np.ndarray, "n"]:
     """The `count` numbers of a .rot or .tra file, after its header line (rows and columns).
 
-    Raises FileNotFoundError; ValueError where the file holds other numbers, NaN or infinity.
+    Raises FileNotFoundError, and ValueError for another number of values, NaN or infinity.
     """
     if not path.is_file():
         raise FileNotFoundError(f"no pose {path}")
@@ -73,8 +74,8 @@ def load_object_models(
 ) -> dict[int, ObjectModel]:
     """Object models by id from `OBJ/mesh.ply`, times `mesh_scale` (metres per unit of the file).
 
-    The layout states neither diameters nor symmetries: the diameter is the largest vertex
-    distance, the only symmetry the identity. Raises what `load_mesh` raises.
+    The layout has neither diameters nor symmetries: the diameter is the largest distance between
+    two vertices, the only symmetry the identity. Raises what `build_object_model` raises.
     """
     check_unique(objects)
     return {
@@ -86,9 +87,10 @@ def load_object_models(
 
 
 class LinemodFrames:
-    """All frames of the given objects, one target each (a `FrameSource`); reads nothing at first.
+    """All frames of the given objects, with one target each (a `FrameSource`).
 
-    `object_ids` maps folder names to ids; the id is also the frames' scene id, as in BOP.
+    Constructing it reads no file. `object_ids` maps folder names to ids; the id is also the scene
+    id of the frames, as in BOP's version.
     """
 
     def __init__(self, root: Path, object_ids: Mapping[str, int], camera: Sequence[float]) -> None:

@@ -1,4 +1,4 @@
-"""A user's own frames and CAD model: colour and depth images, intrinsics, no true poses."""
+"""A user's own CAD model and frames: colour and depth images, intrinsics, no true poses."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -46,7 +46,7 @@ class FilesSettings:
 
 
 def load_object_model(settings: FilesSettings) -> ObjectModel:
-    """The object, named after its mesh file. Errors as of `load_mesh`, with the key to change."""
+    """The object, named after its mesh file. Raises what `load_mesh` raises, naming the key."""
     path = Path(settings.model)
     sizes = ObjectSettings(OBJECT_ID, settings.holistic_size_mm, settings.local_size_mm)
     try:
@@ -58,10 +58,11 @@ def load_object_model(settings: FilesSettings) -> ObjectModel:
 
 
 def read_intrinsics(given: str | list[float]) -> tuple[Float[np.ndarray, "3 3"], float]:
-    """Camera matrix (px) and depth scale (mm per unit of the depth images; 1 where not stated).
+    """Camera matrix (px) and depth scale (mm per unit of the depth images, by default 1).
 
-    `given` is a JSON file with `cam_K` (9 numbers) or `fx, fy, cx, cy`, and `depth_scale`; or the
-    nine or four numbers themselves. Raises FileNotFoundError, or ValueError for anything else.
+    `given` is a JSON file with `cam_K` (9 numbers) or `fx, fy, cx, cy`, and optionally
+    `depth_scale`; or the nine or four numbers themselves. Raises FileNotFoundError, and ValueError
+    for anything else.
     """
     if not isinstance(given, str):
         return _matrix(given, "intrinsics"), 1.0
@@ -97,10 +98,10 @@ def _matrix(values: Any, where: str) -> Float[np.ndarray, "3 3"]:
 
 
 class OwnFrames:
-    """Frames without true poses (a `FrameSource`); constructing reads nothing.
+    """Frames without true poses (a `FrameSource`). Constructing it reads no file.
 
-    `rgb` and `depth` are one image each or a folder of images each, which belong together where
-    their names agree but for the extension. Frames are numbered in the order of their names.
+    `rgb` and `depth` are one image each, or one folder each with images of the same names apart
+    from the extension. Frames are numbered in the order of their names.
     """
 
     def __init__(
@@ -158,7 +159,7 @@ class OwnFrames:
         return len(self._paths)
 
     def image(self, key: str) -> Path:
-        """The colour image of a frame, as the user named it."""
+        """Path of a frame's colour image."""
         return self._paths[key][0]
 
     def load(self, key: str) -> Frame:

@@ -1,4 +1,4 @@
-"""Photographs as backgrounds: any folder of pictures, such as PASCAL VOC's `JPEGImages`."""
+"""Photographs as backgrounds: any folder of images, such as PASCAL VOC's `JPEGImages`."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,9 +13,9 @@ Image = UInt8[np.ndarray, "h w 3"]
 
 
 def list_photographs(folder: Path) -> tuple[Path, ...]:
-    """All pictures below a folder, sorted; of a VOC set only `JPEGImages` (no masks).
+    """All images below a folder, sorted; of a VOC data set only `JPEGImages`, not the masks.
 
-    Raises FileNotFoundError where the folder is absent or holds none.
+    Raises FileNotFoundError if there is no such folder or no image in it.
     """
     if not folder.is_dir():
         raise FileNotFoundError(f"no folder of photographs {folder}: check data.photographs")
@@ -29,8 +29,7 @@ def list_photographs(folder: Path) -> tuple[Path, ...]:
 def load_photographs(paths: Sequence[Path], limit: int, long_side: int) -> list[Image]:
     """Decode at most `limit` photographs, spread evenly over `paths`, shrunk to `long_side` pixels.
 
-    A few hundred are plenty of variety for crops and fit in memory. Raises ValueError naming a file
-    that is broken.
+    Raises ValueError naming a file that is broken, or if a limit is not positive.
     """
     if limit < 1 or long_side < 1:
         raise ValueError(f"limit and long_side must be positive, not {limit} and {long_side}")
@@ -42,10 +41,10 @@ def load_photographs(paths: Sequence[Path], limit: int, long_side: int) -> list[
 def random_crops(
     images: Sequence[Image], count: int, size: int, rng: np.random.Generator
 ) -> UInt8[np.ndarray, "n s s 3"]:
-    """Random square crops (mirrored half the time) of random images, resized to `size` pixels.
+    """Random square crops of random images, mirrored half of the time, resized to `size` pixels.
 
-    The side is uniform between half of `size` (or all there is) and the image's short side.
-    Raises ValueError where there is no image.
+    The crop's side is uniform between `size` / 2 and the image's short side. Raises ValueError if
+    there is no image.
     """
     if not images:
         raise ValueError("no photograph to crop backgrounds from")
@@ -59,7 +58,7 @@ def random_crops(
         patch = image[top : top + side, left : left + side]
         if rng.random() < 0.5:
             patch = patch[:, ::-1]
-        # Bilinear does not average when it shrinks, area does not interpolate when it enlarges.
+        # Bilinear resizing aliases when it shrinks; area resizing is blocky when it enlarges.
         method = cv2.INTER_AREA if side > size else cv2.INTER_LINEAR
         crop[:] = cv2.resize(np.ascontiguousarray(patch), (size, size), interpolation=method)
     return crops

@@ -17,11 +17,11 @@ from hlp.records import Frame
 
 
 class RgbdFrames:
-    """Frames without targets (a `FrameSource`): scenes to learn from, or a user's own pictures.
+    """Frames without targets (a `FrameSource`) for training.
 
     `camera.json` holds `cam_K` (9 numbers, row-major, pixels) and `depth_scale` (mm per unit of the
-    16-bit depth PNGs; 1 where absent). Constructing reads nothing. Frames are numbered in the order
-    of their names, as scene `scene_id`.
+    16-bit depth PNGs, by default 1). Constructing it reads no file. Frames are numbered in the
+    order of their names and belong to the scene `scene_id`.
     """
 
     def __init__(self, root: Path, scene_id: int = 0) -> None:

@@ -1,4 +1,4 @@
-"""What every origin of RGB-D frames offers, and the identity of files by their content."""
+"""Interface of the sources of RGB-D frames, and hashes of files by their content."""
 
 import hashlib
 from collections.abc import Iterable
@@ -16,7 +16,7 @@ _CHUNK = 1 << 20
 class FrameSource(Protocol):
     """An ordered set of RGB-D frames, loaded one at a time.
 
-    `keys` are the `Frame.key` of the frames, in order and unique: known without decoding an image.
+    `keys` are the frames' `Frame.key`, in order and unique; they are known without decoding images.
     """
 
     @property
@@ -29,7 +29,7 @@ class FrameSource(Protocol):
         ...
 
     def identity(self) -> str:
-        """Hash of the content that the frames are made of; equal content, equal identity."""
+        """Hash of all content that the frames are made from."""
         ...
 
     def __len__(self) -> int:
@@ -39,18 +39,18 @@ class FrameSource(Protocol):
 
 @runtime_checkable
 class VisibleMasks(Protocol):
-    """Frames that know which pixels show a target."""
+    """Frames with masks of the targets' visible pixels."""
 
     def visible_mask(self, frame: Frame, target: Target) -> Bool[np.ndarray, "h w"] | None:
-        """Pixels where the target, one of the frame's, is what is seen; None where not known."""
+        """Pixels that show the target, which is one of the frame's; None if not known."""
         ...
 
 
 def content_hash(files: Iterable[Path], extra: str = "") -> str:
     """BLAKE2b over the bytes of the files in the given order, and `extra` (32 hex digits).
 
-    Names enter without their folders, so a data set keeps its identity when it is moved. A file
-    that is absent or cannot be read raises its own OSError.
+    File names are hashed without their folders, so that a data set can be moved. Raises OSError
+    for a file that cannot be read.
     """
     digest = hashlib.blake2b(extra.encode(), digest_size=16)
     for file in files:

@@ -1,1 +1,1 @@
-"""Object models from CAD files: meshes, sizes, patch sizes."""
+"""Object models from CAD files: meshes, diameters, patch sizes."""

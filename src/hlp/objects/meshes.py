@@ -1,4 +1,4 @@
-"""CAD models: loading with checks, decimation, true diameter. Metres inside."""
+"""CAD models: loading with checks, decimation, diameter."""
 
 import struct
 from pathlib import Path
@@ -16,7 +16,7 @@ from hlp.records import MILLIMETRE, MILLIMETRES_PER_METRE, Mesh
 PLAIN_COLOR = (210, 210, 210)
 _DIAMETER_RANGE = (0.01, 2.0)
 _BLOCK = 1024
-# trimesh's loaders let through whatever their parsers meet in a broken file.
+# All that trimesh's loaders raise for broken files.
 _PARSE_ERRORS = (
     ValueError, KeyError, IndexError, TypeError, AttributeError, EOFError, NotImplementedError,
     struct.error, SyntaxError, AssertionError,
@@ -24,16 +24,17 @@ _PARSE_ERRORS = (
 
 
 def load_mesh(path: Path, scale: float = MILLIMETRE) -> Mesh:
-    """Load a triangle mesh in file order, times `scale` (file units to metres; BOP writes mm).
+    """Load a triangle mesh; `scale` is metres per unit of the file (BOP's files are in mm).
 
-    Colours are the file's own (per vertex, per face or texture), else plain light grey; normals are
-    the file's own, else computed. Raises FileNotFoundError; ValueError for a file that cannot be
-    parsed, has no triangles or NaN vertices, or whose diameter is not 1 cm … 2 m (wrong unit).
+    Vertices and faces keep their order. Colours are the file's (per vertex, per face or texture) or
+    light grey; normals are the file's or computed. Raises FileNotFoundError, and ValueError for a
+    file that cannot be parsed, has no triangles or NaN vertices, or whose diameter is not
+    1 cm … 2 m (wrong unit).
     """
     if not path.is_file():
         raise FileNotFoundError(f"no mesh {path}")
     try:
-        # `force="mesh"` would drop the normals of the file.
+        # `force="mesh"` would drop the file's normals.
         raw = trimesh.load(path, process=False, maintain_order=True)
         if isinstance(raw, trimesh.Scene):
             raw = raw.to_mesh()
@@ -50,19 +51,20 @@ def load_mesh(path: Path, scale: float = MILLIMETRE) -> Mesh:
 
 
 def decimate(mesh: Mesh, faces: int) -> Mesh:
-    """At most about `faces` triangles, by quadric error; the mesh itself where it has no more.
+    """The mesh reduced to about `faces` triangles by quadric error; unchanged if it has no more.
 
-    Colours come from the nearest vertex of the full mesh, normals from the new triangles (the
-    nearest vertex of a thin wall may lie on its other side). Raises ValueError if nothing is left.
+    Colours are those of the nearest vertex of the full mesh. Normals are computed from the new
+    triangles, because the nearest vertex may be on the other side of a thin wall. Raises ValueError
+    for fewer than 4 faces, or if no triangle is left.
     """
     if faces < 4:
         raise ValueError(f"a decimated mesh needs at least 4 faces, not {faces}")
     if len(mesh.faces) <= faces:
         return mesh
-    # Triangle soups (STL, textured OBJ) would fall apart: weld equal positions first.
+    # Meshes without shared vertices (STL, textured OBJ) would fall apart: merge equal positions.
     welded, index = np.unique(mesh.vertices, axis=0, return_inverse=True)
     triangles = index.reshape(-1)[mesh.faces].astype(np.int32)
-    # In metres the library's tolerances are as large as the details: it works in millimetres.
+    # In millimetres, because in metres details are as small as the library's tolerances.
     points, kept = fast_simplification.simplify(
         (welded * MILLIMETRES_PER_METRE).astype(np.float32), triangles, target_count=faces
     )
@@ -75,10 +77,10 @@ def decimate(mesh: Mesh, faces: int) -> Mesh:
 
 
 def mesh_diameter(vertices: Float[np.ndarray, "v 3"]) -> float:
-    """Largest distance between two vertices: it is attained on the convex hull."""
+    """Largest distance between two vertices (m), computed on the convex hull."""
     try:
         corners = vertices[ConvexHull(vertices).vertices]
-    except QhullError:  # flat or tiny: every vertex may be a corner
+    except QhullError:  # flat or tiny: use all vertices
         corners = np.unique(vertices, axis=0)
     blocks = (corners[i : i + _BLOCK] for i in range(0, len(corners), _BLOCK))
     return max(float(cdist(block, corners).max()) for block in blocks)
@@ -117,7 +119,7 @@ def _vertex_normals(
 
 
 def _unit_normals(normals: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "v 3"]:
-    """Unit length; +z where a vertex belongs to no triangle of any area and so has no normal."""
+    """Normals at unit length; +z for vertices without a triangle of positive area."""
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     usable = np.isfinite(length) & (length > 0)
     up = np.array([0.0, 0.0, 1.0])

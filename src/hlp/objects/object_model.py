@@ -1,4 +1,4 @@
-"""What the configuration says of an object, and the object model built from it and its mesh."""
+"""Object models built from their settings and meshes, and hashes of their content."""
 
 import hashlib
 from collections.abc import Mapping
@@ -33,8 +33,9 @@ def build_object_model(
 ) -> ObjectModel:
     """Load one object; `scale` is metres per unit of the mesh file, `diameter` in metres.
 
-    Without a diameter it is the largest vertex distance, without symmetries the identity alone.
-    Raises what `load_mesh` raises; ValueError for a patch size that is not positive.
+    By default the diameter is the largest distance between two vertices, and the only symmetry is
+    the identity. Raises what `load_mesh` raises, and ValueError for a patch size that is not
+    positive.
     """
     mesh = load_mesh(mesh_path, scale)
     if diameter is None:
@@ -56,7 +57,7 @@ def build_object_model(
 
 
 def check_unique(objects: Mapping[str, ObjectSettings]) -> None:
-    """Raise ValueError where two objects share an id, or there is none."""
+    """Raise ValueError if two objects share an id, or if there is no object."""
     if not objects:
         raise ValueError("data.objects names no object")
     names: dict[int, str] = {}
@@ -67,7 +68,7 @@ def check_unique(objects: Mapping[str, ObjectSettings]) -> None:
 
 
 def model_identity(model: ObjectModel) -> str:
-    """Hash of an object's geometry: mesh, proxy, diameter, symmetries (not its patch sizes)."""
+    """Hash of an object's id, mesh, proxy, diameter and symmetries, not of its patch sizes."""
     digest = hashlib.blake2b(f"{model.object_id} {model.diameter!r}".encode(), digest_size=16)
     for part in (mesh_identity(model.mesh), mesh_identity(model.proxy)):
         digest.update(part.encode())

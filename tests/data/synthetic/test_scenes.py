@@ -70,9 +70,9 @@ def test_each_object_rendered_alone_agrees_with_the_scene_where_it_is_seen(
         number = [item.object_id for item in scene.items].index(target.object_id)
         seen = scene.index == number
         np.testing.assert_allclose(frame.depth[seen], alone[seen], atol=1e-5)
-        # Elsewhere whatever is seen is nearer: nothing else may have hidden it.
-        hidden = (alone > 0) & ~seen
-        assert (frame.depth[hidden] <= alone[hidden] + 1e-4).all()
+        # Elsewhere whatever is seen is nearer: nothing else may have occluded it.
+        occluded = (alone > 0) & ~seen
+        assert (frame.depth[occluded] <= alone[occluded] + 1e-4).all()
         checked += int(seen.sum())
     assert checked > 2000
 
@@ -135,7 +135,7 @@ def test_frames_depend_on_seed_and_number_only() -> None:
 def test_frames_made_are_kept_and_the_oldest_forgotten(
     source: SyntheticScenes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(synthetic_scenes, "_KEPT", 1)
+    monkeypatch.setattr(synthetic_scenes, "_CACHED", 1)
     fresh = SyntheticScenes(source._settings)
     first, second = fresh.keys[:2]
     made = fresh.load(first)

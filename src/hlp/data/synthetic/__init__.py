@@ -1,1 +1,1 @@
-"""The embedded demo: objects modelled in code, scenes rendered on demand."""
+"""The synthetic demo data set: objects modelled in code, scenes rendered on demand."""

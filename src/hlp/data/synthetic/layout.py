@@ -1,6 +1,6 @@
-"""What stands where in a demo scene: objects, clutter and occluders on a table, camera and light.
+"""Layout of a demo scene: objects, clutter and occluders on a table, camera and light.
 
-World coordinates: metres, z up, the table's top is z = 0, its middle the origin.
+World coordinates are in metres, z up; the origin is the middle of the table's top.
 """
 
 from collections.abc import Sequence
@@ -24,16 +24,17 @@ from hlp.records import Mesh, ObjectModel
 from hlp.rendering.light import Light
 
 GAP = 0.004
-"""Least distance (m) between the circles that two things take up on the table."""
+"""Least distance (m) between the circles that items occupy on the table."""
 _SPACING = 0.007
 _TRIES = 60
 
 
 @dataclass(frozen=True)
 class Item:
-    """A thing on the table, seen from above within a circle of `center` and `radius` (m).
+    """A shape on the table inside a circle of `center` and `radius` (m), seen from above.
 
-    `object_id` is 0 for clutter; `coarse` is a mesh of fewer triangles, good enough for its shadow.
+    `object_id` is 0 for clutter. `coarse` is a mesh of fewer triangles, from which its shadow is
+    rendered.
     """
 
     object_id: int
@@ -45,8 +46,8 @@ class Item:
 
 
 @dataclass(frozen=True)
-class Standing:
-    """A thing set upright with its lowest point at z = 0, before it has a place on the table."""
+class UprightShape:
+    """A shape whose lowest point is at z = 0, before it has a position on the table."""
 
     object_id: int
     mesh: Mesh
@@ -56,15 +57,15 @@ class Standing:
     radius: float
 
     def at(self, place: Float[np.ndarray, "2"]) -> Item:
-        """The thing with its circle's centre at a place (x, y) on the table."""
+        """The item with its circle's centre at a position (x, y) on the table (m)."""
         pose = rigid(self.rotation, self.offset + np.array([*place, 0.0]))
         return Item(self.object_id, self.mesh, self.coarse, pose, place, self.radius)
 
 
-def stand(
+def set_upright(
     object_id: int, mesh: Mesh, coarse: Mesh, tilt: float, rng: np.random.Generator
-) -> Standing:
-    """Turn a mesh by a random yaw and lean it by up to `tilt` (rad) in a random direction."""
+) -> UprightShape:
+    """Rotate a mesh by a random yaw and tilt it by up to `tilt` (rad) in a random direction."""
     lean = rng.uniform(0.0, tilt)
     direction = rng.uniform(0.0, 2 * np.pi)
     axis = np.array([np.cos(direction), np.sin(direction), 0.0])
@@ -74,17 +75,17 @@ def stand(
     low, high = points.min(axis=0), points.max(axis=0)
     offset = -np.array([*(low + high)[:2] / 2, low[2]])
     radius = float(np.linalg.norm((points + offset)[:, :2], axis=1).max())
-    return Standing(object_id, mesh, coarse, rotation, offset, radius)
+    return UprightShape(object_id, mesh, coarse, rotation, offset, radius)
 
 
 def place_targets(
     models: Sequence[ObjectModel], tilt: float, rng: np.random.Generator
 ) -> list[Item]:
-    """Stand the objects close together around the table's middle, none touching another."""
+    """Place the objects close together around the table's middle without contact."""
     items: list[Item] = []
     for model in models:
-        thing = stand(model.object_id, model.mesh, model.proxy, tilt, rng)
-        items.append(thing.at(_free_place(thing.radius, items, rng)))
+        upright = set_upright(model.object_id, model.mesh, model.proxy, tilt, rng)
+        items.append(upright.at(_free_position(upright.radius, items, rng)))
     return items
 
 
@@ -94,9 +95,9 @@ def place_clutter(
     eye: Float[np.ndarray, "3"],
     rng: np.random.Generator,
 ) -> list[Item]:
-    """`count` random shapes; two of three hide some target, if there are any, from the `eye`.
+    """`count` random shapes. If there are targets, two of three occlude one, seen from the `eye`.
 
-    Of those, half are tall shapes, half trees just high enough for the crown to be in the way.
+    Half of these are tall shapes, half are trees whose crown is in front of the target.
     """
     everything = list(items)
     targets = [item for item in items if item.object_id]
@@ -107,8 +108,8 @@ def place_clutter(
             item = _occluder(number % 3 == 1, target, everything, eye, rng)
         if item is None:
             mesh = random_shape(rng)
-            thing = stand(0, mesh, mesh, 0.0, rng)
-            item = thing.at(_free_place(thing.radius, everything, rng))
+            upright = set_upright(0, mesh, mesh, 0.0, rng)
+            item = upright.at(_free_position(upright.radius, everything, rng))
         everything.append(item)
     return everything[len(items) :]
 
@@ -120,13 +121,13 @@ def _occluder(
     eye: Float[np.ndarray, "3"],
     rng: np.random.Generator,
 ) -> Item | None:
-    """A tall shape or a tree between a target and the eye; None if there is no place."""
+    """A tall shape or a tree between a target and the eye; None if there is no space."""
     crown = rng.uniform(0.02, 0.045)
     mesh = random_shape(rng, least_height=0.12)
-    radius = crown if tree else stand(0, mesh, mesh, 0.0, rng).radius
+    radius = crown if tree else set_upright(0, mesh, mesh, 0.0, rng).radius
     middle = target.pose_world_obj[2, 3]
     toward_eye = eye - np.array([*target.center, middle])
-    place = _place_before(radius, target, items, toward_eye[:2], rng)
+    place = _position_in_front(radius, target, items, toward_eye[:2], rng)
     if place is None:
         return None
     if tree:
@@ -134,42 +135,42 @@ def _occluder(
         sight = middle + float(np.linalg.norm(place - target.center)) * rise
         height = sight + rng.uniform(-0.5, 0.5) * middle
         mesh = toy_tree(crown, float(min(height, 0.30)), rng)
-    return stand(0, mesh, mesh, 0.0, rng).at(place)
+    return set_upright(0, mesh, mesh, 0.0, rng).at(place)
 
 
-def _free_place(
+def _free_position(
     radius: float, items: Sequence[Item], rng: np.random.Generator
 ) -> Float[np.ndarray, "2"]:
-    """A random place whose circle meets no other, in a disc that widens until there is one."""
-    reach = 0.12
+    """A random free position in a disc that grows until it has one."""
+    disc_radius = 0.12
     while True:
         angle = rng.uniform(0.0, 2 * np.pi, _TRIES)
-        distance = reach * np.sqrt(rng.uniform(size=_TRIES))
+        distance = disc_radius * np.sqrt(rng.uniform(size=_TRIES))
         places = distance[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
         place = _first_free(places, radius, items)
         if place is not None:
             return place
-        reach *= 1.15
+        disc_radius *= 1.15
 
 
-def _place_before(
+def _position_in_front(
     radius: float,
     target: Item,
     items: Sequence[Item],
     toward_eye: Float[np.ndarray, "2"],
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "2"] | None:
-    """A place between a target and the eye, a little to one side; None if all are taken."""
-    reach = target.radius + radius + rng.uniform(GAP, 0.02, _TRIES)
+    """A random free position between a target and the eye; None if none is found."""
+    distance = target.radius + radius + rng.uniform(GAP, 0.02, _TRIES)
     turn = np.arctan2(toward_eye[1], toward_eye[0]) + rng.uniform(-0.4, 0.4, _TRIES)
-    steps = reach[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
+    steps = distance[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
     return _first_free(target.center + steps, radius, items)
 
 
 def _first_free(
     places: Float[np.ndarray, "n 2"], radius: float, items: Sequence[Item]
 ) -> Float[np.ndarray, "2"] | None:
-    """The first of the places whose circle meets none of the items'."""
+    """The first position at which a circle does not overlap the items'; None if there is none."""
     if not items:
         return np.asarray(places[0])
     apart = np.linalg.norm(places[:, None] - np.stack([i.center for i in items]), axis=-1)
@@ -184,7 +185,7 @@ def look_at(
     elevation: float,
     roll: float,
 ) -> Float[np.ndarray, "4 4"]:
-    """pose_cam_world of a camera at a distance (m) and angles (rad) that looks at a point."""
+    """pose_cam_world of a camera at a distance (m) and angles (rad), looking at a point (m)."""
     flat = np.cos(elevation)
     back = np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
@@ -194,7 +195,7 @@ def look_at(
 
 
 def light_from_above(pose_cam_world: Float[np.ndarray, "4 4"], rng: np.random.Generator) -> Light:
-    """A light at least 25° above the table and on the camera's side of it."""
+    """A random light at least 25° above the table and on the camera's side."""
     while True:
         world = rng.normal(size=3)
         world /= np.linalg.norm(world)
@@ -237,7 +238,7 @@ def random_shape(rng: np.random.Generator, least_height: float = 0.04) -> Mesh:
 
 
 def _ring(radius: float, thickness: float, color: Color) -> Mesh:
-    """A ring that stands on its edge, just not closed."""
+    """A ring standing on its edge."""
     angle = np.linspace(0.0, 2 * np.pi, 40)
     circle = np.column_stack([np.cos(angle), np.zeros(40), np.sin(angle)]) * radius
     return tube(circle.tolist(), [thickness] * 40, color, _SPACING)
@@ -251,7 +252,7 @@ def _vase(width: float, height: float, color: Color, rng: np.random.Generator) -
 
 
 def _striped(mesh: Mesh, color: Color, rng: np.random.Generator) -> Mesh:
-    """Stripes across a random direction: what prints on packages leave of a plain colour."""
+    """Stripes perpendicular to a random direction, like the print on packages."""
     direction = rng.normal(size=3)
     direction /= np.linalg.norm(direction)
     along = mesh.vertices @ direction
@@ -259,7 +260,7 @@ def _striped(mesh: Mesh, color: Color, rng: np.random.Generator) -> Mesh:
 
 
 def toy_tree(crown: float, height: float, rng: np.random.Generator) -> Mesh:
-    """A foot, a thin trunk and a crown of radius `crown` (m), its middle at `height` (m)."""
+    """A tree of a foot, a thin trunk, and a crown of radius `crown` (m) centred at `height` (m)."""
     half = crown * rng.uniform(0.9, 1.6)
     angle = np.linspace(-np.pi / 2, np.pi / 2, 9)[1:-1]
     low = max(height - half, 0.012)

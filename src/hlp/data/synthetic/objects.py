@@ -1,8 +1,9 @@
-"""The demo world's eight toys and tools: plain colours, hardly any texture, 12–22 cm, no files.
+"""The eight demo objects: toys and tools of 12–22 cm with plain colours, modelled in code.
 
-They cover what makes LINEMOD hard: `bowl` has a continuous symmetry; `bear` and `rabbit` share
-body and head and differ in ears and tail; `can` and `lamp` are partly thin; the rest tell their
-pose from everywhere. +z is up, the front looks along +x, the origin is the bounding box's centre.
+They have the difficulties of LINEMOD's objects: `bowl` has a continuous symmetry; `bear` and
+`rabbit` have the same body and head and differ in ears and tail; `can` and `lamp` have thin parts.
+The pose of the others is unambiguous from all sides. +z is up, the front faces +x, the origin is
+the centre of the bounding box.
 """
 
 from functools import lru_cache
@@ -27,13 +28,13 @@ from hlp.records import Mesh, ObjectModel
 
 PROXY_FACES = 2000
 BOWL_STEPS = 180
-"""The bowl's rotation in steps of 2°: the mesh is a polygon of as many sides, so each is exact."""
+"""Steps of 2° of the bowl's symmetry; its mesh has as many segments, so each step is exact."""
 
 BROWN, CREAM, DARK = (133, 88, 52), (214, 189, 150), (38, 36, 38)
 
 
 def _toy() -> list[Mesh]:
-    """Body and head that bear and rabbit have in common; one arm raised, so left is not right."""
+    """Body and head of bear and rabbit; one arm is raised, so that they are not symmetric."""
     return [
         moved(ellipsoid((0.038, 0.036, 0.044), BROWN), (0.0, 0.0, 0.050)),
         moved(ellipsoid((0.030, 0.026, 0.033), CREAM), (0.013, 0.0, 0.049)),
@@ -192,7 +193,7 @@ def _centred(mesh: Mesh) -> Mesh:
 
 
 def turns_about_z(steps: int) -> Float[np.ndarray, "n 4 4"]:
-    """The `steps` rotations about z that divide a full turn evenly, the identity first."""
+    """Rotations (n, 4, 4) about z by multiples of 2π / `steps`, the identity first."""
     angle = np.arange(steps) * (2 * np.pi / steps)
     turns = np.tile(np.eye(3), (steps, 1, 1))
     turns[:, 0, 0] = turns[:, 1, 1] = np.cos(angle)

@@ -1,4 +1,4 @@
-"""RGB-D frames of the demo world: seeded, cluttered scenes with exact poses, made on demand."""
+"""RGB-D frames of random, cluttered demo scenes with exact poses, rendered on demand."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,10 +23,10 @@ from hlp.rendering.light import Light
 from hlp.rendering.rasterizer import render_depth, render_scene
 
 VERSION = "1"
-"""Part of the identity: raised whenever the same settings come to give other frames."""
+"""Part of the identity: to be raised when the same settings give other frames than before."""
 LINEMOD_CAMERA = np.array([[572.4114, 0, 325.2611], [0, 573.57043, 242.04899], [0, 0, 1.0]])
 """LINEMOD's intrinsics (px) at 640×480; other image sizes scale them."""
-_KEPT = 64  # frames: 2 MB each at full size
+_CACHED = 64  # frames of 2 MB each at full size
 
 
 @dataclass(frozen=True)
@@ -69,9 +69,9 @@ _TRAINING_SETTINGS = SyntheticSettings(
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene before the sensor: what stands where, and its clean rendering.
+    """A scene before the sensor model: its layout and its clean rendering.
 
-    `index` names the item seen at each pixel, -1 where none is; `depth` in metres, 0 = nothing.
+    `index` is the number of the item seen at each pixel, -1 for none; `depth` in metres, 0 = none.
     """
 
     items: tuple[Item, ...]
@@ -82,16 +82,16 @@ class Scene:
     index: Int[np.ndarray, "h w"]
 
     def pose_cam_obj(self, item: int) -> Float[np.ndarray, "4 4"]:
-        """Object to camera of the item of that number."""
+        """Pose (4, 4) of the item with that number."""
         return np.asarray(self.pose_cam_world @ self.items[item].pose_world_obj)
 
 
 class SyntheticScenes:
-    """A `FrameSource` of demo scenes, each a scene of its own with one frame.
+    """A `FrameSource` of demo scenes with one frame each.
 
-    A frame depends on the settings, the seed and its number only, whatever was loaded before. With
-    `targets=False` the demo objects are left out and more clutter takes their place: frames to
-    train on without having seen a target.
+    A frame depends only on the settings, which include the seed, and its number. With
+    `targets=False` clutter takes the place of the demo objects, so that networks can be trained on
+    the frames without seeing a target. Raises ValueError naming a setting that makes no scene.
     """
 
     def __init__(self, settings: SyntheticSettings, targets: bool = True) -> None:
@@ -102,7 +102,7 @@ class SyntheticScenes:
         scale = np.diag([settings.width / 640, settings.height / 480, 1.0])
         self.camera_matrix: Float[np.ndarray, "3 3"] = scale @ LINEMOD_CAMERA
         self._numbers = {f"{number:06d}_000000": number for number in range(settings.scenes)}
-        self._made: dict[str, Frame] = {}
+        self._cache: dict[str, Frame] = {}
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -113,19 +113,19 @@ class SyntheticScenes:
         return len(self._numbers)
 
     def identity(self) -> str:
-        """Hash of what the frames are made from: settings, kind and version of this generator."""
+        """Hash of the settings, `targets`, and the version of this generator."""
         return content_hash([], f"synthetic {VERSION} {self._targets} {self._settings}")
 
     def load(self, key: str) -> Frame:
         """One frame. Raises KeyError for an unknown key.
 
-        The last ones made are kept: making a frame takes longer than to find an object in it.
+        The last frames are cached: rendering one takes longer than finding an object in it.
         """
-        if key not in self._made:
-            if len(self._made) == _KEPT:
-                self._made.pop(next(iter(self._made)))
-            self._made[key] = self._make(key)
-        return self._made[key]
+        if key not in self._cache:
+            if len(self._cache) == _CACHED:
+                self._cache.pop(next(iter(self._cache)))
+            self._cache[key] = self._make(key)
+        return self._cache[key]
 
     def _make(self, key: str) -> Frame:
         number = self._number(key)
@@ -142,7 +142,7 @@ class SyntheticScenes:
         )
 
     def scene(self, key: str) -> Scene:
-        """The scene of a frame before the sensor. Raises KeyError for an unknown key."""
+        """The scene of a frame before the sensor model. Raises KeyError for an unknown key."""
         rng = self._rng(self._number(key), "layout")
         settings = self._settings
         azimuth = rng.uniform(0.0, 2 * np.pi)
@@ -162,13 +162,13 @@ class SyntheticScenes:
         back_rgb, back_depth = draw_surroundings(
             around, items, pose_cam_world, self.camera_matrix, shape, light
         )
-        # The surfaces enclose the items, so what is not an item is a surface or nothing.
+        # The surfaces are behind all items: pixels without an item show a surface or nothing.
         empty = index < 0
         rgb[empty], depth[empty] = back_rgb[empty], back_depth[empty]
         return Scene(tuple(items), pose_cam_world, light, rgb, depth, index)
 
     def visible_mask(self, frame: Frame, target: Target) -> Bool[np.ndarray, "h w"]:
-        """Pixels where one of the frame's targets is what is seen, whatever the sensor makes of it.
+        """Pixels that show one of the frame's targets, with or without sensor depth.
 
         Raises KeyError for an unknown frame.
         """
@@ -177,7 +177,7 @@ class SyntheticScenes:
         return np.asarray(scene.index == number)
 
     def _place(self, eye: Float[np.ndarray, "3"], rng: np.random.Generator) -> list[Item]:
-        """Objects in a random choice and order, then clutter; without targets clutter alone."""
+        """Randomly chosen objects and clutter; only clutter without targets."""
         settings = self._settings
         count = _between(settings.objects, rng)
         clutter = _between(settings.clutter, rng)
@@ -188,7 +188,7 @@ class SyntheticScenes:
         return items + place_clutter(clutter, items, eye, rng)
 
     def _find_targets(self, scene: Scene) -> tuple[Target, ...]:
-        """The objects of which enough can be seen, by object id."""
+        """The objects that are sufficiently visible, by object id."""
         targets = []
         for number, item in enumerate(scene.items):
             if item.object_id == 0:
@@ -222,7 +222,7 @@ def training_frames(count: int, seed: int) -> SyntheticScenes:
 def silhouette_area(
     item: Item, pose_cam_obj: Float[np.ndarray, "4 4"], camera_matrix: Float[np.ndarray, "3 3"]
 ) -> int:
-    """Pixels that an item covers where nothing hides it, those beyond the image's border too."""
+    """Number of pixels that an item would cover without occlusion and image border."""
     pixels = project(transform(pose_cam_obj, item.mesh.vertices), camera_matrix)
     low = np.floor(pixels.min(axis=0)) - 1
     width, height = (np.ceil(pixels.max(axis=0)) + 2 - low).astype(int)
@@ -237,7 +237,7 @@ def _between(limits: Sequence[int], rng: np.random.Generator) -> int:
 
 
 def _check(settings: SyntheticSettings) -> None:
-    """Raises ValueError that names the key which makes no scene."""
+    """Raise ValueError naming a setting that makes no scene."""
     if settings.scenes < 0 or settings.width < 32 or settings.height < 32:
         raise ValueError("data.scenes must be 0 or more, data.width and data.height at least 32")
     if not 0.0 < settings.min_visible <= 1.0:

@@ -1,9 +1,10 @@
-"""A Kinect-like sensor: what structured light and a cheap colour camera make of a clean rendering.
+"""A Kinect-like sensor: errors of structured light and of a cheap colour camera.
 
-All functions take one image or a batch of them (..., h, w) and are seeded by the generator that
-is handed in, so scenes and training patches see the same noise. The depth model follows how the
-device measures: noise and quantisation are uniform in disparity and so grow with z² in depth
-(Khoshelham and Elberink, Sensors 2012, Eq. 8 and 10), and what the projector cannot see is missing.
+It turns the clean renderings of demo scenes into sensor images; training patches have simpler noise
+models of their own (`hlp.patches`). All functions take one image or a batch (..., h, w); all random
+numbers come from the given generator. Noise and quantisation are uniform in disparity and therefore
+grow with z² in depth (Khoshelham and Elberink, Sensors 2012, Eq. 8 and 10). Depth is missing where
+the projector's light does not arrive.
 """
 
 from dataclasses import dataclass, replace
@@ -14,12 +15,12 @@ from jaxtyping import Bool, Float, UInt8
 
 Depth = Float[np.ndarray, "*b h w"]
 _JUMP = 0.015
-"""Neighbours further apart in depth than this share of it lie on two surfaces."""
+"""Relative difference of depth above which neighbouring pixels show different surfaces."""
 
 
 @dataclass(frozen=True)
 class SensorSettings:
-    """The sensor's imperfections; 0 switches each of them off.
+    """The sensor's errors. 0 turns an error off, except `grazing_deg` (90) and `far` (infinity).
 
     Depth: `baseline` from projector to camera (m); `disparity_noise` and `disparity_step` (px);
     `edge_jitter`, how far (px) depth edges wander; `edge_missing`, the share of edge pixels without
@@ -67,9 +68,11 @@ KINECT = SensorSettings(
 
 
 def kinect(strength: float) -> SensorSettings:
-    """A Kinect whose random errors are `strength` times the usual ones; 0 is an ideal sensor.
+    """A Kinect with `strength` times the usual noise; 0 is an ideal sensor without any error.
 
-    Raises ValueError for a negative strength.
+    The strength scales depth noise, holes, missing edges and all colour errors but blur.
+    Quantisation, edge jitter, shadow, losses at grazing angles and the maximum depth do not depend
+    on it unless it is 0. Raises ValueError for a negative strength.
     """
     if not strength >= 0.0:
         raise ValueError(f"sensor noise must be 0 or more, got {strength}")
@@ -95,10 +98,10 @@ def kinect(strength: float) -> SensorSettings:
 def noisy_depth(
     depth: Depth, focal: float, rng: np.random.Generator, settings: SensorSettings
 ) -> Depth:
-    """What the sensor reads where a clean `depth` (m, 0 = nothing) is in front of it, float32.
+    """Sensor depth (m, float32, 0 = missing) of a clean `depth` (m, 0 = nothing).
 
-    `focal` (px) is that of the images handed in: for resized crops the resized focal length. The
-    shadow is that of what stands within the image.
+    `focal` is the focal length (px) of the given images. Only what is inside the image casts a
+    projector shadow.
     """
     clean = np.asarray(depth, dtype=np.float32)
     jumps = _jumps(clean)
@@ -122,7 +125,7 @@ def noisy_depth(
 def noisy_rgb(
     rgb: UInt8[np.ndarray, "*b h w 3"], rng: np.random.Generator, settings: SensorSettings
 ) -> UInt8[np.ndarray, "*b h w 3"]:
-    """Blur, exposure, white balance (one draw an image) and noise of a cheap colour camera."""
+    """Colour with blur, noise, and random exposure and white balance of each image."""
     pictures = np.ascontiguousarray(rgb).reshape(-1, *rgb.shape[-3:])
     if settings.rgb_blur > 0.0:
         pictures = np.stack([cv2.GaussianBlur(p, (0, 0), settings.rgb_blur) for p in pictures])
@@ -136,10 +139,10 @@ def noisy_rgb(
 
 
 def projector_shadow(depth: Depth, focal: float, baseline: float) -> Bool[np.ndarray, "*b h w"]:
-    """Where the camera sees a surface that the projector, `baseline` (m) to its right, does not.
+    """Pixels whose surface is hidden from the projector, `baseline` (m) to the camera's right.
 
-    A point in column x with disparity f·b/z lies in the projector's column x − f·b/z. From left to
-    right these columns grow, unless something nearer, further right, stands before the point.
+    A point in column x with disparity f·b/z is in the projector's column x − f·b/z. These columns
+    increase from left to right, unless a nearer point further right occludes the point.
     """
     columns = np.arange(depth.shape[-1], dtype=np.float32)
     seen = depth > 0.0
@@ -150,7 +153,7 @@ def projector_shadow(depth: Depth, focal: float, baseline: float) -> Bool[np.nda
 
 
 def _jumps(depth: Depth) -> Bool[np.ndarray, "*b h w"]:
-    """Pixels beside a depth discontinuity, on both of its sides."""
+    """Pixels on either side of a depth discontinuity."""
     jumps = np.zeros(depth.shape, dtype=bool)
     across = np.abs(np.diff(depth, axis=-1)) > _JUMP * depth[..., 1:]
     jumps[..., 1:] |= across
@@ -164,14 +167,14 @@ def _jumps(depth: Depth) -> Bool[np.ndarray, "*b h w"]:
 def _grazing(
     depth: Depth, focal: float, rng: np.random.Generator, start_deg: float
 ) -> Bool[np.ndarray, "*b h w"]:
-    """Readings lost because the surface is seen at a grazing angle.
+    """Pixels without depth because the surface is seen at a grazing angle.
 
-    The slope along an axis is the gentler one of the two one-sided differences, so that a step
-    between two surfaces is no slope.
+    The slope along an axis is the smaller of the two one-sided differences, so that a step between
+    two surfaces does not count as slope.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         scale = np.where(depth > 0.0, np.float32(focal) / depth, np.float32(0.0))
-    slope = np.hypot(_gentler(depth, -1), _gentler(depth, -2)) * scale
+    slope = np.hypot(_smaller_difference(depth, -1), _smaller_difference(depth, -2)) * scale
     low, high = np.tan(np.radians(start_deg)), np.tan(np.radians((start_deg + 90.0) / 2))
     steep = np.flatnonzero(slope > low)
     share = (slope.reshape(-1)[steep] - low) / (high - low)
@@ -180,7 +183,7 @@ def _grazing(
     return lost
 
 
-def _gentler(depth: Depth, axis: int) -> Depth:
+def _smaller_difference(depth: Depth, axis: int) -> Depth:
     """The smaller one of the absolute differences to the two neighbours along an axis."""
     step = np.abs(np.diff(depth, axis=axis))
     first, last = np.take(step, [0], axis=axis), np.take(step, [-1], axis=axis)
@@ -207,23 +210,23 @@ def _holes(
 
 
 def _jittered(
-    depth: Depth, jumps: Bool[np.ndarray, "*b h w"], rng: np.random.Generator, reach: int
+    depth: Depth, jumps: Bool[np.ndarray, "*b h w"], rng: np.random.Generator, radius: int
 ) -> Depth:
-    """Pixels beside discontinuities take the reading of a random neighbour within `reach`."""
+    """Pixels at discontinuities take the depth of a random neighbour within `radius` (px)."""
     place = np.nonzero(jumps)
     count = len(place[0])
     height, width = depth.shape[-2:]
-    rows = np.clip(place[-2] + rng.integers(-reach, reach + 1, count), 0, height - 1)
-    columns = np.clip(place[-1] + rng.integers(-reach, reach + 1, count), 0, width - 1)
-    moved = depth.copy()
-    moved[place] = depth[(*place[:-2], rows, columns)]
-    return moved
+    rows = np.clip(place[-2] + rng.integers(-radius, radius + 1, count), 0, height - 1)
+    columns = np.clip(place[-1] + rng.integers(-radius, radius + 1, count), 0, width - 1)
+    jittered = depth.copy()
+    jittered[place] = depth[(*place[:-2], rows, columns)]
+    return jittered
 
 
 def _measured(
     depth: Depth, focal: float, rng: np.random.Generator, settings: SensorSettings
 ) -> Depth:
-    """Noise and steps in disparity, rounding in depth; 0 stays 0."""
+    """Depth with noise and quantisation in disparity, rounded to `depth_unit`; 0 stays 0."""
     seen = depth > 0.0
     scale = np.float32(focal * settings.baseline)
     if settings.disparity_noise > 0.0 or settings.disparity_step > 0.0:
@@ -241,7 +244,7 @@ def _measured(
 
 
 def _smooth_noise(shape: tuple[int, ...], rng: np.random.Generator) -> Depth:
-    """Unit normal noise, neighbours correlated: the sensor matches windows, not single pixels."""
+    """Unit normal noise, correlated between neighbours, because the sensor matches windows."""
     white = rng.standard_normal((*shape[:-2], shape[-2] + 1, shape[-1] + 1), dtype=np.float32)
     rows = white[..., 1:, :] + white[..., :-1, :]
     return np.asarray((rows[..., 1:] + rows[..., :-1]) * np.float32(0.5))

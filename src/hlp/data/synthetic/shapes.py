@@ -1,8 +1,8 @@
-"""Closed, plainly coloured surfaces from which the demo world's objects are put together.
+"""Closed, coloured surfaces from which the demo objects are assembled.
 
-Every shape is a `Mesh` in metres whose vertices lie at most about `SPACING` apart, so that
-colours and shading interpolated between vertices look smooth. Shapes are joined by `merge`
-without cutting away what lies inside: a z-buffer never sees it.
+Every shape is a `Mesh` in metres whose vertices are at most about `SPACING` apart, so that
+interpolated colours and shading look smooth. `merge` keeps surfaces inside other shapes, which a
+z-buffer hides anyway.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from hlp.geometry import rigid, transform
 from hlp.records import Mesh
 
-SPACING = 0.004
+SPACING = 0.004  # m
 Color = tuple[int, int, int]
 Points = Float[np.ndarray, "n 3"]
 
@@ -38,7 +38,7 @@ def solid(vertices: Points, faces: Int[np.ndarray, "f 3"], color: Color) -> Mesh
 
 
 def merge(parts: Sequence[Mesh]) -> Mesh:
-    """One mesh of several, side by side in one list of vertices."""
+    """One mesh with the vertices and faces of several."""
     starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
     return Mesh(
         vertices=np.concatenate([part.vertices for part in parts]),
@@ -83,7 +83,7 @@ def lathe(
     """Surface of revolution about z of the open line `profile` of (radius, height), in metres.
 
     The line should begin and end on the axis (radius 0), so that the surface is closed. `segments`
-    is the number of steps around; by default as many as `spacing` asks for.
+    is the number of steps around the axis; by default it follows from `spacing` (m).
     """
     line = _resampled(np.asarray(profile, dtype=np.float64), spacing)
     count = segments or max(12, int(np.ceil(2 * np.pi * line[:, 0].max() / spacing)))
@@ -91,7 +91,7 @@ def lathe(
     around = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     ring = line[:, None, :1] * around
     height = np.broadcast_to(line[:, None, 1:], (*ring.shape[:2], 1))
-    return _woven(np.concatenate([ring, height], axis=-1), color)
+    return _grid_surface(np.concatenate([ring, height], axis=-1), color)
 
 
 def cylinder(radius: float, height: float, color: Color, spacing: float = SPACING) -> Mesh:
@@ -117,7 +117,7 @@ def ellipsoid(radii: Sequence[float], color: Color, spacing: float = SPACING) ->
         ],
         axis=-1,
     )
-    return _woven(sphere * np.asarray(radii), color)
+    return _grid_surface(sphere * np.asarray(radii), color)
 
 
 def rounded_box(
@@ -125,7 +125,7 @@ def rounded_box(
 ) -> Mesh:
     """Box about the origin with sides `size` and edges rounded with a radius `rounding` (m).
 
-    A box of a fine grid is taken back onto the surface at `rounding` from the inner box.
+    The points of a fine grid on a box are moved to the distance `rounding` from an inner box.
     """
     half = np.asarray(size, dtype=np.float64) / 2
     inner = half - rounding
@@ -146,29 +146,29 @@ def tube(
     line = _resampled(np.column_stack([np.asarray(path), np.asarray(radii)]), spacing)
     along = np.gradient(line[:, :3], axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
-    across = _carried_along(along)
+    across = _parallel_transport(along)
     second = np.cross(along, across)
     count = max(10, int(np.ceil(2 * np.pi * line[:, 3].max() / spacing)))
     angle = np.arange(count) * (2 * np.pi / count)
     circle = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * second[:, None]
-    first, last = (_shrinking(line[end], spacing) for end in (0, -1))
+    first, last = (_end_cap(line[end], spacing) for end in (0, -1))
     rings = np.concatenate([first[::-1], line, last])
     circles = np.concatenate(
         [np.repeat(circle[:1], len(first), 0), circle, np.repeat(circle[-1:], len(last), 0)]
     )
-    return _woven(rings[:, None, :3] + rings[:, None, 3:] * circles, color)
+    return _grid_surface(rings[:, None, :3] + rings[:, None, 3:] * circles, color)
 
 
-def _shrinking(end: Float[np.ndarray, "4"], spacing: float) -> Float[np.ndarray, "n 4"]:
-    """Rings (x, y, z, radius) that close a tube's end flatly, down to radius 0."""
+def _end_cap(end: Float[np.ndarray, "4"], spacing: float) -> Float[np.ndarray, "n 4"]:
+    """Rings (x, y, z, radius) that close a tube with a flat end, down to radius 0."""
     steps = max(1, int(np.ceil(end[3] / spacing)))
     rings = np.tile(end, (steps, 1))
     rings[:, 3] *= np.arange(steps - 1, -1, -1) / steps
     return rings
 
 
-def _carried_along(along: Points) -> Points:
-    """A unit vector across the line at each of its points, carried along without twist."""
+def _parallel_transport(along: Points) -> Points:
+    """A unit vector perpendicular to the line at each of its points, without twist."""
     across = np.empty_like(along)
     start = np.eye(3)[np.argmin(np.abs(along[0]))]
     for i, direction in enumerate(along):
@@ -179,7 +179,7 @@ def _carried_along(along: Points) -> Points:
 
 
 def _resampled(line: Float[np.ndarray, "k d"], spacing: float) -> Float[np.ndarray, "n d"]:
-    """The broken line with points added until neighbours are at most `spacing` apart."""
+    """The polyline with points added so that neighbours are at most `spacing` (m) apart."""
     pieces = [line[:1]]
     for start, end in pairwise(line):
         steps = max(1, int(np.ceil(np.linalg.norm(end - start) / spacing)))
@@ -188,8 +188,8 @@ def _resampled(line: Float[np.ndarray, "k d"], spacing: float) -> Float[np.ndarr
     return np.concatenate(pieces)
 
 
-def _woven(grid: Float[np.ndarray, "rows columns 3"], color: Color) -> Mesh:
-    """Closed surface of a grid of points whose columns run around."""
+def _grid_surface(grid: Float[np.ndarray, "rows columns 3"], color: Color) -> Mesh:
+    """Closed surface of a grid of points whose last column is joined to the first."""
     rows, columns = grid.shape[:2]
     number = np.arange(rows * columns).reshape(rows, columns)
     a, b = number[:-1], number[1:]

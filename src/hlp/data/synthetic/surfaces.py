@@ -1,4 +1,4 @@
-"""Table, floor and wall of a demo scene, intersected with every pixel's ray: no triangles."""
+"""Table, floor and wall of a demo scene, by intersecting the rays of pixels with planes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,20 +15,20 @@ from hlp.rendering.light import Light
 from hlp.rendering.rasterizer import render_depth
 
 MAP_SIDE, MAP_PIXELS = 2.4, 600
-"""Textures and shadows are square maps of so many metres and pixels about the table's middle."""
-_FLOOR = -0.72
-_FARTHEST = 6.0
+"""Side (m and px) of the square maps of texture and shadow, centred on the table."""
+_FLOOR = -0.72  # height (m)
+_FARTHEST = 6.0  # depth (m)
 _UP = np.array([0.0, 0.0, 1.0])
 _FOLD = 1024
 
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Table of a half size (x, y) turned by a yaw, and a wall `wall_distance` behind its middle.
+    """A table of half size (x, y) and yaw (rad), the floor, and a wall behind the table.
 
-    Without a wall (infinite) the floor ends somewhere and nothing is measured beyond. `wall_normal`
-    is horizontal and points to the camera. Table, floor and wall have a colour each (0…255) and a
-    relief, by which it is multiplied.
+    The wall is `wall_distance` (m) from the table's middle; if that is infinite there is no wall,
+    and the floor ends at the maximum depth. `wall_normal` is horizontal and points to the camera.
+    Table, floor and wall each have a colour (0…255) and a texture, a map of its brightness.
     """
 
     half_size: Float[np.ndarray, "2"]
@@ -36,11 +36,11 @@ class Surroundings:
     wall_distance: float
     wall_normal: Float[np.ndarray, "3"]
     colors: Float[np.ndarray, "3 3"]
-    reliefs: Float[np.ndarray, "3 m m"]
+    textures: Float[np.ndarray, "3 m m"]
 
 
 def random_surroundings(azimuth: float, rng: np.random.Generator) -> Surroundings:
-    """Surroundings of a camera at an azimuth (rad); two of three have a wall across from it."""
+    """Random surroundings for a camera at an azimuth (rad); two of three have a wall opposite."""
     turn = azimuth + rng.uniform(-0.7, 0.7)
     far = rng.uniform(0.75, 1.6) if rng.uniform() < 0.67 else np.inf
     return Surroundings(
@@ -49,7 +49,7 @@ def random_surroundings(azimuth: float, rng: np.random.Generator) -> Surrounding
         wall_distance=float(far),
         wall_normal=np.array([np.cos(turn), np.sin(turn), 0.0]),
         colors=rng.uniform(70.0, 200.0, (3, 1)) + rng.normal(0.0, 14.0, (3, 3)),
-        reliefs=np.stack([_relief(rng) for _ in range(3)]),
+        textures=np.stack([_random_texture(rng) for _ in range(3)]),
     )
 
 
@@ -61,7 +61,7 @@ def draw_surroundings(
     shape: tuple[int, int],
     light: Light,
 ) -> tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]]:
-    """Colour and depth (m, 0 = nothing) of the surfaces alone, with the items' shadows on them."""
+    """Colour and depth (m, 0 = nothing) of the surfaces, with the items' shadows on the table."""
     pose_world_cam = inverse(pose_cam_world)
     rays = _rays(camera_matrix, shape) @ pose_world_cam[:3, :3].T.astype(np.float32)
     eye = pose_world_cam[:3, 3].astype(np.float32)
@@ -70,10 +70,10 @@ def draw_surroundings(
     depth = np.zeros(len(rays), dtype=np.float32)
     wall = (surroundings.wall_normal, -surroundings.wall_distance)
     left = np.arange(len(rays))
-    # Whatever is not table (or behind the wall) is floor, and what is not floor is wall.
+    # A pixel shows the first surface in this order that its ray meets in front of the wall.
     for number, (normal, offset) in enumerate([(_UP, 0.0), (_UP, _FLOOR), wall]):
-        reach, points = _meet(eye, rays[left], normal.astype(np.float32), offset)
-        hit = (reach > 0.0) & (reach < _FARTHEST)
+        ray_depth, points = _intersect_plane(eye, rays[left], normal.astype(np.float32), offset)
+        hit = (ray_depth > 0.0) & (ray_depth < _FARTHEST)
         if number < 2:
             hit &= points @ surroundings.wall_normal.astype(np.float32) > wall[1]
         if number == 0:
@@ -81,33 +81,33 @@ def draw_surroundings(
         points, seen = points[hit], left[hit]
         bright = light.ambient + light.diffuse * max(0.0, float(normal @ toward_light))
         places = points[:, 1:] if number == 2 else points[:, :2]
-        lit = _sample(surroundings.reliefs[number], places) * bright
+        lit = _sample_map(surroundings.textures[number], places) * bright
         if number == 0:
-            lit *= 1.0 - _darkness(items, toward_light, places, 1.0 - light.ambient / bright)
+            lit *= 1.0 - _shadows(items, toward_light, places, 1.0 - light.ambient / bright)
         color = lit[:, None] * surroundings.colors[number].astype(np.float32)
         rgb[seen] = np.clip(color, 0, 255).astype(np.uint8)
-        depth[seen] = reach[hit]
+        depth[seen] = ray_depth[hit]
         left = left[~hit]
     return rgb.reshape(*shape, 3), depth.reshape(shape)
 
 
-def _meet(
+def _intersect_plane(
     eye: Float[np.ndarray, "3"],
     rays: Float[np.ndarray, "n 3"],
     normal: Float[np.ndarray, "3"],
     offset: float,
 ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n 3"]]:
-    """Depth (0 = never) and place in the world where rays meet a plane with normal·x = offset."""
+    """Depth (m, 0 = none) and world point where rays meet the plane normal·x = offset."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        reach = np.float32(offset - eye @ normal) / (rays @ normal)
-    reach = np.where(np.isfinite(reach), reach, np.float32(0.0))
-    return reach, eye + rays * reach[:, None]
+        ray_depth = np.float32(offset - eye @ normal) / (rays @ normal)
+    ray_depth = np.where(np.isfinite(ray_depth), ray_depth, np.float32(0.0))
+    return ray_depth, eye + rays * ray_depth[:, None]
 
 
 def _rays(
     camera_matrix: Float[np.ndarray, "3 3"], shape: tuple[int, int]
 ) -> Float[np.ndarray, "n 3"]:
-    """The ray of each pixel, row by row, with z = 1, so that a reach along it is a depth."""
+    """The ray of each pixel, row by row, with z = 1."""
     rays = np.ones((*shape, 3), dtype=np.float32)
     rays[..., 0] = (np.arange(shape[1]) - camera_matrix[0, 2]) / camera_matrix[0, 0]
     rays[..., 1] = ((np.arange(shape[0]) - camera_matrix[1, 2]) / camera_matrix[1, 1])[:, None]
@@ -128,14 +128,14 @@ def _map_pixels(places: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
     return np.asarray(places * scale + np.float32(MAP_PIXELS / 2), dtype=np.float32)
 
 
-def _sample(
+def _sample_map(
     picture: Float[np.ndarray, "m m"], places: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, "n"]:
-    """A map's values at places (m) around its middle; it is mirrored beyond its border."""
+    """Values of a map at places (m) relative to its middle; it is mirrored beyond its border."""
     if len(places) == 0:
         return np.zeros(0, dtype=np.float32)
     pixels = _map_pixels(places)
-    # OpenCV's images have fewer than 32768 rows: fold the list.
+    # OpenCV is limited to 32767 rows, so the list is folded into columns.
     rows = -(-len(pixels) // _FOLD)
     folded = np.zeros((rows * _FOLD, 2), dtype=np.float32)
     folded[: len(pixels)] = pixels
@@ -144,26 +144,25 @@ def _sample(
     return np.asarray(values.reshape(-1)[: len(pixels)])
 
 
-def _relief(rng: np.random.Generator) -> Float[np.ndarray, "m m"]:
-    """A brightness about 1 that wanders slowly, with a fine grain that may run one way."""
-    relief = np.ones((MAP_PIXELS, MAP_PIXELS), dtype=np.float32)
+def _random_texture(rng: np.random.Generator) -> Float[np.ndarray, "m m"]:
+    """Random brightness around 1: coarse and fine noise, stretched in one direction at times."""
+    texture = np.ones((MAP_PIXELS, MAP_PIXELS), dtype=np.float32)
     stretch = int(rng.choice([1, 1, 6]))
     for cells, strength in ((5, 0.10), (18, 0.06), (90, 0.04), (300, 0.03)):
         grid = rng.normal(0.0, strength, (cells, max(2, cells // stretch))).astype(np.float32)
-        relief += cv2.resize(grid, (MAP_PIXELS, MAP_PIXELS), interpolation=cv2.INTER_LINEAR)
-    return relief
+        texture += cv2.resize(grid, (MAP_PIXELS, MAP_PIXELS), interpolation=cv2.INTER_LINEAR)
+    return texture
 
 
-def _darkness(
+def _shadows(
     items: Sequence[Item],
     toward_light: Float[np.ndarray, "3"],
     places: Float[np.ndarray, "n 2"],
     direct: float,
 ) -> Float[np.ndarray, "n"]:
-    """Share of the light missing at places on the table.
+    """Share of the light that is missing at places on the table.
 
-    Where an item keeps off the light itself, `direct` of it; near and under items some of the
-    ambient one.
+    It is `direct` in the shadows of items; near and below items some ambient light is missing, too.
     """
     things = merge([moved_by(item.coarse, item.pose_world_obj) for item in items])
     slant = toward_light / toward_light[2]
@@ -171,11 +170,11 @@ def _darkness(
     below = _seen_from_above(things, things.vertices * np.array([1.0, 1.0, 0.0]))
     sharp = cv2.GaussianBlur(cast, (0, 0), 1.5) * np.float32(direct)
     soft = cv2.GaussianBlur(below, (0, 0), 5.0) * np.float32(0.45)
-    return _sample(np.minimum(sharp + soft, np.float32(0.9)), places)
+    return _sample_map(np.minimum(sharp + soft, np.float32(0.9)), places)
 
 
 def _seen_from_above(mesh: Mesh, flattened: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "m m"]:
-    """Map (0 or 1) of the table that a mesh flattened onto it covers."""
+    """Map of where a mesh, flattened onto the table, covers it (1) or not (0)."""
     scale = MAP_PIXELS / MAP_SIDE
     above = np.array([[scale, 0, MAP_PIXELS / 2], [0, scale, MAP_PIXELS / 2], [0, 0, 1.0]])
     pose = rigid(np.eye(3), np.array([0.0, 0.0, 1.0]))
