@@ -69,7 +69,7 @@ def test_rotation_distance_is_the_angle_between(angle):
     np.testing.assert_allclose(geometry.rotation_distance(first, second), angle, atol=1e-9)
 
 
-def test_turn_to_ray_takes_the_optical_axis_to_the_ray_by_the_smallest_rotation():
+def test_allocentric_to_egocentric_is_the_smallest_rotation_from_the_optical_axis_to_the_ray():
     rng = np.random.default_rng(6)
     rays = np.c_[rng.uniform(-1, 1, (30, 2)), rng.uniform(0.2, 2.0, 30)]
     turns = geometry.allocentric_to_egocentric(rays)

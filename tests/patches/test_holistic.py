@@ -30,7 +30,7 @@ def test_grid_is_even_and_within_the_image(shape, step):
 
 
 @pytest.mark.parametrize("radius", [0, 1, 2])
-def test_center_depth_is_the_median_of_what_was_measured_around(radius):
+def test_center_depth_is_the_median_of_the_depths_around(radius):
     rng = np.random.default_rng(0)
     depth = rng.uniform(0.5, 1.5, (24, 30)).astype(np.float32)
     depth[rng.random(depth.shape) < 0.4] = 0.0
@@ -151,7 +151,7 @@ def test_the_mask_is_the_union_of_the_squares(reach, extent, scale):
     np.testing.assert_array_equal(found.mask, expected)
 
 
-def test_trust_is_the_probability_of_the_surest_window_about_a_pixel():
+def test_region_weight_is_the_highest_probability_of_the_windows_near_a_pixel():
     centers = np.array([[10.0, 10.0], [30.0, 10.0], [200.0, 50.0]])
     probabilities = np.array([0.9, 0.3, 0.005])
     region = Region(1, centers, probabilities, np.ones((60, 240), bool))

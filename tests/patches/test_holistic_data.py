@@ -41,7 +41,7 @@ def compose(data, seed=0):
 
 
 @pytest.mark.parametrize(("channels", "count"), [("rgb", 3), ("rgbd", 4)])
-def test_images_are_what_the_classifier_expects(channels, count):
+def test_images_have_the_classifiers_shape_and_range(channels, count):
     images, labels = compose(module(make_pool(), channels))
     assert images.shape == (COUNT, count, SIZE, SIZE) and images.dtype == torch.float32
     assert images.min() >= -1 and images.max() <= 1

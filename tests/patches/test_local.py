@@ -85,7 +85,7 @@ def test_clamping_alone_keeps_the_colour_beyond(scene):
     assert clamped.color[0][~inside].std() > 20
 
 
-def test_what_lies_beyond_the_clamp_does_not_change_a_masked_patch(scene):
+def test_pixels_beyond_the_clamp_do_not_change_a_masked_patch(scene):
     rgb, depth = scene
     pixels = np.array([[46, 30]])
     other_rgb, other_depth = rgb.copy(), depth.copy()

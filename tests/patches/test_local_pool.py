@@ -76,7 +76,7 @@ def test_patches_lie_in_the_order_of_their_pairs(baked, views, model):
             np.testing.assert_array_equal(pool.valid[i, side], alone.valid[0])
 
 
-def test_a_pool_says_what_tells_its_pairs_apart(baked, model):
+def test_a_pool_holds_object_point_and_rotation_of_its_pairs(baked, model):
     pool, _ = baked
     assert (pool.object_ids == model.object_id).all()
     np.testing.assert_allclose(pool.sizes, model.local_size * 1.5)

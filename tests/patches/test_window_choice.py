@@ -59,7 +59,7 @@ def windows_off(depth, diameter, size=0.1):
     return off, (x, y)
 
 
-def test_windows_on_a_table_are_left_out_and_those_on_a_thing_on_it_are_kept():
+def test_windows_on_a_table_are_left_out_and_those_on_objects_are_kept():
     depth, box = table()
     off, (x, y) = windows_off(depth, 0.13)
     assert box[y, x].sum() > 10

@@ -96,7 +96,7 @@ def test_no_more_are_refined_than_asked_for(
     np.testing.assert_array_equal(result.sources, np.argsort(costs)[:3])
 
 
-def test_hopeless_ones_are_left_out(
+def test_hypotheses_that_cost_far_more_are_not_refined(
     scene: Scene, verification: VerificationSettings, poses: np.ndarray
 ) -> None:
     observation = observe(scene.rgb, scene.depth, CAMERA, verification)
@@ -169,7 +169,7 @@ def test_hypotheses_behind_the_camera_or_not_finite_are_dropped(
     assert result.sources[result.best] == 5
 
 
-def test_nothing_comes_of_hypotheses_that_are_all_behind_the_camera(
+def test_without_a_hypothesis_in_front_of_the_camera_there_is_no_result(
     scene: Scene, verification: VerificationSettings, poses: np.ndarray
 ) -> None:
     poses[:, 2, 3] *= -1.0

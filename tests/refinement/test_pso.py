@@ -55,7 +55,7 @@ def start() -> np.ndarray:
     return rigid(np.eye(3), np.array([0.0, 0.0, 0.8]))
 
 
-def test_moves_turn_about_the_centroid_in_the_papers_order() -> None:
+def test_offsets_rotate_about_the_centroid_in_the_papers_order() -> None:
     a, b, c = steps = np.array([0.3, -0.5, 0.7])
     shift = np.array([0.01, 0.02, -0.03])
     x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])

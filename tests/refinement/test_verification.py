@@ -108,7 +108,7 @@ def test_the_true_pose_costs_least(verification: VerificationSettings) -> None:
             assert true < cost(scene, pose, verification) - 0.03
 
 
-def test_hiding_costs_less_than_free_space_but_not_nothing(
+def test_occlusion_costs_less_than_free_space_but_not_nothing(
     verification: VerificationSettings,
 ) -> None:
     scene = make_scene(0, hidden=False)
@@ -122,7 +122,7 @@ def replace_depth(scene: Scene, depth: np.ndarray) -> Scene:
     return replace(scene, depth=depth)
 
 
-def test_colour_tells_things_of_one_shape_apart(
+def test_colour_distinguishes_objects_of_the_same_shape(
     scene: Scene, verification: VerificationSettings
 ) -> None:
     model = scene.model
@@ -136,11 +136,11 @@ def test_colour_tells_things_of_one_shape_apart(
     assert Verifier(other, blind).costs(*args)[0] == Verifier(model, blind).costs(*args)[0]
 
 
-def test_rivals_at_one_place_pay_for_what_they_leave_unexplained(
+def test_competing_poses_pay_for_a_smaller_agreeing_area(
     scene: Scene, verification: VerificationSettings
 ) -> None:
     away = scene.pose.copy()
-    away[:3, 3] += [0.12, 0.05, 0.04]  # elsewhere, on the table: no rival
+    away[:3, 3] += [0.12, 0.05, 0.04]  # elsewhere, on the table: no competitor
     poses = np.stack([scene.pose, disturbed(scene, 25, 5, seed=4), away])
     verifier = Verifier(scene.model, verification)
     observation = seen(scene, verification)

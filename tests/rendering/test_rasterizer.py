@@ -120,7 +120,7 @@ def test_threads_and_batch_do_not_change_the_depth() -> None:
     np.testing.assert_array_equal(one, alone)
 
 
-def test_what_is_behind_or_at_the_camera_is_not_drawn() -> None:
+def test_triangles_behind_or_at_the_camera_are_not_drawn() -> None:
     mesh = as_mesh(trimesh.creation.icosphere(subdivisions=1, radius=0.05))
     poses = np.stack([rigid(np.eye(3), np.array([0.0, 0.0, z])) for z in (-0.5, 0.0)])
     depth = render_depth(mesh, poses, CAMERA, SHAPE)

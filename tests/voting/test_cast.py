@@ -155,7 +155,7 @@ def test_rotations_that_look_alike_get_one_name(count, seed):
     assert rotation_distance(alike, named[0]).min() < 1e-6
 
 
-def test_nearby_upright_poses_of_a_turning_body_get_nearby_names():
+def test_nearby_upright_poses_of_a_symmetric_object_have_nearby_canonical_rotations():
     symmetries = symmetries_about_z(315)
     rng = np.random.default_rng(0)
     for elevation in (20.0, 45.0, 75.0):  # of the camera above the table

@@ -279,7 +279,7 @@ def test_modes_are_ranked_by_the_votes_of_the_mode_not_of_the_seed():
     np.testing.assert_array_equal(found.support[:2], [20.0, 16.0])
 
 
-def test_without_shifts_a_mode_is_backed_by_what_agrees_with_its_vote():
+def test_without_shifts_the_support_of_a_mode_is_that_of_its_vote():
     """The compiled count of agreeing votes against SciPy's distances and angles, vote by vote."""
     votes = join(
         make_votes(*[(60, HERE + 0.03 * i, rotation(25 * i), 0.02, 15.0, 1.0) for i in range(4)]),

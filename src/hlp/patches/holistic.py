@@ -154,8 +154,8 @@ def region_weights(
     """
     likely = region.probabilities > _MIN_WEIGHT
     centers = region.centers[likely].astype(np.float64)
-    near = np.square(pixels[:, :1] - centers[:, 0]) + np.square(pixels[:, 1:] - centers[:, 1])
-    weights = np.where(near <= np.square(radii)[:, None], region.probabilities[likely], 0.0)
+    squared = np.square(pixels[:, :1] - centers[:, 0]) + np.square(pixels[:, 1:] - centers[:, 1])
+    weights = np.where(squared <= np.square(radii)[:, None], region.probabilities[likely], 0.0)
     return np.asarray(weights.max(axis=1, initial=_MIN_WEIGHT), dtype=np.float64)
 
 

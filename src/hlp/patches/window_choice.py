@@ -50,12 +50,12 @@ def group_sizes(
     groups: dict[int, SizeGroup] = {}
     waiting = sorted(objects, key=lambda object_id: objects[object_id])
     while waiting:
-        least = objects[waiting[0]][0]
-        members = [each for each in waiting if objects[each][0] <= least * max_ratio]
-        most = objects[members[-1]][0]
-        middle = least if most == least else float(np.sqrt(least * most))
+        smallest = objects[waiting[0]][0]
+        members = [each for each in waiting if objects[each][0] <= smallest * max_ratio]
+        largest = objects[members[-1]][0]
+        shared = smallest if largest == smallest else float(np.sqrt(smallest * largest))
         diameter = max(objects[each][1] for each in members)
-        groups |= dict.fromkeys(members, SizeGroup(middle, diameter))
+        groups |= dict.fromkeys(members, SizeGroup(shared, diameter))
         waiting = waiting[len(members) :]
     return groups
 

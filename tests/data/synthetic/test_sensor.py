@@ -93,7 +93,7 @@ def test_grazing_surfaces_are_lost_and_frontal_ones_kept() -> None:
     assert lost(86) > 0.95
 
 
-def test_edges_wander_by_a_pixel_and_nothing_else_does() -> None:
+def test_jitter_moves_edges_by_a_pixel_and_nothing_else() -> None:
     jitter_only = replace(IDEAL, edge_jitter=1)
     depth = wall(1.5)
     depth[:, :, 80:] = 0.8
