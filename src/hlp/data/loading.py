@@ -22,7 +22,7 @@ _BACKGROUND_SEED = 1_000_000  # far from the seeds of scenes with targets
 def build_dataset(data: DataSettings) -> Dataset:
     """Objects and frames of the configured data set; reads meshes, decodes no image."""
     if isinstance(data, SyntheticSettings):
-        background = training_frames(_BACKGROUND_FRAMES, data.seed + _BACKGROUND_SEED)
+        background = training_frames(_BACKGROUND_FRAMES, _BACKGROUND_SEED)
         models = demo_objects()
         frames = SyntheticScenes(data)
         return Dataset(models, tuple(models), frames, None, background, background, settings=data)
