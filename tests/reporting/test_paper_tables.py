@@ -1,7 +1,6 @@
 import math
 
 import pytest
-from written_results import scored
 
 from hlp.reporting.paper_tables import (
     Source,
@@ -12,6 +11,7 @@ from hlp.reporting.paper_tables import (
     wilson,
 )
 from hlp.reporting.results import Result
+from written_results import scored
 
 CATS = {"cat": 0.9, "ape": 0.8}
 

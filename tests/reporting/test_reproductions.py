@@ -5,12 +5,12 @@ import cv2
 import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
-from written_results import scored, write_run, write_sweep
 
 from hlp.commands.composing import config_folder
 from hlp.config.build import build_settings
 from hlp.reporting.figures.sweep_bars import TRENDS
 from hlp.reporting.reproductions import TABLES, describe_reproductions, write_reproductions
+from written_results import scored, write_run, write_sweep
 
 OBJECTS = {"cat": 0.9, "ape": 0.8}
 ENDINGS = ("png", "svg", "md", "csv", "tex")

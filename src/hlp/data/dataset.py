@@ -13,10 +13,10 @@ from hlp.data.sources import FrameSource, content_hash
 from hlp.objects.object_model import mesh_identity, model_identity
 from hlp.patches.procedural_backgrounds import procedural_backgrounds
 from hlp.records import Frame, ObjectModel
+from hlp.source_code import source_digest
 
 _PHOTOGRAPHS = 400
 _LONG_SIDE = 400
-_PROCEDURAL = "procedural-1"
 
 
 @dataclass(frozen=True)
@@ -65,9 +65,9 @@ class Dataset:
 
     @cached_property
     def photographs_identity(self) -> str:
-        """Content hash of the photographs."""
+        """Content hash of the photographs, or the source of what draws procedural ones."""
         if self.photographs is None:
-            return _PROCEDURAL
+            return f"procedural {source_digest(procedural_backgrounds.__module__)}"
         return content_hash(list_photographs(self.photographs))
 
     def require_encoder_frames(self) -> FrameSource:

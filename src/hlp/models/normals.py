@@ -2,10 +2,11 @@
 
 import numpy as np
 from jaxtyping import Bool, Float
-from numba import njit
+
+from hlp.compiled import compiled
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def normals_and_depth(
     depth: Float[np.ndarray, "n p p"],
     valid: Bool[np.ndarray, "n p p"],
@@ -48,7 +49,7 @@ def normals_and_depth(
                 out[i, y, x, 3] = depth[i, y, x]
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def _average(image: Float[np.ndarray, "p p"], rows: Float[np.ndarray, "p p"]) -> None:
     """Mean of 3 × 3 in place, nothing beyond the border; `rows` is room to work in."""
     size = image.shape[0]

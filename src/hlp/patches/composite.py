@@ -9,7 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
-from numba import njit
+
+from hlp.compiled import compiled
 
 NOISE_LENGTH = 1 << 20
 """Length of the table of standard normal values from which noise is read."""
@@ -75,7 +76,7 @@ def compose_windows(
     return out
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def _compose(
     first: int,
     last: int,
@@ -114,7 +115,7 @@ def _compose(
             )
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def _compose_color(
     color: UInt8[np.ndarray, "p p 3"],
     mask: Bool[np.ndarray, "p p"],
@@ -142,7 +143,7 @@ def _compose_color(
                     image[y, x, c] = background[y, x, c] * unit * draw["background_gain"]
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def _expose(image: Float[np.ndarray, "p p 3"], draw: np.void) -> None:
     """Exposure, clipping and gamma as one table, then contrast about the mean."""
     curve = (np.arange(_LEVELS + 1) / _LEVELS) ** draw["gamma"]
@@ -159,7 +160,7 @@ def _expose(image: Float[np.ndarray, "p p 3"], draw: np.void) -> None:
         flat[k] = flat[k] * draw["contrast"] + shift
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def _blur(image: Float[np.ndarray, "p p 3"], lines: Float[np.ndarray, "p p 3"]) -> None:
     """Binomial 3 × 3, the border repeated."""
     size = image.shape[0]
@@ -178,7 +179,7 @@ def _blur(image: Float[np.ndarray, "p p 3"], lines: Float[np.ndarray, "p p 3"]) 
                 image[y, x, c] = half * lines[y, x, c] + quarter * ends
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def _compose_depth(
     code: UInt8[np.ndarray, "p p"],
     mask: Bool[np.ndarray, "p p"],
@@ -214,7 +215,7 @@ def _compose_depth(
             out[y, x, 3] = _NO_DEPTH if hole else min(max(depth, -1.0), 1.0)
 
 
-@njit(nogil=True, cache=True, inline="always")
+@compiled(inline="always")
 def _smooth(grid: Float[np.ndarray, "k k"], y: int, x: int, size: int) -> float:
     """Value of a coarse grid at a pixel, interpolated bilinearly between cell centres."""
     cells = grid.shape[0]

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
-from numba import njit
 
+from hlp.compiled import compiled
 from hlp.geometry import back_project
 from hlp.patches.holistic import center_depths, pixel_grid
 from hlp.patches.sampling import sample_squares
@@ -108,7 +108,7 @@ def _along_ray(
     return offsets * shares[:, :1], offsets * shares[:, 1:]
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def _normalise_depth(
     depth: Float[np.ndarray, "n p p"],
     center_depth: Float[np.ndarray, "n"],

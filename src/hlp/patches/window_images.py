@@ -7,9 +7,9 @@ that a window needs is resampled once and stays in the processor's cache.
 import numpy as np
 import torch
 from jaxtyping import Float, Float32, Int, UInt8, UInt16, UInt32, UInt64
-from numba import njit
 from torch import Tensor
 
+from hlp.compiled import compiled
 from hlp.patches.holistic import HolisticSettings, Windows
 from hlp.patches.sampling import area_shrink, halvings
 from hlp.thread_team import ThreadTeam
@@ -74,7 +74,7 @@ def _pad(image: UInt8[np.ndarray, "h w 3"]) -> Float32[np.ndarray, "h2 w2 4"]:
     return out
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def _cut_color(
     image: Float32[np.ndarray, "h2 w2 4"],
     places: Float[np.ndarray, "n 3"],
@@ -108,7 +108,7 @@ def _cut_color(
             _round_to_bfloat16(mixed.view(np.uint32), out[r, j].reshape(-1))
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def _cut_depth(
     depth: Float32[np.ndarray, "h w"],
     places: Float[np.ndarray, "n 3"],
@@ -143,14 +143,14 @@ def _cut_depth(
                 out[r, j, i, 3] = codes[i]
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def _position(center: float, side: float, i: int, p: int, factor: int) -> np.float32:
     """Where output pixel i samples the image that was shrunk by `factor`."""
     offset = side * ((i + 0.5) / p - 0.5)
     return np.float32((center + offset + 0.5) / factor - 0.5)
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def _resample(
     row: Float32[np.ndarray, "w4"],
     starts: UInt64[np.ndarray, "p"],
@@ -170,7 +170,7 @@ def _resample(
         line[o + three] = np.float32(0)
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def _mix(
     upper: Float32[np.ndarray, "p4"],
     lower: Float32[np.ndarray, "p4"],
@@ -183,7 +183,7 @@ def _mix(
         line[c] = level / _LEVELS * _TWO - _ONE
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def _code(line: Float32[np.ndarray, "p"], center: np.float32, size: np.float32) -> None:
     """`depth_code` of depths, scaled to [-1, 1], in place."""
     for i in range(len(line)):
@@ -191,7 +191,7 @@ def _code(line: Float32[np.ndarray, "p"], center: np.float32, size: np.float32) 
         line[i] = (code if line[i] > 0 else _CODES) / _CODES
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def _round_to_bfloat16(bits: UInt32[np.ndarray, "k"], out: UInt16[np.ndarray, "k"]) -> None:
     half, last, keep = np.uint32(0x7FFF), np.uint32(1), np.uint32(16)
     for c in range(len(out)):

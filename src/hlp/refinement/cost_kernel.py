@@ -7,8 +7,8 @@ into vector instructions.
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
-from numba import njit
 
+from hlp.compiled import compiled
 from hlp.rendering.zbuffer import VECTOR_WIDTH, draw_triangles, framed_buffer, project_vertices
 
 WORST = 1.0
@@ -16,7 +16,7 @@ WORST = 1.0
 _ONE, _ZERO, _INFINITE = np.float32(1.0), np.float32(0.0), np.float32(np.inf)
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def depth_edges(depth: Float[np.ndarray, "h w"], step: float) -> Bool[np.ndarray, "h w"]:
     """Edgelets: pixels with a 4-neighbour that is farther by more than `step` (m) or has no depth.
 
@@ -37,12 +37,12 @@ def depth_edges(depth: Float[np.ndarray, "h w"], step: float) -> Bool[np.ndarray
     return edges
 
 
-@njit(nogil=True, cache=True, inline="always")
+@compiled(inline="always")
 def _beyond(depth: float, limit: float) -> bool:
     return not 0.0 < depth <= limit  # true for NaN, too
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def weigh(
     sums: Float[np.ndarray, "n 6"],
     agreed: float,
@@ -66,7 +66,7 @@ def weigh(
     return costs
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def sum_costs(
     poses: Float[np.ndarray, "n 4 4"],
     vertices: Float[np.ndarray, "3 v"],
@@ -113,7 +113,7 @@ def sum_costs(
         )
 
 
-@njit(nogil=True, cache=True, fastmath={"nnan", "nsz", "reassoc"})
+@compiled(fastmath={"nnan", "nsz", "reassoc"})
 def _extent(positions: Float32[np.ndarray, "v"], size: int) -> tuple[int, int]:
     """First and last of `size` rows that contain a position; first > last if none does."""
     least, most = positions[0], positions[0]
@@ -125,7 +125,7 @@ def _extent(positions: Float32[np.ndarray, "v"], size: int) -> tuple[int, int]:
 
 
 # Allows the compiler to reorder sums; NaN and infinity keep their meaning.
-@njit(nogil=True, cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+@compiled(error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
 def _sum_rows(
     rows: tuple[Float32[np.ndarray, "p"], ...],
     start: int,

@@ -2,10 +2,11 @@
 
 import numpy as np
 from jaxtyping import Float
-from numba import njit
+
+from hlp.compiled import compiled
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def update_swarm(
     position: Float[np.ndarray, "n 6"],
     velocity: Float[np.ndarray, "n 6"],
@@ -29,7 +30,7 @@ def update_swarm(
             position[n, d] = min(max(position[n, d] + velocity[n, d], -1.0), 1.0)
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def update_personal_bests(
     position: Float[np.ndarray, "n 6"],
     cost: Float[np.ndarray, "n"],
@@ -47,7 +48,7 @@ def update_personal_bests(
     return best
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def apply_offsets(
     pose_cam_obj: Float[np.ndarray, "4 4"],
     offsets: Float[np.ndarray, "n 6"],

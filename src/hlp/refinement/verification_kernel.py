@@ -2,8 +2,8 @@
 
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int32, UInt8
-from numba import njit
 
+from hlp.compiled import compiled
 from hlp.rendering.zbuffer import draw_triangles, framed_buffer, project_vertices
 
 COLOR_OFFSET = np.float32(4.0)
@@ -13,7 +13,7 @@ _ONE, _ZERO, _INFINITE = np.float32(1.0), np.float32(0.0), np.float32(np.inf)
 _OFFSETS = np.float32(3.0) * COLOR_OFFSET
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def sum_evidence(
     poses: Float[np.ndarray, "n 4 4"],
     vertices: Float[np.ndarray, "3 v"],
@@ -73,7 +73,7 @@ def sum_evidence(
         sums[n, 10] = stride * stride
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _sum_row(
     inverse: Float32[np.ndarray, "c+5"],
     above: Float32[np.ndarray, "c+5"],
@@ -124,7 +124,7 @@ def _sum_row(
         sums[7 + k] += amount
 
 
-@njit(nogil=True, cache=True, inline="always")
+@compiled(inline="always")
 def _chromaticity_difference(
     rgb: UInt8[np.ndarray, "3"], chromaticity: Float32[np.ndarray, "3"]
 ) -> np.float32:
@@ -137,7 +137,7 @@ def _chromaticity_difference(
     return np.float32(difference)
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def _sampling_grid(
     corners: Float[np.ndarray, "3 v"], shape: tuple[int, int], size: int
 ) -> tuple[int, int, int, int, int]:

@@ -10,8 +10,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
-from numba import njit
 
+from hlp.compiled import compiled
 from hlp.geometry import transform
 from hlp.records import Mesh
 from hlp.rendering.light import Light, shade
@@ -20,7 +20,7 @@ NEAR = 0.01
 """Triangles with a corner nearer to the camera than this (m) are not drawn."""
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def fill_triangles(
     corners: Float[np.ndarray, "v 3"],
     faces: Int[np.ndarray, "f 3"],
@@ -37,7 +37,7 @@ def fill_triangles(
         _fill_triangle(corners, faces, face, inverse_depth, triangles)
 
 
-@njit(nogil=True, cache=True, inline="always")
+@compiled(inline="always")
 def _fill_triangle(
     corners: Float[np.ndarray, "v 3"],
     faces: Int[np.ndarray, "f 3"],

@@ -9,8 +9,8 @@ from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int32, Shaped
-from numba import njit
 
+from hlp.compiled import compiled
 from hlp.records import Mesh
 from hlp.rendering.rasterizer import NEAR, is_closed
 
@@ -31,7 +31,7 @@ def prepare_mesh(mesh: Mesh) -> tuple[Float[np.ndarray, "3 v"], Int32[np.ndarray
     return np.ascontiguousarray(mesh.vertices.T, dtype=np.float64), faces, closed
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def framed_buffer(height: int, width: int) -> Float32[np.ndarray, "h+2 w+5"]:
     """An empty buffer of inverse depths (1/m) inside a frame of infinitely near pixels.
 
@@ -51,7 +51,7 @@ def add_frame(image: Shaped[np.ndarray, "h w"]) -> Float32[np.ndarray, "h+2 w+5"
     return padded
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def project_vertices(
     pose: Float[np.ndarray, "4 4"],
     vertices: Float[np.ndarray, "3 v"],
@@ -72,7 +72,7 @@ def project_vertices(
         corners[2, v] = inverse
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def draw_triangles(
     corners: Float32[np.ndarray, "3 v"],
     faces: Int[np.ndarray, "f 3"],

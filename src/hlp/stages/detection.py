@@ -13,6 +13,7 @@ from hlp.data.dataset import Dataset
 from hlp.method.pose_estimator import FrameContext, PoseEstimator
 from hlp.method.settings import MethodSettings
 from hlp.records import Frame, PoseEstimate
+from hlp.source_code import Code, code_of
 from hlp.stages.executor import each_in_workers
 from hlp.stages.executor_settings import ExecutorSettings, SerialSettings
 from hlp.stages.fingerprint import fingerprint, result_settings
@@ -25,7 +26,6 @@ from hlp.stages.frame_results import (
     region_arrays,
     regions_of,
 )
-from hlp.stages.provenance import Code, code_of
 from hlp.stages.store import Output, StageStore
 from hlp.stages.training import TrainingStages
 

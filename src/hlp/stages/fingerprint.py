@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from hlp.stages.provenance import Code
+from hlp.source_code import Code
 
 # Keys that change how fast a result is made, never what it is.
 MACHINE_KEYS = frozenset({"threads"})

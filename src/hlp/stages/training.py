@@ -16,8 +16,8 @@ from hlp.models.classifier import HolisticCNN
 from hlp.models.encoder import Encoder
 from hlp.records import Codebook, ObjectModel, Views
 from hlp.rendering.views import load_views, render_views, save_views
+from hlp.source_code import code_of
 from hlp.stages.fingerprint import fingerprint, result_settings
-from hlp.stages.provenance import code_of
 from hlp.stages.store import Output, StageStore
 from hlp.stages.warm_start import WarmStart, WarmStartSettings, read_warm_start
 

@@ -21,9 +21,9 @@ from hlp.reporting.figures.basin_maps import (
     format_basins,
     write_basins,
 )
+from hlp.source_code import code_of
 from hlp.stages.fingerprint import fingerprint, result_settings
 from hlp.stages.frame_files import read_arrays, write_arrays
-from hlp.stages.provenance import code_of
 from hlp.stages.store import StageStore
 from hlp.studies.perturbations import perturbed_poses
 from hlp.studies.study_run import chosen_frames, study_run

@@ -18,11 +18,11 @@ from hlp.records import Frame, Hypotheses, PoseEstimate, Region, Target, TargetS
 from hlp.reporting.oracle_table import format_oracle, oracle_metrics, write_oracle
 from hlp.runs.manifest import write_json
 from hlp.runs.run_stages import stages_of
+from hlp.source_code import code_of
 from hlp.stages.detection import DetectionStages
 from hlp.stages.fingerprint import fingerprint, result_settings
 from hlp.stages.frame_files import read_arrays, write_arrays
 from hlp.stages.frame_results import read_regions
-from hlp.stages.provenance import code_of
 from hlp.stages.store import StageStore
 from hlp.studies.perturbations import perturbed_poses
 from hlp.studies.study_run import chosen_frames, study_run

@@ -20,8 +20,8 @@ from hlp.reporting.search_table import format_search, write_search
 from hlp.reporting.tracking import Arm, as_arm
 from hlp.runs import runner
 from hlp.runs.manifest import write_json
+from hlp.source_code import code_of
 from hlp.stages.fingerprint import fingerprint
-from hlp.stages.provenance import code_of
 from hlp.studies.search_space import check_within, nested, read_space
 from hlp.studies.study_run import study_run
 

@@ -7,13 +7,14 @@ between them is at least `cosine`. q and −q are the same rotation.
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
+
+from hlp.compiled import compiled
 
 # Allows the compiler to reorder sums, so that loops become vector instructions.
 _FAST = {"reassoc", "contract", "nsz"}
 
 
-@njit(nogil=True, cache=True, fastmath=_FAST)
+@compiled(fastmath=_FAST)
 def sum_support(
     positions: Float[np.ndarray, "3 v"],
     quats: Float[np.ndarray, "4 v"],
@@ -35,7 +36,7 @@ def sum_support(
         support[n] = total
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def choose_distinct(
     positions: Float[np.ndarray, "3 v"],
     quats: Float[np.ndarray, "4 v"],
@@ -64,7 +65,7 @@ def choose_distinct(
     return chosen
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def shift_modes(
     positions: Float[np.ndarray, "3 v"],
     quats: Float[np.ndarray, "4 v"],
@@ -93,7 +94,7 @@ def shift_modes(
         mode_support[s] = sums[7]
 
 
-@njit(nogil=True, cache=True, fastmath=_FAST)
+@compiled(fastmath=_FAST)
 def _sum_agreeing(
     positions: Float[np.ndarray, "3 v"],
     quats: Float[np.ndarray, "4 v"],
@@ -124,7 +125,7 @@ def _sum_agreeing(
     sums[3], sums[4], sums[5], sums[6] = sa, sb, sc, sd
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def _nearest(positions: Float[np.ndarray, "3 v"], mean: Float[np.ndarray, "7"]) -> int:
     best, least = 0, np.inf
     for j in range(positions.shape[1]):

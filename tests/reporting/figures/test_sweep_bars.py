@@ -1,10 +1,10 @@
 from typing import Any
 
 import pytest
-from written_results import CONFIG, scored
 
 from hlp.reporting.figures.sweep_bars import TRENDS, draw_trend, trend_table
 from hlp.reporting.results import Result
+from written_results import CONFIG, scored
 
 
 def result(add_or_add_s: float, ms: float, chosen: str = "pso", **groups: dict[str, Any]) -> Result:

@@ -21,9 +21,8 @@ from hlp.geometry import inverse, project, transform
 from hlp.records import Frame, Target
 from hlp.rendering.light import Light
 from hlp.rendering.rasterizer import render_depth, render_scene
+from hlp.source_code import source_digest
 
-VERSION = "1"
-"""Part of the identity: to be raised when the same settings give other frames than before."""
 LINEMOD_CAMERA = np.array([[572.4114, 0, 325.2611], [0, 573.57043, 242.04899], [0, 0, 1.0]])
 """LINEMOD's intrinsics (px) at 640×480; other image sizes scale them."""
 _CACHED = 64  # frames of 2 MB each at full size
@@ -113,8 +112,9 @@ class SyntheticScenes:
         return len(self._numbers)
 
     def identity(self) -> str:
-        """Hash of the settings, `targets`, and the version of this generator."""
-        return content_hash([], f"synthetic {VERSION} {self._targets} {self._settings}")
+        """Hash of the settings, `targets`, and the source of this generator."""
+        made_by = source_digest(__name__)
+        return content_hash([], f"synthetic {made_by} {self._targets} {self._settings}")
 
     def load(self, key: str) -> Frame:
         """One frame. Raises KeyError for an unknown key.

@@ -1,0 +1,158 @@
+"""What code lies behind a module: its source, all that it imports, and the libraries' versions."""
+
+import ast
+import hashlib
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+# Where installers put libraries; what lies elsewhere may be edited, and counts by its source.
+_INSTALLED = {"site-packages", "dist-packages"}
+# Libraries that decide the bits of another one, which alone is imported.
+_BEHIND = {"numba": "llvmlite"}
+
+
+@dataclass(frozen=True)
+class Code:
+    """The code behind a result: a digest of its source, and the libraries with their versions."""
+
+    source: str
+    libraries: dict[str, str]
+
+
+@cache
+def code_of(*modules: str) -> Code:
+    """The code of modules, with that of all modules they import, directly or not.
+
+    What is imported from HLP, from the modules' own packages, or from a folder where no installer
+    puts libraries counts by its source; other libraries count by their version. Imports are read
+    from the source: nothing is imported for it, and imports within functions count too.
+    Raises ModuleNotFoundError for a module without Python source.
+    """
+    sources, foreign = _closure(modules)
+    return Code(_digest(sources), _versions(foreign))
+
+
+@cache
+def source_digest(*modules: str) -> str:
+    """The part of `code_of` that is source, without looking up any library's version."""
+    return _digest(_closure(modules)[0])
+
+
+def _closure(modules: Iterable[str]) -> tuple[dict[str, bytes], set[str]]:
+    """Source of modules and of all they import, by name; top-level names of other libraries."""
+    waiting = [*modules]
+    packages = {"hlp", *map(_top, waiting)}
+    sources: dict[str, bytes] = {}
+    foreign: set[str] = set()
+    for name in waiting:
+        if _read(name) is None:
+            raise ModuleNotFoundError(f"no source of module {name}", name=name)
+    while waiting:
+        name = waiting.pop()
+        top = _top(name)
+        if name in sources or name == "hlp":  # hlp/__init__.py offers names, and decides nothing
+            continue
+        if top not in packages and not _may_be_edited(top):
+            foreign.add(top)
+            continue
+        content = _read(name)
+        if content is not None:
+            sources[name] = content
+            waiting += [*_imports(name), *_parents(name)]
+    return sources, foreign
+
+
+def _digest(sources: dict[str, bytes]) -> str:
+    """16 hex digits, the same for the same names with the same content."""
+    digest = hashlib.blake2b(digest_size=8)
+    for name, content in sorted(sources.items()):
+        digest.update(f"{name}\0{len(content)}\0".encode() + content)
+    return digest.hexdigest()
+
+
+def _top(module: str) -> str:
+    return module.partition(".")[0]
+
+
+def _parents(module: str) -> list[str]:
+    """The packages that a module lies in: importing it runs them too."""
+    parts = module.split(".")
+    return [".".join(parts[:count]) for count in range(1, len(parts))]
+
+
+@cache
+def _imports(module: str) -> tuple[str, ...]:
+    """Full names of all that a module's source imports, modules or not."""
+    path, source = _source_file(module), _read(module)
+    assert path is not None and source is not None
+    package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
+    names = []
+    for node in ast.walk(ast.parse(source, str(path))):
+        if isinstance(node, ast.Import):
+            names += [each.name for each in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            above = package[: len(package) + 1 - node.level] if node.level else []
+            base = ".".join([*above, *([node.module] if node.module else [])])
+            names += [base, *(f"{base}.{each.name}" for each in node.names)]
+    return tuple(dict.fromkeys(names))
+
+
+@cache
+def _read(module: str) -> bytes | None:
+    path = _source_file(module)
+    return None if path is None else path.read_bytes()
+
+
+@cache
+def _source_file(module: str) -> Path | None:
+    """A module's Python file; None where the name is no module's, or the module has no source.
+
+    Only the top-level package is asked where it lies: asking for a submodule would import it.
+    """
+    top, *rest = module.split(".")
+    try:
+        spec = find_spec(top)
+    except ValueError:  # __main__, or a module made by hand
+        return None
+    if spec is None:
+        return None
+    if not rest:
+        origin = spec.origin or ""
+        return Path(origin) if origin.endswith(".py") else None
+    for location in spec.submodule_search_locations or ():
+        path = Path(location, *rest)
+        for file in (path.with_name(path.name + ".py"), path / "__init__.py"):
+            if file.is_file():
+                return file
+    return None
+
+
+@cache
+def _may_be_edited(top: str) -> bool:
+    """Whether a top-level module is source that neither Python nor an installer brought."""
+    if top in sys.stdlib_module_names:
+        return False
+    path = _source_file(top)
+    return path is not None and not _INSTALLED & {*path.parts}
+
+
+def _versions(modules: Iterable[str]) -> dict[str, str]:
+    """Versions of the distributions that bring modules, and Python's for its own library."""
+    from importlib.metadata import version  # takes a while, and is not always needed
+
+    brought_by = _distributions()
+    names = {name for module in modules for name in brought_by.get(module, ())}
+    names |= {behind for name, behind in _BEHIND.items() if name in names}
+    python = ".".join(map(str, sys.version_info[:2]))
+    return {"python": python, **{name: version(name) for name in sorted(names)}}
+
+
+@cache
+def _distributions() -> dict[str, list[str]]:
+    from importlib.metadata import packages_distributions
+
+    return dict(packages_distributions())

@@ -1,0 +1,120 @@
+"""A small package outside of HLP, whose files are edited."""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from hlp import source_code
+from hlp.source_code import code_of, source_digest
+
+FILES = {
+    "outside/__init__.py": "",
+    "outside/encoder.py": "from outside.deep import layers\n",
+    "outside/deep/__init__.py": "",
+    "outside/deep/layers.py": "def size():\n    from . import sizes\n    return sizes.WIDTH\n",
+    "outside/deep/sizes.py": "import numpy\nWIDTH = 3\n",
+    "outside/other.py": "UNUSED = 1\n",
+    "outside/uses_hlp.py": "from hlp.geometry import rigid\n",
+    "outside/uses_folder.py": "import lying_beside\n",
+    "lying_beside.py": "VALUE = 1\n",
+}
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    for name, text in FILES.items():
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    forget()
+    yield tmp_path
+    forget()
+    assert not {"outside", "lying_beside"} & sys.modules.keys()  # read, never imported
+
+
+def forget() -> None:
+    """What is read once in a process is read again."""
+    for function in vars(source_code).values():
+        if hasattr(function, "cache_clear"):
+            function.cache_clear()
+
+
+def after(change: Path, text: str, module: str) -> str:
+    change.write_text(text)
+    forget()
+    return source_digest(module)
+
+
+def test_an_edit_in_what_is_imported_changes_the_digest_and_any_other_does_not(
+    package: Path,
+) -> None:
+    first = source_digest("outside.encoder")
+    assert len(first) == 16 and int(first, 16) >= 0
+    other = package / "outside" / "other.py"
+    assert after(other, "UNUSED = 2\n", "outside.encoder") == first
+    # Imported by a relative import within a function, two files away.
+    sizes = package / "outside" / "deep" / "sizes.py"
+    edited = after(sizes, "import numpy\nWIDTH = 4\n", "outside.encoder")
+    assert edited != first
+    # What importing the module runs before it.
+    init = package / "outside" / "deep" / "__init__.py"
+    assert after(init, "import os\n", "outside.encoder") not in (first, edited)
+
+
+def test_a_module_under_another_name_is_another(package: Path) -> None:
+    first = source_digest("outside.encoder")
+    sizes = package / "outside" / "deep" / "sizes.py"
+    text = sizes.read_text()
+    sizes.rename(sizes.with_name("widths.py"))
+    layers = package / "outside" / "deep" / "layers.py"
+    assert after(layers, layers.read_text().replace("sizes", "widths"), "outside.encoder") != first
+    assert sizes.with_name("widths.py").read_text() == text
+
+
+def test_hlps_modules_count_by_source_for_a_plug_in(
+    package: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = source_digest("outside.uses_hlp")
+    read = source_code._read
+
+    def edited(name: str) -> bytes | None:
+        content = read(name)
+        return content + b"\n" if name == "hlp.geometry" and content else content
+
+    monkeypatch.setattr(source_code, "_read", edited)
+    source_digest.cache_clear()
+    assert source_digest("outside.uses_hlp") != first
+
+
+def test_a_module_that_was_never_installed_counts_by_source_too(package: Path) -> None:
+    first = code_of("outside.uses_folder")
+    assert set(first.libraries) == {"python"}
+    beside = package / "lying_beside.py"
+    assert after(beside, "VALUE = 2\n", "outside.uses_folder") != first.source
+
+
+def test_libraries_count_by_their_version(package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import numpy
+
+    found = code_of("outside.encoder").libraries
+    assert found == {
+        "python": ".".join(map(str, sys.version_info[:2])),
+        "numpy": numpy.__version__,
+    }
+    # LLVM makes numba's machine code, though HLP imports numba alone.
+    assert {"numba", "llvmlite"} <= code_of("hlp.rendering.zbuffer").libraries.keys()
+
+
+def test_several_modules_are_one_code_in_any_order(package: Path) -> None:
+    both = source_digest("outside.encoder", "outside.other")
+    assert both == source_digest("outside.other", "outside.encoder")
+    assert both not in (source_digest("outside.encoder"), source_digest("outside.other"))
+
+
+@pytest.mark.parametrize("name", ["outside.gone", "nowhere.at_all"])
+def test_a_module_without_source_is_named(package: Path, name: str) -> None:
+    with pytest.raises(ModuleNotFoundError, match=name):
+        code_of(name)
