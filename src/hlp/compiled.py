@@ -4,7 +4,6 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from numba import njit
-from numba.core.dispatcher import Dispatcher
 
 from hlp.source_code import source_digest
 
@@ -21,10 +20,11 @@ def compiled(**options: Any) -> Callable[[Function], Function]:
     """
 
     def compile_later(function: Function) -> Function:
-        kernel = njit(nogil=True, cache=True, **options)(function)
-        if isinstance(kernel, Dispatcher):  # not so where NUMBA_DISABLE_JIT is set
+        kernel: Any = njit(nogil=True, cache=True, **options)(function)
+        kept = getattr(kernel, "_cache", None)
+        if kept is not None:  # None where NUMBA_DISABLE_JIT is set
             # Numba compares this stamp with the one in its index when it looks for a kept kernel.
-            kernel._cache._cache_file._source_stamp = source_digest(function.__module__)
+            kept._cache_file._source_stamp = source_digest(function.__module__)
         return kernel  # type: ignore[no-any-return]
 
     return compile_later

@@ -3,7 +3,7 @@
 import ast
 import hashlib
 import sys
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
@@ -24,15 +24,17 @@ class Code:
 
 
 @cache
-def code_of(*modules: str) -> Code:
+def code_of(*modules: str, leaving_out: tuple[str, ...] = ()) -> Code:
     """The code of modules, with that of all modules they import, directly or not.
+
+    Modules in `leaving_out` do not count, nor does what is imported by way of them alone.
 
     What is imported from HLP, from the modules' own packages, or from a folder where no installer
     puts libraries counts by its source; other libraries count by their version. Imports are read
     from the source: nothing is imported for it, and imports within functions count too.
     Raises ModuleNotFoundError for a module without Python source.
     """
-    sources, foreign = _closure(modules)
+    sources, foreign = _closure(modules, leaving_out)
     return Code(_digest(sources), _versions(foreign))
 
 
@@ -42,7 +44,9 @@ def source_digest(*modules: str) -> str:
     return _digest(_closure(modules)[0])
 
 
-def _closure(modules: Iterable[str]) -> tuple[dict[str, bytes], set[str]]:
+def _closure(
+    modules: Iterable[str], leaving_out: Collection[str] = ()
+) -> tuple[dict[str, bytes], set[str]]:
     """Source of modules and of all they import, by name; top-level names of other libraries."""
     waiting = [*modules]
     packages = {"hlp", *map(_top, waiting)}
@@ -54,7 +58,7 @@ def _closure(modules: Iterable[str]) -> tuple[dict[str, bytes], set[str]]:
     while waiting:
         name = waiting.pop()
         top = _top(name)
-        if name in sources or name == "hlp":  # hlp/__init__.py offers names, and decides nothing
+        if name in sources or name in leaving_out or name == "hlp":  # which only offers names
             continue
         if top not in packages and not _may_be_edited(top):
             foreign.add(top)

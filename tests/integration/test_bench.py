@@ -12,10 +12,10 @@ from hydra import compose, initialize_config_dir
 
 from hlp.commands.composing import config_folder
 from hlp.config.build import Run, build_run
-from hlp.method.pose_estimator import Detector
+from hlp.method.pose_estimator import PoseEstimator
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
-from hlp.studies.stopwatch import PARTS, TimedDetector
+from hlp.studies.stopwatch import PARTS, TimedEstimator
 from hlp.studies.tasks import run_task
 from tiny_run import TinyRun
 
@@ -86,22 +86,24 @@ def test_bench_compares_results_and_times_of_paths(bench: Path) -> None:
     assert "| refine |" in (bench / "bench.md").read_text()
 
 
-def test_a_timed_detector_answers_as_the_detector_does(tiny_run: TinyRun) -> None:
+def test_a_timed_estimator_answers_as_a_plain_one_does(tiny_run: TinyRun) -> None:
     run = build(tiny_run)
-    training = TrainingStages(run.dataset, run.settings, StageStore(tiny_run.folder / "work"))
-    timed = TimedDetector(run.dataset, run.settings, training)
-    timed.load(run.dataset.target_ids)
-    plain = Detector(run.dataset, run.settings, training)
+    method = run.settings.method
+    training = TrainingStages(run.dataset, method, StageStore(tiny_run.folder / "work"))
+    timed = TimedEstimator(training, method, run.dataset.target_ids)
+    timed.load_timed(run.dataset.target_ids)
+    plain = PoseEstimator(training, method, run.dataset.target_ids)
     frame = run.dataset.frames.load(run.keys[0])
     object_id = run.dataset.wanted(frame)[0]
     found = []
-    for detector in (timed, plain):
-        if detector is timed:
+    for estimator in (timed, plain):
+        if estimator is timed:
             timed.clock.start()
-        coarse = detector.coarse(frame, detector.region(frame, object_id))
-        fine = detector.fine(frame, object_id, coarse.hypotheses)
-        assert fine is not None
-        found.append(fine.refined[fine.best].pose_cam_obj.tolist())
+        context = estimator.prepare(frame)
+        coarse = estimator.find_hypotheses(context, estimator.find_region(context, object_id))
+        refined = estimator.refine(context, object_id, coarse.hypotheses)
+        assert refined is not None
+        found.append(refined.refined[refined.best].pose_cam_obj.tolist())
     assert found[0] == found[1]
     assert set(timed.clock.stop()) == set(PARTS)
 

@@ -15,11 +15,12 @@ import hlp
 from hlp.commands.composing import config_folder
 from hlp.config.build import Run, build_run
 from hlp.method.training import read_history
-from hlp.stages.detection import VERSIONS, DetectionStages
+from hlp.runs.run_stages import stages_of
+from hlp.stages.detection import DetectionStages
+from hlp.stages.frame_detection import STAGES
 from hlp.stages.frame_files import read_arrays
 from hlp.stages.frame_task import FrameTask
 from hlp.stages.store import StageStore
-from hlp.stages.training import TrainingStages
 from hlp.stages.view_task import render_in_workers
 from tiny_run import TinyRun
 
@@ -47,15 +48,12 @@ def build(tiny_run: TinyRun, work: Path, *overrides: str) -> Run:
         return build_run(compose("config", overrides=list(given)))
 
 
-def finder_of(run: Run, work: Path) -> DetectionStages:
-    store = StageStore(work)
-    return DetectionStages(
-        run.dataset, run.settings, TrainingStages(run.dataset, run.settings, store), store, run.keys
-    )
+def detection_of(run: Run, work: Path) -> DetectionStages:
+    return stages_of(run, StageStore(work))
 
 
 def assert_same_files(detection: DetectionStages, tiny_run: TinyRun) -> None:
-    """Every stage bears the name that the tiny run's has, and holds the same bits but for times."""
+    """Every stage has the name that the tiny run's has, and holds the same bits."""
     for output in (detection.regions(), detection.hypotheses(), detection.poses()):
         (expected,) = (tiny_run.folder / "work").glob(f"*/{output.fingerprint}")
         assert output.folder != expected
@@ -63,8 +61,7 @@ def assert_same_files(detection: DetectionStages, tiny_run: TinyRun) -> None:
             found, wanted = read_arrays(output.folder, key), read_arrays(expected, key)
             assert found.keys() == wanted.keys()
             for name in found:
-                if not name.endswith("/seconds"):
-                    np.testing.assert_array_equal(found[name], wanted[name])
+                np.testing.assert_array_equal(found[name], wanted[name])
 
 
 def made(detection: DetectionStages) -> list[str]:
@@ -75,10 +72,10 @@ def made(detection: DetectionStages) -> list[str]:
 def test_workers_of_this_machine_find_the_same_bits(
     tiny_run: TinyRun, work: Path, executor: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    detection = finder_of(build(tiny_run, work, f"executor={executor}"), work)
+    detection = detection_of(build(tiny_run, work, f"executor={executor}"), work)
     monkeypatch.setattr(detection, "find", None)  # the run's own process finds nothing
     detection.poses()
-    assert made(detection) == list(VERSIONS)
+    assert made(detection) == [*reversed(STAGES)]
     assert_same_files(detection, tiny_run)
 
 
@@ -93,21 +90,21 @@ def test_a_dask_cluster_of_two_processes_finds_the_same_bits(
     ) as cluster:
         address = cluster.scheduler_address
         run = build(tiny_run, work, "executor=dask", f"executor.address={address}")
-        detection = finder_of(run, work)
+        detection = detection_of(run, work)
         monkeypatch.setattr(detection, "find", None)
         detection.poses()
         with distributed.Client(address) as client:
             at_work = client.run(eval, "'hlp.stages.frame_task' in __import__('sys').modules")
     assert list(at_work.values()) == [True, True]  # each of the two has had a frame
-    assert made(detection) == list(VERSIONS)
+    assert made(detection) == [*reversed(STAGES)]
     assert_same_files(detection, tiny_run)
 
 
 def test_a_worker_of_other_data_finds_nothing(
     tiny_run: TinyRun, work: Path, tmp_path: Path
 ) -> None:
-    detection = finder_of(build(tiny_run, work, "executor=loky"), work)
-    right = FrameTask.of(detection, "regions", tmp_path)
+    detection = detection_of(build(tiny_run, work, "executor=loky"), work)
+    right = FrameTask.of(detection, {"regions": tmp_path}, ("regions",))
     wrong = FrameTask(**{**vars(right), "made_from": {**right.made_from, "frames": "others"}})
     with pytest.raises(ValueError, match="not the same frames as the run"):
         wrong(detection.keys[0])
@@ -117,13 +114,15 @@ def test_a_worker_of_other_data_finds_nothing(
 @pytest.mark.slow
 def test_two_processes_train_the_classifier(tiny_run: TinyRun, work: Path) -> None:
     """Lightning's DDP on the tiny run's windows: another classifier, as good as one process's."""
-    finders = [finder_of(build(tiny_run, work, f"trainer={name}"), work) for name in ("cpu", "ddp")]
-    one, two = (detection.training.classifier() for detection in finders)
-    assert made(finders[0]) == [] and made(finders[1]) == ["classifier"]
+    found_by = [
+        detection_of(build(tiny_run, work, f"trainer={name}"), work) for name in ("cpu", "ddp")
+    ]
+    one, two = (detection.training.classifier() for detection in found_by)
+    assert made(found_by[0]) == [] and made(found_by[1]) == ["classifier"]
     assert one.fingerprint != two.fingerprint
     (expected,), (found,) = read_history(one.folder), read_history(two.folder)
     assert found["loss"] == pytest.approx(expected["loss"], rel=0.2)
-    network = finders[1].training.load_classifier()
+    network = found_by[1].training.load_classifier()
     for value in network.state_dict().values():
         assert torch.isfinite(value.float()).all()
 
@@ -132,14 +131,15 @@ def test_two_processes_train_the_classifier(tiny_run: TinyRun, work: Path) -> No
 def test_workers_render_missing_views_and_the_same(
     tiny_run: TinyRun, work: Path, executor: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    training = finder_of(build(tiny_run, work, f"executor={executor}"), work).training
+    training = detection_of(build(tiny_run, work, f"executor={executor}"), work).training
     first, second, *_ = sorted(training.dataset.models)
     wanted = {i: training.load_views(i) for i in (first, second)}
     for object_id in wanted:
         shutil.rmtree(training.views(object_id).folder)
-    training = finder_of(build(tiny_run, work, f"executor={executor}"), work).training
+    run = build(tiny_run, work, f"executor={executor}")
+    training = detection_of(run, work).training
     assert training.missing_views() == [first, second]
-    render_in_workers(training)
+    render_in_workers(training, run.settings.executor)
     assert training.missing_views() == []
     events = [(event.stage, event.of, event.reused) for event in training.store.events]
     names = {training.dataset.models[i].name for i in wanted}
@@ -152,7 +152,7 @@ def test_workers_render_missing_views_and_the_same(
 
 def test_an_error_in_a_worker_is_the_runs(tiny_run: TinyRun, work: Path) -> None:
     """A classifier that cannot be read, seen by whoever loads it first: a worker."""
-    detection = finder_of(build(tiny_run, work, "executor=threading"), work)
+    detection = detection_of(build(tiny_run, work, "executor=threading"), work)
     (weights,) = (work / "classifier").glob("*/weights.pt")
     weights.unlink()
     with pytest.raises(FileNotFoundError, match=r"weights\.pt"):

@@ -14,7 +14,7 @@ from mlflow import MlflowClient
 
 from hlp.commands.composing import config_folder
 from hlp.config.build import Run, build_run
-from hlp.method.pose_estimator import Detector
+from hlp.method.pose_estimator import FrameContext, PoseEstimator
 from hlp.refinement.none import NoneRefiner
 from hlp.studies.tasks import run_task
 from tiny_run import TinyRun
@@ -80,23 +80,23 @@ def test_oracle_fills_the_matrix_from_the_runs_own_stages(
 def test_interrupted_oracle_goes_on_where_it_stopped(
     tiny_run: TinyRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fine = Detector.fine
+    refine = PoseEstimator.refine
     asked: set[int] = set()
 
-    def interrupted(self: Detector, frame: Any, object_id: int, coarse: Any) -> Any:
-        if frame.scene_id == 12:
+    def interrupted(self: PoseEstimator, context: FrameContext, object_id: int, coarse: Any) -> Any:
+        if context.frame.scene_id == 12:
             raise KeyboardInterrupt
-        return fine(self, frame, object_id, coarse)
+        return refine(self, context, object_id, coarse)
 
-    def noted(self: Detector, frame: Any, object_id: int, coarse: Any) -> Any:
-        asked.add(frame.scene_id)
-        return fine(self, frame, object_id, coarse)
+    def noted(self: PoseEstimator, context: FrameContext, object_id: int, coarse: Any) -> Any:
+        asked.add(context.frame.scene_id)
+        return refine(self, context, object_id, coarse)
 
     short = ("refinement.particles=5", "refinement.iterations=3", "task.noise_deg=5.0")
-    monkeypatch.setattr(Detector, "fine", interrupted)
+    monkeypatch.setattr(PoseEstimator, "refine", interrupted)
     with pytest.raises(KeyboardInterrupt):
         run_task(build(tiny_run, "oracle", *short), tmp_path / "broken_off")
-    monkeypatch.setattr(Detector, "fine", noted)
+    monkeypatch.setattr(PoseEstimator, "refine", noted)
     run_task(build(tiny_run, "oracle", *short), tmp_path / "resumed")
     assert asked == {12}
     asked.clear()
@@ -113,7 +113,7 @@ def test_basin_maps_every_refiner_from_the_same_starts(
         "task.frames=1",
         "task.rotation_deg=[0,25]",
         "task.translation_mm=[0,200]",
-        "task.starts=2",
+        "task.perturbations=2",
     )
     output = tmp_path / "maps"
     run_task(build(tiny_run, "basin", *small), output)
@@ -125,7 +125,7 @@ def test_basin_maps_every_refiner_from_the_same_starts(
         for r in rows
     }
     objects = {row["object"] for row in rows} - {"all"}
-    targets = int(cells["pso", "all", 0.0, 0.0]["starts"]) // 2
+    targets = int(cells["pso", "all", 0.0, 0.0]["perturbations"]) // 2
     assert targets == len(objects) == 5
     assert all(cells["none", name, 0.0, 0.0]["right"] == "2" for name in objects)
     assert float(cells["pso", "all", 0.0, 0.0]["add_recall"]) >= 0.8
@@ -137,7 +137,7 @@ def test_basin_maps_every_refiner_from_the_same_starts(
     assert cells["none", "all", 0.0, 200.0]["right"] == "0"
     drawn = {path.stem for path in (output / "heatmaps").glob("*.png")}
     assert drawn == objects | {"all"} == {path.stem for path in (output / "heatmaps").glob("*.svg")}
-    assert "starts each" in capsys.readouterr().out
+    assert "perturbations each" in capsys.readouterr().out
     assert logged_metrics(tiny_run, output)["basin/none/all"] < 0.5
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from mlflow import MlflowClient
 
-from hlp.method.pose_estimator import Detector
+from hlp.method.pose_estimator import FrameContext, PoseEstimator
 from run_files import Row, read_json, rows, stages
 from tiny_run import TinyRun, start_run
 
@@ -47,33 +47,35 @@ def test_interrupted_stage_goes_on_where_it_stopped(
 ) -> None:
     """Ctrl-C in the second frame: the next run refines that frame only, to the same poses."""
     overrides = (*tiny_run.overrides, "refinement.particles=5", "refinement.iterations=3")
-    fine = Detector.fine
-    asked: list[int] = []
+    refine = PoseEstimator.refine
 
-    def interrupted(self: Detector, frame: Any, object_id: int, coarse: Any) -> Any:
-        if frame.scene_id == 12:
+    def interrupted(self: PoseEstimator, context: FrameContext, object_id: int, coarse: Any) -> Any:
+        if context.frame.scene_id == 12:
             raise KeyboardInterrupt
-        return fine(self, frame, object_id, coarse)
+        return refine(self, context, object_id, coarse)
 
-    def counted(self: Detector, frame: Any, object_id: int, coarse: Any) -> Any:
-        asked.append(frame.scene_id)
-        return fine(self, frame, object_id, coarse)
-
-    monkeypatch.setattr(Detector, "fine", interrupted)
+    monkeypatch.setattr(PoseEstimator, "refine", interrupted)
     code, _, error = call(*overrides, "output=interrupted")
     assert code == 130
     assert "Traceback" not in error
     assert statuses(tiny_run.folder)["interrupted"] == "KILLED"
     (partial,) = (tiny_run.folder / "work" / "poses").glob("*.partial")
-    assert [path.name for path in partial.iterdir()] == ["000000_000000.npz"]
-    monkeypatch.setattr(Detector, "fine", counted)
+    (first,) = partial.iterdir()
+    assert first.name == "000000_000000.npz"
+    written = first.stat().st_mtime_ns
+    monkeypatch.undo()
     assert call(*overrides, "output=resumed")[0] == 0
-    assert set(asked) == {12}
     assert not partial.exists()
-    shutil.rmtree(partial.with_suffix(""))
-    asked.clear()
+    finished = partial.with_suffix("")
+    assert (finished / first.name).stat().st_mtime_ns == written  # not made again
+    assert (finished / "000012_000000.npz").stat().st_mtime_ns > written
+    assert read_json(tiny_run.folder / "resumed" / "summary.json")["timing"]["reused_stages"] == [
+        "regions",
+        "hypotheses",
+        "poses",
+    ]
+    shutil.rmtree(finished)
     assert call(*overrides, "output=whole")[0] == 0
-    assert set(asked) == {0, 12}
     assert poses_without_times(tiny_run.folder / "resumed" / "poses.csv") == poses_without_times(
         tiny_run.folder / "whole" / "poses.csv"
     )
@@ -86,7 +88,7 @@ def test_crash_leaves_a_failed_run(
     def fail(*_: Any) -> None:
         raise error
 
-    monkeypatch.setattr(Detector, "fine", fail)
+    monkeypatch.setattr(PoseEstimator, "refine", fail)
     name = type(error).__name__
     overrides = (*tiny_run.overrides, "refinement.iterations=2", f"output={name}")
     if isinstance(error, RuntimeError):  # a bug keeps its traceback

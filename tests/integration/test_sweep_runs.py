@@ -10,7 +10,7 @@ import pytest
 from mlflow import MlflowClient
 from mlflow.entities import Run
 
-from hlp.method.pose_estimator import Detector
+from hlp.method.pose_estimator import PoseEstimator
 from tiny_run import TinyRun
 
 Call = Callable[..., tuple[int, str, str]]
@@ -65,26 +65,26 @@ def test_interrupted_sweep_goes_on_without_repeating_arms(
     tiny_run: TinyRun, call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     overrides = ("-m", *tiny_run.overrides, "name=swept", "refinement.particles=5,6")
-    fine = Detector.fine
+    refine = PoseEstimator.refine
     asked: set[int] = set()
 
-    def counted(self: Detector, *arguments: Any) -> Any:
+    def counted(self: PoseEstimator, *arguments: Any) -> Any:
         asked.add(self.settings.refinement.particles)
-        return fine(self, *arguments)
+        return refine(self, *arguments)
 
-    def interrupted(self: Detector, *arguments: Any) -> Any:
+    def interrupted(self: PoseEstimator, *arguments: Any) -> Any:
         if self.settings.refinement.particles == 6:
             raise KeyboardInterrupt
-        return fine(self, *arguments)
+        return refine(self, *arguments)
 
-    monkeypatch.setattr(Detector, "fine", interrupted)
+    monkeypatch.setattr(PoseEstimator, "refine", interrupted)
     assert call(*overrides)[0] == 130
     output = sweep_of(tiny_run)
     _, parent, arms = family(tiny_run.folder, output)
     assert [run.info.status for run in (parent, *arms)] == ["KILLED", "FINISHED", "KILLED"]
     first = (output / "0" / "summary.json").stat().st_mtime_ns
 
-    monkeypatch.setattr(Detector, "fine", counted)
+    monkeypatch.setattr(PoseEstimator, "refine", counted)
     code, said, _ = call(*overrides)
     assert code == 0
     assert f"going on with the sweep in {output.relative_to(tiny_run.folder)}" in said

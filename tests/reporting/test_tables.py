@@ -15,6 +15,7 @@ from hlp.reporting.tables import (
     report,
     runs_table,
     time_table,
+    timing_words,
     total_table,
     votes_table,
     waterfall_tables,
@@ -218,3 +219,17 @@ def test_csv_and_latex_keep_every_cell() -> None:
         r"$\theta$ \& $\tau$ &  \\",
         r"\end{tabular}",
     ]
+
+
+def test_a_line_says_how_the_times_were_measured() -> None:
+    timing = {"frames": 20, "objects": 31, "reused_stages": [], "first_use_seconds": 7.24}
+    own = timing_words({"timing": timing})
+    assert own.startswith("Times: measured by this run on 20 frames.")
+    assert "7.2 s (not included)" in own
+    again = timing | {"reused_stages": ["regions", "poses"], "frames": 1, "first_use_seconds": None}
+    assert timing_words({"timing": again}) == (
+        "Times: the results of regions, poses were reused; measured again on 1 frame."
+    )
+    assert timing_words({}) == ""
+    shown = format_summary(summary() | {"timing": again})
+    assert shown.index("ms per target") < shown.index("on 1 frame") < shown.index("targets ended")

@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hlp.stages.fingerprint import fingerprint, plain
+from hlp import source_code
+from hlp.source_code import Code
+from hlp.stages.fingerprint import fingerprint, plain, stage_code
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,7 @@ class Icp:
 
 BASE = {
     "stage": "codebook",
-    "version": 1,
+    "code": Code("0123", {"numpy": "2.4.6"}),
     "seed": 0,
     "settings": {"encoder": {"width": 32, "levels": [1, 2]}, "k": 3},
     "upstream": {"views": "0123456789abcdef"},
@@ -32,7 +34,10 @@ BASE = {
 
 def test_is_sixteen_hex_digits_and_the_same_in_another_process() -> None:
     here = fingerprint(**BASE)
-    code = f"from hlp.stages.fingerprint import fingerprint; print(fingerprint(**{BASE!r}))"
+    code = (
+        "from hlp.source_code import Code; from hlp.stages.fingerprint import fingerprint; "
+        f"print(fingerprint(**{BASE!r}))"
+    )
     there = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     ).stdout.strip()
@@ -45,7 +50,8 @@ def test_is_sixteen_hex_digits_and_the_same_in_another_process() -> None:
     "change",
     [
         {"stage": "encoder"},
-        {"version": 2},
+        {"code": Code("0124", {"numpy": "2.4.6"})},
+        {"code": Code("0123", {"numpy": "2.4.7"})},
         {"seed": 1},
         {"settings": {"encoder": {"width": 32, "levels": [2, 1]}, "k": 3}},
         {"settings": {"encoder": {"width": 32, "levels": [1, 2]}, "k": 3.5}},
@@ -77,8 +83,8 @@ def test_paths_numpy_scalars_and_infinity_have_a_plain_form() -> None:
         "b": 0.5,
         "c": True,
     }
-    infinite = fingerprint("s", 1, 0, {"threshold": float("inf")}, {})
-    assert infinite != fingerprint("s", 1, 0, {"threshold": float("-inf")}, {})
+    limits = [BASE | {"settings": {"threshold": float(f"{sign}inf")}} for sign in "+-"]
+    assert fingerprint(**limits[0]) != fingerprint(**limits[1])
 
 
 def test_nan_is_refused_and_the_key_named() -> None:
@@ -96,3 +102,12 @@ def test_nan_is_refused_and_the_key_named() -> None:
 def test_what_has_no_plain_form_is_refused(value: object) -> None:
     with pytest.raises(TypeError, match=r"settings\.bad"):
         plain({"bad": value})
+
+
+def test_a_stages_code_is_what_its_modules_import_and_not_the_settings_of_other_stages() -> None:
+    """A change of the refiner renders no views and trains no classifier."""
+    names, _ = source_code._closure(("hlp.method.classifiers",), ("hlp.method.settings",))
+    assert not [name for name in names if name.startswith(("hlp.refinement", "hlp.voting"))]
+    assert {"hlp.patches.holistic_pool", "hlp.models.classifier", "hlp.method.training"} <= {*names}
+    whole = source_code.code_of("hlp.method.classifiers")
+    assert stage_code("hlp.method.classifiers").source != whole.source

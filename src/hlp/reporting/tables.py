@@ -123,8 +123,9 @@ def read_summary(path: Path) -> dict[str, Any]:
 def format_summary(summary: Mapping[str, Any], layout: str = "text") -> str:
     """The three tables of one run: recalls per object, time per stage, where targets ended."""
     tables = (objects_table(summary), time_table(summary), total_table(summary))
-    parts = [FORMATS[layout](table) for table in tables if table.rows]
-    return "\n\n".join([RECALL, *parts])
+    objects, times, total = (FORMATS[layout](table) if table.rows else "" for table in tables)
+    parts = [RECALL, objects, times, timing_words(summary), total]
+    return "\n\n".join(part for part in parts if part)
 
 
 def objects_table(summary: Mapping[str, Any]) -> Table:
@@ -164,6 +165,22 @@ def time_table(summary: Mapping[str, Any]) -> Table:
         times["total"] = times.pop("total")
     rows = [[stage, _ms(time["median"]), _ms(time["p95"])] for stage, time in times.items()]
     return Table(["ms per target", "median", "95 %"], rows)
+
+
+def timing_words(summary: Mapping[str, Any]) -> str:
+    """How the times were measured, in a line; empty where the summary does not say."""
+    timing = summary.get("timing")
+    if not timing:
+        return ""
+    counted = "1 frame" if timing["frames"] == 1 else f"{timing['frames']} frames"
+    words = f"Times: measured by this run on {counted}."
+    if timing["reused_stages"]:
+        reused = ", ".join(timing["reused_stages"])
+        words = f"Times: the results of {reused} were reused; measured again on {counted}."
+    first = timing["first_use_seconds"]
+    if first is not None:
+        words += f" The first frame, with loading and compiling, took {first:.1f} s (not included)."
+    return words
 
 
 def total_table(summary: Mapping[str, Any]) -> Table:

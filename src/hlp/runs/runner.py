@@ -77,8 +77,7 @@ def _score(
 ) -> dict[str, Any]:
     """Save the poses first, then score what was saved."""
     dataset, settings = run.dataset, run.settings
-    answered = [each for each in estimates if each.pose_cam_obj is not None]
-    write_poses(output / "poses.csv", answered)
+    write_poses(output / "poses.csv", estimates)
     keys = tqdm(run.keys, desc="scores", unit="frame", disable=None)
     truths, tallies = [], []
     for key in keys:

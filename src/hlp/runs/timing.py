@@ -8,24 +8,22 @@ from typing import Any
 from tqdm import tqdm
 
 from hlp.config.build import Run, evenly
-from hlp.method.pose_estimator import FrameContext, PoseEstimator
 from hlp.records import PoseEstimate
 from hlp.stages.detection import DetectionStages
-
-STEPS = ("holistic", "local", "voting", "refinement")
-
-Seconds = Mapping[str, float]
+from hlp.stages.frame_detection import STAGES, STEPS, Seconds, find_in_frame
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Seconds of each step for each object looked for, in `frames` frames.
+    """Seconds of each step for every object looked for in `frames` frames.
 
-    `reused` names the stages whose results were found on disk: then these frames were looked at
-    again to measure the time. `first_use_seconds` is what loading and compiling took before.
+    `reused` names the stages of which results were found on disk: then these frames were looked at
+    again to measure the time. `first_use_seconds` is how long the first frame took, with all that
+    was loaded and compiled for it; it is part of no other time. None: not known, since workers
+    looked at the frames.
     """
 
-    seconds: Sequence[Seconds]
+    seconds: Sequence[Mapping[str, float]]
     frames: int
     reused: tuple[str, ...]
     first_use_seconds: float | None
@@ -52,40 +50,26 @@ def measure_times(
     """The times of this run's own detections, or of `timing_frames` frames looked at once more.
 
     A time found on disk would be another run's, perhaps another machine's. So where any result was
-    reused, some frames (spread evenly) go through all stages again in memory.
+    reused, some frames (spread evenly) go through all stages again, in memory.
     """
-    measured = [each.seconds for each in estimates]
-    if all(set(STEPS) <= each.keys() for each in measured):
-        return Timing(measured, len(run.keys), (), detection.first_use_seconds)
+    if not detection.reused:
+        own = [each.seconds for each in estimates]
+        return Timing(own, len(run.keys), (), detection.first_use_seconds)
     keys = evenly(run.keys, run.settings.timing_frames)
-    estimator = detection.estimator
     begun = time.perf_counter()
-    _look(estimator, run, keys[0])  # loads and compiles
+    _look(run, detection, keys[0])  # loads and compiles
     first_use = time.perf_counter() - begun
-    seconds: list[Seconds] = []
+    seconds: list[Mapping[str, float]] = []
     for key in tqdm(keys, desc="times", unit="frame", disable=None):
-        seconds += _look(estimator, run, key)
-    reused = tuple(stage for stage, made in detection.reused.items() if made)
+        seconds += _look(run, detection, key).values()
+    reused = tuple(stage for stage in STAGES if stage in detection.reused)
+    if detection.first_use_seconds is not None:  # an interrupted run's, which loaded before
+        first_use = detection.first_use_seconds
     return Timing(seconds, len(keys), reused, first_use)
 
 
-def _look(estimator: PoseEstimator, run: Run, key: str) -> list[Seconds]:
-    """Find every object of one frame; the seconds of its steps."""
+def _look(run: Run, detection: DetectionStages, key: str) -> Seconds:
+    """Find every object of one frame; the seconds of its steps, by object."""
     frame = run.dataset.frames.load(key)
-    context = estimator.prepare(frame)
-    return [_steps(estimator, context, object_id) for object_id in run.dataset.wanted(frame)]
-
-
-def _steps(estimator: PoseEstimator, context: FrameContext, object_id: int) -> dict[str, float]:
-    begun = time.perf_counter()
-    region = estimator.find_region(context, object_id)
-    holistic = time.perf_counter() - begun
-    coarse = estimator.find_hypotheses(context, region)
-    begun = time.perf_counter()
-    estimator.refine(context, object_id, coarse.hypotheses)
-    return {
-        "holistic": holistic,
-        "local": coarse.local_seconds,
-        "voting": coarse.voting_seconds,
-        "refinement": time.perf_counter() - begun,
-    }
+    wanted = run.dataset.wanted(frame)
+    return find_in_frame(detection.estimator, frame, wanted, STAGES, {})[1]

@@ -11,10 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from hlp.source_code import Code
+from hlp.source_code import Code, code_of
 
 # Keys that change how fast a result is made, never what it is.
 MACHINE_KEYS = frozenset({"threads"})
+# It gathers the settings of the whole method, whose values a fingerprint holds already. What a
+# stage runs on, it imports itself.
+_GATHERS = ("hlp.method.settings",)
+
+
+def stage_code(*modules: str) -> Code:
+    """The code of a stage that begins in these modules; other stages' code does not count."""
+    return code_of(*sorted(set(modules)), leaving_out=_GATHERS)
 
 
 def fingerprint(

@@ -10,9 +10,10 @@ from hlp.data.dataset import Dataset
 from hlp.data.loading import DataSettings, build_dataset
 from hlp.method.compute_threads import set_compute_threads
 from hlp.method.settings import MethodSettings
-from hlp.stages.detection import DetectionStages, Seconds
+from hlp.stages.detection import DetectionStages
 from hlp.stages.executor_settings import SerialSettings
 from hlp.stages.fingerprint import with_threads
+from hlp.stages.frame_detection import Seconds
 from hlp.stages.provenance import code_digest, library_versions
 from hlp.stages.store import Output, StageStore
 from hlp.stages.training import TrainingStages

@@ -26,9 +26,10 @@ RECORD = "stage.json"
 
 @dataclass(frozen=True)
 class StageEvent:
-    """One stage output that a run asked for; `seconds` is what making it took, now or warm_start.
+    """One stage output that a run asked for; `seconds` is how long making it took, now or earlier.
 
-    `of` names the object that it is of, empty where it is of all.
+    Outputs that were made in one pass over the frames all have the time of the whole pass. `of`
+    names the object that the output is of, and is empty where it is of all.
     """
 
     stage: str

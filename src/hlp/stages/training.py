@@ -16,18 +16,11 @@ from hlp.models.classifier import HolisticCNN
 from hlp.models.encoder import Encoder
 from hlp.records import Codebook, ObjectModel, Views
 from hlp.rendering.views import load_views, render_views, save_views
-from hlp.source_code import code_of
-from hlp.stages.fingerprint import fingerprint, result_settings
+from hlp.source_code import Code
+from hlp.stages.device import device_name
+from hlp.stages.fingerprint import fingerprint, result_settings, stage_code
 from hlp.stages.store import Output, StageStore
 from hlp.stages.warm_start import WarmStart, WarmStartSettings, read_warm_start
-
-# Where each stage's code begins: what these modules import is part of its fingerprint.
-MODULES = {
-    "views": "hlp.rendering.views",
-    "classifier": "hlp.method.classifiers",
-    "encoder": "hlp.method.encoders",
-    "codebook": "hlp.method.codebook_building",
-}
 
 
 class TrainingStages:
@@ -116,6 +109,7 @@ class TrainingStages:
             "pool": result_settings(patches.pool),
             "classifier": result_settings(self.settings.classifier),
             "trainer": result_settings(self.settings.trainer),
+            "device": device_name(self.settings.trainer.accelerator),
             "sizes": {str(i): m.holistic_size for i, m in sorted(self.models.items())},
         }
         start = None
@@ -159,6 +153,7 @@ class TrainingStages:
             "encoder": result_settings(self.settings.encoder),
             "local": result_settings(patches.local),
             "trainer": result_settings(self.settings.trainer),
+            "device": device_name(self.settings.trainer.accelerator),
             "sizes": {str(i): m.local_size for i, m in sorted(self.models.items())},
         }
         if self.settings.encoder.name == "cae":
@@ -184,7 +179,8 @@ class TrainingStages:
             "local": result_settings(patches.local),
             "entries": result_settings(patches.entries),
             "size": self.models[object_id].local_size,
-            "device": self.settings.machine.device,
+            "object_id": object_id,
+            "device": device_name(self.settings.machine.device),
         }
         upstream = {
             "views": self.views(object_id).fingerprint,
@@ -219,4 +215,23 @@ class TrainingStages:
         return self._made[stage, object_id]
 
     def _name(self, stage: str, settings: Mapping[str, Any], upstream: Mapping[str, str]) -> str:
-        return fingerprint(stage, code_of(MODULES[stage]), self.settings.seed, settings, upstream)
+        return fingerprint(stage, self._code(stage), self.settings.seed, settings, upstream)
+
+    def _code(self, stage: str) -> Code:
+        """The code that makes a stage's output: also that of the data it reads, if it reads any."""
+        dataset = self.dataset
+        modules = {
+            "views": [render_views.__module__],
+            "classifier": [
+                train_classifier.__module__,
+                type(dataset).__module__,
+                type(dataset.background_frames).__module__,
+            ],
+            "encoder": [train_encoder.__module__, type(self.settings.encoder).__module__],
+            "codebook": [build_codebook.__module__, save_codebook.__module__],
+        }
+        if self.settings.encoder.name == "cae":
+            readers = (dataset, dataset.encoder_frames)
+            modules["encoder"] += [type(each).__module__ for each in readers]
+        own = [name for name in modules[stage] if name != type(None).__module__]
+        return stage_code(*own)

@@ -129,7 +129,7 @@ def _try(study: "Study", run: Run, task: SearchSettings, folder: Path, parent: s
     words = " ".join(f"{key}={value}" for key, value in values.items())
     say = logging.getLogger(__name__)
     say.info("\nTrial %d  %s", trial.number, words)
-    changes = {**nested(trial.params), "task": {"name": "method"}}
+    changes = {**nested(trial.params), "task": {"name": "evaluate"}}
     try:
         with as_arm(Arm(f"{run.settings.name} trial {trial.number}", parent, values)):
             summary = runner.run_method(with_changed_run(run, changes), folder / str(trial.number))

@@ -12,31 +12,31 @@ from hydra import compose, initialize_config_dir
 
 from hlp.commands.composing import config_folder
 from hlp.config.build import Run, build_run
-from hlp.config.settings import WarmStartSettings
 from hlp.method.training import read_history, read_weights
 from hlp.models.classifier import HolisticCNN
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
+from hlp.stages.warm_start import WarmStartSettings
 from tiny_run import TinyRun
 
 
 @pytest.fixture
-def build(tiny_run: TinyRun, tmp_path: Path) -> Run:
+def run(tiny_run: TinyRun, tmp_path: Path) -> Run:
     shutil.copytree(tiny_run.folder / "work" / "views", tmp_path / "work" / "views")
     given = (*tiny_run.overrides, f"work={tmp_path / 'work'}", "output=out")
     with initialize_config_dir(str(config_folder()), version_base="1.3"):
         return build_run(compose("config", overrides=list(given)))
 
 
-def learner_of(
+def training_of(
     run: Run, left_out: int | None = None, manifest: Path | None = None
 ) -> TrainingStages:
     """Learns all objects but one, or all from what a manifest names."""
     models = {i: model for i, model in run.dataset.models.items() if i != left_out}
     dataset = dataclasses.replace(run.dataset, models=models, target_ids=tuple(models))
-    extend = WarmStartSettings(None if manifest is None else str(manifest), 1)
-    settings = dataclasses.replace(run.settings, warm_start=extend)
-    return TrainingStages(dataset, settings, StageStore(Path(settings.work)))
+    settings = WarmStartSettings(None if manifest is None else str(manifest), 1)
+    store = StageStore(Path(run.settings.work))
+    return TrainingStages(dataset, run.settings.method, store, settings)
 
 
 def manifest_of(training: TrainingStages, path: Path) -> Path:
@@ -46,9 +46,9 @@ def manifest_of(training: TrainingStages, path: Path) -> Path:
 
 
 @pytest.fixture
-def warm_start(run: Run) -> TrainingStages:
+def earlier(run: Run) -> TrainingStages:
     """Has learnt all objects but the third."""
-    training = learner_of(run, left_out=sorted(run.dataset.models)[2])
+    training = training_of(run, left_out=sorted(run.dataset.models)[2])
     training.classifier()
     for object_id in training.dataset.models:
         training.codebook(object_id)
@@ -56,20 +56,20 @@ def warm_start(run: Run) -> TrainingStages:
 
 
 def test_an_added_object_costs_its_codebook_and_a_short_training(
-    run: Run, warm_start: TrainingStages, tmp_path: Path
+    run: Run, earlier: TrainingStages, tmp_path: Path
 ) -> None:
     added = sorted(run.dataset.models)[2]
-    now = learner_of(run, manifest=manifest_of(warm_start, tmp_path / "manifest.json"))
-    assert now.encoder() == warm_start.encoder()
+    now = training_of(run, manifest=manifest_of(earlier, tmp_path / "manifest.json"))
+    assert now.encoder() == earlier.encoder()
     for object_id in run.dataset.models:
         now.codebook(object_id)
     now.classifier()
     made = [(event.stage, event.of) for event in now.store.events if not event.reused]
     assert made == [("codebook", run.dataset.models[added].name), ("classifier", "")]
-    assert now.classifier().fingerprint != warm_start.classifier().fingerprint
+    assert now.classifier().fingerprint != earlier.classifier().fingerprint
     assert len(read_history(now.classifier().folder)) == 1
-    # Near the warm_start weights, class for class, and with one class more.
-    before = read_weights(warm_start.classifier().folder)
+    # Near the earlier weights, class for class, and with one class more.
+    before = read_weights(earlier.classifier().folder)
     after = read_weights(now.classifier().folder)
     last = list(before)[-2]
     assert len(after[last]) == len(before[last]) + 1
@@ -84,29 +84,29 @@ def _sizes(run: Run) -> tuple[tuple[int, ...], int, float]:
 
 
 def test_what_cannot_be_gone_on_from_is_named(
-    run: Run, warm_start: TrainingStages, tmp_path: Path
+    run: Run, earlier: TrainingStages, tmp_path: Path
 ) -> None:
-    manifest = manifest_of(warm_start, tmp_path / "manifest.json")
-    fewer = learner_of(run, left_out=min(run.dataset.models), manifest=manifest)
+    manifest = manifest_of(earlier, tmp_path / "manifest.json")
+    fewer = training_of(run, left_out=min(run.dataset.models), manifest=manifest)
     with pytest.raises(ValueError, match="knows objects that this run has not"):
         fewer.classifier()
-    other = learner_of(run, manifest=manifest)
+    other = training_of(run, manifest=manifest)
     local = dataclasses.replace(run.settings.patches.local, size_scale=1.1)
     patches = dataclasses.replace(run.settings.patches, local=local)
     other.settings = dataclasses.replace(other.settings, patches=patches)
     with pytest.raises(ValueError, match="has other settings: local"):
         other.encoder()
-    shutil.rmtree(warm_start.encoder().folder)
+    shutil.rmtree(earlier.encoder().folder)
     with pytest.raises(FileNotFoundError, match="no encoder of"):
-        learner_of(run, manifest=manifest).encoder()
+        training_of(run, manifest=manifest).encoder()
     with pytest.raises(FileNotFoundError, match="no manifest"):
-        learner_of(run, manifest=tmp_path / "other.json").classifier()
+        training_of(run, manifest=tmp_path / "other.json").classifier()
 
 
 def test_features_of_the_objects_before_stay_as_they_are(
-    run: Run, warm_start: TrainingStages, tmp_path: Path
+    run: Run, earlier: TrainingStages, tmp_path: Path
 ) -> None:
-    now = learner_of(run, manifest=manifest_of(warm_start, tmp_path / "manifest.json"))
-    for object_id in warm_start.dataset.models:
-        assert now.codebook(object_id) == warm_start.codebook(object_id)
+    now = training_of(run, manifest=manifest_of(earlier, tmp_path / "manifest.json"))
+    for object_id in earlier.dataset.models:
+        assert now.codebook(object_id) == earlier.codebook(object_id)
         assert np.isfinite(now.load_codebook(object_id).features).all()

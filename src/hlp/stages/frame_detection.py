@@ -1,0 +1,114 @@
+"""The three detection stages on one frame: what each of them finds, and how long that takes."""
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from hlp.method.pose_estimator import FrameContext, PoseEstimator
+from hlp.records import Frame, PoseEstimate
+from hlp.stages.frame_results import (
+    Arrays,
+    coarse_arrays,
+    hypotheses_of,
+    refined_arrays,
+    region_arrays,
+    regions_of,
+)
+
+STAGES = ("regions", "hypotheses", "poses")
+STEPS = ("holistic", "local", "voting", "refinement")
+"""Steps whose time is measured; the stage `hypotheses` has two of them."""
+
+Seconds = dict[int, dict[str, float]]
+"""Wall time (s) by object and step in one frame."""
+
+
+def find_in_frame(
+    estimator: PoseEstimator,
+    frame: Frame,
+    object_ids: Sequence[int],
+    stages: Sequence[str],
+    given: Mapping[str, Arrays],
+) -> tuple[dict[str, Arrays], Seconds]:
+    """Arrays of each of the `stages`, found in this order, and the time of each object's steps.
+
+    `given` holds the arrays of the stages before the first of them. What the objects share in a
+    frame is part of the time of the first one.
+    """
+    seconds: Seconds = {object_id: {} for object_id in object_ids}
+    found: dict[str, Arrays] = {}
+    begun = time.perf_counter()
+    context = estimator.prepare(frame)
+    shared = time.perf_counter() - begun
+    for stage in stages:
+        found[stage] = _FIND[stage](estimator, context, {**given, **found}, seconds)
+    if "regions" in stages and object_ids:
+        seconds[object_ids[0]]["holistic"] += shared
+    return found, seconds
+
+
+def _regions(
+    estimator: PoseEstimator, context: FrameContext, _: Mapping[str, Arrays], seconds: Seconds
+) -> Arrays:
+    arrays: Arrays = {}
+    for object_id, spent in seconds.items():
+        begun = time.perf_counter()
+        region = estimator.find_region(context, object_id)
+        spent["holistic"] = time.perf_counter() - begun
+        arrays |= region_arrays(region)
+    return arrays
+
+
+def _hypotheses(
+    estimator: PoseEstimator, context: FrameContext, before: Mapping[str, Arrays], seconds: Seconds
+) -> Arrays:
+    height, width = context.frame.depth.shape
+    regions = regions_of(before["regions"], (height, width))
+    arrays: Arrays = {}
+    for object_id, spent in seconds.items():
+        coarse = estimator.find_hypotheses(context, regions[object_id])
+        spent |= {"local": coarse.local_seconds, "voting": coarse.voting_seconds}
+        arrays |= coarse_arrays(object_id, coarse)
+    return arrays
+
+
+def _poses(
+    estimator: PoseEstimator, context: FrameContext, before: Mapping[str, Arrays], seconds: Seconds
+) -> Arrays:
+    arrays: Arrays = {}
+    for object_id, spent in seconds.items():
+        begun = time.perf_counter()
+        hypotheses = hypotheses_of(before["hypotheses"], object_id)
+        refined = estimator.refine(context, object_id, hypotheses)
+        spent["refinement"] = time.perf_counter() - begun
+        arrays |= refined_arrays(object_id, refined)
+    return arrays
+
+
+_FIND: Mapping[str, Any] = {"regions": _regions, "hypotheses": _hypotheses, "poses": _poses}
+
+
+def estimates_of(key: str, stored: Arrays, seconds: Seconds) -> list[PoseEstimate]:
+    """The answer for every object looked for in a frame, from the arrays of the stage `poses`.
+
+    `seconds` are the times measured in that frame. An estimate has them where every step was
+    measured, and none otherwise: the time of some steps is not that of the answer.
+    """
+    timed = {i: spent for i, spent in seconds.items() if set(STEPS) <= spent.keys()}
+    scene_id, frame_id = (int(part) for part in key.split("_"))
+    object_ids = sorted({int(name.partition("/")[0]) for name in stored})
+    return [
+        PoseEstimate(scene_id, frame_id, i, *_answer(stored, i), timed.get(i, {}))
+        for i in object_ids
+    ]
+
+
+def _answer(stored: Arrays, object_id: int) -> tuple[np.ndarray | None, float]:
+    """Pose and score (1 - cost) of the chosen hypothesis; None and 0 where there is none."""
+    if f"{object_id}/best" not in stored:
+        return None, 0.0
+    best = int(stored[f"{object_id}/best"])
+    score = float(np.clip(1.0 - stored[f"{object_id}/costs"][best], 0.0, 1.0))
+    return stored[f"{object_id}/poses"][best], score
