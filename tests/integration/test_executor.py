@@ -75,7 +75,7 @@ def test_workers_of_this_machine_find_the_same_bits(
     detection = detection_of(build(tiny_run, work, f"executor={executor}"), work)
     monkeypatch.setattr(detection, "find", None)  # the run's own process finds nothing
     detection.poses()
-    assert made(detection) == [*reversed(STAGES)]
+    assert made(detection) == [*STAGES]
     assert_same_files(detection, tiny_run)
 
 
@@ -96,7 +96,7 @@ def test_a_dask_cluster_of_two_processes_finds_the_same_bits(
         with distributed.Client(address) as client:
             at_work = client.run(eval, "'hlp.stages.frame_task' in __import__('sys').modules")
     assert list(at_work.values()) == [True, True]  # each of the two has had a frame
-    assert made(detection) == [*reversed(STAGES)]
+    assert made(detection) == [*STAGES]
     assert_same_files(detection, tiny_run)
 
 

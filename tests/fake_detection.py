@@ -1,0 +1,160 @@
+"""A data set of small frames, and an estimator that finds an object wherever it is told to look.
+
+What it finds depends on the frame and the object alone, so that results can be told apart.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from hlp.config.build import build_settings
+from hlp.method.pose_estimator import CoarseResult
+from hlp.method.settings import MethodSettings
+from hlp.records import (
+    Frame,
+    Hypotheses,
+    LocalPatches,
+    Refinement,
+    Region,
+    Target,
+    Votes,
+)
+from hlp.refinement.choice import RefinedHypotheses
+from hlp.stages.store import Output
+
+OBJECTS = (3, 7)
+KEYS = ("000000_000001", "000000_000002", "000004_000001")
+SHAPE = (12, 17)  # its pixels fill no whole number of bytes
+NOT_FOUND = ("000004_000001", 7)
+
+
+def method_settings(*overrides: str) -> MethodSettings:
+    """The default settings, as `hlp run` would have them."""
+    from hydra import compose, initialize_config_dir
+
+    from hlp.commands.composing import config_folder
+
+    with initialize_config_dir(str(config_folder()), version_base="1.3"):
+        config = compose("config", overrides=["output=out", *overrides])
+    return build_settings(config).method
+
+
+class CountedFrames:
+    """Frames with both objects as targets; `loads` lists the keys of those that were decoded."""
+
+    keys = KEYS
+
+    def __init__(self) -> None:
+        self.loads: list[str] = []
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    def identity(self) -> str:
+        return "frames"
+
+    def load(self, key: str) -> Frame:
+        self.loads.append(key)
+        scene, frame = (int(part) for part in key.split("_"))
+        targets = tuple(Target(each, np.eye(4)) for each in OBJECTS)
+        depth = np.ones(SHAPE, np.float32)
+        return Frame(scene, frame, np.zeros((*SHAPE, 3), np.uint8), depth, np.eye(3), targets)
+
+
+def fake_dataset() -> Any:
+    frames = CountedFrames()
+    model = SimpleNamespace(holistic_size=0.1, local_size=0.05, diameter=0.12)
+    return SimpleNamespace(
+        models=dict.fromkeys(OBJECTS, model),
+        model_identities={each: f"model {each}" for each in OBJECTS},
+        target_ids=OBJECTS,
+        frames=frames,
+        frames_identity=frames.identity(),
+        wanted=lambda frame: tuple(each.object_id for each in frame.targets),
+        settings=None,
+    )
+
+
+class FakeTraining:
+    """Training stages that have learnt everything already."""
+
+    made: Mapping[Any, Any] = {}
+
+    def make_for(self, object_ids: tuple[int, ...]) -> None:
+        """Nothing is to be made."""
+
+    def classifier(self) -> Output:
+        return Output("classifier", Path("classifier"))
+
+    def encoder(self) -> Output:
+        return Output("encoder", Path("encoder"))
+
+    def codebook(self, object_id: int) -> Output:
+        return Output(f"codebook {object_id}", Path("codebook"))
+
+
+class FakeEstimator:
+    """Stands for `PoseEstimator`. `asked` lists the steps, each with its frame and object.
+
+    `fails_at` names a step, frame and object at which the user presses Ctrl-C.
+    """
+
+    def __init__(self, *_: Any) -> None:
+        self.asked: list[tuple[str, str, int]] = []
+        self.fails_at: tuple[str, str, int] | None = None
+        self.loaded = 0
+
+    def load(self, object_ids: tuple[int, ...]) -> None:
+        self.loaded += 1
+
+    def prepare(self, frame: Frame) -> Any:
+        return SimpleNamespace(frame=frame)
+
+    def _step(self, name: str, context: Any, object_id: int) -> np.random.Generator:
+        step = name, context.frame.key, object_id
+        if step == self.fails_at:
+            raise KeyboardInterrupt
+        self.asked.append(step)
+        return np.random.default_rng([context.frame.scene_id, context.frame.frame_id, object_id])
+
+    def find_region(self, context: Any, object_id: int) -> Region:
+        rng = self._step("region", context, object_id)
+        centers = rng.integers(0, 12, (5, 2)).astype(np.float64)
+        return Region(object_id, centers, rng.random(5), rng.random(SHAPE) < 0.5)
+
+    def find_hypotheses(self, context: Any, region: Region) -> CoarseResult:
+        """Hypotheses that lie at the sum of the region's mask: it must have come through."""
+        rng = self._step("hypotheses", context, region.object_id)
+        votes = Votes(
+            rng.random((4, 3)),
+            np.broadcast_to(np.eye(3), (4, 3, 3)).copy(),
+            rng.random(4),
+            np.arange(4),
+            rng.integers(0, 12, (4, 2)).astype(np.float64),
+        )
+        count = 0 if (context.frame.key, region.object_id) == NOT_FOUND else 2
+        poses = np.broadcast_to(np.eye(4), (count, 4, 4)).copy()
+        poses[:, 2, 3] = float(region.mask.sum())
+        patches = LocalPatches(
+            np.zeros((0, 2, 2, 3), np.uint8),
+            np.zeros((0, 2, 2), np.float32),
+            np.zeros((0, 2, 2), bool),
+            np.zeros((0, 3)),
+            np.zeros((0, 2)),
+        )
+        return CoarseResult(patches, votes, Hypotheses(poses, rng.random(count)), 0.25, 0.125)
+
+    def refine(
+        self, context: Any, object_id: int, hypotheses: Hypotheses
+    ) -> RefinedHypotheses | None:
+        """Moves each hypothesis by a metre; the second one costs less."""
+        self._step("refine", context, object_id)
+        if len(hypotheses) == 0:
+            return None
+        moved = hypotheses.poses_cam_obj.copy()
+        moved[:, 0, 3] += [1.0, 2.0]
+        refined = [Refinement(each, 3) for each in moved]
+        return RefinedHypotheses(refined, np.array([0.5, 0.25]), np.array([1, 0]), 1)

@@ -1,0 +1,172 @@
+"""The three stages over frames, with an estimator that only says what it is asked."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fake_detection import (
+    KEYS,
+    NOT_FOUND,
+    OBJECTS,
+    FakeEstimator,
+    FakeTraining,
+    fake_dataset,
+    method_settings,
+)
+from hlp.stages import detection
+from hlp.stages.detection import DetectionStages
+from hlp.stages.frame_detection import STAGES, STEPS
+from hlp.stages.store import StageStore
+
+SETTINGS = method_settings()
+FIRST = KEYS[0]
+
+
+@pytest.fixture(autouse=True)
+def fake(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(detection, "PoseEstimator", FakeEstimator)
+
+
+def stages_in(work: Path, keys: tuple[str, ...] = KEYS) -> Any:
+    dataset, training, store = fake_dataset(), FakeTraining(), StageStore(work)
+    return DetectionStages(dataset, SETTINGS, training, store, keys)  # type: ignore[arg-type]
+
+
+def events(stages: Any, *, reused: bool) -> list[str]:
+    return [event.stage for event in stages.store.events if event.reused == reused]
+
+
+def files(work: Path) -> dict[str, bytes]:
+    """All files of arrays by stage and frame."""
+    return {f"{path.parts[-3]}/{path.stem}": path.read_bytes() for path in work.glob("*/*/*.npz")}
+
+
+def test_a_frame_is_decoded_once_for_all_three_stages(tmp_path: Path) -> None:
+    stages = stages_in(tmp_path)
+    stages.poses()
+    assert stages.dataset.frames.loads == [*KEYS]
+    assert events(stages, reused=False) == [*STAGES]
+    assert files(tmp_path).keys() == {f"{stage}/{key}" for stage in STAGES for key in KEYS}
+    stages.regions(), stages.hypotheses(), stages.poses()
+    assert stages.dataset.frames.loads == [*KEYS]  # nothing is asked for twice
+
+
+def test_every_object_goes_through_every_step_once_and_the_first_frame_twice(
+    tmp_path: Path,
+) -> None:
+    stages = stages_in(tmp_path)
+    stages.poses()
+    steps = ("region", "hypotheses", "refine")
+    wanted = [(step, FIRST, each) for step in steps for each in OBJECTS]
+    wanted += [(step, key, each) for key in KEYS for step in steps for each in OBJECTS]
+    assert stages.estimator.asked == wanted
+    assert stages.estimator.loaded == 1
+
+
+def test_stages_one_at_a_time_write_what_stages_together_write(tmp_path: Path) -> None:
+    together, apart = stages_in(tmp_path / "together"), stages_in(tmp_path / "apart")
+    together.poses()
+    apart.regions()
+    assert events(apart, reused=False) == ["regions"]
+    apart.hypotheses()
+    apart.poses()
+    assert apart.dataset.frames.loads == [*KEYS] * 3
+    assert files(tmp_path / "apart") == files(tmp_path / "together")
+    for stage in STAGES:
+        assert apart.made[stage].fingerprint == together.made[stage].fingerprint
+    assert apart.reused == set()  # its own
+    assert [set(each.seconds) for each in apart.estimates()] == [set(STEPS)] * 6
+
+
+def test_what_is_on_disk_is_reused_by_name(tmp_path: Path) -> None:
+    stages_in(tmp_path).hypotheses()
+    before = files(tmp_path)
+    later = stages_in(tmp_path)
+    later.poses()
+    assert later.reused == {"regions", "hypotheses"}
+    assert events(later, reused=True) == ["regions", "hypotheses"]
+    assert {step for step, *_ in later.estimator.asked} == {"refine"}
+    assert before.items() <= files(tmp_path).items()
+    whole = stages_in(tmp_path / "whole")
+    whole.poses()
+    assert files(tmp_path / "whole").items() <= files(tmp_path).items()
+    third = stages_in(tmp_path)
+    third.poses()
+    assert third.reused == {*STAGES} and third.dataset.frames.loads == []
+
+
+def test_an_interrupted_pass_continues_at_the_frame_where_it_stopped(tmp_path: Path) -> None:
+    stages = stages_in(tmp_path)
+    stages.estimator.fails_at = ("refine", KEYS[1], OBJECTS[1])
+    with pytest.raises(KeyboardInterrupt) as caught:
+        stages.poses()
+    assert len(caught.value.__notes__) == 3  # every stage was being made
+    assert events(stages, reused=False) == []
+    left = [*tmp_path.glob("*/*.partial/*.npz")]
+    assert {path.stem for path in left} == {FIRST} and len(left) == 3
+    resumed = stages_in(tmp_path)
+    resumed.poses()
+    assert resumed.dataset.frames.loads == [*KEYS[1:]]
+    assert resumed.reused == {*STAGES}  # in part: its times are not all its own
+    whole = stages_in(tmp_path / "whole")
+    whole.poses()
+    assert files(tmp_path / "whole").items() <= files(tmp_path).items()
+    assert not [*tmp_path.glob("*/*.partial")]
+
+
+def test_a_frame_of_which_one_stage_is_lacking_is_made_for_all(tmp_path: Path) -> None:
+    stages = stages_in(tmp_path)
+    stages.estimator.fails_at = ("region", KEYS[1], OBJECTS[0])
+    with pytest.raises(KeyboardInterrupt):
+        stages.poses()
+    (lost,) = tmp_path.glob(f"poses/*.partial/{FIRST}.npz")
+    lost.unlink()  # as a crash between two writes leaves it
+    resumed = stages_in(tmp_path)
+    resumed.poses()
+    assert resumed.dataset.frames.loads == [*KEYS]
+
+
+def test_estimates_are_the_cheapest_hypotheses_with_the_times_of_this_pass(tmp_path: Path) -> None:
+    stages = stages_in(tmp_path)
+    estimates = stages.estimates()
+    assert [(f"{e.scene_id:06d}_{e.frame_id:06d}", e.object_id) for e in estimates] == [
+        (key, each) for key in KEYS for each in OBJECTS
+    ]
+    for each in estimates:
+        key = f"{each.scene_id:06d}_{each.frame_id:06d}"
+        if (key, each.object_id) == NOT_FOUND:
+            assert each.pose_cam_obj is None and each.score == 0.0
+        else:
+            frame = stages.dataset.frames.load(key)
+            context = stages.estimator.prepare(frame)
+            covered = stages.estimator.find_region(context, each.object_id).mask.sum()
+            assert each.score == 0.75
+            np.testing.assert_array_equal(each.pose_cam_obj[:3, 3], [2.0, 0.0, covered])
+        assert set(each.seconds) == set(STEPS)
+        assert (each.seconds["local"], each.seconds["voting"]) == (0.25, 0.125)
+        assert 0.0 < each.seconds["refinement"] < 0.1
+
+
+def test_times_on_disk_are_nobodys(tmp_path: Path) -> None:
+    """Not those of a run that finds all, nor of one that finds only the first two stages."""
+    stages_in(tmp_path).hypotheses()
+    refined = stages_in(tmp_path)
+    again = stages_in(tmp_path)
+    assert [each.seconds for each in refined.estimates()] == [{}] * 6
+    assert [each.seconds for each in again.estimates()] == [{}] * 6
+    assert again.first_use_seconds is None
+
+
+def test_loading_and_compiling_are_the_first_uses_and_no_frames(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import time
+
+    monkeypatch.setattr(FakeEstimator, "load", lambda *_: time.sleep(0.3))
+    stages = stages_in(tmp_path)
+    estimates = stages.estimates()
+    assert stages.first_use_seconds is not None and 0.3 <= stages.first_use_seconds < 1.0
+    for each in estimates:
+        assert each.seconds["holistic"] + each.seconds["refinement"] < 0.1

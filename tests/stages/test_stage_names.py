@@ -1,0 +1,261 @@
+"""What the names of the stages' outputs depend on. Nothing is made."""
+
+import copy
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fake_detection import FakeEstimator, method_settings
+from hlp import source_code
+from hlp.config.build import build_settings
+from hlp.data.dataset import Dataset
+from hlp.data.loading import build_dataset
+from hlp.method.settings import MethodSettings
+from hlp.stages import detection
+from hlp.stages.detection import DetectionStages
+from hlp.stages.store import Opened, StageStore
+from hlp.stages.training import TrainingStages
+
+CHOICES = (
+    (),
+    ("encoder=cae", "codebook=kd_forest", "voting=paper", "refinement=icp"),
+    ("encoder=pca", "codebook=exact", "refinement=none", "rendering=pyrender", "trainer=gpu"),
+)
+KEYS = ("000000_000000", "000001_000000")
+ALL = {"views", "classifier", "encoder", "codebook", "regions", "hypotheses", "poses"}
+# They name a file of the configuration for people; the other keys say all that is in it.
+NAMES_ONLY = {"patches.name", "machine.name"}
+
+
+class NothingIsMade(StageStore):
+    """A store that takes every output for finished."""
+
+    def get_or_make(self, stage: str, fingerprint: str, *_: Any, **__: Any) -> Path:
+        return self.root / stage / fingerprint
+
+    @contextmanager
+    def open(self, stage: str, fingerprint: str, *_: Any, **__: Any) -> Iterator[Opened]:
+        yield Opened(self.root / stage / fingerprint, True)
+
+
+@pytest.fixture(autouse=True)
+def fake(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(detection, "PoseEstimator", FakeEstimator)
+
+
+@pytest.fixture(scope="module")
+def dataset() -> Dataset:
+    from hydra import compose, initialize_config_dir
+
+    from hlp.commands.composing import config_folder
+
+    with initialize_config_dir(str(config_folder()), version_base="1.3"):
+        built = build_dataset(build_settings(compose("config", overrides=["output=out"])).data)
+    some = {i: built.models[i] for i in sorted(built.models)[:2]}
+    return dataclasses.replace(built, models=some, target_ids=tuple(some))
+
+
+def names(
+    settings: MethodSettings, dataset: Dataset, keys: tuple[str, ...] = KEYS
+) -> dict[str, str]:
+    """Fingerprints of all stages' outputs by stage and object."""
+    store = NothingIsMade(Path("nowhere"))
+    training = TrainingStages(dataset, settings, store)
+    stages = DetectionStages(dataset, settings, training, store, keys)
+    stages.poses()
+    made = {f"{stage} {i}": output.fingerprint for (stage, i), output in training.made.items()}
+    return made | {stage: output.fingerprint for stage, output in stages.made.items()}
+
+
+def changed(before: Mapping[str, str], after: Mapping[str, str]) -> set[str]:
+    """Stages of which any output has another name."""
+    assert before.keys() == after.keys()
+    return {name.split()[0] for name in before if before[name] != after[name]}
+
+
+def leaves(settings: Any, prefix: str = "") -> Iterator[str]:
+    for each in dataclasses.fields(settings):
+        value = getattr(settings, each.name)
+        if dataclasses.is_dataclass(value):
+            yield from leaves(value, f"{prefix}{each.name}.")
+        else:
+            yield f"{prefix}{each.name}"
+
+
+def other(value: Any) -> Any:
+    """Another value of the same kind; whether it makes sense does not matter here."""
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, int | float):
+        return value + 1
+    if isinstance(value, str):
+        return f"{value}x"
+    if isinstance(value, tuple):
+        return (*value, *(value[:1] or (1,)))
+    return 1.5
+
+
+def with_other(settings: Any, key: str) -> Any:
+    """The settings with another value at a dotted key; nothing checks it."""
+    first, _, rest = key.partition(".")
+    value = getattr(settings, first)
+    one = copy.copy(settings)
+    object.__setattr__(one, first, with_other(value, rest) if rest else other(value))
+    return one
+
+
+@pytest.mark.parametrize("choice", CHOICES, ids=str)
+def test_each_declared_key_changes_a_name_and_threads_change_none(
+    choice: tuple[str, ...], dataset: Dataset
+) -> None:
+    settings = method_settings(*choice)
+    before = names(settings, dataset)
+    found = {
+        key: changed(before, names(with_other(settings, key), dataset)) for key in leaves(settings)
+    }
+    without = {key for key, stages in found.items() if not stages}
+    threads = {key for key in found if key.rpartition(".")[2] == "threads"}
+    assert len(found) > 60 and threads
+    pairs = {key for key in found if key.startswith("patches.pairs.")}
+    assert without == threads | NAMES_ONLY | (pairs if "encoder=cae" in choice else set())
+    for key, stages in found.items():
+        group = key.partition(".")[0]
+        if key in without:
+            continue
+        if group == "refinement":
+            assert stages == {"poses"}
+        elif group in ("voting", "codebook"):
+            assert stages == {"hypotheses", "poses"}
+        elif group == "rendering":
+            assert stages == ALL - ({"encoder"} if "encoder=cae" in choice else set())
+
+
+def test_another_alternative_with_the_same_values_is_another_name(dataset: Dataset) -> None:
+    pso, icp = method_settings("refinement=pso"), method_settings("refinement=icp")
+    both = names(pso, dataset), names(icp, dataset)
+    assert changed(*both) == {"poses"}
+
+
+def test_the_data_change_the_names_of_what_is_made_from_them(
+    dataset: Dataset, tmp_path: Path
+) -> None:
+    settings = method_settings()
+    before = names(settings, dataset)
+
+    def after(**changes: Any) -> set[str]:
+        return changed(before, names(settings, dataclasses.replace(dataset, **changes)))
+
+    import cv2
+    import numpy as np
+
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((80, 80, 3), np.uint8))
+    learnt_by_classifier = {"classifier", "regions", "hypotheses", "poses"}
+    assert after(photographs=tmp_path) == learnt_by_classifier
+    assert after(background_frames=None) == learnt_by_classifier
+    assert after(encoder_frames=None) == set()  # the contrastive encoder takes none
+    assert after(frames=dataset.background_frames) == {"regions", "hypotheses", "poses"}
+    first = min(dataset.models)
+    model = dataset.models[first]
+    for change, stages in (
+        ({"holistic_size": 0.3}, learnt_by_classifier),
+        ({"local_size": 0.3}, {"encoder", "codebook", "hypotheses", "poses"}),
+        ({"symmetries": model.symmetries[[0, 0]]}, {"hypotheses", "poses"}),
+        ({"name": "other"}, set()),
+    ):
+        other_model = dataclasses.replace(model, **change)
+        assert after(models={**dataset.models, first: other_model}) == stages, change
+    colors = 255 - model.mesh.colors
+    painted = dataclasses.replace(model, mesh=dataclasses.replace(model.mesh, colors=colors))
+    assert after(models={**dataset.models, first: painted}) == ALL
+    more = names(settings, dataset, (*KEYS, "000002_000000"))
+    assert changed(before, more) == {"regions", "hypotheses", "poses"}
+
+
+def test_one_mesh_under_two_ids_shares_its_views_and_nothing_else(dataset: Dataset) -> None:
+    model = next(iter(dataset.models.values()))
+    one, six = (
+        names(
+            method_settings(),
+            dataclasses.replace(
+                dataset, models={i: dataclasses.replace(model, object_id=i)}, target_ids=(i,)
+            ),
+        )
+        for i in (1, 6)
+    )
+    assert one["views 1"] == six["views 6"]
+    assert one["codebook 1"] != six["codebook 6"]
+    for stage in ("classifier 0", "encoder 0", "regions", "hypotheses", "poses"):
+        assert one[stage] != six[stage]
+
+
+@pytest.fixture
+def edit(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], None]]:
+    """Adds a line to a module's source, as far as digests know."""
+    read = source_code._read
+    edited: set[str] = set()
+
+    def with_a_line_more(name: str) -> bytes | None:
+        content = read(name)
+        return content + b"#\n" if content is not None and name in edited else content
+
+    def forget() -> None:
+        source_code.code_of.cache_clear()
+        source_code.source_digest.cache_clear()
+
+    def add(module: str) -> None:
+        assert read(module) is not None
+        edited.add(module)
+        forget()
+
+    monkeypatch.setattr(source_code, "_read", with_a_line_more)
+    yield add
+    forget()
+
+
+FOUND = {"regions", "hypotheses", "poses"}
+
+
+@pytest.mark.parametrize(
+    ("module", "stages"),
+    [
+        ("hlp.rendering.rasterizer", ALL),
+        ("hlp.records", ALL),
+        ("hlp.patches.holistic_pool", {"classifier", *FOUND}),
+        ("hlp.data.photographs", {"classifier", *FOUND}),
+        ("hlp.data.synthetic.sensor", {"classifier", *FOUND}),
+        ("hlp.patches.local_pool", {"encoder", "codebook", "hypotheses", "poses"}),
+        ("hlp.method.training", ALL - {"views"}),
+        ("hlp.codebook.entries", {"codebook", "hypotheses", "poses"}),
+        ("hlp.voting.modes_kernel", FOUND),
+        ("hlp.refinement.pso", FOUND),
+        ("hlp.stages.frame_results", FOUND),
+        ("hlp.method.settings", set()),
+        ("hlp.reporting.tables", set()),
+        ("hlp.runs.runner", set()),
+    ],
+)
+def test_an_edit_changes_the_names_of_the_stages_that_run_it(
+    module: str, stages: set[str], dataset: Dataset, edit: Callable[[str], None]
+) -> None:
+    before = names(method_settings(), dataclasses.replace(dataset))
+    edit(module)
+    after = names(method_settings(), dataclasses.replace(dataset))
+    assert changed(before, after) == stages
+
+
+def test_another_version_of_a_library_changes_the_names_of_the_stages_that_use_it(
+    dataset: Dataset, monkeypatch: pytest.MonkeyPatch, edit: Callable[[str], None]
+) -> None:
+    before = names(method_settings(), dataset)
+    versions = source_code._versions
+
+    def newer(modules: Any) -> dict[str, str]:
+        return {name: f"{v}.1" if name == "torch" else v for name, v in versions(modules).items()}
+
+    monkeypatch.setattr(source_code, "_versions", newer)
+    edit("hlp.reporting.tables")  # clears what was read; changes nothing itself
+    assert changed(before, names(method_settings(), dataset)) == ALL - {"views"}
