@@ -8,6 +8,7 @@ from typing import Any
 
 from tqdm import tqdm
 
+from hlp.codebook.entries import load_codebook
 from hlp.data.dataset import Dataset
 from hlp.method.pose_estimator import PoseEstimator
 from hlp.method.settings import MethodSettings
@@ -20,7 +21,7 @@ from hlp.stages.fingerprint import fingerprint, result_settings, stage_code
 from hlp.stages.frame_detection import STAGES, Seconds, estimates_of, find_in_frame
 from hlp.stages.frame_files import read_arrays, write_arrays
 from hlp.stages.store import Output, StageStore
-from hlp.stages.training import TrainingStages
+from hlp.stages.training import LOADED_BY, TrainingStages
 
 
 class DetectionStages:
@@ -138,13 +139,18 @@ class DetectionStages:
     def _code(self, stage: str) -> Code:
         """The code of detection, of the frames' reader, and of the alternatives that are chosen."""
         settings = self.settings
-        chosen: dict[str, tuple[Any, ...]] = {
-            "regions": (),
-            "hypotheses": (settings.codebook, settings.voting),
-            "poses": (settings.refinement,),
+        modules = {
+            "regions": [LOADED_BY["classifier"]],
+            "hypotheses": [
+                LOADED_BY["encoder"],
+                load_codebook.__module__,
+                type(settings.codebook).__module__,
+                type(settings.voting).__module__,
+            ],
+            "poses": [type(settings.refinement).__module__],
         }
-        used = (self.dataset.frames, *chosen[stage])
-        return stage_code(find_in_frame.__module__, *(type(each).__module__ for each in used))
+        reader = type(self.dataset.frames).__module__
+        return stage_code(find_in_frame.__module__, reader, *modules[stage])
 
     @property
     def made(self) -> Mapping[str, Output]:

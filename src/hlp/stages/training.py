@@ -22,6 +22,9 @@ from hlp.stages.fingerprint import fingerprint, result_settings, stage_code
 from hlp.stages.store import Output, StageStore
 from hlp.stages.warm_start import WarmStart, WarmStartSettings, read_warm_start
 
+LOADED_BY = {"classifier": load_classifier.__module__, "encoder": load_encoder.__module__}
+"""Modules that load what was learnt: their code is part of the stages that use it."""
+
 
 class TrainingStages:
     """Makes what is learnt from the objects' models, or finds it on disk.
@@ -228,7 +231,11 @@ class TrainingStages:
                 type(dataset.background_frames).__module__,
             ],
             "encoder": [train_encoder.__module__, type(self.settings.encoder).__module__],
-            "codebook": [build_codebook.__module__, save_codebook.__module__],
+            "codebook": [
+                build_codebook.__module__,
+                save_codebook.__module__,
+                LOADED_BY["encoder"],
+            ],
         }
         if self.settings.encoder.name == "cae":
             readers = (dataset, dataset.encoder_frames)
