@@ -14,6 +14,7 @@ from hydra import compose, initialize_config_dir
 import hlp
 from hlp.commands.composing import config_folder
 from hlp.config.build import Run, build_run
+from hlp.errors import DataError
 from hlp.method.training import read_history
 from hlp.runs.run_stages import stages_of
 from hlp.stages.detection import DetectionStages
@@ -106,7 +107,7 @@ def test_a_worker_of_other_data_finds_nothing(
     detection = detection_of(build(tiny_run, work, "executor=loky"), work)
     right = FrameTask.of(detection, {"regions": tmp_path}, ("regions",))
     wrong = FrameTask(**{**vars(right), "made_from": {**right.made_from, "frames": "others"}})
-    with pytest.raises(ValueError, match="not the same frames as the run"):
+    with pytest.raises(DataError, match="does not have the same frames as the run"):
         wrong(detection.keys[0])
     assert not list(tmp_path.glob("*.npz"))
 

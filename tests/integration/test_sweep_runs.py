@@ -39,7 +39,7 @@ def sweep_of(tiny_run: TinyRun) -> Path:
 
 
 def test_failed_arm_is_a_failed_run_and_the_others_go_on(tiny_run: TinyRun, call: Call) -> None:
-    """No particles: refused before any stage. The arm after it is run."""
+    """No particles: refused before any stage. The next run of the sweep is not stopped by it."""
     code, _, error = call("-m", *tiny_run.overrides, "refinement.particles=0,5", "output=failing")
     assert code == 1
     assert "refinement.particles is 0" in error
@@ -87,7 +87,7 @@ def test_interrupted_sweep_goes_on_without_repeating_arms(
     monkeypatch.setattr(PoseEstimator, "refine", counted)
     code, said, _ = call(*overrides)
     assert code == 0
-    assert f"going on with the sweep in {output.relative_to(tiny_run.folder)}" in said
+    assert f"continuing the sweep in {output.relative_to(tiny_run.folder)}" in said
     assert "finished already: swept 0: refinement.particles=5" in said
     assert asked == {6}
     assert (output / "0" / "summary.json").stat().st_mtime_ns == first

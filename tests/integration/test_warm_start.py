@@ -88,7 +88,7 @@ def test_what_cannot_be_gone_on_from_is_named(
 ) -> None:
     manifest = manifest_of(earlier, tmp_path / "manifest.json")
     fewer = training_of(run, left_out=min(run.dataset.models), manifest=manifest)
-    with pytest.raises(ValueError, match="knows objects that this run has not"):
+    with pytest.raises(ValueError, match="knows objects that this run does not"):
         fewer.classifier()
     other = training_of(run, manifest=manifest)
     local = dataclasses.replace(run.settings.patches.local, size_scale=1.1)

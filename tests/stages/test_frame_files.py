@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from hlp.errors import DataError
 from hlp.stages.frame_files import read_arrays, write_arrays
 
 ARRAYS = {"6/poses": np.arange(32.0).reshape(2, 4, 4), "6/mask": np.arange(9, dtype=np.uint8)}
@@ -26,7 +27,7 @@ def test_a_truncated_file_is_named(tmp_path, kept):
     write_arrays(tmp_path, "key", ARRAYS)
     path = tmp_path / "key.npz"
     path.write_bytes(path.read_bytes()[:kept])
-    with pytest.raises(ValueError, match=r"key\.npz is damaged.*delete its folder"):
+    with pytest.raises(DataError, match=r"key\.npz is damaged.*delete its folder"):
         read_arrays(tmp_path, "key")
 
 
@@ -36,7 +37,7 @@ def test_flipped_bits_are_noticed(tmp_path):
     content = bytearray(path.read_bytes())
     content[len(content) // 3] ^= 0xFF
     path.write_bytes(content)
-    with pytest.raises(ValueError, match=r"key\.npz is damaged"):
+    with pytest.raises(DataError, match=r"key\.npz is damaged"):
         read_arrays(tmp_path, "key")
 
 

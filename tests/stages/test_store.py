@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from filelock import FileLock
 
+from hlp.errors import DataError
 from hlp.stages.store import StageStore
 
 NAME = "0123456789abcdef"
@@ -94,7 +95,7 @@ def test_interrupted_work_finds_its_own_files(tmp_path: Path) -> None:
 
 def test_half_an_output_under_the_final_name_is_refused(tmp_path: Path) -> None:
     (tmp_path / "codebook" / NAME).mkdir(parents=True)
-    with pytest.raises(FileExistsError, match=NAME):
+    with pytest.raises(DataError, match=NAME):
         StageStore(tmp_path).get_or_make("codebook", NAME, fail_if_called, DESCRIPTION)
 
 

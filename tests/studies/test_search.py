@@ -14,6 +14,7 @@ from hydra import compose, initialize_config_dir
 from hlp.commands.composing import config_folder
 from hlp.config.build import Run, build_run
 from hlp.config.settings import SearchSettings
+from hlp.errors import DataError
 from hlp.reporting.tracking import track_run
 from hlp.studies import search
 from hlp.studies.search_space import Choices, Range, check_within, nested, read_space
@@ -100,7 +101,7 @@ def test_the_best_trial_is_the_best_within_the_limit(
     assert logged == [str(each["particles"]) for each in tried]
 
 
-@pytest.mark.parametrize("error", [KeyboardInterrupt(), ValueError("no such pose")])
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), DataError("no such pose")])
 def test_a_search_goes_on_where_it_stopped(
     start: Callable[..., dict[str, Any]], tried: Tried, tmp_path: Path, error: BaseException
 ) -> None:
@@ -125,6 +126,18 @@ def test_a_search_goes_on_where_it_stopped(
     count = len(tried)
     assert start("again", f"task.trials={len(result['trials'])}") == result
     assert len(tried) == count  # nothing is left to try
+
+
+def test_a_bug_is_raised_and_no_failed_trial(
+    start: Callable[..., dict[str, Any]], tried: Tried
+) -> None:
+    tried.append({"stop_at": 3, "stop_by": ValueError("shapes do not match")})  # second trial
+    with pytest.raises(ValueError, match="shapes do not match"):
+        start("first", "task.trials=4")
+    tried[0] = {}
+    result = start("second", "task.trials=2")
+    assert tried[3] == tried[2]  # the trial is repeated
+    assert [each["error"] for each in result["trials"]] == [None, None]
 
 
 def test_another_configuration_is_another_search(

@@ -9,7 +9,7 @@ COMPARE = "compare="
 
 
 def command(arguments: Sequence[str]) -> None:
-    """Measure, or put saved results side by side."""
+    """Measure, or compare saved results."""
     if composing.HELP & set(arguments):
         print(BENCH_HELP)
         return
@@ -48,18 +48,18 @@ usage: hlp bench [experiment=NAME] [frames=N] [overrides]
        hlp bench compare=A.json
        hlp bench 'compare=[A.json,B.json]'
 
-Times every stage of detection on the configured data (the demo's; linemod_bop: experiment=linemod_bop
-data.root=PATH), frame by frame: median and 95th percentile of wall time, CPU time of all threads,
-for the first object looked for in a frame and for each further one; loading a trained object; peak
-memory. What is learnt is reused from work, or made first. The same frames go through slower
-reference paths in the same run (task.compared, see conf/task/bench.yaml): how many times as long,
-and whether their poses are the same.
+Measures every stage of detection on the configured data (the demo; experiment=linemod_bop
+data.root=PATH for LINEMOD), frame by frame: median and 95th percentile of the wall time and CPU
+time of all threads, for the first object in a frame and for each further one; the time to load a
+trained object; peak memory. Training outputs are reused from work, or made first. The same frames
+also go through slower reference paths (task.compared, see conf/task/bench.yaml), to compare their
+times and their poses.
 
 Written into the output folder: bench.json, bench.md and manifest.json.
 
-hlp bench frames=10 refinement.particles=15            another setting
-hlp bench -m refinement.particles=15,25,50             each of several
-hlp bench +task.compared.few.refinement.particles=10   one more path through the same frames
+hlp bench frames=10 refinement.particles=15            with another setting
+hlp bench -m refinement.particles=15,25,50             with each of these
+hlp bench +task.compared.few.refinement.particles=10   compare one more path
 
 compare=A.json puts the newest other bench.json below outputs/ beside a saved one; two files are
 compared with each other. It measures nothing."""

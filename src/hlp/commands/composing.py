@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import hlp
+from hlp.errors import HlpError
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
@@ -49,21 +50,21 @@ def compose_and_call(
     try:
         with sweep_open():
             app(lambda config: _job(config, task))()
-    except (HydraException, OmegaConfBaseException, ValueError, OSError) as error:
+    except (HydraException, OmegaConfBaseException, HlpError, ValueError, OSError) as error:
         fail(error)
     except KeyboardInterrupt:
-        print("hlp: interrupted; the same command goes on from here", file=sys.stderr)
+        print("hlp: interrupted; the same command continues from here", file=sys.stderr)
         sys.exit(130)  # as shells have it
 
 
 def _job(config: DictConfig, task: Callable[[DictConfig], None]) -> None:
-    """One task. In a sweep an error is logged where it happens, and the other arms go on."""
+    """Run one task. In a sweep an error is logged, and the other runs continue."""
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
 
     try:
         task(config)
-    except (ValueError, OSError) as error:
+    except (HlpError, ValueError, OSError) as error:
         if HydraConfig.get().mode == RunMode.RUN:
             fail(error)
         logging.getLogger(__name__).error("%s: %s", config.output, _in_words(error))

@@ -1,4 +1,4 @@
-"""`hlp run`: the task that a configuration names, once, as a sweep, or again from a manifest."""
+"""`hlp run`: runs the task of a configuration once, as a sweep, or again from a manifest."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MANIFEST = "manifest="
 
 
 def command(arguments: Sequence[str], name: str = "run") -> None:
-    """Compose, build everything the configuration names, then do its task with it."""
+    """Compose the configuration, build what it names, and run its task."""
     from hlp.studies.sweep import unfinished_sweep
 
     if any(each.startswith(MANIFEST) for each in arguments):
@@ -26,26 +26,26 @@ def command(arguments: Sequence[str], name: str = "run") -> None:
     swept = composing.MULTIRUN & {*arguments}
     folder = unfinished_sweep(arguments, Path("outputs")) if swept else None
     if folder is not None:
-        print(f"going on with the sweep in {folder}")
+        print(f"continuing the sweep in {folder}")
         arguments = [*arguments, f"output='{folder}'"]
     composing.compose_and_call(name, arguments, _run, composing.config_folder())
 
 
 def _run(config: DictConfig, manifest: Path | None = None) -> None:
-    """Build everything the composed configuration names, then do its task with it.
+    """Build what the composed configuration names, and run its task.
 
-    With a `manifest`, whose configuration it is, the data and the poses are compared with it.
+    With a `manifest`, from which the configuration comes, data and poses are compared with it.
     """
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
 
-    config.output = HydraConfig.get().runtime.output_dir  # an arm of a sweep has its own
+    config.output = HydraConfig.get().runtime.output_dir  # each run of a sweep has its own
 
     from hlp.config import build
     from hlp.studies import repeat, sweep, tasks
 
     if HydraConfig.get().mode == RunMode.MULTIRUN:
-        sweep.run_arm(config)
+        sweep.run_one(config)
     elif manifest is not None:
         repeat.run_again(build.build_run(config), manifest, Path(config.output))
     else:

@@ -8,7 +8,7 @@ SPACE = "space="
 
 
 def command(arguments: Sequence[str]) -> None:
-    """Search a named space, or go on with that search."""
+    """Search a named space, or continue its search."""
     if composing.HELP & set(arguments):
         print(SEARCH_HELP)
         return
@@ -19,17 +19,18 @@ def command(arguments: Sequence[str]) -> None:
 SEARCH_HELP = """\
 usage: hlp search [space=NAME] [experiment=NAME] [task.trials=N] [task.limit_ms=T] [overrides]
 
-Optuna tries settings on the configured frames: the best AD recall of those whose median time of a
-target is within the limit. Needs the extra `search`: pip install 'hlp[search]'. Spaces are the
-files of conf/task/space: settings with ranges or choices. The first trial is the configuration as
-it stands. What trials share is computed once.
+Optuna tries settings on the configured frames and looks for the best ADD(-S) recall among those
+whose median time per target is within the limit. Needs the extra `search`: pip install
+'hlp[search]'. Spaces are files in conf/task/space: settings with ranges or choices. The first trial
+is the configuration as it is. Stages that trials share are computed once; times are measured anew
+in each trial.
 
-The study lies in work/search: the same command goes on with it, with more trials if task.trials is
-raised. In MLflow it is one run, and each trial a child run of it.
+The study is stored in work/search. The same command continues it; raise task.trials for more
+trials. In MLflow the search is one run, and each trial is a child run of it.
 
 Written into the output folder: search.json, search.csv, search.md and manifest.json.
 
-hlp search                                            what the demo's refinement should do in 500 ms
-hlp search space=voting task.trials=50 frames=60      how local patches vote, on 60 frames
+hlp search                                            refinement of the demo, within 500 ms
+hlp search space=voting task.trials=50 frames=60      voting, on 60 frames
 hlp search experiment=linemod_bop data.root=PATH         on real frames
 hlp search task.space.parameters.refinement.particles.high=100     a wider range"""

@@ -1,4 +1,4 @@
-"""What a run is about: the objects, the frames to find them in, and pictures to train with."""
+"""A data set: objects, frames to find them in, and images to train with."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,6 +10,7 @@ from jaxtyping import UInt8
 
 from hlp.data.photographs import list_photographs, load_photographs, random_crops
 from hlp.data.sources import FrameSource, content_hash
+from hlp.errors import ConfigError
 from hlp.objects.object_model import mesh_identity, model_identity
 from hlp.patches.procedural_backgrounds import procedural_backgrounds
 from hlp.records import Frame, ObjectModel
@@ -23,14 +24,14 @@ _LONG_SIDE = 400
 class Dataset:
     """Objects by id, frames with targets, and frames without any target object.
 
-    `models` are the classifier's classes, `target_ids` those of them that the frames ask for.
+    `models` are the classes of the classifier, `target_ids` those that are targets in the frames.
 
-    `photographs` is a folder (None: procedural backgrounds). `background_frames` stand behind
-    objects in training, `encoder_frames` train the autoencoder; either may be None.
+    `photographs` is a folder (None: procedural backgrounds). `background_frames` are backgrounds of
+    rendered objects in training, `encoder_frames` train the autoencoder; either may be None.
 
-    `annotated`: the frames state their targets. Else every target object is looked for in each.
+    `annotated`: the frames state their targets. If not, every target object is looked for in each.
 
-    `settings` are those that the data set was built from: workers build it again from them.
+    `settings` are those that the data set was built from; workers build it again from them.
     """
 
     models: dict[int, ObjectModel]
@@ -50,7 +51,7 @@ class Dataset:
 
     @cached_property
     def mesh_identities(self) -> dict[int, str]:
-        """Content hash of each object's full mesh, all that its views are made of."""
+        """Content hash of each object's full mesh, from which its views are rendered."""
         return {object_id: mesh_identity(model.mesh) for object_id, model in self.models.items()}
 
     @cached_property
@@ -65,31 +66,33 @@ class Dataset:
 
     @cached_property
     def photographs_identity(self) -> str:
-        """Content hash of the photographs, or the source of what draws procedural ones."""
+        """Content hash of the photographs, or of the code that draws procedural ones."""
         if self.photographs is None:
             return f"procedural {source_digest(procedural_backgrounds.__module__)}"
         return content_hash(list_photographs(self.photographs))
 
     def require_encoder_frames(self) -> FrameSource:
-        """The frames that train the autoencoder. Raises ValueError where there are none."""
+        """The frames that train the autoencoder. Raises ConfigError if there are none."""
         if self.encoder_frames is None:
-            raise ValueError("encoder=cae trains on RGB-D frames: set data.rgbd_frames to a folder")
+            raise ConfigError(
+                "encoder=cae trains on RGB-D frames: set data.rgbd_frames to a folder"
+            )
         return self.encoder_frames
 
     def load_encoder_frames(self) -> list[Frame]:
-        """The frames that train the autoencoder. Raises ValueError where there are none."""
+        """The frames that train the autoencoder. Raises ConfigError if there are none."""
         source = self.require_encoder_frames()
         return [source.load(key) for key in source.keys]
 
     def load_background_frames(self) -> list[Frame]:
-        """The RGB-D frames that stand behind objects in training; empty where there are none."""
+        """RGB-D frames for backgrounds of objects in training; empty if there are none."""
         source = self.background_frames
         return [] if source is None else [source.load(key) for key in source.keys]
 
     def photograph_crops(
         self, count: int, size: int, rng: np.random.Generator
     ) -> UInt8[np.ndarray, "n s s 3"]:
-        """Random background crops, of photographs or procedural."""
+        """Random square crops (RGB) of photographs, or procedural ones."""
         if self.photographs is None:
             return procedural_backgrounds(count, size, rng)
         images = load_photographs(list_photographs(self.photographs), _PHOTOGRAPHS, _LONG_SIDE)

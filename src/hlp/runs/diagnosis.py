@@ -1,4 +1,4 @@
-"""Why targets were missed and how good the votes were, from what the stages left on disk."""
+"""Causes of missed targets and quality of votes, from the outputs of the stages."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -29,10 +29,10 @@ from hlp.stages.frame_results import Arrays, read_regions
 def explain_misses(
     detection: DetectionStages, scores: Sequence[TargetScore], settings: EvaluationSettings
 ) -> list[TargetScore]:
-    """The scores, each missed target's with its cause.
+    """The scores, with the cause of the miss for each missed target.
 
-    `scores` holds one score a target, in the order of the frames and, for each object, of its
-    targets, as `score_targets` makes them.
+    `scores` holds one score per target, in the order of `score_targets`: by frame, and for each
+    object in the order of its targets.
     """
     frames: dict[str, dict[int, list[int]]] = {}
     for index, score in enumerate(scores):
@@ -56,7 +56,7 @@ def explain_misses(
 
 
 class _FrameDiagnosis:
-    """Evidence of the targets of one frame; everything is read once."""
+    """Evidence for the targets of one frame; each file is read once."""
 
     def __init__(self, detection: DetectionStages, settings: EvaluationSettings, key: str) -> None:
         self._models = detection.dataset.models
@@ -68,7 +68,7 @@ class _FrameDiagnosis:
         self._fine = read_arrays(detection.poses().folder, key)
 
     def cause(self, object_id: int, place: int) -> str:
-        """Why the target was missed that is the `place`-th of this object in the frame."""
+        """Why the `place`-th target of this object in the frame was missed."""
         targets = [each for each in self._frame.targets if each.object_id == object_id]
         evidence = self._evidence(targets[place], self._models[object_id])
         return cause_of(evidence, self._settings.waterfall)
@@ -98,9 +98,9 @@ class _FrameDiagnosis:
 def tally_votes(
     detection: DetectionStages, frame: Frame, settings: EvaluationSettings
 ) -> list[VoteTally]:
-    """Votes, good votes and those cast by the object itself, of every object in a frame.
+    """Numbers of votes, of good votes and of votes from the object itself, for each object.
 
-    A vote is good that is near to any of the object's targets in the frame.
+    A vote is good if it is near any of the object's targets in the frame.
     """
     stored = read_arrays(detection.hypotheses().folder, frame.key)
     tallies = []
@@ -119,7 +119,7 @@ def tally_votes(
 def good_votes(
     stored: Arrays, target: Target, model: ObjectModel, settings: EvaluationSettings
 ) -> Bool[np.ndarray, "v"]:
-    """Which of the stored votes for an object are near a target's true pose."""
+    """Which of the stored votes are near a target's true pose."""
     name = str(target.object_id)
     return near_truth(
         rotation_matrices(stored[f"{name}/vote_quaternions"]),
@@ -134,10 +134,10 @@ def good_votes(
 def visible_pixels(
     source: FrameSource, frame: Frame, target: Target, model: ObjectModel
 ) -> Bool[np.ndarray, "h w"]:
-    """Pixels that show the target: the data set's own mask, or else BOP's rule.
+    """Pixels that show the target: the data set's own mask, or else by BOP's rule.
 
-    That is where the object is in front of, at, or by BOP's tolerance behind the observed depth. A
-    pixel without depth counts: nothing is known to hide the object there.
+    BOP's rule: the rendered object is not farther behind the observed depth than a tolerance. A
+    pixel without depth counts as visible, since nothing is known to hide the object there.
     """
     given = source.visible_mask(frame, target) if isinstance(source, VisibleMasks) else None
     if given is not None:

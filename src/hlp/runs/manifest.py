@@ -1,6 +1,6 @@
-"""What made a result: versions, seed, configuration, code, data and stages (`manifest.json`).
+"""`manifest.json`: the versions, seed, configuration, code, data and stages behind a result.
 
-A run writes its manifest last: a folder that has one holds a whole result.
+A run writes its manifest last: a folder with a manifest holds a complete result.
 """
 
 import csv
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def make_manifest(run: "Run", store: StageStore) -> dict[str, Any]:
-    """Everything needed to tell whether two results were made alike."""
+    """Everything needed to tell whether two results were made in the same way."""
     return {
         **made_from(run),
         "revision": git_revision(),
@@ -30,7 +30,7 @@ def make_manifest(run: "Run", store: StageStore) -> dict[str, Any]:
 
 
 def made_from(run: "Run") -> dict[str, Any]:
-    """What decides a result: versions, code, seed, configuration and the data's content."""
+    """All that decides a result: versions, code, seed, configuration and content of the data."""
     dataset = run.dataset
     return {
         "versions": library_versions(),
@@ -49,9 +49,9 @@ def made_from(run: "Run") -> dict[str, Any]:
 
 
 def is_finished(run: "Run", output: Path) -> bool:
-    """Whether a folder holds the whole result of such a run, made by this code from this data.
+    """Whether a folder holds the complete result of this run, made by this code from this data.
 
-    Where the result was written is no part of it. Raises ValueError for a broken manifest.
+    The name of the folder does not matter. Raises DataError for a broken manifest.
     """
     if not (output / FILE).is_file():
         return False
@@ -63,7 +63,7 @@ def is_finished(run: "Run", output: Path) -> bool:
 
 
 def poses_digest(path: Path) -> str:
-    """Digest (16 hex digits) of all that `poses.csv` says, but for the times."""
+    """Digest (16 hex digits) of everything in `poses.csv` except the times."""
     digest = hashlib.blake2b(digest_size=8)
     with path.open(encoding="utf-8", newline="") as stream:
         for row in csv.DictReader(stream):
@@ -72,7 +72,7 @@ def poses_digest(path: Path) -> str:
 
 
 def _without_output(value: Any) -> Any:
-    """A part of a manifest as JSON has it, without the run's own folder."""
+    """A part of a manifest as it is in JSON, without the run's own folder."""
     plain = json.loads(json.dumps(value))
     return {**plain, "output": None} if isinstance(plain, dict) else plain
 

@@ -1,4 +1,4 @@
-"""What MLflow is told of a run beside its files: names, revision, data sets, tables."""
+"""What is logged of a run to MLflow beside its files: name, revision, data sets, tables."""
 
 import csv
 from collections.abc import Mapping
@@ -16,18 +16,18 @@ if TYPE_CHECKING:
 
 
 def run_name(settings: "RunSettings", output: Path) -> str:
-    """What a person can tell a single run by: what it was about, how, and its folder."""
+    """A name for people: experiment, encoder, voting and output folder."""
     return f"{settings.name} {settings.encoder.name} {settings.voting.name} {output.name}"
 
 
 def revision_tag() -> dict[str, str]:
-    """The code's commit under the name that MLflow shows it by; empty where there is none."""
+    """The commit under the name by which MLflow shows it; empty if there is none."""
     revision = git_revision()
     return {} if revision is None else {REVISION: revision}
 
 
 def log_inputs(run: "Run", tracker: Tracker) -> None:
-    """The data sets that the run reads, each by a hash of its content."""
+    """Log the data sets that the run reads, each with a hash of its content."""
     dataset, data = run.dataset, run.config["data"]
     where = str(data.get("root", data["name"]))
     tracker.log_input(f"{data['name']} frames", dataset.frames_identity, where, "evaluation")
@@ -42,7 +42,7 @@ def log_inputs(run: "Run", tracker: Tracker) -> None:
 
 
 def log_tables(summary: Mapping[str, Any], output: Path, tracker: Tracker) -> None:
-    """Recalls per object, and every target's scores, as tables that MLflow's page shows."""
+    """Log recalls per object and the scores of every target, as tables on MLflow's page."""
     objects = summary["per_object"]
     columns: dict[str, list[Any]] = {
         "object": list(objects),

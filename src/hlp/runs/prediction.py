@@ -1,4 +1,4 @@
-"""Poses of a user's own object in their own frames: learn once, find, write, draw."""
+"""`hlp predict`: poses of a user's own object in their own frames."""
 
 import logging
 from collections.abc import Sequence
@@ -8,6 +8,7 @@ from tqdm import tqdm
 
 from hlp.config.build import Run, evenly
 from hlp.data.own_frames import OwnFrames
+from hlp.errors import InputError
 from hlp.evaluation.poses_file import write_poses
 from hlp.method.compute_threads import set_compute_threads
 from hlp.records import PoseEstimate
@@ -23,13 +24,13 @@ from hlp.stages.store import StageStore
 def predict(run: Run, output: Path) -> list[PoseEstimate]:
     """Find the object in every frame; write poses.csv, poses.json and panels/ into `output`.
 
-    What is learnt about the object is kept in the stage store, for any other frames. Every frame
-    is decoded first, so that a broken one is named before anything is learnt. Raises ValueError
-    where the frames are not a user's own, and what decoding raises.
+    What is learnt about the object stays in the stage store, to be used for other frames. Every
+    frame is decoded first, so that a broken one is reported before anything is learnt. Raises
+    InputError if the frames are not the user's own, and what decoding raises.
     """
     dataset, settings = run.dataset, run.settings
     if not isinstance(dataset.frames, OwnFrames):
-        raise ValueError("`hlp predict` takes data=files alone; other data are for `hlp run`")
+        raise InputError("`hlp predict` takes data=files alone; other data are for `hlp run`")
     set_compute_threads(settings.machine.threads, settings.trainer.torch_threads)
     for key in run.keys:
         dataset.frames.load(key)

@@ -1,4 +1,4 @@
-"""The stages of a run, as its settings describe them."""
+"""Makes the training and detection stages of a run from its settings."""
 
 from hlp.config.build import Run
 from hlp.stages.detection import DetectionStages
@@ -7,7 +7,7 @@ from hlp.stages.training import TrainingStages
 
 
 def stages_of(run: Run, store: StageStore) -> DetectionStages:
-    """Training and detection stages over the run's frames; nothing is made yet."""
+    """Training and detection stages over the run's frames; nothing is computed yet."""
     settings = run.settings
     training = TrainingStages(run.dataset, settings.method, store, settings.warm_start)
     return DetectionStages(

@@ -1,4 +1,4 @@
-"""A run from start to end: learn, find, score, draw, log. What is on disk is not made again."""
+"""A run from start to end: learn, find, score, draw, log. Outputs on disk are reused."""
 
 import logging
 from collections.abc import Sequence
@@ -8,6 +8,7 @@ from typing import Any
 from tqdm import tqdm
 
 from hlp.config.build import Run
+from hlp.errors import InputError
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.evaluation.pose_distance import votes_quality
 from hlp.evaluation.poses_file import read_poses, write_poses, write_scores
@@ -34,14 +35,15 @@ from hlp.stages.view_task import render_in_workers
 
 
 def run_method(run: Run, output: Path) -> dict[str, Any]:
-    """Run every stage not yet on disk, write the results into `output`, return the summary.
+    """Run every stage that is not on disk, write the results into `output`, return the summary.
 
     `output` receives summary.json, scores.csv, poses.csv, panels/ and, last, manifest.json.
-    Everything is logged as one MLflow run, which is opened first: a crash leaves it FAILED.
+    Everything is logged as one MLflow run. It is opened first, so a crash leaves it FAILED. Raises
+    InputError if the frames have no true poses.
     """
     settings = run.settings
     if not run.dataset.annotated:
-        raise ValueError("these frames have no true poses to score against: use `hlp predict`")
+        raise InputError("these frames have no true poses to score against: use `hlp predict`")
     set_compute_threads(settings.machine.threads, settings.trainer.torch_threads)
     output.mkdir(parents=True, exist_ok=True)
     (output / MANIFEST).unlink(missing_ok=True)
@@ -75,7 +77,7 @@ def _score(
     timing: Timing,
     output: Path,
 ) -> dict[str, Any]:
-    """Save the poses first, then score what was saved."""
+    """Write poses.csv, then score the poses as read from it."""
     dataset, settings = run.dataset, run.settings
     write_poses(output / "poses.csv", estimates)
     keys = tqdm(run.keys, desc="scores", unit="frame", disable=None)
@@ -113,7 +115,7 @@ def _log_training(training: TrainingStages, tracker: Tracker) -> None:
 def _draw(
     run: Run, detection: DetectionStages, estimates: Sequence[PoseEstimate], folder: Path
 ) -> None:
-    """The paper's four panels (Fig. 7) for a handful of frames, each of another object in turn."""
+    """The paper's four panels (Fig. 7) for a few frames, each for another object in turn."""
     dataset = run.dataset
     answers = {(each.scene_id, each.frame_id, each.object_id): each for each in estimates}
     count = min(run.settings.panels, len(run.keys))

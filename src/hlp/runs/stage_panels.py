@@ -1,4 +1,4 @@
-"""What each stage made of one object in one frame, as one picture."""
+"""The results of all stages for one object in one frame, as one picture."""
 
 import numpy as np
 from jaxtyping import UInt8

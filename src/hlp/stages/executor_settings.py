@@ -1,20 +1,20 @@
-"""Settings of the executors that share out frames and views."""
+"""Settings of the executors that distribute frames and views to workers."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class SerialSettings:
-    """Config group `executor`: frames one after another, in the run's own process."""
+    """Config group `executor`: one frame after another, in the process of the run."""
 
     name: str
 
 
 @dataclass(frozen=True)
 class PoolSettings:
-    """Config group `executor`: frames in `workers` of this machine, each with `threads`.
+    """Config group `executor`: frames in parallel in `workers`, each with so many `threads`.
 
-    Workers are processes (loky) or threads of the run's process (threading).
+    Workers are processes of this machine (loky) or threads of the run's process (threading).
     """
 
     name: str
@@ -26,7 +26,7 @@ class PoolSettings:
 class ClusterSettings:
     """Config group `executor`: frames on a running dask or ray cluster at `address`.
 
-    Each of its workers has `threads`.
+    Each of its workers uses so many `threads`.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Names of stage outputs: a digest of all that decides what a stage writes."""
+"""Fingerprints: names of stage outputs, made from everything that decides their content."""
 
 import dataclasses
 import hashlib
@@ -13,16 +13,16 @@ import numpy as np
 
 from hlp.source_code import Code, code_of
 
-# Keys that change how fast a result is made, never what it is.
+# Keys that change the time, never the result.
 MACHINE_KEYS = frozenset({"threads"})
-# It gathers the settings of the whole method, whose values a fingerprint holds already. What a
-# stage runs on, it imports itself.
-_GATHERS = ("hlp.method.settings",)
+# It collects the settings of the whole method. Their values are in each fingerprint already, and
+# the code that a stage runs is imported by the stage itself.
+_COLLECTS = ("hlp.method.settings",)
 
 
 def stage_code(*modules: str) -> Code:
-    """The code of a stage that begins in these modules; other stages' code does not count."""
-    return code_of(*sorted(set(modules)), leaving_out=_GATHERS)
+    """The code that these modules run. The code of other stages is no part of it."""
+    return code_of(*sorted(set(modules)), leaving_out=_COLLECTS)
 
 
 def fingerprint(
@@ -31,7 +31,7 @@ def fingerprint(
     """Digest (16 hex digits) of everything that decides a stage's output.
 
     `code` is the source and the libraries that the stage uses. `settings` is a settings dataclass
-    or a mapping of them, without keys that only change the time (paths, threads). `upstream` maps
+    or a mapping of them, without keys that change only the time (paths, threads). `upstream` maps
     each input to the fingerprint of the stage that made it, or to the identity of the data it was
     read from. Raises TypeError and ValueError as `plain` does.
     """
@@ -48,7 +48,7 @@ def fingerprint(
 
 
 def result_settings(settings: Any) -> dict[str, Any]:
-    """Settings that decide a result: all but `threads`, with the record's name."""
+    """Settings that decide a result: all but `threads`, under the name of their class."""
     kept = {
         each.name: getattr(settings, each.name)
         for each in dataclasses.fields(settings)
@@ -58,7 +58,7 @@ def result_settings(settings: Any) -> dict[str, Any]:
 
 
 def with_threads(settings: Any, threads: int) -> Any:
-    """The same (nested) settings with another number of threads, which decides no result."""
+    """The same (nested) settings with another number of threads, which changes no result."""
     changes: dict[str, Any] = {}
     for each in dataclasses.fields(settings):
         value = getattr(settings, each.name)
@@ -70,11 +70,11 @@ def with_threads(settings: Any, threads: int) -> Any:
 
 
 def plain(value: Any, key: str = "settings") -> Any:
-    """Turn settings into what JSON can hold, the same for equal settings and for no others.
+    """Settings as JSON can hold them: the same for equal settings, different for different ones.
 
-    A dataclass keeps its class's name, so that two alternatives with equal fields differ.
-    Raises TypeError for what has no such form (arrays, sets, functions, keys that are no text)
-    and ValueError for NaN, which equals nothing; both name the `key`.
+    A dataclass keeps the name of its class, so that two alternatives with equal fields differ.
+    Raises TypeError for what cannot be written so (arrays, sets, functions, keys that are not
+    strings) and ValueError for NaN, which equals nothing; both name the `key`.
     """
     if isinstance(value, np.generic):
         value = value.item()

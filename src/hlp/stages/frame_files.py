@@ -1,4 +1,4 @@
-"""One file of arrays a frame, written at once or not at all."""
+"""One file of arrays for each frame, written whole or not at all."""
 
 import os
 import zipfile
@@ -7,9 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from hlp.errors import DataError
+
 
 def write_arrays(folder: Path, key: str, arrays: dict[str, np.ndarray]) -> None:
-    """Write `key`.npz; a crash or a full disk leaves no half file under that name."""
+    """Write `key`.npz. After a crash or on a full disk there is no partial file of that name."""
     begun = folder / f"{key}.npz.begun"
     with begun.open("wb") as stream:
         np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
@@ -17,7 +19,7 @@ def write_arrays(folder: Path, key: str, arrays: dict[str, np.ndarray]) -> None:
 
 
 def read_arrays(folder: Path, key: str) -> dict[str, np.ndarray]:
-    """Read what `write_arrays` wrote. Raises ValueError naming a file that is damaged."""
+    """Read what `write_arrays` wrote. Raises DataError naming a damaged file."""
     path = folder / f"{key}.npz"
     try:
         with np.load(path) as stored:
@@ -25,6 +27,6 @@ def read_arrays(folder: Path, key: str) -> dict[str, np.ndarray]:
     except FileNotFoundError:
         raise
     except (ValueError, EOFError, OSError, zipfile.BadZipFile, zlib.error) as error:
-        raise ValueError(
-            f"{path} is damaged ({error}): delete its folder to make it anew"
+        raise DataError(
+            f"{path} is damaged ({error}): delete its folder to compute it again"
         ) from error

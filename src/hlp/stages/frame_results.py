@@ -1,4 +1,4 @@
-"""What the three stages find in a frame, as arrays on disk and as records."""
+"""Results of the three detection stages in a frame: records to arrays for a file, and back."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ Arrays = dict[str, np.ndarray]
 
 
 def region_arrays(region: Region) -> Arrays:
-    """A region, its mask packed into bits; names begin with the object's id."""
+    """A region, its mask packed into bits. Names of arrays begin with the object's id."""
     name = str(region.object_id)
     return {
         f"{name}/centers": region.centers.astype(np.float32),
@@ -24,7 +24,7 @@ def region_arrays(region: Region) -> Arrays:
 
 
 def coarse_arrays(object_id: int, coarse: CoarseResult) -> Arrays:
-    """Hypotheses and votes; a vote in single precision is still exact to a micrometre."""
+    """Hypotheses and votes. Votes are in single precision, which is exact to a micrometre."""
     name, votes = str(object_id), coarse.votes
     return {
         f"{name}/poses": coarse.hypotheses.poses_cam_obj,
@@ -37,9 +37,9 @@ def coarse_arrays(object_id: int, coarse: CoarseResult) -> Arrays:
 
 
 def refined_arrays(object_id: int, refined: RefinedHypotheses | None) -> Arrays:
-    """Every refined hypothesis, its cost and the coarse one it comes from; `best` is the answer.
+    """Each refined hypothesis, its cost and its coarse hypothesis; `best` is the chosen one.
 
-    Where nothing was refined only `looked_for` tells that the object was looked for.
+    If there was nothing to refine, only `looked_for` is there.
     """
     name = str(object_id)
     arrays: Arrays = {f"{name}/looked_for": np.array(True)}
@@ -54,7 +54,7 @@ def refined_arrays(object_id: int, refined: RefinedHypotheses | None) -> Arrays:
 
 
 def regions_of(stored: Arrays, shape: tuple[int, int]) -> dict[int, Region]:
-    """Regions of a frame of that shape (h, w), by object id, from their arrays."""
+    """Regions by object id, from the arrays of a frame of that shape (h, w)."""
     regions = {}
     for entry in stored:
         name, _, field = entry.partition("/")
@@ -76,5 +76,5 @@ def hypotheses_of(stored: Arrays, object_id: int) -> Hypotheses:
 
 
 def read_regions(folder: Path, frame: Frame) -> dict[int, Region]:
-    """Candidate regions of the objects looked for in a frame, from disk."""
+    """Candidate regions of the objects that were looked for in a frame, from disk."""
     return regions_of(read_arrays(folder, frame.key), (frame.depth.shape[0], frame.depth.shape[1]))

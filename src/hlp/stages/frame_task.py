@@ -1,4 +1,4 @@
-"""The detection stages on one frame, as a worker gets them: settings and folders, no images."""
+"""Detection in one frame by a worker. It is sent settings and folders, and reads the images."""
 
 import threading
 from collections.abc import Mapping
@@ -8,6 +8,7 @@ from typing import Any
 
 from hlp.data.dataset import Dataset
 from hlp.data.loading import DataSettings, build_dataset
+from hlp.errors import DataError
 from hlp.method.compute_threads import set_compute_threads
 from hlp.method.settings import MethodSettings
 from hlp.stages.detection import DetectionStages
@@ -18,16 +19,17 @@ from hlp.stages.provenance import code_digest, library_versions
 from hlp.stages.store import Output, StageStore
 from hlp.stages.training import TrainingStages
 
-# A worker's own: data set, networks and codebooks stay loaded from frame to frame.
+# Of each worker: its data set, networks and codebooks stay loaded from frame to frame.
 _KEPT = threading.local()
 
 
 @dataclass(frozen=True)
 class FrameTask:
-    """What a worker needs to find in a frame what the run's own process would find, bit for bit.
+    """All that a worker needs to find in a frame what the run's own process would find.
 
-    `learnt` and `found` are the outputs that the stages start from; a worker makes none of them.
-    `made_from` are the versions, the code and the data that it must have as well.
+    Results are the same bit for bit. `learnt` and `found` are the outputs that the stages start
+    from; a worker makes none of them. `made_from` are the versions, the code and the data that the
+    worker must have too.
     """
 
     data: DataSettings
@@ -43,7 +45,7 @@ class FrameTask:
     def of(
         cls, detection: DetectionStages, folders: Mapping[str, Path], missing: tuple[str, ...]
     ) -> "FrameTask":
-        """The task of making the missing stages' files in their folders."""
+        """The task of writing the missing stages' files into their folders."""
         executor = detection.executor
         assert executor is not None and not isinstance(executor, SerialSettings)
         return cls(
@@ -58,9 +60,9 @@ class FrameTask:
         )
 
     def __call__(self, key: str) -> tuple[str, Seconds]:
-        """Write a frame's files; its key, and the time of each object's steps.
+        """Write a frame's files; return its key and the time of each object's steps.
 
-        Raises ValueError where code or data are not the run's.
+        Raises DataError if the worker's code or data are not those of the run.
         """
         detection = self._detection()
         detection.training.adopt(self.learnt)
@@ -81,7 +83,7 @@ class FrameTask:
 
 
 def what_makes(dataset: Dataset) -> dict[str, Any]:
-    """What must be the same where results are to be the same: versions, code and data."""
+    """What must be equal for results to be equal: versions, code and data."""
     return {
         "versions": library_versions(),
         "code": code_digest(),
@@ -91,8 +93,8 @@ def what_makes(dataset: Dataset) -> dict[str, Any]:
 
 
 def check_same(made_from: Mapping[str, Any], dataset: Dataset) -> None:
-    """Raise ValueError where this process, a worker, has not what the run has."""
+    """Raise DataError if this process, a worker, has other code or data than the run."""
     here = what_makes(dataset)
     other = [name for name, value in made_from.items() if here[name] != value]
     if other:
-        raise ValueError(f"a worker has not the same {', '.join(other)} as the run")
+        raise DataError(f"a worker does not have the same {', '.join(other)} as the run")

@@ -39,9 +39,9 @@ def code_digest() -> str:
 
 
 def git_revision() -> str | None:
-    """Commit of the checkout that HLP runs from, `+` behind it where files were changed since.
+    """Commit of the checkout that HLP runs from, followed by `+` if files have been changed since.
 
-    None for an installed package, wherever it lies, and where there is no git.
+    None for an installed package, even inside another checkout, and without git.
     """
     package = Path(hlp.__file__).parent
 

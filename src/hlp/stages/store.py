@@ -1,4 +1,4 @@
-"""Outputs of stages on disk, each in a folder named by its fingerprint.
+"""Outputs of stages on disk, each in a folder named after its fingerprint.
 
 <root>/<stage>/<fingerprint>/          finished: never changed again
 <root>/<stage>/<fingerprint>.partial/  begun, not finished
@@ -18,6 +18,7 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
+from hlp.errors import DataError
 from hlp.stages.fingerprint import plain
 from hlp.stages.provenance import library_versions
 
@@ -56,9 +57,9 @@ class Opened:
 
 
 class StageStore:
-    """Makes each stage output once and hands out its folder.
+    """Makes each stage output once and returns its folder.
 
-    `events` lists what this run reused and made, in order, for the manifest.
+    `events` lists what this run has reused and made, in order, for the manifest.
     """
 
     def __init__(self, root: Path) -> None:
@@ -73,9 +74,9 @@ class StageStore:
         description: Mapping[str, Any],
         of: str = "",
     ) -> Path:
-        """Return the folder of a stage's output, made by `make` unless it is there already.
+        """The folder of a stage's output, made by `make` unless it is there already.
 
-        `make` is called with a folder to write into; see `open` for the rest. Raises what `make`
+        `make` is called with a folder to write into; for the rest see `open`. Raises what `make`
         and `open` raise.
         """
         with self.open(stage, fingerprint, description, of) as opened:
@@ -89,14 +90,14 @@ class StageStore:
     ) -> Iterator[Opened]:
         """A stage's output: finished, or a folder to make it in.
 
-        What is made is published by a rename when the block ends, so a half-written output is
-        never seen. After an error or an interruption it stays as `<fingerprint>.partial`, and
-        whoever makes the same output next is given it again: resumable work finds its own files
-        there. Runs that ask for the same output at once wait for the first of them.
+        What is made gets its final name when the block ends, so nobody sees a partial output. After
+        an error or an interruption it stays as `<fingerprint>.partial`, and the next run that makes
+        the same output continues in that folder. Runs that ask for the same output at the same
+        time wait for the first of them.
 
-        `description` (settings, upstream) is kept beside the output, in `stage.json`; `of` names
+        `description` (settings, upstream) is stored with the output, in `stage.json`; `of` names
         the object in log and events. Raises what the block raises, with a note that names the
-        folder, and FileExistsError where a folder that the store did not write has that name.
+        folder, and DataError if a folder of that name was not written by a store.
         """
         folder = self.root / stage / fingerprint
         if self._reuse(folder, of):
@@ -115,7 +116,7 @@ class StageStore:
         return (self.root / stage / fingerprint / RECORD).is_file()
 
     def take(self, stage: str, fingerprint: str, of: str, *, reused: bool) -> Path:
-        """The folder of a finished output: one `reused`, or one that a worker of this run made."""
+        """The folder of a finished output: `reused`, or else made by a worker of this run."""
         folder = self.root / stage / fingerprint
         self._note(folder, of, reused=reused, seconds=_seconds(folder))
         return folder
@@ -124,7 +125,7 @@ class StageStore:
         if not folder.exists():
             return False
         if not (folder / RECORD).is_file():
-            raise FileExistsError(f"{folder} is no finished output: it has no {RECORD}. Remove it.")
+            raise DataError(f"{folder} is no finished output: it has no {RECORD}. Remove it.")
         self._note(folder, of, reused=True, seconds=_seconds(folder))
         return True
 
@@ -181,12 +182,12 @@ class StageStore:
 
 
 def _seconds(folder: Path) -> float:
-    """What making a finished output took."""
+    """How long it took to make a finished output."""
     return float(json.loads((folder / RECORD).read_text())["seconds"])
 
 
 def _flush(folder: Path) -> None:
-    """Have everything in a folder reach the disk before its rename does."""
+    """Write everything in a folder to the disk itself, before the folder is renamed."""
     for path in (*folder.rglob("*"), folder):
         descriptor = os.open(path, os.O_RDONLY)
         try:

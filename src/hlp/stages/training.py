@@ -27,9 +27,9 @@ LOADED_BY = {"classifier": load_classifier.__module__, "encoder": load_encoder._
 
 
 class TrainingStages:
-    """Makes what is learnt from the objects' models, or finds it on disk.
+    """Learns the objects from their models, or finds on disk what was learnt before.
 
-    Each stage's fingerprint holds exactly the settings and inputs that its `make` is handed.
+    Each stage's fingerprint holds exactly the settings and inputs that its `make` uses.
     """
 
     def __init__(
@@ -57,15 +57,15 @@ class TrainingStages:
 
     @property
     def made(self) -> Mapping[tuple[str, int], Output]:
-        """The outputs asked for so far, by stage and object (0: of all)."""
+        """The outputs used so far, by stage and object id (0: of all objects)."""
         return dict(self._made)
 
     def adopt(self, made: Mapping[tuple[str, int], Output]) -> None:
-        """Use outputs that other stages with the same settings have made or found."""
+        """Use outputs that another object with the same settings has made or found."""
         self._made |= made
 
     def make_for(self, object_ids: tuple[int, ...]) -> None:
-        """Have on disk all that detection of these objects loads."""
+        """Make all that the detection of these objects loads, unless it is on disk."""
         self.classifier()
         self.encoder()
         for object_id in object_ids:
@@ -92,7 +92,7 @@ class TrainingStages:
         return [i for i, name in names.items() if not self.store.holds("views", name)]
 
     def take_views(self, object_id: int) -> None:
-        """Use views that a worker of this run has just put on disk."""
+        """Use views that a worker of this run has just written."""
         name = self._name("views", *self._views_inputs(object_id))
         folder = self.store.take("views", name, self.models[object_id].name, reused=False)
         self._made["views", object_id] = Output(name, folder)
@@ -132,7 +132,7 @@ class TrainingStages:
 
     @cached_property
     def _warm_start(self) -> WarmStart | None:
-        """What training starts from; None where everything is learnt from nothing."""
+        """What training starts from; None if everything is learnt from scratch."""
         given = self._warm_start_settings
         if given is None or given.manifest is None:
             return None
@@ -176,7 +176,7 @@ class TrainingStages:
         return load_encoder(self.settings.encoder, self.encoder().folder, device)
 
     def codebook(self, object_id: int) -> Output:
-        """Stage 2: features of one object's views with what they vote for."""
+        """Stage 2: the codebook of one object."""
         patches = self.settings.patches
         settings = {
             "local": result_settings(patches.local),
@@ -221,7 +221,7 @@ class TrainingStages:
         return fingerprint(stage, self._code(stage), self.settings.seed, settings, upstream)
 
     def _code(self, stage: str) -> Code:
-        """The code that makes a stage's output: also that of the data it reads, if it reads any."""
+        """The code that makes a stage's output, and that reads the data it is made from."""
         dataset = self.dataset
         modules = {
             "views": [render_views.__module__],

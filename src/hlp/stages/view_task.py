@@ -1,4 +1,4 @@
-"""Views of several objects rendered by workers, one object at a time each."""
+"""Rendering of views by workers, an object at a time."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from hlp.stages.training import TrainingStages
 
 @dataclass(frozen=True)
 class ViewTask:
-    """What a worker needs to render the views that the run's own process would render."""
+    """All that a worker needs to render the views that the run's own process would render."""
 
     data: DataSettings
     settings: MethodSettings
@@ -28,9 +28,9 @@ class ViewTask:
     made_from: Mapping[str, Any]
 
     def __call__(self, key: str) -> str:
-        """Put the views of an object, by its id, into the store; returns the id.
+        """Put the views of the object with this id into the store; return the id.
 
-        Raises ValueError where code or data are not the run's.
+        Raises DataError if the worker's code or data are not those of the run.
         """
         set_compute_threads(self.settings.machine.threads, self.settings.trainer.torch_threads)
         dataset = build_dataset(self.data)
@@ -40,7 +40,7 @@ class ViewTask:
 
 
 def render_in_workers(training: TrainingStages, executor: ExecutorSettings) -> None:
-    """Have missing views rendered by the executor's workers; the serial executor has none."""
+    """Have missing views rendered by the executor's workers. The serial executor has none."""
     missing = [str(object_id) for object_id in training.missing_views()]
     if isinstance(executor, SerialSettings) or not missing:
         return

@@ -1,4 +1,4 @@
-"""What an earlier run learnt of fewer objects, to go on from when some are added."""
+"""Warm start: what an earlier run learnt of fewer objects, as the start for more objects."""
 
 import json
 from collections.abc import Mapping
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hlp.errors import ConfigError, MissingFileError
 from hlp.method.settings import MethodSettings
 from hlp.stages.fingerprint import plain, result_settings
 from hlp.stages.manifest import read_manifest
@@ -14,10 +15,10 @@ from hlp.stages.store import RECORD, Output, StageStore
 
 @dataclass(frozen=True)
 class WarmStartSettings:
-    """Config key `warm_start`: what an earlier run learnt is kept, and objects are added.
+    """Config key `warm_start`: objects are added to those that an earlier run learnt.
 
-    `manifest` is that run's manifest.json (None: everything is learnt from nothing). Its encoder is
-    used as it is; its classifier is trained for `epochs` more.
+    `manifest` is that run's manifest.json (None: everything is learnt from scratch). Its encoder is
+    used as it is; training of its classifier continues for `epochs` with all objects.
     """
 
     manifest: str | None
@@ -26,7 +27,7 @@ class WarmStartSettings:
 
 @dataclass(frozen=True)
 class WarmStart:
-    """Classifier and encoder of an earlier run; `labels` gives each of its classes' class now."""
+    """Classifier and encoder of an earlier run; `labels` maps each of its classes to one of now."""
 
     classifier: Output
     encoder: Output
@@ -36,12 +37,12 @@ class WarmStart:
 def read_warm_start(
     manifest: Path, settings: MethodSettings, views: Mapping[int, str], store: StageStore
 ) -> WarmStart:
-    """What the run of a manifest learnt, from this run's `work`.
+    """Classifier and encoder that a manifest names, from this run's `work`.
 
-    `views` are the fingerprints of this run's views by object, which tell its objects from others
-    (class i is the i-th object by id, 0 background). Raises FileNotFoundError where the manifest or
-    what it names is missing, ValueError where that cannot be gone on from: other settings, or an
-    object that this run has not.
+    `views` are the fingerprints of this run's views by object id; objects are the same if their
+    views are (class i is the i-th object by id, 0 background). Raises MissingFileError if the
+    manifest or what it names is missing, ConfigError if it cannot be the start: it has other
+    settings, or an object that this run does not have.
     """
     patches = settings.patches
     made = {each["stage"]: each["fingerprint"] for each in read_manifest(manifest)["stages"]}
@@ -54,7 +55,7 @@ def read_warm_start(
     for stage, own in wanted.items():
         folder = store.root / stage / str(made.get(stage))
         if not (folder / RECORD).is_file():
-            raise FileNotFoundError(
+            raise MissingFileError(
                 f"warm_start.manifest: {store.root} has no {stage} of {manifest}"
             )
         record = json.loads((folder / RECORD).read_text())
@@ -67,7 +68,7 @@ def read_warm_start(
 def _check_same(of: str, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
     other = [key for key, value in now.items() if before[key] != plain(result_settings(value))]
     if other:
-        raise ValueError(f"warm_start.manifest: the {of} has other settings: {', '.join(other)}")
+        raise ConfigError(f"warm_start.manifest: the {of} has other settings: {', '.join(other)}")
 
 
 def _labels(
@@ -81,8 +82,8 @@ def _labels(
     )
     gone = [object_id for object_id, name in before if name not in now]
     if gone:
-        raise ValueError(
-            f"warm_start.manifest: {manifest} knows objects that this run has not, "
-            f"or has with other views: {gone}"
+        raise ConfigError(
+            f"warm_start.manifest: {manifest} knows objects that this run does not "
+            f"have, or has with other views: {gone}"
         )
     return {0: 0} | {label: now[name] for label, (_, name) in enumerate(before, start=1)}

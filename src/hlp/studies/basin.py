@@ -1,4 +1,4 @@
-"""Basin map: from how far off the true pose each refiner finds back."""
+"""Basin map: from which errors of the coarse pose each refiner still reaches the true pose."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -29,14 +29,15 @@ from hlp.studies.perturbations import perturbed_poses
 from hlp.studies.study_run import chosen_frames, study_run
 
 Verdicts = Bool[np.ndarray, "n degrees millimetres"]
-_STARTS = 2  # their stream of random numbers
+_PERTURBATIONS = 2  # number of the random stream
 
 
 def run_basin(run: Run, task: BasinSettings, output: Path) -> Basins:
-    """Refine the same perturbations with every refiner; write basin.csv, heatmaps/ and manifest.json.
+    """Refine the same perturbed poses with every refiner; return the recalls.
 
-    Nothing is learnt. What a refiner makes of the perturbations is a stage, so an interrupted run goes on
-    where it stopped. Everything is logged as one MLflow run. Returns the recalls.
+    Writes basin.csv, heatmaps/ and manifest.json. Nothing is learnt. The refined poses of each
+    refiner are a stage, so an interrupted run continues where it stopped. Everything is logged as
+    one MLflow run.
     """
     with study_run(run, output) as (store, tracker):
         keys = chosen_frames(run, task.frames)
@@ -54,7 +55,7 @@ def run_basin(run: Run, task: BasinSettings, output: Path) -> Basins:
 def _stage(
     run: Run, task: BasinSettings, name: str, keys: Sequence[str], store: StageStore
 ) -> Path:
-    """Folder with the poses that one refiner makes of all perturbations, one file a frame."""
+    """Folder with the poses refined by one refiner, one file per frame."""
     dataset, settings = run.dataset, run.settings
     decided = {
         "refinement": result_settings(task.refiners[name]),
@@ -80,15 +81,20 @@ def _stage(
 def _refined(
     run: Run, task: BasinSettings, refiner: Refiner, frame: Frame
 ) -> dict[str, np.ndarray]:
-    """What a refiner makes of the perturbations of one frame's targets, and where these truly are.
+    """Refined poses for the perturbed poses of one frame's targets, and the true poses.
 
-    Arrays are `number/object/poses` (degrees, mm, perturbations, 4, 4) and `number/object/truth` (4, 4).
+    Arrays: `number/object/poses` (degrees, mm, perturbations, 4, 4), `number/object/truth` (4, 4).
     """
     arrays: dict[str, np.ndarray] = {}
     for number, target in enumerate(frame.targets):
         model = run.dataset.models[target.object_id]
         seed = derive_seed(
-            run.settings.seed, frame.scene_id, frame.frame_id, target.object_id, number, _STARTS
+            run.settings.seed,
+            frame.scene_id,
+            frame.frame_id,
+            target.object_id,
+            number,
+            _PERTURBATIONS,
         )
         perturbations = perturbation_grid(task, target.pose_cam_obj, model.centroid, seed)
         coarse = Hypotheses(perturbations.reshape(-1, 4, 4), np.ones(perturbations[..., 0, 0].size))
@@ -120,7 +126,7 @@ def perturbation_grid(
 
 
 def _score(run: Run, keys: Sequence[str], folder: Path) -> dict[str, Verdicts]:
-    """By object whether AD is right (targets and perturbations, degrees, mm), from what is on disk."""
+    """By object, which poses are right by ADD(-S) (targets and perturbations, degrees, mm)."""
     models, evaluation = run.dataset.models, run.settings.evaluation
     right: dict[int, list[Verdicts]] = {}
     for key in keys:

@@ -1,4 +1,4 @@
-"""What detection costs: every part's time, memory, and the same frames through slower paths."""
+"""Time and memory of detection, part by part, and of other settings on the same frames."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -32,15 +32,16 @@ from hlp.studies.stopwatch import SearchComparison, TimedEstimator
 from hlp.studies.study_run import chosen_frames, study_run
 
 FILE = "bench.json"
-Detectors = Mapping[str, TimedEstimator]
-Looks = dict[str, list[TimedDetection]]
+Estimators = Mapping[str, TimedEstimator]
+Detections = dict[str, list[TimedDetection]]
 
 
 def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
     """Time every path on the same frames; write bench.json, bench.md and manifest.json.
 
-    What is learnt is reused, or made first. The first frame is looked at once before, untimed.
-    Raises ValueError naming a key of `task.compared` that is wrong, before anything is learnt.
+    A path is one set of settings: the configured one, and those of `task.compared`. Outputs of
+    training are reused, or made first. Each path is run once before the measurement. Raises
+    ConfigError naming a wrong key of `task.compared`, before anything is learnt.
     """
     paths = {OWN: run.settings}
     paths |= {name: with_changes(run, changes) for name, changes in task.compared.items()}
@@ -52,16 +53,16 @@ def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
         made = sorted({event.stage for event in store.events if not event.reused})
         found = _find_again(run)
         frame = run.dataset.frames.load(keys[0])
-        detectors, loaded, peak = _make_detectors(run, paths, store, frame)
-        looks, searches = _measure(run, detectors, keys)
+        estimators, loaded, peak = _make_estimators(run, paths, store, frame)
+        detections, searches = _measure(run, estimators, keys)
         everything = _regions_of_all(run, store, keys)
         memory = {"peak_mib": peak, "all_paths_mib": peak_mib(), "learnt_too": made}
         result = {
             "machine": machine,
-            "workload": _workload(run, detectors[OWN], frame, len(keys)),
+            "workload": _workload(run, estimators[OWN], frame, len(keys)),
             "loading_s": {**found, **loaded},
             "memory": memory,
-            **_summary(run, task, keys, looks),
+            **_summary(run, task, keys, detections),
             "search": summarise_search(searches),
             "regions_of_all": everything,
         }
@@ -73,7 +74,7 @@ def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
 
 
 def _find_again(run: Run) -> dict[str, Any]:
-    """Seconds to read the objects' models, and to find what was learnt about them by its inputs."""
+    """Seconds to read the objects' models, and to find their training outputs in the store."""
     begun = time.perf_counter()
     dataset = build_dataset(run.settings.data)
     read = time.perf_counter()
@@ -82,67 +83,68 @@ def _find_again(run: Run) -> dict[str, Any]:
     return {"models": read - begun, "finding": time.perf_counter() - read}
 
 
-def _make_detectors(
+def _make_estimators(
     run: Run, paths: Mapping[str, RunSettings], store: StageStore, frame: Frame
-) -> tuple[Detectors, dict[str, Any], float]:
-    """Each path's detector, loaded and warmed up on a frame.
+) -> tuple[Estimators, dict[str, Any], float]:
+    """The estimator of each path, loaded and warmed up on a frame.
 
-    Of the configured one, which comes first, also the seconds of loading and the peak memory (MiB).
+    Also, for the configured path, which comes first, the seconds of loading and the peak memory
+    (MiB).
     """
     dataset = run.dataset
-    detectors: dict[str, TimedEstimator] = {}
+    estimators: dict[str, TimedEstimator] = {}
     for name, settings in paths.items():
-        detectors[name] = TimedEstimator(
+        estimators[name] = TimedEstimator(
             TrainingStages(dataset, settings.method, store), settings.method, dataset.target_ids
         )
-        loading = detectors[name].load_timed(dataset.target_ids)
-        _look_for_all(detectors[name], frame, dataset.wanted(frame))
+        loading = estimators[name].load_timed(dataset.target_ids)
+        _detect_all(estimators[name], frame, dataset.wanted(frame))
         if name == OWN:
             shared = {"classifier": loading.classifier, "encoder": loading.encoder}
             objects = {dataset.models[i].name: each for i, each in loading.objects.items()}
             loaded, peak = {**shared, "objects": objects}, peak_mib()
-    return detectors, loaded, peak
+    return estimators, loaded, peak
 
 
 def _measure(
-    run: Run, detectors: Detectors, keys: Sequence[str]
-) -> tuple[Looks, list[SearchComparison]]:
-    """Every path's look at every object of every frame, and the searches of the configured one.
+    run: Run, estimators: Estimators, keys: Sequence[str]
+) -> tuple[Detections, list[SearchComparison]]:
+    """Detections of every object in every frame by every path, and searches of the configured one.
 
-    The paths take turns to be first, so that whatever else the machine does meets all of them; so
-    do the objects of a frame.
+    The order of the paths rotates from frame to frame, so that other load on the machine affects
+    all of them; so does the order of a frame's objects.
     """
-    looks: Looks = {name: [] for name in detectors}
+    detections: Detections = {name: [] for name in estimators}
     searches = []
-    names = list(detectors)
+    names = list(estimators)
     for turn, key in enumerate(tqdm(keys, desc="bench", unit="frame", disable=None)):
         frame = run.dataset.frames.load(key)
         objects = _rotated(run.dataset.wanted(frame), turn)
         for name in _rotated(names, turn):
-            for look, patches in _look_for_all(detectors[name], frame, objects):
-                looks[name].append(look)
+            for detection, patches in _detect_all(estimators[name], frame, objects):
+                detections[name].append(detection)
                 if name == OWN:
-                    object_id = look.estimate.object_id
-                    tried = detectors[name].compare_search(object_id, patches)
+                    object_id = detection.estimate.object_id
+                    tried = estimators[name].compare_search(object_id, patches)
                     searches += [] if tried is None else [tried]
-    return looks, searches
+    return detections, searches
 
 
 def _regions_of_all(run: Run, store: StageStore, keys: Sequence[str]) -> dict[str, Any]:
-    """Stage 1 for every object that the classifier knows, asked for or not, frame by frame."""
+    """Times of stage 1 for all objects of the classifier, also those that are no targets."""
     object_ids = tuple(run.dataset.models)
     dataset = replace(run.dataset, target_ids=object_ids)
     training = TrainingStages(run.dataset, run.settings.method, store)
-    detector = TimedEstimator(training, run.settings.method, object_ids)
-    detector.load_timed(())
+    estimator = TimedEstimator(training, run.settings.method, object_ids)
+    estimator.load_timed(())
     spent = []
     for key in tqdm(keys, desc="regions of all objects", unit="frame", disable=None):
         frame = dataset.frames.load(key)
-        detector.clock.start()
-        context = detector.prepare(frame)
+        estimator.clock.start()
+        context = estimator.prepare(frame)
         for object_id in object_ids:
-            detector.find_region(context, object_id)
-        spent.append(detector.clock.stop())
+            estimator.find_region(context, object_id)
+        spent.append(estimator.clock.stop())
     return {"objects": len(object_ids), **summarise_whole(spent)}
 
 
@@ -151,19 +153,19 @@ def _rotated(values: Sequence[Any], turn: int) -> list[Any]:
     return [*values[start:], *values[:start]]
 
 
-def _look_for_all(
-    detector: TimedEstimator, frame: Frame, object_ids: Sequence[int]
+def _detect_all(
+    estimator: TimedEstimator, frame: Frame, object_ids: Sequence[int]
 ) -> list[tuple[TimedDetection, LocalPatches]]:
-    """Every object in one frame, from image to pose; what they share is the first one's time."""
+    """Find every object in one frame; what they share is part of the first one's time."""
     found = []
     context: FrameContext | None = None
     for place, object_id in enumerate(object_ids):
-        detector.clock.start()
-        context = detector.prepare(frame) if context is None else context
-        region = detector.find_region(context, object_id)
-        coarse = detector.find_hypotheses(context, region)
-        refined = detector.refine(context, object_id, coarse.hypotheses)
-        spent = detector.clock.stop()
+        estimator.clock.start()
+        context = estimator.prepare(frame) if context is None else context
+        region = estimator.find_region(context, object_id)
+        coarse = estimator.find_hypotheses(context, region)
+        refined = estimator.refine(context, object_id, coarse.hypotheses)
+        spent = estimator.clock.stop()
         pose = None if refined is None else refined.refined[refined.best].pose_cam_obj
         estimate = PoseEstimate(frame.scene_id, frame.frame_id, object_id, pose, 1.0)
         timed = TimedDetection(estimate, place, spent, np.packbits(region.mask))
@@ -171,28 +173,32 @@ def _look_for_all(
     return found
 
 
-def _summary(run: Run, task: BenchSettings, keys: Sequence[str], looks: Looks) -> dict[str, Any]:
-    """Times and recall of every path, and each beside the configured one."""
+def _summary(
+    run: Run, task: BenchSettings, keys: Sequence[str], detections: Detections
+) -> dict[str, Any]:
+    """Times and recall of every path, and its comparison with the configured one."""
     models = run.dataset.models
     truths = [FrameTruth.of(run.dataset.frames.load(key)) for key in keys]
     scores: dict[str, list[TargetScore]] = {
         name: score_targets(
             truths, models, [each.estimate for each in own], run.settings.evaluation
         )
-        for name, own in looks.items()
+        for name, own in detections.items()
     }
-    paths = {name: summarise_path(own, scores[name]) for name, own in looks.items()}
+    paths = {name: summarise_path(own, scores[name]) for name, own in detections.items()}
     compared = {}
     for name, changes in task.compared.items():
-        found = compare_paths(looks, scores, models, (OWN, name), (task.same_mm, task.same_deg))
+        found = compare_paths(
+            detections, scores, models, (OWN, name), (task.same_mm, task.same_deg)
+        )
         ratio = {view: ratios(paths[OWN][view], paths[name][view]) for view in VIEWS}
         compared[name] = {"changes": changes, "ratio": ratio, **found}
     tolerance = {"mm": task.same_mm, "deg": task.same_deg}
     return {"paths": paths, "compared": compared, "tolerance": tolerance}
 
 
-def _workload(run: Run, detector: TimedEstimator, frame: Frame, frames: int) -> dict[str, Any]:
-    """What was measured, as far as it decides the time."""
+def _workload(run: Run, estimator: TimedEstimator, frame: Frame, frames: int) -> dict[str, Any]:
+    """What decides the time of the measured detections."""
     settings, dataset = run.settings, run.dataset
     refinement = settings.refinement
     height, width = frame.depth.shape
@@ -203,7 +209,7 @@ def _workload(run: Run, detector: TimedEstimator, frame: Frame, frames: int) -> 
         "image": [width, height],
         "objects": {
             dataset.models[i].name: {
-                "codebook_entries": detector.entries(i),
+                "codebook_entries": estimator.entries(i),
                 "proxy_faces": len(dataset.models[i].proxy.faces),
             }
             for i in dataset.target_ids

@@ -1,4 +1,4 @@
-"""Numbers of a bench: times by part, and what two paths say of the same frames."""
+"""Results of a benchmark: times by part, and how far two paths agree on the same frames."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,10 +18,10 @@ TOTAL = "total"
 
 @dataclass(frozen=True)
 class TimedDetection:
-    """One object looked for in one frame: the answer, and the time of each part.
+    """One object looked for in one frame: the estimate, and the time of each part.
 
-    `place` counts the objects looked for in the frame before this one; `region` is stage 1's mask,
-    a bit a pixel.
+    `place` is the number of objects looked for in the frame before this one; `region` is the mask
+    of stage 1, one bit per pixel.
     """
 
     estimate: PoseEstimate
@@ -36,35 +36,35 @@ class TimedDetection:
 
 
 def summarise_path(
-    looks: Sequence[TimedDetection], scores: Sequence[TargetScore]
+    detections: Sequence[TimedDetection], scores: Sequence[TargetScore]
 ) -> dict[str, Any]:
     """Times (ms) of the first object in a frame, of each further one and of whole frames.
 
-    Each by part, stage and in all: median and 95th percentile of the wall time, median of the CPU
-    time. `by_objects` is the median time of a frame in which so many objects are looked for, from
-    the first ones of all frames that have as many. `add_recall` is the share of right targets.
+    Each by part, by stage and in all: median and 95th percentile of the wall time, median of the
+    CPU time. `by_objects` is the median time to look for that many objects in a frame: the first
+    ones of each frame with at least as many. `add_recall` is the share of right targets.
     """
     frames: dict[tuple[int, int], list[TimedDetection]] = {}
-    for look in looks:
-        frames.setdefault(look.frame, []).append(look)
-    whole = [_added([_by_part(look) for look in own]) for own in frames.values()]
+    for each in detections:
+        frames.setdefault(each.frame, []).append(each)
+    whole = [_added([_by_part(each) for each in own]) for own in frames.values()]
     return {
         "add_recall": float(np.mean([score.add_correct for score in scores])),
-        "first": _spreads([_by_part(look) for look in looks if look.place == 0]),
-        "further": _spreads([_by_part(look) for look in looks if look.place > 0]),
+        "first": _spreads([_by_part(each) for each in detections if each.place == 0]),
+        "further": _spreads([_by_part(each) for each in detections if each.place > 0]),
         "frame": _spreads(whole),
         "by_objects": _by_objects(list(frames.values())),
     }
 
 
 def summarise_whole(spent: Sequence[Mapping[str, Spent]]) -> dict[str, float]:
-    """Median and 95th percentile (ms) of what all parts together took, median of the CPU time."""
+    """Median and 95th percentile (ms) of all parts together, and median of the CPU time."""
     return _spread([_sum(list(parts.values())) for parts in spent])
 
 
-def _by_part(look: TimedDetection) -> dict[str, Spent]:
-    """Time of each part, stage and in all; 0 of parts that had nothing to do."""
-    parts = {part: look.spent.get(part, NOTHING) for part in PARTS}
+def _by_part(detection: TimedDetection) -> dict[str, Spent]:
+    """Time of each part, of each stage and in all; 0 for parts that had nothing to do."""
+    parts = {part: detection.spent.get(part, NOTHING) for part in PARTS}
     stages = {
         f"stage {stage}": _sum([parts[part] for part, of in PARTS.items() if of == stage])
         for stage in STAGES
@@ -72,16 +72,17 @@ def _by_part(look: TimedDetection) -> dict[str, Spent]:
     return {**parts, **stages, TOTAL: _sum(list(parts.values()))}
 
 
-def _added(looks: Sequence[Mapping[str, Spent]]) -> dict[str, Spent]:
-    return {name: _sum([look[name] for look in looks]) for name in looks[0]}
+def _added(times: Sequence[Mapping[str, Spent]]) -> dict[str, Spent]:
+    return {name: _sum([each[name] for each in times]) for name in times[0]}
 
 
 def _sum(spent: Sequence[Spent]) -> Spent:
     return Spent(sum(each.wall for each in spent), sum(each.cpu for each in spent))
 
 
-def _spreads(looks: Sequence[Mapping[str, Spent]]) -> dict[str, dict[str, float]]:
-    return {name: _spread([look[name] for look in looks]) for name in (looks[0] if looks else ())}
+def _spreads(times: Sequence[Mapping[str, Spent]]) -> dict[str, dict[str, float]]:
+    names = times[0] if times else ()
+    return {name: _spread([each[name] for each in times]) for name in names}
 
 
 def _spread(spent: Sequence[Spent]) -> dict[str, float]:
@@ -94,10 +95,10 @@ def _spread(spent: Sequence[Spent]) -> dict[str, float]:
 
 
 def _by_objects(frames: Sequence[Sequence[TimedDetection]]) -> dict[str, dict[str, float]]:
-    """By number of objects: median ms of the first so many, and the frames that have as many."""
+    """By number of objects: median time (ms) of the first ones, and the frames with that many."""
     sums = [
-        np.cumsum([1e3 * _sum(list(look.spent.values())).wall for look in looks])
-        for looks in frames
+        np.cumsum([1e3 * _sum(list(each.spent.values())).wall for each in detections])
+        for detections in frames
     ]
     table = {}
     for count in range(1, max(map(len, sums)) + 1):
@@ -107,19 +108,19 @@ def _by_objects(frames: Sequence[Sequence[TimedDetection]]) -> dict[str, dict[st
 
 
 def compare_paths(
-    looks: Mapping[str, Sequence[TimedDetection]],
+    detections: Mapping[str, Sequence[TimedDetection]],
     scores: Mapping[str, Sequence[TargetScore]],
     models: Mapping[int, ObjectModel],
     names: tuple[str, str],
     tolerance: tuple[float, float],
 ) -> dict[str, Any]:
-    """How far the second path's results are the first's, on the same frames.
+    """How far the results of two paths agree on the same frames.
 
-    `same_pose` is the share of answers within the tolerance (mm, degrees) of each other,
-    `same_verdict` of targets that are right by AD in both or in neither, `region_iou` the mean
-    overlap of the regions.
+    `same_pose` is the share of poses within the tolerance (mm, degrees) of each other,
+    `same_verdict` the share of targets that are right by ADD(-S) in both or in neither,
+    `region_iou` the mean overlap of the regions.
     """
-    own, other = (_in_order(looks[name]) for name in names)
+    own, other = (_in_order(detections[name]) for name in names)
     pairs = list(zip(own, other, strict=True))
     verdicts = [np.array([score.add_correct for score in scores[name]]) for name in names]
     same = [_same_pose(a.estimate, b.estimate, models, tolerance) for a, b in pairs]
@@ -133,7 +134,7 @@ def compare_paths(
 def ratios(
     own: Mapping[str, Mapping[str, float]], other: Mapping[str, Mapping[str, float]]
 ) -> dict[str, float | None]:
-    """By part, how many times as long the other takes, median by median; None where own is 0."""
+    """By part, the ratio of the other's median time to the own one; None where that is 0."""
     return {
         name: other[name]["median_ms"] / each["median_ms"] if each["median_ms"] else None
         for name, each in own.items()
@@ -141,8 +142,8 @@ def ratios(
     }
 
 
-def _in_order(looks: Sequence[TimedDetection]) -> list[TimedDetection]:
-    return sorted(looks, key=lambda each: (*each.frame, each.estimate.object_id))
+def _in_order(detections: Sequence[TimedDetection]) -> list[TimedDetection]:
+    return sorted(detections, key=lambda each: (*each.frame, each.estimate.object_id))
 
 
 def _same_pose(
@@ -160,15 +161,15 @@ def _same_pose(
 
 
 def _overlap(a: UInt8[np.ndarray, "b"], b: UInt8[np.ndarray, "b"]) -> float:
-    """Intersection over union of two masks, a bit a pixel; 1 where both are empty."""
+    """Intersection over union of two masks, one bit per pixel; 1 if both are empty."""
     union = int(np.bitwise_count(a | b).sum())
     return int(np.bitwise_count(a & b).sum()) / union if union else 1.0
 
 
 def summarise_search(searches: Sequence[SearchComparison]) -> dict[str, float] | None:
-    """The configured search beside the exact one on the same queries; None where there are none.
+    """The configured search compared with the exact one on the same queries; None without queries.
 
-    `recall` of the k nearest and of the nearest alone, over all queries; medians of the time.
+    Recall of the k nearest and of the nearest entry, over all queries; medians of the time.
     """
     if not searches:
         return None

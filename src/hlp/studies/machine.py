@@ -1,4 +1,4 @@
-"""The machine that something was measured on, in words and numbers."""
+"""Description of the machine on which something was measured."""
 
 import os
 import platform
@@ -17,8 +17,8 @@ from hlp.stages.provenance import library_versions
 def describe_machine(settings: RunSettings) -> dict[str, Any]:
     """Processor, memory, threads and versions; `load` is the average load of the last minute.
 
-    What another process did meanwhile is not known: a load near 0 before the work speaks for an
-    idle machine.
+    What other processes do during the measurement is not known; a load near 0 before it suggests
+    an idle machine.
     """
     cuda = torch.cuda.is_available()
     return {
@@ -38,7 +38,7 @@ def describe_machine(settings: RunSettings) -> dict[str, Any]:
 
 
 def peak_mib() -> float:
-    """The most memory that this process has held at once (MiB, resident)."""
+    """Peak resident memory of this process (MiB)."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / (2**20 if sys.platform == "darwin" else 2**10)
 

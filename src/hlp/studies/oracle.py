@@ -1,4 +1,4 @@
-"""Oracle matrix: what each stage costs, told by giving the next one the truth in its place."""
+"""Oracle matrix: what each stage loses, found by replacing its output by the truth."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -39,14 +39,14 @@ CELLS: tuple[Cell, ...] = (
     ("true", "noisy"),
 )
 """Region and coarse pose of each column; the fine pose is estimated in all of them."""
-_NOISE = 1  # its stream of random numbers
+_NOISE = 1  # number of the random stream
 
 
 def run_oracle(run: Run, task: OracleSettings, output: Path) -> dict[str, Any]:
-    """Fill the matrix; write oracle.md, oracle.csv, oracle.json and manifest.json; return it.
+    """Compute the matrix; write oracle.md, oracle.csv, oracle.json and manifest.json; return it.
 
-    Regions and hypotheses are the run's own stages. What is found here is a stage as well, so an
-    interrupted run goes on where it stopped. Everything is logged as one MLflow run.
+    Regions and hypotheses are those of the run's stages. The poses found here are a stage too, so
+    an interrupted run continues where it stopped. Everything is logged as one MLflow run.
     """
     dataset, settings = run.dataset, run.settings
     with study_run(run, output) as (store, tracker):
@@ -75,7 +75,7 @@ def run_oracle(run: Run, task: OracleSettings, output: Path) -> dict[str, Any]:
 def _stage(
     detection: DetectionStages, task: OracleSettings, keys: Sequence[str], store: StageStore
 ) -> Path:
-    """Folder with the pose of every target in every cell, one file a frame."""
+    """Folder with the pose of every target in every cell, one file per frame."""
     settings = detection.settings
     decided = {
         "noise_deg": task.noise_deg,
@@ -98,9 +98,9 @@ def _stage(
 
 
 def _find(detection: DetectionStages, frame: Frame, task: OracleSettings) -> dict[str, np.ndarray]:
-    """Poses of one frame, named `object/region/coarse`; absent where nothing was found.
+    """Poses of one frame, named `object/region/coarse`; absent if nothing was found.
 
-    Every object is looked for once, as the method does: of several instances the first counts.
+    Every object is looked for once, as by the method: of several instances the first one counts.
     """
     arrays = {}
     context = detection.estimator.prepare(frame)
@@ -116,8 +116,8 @@ def _answers(
 ) -> dict[Cell, Pose]:
     """Refined pose of a target in every cell that has one.
 
-    A true coarse pose stands for perfect votes, and votes need something to look at: it is given
-    only where the region shows any of the target.
+    A true coarse pose stands for perfect votes. Votes need visible patches, so the true coarse pose
+    is given only if the region shows a part of the target.
     """
     frame, object_id = context.frame, target.object_id
     model = detection.dataset.models[object_id]
@@ -161,7 +161,7 @@ def _refined(
 
 
 def _read(folder: Path, keys: Sequence[str], cell: Cell) -> list[PoseEstimate]:
-    """Answers of one cell, from disk."""
+    """Estimates of one cell, from disk."""
     answers = []
     for key in keys:
         scene_id, frame_id = (int(part) for part in key.split("_"))
@@ -178,11 +178,11 @@ def summarise_oracle(
     evaluation: EvaluationSettings,
     seed: int,
 ) -> dict[str, Any]:
-    """What `oracle.json` holds: AD recall with 95 % interval of each cell, and what stages lost.
+    """Content of `oracle.json`: ADD(-S) recall with 95 % interval of each cell, and `lost`.
 
-    `lost` shares out the misses: with the true region the estimated pose gains what stage 1 lost,
-    with the true coarse pose as well what stage 2 lost, and the rest is lost by stage 3. A true
-    pose comes alone: to choose wrongly among hypotheses counts as stage 2's loss.
+    `lost` divides the misses among the stages. Stage 1 lost what the true region gains, stage 2
+    what the true coarse pose gains in addition, and stage 3 the rest. The true coarse pose is the
+    only hypothesis, so a wrong choice among hypotheses counts as a loss of stage 2.
     """
     cells = []
     recalls: dict[Cell, float] = {}

@@ -1,4 +1,4 @@
-"""Coarse poses that lie a stated error off the true one."""
+"""Coarse poses with a given error."""
 
 import numpy as np
 from jaxtyping import Float
@@ -14,9 +14,9 @@ def perturbed_poses(
     millimetres: Float[np.ndarray, "n"],
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "n 4 4"]:
-    """Poses turned about the object's centroid by so many degrees and shifted by so many mm.
+    """Poses rotated about the object's centroid by `degrees` and shifted by `millimetres`.
 
-    Each about an axis and along a direction of its own, uniform on the sphere; the sizes are exact.
+    Each has its own axis and direction, drawn uniformly on the sphere; the sizes are exact.
     `centroid` is in object coordinates (m).
     """
     axes, directions = _on_sphere(len(degrees), rng), _on_sphere(len(degrees), rng)

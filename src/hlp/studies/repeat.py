@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import yaml
 
+from hlp.errors import ConfigError, DataError
 from hlp.runs.manifest import made_from, poses_digest
 from hlp.stages.manifest import read_manifest
 
@@ -18,15 +19,17 @@ if TYPE_CHECKING:
 def config_of(manifest: Path, overrides: Sequence[str], configuration: Path) -> str:
     """A `config.yaml` for Hydra with all of a manifest's values.
 
-    `configuration` is the folder of HLP's own, for Hydra's part and for where a run is kept: work,
-    output and reporting. Raises what `read_manifest` raises, and ValueError for an override that
-    chooses a group's alternative, since the manifest has done so.
+    `configuration` is the folder of HLP's configuration. Hydra's part and the places where a run is
+    stored (work, output, reporting) come from there. Raises what `read_manifest` raises, and
+    ConfigError for an override that chooses another file of a group: the manifest's is fixed.
     """
     config = read_manifest(manifest)["config"]
     for override in overrides:
         key = override.partition("=")[0]
         if isinstance(config.get(key), dict):
-            raise ValueError(f"{override}: {manifest} has its own {key}, of which keys can be set")
+            raise ConfigError(
+                f"{override}: {manifest} fixes {key}; only keys in it can be set ({key}.KEY=VALUE)"
+            )
     own = yaml.safe_load((configuration / "config.yaml").read_text())
     reporting = yaml.safe_load((configuration / "reporting" / "mlflow.yaml").read_text())
     where = {"work": own["work"], "output": own["output"], "reporting": reporting}
@@ -34,16 +37,16 @@ def config_of(manifest: Path, overrides: Sequence[str], configuration: Path) -> 
 
 
 def run_again(run: "Run", manifest: Path, output: Path) -> None:
-    """Do the task once more, and say whether the poses are those of the manifest's run.
+    """Run the task again, and say whether the poses are the same as those of the manifest's run.
 
-    Raises ValueError where the data are not the manifest's.
+    Raises DataError if the data are not those of the manifest.
     """
     from hlp.studies import tasks
 
     check_same(run, manifest)
     tasks.run_task(run, output)
     digest = read_manifest(manifest).get("poses")
-    if digest is None:  # an instrument's
+    if digest is None:  # a study's, which has no poses
         return
     if digest == poses_digest(output / "poses.csv"):
         logging.getLogger(__name__).info("Repeated  the same poses as in %s", manifest)
@@ -52,15 +55,15 @@ def run_again(run: "Run", manifest: Path, output: Path) -> None:
 
 
 def check_same(run: "Run", manifest: Path) -> None:
-    """Stop where the data are not the manifest's; say what else is not, for it may matter.
+    """Raise DataError if the data are not those of the manifest; warn of other code or versions.
 
-    Raises ValueError naming the data that differ: models, frames, photographs, …
+    The message names the data that differ: models, frames, photographs, …
     """
     wanted, found = read_manifest(manifest), made_from(run)
     data = wanted.get("data", {})
     changed = [name for name, value in found["data"].items() if data.get(name) != value]
     if changed:
-        raise ValueError(f"not the data of {manifest}: {', '.join(changed)} differ")
+        raise DataError(f"not the data of {manifest}: {', '.join(changed)} differ")
     warn = logging.getLogger(__name__).warning
     if wanted.get("code") != found["code"]:
         warn("HLP's code is not that of %s (%s)", manifest, wanted.get("revision") or "no git")

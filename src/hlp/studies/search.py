@@ -1,4 +1,4 @@
-"""Optuna's search for settings: the best AD recall within a time limit. Each trial is a run.
+"""`hlp search`: Optuna looks for settings with the best ADD(-S) recall within a time limit.
 
 work/search/<space>_<digest>/study.db   Optuna's study
 work/search/<space>_<digest>/0, 1, …    the trials' results
@@ -15,6 +15,7 @@ from filelock import FileLock, Timeout
 
 from hlp.config.build import Run, with_changed_run
 from hlp.config.settings import SearchSettings
+from hlp.errors import HlpError, InputError, MissingDependencyError
 from hlp.method.pose_estimator import derive_seed
 from hlp.reporting.search_table import format_search, write_search
 from hlp.reporting.tracking import Arm, as_arm
@@ -29,21 +30,25 @@ if TYPE_CHECKING:
     from optuna import Study
     from optuna.trial import FrozenTrial
 
-# What changes neither recall nor a trial's own time; the space and the limit are named beside.
-_APART = ("output", "work", "reporting", "panels", "task")
+# Keys that change neither a trial's recall nor its time.
+_NOT_SEARCHED = ("output", "work", "reporting", "panels", "task")
 _RUN_ID, _TIME, _ERROR = "run_id", "time_ms", "error"
 
 
 def run_search(run: Run, task: SearchSettings, output: Path) -> dict[str, Any]:
-    """Try settings until the study has `task.trials`; write search.json and search.csv; return it.
+    """Run trials until the study has `task.trials`; write search.json and search.csv; return it.
 
-    The first trial is the configuration as it stands. A trial that fails is a FAILED run, and the
-    others go on; one that was interrupted is begun again with the same values. Raises ValueError
-    where Optuna is missing, where the space names a wrong setting or value, and where another
-    process works on this search.
+    Each trial is a run. The first one is the configuration as it is. A trial that fails (HlpError,
+    OSError) is a FAILED run, and the search continues; a trial that was interrupted is repeated
+    with the same values. Any other exception is a bug: it is raised, and its trial is not counted.
+
+    Raises MissingDependencyError without Optuna, ConfigError if the space names a wrong setting or
+    value, and InputError if another process works on this search.
     """
     if find_spec("optuna") is None:
-        raise ValueError("task=search needs the extra 'search': pip install 'hlp[search]'")
+        raise MissingDependencyError(
+            "task=search needs the extra 'search': pip install 'hlp[search]'"
+        )
     space = read_space(task.space.parameters)
     own = check_within(space, run.config)
     for key, each in space.items():
@@ -68,9 +73,9 @@ def run_search(run: Run, task: SearchSettings, output: Path) -> dict[str, Any]:
 
 
 def _study_name(run: Run, task: SearchSettings) -> str:
-    """The same for searches that go on with each other's trials."""
+    """Name of the study; searches of the same name share their trials."""
     settings = {
-        "config": {key: value for key, value in run.config.items() if key not in _APART},
+        "config": {key: value for key, value in run.config.items() if key not in _NOT_SEARCHED},
         "space": task.space.parameters,
         "limit_ms": task.limit_ms,
     }
@@ -86,7 +91,7 @@ def _only_one(folder: Path) -> Iterator[None]:
     try:
         lock.acquire(timeout=0)
     except Timeout as error:
-        raise ValueError(f"another process works on the search in {folder}") from error
+        raise InputError(f"another process works on the search in {folder}") from error
     try:
         yield
     finally:
@@ -94,7 +99,7 @@ def _only_one(folder: Path) -> Iterator[None]:
 
 
 def _open(folder: Path, seed: int, own: Mapping[str, Any]) -> "Study":
-    """The study on disk. What was interrupted in it is to be tried again, `own` values first."""
+    """The study on disk. Interrupted trials are queued again; a new study starts with `own`."""
     import optuna
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)
@@ -104,7 +109,7 @@ def _open(folder: Path, seed: int, own: Mapping[str, Any]) -> "Study":
         direction="maximize",
         load_if_exists=True,
     )
-    # A seed of its own for every start: from one seed, a study that goes on would repeat its draws.
+    # Another seed for each start: with the same one a continued study would repeat its draws.
     study.sampler = optuna.samplers.TPESampler(seed=derive_seed(seed, len(study.trials)))
     if not study.trials:
         study.enqueue_trial(dict(own))
@@ -115,12 +120,12 @@ def _open(folder: Path, seed: int, own: Mapping[str, Any]) -> "Study":
 
 
 def _tried(study: "Study") -> list["FrozenTrial"]:
-    """Trials that came to their end, right or wrong; not those that were interrupted."""
+    """Trials that ended, with a result or an error; not those that were interrupted."""
     return [each for each in study.trials if {_TIME, _ERROR} & set(each.user_attrs)]
 
 
 def _try(study: "Study", run: Run, task: SearchSettings, folder: Path, parent: str) -> None:
-    """One trial, as a child run of the search's."""
+    """One trial, logged as a child of the search's MLflow run."""
     from optuna.trial import TrialState
 
     space = read_space(task.space.parameters)
@@ -133,7 +138,7 @@ def _try(study: "Study", run: Run, task: SearchSettings, folder: Path, parent: s
     try:
         with as_arm(Arm(f"{run.settings.name} trial {trial.number}", parent, values)):
             summary = runner.run_method(with_changed_run(run, changes), folder / str(trial.number))
-    except (ValueError, OSError) as error:
+    except (HlpError, OSError) as error:
         say.error("trial %d failed: %s", trial.number, error)
         trial.set_user_attr(_ERROR, str(error))
         study.tell(trial, state=TrialState.FAIL)
@@ -145,7 +150,7 @@ def _try(study: "Study", run: Run, task: SearchSettings, folder: Path, parent: s
 
 
 def _result(study: "Study", task: SearchSettings, folder: Path) -> dict[str, Any]:
-    """What `search.json` holds: every trial, and the best within the limit (None: none is)."""
+    """Content of `search.json`: all trials, and the best one within the limit (None: no trial)."""
     trials = [
         {
             "trial": each.number,

@@ -1,9 +1,11 @@
-"""Which settings a search may change, and how far."""
+"""The settings that a search may change, and their ranges."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import reduce
 from typing import TYPE_CHECKING, Any
+
+from hlp.errors import ConfigError
 
 if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
@@ -13,9 +15,9 @@ _KEY = "task.space.parameters"
 
 @dataclass(frozen=True)
 class Range:
-    """Numbers from `low` to `high`, whole ones if both are; in steps, or drawn by their logarithm.
+    """Numbers from `low` to `high`, integers if both are; in steps, or on a logarithmic scale.
 
-    Raises ValueError where there is nothing between them.
+    Raises ValueError if the range is empty.
     """
 
     low: float
@@ -27,18 +29,18 @@ class Range:
         if not self.low < self.high:
             raise ValueError(f"low is {self.low} and high {self.high}")
         if self.log and (self.step is not None or self.low <= 0):
-            raise ValueError("log has no step, and low above 0")
+            raise ValueError("with log there is no step, and low must be above 0")
 
     def ends(self) -> tuple[Any, ...]:
-        """The values that must be allowed, for all others to be."""
+        """The values to check: if the settings accept them, they accept all others."""
         return self.low, self.high
 
     def holds(self, value: Any) -> bool:
-        """Whether a value lies within."""
+        """Whether a value lies in the range."""
         return isinstance(value, int | float) and self.low <= value <= self.high
 
     def distribution(self) -> "BaseDistribution":
-        """The range as Optuna has it."""
+        """The range as an Optuna distribution."""
         from optuna.distributions import FloatDistribution, IntDistribution
 
         if isinstance(self.low, int) and isinstance(self.high, int):
@@ -48,24 +50,24 @@ class Range:
 
 @dataclass(frozen=True)
 class Choices:
-    """Values to choose from. Raises ValueError where there are fewer than two."""
+    """Values to choose from. Raises ValueError if there are fewer than two."""
 
     choices: tuple[Any, ...]
 
     def __post_init__(self) -> None:
         if len(self.choices) < 2:
-            raise ValueError("choices are two at least")
+            raise ValueError("it takes at least two choices")
 
     def ends(self) -> tuple[Any, ...]:
-        """The values that must be allowed."""
+        """The values to check: all of them."""
         return self.choices
 
     def holds(self, value: Any) -> bool:
-        """Whether a value is among them."""
+        """Whether a value is one of the choices."""
         return value in self.choices
 
     def distribution(self) -> "BaseDistribution":
-        """The choices as Optuna has them."""
+        """The choices as an Optuna distribution."""
         from optuna.distributions import CategoricalDistribution
 
         return CategoricalDistribution(self.choices)
@@ -77,13 +79,13 @@ Space = Mapping[str, Range | Choices]
 def read_space(parameters: Mapping[str, Any], prefix: str = "") -> dict[str, Range | Choices]:
     """Ranges and choices by dotted key, of mappings nested as the whole configuration.
 
-    Raises ValueError naming a key that has neither `low` and `high` nor `choices`.
+    Raises ConfigError naming a key that has neither `low` and `high` nor `choices`.
     """
     space: dict[str, Range | Choices] = {}
     for name, given in parameters.items():
         key = f"{prefix}{name}"
         if not isinstance(given, Mapping) or not given:
-            raise ValueError(f"{_KEY}.{key}: give it low and high, or choices")
+            raise ConfigError(f"{_KEY}.{key}: give it low and high, or choices")
         if any(isinstance(value, Mapping) for value in given.values()):
             space |= read_space(given, f"{key}.")
             continue
@@ -91,23 +93,24 @@ def read_space(parameters: Mapping[str, Any], prefix: str = "") -> dict[str, Ran
             one = {**given, "choices": tuple(given["choices"])} if "choices" in given else given
             space[key] = Choices(**one) if "choices" in given else Range(**one)
         except (TypeError, ValueError) as error:
-            raise ValueError(f"{_KEY}.{key} is {dict(given)}: {error}") from error
+            raise ConfigError(f"{_KEY}.{key} is {dict(given)}: {error}") from error
     return space
 
 
 def check_within(space: Space, config: Mapping[str, Any]) -> dict[str, Any]:
     """The configuration's own values of a space's settings.
 
-    Raises ValueError naming a setting that the configuration lacks or has outside the space.
+    Raises ConfigError naming a setting that is not in the configuration, or whose value there lies
+    outside the space.
     """
     own = {}
     for key, each in space.items():
         try:
             own[key] = reduce(lambda node, part: node[part], key.split("."), config)
         except (KeyError, TypeError) as error:
-            raise ValueError(f"{_KEY}.{key}: the configuration has no {key}") from error
+            raise ConfigError(f"{_KEY}.{key}: the configuration has no {key}") from error
         if not each.holds(own[key]):
-            raise ValueError(f"{_KEY}.{key} leaves out the configuration's own value, {own[key]}")
+            raise ConfigError(f"{_KEY}.{key} leaves out the configuration's own value, {own[key]}")
     return own
 
 

@@ -1,4 +1,4 @@
-"""Where a detection's time goes: a clock that charges every moment to one part of the method."""
+"""Time of each part of a detection, measured by a clock that knows which part is running."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -27,7 +27,7 @@ PARTS = {
     "verify": 3,
     "polish": 3,
 }
-"""Parts of detection in their order, each with the stage that it belongs to."""
+"""Parts of detection in their order, each with its stage."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Spent:
 
 
 class PartClock:
-    """Sums the time of each part; between `start` and `stop` none is lost or counted twice."""
+    """Adds up the time of each part, from `start` to `stop`; none is lost or counted twice."""
 
     def __init__(self) -> None:
         self._part: str | None = None
@@ -47,12 +47,12 @@ class PartClock:
         self._sums: dict[str, list[float]] = {}
 
     def start(self) -> None:
-        """Forget what was measured; time counts from the first `enter`."""
+        """Reset all times; the clock runs from the first `enter` on."""
         self._sums = {}
         self._part = None
 
     def enter(self, part: str | None) -> None:
-        """From now on time is that of this part; None: of none."""
+        """Count time for this part from now on; None: for no part."""
         wall, cpu = time.perf_counter(), time.process_time()
         if self._part is not None:
             sums = self._sums.setdefault(self._part, [0.0, 0.0])
@@ -61,14 +61,14 @@ class PartClock:
         self._part, self._begun = part, (wall, cpu)
 
     def stop(self) -> dict[str, Spent]:
-        """What each part took since `start`; parts that were never entered are absent."""
+        """Time of each part since `start`; parts that were never entered are absent."""
         self.enter(None)
         return {part: Spent(*sums) for part, sums in self._sums.items()}
 
 
 @dataclass(frozen=True)
 class Loading:
-    """Seconds to load what the objects share, and each object's own (codebook, its index, mesh)."""
+    """Seconds to load the networks, and for each object its codebook, index and mesh."""
 
     classifier: float
     encoder: float
@@ -77,10 +77,10 @@ class Loading:
 
 @dataclass(frozen=True)
 class SearchComparison:
-    """One target's features searched as configured and exactly (s).
+    """Search of one target's features by the configured index and by an exact one; times in s.
 
-    `recall` is the share of the exact k nearest entries that were found, `first` whether the
-    nearest was, as a share of the queries.
+    `recall` is the share of the exact k nearest entries that were found, `first` the share of the
+    queries whose nearest entry was found.
     """
 
     queries: int
@@ -91,12 +91,12 @@ class SearchComparison:
 
 
 class TimedEstimator(PoseEstimator):
-    """A pose estimator whose parts tell a clock when they begin and end; its results are the same."""
+    """A pose estimator with a clock that measures its parts. Its results are the same."""
 
     clock: PartClock
 
     def load_timed(self, object_ids: Sequence[int]) -> Loading:
-        """Load all that the objects need, and let their parts tell the clock. Call it first."""
+        """Load networks and objects, and connect their parts to the clock. To be called first."""
         self.clock = PartClock()
         self.clock.start()
         classifier = _seconds(lambda: self._scan)
@@ -116,7 +116,7 @@ class TimedEstimator(PoseEstimator):
         self._verifier(object_id)
 
     def _charge(self, owner: Any, method: str, during: str, after: str) -> None:
-        """Have the clock enter a part whenever a method of an object begins, another as it ends."""
+        """Make the clock enter `during` when a method of `owner` begins, and `after` when it ends."""
         call = getattr(owner, method)
 
         def timed(*given: Any, **named: Any) -> Any:
@@ -129,7 +129,7 @@ class TimedEstimator(PoseEstimator):
         setattr(owner, method, timed)
 
     def prepare(self, frame: Frame) -> FrameContext:
-        """The context of a frame, whose windows tell the clock; see PoseEstimator.prepare."""
+        """The context of a frame, its windows connected to the clock; see PoseEstimator.prepare."""
         self.clock.enter("windows")
         context = super().prepare(frame)
         self._charge(context.windows, "classify", "windows", "region")
@@ -157,7 +157,7 @@ class TimedEstimator(PoseEstimator):
         return len(self._codebook(object_id)[0].features)
 
     def compare_search(self, object_id: int, patches: LocalPatches) -> SearchComparison | None:
-        """Search the same patches as configured and exactly; None where there are none."""
+        """Search for the patches by the configured index and exactly; None without patches."""
         if len(patches) == 0:
             return None
         codebook, search = self._codebook(object_id)

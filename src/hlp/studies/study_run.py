@@ -1,4 +1,4 @@
-"""What all instruments (oracle, basin, bench, search) share: MLflow run, manifest, last words."""
+"""What all studies (oracle, basin, bench, search) share: MLflow run, manifest, final message."""
 
 import logging
 from collections.abc import Iterator
@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from hlp.config.build import Run, evenly
+from hlp.errors import InputError
 from hlp.method.compute_threads import set_compute_threads
 from hlp.reporting.tracking import Tracker, how_to_browse, track_run
 from hlp.runs.manifest import make_manifest, write_json
@@ -18,15 +19,15 @@ from hlp.stages.store import StageStore
 def study_run(
     run: Run, output: Path, resume: str | None = None
 ) -> Iterator[tuple[StageStore, Tracker]]:
-    """The store and the MLflow run of one instrument's work.
+    """The store and the MLflow run of one study.
 
-    After the work `output` gets its manifest.json, all that is in it is logged, and a person is
-    told where it is: a folder with a manifest holds a whole result. With `resume` the MLflow run of
-    that id goes on. Raises ValueError where the frames have no true poses.
+    When the block ends, manifest.json is written into `output`, all that is in it is logged, and a
+    message says where it is. A folder with a manifest holds a complete result. With `resume` the
+    MLflow run of that id is continued. Raises InputError if the frames have no true poses.
     """
     settings = run.settings
     if not run.dataset.annotated:
-        raise ValueError(f"these frames have no true poses, which task={settings.task.name} needs")
+        raise InputError(f"these frames have no true poses, which task={settings.task.name} needs")
     set_compute_threads(settings.machine.threads, settings.trainer.torch_threads)
     output.mkdir(parents=True, exist_ok=True)
     (output / FILE).unlink(missing_ok=True)

@@ -1,8 +1,10 @@
-"""Sweeps (`-m`): one parent run in MLflow, a child run an arm; what was interrupted goes on.
+"""Sweeps (`-m`): one run per combination of values, all children of one parent run in MLflow.
 
-<sweep's folder>/sweep.json   what was asked for, the parent's run, how it ended
-<sweep's folder>/sweep.lock   held by the sweep while it runs; freed by the system if it dies
-<sweep's folder>/0, 1, …      the arms' results; an arm with a manifest is finished
+A sweep that was interrupted is continued by the same command.
+
+<sweep's folder>/sweep.json   overrides, id of the parent run, status
+<sweep's folder>/sweep.lock   held while the sweep runs; released by the system if it dies
+<sweep's folder>/0, 1, …      results of its runs; a run with a manifest is finished
 """
 
 import json
@@ -18,6 +20,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
 
+from hlp.errors import InputError, MissingFileError
 from hlp.reporting.figures.trade_off import draw_trade_off
 from hlp.reporting.reproductions import write_reproductions
 from hlp.reporting.tracking import Arm, Tracker, TrackingSettings, as_arm, track_run
@@ -28,18 +31,18 @@ RECORD = "sweep.json"
 LOCK = "sweep.lock"
 FINISHED = "FINISHED"
 
-# Hydra makes its callbacks itself, so what one opens is left here for `sweep_open` to close.
+# Hydra creates its callbacks itself, so `sweep_open` finds here what they have opened.
 _OPEN = ExitStack()
 
 
 class SweepCallback(Callback):
-    """Hydra's hook (`hydra.callbacks`) that opens a sweep before its first arm."""
+    """Hydra callback that opens a sweep before its first run."""
 
     def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
-        """Open the parent's run, or that of the sweep that goes on in this folder."""
+        """Open the parent run: a new one, or that of the interrupted sweep in this folder."""
         try:
             _open_sweep(config)
-        except Exception as error:  # Hydra would make a warning of it, and start the arms
+        except Exception as error:  # Hydra would only warn, and start the runs
             raise SystemExit(f"hlp: the sweep cannot be opened: {error}") from error
 
 
@@ -49,7 +52,7 @@ def _open_sweep(config: DictConfig) -> None:
     try:
         _OPEN.enter_context(FileLock(folder / LOCK).acquire(timeout=0))
     except Timeout as error:
-        raise ValueError(f"another sweep is writing into {folder}") from error
+        raise InputError(f"another sweep is writing into {folder}") from error
     overrides = [each for each in config.hydra.overrides.task if not each.startswith("output=")]
     swept = _swept_keys(config)
     tracker = _OPEN.enter_context(
@@ -68,15 +71,15 @@ def _open_sweep(config: DictConfig) -> None:
 
 @contextmanager
 def sweep_open() -> Iterator[None]:
-    """Close, at its end, the sweep that was opened meanwhile: FINISHED, FAILED or KILLED."""
+    """At the end of the block, close the sweep opened in it: FINISHED, FAILED or KILLED."""
     with _OPEN:
         yield
 
 
 def unfinished_sweep(arguments: Sequence[str], folder: Path) -> Path | None:
-    """The newest sweep below a folder of the same arguments that did not end well, if any.
+    """The newest sweep with the same arguments below a folder, if it did not end successfully.
 
-    None where it is running still, and where the arguments name an output folder.
+    None if it is still running, or if the arguments name an output folder.
     """
     overrides = [each for each in arguments if not each.startswith(("-", "hydra"))]
     if any(each.startswith("output=") for each in overrides):
@@ -90,10 +93,10 @@ def unfinished_sweep(arguments: Sequence[str], folder: Path) -> Path | None:
     return None
 
 
-def run_arm(config: DictConfig) -> None:
-    """Do one arm's task as a child run; an arm that is finished is not repeated.
+def run_one(config: DictConfig) -> None:
+    """Run one combination of a sweep as a child run, unless it is finished already.
 
-    Whatever stops it, a wrong configuration too, leaves a FAILED run and is raised.
+    Any error, also in the configuration, leaves a FAILED run and is raised.
     """
     from hlp.config import build
     from hlp.studies import tasks
@@ -101,7 +104,7 @@ def run_arm(config: DictConfig) -> None:
     hydra = HydraConfig.get()
     output, sweep = Path(config.output), _read(Path(hydra.sweep.dir))
     if not sweep:
-        raise FileNotFoundError(f"no {RECORD} in {hydra.sweep.dir}: the sweep could not be opened")
+        raise MissingFileError(f"no {RECORD} in {hydra.sweep.dir}: the sweep could not be opened")
     swept = _swept_values(config, list(hydra.overrides.task), sweep["swept"])
     name = f"{config.name} {hydra.job.num}: {' '.join(f'{k}={v}' for k, v in swept.items())}"
     with as_arm(Arm(name, sweep["run_id"], swept)):
@@ -119,7 +122,7 @@ def run_arm(config: DictConfig) -> None:
 
 @contextmanager
 def _recorded(folder: Path, record: dict[str, Any]) -> Iterator[None]:
-    """Keep in `sweep.json` whether a sweep came to its end."""
+    """Record in `sweep.json` whether the sweep ended."""
     write_json(folder / RECORD, {**record, "status": "RUNNING"})
     status = "STOPPED"
     try:
@@ -131,7 +134,7 @@ def _recorded(folder: Path, record: dict[str, Any]) -> Iterator[None]:
 
 @contextmanager
 def _drawn(folder: Path, tracker: Tracker) -> Iterator[None]:
-    """Draw what the arms reached in what time, once the last of them has ended well."""
+    """Draw recall against time of the runs, after the last one has ended successfully."""
     yield
     for path in [*draw_trade_off(folder), *write_reproductions(folder)]:
         tracker.log_artifact(path)
@@ -155,7 +158,7 @@ def _is_running(folder: Path) -> bool:
 
 
 def _swept_keys(config: DictConfig) -> list[str]:
-    """Keys that the command line or `hydra.sweeper.params` gives several values."""
+    """Keys with several values on the command line or in `hydra.sweeper.params`."""
     given = OmegaConf.select(config, "hydra.sweeper.params") or {}
     overrides = [*(f"{key}={value}" for key, value in given.items()), *config.hydra.overrides.task]
     parsed = OverridesParser.create().parse_overrides(overrides)
@@ -166,7 +169,7 @@ def _swept_keys(config: DictConfig) -> list[str]:
 def _swept_values(
     config: DictConfig, overrides: Sequence[str], keys: Sequence[str]
 ) -> dict[str, str]:
-    """What an arm has for the keys: a value, or of a group the alternative's name."""
+    """A run's values of these keys; of a group, the name of its file."""
     parsed = OverridesParser.create().parse_overrides([*overrides])
     named = {each.key_or_group: each for each in parsed}
     values = {}

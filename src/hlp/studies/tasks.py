@@ -1,4 +1,4 @@
-"""What is to be done with a configuration: run the method, measure its stages, search."""
+"""Starts the task that a configuration names: run the method, or one of the studies."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from hlp.studies import basin, bench, oracle, search
 
 
 def run_task(run: Run, output: Path) -> None:
-    """Do what config group `task` names; raises what the task raises."""
+    """Run the task that config group `task` names. Raises what the task raises."""
     task = run.settings.task
     if isinstance(task, OracleSettings):
         oracle.run_oracle(run, task, output)

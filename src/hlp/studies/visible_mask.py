@@ -1,4 +1,4 @@
-"""Where in a frame a target can be seen."""
+"""The pixels of a frame that show a target."""
 
 import numpy as np
 from jaxtyping import Bool
@@ -11,10 +11,10 @@ from hlp.rendering.rasterizer import render_depth
 def visible_mask(
     source: FrameSource, frame: Frame, target: Target, model: ObjectModel, tolerance: float
 ) -> Bool[np.ndarray, "h w"]:
-    """Pixels that show the target: the data set's own mask, or else where depth agrees.
+    """Pixels that show the target: the data set's own mask, or else where the depth agrees.
 
-    That is where the observed depth is within `tolerance` (m) of the object's, rendered in its true
-    pose.
+    The depth agrees where the observed one is within `tolerance` (m) of that of the object rendered
+    in its true pose.
     """
     if isinstance(source, VisibleMasks):
         given = source.visible_mask(frame, target)
