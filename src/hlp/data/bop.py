@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 
 from hlp.data.images import camera_matrix, find_image, read_depth, read_json, read_rgb, same_size
 from hlp.data.sources import content_hash
+from hlp.errors import DataError, MissingFileError
 from hlp.geometry import nearest_rotation, rigid
 from hlp.objects.object_model import ObjectSettings
 from hlp.records import MILLIMETRE, Frame, Target
@@ -58,7 +59,7 @@ def list_targets(root: Path, split: str, targets_file: str | None) -> dict[Frame
             wanted = targets.setdefault(frame, {})
             wanted[int(row["obj_id"])] = int(row.get("inst_count", 1))
     except (KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f"{path} is no BOP targets file: {error!r}") from error
+        raise DataError(f"{path} is no BOP targets file: {error!r}") from error
     return targets
 
 
@@ -102,7 +103,7 @@ class BopFrames:
             if kept:
                 chosen[frame] = kept
         if not chosen:
-            raise ValueError(
+            raise DataError(
                 f"{self._root / (self._targets_file or self._split)} lists no target of the objects"
                 f" {sorted(self._object_ids or ())}: check data.targets and data.objects"
             )
@@ -174,7 +175,7 @@ class BopFrames:
         cameras, truths, infos = self._scene(scene_id)
         key = str(frame_id)
         if key not in cameras or "cam_K" not in cameras[key]:
-            raise ValueError(f"{folder / 'scene_camera.json'} has no cam_K for frame {frame_id}")
+            raise DataError(f"{folder / 'scene_camera.json'} has no cam_K for frame {frame_id}")
         rgb_path = find_image(folder / "rgb", f"{frame_id:06d}")
         rgb = read_rgb(rgb_path)
         scale = float(cameras[key].get("depth_scale", 1.0))
@@ -188,7 +189,7 @@ class BopFrames:
 
 def _annotated(split: Path) -> dict[FrameId, dict[int, int]]:
     if not split.is_dir():
-        raise FileNotFoundError(f"no folder {split}: check data.root and data.split")
+        raise MissingFileError(f"no folder {split}: check data.root and data.split")
     counts: dict[FrameId, dict[int, int]] = {}
     for folder in sorted(path for path in split.iterdir() if path.name.isdigit()):
         for frame, entries in read_json(folder / "scene_gt.json").items():
@@ -213,12 +214,12 @@ def _pose(entry: dict[str, Any], where: str) -> Float[np.ndarray, "4 4"]:
         rotation = np.array(entry["cam_R_m2c"], dtype=np.float64).reshape(3, 3)
         translation = np.array(entry["cam_t_m2c"], dtype=np.float64).reshape(3) * MILLIMETRE
     except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{where}: no pose of 9 and 3 numbers ({error!r})") from error
+        raise DataError(f"{where}: no pose of 9 and 3 numbers ({error!r})") from error
     if not (np.isfinite(rotation).all() and np.isfinite(translation).all()):
-        raise ValueError(f"{where}: the pose holds NaN or infinity: mend or leave out the entry")
+        raise DataError(f"{where}: the pose holds NaN or infinity: mend or leave out the entry")
     nearest = nearest_rotation(rotation)
     if np.abs(nearest - rotation).max() > _ROUNDING:
-        raise ValueError(f"{where}: cam_R_m2c is no rotation (row-major, right-handed)")
+        raise DataError(f"{where}: cam_R_m2c is no rotation (row-major, right-handed)")
     return np.asarray(rigid(nearest, translation))
 
 
@@ -231,7 +232,7 @@ def _choose(
     for object_id, count in wanted.items():
         instances = [target for target in annotated if target.object_id == object_id]
         if len(instances) < count:
-            raise ValueError(
+            raise DataError(
                 f"{where}: {count} of object {object_id} should be found, {len(instances)} have a"
                 f" pose: drop it from the targets or add its pose"
             )

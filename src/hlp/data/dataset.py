@@ -10,6 +10,7 @@ from jaxtyping import UInt8
 
 from hlp.data.photographs import list_photographs, load_photographs, random_crops
 from hlp.data.sources import FrameSource, content_hash
+from hlp.errors import ConfigError
 from hlp.objects.object_model import mesh_identity, model_identity
 from hlp.patches.procedural_backgrounds import procedural_backgrounds
 from hlp.records import Frame, ObjectModel
@@ -73,7 +74,9 @@ class Dataset:
     def require_encoder_frames(self) -> FrameSource:
         """The frames that train the autoencoder. Raises ValueError where there are none."""
         if self.encoder_frames is None:
-            raise ValueError("encoder=cae trains on RGB-D frames: set data.rgbd_frames to a folder")
+            raise ConfigError(
+                "encoder=cae trains on RGB-D frames: set data.rgbd_frames to a folder"
+            )
         return self.encoder_frames
 
     def load_encoder_frames(self) -> list[Frame]:

@@ -12,6 +12,7 @@ from hlp.data.rgbd_frames import RgbdFrames
 from hlp.data.sources import FrameSource
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings, training_frames
+from hlp.errors import MissingFileError
 
 DataSettings = SyntheticSettings | BopSettings | LinemodSettings | FilesSettings
 
@@ -27,7 +28,7 @@ def build_dataset(data: DataSettings) -> Dataset:
         frames = SyntheticScenes(data)
         return Dataset(models, tuple(models), frames, None, background, background, settings=data)
     if not isinstance(data, FilesSettings) and not Path(data.root).is_dir():
-        raise FileNotFoundError(f"data.root is no folder: {data.root} (set data.root=PATH)")
+        raise MissingFileError(f"data.root is no folder: {data.root} (set data.root=PATH)")
     photographs = _folder("data.photographs", data.photographs)
     if photographs is not None:
         list_photographs(photographs)
@@ -57,7 +58,7 @@ def build_dataset(data: DataSettings) -> Dataset:
         root, data.objects, data.proxy_faces, data.symmetry_steps
     )
     if not (root / data.split).is_dir():
-        raise FileNotFoundError(f"data.split is no folder: {root / data.split} (set data.split)")
+        raise MissingFileError(f"data.split is no folder: {root / data.split} (set data.split)")
     frames_bop = BopFrames(root, data.split, data.targets, models)
     wanted = {object_id for ids in frames_bop.targets.values() for object_id in ids}
     return Dataset(
@@ -69,7 +70,7 @@ def _folder(key: str, path: str | None) -> Path | None:
     if path is None:
         return None
     if not Path(path).is_dir():
-        raise FileNotFoundError(f"{key} is no folder: {path} (set {key}, or null for none)")
+        raise MissingFileError(f"{key} is no folder: {path} (set {key}, or null for none)")
     return Path(path)
 
 

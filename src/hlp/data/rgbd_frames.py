@@ -13,6 +13,7 @@ from hlp.data.images import (
     same_size,
 )
 from hlp.data.sources import content_hash
+from hlp.errors import MissingFileError
 from hlp.records import Frame
 
 
@@ -31,10 +32,10 @@ class RgbdFrames:
     def _paths(self) -> dict[str, tuple[Path, Path]]:
         color, depth = self._root / "rgb", self._root / "depth"
         if not color.is_dir() or not depth.is_dir():
-            raise FileNotFoundError(f"{self._root} has no folders rgb and depth: check the path")
+            raise MissingFileError(f"{self._root} has no folders rgb and depth: check the path")
         images = sorted(p for p in color.iterdir() if p.suffix.lower() in EXTENSIONS)
         if not images:
-            raise FileNotFoundError(f"no image in {color}")
+            raise MissingFileError(f"no image in {color}")
         return {
             f"{self._scene_id:06d}_{number:06d}": (path, find_image(depth, path.stem))
             for number, path in enumerate(images)
