@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, get_type_hints
 
-import torch
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import InterpolationToMissingValueError, MissingMandatoryValue
 from pydantic import TypeAdapter, ValidationError
@@ -34,6 +33,7 @@ from hlp.models import classifier, encoder
 from hlp.models.autoencoder import AutoencoderSettings
 from hlp.models.classifier import ClassifierSettings
 from hlp.models.contrastive import ContrastiveSettings
+from hlp.models.network import require_device
 from hlp.models.pca import PcaSettings
 from hlp.refinement.icp import IcpSettings
 from hlp.refinement.none import NoneSettings
@@ -108,8 +108,7 @@ def build_run(config: DictConfig) -> Run:
     check_ranges(settings)
     _check_patch_sizes(settings)
     require(settings.executor)
-    if settings.machine.device == "cuda" and not torch.cuda.is_available():
-        raise ValueError("machine.device is cuda: torch sees no such GPU here; set it to cpu")
+    require_device(settings.machine.device)
     dataset = build_dataset(settings.data)
     if isinstance(settings.encoder, AutoencoderSettings):
         dataset.require_encoder_frames()

@@ -17,11 +17,10 @@ import numpy as np
 from hlp.codebook.entries import load_codebook
 from hlp.errors import DataError, MissingFileError
 from hlp.files import read_json, write_json
-from hlp.method.classifiers import load_classifier
-from hlp.method.encoders import load_encoder
+from hlp.method.networks import load_classifier, load_encoder
 from hlp.method.settings import MethodSettings, settings_from_json, settings_to_json
-from hlp.models.classifier import HolisticCNN
 from hlp.models.encoder import Encoder
+from hlp.models.network import Network
 from hlp.records import Codebook, Mesh, ObjectModel
 
 FORMAT = 1
@@ -149,15 +148,14 @@ class LearntFolder:
         """Where an object lies."""
         return self.folder / OBJECTS / self._names[object_id]
 
-    def load_classifier(self) -> HolisticCNN:
+    def load_classifier(self) -> Network:
         """The classifier of holistic patches."""
-        settings = self.record.settings
-        return load_classifier(len(self.record.classes), settings, self.folder / CLASSIFIER)
+        return load_classifier(self.folder / CLASSIFIER, self.record.settings.machine)
 
     def load_encoder(self) -> Encoder:
         """The encoder of local patches."""
         settings = self.record.settings
-        return load_encoder(settings.encoder, self.folder / ENCODER, settings.machine.device)
+        return load_encoder(settings.encoder, self.folder / ENCODER, settings.machine)
 
     def load_codebook(self, object_id: int) -> Codebook:
         """The codebook of one object."""
