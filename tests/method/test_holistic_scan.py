@@ -6,7 +6,9 @@ import torch
 
 from hlp.data.synthetic.objects import demo_objects
 from hlp.method.holistic_scan import HolisticScan
-from hlp.models.classifier import HolisticCNN
+from hlp.models.classifier_training import HolisticCNN
+from hlp.models.network import load_network
+from hlp.models.onnx_export import export_network
 from hlp.patches.holistic import HolisticSettings, RegionSettings, cut_windows, metric_windows
 from hlp.records import Frame
 from window_reference import window_images
