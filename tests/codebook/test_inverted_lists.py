@@ -9,6 +9,8 @@ from hlp.codebook.inverted_lists import (
     InvertedLists,
     InvertedListsSettings,
     check_dimension,
+    load_lists,
+    save_lists,
 )
 from hlp.codebook.neighbours import ExactNeighbours
 from hlp.errors import ConfigError, DataError
@@ -108,9 +110,7 @@ def test_stored_lists_find_what_trained_ones_do():
     other = dataclasses.replace(SETTINGS, probes=1)  # searched otherwise, not learnt otherwise
     restored = InvertedLists(FEATURES, other, seed=0, trained=trained.trained)
     fresh = InvertedLists(FEATURES, other, seed=0)
-    np.testing.assert_array_equal(
-        restored.search(QUERIES).indices, fresh.search(QUERIES).indices
-    )
+    np.testing.assert_array_equal(restored.search(QUERIES).indices, fresh.search(QUERIES).indices)
     assert InvertedLists(FEATURES[:9], SETTINGS, seed=0).trained.size == 0
 
 
@@ -139,3 +139,14 @@ def test_search_equals_faiss_refinement():
     found = InvertedLists(FEATURES, SETTINGS, seed=0).search(QUERIES)
     np.testing.assert_array_equal(found.indices, indices)
     np.testing.assert_allclose(found.distances, np.sqrt(squared), rtol=1e-4, atol=1e-5)
+
+
+def test_lists_lie_beside_a_codebook(tmp_path):
+    assert load_lists(tmp_path, SETTINGS, seed=0) is None
+    made = InvertedLists(FEATURES, SETTINGS, seed=0)
+    save_lists(tmp_path, made, seed=0)
+    np.testing.assert_array_equal(load_lists(tmp_path, SETTINGS, seed=0), made.trained)
+    assert load_lists(tmp_path, SETTINGS, seed=1) is None
+    assert load_lists(tmp_path, dataclasses.replace(SETTINGS, lists=33), seed=0) is None
+    save_lists(tmp_path, InvertedLists(FEATURES[:9], SETTINGS, seed=0), seed=0)
+    assert load_lists(tmp_path, SETTINGS, seed=0) is None  # searched exactly: nothing to load

@@ -55,9 +55,7 @@ def test_normals_are_what_whole_array_operations_give():
     weight = valid.astype(np.float64)
     smooth = depth * weight
     for _ in range(2):
-        smooth, weight = (
-            uniform_filter(x, (0, 3, 3), mode="constant") for x in (smooth, weight)
-        )
+        smooth, weight = (uniform_filter(x, (0, 3, 3), mode="constant") for x in (smooth, weight))
     surface = np.where(weight > 0.05, smooth / np.maximum(weight, 1e-3), depth)
     padded = np.pad(surface, ((0, 0), (1, 1), (1, 1)), mode="edge")
     dx = (padded[:, 1:-1, 2:] - padded[:, 1:-1, :-2]) * 8

@@ -6,7 +6,7 @@ import torch
 from torch import nn
 
 from hlp.errors import MissingDependencyError, MissingFileError
-from hlp.models.network import INTEGER, SINGLE, Network, load_network, require_device
+from hlp.models.network import INTEGER, SINGLE, Network, _has_vnni, load_network, require_device
 from hlp.models.onnx_export import export_network
 
 
@@ -52,3 +52,12 @@ def test_a_device_that_onnx_runtime_lacks_is_named(monkeypatch):
     require_device("cpu")
     with pytest.raises(MissingDependencyError, match=r"machine\.device is cuda.*onnxruntime-gpu"):
         require_device("cuda")
+
+
+def test_what_is_not_known_of_a_processor_is_not_relied_upon(tmp_path):
+    flags = tmp_path / "cpuinfo"
+    assert not _has_vnni(flags)
+    flags.write_text("flags : fpu avx2 avx512f")
+    assert not _has_vnni(flags)
+    flags.write_text("flags : fpu avx2 avx512_vnni")
+    assert _has_vnni(flags)

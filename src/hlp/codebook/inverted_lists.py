@@ -4,6 +4,7 @@ Johnson, Douze & Jégou 2019; 4-bit product codes compared in registers as in An
 """
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import faiss
 import numpy as np
@@ -17,6 +18,7 @@ from hlp.thread_team import ThreadTeam
 
 FEWEST = 4096
 """Codebooks of fewer entries are searched exactly: there is nothing to gain."""
+_FILE = "lists.npz"
 _NUMBERS_PER_CODE = 4  # of a feature, behind each 4-bit code
 
 
@@ -61,7 +63,7 @@ class InvertedLists:
                 self._lists = _train(self.features, settings, seed)
             else:
                 self._lists = _restore(trained, self.features, settings)
-            self._lists.nprobe = settings.probes
+            self._lists.nprobe = settings.probes  # type: ignore[attr-defined]
 
     @property
     def trained(self) -> UInt8[np.ndarray, "bytes"]:
@@ -91,8 +93,26 @@ class InvertedLists:
                     self.features, single[rows], candidates[rows], indices[rows], squared[rows]
                 )
 
-            self._team.ranges(compare, len(single))
+            self._team.map_ranges(compare, len(single))
         return Matches(indices, np.sqrt(squared))
+
+
+def save_lists(folder: Path, searched: InvertedLists, seed: int) -> None:
+    """Write the trained lists beside a codebook."""
+    np.savez(folder / _FILE, trained=searched.trained, lists=searched.settings.lists, seed=seed)
+
+
+def load_lists(
+    folder: Path, settings: InvertedListsSettings, seed: int
+) -> UInt8[np.ndarray, "bytes"] | None:
+    """What `save_lists` wrote; None where there is nothing, or it is for other settings."""
+    if not (folder / _FILE).is_file():
+        return None
+    with np.load(folder / _FILE) as stored:
+        if (int(stored["lists"]), int(stored["seed"])) != (settings.lists, seed):
+            return None
+        trained = stored["trained"]
+    return trained if trained.size else None
 
 
 def check_dimension(dimension: int) -> None:
@@ -123,7 +143,7 @@ def _restore(
     trained: UInt8[np.ndarray, "bytes"],
     features: Float[np.ndarray, "m d"],
     settings: InvertedListsSettings,
-) -> faiss.IndexIVFPQFastScan:
+) -> faiss.Index:
     """Raises DataError where the bytes are not the lists of these features and settings."""
     try:
         lists = faiss.deserialize_index(trained)

@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import InterpolationToMissingValueError, MissingMandatoryValue
 from pydantic import TypeAdapter, ValidationError
 
-from hlp.codebook.inverted_lists import InvertedListsSettings
+from hlp.codebook.inverted_lists import InvertedListsSettings, check_dimension
 from hlp.codebook.neighbours import ExactSettings, KdForestSettings
 from hlp.config.ranges import check_ranges
 from hlp.config.settings import (
@@ -107,6 +107,7 @@ def build_run(config: DictConfig) -> Run:
     settings = build_settings(config)
     check_ranges(settings)
     _check_patch_sizes(settings)
+    _check_feature_size(settings)
     require(settings.executor)
     require_device(settings.machine.device)
     dataset = build_dataset(settings.data)
@@ -130,6 +131,7 @@ def with_changes(run: Run, changes: Mapping[str, Any]) -> RunSettings:
     settings = build_settings(OmegaConf.create(_changed(run.config, changes)))
     check_ranges(settings)
     _check_patch_sizes(settings)
+    _check_feature_size(settings)
     return settings
 
 
@@ -214,6 +216,14 @@ def _check_patch_sizes(settings: RunSettings) -> None:
     ):
         if given != taken:
             raise ValueError(f"{key} is {given}: the networks take {taken}")
+
+
+def _check_feature_size(settings: RunSettings) -> None:
+    """What the search refuses is refused before anything is trained."""
+    if isinstance(settings.codebook, InvertedListsSettings):
+        encoder = settings.encoder
+        most = 3 * encoder.cells**2 if isinstance(encoder, PcaSettings) else encoder.dimension
+        check_dimension(min(encoder.dimension, most))
 
 
 def evenly(keys: tuple[str, ...], count: int) -> tuple[str, ...]:

@@ -10,8 +10,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from hlp.codebook.entries import save_codebook
+from hlp.codebook.inverted_lists import InvertedLists, save_lists
 from hlp.errors import DataError, InputError
 from hlp.files import read_json, write_json
+from hlp.method.alternatives import make_neighbours
 from hlp.method.backgrounds import Backgrounds
 from hlp.method.classifier_training import StartingWeights, train_classifier
 from hlp.method.codebook_building import build_codebook
@@ -151,6 +153,9 @@ def _write_objects(
                 write_model(partial / OBJECTS / model.name, model)
                 codebook = build_codebook(model, views_of(object_id), encoder, settings)
                 save_codebook(partial / OBJECTS / model.name, codebook)
+                search = make_neighbours(codebook.features, settings.codebook, settings.seed)
+                if isinstance(search, InvertedLists):
+                    save_lists(partial / OBJECTS / model.name, search, settings.seed)
 
 
 def _views(

@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from hlp.codebook.neighbours import Neighbours
 from hlp.method.alternatives import make_mode_finder, make_neighbours, make_refiner
@@ -47,6 +47,9 @@ class LearntObjects(Protocol):
     def load_codebook(self, object_id: int) -> Codebook:
         """The codebook of one object."""
         ...
+
+    def load_lists(self, object_id: int) -> UInt8[np.ndarray, "bytes"] | None:
+        """Trained inverted lists of its codebook; None where they are to be trained."""
 
 
 @dataclass(frozen=True)
@@ -204,7 +207,10 @@ class PoseEstimator:
     def _codebook(self, object_id: int) -> tuple[Codebook, Neighbours]:
         if object_id not in self._searches:
             codebook = self.learnt.load_codebook(object_id)
-            search = make_neighbours(codebook.features, self.settings.codebook, self.settings.seed)
+            lists = self.learnt.load_lists(object_id)
+            search = make_neighbours(
+                codebook.features, self.settings.codebook, self.settings.seed, lists
+            )
             self._searches[object_id] = (codebook, search)
         return self._searches[object_id]
 

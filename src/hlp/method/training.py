@@ -34,7 +34,7 @@ def fit(
     """Train for `epochs`, going on from the last checkpoint in `folder` where there is one.
 
     A training that was interrupted and goes on ends with the weights of one that was not.
-    Leaves the network's weights (`weights.safetensors`) and the metrics of every epoch (`history.csv`).
+    Leaves the network's weights (`weights.safetensors`) and each epoch's metrics (`history.csv`).
     """
     last = folder / _CHECKPOINTS / "last.ckpt"
     callbacks: list[Callback] = [
@@ -94,7 +94,8 @@ def calibration_images(data: pl.LightningDataModule, images_of: Callable[[Any], 
     """Images of the first batches of a training, enough to tell the ranges of activations."""
     found: list[Tensor] = []
     for batch in data.train_dataloader():
-        found.append(images_of(batch))
+        # Degraded as the batch that would have come next in training.
+        found.append(images_of(data.on_before_batch_transfer(batch, 0)))
         if sum(len(each) for each in found) >= _CALIBRATION:
             break
     return torch.cat(found)[:_CALIBRATION]

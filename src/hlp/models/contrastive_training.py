@@ -28,8 +28,10 @@ class ContrastiveEncoder(pl.LightningModule):
 
     def images(self, batch: dict[str, Any]) -> Tensor:
         """The network's input (2n, 4, p, p) for a batch: the noisy patches, then the clean ones."""
-        sides = (batch["noisy"], batch["clean"])
-        images = [encoder_input(*side, self.settings.input) for side in sides]
+        images = [
+            encoder_input(color, depth, valid, self.settings.input)
+            for color, depth, valid in (batch["noisy"], batch["clean"])
+        ]
         return torch.cat(images).contiguous(memory_format=torch.channels_last)
 
     def training_step(self, batch: dict[str, Any], _: int) -> Tensor:

@@ -25,8 +25,8 @@ from hlp.stages.warm_start import WarmStart, WarmStartSettings, read_warm_start
 # Where each stage's code begins: what these modules import is part of its fingerprint.
 MODULES = {
     "views": "hlp.rendering.views",
-    "classifier": "hlp.method.classifiers",
-    "encoder": "hlp.method.encoders",
+    "classifier": "hlp.method.classifier_training",
+    "encoder": "hlp.method.encoder_training",
     "codebook": "hlp.method.codebook_building",
 }
 
@@ -198,6 +198,9 @@ class TrainingStages:
             save_codebook(folder, made)
 
         return self._stage("codebook", object_id, settings, upstream, make)
+
+    def load_lists(self, object_id: int) -> None:
+        """None: lists are trained anew, since their settings are no part of a codebook's."""
 
     def load_codebook(self, object_id: int) -> Codebook:
         """One object's codebook, from disk."""
