@@ -14,7 +14,7 @@ from hlp.commands.composing import config_folder
 from hlp.config.build import Run, build_run
 from hlp.config.settings import WarmStartSettings
 from hlp.method.training import read_history, read_weights
-from hlp.models.classifier import HolisticCNN
+from hlp.models.classifier_training import HolisticCNN
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
 from tiny_run import TinyRun

@@ -30,7 +30,7 @@ def predict(run: Run, output: Path) -> list[PoseEstimate]:
     dataset, settings = run.dataset, run.settings
     if not isinstance(dataset.frames, OwnFrames):
         raise ValueError("`hlp predict` takes data=files alone; other data are for `hlp run`")
-    set_compute_threads(settings.machine.threads, settings.trainer.torch_threads)
+    set_compute_threads(settings.machine.threads)
     for key in run.keys:
         dataset.frames.load(key)
     store = StageStore(Path(settings.work))

@@ -42,7 +42,7 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
     settings = run.settings
     if not run.dataset.annotated:
         raise ValueError("these frames have no true poses to score against: use `hlp predict`")
-    set_compute_threads(settings.machine.threads, settings.trainer.torch_threads)
+    set_compute_threads(settings.machine.threads)
     output.mkdir(parents=True, exist_ok=True)
     (output / MANIFEST).unlink(missing_ok=True)
     name = run_name(settings, output)

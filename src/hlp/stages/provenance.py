@@ -18,6 +18,7 @@ LIBRARIES = (
     "numpy",
     "scipy",
     "numba",
+    "onnxruntime",
     "torch",
     "pytorch-lightning",
     "opencv-python-headless",

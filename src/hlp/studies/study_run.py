@@ -27,7 +27,7 @@ def study_run(
     settings = run.settings
     if not run.dataset.annotated:
         raise ValueError(f"these frames have no true poses, which task={settings.task.name} needs")
-    set_compute_threads(settings.machine.threads, settings.trainer.torch_threads)
+    set_compute_threads(settings.machine.threads)
     output.mkdir(parents=True, exist_ok=True)
     (output / FILE).unlink(missing_ok=True)
     name = f"{settings.name} {settings.task.name} {output.name}"

@@ -6,8 +6,9 @@ import torch
 from scipy.spatial.transform import Rotation
 from scipy.special import logsumexp
 
-from hlp.models.contrastive import ContrastiveEncoder, ContrastiveSettings
-from hlp.models.encoder_input import encoder_input
+from hlp.models.contrastive import ContrastiveSettings
+from hlp.models.contrastive_training import ContrastiveEncoder
+from hlp.models.training_input import encoder_input
 
 # Steps are called without a trainer: their logging has nowhere to go, and says so.
 pytestmark = pytest.mark.filterwarnings("ignore:.*self.trainer.*:UserWarning")

@@ -1,4 +1,4 @@
-"""Trains the holistic classifier on rendered windows and backgrounds, and loads it again."""
+"""Trains the holistic classifier on rendered windows and backgrounds."""
 
 import gc
 import logging
@@ -11,9 +11,11 @@ import torch
 from torch import Tensor
 
 from hlp.method.backgrounds import Backgrounds
+from hlp.method.networks import CLASSIFIER
 from hlp.method.settings import MethodSettings
-from hlp.method.training import fit, load_weights
-from hlp.models.classifier import HolisticClassifier, HolisticCNN, copy_weights
+from hlp.method.training import calibration_images, fit
+from hlp.models.classifier_training import HolisticClassifier, copy_weights
+from hlp.models.onnx_export import export_network
 from hlp.patches.holistic_data import HolisticDataModule
 from hlp.patches.holistic_pool import (
     BackgroundPool,
@@ -68,18 +70,10 @@ def train_classifier(
         copy_weights(module.network, start.weights, start.labels)
         epochs = start.epochs
     fit(module, data, module.network, epochs, settings.trainer, folder)
+    sample = calibration_images(data, module.images)
+    export_network(module.network.layers, sample, folder / CLASSIFIER, levels=True)
     del data, module
     gc.collect()  # trainer, loader and data refer to each other: a gigabyte for 15 objects
-
-
-def load_classifier(objects: int, settings: MethodSettings, folder: Path) -> HolisticCNN:
-    """The classifier of so many objects that `train_classifier` left in `folder`."""
-    own = settings.classifier
-    network = HolisticCNN(_channels(settings), objects + 1, own.widths, own.hidden, own.dropout)
-    load_weights(network, folder)
-    network.eval()
-    network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    return network
 
 
 def _channels(settings: MethodSettings) -> int:

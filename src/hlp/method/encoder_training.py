@@ -1,4 +1,4 @@
-"""Trains the encoder that the settings name, and loads it again."""
+"""Trains the encoder that the settings name."""
 
 import gc
 from collections.abc import Callable, Mapping
@@ -8,12 +8,15 @@ import numpy as np
 import torch
 
 from hlp.method.backgrounds import Backgrounds
-from hlp.method.settings import EncoderSettings, MethodSettings
-from hlp.method.training import fit, load_weights
-from hlp.models.autoencoder import Autoencoder, AutoencoderSettings
-from hlp.models.contrastive import ContrastiveEncoder, ContrastiveSettings
-from hlp.models.encoder import Encoder, NetworkEncoder, PatchEncoder
-from hlp.models.pca import PcaEncoder, PcaSettings, fit_pca
+from hlp.method.networks import ENCODER, PCA
+from hlp.method.settings import MethodSettings
+from hlp.method.training import calibration_images, fit
+from hlp.models.autoencoder import AutoencoderSettings
+from hlp.models.autoencoder_training import Autoencoder
+from hlp.models.contrastive import ContrastiveSettings
+from hlp.models.contrastive_training import ContrastiveEncoder
+from hlp.models.onnx_export import export_network
+from hlp.models.pca import fit_pca
 from hlp.patches.local_data import PairDataModule, PatchDataModule
 from hlp.patches.local_pool import (
     PairPool,
@@ -23,8 +26,6 @@ from hlp.patches.local_pool import (
     join_patches,
 )
 from hlp.records import ObjectModel, Views
-
-_PCA = "pca.npz"
 
 
 def train_encoder(
@@ -48,25 +49,12 @@ def train_encoder(
         with_color = encoder.input == "rgbd"
         data = PairDataModule(pairs, with_color, encoder.batch_size, settings.seed)
         module = ContrastiveEncoder(encoder)
-        fit(module, data, module.network, encoder.epochs, settings.trainer, folder)
+        _fit(module, data, encoder.epochs, settings, folder)
     else:
         pairs = _pairs(models, views_of, settings)
-        depth = torch.from_numpy(pairs.depth[:, 0].astype(np.float32))
-        pca = fit_pca(depth, torch.from_numpy(pairs.valid[:, 0]), encoder)
-        np.savez(folder / _PCA, mean=pca.mean, components=pca.components)
+        pca = fit_pca(pairs.depth[:, 0], pairs.valid[:, 0], encoder)
+        np.savez(folder / PCA, mean=pca.mean, components=pca.components)
     gc.collect()  # as after the classifier
-
-
-def load_encoder(settings: EncoderSettings, folder: Path, device: str) -> Encoder:
-    """The encoder that `train_encoder` left in `folder`; a network runs on the device."""
-    if isinstance(settings, PcaSettings):
-        with np.load(folder / _PCA) as stored:
-            return PcaEncoder(stored["mean"], stored["components"], settings.cells)
-    network = PatchEncoder(settings.widths, settings.dimension)
-    load_weights(network, folder)
-    return NetworkEncoder(
-        network, settings.input, isinstance(settings, ContrastiveSettings), device
-    )
 
 
 def _train_autoencoder(
@@ -82,7 +70,19 @@ def _train_autoencoder(
     found = bake_frame_patches(frames, sizes, encoder.per_frame, settings.patches.local, rng)
     data = PatchDataModule(join_patches(found), encoder.batch_size, settings.seed)
     module = Autoencoder(encoder)
-    fit(module, data, module.network, encoder.epochs, settings.trainer, folder)
+    _fit(module, data, encoder.epochs, settings, folder)
+
+
+def _fit(
+    module: Autoencoder | ContrastiveEncoder,
+    data: PatchDataModule | PairDataModule,
+    epochs: int,
+    settings: MethodSettings,
+    folder: Path,
+) -> None:
+    fit(module, data, module.network, epochs, settings.trainer, folder)
+    sample = calibration_images(data, module.images)
+    export_network(module.network.layers, sample, folder / ENCODER, levels=False)
 
 
 def _pairs(

@@ -1,7 +1,8 @@
 import pytest
 import torch
 
-from hlp.models.autoencoder import Autoencoder, AutoencoderSettings
+from hlp.models.autoencoder import AutoencoderSettings
+from hlp.models.autoencoder_training import Autoencoder
 
 # Steps are called without a trainer: their logging has nowhere to go, and says so.
 pytestmark = pytest.mark.filterwarnings("ignore:.*self.trainer.*:UserWarning")
