@@ -1,14 +1,14 @@
-"""Runs as MLflow has them, read back: what was set, what came of it."""
+"""Runs read back from MLflow: their settings and results."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from hlp.reporting.tables import Table
+from hlp.files import SCORES
+from hlp.reporting.tables.table import Table
 from hlp.reporting.tracking import SQLITE, TrackingSettings, database_path, import_client
 
-SCORES = "scores.csv"
 _PER_PAGE = 500
 
 
@@ -25,7 +25,7 @@ class LoggedRun:
 
 
 def read_runs(settings: TrackingSettings) -> list[LoggedRun]:
-    """Every run of the experiment, newest first, whatever became of it.
+    """Every run of the experiment, newest first: finished, failed or killed.
 
     Raises FileNotFoundError where a local database is absent, ValueError for an unknown experiment.
     """
@@ -60,7 +60,7 @@ def read_runs(settings: TrackingSettings) -> list[LoggedRun]:
 
 
 def differences_table(runs: Sequence[LoggedRun], metrics: Sequence[str]) -> Table:
-    """One line a run: the settings that are not the same in all runs, and some metrics."""
+    """A row a run: the settings that differ between the runs, and the named metrics."""
     keys = sorted({key for run in runs for key in run.params if key != "output"})
     differing = [key for key in keys if len({run.params.get(key) for run in runs}) > 1]
     rows = [
