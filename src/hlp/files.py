@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from hlp.errors import DataError
+from hlp.errors import DataError, MissingFileError
 
 MANIFEST = "manifest.json"
 """What made the result. It is written last: a folder that has one holds a whole result."""
@@ -64,9 +64,9 @@ def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]])
 
 
 def read_json(path: Path) -> Any:
-    """Parsed JSON. Raises FileNotFoundError, or DataError naming a file that is no JSON."""
+    """Parsed JSON. Raises MissingFileError, or DataError naming a file that is no JSON."""
     if not path.is_file():
-        raise FileNotFoundError(f"there is no file {path}")
+        raise MissingFileError(f"there is no file {path}")
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
@@ -76,10 +76,10 @@ def read_json(path: Path) -> Any:
 def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, Any]]:
     """Rows of a CSV file by column name; the first row is line 2, and cells that lack are None.
 
-    Raises FileNotFoundError, or DataError naming a file whose first line is not `columns`.
+    Raises MissingFileError, or DataError naming a file whose first line is not `columns`.
     """
     if not path.is_file():
-        raise FileNotFoundError(f"there is no file {path}")
+        raise MissingFileError(f"there is no file {path}")
     with path.open(encoding="utf-8", newline="") as stream:
         reader = csv.DictReader(stream)
         if tuple(reader.fieldnames or ()) != tuple(columns):

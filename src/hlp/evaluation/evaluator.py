@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
+from hlp.errors import DataError
 from hlp.evaluation import errors
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.records import Frame, ObjectModel, PoseEstimate, Target, TargetScore
@@ -60,7 +61,7 @@ def score_targets(
     A target without an estimate, or whose estimate has no pose, is wrong with infinite errors.
     Where a frame holds several instances of an object, estimates are matched to them greedily: the
     one with the highest score first, to the instance with the smallest ADD(-S).
-    Raises ValueError for a pose with NaN and for a target whose object has no model.
+    Raises ValueError for a pose with NaN, and DataError for a target whose object has no model.
     """
     answers: dict[tuple[int, int, int], list[PoseEstimate]] = {}
     for estimate in estimates:
@@ -72,7 +73,7 @@ def score_targets(
     for truth in truths:
         for object_id in dict.fromkeys(target.object_id for target in truth.targets):
             if object_id not in models:
-                raise ValueError(f"targets ask for object {object_id}, which has no model")
+                raise DataError(f"targets ask for object {object_id}, which has no model")
             if object_id not in scorers:
                 scorers[object_id] = _ObjectScorer(models[object_id], settings)
             found = answers.get((truth.scene_id, truth.frame_id, object_id), [])

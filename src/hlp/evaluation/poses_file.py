@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from hlp.errors import DataError
 from hlp.files import read_csv, write_csv
 from hlp.geometry import rigid
-from hlp.records import PoseEstimate
+from hlp.records import MILLIMETRES_PER_METRE, PoseEstimate
 
 POSE_COLUMNS = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 
-_MM = 1e3
 _NOT_TIMED = -1.0
 _ROTATION_TOLERANCE = 1e-3
 
@@ -35,7 +35,10 @@ def write_poses(path: Path, estimates: Sequence[PoseEstimate]) -> None:
     for each in estimates:
         if each.pose_cam_obj is not None:
             pose = np.asarray(each.pose_cam_obj, dtype=np.float64)
-            rotation, translation = _numbers(pose[:3, :3]), _numbers(pose[:3, 3] * _MM)
+            rotation, translation = (
+                _numbers(pose[:3, :3]),
+                _numbers(pose[:3, 3] * MILLIMETRES_PER_METRE),
+            )
             head = (each.scene_id, each.frame_id, each.object_id, float(each.score))
             time = float(times[each.scene_id, each.frame_id])
             rows.append((*head, rotation, translation, time))
@@ -45,7 +48,7 @@ def write_poses(path: Path, estimates: Sequence[PoseEstimate]) -> None:
 def read_poses(path: Path) -> list[PoseEstimate]:
     """Read BOP's CSV; `seconds` holds the image's time as `total`, nothing where it was -1.
 
-    Raises FileNotFoundError; ValueError naming the line that is not BOP's or holds no pose.
+    Raises MissingFileError; DataError naming the line that is not BOP's or holds no pose.
     """
     rows = enumerate(read_csv(path, POSE_COLUMNS), start=2)
     return [_estimate(row, f"{path}, line {line}") for line, row in rows]
@@ -54,15 +57,17 @@ def read_poses(path: Path) -> list[PoseEstimate]:
 def _estimate(row: Mapping[str, Any], where: str) -> PoseEstimate:
     try:
         rotation = np.array([float(word) for word in row["R"].split()]).reshape(3, 3)
-        translation = np.array([float(word) for word in row["t"].split()]).reshape(3) / _MM
+        translation = (
+            np.array([float(word) for word in row["t"].split()]).reshape(3) / MILLIMETRES_PER_METRE
+        )
         score, time = float(row["score"]), float(row["time"])
         ids = [int(row[key]) for key in ("scene_id", "im_id", "obj_id")]
     except (ValueError, TypeError, AttributeError) as error:
-        raise ValueError(f"{where}: no pose in BOP's format ({error})") from error
+        raise DataError(f"{where}: no pose in BOP's format ({error})") from error
     if not np.isfinite([*rotation.ravel(), *translation, score]).all():
-        raise ValueError(f"{where}: NaN or infinity")
+        raise DataError(f"{where}: NaN or infinity")
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > _ROTATION_TOLERANCE:
-        raise ValueError(f"{where}: R is no rotation")
+        raise DataError(f"{where}: R is no rotation")
     seconds = {"total": time} if time >= 0 else {}
     return PoseEstimate(ids[0], ids[1], ids[2], rigid(rotation, translation), score, seconds)
 

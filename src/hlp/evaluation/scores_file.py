@@ -6,16 +6,15 @@ from typing import Any
 
 import numpy as np
 
+from hlp.errors import DataError
 from hlp.files import read_csv, write_csv
-from hlp.records import TargetScore
+from hlp.records import MILLIMETRES_PER_METRE, TargetScore
 
 SCORE_COLUMNS = (
     "scene_id", "im_id", "obj_id", "object", "found", "visible_fraction", "add_mm", "rotation_deg",
     "translation_mm", "box_iou", "add_correct", "pose_correct", "box_correct", "mssd_recall",
     "mspd_recall", "vsd_recall", "cause",
 )  # fmt: skip
-
-_MM = 1e3
 
 
 def write_scores(path: Path, scores: Sequence[TargetScore], names: Mapping[int, str]) -> None:
@@ -31,9 +30,9 @@ def write_scores(path: Path, scores: Sequence[TargetScore], names: Mapping[int, 
             names[item.object_id],
             int(item.found),
             float(item.visible_fraction),
-            float(item.add_error * _MM),
+            float(item.add_error * MILLIMETRES_PER_METRE),
             float(np.rad2deg(item.rotation_error)),
-            float(item.translation_error * _MM),
+            float(item.translation_error * MILLIMETRES_PER_METRE),
             float(item.box_iou),
             int(item.add_correct),
             int(item.pose_correct),
@@ -51,7 +50,7 @@ def write_scores(path: Path, scores: Sequence[TargetScore], names: Mapping[int, 
 def read_scores(path: Path) -> tuple[list[TargetScore], dict[int, str]]:
     """Scores as they were written, and the objects' names by id.
 
-    Raises FileNotFoundError; ValueError naming a file that has other columns or a broken line.
+    Raises MissingFileError; DataError naming a file that has other columns or a broken line.
     """
     scores, names = [], {}
     for line, row in enumerate(read_csv(path, SCORE_COLUMNS), start=2):
@@ -68,9 +67,9 @@ def _score(row: Mapping[str, Any], where: str) -> TargetScore:
             object_id=int(row["obj_id"]),
             found=bool(int(row["found"])),
             visible_fraction=float(row["visible_fraction"]),
-            add_error=float(row["add_mm"]) / _MM,
+            add_error=float(row["add_mm"]) / MILLIMETRES_PER_METRE,
             rotation_error=float(np.deg2rad(float(row["rotation_deg"]))),
-            translation_error=float(row["translation_mm"]) / _MM,
+            translation_error=float(row["translation_mm"]) / MILLIMETRES_PER_METRE,
             box_iou=float(row["box_iou"]),
             add_correct=bool(int(row["add_correct"])),
             pose_correct=bool(int(row["pose_correct"])),
@@ -81,4 +80,4 @@ def _score(row: Mapping[str, Any], where: str) -> TargetScore:
             cause=str(row["cause"]),
         )
     except (ValueError, TypeError) as error:
-        raise ValueError(f"{where}: no score ({error})") from error
+        raise DataError(f"{where}: no score ({error})") from error

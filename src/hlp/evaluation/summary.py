@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from hlp.errors import DataError
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.evaluation.waterfall import count_causes
 from hlp.files import read_json
@@ -66,11 +67,11 @@ def summarise(
 
 
 def read_summary(path: Path) -> Summary:
-    """Read `summary.json`. Raises FileNotFoundError, and ValueError where it is none."""
+    """Read `summary.json`. Raises MissingFileError, and DataError where it is none."""
     summary: Summary = read_json(path)
     if not isinstance(summary, dict) or (missing := _REQUIRED - summary.keys()):
         lacks = f": it lacks {', '.join(sorted(missing))}" if isinstance(summary, dict) else ""
-        raise ValueError(f"{path} is no summary of a run{lacks}")
+        raise DataError(f"{path} is no summary of a run{lacks}")
     return summary
 
 

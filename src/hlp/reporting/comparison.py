@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.stats import binomtest
 
+from hlp.errors import DataError, InputError
 from hlp.evaluation.scores_file import read_scores
 from hlp.evaluation.summary import METRICS
 from hlp.records import TargetScore
@@ -44,7 +45,7 @@ def compare(runs: str, uri: str, layout: str) -> str:
     """`compare_runs` for `[A,B]`, each an output folder or the id of a run in MLflow at `uri`."""
     named = [each.strip() for each in runs.removeprefix("[").removesuffix("]").split(",")]
     if len(named) != 2 or not all(named):
-        raise ValueError(f"runs={runs}: name two, as runs=[A,B]")
+        raise InputError(f"runs={runs}: name two, as runs=[A,B]")
     first, second = (scores_file(each, uri) for each in named)
     return compare_runs(first, second, (named[0], named[1]), layout)
 
@@ -59,7 +60,7 @@ def compare_runs(first: Path, second: Path, names: tuple[str, str], layout: str)
     scores = (read_targets(first), read_targets(second))
     shared = sorted(scores[0].keys() & scores[1].keys())
     if not shared:
-        raise ValueError(f"{names[0]} and {names[1]} have no target in common")
+        raise DataError(f"{names[0]} and {names[1]} have no target in common")
     alone = [len(each) - len(shared) for each in scores]
     parts = [f"A = {names[0]}\nB = {names[1]}", EXPLAINED]
     if any(alone):

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from hlp.errors import MissingFileError
 from hlp.evaluation.summary import read_summary
 from hlp.files import SUMMARY, SWEEP
 from hlp.reporting.figures.trade_off import draw_trade_off
@@ -20,12 +21,12 @@ def report_runs(folder: Path, layout: str) -> str:
 
     `layout` is `text` or `markdown`. Draws each run's waterfall into its folder, and recall against
     time into each sweep's. Raises ValueError for another layout or a broken summary, and
-    FileNotFoundError where no finished run is found.
+    MissingFileError where no finished run is found.
     """
     check_layout(layout)
     paths = sorted(folder.rglob(SUMMARY), key=lambda path: path.stat().st_mtime)
     if not paths:
-        raise FileNotFoundError(f"no finished run ({SUMMARY}) in or below {folder}")
+        raise MissingFileError(f"no finished run ({SUMMARY}) in or below {folder}")
     summaries = {str(path.parent): read_summary(path) for path in paths}
     heading = "## " if layout == "markdown" else ""
     parts = []

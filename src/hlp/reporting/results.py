@@ -7,6 +7,7 @@ from typing import Any
 
 import yaml
 
+from hlp.errors import DataError
 from hlp.evaluation.summary import read_summary
 from hlp.files import MANIFEST, SUMMARY, SWEEP, read_json
 
@@ -66,7 +67,7 @@ def result_folders(root: Path) -> list[Path]:
 def read_results(folder: Path) -> ResultSet:
     """The results in a folder of `result_folders`, in the order of the sweep.
 
-    Raises ValueError for a broken file, naming the folder.
+    Raises DataError for a broken file, naming the folder.
     """
     try:
         if (folder / SWEEP).is_file():
@@ -74,7 +75,7 @@ def read_results(folder: Path) -> ResultSet:
         command = " ".join(["hlp run", *_overrides(folder)])
         return ResultSet([_read_run(folder)], [], command, 0)
     except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{folder} holds no results that can be read ({error!r})") from error
+        raise DataError(f"{folder} holds no results that can be read ({error!r})") from error
 
 
 def _read_sweep(folder: Path) -> ResultSet:

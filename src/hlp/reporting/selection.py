@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hlp.errors import InputError, MissingFileError
 from hlp.files import SCORES
 from hlp.reporting.comparison import ScoredTarget, read_targets
 from hlp.reporting.tables.summary_tables import METRIC_LABELS
@@ -16,14 +17,14 @@ _WELL_VISIBLE = 0.6  # visible fraction from which a target counts as well visib
 def report_selection(folder: Path, objects: str, layout: str) -> str:
     """A table for each run in or below a folder, over the targets of the objects `[a,b,…]` alone.
 
-    Raises FileNotFoundError where there is no run, ValueError for an object that a run has not, a
+    Raises MissingFileError where there is no run, ValueError for an object that a run has not, a
     broken `scores.csv`, and a `layout` that is not `text` or `markdown`.
     """
     check_layout(layout)
     names = [each.strip() for each in objects.removeprefix("[").removesuffix("]").split(",")]
     found = sorted(folder.rglob(SCORES))
     if not found:
-        raise FileNotFoundError(f"no finished run in {folder}: none of its folders has {SCORES}")
+        raise MissingFileError(f"no finished run in {folder}: none of its folders has {SCORES}")
     parts = [f"Recall of {', '.join(names)}"]
     for path in found:
         table = selection_table(list(read_targets(path).values()), names)
@@ -39,7 +40,7 @@ def selection_table(scores: Sequence[ScoredTarget], names: Sequence[str]) -> Tab
     missing = sorted(set(names) - {each.name for each in scores})
     if missing:
         known = ", ".join(dict.fromkeys(each.name for each in scores))
-        raise ValueError(f"objects: no target is a {missing[0]}; there are {known}")
+        raise InputError(f"objects: no target is a {missing[0]}; there are {known}")
     chosen = [each for each in scores if each.name in names]
     classes = {
         "all": chosen,

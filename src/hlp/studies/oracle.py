@@ -189,7 +189,7 @@ def summarise_oracle(
     evaluation: EvaluationSettings,
     seed: int,
 ) -> dict[str, Any]:
-    """What `oracle.json` holds: AD recall with 95 % interval of each cell, and what stages lost.
+    """What `oracle.json` holds: ADD(-S) recall of each cell with interval, and what stages lost.
 
     `lost` shares out the misses: with the true region the estimated pose gains what stage 1 lost,
     with the true coarse pose as well what stage 2 lost, and the rest is lost by stage 3. A true

@@ -1,4 +1,4 @@
-"""Optuna's search for settings: the best AD recall within a time limit. Each trial is a run.
+"""Optuna's search for settings: the best ADD(-S) recall within a time limit. Each trial is a run.
 
 work/search/<space>_<digest>/study.db   Optuna's study
 work/search/<space>_<digest>/0, 1, …    the trials' results

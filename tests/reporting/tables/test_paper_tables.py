@@ -1,7 +1,6 @@
 import math
 
 import pytest
-from written_results import scored
 
 from hlp.reporting.results import Result
 from hlp.reporting.tables.paper_tables import (
@@ -9,6 +8,7 @@ from hlp.reporting.tables.paper_tables import (
     object_recalls_table,
     wilson,
 )
+from written_results import scored
 
 CATS = {"cat": 0.9, "ape": 0.8}
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from hlp.errors import DataError
 from hlp.files import read_json, write_text
 from hlp.reporting.tables.table import LAYOUTS, Table, format_share
 
@@ -100,8 +101,8 @@ def bench_metrics(result: Result) -> dict[str, float | None]:
 def compare_benches(before: Path, after: Path) -> str:
     """Two saved results side by side: median times of each part and their ratio, after/before.
 
-    Only paths that both results have are compared. Raises ValueError for a file that is no bench,
-    and OSError for one that cannot be read.
+    Only paths that both results have are compared. Raises DataError for a file that is no
+    bench, and MissingFileError where there is none.
     """
     first, second = read_bench(before), read_bench(after)
     parts = [f"A  {before}: {_describe_machine(first['machine'])}"]
@@ -135,11 +136,11 @@ def ratio_table(first: Result, second: Result) -> Table:
 
 
 def read_bench(path: Path) -> dict[str, Any]:
-    """Read bench.json; raises ValueError naming the file where it is none."""
+    """Read bench.json; raises DataError naming a file that is none."""
     result: dict[str, Any] = read_json(path)
     missing = {"machine", "workload", "paths", "memory"} - set(result)
     if missing:
-        raise ValueError(f"{path} is no bench: it lacks {', '.join(sorted(missing))}")
+        raise DataError(f"{path} is no bench: it lacks {', '.join(sorted(missing))}")
     return result
 
 

@@ -33,8 +33,8 @@ def format_oracle(result: Mapping[str, Any], layout: str = "text") -> str:
     return "\n\n".join(
         [
             f"ADD(-S) recall (95 % interval) of {result['frames']} frames. Columns are region and"
-            " coarse pose: est = estimated, true = replaced by the truth, true± = the true pose turned by"
-            f" {result['noise_deg']:g} degrees and shifted by {result['noise_mm']:g} mm. The fine"
+            " coarse pose: est = estimated, true = replaced by the truth, true± = the true pose turned"
+            f" by {result['noise_deg']:g} degrees and shifted by {result['noise_mm']:g} mm. The fine"
             " pose is always estimated. The true coarse pose is given only if the region shows any"
             " part of the target.",
             LAYOUTS[layout](oracle_table(result)),

@@ -6,10 +6,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hlp.records import PoseEstimate
+from hlp.records import MILLIMETRES_PER_METRE, PoseEstimate
 from hlp.reporting.tables.table import Table
-
-_MM = 1e3
 
 
 def format_poses(
@@ -28,7 +26,7 @@ def format_poses(
             row += ["not found", "", "", "", "", "", ""]
         else:
             turn = Rotation.from_matrix(estimate.pose_cam_obj[:3, :3]).as_rotvec(degrees=True)
-            shift = estimate.pose_cam_obj[:3, 3] * _MM
+            shift = estimate.pose_cam_obj[:3, 3] * MILLIMETRES_PER_METRE
             row += [f"{estimate.score:.2f}", *(f"{value:.1f}" for value in (*shift, *turn))]
         rows.append(row)
     header = ("frame", "object", "score", "x mm", "y mm", "z mm", "rx deg", "ry deg", "rz deg")
@@ -63,5 +61,5 @@ def _motion(estimate: PoseEstimate) -> dict[str, list[float]]:
     pose = np.asarray(estimate.pose_cam_obj, dtype=np.float64)
     return {
         "cam_R_m2c": pose[:3, :3].ravel().tolist(),
-        "cam_t_m2c": (pose[:3, 3] * _MM).tolist(),
+        "cam_t_m2c": (pose[:3, 3] * MILLIMETRES_PER_METRE).tolist(),
     }

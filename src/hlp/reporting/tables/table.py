@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 from tabulate import tabulate
 
+from hlp.errors import InputError
+
 # LaTeX's own fonts lack these signs; tabulate escapes everything else.
 _LATEX_SIGNS = str.maketrans({"°": r"$^\circ$", "θ": r"$\theta$", "τ": r"$\tau$"})
 
@@ -40,9 +42,9 @@ LAYOUTS: dict[str, Callable[[Table], str]] = {"text": Table.text, "markdown": Ta
 
 
 def check_layout(layout: str) -> None:
-    """Raise ValueError where a layout is none of `LAYOUTS`."""
+    """Raise InputError where a layout is none of `LAYOUTS`."""
     if layout not in LAYOUTS:
-        raise ValueError(f"format={layout}: choose one of {', '.join(LAYOUTS)}")
+        raise InputError(f"format={layout}: choose one of {', '.join(LAYOUTS)}")
 
 
 def format_share(value: float | None) -> str:
