@@ -63,11 +63,11 @@ def score_targets(
     one with the highest score first, to the instance with the smallest ADD(-S).
     Raises ValueError for a pose with NaN, and DataError for a target whose object has no model.
     """
-    answers: dict[tuple[int, int, int], list[PoseEstimate]] = {}
+    estimates_of: dict[tuple[int, int, int], list[PoseEstimate]] = {}
     for estimate in estimates:
         _check_finite(estimate)
         key = (estimate.scene_id, estimate.frame_id, estimate.object_id)
-        answers.setdefault(key, []).append(estimate)
+        estimates_of.setdefault(key, []).append(estimate)
     scorers: dict[int, _ObjectScorer] = {}
     scores = []
     for truth in truths:
@@ -76,7 +76,7 @@ def score_targets(
                 raise DataError(f"targets ask for object {object_id}, which has no model")
             if object_id not in scorers:
                 scorers[object_id] = _ObjectScorer(models[object_id], settings)
-            found = answers.get((truth.scene_id, truth.frame_id, object_id), [])
+            found = estimates_of.get((truth.scene_id, truth.frame_id, object_id), [])
             scores += scorers[object_id].score(truth, found)
     return scores
 

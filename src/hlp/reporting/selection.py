@@ -52,11 +52,11 @@ def selection_table(scores: Sequence[ScoredTarget], names: Sequence[str]) -> Tab
         ],
     }
     rows = []
-    for title, own in classes.items():
-        if own:
-            recalls = [f"{np.mean([e.correct(key) for e in own]):.3f}" for key in METRIC_LABELS]
-            means = [f"{_mean_of_objects(own, key):.3f}" for key in METRIC_LABELS]
-            rows.append([title, str(len(own)), *recalls, *means])
+    for title, group in classes.items():
+        if group:
+            recalls = [f"{np.mean([e.correct(key) for e in group]):.3f}" for key in METRIC_LABELS]
+            means = [f"{_mean_of_objects(group, key):.3f}" for key in METRIC_LABELS]
+            rows.append([title, str(len(group)), *recalls, *means])
     shown = METRIC_LABELS.values()
     return Table(["visible", "targets", *shown, *(f"mean {each}" for each in shown)], rows)
 
@@ -65,4 +65,4 @@ def _mean_of_objects(scores: Sequence[ScoredTarget], metric: str) -> float:
     by_object: dict[str, list[bool]] = {}
     for each in scores:
         by_object.setdefault(each.name, []).append(each.correct(metric))
-    return float(np.mean([np.mean(own) for own in by_object.values()]))
+    return float(np.mean([np.mean(group) for group in by_object.values()]))

@@ -27,7 +27,7 @@ from hlp.runs.manifest import make_manifest, poses_digest
 from hlp.runs.mlflow_inputs import log_inputs, log_tables, revision_tag, run_name
 from hlp.runs.run_stages import stages_of
 from hlp.runs.stage_panels import picture_of_stages
-from hlp.runs.timing import Timing, measure_times
+from hlp.runs.timing import Timing, measure_times, without_partial_times
 from hlp.stages.detection import DetectionStages
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
@@ -78,7 +78,7 @@ def _score(
 ) -> dict[str, Any]:
     """Save the poses first, then score what was saved."""
     dataset, settings = run.dataset, run.settings
-    write_poses(output / POSES, estimates)
+    write_poses(output / POSES, without_partial_times(estimates))
     keys = tqdm(run.keys, desc="scores", unit="frame", disable=None)
     truths, counted = [], []
     for key in keys:

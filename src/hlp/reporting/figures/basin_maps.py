@@ -38,8 +38,8 @@ class Basins:
 
     def with_all(self, refiner: str) -> dict[str, Verdicts]:
         """One refiner's verdicts by object; first those of all objects together."""
-        own = self.right[refiner]
-        return {ALL: np.concatenate(list(own.values())), **own}
+        verdicts = self.right[refiner]
+        return {ALL: np.concatenate(list(verdicts.values())), **verdicts}
 
 
 def write_basins(folder: Path, basins: Basins) -> None:
@@ -92,7 +92,7 @@ def draw_basins(folder: Path, basins: Basins) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     by_refiner = {refiner: basins.with_all(refiner) for refiner in basins.right}
     for name in next(iter(by_refiner.values())):
-        verdicts = {refiner: own[name] for refiner, own in by_refiner.items()}
+        verdicts = {refiner: objects[name] for refiner, objects in by_refiner.items()}
         save_figure(heat_maps(name, basins, verdicts), folder / name)
 
 
@@ -104,8 +104,8 @@ def heat_maps(name: str, basins: Basins, verdicts: Mapping[str, Verdicts]) -> "F
     width = _CELL * columns * len(verdicts) + 1.6
     figure = Figure(figsize=(width, _CELL * rows + 1.3), layout="constrained")
     axes = figure.subplots(1, len(verdicts), sharey=True, squeeze=False)[0]
-    for ax, (refiner, own) in zip(axes, verdicts.items(), strict=True):
-        image = _heat_map(ax, basins, own.mean(axis=0))
+    for ax, (refiner, found) in zip(axes, verdicts.items(), strict=True):
+        image = _heat_map(ax, basins, found.mean(axis=0))
         ax.set_title(refiner)
     axes[0].set_ylabel("starting rotation error (degrees)")
     figure.colorbar(image, ax=axes, label="ADD(-S) recall")

@@ -60,12 +60,12 @@ def objects_table(path: Result) -> Table:
 
 def comparison_table(result: Result) -> Table:
     """A row a path: time relative to the configured path, recall, and agreement with that path."""
-    own, stages = result["paths"][CONFIGURED], [*_stages(result), TOTAL]
+    configured, stages = result["paths"][CONFIGURED], [*_stages(result), TOTAL]
     rows = [
         [
             CONFIGURED,
             *[""] * (len(stages) + 1),
-            format_share(own["add_recall"]),
+            format_share(configured["add_recall"]),
             *[""] * len(AGREEMENT),
         ]
     ]

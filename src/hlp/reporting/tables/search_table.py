@@ -27,7 +27,8 @@ def format_search(result: Mapping[str, Any]) -> str:
     else:
         overrides = " ".join(f"{key}={value}" for key, value in best["values"].items())
         conclusion = f"Best within the limit: {overrides}"
-    return "\n\n".join([heading, trials_table(result).markdown(), conclusion])
+    table = [trials_table(result).markdown()] if succeeded else []
+    return "\n\n".join([heading, *table, conclusion])
 
 
 def trials_table(result: Mapping[str, Any]) -> Table:
