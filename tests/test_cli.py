@@ -207,7 +207,7 @@ def test_report_compares_two_runs(call: Hlp, tmp_path: Path) -> None:
         (tmp_path / name / "scores.csv").write_text("\n".join(lines) + "\n")
     compared = call("report", "runs=[a, b]")
     assert compared.returncode == 0
-    assert "Flipped by AD: 1" in compared.stdout
+    assert "Changed verdicts of ADD(-S): 1" in compared.stdout
     one = call("report", "runs=[a]")
     assert one.returncode == 1
     assert "runs=[a]: name two" in one.stderr

@@ -1,9 +1,9 @@
 from pathlib import Path
 
 import pytest
-from written_results import scored, write_run, write_sweep
 
 from hlp.reporting.results import read_results, result_folders
+from written_results import scored, write_run, write_sweep
 
 SUMMARY = scored(0.8, 100.0, {"cat": 0.8})
 

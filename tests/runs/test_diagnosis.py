@@ -8,12 +8,12 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from hlp.evaluation.pose_distance import VoteTally
 from hlp.evaluation.settings import EvaluationSettings, WaterfallSettings
+from hlp.evaluation.vote_quality import VoteCounts
 from hlp.geometry import project, quaternions, rigid, transform
 from hlp.records import Frame, Mesh, ObjectModel, Target, TargetScore
 from hlp.rendering.rasterizer import render_depth
-from hlp.runs.diagnosis import explain_misses, tally_votes, visible_pixels
+from hlp.runs.diagnosis import count_votes, explain_misses, visible_pixels
 from hlp.stages.frame_files import write_arrays
 
 K = np.array([[570.0, 0.0, 80.0], [0.0, 570.0, 60.0], [0.0, 0.0, 1.0]])
@@ -95,9 +95,7 @@ def _detection(folder, frame, mask, coarse, refined, sources, votes):
     }
     frames = SimpleNamespace(load=lambda key: frame)
     dataset = SimpleNamespace(models={1: MODEL}, frames=frames, wanted=lambda frame: (1,))
-    return SimpleNamespace(
-        dataset=dataset, settings=SimpleNamespace(evaluation=SETTINGS), **outputs
-    )
+    return SimpleNamespace(dataset=dataset, **outputs)
 
 
 def _missed():
@@ -134,14 +132,14 @@ def test_what_the_stages_left_tells_the_cause(tmp_path, cause, changed):
     }
     detection = _detection(tmp_path, FRAME, **{**left, **changed})
     right = dataclasses.replace(_missed(), add_correct=True)
-    explained = explain_misses(detection, [_missed(), right])
+    explained = explain_misses(detection, [_missed(), right], SETTINGS)
     assert [score.cause for score in explained] == [cause, ""]
     assert explained[0] == dataclasses.replace(_missed(), cause=cause)
 
 
 def test_each_target_of_an_object_has_its_own_cause(tmp_path):
     detection = _detection(tmp_path, FRAME, EVERYWHERE, [CLOSE], [WRONG], [0], _votes(FAR, 6))
-    explained = explain_misses(detection, [_missed(), _missed()])
+    explained = explain_misses(detection, [_missed(), _missed()], SETTINGS)
     assert [score.cause for score in explained] == ["refiner_diverged", "outside_basin"]
 
 
@@ -150,7 +148,7 @@ def test_an_answer_on_the_surface_the_wrong_way_round_is_a_flip(tmp_path):
     detection = _detection(
         tmp_path, FRAME, EVERYWHERE, [CLOSE], [flipped, NEAR], [0, 0], _votes(NEAR, 6)
     )
-    (score, _) = explain_misses(detection, [_missed(), _missed()])
+    (score, _) = explain_misses(detection, [_missed(), _missed()], SETTINGS)
     assert score.cause == "symmetric_flip"
 
 
@@ -159,11 +157,11 @@ def test_missing_depth_and_missing_windows(tmp_path):
     blind = dataclasses.replace(FRAME, depth=np.where(shown, 0.0, FRAME.depth))
     (tmp_path / "a").mkdir()
     detection = _detection(tmp_path / "a", blind, ~EVERYWHERE, [], [], [], _votes(NEAR, 4))
-    assert explain_misses(detection, [_missed(), _missed()])[0].cause == "depth_missing"
+    assert explain_misses(detection, [_missed(), _missed()], SETTINGS)[0].cause == "depth_missing"
     hidden = dataclasses.replace(FRAME, depth=np.full_like(FRAME.depth, 0.3))
     (tmp_path / "b").mkdir()
     detection = _detection(tmp_path / "b", hidden, EVERYWHERE, [], [], [], _votes(NEAR, 6))
-    assert explain_misses(detection, [_missed(), _missed()])[0].cause == "no_window"
+    assert explain_misses(detection, [_missed(), _missed()], SETTINGS)[0].cause == "no_window"
 
 
 def test_visible_is_what_nothing_else_hides():
@@ -189,8 +187,8 @@ def test_the_data_sets_own_mask_is_taken_where_it_has_one():
 def test_votes_near_either_target_are_good_and_those_on_either_are_the_objects(tmp_path):
     votes = np.concatenate([_votes(NEAR, 3), _votes(FAR, 2), _votes(WRONG, 5)])
     detection = _detection(tmp_path, FRAME, EVERYWHERE, [], [], [], votes)
-    (counted,) = tally_votes(detection, FRAME)
+    (counted,) = count_votes(detection, FRAME, SETTINGS)
     weights = np.linspace(1.0, 2.0, 10)
-    assert counted == VoteTally(
+    assert counted == VoteCounts(
         1, 10, 5, pytest.approx(15.0), pytest.approx(weights[:5].sum()), 6, 4
     )

@@ -19,8 +19,8 @@ def command(arguments: Sequence[str]) -> None:
 SEARCH_HELP = """\
 usage: hlp search [space=NAME] [experiment=NAME] [task.trials=N] [task.limit_ms=T] [overrides]
 
-Optuna tries settings on the configured frames: the best AD recall of those whose median time of a
-target is within the limit. Needs the extra `search`: pip install 'hlp[search]'. Spaces are the
+Optuna tries settings on the configured frames: the best ADD(-S) recall of those whose median time
+of a target is within the limit. Needs the extra `search`: pip install 'hlp[search]'. Spaces are the
 files of conf/task/space: settings with ranges or choices. The first trial is the configuration as
 it stands. What trials share is computed once.
 

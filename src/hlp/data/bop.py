@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hlp.data.images import camera_matrix, find_image, read_depth, read_json, read_rgb, same_size
+from hlp.data.images import camera_matrix, find_image, read_depth, read_rgb, same_size
 from hlp.data.sources import content_hash
 from hlp.errors import DataError, MissingFileError
+from hlp.files import read_json
 from hlp.geometry import nearest_rotation, rigid
 from hlp.objects.object_model import ObjectSettings
-from hlp.records import MILLIMETRE, Frame, Target
+from hlp.records import MILLIMETRE, Frame, Target, frame_key, parse_frame_key
 
 _SCENE_FILES = ("scene_camera.json", "scene_gt.json", "scene_gt_info.json")
 # Rotations in files are rounded; a matrix that differs more from a rotation is an error.
@@ -112,18 +113,17 @@ class BopFrames:
     @cached_property
     def keys(self) -> tuple[str, ...]:
         """Frame keys, e.g. `000006_000012`, in order of scene and frame."""
-        return tuple(f"{scene:06d}_{frame:06d}" for scene, frame in self.targets)
+        return tuple(frame_key(*ids) for ids in self.targets)
 
     def __len__(self) -> int:
         return len(self.targets)
 
     def load(self, key: str) -> Frame:
         """Decode one frame; raises KeyError for an unknown key and what `load_frame` raises."""
-        scene, _, frame = key.partition("_")
-        frame_id = (int(scene), int(frame)) if scene.isdigit() and frame.isdigit() else None
-        if frame_id is None or frame_id not in self.targets:
+        if key not in self.keys:
             raise KeyError(f"no frame {key!r} with targets under {self._root / self._split}")
-        return self._load(*frame_id, self.targets[frame_id])
+        scene_id, frame_id = parse_frame_key(key)
+        return self._load(scene_id, frame_id, self.targets[scene_id, frame_id])
 
     def identity(self) -> str:
         """Hash of images, cameras, poses and the list of targets."""

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from hlp.data.images import read_json
 from hlp.errors import ConfigError, DataError, MissingFileError
+from hlp.files import read_json
 from hlp.geometry import nearest_rotation, rigid
 from hlp.objects.object_model import ObjectSettings, build_object_model, check_unique
 from hlp.records import MILLIMETRE, ObjectModel

@@ -1,6 +1,5 @@
 """Colour and depth images and camera files, read with checks; errors name the file."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -74,16 +73,6 @@ def find_image(folder: Path, stem: str) -> Path:
         if (path := folder / f"{stem}{extension}").is_file():
             return path
     raise MissingFileError(f"no image {folder / stem}.png (nor .jpg): is the data set complete?")
-
-
-def read_json(path: Path) -> Any:
-    """Parsed JSON. Raises FileNotFoundError, or ValueError that names a file it cannot parse."""
-    if not path.is_file():
-        raise MissingFileError(f"no {path}: is the data set complete and its root right?")
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise DataError(f"{path} is no valid JSON ({error}): copy or download it again") from error
 
 
 def camera_matrix(values: Any, path: Path) -> Float[np.ndarray, "3 3"]:

@@ -18,7 +18,7 @@ from hlp.data.sources import content_hash
 from hlp.errors import DataError, MissingFileError
 from hlp.geometry import nearest_rotation, rigid
 from hlp.objects.object_model import ObjectSettings, build_object_model, check_unique
-from hlp.records import Frame, ObjectModel, Target
+from hlp.records import Frame, ObjectModel, Target, frame_key
 
 _CENTIMETRE = 1e-2  # m
 _HEADER_BYTES = 8
@@ -106,7 +106,7 @@ class LinemodFrames:
             folder = self._folder(object_id)
             numbers = [path.stem.removeprefix("color") for path in folder.glob("color*.jpg")]
             for number in sorted(int(text) for text in numbers if text.isdigit()):
-                frames[f"{object_id:06d}_{number:06d}"] = (object_id, number)
+                frames[frame_key(object_id, number)] = (object_id, number)
         if not frames:
             raise MissingFileError(
                 f"no OBJ/data/color*.jpg under {self._root} for the objects"

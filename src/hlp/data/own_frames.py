@@ -14,14 +14,14 @@ from hlp.data.images import (
     camera_matrix,
     find_image,
     read_depth,
-    read_json,
     read_rgb,
     same_size,
 )
 from hlp.data.sources import content_hash
 from hlp.errors import InputError, MissingFileError
+from hlp.files import read_json
 from hlp.objects.object_model import ObjectSettings, build_object_model
-from hlp.records import Frame, ObjectModel
+from hlp.records import Frame, ObjectModel, frame_key, parse_frame_key
 
 OBJECT_ID = 1
 _SCENE_ID = 0
@@ -135,7 +135,7 @@ class OwnFrames:
             if first.stem == second.stem:
                 raise InputError(f"rgb: {first} and {second} have one name: remove one of them")
         return {
-            f"{_SCENE_ID:06d}_{number:06d}": (path, self._partner(path))
+            frame_key(_SCENE_ID, number): (path, self._partner(path))
             for number, path in enumerate(images)
         }
 
@@ -178,7 +178,7 @@ class OwnFrames:
                 f"intrinsics: the principal point ({matrix[0, 2]:g}, {matrix[1, 2]:g}) lies outside"
                 f" {color} ({width}x{height}): they belong to images of another size"
             )
-        return Frame(_SCENE_ID, int(key.split("_")[1]), rgb, depth, matrix)
+        return Frame(*parse_frame_key(key), rgb, depth, matrix)
 
     def identity(self) -> str:
         """Hash of images and intrinsics."""

@@ -8,13 +8,13 @@ from hlp.data.images import (
     camera_matrix,
     find_image,
     read_depth,
-    read_json,
     read_rgb,
     same_size,
 )
 from hlp.data.sources import content_hash
 from hlp.errors import MissingFileError
-from hlp.records import Frame
+from hlp.files import read_json
+from hlp.records import Frame, frame_key, parse_frame_key
 
 
 class RgbdFrames:
@@ -37,7 +37,7 @@ class RgbdFrames:
         if not images:
             raise MissingFileError(f"no image in {color}")
         return {
-            f"{self._scene_id:06d}_{number:06d}": (path, find_image(depth, path.stem))
+            frame_key(self._scene_id, number): (path, find_image(depth, path.stem))
             for number, path in enumerate(images)
         }
 
@@ -60,7 +60,7 @@ class RgbdFrames:
         rgb = read_rgb(color)
         depth = read_depth(depth_path, float(camera.get("depth_scale", 1.0)))
         same_size(color, rgb, depth)
-        return Frame(self._scene_id, int(key.split("_")[1]), rgb, depth, matrix)
+        return Frame(*parse_frame_key(key), rgb, depth, matrix)
 
     def identity(self) -> str:
         """Hash of images and intrinsics."""

@@ -38,15 +38,23 @@ class PcaEncoder:
         return np.asarray((flat - self.mean) @ self.components.T, dtype=np.float32)
 
 
+def pca_components(cells: int) -> int:
+    """Largest dimension of a feature: three coordinates of the normal in each of cells² cells."""
+    return 3 * cells**2
+
+
 def fit_pca(
     depth: Float[np.ndarray, "n p p"], valid: Bool[np.ndarray, "n p p"], settings: PcaSettings
 ) -> PcaEncoder:
-    """Principal components of patches' normals."""
+    """Principal components of patches' normals.
+
+    A feature has `settings.dimension` numbers, or `pca_components` where that is less.
+    """
     flat = _averaged_normals(depth, valid, settings.cells)
     mean = flat.mean(axis=0)
     covariance = np.cov((flat - mean).T)
     _, vectors = np.linalg.eigh(covariance)
-    dimension = min(settings.dimension, vectors.shape[1])
+    dimension = min(settings.dimension, pca_components(settings.cells))
     return PcaEncoder(mean, vectors[:, ::-1][:, :dimension].T.astype(np.float32), settings.cells)
 
 

@@ -9,11 +9,11 @@ from tqdm import tqdm
 from hlp.config.build import Run, evenly
 from hlp.data.own_frames import OwnFrames
 from hlp.evaluation.poses_file import write_poses
+from hlp.files import POSES, write_json
 from hlp.method.compute_threads import set_compute_threads
-from hlp.records import PoseEstimate
+from hlp.records import PoseEstimate, frame_key
 from hlp.reporting.figures.panels import write_png
-from hlp.reporting.pose_table import format_poses, poses_json
-from hlp.runs.manifest import write_json
+from hlp.reporting.tables.pose_table import format_poses, poses_json
 from hlp.runs.run_stages import stages_of
 from hlp.runs.stage_panels import picture_of_stages
 from hlp.stages.detection import DetectionStages
@@ -39,7 +39,7 @@ def predict(run: Run, output: Path) -> list[PoseEstimate]:
     images = [str(dataset.frames.image(_key(answer))) for answer in answers]
     names = {object_id: model.name for object_id, model in dataset.models.items()}
     output.mkdir(parents=True, exist_ok=True)
-    write_poses(output / "poses.csv", answers)
+    write_poses(output / POSES, answers)
     write_json(output / "poses.json", poses_json(answers, images, names))
     if settings.panels > 0:
         _draw(detection, dataset.frames, answers, settings.panels, output / "panels")
@@ -49,7 +49,7 @@ def predict(run: Run, output: Path) -> list[PoseEstimate]:
 
 
 def _key(answer: PoseEstimate) -> str:
-    return f"{answer.scene_id:06d}_{answer.frame_id:06d}"
+    return frame_key(answer.scene_id, answer.frame_id)
 
 
 def _draw(

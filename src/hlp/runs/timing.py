@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from tqdm import tqdm
@@ -44,6 +44,14 @@ class Timing:
             "reused_stages": list(self.reused),
             "first_use_seconds": self.first_use_seconds,
         }
+
+
+def without_partial_times(estimates: Sequence[PoseEstimate]) -> list[PoseEstimate]:
+    """The estimates, without the times of those for which some steps were found on disk."""
+    return [
+        each if set(STEPS) <= each.seconds.keys() else replace(each, seconds={})
+        for each in estimates
+    ]
 
 
 def measure_times(

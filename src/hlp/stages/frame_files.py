@@ -1,19 +1,18 @@
 """One file of arrays a frame, written at once or not at all."""
 
-import os
 import zipfile
 import zlib
 from pathlib import Path
 
 import numpy as np
 
+from hlp.files import replaced
+
 
 def write_arrays(folder: Path, key: str, arrays: dict[str, np.ndarray]) -> None:
     """Write `key`.npz; a crash or a full disk leaves no half file under that name."""
-    begun = folder / f"{key}.npz.begun"
-    with begun.open("wb") as stream:
+    with replaced(folder / f"{key}.npz") as stream:
         np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
-    os.replace(begun, folder / f"{key}.npz")
 
 
 def read_arrays(folder: Path, key: str) -> dict[str, np.ndarray]:

@@ -1,11 +1,11 @@
 """What an earlier run learnt of fewer objects, to go on from when some are added."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hlp.files import read_json
 from hlp.method.settings import MethodSettings
 from hlp.stages.fingerprint import plain, result_settings
 from hlp.stages.manifest import read_manifest
@@ -57,7 +57,7 @@ def read_warm_start(
             raise FileNotFoundError(
                 f"warm_start.manifest: {store.root} has no {stage} of {manifest}"
             )
-        record = json.loads((folder / RECORD).read_text())
+        record = read_json(folder / RECORD)
         _check_same(f"{stage} of {manifest}", record["settings"], own)
         found[stage] = Output(folder.name, folder), record["upstream"]
     (classifier, upstream), (encoder, _) = found["classifier"], found["encoder"]

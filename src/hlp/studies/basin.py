@@ -120,7 +120,7 @@ def perturbation_grid(
 
 
 def _score(run: Run, keys: Sequence[str], folder: Path) -> dict[str, Verdicts]:
-    """By object whether AD is right (targets and perturbations, degrees, mm), from what is on disk."""
+    """Verdicts of ADD(-S) by object (targets and perturbations, degrees, mm), from disk."""
     models, evaluation = run.dataset.models, run.settings.evaluation
     right: dict[int, list[Verdicts]] = {}
     for key in keys:

@@ -116,7 +116,7 @@ def compare_paths(
     """How far the second path's results are the first's, on the same frames.
 
     `same_pose` is the share of answers within the tolerance (mm, degrees) of each other,
-    `same_verdict` of targets that are right by AD in both or in neither, `region_iou` the mean
+    `same_verdict` of targets that are right by ADD(-S) in both or in neither, `region_iou` the mean
     overlap of the regions.
     """
     own, other = (_in_order(looks[name]) for name in names)

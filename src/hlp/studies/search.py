@@ -1,4 +1,4 @@
-"""Optuna's search for settings: the best AD recall within a time limit. Each trial is a run.
+"""Optuna's search for settings: the best ADD(-S) recall within a time limit. Each trial is a run.
 
 work/search/<space>_<digest>/study.db   Optuna's study
 work/search/<space>_<digest>/0, 1, …    the trials' results
@@ -15,11 +15,11 @@ from filelock import FileLock, Timeout
 
 from hlp.config.build import Run, with_changed_run
 from hlp.config.settings import SearchSettings
+from hlp.files import write_json
 from hlp.method.pose_estimator import derive_seed
-from hlp.reporting.search_table import format_search, write_search
+from hlp.reporting.tables.search_table import format_search, write_search
 from hlp.reporting.tracking import Arm, as_arm
 from hlp.runs import runner
-from hlp.runs.manifest import write_json
 from hlp.stages.fingerprint import fingerprint
 from hlp.stages.provenance import code_of
 from hlp.studies.search_space import check_within, nested, read_space

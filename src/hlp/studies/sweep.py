@@ -5,7 +5,6 @@
 <sweep's folder>/0, 1, …      the arms' results; an arm with a manifest is finished
 """
 
-import json
 import logging
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -18,13 +17,13 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
 
+from hlp.files import SWEEP, read_json, write_json
 from hlp.reporting.figures.trade_off import draw_trade_off
 from hlp.reporting.reproductions import write_reproductions
 from hlp.reporting.tracking import Arm, Tracker, TrackingSettings, as_arm, track_run
-from hlp.runs.manifest import is_finished, write_json
+from hlp.runs.manifest import is_finished
 from hlp.runs.mlflow_inputs import revision_tag
 
-RECORD = "sweep.json"
 LOCK = "sweep.lock"
 FINISHED = "FINISHED"
 
@@ -81,7 +80,7 @@ def unfinished_sweep(arguments: Sequence[str], folder: Path) -> Path | None:
     overrides = [each for each in arguments if not each.startswith(("-", "hydra"))]
     if any(each.startswith("output=") for each in overrides):
         return None
-    found = sorted(folder.glob(f"*/*/{RECORD}"), key=lambda path: path.stat().st_mtime)
+    found = sorted(folder.glob(f"*/*/{SWEEP}"), key=lambda path: path.stat().st_mtime)
     for path in reversed(found):
         record = _read(path.parent)
         if record["overrides"] == overrides:
@@ -101,7 +100,7 @@ def run_arm(config: DictConfig) -> None:
     hydra = HydraConfig.get()
     output, sweep = Path(config.output), _read(Path(hydra.sweep.dir))
     if not sweep:
-        raise FileNotFoundError(f"no {RECORD} in {hydra.sweep.dir}: the sweep could not be opened")
+        raise FileNotFoundError(f"no {SWEEP} in {hydra.sweep.dir}: the sweep could not be opened")
     swept = _swept_values(config, list(hydra.overrides.task), sweep["swept"])
     name = f"{config.name} {hydra.job.num}: {' '.join(f'{k}={v}' for k, v in swept.items())}"
     with as_arm(Arm(name, sweep["run_id"], swept)):
@@ -120,13 +119,13 @@ def run_arm(config: DictConfig) -> None:
 @contextmanager
 def _recorded(folder: Path, record: dict[str, Any]) -> Iterator[None]:
     """Keep in `sweep.json` whether a sweep came to its end."""
-    write_json(folder / RECORD, {**record, "status": "RUNNING"})
+    write_json(folder / SWEEP, {**record, "status": "RUNNING"})
     status = "STOPPED"
     try:
         yield
         status = FINISHED
     finally:
-        write_json(folder / RECORD, {**record, "status": status})
+        write_json(folder / SWEEP, {**record, "status": status})
 
 
 @contextmanager
@@ -139,8 +138,7 @@ def _drawn(folder: Path, tracker: Tracker) -> Iterator[None]:
 
 
 def _read(folder: Path) -> dict[str, Any]:
-    path = folder / RECORD
-    record: dict[str, Any] = json.loads(path.read_text()) if path.is_file() else {}
+    record: dict[str, Any] = read_json(folder / SWEEP) if (folder / SWEEP).is_file() else {}
     return record
 
 

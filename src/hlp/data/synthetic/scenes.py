@@ -19,7 +19,7 @@ from hlp.data.synthetic.sensor import kinect, noisy_depth, noisy_rgb
 from hlp.data.synthetic.surfaces import draw_surroundings, random_surroundings
 from hlp.errors import ConfigError
 from hlp.geometry import inverse, project, transform
-from hlp.records import Frame, Target
+from hlp.records import Frame, Target, frame_key
 from hlp.rendering.light import Light
 from hlp.rendering.rasterizer import render_depth, render_scene
 
@@ -102,7 +102,7 @@ class SyntheticScenes:
         self._models = tuple(demo_objects().values()) if targets else ()
         scale = np.diag([settings.width / 640, settings.height / 480, 1.0])
         self.camera_matrix: Float[np.ndarray, "3 3"] = scale @ LINEMOD_CAMERA
-        self._numbers = {f"{number:06d}_000000": number for number in range(settings.scenes)}
+        self._numbers = {frame_key(number, 0): number for number in range(settings.scenes)}
         self._cache: dict[str, Frame] = {}
 
     @property

@@ -1,15 +1,16 @@
-"""The oracle matrix as a table for people and as CSV, and its numbers for MLflow."""
+"""The oracle matrix as a table, as CSV, and as numbers for MLflow."""
 
-import csv
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hlp.reporting.tables import FORMATS, Table
+from hlp.files import write_csv, write_text
+from hlp.reporting.tables.table import LAYOUTS, Table
 
 _SHORT = {"estimated": "est", "true": "true", "noisy": "true±"}
 _ALL = "all targets"
-_COLUMNS = ("object", "region", "coarse", "fine", "targets", "add_recall", "ci95_low", "ci95_high")
+_STAGES = ("region", "coarse", "fine")
+_COLUMNS = ("object", *_STAGES, "targets", "add_recall", "ci95_low", "ci95_high")
 
 
 def oracle_table(result: Mapping[str, Any]) -> Table:
@@ -27,32 +28,31 @@ def oracle_table(result: Mapping[str, Any]) -> Table:
 
 
 def format_oracle(result: Mapping[str, Any], layout: str = "text") -> str:
-    """The table (`text` or `markdown`), what its columns mean, and what each stage lost."""
+    """The table (`text` or `markdown`) with its caption, and the recall that each stage lost."""
     lost = ", ".join(f"{stage} {share:+.3f}" for stage, share in result["lost"].items())
     return "\n\n".join(
         [
-            f"AD recall (95 % interval) of {result['frames']} frames. Columns are region/coarse"
-            " pose: est = estimated, true = the truth in its place, true± = the true pose turned"
-            f" by {result['noise_deg']:g} degrees and shifted by {result['noise_mm']:g} mm. The"
-            " fine pose is estimated. A true pose is given where the region shows any of the"
-            " target.",
-            FORMATS[layout](oracle_table(result)),
-            f"Recall lost by each stage: {lost}. A wrong choice among the hypotheses counts as the"
-            " coarse pose's.",
+            f"ADD(-S) recall (95 % interval) of {result['frames']} frames. Columns are region and"
+            " coarse pose: est = estimated, true = replaced by the truth, true± = the true pose turned"
+            f" by {result['noise_deg']:g} degrees and shifted by {result['noise_mm']:g} mm. The fine"
+            " pose is always estimated. The true coarse pose is given only if the region shows any"
+            " part of the target.",
+            LAYOUTS[layout](oracle_table(result)),
+            f"Recall lost by each stage: {lost}. A wrong choice among the hypotheses counts as a"
+            " loss of the coarse pose.",
         ]
     )
 
 
 def write_oracle(folder: Path, result: Mapping[str, Any]) -> None:
     """Write oracle.md, and oracle.csv with one row for each object and cell."""
-    (folder / "oracle.md").write_text(format_oracle(result, "markdown") + "\n", encoding="utf-8")
-    with (folder / "oracle.csv").open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(_COLUMNS)
-        for cell in result["cells"]:
-            for name, each in {**cell["per_object"], "all": cell["add"]}.items():
-                stages = (cell["region"], cell["coarse"], cell["fine"])
-                writer.writerow([name, *stages, each["targets"], each["recall"], *each["ci95"]])
+    write_text(folder / "oracle.md", format_oracle(result, "markdown") + "\n")
+    rows = [
+        [name, *(cell[stage] for stage in _STAGES), each["targets"], each["recall"], *each["ci95"]]
+        for cell in result["cells"]
+        for name, each in {**cell["per_object"], "all": cell["add"]}.items()
+    ]
+    write_csv(folder / "oracle.csv", _COLUMNS, rows)
 
 
 def oracle_metrics(result: Mapping[str, Any]) -> dict[str, float | None]:

@@ -1,55 +1,56 @@
-"""A bench's result as tables, and two saved results beside each other."""
+"""Results of a bench as tables, and two saved results side by side."""
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hlp.reporting.tables import FORMATS, Table
+from hlp.errors import DataError
+from hlp.files import read_json, write_text
+from hlp.reporting.tables.table import LAYOUTS, Table, format_share
 
-OWN = "configured"
-"""The path that the configuration itself describes, which the others are compared with."""
-VIEWS = {"first": "first object", "further": "each further", "frame": "whole frame"}
-"""What the times of a path are of, and what people call it."""
+CONFIGURED = "configured"
+"""Name of the path that the configuration itself describes; the others are compared with it."""
+TIMED = {"first": "first object", "further": "each further", "frame": "whole frame"}
+"""Units that are timed, and what people call them."""
 AGREEMENT = {
     "same_pose": "same pose",
     "same_verdict": "same verdict",
     "region_iou": "region IoU",
 }
-"""How far two paths say the same, as shares, and what people call it."""
+"""Shares of results that are the same on two paths, and what people call them."""
 TOTAL = "total"
 Result = Mapping[str, Any]
 
 
 def format_bench(result: Result, layout: str = "text") -> str:
-    """Every table of a bench (`text` or `markdown`), and what it was measured on."""
-    table = FORMATS[layout]
-    parts = [_machine_words(result["machine"]), _workload_words(result["workload"])]
+    """All tables of a bench (`text` or `markdown`), and what it was measured on."""
+    table = LAYOUTS[layout]
+    parts = [_describe_machine(result["machine"]), _describe_workload(result["workload"])]
     for name, path in result["paths"].items():
         heading = f"Path '{name}': ms, decoding the images not counted; CPU of all threads."
         parts += [heading, table(times_table(path)), table(objects_table(path))]
     if result["compared"]:
-        parts += [_comparison_words(result["tolerance"]), table(comparison_table(result))]
+        parts += [_describe_comparison(result["tolerance"]), table(comparison_table(result))]
     if result["search"] is not None:
-        parts.append(_search_words(result["search"]))
-    parts += [_regions_words(result["regions_of_all"]), _loading_words(result)]
+        parts.append(_describe_search(result["search"]))
+    parts += [_describe_regions(result["regions_of_all"]), _describe_loading(result)]
     return "\n\n".join(parts)
 
 
 def times_table(path: Result) -> Table:
-    """A row a part, stage and in all; median, 95th percentile and CPU time of each view."""
-    views = [view for view in VIEWS if path[view]]
-    header = [name for view in views for name in (VIEWS[view], "95 %", "CPU")]
+    """A row a part and stage, and the total: median, 95th percentile and CPU time of each unit."""
+    units = [unit for unit in TIMED if path[unit]]
+    header = [name for unit in units for name in (TIMED[unit], "95 %", "CPU")]
     rows = []
     for part in path["first"]:
-        cells = [path[view][part] for view in views]
+        cells = [path[unit][part] for unit in units]
         numbers = [_ms(cell[key]) for cell in cells for key in ("median_ms", "p95_ms", "cpu_ms")]
         rows.append([part, *numbers])
     return Table(["part", *header], rows)
 
 
 def objects_table(path: Result) -> Table:
-    """Median time of a frame by the number of objects looked for in it."""
+    """Median time of a frame, by the number of objects looked for in it."""
     rows = [
         [count, str(each["frames"]), _ms(each["median_ms"])]
         for count, each in path["by_objects"].items()
@@ -58,22 +59,30 @@ def objects_table(path: Result) -> Table:
 
 
 def comparison_table(result: Result) -> Table:
-    """A row a path: how many times as long as the configured one, recall, and what agrees."""
-    own, stages = result["paths"][OWN], [*_stages(result), TOTAL]
-    rows = [[OWN, *[""] * (len(stages) + 1), _share(own["add_recall"]), *[""] * len(AGREEMENT)]]
+    """A row a path: time relative to the configured path, recall, and agreement with that path."""
+    configured, stages = result["paths"][CONFIGURED], [*_stages(result), TOTAL]
+    rows = [
+        [
+            CONFIGURED,
+            *[""] * (len(stages) + 1),
+            format_share(configured["add_recall"]),
+            *[""] * len(AGREEMENT),
+        ]
+    ]
     for name, compared in result["compared"].items():
         times = [_times(compared["ratio"]["first"][stage]) for stage in stages]
         whole = _times(compared["ratio"]["frame"][TOTAL])
-        recall = _share(result["paths"][name]["add_recall"])
-        rows.append([name, *times, whole, recall, *(_share(compared[key]) for key in AGREEMENT)])
-    header = [*stages, VIEWS["frame"], "AD", *AGREEMENT.values()]
+        recall = format_share(result["paths"][name]["add_recall"])
+        rows.append(
+            [name, *times, whole, recall, *(format_share(compared[key]) for key in AGREEMENT)]
+        )
+    header = [*stages, TIMED["frame"], "ADD(-S)", *AGREEMENT.values()]
     return Table(["path", *header], rows)
 
 
 def write_bench(folder: Path, result: Result) -> None:
     """Write bench.md."""
-    text = format_bench(result, "markdown")
-    (folder / "bench.md").write_text(text + "\n", encoding="utf-8")
+    write_text(folder / "bench.md", format_bench(result, "markdown") + "\n")
 
 
 def bench_metrics(result: Result) -> dict[str, float | None]:
@@ -81,25 +90,26 @@ def bench_metrics(result: Result) -> dict[str, float | None]:
     flat: dict[str, float | None] = {"bench/peak_mib": result["memory"]["peak_mib"]}
     for name, path in result["paths"].items():
         flat[f"bench/{name}/add"] = path["add_recall"]
-        for view in VIEWS:
-            for part, spread in path[view].items():
-                flat[f"bench/{name}/{view}/{part}"] = spread["median_ms"]
+        for unit in TIMED:
+            for part, spread in path[unit].items():
+                flat[f"bench/{name}/{unit}/{part}"] = spread["median_ms"]
     for name, agreed in result["compared"].items():
         flat[f"bench/{name}/same_pose"] = agreed["same_pose"]
     return flat
 
 
-def compare(before: Path, after: Path) -> str:
-    """Two saved results: every part's median in both and after/before, of paths that both have.
+def compare_benches(before: Path, after: Path) -> str:
+    """Two saved results side by side: median times of each part and their ratio, after/before.
 
-    Raises ValueError for a file that is no bench, and OSError for one that cannot be read.
+    Only paths that both results have are compared. Raises DataError for a file that is no
+    bench, and MissingFileError where there is none.
     """
     first, second = read_bench(before), read_bench(after)
-    parts = [f"A  {before}: {_machine_words(first['machine'])}"]
-    parts += [f"B  {after}: {_machine_words(second['machine'])}"]
+    parts = [f"A  {before}: {_describe_machine(first['machine'])}"]
+    parts += [f"B  {after}: {_describe_machine(second['machine'])}"]
     differing = _differing(first["workload"], second["workload"])
     if differing:
-        parts.append(f"Not the same was measured: {'; '.join(differing)}.")
+        parts.append(f"The two did not measure the same: {'; '.join(differing)}.")
     for name in first["paths"]:
         if name in second["paths"]:
             table = ratio_table(first["paths"][name], second["paths"][name])
@@ -110,30 +120,27 @@ def compare(before: Path, after: Path) -> str:
 
 
 def ratio_table(first: Result, second: Result) -> Table:
-    """A row a part; of each view both medians and how many times as long the second takes."""
-    views = [view for view in VIEWS if first[view] and second[view]]
-    header = [name for view in views for name in (VIEWS[view], "B", "B/A")]
+    """A row a part: both medians and their ratio, second/first, of each unit."""
+    units = [unit for unit in TIMED if first[unit] and second[unit]]
+    header = [name for unit in units for name in (TIMED[unit], "B", "B/A")]
     rows = []
     for part in [each for each in first["first"] if each in second["first"]]:
         cells = []
-        for view in views:
-            one, other = (each[view][part]["median_ms"] for each in (first, second))
+        for unit in units:
+            one, other = (each[unit][part]["median_ms"] for each in (first, second))
             cells += [_ms(one), _ms(other), _times(other / one if one else None)]
         rows.append([part, *cells])
-    recalls = (_share(first["add_recall"]), _share(second["add_recall"]))
-    rows.append(["AD recall", *recalls, *[""] * (3 * len(views) - 2)])
+    recalls = (format_share(first["add_recall"]), format_share(second["add_recall"]))
+    rows.append(["ADD(-S) recall", *recalls, *[""] * (3 * len(units) - 2)])
     return Table(["part", *header], rows)
 
 
 def read_bench(path: Path) -> dict[str, Any]:
-    """Read bench.json; raises ValueError naming the file where it is none."""
-    try:
-        result: dict[str, Any] = json.loads(path.read_text())
-    except ValueError as error:
-        raise ValueError(f"{path} is no JSON: {error}") from error
+    """Read bench.json; raises DataError naming a file that is none."""
+    result: dict[str, Any] = read_json(path)
     missing = {"machine", "workload", "paths", "memory"} - set(result)
     if missing:
-        raise ValueError(f"{path} is no bench: it lacks {', '.join(sorted(missing))}")
+        raise DataError(f"{path} is no bench: it lacks {', '.join(sorted(missing))}")
     return result
 
 
@@ -147,7 +154,7 @@ def _differing(first: Result, second: Result) -> list[str]:
 
 
 def _stages(result: Result) -> list[str]:
-    return [name for name in result["paths"][OWN]["first"] if name.startswith("stage ")]
+    return [name for name in result["paths"][CONFIGURED]["first"] if name.startswith("stage ")]
 
 
 def _times(ratio: float | None) -> str:
@@ -155,7 +162,7 @@ def _times(ratio: float | None) -> str:
     return "" if ratio is None else f"x{ratio:.2f}"
 
 
-def _machine_words(machine: Result) -> str:
+def _describe_machine(machine: Result) -> str:
     threads = machine["threads"]
     versions = machine["versions"]
     shown = ", ".join(f"{name} {versions[name]}" for name in ("python", "torch", "numba", "numpy"))
@@ -167,7 +174,7 @@ def _machine_words(machine: Result) -> str:
     )
 
 
-def _workload_words(workload: Result) -> str:
+def _describe_workload(workload: Result) -> str:
     objects = workload["objects"]
     entries = [each["codebook_entries"] for each in objects.values()]
     width, height = workload["image"]
@@ -181,15 +188,15 @@ def _workload_words(workload: Result) -> str:
     )
 
 
-def _comparison_words(tolerance: Result) -> str:
+def _describe_comparison(tolerance: Result) -> str:
     return (
-        "How many times as long as the configured path, stages for the first object in a frame."
+        "Times relative to the configured path; those of stages are for a frame's first object."
         f" Same pose: within {tolerance['mm']:g} mm and {tolerance['deg']:g} degrees; same verdict:"
-        " right by AD in both or in neither."
+        " right by ADD(-S) in both or in neither."
     )
 
 
-def _search_words(search: Result) -> str:
+def _describe_search(search: Result) -> str:
     return (
         f"Codebook search beside the exact one, on the same {search['queries']:.0f} queries"
         f" (median): recall {search['recall']:.3f}, of the nearest"
@@ -198,7 +205,7 @@ def _search_words(search: Result) -> str:
     )
 
 
-def _regions_words(regions: Result) -> str:
+def _describe_regions(regions: Result) -> str:
     times = (regions["median_ms"], regions["p95_ms"], regions["cpu_ms"])
     return (
         f"Stage 1 for all {regions['objects']} objects that the classifier knows, in one frame:"
@@ -206,23 +213,19 @@ def _regions_words(regions: Result) -> str:
     )
 
 
-def _loading_words(result: Result) -> str:
+def _describe_loading(result: Result) -> str:
     loading, memory = result["loading_s"], result["memory"]
     seconds = list(loading["objects"].values())
     learnt = memory["learnt_too"]
     return (
         f"Loading (s): classifier {loading['classifier']:.2f}, encoder {loading['encoder']:.2f},"
         f" each object {sum(seconds) / len(seconds):.2f} (at most {max(seconds):.2f}); reading the"
-        f" models of all objects {loading['models']:.2f}, finding what was learnt"
-        f" {loading['finding']:.2f}.\nPeak memory: {memory['peak_mib']:.0f} MiB with all objects"
-        f" loaded, {memory['all_paths_mib']:.0f} MiB with every path."
-        + (f" Learning counts in it: {', '.join(learnt)}." if learnt else "")
+        f" models of all objects {loading['models']:.2f}, checking what is already"
+        f" learnt {loading['finding']:.2f}.\nPeak memory: {memory['peak_mib']:.0f} MiB with all"
+        f" objects loaded, {memory['all_paths_mib']:.0f} MiB with every path."
+        + (f" That includes learning: {', '.join(learnt)}." if learnt else "")
     )
 
 
 def _ms(value: float) -> str:
     return f"{value:.1f}" if value < 100 else f"{value:.0f}"
-
-
-def _share(value: float | None) -> str:
-    return "" if value is None else f"{value:.3f}"

@@ -5,7 +5,14 @@ from typing import Any
 
 import pytest
 
-from hlp.reporting.bench_table import bench_metrics, compare, format_bench, read_bench, write_bench
+from hlp.reporting.tables.bench_table import (
+    bench_metrics,
+    compare_benches,
+    format_bench,
+    read_bench,
+    write_bench,
+)
+from table_text import unpadded
 
 
 def spreads(scale: float) -> dict[str, dict[str, float]]:
@@ -75,7 +82,7 @@ def cells(text: str, name: str) -> list[str]:
     return line.split()[len(name.split()) :]
 
 
-def test_tables_state_the_machine_and_every_view() -> None:
+def test_tables_state_the_machine_and_every_unit() -> None:
     text = format_bench(result())
     assert "Quick 9000, 2 cores, 8 GiB" in text and "57600" in text and "25 particles" in text
     row = ["10.0", "20.0", "15.0", "2.5", "5.0", "3.8", "20.0", "40.0", "30.0"]
@@ -99,7 +106,7 @@ def test_one_object_a_frame_has_no_further_ones(tmp_path: Path) -> None:
         each["further"] = {}
     assert "each further" not in format_bench(alone)
     write_bench(tmp_path, alone)
-    assert "| network | 10.0 |" in (tmp_path / "bench.md").read_text()
+    assert "| network | 10.0 |" in unpadded((tmp_path / "bench.md").read_text())
     assert "bench/configured/further/network" not in bench_metrics(alone)
     assert bench_metrics(alone)["bench/reference/frame/total"] == 60.0
 
@@ -110,7 +117,7 @@ def test_saved_results_are_divided_path_by_path(tmp_path: Path) -> None:
     slower["workload"]["particles"] = 50
     for name, content in (("a", result()), ("b", slower)):
         (tmp_path / f"{name}.json").write_text(json.dumps(content))
-    text = compare(tmp_path / "a.json", tmp_path / "b.json")
+    text = compare_benches(tmp_path / "a.json", tmp_path / "b.json")
     assert cells(text, "network") == [
         "10.0",
         "15.0",
@@ -122,8 +129,8 @@ def test_saved_results_are_divided_path_by_path(tmp_path: Path) -> None:
         "30.0",
         "x1.50",
     ]
-    assert cells(text, "AD recall") == ["0.800", "0.750"]
-    assert "Not the same was measured: particles 25 and 50." in text
+    assert cells(text, "ADD(-S) recall") == ["0.800", "0.750"]
+    assert "The two did not measure the same: particles 25 and 50." in text
     assert "'reference'" not in text
 
 

@@ -1,6 +1,12 @@
 import csv
 
-from hlp.reporting.oracle_table import format_oracle, oracle_metrics, oracle_table, write_oracle
+from hlp.reporting.tables.oracle_table import (
+    format_oracle,
+    oracle_metrics,
+    oracle_table,
+    write_oracle,
+)
+from table_text import unpadded
 
 
 def recall(share, targets=10):
@@ -42,7 +48,7 @@ def test_text_and_markdown_say_what_the_columns_and_the_losses_are(tmp_path):
         assert "12.5 degrees" in text and "10 mm" in text
         assert "region +0.125, coarse pose -0.010, fine pose +0.500" in text
     write_oracle(tmp_path, RESULT)
-    written = (tmp_path / "oracle.md").read_text()
+    written = unpadded((tmp_path / "oracle.md").read_text())
     assert "| cup | 10 | 0.200 (0.10-0.20) | 0.800 (0.40-0.80) |" in written.splitlines()
 
 

@@ -5,10 +5,10 @@ import pytest
 
 from hlp.geometry import rigid
 from hlp.records import PoseEstimate
-from hlp.reporting.pose_table import format_poses, poses_json
+from hlp.reporting.tables.pose_table import format_poses, poses_json
 
 QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-ANSWERS = [
+ESTIMATES = [
     PoseEstimate(0, 0, 1, rigid(QUARTER_TURN, np.array([0.01, -0.02, 0.8])), 0.875, {"total": 1.0}),
     PoseEstimate(0, 1, 1, None, 0.0, {"total": 1.0}),
 ]
@@ -16,7 +16,7 @@ IMAGES = ["a.png", "b.png"]
 
 
 def test_table_holds_millimetres_and_degrees_and_says_what_was_not_found():
-    _, _, found, missing = format_poses(ANSWERS, IMAGES, {1: "bolt"}).splitlines()
+    _, _, found, missing = format_poses(ESTIMATES, IMAGES, {1: "bolt"}).splitlines()
     assert found.split() == [
         "a.png",
         "bolt",
@@ -32,7 +32,7 @@ def test_table_holds_millimetres_and_degrees_and_says_what_was_not_found():
 
 
 def test_json_holds_bops_names_and_units():
-    first, second = json.loads(json.dumps(poses_json(ANSWERS, IMAGES, {1: "bolt"})))["poses"]
+    first, second = json.loads(json.dumps(poses_json(ESTIMATES, IMAGES, {1: "bolt"})))["poses"]
     assert (first["rgb"], first["object"], first["found"], first["score"]) == (
         "a.png", "bolt", True, 0.875,
     )  # fmt: skip

@@ -1,19 +1,19 @@
-"""A run's summary as flat numbers under the names that MLflow shows."""
+"""A run's summary as the flat metrics that are logged to MLflow."""
 
 from collections.abc import Mapping
 from typing import Any
 
-SHOWN = {"add": "add", "5cm5deg": "pose_5cm5deg", "iou50": "box_iou50"}
-"""MLflow's name of each metric in `summary.json`."""
+MLFLOW_METRICS = {"add": "add", "5cm5deg": "pose_5cm5deg", "iou50": "box_iou50"}
+"""Name in MLflow of each metric in `summary.json`."""
 
 
 def summary_metrics(summary: Mapping[str, Any]) -> dict[str, float | None]:
     """Numbers of `summary.json` by name, e.g. `add/recall`, `add/recall_cat`, `time_ms/total`.
 
-    None stays where nothing was measured.
+    None where nothing was measured.
     """
     flat: dict[str, float | None] = {"targets": summary["targets"]}
-    for key, shown in SHOWN.items():
+    for key, shown in MLFLOW_METRICS.items():
         metric = summary["metrics"][key]
         low, high = metric["ci95"]
         flat |= {f"{shown}/recall": metric["recall"], f"{shown}/mean_object": metric["mean_object"]}

@@ -1,13 +1,14 @@
-"""Recall and time by one setting: the paper's Fig. 9, and its swarm against ICP."""
+"""Recall and time against one setting: the paper's Fig. 9, and particle swarm against ICP."""
 
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from hlp.reporting.paper import AD_MEAN, MS_PER_FRAME
+from hlp.reporting.paper_results import ADD_MEAN, MS_PER_FRAME
 from hlp.reporting.results import Result
-from hlp.reporting.tables import METRICS, Table, interval_words
+from hlp.reporting.tables.summary_tables import METRIC_LABELS
+from hlp.reporting.tables.table import Table, format_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,24 +20,31 @@ _SPREAD = 0.08
 
 @dataclass(frozen=True)
 class Trend:
-    """A figure of recall and time: what its horizontal axis is, and what of it is the paper's own.
+    """A figure of recall and time against one setting, the horizontal axis.
 
-    `keys` are the settings that move along the axis and `value` is what a run has there; `own` are
-    the values that the paper chose; `note` says what it tells of the figure. Amounts are `joined`
-    by lines, names are not.
+    `keys` are the configuration keys that change along the axis, and `value` gives a run's value as
+    text. `paper_values` are the values that the paper chose. `note` says how far the figure can be
+    compared with the paper. Points are `joined` by lines if the values are amounts.
     """
 
     title: str
     axis: str
     keys: tuple[str, ...]
     value: Callable[[Result], str]
-    own: tuple[str, ...]
+    paper_values: tuple[str, ...]
     note: str
     joined: bool = True
 
 
-def _dimension(result: Result) -> str:
-    return str(result.config["encoder"]["dimension"])
+def _feature_length(result: Result) -> str:
+    """The length that was used: PCA has only so many components."""
+    encoder = result.config["encoder"]
+    length = int(encoder["dimension"])
+    if encoder.get("name") == "pca":
+        from hlp.models.pca import pca_components  # imports torch, which takes seconds
+
+        length = min(length, pca_components(encoder["cells"]))
+    return str(length)
 
 
 def _particles(result: Result) -> str:
@@ -59,7 +67,7 @@ TRENDS = {
         "Fig. 9a",
         "length of the local feature",
         ("encoder.dimension",),
-        _dimension,
+        _feature_length,
         ("200",),
         _NO_VALUES,
     ),
@@ -85,17 +93,19 @@ Series = Mapping[str, Sequence[Result]]
 
 
 def trend_note(trend: Trend) -> str:
-    """What the paper's points are, for people."""
+    """The caption: what the paper's points are."""
     return (
-        f"{trend.note} Beside ours stands its own setting, {trend.own[0]}: mean AD {AD_MEAN:.3f} on"
-        f" LINEMOD's whole sequences (Table 1), about {MS_PER_FRAME:.0f} ms a frame (i7, GTX 970M)."
+        f"{trend.note} Beside ours is the paper's result with its own setting,"
+        f" {trend.paper_values[0]}: mean ADD(-S) {ADD_MEAN:.3f} on LINEMOD's whole sequences"
+        f" (Table 1), about {MS_PER_FRAME:.0f} ms a frame (i7, GTX 970M)."
     )
 
 
 def trend_table(trend: Trend, series: Series) -> Table:
-    """A row an arm: recalls, the 95 % interval of AD, times; the paper's in its own setting's row.
+    """A row for each run: recalls, the 95 % interval of ADD(-S), times, and the paper's numbers.
 
-    `series` are the arms by what else was swept, in words (empty: nothing).
+    The paper's numbers stand in the row of the setting that it chose. `series` are the runs by the
+    other swept settings, in words (empty if there are none).
     """
     several = [""] if len(series) > 1 else []
     rows = []
@@ -103,30 +113,34 @@ def trend_table(trend: Trend, series: Series) -> Table:
         for result in results:
             value = trend.value(result)
             metrics, times = result.summary["metrics"], result.summary["timing_ms"]
-            paper = (f"{AD_MEAN:.3f}", f"{MS_PER_FRAME:.0f}") if value in trend.own else ("", "")
+            paper = (
+                (f"{ADD_MEAN:.3f}", f"{MS_PER_FRAME:.0f}")
+                if value in trend.paper_values
+                else ("", "")
+            )
             rows.append(
                 [
                     value,
                     *(name for _ in several),
                     str(result.summary["targets"]),
                     f"{metrics['add']['recall']:.3f}",
-                    interval_words(metrics["add"]["ci95"]),
-                    *(f"{metrics[key]['recall']:.3f}" for key in METRICS if key != "add"),
+                    format_interval(metrics["add"]["ci95"]),
+                    *(f"{metrics[key]['recall']:.3f}" for key in METRIC_LABELS if key != "add"),
                     f"{times['refinement']['median']:.0f}",
                     f"{times['total']['median']:.0f}",
                     f"{times['total']['p95']:.0f}",
                     *paper,
                 ]
             )
-    others = [shown for key, shown in METRICS.items() if key != "add"]
-    ours = ["targets", METRICS["add"], "95 %", *others, "ms refinement", "ms", "ms 95 %"]
-    return Table([trend.axis, *several, *ours, "paper AD", "paper ms"], rows)
+    others = [shown for key, shown in METRIC_LABELS.items() if key != "add"]
+    ours = ["targets", METRIC_LABELS["add"], "95 %", *others, "ms refinement", "ms", "ms 95 %"]
+    return Table([trend.axis, *several, *ours, "paper ADD(-S)", "paper ms"], rows)
 
 
 def draw_trend(trend: Trend, series: Series, data: str) -> "Figure":
-    """Recall of AD with its 95 % interval, and the median time of a target on the second axis.
+    """ADD(-S) recall with its 95 % interval, and the median time per target on the second axis.
 
-    `data` says what it was measured on.
+    `data` says in words what was measured on.
     """
     from matplotlib.figure import Figure
 
@@ -146,9 +160,9 @@ def draw_trend(trend: Trend, series: Series, data: str) -> "Figure":
         if not trend.joined:
             line.set_linestyle("")
             time_line.set(linestyle="", xdata=[place + _SPREAD for place in places])
-    own = [i for i, value in enumerate(values) if value in trend.own]
-    if own:
-        _draw_paper(ax, time_ax, own)
+    chosen = [i for i, value in enumerate(values) if value in trend.paper_values]
+    if chosen:
+        _draw_paper(ax, time_ax, chosen)
     _name_axes(ax, time_ax, trend, values)
     figure.legend(loc="outside upper center", ncols=4, frameon=False, fontsize=8)
     ax.set_title(f"{trend.title}: recall and time, {data}", fontsize=10)
@@ -170,10 +184,10 @@ def _draw_recall(
     return line
 
 
-def _draw_paper(ax: "Axes", time_ax: "Axes", own: Sequence[int]) -> None:
-    """Recall to the left of the paper's setting, time to its right: they may be as high."""
-    left, right = ([place + side * _SPREAD for place in own] for side in (-1, 1))
-    recalls, times = [AD_MEAN] * len(own), [MS_PER_FRAME] * len(own)
+def _draw_paper(ax: "Axes", time_ax: "Axes", places: Sequence[int]) -> None:
+    """Recall left of the paper's setting and time right of it, so that neither hides the other."""
+    left, right = ([place + side * _SPREAD for place in places] for side in (-1, 1))
+    recalls, times = [ADD_MEAN] * len(places), [MS_PER_FRAME] * len(places)
     ax.plot(left, recalls, "D", color="black", label="paper's setting, Table 1")
     time_ax.plot(right, times, "s", color="black", fillstyle="none", label="paper's time")
 
@@ -182,7 +196,7 @@ def _name_axes(ax: "Axes", time_ax: "Axes", trend: Trend, values: Sequence[str])
     ax.set_xticks(range(len(values)), values)
     ax.set_xlim(-0.5, len(values) - 0.5)
     ax.set_xlabel(trend.axis)
-    ax.set_ylabel("● AD recall, 95 % interval")
+    ax.set_ylabel("● ADD(-S) recall, 95 % interval")
     ax.set_ylim(0.0, 1.03)
     time_ax.set_ylabel("■ ms for one object in one frame (median)")
     time_ax.set_ylim(0.0, 1.05 * time_ax.get_ylim()[1])

@@ -1,6 +1,7 @@
 import csv
 
-from hlp.reporting.search_table import format_search, write_search
+from hlp.reporting.tables.search_table import format_search, write_search
+from table_text import unpadded
 
 
 def trial(number, particles, recall, time_ms, error=None):
@@ -19,7 +20,7 @@ RESULT = {"space": "refinement", "limit_ms": 100.0, "best": TRIALS[3], "trials":
 
 
 def test_trials_are_ranked_within_the_limit_first():
-    table = format_search(RESULT).splitlines()
+    table = unpadded(format_search(RESULT)).splitlines()
     assert table[0].startswith("4 trials of refinement, 3 of them with a result")
     assert table[4:7] == [
         "| 3 | 0.800 | 70 | 20 | 6 |",

@@ -1,23 +1,20 @@
 from typing import Any
 
 import pytest
+
+from hlp.reporting.figures.trends import TRENDS, draw_trend, trend_table
+from hlp.reporting.results import Result
 from written_results import CONFIG, scored
 
-from hlp.reporting.figures.sweep_bars import TRENDS, draw_trend, trend_table
-from hlp.reporting.results import Result
 
-
-def result(add_or_add_s: float, ms: float, chosen: str = "pso", **groups: dict[str, Any]) -> Result:
+def result(add: float, ms: float, chosen: str = "pso", **groups: dict[str, Any]) -> Result:
     config = {key: {**value, **groups.get(key, {})} for key, value in CONFIG.items()}
-    summary = scored(add_or_add_s, ms, {"cat": add_or_add_s})
+    summary = scored(add, ms, {"cat": add})
     return Result({"name": "x", **config}, summary, 2, {"refinement": chosen})
 
 
 def dimensions(*pairs: tuple[int, float, float]) -> list[Result]:
-    return [
-        result(add_or_add_s, ms, encoder={"dimension": length})
-        for length, add_or_add_s, ms in pairs
-    ]
+    return [result(add, ms, encoder={"dimension": length}) for length, add, ms in pairs]
 
 
 ARMS = dimensions((100, 0.7, 300.0), (200, 0.8, 350.0), (400, 0.75, 500.0))
@@ -40,19 +37,30 @@ def test_values_are_those_of_the_configuration() -> None:
     }
 
 
+def test_the_length_of_a_pca_feature_is_the_one_that_was_used() -> None:
+    """Normals in 12 × 12 cells have 432 components: a feature of 600 would be a fiction."""
+    lengths = [
+        TRENDS["fig9a"].value(
+            result(0.5, 9.0, encoder={"name": "pca", "dimension": dimension, "cells": 12})
+        )
+        for dimension in (400, 432, 600)
+    ]
+    assert lengths == ["400", "432", "432"]
+
+
 def test_what_the_paper_chose_is_the_default_of_its_method() -> None:
     """Its numbers stand beside 200 dimensions, 25 particles, {5°, 5 mm}: the tests' CONFIG."""
-    assert all(trend.value(result(0.5, 9.0)) in trend.own for trend in TRENDS.values())
+    assert all(trend.value(result(0.5, 9.0)) in trend.paper_values for trend in TRENDS.values())
 
 
 def test_papers_numbers_stand_beside_its_own_setting_alone() -> None:
     table = trend_table(TRENDS["fig9a"], {"": ARMS})
     rows = [dict(zip(table.header, row, strict=True)) for row in table.rows]
     assert [row["length of the local feature"] for row in rows] == ["100", "200", "400"]
-    assert [row["AD"] for row in rows] == ["0.700", "0.800", "0.750"]
+    assert [row["ADD(-S)"] for row in rows] == ["0.700", "0.800", "0.750"]
     assert [row["95 %"] for row in rows] == ["0.600-0.740", "0.700-0.840", "0.650-0.790"]
     assert [row["ms"] for row in rows] == ["300", "350", "500"]
-    assert [(row["paper AD"], row["paper ms"]) for row in rows] == [
+    assert [(row["paper ADD(-S)"], row["paper ms"]) for row in rows] == [
         ("", ""),
         ("0.960", "800"),
         ("", ""),
