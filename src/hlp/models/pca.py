@@ -48,7 +48,7 @@ def fit_pca(
 ) -> PcaEncoder:
     """Principal components of patches' normals.
 
-    A feature has `settings.dimension` numbers, or `pca_components` where that is less.
+    A feature has `settings.dimension` numbers, or `pca_components` if that is less.
     """
     flat = _averaged_normals(depth, valid, settings.cells)
     mean = flat.mean(axis=0)

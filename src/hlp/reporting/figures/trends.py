@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from hlp.models.pca import pca_components
 from hlp.reporting.paper_results import ADD_MEAN, MS_PER_FRAME
 from hlp.reporting.results import Result
 from hlp.reporting.tables.summary_tables import METRIC_LABELS
@@ -41,8 +42,6 @@ def _feature_length(result: Result) -> str:
     encoder = result.config["encoder"]
     length = int(encoder["dimension"])
     if encoder.get("name") == "pca":
-        from hlp.models.pca import pca_components  # imports torch, which takes seconds
-
         length = min(length, pca_components(encoder["cells"]))
     return str(length)
 

@@ -33,10 +33,10 @@ def format_oracle(result: Mapping[str, Any], layout: str = "text") -> str:
     return "\n\n".join(
         [
             f"ADD(-S) recall (95 % interval) of {result['frames']} frames. Columns are region and"
-            " coarse pose: est = estimated, true = replaced by the truth, true± = the true pose turned"
-            f" by {result['noise_deg']:g} degrees and shifted by {result['noise_mm']:g} mm. The fine"
-            " pose is always estimated. The true coarse pose is given only if the region shows any"
-            " part of the target.",
+            " coarse pose: est = estimated, true = replaced by the truth, true± = the true pose"
+            f" turned by {result['noise_deg']:g} degrees and shifted by {result['noise_mm']:g} mm."
+            " The fine pose is always estimated. The true coarse pose is given only if the region"
+            " shows any part of the target.",
             LAYOUTS[layout](oracle_table(result)),
             f"Recall lost by each stage: {lost}. A wrong choice among the hypotheses counts as a"
             " loss of the coarse pose.",
