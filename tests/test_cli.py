@@ -12,6 +12,8 @@ import pytest
 
 import hlp
 from hlp.commands.composing import config_folder
+from hlp.evaluation.scores_file import write_scores
+from hlp.records import TargetScore
 
 STAND_INS = {
     "data": ("demo", "linemod_bop"),
@@ -200,14 +202,12 @@ def test_report_without_runs_says_where_it_looked(call: Hlp) -> None:
 
 
 def test_report_compares_two_runs(call: Hlp, tmp_path: Path) -> None:
-    header = "scene_id,im_id,obj_id,object,visible_fraction,add_mm,rotation_deg,"
-    for name, right in (("a", 0), ("b", 1)):
-        (tmp_path / name).mkdir()
-        lines = (f"{header}add_correct,pose_correct,box_correct", f"1,2,6,cat,1.0,9,9,{right},1,1")
-        (tmp_path / name / "scores.csv").write_text("\n".join(lines) + "\n")
+    for name, right in (("a", False), ("b", True)):
+        score = TargetScore(1, 2, 6, True, 1.0, 0.009, 0.1, 0.009, 0.9, right, True, True)
+        write_scores(tmp_path / name / "scores.csv", [score], {6: "cat"})
     compared = call("report", "runs=[a, b]")
     assert compared.returncode == 0
-    assert "Flipped by AD: 1" in compared.stdout
+    assert "Changed verdicts of ADD(-S): 1" in compared.stdout
     one = call("report", "runs=[a]")
     assert one.returncode == 1
     assert "runs=[a]: name two" in one.stderr

@@ -12,9 +12,9 @@ CONFIG: dict[str, Any] = {
 }
 
 
-def scored(add_or_add_s: float, ms: float, objects: Mapping[str, float]) -> dict[str, Any]:
+def scored(add: float, ms: float, objects: Mapping[str, float]) -> dict[str, Any]:
     """`summary.json` of twenty targets an object."""
-    recalls = {"add": add_or_add_s, "5cm5deg": add_or_add_s - 0.2, "iou50": add_or_add_s + 0.05}
+    recalls = {"add": add, "5cm5deg": add - 0.2, "iou50": add + 0.05}
     return {
         "targets": 20 * len(objects),
         "metrics": {

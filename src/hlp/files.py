@@ -1,23 +1,87 @@
-"""Files written whole or not at all, and JSON read with errors that name the file."""
+"""Small files: written whole or not at all, read with errors that name the file.
 
+Also the names of the files in a run's output folder, which writers and readers share.
+"""
+
+import csv
+import io
 import json
 import os
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
-from hlp.errors import DataError
+from hlp.errors import DataError, MissingFileError
+
+MANIFEST = "manifest.json"
+"""What made the result. It is written last: a folder that has one holds a whole result."""
+SUMMARY = "summary.json"
+"""Recalls, times and causes of misses. Only runs of the whole method write it."""
+SCORES = "scores.csv"
+"""Errors and verdicts, a row for each target."""
+POSES = "poses.csv"
+"""Estimated poses in BOP's results format."""
+SWEEP = "sweep.json"
+"""What was swept. The sweep's runs lie in the folders 0, 1, … beside it."""
+
+
+@contextmanager
+def replaced(path: Path) -> Iterator[BinaryIO]:
+    """Open a stream whose content becomes the file's when the block ends without an error.
+
+    Until then, and after an error, the file is as it was before. Folders are made as needed.
+    Raises OSError where the file cannot be written.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with partial.open("wb") as stream:
+            yield stream
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Replace a file's content by a text, in UTF-8."""
+    with replaced(path) as stream:
+        stream.write(text.encode())
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write JSON; a crash or a full disk leaves no half file under that name."""
-    begun = path.with_name(path.name + ".begun")
-    begun.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
-    os.replace(begun, path)
+    """Replace a file's content by JSON, indented for people. Raises TypeError for other values."""
+    write_text(path, json.dumps(content, indent=2) + "\n")
+
+
+def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Replace a file's content by a header and rows of comma-separated values."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(rows)
+    write_text(path, text.getvalue())
 
 
 def read_json(path: Path) -> Any:
-    """Read JSON. Raises FileNotFoundError, and DataError naming a file that is no JSON."""
+    """Parsed JSON. Raises MissingFileError, or DataError naming a file that is no JSON."""
+    if not path.is_file():
+        raise MissingFileError(f"there is no file {path}")
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
         raise DataError(f"{path} is no JSON: {error}") from error
+
+
+def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, Any]]:
+    """Rows of a CSV file by column name; the first row is line 2, and cells that lack are None.
+
+    Raises MissingFileError, or DataError naming a file whose first line is not `columns`.
+    """
+    if not path.is_file():
+        raise MissingFileError(f"there is no file {path}")
+    with path.open(encoding="utf-8", newline="") as stream:
+        reader = csv.DictReader(stream)
+        if tuple(reader.fieldnames or ()) != tuple(columns):
+            raise DataError(f"{path}: the first line must be {','.join(columns)}")
+        return list(reader)

@@ -66,6 +66,19 @@ class Target:
     visible_fraction: float = float("nan")
 
 
+def frame_key(scene_id: int, frame_id: int) -> str:
+    """Name of a frame in files and logs, e.g. `000006_000012`."""
+    return f"{scene_id:06d}_{frame_id:06d}"
+
+
+def parse_frame_key(key: str) -> tuple[int, int]:
+    """Scene and frame of a key. Raises ValueError for a text that `frame_key` does not write."""
+    scene, _, frame = key.partition("_")
+    if not (scene.isdecimal() and frame.isdecimal()) or key != frame_key(int(scene), int(frame)):
+        raise ValueError(f"{key!r} is no frame key: it must look like 000006_000012")
+    return int(scene), int(frame)
+
+
 @dataclass(frozen=True)
 class Frame:
     """One RGB-D image. `depth` in metres, 0 where missing; `camera_matrix` in pixels."""
@@ -80,7 +93,7 @@ class Frame:
     @property
     def key(self) -> str:
         """Name of the frame in files and logs, e.g. `000006_000012`."""
-        return f"{self.scene_id:06d}_{self.frame_id:06d}"
+        return frame_key(self.scene_id, self.frame_id)
 
 
 @dataclass(frozen=True)

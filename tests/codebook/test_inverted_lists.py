@@ -1,10 +1,19 @@
 import dataclasses
 
+import faiss
 import numpy as np
 import pytest
 
-from hlp.codebook.inverted_lists import FEWEST, InvertedLists, InvertedListsSettings
+from hlp.codebook.inverted_lists import (
+    FEWEST,
+    InvertedLists,
+    InvertedListsSettings,
+    check_dimension,
+    load_lists,
+    save_lists,
+)
 from hlp.codebook.neighbours import ExactNeighbours
+from hlp.errors import ConfigError, DataError
 
 SETTINGS = InvertedListsSettings("inverted_lists", 3, lists=32, probes=8, candidates=16, threads=1)
 
@@ -85,5 +94,59 @@ def test_no_queries_and_any_layout():
 
 
 def test_features_that_do_not_divide_are_named():
-    with pytest.raises(ValueError, match=r"encoder\.dimension is 22"):
+    with pytest.raises(ConfigError, match=r"encoder\.dimension is 22"):
         InvertedLists(FEATURES[:, :22], SETTINGS, seed=0)
+    with pytest.raises(ConfigError, match=r"encoder\.dimension is 150"):
+        check_dimension(150)
+    check_dimension(200)
+
+
+def test_stored_lists_find_what_trained_ones_do():
+    trained = InvertedLists(FEATURES, SETTINGS, seed=0)
+    restored = InvertedLists(FEATURES, SETTINGS, seed=0, trained=trained.trained.copy())
+    first, again = trained.search(QUERIES), restored.search(QUERIES)
+    np.testing.assert_array_equal(first.indices, again.indices)
+    np.testing.assert_array_equal(first.distances, again.distances)
+    other = dataclasses.replace(SETTINGS, probes=1)  # searched otherwise, not learnt otherwise
+    restored = InvertedLists(FEATURES, other, seed=0, trained=trained.trained)
+    fresh = InvertedLists(FEATURES, other, seed=0)
+    np.testing.assert_array_equal(restored.search(QUERIES).indices, fresh.search(QUERIES).indices)
+    assert InvertedLists(FEATURES[:9], SETTINGS, seed=0).trained.size == 0
+
+
+def test_stored_lists_of_something_else_are_refused():
+    stored = InvertedLists(FEATURES, SETTINGS, seed=0).trained
+    more = dataclasses.replace(SETTINGS, lists=33)
+    for features, settings in ((FEATURES[:-1], SETTINGS), (FEATURES, more)):
+        with pytest.raises(DataError, match="other features or settings"):
+            InvertedLists(features, settings, seed=0, trained=stored)
+    with pytest.raises(DataError, match="damaged"):
+        InvertedLists(FEATURES, SETTINGS, seed=0, trained=stored[: len(stored) // 2].copy())
+
+
+def test_search_equals_faiss_refinement():
+    """The candidates compared as faiss.IndexRefineFlat does, without its copy of the features."""
+    coarse = faiss.IndexFlatL2(24)
+    short = faiss.IndexIVFPQFastScan(coarse, 24, SETTINGS.lists, 6, 4)
+    short.cp.seed = short.pq.cp.seed = 0
+    short.nprobe = SETTINGS.probes
+    index = faiss.IndexRefineFlat(short)
+    index.k_factor = SETTINGS.candidates
+    faiss.omp_set_num_threads(1)
+    index.train(FEATURES)
+    index.add(FEATURES)
+    squared, indices = index.search(QUERIES, 3)
+    found = InvertedLists(FEATURES, SETTINGS, seed=0).search(QUERIES)
+    np.testing.assert_array_equal(found.indices, indices)
+    np.testing.assert_allclose(found.distances, np.sqrt(squared), rtol=1e-4, atol=1e-5)
+
+
+def test_lists_lie_beside_a_codebook(tmp_path):
+    assert load_lists(tmp_path, SETTINGS, seed=0) is None
+    made = InvertedLists(FEATURES, SETTINGS, seed=0)
+    save_lists(tmp_path, made, seed=0)
+    np.testing.assert_array_equal(load_lists(tmp_path, SETTINGS, seed=0), made.trained)
+    assert load_lists(tmp_path, SETTINGS, seed=1) is None
+    assert load_lists(tmp_path, dataclasses.replace(SETTINGS, lists=33), seed=0) is None
+    save_lists(tmp_path, InvertedLists(FEATURES[:9], SETTINGS, seed=0), seed=0)
+    assert load_lists(tmp_path, SETTINGS, seed=0) is None  # searched exactly: nothing to load

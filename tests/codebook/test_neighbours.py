@@ -26,6 +26,19 @@ def test_exact_search_equals_scipys(neighbours):
     )
 
 
+@pytest.mark.parametrize("neighbours", [1, 3, 50])
+def test_exact_search_equals_brute_force(neighbours):
+    features, queries = FEATURES[:50].astype(np.float64), QUERIES[:40].astype(np.float64)
+    every = np.linalg.norm(queries[:, None] - features, axis=2)
+    expected = np.argsort(every, axis=1)[:, :neighbours]
+    matches = ExactNeighbours(FEATURES[:50], neighbours).search(QUERIES[:40])
+    assert matches.indices.dtype == np.int64 and matches.distances.dtype == np.float32
+    np.testing.assert_array_equal(matches.indices, expected)
+    np.testing.assert_allclose(
+        matches.distances, np.take_along_axis(every, expected, axis=1), rtol=1e-4
+    )
+
+
 def test_an_entry_is_its_own_nearest_neighbour():
     matches = ExactNeighbours(FEATURES, 2).search(FEATURES[:50])
     np.testing.assert_array_equal(matches.indices[:, 0], np.arange(50))

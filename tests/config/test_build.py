@@ -10,8 +10,10 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from hlp.config.build import GROUPS, build_run, build_settings, evenly
-from hlp.config.settings import RunSettings, result_settings
+from hlp.config.settings import RunSettings
 from hlp.data.bop import BopSettings
+from hlp.errors import ConfigError, MissingDependencyError
+from hlp.stages.fingerprint import result_settings
 
 CONF = Path(__file__).parents[2] / "conf"
 
@@ -256,6 +258,16 @@ def test_settings_are_read_only(default):
 
 
 def test_a_gpu_that_is_not_there_is_named(default, monkeypatch):
-    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
-    with pytest.raises(ValueError, match=r"machine\.device is cuda.*set it to cpu"):
+    monkeypatch.setattr("onnxruntime.get_available_providers", lambda: ["CPUExecutionProvider"])
+    with pytest.raises(MissingDependencyError, match=r"machine\.device is cuda.*onnxruntime-gpu"):
         build_run(changed(default, "machine.device", "cuda"))
+
+
+@pytest.mark.parametrize(("dimension", "refused"), [(150, True), (200, False)])
+def test_features_that_the_search_refuses_are_refused_before_training(default, dimension, refused):
+    config = changed(default, "encoder.dimension", dimension)
+    if refused:
+        with pytest.raises(ConfigError, match=r"encoder\.dimension is 150.*multiples of 4"):
+            build_run(config)
+    else:
+        build_run(config)

@@ -66,17 +66,10 @@ def test_depth_of_another_kind_or_none_is_an_error(tmp_path, pixels, message):
 
 
 def test_absent_files_are_named(tmp_path):
-    for read in (images.read_rgb, images.read_json):
-        with pytest.raises(FileNotFoundError, match="gone"):
-            read(tmp_path / "gone")
+    with pytest.raises(FileNotFoundError, match="gone"):
+        images.read_rgb(tmp_path / "gone")
     with pytest.raises(FileNotFoundError, match="000007"):
         images.find_image(tmp_path, "000007")
-
-
-def test_broken_json_is_named(tmp_path):
-    (tmp_path / "a.json").write_text('{"1": ')
-    with pytest.raises(ValueError, match=r"a\.json"):
-        images.read_json(tmp_path / "a.json")
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@ import os
 
 import pytest
 
-from hlp.data.sources import content_hash
+from hlp.data.sources import annotated_mask, content_hash
 
 
 @pytest.fixture
@@ -40,3 +40,15 @@ def test_bytes_cannot_wander_from_one_file_to_the_next(files):
     first.write_bytes(content[:150])
     second.write_bytes(content[150:])
     assert content_hash(files) != before
+
+
+def test_the_mask_of_the_data_set_is_given_where_it_has_one():
+    class Unannotated:
+        pass
+
+    class Annotated:
+        def visible_mask(self, frame, target):
+            return (frame, target)
+
+    assert annotated_mask(Unannotated(), "frame", "target") is None
+    assert annotated_mask(Annotated(), "frame", "target") == ("frame", "target")

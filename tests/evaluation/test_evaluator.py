@@ -197,4 +197,4 @@ def test_verdicts_of_many_poses_are_those_of_scoring_them_one_by_one(object_id):
     verdicts = add_correct(poses, TRUE, MODELS[object_id], SETTINGS)
     assert verdicts.tolist() == [score.add_correct for score in scores]
     assert verdicts[0] and not verdicts.all()
-    assert verdicts[1] == (MODELS[object_id].name == "cup")  # which is symmetric: ADI
+    assert verdicts[1] == (MODELS[object_id].name == "cup")  # which is symmetric: ADD-S

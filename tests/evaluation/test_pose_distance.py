@@ -6,13 +6,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 from waterfall_bounds import BOUNDS
 
-from hlp.evaluation.pose_distance import (
-    VoteTally,
-    is_flipped,
-    near_truth,
-    poses_near_truth,
-    votes_quality,
-)
+from hlp.evaluation.pose_distance import is_symmetric_flip, near_truth, poses_near_truth
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.geometry import rigid
 from hlp.records import Mesh, ObjectModel
@@ -87,35 +81,12 @@ def test_no_vote_is_near_nothing():
 
 def test_flipped_is_what_lies_on_the_surface_but_is_turned():
     about_z = (0.0, 0.0, 1.0)
-    assert is_flipped(_turned(180, axis=about_z), TRUE, PLAIN, SETTINGS)
-    assert not is_flipped(_turned(90), TRUE, PLAIN, SETTINGS)  # the bar lies across
-    assert not is_flipped(_turned(20, axis=about_z), TRUE, PLAIN, SETTINGS)  # within the basin
-    assert not is_flipped(_turned(180, 40, axis=about_z), TRUE, PLAIN, SETTINGS)  # elsewhere
-    assert not is_flipped(_turned(180, axis=about_z), TRUE, BAR, SETTINGS)  # that one is right
-
-
-def test_shares_are_of_all_votes_and_none_without_votes():
-    tallies = [
-        VoteTally(2, 10, 1, 4.0, 1.0, 5, 1),
-        VoteTally(1, 30, 9, 16.0, 9.0, 15, 6),
-        VoteTally(2, 0, 0, 0.0, 0.0, 0, 0),
-    ]
-    quality = votes_quality(tallies, {1: "cat", 2: "ape", 3: "can"})
-    assert quality["total"] == {
-        "good": 0.25,
-        "good_weight": 0.5,
-        "by_object": 0.5,
-        "good_by_object": pytest.approx(7 / 20),
-        "votes": pytest.approx(40 / 3),
-    }
-    assert list(quality["per_object"]) == ["cat", "ape"]
-    assert quality["per_object"]["ape"] == {
-        "good": 0.1,
-        "good_weight": 0.25,
-        "by_object": 0.5,
-        "good_by_object": 0.2,
-        "votes": 5.0,
-    }
-    nothing = votes_quality([VoteTally(2, 0, 0, 0.0, 0.0, 0, 0)], {2: "ape"})["total"]
-    shares = ("good", "good_weight", "by_object", "good_by_object")
-    assert nothing == {**dict.fromkeys(shares), "votes": 0.0}
+    assert is_symmetric_flip(_turned(180, axis=about_z), TRUE, PLAIN, SETTINGS)
+    assert not is_symmetric_flip(_turned(90), TRUE, PLAIN, SETTINGS)  # the bar lies across
+    assert not is_symmetric_flip(
+        _turned(20, axis=about_z), TRUE, PLAIN, SETTINGS
+    )  # within the basin
+    assert not is_symmetric_flip(_turned(180, 40, axis=about_z), TRUE, PLAIN, SETTINGS)  # elsewhere
+    assert not is_symmetric_flip(
+        _turned(180, axis=about_z), TRUE, BAR, SETTINGS
+    )  # that one is right

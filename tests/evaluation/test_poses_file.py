@@ -1,5 +1,4 @@
 import csv
-import math
 
 import numpy as np
 import pytest
@@ -7,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from hlp.evaluation import poses_file
 from hlp.geometry import rigid
-from hlp.records import PoseEstimate, TargetScore
+from hlp.records import PoseEstimate
 
 
 def _pose(seed):
@@ -53,26 +52,22 @@ def test_the_file_is_bops(tmp_path):
     assert float(rows[1][6]) == -1.0
 
 
-def test_a_failing_disk_leaves_the_old_file_and_nothing_partial(tmp_path, monkeypatch):
+def test_the_time_is_that_of_all_objects_of_the_image_found_or_not(tmp_path):
+    """BOP's `time` is per image: also what was spent on objects that were not found counts."""
     path = tmp_path / "poses.csv"
-    poses_file.write_poses(path, ESTIMATES[:1])
-    before = path.read_bytes()
-
-    class FullDisk:
-        def __init__(self, stream, **_):
-            self.stream = stream
-
-        def writerow(self, _):
-            self.stream.write("half a row")
-            self.stream.flush()
-            assert len(list(tmp_path.iterdir())) == 2
-            raise OSError("no space left")
-
-    monkeypatch.setattr(poses_file.csv, "writer", FullDisk)
-    with pytest.raises(OSError, match="no space"):
-        poses_file.write_poses(path, ESTIMATES)
-    assert path.read_bytes() == before
-    assert [item.name for item in tmp_path.iterdir()] == ["poses.csv"]
+    poses_file.write_poses(
+        path,
+        [
+            PoseEstimate(6, 1, 1, None, 0.0, {"holistic": 0.5}),
+            PoseEstimate(6, 1, 2, _pose(0), 0.9, {"holistic": 0.25, "local": 0.125}),
+            PoseEstimate(
+                6, 2, 1, _pose(0), 0.9, {}
+            ),  # its time is not known, so the image's is not
+            PoseEstimate(6, 2, 2, _pose(0), 0.9, {"holistic": 0.25}),
+        ],
+    )
+    times = [each.seconds for each in poses_file.read_poses(path)]
+    assert times == [{"total": 0.875}, {}, {}]
 
 
 HEADER = "scene_id,im_id,obj_id,score,R,t,time\n"
@@ -97,37 +92,6 @@ def test_a_broken_file_is_an_error_that_names_the_line(tmp_path, content, messag
     assert str(path) in str(caught.value)
 
 
-def test_absent_files_are_named(tmp_path):
+def test_an_absent_file_is_named(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"poses\.csv"):
         poses_file.read_poses(tmp_path / "poses.csv")
-    with pytest.raises(FileNotFoundError, match=r"scores\.csv"):
-        poses_file.read_scores(tmp_path / "scores.csv")
-
-
-def _score(found):
-    worst = float("inf")
-    return TargetScore(
-        6, 12, 1, found, 0.25, *((0.004, 0.1, 0.02) if found else (worst,) * 3),
-        0.75 if found else 0.0, found, False, found, 0.5, 0.25,
-    )  # fmt: skip
-
-
-def test_scores_come_back_as_they_were(tmp_path):
-    path = tmp_path / "scores.csv"
-    poses_file.write_scores(path, [_score(True), _score(False)], {1: "ape"})
-    rows = list(csv.DictReader(path.open()))
-    assert rows[0]["object"] == "ape" and float(rows[0]["add_mm"]) == pytest.approx(4.0)
-    assert float(rows[0]["rotation_deg"]) == pytest.approx(math.degrees(0.1))
-    assert rows[1]["add_mm"] == "inf" and rows[1]["add_correct"] == "0"
-    found, lost = poses_file.read_scores(path)
-    for back, sent in ((found, _score(True)), (lost, _score(False))):
-        for key in TargetScore.__dataclass_fields__:
-            assert getattr(back, key) == pytest.approx(getattr(sent, key), nan_ok=True), key
-
-
-def test_a_broken_score_is_an_error_that_names_the_line(tmp_path):
-    path = tmp_path / "scores.csv"
-    poses_file.write_scores(path, [_score(True)], {1: "ape"})
-    path.write_text(path.read_text().replace(",0.25,", ",x,"))
-    with pytest.raises(ValueError, match="line 2"):
-        poses_file.read_scores(path)

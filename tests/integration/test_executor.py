@@ -15,7 +15,7 @@ import hlp
 from hlp.commands.composing import config_folder
 from hlp.config.build import Run, build_run
 from hlp.errors import DataError
-from hlp.method.training import read_history
+from hlp.method.training import read_history, read_weights
 from hlp.runs.run_stages import stages_of
 from hlp.stages.detection import DetectionStages
 from hlp.stages.frame_detection import STAGES
@@ -123,8 +123,7 @@ def test_two_processes_train_the_classifier(tiny_run: TinyRun, work: Path) -> No
     assert one.fingerprint != two.fingerprint
     (expected,), (found,) = read_history(one.folder), read_history(two.folder)
     assert found["loss"] == pytest.approx(expected["loss"], rel=0.2)
-    network = found_by[1].training.load_classifier()
-    for value in network.state_dict().values():
+    for value in read_weights(two.folder).values():
         assert torch.isfinite(value.float()).all()
 
 
@@ -154,8 +153,8 @@ def test_workers_render_missing_views_and_the_same(
 def test_an_error_in_a_worker_is_the_runs(tiny_run: TinyRun, work: Path) -> None:
     """A classifier that cannot be read, seen by whoever loads it first: a worker."""
     detection = detection_of(build(tiny_run, work, "executor=threading"), work)
-    (weights,) = (work / "classifier").glob("*/weights.pt")
+    (weights,) = (work / "classifier").glob("*/classifier.int8.onnx")
     weights.unlink()
-    with pytest.raises(FileNotFoundError, match=r"weights\.pt"):
+    with pytest.raises(FileNotFoundError, match=r"classifier\.int8\.onnx"):
         detection.regions()
     assert made(detection) == []

@@ -16,8 +16,10 @@ import trimesh
 from hydra import compose, initialize_config_dir
 
 import hlp
+from hlp import Detector
 from hlp.commands.composing import config_folder
-from hlp.config.build import build_run
+from hlp.config.build import build_run, build_settings
+from hlp.data.own_frames import OwnFrames
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.geometry import rotation_distance
@@ -202,3 +204,34 @@ def test_each_command_refuses_the_others_frames(own: Own, tmp_path: Path) -> Non
         demo = compose("config", overrides=[f"output={tmp_path}"])
     with pytest.raises(ValueError, match="data=files alone"):
         prediction.predict(build_run(demo), tmp_path)
+
+
+def test_the_python_api_finds_the_same_poses(own: Own, first: Process, tmp_path: Path) -> None:
+    """One code path: what `hlp predict` learns and finds, `Detector` does, to the last bit."""
+    given = [f"data.{key}='{value}'" for key, value in own.given.items()]
+    with initialize_config_dir(str(config_folder().absolute()), version_base="1.3"):
+        config = compose("config", ["experiment=predict", "output=o", *TINY, *escaped(given)])
+    mesh = Path(own.given["model"])
+    settings = build_settings(config).method
+    detector = Detector.learn({mesh.stem: mesh}, tmp_path / "learnt", settings=settings)
+    frames = OwnFrames(
+        *(Path(own.given[key]) for key in ("rgb", "depth")), own.given["intrinsics"], None
+    )
+    frame = frames.load(frames.keys[0])  # numbered 0, as every image is for a detector
+    (found,) = detector.detect(frame.rgb, frame.depth, frame.camera_matrix)
+    answers = json.loads((own.folder / "first" / "poses.json").read_text())["poses"]
+    expected = answers[0]
+    pose = found.pose_cam_obj
+    assert (pose[:3, :3].ravel().tolist(), (pose[:3, 3] * 1000.0).tolist()) == (
+        expected["cam_R_m2c"],
+        expected["cam_t_m2c"],
+    )
+    assert found.score == expected["score"]
+
+
+def escaped(overrides: list[str]) -> list[str]:
+    """Quotes within quoted values, as Hydra wants them."""
+    return [
+        f"{key}='{value[1:-1].replace(chr(39), chr(92) + chr(39))}'"
+        for key, _, value in (each.partition("=") for each in overrides)
+    ]

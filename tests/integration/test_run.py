@@ -104,7 +104,7 @@ def test_poses_are_in_bops_format_and_give_the_scores(
         true = truth[target].pose_cam_obj
         off = np.linalg.norm(translation - 1000.0 * true[:3, 3])
         assert float(row["translation_mm"]) == pytest.approx(off, abs=1e-6)
-        if row["object"] != "bowl":  # symmetric by the policy: ADI
+        if row["object"] != "bowl":  # symmetric by the policy: ADD-S
             vertices = models[target[2]].mesh.vertices.astype(np.float64)
             moved = 1000.0 * vertices @ rotation.T + translation
             meant = 1000.0 * (vertices @ true[:3, :3].T + true[:3, 3])

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 import torch
 from torch.nn import functional
 
@@ -25,14 +26,14 @@ def make_patches(count, seed=0):
 
 def averaged(patches):
     """Normals averaged over cells, cell by cell."""
-    normals = surface_normals(torch.from_numpy(patches.depth), torch.from_numpy(patches.valid))
-    cells = normals.numpy().reshape(len(patches), 3, CELLS, 8, CELLS, 8)
-    return cells.mean(axis=(3, 5)).reshape(len(patches), -1).astype(np.float64)
+    normals = surface_normals(patches.depth, patches.valid)
+    cells = normals.reshape(len(patches), CELLS, 8, CELLS, 8, 3).mean(axis=(2, 4))
+    return cells.transpose(0, 3, 1, 2).reshape(len(patches), -1).astype(np.float64)
 
 
 def fitted(patches, dimension):
     settings = PcaSettings("pca", dimension, CELLS)
-    return fit_pca(torch.from_numpy(patches.depth), torch.from_numpy(patches.valid), settings)
+    return fit_pca(patches.depth, patches.valid, settings)
 
 
 def test_components_equal_those_of_the_singular_value_decomposition():
@@ -80,3 +81,14 @@ def test_no_more_components_than_there_are_values_and_none_of_nothing():
     pca = fitted(make_patches(60), 500)
     assert pca.components.shape == (48, 48)
     assert pca.encode(make_patches(0)).shape == (0, 48)
+
+
+@pytest.mark.parametrize("cells", [5, 12])
+def test_cells_that_do_not_divide_a_patch_overlap_as_torchs(cells):
+    """Adaptive average pooling, which features were made with before."""
+    patches = make_patches(20)
+    settings = PcaSettings("pca", 3 * cells * cells, cells)
+    normals = surface_normals(patches.depth, patches.valid).transpose(0, 3, 1, 2)
+    pooled = functional.adaptive_avg_pool2d(torch.from_numpy(normals.copy()), cells).flatten(1)
+    found = fit_pca(patches.depth, patches.valid, settings).mean
+    np.testing.assert_allclose(found, pooled.mean(dim=0).numpy(), atol=1e-5)

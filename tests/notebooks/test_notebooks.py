@@ -12,6 +12,7 @@ from nbclient import NotebookClient
 from nbformat import NotebookNode
 
 import hlp
+from table_text import unpadded
 from tiny_run import TinyRun
 
 NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
@@ -81,7 +82,7 @@ def test_method_shows_every_stage(tiny_run: TinyRun) -> None:
 def test_runs_are_read_from_outputs_and_mlflow(tiny_run: TinyRun) -> None:
     parameters = "OUTPUTS = '.'\nDATABASE = 'work/mlflow.db'"
     done = execute(NOTEBOOKS / "02_runs.ipynb", parameters, tiny_run.folder)
-    text = printed(done)
+    text = unpadded(printed(done))
     assert "| first |" in text
     assert "| all targets |" in text
     assert "| add/recall |" in text

@@ -1,4 +1,3 @@
-import csv
 import itertools
 import math
 from pathlib import Path
@@ -6,30 +5,32 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hlp.evaluation.scores_file import write_scores
+from hlp.records import TargetScore
 from hlp.reporting.comparison import (
+    changes_table,
     compare_runs,
     difference_interval,
     differences_table,
-    flips_table,
     mcnemar_exact,
-    read_scored,
+    read_targets,
 )
+from table_text import unpadded
 
-COLUMNS = (
-    "scene_id", "im_id", "obj_id", "object", "found", "visible_fraction", "add_mm", "rotation_deg",
-    "translation_mm", "box_iou", "add_correct", "pose_correct", "box_correct",
-)  # fmt: skip
+NAMES = {5: "can", 6: "cat"}
+
+
+def score(image: int, object_id: int, right: bool) -> TargetScore:
+    """A target that is right by ADD(-S), 5cm5deg and IoU alike, or by none of them."""
+    metres, radians = (0.002, np.deg2rad(2.0)) if right else (0.04, np.deg2rad(40.0))
+    return TargetScore(
+        1, image, object_id, True, 0.75, metres, radians, metres, 0.9, right, right, right
+    )
 
 
 def write(path: Path, verdicts: dict[tuple[int, int], bool]) -> Path:
-    """`scores.csv` of one scene: image and object → right by AD, 5cm5deg and IoU alike."""
-    with path.open("w", newline="") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(COLUMNS)
-        for (image, object_id), right in verdicts.items():
-            error = 2.0 if right else 40.0
-            row = [1, image, object_id, {5: "can", 6: "cat"}[object_id], 1, 0.75]
-            writer.writerow([*row, error, error, error, 0.9, *[int(right)] * 3])
+    """`scores.csv` of one scene: image and object → right or wrong."""
+    write_scores(path, [score(*target, right) for target, right in verdicts.items()], NAMES)
     return path
 
 
@@ -69,8 +70,8 @@ def test_pairing_narrows_the_interval() -> None:
 def test_tables_say_who_is_right_where(tmp_path: Path) -> None:
     before = {(0, 5): True, (1, 5): True, (2, 5): True, (0, 6): False, (1, 6): False}
     after = {(0, 5): True, (1, 5): False, (2, 5): True, (0, 6): True, (1, 6): True}
-    first = read_scored(write(tmp_path / "a.csv", before))
-    second = read_scored(write(tmp_path / "b.csv", after))
+    first = read_targets(write(tmp_path / "a.csv", before))
+    second = read_targets(write(tmp_path / "b.csv", after))
     pairs = [(target, first[target], second[target]) for target in sorted(first)]
     rows = [list(row) for row in differences_table(pairs, "add").rows]
     columns = [row[:5] + row[6:] for row in rows]
@@ -80,11 +81,23 @@ def test_tables_say_who_is_right_where(tmp_path: Path) -> None:
         ["all targets", "5", "0.600", "0.800", "+0.200", "1", "2", "1"],
     ]
     assert rows[1][5] == "+1.000 to +1.000"
-    assert [list(row) for row in flips_table(pairs).rows] == [
+    assert [list(row) for row in changes_table(pairs).rows] == [
         ["lost", "1/1", "can", "0.75", "2.0", "40.0", "2.0", "40.0"],
         ["gained", "1/0", "cat", "0.75", "40.0", "2.0", "40.0", "2.0"],
         ["gained", "1/1", "cat", "0.75", "40.0", "2.0", "40.0", "2.0"],
     ]
+
+
+def test_instances_of_one_object_in_a_frame_are_compared_one_by_one(tmp_path: Path) -> None:
+    """Three cats in one image: the first changes, the others do not."""
+    for name, verdicts in (("a", (True, False, True)), ("b", (False, False, True))):
+        write_scores(tmp_path / f"{name}.csv", [score(0, 6, each) for each in verdicts], NAMES)
+    first, second = (read_targets(tmp_path / f"{name}.csv") for name in "ab")
+    assert list(first) == [(1, 0, 6, 0), (1, 0, 6, 1), (1, 0, 6, 2)]
+    pairs = [(target, first[target], second[target]) for target in first]
+    (row,) = differences_table(pairs, "add").rows
+    assert list(row[:5]) == ["cat", "3", "0.667", "0.333", "-0.333"]
+    assert len(changes_table(pairs).rows) == 1
 
 
 def test_only_targets_of_both_are_compared(tmp_path: Path) -> None:
@@ -93,8 +106,8 @@ def test_only_targets_of_both_are_compared(tmp_path: Path) -> None:
     said = compare_runs(first, second, ("runs/a", "runs/b"), "text")
     assert "A = runs/a\nB = runs/b" in said
     assert "2 targets in common; left out: 1 targets that only A has, 1 that only B has" in said
-    assert "No target flipped by AD." in said
-    assert "| cat | 2 |" in compare_runs(first, second, ("a", "b"), "markdown")
+    assert "No verdict of ADD(-S) changed." in said
+    assert "| cat | 2 |" in unpadded(compare_runs(first, second, ("a", "b"), "markdown"))
 
 
 def test_what_cannot_be_compared_is_named(tmp_path: Path) -> None:
@@ -105,5 +118,7 @@ def test_what_cannot_be_compared_is_named(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="choose one of"):
         compare_runs(first, first, ("a", "b"), "html")
     (tmp_path / "c.csv").write_text("scene_id,im_id\n1,2\n")
-    with pytest.raises(ValueError, match=r"c\.csv, line 2: no score"):
+    with pytest.raises(
+        ValueError, match=r"c\.csv: the first line must be scene_id,im_id,obj_id,object"
+    ):
         compare_runs(first, tmp_path / "c.csv", ("a", "b"), "text")

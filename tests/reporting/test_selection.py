@@ -4,12 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from hlp.reporting.comparison import Scored
+from hlp.records import TargetScore
+from hlp.reporting.comparison import ScoredTarget
 from hlp.reporting.selection import report_selection, selection_table
 
 
-def scored(name: str, visible: float, right: bool, box: bool = True) -> Scored:
-    return Scored(name, visible, 1.0, 1.0, {"add": right, "5cm5deg": False, "iou50": box})
+def scored(name: str, visible: float, right: bool, box: bool = True) -> ScoredTarget:
+    score = TargetScore(1, 2, 3, True, visible, 0.001, 0.1, 0.001, 0.9, right, False, box)
+    return ScoredTarget(name, score)
 
 
 SCORES = [
@@ -23,7 +25,7 @@ SCORES = [
 
 def test_targets_of_other_objects_do_not_count() -> None:
     table = selection_table(SCORES, ["cat", "duck"])
-    assert table.header[:3] == ["visible", "targets", "AD"]
+    assert table.header[:3] == ["visible", "targets", "ADD(-S)"]
     every, seen, hidden = table.rows
     assert every == ["all", "4", "0.500", "0.000", "0.750", "0.333", "0.000", "0.500"]
     assert seen[:3] == ["0.6 and more", "3", "0.667"] and seen[5] == "0.500"

@@ -65,7 +65,7 @@ def test_run_holds_what_was_logged(settings: TrackingSettings, tmp_path: Path) -
     assert artifact(settings, tracker.run_id, "panels/frame.png").read_bytes() == b"png"
     table = json.loads(artifact(settings, tracker.run_id, "per_object.json").read_text())
     assert table == {"columns": ["object", "add"], "data": [["cat", 0.5], ["ape", 1.0]]}
-    assert tracker.page.endswith(f"/runs/{tracker.run_id}")
+    assert tracker.page_path.endswith(f"/runs/{tracker.run_id}")
 
 
 def test_artifacts_lie_beside_the_database(settings: TrackingSettings) -> None:

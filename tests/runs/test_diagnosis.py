@@ -8,12 +8,12 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from hlp.evaluation.pose_distance import VoteTally
 from hlp.evaluation.settings import EvaluationSettings, WaterfallSettings
+from hlp.evaluation.vote_quality import VoteCounts
 from hlp.geometry import project, quaternions, rigid, transform
 from hlp.records import Frame, Mesh, ObjectModel, Target, TargetScore
 from hlp.rendering.rasterizer import render_depth
-from hlp.runs.diagnosis import explain_misses, tally_votes, visible_pixels
+from hlp.runs.diagnosis import count_votes, explain_misses, visible_pixels
 from hlp.stages.frame_files import write_arrays
 
 K = np.array([[570.0, 0.0, 80.0], [0.0, 570.0, 60.0], [0.0, 0.0, 1.0]])
@@ -187,8 +187,8 @@ def test_the_data_sets_own_mask_is_taken_where_it_has_one():
 def test_votes_near_either_target_are_good_and_those_on_either_are_the_objects(tmp_path):
     votes = np.concatenate([_votes(NEAR, 3), _votes(FAR, 2), _votes(WRONG, 5)])
     detection = _detection(tmp_path, FRAME, EVERYWHERE, [], [], [], votes)
-    (counted,) = tally_votes(detection, FRAME, SETTINGS)
+    (counted,) = count_votes(detection, FRAME, SETTINGS)
     weights = np.linspace(1.0, 2.0, 10)
-    assert counted == VoteTally(
+    assert counted == VoteCounts(
         1, 10, 5, pytest.approx(15.0), pytest.approx(weights[:5].sum()), 6, 4
     )

@@ -4,15 +4,21 @@ Johnson, Douze & Jégou 2019; 4-bit product codes compared in registers as in An
 """
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import faiss
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32, Int64, UInt8
 
+from hlp.codebook.neighbours import ExactNeighbours
+from hlp.compiled import compiled
+from hlp.errors import ConfigError, DataError
 from hlp.records import Matches
+from hlp.thread_team import ThreadTeam
 
 FEWEST = 4096
 """Codebooks of fewer entries are searched exactly: there is nothing to gain."""
+_FILE = "lists.npz"
 _NUMBERS_PER_CODE = 4  # of a feature, behind each 4-bit code
 
 
@@ -33,57 +39,151 @@ class InvertedListsSettings:
 
 
 class InvertedLists:
-    """FAISS's IVF-PQ with re-ranking. The same features and seed give the same lists."""
+    """FAISS's IVF-PQ, its best candidates compared by their whole features.
+
+    The same features and seed give the same lists. `trained` are those of an earlier object of the
+    same features, settings and seed (`trained` of it), so that they need not be learnt again.
+    """
 
     def __init__(
-        self, features: Float[np.ndarray, "m d"], settings: InvertedListsSettings, seed: int
+        self,
+        features: Float[np.ndarray, "m d"],
+        settings: InvertedListsSettings,
+        seed: int,
+        trained: UInt8[np.ndarray, "bytes"] | None = None,
     ) -> None:
-        single = np.ascontiguousarray(features, dtype=np.float32)
+        self.features = np.ascontiguousarray(features, dtype=np.float32)
         self.settings = settings
-        self.neighbours = min(settings.neighbours, len(single))
-        faiss.omp_set_num_threads(1)  # how sums are shared out would decide where lists lie
-        self.index = _index(single, settings, seed) if len(single) >= FEWEST else _flat(single)
+        self.neighbours = min(settings.neighbours, len(self.features))
+        self._team = ThreadTeam(settings.threads)
+        self._lists: faiss.Index | None = None
+        if len(self.features) >= FEWEST:
+            check_dimension(self.features.shape[1])
+            if trained is None:
+                self._lists = _train(self.features, settings, seed)
+            else:
+                self._lists = _restore(trained, self.features, settings)
+            self._lists.nprobe = settings.probes  # type: ignore[attr-defined]
+
+    @property
+    def trained(self) -> UInt8[np.ndarray, "bytes"]:
+        """The lists as bytes to be stored; empty where the codebook is searched exactly."""
+        if self._lists is None:
+            return np.zeros(0, dtype=np.uint8)
+        return np.asarray(faiss.serialize_index(self._lists))
 
     def search(self, queries: Float[np.ndarray, "n d"]) -> Matches:
         """The k approximately nearest features of each query, nearest first.
 
         Distances are exact. Where the lists held fewer entries, the rest are infinitely far.
         """
-        if len(queries) == 0:
-            empty = np.zeros((0, self.neighbours))
-            return Matches(empty.astype(np.int64), empty.astype(np.float32))
-        faiss.omp_set_num_threads(self.settings.threads)
         single = np.ascontiguousarray(queries, dtype=np.float32)
-        squared, indices = self.index.search(single, self.neighbours)
-        distances = np.sqrt(np.maximum(squared, 0.0))
-        distances[indices < 0] = np.inf
-        return Matches(np.maximum(indices, 0), distances)
+        if self._lists is None:
+            return ExactNeighbours(self.features, self.neighbours).search(single)
+        indices = np.zeros((len(single), self.neighbours), dtype=np.int64)
+        squared = np.full(indices.shape, np.inf, dtype=np.float32)
+        if len(single):
+            faiss.omp_set_num_threads(self.settings.threads)
+            wanted = self.neighbours * self.settings.candidates
+            _, candidates = self._lists.search(single, wanted)
+
+            def compare(first: int, last: int) -> None:
+                rows = slice(first, last)
+                _nearest(
+                    self.features, single[rows], candidates[rows], indices[rows], squared[rows]
+                )
+
+            self._team.map_ranges(compare, len(single))
+        return Matches(indices, np.sqrt(squared))
 
 
-def _index(
-    features: Float[np.ndarray, "m d"], settings: InvertedListsSettings, seed: int
-) -> faiss.IndexRefineFlat:
-    """Raises ValueError where features do not divide into codes."""
-    dimension = features.shape[1]
+def save_lists(folder: Path, searched: InvertedLists, seed: int) -> None:
+    """Write the trained lists beside a codebook."""
+    np.savez(folder / _FILE, trained=searched.trained, lists=searched.settings.lists, seed=seed)
+
+
+def load_lists(
+    folder: Path, settings: InvertedListsSettings, seed: int
+) -> UInt8[np.ndarray, "bytes"] | None:
+    """What `save_lists` wrote; None where there is nothing, or it is for other settings."""
+    if not (folder / _FILE).is_file():
+        return None
+    with np.load(folder / _FILE) as stored:
+        if (int(stored["lists"]), int(stored["seed"])) != (settings.lists, seed):
+            return None
+        trained = stored["trained"]
+    return trained if trained.size else None
+
+
+def check_dimension(dimension: int) -> None:
+    """Raises ConfigError where features of so many numbers do not divide into short codes."""
     if dimension % _NUMBERS_PER_CODE:
-        raise ValueError(
+        raise ConfigError(
             f"encoder.dimension is {dimension}: codebook=inverted_lists takes multiples of "
             f"{_NUMBERS_PER_CODE}"
         )
+
+
+def _train(
+    features: Float[np.ndarray, "m d"], settings: InvertedListsSettings, seed: int
+) -> faiss.IndexIVFPQFastScan:
+    faiss.omp_set_num_threads(1)  # how sums are shared out would decide where lists lie
+    dimension = features.shape[1]
     coarse = faiss.IndexFlatL2(dimension)
-    short = faiss.IndexIVFPQFastScan(
+    lists = faiss.IndexIVFPQFastScan(
         coarse, dimension, settings.lists, dimension // _NUMBERS_PER_CODE, 4
     )
-    short.cp.seed = short.pq.cp.seed = seed
-    short.nprobe = settings.probes
-    index = faiss.IndexRefineFlat(short)
-    index.k_factor = settings.candidates
-    index.train(features)
-    index.add(features)
-    return index
+    lists.cp.seed = lists.pq.cp.seed = seed
+    lists.train(features)
+    lists.add(features)
+    return lists
 
 
-def _flat(features: Float[np.ndarray, "m d"]) -> faiss.IndexFlatL2:
-    index = faiss.IndexFlatL2(features.shape[1])
-    index.add(features)
-    return index
+def _restore(
+    trained: UInt8[np.ndarray, "bytes"],
+    features: Float[np.ndarray, "m d"],
+    settings: InvertedListsSettings,
+) -> faiss.Index:
+    """Raises DataError where the bytes are not the lists of these features and settings."""
+    try:
+        lists = faiss.deserialize_index(trained)
+    except RuntimeError as error:
+        raise DataError(f"the stored lists of a codebook are damaged ({error})") from error
+    found = (type(lists), lists.d, lists.ntotal, getattr(lists, "nlist", None))
+    expected = (faiss.IndexIVFPQFastScan, features.shape[1], len(features), settings.lists)
+    if found != expected:
+        raise DataError("the stored lists of a codebook are those of other features or settings")
+    return lists
+
+
+@compiled()
+def _nearest(
+    features: Float32[np.ndarray, "m d"],
+    queries: Float32[np.ndarray, "n d"],
+    candidates: Int64[np.ndarray, "n c"],
+    indices: Int64[np.ndarray, "n k"],
+    squared: Float32[np.ndarray, "n k"],
+) -> None:
+    """The nearest of each query's candidates by their whole features; -1 is none."""
+    for i in range(len(queries)):
+        for candidate in candidates[i]:
+            if candidate < 0:
+                continue
+            distance = _squared_distance(queries[i], features[candidate])
+            place = squared.shape[1]
+            while place > 0 and distance < squared[i, place - 1]:
+                place -= 1
+                if place + 1 < squared.shape[1]:
+                    squared[i, place + 1] = squared[i, place]
+                    indices[i, place + 1] = indices[i, place]
+            if place < squared.shape[1]:
+                squared[i, place] = distance
+                indices[i, place] = candidate
+
+
+@compiled(fastmath={"reassoc"})
+def _squared_distance(a: Float32[np.ndarray, "d"], b: Float32[np.ndarray, "d"]) -> np.float32:
+    total = np.float32(0)
+    for c in range(len(a)):
+        total += (a[c] - b[c]) * (a[c] - b[c])
+    return total

@@ -5,8 +5,7 @@ from typing import Protocol
 
 import cv2
 import numpy as np
-import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from hlp.records import Matches
 
@@ -42,21 +41,26 @@ class ExactNeighbours:
     """All distances, by one matrix product per block of queries."""
 
     def __init__(self, features: Float[np.ndarray, "m d"], neighbours: int) -> None:
-        self.features = _single(features)
-        self.squares = (self.features**2).sum(dim=1)
+        self.features = np.ascontiguousarray(features, dtype=np.float32)
+        self.squares = np.einsum("md,md->m", self.features, self.features)
         self.neighbours = min(neighbours, len(features))
 
     def search(self, queries: Float[np.ndarray, "n d"]) -> Matches:
         """The k nearest features of each query, nearest first."""
-        indices, distances = [], []
-        for block in torch.split(_single(queries), _ROWS):
+        single = np.ascontiguousarray(queries, dtype=np.float32)
+        indices = np.empty((len(single), self.neighbours), dtype=np.int64)
+        distances = np.empty(indices.shape, dtype=np.float32)
+        for start in range(0, len(single), _ROWS):
+            block, rows = single[start : start + _ROWS], slice(start, start + _ROWS)
             # |q − f|² = |q|² + |f|² − 2 q·f; |q|² does not change the order.
-            partial = torch.addmm(self.squares, block, self.features.T, alpha=-2.0)
-            least, rows = partial.topk(self.neighbours, dim=1, largest=False)
-            squared = least + (block**2).sum(dim=1, keepdim=True)
-            indices.append(rows)
-            distances.append(squared.clamp(min=0.0).sqrt())
-        return Matches(torch.cat(indices).numpy(), torch.cat(distances).numpy())
+            partial = block @ self.features.T
+            partial *= np.float32(-2.0)
+            partial += self.squares
+            indices[rows] = _least(partial, self.neighbours)
+            least = np.take_along_axis(partial, indices[rows], axis=1)
+            squared = least + np.einsum("nd,nd->n", block, block)[:, None]
+            distances[rows] = np.sqrt(np.maximum(squared, 0.0))
+        return Matches(indices, distances)
 
 
 class KdForest:
@@ -90,5 +94,11 @@ class KdForest:
         return Matches(indices.astype(np.int64), np.sqrt(np.maximum(squared, 0.0)))
 
 
-def _single(features: Float[np.ndarray, "n d"]) -> torch.Tensor:
-    return torch.from_numpy(np.ascontiguousarray(features, dtype=np.float32))
+def _least(values: Float[np.ndarray, "n m"], count: int) -> Int[np.ndarray, "n k"]:
+    """Columns of the `count` least values of each row, the least first."""
+    if count < values.shape[1]:
+        found = np.argpartition(values, count - 1, axis=1)[:, :count]
+    else:
+        found = np.broadcast_to(np.arange(count), values.shape)
+    order = np.argsort(np.take_along_axis(values, found, axis=1), axis=1, kind="stable")
+    return np.asarray(np.take_along_axis(found, order, axis=1))

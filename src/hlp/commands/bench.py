@@ -18,13 +18,13 @@ def command(arguments: Sequence[str]) -> None:
     if not saved:
         run.command(["task=bench", *overrides], "bench")
         return
-    from hlp.reporting.bench_table import compare
+    from hlp.reporting.tables.bench_table import compare_benches
 
     try:
         if overrides:
             raise ValueError(f"compare={saved[-1]} measures nothing: leave {overrides[0]} out")
         before, after = _files(saved[-1])
-        print(compare(before, after))
+        print(compare_benches(before, after))
     except (ValueError, OSError) as error:
         composing.fail(error)
 

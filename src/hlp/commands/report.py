@@ -21,9 +21,9 @@ def command(arguments: Sequence[str]) -> None:
         print(REPORT_HELP)
         return
     from hlp.reporting.comparison import compare
+    from hlp.reporting.report import report_runs
     from hlp.reporting.reproductions import describe_reproductions
     from hlp.reporting.selection import report_selection
-    from hlp.reporting.tables import report
 
     layout = given.get("format", "text")
     folder = Path(given.get("output") or Path("outputs", given.get("experiment", "")))
@@ -33,7 +33,7 @@ def command(arguments: Sequence[str]) -> None:
         elif "objects" in given:
             print(report_selection(folder, given["objects"], layout))
         else:
-            print(report(folder, layout))
+            print(report_runs(folder, layout))
             print(describe_reproductions(folder, layout))
     except (ValueError, OSError) as error:
         composing.fail(error)
@@ -44,7 +44,7 @@ usage: hlp report [experiment=NAME] [output=DIR] [format=text|markdown]
        hlp report 'objects=[A,B,…]' [output=DIR]
        hlp report 'runs=[A,B]' [uri=MLFLOW]
 
-Tables of finished runs, with the paper's figures beside ours for LINEMOD's objects:
+Tables of finished runs, with the paper's numbers beside ours for LINEMOD's objects:
 those below outputs/, of one experiment (outputs/NAME), or below any other folder (output=DIR).
 Of fig9a, fig9b, fig9c, table1, table2 and pso_vs_icp, the paper's figure or table is written into
 each sweep's or run's folder: PNG and SVG, Markdown, CSV and LaTeX.
@@ -52,5 +52,5 @@ each sweep's or run's folder: PNG and SVG, Markdown, CSV and LaTeX.
 objects=[A,B,…] gives the recall of these objects alone, of all targets and by visible fraction.
 
 runs=[A,B] compares two runs target by target: the difference of their recalls with its interval,
-McNemar's test, and which targets flipped. Each is an output folder, or a run's id in MLflow
-(uri=sqlite:///work/mlflow.db)."""
+McNemar's test, and the targets whose verdict changed. Each is an output folder, or a run's id in
+MLflow (uri=sqlite:///work/mlflow.db)."""

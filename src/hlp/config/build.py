@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, get_type_hints
 
-import torch
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import InterpolationToMissingValueError, MissingMandatoryValue
 from pydantic import TypeAdapter, ValidationError
 
-from hlp.codebook.inverted_lists import InvertedListsSettings
+from hlp.codebook.inverted_lists import InvertedListsSettings, check_dimension
 from hlp.codebook.neighbours import ExactSettings, KdForestSettings
 from hlp.config.ranges import check_ranges
 from hlp.config.settings import (
@@ -34,6 +33,7 @@ from hlp.models import classifier, encoder
 from hlp.models.autoencoder import AutoencoderSettings
 from hlp.models.classifier import ClassifierSettings
 from hlp.models.contrastive import ContrastiveSettings
+from hlp.models.network import require_device
 from hlp.models.pca import PcaSettings
 from hlp.refinement.icp import IcpSettings
 from hlp.refinement.none import NoneSettings
@@ -107,9 +107,9 @@ def build_run(config: DictConfig) -> Run:
     settings = build_settings(config)
     check_ranges(settings)
     _check_patch_sizes(settings)
+    _check_feature_size(settings)
     require(settings.executor)
-    if settings.machine.device == "cuda" and not torch.cuda.is_available():
-        raise ValueError("machine.device is cuda: torch sees no such GPU here; set it to cpu")
+    require_device(settings.machine.device)
     dataset = build_dataset(settings.data)
     if isinstance(settings.encoder, AutoencoderSettings):
         dataset.require_encoder_frames()
@@ -131,6 +131,7 @@ def with_changes(run: Run, changes: Mapping[str, Any]) -> RunSettings:
     settings = build_settings(OmegaConf.create(_changed(run.config, changes)))
     check_ranges(settings)
     _check_patch_sizes(settings)
+    _check_feature_size(settings)
     return settings
 
 
@@ -215,6 +216,14 @@ def _check_patch_sizes(settings: RunSettings) -> None:
     ):
         if given != taken:
             raise ValueError(f"{key} is {given}: the networks take {taken}")
+
+
+def _check_feature_size(settings: RunSettings) -> None:
+    """What the search refuses is refused before anything is trained."""
+    if isinstance(settings.codebook, InvertedListsSettings):
+        encoder = settings.encoder
+        most = 3 * encoder.cells**2 if isinstance(encoder, PcaSettings) else encoder.dimension
+        check_dimension(min(encoder.dimension, most))
 
 
 def evenly(keys: tuple[str, ...], count: int) -> tuple[str, ...]:

@@ -13,11 +13,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hlp.data.images import camera_matrix, find_image, read_depth, read_json, read_rgb, same_size
+from hlp.data.images import camera_matrix, find_image, read_depth, read_rgb, same_size
 from hlp.data.sources import content_hash
+from hlp.errors import DataError, MissingFileError
+from hlp.files import read_json
 from hlp.geometry import nearest_rotation, rigid
 from hlp.objects.object_model import ObjectSettings
-from hlp.records import MILLIMETRE, Frame, Target
+from hlp.records import MILLIMETRE, Frame, Target, frame_key, parse_frame_key
 
 _SCENE_FILES = ("scene_camera.json", "scene_gt.json", "scene_gt_info.json")
 # Rotations in files are rounded; a matrix that differs more from a rotation is an error.
@@ -58,7 +60,7 @@ def list_targets(root: Path, split: str, targets_file: str | None) -> dict[Frame
             wanted = targets.setdefault(frame, {})
             wanted[int(row["obj_id"])] = int(row.get("inst_count", 1))
     except (KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f"{path} is no BOP targets file: {error!r}") from error
+        raise DataError(f"{path} is no BOP targets file: {error!r}") from error
     return targets
 
 
@@ -102,7 +104,7 @@ class BopFrames:
             if kept:
                 chosen[frame] = kept
         if not chosen:
-            raise ValueError(
+            raise DataError(
                 f"{self._root / (self._targets_file or self._split)} lists no target of the objects"
                 f" {sorted(self._object_ids or ())}: check data.targets and data.objects"
             )
@@ -111,18 +113,17 @@ class BopFrames:
     @cached_property
     def keys(self) -> tuple[str, ...]:
         """Frame keys, e.g. `000006_000012`, in order of scene and frame."""
-        return tuple(f"{scene:06d}_{frame:06d}" for scene, frame in self.targets)
+        return tuple(frame_key(*ids) for ids in self.targets)
 
     def __len__(self) -> int:
         return len(self.targets)
 
     def load(self, key: str) -> Frame:
         """Decode one frame; raises KeyError for an unknown key and what `load_frame` raises."""
-        scene, _, frame = key.partition("_")
-        frame_id = (int(scene), int(frame)) if scene.isdigit() and frame.isdigit() else None
-        if frame_id is None or frame_id not in self.targets:
+        if key not in self.keys:
             raise KeyError(f"no frame {key!r} with targets under {self._root / self._split}")
-        return self._load(*frame_id, self.targets[frame_id])
+        scene_id, frame_id = parse_frame_key(key)
+        return self._load(scene_id, frame_id, self.targets[scene_id, frame_id])
 
     def identity(self) -> str:
         """Hash of images, cameras, poses and the list of targets."""
@@ -174,7 +175,7 @@ class BopFrames:
         cameras, truths, infos = self._scene(scene_id)
         key = str(frame_id)
         if key not in cameras or "cam_K" not in cameras[key]:
-            raise ValueError(f"{folder / 'scene_camera.json'} has no cam_K for frame {frame_id}")
+            raise DataError(f"{folder / 'scene_camera.json'} has no cam_K for frame {frame_id}")
         rgb_path = find_image(folder / "rgb", f"{frame_id:06d}")
         rgb = read_rgb(rgb_path)
         scale = float(cameras[key].get("depth_scale", 1.0))
@@ -188,7 +189,7 @@ class BopFrames:
 
 def _annotated(split: Path) -> dict[FrameId, dict[int, int]]:
     if not split.is_dir():
-        raise FileNotFoundError(f"no folder {split}: check data.root and data.split")
+        raise MissingFileError(f"no folder {split}: check data.root and data.split")
     counts: dict[FrameId, dict[int, int]] = {}
     for folder in sorted(path for path in split.iterdir() if path.name.isdigit()):
         for frame, entries in read_json(folder / "scene_gt.json").items():
@@ -213,12 +214,12 @@ def _pose(entry: dict[str, Any], where: str) -> Float[np.ndarray, "4 4"]:
         rotation = np.array(entry["cam_R_m2c"], dtype=np.float64).reshape(3, 3)
         translation = np.array(entry["cam_t_m2c"], dtype=np.float64).reshape(3) * MILLIMETRE
     except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{where}: no pose of 9 and 3 numbers ({error!r})") from error
+        raise DataError(f"{where}: no pose of 9 and 3 numbers ({error!r})") from error
     if not (np.isfinite(rotation).all() and np.isfinite(translation).all()):
-        raise ValueError(f"{where}: the pose holds NaN or infinity: mend or leave out the entry")
+        raise DataError(f"{where}: the pose holds NaN or infinity: mend or leave out the entry")
     nearest = nearest_rotation(rotation)
     if np.abs(nearest - rotation).max() > _ROUNDING:
-        raise ValueError(f"{where}: cam_R_m2c is no rotation (row-major, right-handed)")
+        raise DataError(f"{where}: cam_R_m2c is no rotation (row-major, right-handed)")
     return np.asarray(rigid(nearest, translation))
 
 
@@ -231,7 +232,7 @@ def _choose(
     for object_id, count in wanted.items():
         instances = [target for target in annotated if target.object_id == object_id]
         if len(instances) < count:
-            raise ValueError(
+            raise DataError(
                 f"{where}: {count} of object {object_id} should be found, {len(instances)} have a"
                 f" pose: drop it from the targets or add its pose"
             )

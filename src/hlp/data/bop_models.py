@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from hlp.data.images import read_json
+from hlp.errors import ConfigError, DataError, MissingFileError
+from hlp.files import read_json
 from hlp.geometry import nearest_rotation, rigid
 from hlp.objects.object_model import ObjectSettings, build_object_model, check_unique
 from hlp.records import MILLIMETRE, ObjectModel
@@ -48,7 +49,7 @@ def symmetry_motions(info: dict[str, Any], steps: int) -> Float[np.ndarray, "n 4
     ValueError if `steps` < 1.
     """
     if steps < 1:
-        raise ValueError(f"symmetry_steps must be at least 1, not {steps}")
+        raise ConfigError(f"symmetry_steps must be at least 1, not {steps}")
     discrete = [np.eye(4)]
     for values in info.get("symmetries_discrete", []):
         motion = np.asarray(values, dtype=np.float64).reshape(4, 4)
@@ -69,7 +70,7 @@ def _mesh_path(root: Path, name: str, object_id: int) -> Path:
     for path in tried:
         if path.is_file():
             return path
-    raise FileNotFoundError(
+    raise MissingFileError(
         f"no mesh of object {object_id} ({name}), tried "
         f"{' and '.join(str(path) for path in tried)}: check data.root, or drop it with "
         f"~data.objects.{name}"
@@ -82,5 +83,5 @@ def _model_info(folder: Path, object_id: int) -> dict[str, Any]:
         return {}
     info: dict[str, Any] = read_json(path).get(str(object_id), {})
     if "diameter" in info and not 0 < float(info["diameter"]) < float("inf"):
-        raise ValueError(f"{path}: diameter {info['diameter']} of object {object_id}")
+        raise DataError(f"{path}: diameter {info['diameter']} of object {object_id}")
     return info

@@ -1,6 +1,5 @@
 """Colour and depth images and camera files, read with checks; errors name the file."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +7,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from hlp.errors import DataError, MissingFileError
 from hlp.records import MILLIMETRES_PER_METRE
 
 _SATURATED = 65535  # 7-Scenes and others write this for missing depth
@@ -16,11 +16,11 @@ EXTENSIONS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 
 def _decode(path: Path, flags: int) -> np.ndarray[Any, Any]:
     if not path.is_file():
-        raise FileNotFoundError(f"no image {path}")
+        raise MissingFileError(f"no image {path}")
     encoded = np.frombuffer(path.read_bytes(), np.uint8)
     image = cv2.imdecode(encoded, flags) if len(encoded) else None
     if image is None:
-        raise ValueError(f"{path} is truncated or no image: copy or download it again")
+        raise DataError(f"{path} is truncated or no image: copy or download it again")
     return np.asarray(image)
 
 
@@ -41,7 +41,7 @@ def read_depth(path: Path, millimetres: float) -> Float[np.ndarray, "h w"]:
     """
     raw = _decode(path, cv2.IMREAD_UNCHANGED)
     if raw.dtype != np.uint16 or raw.ndim != 2:
-        raise ValueError(
+        raise DataError(
             f"{path} holds {raw.dtype} {raw.shape}: depth must be a 16-bit PNG of one channel"
         )
     return depth_metres(raw, millimetres, path)
@@ -54,14 +54,14 @@ def depth_metres(
     unit = np.float32(millimetres / MILLIMETRES_PER_METRE)
     metres = np.where(raw == _SATURATED, 0, raw).astype(np.float32) * unit
     if not metres.any():
-        raise ValueError(f"{path} has no depth at any pixel: check the sensor or leave it out")
+        raise DataError(f"{path} has no depth at any pixel: check the sensor or leave it out")
     return np.asarray(metres)
 
 
 def same_size(rgb_path: Path, rgb: np.ndarray[Any, Any], depth: np.ndarray[Any, Any]) -> None:
     """Raise ValueError unless colour and depth of a frame have the same size."""
     if rgb.shape[:2] != depth.shape:
-        raise ValueError(
+        raise DataError(
             f"{rgb_path} is {rgb.shape[1]}x{rgb.shape[0]} but its depth image is "
             f"{depth.shape[1]}x{depth.shape[0]}: register depth to colour first"
         )
@@ -72,17 +72,7 @@ def find_image(folder: Path, stem: str) -> Path:
     for extension in EXTENSIONS:
         if (path := folder / f"{stem}{extension}").is_file():
             return path
-    raise FileNotFoundError(f"no image {folder / stem}.png (nor .jpg): is the data set complete?")
-
-
-def read_json(path: Path) -> Any:
-    """Parsed JSON. Raises FileNotFoundError, or ValueError that names a file it cannot parse."""
-    if not path.is_file():
-        raise FileNotFoundError(f"no {path}: is the data set complete and its root right?")
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise ValueError(f"{path} is no valid JSON ({error}): copy or download it again") from error
+    raise MissingFileError(f"no image {folder / stem}.png (nor .jpg): is the data set complete?")
 
 
 def camera_matrix(values: Any, path: Path) -> Float[np.ndarray, "3 3"]:
@@ -90,9 +80,7 @@ def camera_matrix(values: Any, path: Path) -> Float[np.ndarray, "3 3"]:
     try:
         matrix = np.asarray(values, dtype=np.float64).reshape(3, 3)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{path}: cam_K must hold 9 numbers, not {values!r}") from error
+        raise DataError(f"{path}: cam_K must hold 9 numbers, not {values!r}") from error
     if not np.isfinite(matrix).all() or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
-        raise ValueError(
-            f"{path}: cam_K {values!r} needs finite numbers and positive focal lengths"
-        )
+        raise DataError(f"{path}: cam_K {values!r} needs finite numbers and positive focal lengths")
     return matrix

@@ -15,9 +15,10 @@ from jaxtyping import Float, UInt16
 
 from hlp.data.images import camera_matrix, depth_metres, read_rgb, same_size
 from hlp.data.sources import content_hash
+from hlp.errors import DataError, MissingFileError
 from hlp.geometry import nearest_rotation, rigid
 from hlp.objects.object_model import ObjectSettings, build_object_model, check_unique
-from hlp.records import Frame, ObjectModel, Target
+from hlp.records import Frame, ObjectModel, Target, frame_key
 
 _CENTIMETRE = 1e-2  # m
 _HEADER_BYTES = 8
@@ -44,11 +45,11 @@ def read_dpt(path: Path) -> UInt16[np.ndarray, "h w"]:
     Raises FileNotFoundError, and ValueError if the length does not match the header.
     """
     if not path.is_file():
-        raise FileNotFoundError(f"no depth {path}")
+        raise MissingFileError(f"no depth {path}")
     content = path.read_bytes()
     rows, columns = np.frombuffer(content[:_HEADER_BYTES].ljust(_HEADER_BYTES, b"\0"), "<i4")
     if rows < 1 or columns < 1 or len(content) != _HEADER_BYTES + 2 * int(rows) * int(columns):
-        raise ValueError(f"{path} is truncated or no .dpt file: copy or download it again")
+        raise DataError(f"{path} is truncated or no .dpt file: copy or download it again")
     return np.frombuffer(content, "<u2", offset=_HEADER_BYTES).reshape(rows, columns)
 
 
@@ -58,14 +59,14 @@ def read_matrix(path: Path, count: int) -> Float[np.ndarray, "n"]:
     Raises FileNotFoundError, and ValueError for another number of values, NaN or infinity.
     """
     if not path.is_file():
-        raise FileNotFoundError(f"no pose {path}")
+        raise MissingFileError(f"no pose {path}")
     words = " ".join(path.read_text(encoding="utf-8").splitlines()[1:]).split()
     try:
         values = np.array([float(word) for word in words])
     except ValueError as error:
-        raise ValueError(f"{path} holds something that is no number ({error})") from error
+        raise DataError(f"{path} holds something that is no number ({error})") from error
     if len(values) != count or not np.isfinite(values).all():
-        raise ValueError(f"{path} must hold a header line and {count} finite numbers")
+        raise DataError(f"{path} must hold a header line and {count} finite numbers")
     return values
 
 
@@ -105,9 +106,9 @@ class LinemodFrames:
             folder = self._folder(object_id)
             numbers = [path.stem.removeprefix("color") for path in folder.glob("color*.jpg")]
             for number in sorted(int(text) for text in numbers if text.isdigit()):
-                frames[f"{object_id:06d}_{number:06d}"] = (object_id, number)
+                frames[frame_key(object_id, number)] = (object_id, number)
         if not frames:
-            raise FileNotFoundError(
+            raise MissingFileError(
                 f"no OBJ/data/color*.jpg under {self._root} for the objects"
                 f" {', '.join(self._names.values())}: check data.root"
             )

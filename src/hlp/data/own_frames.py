@@ -14,13 +14,14 @@ from hlp.data.images import (
     camera_matrix,
     find_image,
     read_depth,
-    read_json,
     read_rgb,
     same_size,
 )
 from hlp.data.sources import content_hash
+from hlp.errors import InputError, MissingFileError
+from hlp.files import read_json
 from hlp.objects.object_model import ObjectSettings, build_object_model
-from hlp.records import Frame, ObjectModel
+from hlp.records import Frame, ObjectModel, frame_key, parse_frame_key
 
 OBJECT_ID = 1
 _SCENE_ID = 0
@@ -52,9 +53,9 @@ def load_object_model(settings: FilesSettings) -> ObjectModel:
     try:
         return build_object_model(path.stem, sizes, path, settings.mesh_scale, settings.proxy_faces)
     except FileNotFoundError as error:
-        raise FileNotFoundError(f"model is no file: {path} (set model=FILE)") from error
+        raise MissingFileError(f"model is no file: {path} (set model=FILE)") from error
     except ValueError as error:
-        raise ValueError(f"model: {error}; the unit is mesh_scale") from error
+        raise InputError(f"model: {error}; the unit is mesh_scale") from error
 
 
 def read_intrinsics(given: str | list[float]) -> tuple[Float[np.ndarray, "3 3"], float]:
@@ -68,7 +69,7 @@ def read_intrinsics(given: str | list[float]) -> tuple[Float[np.ndarray, "3 3"],
         return _matrix(given, "intrinsics"), 1.0
     path = Path(given)
     if not path.is_file():
-        raise FileNotFoundError(
+        raise MissingFileError(
             f"intrinsics is no file: {path} (set intrinsics=FILE.json or intrinsics=[fx,fy,cx,cy])"
         )
     camera = read_json(path)
@@ -78,10 +79,10 @@ def read_intrinsics(given: str | list[float]) -> tuple[Float[np.ndarray, "3 3"],
     elif isinstance(camera, dict) and {"fx", "fy", "cx", "cy"} <= camera.keys():
         values = [camera[key] for key in ("fx", "fy", "cx", "cy")]
     else:
-        raise ValueError(f"{where}: no cam_K (nine numbers), nor fx, fy, cx and cy")
+        raise InputError(f"{where}: no cam_K (nine numbers), nor fx, fy, cx and cy")
     scale = camera.get("depth_scale", 1.0)
     if not isinstance(scale, int | float):
-        raise ValueError(f"{where}: depth_scale must be a number, not {scale!r}")
+        raise InputError(f"{where}: depth_scale must be a number, not {scale!r}")
     return _matrix(values, where), float(scale)
 
 
@@ -90,10 +91,10 @@ def _matrix(values: Any, where: str) -> Float[np.ndarray, "3 3"]:
     if len(flat) == 4:
         flat = [flat[0], 0.0, flat[2], 0.0, flat[1], flat[3], 0.0, 0.0, 1.0]
     if len(flat) != 9:
-        raise ValueError(f"{where}: {values!r} is neither nine numbers of K nor [fx,fy,cx,cy]")
+        raise InputError(f"{where}: {values!r} is neither nine numbers of K nor [fx,fy,cx,cy]")
     matrix = camera_matrix(flat, Path(where))
     if not np.array_equal(matrix[[1, 2, 2, 2], [0, 0, 1, 2]], [0.0, 0.0, 0.0, 1.0]):
-        raise ValueError(f"{where}: {flat} is no camera matrix, row by row: fx 0 cx 0 fy cy 0 0 1")
+        raise InputError(f"{where}: {flat} is no camera matrix, row by row: fx 0 cx 0 fy cy 0 0 1")
     return matrix
 
 
@@ -115,38 +116,38 @@ class OwnFrames:
         matrix, stated = read_intrinsics(self._intrinsics)
         scale = stated if self._depth_scale is None else self._depth_scale
         if not 0 < scale < float("inf"):
-            raise ValueError(f"depth_scale is {scale}: it must be mm per unit of the depth images")
+            raise InputError(f"depth_scale is {scale}: it must be mm per unit of the depth images")
         return matrix, scale
 
     @cached_property
     def _paths(self) -> dict[str, tuple[Path, Path]]:
         for key, path in (("rgb", self._rgb), ("depth", self._depth)):
             if not path.exists():
-                raise FileNotFoundError(
+                raise MissingFileError(
                     f"{key} is no image and no folder: {path} (set {key}=IMAGE or {key}=FOLDER)"
                 )
         images = [self._rgb]
         if self._rgb.is_dir():
             images = sorted(p for p in self._rgb.iterdir() if p.suffix.lower() in EXTENSIONS)
         if not images:
-            raise FileNotFoundError(f"rgb: no image in {self._rgb}")
+            raise MissingFileError(f"rgb: no image in {self._rgb}")
         for first, second in pairwise(images):
             if first.stem == second.stem:
-                raise ValueError(f"rgb: {first} and {second} have one name: remove one of them")
+                raise InputError(f"rgb: {first} and {second} have one name: remove one of them")
         return {
-            f"{_SCENE_ID:06d}_{number:06d}": (path, self._partner(path))
+            frame_key(_SCENE_ID, number): (path, self._partner(path))
             for number, path in enumerate(images)
         }
 
     def _partner(self, image: Path) -> Path:
         if not self._depth.is_dir():
             if self._rgb.is_dir():
-                raise ValueError("depth is one image and rgb is a folder: give two of a kind")
+                raise InputError("depth is one image and rgb is a folder: give two of a kind")
             return self._depth
         try:
             return find_image(self._depth, image.stem)
         except FileNotFoundError as error:
-            raise FileNotFoundError(
+            raise MissingFileError(
                 f"depth: {self._depth} has no {image.stem}.png for the rgb image {image}"
             ) from error
 
@@ -173,11 +174,11 @@ class OwnFrames:
         same_size(color, rgb, depth)
         height, width = depth.shape
         if not (0 <= matrix[0, 2] < width and 0 <= matrix[1, 2] < height):
-            raise ValueError(
+            raise InputError(
                 f"intrinsics: the principal point ({matrix[0, 2]:g}, {matrix[1, 2]:g}) lies outside"
                 f" {color} ({width}x{height}): they belong to images of another size"
             )
-        return Frame(_SCENE_ID, int(key.split("_")[1]), rgb, depth, matrix)
+        return Frame(*parse_frame_key(key), rgb, depth, matrix)
 
     def identity(self) -> str:
         """Hash of images and intrinsics."""

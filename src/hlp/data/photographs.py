@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from hlp.data.images import EXTENSIONS, read_rgb
+from hlp.errors import DataError, MissingFileError
 
 Image = UInt8[np.ndarray, "h w 3"]
 
@@ -18,11 +19,11 @@ def list_photographs(folder: Path) -> tuple[Path, ...]:
     Raises FileNotFoundError if there is no such folder or no image in it.
     """
     if not folder.is_dir():
-        raise FileNotFoundError(f"no folder of photographs {folder}: check data.photographs")
+        raise MissingFileError(f"no folder of photographs {folder}: check data.photographs")
     found = sorted(path for path in folder.rglob("*") if path.suffix.lower() in EXTENSIONS)
     voc = [path for path in found if path.parent.name == "JPEGImages"]
     if not found:
-        raise FileNotFoundError(f"no photograph (jpg, png) in {folder}: check data.photographs")
+        raise MissingFileError(f"no photograph (jpg, png) in {folder}: check data.photographs")
     return tuple(voc or found)
 
 
@@ -47,7 +48,7 @@ def random_crops(
     there is no image.
     """
     if not images:
-        raise ValueError("no photograph to crop backgrounds from")
+        raise DataError("no photograph to crop backgrounds from")
     crops = np.empty((count, size, size, 3), np.uint8)
     for crop in crops:
         image = images[int(rng.integers(len(images)))]

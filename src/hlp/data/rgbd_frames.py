@@ -8,12 +8,13 @@ from hlp.data.images import (
     camera_matrix,
     find_image,
     read_depth,
-    read_json,
     read_rgb,
     same_size,
 )
 from hlp.data.sources import content_hash
-from hlp.records import Frame
+from hlp.errors import MissingFileError
+from hlp.files import read_json
+from hlp.records import Frame, frame_key, parse_frame_key
 
 
 class RgbdFrames:
@@ -31,12 +32,12 @@ class RgbdFrames:
     def _paths(self) -> dict[str, tuple[Path, Path]]:
         color, depth = self._root / "rgb", self._root / "depth"
         if not color.is_dir() or not depth.is_dir():
-            raise FileNotFoundError(f"{self._root} has no folders rgb and depth: check the path")
+            raise MissingFileError(f"{self._root} has no folders rgb and depth: check the path")
         images = sorted(p for p in color.iterdir() if p.suffix.lower() in EXTENSIONS)
         if not images:
-            raise FileNotFoundError(f"no image in {color}")
+            raise MissingFileError(f"no image in {color}")
         return {
-            f"{self._scene_id:06d}_{number:06d}": (path, find_image(depth, path.stem))
+            frame_key(self._scene_id, number): (path, find_image(depth, path.stem))
             for number, path in enumerate(images)
         }
 
@@ -59,7 +60,7 @@ class RgbdFrames:
         rgb = read_rgb(color)
         depth = read_depth(depth_path, float(camera.get("depth_scale", 1.0)))
         same_size(color, rgb, depth)
-        return Frame(self._scene_id, int(key.split("_")[1]), rgb, depth, matrix)
+        return Frame(*parse_frame_key(key), rgb, depth, matrix)
 
     def identity(self) -> str:
         """Hash of images and intrinsics."""

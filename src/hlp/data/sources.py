@@ -46,6 +46,13 @@ class VisibleMasks(Protocol):
         ...
 
 
+def annotated_mask(
+    source: FrameSource, frame: Frame, target: Target
+) -> Bool[np.ndarray, "h w"] | None:
+    """The data set's own mask of the pixels that show a target; None where it has none."""
+    return source.visible_mask(frame, target) if isinstance(source, VisibleMasks) else None
+
+
 def content_hash(files: Iterable[Path], extra: str = "") -> str:
     """BLAKE2b over the bytes of the files in the given order, and `extra` (32 hex digits).
 

@@ -1,1 +1,1 @@
-"""Errors of poses, verdicts on targets, recalls with confidence intervals."""
+"""Pose errors, verdicts on targets, recalls with confidence intervals, causes of misses."""

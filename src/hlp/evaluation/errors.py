@@ -1,7 +1,10 @@
 """Errors between an estimated and a true pose, pure functions. Metres, radians, pixels.
 
 Poses are `pose_cam_obj` (4, 4), vertices (v, 3) in object coordinates. Symmetries (s, 4, 4) are the
-motions that leave the object as it is; S turns the true pose T into T @ S.
+motions that leave the object as it is: for a symmetry S, the true pose T looks the same as T @ S.
+
+ADD(-S) is ADD-S for objects that the evaluation policy calls symmetric, and ADD for all others. The
+paper calls it AD.
 """
 
 from collections.abc import Sequence
@@ -17,20 +20,20 @@ Vertices = Float[np.ndarray, "v 3"]
 Depth = Float[np.ndarray, "h w"]
 
 VSD_DELTA = 0.015
-"""BOP's tolerance (m) of what still counts as visible."""
+"""BOP's tolerance (m): a surface counts as visible up to this far behind the observed depth."""
 
 
 def add(estimated: Pose, true: Pose, vertices: Vertices) -> float:
-    """Mean distance between the vertices at both poses (Hinterstoisser et al., ACCV 2012)."""
-    apart = transform(estimated, vertices) - transform(true, vertices)
-    return float(np.linalg.norm(apart, axis=1).mean())
+    """ADD: mean distance between the vertices at both poses (Hinterstoisser et al., ACCV 2012)."""
+    differences = transform(estimated, vertices) - transform(true, vertices)
+    return float(np.linalg.norm(differences, axis=1).mean())
 
 
 def add_s(estimated: Pose, true: Pose, vertices: Vertices, tree: cKDTree | None = None) -> float:
-    """Mean distance from each true vertex to the closest estimated one (ibid.).
+    """ADD-S: mean distance from each true vertex to the closest estimated one (ibid.).
 
-    For symmetric objects. `tree` may hold a kd-tree over `vertices`, built once: distances stay
-    the same when both sets are moved into the estimate's object coordinates.
+    For symmetric objects. `tree` may hold a kd-tree over `vertices` that is built once: distances
+    stay the same when both sets are moved into the estimate's object coordinates.
     """
     tree = cKDTree(vertices) if tree is None else tree
     moved = transform(inverse(estimated) @ true, vertices)
@@ -50,10 +53,10 @@ def translation_error(estimated: Pose, true: Pose) -> float:
 def nearest_symmetric_pose(
     estimated: Pose, true: Pose, symmetries: Float[np.ndarray, "s 4 4"]
 ) -> Pose:
-    """Of the true poses that look alike, the one closest in rotation to the estimate."""
+    """Of all true poses that look alike, the one whose rotation is closest to the estimate's."""
     alike = true @ symmetries
-    apart = rotation_distance(estimated[:3, :3], alike[:, :3, :3])
-    return np.asarray(alike[int(np.argmin(apart))])
+    angles = rotation_distance(estimated[:3, :3], alike[:, :3, :3])
+    return np.asarray(alike[int(np.argmin(angles))])
 
 
 def box_iou(
@@ -61,7 +64,7 @@ def box_iou(
 ) -> float:
     """Intersection over union of the axis-aligned boxes of the projected vertices.
 
-    0 where the estimate reaches behind the camera, where its projection means nothing.
+    0 if any part of the object lies behind the camera: its projection would mean nothing.
     """
     boxes = []
     for pose in (estimated, true):
@@ -80,8 +83,8 @@ def mssd(
 ) -> float:
     """Maximum symmetry-aware surface distance (Hodan et al., BOP Challenge 2020).
 
-    The largest vertex distance, least over the symmetries. It is convex in the vertex, so the
-    vertices of the convex hull give the same.
+    The largest distance of any vertex, minimised over the symmetries. It is convex in the vertex,
+    so the vertices of the convex hull are enough.
     """
     moved = transform(estimated, vertices)
     return min(
@@ -99,7 +102,7 @@ def mspd(
 ) -> float:
     """Maximum symmetry-aware projection distance in pixels (ibid.).
 
-    Infinite where the estimate reaches behind the camera.
+    Infinite if any part of the estimated object lies behind the camera.
     """
     moved = transform(estimated, vertices)
     if moved[:, 2].min() <= 0:
@@ -125,9 +128,10 @@ def vsd(
 ) -> Float[np.ndarray, "t"]:
     """Visible surface discrepancy (ibid.), one value for each misalignment tolerance (m).
 
-    Depth maps (h, w) in metres, 0 where nothing: the model rendered at both poses, and the image.
-    Distances are along the viewing rays. A rendered pixel is visible where it lies at most `delta`
-    behind what was observed, or nothing was observed; the estimate also wherever the truth is.
+    Depth maps (h, w) are in metres, 0 where there is none: the model rendered at both poses, and
+    the image. Distances are along the viewing rays. A rendered pixel is visible if it lies at most
+    `delta` behind the observed one or none was observed; a pixel of the estimate also where the
+    truth is visible.
     """
     rays = _ray_lengths(true_depth.shape, camera_matrix)
     estimated_m, true_m, observed_m = (
@@ -139,9 +143,9 @@ def vsd(
     both = true_seen & estimated_seen
     if union == 0:
         return np.ones(len(tolerances))
-    apart = np.abs(estimated_m[both] - true_m[both])
-    lone = union - int(both.sum())
-    return np.array([(int((apart >= tau).sum()) + lone) / union for tau in tolerances])
+    distances = np.abs(estimated_m[both] - true_m[both])
+    unmatched = union - int(both.sum())
+    return np.array([(int((distances >= tau).sum()) + unmatched) / union for tau in tolerances])
 
 
 def _visible(rendered: Depth, observed: Depth, delta: float) -> Bool[np.ndarray, "h w"]:

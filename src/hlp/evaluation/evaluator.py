@@ -1,7 +1,7 @@
-"""Estimates against truth: errors and verdicts, one score a target (paper, Sec. 4).
+"""Scores estimates against the true poses: errors and verdicts of each target (paper, Sec. 4).
 
-Recall counts targets. What should be found and is not, is wrong; what no target asks for is
-neither right nor wrong.
+Recall counts targets. A target without an estimate is wrong. Estimates of objects that are no
+target, or beyond the number of targets, are ignored.
 """
 
 import math
@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
+from hlp.errors import DataError
 from hlp.evaluation import errors
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.records import Frame, ObjectModel, PoseEstimate, Target, TargetScore
@@ -27,7 +28,7 @@ _BOP_WIDTH = 640
 
 @dataclass(frozen=True)
 class FrameTruth:
-    """What scoring needs of a frame; `depth` (m) only where VSD is wanted."""
+    """The part of a frame that scoring needs; `depth` (m) only if VSD is wanted."""
 
     scene_id: int
     frame_id: int
@@ -38,7 +39,7 @@ class FrameTruth:
 
     @classmethod
     def of(cls, frame: Frame, with_depth: bool = False) -> "FrameTruth":
-        """Keep of a frame what scoring needs."""
+        """Take from a frame what scoring needs."""
         return cls(
             frame.scene_id,
             frame.frame_id,
@@ -55,27 +56,28 @@ def score_targets(
     estimates: Iterable[PoseEstimate],
     settings: EvaluationSettings,
 ) -> list[TargetScore]:
-    """One score a target, in the order of the frames and of their targets.
+    """One score for each target, frame by frame and, within a frame, object by object.
 
-    An absent estimate, or one without a pose, is wrong with infinite errors. Where a frame holds
-    several instances of an object, the surest estimate first takes the instance it fits best.
-    Raises ValueError for a pose with NaN and for a target whose object has no model.
+    A target without an estimate, or whose estimate has no pose, is wrong with infinite errors.
+    Where a frame holds several instances of an object, estimates are matched to them greedily: the
+    one with the highest score first, to the instance with the smallest ADD(-S).
+    Raises ValueError for a pose with NaN, and DataError for a target whose object has no model.
     """
-    answers: dict[tuple[int, int, int], list[PoseEstimate]] = {}
+    estimates_of: dict[tuple[int, int, int], list[PoseEstimate]] = {}
     for estimate in estimates:
         _check_finite(estimate)
         key = (estimate.scene_id, estimate.frame_id, estimate.object_id)
-        answers.setdefault(key, []).append(estimate)
-    judges: dict[int, _Judge] = {}
+        estimates_of.setdefault(key, []).append(estimate)
+    scorers: dict[int, _ObjectScorer] = {}
     scores = []
     for truth in truths:
         for object_id in dict.fromkeys(target.object_id for target in truth.targets):
             if object_id not in models:
-                raise ValueError(f"targets ask for object {object_id}, which has no model")
-            if object_id not in judges:
-                judges[object_id] = _Judge(models[object_id], settings)
-            found = answers.get((truth.scene_id, truth.frame_id, object_id), [])
-            scores += judges[object_id].score(truth, found)
+                raise DataError(f"targets ask for object {object_id}, which has no model")
+            if object_id not in scorers:
+                scorers[object_id] = _ObjectScorer(models[object_id], settings)
+            found = estimates_of.get((truth.scene_id, truth.frame_id, object_id), [])
+            scores += scorers[object_id].score(truth, found)
     return scores
 
 
@@ -85,19 +87,19 @@ def add_correct(
     model: ObjectModel,
     settings: EvaluationSettings,
 ) -> Bool[np.ndarray, "n"]:
-    """Verdict of AD on many poses of one target, by the same policy as `score_targets`."""
-    judge = _Judge(model, settings)
-    errors_ad = np.array([judge.add_or_add_s(pose, true_pose) for pose in poses_cam_obj])
-    return errors_ad < judge.ad_limit
+    """Verdict of ADD(-S) on many poses of one target, by the same policy as `score_targets`."""
+    scorer = _ObjectScorer(model, settings)
+    distances = np.array([scorer.add_error(pose, true_pose) for pose in poses_cam_obj])
+    return distances < scorer.add_limit
 
 
-class _Judge:
-    """Scores the targets of one object; holds what its errors need more than once."""
+class _ObjectScorer:
+    """Scores the targets of one object; keeps what its errors need more than once."""
 
     def __init__(self, model: ObjectModel, settings: EvaluationSettings) -> None:
         self._model, self._settings = model, settings
         self._vertices = np.asarray(model.mesh.vertices, dtype=np.float64)
-        self.ad_limit = settings.add_fraction * model.diameter
+        self.add_limit = settings.add_fraction * model.diameter
         self._symmetric = model.name in settings.symmetric
         self._tree = cKDTree(self._vertices) if self._symmetric else None
         try:
@@ -110,7 +112,7 @@ class _Judge:
         targets = [t for t in truth.targets if t.object_id == self._model.object_id]
         matched = self._match(targets, estimates)
         return [
-            self._missing(truth, target) if pose is None else self._judge(truth, target, pose)
+            self._missing(truth, target) if pose is None else self._score(truth, target, pose)
             for target, pose in zip(targets, matched, strict=True)
         ]
 
@@ -128,20 +130,20 @@ class _Judge:
     def _closest(self, targets: Sequence[Target], free: Sequence[int], pose: Pose) -> int:
         if len(free) == 1:
             return free[0]
-        return min(free, key=lambda i: self.add_or_add_s(pose, targets[i].pose_cam_obj))
+        return min(free, key=lambda i: self.add_error(pose, targets[i].pose_cam_obj))
 
-    def add_or_add_s(self, estimated: Pose, true: Pose) -> float:
-        """ADD, or ADI where the policy calls the object symmetric (m)."""
+    def add_error(self, estimated: Pose, true: Pose) -> float:
+        """ADD(-S) in metres: ADD-S where the policy calls the object symmetric, else ADD."""
         if self._symmetric:
             return errors.add_s(estimated, true, self._vertices, self._tree)
         return errors.add(estimated, true, self._vertices)
 
-    def _judge(self, truth: FrameTruth, target: Target, pose: Pose) -> TargetScore:
+    def _score(self, truth: FrameTruth, target: Target, pose: Pose) -> TargetScore:
         settings, true = self._settings, target.pose_cam_obj
         alike = true
         if self._symmetric:
             alike = errors.nearest_symmetric_pose(pose, true, self._model.symmetries)
-        add_or_add_s = self.add_or_add_s(pose, true)
+        add_error = self.add_error(pose, true)
         turn = errors.rotation_error(pose, alike)
         shift = errors.translation_error(pose, alike)
         iou = errors.box_iou(pose, true, self._vertices, truth.camera_matrix)
@@ -152,11 +154,11 @@ class _Judge:
             target.object_id,
             found=True,
             visible_fraction=target.visible_fraction,
-            add_error=add_or_add_s,
+            add_error=add_error,
             rotation_error=turn,
             translation_error=shift,
             box_iou=iou,
-            add_correct=add_or_add_s < self.ad_limit,
+            add_correct=add_error < self.add_limit,
             pose_correct=near and turn < math.radians(settings.rotation_deg),
             box_correct=iou >= settings.iou,
             mssd_recall=self._mssd_recall(pose, true),
@@ -169,8 +171,8 @@ class _Judge:
         return float((error < _BOP_FRACTIONS * self._model.diameter).mean())
 
     def _mspd_recall(self, pose: Pose, true: Pose, truth: FrameTruth) -> float:
-        # The hull of the object projects onto the hull of its image, where the error peaks too
-        # but for perspective: a difference far below the thresholds' 5 px.
+        # The error is largest on the convex hull, up to an effect of perspective that is far below
+        # the thresholds' steps of 5 px.
         error = errors.mspd(pose, true, self._hull, self._model.symmetries, truth.camera_matrix)
         return float((error < _BOP_PIXELS * truth.width / _BOP_WIDTH).mean())
 

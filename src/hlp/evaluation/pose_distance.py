@@ -1,8 +1,4 @@
-"""How near poses and votes come to the truth, up to the object's symmetries. Metres, degrees."""
-
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import Any
+"""Which poses and votes are near the truth, up to the object's symmetries. Metres, degrees."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -15,41 +11,6 @@ from hlp.records import ObjectModel
 Pose = Float[np.ndarray, "4 4"]
 
 
-@dataclass(frozen=True)
-class VoteTally:
-    """Votes for one object in one frame: how many, how many good, and the weight of both.
-
-    `cast_by_object` counts those of patches on the visible object, `good_by_object` the good ones
-    of these.
-    """
-
-    object_id: int
-    votes: int
-    good: int
-    weight: float
-    good_weight: float
-    cast_by_object: int
-    good_by_object: int
-
-
-def tally(
-    object_id: int,
-    good: Bool[np.ndarray, "v"],
-    weights: Float[np.ndarray, "v"],
-    on_object: Bool[np.ndarray, "v"],
-) -> VoteTally:
-    """Count votes of which these are good and these were cast by patches on the object."""
-    return VoteTally(
-        object_id,
-        len(good),
-        int(good.sum()),
-        float(weights.sum()),
-        float(weights[good].sum()),
-        int(on_object.sum()),
-        int((good & on_object).sum()),
-    )
-
-
 def near_truth(
     rotations_cam_obj: Float[np.ndarray, "n 3 3"],
     centroids_cam: Float[np.ndarray, "n 3"],
@@ -58,9 +19,9 @@ def near_truth(
     settings: EvaluationSettings,
     bounds: tuple[float, float],
 ) -> Bool[np.ndarray, "n"]:
-    """Which rotations and centroids lie within `bounds` (degrees, mm) of the true pose.
+    """Which pairs of rotation and centroid lie within `bounds` (degrees, mm) of the true pose.
 
-    Of a symmetric object, within those of one of the poses that look alike.
+    For an object that the policy calls symmetric, any of the poses that look alike counts as true.
     """
     degrees, millimetres = bounds
     alike = true @ _symmetries(model, settings)
@@ -79,16 +40,18 @@ def poses_near_truth(
     settings: EvaluationSettings,
     bounds: tuple[float, float],
 ) -> Bool[np.ndarray, "n"]:
-    """`near_truth` of poses: what turns about the centroid does not move."""
+    """`near_truth` for poses. Distances are between centroids, so a pure turn has distance 0."""
     centroids = transform(poses_cam_obj, model.centroid[None])[:, 0]
     return near_truth(poses_cam_obj[:, :3, :3], centroids, true, model, settings, bounds)
 
 
-def is_flipped(pose: Pose, true: Pose, model: ObjectModel, settings: EvaluationSettings) -> bool:
-    """Whether a wrong pose is right but for a turn that (nearly) maps the object onto itself.
+def is_symmetric_flip(
+    pose: Pose, true: Pose, model: ObjectModel, settings: EvaluationSettings
+) -> bool:
+    """Whether a pose is wrong only by a turn that nearly maps the object onto itself.
 
-    It is turned by more than the refiner's basin, yet the closest points of both surfaces are near
-    (ADI). Never so for objects that the policy calls symmetric: their turned poses are right.
+    It is turned by more than the refiner's basin, and yet its ADD-S is small. Always False for
+    objects that the policy calls symmetric: their turned poses are right.
     """
     if model.name in settings.symmetric:
         return False
@@ -97,38 +60,6 @@ def is_flipped(pose: Pose, true: Pose, model: ObjectModel, settings: EvaluationS
         return False
     vertices = np.asarray(model.mesh.vertices, dtype=np.float64)
     return errors.add_s(pose, true, vertices) < bounds.flip_fraction * model.diameter
-
-
-def votes_quality(tallies: Iterable[VoteTally], names: Mapping[int, str]) -> dict[str, Any]:
-    """Share of good votes, over all votes and per object; `votes` is their mean number a target.
-
-    `good_weight` is the share of the weight; `by_object` of the votes that patches on the object
-    cast (the others are the region's fault), and `good_by_object` of the good ones among these (the
-    features'). None where there is no vote.
-    """
-    groups: dict[str, list[VoteTally]] = {}
-    for each in sorted(tallies, key=lambda item: item.object_id):
-        groups.setdefault(names[each.object_id], []).append(each)
-    everything = [each for group in groups.values() for each in group]
-    per_object = {name: _quality(group) for name, group in groups.items()}
-    return {"total": _quality(everything), "per_object": per_object}
-
-
-def _quality(tallies: list[VoteTally]) -> dict[str, float | None]:
-    votes = sum(each.votes for each in tallies)
-    weight = sum(each.weight for each in tallies)
-    cast = sum(each.cast_by_object for each in tallies)
-    return {
-        "good": _ratio(sum(each.good for each in tallies), votes),
-        "good_weight": _ratio(sum(each.good_weight for each in tallies), weight),
-        "by_object": _ratio(cast, votes),
-        "good_by_object": _ratio(sum(each.good_by_object for each in tallies), cast),
-        "votes": _ratio(votes, len(tallies)),
-    }
-
-
-def _ratio(part: float, whole: float) -> float | None:
-    return part / whole if whole else None
 
 
 def _symmetries(model: ObjectModel, settings: EvaluationSettings) -> Float[np.ndarray, "s 4 4"]:

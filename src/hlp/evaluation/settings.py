@@ -1,4 +1,4 @@
-"""Which poses count as correct, and what explains those that are not."""
+"""Settings of the evaluation: which poses are correct, and the bounds that explain misses."""
 
 from dataclasses import dataclass
 
@@ -29,9 +29,10 @@ class WaterfallSettings:
 class EvaluationSettings:
     """A named policy; keys as in conf/evaluation/*.yaml.
 
-    `symmetric` names the objects that get ADI for ADD and, for the rotation error, the nearest of
-    the poses that look alike. Thresholds: fraction of the diameter, cm, degrees, IoU. Intervals
-    come from `bootstrap` resamplings. `waterfall` tells why a target was missed.
+    `symmetric` names the objects that are scored by ADD-S and, for the rotation error, by the
+    nearest of the poses that look alike. A pose is correct by ADD(-S) below `add_fraction` of the
+    diameter, by 5cm5deg below `translation_cm` and `rotation_deg`, by IoU from `iou` on. Intervals
+    come from `bootstrap` resamplings. `waterfall` holds the bounds that explain misses.
     """
 
     name: str

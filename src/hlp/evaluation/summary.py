@@ -1,26 +1,31 @@
-"""Scores of targets summed up: recalls with intervals, per object, times, where targets were lost.
+"""Summary of a run: recalls with intervals, per object, times, causes of misses.
 
-The dictionary is `summary.json`, the contract that scripts rely on.
+The dictionary is what `summary.json` holds: a contract that scripts rely on.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from hlp.errors import DataError
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.evaluation.waterfall import count_causes
+from hlp.files import read_json
 from hlp.records import TargetScore
 
 Summary = dict[str, Any]
+
+_REQUIRED = {"targets", "metrics", "per_object", "timing_ms", "waterfall"}
 
 METRICS: dict[str, Callable[[TargetScore], bool]] = {
     "add": lambda score: score.add_correct,
     "5cm5deg": lambda score: score.pose_correct,
     "iou50": lambda score: score.box_correct,
 }
-"""Name of each metric in `summary.json` and the verdict that it counts."""
+"""Name of each metric in `summary.json`, and the verdict of a score that it counts."""
 
 
 def summarise(
@@ -33,8 +38,9 @@ def summarise(
 ) -> Summary:
     """What `summary.json` holds: plain dictionaries of numbers, None where there is none.
 
-    `names` by object id; `timings_ms` one number a frame for `total` and each stage; `votes` what
-    `votes_quality` says. Raises ValueError without scores, and for an object without name.
+    `names` are the objects' names by id, `timings_ms` the times of one object in one frame for
+    `total` and each stage, `votes` what `vote_quality` returns. Raises ValueError without scores,
+    and for an object without a name.
     """
     if not scores:
         raise ValueError("nothing to summarise: no target was scored")
@@ -60,6 +66,15 @@ def summarise(
     }
 
 
+def read_summary(path: Path) -> Summary:
+    """Read `summary.json`. Raises MissingFileError, and DataError where it is none."""
+    summary: Summary = read_json(path)
+    if not isinstance(summary, dict) or (missing := _REQUIRED - summary.keys()):
+        lacks = f": it lacks {', '.join(sorted(missing))}" if isinstance(summary, dict) else ""
+        raise DataError(f"{path} is no summary of a run{lacks}")
+    return summary
+
+
 def bootstrap_interval(
     scores: Sequence[TargetScore],
     correct: Callable[[TargetScore], bool],
@@ -68,7 +83,7 @@ def bootstrap_interval(
 ) -> tuple[float, float]:
     """95 % interval of the recall over targets, by the percentile bootstrap over frames.
 
-    Targets of one frame share light, blur and clutter, so frames are what is drawn anew.
+    Frames are resampled, not targets: targets of one frame share light, blur and clutter.
     """
     counts: dict[tuple[int, int], list[int]] = {}
     for score in scores:
@@ -106,7 +121,7 @@ def _object(scores: Sequence[TargetScore]) -> Summary:
 
 
 def _median_errors(scores: Sequence[TargetScore]) -> Summary:
-    """Over the targets that got a pose, right or wrong."""
+    """Medians over the targets that got a pose, right or wrong."""
     found = [score for score in scores if score.found]
     if not found:
         return {

@@ -1,17 +1,17 @@
-"""Failure waterfall: one cause for every target that was missed (wrong by AD), and their counts.
+"""Failure waterfall: one cause for every missed target (wrong by ADD(-S)), and counts of causes.
 
-A stage that did its part clears those before it, so the search begins at the end. The first line
-that is true names the cause:
+If a late stage had what it needed, the stages before it did their part. So the causes are checked
+from the last stage to the first, and the first one that applies is the cause:
 
-symmetric_flip    the answer is right but for a turn that (nearly) maps the object onto itself
-ranking           a right refined pose was there, another one was chosen
-refiner_diverged  a coarse pose within the basin was refined, and no refined pose is right
-screening         a coarse pose was within the basin, but not among those chosen for refinement
-depth_missing     most of what is visible of the object has no depth
-no_window         no window's centre lies on what is visible of the object
-wrong_region      the region is empty or covers too little of what is visible of the object
-few_votes         too few votes are near the truth to make a hypothesis
-outside_basin     votes enough, and yet no coarse pose is within the basin of a right pose
+symmetric_flip    the pose is right except for a turn that nearly maps the object onto itself
+ranking           one of the refined poses is right, but another one was chosen
+refiner_diverged  a coarse pose within the basin was refined, but no refined pose is right
+screening         a coarse pose is within the basin, but was not chosen for refinement
+depth_missing     most of the visible part of the object has no depth
+no_window         no window centre lies on the visible part of the object
+wrong_region      the region is empty or covers too little of the visible part of the object
+few_votes         too few votes are near the truth to form a hypothesis
+outside_basin     there are enough good votes, but no coarse pose is within the basin
 """
 
 from collections import Counter
@@ -37,20 +37,21 @@ CAUSES = (
     "ranking",
     "symmetric_flip",
 )
-"""Why targets are missed, from the first stage to the last."""
+"""The causes, from the first stage to the last."""
 
 VISIBILITY = {"0-0.1": 0.1, "0.1-0.3": 0.3, "0.3-0.6": 0.6, "0.6-1": np.inf}
-"""Classes of the visible fraction and the bound that each stays below."""
+"""Classes of the visible fraction, and the upper bound of each (exclusive)."""
 UNSTATED = "not stated"
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the stages left of one target.
+    """What the stages made of one target.
 
-    `visible`, `with_depth` and `in_region` count pixels on which the object is visible, `windows`
-    the centres of windows there. `near_basin` of every coarse pose, `refined` the indices of those
-    that were refined, `right` of what became of each.
+    `visible` is the number of pixels that show the object; `with_depth` and `in_region` count those
+    of them that have depth or lie in the region, `windows` the window centres among them.
+    `near_basin` says of every coarse pose whether it is within the refiner's basin, `refined` are
+    the indices of the refined ones, and `right` says of each refined pose whether it is right.
     """
 
     visible: int
@@ -65,8 +66,8 @@ class Evidence:
 
 
 def cause_of(evidence: Evidence, settings: WaterfallSettings) -> str:
-    """The one cause of a miss; see above for the order of decision."""
-    decided = (
+    """The cause of a miss; the module's docstring lists the causes in the order of the checks."""
+    checks = (
         ("symmetric_flip", evidence.flipped),
         ("ranking", bool(evidence.right.any())),
         ("refiner_diverged", bool(evidence.near_basin[evidence.refined].any())),
@@ -76,15 +77,15 @@ def cause_of(evidence: Evidence, settings: WaterfallSettings) -> str:
         ("wrong_region", evidence.in_region < settings.region_share * evidence.visible),
         ("few_votes", evidence.good_votes < settings.good_votes),
     )
-    return next((cause for cause, true in decided if true), "outside_basin")
+    return next((cause for cause, applies in checks if applies), "outside_basin")
 
 
 def count_causes(scores: Sequence[TargetScore], names: Mapping[int, str]) -> dict[str, Any]:
-    """How many targets are correct and how many were lost by which cause.
+    """Number of correct targets and of misses by cause.
 
-    In all (`total`), for each object (`per_object`) and for each class of the visible fraction
-    (`per_visibility`; no class that holds no target). Raises ValueError naming a miss that has no
-    cause.
+    Counted over all targets (`total`), per object (`per_object`) and per class of the visible
+    fraction (`per_visibility`, without classes that hold no target). Raises ValueError naming a
+    miss that has no cause.
     """
     for score in scores:
         if not score.add_correct and score.cause not in CAUSES:
@@ -106,7 +107,7 @@ def count_causes(scores: Sequence[TargetScore], names: Mapping[int, str]) -> dic
 
 
 def visibility_class(fraction: float) -> str:
-    """The class of a visible fraction, a bound belonging to the class above it."""
+    """The class of a visible fraction; a bound belongs to the class above it."""
     return next((name for name, bound in VISIBILITY.items() if fraction < bound), UNSTATED)
 
 

@@ -1,7 +1,7 @@
 """The alternatives of search, voting and refinement that the settings name."""
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from hlp.codebook.inverted_lists import InvertedLists, InvertedListsSettings
 from hlp.codebook.neighbours import ExactNeighbours, ExactSettings, KdForest, Neighbours
@@ -14,13 +14,16 @@ from hlp.voting.modes import JointModes, JointVotingSettings, ModeFinder, PaperM
 
 
 def make_neighbours(
-    features: Float[np.ndarray, "m d"], settings: SearchIndexSettings, seed: int
+    features: Float[np.ndarray, "m d"],
+    settings: SearchIndexSettings,
+    seed: int,
+    lists: UInt8[np.ndarray, "bytes"] | None = None,
 ) -> Neighbours:
-    """The search index over a codebook's features."""
+    """The search index over a codebook's features; `lists` are trained ones, see `load_lists`."""
     if isinstance(settings, ExactSettings):
         return ExactNeighbours(features, settings.neighbours)
     if isinstance(settings, InvertedListsSettings):
-        return InvertedLists(features, settings, seed)
+        return InvertedLists(features, settings, seed, lists)
     return KdForest(features, settings.neighbours, settings.trees, settings.checks, seed)
 
 

@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import UInt8
 
+from hlp.errors import ConfigError
 from hlp.patches.procedural_backgrounds import procedural_backgrounds
 from hlp.records import Frame
 
@@ -51,5 +52,5 @@ class GivenBackgrounds:
     def load_encoder_frames(self) -> Sequence[Frame]:
         """See `Backgrounds`."""
         if not self.frames:
-            raise ValueError("encoder=cae trains on RGB-D frames without the objects: give some")
+            raise ConfigError("encoder=cae trains on RGB-D frames without the objects: give some")
         return self.frames

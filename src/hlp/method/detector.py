@@ -3,7 +3,7 @@
 import threading
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
@@ -59,13 +59,9 @@ class Detector:
         self._open()
 
     def _open(self) -> None:
-        learnt = LearntFolder(self.folder)
-        settings = learnt.record.settings
-        if self._threads is not None:
-            machine = replace(settings.machine, threads=self._threads)
-            settings = replace(settings, machine=machine)
+        learnt = LearntFolder(self.folder, self._threads)
         self._ids = dict(learnt.record.objects)
-        self._estimator = PoseEstimator(learnt, settings, tuple(self._ids.values()))
+        self._estimator = PoseEstimator(learnt, learnt.settings, tuple(self._ids.values()))
 
     @classmethod
     def learn(

@@ -5,7 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
-from hlp.models.classifier import CHUNK, HolisticCNN, class_probabilities, inference_network
+from hlp.models.classifier import CHUNK, class_probabilities
+from hlp.models.network import Network
 from hlp.patches.holistic import HolisticSettings, RegionSettings, Windows, metric_windows
 from hlp.patches.window_choice import (
     Plane,
@@ -34,14 +35,13 @@ class HolisticScan:
 
     def __init__(
         self,
-        network: HolisticCNN,
+        network: Network,
         objects: Mapping[int, ObjectModel],
         holistic: HolisticSettings,
         region: RegionSettings,
         threads: int,
-        device: str = "cpu",
     ) -> None:
-        self.network = inference_network(network, device)
+        self.network = network
         self.holistic = holistic
         self.step = region.step
         self.team = ThreadTeam(threads)

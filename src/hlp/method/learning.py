@@ -10,13 +10,15 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from hlp.codebook.entries import save_codebook
+from hlp.codebook.inverted_lists import InvertedLists, save_lists
 from hlp.errors import DataError, InputError
 from hlp.files import read_json, write_json
+from hlp.method.alternatives import make_neighbours
 from hlp.method.backgrounds import Backgrounds
-from hlp.method.classifiers import StartingWeights, train_classifier
+from hlp.method.classifier_training import StartingWeights, train_classifier
 from hlp.method.codebook_building import build_codebook
 from hlp.method.compute_threads import set_compute_threads
-from hlp.method.encoders import load_encoder, train_encoder
+from hlp.method.encoder_training import train_encoder
 from hlp.method.learnt_folder import (
     CLASSIFIER,
     ENCODER,
@@ -28,6 +30,7 @@ from hlp.method.learnt_folder import (
     write_model,
     write_record,
 )
+from hlp.method.networks import load_encoder
 from hlp.method.settings import MethodSettings, settings_to_json
 from hlp.method.training import read_weights
 from hlp.objects.object_model import ObjectSettings, build_object_model, mesh_identity
@@ -143,13 +146,16 @@ def _write_objects(
     partial: Path,
     settings: MethodSettings,
 ) -> None:
-    encoder = load_encoder(settings.encoder, partial / ENCODER, settings.machine.device)
+    encoder = load_encoder(settings.encoder, partial / ENCODER, settings.machine)
     for object_id, model in models.items():
         with _once(partial / OBJECTS / model.name) as missing:
             if missing:
                 write_model(partial / OBJECTS / model.name, model)
                 codebook = build_codebook(model, views_of(object_id), encoder, settings)
                 save_codebook(partial / OBJECTS / model.name, codebook)
+                search = make_neighbours(codebook.features, settings.codebook, settings.seed)
+                if isinstance(search, InvertedLists):
+                    save_lists(partial / OBJECTS / model.name, search, settings.seed)
 
 
 def _views(
@@ -188,7 +194,7 @@ def _folder_in_the_making(
         shutil.rmtree(partial)
     partial.mkdir(parents=True, exist_ok=True)
     write_json(partial / _REQUEST, request)
-    set_compute_threads(settings.machine.threads, settings.trainer.torch_threads)
+    set_compute_threads(settings.machine.threads)
     yield partial
     shutil.rmtree(partial / _VIEWS)
     (partial / _REQUEST).unlink()

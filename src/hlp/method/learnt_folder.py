@@ -8,20 +8,21 @@ Nothing in it is pickled, so a folder from a stranger cannot run code.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import UInt8
 
 from hlp.codebook.entries import load_codebook
+from hlp.codebook.inverted_lists import InvertedListsSettings, load_lists
 from hlp.errors import DataError, MissingFileError
 from hlp.files import read_json, write_json
-from hlp.method.classifiers import load_classifier
-from hlp.method.encoders import load_encoder
+from hlp.method.networks import load_classifier, load_encoder
 from hlp.method.settings import MethodSettings, settings_from_json, settings_to_json
-from hlp.models.classifier import HolisticCNN
 from hlp.models.encoder import Encoder
+from hlp.models.network import Network
 from hlp.records import Codebook, Mesh, ObjectModel
 
 FORMAT = 1
@@ -128,11 +129,18 @@ def read_model(folder: Path) -> ObjectModel:
 
 
 class LearntFolder:
-    """Learnt objects on disk, as detection wants them (`LearntObjects`); read when first needed."""
+    """Learnt objects on disk, as detection wants them (`LearntObjects`); read when first needed.
 
-    def __init__(self, folder: Path) -> None:
+    `settings` are those they were learnt with, but for the `threads` where given.
+    """
+
+    def __init__(self, folder: Path, threads: int | None = None) -> None:
         self.folder = folder
         self.record = read_record(folder)
+        self.settings = self.record.settings
+        if threads is not None:
+            machine = replace(self.settings.machine, threads=threads)
+            self.settings = replace(self.settings, machine=machine)
         self._names = {object_id: name for name, object_id in self.record.objects.items()}
 
     @cached_property
@@ -149,16 +157,22 @@ class LearntFolder:
         """Where an object lies."""
         return self.folder / OBJECTS / self._names[object_id]
 
-    def load_classifier(self) -> HolisticCNN:
+    def load_classifier(self) -> Network:
         """The classifier of holistic patches."""
-        settings = self.record.settings
-        return load_classifier(len(self.record.classes), settings, self.folder / CLASSIFIER)
+        return load_classifier(self.folder / CLASSIFIER, self.settings.machine)
 
     def load_encoder(self) -> Encoder:
         """The encoder of local patches."""
-        settings = self.record.settings
-        return load_encoder(settings.encoder, self.folder / ENCODER, settings.machine.device)
+        settings = self.settings
+        return load_encoder(settings.encoder, self.folder / ENCODER, settings.machine)
 
     def load_codebook(self, object_id: int) -> Codebook:
         """The codebook of one object."""
         return load_codebook(self.object_folder(object_id))
+
+    def load_lists(self, object_id: int) -> UInt8[np.ndarray, "bytes"] | None:
+        """Trained inverted lists of its codebook, where the settings name them."""
+        settings, folder = self.settings, self.object_folder(object_id)
+        if not isinstance(settings.codebook, InvertedListsSettings):
+            return None
+        return load_lists(folder, settings.codebook, settings.seed)

@@ -7,14 +7,14 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from hlp.codebook.neighbours import Neighbours
 from hlp.method.alternatives import make_mode_finder, make_neighbours, make_refiner
 from hlp.method.holistic_scan import FrameWindows, HolisticScan
 from hlp.method.settings import MethodSettings
-from hlp.models.classifier import HolisticCNN
 from hlp.models.encoder import Encoder
+from hlp.models.network import Network
 from hlp.patches.holistic import candidate_region, region_weights
 from hlp.patches.local import cut_local_patches, region_pixels
 from hlp.records import Codebook, Frame, Hypotheses, LocalPatches, ObjectModel, Region, Votes
@@ -36,7 +36,7 @@ class LearntObjects(Protocol):
         """Object id of each class of the classifier, from class 1 on; class 0 is background."""
         ...
 
-    def load_classifier(self) -> HolisticCNN:
+    def load_classifier(self) -> Network:
         """The classifier of holistic patches."""
         ...
 
@@ -47,6 +47,9 @@ class LearntObjects(Protocol):
     def load_codebook(self, object_id: int) -> Codebook:
         """The codebook of one object."""
         ...
+
+    def load_lists(self, object_id: int) -> UInt8[np.ndarray, "bytes"] | None:
+        """Trained inverted lists of its codebook; None where they are to be trained."""
 
 
 @dataclass(frozen=True)
@@ -104,9 +107,7 @@ class PoseEstimator:
         objects = {each: self.learnt.models[each] for each in self.object_ids}
         patches, machine = self.settings.patches, self.settings.machine
         network = self.learnt.load_classifier()
-        return HolisticScan(
-            network, objects, patches.holistic, patches.region, machine.threads, machine.device
-        )
+        return HolisticScan(network, objects, patches.holistic, patches.region, machine.threads)
 
     @cached_property
     def _encoder(self) -> Encoder:
@@ -206,7 +207,10 @@ class PoseEstimator:
     def _codebook(self, object_id: int) -> tuple[Codebook, Neighbours]:
         if object_id not in self._searches:
             codebook = self.learnt.load_codebook(object_id)
-            search = make_neighbours(codebook.features, self.settings.codebook, self.settings.seed)
+            lists = self.learnt.load_lists(object_id)
+            search = make_neighbours(
+                codebook.features, self.settings.codebook, self.settings.seed, lists
+            )
             self._searches[object_id] = (codebook, search)
         return self._searches[object_id]
 

@@ -4,7 +4,7 @@ import csv
 import logging
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -12,13 +12,15 @@ from typing import Any
 import pytorch_lightning as pl
 import torch
 from pytorch_lightning.callbacks import Callback, ModelCheckpoint, TQDMProgressBar
-from torch import nn
+from safetensors.torch import load_file, save_file
+from torch import Tensor, nn
 
 from hlp.method.settings import TrainerSettings
 
 HISTORY = "history.csv"
-WEIGHTS = "weights.pt"
+WEIGHTS = "weights.safetensors"
 _CHECKPOINTS = "checkpoints"
+_CALIBRATION = 1024
 
 
 def fit(
@@ -32,7 +34,7 @@ def fit(
     """Train for `epochs`, going on from the last checkpoint in `folder` where there is one.
 
     A training that was interrupted and goes on ends with the weights of one that was not.
-    Leaves the network's weights (`weights.pt`) and the metrics of every epoch (`history.csv`).
+    Leaves the network's weights (`weights.safetensors`) and each epoch's metrics (`history.csv`).
     """
     last = folder / _CHECKPOINTS / "last.ckpt"
     callbacks: list[Callback] = [
@@ -45,7 +47,8 @@ def fit(
     with _quiet():
         engine = _make_trainer(trainer, epochs, callbacks, folder)
         engine.fit(module, data, ckpt_path=str(last) if last.exists() else None, weights_only=False)
-    torch.save(network.state_dict(), folder / WEIGHTS)
+    weights = {name: value.contiguous() for name, value in network.state_dict().items()}
+    save_file(weights, folder / WEIGHTS)
     _remove(last.parent)
 
 
@@ -87,6 +90,17 @@ def _quiet() -> Iterator[None]:
         yield
 
 
+def calibration_images(data: pl.LightningDataModule, images_of: Callable[[Any], Tensor]) -> Tensor:
+    """Images of the first batches of a training, enough to tell the ranges of activations."""
+    found: list[Tensor] = []
+    for batch in data.train_dataloader():
+        # Degraded as the batch that would have come next in training.
+        found.append(images_of(data.on_before_batch_transfer(batch, 0)))
+        if sum(len(each) for each in found) >= _CALIBRATION:
+            break
+    return torch.cat(found)[:_CALIBRATION]
+
+
 def load_weights(network: nn.Module, folder: Path) -> None:
     """Load what `fit` left. Raises FileNotFoundError where the stage was not finished."""
     network.load_state_dict(read_weights(folder))
@@ -94,8 +108,7 @@ def load_weights(network: nn.Module, folder: Path) -> None:
 
 def read_weights(folder: Path) -> dict[str, torch.Tensor]:
     """A network's weights by name. Raises FileNotFoundError where the stage was not finished."""
-    weights: dict[str, torch.Tensor] = torch.load(folder / WEIGHTS, weights_only=True)
-    return weights
+    return load_file(folder / WEIGHTS)
 
 
 def read_history(folder: Path) -> list[dict[str, float]]:

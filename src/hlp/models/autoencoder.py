@@ -1,14 +1,8 @@
-"""Convolutional autoencoder of local RGB-D patches (paper, section 3.2, Fig. 6)."""
+"""Settings of the convolutional autoencoder (paper, section 3.2, Fig. 6)."""
 
 from dataclasses import dataclass
 
-import pytorch_lightning as pl
-import torch
-from torch import Tensor, nn
-from torch.nn import functional
-
-from hlp.models.encoder import PatchEncoder
-from hlp.models.encoder_input import EncoderInput, encoder_input
+from hlp.models.encoder_input import EncoderInput
 
 
 @dataclass(frozen=True)
@@ -27,43 +21,3 @@ class AutoencoderSettings:
     epochs: int
     batch_size: int
     per_frame: int
-
-
-class Autoencoder(pl.LightningModule):
-    """Encoder to a feature, mirrored decoder back to the patch; trained on the squared error."""
-
-    def __init__(self, settings: AutoencoderSettings) -> None:
-        super().__init__()
-        self.settings = settings
-        self.network = PatchEncoder(settings.widths, settings.dimension)
-        widths = settings.widths[::-1]
-        self.expand = nn.Linear(settings.dimension, widths[0] * self.network.side**2)
-        layers: list[nn.Module] = []
-        for width, following in zip(widths, (*widths[1:], 4), strict=True):
-            layers += [nn.ConvTranspose2d(width, following, 4, stride=2, padding=1)]
-            layers += [nn.LeakyReLU(0.1, inplace=True)]
-        self.decoder = nn.Sequential(*layers[:-1], nn.Tanh())
-
-    def forward(self, images: Tensor) -> Tensor:
-        """Reconstruction (n, 4, 32, 32) in [-1, 1]."""
-        side = self.network.side
-        start = self.expand(self.network(images)).unflatten(1, (-1, side, side))
-        return torch.as_tensor(self.decoder(start))
-
-    def training_step(self, batch: dict[str, Tensor], _: int) -> Tensor:
-        """Mean squared error of one batch."""
-        color = batch["color"].permute(0, 3, 1, 2).float() / 255.0
-        images = encoder_input(
-            color, batch["depth"].float(), batch["valid"], self.settings.input
-        ).contiguous(memory_format=torch.channels_last)
-        loss = functional.mse_loss(self(images).float(), images)
-        self.log("loss", loss, on_step=False, on_epoch=True, prog_bar=True)
-        return loss
-
-    def configure_optimizers(self) -> torch.optim.Optimizer:
-        """AdamW at a constant rate."""
-        return torch.optim.AdamW(
-            self.parameters(),
-            lr=self.settings.learning_rate,
-            weight_decay=self.settings.weight_decay,
-        )

@@ -3,8 +3,7 @@
 from typing import Literal, get_args
 
 import numpy as np
-import torch
-from torch import Tensor
+from jaxtyping import Bool, Float, Float32
 
 from hlp.models.normals import normals_and_depth
 from hlp.records import LocalPatches
@@ -12,53 +11,47 @@ from hlp.records import LocalPatches
 EncoderInput = Literal["rgbd", "normals_depth"]
 
 
-def encoder_input(color: Tensor | None, depth: Tensor, valid: Tensor, kind: str) -> Tensor:
-    """Channels (n, 4, p, p) in [-1, 1] of colour (n, 3, p, p) in 0…1 and depth, valid (n, p, p).
+def patch_input(patches: LocalPatches, kind: str) -> Float32[np.ndarray, "n p p 4"]:
+    """Channels in [-1, 1] of cut patches.
 
     `rgbd` is the paper's (section 3.2); `normals_depth` sees shape only and needs no colour.
     Raises ValueError on another kind and where `rgbd` lacks colour.
     """
-    if kind == "rgbd":
-        if color is None:
-            raise ValueError("the encoder's input 'rgbd' needs patches with colour")
-        return torch.cat([color * 2.0 - 1.0, depth[:, None]], dim=1)
-    if kind == "normals_depth":
-        return _normals_and_depth(depth, valid)
-    raise ValueError(
-        f"unknown encoder input '{kind}': choose one of {', '.join(get_args(EncoderInput))}"
-    )
-
-
-def patch_input(patches: LocalPatches, kind: str) -> Tensor:
-    """`encoder_input` of cut patches."""
-    color = None
-    if patches.color.shape[-1] and sees_color(kind):
-        color = torch.from_numpy(patches.color).permute(0, 3, 1, 2).float() / 255.0
-    return encoder_input(color, *patch_depth(patches), kind)
-
-
-def patch_depth(patches: LocalPatches) -> tuple[Tensor, Tensor]:
-    """Depth and valid (n, p, p) of cut patches."""
-    return torch.from_numpy(patches.depth).float(), torch.from_numpy(patches.valid)
+    if not sees_color(kind):
+        return normals_with_depth(patches.depth, patches.valid)
+    if patches.color.shape[-1] == 0:
+        raise ValueError("the encoder's input 'rgbd' needs patches with colour")
+    out = np.empty((*patches.depth.shape, 4), dtype=np.float32)
+    np.multiply(patches.color, np.float32(2.0 / 255.0), out=out[..., :3])
+    out[..., :3] -= np.float32(1.0)
+    out[..., 3] = patches.depth
+    return out
 
 
 def sees_color(kind: str) -> bool:
-    """Whether an input of this kind needs patches with colour."""
+    """Whether an input of this kind needs patches with colour. ValueError on an unknown kind."""
+    if kind not in get_args(EncoderInput):
+        known = ", ".join(get_args(EncoderInput))
+        raise ValueError(f"unknown encoder input '{kind}': choose one of {known}")
     return kind == "rgbd"
 
 
-def surface_normals(depth: Tensor, valid: Tensor) -> Tensor:
-    """Unit normals (n, 3, p, p) of the patch's depth, 0 where it is not valid."""
-    return _normals_and_depth(depth, valid)[:, :3]
-
-
-def _normals_and_depth(depth: Tensor, valid: Tensor) -> Tensor:
-    """Channels (n, 4, p, p), the channels last in memory, as the network wants them."""
+def normals_with_depth(
+    depth: Float[np.ndarray, "n p p"], valid: Bool[np.ndarray, "n p p"]
+) -> Float32[np.ndarray, "n p p 4"]:
+    """Unit normals of the patches' depth, 0 where it is not valid, and the depth itself."""
     out = np.empty((*depth.shape, 4), dtype=np.float32)
-    normals_and_depth(depth.cpu().numpy(), valid.cpu().numpy(), out)
-    return torch.from_numpy(out).permute(0, 3, 1, 2).to(depth.device)
+    normals_and_depth(np.asarray(depth, dtype=np.float32), valid, out)
+    return out
 
 
-def empty_features(dimension: int) -> np.ndarray:
+def surface_normals(
+    depth: Float[np.ndarray, "n p p"], valid: Bool[np.ndarray, "n p p"]
+) -> Float32[np.ndarray, "n p p 3"]:
+    """Unit normals of the patches' depth, 0 where it is not valid."""
+    return normals_with_depth(depth, valid)[..., :3]
+
+
+def empty_features(dimension: int) -> Float32[np.ndarray, "0 d"]:
     """Features of no patch at all."""
     return np.zeros((0, dimension), dtype=np.float32)

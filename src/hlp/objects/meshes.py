@@ -11,6 +11,7 @@ from jaxtyping import Float, Int, UInt8
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 from scipy.spatial.distance import cdist
 
+from hlp.errors import ConfigError, DataError, MissingFileError
 from hlp.records import MILLIMETRE, MILLIMETRES_PER_METRE, Mesh
 
 PLAIN_COLOR = (210, 210, 210)
@@ -32,19 +33,19 @@ def load_mesh(path: Path, scale: float = MILLIMETRE) -> Mesh:
     1 cm … 2 m (wrong unit).
     """
     if not path.is_file():
-        raise FileNotFoundError(f"no mesh {path}")
+        raise MissingFileError(f"no mesh {path}")
     try:
         # `force="mesh"` would drop the file's normals.
         raw = trimesh.load(path, process=False, maintain_order=True)
         if isinstance(raw, trimesh.Scene):
             raw = raw.to_mesh()
     except _PARSE_ERRORS as error:
-        raise ValueError(f"{path} cannot be read as a mesh ({error}): export it again") from error
+        raise DataError(f"{path} cannot be read as a mesh ({error}): export it again") from error
     if not isinstance(raw, trimesh.Trimesh) or len(raw.vertices) == 0 or len(raw.faces) == 0:
-        raise ValueError(f"{path} has no triangles: export it as a triangle mesh")
+        raise DataError(f"{path} has no triangles: export it as a triangle mesh")
     vertices = np.array(raw.vertices, dtype=np.float64) * scale
     if not np.isfinite(vertices).all():
-        raise ValueError(f"{path} has NaN or infinite vertices: repair the mesh")
+        raise DataError(f"{path} has NaN or infinite vertices: repair the mesh")
     _check_unit(path, mesh_diameter(vertices), scale)
     faces = np.array(raw.faces, dtype=np.int32)
     return Mesh(vertices, faces, _colors(raw), _unit_normals(np.array(raw.vertex_normals)))
@@ -58,7 +59,7 @@ def decimate(mesh: Mesh, faces: int) -> Mesh:
     for fewer than 4 faces, or if no triangle is left.
     """
     if faces < 4:
-        raise ValueError(f"a decimated mesh needs at least 4 faces, not {faces}")
+        raise ConfigError(f"a decimated mesh needs at least 4 faces, not {faces}")
     if len(mesh.faces) <= faces:
         return mesh
     # Meshes without shared vertices (STL, textured OBJ) would fall apart: merge equal positions.
@@ -69,7 +70,7 @@ def decimate(mesh: Mesh, faces: int) -> Mesh:
         (welded * MILLIMETRES_PER_METRE).astype(np.float32), triangles, target_count=faces
     )
     if len(kept) == 0:
-        raise ValueError(f"decimating {len(mesh.faces)} triangles to {faces} leaves none")
+        raise DataError(f"decimating {len(mesh.faces)} triangles to {faces} leaves none")
     vertices = np.asarray(points, dtype=np.float64) / MILLIMETRES_PER_METRE
     _, nearest = cKDTree(mesh.vertices).query(vertices)
     kept = np.asarray(kept, dtype=np.int32)
@@ -89,7 +90,7 @@ def mesh_diameter(vertices: Float[np.ndarray, "v 3"]) -> float:
 def _check_unit(path: Path, diameter: float, scale: float) -> None:
     low, high = _DIAMETER_RANGE
     if not low <= diameter <= high:
-        raise ValueError(
+        raise DataError(
             f"{path}: diameter {diameter:.4g} m at {scale:g} m per unit is not within {low} … "
             f"{high} m: probably the wrong unit (metres need scale 1, millimetres 0.001)"
         )

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from hlp.errors import ConfigError
 from hlp.objects.meshes import decimate, load_mesh, mesh_diameter
 from hlp.objects.patch_sizes import holistic_size, local_size
 from hlp.records import MILLIMETRE, Mesh, ObjectModel
@@ -43,7 +44,7 @@ def build_object_model(
     holistic, local = settings.holistic_size_mm, settings.local_size_mm
     for key, size in (("holistic_size_mm", holistic), ("local_size_mm", local)):
         if size is not None and not size > 0:
-            raise ValueError(f"{key} of object {name} must be positive, not {size}")
+            raise ConfigError(f"{key} of object {name} must be positive, not {size}")
     return ObjectModel(
         object_id=settings.id,
         name=name,
@@ -59,11 +60,11 @@ def build_object_model(
 def check_unique(objects: Mapping[str, ObjectSettings]) -> None:
     """Raise ValueError if two objects share an id, or if there is no object."""
     if not objects:
-        raise ValueError("data.objects names no object")
+        raise ConfigError("data.objects names no object")
     names: dict[int, str] = {}
     for name, settings in objects.items():
         if settings.id in names:
-            raise ValueError(f"data.objects: {names[settings.id]} and {name} have one id")
+            raise ConfigError(f"data.objects: {names[settings.id]} and {name} have one id")
         names[settings.id] = name
 
 

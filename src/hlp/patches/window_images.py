@@ -1,13 +1,11 @@
-"""Images of all windows of a frame at once, as the classifier reads them: bfloat16, channels last.
+"""Images of all windows of a frame at once, as the classifier reads them: 8-bit levels.
 
 The same windows as `holistic.cut_windows` makes for training, in one compiled pass: each image row
 that a window needs is resampled once and stays in the processor's cache.
 """
 
 import numpy as np
-import torch
-from jaxtyping import Float, Float32, Int, UInt8, UInt16, UInt32, UInt64
-from torch import Tensor
+from jaxtyping import Float, Float32, Int, UInt8, UInt64
 
 from hlp.compiled import compiled
 from hlp.patches.holistic import HolisticSettings, Windows
@@ -17,15 +15,15 @@ from hlp.thread_team import ThreadTeam
 _PAD = 2  # black pixels about an image: what lies beyond reads as these
 _LANES = 4  # values of a pixel: colour, and one that keeps pixels aligned
 _NOWHERE = -(1 << 40)
-_ONE, _TWO, _CODES, _LEVELS = (np.float32(value) for value in (1, 2, 127, 255))
-_LEAST, _MOST = np.float32(-127), np.float32(126)
+_CODES, _LEAST, _MOST = np.float32(127), np.float32(-127), np.float32(126)
+_MIDDLE, _MISSING = np.float32(128), np.float32(255)  # of depth codes
 
 
 class WindowImages:
-    """Cuts windows from one frame: images (n, c, p, p) in [-1, 1], c = 3 (`rgb`) or 4 (`rgbd`).
+    """Cuts windows from one frame: colour and, with `rgbd`, the `depth_code` as fourth channel.
 
-    Those of `cut_windows`, scaled and rounded to bfloat16, but for a colour level where
-    interpolation ends halfway between two. The team changes nothing but the time.
+    Those of `cut_windows`, but for a colour level where interpolation ends halfway between two.
+    The team changes nothing but the time.
     """
 
     def __init__(
@@ -41,10 +39,10 @@ class WindowImages:
         self._team = team
         self._padded: dict[int, Float32[np.ndarray, "h2 w2 4"]] = {}
 
-    def cut(self, windows: Windows, metric_size: float) -> Tensor:
+    def cut(self, windows: Windows, metric_size: float) -> UInt8[np.ndarray, "n p p c"]:
         """Images of windows whose sides are those of an object of `metric_size` (m)."""
         p, with_depth = self._settings.resolution, self._settings.channels == "rgbd"
-        out = np.empty((len(windows.sides), p, p, _LANES), dtype=np.uint16)
+        out = np.empty((len(windows.sides), p, p, _LANES), dtype=np.uint8)
         levels = halvings(windows.sides, p, (self._rgb.shape[0], self._rgb.shape[1]))
         images = {int(level): self._halved(int(level)) for level in np.unique(levels)}
         places = np.column_stack([windows.centers, windows.sides]).astype(np.float64)
@@ -58,8 +56,7 @@ class WindowImages:
                 _cut_depth(self._depth, places, depths, size, first, last, out)
 
         self._team.map_ranges(work, len(places))
-        kept = out if with_depth else out[..., :3]
-        return torch.from_numpy(kept).view(torch.bfloat16).permute(0, 3, 1, 2)
+        return out if with_depth else np.ascontiguousarray(out[..., :3])
 
     def _halved(self, level: int) -> Float32[np.ndarray, "h2 w2 4"]:
         if level not in self._padded:
@@ -80,14 +77,13 @@ def _cut_color(
     places: Float[np.ndarray, "n 3"],
     rows: Int[np.ndarray, "m"],
     factor: int,
-    out: UInt16[np.ndarray, "n p p 4"],
+    out: UInt8[np.ndarray, "n p p 4"],
 ) -> None:
     height, width = image.shape[0] - 2 * _PAD - 1, image.shape[1] - 2 * _PAD - 1
     p = out.shape[1]
     starts = np.empty(p, np.uint64)
     weights = np.empty(p, np.float32)
     lines = np.empty((2, p * _LANES), np.float32)
-    mixed = np.empty(p * _LANES, np.float32)
     for r in rows:
         for i in range(p):
             x = _position(places[r, 0], places[r, 2], i, p, factor)
@@ -104,8 +100,7 @@ def _cut_color(
                     _resample(image[k + _PAD].reshape(-1), starts, weights, lines[k & 1])
                 _resample(image[k + _PAD + 1].reshape(-1), starts, weights, lines[(k + 1) & 1])
                 held = k
-            _mix(lines[k & 1], lines[(k + 1) & 1], y - low, mixed)
-            _round_to_bfloat16(mixed.view(np.uint32), out[r, j].reshape(-1))
+            _mix(lines[k & 1], lines[(k + 1) & 1], y - low, out[r, j].reshape(-1))
 
 
 @compiled()
@@ -116,13 +111,13 @@ def _cut_depth(
     metric_size: np.float32,
     first: int,
     last: int,
-    out: UInt16[np.ndarray, "n p p 4"],
+    out: UInt8[np.ndarray, "n p p 4"],
 ) -> None:
     height, width = depth.shape
     p = out.shape[1]
     columns = np.empty(p, np.int64)
     line = np.empty(p, np.float32)
-    codes = np.empty(p, np.uint16)
+    codes = np.empty(p, np.uint8)
     for r in range(first, last):
         for i in range(p):
             k = np.int64(np.rint(_position(places[r, 0], places[r, 2], i, p, 1)))
@@ -137,8 +132,7 @@ def _cut_depth(
                     for i in range(p):
                         if columns[i] >= 0:
                             line[i] = depth[k, columns[i]]
-                _code(line, centers[r], metric_size)
-                _round_to_bfloat16(line.view(np.uint32), codes)
+                _code(line, centers[r], metric_size, codes)
             for i in range(p):
                 out[r, j, i, 3] = codes[i]
 
@@ -175,24 +169,21 @@ def _mix(
     upper: Float32[np.ndarray, "p4"],
     lower: Float32[np.ndarray, "p4"],
     weight: np.float32,
-    line: Float32[np.ndarray, "p4"],
+    line: UInt8[np.ndarray, "p4"],
 ) -> None:
-    """A whole colour level between two rows, in [-1, 1]."""
+    """A whole colour level between two rows."""
     for c in range(len(line)):
-        level = np.rint(upper[c] + weight * (lower[c] - upper[c]))
-        line[c] = level / _LEVELS * _TWO - _ONE
+        line[c] = np.int32(np.rint(upper[c] + weight * (lower[c] - upper[c])))
 
 
 @compiled()
-def _code(line: Float32[np.ndarray, "p"], center: np.float32, size: np.float32) -> None:
-    """`depth_code` of depths, scaled to [-1, 1], in place."""
+def _code(
+    line: Float32[np.ndarray, "p"],
+    center: np.float32,
+    size: np.float32,
+    codes: UInt8[np.ndarray, "p"],
+) -> None:
+    """`depth_code` of depths."""
     for i in range(len(line)):
-        code = min(max(np.rint((line[i] - center) / size * _CODES), _LEAST), _MOST)
-        line[i] = (code if line[i] > 0 else _CODES) / _CODES
-
-
-@compiled()
-def _round_to_bfloat16(bits: UInt32[np.ndarray, "k"], out: UInt16[np.ndarray, "k"]) -> None:
-    half, last, keep = np.uint32(0x7FFF), np.uint32(1), np.uint32(16)
-    for c in range(len(out)):
-        out[c] = (bits[c] + half + ((bits[c] >> keep) & last)) >> keep
+        code = min(max(np.rint((line[i] - center) / size * _CODES), _LEAST), _MOST) + _MIDDLE
+        codes[i] = np.int32(code if line[i] > 0 else _MISSING)

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from tqdm import tqdm
 
+from hlp.errors import ConfigError, DataError, MissingFileError
 from hlp.geometry import rigid
 from hlp.records import MILLIMETRES_PER_METRE, Mesh, ObjectModel, Views
 from hlp.rendering import opengl, rasterizer
@@ -116,7 +117,7 @@ def save_views(folder: Path, views: Views) -> None:
     """
     steps = np.rint(views.depth / _DEPTH_UNIT)
     if steps.size and not (steps.min() >= 0 and steps.max() <= np.iinfo(np.uint16).max):
-        raise ValueError(
+        raise ConfigError(
             f"depth of object {views.object_id} lies outside 0 to 6.5535 m; "
             "use a smaller rendering.distance_mm"
         )
@@ -139,7 +140,7 @@ def load_views(folder: Path, object_id: int) -> Views:
     """
     rgb, steps, poses, camera_matrix = (_load(folder / f"{name}.npy") for name in _FILES)
     if not len(rgb) == len(steps) == len(poses):
-        raise ValueError(
+        raise DataError(
             f"{folder} holds {len(rgb)} colour, {len(steps)} depth images and {len(poses)} poses; "
             "delete the folder to render it again"
         )
@@ -149,12 +150,12 @@ def load_views(folder: Path, object_id: int) -> Views:
 
 def _load(file: Path) -> np.ndarray:
     if not file.is_file():
-        raise FileNotFoundError(f"{file} is missing; render the object's views first")
+        raise MissingFileError(f"{file} is missing; render the object's views first")
     try:
         return np.asarray(np.load(file, mmap_mode="r"))
     except (ValueError, EOFError) as error:
         message = f"{file} is damaged ({error}); delete its folder to render again"
-        raise ValueError(message) from error
+        raise DataError(message) from error
 
 
 def _poses(model: ObjectModel, settings: ViewsSettings, seed: int) -> Float[np.ndarray, "n 4 4"]:
@@ -172,7 +173,7 @@ def _crop_camera(model: ObjectModel, settings: ViewsSettings) -> Float[np.ndarra
     distance = settings.distance_mm / 1000.0
     radius = float(np.linalg.norm(model.mesh.vertices - model.centroid, axis=1).max())
     if distance <= radius + rasterizer.NEAR:
-        raise ValueError(
+        raise ConfigError(
             f"rendering.distance_mm is {settings.distance_mm:g}, but {model.name} reaches "
             f"{radius * MILLIMETRES_PER_METRE:.0f} mm from its centre: the camera would be inside"
         )

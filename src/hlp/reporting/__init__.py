@@ -1,1 +1,1 @@
-"""What people see of a run: MLflow, tables and pictures. The only package that imports mlflow."""
+"""Results for people: tables, figures and MLflow. No other package imports mlflow."""

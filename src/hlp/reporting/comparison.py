@@ -1,6 +1,6 @@
-"""Two runs compared target by target: what changed, and whether chance alone would do as much."""
+"""Two runs compared target by target, with interval and test of the difference."""
 
-import csv
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,87 +9,92 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.stats import binomtest
 
+from hlp.errors import DataError, InputError
+from hlp.evaluation.scores_file import read_scores
+from hlp.evaluation.summary import METRICS
+from hlp.records import TargetScore
 from hlp.reporting.mlflow_runs import scores_file
-from hlp.reporting.tables import FORMATS, METRICS, Table
-
-VERDICTS = {"add": "add_correct", "5cm5deg": "pose_correct", "iou50": "box_correct"}
-"""Column of `scores.csv` that holds each metric's verdict."""
+from hlp.reporting.tables.summary_tables import METRIC_LABELS
+from hlp.reporting.tables.table import LAYOUTS, Table, check_layout
 
 RESAMPLINGS = 10_000
 SEED = 0
-FLIPS_SHOWN = 40
+CHANGES_SHOWN = 40
 EXPLAINED = """\
-Recall of the second run (B) minus that of the first (A), over the targets that both have, with the
-95 % interval of the paired bootstrap over frames. p: McNemar's exact test of the targets that only
-one of them has right (two-sided); it takes targets as independent, so trust the interval first."""
+Recall of run B minus recall of run A over the targets that both have, with the 95 % interval of the
+paired bootstrap over frames. p is McNemar's exact two-sided test on the targets that only one run
+has right. It assumes that targets are independent, so the interval is the safer guide."""
 
-Target = tuple[int, int, int]
+TargetKey = tuple[int, int, int, int]
+"""Scene, image, object, and the instance of the object in the image (from 0)."""
 
 
 @dataclass(frozen=True)
-class Scored:
-    """One row of `scores.csv`: errors in mm and degrees, `inf` where there was no pose."""
+class ScoredTarget:
+    """One target's score and the name of its object."""
 
     name: str
-    visible_fraction: float
-    add_mm: float
-    rotation_deg: float
-    correct: dict[str, bool]
+    score: TargetScore
+
+    def correct(self, metric: str) -> bool:
+        """Verdict of a metric, named as in `summary.json`."""
+        return METRICS[metric](self.score)
 
 
 def compare(runs: str, uri: str, layout: str) -> str:
-    """`compare_runs` for `[A,B]`, each an output folder or a run's id in the MLflow at `uri`."""
+    """`compare_runs` for `[A,B]`, each an output folder or the id of a run in MLflow at `uri`."""
     named = [each.strip() for each in runs.removeprefix("[").removesuffix("]").split(",")]
     if len(named) != 2 or not all(named):
-        raise ValueError(f"runs={runs}: name two, as runs=[A,B]")
+        raise InputError(f"runs={runs}: name two, as runs=[A,B]")
     first, second = (scores_file(each, uri) for each in named)
     return compare_runs(first, second, (named[0], named[1]), layout)
 
 
 def compare_runs(first: Path, second: Path, names: tuple[str, str], layout: str) -> str:
-    """Tables of the differences between two runs' `scores.csv`, for people.
+    """Tables of the differences between two runs, given their `scores.csv`.
 
     Raises FileNotFoundError without a file; ValueError for a broken one, for runs that have no
     target in common and for a `layout` that is not `text` or `markdown`.
     """
-    if layout not in FORMATS:
-        raise ValueError(f"format={layout}: choose one of {', '.join(FORMATS)}")
-    scores = (read_scored(first), read_scored(second))
+    check_layout(layout)
+    scores = (read_targets(first), read_targets(second))
     shared = sorted(scores[0].keys() & scores[1].keys())
     if not shared:
-        raise ValueError(f"{names[0]} and {names[1]} have no target in common")
+        raise DataError(f"{names[0]} and {names[1]} have no target in common")
     alone = [len(each) - len(shared) for each in scores]
     parts = [f"A = {names[0]}\nB = {names[1]}", EXPLAINED]
     if any(alone):
         only = f"left out: {alone[0]} targets that only A has, {alone[1]} that only B has"
         parts.append(f"{len(shared)} targets in common; {only}")
     pairs = [(target, scores[0][target], scores[1][target]) for target in shared]
-    for metric, shown in METRICS.items():
-        parts.append(f"{shown}\n\n{FORMATS[layout](differences_table(pairs, metric))}")
-    flips = flips_table(pairs)
-    if flips.rows:
-        few = Table(flips.header, flips.rows[:FLIPS_SHOWN])
-        left = len(flips.rows) - len(few.rows)
+    for metric, label in METRIC_LABELS.items():
+        parts.append(f"{label}\n\n{LAYOUTS[layout](differences_table(pairs, metric))}")
+    changes = changes_table(pairs)
+    if changes.rows:
+        few = Table(changes.header, changes.rows[:CHANGES_SHOWN])
+        left = len(changes.rows) - len(few.rows)
         more = f"\n… and {left} more" if left else ""
-        parts.append(f"Flipped by AD: {len(flips.rows)}\n\n{FORMATS[layout](few)}{more}")
+        parts.append(
+            f"Changed verdicts of ADD(-S): {len(changes.rows)}\n\n{LAYOUTS[layout](few)}{more}"
+        )
     else:
-        parts.append("No target flipped by AD.")
+        parts.append("No verdict of ADD(-S) changed.")
     return "\n\n".join(parts)
 
 
-Pair = tuple[Target, Scored, Scored]
+Pair = tuple[TargetKey, ScoredTarget, ScoredTarget]
 
 
 def differences_table(pairs: Sequence[Pair], metric: str) -> Table:
-    """A row an object and one for all: recalls, their difference, who is right alone, p."""
+    """A row an object and one for all: recalls, difference, targets right in one run only, p."""
     names = list(dict.fromkeys(each.name for _, each, _ in sorted(pairs, key=lambda p: p[0][2])))
     groups = [(name, [pair for pair in pairs if pair[1].name == name]) for name in names]
     if len(groups) > 1:
         groups.append(("all targets", list(pairs)))
     rows = []
     for name, group in groups:
-        first = np.array([each.correct[metric] for _, each, _ in group])
-        second = np.array([each.correct[metric] for _, _, each in group])
+        first = np.array([each.correct(metric) for _, each, _ in group])
+        second = np.array([each.correct(metric) for _, _, each in group])
         frames = np.unique([target[:2] for target, _, _ in group], axis=0, return_inverse=True)[1]
         low, high = difference_interval(first, second, frames, RESAMPLINGS, SEED)
         lost, gained = int((first & ~second).sum()), int((second & ~first).sum())
@@ -109,24 +114,33 @@ def differences_table(pairs: Sequence[Pair], metric: str) -> Table:
     return Table(["object", "targets", "A", "B", "B - A", "95 %", "only A", "only B", "p"], rows)
 
 
-def flips_table(pairs: Sequence[Pair]) -> Table:
-    """Targets that are right by AD in one run only; first the lost ones, then the gained."""
+def changes_table(pairs: Sequence[Pair]) -> Table:
+    """Targets that only one run has right by ADD(-S): first the lost ones, then the gained."""
 
-    def row(target: Target, before: Scored, after: Scored) -> list[str]:
+    def row(target: TargetKey, before: ScoredTarget, after: ScoredTarget) -> list[str]:
         return [
-            "lost" if before.correct["add"] else "gained",
+            "lost" if before.correct("add") else "gained",
             f"{target[0]}/{target[1]}",
             after.name,
-            f"{after.visible_fraction:.2f}",
-            f"{before.add_mm:.1f}",
-            f"{after.add_mm:.1f}",
-            f"{before.rotation_deg:.1f}",
-            f"{after.rotation_deg:.1f}",
+            f"{after.score.visible_fraction:.2f}",
+            f"{1e3 * before.score.add_error:.1f}",
+            f"{1e3 * after.score.add_error:.1f}",
+            f"{np.rad2deg(before.score.rotation_error):.1f}",
+            f"{np.rad2deg(after.score.rotation_error):.1f}",
         ]
 
-    flipped = [pair for pair in pairs if pair[1].correct["add"] != pair[2].correct["add"]]
-    ordered = sorted(flipped, key=lambda pair: (pair[2].correct["add"], pair[0][2], pair[0]))
-    header = ["", "scene/image", "object", "visible", "A: AD mm", "B: AD mm", "A: deg", "B: deg"]
+    changed = [pair for pair in pairs if pair[1].correct("add") != pair[2].correct("add")]
+    ordered = sorted(changed, key=lambda pair: (pair[2].correct("add"), pair[0][2], pair[0]))
+    header = [
+        "",
+        "scene/image",
+        "object",
+        "visible",
+        "A: ADD(-S) mm",
+        "B: ADD(-S) mm",
+        "A: deg",
+        "B: deg",
+    ]
     return Table(header, [row(*pair) for pair in ordered])
 
 
@@ -139,8 +153,8 @@ def difference_interval(
 ) -> tuple[float, float]:
     """95 % interval of second's recall minus first's: the percentile bootstrap over frames.
 
-    A frame that is drawn brings all its targets with both verdicts (paired): targets of one frame
-    share light and clutter. `frames` holds each target's frame, numbered from 0.
+    Frames are resampled with all their targets and both verdicts of each (paired), since targets of
+    one frame share light and clutter. `frames` holds each target's frame, numbered from 0.
     """
     gains = np.bincount(frames, weights=second.astype(float) - first.astype(float))
     counts = np.bincount(frames)
@@ -151,28 +165,26 @@ def difference_interval(
 
 
 def mcnemar_exact(lost: int, gained: int) -> float:
-    """Two-sided p of McNemar's exact test: may as many coins have fallen so unevenly?
+    """Two-sided p of McNemar's test in its exact binomial form (McNemar 1947).
 
-    `lost` and `gained` targets are right in one run only (McNemar 1947, its exact binomial form).
+    `lost` and `gained` are the numbers of targets that only the first or only the second run has
+    right.
     """
-    flipped = lost + gained
-    return 1.0 if flipped == 0 else float(binomtest(lost, flipped, 0.5).pvalue)
+    changed = lost + gained
+    return 1.0 if changed == 0 else float(binomtest(lost, changed, 0.5).pvalue)
 
 
-def read_scored(path: Path) -> dict[Target, Scored]:
-    """`scores.csv` by scene, image and object. Raises ValueError for a broken one."""
-    with path.open(encoding="utf-8", newline="") as stream:
-        reader = csv.DictReader(stream)
-        try:
-            return {
-                (int(row["scene_id"]), int(row["im_id"]), int(row["obj_id"])): Scored(
-                    row["object"],
-                    float(row["visible_fraction"]),
-                    float(row["add_mm"]),
-                    float(row["rotation_deg"]),
-                    {metric: bool(int(row[column])) for metric, column in VERDICTS.items()},
-                )
-                for row in reader
-            }
-        except (KeyError, TypeError, ValueError) as error:
-            raise ValueError(f"{path}, line {reader.line_num}: no score ({error!r})") from error
+def read_targets(path: Path) -> dict[TargetKey, ScoredTarget]:
+    """The targets of a `scores.csv` in the order of the file, each with its object's name.
+
+    Several instances of an object in a frame are told apart by their order, which is that of the
+    data set. Raises what `read_scores` raises.
+    """
+    scores, names = read_scores(path)
+    targets: dict[TargetKey, ScoredTarget] = {}
+    instances: Counter[tuple[int, int, int]] = Counter()
+    for score in scores:
+        key = (score.scene_id, score.frame_id, score.object_id)
+        targets[*key, instances[key]] = ScoredTarget(names[score.object_id], score)
+        instances[key] += 1
+    return targets

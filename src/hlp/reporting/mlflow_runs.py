@@ -1,14 +1,15 @@
-"""Runs as MLflow has them, read back: what was set, what came of it."""
+"""Runs read back from MLflow: their settings and results."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from hlp.reporting.tables import Table
+from hlp.errors import InputError, MissingFileError
+from hlp.files import SCORES
+from hlp.reporting.tables.table import Table
 from hlp.reporting.tracking import SQLITE, TrackingSettings, database_path, import_client
 
-SCORES = "scores.csv"
 _PER_PAGE = 500
 
 
@@ -25,18 +26,16 @@ class LoggedRun:
 
 
 def read_runs(settings: TrackingSettings) -> list[LoggedRun]:
-    """Every run of the experiment, newest first, whatever became of it.
+    """Every run of the experiment, newest first: finished, failed or killed.
 
-    Raises FileNotFoundError where a local database is absent, ValueError for an unknown experiment.
+    Raises MissingFileError where a local database is absent, InputError for an unknown experiment.
     """
     if settings.uri.startswith(SQLITE) and not database_path(settings).is_file():
-        raise FileNotFoundError(
-            f"no MLflow database {database_path(settings)}: `hlp run` makes one"
-        )
+        raise MissingFileError(f"no MLflow database {database_path(settings)}: `hlp run` makes one")
     client = import_client()(settings.uri)
     experiment = client.get_experiment_by_name(settings.experiment)
     if experiment is None:
-        raise ValueError(f"no experiment '{settings.experiment}' in {settings.uri}")
+        raise InputError(f"no experiment '{settings.experiment}' in {settings.uri}")
     runs: list[LoggedRun] = []
     token = None
     while True:
@@ -60,7 +59,7 @@ def read_runs(settings: TrackingSettings) -> list[LoggedRun]:
 
 
 def differences_table(runs: Sequence[LoggedRun], metrics: Sequence[str]) -> Table:
-    """One line a run: the settings that are not the same in all runs, and some metrics."""
+    """A row a run: the settings that differ between the runs, and the named metrics."""
     keys = sorted({key for run in runs for key in run.params if key != "output"})
     differing = [key for key in keys if len({run.params.get(key) for run in runs}) > 1]
     rows = [
@@ -78,19 +77,19 @@ def differences_table(runs: Sequence[LoggedRun], metrics: Sequence[str]) -> Tabl
 def scores_file(run: str, uri: str) -> Path:
     """`scores.csv` of a run that is named by its output folder, or by its id in MLflow.
 
-    Raises FileNotFoundError where neither is found, or the run has no scores.
+    Raises MissingFileError where neither is found, or the run has no scores.
     """
     if Path(run).is_dir():
         path = Path(run) / SCORES
         if not path.is_file():
-            raise FileNotFoundError(f"no {SCORES} in {run}: it holds no finished run")
+            raise MissingFileError(f"no {SCORES} in {run}: it holds no finished run")
         return path
     if uri.startswith(SQLITE) and not Path(uri.removeprefix(SQLITE)).is_file():
-        raise FileNotFoundError(f"no folder {run}, and no MLflow database {uri} to look for it in")
+        raise MissingFileError(f"no folder {run}, and no MLflow database {uri} to look for it in")
     client = import_client()(uri)
     from mlflow.exceptions import MlflowException
 
     try:
         return Path(client.download_artifacts(run, SCORES))
     except (MlflowException, OSError) as error:
-        raise FileNotFoundError(f"no folder {run}, and no scores of such a run in {uri}") from error
+        raise MissingFileError(f"no folder {run}, and no scores of such a run in {uri}") from error

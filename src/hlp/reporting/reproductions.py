@@ -1,35 +1,37 @@
-"""The paper's figures and tables of finished runs: its numbers beside ours."""
+"""The paper's figures and tables from finished runs, its numbers beside ours."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hlp.reporting.figures.sweep_bars import TRENDS, draw_trend, trend_note, trend_table
-from hlp.reporting.paper_tables import (
+from hlp.files import write_csv, write_text
+from hlp.reporting.figures.recall_points import draw_recalls
+from hlp.reporting.figures.saving import save_figure
+from hlp.reporting.figures.trends import TRENDS, draw_trend, trend_note, trend_table
+from hlp.reporting.results import Result, ResultSet, read_results, result_folders
+from hlp.reporting.tables.paper_tables import (
     METRICS_NOTE,
     OBJECTS_NOTE,
-    draw_sources,
-    metric_sources,
-    metrics_table,
-    object_sources,
+    metric_columns,
+    metric_recalls_table,
+    object_columns,
+    object_recalls_table,
     objects_of,
-    objects_table,
 )
-from hlp.reporting.results import Result, ResultSet, read_results, result_folders
-from hlp.reporting.tables import FORMATS, METRICS, Table
+from hlp.reporting.tables.summary_tables import METRIC_LABELS
+from hlp.reporting.tables.table import LAYOUTS, Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-TABLES = {"table1": "Table 1: AD recall", "table2": "Table 2: recall"}
-"""The tables by the name of their experiment."""
-_ENDINGS = ("png", "svg", "md", "csv", "tex")
+TABLES = {"table1": "Table 1: ADD(-S) recall", "table2": "Table 2: recall"}
+"""Titles of the tables by the name of their experiment."""
 
 
 @dataclass(frozen=True)
 class Reproduction:
-    """A figure and a table of the paper, made anew; `notes` say what stands in them."""
+    """A figure or table of the paper with our results; `notes` are its caption."""
 
     name: str
     table: Table
@@ -38,26 +40,27 @@ class Reproduction:
 
 
 def describe_reproductions(root: Path, layout: str) -> str:
-    """Make anew what the runs in or below a folder are of; their tables and files for people.
+    """Reproduce and write every figure and table of the paper that has runs in or below a folder.
 
-    Empty where no run is of a figure or table of the paper. `layout` is `text` or `markdown`.
+    Returns captions, tables and the files' names for people; empty if no run belongs to a figure or
+    table of the paper. `layout` is `text` or `markdown`.
     """
     parts = []
     for folder in result_folders(root):
         for made in reproduce(read_results(folder)):
             files = ", ".join(str(path) for path in write_reproduction(folder, made))
-            parts += [*made.notes, FORMATS[layout](made.table), f"Written: {files}"]
+            parts += [*made.notes, LAYOUTS[layout](made.table), f"Written: {files}"]
     return "\n\n".join(parts)
 
 
 def write_reproductions(folder: Path) -> list[Path]:
-    """Make anew what one sweep or run is of, into its folder; the files."""
+    """Reproduce the paper's figure or table that a sweep or run belongs to; the files written."""
     made = reproduce(read_results(folder))
     return [path for each in made for path in write_reproduction(folder, each)]
 
 
 def reproduce(found: ResultSet) -> list[Reproduction]:
-    """The figure or table of the paper that results are of, one for each experiment among them."""
+    """The paper's figures and tables with these results, one for each experiment among them."""
     made = []
     for name in dict.fromkeys(result.experiment for result in found.results):
         results = [each for each in found.results if each.experiment == name]
@@ -70,17 +73,13 @@ def reproduce(found: ResultSet) -> list[Reproduction]:
 
 def write_reproduction(folder: Path, made: Reproduction) -> list[Path]:
     """Write NAME.png, .svg, .md, .csv and .tex; those files."""
-    import matplotlib
-
-    files = [folder / f"{made.name}.{ending}" for ending in _ENDINGS]
-    with matplotlib.rc_context({"svg.hashsalt": "hlp"}):  # equal figures, equal files
-        made.figure.savefig(files[0], dpi=150)
-        made.figure.savefig(files[1], metadata={"Date": None})
-    picture = f"![{made.name}]({files[1].name})"
-    files[2].write_text("\n\n".join([picture, *made.notes, made.table.markdown()]) + "\n")
-    files[3].write_text(made.table.csv() + "\n")
-    files[4].write_text(made.table.latex() + "\n")
-    return files
+    png, svg = save_figure(made.figure, folder / made.name)
+    markdown, table, latex = (folder / f"{made.name}.{ending}" for ending in ("md", "csv", "tex"))
+    picture = f"![{made.name}]({svg.name})"
+    write_text(markdown, "\n\n".join([picture, *made.notes, made.table.markdown()]) + "\n")
+    write_csv(table, made.table.header, made.table.rows)
+    write_text(latex, made.table.latex() + "\n")
+    return [png, svg, markdown, table, latex]
 
 
 def _trend(name: str, results: Sequence[Result], found: ResultSet) -> Reproduction:
@@ -99,16 +98,16 @@ def _table(name: str, results: Sequence[Result], found: ResultSet) -> Reproducti
         runs[_chosen(result, found.swept, ()) or "ours"] = result
     title = f"{TABLES[name]}, {_measured_on(results[0])}"
     if name == "table1":
-        table, note = objects_table(runs), OBJECTS_NOTE
-        figure = draw_sources(objects_of(runs), object_sources(runs), title, note)
+        table, note = object_recalls_table(runs), OBJECTS_NOTE
+        figure = draw_recalls(objects_of(runs), object_columns(runs), title, note)
     else:
-        table, note = metrics_table(runs), METRICS_NOTE
-        figure = draw_sources([*METRICS.values()], metric_sources(runs), title, note)
+        table, note = metric_recalls_table(runs), METRICS_NOTE
+        figure = draw_recalls([*METRIC_LABELS.values()], metric_columns(runs), title, note)
     return Reproduction(name, table, figure, [f"{title}.", *_made_by(found), note])
 
 
 def _chosen(result: Result, swept: Sequence[str], without: Sequence[str]) -> str:
-    """What a run has for the swept keys, in words."""
+    """A run's values of the swept keys, in words."""
     pairs = [(key, result.chosen[key]) for key in swept if key in result.chosen]
     return ", ".join(f"{key.rpartition('.')[2]} {v}" for key, v in pairs if key not in without)
 
@@ -121,5 +120,5 @@ def _measured_on(result: Result) -> str:
 
 
 def _made_by(found: ResultSet) -> list[str]:
-    left = f"Arms that are not finished and left out: {found.unfinished}."
-    return [f"Made by `{found.command}`.", *([left] if found.unfinished else [])]
+    missing = f"Unfinished runs of the sweep, left out: {found.unfinished}."
+    return [f"Made by `{found.command}`.", *([missing] if found.unfinished else [])]

@@ -1,6 +1,5 @@
-"""Finished runs and sweeps on disk, read back for figures and tables."""
+"""Finished runs and sweeps, read back from their folders for figures and tables."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,19 +7,16 @@ from typing import Any
 
 import yaml
 
-from hlp.reporting.figures.trade_off import SWEEP
-
-MANIFEST = "manifest.json"
-"""Of a run's folder, written last: a folder that has one holds a whole result."""
-SUMMARY = "summary.json"
-"""Of a folder of the method's own runs; what measures its stages writes none."""
+from hlp.errors import DataError
+from hlp.evaluation.summary import read_summary
+from hlp.files import MANIFEST, SUMMARY, SWEEP, read_json
 
 
 @dataclass(frozen=True)
 class Result:
-    """One finished run: its whole configuration, `summary.json`, and the number of frames.
+    """One finished run: its whole configuration, its `summary.json`, and the number of frames.
 
-    `chosen` holds what was given on the command line, or by the sweep, as text.
+    `chosen` holds the overrides given on the command line or by the sweep, as text by key.
     """
 
     config: Mapping[str, Any]
@@ -33,10 +29,27 @@ class Result:
         """Name of the experiment."""
         return str(self.config["name"])
 
+    @property
+    def targets(self) -> int:
+        """Number of targets."""
+        return int(self.summary["targets"])
+
+    @property
+    def add(self) -> Mapping[str, Any]:
+        """`recall` by ADD(-S) and its interval `ci95`."""
+        metric: Mapping[str, Any] = self.summary["metrics"]["add"]
+        return metric
+
+    @property
+    def total_ms(self) -> Mapping[str, float]:
+        """`median` and `p95` of the time of one object in one frame (ms)."""
+        times: Mapping[str, float] = self.summary["timing_ms"]["total"]
+        return times
+
 
 @dataclass(frozen=True)
 class ResultSet:
-    """A sweep's finished arms, or one run that is no arm; how many arms are unfinished."""
+    """The finished runs of a sweep, or a single run, and the number of unfinished runs."""
 
     results: list[Result]
     swept: list[str]
@@ -45,16 +58,16 @@ class ResultSet:
 
 
 def result_folders(root: Path) -> list[Path]:
-    """Folders in or below `root` that hold a sweep, or a run that is no sweep's arm."""
+    """Folders in or below `root` that hold a sweep, or a run that belongs to no sweep."""
     sweeps = {path.parent for path in root.rglob(SWEEP)}
     runs = {path.parent for path in root.rglob(MANIFEST) if _is_finished(path.parent)}
     return sorted(sweeps | {run for run in runs if run.parent not in sweeps})
 
 
 def read_results(folder: Path) -> ResultSet:
-    """What a folder of `result_folders` holds, arms in their order.
+    """The results in a folder of `result_folders`, in the order of the sweep.
 
-    Raises ValueError for a broken file, naming the folder.
+    Raises DataError for a broken file, naming the folder.
     """
     try:
         if (folder / SWEEP).is_file():
@@ -62,21 +75,21 @@ def read_results(folder: Path) -> ResultSet:
         command = " ".join(["hlp run", *_overrides(folder)])
         return ResultSet([_read_run(folder)], [], command, 0)
     except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{folder} holds no results that can be read ({error!r})") from error
+        raise DataError(f"{folder} holds no results that can be read ({error!r})") from error
 
 
 def _read_sweep(folder: Path) -> ResultSet:
-    sweep = json.loads((folder / SWEEP).read_text())
-    arms = sorted((path for path in folder.iterdir() if path.name.isdigit()), key=_number)
-    finished = [arm for arm in arms if _is_finished(arm)]
+    sweep = read_json(folder / SWEEP)
+    runs = sorted((path for path in folder.iterdir() if path.name.isdigit()), key=_number)
+    finished = [run for run in runs if _is_finished(run)]
     command = " ".join(["hlp -m", *sweep["overrides"]])
-    results = [_read_run(arm) for arm in finished]
-    return ResultSet(results, sweep["swept"], command, len(arms) - len(finished))
+    results = [_read_run(run) for run in finished]
+    return ResultSet(results, sweep["swept"], command, len(runs) - len(finished))
 
 
 def _read_run(folder: Path) -> Result:
-    manifest = json.loads((folder / MANIFEST).read_text())
-    summary = json.loads((folder / SUMMARY).read_text())
+    manifest = read_json(folder / MANIFEST)
+    summary = read_summary(folder / SUMMARY)
     pairs = (each.lstrip("+").split("=", 1) for each in _overrides(folder) if "=" in each)
     frames = len(manifest["data"]["keys"])
     return Result(manifest["config"], summary, frames, dict(pairs))

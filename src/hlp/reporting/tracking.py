@@ -1,4 +1,4 @@
-"""Runs in MLflow. A run is opened before any work is done, so that a crash leaves a FAILED row."""
+"""Log runs to MLflow. A run is opened before the work begins, so a crash leaves a FAILED run."""
 
 import json
 import logging
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 LONGEST_PARAMETER = 6000  # MLflow's own limit
 PARAMETERS_AT_ONCE = 100  # likewise
 LONGEST_DIGEST = 36  # likewise
-PARENT = "mlflow.parentRunId"  # tag of a sweep's arms
+PARENT = "mlflow.parentRunId"  # tag of the runs of a sweep
 REVISION = "mlflow.source.git.commit"
 SQLITE = "sqlite:///"
 
@@ -39,7 +39,7 @@ class TrackingSettings:
 
 @dataclass(frozen=True)
 class Arm:
-    """One run of a sweep: its name, its parent's id, and the keys that the sweep changes."""
+    """One run of a sweep: its name, its parent's run id, and the values of the swept keys."""
 
     name: str
     parent: str
@@ -51,7 +51,10 @@ _ARM: ContextVar[Arm | None] = ContextVar("arm", default=None)
 
 @contextmanager
 def as_arm(arm: Arm) -> Iterator[None]:
-    """Runs opened meanwhile are this arm: what opens them need not know of sweeps."""
+    """Log runs that are opened meanwhile as this run of a sweep.
+
+    So the code that opens a run need not know about sweeps.
+    """
     token = _ARM.set(arm)
     try:
         yield
@@ -60,7 +63,7 @@ def as_arm(arm: Arm) -> Iterator[None]:
 
 
 class Tracker:
-    """One MLflow run. Names may be anything: characters that MLflow refuses become `_`."""
+    """One MLflow run. In names, characters that MLflow refuses are replaced by `_`."""
 
     def __init__(self, client: "MlflowClient", experiment_id: str, run_id: str) -> None:
         self._client = client
@@ -68,12 +71,12 @@ class Tracker:
         self.run_id = run_id
 
     @property
-    def page(self) -> str:
-        """Path of the run's page below the address of MLflow's server."""
+    def page_path(self) -> str:
+        """Path of the run's page, to be appended to the address of MLflow's server."""
         return f"/#/experiments/{self.experiment_id}/runs/{self.run_id}"
 
     def log_metrics(self, metrics: Mapping[str, float | None], step: int = 0) -> None:
-        """Log numbers at once, e.g. `add/recall`; None (nothing measured) is left out."""
+        """Log several numbers in one call, e.g. `add/recall`; None (not measured) is left out."""
         from mlflow.entities import Metric
 
         now = int(time.time() * 1000)
@@ -85,11 +88,11 @@ class Tracker:
         self._client.log_batch(self.run_id, metrics=entries)
 
     def log_epoch_metrics(self, stage: str, epoch: int, metrics: Mapping[str, float]) -> None:
-        """Log one epoch of a stage's training as `<stage>/<name>`: a call an epoch, none a step."""
+        """Log one epoch of a stage's training as `<stage>/<name>`, in one call."""
         self.log_metrics({f"{stage}/{name}": value for name, value in metrics.items()}, epoch)
 
     def log_params(self, params: Mapping[str, Any]) -> None:
-        """Log a nested configuration as flat parameters, values cut at MLflow's limit."""
+        """Log a nested configuration as flat parameters; long values are cut at MLflow's limit."""
         from mlflow.entities import Param
 
         entries = [
@@ -100,7 +103,7 @@ class Tracker:
             self._client.log_batch(self.run_id, params=entries[start : start + PARAMETERS_AT_ONCE])
 
     def log_input(self, name: str, digest: str, source: str, context: str) -> None:
-        """Log a data set that the run reads: `digest` of its content, and what it is read for."""
+        """Log a data set that the run reads, with a `digest` of its content and its purpose."""
         from mlflow.entities import Dataset, DatasetInput, InputTag
 
         data = Dataset(name, digest[:LONGEST_DIGEST], "local", json.dumps({"uri": source}))
@@ -108,19 +111,22 @@ class Tracker:
         self._client.log_inputs(self.run_id, datasets=[DatasetInput(data, tags)])
 
     def log_artifact(self, path: Path, folder: str | None = None) -> None:
-        """Copy a file into the run's artifacts; raises FileNotFoundError where there is none."""
+        """Copy a file into the run's artifacts. Raises FileNotFoundError if it does not exist."""
         if not path.is_file():
             raise FileNotFoundError(f"no file {path} to log")
         self._client.log_artifact(self.run_id, str(path), folder)
 
     def log_artifacts(self, path: Path, folder: str | None = None) -> None:
-        """Copy what is in a folder into the run's artifacts (below `folder`)."""
+        """Copy a folder's content into the run's artifacts, below `folder`.
+
+        Raises FileNotFoundError if it does not exist.
+        """
         if not path.is_dir():
             raise FileNotFoundError(f"no folder {path} to log")
         self._client.log_artifacts(self.run_id, str(path), folder)
 
     def log_table(self, name: str, columns: Mapping[str, Sequence[Any]]) -> None:
-        """Log a table that MLflow's page shows, as `<name>.json`."""
+        """Log a table, as `<name>.json`, which MLflow's pages show."""
         data = {column: list(values) for column, values in columns.items()}
         self._client.log_table(self.run_id, data, f"{name}.json")
 
@@ -135,10 +141,10 @@ def track_run(
 ) -> Iterator[Tracker]:
     """Open an MLflow run; it ends FINISHED, KILLED if interrupted, or FAILED with a traceback.
 
-    `params` is the run's configuration; `tags` may name the `REVISION` of the code. An `as_arm`
-    around it decides the name, and the parent. With `resume`, the run of that id goes on instead of
-    a new one, unless MLflow has it no more. A local database is made on first use, together with
-    the folder for artifacts beside it.
+    `params` is the run's configuration; `tags` may hold the `REVISION` of the code. Inside
+    `as_arm`, the arm gives the name and the parent. `resume` continues the run of that id, or opens
+    a new one if MLflow no longer has it. A local database is created on first use, with the folder
+    for artifacts beside it.
     """
     client, experiment_id = _connect(settings)
     all_tags = {"mlflow.source.name": "hlp run", **(tags or {})}
@@ -146,12 +152,12 @@ def track_run(
     if arm is not None:
         run_name, all_tags[PARENT] = arm.name, arm.parent
     run_id = resume
-    goes_on = run_id is not None and _goes_on(client, run_id)
-    if run_id is None or not goes_on:
+    resumed = run_id is not None and _reopen(client, run_id)
+    if run_id is None or not resumed:
         run_id = client.create_run(experiment_id, run_name=run_name, tags=all_tags).info.run_id
     tracker = Tracker(client, experiment_id, run_id)
     try:
-        if not goes_on:  # MLflow lets none be changed, and a run that goes on has its own
+        if not resumed:  # MLflow lets no parameter be changed, and a resumed run has its own
             tracker.log_params({**(arm.swept if arm else {}), **flatten(params)})
         client.log_dict(run_id, dict(params), "config.yaml")
         yield tracker
@@ -166,8 +172,8 @@ def track_run(
     client.set_terminated(tracker.run_id, "FINISHED")
 
 
-def _goes_on(client: "MlflowClient", run_id: str) -> bool:
-    """Have a run that ended be running again; False where MLflow does not have it."""
+def _reopen(client: "MlflowClient", run_id: str) -> bool:
+    """Set an ended run to running again; False if MLflow does not have it."""
     from mlflow.exceptions import MlflowException
 
     try:
@@ -183,16 +189,16 @@ def _goes_on(client: "MlflowClient", run_id: str) -> bool:
 
 
 def how_to_browse(settings: TrackingSettings, tracker: Tracker) -> str:
-    """What to start and which page to open to see a run, for a person at a terminal."""
+    """The command to start and the page to open to see a run, for a person at a terminal."""
     if not settings.uri.startswith(SQLITE):
-        return f"{settings.uri.rstrip('/')}{tracker.page}"
+        return f"{settings.uri.rstrip('/')}{tracker.page_path}"
     address = shlex.quote(f"{SQLITE}{database_path(settings)}")
     server = f"{shlex.quote(sys.executable)} -m mlflow server --workers 1"
-    return f"{server} --backend-store-uri {address}\nthen open http://127.0.0.1:5000{tracker.page}"
+    return f"{server} --backend-store-uri {address}\nthen open http://127.0.0.1:5000{tracker.page_path}"
 
 
 def metric_name(name: str) -> str:
-    """The name with all that MLflow refuses (@, brackets, %, …) replaced by `_`."""
+    """The name with all characters that MLflow refuses (@, brackets, %, …) replaced by `_`."""
     return re.sub(r"[^\w\-. :/]", "_", name)
 
 
@@ -208,10 +214,10 @@ def flatten(nested: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def _connect(settings: TrackingSettings) -> tuple["MlflowClient", str]:
-    """MLflow's client and the id of the experiment, made if need be.
+    """MLflow's client and the id of the experiment, which is created if need be.
 
-    Processes that create one SQLite database at the same time spoil it (MLflow 3), so the first
-    contact with a local one, which the client's construction is, is made under a lock.
+    Processes that create the same SQLite database at the same time destroy it (MLflow 3). The
+    database is created when the client is constructed, so that happens under a lock.
     """
     import_client()
     if not settings.uri.startswith(SQLITE):
@@ -223,7 +229,7 @@ def _connect(settings: TrackingSettings) -> tuple["MlflowClient", str]:
 
 
 def import_client() -> type["MlflowClient"]:
-    """Import MLflow, which takes seconds, without its telemetry and its talk of databases."""
+    """Import MLflow, which takes seconds, with telemetry off and its database messages silenced."""
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")  # read when mlflow is imported
     from mlflow import MlflowClient
 
@@ -233,7 +239,7 @@ def import_client() -> type["MlflowClient"]:
 
 
 def database_path(settings: TrackingSettings) -> Path:
-    """File of a local database."""
+    """File of a local MLflow database."""
     return Path(settings.uri.removeprefix(SQLITE)).absolute()
 
 

@@ -6,21 +6,15 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool
 
-from hlp.data.sources import FrameSource, VisibleMasks
-from hlp.evaluation.errors import VSD_DELTA
+from hlp.data.sources import FrameSource, annotated_mask
 from hlp.evaluation.evaluator import add_correct
-from hlp.evaluation.pose_distance import (
-    VoteTally,
-    is_flipped,
-    near_truth,
-    poses_near_truth,
-    tally,
-)
+from hlp.evaluation.pose_distance import is_symmetric_flip, near_truth, poses_near_truth
 from hlp.evaluation.settings import EvaluationSettings
+from hlp.evaluation.visible_mask import unoccluded_mask
+from hlp.evaluation.vote_quality import VoteCounts
 from hlp.evaluation.waterfall import Evidence, cause_of
 from hlp.geometry import rotation_matrices
-from hlp.records import Frame, ObjectModel, Region, Target, TargetScore
-from hlp.rendering.rasterizer import render_depth
+from hlp.records import Frame, ObjectModel, Region, Target, TargetScore, frame_key
 from hlp.stages.detection import DetectionStages
 from hlp.stages.frame_files import read_arrays
 from hlp.stages.frame_results import Arrays, read_regions
@@ -36,7 +30,7 @@ def explain_misses(
     """
     frames: dict[str, dict[int, list[int]]] = {}
     for index, score in enumerate(scores):
-        key = f"{score.scene_id:06d}_{score.frame_id:06d}"
+        key = frame_key(score.scene_id, score.frame_id)
         frames.setdefault(key, {}).setdefault(score.object_id, []).append(index)
     explained = list(scores)
     for key, objects in frames.items():
@@ -91,19 +85,19 @@ class _FrameDiagnosis:
             ),
             refined=self._fine.get(f"{name}/sources", np.zeros(0, dtype=int)),
             right=add_correct(poses, true, model, settings),
-            flipped=answer is not None and is_flipped(answer, true, model, settings),
+            flipped=answer is not None and is_symmetric_flip(answer, true, model, settings),
         )
 
 
-def tally_votes(
+def count_votes(
     detection: DetectionStages, frame: Frame, settings: EvaluationSettings
-) -> list[VoteTally]:
-    """Numbers of votes, of good votes and of votes from the object itself, for each object.
+) -> list[VoteCounts]:
+    """Counts of the votes for every object that is looked for in a frame.
 
-    A vote is good if it is near any of the object's targets in the frame.
+    A vote is good if it is near the true pose of any of the object's targets in the frame.
     """
     stored = read_arrays(detection.hypotheses().folder, frame.key)
-    tallies = []
+    counted = []
     for object_id in detection.dataset.wanted(frame):
         model = detection.dataset.models[object_id]
         targets = [each for each in frame.targets if each.object_id == object_id]
@@ -112,8 +106,8 @@ def tally_votes(
         x, y = stored[f"{object_id}/vote_pixels"].T
         on_object = np.any(shown, axis=0)[y, x]
         weights = stored[f"{object_id}/vote_weights"].astype(np.float64)
-        tallies.append(tally(object_id, np.any(good, axis=0), weights, on_object))
-    return tallies
+        counted.append(VoteCounts.of(object_id, np.any(good, axis=0), weights, on_object))
+    return counted
 
 
 def good_votes(
@@ -134,18 +128,9 @@ def good_votes(
 def visible_pixels(
     source: FrameSource, frame: Frame, target: Target, model: ObjectModel
 ) -> Bool[np.ndarray, "h w"]:
-    """Pixels that show the target: the data set's own mask, or else by BOP's rule.
-
-    BOP's rule: the rendered object is not farther behind the observed depth than a tolerance. A
-    pixel without depth counts as visible, since nothing is known to hide the object there.
-    """
-    given = source.visible_mask(frame, target) if isinstance(source, VisibleMasks) else None
-    if given is not None:
-        return given
-    shape = (frame.depth.shape[0], frame.depth.shape[1])
-    rendered = render_depth(model.proxy, target.pose_cam_obj[None], frame.camera_matrix, shape)[0]
-    hidden = (frame.depth > 0) & (rendered - frame.depth > VSD_DELTA)
-    return np.asarray((rendered > 0) & ~hidden)
+    """Pixels that show the target: the data set's own mask, or else where nothing hides it."""
+    annotated = annotated_mask(source, frame, target)
+    return unoccluded_mask(frame, target, model) if annotated is None else annotated
 
 
 def _windows_on(visible: Bool[np.ndarray, "h w"], region: Region) -> int:

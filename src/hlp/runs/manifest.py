@@ -3,16 +3,16 @@
 A run writes its manifest last: a folder with a manifest holds a complete result.
 """
 
-import csv
 import dataclasses
 import hashlib
 import json
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hlp.data.dataset import frames_identity
-from hlp.stages.manifest import FILE, read_manifest
+from hlp.evaluation.poses_file import POSE_COLUMNS
+from hlp.files import MANIFEST, read_csv
+from hlp.stages.manifest import read_manifest
 from hlp.stages.provenance import code_digest, git_revision, library_versions
 from hlp.stages.store import StageStore
 
@@ -53,9 +53,9 @@ def is_finished(run: "Run", output: Path) -> bool:
 
     The name of the folder does not matter. Raises DataError for a broken manifest.
     """
-    if not (output / FILE).is_file():
+    if not (output / MANIFEST).is_file():
         return False
-    manifest = read_manifest(output / FILE)
+    manifest = read_manifest(output / MANIFEST)
     return all(
         _without_output(manifest.get(key)) == _without_output(value)
         for key, value in made_from(run).items()
@@ -65,9 +65,8 @@ def is_finished(run: "Run", output: Path) -> bool:
 def poses_digest(path: Path) -> str:
     """Digest (16 hex digits) of everything in `poses.csv` except the times."""
     digest = hashlib.blake2b(digest_size=8)
-    with path.open(encoding="utf-8", newline="") as stream:
-        for row in csv.DictReader(stream):
-            digest.update(json.dumps({**row, "time": ""}, sort_keys=True).encode() + b"\n")
+    for row in read_csv(path, POSE_COLUMNS):
+        digest.update(json.dumps({**row, "time": ""}, sort_keys=True).encode() + b"\n")
     return digest.hexdigest()
 
 
@@ -75,10 +74,3 @@ def _without_output(value: Any) -> Any:
     """A part of a manifest as it is in JSON, without the run's own folder."""
     plain = json.loads(json.dumps(value))
     return {**plain, "output": None} if isinstance(plain, dict) else plain
-
-
-def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write JSON at once or not at all."""
-    begun = path.with_name(path.name + ".begun")
-    begun.write_text(json.dumps(content, indent=2) + "\n")
-    os.replace(begun, path)

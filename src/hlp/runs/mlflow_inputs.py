@@ -1,12 +1,13 @@
 """What is logged of a run to MLflow beside its files: name, revision, data sets, tables."""
 
-import csv
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hlp.data.dataset import frames_identity
-from hlp.reporting.metrics import SHOWN
+from hlp.evaluation.scores_file import SCORE_COLUMNS
+from hlp.files import SCORES, read_csv
+from hlp.reporting.mlflow_metrics import MLFLOW_METRICS
 from hlp.reporting.tracking import REVISION, Tracker
 from hlp.stages.provenance import git_revision
 
@@ -48,9 +49,10 @@ def log_tables(summary: Mapping[str, Any], output: Path, tracker: Tracker) -> No
         "object": list(objects),
         "targets": [scores["targets"] for scores in objects.values()],
     }
-    for key, shown in SHOWN.items():
+    for key, shown in MLFLOW_METRICS.items():
         columns[shown] = [scores[key]["recall"] for scores in objects.values()]
     tracker.log_table("tables/objects", columns)
-    with (output / "scores.csv").open(encoding="utf-8", newline="") as stream:
-        rows = list(csv.DictReader(stream))
-    tracker.log_table("tables/targets", {name: [row[name] for row in rows] for name in rows[0]})
+    rows = read_csv(output / SCORES, SCORE_COLUMNS)
+    tracker.log_table(
+        "tables/targets", {name: [row[name] for row in rows] for name in SCORE_COLUMNS}
+    )

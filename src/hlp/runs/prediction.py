@@ -10,11 +10,11 @@ from hlp.config.build import Run, evenly
 from hlp.data.own_frames import OwnFrames
 from hlp.errors import InputError
 from hlp.evaluation.poses_file import write_poses
+from hlp.files import POSES, write_json
 from hlp.method.compute_threads import set_compute_threads
-from hlp.records import PoseEstimate
+from hlp.records import PoseEstimate, frame_key
 from hlp.reporting.figures.panels import write_png
-from hlp.reporting.pose_table import format_poses, poses_json
-from hlp.runs.manifest import write_json
+from hlp.reporting.tables.pose_table import format_poses, poses_json
 from hlp.runs.run_stages import stages_of
 from hlp.runs.stage_panels import picture_of_stages
 from hlp.stages.detection import DetectionStages
@@ -31,7 +31,7 @@ def predict(run: Run, output: Path) -> list[PoseEstimate]:
     dataset, settings = run.dataset, run.settings
     if not isinstance(dataset.frames, OwnFrames):
         raise InputError("`hlp predict` takes data=files alone; other data are for `hlp run`")
-    set_compute_threads(settings.machine.threads, settings.trainer.torch_threads)
+    set_compute_threads(settings.machine.threads)
     for key in run.keys:
         dataset.frames.load(key)
     store = StageStore(Path(settings.work))
@@ -40,7 +40,7 @@ def predict(run: Run, output: Path) -> list[PoseEstimate]:
     images = [str(dataset.frames.image(_key(answer))) for answer in answers]
     names = {object_id: model.name for object_id, model in dataset.models.items()}
     output.mkdir(parents=True, exist_ok=True)
-    write_poses(output / "poses.csv", answers)
+    write_poses(output / POSES, answers)
     write_json(output / "poses.json", poses_json(answers, images, names))
     if settings.panels > 0:
         _draw(detection, dataset.frames, answers, settings.panels, output / "panels")
@@ -50,7 +50,7 @@ def predict(run: Run, output: Path) -> list[PoseEstimate]:
 
 
 def _key(answer: PoseEstimate) -> str:
-    return f"{answer.scene_id:06d}_{answer.frame_id:06d}"
+    return frame_key(answer.scene_id, answer.frame_id)
 
 
 def _draw(

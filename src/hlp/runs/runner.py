@@ -10,25 +10,26 @@ from tqdm import tqdm
 from hlp.config.build import Run
 from hlp.errors import InputError
 from hlp.evaluation.evaluator import FrameTruth, score_targets
-from hlp.evaluation.pose_distance import votes_quality
-from hlp.evaluation.poses_file import read_poses, write_poses, write_scores
+from hlp.evaluation.poses_file import read_poses, write_poses
+from hlp.evaluation.scores_file import write_scores
 from hlp.evaluation.summary import summarise
+from hlp.evaluation.vote_quality import vote_quality
+from hlp.files import MANIFEST, POSES, SCORES, SUMMARY, write_json
 from hlp.method.compute_threads import set_compute_threads
 from hlp.method.training import read_history
 from hlp.records import PoseEstimate
 from hlp.reporting.figures.panels import write_png
 from hlp.reporting.figures.waterfall_bars import draw_waterfall
-from hlp.reporting.metrics import summary_metrics
-from hlp.reporting.tables import format_summary
+from hlp.reporting.mlflow_metrics import summary_metrics
+from hlp.reporting.tables.summary_tables import format_summary
 from hlp.reporting.tracking import Tracker, how_to_browse, track_run
-from hlp.runs import manifest
-from hlp.runs.diagnosis import explain_misses, tally_votes
+from hlp.runs.diagnosis import count_votes, explain_misses
+from hlp.runs.manifest import make_manifest, poses_digest
 from hlp.runs.mlflow_inputs import log_inputs, log_tables, revision_tag, run_name
 from hlp.runs.run_stages import stages_of
 from hlp.runs.stage_panels import picture_of_stages
 from hlp.runs.timing import Timing, measure_times
 from hlp.stages.detection import DetectionStages
-from hlp.stages.manifest import FILE as MANIFEST
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
 from hlp.stages.view_task import render_in_workers
@@ -44,7 +45,7 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
     settings = run.settings
     if not run.dataset.annotated:
         raise InputError("these frames have no true poses to score against: use `hlp predict`")
-    set_compute_threads(settings.machine.threads, settings.trainer.torch_threads)
+    set_compute_threads(settings.machine.threads)
     output.mkdir(parents=True, exist_ok=True)
     (output / MANIFEST).unlink(missing_ok=True)
     name = run_name(settings, output)
@@ -61,9 +62,9 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         _draw(run, detection, estimates, output / "panels")
         tracker.log_metrics(summary_metrics(summary))
         log_tables(summary, output, tracker)
-        made = manifest.make_manifest(run, store)
-        made["poses"] = manifest.poses_digest(output / "poses.csv")
-        manifest.write_json(output / MANIFEST, made)
+        made = make_manifest(run, store)
+        made["poses"] = poses_digest(output / POSES)
+        write_json(output / MANIFEST, made)
         tracker.log_artifacts(output)
     print(format_summary(summary))
     _say_where(run, output, tracker)
@@ -79,28 +80,28 @@ def _score(
 ) -> dict[str, Any]:
     """Write poses.csv, then score the poses as read from it."""
     dataset, settings = run.dataset, run.settings
-    write_poses(output / "poses.csv", estimates)
+    write_poses(output / POSES, estimates)
     keys = tqdm(run.keys, desc="scores", unit="frame", disable=None)
-    truths, tallies = [], []
+    truths, counted = [], []
     for key in keys:
         frame = dataset.frames.load(key)
         truths.append(FrameTruth.of(frame))
-        tallies += tally_votes(detection, frame, settings.evaluation)
-    saved = read_poses(output / "poses.csv")
+        counted += count_votes(detection, frame, settings.evaluation)
+    saved = read_poses(output / POSES)
     scores = score_targets(truths, dataset.models, saved, settings.evaluation)
     scores = explain_misses(detection, scores, settings.evaluation)
     names = {object_id: model.name for object_id, model in dataset.models.items()}
-    write_scores(output / "scores.csv", scores, names)
+    write_scores(output / SCORES, scores, names)
     summary = summarise(
         scores,
         names,
         timing.milliseconds(),
-        votes_quality(tallies, names),
+        vote_quality(counted, names),
         settings.evaluation,
         settings.seed,
     )
     summary["timing"] = timing.summary()
-    manifest.write_json(output / "summary.json", summary)
+    write_json(output / SUMMARY, summary)
     draw_waterfall(output, summary["waterfall"])
     return summary
 

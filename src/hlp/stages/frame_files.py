@@ -1,6 +1,5 @@
 """One file of arrays for each frame, written whole or not at all."""
 
-import os
 import zipfile
 import zlib
 from pathlib import Path
@@ -8,14 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from hlp.errors import DataError
+from hlp.files import replaced
 
 
 def write_arrays(folder: Path, key: str, arrays: dict[str, np.ndarray]) -> None:
     """Write `key`.npz. After a crash or on a full disk there is no partial file of that name."""
-    begun = folder / f"{key}.npz.begun"
-    with begun.open("wb") as stream:
+    with replaced(folder / f"{key}.npz") as stream:
         np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
-    os.replace(begun, folder / f"{key}.npz")
 
 
 def read_arrays(folder: Path, key: str) -> dict[str, np.ndarray]:

@@ -72,7 +72,7 @@ class FrameTask:
     def _detection(self) -> DetectionStages:
         kept: DetectionStages | None = getattr(_KEPT, "detection", None)
         if kept is None or kept.settings != self.settings or _KEPT.made_from != self.made_from:
-            set_compute_threads(self.settings.machine.threads, self.settings.trainer.torch_threads)
+            set_compute_threads(self.settings.machine.threads)
             dataset = build_dataset(self.data)
             check_same(self.made_from, dataset)
             store = StageStore(self.work)

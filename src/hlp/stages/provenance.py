@@ -12,6 +12,7 @@ LIBRARIES = (
     "numpy",
     "scipy",
     "numba",
+    "onnxruntime",
     "torch",
     "pytorch-lightning",
     "opencv-python-headless",

@@ -5,7 +5,6 @@
 <root>/<stage>/<fingerprint>.lock      held by the run that is making it
 """
 
-import json
 import logging
 import os
 import time
@@ -19,6 +18,7 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from hlp.errors import DataError
+from hlp.files import read_json, write_json
 from hlp.stages.fingerprint import plain
 from hlp.stages.provenance import library_versions
 
@@ -145,7 +145,7 @@ class StageStore:
             seconds = time.perf_counter() - begun
             made_at = datetime.now(UTC).isoformat(timespec="seconds")
             record |= {"seconds": round(seconds, 3), "made_at": made_at}
-            (partial / RECORD).write_text(json.dumps(record, indent=2) + "\n")
+            write_json(partial / RECORD, record)
             _flush(partial)
             partial.rename(folder)
         except BaseException as error:
@@ -183,7 +183,7 @@ class StageStore:
 
 def _seconds(folder: Path) -> float:
     """How long it took to make a finished output."""
-    return float(json.loads((folder / RECORD).read_text())["seconds"])
+    return float(read_json(folder / RECORD)["seconds"])
 
 
 def _flush(folder: Path) -> None:

@@ -7,13 +7,14 @@ from typing import Any
 
 from hlp.codebook.entries import load_codebook, save_codebook
 from hlp.data.dataset import Dataset, frames_identity
-from hlp.method.classifiers import StartingWeights, load_classifier, train_classifier
+from hlp.method.classifier_training import StartingWeights, train_classifier
 from hlp.method.codebook_building import build_codebook
-from hlp.method.encoders import load_encoder, train_encoder
+from hlp.method.encoder_training import train_encoder
+from hlp.method.networks import load_classifier, load_encoder
 from hlp.method.settings import MethodSettings
 from hlp.method.training import read_weights
-from hlp.models.classifier import HolisticCNN
 from hlp.models.encoder import Encoder
+from hlp.models.network import Network
 from hlp.records import Codebook, ObjectModel, Views
 from hlp.rendering.views import load_views, render_views, save_views
 from hlp.source_code import Code
@@ -139,9 +140,9 @@ class TrainingStages:
         views = {i: self.views(i).fingerprint for i in self.models}
         return read_warm_start(Path(given.manifest), self.settings, views, self.store)
 
-    def load_classifier(self) -> HolisticCNN:
+    def load_classifier(self) -> Network:
         """The trained classifier, from disk; class i is the i-th object by id, 0 background."""
-        return load_classifier(len(self.models), self.settings, self.classifier().folder)
+        return load_classifier(self.classifier().folder, self.settings.machine)
 
     def encoder(self) -> Output:
         """Stage 2: the encoder of local patches, shared by all objects."""
@@ -172,8 +173,8 @@ class TrainingStages:
 
     def load_encoder(self) -> Encoder:
         """The trained encoder, from disk."""
-        device = self.settings.machine.device
-        return load_encoder(self.settings.encoder, self.encoder().folder, device)
+        machine = self.settings.machine
+        return load_encoder(self.settings.encoder, self.encoder().folder, machine)
 
     def codebook(self, object_id: int) -> Output:
         """Stage 2: the codebook of one object."""
@@ -196,6 +197,9 @@ class TrainingStages:
             save_codebook(folder, made)
 
         return self._stage("codebook", object_id, settings, upstream, make)
+
+    def load_lists(self, object_id: int) -> None:
+        """None: lists are trained anew, since their settings are no part of a codebook's."""
 
     def load_codebook(self, object_id: int) -> Codebook:
         """One object's codebook, from disk."""

@@ -32,7 +32,7 @@ class ViewTask:
 
         Raises DataError if the worker's code or data are not those of the run.
         """
-        set_compute_threads(self.settings.machine.threads, self.settings.trainer.torch_threads)
+        set_compute_threads(self.settings.machine.threads)
         dataset = build_dataset(self.data)
         check_same(self.made_from, dataset)
         TrainingStages(dataset, self.settings, StageStore(self.work)).views(int(key))

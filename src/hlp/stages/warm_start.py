@@ -1,12 +1,12 @@
 """Warm start: what an earlier run learnt of fewer objects, as the start for more objects."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from hlp.errors import ConfigError, MissingFileError
+from hlp.files import read_json
 from hlp.method.settings import MethodSettings
 from hlp.stages.fingerprint import plain, result_settings
 from hlp.stages.manifest import read_manifest
@@ -58,7 +58,7 @@ def read_warm_start(
             raise MissingFileError(
                 f"warm_start.manifest: {store.root} has no {stage} of {manifest}"
             )
-        record = json.loads((folder / RECORD).read_text())
+        record = read_json(folder / RECORD)
         _check_same(f"{stage} of {manifest}", record["settings"], own)
         found[stage] = Output(folder.name, folder), record["upstream"]
     (classifier, upstream), (encoder, _) = found["classifier"], found["encoder"]

@@ -13,10 +13,16 @@ from hlp.config.build import Run, with_changes
 from hlp.config.settings import BenchSettings, RunSettings
 from hlp.data.loading import build_dataset
 from hlp.evaluation.evaluator import FrameTruth, score_targets
+from hlp.files import write_json
 from hlp.method.pose_estimator import FrameContext
 from hlp.records import Frame, LocalPatches, PoseEstimate, TargetScore
-from hlp.reporting.bench_table import OWN, VIEWS, bench_metrics, format_bench, write_bench
-from hlp.runs.manifest import write_json
+from hlp.reporting.tables.bench_table import (
+    CONFIGURED,
+    TIMED,
+    bench_metrics,
+    format_bench,
+    write_bench,
+)
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
 from hlp.studies.bench_summary import (
@@ -43,7 +49,7 @@ def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
     training are reused, or made first. Each path is run once before the measurement. Raises
     ConfigError naming a wrong key of `task.compared`, before anything is learnt.
     """
-    paths = {OWN: run.settings}
+    paths = {CONFIGURED: run.settings}
     paths |= {name: with_changes(run, changes) for name, changes in task.compared.items()}
     with study_run(run, output) as (store, tracker):
         machine = describe_machine(run.settings)
@@ -59,7 +65,7 @@ def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
         memory = {"peak_mib": peak, "all_paths_mib": peak_mib(), "learnt_too": made}
         result = {
             "machine": machine,
-            "workload": _workload(run, estimators[OWN], frame, len(keys)),
+            "workload": _workload(run, estimators[CONFIGURED], frame, len(keys)),
             "loading_s": {**found, **loaded},
             "memory": memory,
             **_summary(run, task, keys, detections),
@@ -99,7 +105,7 @@ def _make_estimators(
         )
         loading = estimators[name].load_timed(dataset.target_ids)
         _detect_all(estimators[name], frame, dataset.wanted(frame))
-        if name == OWN:
+        if name == CONFIGURED:
             shared = {"classifier": loading.classifier, "encoder": loading.encoder}
             objects = {dataset.models[i].name: each for i, each in loading.objects.items()}
             loaded, peak = {**shared, "objects": objects}, peak_mib()
@@ -123,7 +129,7 @@ def _measure(
         for name in _rotated(names, turn):
             for detection, patches in _detect_all(estimators[name], frame, objects):
                 detections[name].append(detection)
-                if name == OWN:
+                if name == CONFIGURED:
                     object_id = detection.estimate.object_id
                     tried = estimators[name].compare_search(object_id, patches)
                     searches += [] if tried is None else [tried]
@@ -189,9 +195,9 @@ def _summary(
     compared = {}
     for name, changes in task.compared.items():
         found = compare_paths(
-            detections, scores, models, (OWN, name), (task.same_mm, task.same_deg)
+            detections, scores, models, (CONFIGURED, name), (task.same_mm, task.same_deg)
         )
-        ratio = {view: ratios(paths[OWN][view], paths[name][view]) for view in VIEWS}
+        ratio = {view: ratios(paths[CONFIGURED][view], paths[name][view]) for view in TIMED}
         compared[name] = {"changes": changes, "ratio": ratio, **found}
     tolerance = {"mm": task.same_mm, "deg": task.same_deg}
     return {"paths": paths, "compared": compared, "tolerance": tolerance}

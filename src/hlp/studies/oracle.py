@@ -10,13 +10,23 @@ from tqdm import tqdm
 
 from hlp.config.build import Run
 from hlp.config.settings import OracleSettings
+from hlp.data.sources import annotated_mask
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.evaluation.summary import METRICS, bootstrap_interval
+from hlp.evaluation.visible_mask import measured_mask
+from hlp.files import write_json
 from hlp.method.pose_estimator import FrameContext, derive_seed
-from hlp.records import Frame, Hypotheses, PoseEstimate, Region, Target, TargetScore
-from hlp.reporting.oracle_table import format_oracle, oracle_metrics, write_oracle
-from hlp.runs.manifest import write_json
+from hlp.records import (
+    Frame,
+    Hypotheses,
+    PoseEstimate,
+    Region,
+    Target,
+    TargetScore,
+    parse_frame_key,
+)
+from hlp.reporting.tables.oracle_table import format_oracle, oracle_metrics, write_oracle
 from hlp.runs.run_stages import stages_of
 from hlp.source_code import code_of
 from hlp.stages.detection import DetectionStages
@@ -26,7 +36,6 @@ from hlp.stages.frame_results import read_regions
 from hlp.stages.store import StageStore
 from hlp.studies.perturbations import perturbed_poses
 from hlp.studies.study_run import chosen_frames, study_run
-from hlp.studies.visible_mask import visible_mask
 
 Cell = tuple[str, str]
 Pose = Float[np.ndarray, "4 4"]
@@ -122,7 +131,9 @@ def _answers(
     frame, object_id = context.frame, target.object_id
     model = detection.dataset.models[object_id]
     stored = read_arrays(detection.hypotheses().folder, frame.key)
-    visible = visible_mask(detection.dataset.frames, frame, target, model, task.agree_mm / 1e3)
+    visible = annotated_mask(detection.dataset.frames, frame, target)
+    if visible is None:
+        visible = measured_mask(frame, target, model, task.agree_mm / 1e3)
     shown = Region(object_id, np.zeros((0, 2)), np.zeros(0), visible)
     masks = {
         "estimated": read_regions(detection.regions().folder, frame)[object_id].mask,
@@ -164,7 +175,7 @@ def _read(folder: Path, keys: Sequence[str], cell: Cell) -> list[PoseEstimate]:
     """Estimates of one cell, from disk."""
     answers = []
     for key in keys:
-        scene_id, frame_id = (int(part) for part in key.split("_"))
+        scene_id, frame_id = parse_frame_key(key)
         for name, pose in read_arrays(folder, key).items():
             object_id, *of = name.split("/")
             if tuple(of) == cell:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import yaml
 
 from hlp.errors import ConfigError, DataError
+from hlp.files import POSES
 from hlp.runs.manifest import made_from, poses_digest
 from hlp.stages.manifest import read_manifest
 
@@ -48,7 +49,7 @@ def run_again(run: "Run", manifest: Path, output: Path) -> None:
     digest = read_manifest(manifest).get("poses")
     if digest is None:  # a study's, which has no poses
         return
-    if digest == poses_digest(output / "poses.csv"):
+    if digest == poses_digest(output / POSES):
         logging.getLogger(__name__).info("Repeated  the same poses as in %s", manifest)
     else:
         logging.getLogger(__name__).warning("Repeated  NOT the same poses as in %s", manifest)

@@ -16,11 +16,11 @@ from filelock import FileLock, Timeout
 from hlp.config.build import Run, with_changed_run
 from hlp.config.settings import SearchSettings
 from hlp.errors import HlpError, InputError, MissingDependencyError
+from hlp.files import write_json
 from hlp.method.pose_estimator import derive_seed
-from hlp.reporting.search_table import format_search, write_search
+from hlp.reporting.tables.search_table import format_search, write_search
 from hlp.reporting.tracking import Arm, as_arm
 from hlp.runs import runner
-from hlp.runs.manifest import write_json
 from hlp.source_code import code_of
 from hlp.stages.fingerprint import fingerprint
 from hlp.studies.search_space import check_within, nested, read_space

@@ -102,7 +102,7 @@ class TimedEstimator(PoseEstimator):
         classifier = _seconds(lambda: self._scan)
         encoder = _seconds(lambda: self._encoder)
         objects = {each: _seconds(partial(self._load_object, each)) for each in object_ids}
-        self._charge(self._scan.network, "forward", "network", "windows")
+        self._charge(self._scan.network, "run", "network", "windows")
         self._charge(self._encoder, "encode", "encode", "search")
         for object_id in object_ids:
             self._charge(self._codebook(object_id)[1], "search", "search", "vote")

@@ -7,11 +7,11 @@ from pathlib import Path
 
 from hlp.config.build import Run, evenly
 from hlp.errors import InputError
+from hlp.files import MANIFEST, write_json
 from hlp.method.compute_threads import set_compute_threads
 from hlp.reporting.tracking import Tracker, how_to_browse, track_run
-from hlp.runs.manifest import make_manifest, write_json
+from hlp.runs.manifest import make_manifest
 from hlp.runs.mlflow_inputs import log_inputs, revision_tag
-from hlp.stages.manifest import FILE
 from hlp.stages.store import StageStore
 
 
@@ -28,16 +28,16 @@ def study_run(
     settings = run.settings
     if not run.dataset.annotated:
         raise InputError(f"these frames have no true poses, which task={settings.task.name} needs")
-    set_compute_threads(settings.machine.threads, settings.trainer.torch_threads)
+    set_compute_threads(settings.machine.threads)
     output.mkdir(parents=True, exist_ok=True)
-    (output / FILE).unlink(missing_ok=True)
+    (output / MANIFEST).unlink(missing_ok=True)
     name = f"{settings.name} {settings.task.name} {output.name}"
     tags = revision_tag()
     with track_run(settings.reporting, name, run.config, tags, resume) as tracker:
         log_inputs(run, tracker)
         store = StageStore(Path(settings.work))
         yield store, tracker
-        write_json(output / FILE, make_manifest(run, store))
+        write_json(output / MANIFEST, make_manifest(run, store))
         tracker.log_artifacts(output)
     say = logging.getLogger(__name__).info
     written = sorted(path.name for path in output.iterdir() if not path.name.startswith("."))

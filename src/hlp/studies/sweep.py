@@ -7,7 +7,6 @@ A sweep that was interrupted is continued by the same command.
 <sweep's folder>/0, 1, …      results of its runs; a run with a manifest is finished
 """
 
-import json
 import logging
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -21,13 +20,13 @@ from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
 
 from hlp.errors import InputError, MissingFileError
+from hlp.files import SWEEP, read_json, write_json
 from hlp.reporting.figures.trade_off import draw_trade_off
 from hlp.reporting.reproductions import write_reproductions
 from hlp.reporting.tracking import Arm, Tracker, TrackingSettings, as_arm, track_run
-from hlp.runs.manifest import is_finished, write_json
+from hlp.runs.manifest import is_finished
 from hlp.runs.mlflow_inputs import revision_tag
 
-RECORD = "sweep.json"
 LOCK = "sweep.lock"
 FINISHED = "FINISHED"
 
@@ -84,7 +83,7 @@ def unfinished_sweep(arguments: Sequence[str], folder: Path) -> Path | None:
     overrides = [each for each in arguments if not each.startswith(("-", "hydra"))]
     if any(each.startswith("output=") for each in overrides):
         return None
-    found = sorted(folder.glob(f"*/*/{RECORD}"), key=lambda path: path.stat().st_mtime)
+    found = sorted(folder.glob(f"*/*/{SWEEP}"), key=lambda path: path.stat().st_mtime)
     for path in reversed(found):
         record = _read(path.parent)
         if record["overrides"] == overrides:
@@ -104,7 +103,7 @@ def run_one(config: DictConfig) -> None:
     hydra = HydraConfig.get()
     output, sweep = Path(config.output), _read(Path(hydra.sweep.dir))
     if not sweep:
-        raise MissingFileError(f"no {RECORD} in {hydra.sweep.dir}: the sweep could not be opened")
+        raise MissingFileError(f"no {SWEEP} in {hydra.sweep.dir}: the sweep could not be opened")
     swept = _swept_values(config, list(hydra.overrides.task), sweep["swept"])
     name = f"{config.name} {hydra.job.num}: {' '.join(f'{k}={v}' for k, v in swept.items())}"
     with as_arm(Arm(name, sweep["run_id"], swept)):
@@ -123,13 +122,13 @@ def run_one(config: DictConfig) -> None:
 @contextmanager
 def _recorded(folder: Path, record: dict[str, Any]) -> Iterator[None]:
     """Record in `sweep.json` whether the sweep ended."""
-    write_json(folder / RECORD, {**record, "status": "RUNNING"})
+    write_json(folder / SWEEP, {**record, "status": "RUNNING"})
     status = "STOPPED"
     try:
         yield
         status = FINISHED
     finally:
-        write_json(folder / RECORD, {**record, "status": status})
+        write_json(folder / SWEEP, {**record, "status": status})
 
 
 @contextmanager
@@ -142,8 +141,7 @@ def _drawn(folder: Path, tracker: Tracker) -> Iterator[None]:
 
 
 def _read(folder: Path) -> dict[str, Any]:
-    path = folder / RECORD
-    record: dict[str, Any] = json.loads(path.read_text()) if path.is_file() else {}
+    record: dict[str, Any] = read_json(folder / SWEEP) if (folder / SWEEP).is_file() else {}
     return record
 
 

@@ -55,7 +55,7 @@ def test_csv_counts_every_cell(tmp_path):
 
 def test_tables_show_both_errors_and_the_objects():
     said = format_basins(BASINS).splitlines()
-    at = said.index("pso     0    10    50")
+    at = [line.split() for line in said].index(["pso", "0", "10", "50"])
     assert said[at + 2].split() == ["0", "1.00", "0.83", "0.50"]
     assert said[at + 3].split() == ["15", "0.67", "0.50", "0.33"]
     assert ["cat", "4", "0.458", "0.333"] in [line.split() for line in said]

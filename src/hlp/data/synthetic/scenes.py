@@ -17,8 +17,9 @@ from hlp.data.synthetic.layout import (
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.sensor import kinect, noisy_depth, noisy_rgb
 from hlp.data.synthetic.surfaces import draw_surroundings, random_surroundings
+from hlp.errors import ConfigError
 from hlp.geometry import inverse, project, transform
-from hlp.records import Frame, Target
+from hlp.records import Frame, Target, frame_key
 from hlp.rendering.light import Light
 from hlp.rendering.rasterizer import render_depth, render_scene
 from hlp.source_code import source_digest
@@ -100,7 +101,7 @@ class SyntheticScenes:
         self._models = tuple(demo_objects().values()) if targets else ()
         scale = np.diag([settings.width / 640, settings.height / 480, 1.0])
         self.camera_matrix: Float[np.ndarray, "3 3"] = scale @ LINEMOD_CAMERA
-        self._numbers = {f"{number:06d}_000000": number for number in range(settings.scenes)}
+        self._numbers = {frame_key(number, 0): number for number in range(settings.scenes)}
         self._cache: dict[str, Frame] = {}
 
     @property
@@ -239,14 +240,14 @@ def _between(limits: Sequence[int], rng: np.random.Generator) -> int:
 def _check(settings: SyntheticSettings) -> None:
     """Raise ValueError naming a setting that makes no scene."""
     if settings.scenes < 0 or settings.width < 32 or settings.height < 32:
-        raise ValueError("data.scenes must be 0 or more, data.width and data.height at least 32")
+        raise ConfigError("data.scenes must be 0 or more, data.width and data.height at least 32")
     if not 0.0 < settings.min_visible <= 1.0:
-        raise ValueError(f"data.min_visible must be in (0, 1], got {settings.min_visible}")
+        raise ConfigError(f"data.min_visible must be in (0, 1], got {settings.min_visible}")
     limits = {"objects": (1, len(demo_objects())), "clutter": (0, 30)}
     limits |= {"distance_mm": (450, 3000), "elevation_deg": (10, 90)}
     for name, (least, most) in limits.items():
         values = getattr(settings, name)
         if len(values) != 2 or not least <= values[0] <= values[1] <= most:
-            raise ValueError(
+            raise ConfigError(
                 f"data.{name} must be [least, most] within {least} … {most}, got {values}"
             )

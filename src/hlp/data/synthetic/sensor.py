@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from hlp.errors import ConfigError
+
 Depth = Float[np.ndarray, "*b h w"]
 _JUMP = 0.015
 """Relative difference of depth above which neighbouring pixels show different surfaces."""
@@ -75,7 +77,7 @@ def kinect(strength: float) -> SensorSettings:
     on it unless it is 0. Raises ValueError for a negative strength.
     """
     if not strength >= 0.0:
-        raise ValueError(f"sensor noise must be 0 or more, got {strength}")
+        raise ConfigError(f"sensor noise must be 0 or more, got {strength}")
     scaled = {
         name: getattr(KINECT, name) * strength
         for name in ("disparity_noise", "hole_rate", "rgb_noise", "white_balance", "exposure")

@@ -1,1 +1,1 @@
-"""Figures and pictures of results."""
+"""Figures of results, and pictures of what the stages see."""

@@ -1,6 +1,5 @@
-"""Basins of refiners: recall against the size of the starting error, as heat maps and tables."""
+"""Basins of refiners: recall against the error of the start, as heat maps, table and CSV."""
 
-import csv
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hlp.reporting.tables import Table
+from hlp.files import write_csv
+from hlp.reporting.figures.saving import save_figure
+from hlp.reporting.tables.table import Table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,9 +27,9 @@ _CELL = 0.62  # inches
 
 @dataclass(frozen=True)
 class Basins:
-    """Whether AD was right after refinement: `right[refiner][object]`, axes as the two sizes.
+    """Verdicts of ADD(-S) after refinement for each pair of errors: `right[refiner][object]`.
 
-    Every refiner was given the same starts.
+    All refiners were given the same starts.
     """
 
     rotation_deg: tuple[float, ...]
@@ -36,28 +37,30 @@ class Basins:
     right: Mapping[str, Mapping[str, Verdicts]]
 
     def with_all(self, refiner: str) -> dict[str, Verdicts]:
-        """One refiner's verdicts by object, those of all objects together first."""
-        own = self.right[refiner]
-        return {ALL: np.concatenate(list(own.values())), **own}
+        """One refiner's verdicts by object; first those of all objects together."""
+        verdicts = self.right[refiner]
+        return {ALL: np.concatenate(list(verdicts.values())), **verdicts}
 
 
 def write_basins(folder: Path, basins: Basins) -> None:
     """Write basin.csv: one row for each refiner, object and pair of starting errors."""
-    with (folder / "basin.csv").open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(_COLUMNS)
-        for refiner in basins.right:
-            for name, verdicts in basins.with_all(refiner).items():
-                for i, degrees in enumerate(basins.rotation_deg):
-                    for j, millimetres in enumerate(basins.translation_mm):
-                        tried, right = len(verdicts), int(verdicts[:, i, j].sum())
-                        cell = (refiner, name, degrees, millimetres)
-                        writer.writerow([*cell, tried, right, right / tried])
+    rows = []
+    for refiner in basins.right:
+        for name, verdicts in basins.with_all(refiner).items():
+            for i, degrees in enumerate(basins.rotation_deg):
+                for j, millimetres in enumerate(basins.translation_mm):
+                    tried, right = len(verdicts), int(verdicts[:, i, j].sum())
+                    cell = (refiner, name, degrees, millimetres)
+                    rows.append([*cell, tried, right, right / tried])
+    write_csv(folder / "basin.csv", _COLUMNS, rows)
 
 
 def format_basins(basins: Basins) -> str:
-    """For people: recall over all objects against both errors, and each object's mean of them."""
-    parts = ["AD recall after refinement, by the starting error: degrees down, millimetres across."]
+    """Tables for people: recall over all objects for each pair of errors, and means per object."""
+    parts = [
+        "ADD(-S) recall after refinement, by the error of the start: a row for each rotation"
+        " (degrees), a column for each translation (mm)."
+    ]
     for refiner in basins.right:
         recalls = basins.with_all(refiner)[ALL].mean(axis=0)
         rows = [
@@ -85,32 +88,27 @@ def basin_metrics(basins: Basins) -> dict[str, float | None]:
 
 
 def draw_basins(folder: Path, basins: Basins) -> None:
-    """Write NAME.png and NAME.svg for every object and for all: one heat map a refiner."""
-    import matplotlib
-
+    """Write NAME.png and NAME.svg for every object and for all: one heat map for each refiner."""
     folder.mkdir(parents=True, exist_ok=True)
     by_refiner = {refiner: basins.with_all(refiner) for refiner in basins.right}
     for name in next(iter(by_refiner.values())):
-        verdicts = {refiner: own[name] for refiner, own in by_refiner.items()}
-        figure = heat_maps(name, basins, verdicts)
-        with matplotlib.rc_context({"svg.hashsalt": "hlp"}):  # equal figures, equal files
-            figure.savefig(folder / f"{name}.png", dpi=150)
-            figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
+        verdicts = {refiner: objects[name] for refiner, objects in by_refiner.items()}
+        save_figure(heat_maps(name, basins, verdicts), folder / name)
 
 
 def heat_maps(name: str, basins: Basins, verdicts: Mapping[str, Verdicts]) -> "Figure":
-    """One heat map a refiner side by side, recall written into every cell."""
+    """Heat maps of the refiners side by side, with the recall written into every cell."""
     from matplotlib.figure import Figure
 
     rows, columns = len(basins.rotation_deg), len(basins.translation_mm)
     width = _CELL * columns * len(verdicts) + 1.6
     figure = Figure(figsize=(width, _CELL * rows + 1.3), layout="constrained")
     axes = figure.subplots(1, len(verdicts), sharey=True, squeeze=False)[0]
-    for ax, (refiner, own) in zip(axes, verdicts.items(), strict=True):
-        image = _heat_map(ax, basins, own.mean(axis=0))
+    for ax, (refiner, found) in zip(axes, verdicts.items(), strict=True):
+        image = _heat_map(ax, basins, found.mean(axis=0))
         ax.set_title(refiner)
     axes[0].set_ylabel("starting rotation error (degrees)")
-    figure.colorbar(image, ax=axes, label="AD recall")
+    figure.colorbar(image, ax=axes, label="ADD(-S) recall")
     tried = len(next(iter(verdicts.values())))
     figure.suptitle(f"{name}: recall after refinement, {tried} starts a cell")
     return figure

@@ -32,17 +32,17 @@ def draw_panels(
     estimate: PoseEstimate | None,
     truth: Target | None,
 ) -> UInt8[np.ndarray, "_ _ 3"]:
-    """Candidate region, accepted local samples, votes, and the model drawn in its pose: RGB.
+    """One RGB picture of four panels: region, accepted local patches, votes, and the pose.
 
-    `patch_pixels` are the centres (x, y) of the accepted local patches. The estimate is drawn
-    shaded with its axes, the outline of the true pose in another colour; either may be absent.
+    `patch_pixels` are the centres (x, y) of the accepted local patches. The estimated pose is drawn
+    shaded and with its axes, the true pose as an outline in another colour; either may be None.
     """
     pose = estimate.pose_cam_obj if estimate is not None else None
     true_pose = truth.pose_cam_obj if truth is not None else None
     verdict = f"score {estimate.score:.2f} (green)" if estimate and pose is not None else "no pose"
     verdict += ", truth (pink)" if truth is not None else ""
     region_title = f"1 candidate region, of {len(region.centers)} windows"
-    patches_title = f"2 local samples: {len(patch_pixels)} accepted"
+    patches_title = f"2 local patches: {len(patch_pixels)} accepted"
     votes_title = f"3 votes: {len(votes)}, in {VOTE_CELL}x{VOTE_CELL} px cells"
     panels = [
         _titled(draw_region(frame.rgb, region.mask), region_title),
@@ -54,13 +54,13 @@ def draw_panels(
 
 
 def write_png(path: Path, image: Image) -> None:
-    """Write an RGB image; raises OSError naming the path where that is impossible."""
+    """Write an RGB image. Raises OSError naming a path that cannot be written."""
     if not cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_RGB2BGR)):
         raise OSError(f"cannot write the picture {path}")
 
 
 def draw_region(rgb: Image, mask: Bool[np.ndarray, "h w"]) -> Image:
-    """The picture, darkened outside the region, which is outlined."""
+    """The picture with the region outlined and everything outside it darkened."""
     picture = np.where(mask[..., None], rgb, rgb // 3).astype(np.uint8)
     return _outline(picture, mask, REGION_COLOR)
 
@@ -76,9 +76,9 @@ def draw_patches(rgb: Image, pixels: Float[np.ndarray, "n 2"]) -> Image:
 def count_votes(
     votes: Votes, camera_matrix: Float[np.ndarray, "3 3"], shape: tuple[int, int]
 ) -> Int[np.ndarray, "rows columns"]:
-    """How many votes for the centroid fall into each 8×8 px cell of the image.
+    """Number of votes for the centroid in each cell of 8×8 px of the image.
 
-    The last cells may reach beyond the image; votes outside it or behind the camera are dropped.
+    The last cells may reach beyond the image. Votes outside it or behind the camera do not count.
     """
     rows, columns = (-(-size // VOTE_CELL) for size in shape)
     points = votes.centroids_cam[votes.centroids_cam[:, 2] > 0]
@@ -92,7 +92,7 @@ def count_votes(
 def draw_votes(
     frame: Frame, votes: Votes, model: ObjectModel, true_pose: Float[np.ndarray, "4 4"] | None
 ) -> Image:
-    """Cells of votes coloured from few (blue) to many (red); a ring about the true centroid."""
+    """Cells coloured by their number of votes, few (blue) to many (red); a ring marks the truth."""
     height, width = frame.depth.shape
     counts = count_votes(votes, frame.camera_matrix, (height, width))
     scaled = np.rint(counts * (255.0 / max(counts.max(), 1))).astype(np.uint8)
@@ -165,6 +165,6 @@ def _titled(picture: Image, title: str) -> Image:
 
 
 def _fixed_point(pixels: Float[np.ndarray, "n 2"]) -> list[tuple[int, int]]:
-    """Pixels for OpenCV's drawing with `shift`; far ones are clipped to what it can hold."""
+    """Pixels in the fixed-point form that OpenCV draws with `shift`, clipped to its range."""
     scaled = np.rint(np.clip(pixels, -1e5, 1e5) * (1 << _SUBPIXEL)).astype(int)
     return [(int(x), int(y)) for x, y in scaled]

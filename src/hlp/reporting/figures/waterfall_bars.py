@@ -1,8 +1,12 @@
-"""Failure waterfall of a run as stacked bars: which cause lost how many targets."""
+"""Failure waterfall of a run as stacked bars: the share of targets missed, by cause."""
 
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from hlp.evaluation.waterfall import CORRECT
+from hlp.reporting.figures.saving import save_figure
+from hlp.reporting.tables.summary_tables import WATERFALL_GROUPS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -10,7 +14,6 @@ if TYPE_CHECKING:
 
 Counts = Mapping[str, int]
 
-CORRECT = "correct"
 COLORS = {
     "depth_missing": "#7f7f7f",
     "no_window": "#c7c7c7",
@@ -22,37 +25,30 @@ COLORS = {
     "ranking": "#31a354",
     "symmetric_flip": "#756bb1",
 }
-"""One colour a cause, the same in every figure: kindred for causes of one stage."""
-PANELS = {"per_object": "object", "per_visibility": "visible fraction"}
-"""How the waterfall of `summary.json` is divided, and what people call it."""
+"""One colour for each cause, the same in every figure; similar ones for causes of one stage."""
 
 
 def draw_waterfall(folder: Path, waterfall: Mapping[str, Any]) -> None:
     """Write waterfall.png and waterfall.svg: misses per object and per visible fraction.
 
-    `waterfall` is that of `summary.json`.
+    `waterfall` is the part of that name in `summary.json`.
     """
-    import matplotlib
-
-    figure = stacked_bars(waterfall)
-    with matplotlib.rc_context({"svg.hashsalt": "hlp"}):  # equal figures, equal files
-        figure.savefig(folder / "waterfall.png", dpi=150)
-        figure.savefig(folder / "waterfall.svg", metadata={"Date": None})
+    save_figure(stacked_bars(waterfall), folder / "waterfall")
 
 
 def stacked_bars(waterfall: Mapping[str, Any]) -> "Figure":
-    """A bar an object and one a class of visible fraction: the share of targets lost, by cause."""
+    """One bar for each object and each class of visible fraction: misses stacked by cause."""
     from matplotlib.figure import Figure
 
-    widths = [max(len(waterfall[panel]), 2) for panel in PANELS]
+    widths = [max(len(waterfall[panel]), 2) for panel in WATERFALL_GROUPS]
     figure = Figure(figsize=(0.85 * sum(widths) + 3.0, 4.2), layout="constrained")
-    axes = figure.subplots(1, len(PANELS), sharey=True, width_ratios=widths)
+    axes = figure.subplots(1, len(WATERFALL_GROUPS), sharey=True, width_ratios=widths)
     lost = {name: count for name, count in waterfall["total"].items() if name != CORRECT}
     causes = [cause for cause, count in lost.items() if count]
-    for ax, (panel, title) in zip(axes, PANELS.items(), strict=True):
+    for ax, (panel, title) in zip(axes, WATERFALL_GROUPS.items(), strict=True):
         _stack(ax, waterfall[panel], causes)
         ax.set_title(f"by {title}")
-    axes[0].set_ylabel("share of targets missed (AD)")
+    axes[0].set_ylabel("share of targets missed by ADD(-S)")
     handles, labels = axes[0].get_legend_handles_labels()
     if causes:
         # The last cause lies on top of the bars, so it comes first.

@@ -1,0 +1,117 @@
+"""Trains the holistic classifier on rendered windows and backgrounds."""
+
+import gc
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from hlp.method.backgrounds import Backgrounds
+from hlp.method.networks import CLASSIFIER
+from hlp.method.settings import MethodSettings
+from hlp.method.training import calibration_images, fit
+from hlp.models.classifier_training import HolisticClassifier, copy_weights
+from hlp.models.onnx_export import export_network
+from hlp.patches.holistic_data import HolisticDataModule
+from hlp.patches.holistic_pool import (
+    BackgroundPool,
+    HolisticPool,
+    bake_backgrounds,
+    bake_windows,
+    join_pools,
+)
+from hlp.records import ObjectModel, Views
+
+
+@dataclass(frozen=True)
+class StartingWeights:
+    """A classifier of fewer objects to start from: its weights, and its classes' labels now.
+
+    It is then trained for `epochs`.
+    """
+
+    weights: Mapping[str, Tensor]
+    labels: Mapping[int, int]
+    epochs: int
+
+
+def train_classifier(
+    models: Mapping[int, ObjectModel],
+    views_of: Callable[[int], Views],
+    backgrounds: Backgrounds,
+    settings: MethodSettings,
+    folder: Path,
+    start: StartingWeights | None = None,
+) -> None:
+    """Train the classifier of all `models` into `folder` (paper, section 3.1, Fig. 3).
+
+    Class i is the i-th object by id, 0 is background. An interrupted training goes on from the
+    last checkpoint in `folder`.
+    """
+    logging.getLogger(__name__).info("cutting windows of %d objects", len(models))
+    patches = settings.patches
+    data = HolisticDataModule(
+        _windows(models, views_of, settings),
+        _backgrounds(models, backgrounds, settings),
+        patches.holistic.channels,
+        patches.pool.background_share,
+        settings.classifier.batch_size,
+        settings.seed,
+        settings.machine.threads,
+    )
+    torch.manual_seed(settings.seed)
+    module = HolisticClassifier(settings.classifier, _channels(settings), len(models) + 1)
+    epochs = settings.classifier.epochs
+    if start is not None:
+        copy_weights(module.network, start.weights, start.labels)
+        epochs = start.epochs
+    fit(module, data, module.network, epochs, settings.trainer, folder)
+    sample = calibration_images(data, module.images)
+    export_network(module.network.layers, sample, folder / CLASSIFIER, levels=True)
+    del data, module
+    gc.collect()  # trainer, loader and data refer to each other: a gigabyte for 15 objects
+
+
+def _channels(settings: MethodSettings) -> int:
+    return 4 if settings.patches.holistic.channels == "rgbd" else 3
+
+
+def _sizes(models: Mapping[int, ObjectModel]) -> list[float]:
+    return [model.holistic_size for _, model in sorted(models.items())]
+
+
+def _windows(
+    models: Mapping[int, ObjectModel],
+    views_of: Callable[[int], Views],
+    settings: MethodSettings,
+) -> HolisticPool:
+    patches = settings.patches
+    pools = []
+    for label, (object_id, model) in enumerate(sorted(models.items()), start=1):
+        pool = bake_windows(
+            views_of(object_id),
+            label,
+            model.holistic_size,
+            _sizes(models),
+            model.centroid,
+            patches.holistic.resolution,
+            patches.pool,
+            np.random.default_rng([settings.seed, object_id]),
+        )
+        pools.append(pool)
+    return join_pools(pools)
+
+
+def _backgrounds(
+    models: Mapping[int, ObjectModel], backgrounds: Backgrounds, settings: MethodSettings
+) -> BackgroundPool:
+    resolution = settings.patches.holistic.resolution
+    count = settings.patches.pool.backgrounds
+    rng = np.random.default_rng([settings.seed, 0])
+    crops = backgrounds.photograph_crops(count, resolution, rng)
+    frames = backgrounds.load_background_frames()
+    return bake_backgrounds(crops, frames, _sizes(models), resolution, count, rng)

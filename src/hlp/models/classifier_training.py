@@ -1,0 +1,106 @@
+"""CNN that classifies holistic patches (paper, Fig. 3; its sizes are not printed there)."""
+
+from collections.abc import Mapping, Sequence
+
+import pytorch_lightning as pl
+import torch
+from pytorch_lightning.utilities.types import OptimizerLRScheduler
+from torch import Tensor, nn
+from torch.nn import functional
+
+from hlp.models.classifier import RESOLUTION, ClassifierSettings
+
+
+class HolisticCNN(nn.Module):
+    """Strided convolutions, then two dense layers: (n, c, 64, 64) in [-1, 1] → (n, classes)."""
+
+    def __init__(
+        self, channels: int, classes: int, widths: Sequence[int], hidden: int, dropout: float
+    ) -> None:
+        super().__init__()
+        layers: list[nn.Module] = []
+        previous = channels
+        for depth, width in enumerate(widths):
+            kernel = 5 if depth == 0 else 3
+            layers += [
+                nn.Conv2d(previous, width, kernel, stride=2, padding=kernel // 2, bias=False),
+                nn.BatchNorm2d(width),
+                nn.ReLU(inplace=True),
+            ]
+            previous = width
+        self.features = nn.Sequential(*layers)
+        side = RESOLUTION // 2 ** len(widths)
+        self.head = nn.Sequential(
+            nn.Flatten(),
+            nn.Dropout(dropout),
+            nn.Linear(previous * side * side, hidden),
+            nn.ReLU(inplace=True),
+            nn.Dropout(dropout),
+            nn.Linear(hidden, classes),
+        )
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Class scores (n, classes) before the softmax."""
+        return torch.as_tensor(self.head(self.features(images)))
+
+    @property
+    def layers(self) -> list[nn.Module]:
+        """The layers in their order."""
+        return [*self.features, *self.head]
+
+
+class HolisticClassifier(pl.LightningModule):
+    """Trains `HolisticCNN` by cross-entropy. Class 0 is background."""
+
+    def __init__(self, settings: ClassifierSettings, channels: int, classes: int) -> None:
+        super().__init__()
+        self.settings = settings
+        self.network = HolisticCNN(
+            channels, classes, settings.widths, settings.hidden, settings.dropout
+        )
+
+    def images(self, batch: tuple[Tensor, Tensor]) -> Tensor:
+        """The network's input (n, c, 64, 64) for a batch."""
+        return batch[0]
+
+    def training_step(self, batch: tuple[Tensor, Tensor], _: int) -> Tensor:
+        """Cross-entropy of one batch; logs loss and accuracy per epoch."""
+        images, labels = batch
+        scores = self.network(images)
+        loss = functional.cross_entropy(scores.float(), labels, label_smoothing=0.02)
+        accuracy = (scores.argmax(dim=1) == labels).float().mean()
+        self.log("loss", loss, on_step=False, on_epoch=True, prog_bar=True)
+        self.log("accuracy", accuracy, on_step=False, on_epoch=True, prog_bar=True)
+        return loss
+
+    def configure_optimizers(self) -> OptimizerLRScheduler:
+        """AdamW with one cycle over the whole training."""
+        optimizer = torch.optim.AdamW(
+            self.parameters(),
+            lr=self.settings.learning_rate,
+            weight_decay=self.settings.weight_decay,
+        )
+        steps = int(self.trainer.estimated_stepping_batches)
+        schedule = torch.optim.lr_scheduler.OneCycleLR(
+            optimizer, self.settings.learning_rate, total_steps=steps, pct_start=0.2
+        )
+        return {
+            "optimizer": optimizer,
+            "lr_scheduler": {"scheduler": schedule, "interval": "step"},
+        }
+
+
+def copy_weights(
+    network: HolisticCNN, weights: Mapping[str, Tensor], labels: Mapping[int, int]
+) -> None:
+    """Start a network with the weights of one of fewer classes.
+
+    `labels` gives each class of the other network its class in this one; the rest stay as they are.
+    """
+    own, last = network.state_dict(), f"head.{len(network.head) - 1}."
+    before, now = list(labels), list(labels.values())
+    for name, value in weights.items():
+        if name.startswith(last):
+            own[name][now] = value[before]
+        else:
+            own[name].copy_(value)

@@ -1,0 +1,77 @@
+"""Local encoder trained contrastively: same surface point, neighbouring view, other conditions.
+
+InfoNCE (van den Oord et al., 2018) between a degraded patch and a clean one, in place of the
+paper's reconstruction objective: reconstruction keeps light and clutter in the feature, this
+objective removes them.
+"""
+
+from typing import Any
+
+import pytorch_lightning as pl
+import torch
+from pytorch_lightning.utilities.types import OptimizerLRScheduler
+from torch import Tensor
+from torch.nn import functional
+
+from hlp.models.contrastive import ContrastiveSettings
+from hlp.models.patch_encoder import PatchEncoder
+from hlp.models.training_input import encoder_input
+
+
+class ContrastiveEncoder(pl.LightningModule):
+    """Trains `PatchEncoder` so that the two patches of a pair are each other's nearest."""
+
+    def __init__(self, settings: ContrastiveSettings) -> None:
+        super().__init__()
+        self.settings = settings
+        self.network = PatchEncoder(settings.widths, settings.dimension)
+
+    def images(self, batch: dict[str, Any]) -> Tensor:
+        """The network's input (2n, 4, p, p) for a batch: the noisy patches, then the clean ones."""
+        images = [
+            encoder_input(color, depth, valid, self.settings.input)
+            for color, depth, valid in (batch["noisy"], batch["clean"])
+        ]
+        return torch.cat(images).contiguous(memory_format=torch.channels_last)
+
+    def training_step(self, batch: dict[str, Any], _: int) -> Tensor:
+        """Symmetric InfoNCE of one batch; logs loss and retrieval accuracy per epoch."""
+        both = self.images(batch)
+        noisy, clean = functional.normalize(self.network(both).float(), dim=1).chunk(2)
+        logits = noisy @ clean.T / self.settings.temperature
+        logits = logits.masked_fill(self._near(batch), float("-inf"))
+        own = torch.arange(len(logits), device=logits.device)
+        loss = (functional.cross_entropy(logits, own) + functional.cross_entropy(logits.T, own)) / 2
+        accuracy = (logits.argmax(dim=1) == own).float().mean()
+        self.log("loss", loss, on_step=False, on_epoch=True, prog_bar=True, batch_size=len(logits))
+        self.log(
+            "accuracy",
+            accuracy,
+            on_step=False,
+            on_epoch=True,
+            prog_bar=True,
+            batch_size=len(logits),
+        )
+        return loss
+
+    def _near(self, batch: dict[str, Any]) -> Tensor:
+        """Pairs (n, n) that look too alike to be told apart; never the diagonal."""
+        same = batch["object"][:, None] == batch["object"]
+        apart = torch.cdist(batch["point"], batch["point"]) * 1000.0
+        flat = batch["rotation"].flatten(1)
+        limit = 1.0 + 2.0 * torch.cos(torch.deg2rad(torch.tensor(self.settings.exclude_deg)))
+        turned = flat @ flat.T
+        near = same & (apart < self.settings.exclude_mm) & (turned > limit)
+        return torch.as_tensor(near & ~torch.eye(len(near), dtype=torch.bool, device=near.device))
+
+    def configure_optimizers(self) -> OptimizerLRScheduler:
+        """AdamW with one cycle over the whole training."""
+        settings = self.settings
+        optimizer = torch.optim.AdamW(
+            self.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
+        )
+        steps = int(self.trainer.estimated_stepping_batches)
+        schedule = torch.optim.lr_scheduler.OneCycleLR(
+            optimizer, settings.learning_rate, total_steps=steps, pct_start=0.1
+        )
+        return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}

@@ -1,0 +1,71 @@
+"""Trained networks during detection: ONNX files run by ONNX Runtime, arrays in and out."""
+
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+from jaxtyping import Float, Shaped
+
+from hlp.errors import MissingDependencyError, MissingFileError
+
+SINGLE, INTEGER = ".onnx", ".int8.onnx"
+_PROVIDERS = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider"}
+
+
+class Network:
+    """A network that takes images (n, p, p, c), channels last, and gives (n, d) float32.
+
+    Its sums are of integers, so the result for one image depends neither on `threads` nor on the
+    other images. Safe for use by several threads at once.
+    """
+
+    def __init__(self, path: Path, threads: int, device: str = "cpu") -> None:
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = threads
+        options.inter_op_num_threads = 1
+        # Threads that spin while they wait take the time of those that compute.
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        if not _has_vnni():
+            # Sums of products of 8-bit integers may overflow there; this takes twice as long.
+            options.add_session_config_entry("session.x64quantprecision", "1")
+        options.log_severity_level = 3
+        self._session = onnxruntime.InferenceSession(
+            str(path), options, providers=[_PROVIDERS[device]]
+        )
+        self.outputs = int(self._session.get_outputs()[0].shape[1])
+        """Numbers per image, d."""
+
+    def run(self, images: Shaped[np.ndarray, "n p p c"]) -> Float[np.ndarray, "n d"]:
+        """The network's output for each image."""
+        return np.asarray(self._session.run(None, {"images": images})[0])
+
+
+def _has_vnni(flags_file: Path = Path("/proc/cpuinfo")) -> bool:
+    """Whether the processor is known to sum products of 8-bit integers in 32 bits."""
+    try:
+        flags = set(flags_file.read_text().split())
+    except OSError:
+        return False
+    return not flags.isdisjoint({"avx512_vnni", "avx_vnni"})
+
+
+def require_device(device: str) -> None:
+    """Raises MissingDependencyError where the installed ONNX Runtime has no such device."""
+    if _PROVIDERS[device] not in onnxruntime.get_available_providers():
+        raise MissingDependencyError(
+            f"machine.device is {device}: the installed ONNX Runtime does not support it. "
+            "Install onnxruntime-gpu in place of onnxruntime, or set machine.device to cpu"
+        )
+
+
+def load_network(stem: Path, threads: int, device: str = "cpu") -> Network:
+    """The network that `export_network` wrote: 8-bit integers on a CPU, single precision on a GPU.
+
+    Raises MissingFileError where there is none, MissingDependencyError where the installed ONNX
+    Runtime cannot compute on the device.
+    """
+    require_device(device)
+    path = stem.with_name(stem.name + (INTEGER if device == "cpu" else SINGLE))
+    if not path.is_file():
+        raise MissingFileError(f"{path.parent} holds no trained network: it has no {path.name}")
+    return Network(path, threads, device)

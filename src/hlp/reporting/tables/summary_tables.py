@@ -1,0 +1,153 @@
+"""Tables of one run's summary, with the paper's numbers beside ours, and of several runs."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from hlp.evaluation.waterfall import CORRECT
+from hlp.reporting.paper_results import ADD_BY_OBJECT
+from hlp.reporting.tables.table import LAYOUTS, Table, format_interval, format_share
+
+METRIC_LABELS = {"add": "ADD(-S)", "5cm5deg": "5cm5deg", "iou50": "IoU.5"}
+"""What people call the metrics of `summary.json`."""
+VOTE_LABELS = {
+    "good": "good",
+    "good_weight": "good by weight",
+    "by_object": "from the object",
+    "good_by_object": "good of these",
+}
+"""What people call the shares of votes in `summary.json`."""
+WATERFALL_GROUPS = {"per_object": "object", "per_visibility": "visible fraction"}
+"""How the waterfall of `summary.json` is divided, and what people call it."""
+RECALL = "Recall: the share of targets (objects to be found in a frame) with a correct pose."
+
+
+def format_summary(summary: Mapping[str, Any], layout: str = "text") -> str:
+    """The three main tables of a run: recall per object, time per stage, causes of misses."""
+    tables = (objects_table(summary), time_table(summary), total_table(summary))
+    objects, times, total = (LAYOUTS[layout](table) if table.rows else "" for table in tables)
+    parts = [RECALL, objects, times, timing_words(summary), total]
+    return "\n\n".join(part for part in parts if part)
+
+
+def objects_table(summary: Mapping[str, Any]) -> Table:
+    """A row an object, then the mean over objects and the recall over targets with its interval.
+
+    The paper's ADD(-S) is a column of its own if all objects are LINEMOD's. Otherwise it is left
+    out: the duck of another data set is another object.
+    """
+    names = list(summary["per_object"])
+    linemod = all(name in ADD_BY_OBJECT for name in names)
+    metrics = summary["metrics"]
+    rows = [
+        [
+            name,
+            str(scores["targets"]),
+            *(format_share(scores[key]["recall"]) for key in METRIC_LABELS),
+            format_share(ADD_BY_OBJECT.get(name)),
+        ]
+        for name, scores in summary["per_object"].items()
+    ]
+    paper_mean = sum(ADD_BY_OBJECT[name] for name in names) / len(names) if linemod else None
+    means = [format_share(metrics[key]["mean_object"]) for key in METRIC_LABELS]
+    recalls = [format_share(metrics[key]["recall"]) for key in METRIC_LABELS]
+    intervals = [format_interval(metrics[key]["ci95"]) for key in METRIC_LABELS]
+    targets = str(summary["targets"])
+    rows.append(["mean of objects", targets, *means, format_share(paper_mean)])
+    rows.append(["all targets", targets, *recalls, ""])
+    rows.append(["95 % interval", "", *intervals, ""])
+    table = Table(["object", "targets", *METRIC_LABELS.values(), "paper ADD(-S)"], rows)
+    return table if linemod else Table(table.header[:-1], [row[:-1] for row in rows])
+
+
+def time_table(summary: Mapping[str, Any]) -> Table:
+    """Median and 95th percentile of each stage's time for one object in one frame, total last."""
+    times = dict(summary["timing_ms"])
+    if "total" in times:
+        times["total"] = times.pop("total")
+    rows = [[stage, _ms(time["median"]), _ms(time["p95"])] for stage, time in times.items()]
+    return Table(["ms per target", "median", "95 %"], rows)
+
+
+def timing_words(summary: Mapping[str, Any]) -> str:
+    """How the times were measured, in one line; empty if the summary does not say."""
+    timing = summary.get("timing")
+    if not timing:
+        return ""
+    counted = "1 frame" if timing["frames"] == 1 else f"{timing['frames']} frames"
+    words = f"Times: measured by this run on {counted}."
+    if timing["reused_stages"]:
+        reused = ", ".join(timing["reused_stages"])
+        words = f"Times: the results of {reused} were reused; measured again on {counted}."
+    first = timing["first_use_seconds"]
+    if first is not None:
+        words += f" The first frame, with loading and compiling, took {first:.1f} s (not included)."
+    return words
+
+
+def total_table(summary: Mapping[str, Any]) -> Table:
+    """Number and share of correct targets, and of misses by cause."""
+    counts = summary["waterfall"]
+    if "total" in counts:
+        counts = counts["total"]
+    total = max(summary["targets"], 1)
+    rows = [
+        [_words(name), str(count), format_share(count / total)] for name, count in counts.items()
+    ]
+    return Table(["targets ended as", "number", "share"], rows)
+
+
+def waterfall_tables(summary: Mapping[str, Any]) -> list[Table]:
+    """Misses by cause: a table by object, and one by class of the visible fraction.
+
+    Causes without a miss are left out. Empty for summaries of old runs, which know no causes.
+    """
+    waterfall = summary["waterfall"]
+    if "total" not in waterfall:
+        return []
+    total = waterfall["total"]
+    causes = [name for name, count in total.items() if count and name != CORRECT]
+    header = ["targets", CORRECT, *map(_words, causes)]
+    tables = []
+    for group, title in WATERFALL_GROUPS.items():
+        rows = [
+            [name, str(sum(counts.values())), *(str(counts[each]) for each in (CORRECT, *causes))]
+            for name, counts in {**waterfall[group], "all": total}.items()
+        ]
+        tables.append(Table([title, *header], rows))
+    return tables
+
+
+def votes_table(summary: Mapping[str, Any]) -> Table:
+    """Mean number of votes for one object in one frame, and shares of good ones.
+
+    For their meaning see `evaluation.vote_quality`. Empty for summaries of old runs without votes.
+    """
+    votes = summary.get("votes", {"per_object": {}})
+    groups = {**votes["per_object"], "all": votes["total"]} if "total" in votes else {}
+    rows = [
+        [name, _ms(each["votes"]), *(format_share(each[key]) for key in VOTE_LABELS)]
+        for name, each in groups.items()
+    ]
+    return Table(["votes", "number", *VOTE_LABELS.values()], rows)
+
+
+def runs_table(summaries: Mapping[str, Mapping[str, Any]]) -> Table:
+    """A row a run: recall over its targets, and the median time of one object in one frame."""
+    rows = [
+        [
+            name,
+            str(summary["targets"]),
+            *(format_share(summary["metrics"][key]["recall"]) for key in METRIC_LABELS),
+            _ms(summary["timing_ms"].get("total", {}).get("median")),
+        ]
+        for name, summary in summaries.items()
+    ]
+    return Table(["run", "targets", *METRIC_LABELS.values(), "ms"], rows)
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _ms(value: float | None) -> str:
+    return "" if value is None else f"{value:.0f}" if value >= 10 else f"{value:.1f}"

@@ -1,0 +1,66 @@
+import pytest
+import torch
+
+from hlp.models.autoencoder import AutoencoderSettings
+from hlp.models.autoencoder_training import Autoencoder
+
+# Steps are called without a trainer: their logging has nowhere to go, and says so.
+pytestmark = pytest.mark.filterwarnings("ignore:.*self.trainer.*:UserWarning")
+
+SETTINGS = AutoencoderSettings("cae", "rgbd", 16, (8, 16), 3e-3, 0.0, 1, 32, 100)
+
+
+def make_batch(count=32):
+    """Patches of smooth colour and tilted depth."""
+    gen = torch.Generator().manual_seed(0)
+    axis = torch.linspace(-1, 1, 32)
+    slope = torch.rand((count, 1, 1), generator=gen) - 0.5
+    depth = (slope * axis).expand(count, 32, 32).contiguous()
+    color = torch.rand((count, 1, 1, 3), generator=gen).expand(count, 32, 32, 3) * 255
+    return {
+        "color": color.to(torch.uint8),
+        "depth": depth,
+        "valid": torch.ones_like(depth, dtype=torch.bool),
+    }
+
+
+@pytest.mark.parametrize("widths", [(8, 16), (4, 8, 8, 16)])
+def test_a_reconstruction_has_the_shape_of_its_patch(widths):
+    settings = AutoencoderSettings("cae", "rgbd", 16, widths, 3e-3, 0.0, 1, 32, 100)
+    images = Autoencoder(settings)(torch.rand(2, 4, 32, 32))
+    assert images.shape == (2, 4, 32, 32)
+    assert images.abs().max() <= 1
+
+
+def test_the_feature_is_a_bottleneck():
+    module = Autoencoder(SETTINGS).eval()
+    features = module.network(torch.rand(3, 4, 32, 32))
+    assert features.shape == (3, 16)
+
+
+def test_loss_is_the_mean_squared_error_of_colour_and_depth():
+    torch.manual_seed(0)
+    module = Autoencoder(SETTINGS).eval()
+    batch = make_batch(4)
+    color = batch["color"].permute(0, 3, 1, 2) / 127.5 - 1
+    images = torch.cat([color, batch["depth"][:, None]], dim=1)
+    expected = ((module(images) - images) ** 2).mean()
+    torch.testing.assert_close(module.training_step(batch, 0), expected)
+
+
+def test_a_few_steps_reconstruct_better():
+    torch.manual_seed(0)
+    module, batch = Autoencoder(SETTINGS), make_batch()
+    optimizer = module.configure_optimizers()
+    losses = []
+    for _ in range(30):
+        optimizer.zero_grad()
+        loss = module.training_step(batch, 0)
+        loss.backward()
+        optimizer.step()
+        losses.append(loss.item())
+    assert losses[-1] < 0.5 * losses[0]
+    constant = torch.cat(
+        [batch["color"].permute(0, 3, 1, 2) / 127.5 - 1, batch["depth"][:, None]], dim=1
+    ).var(dim=0, correction=0).mean()  # fmt: skip
+    assert losses[-1] < constant  # better than the mean patch, so the feature is used

@@ -1,0 +1,62 @@
+import pytest
+import pytorch_lightning as pl
+import torch
+from torch.utils.data import DataLoader, TensorDataset
+
+from hlp.models.classifier import ClassifierSettings
+from hlp.models.classifier_training import HolisticClassifier, HolisticCNN, copy_weights
+
+SETTINGS = ClassifierSettings("cnn", (6, 8), 16, 0.1, 0.01, 0.0, 8, 16)
+
+
+@pytest.mark.parametrize("widths", [(4, 8), (24, 48, 96, 128)])
+@pytest.mark.parametrize(("channels", "classes"), [(3, 16), (4, 2)])
+def test_shapes_and_parameter_counts(widths, channels, classes):
+    network = HolisticCNN(channels, classes, widths, 32, 0.2)
+    assert network(torch.zeros(2, channels, 64, 64)).shape == (2, classes)
+    expected, previous, side, kernel = 0, channels, 64, 5
+    for width in widths:
+        expected += kernel**2 * previous * width + 2 * width  # no bias before batch norm
+        previous, side, kernel = width, side // 2, 3
+    expected += previous * side**2 * 32 + 32 + 32 * classes + classes
+    assert sum(each.numel() for each in network.parameters()) == expected
+
+
+def test_training_tells_classes_apart():
+    torch.manual_seed(0)
+    labels = torch.arange(48) % 3
+    images = torch.randn(48, 3, 64, 64) * 0.1
+    images[torch.arange(48), labels] += 0.5  # each class in a channel of its own
+    module = HolisticClassifier(SETTINGS, 3, 3)
+    trainer = pl.Trainer(
+        accelerator="cpu", max_epochs=8, logger=False, enable_checkpointing=False,
+        enable_progress_bar=False, enable_model_summary=False,
+    )  # fmt: skip
+    loader = DataLoader(TensorDataset(images, labels), batch_size=16)
+
+    def right():
+        with torch.no_grad():
+            found = module.network.eval()(images)
+        return (found.argmax(dim=1) == labels).float().mean()
+
+    before = right()
+    module.train()
+    trainer.fit(module, loader)
+    assert before < 0.7
+    assert right() > 0.95
+    assert trainer.callback_metrics.keys() == {"loss", "accuracy"}
+    (optimizer,) = trainer.optimizers
+    assert optimizer.param_groups[0]["lr"] < SETTINGS.learning_rate / 100  # the cycle has ended
+
+
+def test_weights_are_carried_over_class_by_class():
+    torch.manual_seed(0)
+    before, now = HolisticCNN(4, 3, (8, 8), 16, 0.0), HolisticCNN(4, 5, (8, 8), 16, 0.0)
+    fresh = {name: value.clone() for name, value in now.state_dict().items()}
+    copy_weights(now, before.state_dict(), {0: 0, 1: 2, 2: 4})
+    images = torch.rand(6, 4, 64, 64)
+    with torch.no_grad():
+        expected, found = before.eval()(images), now.eval()(images)
+    torch.testing.assert_close(found[:, [0, 2, 4]], expected)
+    last = list(fresh)[-2]
+    torch.testing.assert_close(now.state_dict()[last][[1, 3]], fresh[last][[1, 3]])

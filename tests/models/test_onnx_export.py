@@ -1,0 +1,89 @@
+import numpy as np
+import onnx
+import pytest
+import torch
+from torch import nn
+
+from hlp.models.classifier_training import HolisticCNN
+from hlp.models.network import INTEGER, SINGLE, Network
+from hlp.models.onnx_export import export_network, fuse
+from hlp.models.patch_encoder import PatchEncoder
+
+
+def trained_encoder():
+    """A network whose batch norms have seen data, as training leaves them."""
+    torch.manual_seed(0)
+    network = PatchEncoder((8, 12, 16), 24).train()
+    for _ in range(3):
+        network(torch.rand(16, 4, 32, 32) * 2 - 1)
+    return network
+
+
+def unit_images(count, seed):
+    gen = torch.Generator().manual_seed(seed)
+    return torch.rand((count, 4, 32, 32), generator=gen) * 2 - 1
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    network, stem = trained_encoder(), tmp_path_factory.mktemp("onnx") / "encoder"
+    export_network(network.layers, unit_images(128, seed=1), stem, levels=False)
+    images = unit_images(40, seed=2)
+    with torch.no_grad():
+        expected = network.eval()(images).numpy()
+    found = {
+        ending: Network(stem.with_name(stem.name + ending), 1).run(
+            images.permute(0, 2, 3, 1).contiguous().numpy()
+        )
+        for ending in (SINGLE, INTEGER)
+    }
+    return stem, expected, found
+
+
+def test_single_precision_is_the_network(exported):
+    _, expected, found = exported
+    np.testing.assert_allclose(found[SINGLE], expected, atol=1e-5)
+
+
+def test_integers_come_near(exported):
+    _, expected, found = exported
+    error = np.linalg.norm(found[INTEGER] - expected, axis=1) / np.linalg.norm(expected, axis=1)
+    assert 1e-4 < error.max() < 0.05
+
+
+def test_files_are_valid_models_of_a_free_number_of_images(exported):
+    stem, _, _ = exported
+    for ending in (SINGLE, INTEGER):
+        model = onnx.load(stem.with_name(stem.name + ending))
+        onnx.checker.check_model(model, full_check=True)
+        (given,) = model.graph.input
+        dimensions = given.type.tensor_type.shape.dim
+        assert dimensions[0].dim_param and [d.dim_value for d in dimensions[1:]] == [32, 32, 4]
+    kinds = {each.data_type for each in model.graph.initializer if len(each.dims) == 4}
+    assert kinds == {onnx.TensorProto.INT8}  # all convolutions' weights
+
+
+def test_the_same_network_gives_the_same_files(exported, tmp_path):
+    stem, _, _ = exported
+    network = trained_encoder()
+    export_network(network.layers, unit_images(128, seed=1), tmp_path / "encoder", levels=False)
+    for path in tmp_path.iterdir():
+        assert path.read_bytes() == stem.with_name(path.name).read_bytes()
+    assert network.training  # left as it was
+
+
+def test_fusing_leaves_out_batch_norm_and_dropout():
+    torch.manual_seed(0)
+    network = HolisticCNN(4, 3, (4, 8), 16, 0.5).train()
+    network(torch.randn(16, 4, 64, 64))
+    fused = fuse(network.layers)
+    assert not any(isinstance(each, nn.BatchNorm2d | nn.Dropout) for each in fused)
+    images = torch.randn(5, 4, 64, 64)
+    with torch.no_grad():
+        torch.testing.assert_close(nn.Sequential(*fused)(images), network.eval()(images))
+
+
+def test_an_unknown_layer_is_named(tmp_path):
+    layers = [nn.Conv2d(4, 8, 3), nn.GELU(), nn.Flatten(), nn.Linear(8 * 30 * 30, 5)]
+    with pytest.raises(TypeError, match="GELU"):
+        export_network(layers, unit_images(2, seed=0), tmp_path / "other", levels=False)

@@ -1,0 +1,105 @@
+from typing import Any
+
+import pytest
+
+from hlp.reporting.figures.trends import TRENDS, draw_trend, trend_table
+from hlp.reporting.results import Result
+from written_results import CONFIG, scored
+
+
+def result(add: float, ms: float, chosen: str = "pso", **groups: dict[str, Any]) -> Result:
+    config = {key: {**value, **groups.get(key, {})} for key, value in CONFIG.items()}
+    summary = scored(add, ms, {"cat": add})
+    return Result({"name": "x", **config}, summary, 2, {"refinement": chosen})
+
+
+def dimensions(*pairs: tuple[int, float, float]) -> list[Result]:
+    return [result(add, ms, encoder={"dimension": length}) for length, add, ms in pairs]
+
+
+ARMS = dimensions((100, 0.7, 300.0), (200, 0.8, 350.0), (400, 0.75, 500.0))
+
+
+def test_values_are_those_of_the_configuration() -> None:
+    arm = result(
+        0.5,
+        9.0,
+        "paper",
+        encoder={"dimension": 600},
+        refinement={"particles": 50, "theta_deg": 2.0, "tau_mm": 7.5},
+    )
+    found = {name: trend.value(arm) for name, trend in TRENDS.items()}
+    assert found == {
+        "fig9a": "600",
+        "fig9b": "50",
+        "fig9c": "{2°, 7.5 mm}",
+        "pso_vs_icp": "paper",
+    }
+
+
+def test_the_length_of_a_pca_feature_is_the_one_that_was_used() -> None:
+    """Normals in 12 × 12 cells have 432 components: a feature of 600 would be a fiction."""
+    lengths = [
+        TRENDS["fig9a"].value(
+            result(0.5, 9.0, encoder={"name": "pca", "dimension": dimension, "cells": 12})
+        )
+        for dimension in (400, 432, 600)
+    ]
+    assert lengths == ["400", "432", "432"]
+
+
+def test_what_the_paper_chose_is_the_default_of_its_method() -> None:
+    """Its numbers stand beside 200 dimensions, 25 particles, {5°, 5 mm}: the tests' CONFIG."""
+    assert all(trend.value(result(0.5, 9.0)) in trend.paper_values for trend in TRENDS.values())
+
+
+def test_papers_numbers_stand_beside_its_own_setting_alone() -> None:
+    table = trend_table(TRENDS["fig9a"], {"": ARMS})
+    rows = [dict(zip(table.header, row, strict=True)) for row in table.rows]
+    assert [row["length of the local feature"] for row in rows] == ["100", "200", "400"]
+    assert [row["ADD(-S)"] for row in rows] == ["0.700", "0.800", "0.750"]
+    assert [row["95 %"] for row in rows] == ["0.600-0.740", "0.700-0.840", "0.650-0.790"]
+    assert [row["ms"] for row in rows] == ["300", "350", "500"]
+    assert [(row["paper ADD(-S)"], row["paper ms"]) for row in rows] == [
+        ("", ""),
+        ("0.960", "800"),
+        ("", ""),
+    ]
+
+
+def test_what_else_was_swept_is_a_column_and_a_line_of_its_own() -> None:
+    series = {"method paper": ARMS[:2], "method hlp": ARMS[1:]}
+    table = trend_table(TRENDS["fig9a"], series)
+    assert [row[1] for row in table.rows] == ["method paper"] * 2 + ["method hlp"] * 2
+    ax, _ = draw_trend(TRENDS["fig9a"], series, "a set").axes
+    assert [bars.get_label() for bars in ax.containers] == ["ours method paper", "ours method hlp"]
+
+
+def test_recall_has_its_interval_and_time_the_second_axis() -> None:
+    figure = draw_trend(TRENDS["fig9a"], {"": ARMS}, "a set")
+    ax, time_ax = figure.axes
+    (bars,) = ax.containers
+    line, _, (stems,) = bars.lines
+    assert list(line.get_ydata()) == [0.7, 0.8, 0.75]
+    ends = [tuple(segment[:, 1]) for segment in stems.get_segments()]
+    assert ends[1] == pytest.approx((0.7, 0.84))
+    assert list(time_ax.get_lines()[0].get_ydata()) == [300.0, 350.0, 500.0]
+    assert [text.get_text() for text in ax.get_xticklabels()] == ["100", "200", "400"]
+    note = figure.get_supxlabel().replace("\n", " ")
+    assert "no values for this figure: compare the trends" in note
+    (paper,) = [each for each in ax.get_lines() if each.get_label() == "paper's setting, Table 1"]
+    assert paper.get_ydata()[0] == 0.960
+    assert abs(paper.get_xdata()[0] - 1) < 0.2
+
+
+def test_the_papers_point_is_left_out_without_its_setting() -> None:
+    ax, time_ax = draw_trend(TRENDS["fig9a"], {"": [ARMS[0], ARMS[2]]}, "a set").axes
+    labels = [line.get_label() for each in (ax, time_ax) for line in each.get_lines()]
+    assert not [label for label in labels if "paper" in label]
+
+
+def test_refiners_are_not_joined_by_lines() -> None:
+    arms = [result(0.8, 300.0, "pso"), result(0.7, 200.0, "icp")]
+    ax, time_ax = draw_trend(TRENDS["pso_vs_icp"], {"": arms}, "a set").axes
+    lines = (ax.containers[0].lines[0], time_ax.get_lines()[0])
+    assert [line.get_linestyle() for line in lines] == ["None", "None"]

@@ -1,0 +1,84 @@
+import pytest
+
+from hlp.reporting.paper_results import ADD_BY_OBJECT, ADD_MEAN, ADD_STD
+from hlp.reporting.tables.summary_tables import (
+    format_summary,
+    objects_table,
+    time_table,
+    timing_words,
+    total_table,
+    votes_table,
+    waterfall_tables,
+)
+from written_summary import summary
+
+
+def test_paper_figures_have_the_printed_mean_and_deviation() -> None:
+    """What Table 1 prints below its fifteen objects."""
+    values = list(ADD_BY_OBJECT.values())
+    mean = sum(values) / len(values)
+    variance = sum((value - mean) ** 2 for value in values) / len(values)
+    assert len(values) == 15
+    assert mean == pytest.approx(ADD_MEAN, abs=5e-4)
+    assert variance**0.5 == pytest.approx(ADD_STD, abs=5e-4)
+
+
+def test_objects_table_has_the_papers_figures_beside_ours() -> None:
+    table = objects_table(summary())
+    assert table.header == ["object", "targets", "ADD(-S)", "5cm5deg", "IoU.5", "paper ADD(-S)"]
+    assert list(table.rows) == [
+        ["cat", "4", "0.500", "0.250", "0.750", "0.979"],
+        ["ape", "4", "0.500", "0.250", "0.750", "0.970"],
+        ["mean of objects", "8", "0.250", "0.125", "0.375", "0.974"],
+        ["all targets", "8", "0.500", "0.250", "0.750", ""],
+        ["95 % interval", "", "0.400-0.600", "0.150-0.350", "0.650-0.850", ""],
+    ]
+
+
+def test_paper_is_left_out_where_it_says_nothing() -> None:
+    assert "paper ADD(-S)" not in objects_table(summary(("bracket", "cone"))).header
+    assert "paper ADD(-S)" not in objects_table(summary(("duck", "cone"))).header  # another duck
+
+
+def test_time_table_ends_with_the_total() -> None:
+    assert list(time_table(summary()).rows) == [["voting", "2.3", ""], ["total", "480", "700"]]
+
+
+def test_where_targets_ended_in_all_per_object_and_per_visible_fraction() -> None:
+    assert list(total_table(summary()).rows) == [
+        ["correct", "5", "0.625"],
+        ["no window", "0", "0.000"],
+        ["few votes", "1", "0.125"],
+        ["ranking", "2", "0.250"],
+    ]
+    objects, visibility = waterfall_tables(summary())
+    assert objects.header == ["object", "targets", "correct", "few votes", "ranking"]
+    assert list(objects.rows) == [
+        ["cat", "4", "3", "1", "0"],
+        ["ape", "4", "2", "0", "2"],
+        ["all", "8", "5", "1", "2"],
+    ]
+    assert visibility.header[0] == "visible fraction"
+    assert list(visibility.rows) == [["0.6-1", "8", "5", "1", "2"], ["all", "8", "5", "1", "2"]]
+
+
+def test_votes_table_has_their_number_and_the_share_of_good_ones() -> None:
+    assert list(votes_table(summary()).rows) == [
+        ["cat", "1000", "0.125", "0.225", "0.325", "0.425"],
+        ["ape", "0.0", "", "", "", ""],
+        ["all", "1200", "0.250", "0.350", "0.450", "0.550"],
+    ]
+
+
+def test_a_line_says_how_the_times_were_measured() -> None:
+    timing = {"frames": 20, "objects": 31, "reused_stages": [], "first_use_seconds": 7.24}
+    own = timing_words({"timing": timing})
+    assert own.startswith("Times: measured by this run on 20 frames.")
+    assert "7.2 s (not included)" in own
+    again = timing | {"reused_stages": ["regions", "poses"], "frames": 1, "first_use_seconds": None}
+    assert timing_words({"timing": again}) == (
+        "Times: the results of regions, poses were reused; measured again on 1 frame."
+    )
+    assert timing_words({}) == ""
+    shown = format_summary(summary() | {"timing": again})
+    assert shown.index("ms per target") < shown.index("on 1 frame") < shown.index("targets ended")

@@ -1,0 +1,40 @@
+import pytest
+
+from hlp.reporting.tables.table import Table, check_layout, format_interval, format_share
+
+
+def test_text_is_aligned_and_markdown_is_a_table() -> None:
+    table = Table(["object", "AD"], [["cat", "0.5"], ["holepuncher", "1"]])
+    assert table.text().split("\n") == [
+        "object         AD",
+        "-----------  ----",
+        "cat           0.5",
+        "holepuncher     1",
+    ]
+    header, rule, *rows = table.markdown().split("\n")
+    assert [cell.strip() for cell in header.split("|")] == ["", "object", "AD", ""]
+    assert rule.replace("-", "") == "|:|:|"
+    assert rows == ["| cat         |  0.5 |", "| holepuncher |    1 |"]
+
+
+def test_cells_stay_as_they_are_and_headers_may_repeat() -> None:
+    """Numbers are text already: 0.500 is not 0.5, and 1e3 is not 1000."""
+    table = Table(["run", "95 %", "95 %"], [["001", "0.500", "1e3"]])
+    assert table.text().split("\n")[-1].split() == ["001", "0.500", "1e3"]
+
+
+def test_latex_escapes_what_it_must() -> None:
+    latex = Table(["a_b", "95 %"], [["{5°, 5 mm}", "1,5"], ["θ & τ", ""]]).latex()
+    assert latex.startswith(r"\begin{tabular}{lr}") and latex.endswith(r"\end{tabular}")
+    lines = [" ".join(line.split()) for line in latex.split("\n")]
+    assert r"a\_b & 95 \% \\" in lines
+    assert r"\{5$^\circ$, 5 mm\} & 1,5 \\" in lines
+    assert r"$\theta$ \& $\tau$ & \\" in lines
+
+
+def test_numbers_and_layouts() -> None:
+    assert (format_share(0.97949), format_share(None)) == ("0.979", "")
+    assert format_interval((0.4, 1.0)) == "0.400-1.000"
+    check_layout("markdown")
+    with pytest.raises(ValueError, match="format=html: choose one of text, markdown"):
+        check_layout("html")

@@ -1,0 +1,53 @@
+import os
+from pathlib import Path
+
+import pytest
+
+from hlp.files import read_csv, read_json, replaced, write_csv, write_json, write_text
+
+
+def test_content_comes_back(tmp_path: Path) -> None:
+    write_json(tmp_path / "new" / "a.json", {"θ": [1, None, 0.1]})
+    assert read_json(tmp_path / "new" / "a.json") == {"θ": [1, None, 0.1]}
+    write_csv(tmp_path / "b.csv", ["name", "x"], [["a,b", 0.1], ["ü", None]])
+    rows = read_csv(tmp_path / "b.csv", ["name", "x"])
+    assert rows == [{"name": "a,b", "x": "0.1"}, {"name": "ü", "x": ""}]
+
+
+def test_an_error_while_writing_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    write_text(path, "before")
+    with pytest.raises(OSError, match="No space"), replaced(path) as stream:
+        stream.write(b"half")
+        stream.flush()
+        assert path.read_text() == "before"
+        raise OSError(28, "No space left on device")
+    assert path.read_text() == "before"
+    assert [each.name for each in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_a_reader_never_sees_a_part(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    with replaced(path) as stream:
+        stream.write(b"whole")
+        stream.flush()
+        assert not path.exists()
+    assert path.read_text() == "whole"
+
+
+def test_a_written_file_has_the_usual_permissions(tmp_path: Path) -> None:
+    (tmp_path / "plain").write_text("")
+    write_text(tmp_path / "ours", "")
+    assert os.stat(tmp_path / "ours").st_mode == os.stat(tmp_path / "plain").st_mode
+
+
+def test_what_cannot_be_read_is_named(tmp_path: Path) -> None:
+    for read in (read_json, lambda path: read_csv(path, ["a"])):
+        with pytest.raises(FileNotFoundError, match="gone"):
+            read(tmp_path / "gone")
+    (tmp_path / "a.json").write_text('{"1": ')
+    with pytest.raises(ValueError, match=r"a\.json is no JSON"):
+        read_json(tmp_path / "a.json")
+    (tmp_path / "a.csv").write_text("b\n1\n")
+    with pytest.raises(ValueError, match=r"a\.csv: the first line must be a$"):
+        read_csv(tmp_path / "a.csv", ["a"])
