@@ -14,9 +14,6 @@ from hlp.evaluation.errors import add
 from hlp.geometry import project, transform
 from hlp.objects.meshes import load_mesh, mesh_diameter
 
-API_EXISTS = False
-"""`hlp.Detector` can be imported: its examples are run, and none may be marked `not run`."""
-
 SCENES = SyntheticSettings(
     scenes=1,
     seed=3,
@@ -66,7 +63,6 @@ def run_examples(path: Path, names: dict[str, object]) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not API_EXISTS, reason="hlp.Detector does not exist yet")
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
 def test_examples_run_from_first_to_last(path, own_files, monkeypatch):
     folder, frame, model, true_pose = own_files
@@ -85,15 +81,13 @@ def test_examples_are_python(path):
         compile(block.text, str(path), "exec")
 
 
-@pytest.mark.skipif(not API_EXISTS, reason="hlp.Detector does not exist yet")
-def test_no_example_waits_for_the_api():
-    waiting = [
-        f"{path.name}:{block.line}"
-        for path in PAGES
-        for block in python_blocks(path)
-        if "API" in block.not_run
-    ]
-    assert not waiting
+def test_readme_shows_the_example_that_is_run():
+    """README's is not run itself: learning takes a minute."""
+    pages = {path.name: path for path in PAGES}
+    (shown,) = python_blocks(pages["README.md"])
+    run = [block.text for block in python_blocks(pages["own-object.md"]) if not block.not_run]
+    code = [line.partition("#")[0].rstrip() for line in shown.text.splitlines()]
+    assert code in [[line.partition("#")[0].rstrip() for line in t.splitlines()] for t in run]
 
 
 def test_blocks_of_a_page_run_in_order_unless_they_say_why_not(tmp_path):

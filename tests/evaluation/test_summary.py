@@ -5,8 +5,9 @@ import pytest
 from waterfall_bounds import BOUNDS
 
 from hlp.evaluation.settings import EvaluationSettings
-from hlp.evaluation.summary import METRICS, bootstrap_interval, summarise
+from hlp.evaluation.summary import bootstrap_interval, summarise
 from hlp.records import TargetScore
+from hlp.results.summary_file import METRICS
 
 SETTINGS = EvaluationSettings("bop", [], 0.1, 5.0, 5.0, 0.5, 2000, BOUNDS)
 NAMES = {1: "ape", 6: "cat"}

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hlp.evaluation.scores_file import write_scores
 from hlp.records import TargetScore
 from hlp.reporting.comparison import (
     changes_table,
@@ -15,6 +14,7 @@ from hlp.reporting.comparison import (
     mcnemar_exact,
     read_targets,
 )
+from hlp.results.scores_file import write_scores
 from table_text import unpadded
 
 NAMES = {5: "can", 6: "cat"}

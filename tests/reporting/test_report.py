@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from hlp.evaluation.summary import read_summary
 from hlp.reporting.report import report_runs
 from hlp.reporting.tables.summary_tables import (
     format_summary,
@@ -13,6 +12,7 @@ from hlp.reporting.tables.summary_tables import (
     votes_table,
     waterfall_tables,
 )
+from hlp.results.summary_file import read_summary
 from written_summary import older_summary, summary
 
 

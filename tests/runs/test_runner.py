@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hlp.evaluation.poses_file import read_poses
 from hlp.records import PoseEstimate
+from hlp.results.poses_file import read_poses
 from hlp.runs import runner
 
 WHOLE = {"holistic": 0.5, "local": 0.25, "voting": 0.125, "refinement": 0.125}

@@ -4,28 +4,15 @@ The dictionary is what `summary.json` holds: a contract that scripts rely on.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from hlp.errors import DataError
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.evaluation.waterfall import count_causes
-from hlp.files import read_json
 from hlp.records import TargetScore
-
-Summary = dict[str, Any]
-
-_REQUIRED = {"targets", "metrics", "per_object", "timing_ms", "waterfall"}
-
-METRICS: dict[str, Callable[[TargetScore], bool]] = {
-    "add": lambda score: score.add_correct,
-    "5cm5deg": lambda score: score.pose_correct,
-    "iou50": lambda score: score.box_correct,
-}
-"""Name of each metric in `summary.json`, and the verdict of a score that it counts."""
+from hlp.results.summary_file import METRICS, Summary
 
 
 def summarise(
@@ -64,15 +51,6 @@ def summarise(
         "waterfall": count_causes(scores, names),
         "votes": dict(votes),
     }
-
-
-def read_summary(path: Path) -> Summary:
-    """Read `summary.json`. Raises MissingFileError, and DataError where it is none."""
-    summary: Summary = read_json(path)
-    if not isinstance(summary, dict) or (missing := _REQUIRED - summary.keys()):
-        lacks = f": it lacks {', '.join(sorted(missing))}" if isinstance(summary, dict) else ""
-        raise DataError(f"{path} is no summary of a run{lacks}")
-    return summary
 
 
 def bootstrap_interval(

@@ -24,8 +24,8 @@ from jaxtyping import Bool, Int
 
 from hlp.evaluation.settings import WaterfallSettings
 from hlp.records import TargetScore
+from hlp.results.summary_file import CORRECT
 
-CORRECT = "correct"
 CAUSES = (
     "depth_missing",
     "no_window",

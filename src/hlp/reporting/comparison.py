@@ -10,12 +10,12 @@ from jaxtyping import Bool, Float, Int
 from scipy.stats import binomtest
 
 from hlp.errors import DataError, InputError
-from hlp.evaluation.scores_file import read_scores
-from hlp.evaluation.summary import METRICS
 from hlp.records import TargetScore
 from hlp.reporting.mlflow_runs import scores_file
 from hlp.reporting.tables.summary_tables import METRIC_LABELS
 from hlp.reporting.tables.table import LAYOUTS, Table, check_layout
+from hlp.results.scores_file import read_scores
+from hlp.results.summary_file import METRICS
 
 RESAMPLINGS = 10_000
 SEED = 0

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from hlp.errors import MissingFileError
-from hlp.evaluation.summary import read_summary
 from hlp.files import SUMMARY, SWEEP
 from hlp.reporting.figures.trade_off import draw_trade_off
 from hlp.reporting.figures.waterfall_bars import draw_waterfall
@@ -14,6 +13,7 @@ from hlp.reporting.tables.summary_tables import (
     waterfall_tables,
 )
 from hlp.reporting.tables.table import LAYOUTS, check_layout
+from hlp.results.summary_file import read_summary
 
 
 def report_runs(folder: Path, layout: str) -> str:

@@ -8,8 +8,8 @@ from typing import Any
 import yaml
 
 from hlp.errors import DataError
-from hlp.evaluation.summary import read_summary
 from hlp.files import MANIFEST, SUMMARY, SWEEP, read_json
+from hlp.results.summary_file import read_summary
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hlp.data.dataset import frames_identity
-from hlp.evaluation.poses_file import POSE_COLUMNS
 from hlp.files import MANIFEST, read_csv
+from hlp.results.poses_file import POSE_COLUMNS
 from hlp.stages.manifest import read_manifest
 from hlp.stages.provenance import code_digest, git_revision, library_versions
 from hlp.stages.store import StageStore

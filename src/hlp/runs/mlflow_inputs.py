@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hlp.data.dataset import frames_identity
-from hlp.evaluation.scores_file import SCORE_COLUMNS
 from hlp.files import SCORES, read_csv
 from hlp.reporting.mlflow_metrics import MLFLOW_METRICS
 from hlp.reporting.tracking import REVISION, Tracker
+from hlp.results.scores_file import SCORE_COLUMNS
 from hlp.stages.provenance import git_revision
 
 if TYPE_CHECKING:

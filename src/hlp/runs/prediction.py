@@ -9,12 +9,12 @@ from tqdm import tqdm
 from hlp.config.build import Run, evenly
 from hlp.data.own_frames import OwnFrames
 from hlp.errors import InputError
-from hlp.evaluation.poses_file import write_poses
 from hlp.files import POSES, write_json
 from hlp.method.compute_threads import set_compute_threads
 from hlp.records import PoseEstimate, frame_key
 from hlp.reporting.figures.panels import write_png
 from hlp.reporting.tables.pose_table import format_poses, poses_json
+from hlp.results.poses_file import write_poses
 from hlp.runs.run_stages import stages_of
 from hlp.runs.stage_panels import picture_of_stages
 from hlp.stages.detection import DetectionStages

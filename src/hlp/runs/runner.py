@@ -10,8 +10,6 @@ from tqdm import tqdm
 from hlp.config.build import Run
 from hlp.errors import InputError
 from hlp.evaluation.evaluator import FrameTruth, score_targets
-from hlp.evaluation.poses_file import read_poses, write_poses
-from hlp.evaluation.scores_file import write_scores
 from hlp.evaluation.summary import summarise
 from hlp.evaluation.vote_quality import vote_quality
 from hlp.files import MANIFEST, POSES, SCORES, SUMMARY, write_json
@@ -23,6 +21,8 @@ from hlp.reporting.figures.waterfall_bars import draw_waterfall
 from hlp.reporting.mlflow_metrics import summary_metrics
 from hlp.reporting.tables.summary_tables import format_summary
 from hlp.reporting.tracking import Tracker, how_to_browse, track_run
+from hlp.results.poses_file import read_poses, write_poses
+from hlp.results.scores_file import write_scores
 from hlp.runs.diagnosis import count_votes, explain_misses
 from hlp.runs.manifest import make_manifest, poses_digest
 from hlp.runs.mlflow_inputs import log_inputs, log_tables, revision_tag, run_name

@@ -13,7 +13,7 @@ from hlp.config.settings import OracleSettings
 from hlp.data.sources import annotated_mask
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.evaluation.settings import EvaluationSettings
-from hlp.evaluation.summary import METRICS, bootstrap_interval
+from hlp.evaluation.summary import bootstrap_interval
 from hlp.evaluation.visible_mask import measured_mask
 from hlp.files import write_json
 from hlp.method.pose_estimator import FrameContext, derive_seed
@@ -27,6 +27,7 @@ from hlp.records import (
     parse_frame_key,
 )
 from hlp.reporting.tables.oracle_table import format_oracle, oracle_metrics, write_oracle
+from hlp.results.summary_file import METRICS
 from hlp.runs.run_stages import stages_of
 from hlp.source_code import code_of
 from hlp.stages.detection import DetectionStages

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hlp.evaluation.waterfall import CORRECT
 from hlp.reporting.figures.saving import save_figure
 from hlp.reporting.tables.summary_tables import WATERFALL_GROUPS
+from hlp.results.summary_file import CORRECT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
-from hlp.evaluation.waterfall import CORRECT
 from hlp.reporting.paper_results import ADD_BY_OBJECT
 from hlp.reporting.tables.table import LAYOUTS, Table, format_interval, format_share
+from hlp.results.summary_file import CORRECT
 
 METRIC_LABELS = {"add": "ADD(-S)", "5cm5deg": "5cm5deg", "iou50": "IoU.5"}
 """What people call the metrics of `summary.json`."""

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hlp.evaluation import poses_file
 from hlp.geometry import rigid
 from hlp.records import PoseEstimate
+from hlp.results import poses_file
 
 
 def _pose(seed):

@@ -3,8 +3,8 @@ import math
 
 import pytest
 
-from hlp.evaluation.scores_file import read_scores, write_scores
 from hlp.records import TargetScore
+from hlp.results.scores_file import read_scores, write_scores
 
 
 def _score(found):

@@ -1,0 +1,1 @@
+"""The files of a finished run: what evaluation writes and reporting reads."""
