@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from fake_detection import KEYS, OBJECTS, FakeEstimator, FakeTraining, fake_dataset, method_settings
-from hlp.evaluation.poses_file import read_poses, write_poses
+from hlp.results.poses_file import read_poses, write_poses
 from hlp.runs.timing import measure_times
 from hlp.stages import detection
 from hlp.stages.detection import DetectionStages

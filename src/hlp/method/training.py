@@ -1,4 +1,4 @@
-"""Fits a Lightning module in a stage's folder: resumable, quiet off a terminal, history on disk."""
+"""Trains a Lightning module in a folder: resumable, with a history, quiet without a terminal."""
 
 import csv
 import logging
@@ -31,9 +31,9 @@ def fit(
     trainer: TrainerSettings,
     folder: Path,
 ) -> None:
-    """Train for `epochs`, going on from the last checkpoint in `folder` where there is one.
+    """Train for `epochs`, continuing from the last checkpoint in `folder` if there is one.
 
-    A training that was interrupted and goes on ends with the weights of one that was not.
+    A training that was interrupted and continued ends with the same weights as another.
     Leaves the network's weights (`weights.safetensors`) and each epoch's metrics (`history.csv`).
     """
     last = folder / _CHECKPOINTS / "last.ckpt"
@@ -75,17 +75,17 @@ def _make_trainer(
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Without Lightning's tips and without warnings of what is meant to be as it is."""
+    """Without Lightning's tips, and without warnings of what is intended."""
     logging.getLogger("pytorch_lightning").setLevel(logging.WARNING)
     with warnings.catch_warnings():
         # Batches come from memory, so worker processes would only copy them.
         warnings.filterwarnings("ignore", message=".*does not have many workers.*")
         warnings.filterwarnings("ignore", message=".*val_dataloader.*")
-        # The checkpoint that a resumed training goes on from is meant to be there.
+        # A resumed training finds its checkpoint there, as intended.
         warnings.filterwarnings("ignore", message=".*exists and is not empty.*")
         # `trainer.accelerator` decides.
         warnings.filterwarnings("ignore", message=".*GPU available but not used.*")
-        # Lightning's own affair with torch.
+        # Between Lightning and torch.
         warnings.filterwarnings("ignore", message=".*LeafSpec.*")
         yield
 
@@ -102,17 +102,17 @@ def calibration_images(data: pl.LightningDataModule, images_of: Callable[[Any], 
 
 
 def load_weights(network: nn.Module, folder: Path) -> None:
-    """Load what `fit` left. Raises FileNotFoundError where the stage was not finished."""
+    """Load what `fit` left. Raises FileNotFoundError if there are none."""
     network.load_state_dict(read_weights(folder))
 
 
 def read_weights(folder: Path) -> dict[str, torch.Tensor]:
-    """A network's weights by name. Raises FileNotFoundError where the stage was not finished."""
+    """A network's weights by name. Raises FileNotFoundError if there are none."""
     return load_file(folder / WEIGHTS)
 
 
 def read_history(folder: Path) -> list[dict[str, float]]:
-    """Metrics of every epoch, in order; empty where a stage trains nothing."""
+    """Metrics of every epoch, in order; empty if nothing was trained."""
     path = folder / HISTORY
     if not path.exists():
         return []
@@ -123,7 +123,7 @@ def read_history(folder: Path) -> list[dict[str, float]]:
 
 
 class _History(Callback):
-    """Writes the metrics of every epoch; the rows so far travel with each checkpoint."""
+    """Writes the metrics of every epoch; each checkpoint holds the rows so far."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -147,10 +147,10 @@ class _History(Callback):
 
 
 class _RandomState(Callback):
-    """Keeps torch's random state, which dropout draws from, with each checkpoint.
+    """Stores torch's random state, from which dropout draws, with each checkpoint.
 
-    It is set where the checkpoint is loaded, before Lightning makes the epoch's batches: making
-    them draws as well.
+    It is restored when the checkpoint is loaded, before Lightning makes the epoch's batches: that
+    draws random numbers too.
     """
 
     def state_dict(self) -> dict[str, Any]:
@@ -161,7 +161,7 @@ class _RandomState(Callback):
 
 
 class _Threads(Callback):
-    """Gives torch its threads, which decide the last bits, in every process that trains."""
+    """Sets torch's number of threads, which decides the last bits, in every training process."""
 
     def __init__(self, threads: int) -> None:
         self.threads = threads
