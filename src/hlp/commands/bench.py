@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hlp.commands import composing, run
+from hlp.errors import HlpError, InputError
 
 COMPARE = "compare="
 
@@ -22,10 +23,10 @@ def command(arguments: Sequence[str]) -> None:
 
     try:
         if overrides:
-            raise ValueError(f"compare={saved[-1]} measures nothing: leave {overrides[0]} out")
+            raise InputError(f"compare={saved[-1]} measures nothing: leave {overrides[0]} out")
         before, after = _files(saved[-1])
         print(compare_benches(before, after))
-    except (ValueError, OSError) as error:
+    except HlpError as error:
         composing.fail(error)
 
 
@@ -39,7 +40,7 @@ def _files(value: str) -> tuple[Path, Path]:
         ]
         files += sorted(found, key=lambda path: path.stat().st_mtime)[-1:]
     if len(files) != 2:
-        raise ValueError(f"compare={value}: name two bench.json, or one beside those in outputs/")
+        raise InputError(f"compare={value}: name two bench.json, or one beside those in outputs/")
     return files[0], files[1]
 
 

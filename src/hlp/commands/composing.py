@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import os
 import sys
@@ -10,13 +11,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import hlp
-from hlp.errors import HlpError
+from hlp.errors import HlpError, InputError, MissingFileError
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
 MULTIRUN = {"-m", "--multirun"}
 HELP = {"-h", "--help"}
+_MACHINES = {
+    errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.EMFILE, errno.ENFILE,
+    errno.ENAMETOOLONG,
+}  # fmt: skip
 
 
 def config_folder() -> Path:
@@ -26,7 +31,7 @@ def config_folder() -> Path:
     for folder in folders:
         if (folder / "config.yaml").is_file():
             return folder
-    raise FileNotFoundError(f"no config.yaml in {' or '.join(map(str, folders))}: reinstall hlp")
+    raise MissingFileError(f"no config.yaml in {' or '.join(map(str, folders))}: reinstall hlp")
 
 
 def compose_and_call(
@@ -37,7 +42,8 @@ def compose_and_call(
 ) -> None:
     """Compose the configuration that lies in a folder and do the task with it.
 
-    An error that says what is wrong ends the process with 1 and that message.
+    An error that HLP expects (`hlp.errors`), one of Hydra, or a refusal of the machine such as a
+    full disk ends the process with 1 and one line. Any other exception is a bug and is raised.
     """
     import hydra
     from hydra.errors import HydraException
@@ -50,7 +56,11 @@ def compose_and_call(
     try:
         with sweep_open():
             app(lambda config: _job(config, task))()
-    except (HydraException, OmegaConfBaseException, HlpError, ValueError, OSError) as error:
+    except (HydraException, OmegaConfBaseException, HlpError) as error:
+        fail(error)
+    except OSError as error:
+        if not is_machines(error):
+            raise
         fail(error)
     except KeyboardInterrupt:
         print("hlp: interrupted; the same command continues from here", file=sys.stderr)
@@ -64,24 +74,34 @@ def _job(config: DictConfig, task: Callable[[DictConfig], None]) -> None:
 
     try:
         task(config)
-    except (HlpError, ValueError, OSError) as error:
-        if HydraConfig.get().mode == RunMode.RUN:
-            fail(error)
+    except (HlpError, OSError) as error:
+        if HydraConfig.get().mode == RunMode.RUN or not is_expected(error):
+            raise
         logging.getLogger(__name__).error("%s: %s", config.output, _in_words(error))
         raise
+
+
+def is_expected(error: BaseException) -> bool:
+    """Whether an error is HLP's own, or the machine's: no bug."""
+    return isinstance(error, HlpError) or (isinstance(error, OSError) and is_machines(error))
+
+
+def is_machines(error: OSError) -> bool:
+    """Whether the machine refuses something: no room, no right, too many open files."""
+    return error.errno in _MACHINES
 
 
 def key_values(arguments: Sequence[str], known: Sequence[str]) -> dict[str, str] | None:
     """KEY=VALUE arguments as a mapping; None where help is asked for.
 
-    Raises ValueError for an argument that is none or whose key is not known.
+    Raises InputError for an argument that is none or whose key is not known.
     """
     if HELP & set(arguments):
         return None
     pairs = [argument.partition("=")[::2] for argument in arguments]
     for argument, (key, value) in zip(arguments, pairs, strict=True):
         if key not in known or not value:
-            raise ValueError(f"cannot use '{argument}'; it takes {', '.join(known)}")
+            raise InputError(f"cannot use '{argument}'; it takes {', '.join(known)}")
     return dict(pairs)
 
 

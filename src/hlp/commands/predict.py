@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hlp.commands import composing
+from hlp.errors import ConfigError
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
@@ -32,7 +33,7 @@ def _predict(config: DictConfig) -> None:
 
     for key in OWN_FILES:
         if OmegaConf.is_missing(config.data, key):
-            raise ValueError(f"{key} is not set: give {key}=…, see `hlp predict --help`")
+            raise ConfigError(f"{key} is not set: give {key}=…, see `hlp predict --help`")
     config.output = HydraConfig.get().runtime.output_dir
 
     from hlp.config import build

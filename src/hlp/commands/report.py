@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hlp.commands import composing
+from hlp.errors import HlpError
 
 MLFLOW = "sqlite:///work/mlflow.db"
 
@@ -14,7 +15,7 @@ def command(arguments: Sequence[str]) -> None:
     try:
         keys = ("experiment", "output", "format", "objects", "runs", "uri")
         given = composing.key_values(arguments, keys)
-    except ValueError as error:
+    except HlpError as error:
         print(f"hlp report: {error}\n\n{REPORT_HELP}", file=sys.stderr)
         sys.exit(2)
     if given is None:
@@ -35,7 +36,7 @@ def command(arguments: Sequence[str]) -> None:
         else:
             print(report_runs(folder, layout))
             print(describe_reproductions(folder, layout))
-    except (ValueError, OSError) as error:
+    except HlpError as error:
         composing.fail(error)
 
 

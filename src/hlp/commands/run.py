@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hlp.commands import composing
+from hlp.errors import HlpError
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
@@ -60,7 +61,7 @@ def _repeat(arguments: Sequence[str]) -> None:
     manifest = Path(named[-1]).expanduser()
     try:
         config = config_of(manifest, overrides, composing.config_folder())
-    except (ValueError, OSError) as error:
+    except HlpError as error:
         composing.fail(error)
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "config.yaml").write_text(config)

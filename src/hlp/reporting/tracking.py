@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 from filelock import FileLock
 
+from hlp.errors import MissingFileError
+
 if TYPE_CHECKING:
     from mlflow import MlflowClient
 
@@ -113,7 +115,7 @@ class Tracker:
     def log_artifact(self, path: Path, folder: str | None = None) -> None:
         """Copy a file into the run's artifacts. Raises FileNotFoundError if it does not exist."""
         if not path.is_file():
-            raise FileNotFoundError(f"no file {path} to log")
+            raise MissingFileError(f"no file {path} to log")
         self._client.log_artifact(self.run_id, str(path), folder)
 
     def log_artifacts(self, path: Path, folder: str | None = None) -> None:
@@ -122,7 +124,7 @@ class Tracker:
         Raises FileNotFoundError if it does not exist.
         """
         if not path.is_dir():
-            raise FileNotFoundError(f"no folder {path} to log")
+            raise MissingFileError(f"no folder {path} to log")
         self._client.log_artifacts(self.run_id, str(path), folder)
 
     def log_table(self, name: str, columns: Mapping[str, Sequence[Any]]) -> None:
