@@ -156,7 +156,7 @@ def _read_record(kind: type, values: Any, key: str) -> Any:
 
 
 def _instead(name: str, known: list[str]) -> str:
-    alike = get_close_matches(name, known, n=1)
+    alike = get_close_matches(name, known, n=1, cutoff=0.7)
     return f"did you mean {alike[0]}?" if alike else f"there are {_cut(', '.join(known))}"
 
 

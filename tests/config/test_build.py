@@ -14,7 +14,7 @@ from hlp.config.build import build_run, build_settings, evenly
 from hlp.config.settings import RunSettings
 from hlp.config.typed_defaults import group_kinds
 from hlp.data.bop import BopSettings
-from hlp.errors import ConfigError, MissingDependencyError
+from hlp.errors import MissingDependencyError
 
 CONF = Path(__file__).parents[2] / "conf"
 
@@ -272,13 +272,3 @@ def test_a_gpu_that_is_not_there_is_named(default, monkeypatch):
     monkeypatch.setattr("onnxruntime.get_available_providers", lambda: ["CPUExecutionProvider"])
     with pytest.raises(MissingDependencyError, match=r"machine\.device is cuda.*onnxruntime-gpu"):
         build_run(changed(default, "machine.device", "cuda"))
-
-
-@pytest.mark.parametrize(("dimension", "refused"), [(150, True), (200, False)])
-def test_features_that_the_search_refuses_are_refused_before_training(default, dimension, refused):
-    config = changed(default, "encoder.dimension", dimension)
-    if refused:
-        with pytest.raises(ConfigError, match=r"encoder\.dimension is 150.*multiples of 4"):
-            build_run(config)
-    else:
-        build_run(config)
