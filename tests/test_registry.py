@@ -1,5 +1,6 @@
 """Alternatives are found by their names, here and in plug-ins, and only what is asked is imported."""
 
+import importlib.metadata
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -9,7 +10,6 @@ from typing import Any, Literal
 
 import pytest
 
-from hlp import registry
 from hlp.errors import ConfigError
 from hlp.registry import Registry
 
@@ -91,7 +91,7 @@ def test_a_plug_in_that_cannot_be_loaded_is_named(
 ) -> None:
     (tmp_path / package / "broken.py").write_text("")
     plug_in = EntryPoint("paint", "no_such_paint", "hlp.colour")
-    monkeypatch.setattr(registry, "entry_points", lambda group: [plug_in])
+    monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [plug_in])
     with pytest.raises(ModuleNotFoundError) as caught:
         colours(package).find("blue")
     assert caught.value.__notes__ == ["while loading the plug-in no_such_paint (hlp.colour)"]

@@ -15,10 +15,12 @@ import pkgutil
 from collections.abc import Callable, Iterator
 from functools import partial
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
-from typing import Generic, TypeVar, get_args, get_type_hints
+from typing import TYPE_CHECKING, Generic, TypeVar, get_args, get_type_hints
 
 from hlp.errors import ConfigError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 T = TypeVar("T")
 Kind = TypeVar("Kind", bound=type)
@@ -78,11 +80,13 @@ class Registry(Generic[T]):
         found = [each.name for each in pkgutil.walk_packages(package.__path__, f"{self.package}.")]
         for module in sorted(found, key=lambda each: each.rpartition(".")[2] != name):
             yield partial(import_module, module)
+        from importlib.metadata import entry_points  # a fiftieth of a second, rarely needed
+
         for entry in entry_points(group=f"hlp.{self.group}"):
             yield partial(_load, entry)
 
 
-def _load(plug_in: EntryPoint) -> None:
+def _load(plug_in: "EntryPoint") -> None:
     try:
         plug_in.load()
     except Exception as error:
