@@ -1,5 +1,6 @@
 """The settings' defaults as Hydra sees them, and YAML files that say no more than they must."""
 
+import dataclasses
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
@@ -37,7 +38,7 @@ def settings_classes() -> list[type]:
 @pytest.mark.parametrize("kind", settings_classes(), ids=lambda kind: kind.__name__)
 def test_every_field_says_what_it_means(kind: type) -> None:
     for name, hint in get_type_hints(kind, include_extras=True).items():
-        if name not in kind.__dataclass_fields__ or name == "name":
+        if name not in {each.name for each in dataclasses.fields(kind)} - {"name"}:
             continue
         grouped = kind is RunSettings and name in group_kinds()
         nested = isinstance(hint, type) and issubclass(hint, Settings)
