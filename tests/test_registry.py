@@ -1,4 +1,4 @@
-"""Alternatives are found by their names, here and in plug-ins, and only what is asked is imported."""
+"""Alternatives are found by their names, here and in plug-ins; nothing else is imported."""
 
 import importlib.metadata
 import subprocess

@@ -13,7 +13,6 @@ from fake_detection import FakeEstimator, method_settings
 from hlp import source_code
 from hlp.config.build import build_settings
 from hlp.data.dataset import Dataset
-from hlp.data.loading import build_dataset
 from hlp.method.settings import MethodSettings
 from hlp.stages import detection
 from hlp.stages.detection import DetectionStages
