@@ -99,7 +99,7 @@ def test_what_is_left_out_has_its_default() -> None:
         ({"tool": {"teeth": 8}}, "b.tool.name is not set: set b.tool.name=VALUE"),
         ({"tool": {"name": "axe"}}, "b.tool.name is 'axe': choose one of hammer, mallet, saw"),
         ({"tool": {"name": "saw", "weight": 1}}, "b.tool.weight is no key: there are name, teeth"),
-        ({"tool": {"name": "saw", "tooth": 1}}, "b.tool.tooth is no key: did you mean teeth?"),
+        ({"tool": {"name": "saw", "teeths": 1}}, "b.tool.teeths is no key: did you mean teeth?"),
         ({"tool": {"name": "saw", "teeth": 7}}, "b.tool.teeth is 7: it must be even"),
         (
             {"more": {"x": {"name": "saw", "teeth": 0}}},

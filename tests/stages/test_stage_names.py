@@ -53,7 +53,8 @@ def dataset() -> Dataset:
     from hlp.commands.composing import config_folder
 
     with initialize_config_dir(str(config_folder()), version_base="1.3"):
-        built = build_dataset(build_settings(compose("config", overrides=["output=out"])).data)
+        config = compose("config", overrides=["output=out"])
+        built = build_settings(config).data.build()
     some = {i: built.models[i] for i in sorted(built.models)[:2]}
     return dataclasses.replace(built, models=some, target_ids=tuple(some))
 
@@ -229,8 +230,8 @@ FOUND = {"regions", "hypotheses", "poses"}
         ("hlp.patches.local_pool", {"encoder", "codebook", "hypotheses", "poses"}),
         ("hlp.method.training", ALL - {"views"}),
         ("hlp.codebook.entries", {"codebook", "hypotheses", "poses"}),
-        ("hlp.voting.modes_kernel", FOUND),
-        ("hlp.refinement.pso", FOUND),
+        ("hlp.voting.modes_kernel", {"hypotheses", "poses"}),
+        ("hlp.refinement.pso", {"poses"}),
         ("hlp.stages.frame_results", FOUND),
         ("hlp.method.settings", set()),
         ("hlp.reporting.tables", set()),
