@@ -8,7 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from hlp.config.typed_defaults import provide_defaults
 from tiny_run import TINY, TinyRun, start_run
+
+provide_defaults()  # to every configuration that a test composes
 
 
 @pytest.fixture(scope="session")

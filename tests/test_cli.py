@@ -25,6 +25,10 @@ STAND_INS = {
     "voting": ("joint", "paper"),
     "refinement": ("pso", "icp", "paper"),
     "evaluation": ("bop",),
+    "machine": ("local", "cuda"),
+    "executor": ("serial", "loky"),
+    "trainer": ("cpu", "gpu"),
+    "task": ("evaluate", "oracle", "basin", "bench", "search"),
 }
 
 DRIVER = """
@@ -63,7 +67,7 @@ Hlp = Callable[..., "subprocess.CompletedProcess[str]"]
 def call(tmp_path: Path) -> Hlp:
     """`hlp` in an empty folder, with conf/'s real composition over stand-in alternatives."""
     conf = tmp_path / "conf"
-    for group in ("method", "experiment", "machine", "executor", "trainer", "reporting", "task"):
+    for group in ("method", "experiment", "reporting"):
         shutil.copytree(config_folder() / group, conf / group)
     shutil.copy(config_folder() / "config.yaml", conf)
     for group, names in STAND_INS.items():
@@ -218,7 +222,6 @@ def test_bench_is_a_task_of_its_own_on_the_same_data(call: Hlp, tmp_path: Path) 
     assert done.returncode == 0, done.stderr
     found = json.loads((tmp_path / "out" / "seen.json").read_text())
     assert (found["task"]["name"], found["name"], found["frames"]) == ("bench", "mine", 3)
-    assert found["task"]["compared"]["reference"]["codebook"]["name"] == "exact"
     assert call("bench", "--help").stdout.startswith("usage: hlp bench")
 
 

@@ -8,6 +8,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
+from hlp.registry import Registry
+
 UNITS = {
     "mm": "mm",
     "cm": "cm",
@@ -80,6 +82,11 @@ def tables_of(kind: type, prefix: str, defaults: Any = None) -> list[Table]:
 
 def settings_classes(hint: Any) -> Iterator[type]:
     """The settings classes that a type is made of, in order."""
+    facts = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
+    for fact in facts:
+        if isinstance(fact, Registry):
+            yield from dict.fromkeys(fact.alternatives().values())
+            return
     bare = _bare(hint)
     if inspect.isclass(bare) and dataclasses.is_dataclass(bare):
         yield bare

@@ -8,14 +8,13 @@ from hlp.codebook.inverted_lists import (
     FEWEST,
     InvertedLists,
     InvertedListsSettings,
-    check_dimension,
     load_lists,
     save_lists,
 )
 from hlp.codebook.neighbours import ExactNeighbours
-from hlp.errors import ConfigError, DataError
+from hlp.errors import DataError
 
-SETTINGS = InvertedListsSettings("inverted_lists", 3, lists=32, probes=8, candidates=16, threads=1)
+SETTINGS = InvertedListsSettings("inverted_lists", 3, lists=32, probes=8, candidates=16)
 
 
 def surface(count, dimension=24, seed=0):
@@ -56,8 +55,7 @@ def test_distances_are_of_the_whole_features_and_ascend():
 
 
 def test_lists_are_a_function_of_the_seed_and_threads_change_nothing():
-    two = dataclasses.replace(SETTINGS, threads=2)
-    first, again = (InvertedLists(FEATURES, each, 5).search(QUERIES) for each in (SETTINGS, two))
+    first, again = (InvertedLists(FEATURES, SETTINGS, 5, threads=n).search(QUERIES) for n in (1, 2))
     np.testing.assert_array_equal(first.indices, again.indices)
     np.testing.assert_array_equal(first.distances, again.distances)
     other = InvertedLists(FEATURES, SETTINGS, 6).search(QUERIES)
@@ -93,12 +91,17 @@ def test_no_queries_and_any_layout():
     np.testing.assert_array_equal(search.search(wide).indices, search.search(QUERIES[:20]).indices)
 
 
-def test_features_that_do_not_divide_are_named():
-    with pytest.raises(ConfigError, match=r"encoder\.dimension is 22"):
-        InvertedLists(FEATURES[:, :22], SETTINGS, seed=0)
-    with pytest.raises(ConfigError, match=r"encoder\.dimension is 150"):
-        check_dimension(150)
-    check_dimension(200)
+def test_features_must_divide_into_codes():
+    assert InvertedListsSettings.dimension_multiple == 4
+
+
+def test_lists_that_were_prepared_are_found_and_give_the_same(tmp_path):
+    SETTINGS.prepare(FEATURES, 5, tmp_path)
+    stored = (tmp_path / "lists.npz").stat().st_mtime_ns
+    made = SETTINGS.build(FEATURES, 5, 1).search(QUERIES)
+    found = SETTINGS.build(FEATURES, 5, 2, tmp_path).search(QUERIES)
+    np.testing.assert_array_equal(made.indices, found.indices)
+    assert (tmp_path / "lists.npz").stat().st_mtime_ns == stored
 
 
 def test_stored_lists_find_what_trained_ones_do():

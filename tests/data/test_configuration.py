@@ -1,14 +1,13 @@
-import json
 from pathlib import Path
 
 import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
-from pydantic import TypeAdapter
 
 from hlp.data.bop import BopSettings
 from hlp.data.linemod import LinemodSettings
 from hlp.evaluation.settings import EvaluationSettings
+from hlp.settings import read_settings
 
 CONF = Path(__file__).parents[2] / "conf"
 
@@ -20,8 +19,8 @@ def _compose(group, alternative, *overrides):
 
 
 def _typed(settings, node):
-    text = json.dumps(OmegaConf.to_container(node, resolve=True, throw_on_missing=True))
-    return TypeAdapter(settings).validate_json(text, strict=True, extra="forbid")
+    values = OmegaConf.to_container(node, resolve=True, throw_on_missing=True)
+    return read_settings(settings, values)
 
 
 def test_the_board_becomes_typed_settings():
@@ -53,6 +52,6 @@ def test_linemods_first_layout_becomes_typed_settings():
 )
 def test_policies_of_evaluation_become_typed_settings(policy, symmetric):
     settings = _typed(EvaluationSettings, _compose("evaluation", policy))
-    assert (settings.name, settings.symmetric) == (policy, symmetric)
+    assert (settings.name, settings.symmetric) == (policy, tuple(symmetric))
     assert (settings.add_fraction, settings.translation_cm, settings.rotation_deg) == (0.1, 5, 5)
     assert settings.iou == 0.5

@@ -1,16 +1,13 @@
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 import trimesh
-from omegaconf import OmegaConf
 
 from hlp.data.own_frames import FilesSettings, OwnFrames, load_object_model, read_intrinsics
 
-CONF = Path(__file__).parents[2] / "conf" / "data" / "files.yaml"
 CAMERA = [500.0, 501.0, 20.0, 15.0]
 MATRIX = [500, 0, 20, 0, 501, 15, 0, 0, 1]
 
@@ -32,9 +29,8 @@ def frames(root, intrinsics=CAMERA, scale=None, rgb="rgb", depth="depth"):
 
 
 def settings(path, scale=0.001, **sizes):
-    values = OmegaConf.to_container(OmegaConf.load(CONF), throw_on_missing=False)
     given = {"model": str(path), "rgb": "rgb", "depth": "depth", "intrinsics": CAMERA}
-    return replace(FilesSettings(**(values | given)), mesh_scale=scale, **sizes)
+    return replace(FilesSettings(**given), mesh_scale=scale, **sizes)
 
 
 def test_two_images_whatever_their_names_are_one_frame(root):

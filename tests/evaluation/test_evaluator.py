@@ -180,7 +180,7 @@ def test_truth_of_a_frame_drops_the_images_unless_wanted():
 
 @pytest.mark.parametrize("key", ["add_fraction", "translation_cm", "iou", "bootstrap"])
 def test_a_threshold_that_is_not_positive_is_named(key):
-    with pytest.raises(ValueError, match=f"evaluation.{key}"):
+    with pytest.raises(ValueError, match=f"^{key} is 0: it must be"):
         dataclasses.replace(SETTINGS, **{key: 0})
 
 

@@ -82,9 +82,7 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> Own:
     for kind in ("rgb", "depth"):
         (folder / kind).mkdir(parents=True)
     scenes = SyntheticScenes(
-        SyntheticSettings(
-            24, 0, 320, 240, 1.0, 0.3, (5, 5), (1, 3), (600.0, 1100.0), (20.0, 75.0), 20.0, 5.0
-        )
+        SyntheticSettings(width=320, height=240, objects=(5, 5), clutter=(1, 3))
     )
     frames = [scenes.load(scenes.keys[number]) for number in LOOKED_AT]
     for number, frame in zip(LOOKED_AT, frames, strict=True):

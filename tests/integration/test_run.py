@@ -27,9 +27,7 @@ def target_of(row: Row) -> tuple[int, int, int]:
 def truth() -> dict[tuple[int, int, int], Target]:
     """Targets of the two frames, from the demo dataset itself (frames 0 and 12 of its 24)."""
     scenes = SyntheticScenes(
-        SyntheticSettings(
-            24, 0, 320, 240, 1.0, 0.3, (5, 5), (1, 3), (600.0, 1100.0), (20.0, 75.0), 20.0, 5.0
-        )
+        SyntheticSettings(width=320, height=240, objects=(5, 5), clutter=(1, 3))
     )
     frames = [scenes.load(scenes.keys[number]) for number in (0, 12)]
     return {

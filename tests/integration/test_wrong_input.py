@@ -21,8 +21,8 @@ def dataset(tmp_path: Path) -> Path:
     [
         (["sede=1"], ["sede"]),
         (["refinement.partikles=3"], ["refinement.partikles"]),
-        (["+data.foo=1"], ["data.foo", "given: 1"]),
-        (["rendering.viewpoints=three"], ["rendering.viewpoints", "valid integer", "'three'"]),
+        (["+data.foo=1"], ["data.foo", "no key"]),
+        (["rendering.viewpoints=three"], ["rendering.viewpoints", "whole number", "'three'"]),
         (["encoder=none"], ["encoder/none", "contrastive"]),
         (["frames=0"], ["frames is 0"]),
         (["refinement.particles=0"], ["refinement.particles is 0", "at least 1"]),

@@ -41,7 +41,7 @@ def model() -> ObjectModel:
 
 @pytest.fixture(scope="module")
 def views(model: ObjectModel) -> Views:
-    settings = ViewsSettings("numba", 12, "hemisphere", -10.0, 10.0, 2, 700.0, 300.0, 72, 1)
+    settings = ViewsSettings("numba", 12, "hemisphere", -10.0, 10.0, 2, 700.0, 300.0, 72)
     return render_views(model, settings, seed=1, progress=False)
 
 

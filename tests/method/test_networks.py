@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from hlp.method.networks import load_classifier, load_encoder
+from hlp.method.networks import load_classifier
 from hlp.method.settings import MachineSettings
 from hlp.models.autoencoder import AutoencoderSettings
 from hlp.models.classifier_training import HolisticCNN
@@ -39,7 +39,7 @@ def test_the_settings_decide_what_a_network_sees_and_gives(settings, unit, tmp_p
     network = PatchEncoder(settings.widths, settings.dimension)
     sample = torch.rand(8, 4, 32, 32) * 2 - 1
     export_network(network.layers, sample, tmp_path / "encoder", levels=False)
-    encoder = load_encoder(settings, tmp_path, MACHINE)
+    encoder = settings.load(tmp_path, 1, "cpu")
     features = encoder.encode(patches())
     assert features.shape == (6, 16)
     assert encoder.sees_color == (settings.input == "rgbd")
@@ -49,7 +49,7 @@ def test_the_settings_decide_what_a_network_sees_and_gives(settings, unit, tmp_p
 
 def test_principal_components_need_no_network(tmp_path):
     np.savez(tmp_path / "pca.npz", mean=np.zeros(48), components=np.eye(7, 48, dtype=np.float32))
-    assert load_encoder(PcaSettings("pca", 7, 4), tmp_path, MACHINE).encode(patches()).shape[1] == 7
+    assert PcaSettings("pca", 7, 4).load(tmp_path, 1, "cpu").encode(patches()).shape[1] == 7
 
 
 def test_the_classifier_has_a_class_for_each_object_and_background(tmp_path):

@@ -4,7 +4,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from hlp.config.settings import TrainerSettings
+from hlp.method.settings import TrainerSettings
 from hlp.method.training import HISTORY, WEIGHTS, fit, load_weights, read_history
 from hlp.patches.pool_loader import pool_loader
 

@@ -78,7 +78,9 @@ def test_a_patch_has_one_feature_in_whatever_company():
 
 
 def test_no_more_components_than_there_are_values_and_none_of_nothing():
-    pca = fitted(make_patches(60), 500)
+    with pytest.raises(ValueError, match=r"^dimension is 49: 4 × 4 normals have 48 components$"):
+        fitted(make_patches(60), 49)
+    pca = fitted(make_patches(60), 48)
     assert pca.components.shape == (48, 48)
     assert pca.encode(make_patches(0)).shape == (0, 48)
 

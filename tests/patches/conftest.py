@@ -7,7 +7,7 @@ from hlp.data.synthetic.objects import demo_objects
 from hlp.records import Frame, ObjectModel, Views
 from hlp.rendering.views import ViewsSettings, render_views
 
-SETTINGS = ViewsSettings("numba", 12, "hemisphere", -10.0, 10.0, 3, 700.0, 300.0, 72, 1)
+SETTINGS = ViewsSettings("numba", 12, "hemisphere", -10.0, 10.0, 3, 700.0, 300.0, 72)
 
 
 @pytest.fixture(scope="session")

@@ -47,7 +47,6 @@ def settings(cost_settings: CostSettings, verification: VerificationSettings) ->
         True,
         PolishSettings(3.0, 3.0, 6),
         0.0,
-        1,
     )
 
 

@@ -1,7 +1,5 @@
 """What holds for every refiner: recovery, order, determinism, bad input."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from refinement_scene import CAMERA, SHAPE, Scene, disturbed, error, make_scene, shifted_model
@@ -19,7 +17,7 @@ from hlp.refinement.verification import VerificationSettings
 @pytest.fixture
 def pso_settings(cost_settings: CostSettings, verification: VerificationSettings) -> PsoSettings:
     return PsoSettings(
-        "pso", cost_settings, verification, 25, 10.0, 10.0, 2.8, 1.3, 30, 6, True, None, 0.0, 2
+        "pso", cost_settings, verification, 25, 10.0, 10.0, 2.8, 1.3, 30, 6, True, None, 0.0
     )
 
 
@@ -35,7 +33,7 @@ def refiner(
     icp_settings: IcpSettings,
 ) -> Refiner:
     refiners: dict[str, Refiner] = {
-        "pso": PsoRefiner(pso_settings),
+        "pso": PsoRefiner(pso_settings, threads=2),
         "icp": IcpRefiner(icp_settings),
         "none": NoneRefiner(),
     }
@@ -135,9 +133,9 @@ def test_the_meshs_origin_does_not_matter(scene: Scene, refiner: Refiner) -> Non
 def test_threads_do_not_change_the_poses_of_pso(scene: Scene, pso_settings: PsoSettings) -> None:
     coarse = hypotheses(disturbed(scene, 20, 10, 1))
     one, two = (
-        PsoRefiner(replace(pso_settings, threads=threads)).refine(
-            scene.model, scene.depth, CAMERA, coarse, seed=5
-        )[0]
+        PsoRefiner(pso_settings, threads).refine(scene.model, scene.depth, CAMERA, coarse, seed=5)[
+            0
+        ]
         for threads in (1, 2)
     )
     np.testing.assert_array_equal(one.pose_cam_obj, two.pose_cam_obj)

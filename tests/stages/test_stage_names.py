@@ -13,7 +13,6 @@ from fake_detection import FakeEstimator, method_settings
 from hlp import source_code
 from hlp.config.build import build_settings
 from hlp.data.dataset import Dataset
-from hlp.data.loading import build_dataset
 from hlp.method.settings import MethodSettings
 from hlp.stages import detection
 from hlp.stages.detection import DetectionStages
@@ -54,7 +53,8 @@ def dataset() -> Dataset:
     from hlp.commands.composing import config_folder
 
     with initialize_config_dir(str(config_folder()), version_base="1.3"):
-        built = build_dataset(build_settings(compose("config", overrides=["output=out"])).data)
+        config = compose("config", overrides=["output=out"])
+        built = build_settings(config).data.build()
     some = {i: built.models[i] for i in sorted(built.models)[:2]}
     return dataclasses.replace(built, models=some, target_ids=tuple(some))
 
@@ -230,8 +230,8 @@ FOUND = {"regions", "hypotheses", "poses"}
         ("hlp.patches.local_pool", {"encoder", "codebook", "hypotheses", "poses"}),
         ("hlp.method.training", ALL - {"views"}),
         ("hlp.codebook.entries", {"codebook", "hypotheses", "poses"}),
-        ("hlp.voting.modes_kernel", FOUND),
-        ("hlp.refinement.pso", FOUND),
+        ("hlp.voting.modes_kernel", {"hypotheses", "poses"}),
+        ("hlp.refinement.pso", {"poses"}),
         ("hlp.stages.frame_results", FOUND),
         ("hlp.method.settings", set()),
         ("hlp.reporting.tables", set()),

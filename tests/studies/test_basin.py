@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hlp.config.settings import BasinSettings
 from hlp.geometry import rigid
 from hlp.refinement.none import NoneSettings
-from hlp.studies.basin import perturbation_grid
+from hlp.studies.basin import BasinSettings, perturbation_grid
 
-NONE = NoneSettings("none", None)
+NONE = NoneSettings()
 TASK = BasinSettings("basin", ("none",), None, (0.0, 30.0), (0.0, 10.0, 50.0), 4, {"none": NONE})
 TRUE = rigid(Rotation.from_euler("xyz", [0.4, 0.2, 0.1]).as_matrix(), np.array([0.1, 0.0, 0.8]))
 CENTROID = np.array([0.03, -0.02, 0.05])
@@ -33,12 +32,12 @@ def test_every_cell_of_the_grid_has_its_own_errors():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"compared": ("pso",)}, r"^task\.compared names 'pso': choose of none$"),
-        ({"compared": ()}, r"^task\.compared is \[\]: .*one at least"),
-        ({"compared": ("none", "none")}, r"^task\.compared is .*each once"),
-        ({"rotation_deg": ()}, r"^task\.rotation_deg is \[\]"),
-        ({"rotation_deg": (0.0, -1.0)}, r"^task\.rotation_deg is \[0\.0, -1\.0\]: from 0"),
-        ({"translation_mm": (float("nan"),)}, r"^task\.translation_mm is \[nan\]: from 0"),
+        ({"compared": ("pso",)}, r"^compared names 'pso': choose of none$"),
+        ({"compared": ()}, r"^compared is \[\]: .*one at least"),
+        ({"compared": ("none", "none")}, r"^compared is .*each once"),
+        ({"rotation_deg": ()}, r"^rotation_deg is \[\]"),
+        ({"rotation_deg": (0.0, -1.0)}, r"^rotation_deg is -1\.0: it must be at least 0"),
+        ({"translation_mm": (float("nan"),)}, r"^translation_mm is nan: it must be at least 0"),
     ],
 )
 def test_a_list_that_cannot_be_worked_with_is_named(change, message):

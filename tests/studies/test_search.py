@@ -13,10 +13,10 @@ from hydra import compose, initialize_config_dir
 
 from hlp.commands.composing import config_folder
 from hlp.config.build import Run, build_run
-from hlp.config.settings import SearchSettings
 from hlp.errors import DataError
 from hlp.reporting.tracking import track_run
 from hlp.studies import search
+from hlp.studies.search import SearchSettings
 from hlp.studies.search_space import Choices, Range, check_within, nested, read_space
 
 LIMIT = 200.0

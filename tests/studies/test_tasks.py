@@ -6,15 +6,13 @@ import pytest
 from hydra import compose, initialize_config_dir
 
 from hlp.config.build import Run, build_settings
-from hlp.config.settings import (
-    BasinSettings,
-    BenchSettings,
-    EvaluateSettings,
-    OracleSettings,
-    SearchSettings,
-)
 from hlp.runs import runner
 from hlp.studies import basin, bench, oracle, search
+from hlp.studies.basin import BasinSettings
+from hlp.studies.bench import BenchSettings
+from hlp.studies.evaluate import EvaluateSettings
+from hlp.studies.oracle import OracleSettings
+from hlp.studies.search import SearchSettings
 from hlp.studies.tasks import run_task
 
 CONF = Path(__file__).parents[2] / "conf"
@@ -68,11 +66,11 @@ def test_an_experiment_takes_the_sizes_of_the_world_it_is_run_on():
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
-        (["+task.frame=3"], r"^task\.frame: Unexpected"),
-        (["task.noise_deg=wide"], r"^task\.noise_deg: .*number \(given: 'wide'\)$"),
+        (["+task.frame=3"], r"^task\.frame is no key: did you mean frames\?$"),
+        (["task.noise_deg=wide"], r"^task\.noise_deg is 'wide': it must be a number$"),
         (
             ["task.name=orakel"],
-            r"^task\.name is 'orakel': choose one of evaluate, oracle, basin, bench, search$",
+            r"^task\.name is 'orakel': choose one of basin, bench, evaluate, oracle, search$",
         ),
     ],
 )
@@ -84,10 +82,10 @@ def test_a_wrong_value_is_named_by_its_key(overrides, message):
 def test_a_refiner_that_is_not_there_is_named_and_others_can_be_added():
     with pytest.raises(ValueError, match=r"^task\.compared names 'psi': choose of pso, icp, none"):
         build_settings(configuration("experiment=basin", "task.compared=[psi]"))
-    with pytest.raises(ValueError, match=r"^task\.refiners\.icp\.icp\.trim: .*'much'"):
+    with pytest.raises(ValueError, match=r"^task\.refiners\.icp\.trim is 'much'"):
         build_settings(configuration("experiment=basin", "task.refiners.icp.trim=much"))
     with pytest.raises(
-        ValueError, match=r"^task\.refiners\.icp: its name is none of pso, icp, none"
+        ValueError, match=r"^task\.refiners\.icp\.name is 'icq': choose one of icp, none, pso$"
     ):
         build_settings(configuration("experiment=basin", "task.refiners.icp.name=icq"))
     task = build_settings(

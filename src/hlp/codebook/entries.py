@@ -2,19 +2,22 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge
 from jaxtyping import Float
 
 from hlp.geometry import allocentric_to_egocentric
 from hlp.records import Codebook
+from hlp.settings import Doc, Settings
 
 
 @dataclass(frozen=True)
-class EntrySettings:
-    """`patches_per_view` local patches are drawn from every view."""
+class EntrySettings(Settings):
+    """Entries of an object's codebook."""
 
-    patches_per_view: int
+    patches_per_view: Annotated[int, Ge(1), Doc("local patches drawn from every view (D)")] = 16
 
 
 def make_codebook(

@@ -5,15 +5,18 @@ Johnson, Douze & Jégou 2019; 4-bit product codes compared in registers as in An
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, ClassVar, Literal
 
 import faiss
 import numpy as np
+from annotated_types import Ge
 from jaxtyping import Float, Float32, Int64, UInt8
 
-from hlp.codebook.neighbours import ExactNeighbours
+from hlp.codebook.neighbours import SEARCHES, ExactNeighbours
 from hlp.compiled import compiled
-from hlp.errors import ConfigError, DataError
+from hlp.errors import DataError
 from hlp.records import Matches
+from hlp.settings import Doc, Settings
 from hlp.thread_team import ThreadTeam
 
 FEWEST = 4096
@@ -22,20 +25,39 @@ _FILE = "lists.npz"
 _NUMBERS_PER_CODE = 4  # of a feature, behind each 4-bit code
 
 
+@SEARCHES.register
 @dataclass(frozen=True)
-class InvertedListsSettings:
-    """`lists` of entries that lie together, of which the nearest `probes` are searched.
+class InvertedListsSettings(Settings):
+    """Config group `codebook`: FAISS's inverted lists of short codes. Every value is ours (D)."""
 
-    `candidates` entries for each of the `neighbours` k are compared by their whole features.
-    `threads` share out the queries; they change no result.
-    """
+    name: Literal["inverted_lists"] = "inverted_lists"
+    neighbours: Annotated[int, Ge(1), Doc("nearest entries of each patch that vote (P: k = 3)")] = 3
+    lists: Annotated[
+        int,
+        Ge(1),
+        Doc("lists of entries that lie together; of 57,600 entries some 450 in each (D)"),
+    ] = 128
+    probes: Annotated[int, Ge(1), Doc("nearest lists that are searched (D)")] = 16
+    candidates: Annotated[
+        int, Ge(1), Doc("entries for each neighbour that are compared by their whole features (D)")
+    ] = 16
 
-    name: str
-    neighbours: int
-    lists: int
-    probes: int
-    candidates: int
-    threads: int
+    dimension_multiple: ClassVar[int] = _NUMBERS_PER_CODE
+
+    def build(
+        self,
+        features: Float[np.ndarray, "m d"],
+        seed: int,
+        threads: int,
+        folder: Path | None = None,
+    ) -> "InvertedLists":
+        """The lists, trained from the seed unless a folder holds them."""
+        trained = None if folder is None else load_lists(folder, self, seed)
+        return InvertedLists(features, self, seed, trained, threads)
+
+    def prepare(self, features: Float[np.ndarray, "m d"], seed: int, folder: Path) -> None:
+        """Leave the trained lists."""
+        save_lists(folder, InvertedLists(features, self, seed), seed)
 
 
 class InvertedLists:
@@ -43,6 +65,7 @@ class InvertedLists:
 
     The same features and seed give the same lists. `trained` are those of an earlier object of the
     same features, settings and seed (`trained` of it), so that they need not be learnt again.
+    `threads` share out the queries and change no result.
     """
 
     def __init__(
@@ -51,14 +74,15 @@ class InvertedLists:
         settings: InvertedListsSettings,
         seed: int,
         trained: UInt8[np.ndarray, "bytes"] | None = None,
+        threads: int = 1,
     ) -> None:
         self.features = np.ascontiguousarray(features, dtype=np.float32)
         self.settings = settings
+        self._threads = threads
         self.neighbours = min(settings.neighbours, len(self.features))
-        self._team = ThreadTeam(settings.threads)
+        self._team = ThreadTeam(threads)
         self._lists: faiss.Index | None = None
         if len(self.features) >= FEWEST:
-            check_dimension(self.features.shape[1])
             if trained is None:
                 self._lists = _train(self.features, settings, seed)
             else:
@@ -83,7 +107,7 @@ class InvertedLists:
         indices = np.zeros((len(single), self.neighbours), dtype=np.int64)
         squared = np.full(indices.shape, np.inf, dtype=np.float32)
         if len(single):
-            faiss.omp_set_num_threads(self.settings.threads)
+            faiss.omp_set_num_threads(self._threads)
             wanted = self.neighbours * self.settings.candidates
             _, candidates = self._lists.search(single, wanted)
 
@@ -113,15 +137,6 @@ def load_lists(
             return None
         trained = stored["trained"]
     return trained if trained.size else None
-
-
-def check_dimension(dimension: int) -> None:
-    """Raises ConfigError where features of so many numbers do not divide into short codes."""
-    if dimension % _NUMBERS_PER_CODE:
-        raise ConfigError(
-            f"encoder.dimension is {dimension}: codebook=inverted_lists takes multiples of "
-            f"{_NUMBERS_PER_CODE}"
-        )
 
 
 def _train(

@@ -1,33 +1,19 @@
 """Nearest neighbours among codebook features: exact, or by randomised kd-trees as in the paper."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal, Protocol
 
 import cv2
 import numpy as np
+from annotated_types import Ge
 from jaxtyping import Float, Int
 
 from hlp.records import Matches
+from hlp.registry import Registry
+from hlp.settings import Doc, Settings
 
 _ROWS = 512  # queries at once: bounds the distance matrix
-
-
-@dataclass(frozen=True)
-class ExactSettings:
-    """Exact search; `neighbours` k of each query."""
-
-    name: str
-    neighbours: int
-
-
-@dataclass(frozen=True)
-class KdForestSettings:
-    """`trees` randomised kd-trees (FLANN), `checks` leaves visited; `neighbours` k."""
-
-    name: str
-    neighbours: int
-    trees: int
-    checks: int
 
 
 class Neighbours(Protocol):
@@ -35,6 +21,94 @@ class Neighbours(Protocol):
 
     def search(self, queries: Float[np.ndarray, "n d"]) -> Matches:
         """The k nearest features of each query, nearest first, Euclidean distances."""
+
+
+class SearchSettings(Protocol):
+    """Settings of a search among a codebook's features."""
+
+    dimension_multiple: ClassVar[int]
+    """The length of features must divide by it."""
+
+    @property
+    def name(self) -> str:
+        """The alternative's name."""
+        ...
+
+    @property
+    def neighbours(self) -> int:
+        """Nearest features that are found for each query."""
+        ...
+
+    def build(
+        self,
+        features: Float[np.ndarray, "m d"],
+        seed: int,
+        threads: int,
+        folder: Path | None = None,
+    ) -> Neighbours:
+        """The search of these features. `threads` share out queries and change no result.
+
+        `folder` is one that `prepare` was given for them (None: nothing was prepared).
+        """
+        ...
+
+    def prepare(self, features: Float[np.ndarray, "m d"], seed: int, folder: Path) -> None:
+        """Leave in a folder what takes long to build, if anything does."""
+        ...
+
+
+SEARCHES: Registry[SearchSettings] = Registry("codebook", "hlp.codebook")
+"""Alternatives of config group `codebook`."""
+
+
+@SEARCHES.register
+@dataclass(frozen=True)
+class ExactSettings(Settings):
+    """Config group `codebook`: exact search."""
+
+    name: Literal["exact"] = "exact"
+    neighbours: Annotated[int, Ge(1), Doc("nearest entries of each patch that vote (P: k = 3)")] = 3
+
+    dimension_multiple: ClassVar[int] = 1
+
+    def build(
+        self,
+        features: Float[np.ndarray, "m d"],
+        seed: int,
+        threads: int,
+        folder: Path | None = None,
+    ) -> "ExactNeighbours":
+        """Exact search; BLAS has threads of its own."""
+        return ExactNeighbours(features, self.neighbours)
+
+    def prepare(self, features: Float[np.ndarray, "m d"], seed: int, folder: Path) -> None:
+        """Nothing takes long."""
+
+
+@SEARCHES.register
+@dataclass(frozen=True)
+class KdForestSettings(Settings):
+    """Config group `codebook`: randomised kd-trees (FLANN), the paper's."""
+
+    name: Literal["kd_forest"] = "kd_forest"
+    neighbours: Annotated[int, Ge(1), Doc("nearest entries of each patch that vote (P: k = 3)")] = 3
+    trees: Annotated[int, Ge(1), Doc("randomised trees (P)")] = 4
+    checks: Annotated[int, Ge(1), Doc("leaves visited for one query (D)")] = 256
+
+    dimension_multiple: ClassVar[int] = 1
+
+    def build(
+        self,
+        features: Float[np.ndarray, "m d"],
+        seed: int,
+        threads: int,
+        folder: Path | None = None,
+    ) -> "KdForest":
+        """The trees, grown from the seed; they are searched in one thread."""
+        return KdForest(features, self.neighbours, self.trees, self.checks, seed)
+
+    def prepare(self, features: Float[np.ndarray, "m d"], seed: int, folder: Path) -> None:
+        """Nothing: FLANN's trees are grown anew."""
 
 
 class ExactNeighbours:

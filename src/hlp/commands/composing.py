@@ -49,8 +49,10 @@ def compose_and_call(
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
 
+    from hlp.config.typed_defaults import provide_defaults
     from hlp.studies.sweep import sweep_open
 
+    provide_defaults()
     sys.argv = [f"hlp {command}", *arguments]  # Hydra takes no other way
     app = hydra.main(version_base="1.3", config_path=str(folder), config_name="config")
     try:

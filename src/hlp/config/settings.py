@@ -1,154 +1,96 @@
 """All settings of a run, typed: what the configuration becomes before any stage runs."""
 
-from dataclasses import dataclass
-from typing import Annotated, Any
+from __future__ import annotations
 
-from pydantic import Discriminator, Tag
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Protocol
 
-from hlp.data.loading import DataSettings
+from annotated_types import Ge
+
+from hlp.codebook.neighbours import SEARCHES, SearchSettings
+from hlp.data.dataset import DATASETS, DataSettings
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.method.settings import (
-    EncoderSettings,
     MachineSettings,
     MethodSettings,
     PatchesSettings,
-    RefinementSettings,
-    SearchIndexSettings,
     TrainerSettings,
-    VotingSettings,
 )
 from hlp.models.classifier import ClassifierSettings
-from hlp.refinement.icp import IcpSettings
-from hlp.refinement.none import NoneSettings
-from hlp.refinement.pso import PsoSettings
+from hlp.models.encoders import ENCODERS, EncoderSettings
+from hlp.refinement.refiner import REFINERS, RefinementSettings
+from hlp.registry import Registry
 from hlp.rendering.views import ViewsSettings
 from hlp.reporting.tracking import TrackingSettings
-from hlp.stages.executor_settings import ExecutorSettings
+from hlp.settings import Doc, Settings
+from hlp.stages.executor_settings import EXECUTORS, ExecutorSettings
 from hlp.stages.warm_start import WarmStartSettings
+from hlp.voting.modes import VOTINGS, VotingSettings
+
+if TYPE_CHECKING:
+    from hlp.config.build import Run
 
 
-@dataclass(frozen=True)
-class EvaluateSettings:
-    """Config group `task`: learn, find and score."""
+class TaskSettings(Protocol):
+    """Settings of what is to be done with a configuration."""
 
-    name: str
+    @property
+    def name(self) -> str:
+        """The alternative's name."""
+        ...
 
-
-@dataclass(frozen=True)
-class OracleSettings:
-    """Config group `task`: what each stage costs; keys as in conf/task/oracle.yaml."""
-
-    name: str
-    frames: int | None
-    noise_deg: float
-    noise_mm: float
-    agree_mm: float
+    def run(self, run: Run, output: Path) -> None:
+        """Do it; results go into `output`."""
+        ...
 
 
-# Told apart by their `name`, so that a wrong key is named as one of its own refiner.
-AnyRefiner = Annotated[
-    Annotated[PsoSettings, Tag("pso")]
-    | Annotated[IcpSettings, Tag("icp")]
-    | Annotated[NoneSettings, Tag("none")],
-    Discriminator(
-        lambda values: values.get("name"),
-        custom_error_type="refiner",
-        custom_error_message="its name is none of pso, icp, none",
-    ),
-]
+TASKS: Registry[TaskSettings] = Registry("task", "hlp.studies")
+"""Alternatives of config group `task`."""
 
 
-@dataclass(frozen=True)
-class BasinSettings:
-    """Config group `task`: what each refiner recovers from; keys as in conf/task/basin.yaml."""
-
-    name: str
-    compared: tuple[str, ...]
-    frames: int | None
-    rotation_deg: tuple[float, ...]
-    translation_mm: tuple[float, ...]
-    perturbations: int
-    refiners: dict[str, AnyRefiner]
-
-    def __post_init__(self) -> None:
-        """Raise ValueError naming the key of a list that cannot be worked with."""
-        for refiner in self.compared:
-            if refiner not in self.refiners:
-                known = ", ".join(self.refiners)
-                raise ValueError(f"task.compared names '{refiner}': choose of {known}")
-        for key in ("compared", "rotation_deg", "translation_mm"):
-            values = getattr(self, key)
-            if not values or len(set(values)) < len(values):
-                raise ValueError(f"task.{key} is {list(values)}: list each once, one at least")
-        for key in ("rotation_deg", "translation_mm"):
-            if not all(value >= 0.0 for value in getattr(self, key)):
-                raise ValueError(f"task.{key} is {list(getattr(self, key))}: from 0 upwards")
-
-
-@dataclass(frozen=True)
-class BenchSettings:
-    """Config group `task`: what detection costs; keys as in conf/task/bench.yaml.
-
-    `compared` holds, by name, what other paths through the same frames have otherwise, nested as
-    in the whole configuration.
-    """
-
-    name: str
-    frames: int | None
-    same_mm: float
-    same_deg: float
-    compared: dict[str, dict[str, Any]]
-
-
-@dataclass(frozen=True)
-class SpaceSettings:
-    """What a search may change: ranges and choices, nested as in the whole configuration."""
-
-    name: str
-    parameters: dict[str, Any]
-
-
-@dataclass(frozen=True)
-class SearchSettings:
-    """Config group `task`: a search for settings; keys as in conf/task/search.yaml."""
-
-    name: str
-    trials: int
-    limit_ms: float
-    space: SpaceSettings
-
-
-@dataclass(frozen=True)
-class RunSettings:
+@dataclass(frozen=True, kw_only=True)
+class RunSettings(Settings):
     """The whole configuration, one typed record per group.
 
-    `frames` limits a run to that many frames, spread evenly (None: all); pictures are drawn of
-    `panels` frames; `timing_frames` are looked at again to measure the time, where results were
-    found on disk.
+    A group of alternatives names its registry; the others have one class.
     """
 
-    name: str
-    seed: int
-    work: str
-    output: str
-    frames: int | None
-    panels: int
-    timing_frames: int
-    warm_start: WarmStartSettings
-    data: DataSettings
+    name: Annotated[str, Doc("of the experiment")]
+    seed: Annotated[int, Ge(0), Doc("every random number follows from it")] = 0
+    work: Annotated[
+        str, Doc("folder kept from run to run: finished stages and MLflow's database")
+    ] = "work"
+    output: Annotated[str, Doc("this run's folder")]
+    frames: Annotated[
+        int | None, Ge(1), Doc("look at this many frames only, spread evenly; null: all")
+    ] = None
+    panels: Annotated[int, Ge(0), Doc("frames of which the four panels are drawn")] = 6
+    timing_frames: Annotated[
+        int,
+        Ge(1),
+        Doc("frames looked at again to measure the time, where results were found on disk"),
+    ] = 20
+    warm_start: WarmStartSettings = field(default_factory=WarmStartSettings)
+    data: Annotated[DataSettings, DATASETS]
     rendering: ViewsSettings
     patches: PatchesSettings
     classifier: ClassifierSettings
-    encoder: EncoderSettings
-    codebook: SearchIndexSettings
-    voting: VotingSettings
-    refinement: RefinementSettings
+    encoder: Annotated[EncoderSettings, ENCODERS]
+    codebook: Annotated[SearchSettings, SEARCHES]
+    voting: Annotated[VotingSettings, VOTINGS]
+    refinement: Annotated[RefinementSettings, REFINERS]
     evaluation: EvaluationSettings
     reporting: TrackingSettings
     trainer: TrainerSettings
     machine: MachineSettings
-    executor: ExecutorSettings
-    task: EvaluateSettings | OracleSettings | BasinSettings | BenchSettings | SearchSettings
+    executor: Annotated[ExecutorSettings, EXECUTORS]
+    task: Annotated[TaskSettings, TASKS]
+
+    def __post_init__(self) -> None:
+        """Raise SettingsError where alternatives do not go together."""
+        super().__post_init__()
+        _ = self.method
 
     @property
     def method(self) -> MethodSettings:

@@ -8,18 +8,23 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Ge
 from jaxtyping import Bool, Float
 
+from hlp.data.bop_models import load_object_models
+from hlp.data.dataset import DATASETS, Dataset
 from hlp.data.images import camera_matrix, find_image, read_depth, read_rgb, same_size
 from hlp.data.sources import content_hash
+from hlp.data.training_images import TrainingImages, existing_folder
 from hlp.errors import DataError, MissingFileError
 from hlp.files import read_json
 from hlp.geometry import nearest_rotation, rigid
 from hlp.objects.object_model import ObjectSettings
 from hlp.records import MILLIMETRE, Frame, Target, frame_key, parse_frame_key
+from hlp.settings import Doc, Settings
 
 _SCENE_FILES = ("scene_camera.json", "scene_gt.json", "scene_gt_info.json")
 # Rotations in files are rounded; a matrix that differs more from a rotation is an error.
@@ -28,20 +33,46 @@ _ROUNDING = 0.05
 FrameId = tuple[int, int]
 
 
-@dataclass(frozen=True)
-class BopSettings:
-    """Where a data set in BOP's layout lies; keys as in conf/data/linemod_bop.yaml."""
+@DATASETS.register
+@dataclass(frozen=True, kw_only=True)
+class BopSettings(Settings):
+    """Config group `data`: a data set in BOP's layout."""
 
-    name: str
-    root: str
-    split: str
-    targets: str | None
-    photographs: str | None
-    rgbd_frames: str | None
-    rooms: str | None
-    proxy_faces: int
-    symmetry_steps: int
-    objects: dict[str, ObjectSettings]
+    name: Literal["bop"] = "bop"
+    root: Annotated[str, Doc("folder with models/ and the split")]
+    objects: Annotated[dict[str, ObjectSettings], Doc("objects by name")]
+    split: Annotated[str, Doc("folder below root with the scenes")] = "test"
+    targets: Annotated[
+        str | None,
+        Doc("list of what should be found, below root; null: all that is annotated"),
+    ] = None
+    symmetry_steps: Annotated[
+        int, Ge(1), Doc("rotations per turn of a continuous symmetry: 0.6° at most amiss (D)")
+    ] = 315
+    photographs: Annotated[
+        str | None,
+        Doc("folder of backgrounds of training patches (P: PASCAL VOC); null: procedural ones (D)"),
+    ] = None
+    rgbd_frames: Annotated[
+        str | None, Doc("folder of RGB-D scenes that train the autoencoder (P); encoder=cae alone")
+    ] = None
+    rooms: Annotated[
+        str | None, Doc("folder of RGB-D frames without any object, backgrounds with depth (D)")
+    ] = None
+    proxy_faces: Annotated[
+        int, Ge(1), Doc("triangles of the mesh that the refiner renders (D)")
+    ] = 500
+
+    def build(self) -> Dataset:
+        """Objects and frames. Raises FileNotFoundError and ValueError naming what is wrong."""
+        root = existing_folder("data.root", self.root)
+        training = TrainingImages.of(self.photographs, self.rooms, self.rgbd_frames)
+        models = load_object_models(root, self.objects, self.proxy_faces, self.symmetry_steps)
+        if not (root / self.split).is_dir():
+            raise MissingFileError(f"data.split is no folder: {root / self.split} (set data.split)")
+        frames = BopFrames(root, self.split, self.targets, models)
+        wanted = {object_id for ids in frames.targets.values() for object_id in ids}
+        return training.dataset(models, tuple(sorted(wanted)), frames, self)
 
 
 def list_targets(root: Path, split: str, targets_file: str | None) -> dict[FrameId, dict[int, int]]:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import UInt8
@@ -14,6 +14,7 @@ from hlp.errors import ConfigError
 from hlp.objects.object_model import mesh_identity, model_identity
 from hlp.patches.procedural_backgrounds import procedural_backgrounds
 from hlp.records import Frame, ObjectModel
+from hlp.registry import Registry
 from hlp.source_code import source_digest
 
 _PHOTOGRAPHS = 400
@@ -41,7 +42,7 @@ class Dataset:
     background_frames: FrameSource | None
     encoder_frames: FrameSource | None
     annotated: bool = True
-    settings: Any = None
+    settings: "DataSettings | None" = None
 
     def wanted(self, frame: Frame) -> tuple[int, ...]:
         """Ids of the objects to look for in a frame, each once."""
@@ -97,6 +98,26 @@ class Dataset:
             return procedural_backgrounds(count, size, rng)
         images = load_photographs(list_photographs(self.photographs), _PHOTOGRAPHS, _LONG_SIDE)
         return random_crops(images, count, size, rng)
+
+
+class DataSettings(Protocol):
+    """Settings of a data set."""
+
+    @property
+    def name(self) -> str:
+        """The alternative's name."""
+        ...
+
+    def build(self) -> Dataset:
+        """Objects and frames; reads meshes, decodes no image.
+
+        Raises FileNotFoundError and ValueError naming the key or file that is wrong.
+        """
+        ...
+
+
+DATASETS: Registry[DataSettings] = Registry("data", "hlp.data")
+"""Alternatives of config group `data`."""
 
 
 def frames_identity(source: FrameSource | None) -> str:

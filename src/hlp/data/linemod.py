@@ -9,34 +9,68 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import Ge, Gt, Unit
 from jaxtyping import Float, UInt16
 
+from hlp.data.dataset import DATASETS, Dataset
 from hlp.data.images import camera_matrix, depth_metres, read_rgb, same_size
 from hlp.data.sources import content_hash
+from hlp.data.training_images import TrainingImages, existing_folder
 from hlp.errors import DataError, MissingFileError
 from hlp.geometry import nearest_rotation, rigid
 from hlp.objects.object_model import ObjectSettings, build_object_model, check_unique
 from hlp.records import Frame, ObjectModel, Target, frame_key
+from hlp.settings import Doc, Settings
 
 _CENTIMETRE = 1e-2  # m
 _HEADER_BYTES = 8
 
 
-@dataclass(frozen=True)
-class LinemodSettings:
-    """Where a data set in LINEMOD's first layout lies; keys as in conf/data/linemod.yaml."""
+@DATASETS.register
+@dataclass(frozen=True, kw_only=True)
+class LinemodSettings(Settings):
+    """Config group `data`: a data set in LINEMOD's first layout (ACCV 2012).
 
-    name: str
-    root: str
-    camera_matrix: list[float]
-    mesh_scale: float
-    photographs: str | None
-    rgbd_frames: str | None
-    rooms: str | None
-    proxy_faces: int
-    objects: dict[str, ObjectSettings]
+    `OBJ/mesh.ply`, `OBJ/data/colorN.jpg`, `depthN.dpt`, `rotN.rot`, `traN.tra`.
+    """
+
+    name: Literal["linemod"] = "linemod"
+    root: Annotated[str, Doc("folder with one folder per object")]
+    objects: Annotated[
+        dict[str, ObjectSettings],
+        Doc("objects by the names of their folders (rename benchviseblue to benchvise)"),
+    ]
+    camera_matrix: Annotated[
+        tuple[float, ...], Unit("px"), Doc("the set's intrinsics, which no file holds (P)")
+    ] = (572.4114, 0.0, 325.2611, 0.0, 573.57043, 242.04899, 0.0, 0.0, 1.0)
+    mesh_scale: Annotated[
+        float, Gt(0), Doc("metres per unit of mesh.ply: 0.001 for millimetres, 1 for metres")
+    ] = 0.001
+    photographs: Annotated[
+        str | None,
+        Doc("folder of backgrounds of training patches (P: PASCAL VOC); null: procedural ones (D)"),
+    ] = None
+    rgbd_frames: Annotated[
+        str | None, Doc("folder of RGB-D scenes that train the autoencoder (P); encoder=cae alone")
+    ] = None
+    rooms: Annotated[
+        str | None, Doc("folder of RGB-D frames without any object, backgrounds with depth (D)")
+    ] = None
+    proxy_faces: Annotated[
+        int, Ge(1), Doc("triangles of the mesh that the refiner renders (D)")
+    ] = 500
+
+    def build(self) -> Dataset:
+        """Objects and frames. Raises FileNotFoundError and ValueError naming what is wrong."""
+        root = existing_folder("data.root", self.root)
+        training = TrainingImages.of(self.photographs, self.rooms, self.rgbd_frames)
+        models = load_object_models(root, self.objects, self.proxy_faces, self.mesh_scale)
+        ids = {name: each.id for name, each in self.objects.items()}
+        frames = LinemodFrames(root, ids, self.camera_matrix)
+        return training.dataset(models, tuple(models), frames, self)
 
 
 def read_dpt(path: Path) -> UInt16[np.ndarray, "h w"]:

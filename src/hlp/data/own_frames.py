@@ -4,11 +4,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Ge, Gt
 from jaxtyping import Float
 
+from hlp.data.dataset import DATASETS, Dataset
 from hlp.data.images import (
     EXTENSIONS,
     camera_matrix,
@@ -18,32 +20,67 @@ from hlp.data.images import (
     same_size,
 )
 from hlp.data.sources import content_hash
+from hlp.data.training_images import TrainingImages
 from hlp.errors import InputError, MissingFileError
 from hlp.files import read_json
 from hlp.objects.object_model import ObjectSettings, build_object_model
 from hlp.records import Frame, ObjectModel, frame_key, parse_frame_key
+from hlp.settings import Doc, Settings
 
 OBJECT_ID = 1
 _SCENE_ID = 0
 
 
-@dataclass(frozen=True)
-class FilesSettings:
-    """Where a user's own object and frames lie; keys as in conf/data/files.yaml."""
+@DATASETS.register
+@dataclass(frozen=True, kw_only=True)
+class FilesSettings(Settings):
+    """Config group `data`: your own object and frames, without true poses (`hlp predict`)."""
 
-    name: str
-    model: str
-    rgb: str
-    depth: str
-    intrinsics: str | list[float]
-    mesh_scale: float
-    depth_scale: float | None
-    photographs: str | None
-    rgbd_frames: str | None
-    rooms: str | None
-    proxy_faces: int
-    holistic_size_mm: float | None
-    local_size_mm: float | None
+    name: Literal["files"] = "files"
+    model: Annotated[str, Doc("the CAD model: PLY, OBJ, STL …")]
+    rgb: Annotated[str, Doc("a colour image, or a folder of them")]
+    depth: Annotated[
+        str, Doc("its 16-bit depth PNG, registered to rgb, or a folder of them with the same names")
+    ]
+    intrinsics: Annotated[
+        str | list[float],
+        Doc("JSON file with cam_K (nine numbers) or fx, fy, cx, cy; or [fx,fy,cx,cy] (px)"),
+    ]
+    mesh_scale: Annotated[
+        float, Gt(0), Doc("metres per unit of the model: 0.001 for millimetres, 1 for metres")
+    ] = 0.001
+    depth_scale: Annotated[
+        float | None,
+        Gt(0),
+        Doc("mm per unit of the depth images; null: the JSON file's, else 1"),
+    ] = None
+    photographs: Annotated[
+        str | None,
+        Doc("folder of backgrounds of training patches (P: PASCAL VOC); null: procedural ones (D)"),
+    ] = None
+    rgbd_frames: Annotated[
+        str | None, Doc("folder of RGB-D scenes that train the autoencoder (P); encoder=cae alone")
+    ] = None
+    rooms: Annotated[
+        str | None, Doc("folder of RGB-D frames without any object, backgrounds with depth (D)")
+    ] = None
+    proxy_faces: Annotated[
+        int, Ge(1), Doc("triangles of the mesh that the refiner renders (D)")
+    ] = 500
+    holistic_size_mm: Annotated[
+        float | None, Gt(0), Doc("side of the windows; null: by rule from the mesh")
+    ] = None
+    local_size_mm: Annotated[
+        float | None, Gt(0), Doc("side of the local patches; null: by rule from the mesh")
+    ] = None
+
+    def build(self) -> Dataset:
+        """Object and frames. Raises FileNotFoundError and ValueError naming what is wrong."""
+        training = TrainingImages.of(self.photographs, self.rooms, self.rgbd_frames)
+        model = load_object_model(self)
+        models = {model.object_id: model}
+        frames = OwnFrames(Path(self.rgb), Path(self.depth), self.intrinsics, self.depth_scale)
+        return training.dataset(models, tuple(models), frames, self, annotated=False)
 
 
 def load_object_model(settings: FilesSettings) -> ObjectModel:

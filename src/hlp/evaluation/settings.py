@@ -1,51 +1,61 @@
 """Settings of the evaluation: which poses are correct, and the bounds that explain misses."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Annotated
+
+from annotated_types import Ge, Gt, Interval
+
+from hlp.settings import Doc, Settings
 
 
 @dataclass(frozen=True)
-class WaterfallSettings:
-    """Bounds by which a miss gets its cause; keys as in conf/evaluation/waterfall/*.yaml."""
+class WaterfallSettings(Settings):
+    """What the failure waterfall and the votes' quality call near, enough and most (D)."""
 
-    basin_deg: float
-    basin_mm: float
-    vote_deg: float
-    vote_mm: float
-    good_votes: int
-    region_share: float
-    depth_share: float
-    flip_fraction: float
-
-    def __post_init__(self) -> None:
-        """Raise ValueError naming the key of a share that is none."""
-        for key in ("region_share", "depth_share"):
-            if not 0 < getattr(self, key) <= 1:
-                raise ValueError(
-                    f"evaluation.waterfall.{key} is {getattr(self, key)}: a share, above 0 up to 1"
-                )
+    basin_deg: Annotated[
+        float, Ge(0), Doc("a coarse pose this near to a right one is in the refiner's basin … (D)")
+    ] = 30.0
+    basin_mm: Annotated[float, Ge(0), Doc("… and its centroid this near (D)")] = 30.0
+    vote_deg: Annotated[float, Ge(0), Doc("a vote this near to the truth is good … (D)")] = 15.0
+    vote_mm: Annotated[float, Ge(0), Doc("… and its centroid this near (D)")] = 20.0
+    good_votes: Annotated[int, Ge(1), Doc("fewer are too few for a hypothesis (D)")] = 5
+    region_share: Annotated[
+        float,
+        Interval(gt=0, le=1),
+        Doc("a region must cover this share of what is visible of the object (D)"),
+    ] = 0.25
+    depth_share: Annotated[
+        float, Interval(gt=0, le=1), Doc("of what is visible, this share must have depth (D)")
+    ] = 0.5
+    flip_fraction: Annotated[
+        float,
+        Ge(0),
+        Doc(
+            "a pose turned by more than the basin, but with ADD-S below this part of the diameter, "
+            "is right but for a (near) symmetry (D)"
+        ),
+    ] = 0.1
 
 
 @dataclass(frozen=True)
-class EvaluationSettings:
-    """A named policy; keys as in conf/evaluation/*.yaml.
+class EvaluationSettings(Settings):
+    """Config group `evaluation`: which poses count as correct."""
 
-    `symmetric` names the objects that are scored by ADD-S and, for the rotation error, by the
-    nearest of the poses that look alike. A pose is correct by ADD(-S) below `add_fraction` of the
-    diameter, by 5cm5deg below `translation_cm` and `rotation_deg`, by IoU from `iou` on. Intervals
-    come from `bootstrap` resamplings. `waterfall` holds the bounds that explain misses.
-    """
-
-    name: str
-    symmetric: list[str]
-    add_fraction: float
-    translation_cm: float
-    rotation_deg: float
-    iou: float
-    bootstrap: int
-    waterfall: WaterfallSettings
-
-    def __post_init__(self) -> None:
-        """Raise ValueError naming the key of a threshold that makes no sense."""
-        for key in ("add_fraction", "translation_cm", "rotation_deg", "iou", "bootstrap"):
-            if not getattr(self, key) > 0:
-                raise ValueError(f"evaluation.{key} must be positive, not {getattr(self, key)}")
+    name: Annotated[str, Doc("of the policy")] = "bop"
+    symmetric: Annotated[
+        tuple[str, ...],
+        Doc(
+            "names of objects that are scored by ADD-S and, for the rotation error, by the "
+            "nearest of the poses that look alike (D)"
+        ),
+    ] = ("bowl", "cup", "eggbox", "glue")
+    add_fraction: Annotated[
+        float, Gt(0), Doc("mean vertex distance below this part of the diameter (P)")
+    ] = 0.1
+    translation_cm: Annotated[float, Gt(0), Doc("5cm5deg (P)")] = 5.0
+    rotation_deg: Annotated[float, Gt(0), Doc("5cm5deg (P)")] = 5.0
+    iou: Annotated[float, Gt(0), Doc("overlap of the projected boxes, at least (P)")] = 0.5
+    bootstrap: Annotated[
+        int, Ge(1), Doc("resamplings of the frames behind a 95 % interval (D)")
+    ] = 1000
+    waterfall: WaterfallSettings = field(default_factory=WaterfallSettings)

@@ -2,21 +2,21 @@
 
 import gc
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import cast
 
 import numpy as np
+import pytorch_lightning as pl
 import torch
+from jaxtyping import Bool, Float
 
 from hlp.method.backgrounds import Backgrounds
-from hlp.method.networks import ENCODER, PCA
 from hlp.method.settings import MethodSettings
 from hlp.method.training import calibration_images, fit
-from hlp.models.autoencoder import AutoencoderSettings
-from hlp.models.autoencoder_training import Autoencoder
-from hlp.models.contrastive import ContrastiveSettings
-from hlp.models.contrastive_training import ContrastiveEncoder
+from hlp.models.encoders import STEM, EncoderModule
 from hlp.models.onnx_export import export_network
-from hlp.models.pca import fit_pca
 from hlp.patches.local_data import PairDataModule, PatchDataModule
 from hlp.patches.local_pool import (
     PairPool,
@@ -38,62 +38,49 @@ def train_encoder(
     """Train the encoder that the settings name into `folder`.
 
     The CAE sees RGB-D frames without the objects (paper, section 3.2), the others pairs of
-    rendered patches. Raises ValueError where the CAE has no frames.
+    rendered patches. Raises ValueError where an encoder needs frames and there are none.
     """
     torch.manual_seed(settings.seed)
-    encoder = settings.encoder
-    if isinstance(encoder, AutoencoderSettings):
-        _train_autoencoder(models, backgrounds, settings, encoder, folder)
-    elif isinstance(encoder, ContrastiveSettings):
-        pairs = _pairs(models, views_of, settings)
-        with_color = encoder.input == "rgbd"
-        data = PairDataModule(pairs, with_color, encoder.batch_size, settings.seed)
-        module = ContrastiveEncoder(encoder)
-        _fit(module, data, encoder.epochs, settings, folder)
-    else:
-        pairs = _pairs(models, views_of, settings)
-        pca = fit_pca(pairs.depth[:, 0], pairs.valid[:, 0], encoder)
-        np.savez(folder / PCA, mean=pca.mean, components=pca.components)
+    settings.encoder.train(_Training(models, views_of, backgrounds, settings, folder))
     gc.collect()  # as after the classifier
 
 
-def _train_autoencoder(
-    models: Mapping[int, ObjectModel],
-    backgrounds: Backgrounds,
-    settings: MethodSettings,
-    encoder: AutoencoderSettings,
-    folder: Path,
-) -> None:
-    frames = list(backgrounds.load_encoder_frames())
-    sizes = sorted({model.local_size for model in models.values()})
-    rng = np.random.default_rng(settings.seed)
-    found = bake_frame_patches(frames, sizes, encoder.per_frame, settings.patches.local, rng)
-    data = PatchDataModule(join_patches(found), encoder.batch_size, settings.seed)
-    module = Autoencoder(encoder)
-    _fit(module, data, encoder.epochs, settings, folder)
+@dataclass(frozen=True)
+class _Training:
+    """What encoders train with (`hlp.models.encoders.EncoderTraining`)."""
 
+    models: Mapping[int, ObjectModel]
+    views_of: Callable[[int], Views]
+    backgrounds: Backgrounds
+    settings: MethodSettings
+    folder: Path
 
-def _fit(
-    module: Autoencoder | ContrastiveEncoder,
-    data: PatchDataModule | PairDataModule,
-    epochs: int,
-    settings: MethodSettings,
-    folder: Path,
-) -> None:
-    fit(module, data, module.network, epochs, settings.trainer, folder)
-    sample = calibration_images(data, module.images)
-    export_network(module.network.layers, sample, folder / ENCODER, levels=False)
+    def pair_batches(self, with_color: bool, batch_size: int) -> pl.LightningDataModule:
+        return PairDataModule(self._pairs, with_color, batch_size, self.settings.seed)
 
+    def pair_patches(self) -> tuple[Float[np.ndarray, "n p p"], Bool[np.ndarray, "n p p"]]:
+        return self._pairs.depth[:, 0], self._pairs.valid[:, 0]
 
-def _pairs(
-    models: Mapping[int, ObjectModel],
-    views_of: Callable[[int], Views],
-    settings: MethodSettings,
-) -> PairPool:
-    pools = []
-    for object_id, model in sorted(models.items()):
-        rng = np.random.default_rng([settings.seed, object_id])
-        patches = settings.patches
-        views = views_of(object_id)
-        pools.append(bake_pairs(views, model.local_size, patches.local, patches.pairs, rng))
-    return join_pairs(pools)
+    def frame_batches(self, per_frame: int, batch_size: int) -> pl.LightningDataModule:
+        frames = list(self.backgrounds.load_encoder_frames())
+        sizes = sorted({model.local_size for model in self.models.values()})
+        rng = np.random.default_rng(self.settings.seed)
+        local = self.settings.patches.local
+        patches = join_patches(bake_frame_patches(frames, sizes, per_frame, local, rng))
+        return PatchDataModule(patches, batch_size, self.settings.seed)
+
+    def fit(self, module: EncoderModule, data: pl.LightningDataModule, epochs: int) -> None:
+        network = module.network
+        trained = cast(pl.LightningModule, module)
+        fit(trained, data, network, epochs, self.settings.trainer, self.folder)
+        sample = calibration_images(data, module.images)
+        export_network(network.layers, sample, self.folder / STEM, levels=False)
+
+    @cached_property
+    def _pairs(self) -> PairPool:
+        pools = []
+        for object_id, model in sorted(self.models.items()):
+            rng = np.random.default_rng([self.settings.seed, object_id])
+            patches, views = self.settings.patches, self.views_of(object_id)
+            pools.append(bake_pairs(views, model.local_size, patches.local, patches.pairs, rng))
+        return join_pairs(pools)

@@ -10,10 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from hlp.codebook.entries import save_codebook
-from hlp.codebook.inverted_lists import InvertedLists, save_lists
 from hlp.errors import DataError, InputError
 from hlp.files import read_json, write_json
-from hlp.method.alternatives import make_neighbours
 from hlp.method.backgrounds import Backgrounds
 from hlp.method.classifier_training import StartingWeights, train_classifier
 from hlp.method.codebook_building import build_codebook
@@ -30,7 +28,6 @@ from hlp.method.learnt_folder import (
     write_model,
     write_record,
 )
-from hlp.method.networks import load_encoder
 from hlp.method.settings import MethodSettings, settings_to_json
 from hlp.method.training import read_weights
 from hlp.objects.object_model import ObjectSettings, build_object_model, mesh_identity
@@ -146,16 +143,16 @@ def _write_objects(
     partial: Path,
     settings: MethodSettings,
 ) -> None:
-    encoder = load_encoder(settings.encoder, partial / ENCODER, settings.machine)
+    machine = settings.machine
+    encoder = settings.encoder.load(partial / ENCODER, machine.threads, machine.device)
     for object_id, model in models.items():
         with _once(partial / OBJECTS / model.name) as missing:
             if missing:
-                write_model(partial / OBJECTS / model.name, model)
+                folder = partial / OBJECTS / model.name
+                write_model(folder, model)
                 codebook = build_codebook(model, views_of(object_id), encoder, settings)
-                save_codebook(partial / OBJECTS / model.name, codebook)
-                search = make_neighbours(codebook.features, settings.codebook, settings.seed)
-                if isinstance(search, InvertedLists):
-                    save_lists(partial / OBJECTS / model.name, search, settings.seed)
+                save_codebook(folder, codebook)
+                settings.codebook.prepare(codebook.features, settings.seed, folder)
 
 
 def _views(
@@ -167,7 +164,12 @@ def _views(
         folder = partial / _VIEWS / str(object_id)
         with _once(folder) as missing:
             if missing:
-                views = render_views(models[object_id], settings.rendering, settings.seed)
+                views = render_views(
+                    models[object_id],
+                    settings.rendering,
+                    settings.seed,
+                    threads=settings.machine.threads,
+                )
                 save_views(folder, views)
         return load_views(folder, object_id)
 

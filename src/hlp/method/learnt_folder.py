@@ -13,13 +13,11 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import UInt8
 
 from hlp.codebook.entries import load_codebook
-from hlp.codebook.inverted_lists import InvertedListsSettings, load_lists
 from hlp.errors import DataError, MissingFileError
 from hlp.files import read_json, write_json
-from hlp.method.networks import load_classifier, load_encoder
+from hlp.method.networks import load_classifier
 from hlp.method.settings import MethodSettings, settings_from_json, settings_to_json
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
@@ -163,16 +161,13 @@ class LearntFolder:
 
     def load_encoder(self) -> Encoder:
         """The encoder of local patches."""
-        settings = self.settings
-        return load_encoder(settings.encoder, self.folder / ENCODER, settings.machine)
+        machine = self.settings.machine
+        return self.settings.encoder.load(self.folder / ENCODER, machine.threads, machine.device)
 
     def load_codebook(self, object_id: int) -> Codebook:
         """The codebook of one object."""
         return load_codebook(self.object_folder(object_id))
 
-    def load_lists(self, object_id: int) -> UInt8[np.ndarray, "bytes"] | None:
-        """Trained inverted lists of its codebook, where the settings name them."""
-        settings, folder = self.settings, self.object_folder(object_id)
-        if not isinstance(settings.codebook, InvertedListsSettings):
-            return None
-        return load_lists(folder, settings.codebook, settings.seed)
+    def search_folder(self, object_id: int) -> Path:
+        """Where the search of its codebook was prepared."""
+        return self.object_folder(object_id)

@@ -4,13 +4,13 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
 from hlp.codebook.neighbours import Neighbours
-from hlp.method.alternatives import make_mode_finder, make_neighbours, make_refiner
 from hlp.method.holistic_scan import FrameWindows, HolisticScan
 from hlp.method.settings import MethodSettings
 from hlp.models.encoder import Encoder
@@ -48,8 +48,9 @@ class LearntObjects(Protocol):
         """The codebook of one object."""
         ...
 
-    def load_lists(self, object_id: int) -> UInt8[np.ndarray, "bytes"] | None:
-        """Trained inverted lists of its codebook; None where they are to be trained."""
+    def search_folder(self, object_id: int) -> Path | None:
+        """Where the search of its codebook was prepared; None where it was not."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -99,8 +100,8 @@ class PoseEstimator:
         self._labels = {object_id: i for i, object_id in enumerate(learnt.classes, 1)}
         self._searches: dict[int, tuple[Codebook, Neighbours]] = {}
         self._verifiers: dict[int, Verifier] = {}
-        self._modes = make_mode_finder(settings.voting, settings.machine.threads)
-        self._refiner = make_refiner(settings.refinement)
+        self._modes = settings.voting.build(settings.machine.threads)
+        self._refiner = settings.refinement.build(settings.machine.threads)
 
     @cached_property
     def _scan(self) -> HolisticScan:
@@ -207,9 +208,11 @@ class PoseEstimator:
     def _codebook(self, object_id: int) -> tuple[Codebook, Neighbours]:
         if object_id not in self._searches:
             codebook = self.learnt.load_codebook(object_id)
-            lists = self.learnt.load_lists(object_id)
-            search = make_neighbours(
-                codebook.features, self.settings.codebook, self.settings.seed, lists
+            search = self.settings.codebook.build(
+                codebook.features,
+                self.settings.seed,
+                self.settings.machine.threads,
+                self.learnt.search_folder(object_id),
             )
             self._searches[object_id] = (codebook, search)
         return self._searches[object_id]

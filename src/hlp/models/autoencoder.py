@@ -1,23 +1,48 @@
 """Settings of the convolutional autoencoder (paper, section 3.2, Fig. 6)."""
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal
 
-from hlp.models.encoder_input import EncoderInput
+from annotated_types import Ge
+
+from hlp.models.encoder import Encoder, NetworkEncoder
+from hlp.models.encoders import ENCODERS, STEM, EncoderTraining
+from hlp.models.network import load_network
+from hlp.settings import Doc, Settings
 
 
+@ENCODERS.register
 @dataclass(frozen=True)
-class AutoencoderSettings:
-    """`input` channels, feature `dimension` (Fig. 9a), layer `widths` and training.
+class AutoencoderSettings(Settings):
+    """Config group `encoder`: the paper's autoencoder, trained on RGB-D scenes (Fig. 6)."""
 
-    `per_frame` patches are taken from each RGB-D frame of the training folder.
-    """
+    name: Literal["cae"] = "cae"
+    input: Annotated[Literal["rgbd", "normals_depth"], Doc("what it sees (P: rgbd)")] = "rgbd"
+    dimension: Annotated[
+        int, Ge(1), Doc("length of the feature (P: 100, 200, 400, 600 in Fig. 9a)")
+    ] = 200
+    widths: Annotated[
+        tuple[Annotated[int, Ge(1)], ...],
+        Doc("channels of the strided convolutions (D: Fig. 6's sizes are not in the text)"),
+    ] = (32, 64, 96, 128)
+    learning_rate: Annotated[float, Ge(0), Doc("constant (D)")] = 1.0e-3
+    weight_decay: Annotated[float, Ge(0), Doc("of AdamW (D)")] = 0.0
+    epochs: Annotated[int, Ge(1), Doc("passes over the patches (D)")] = 20
+    batch_size: Annotated[int, Ge(1), Doc("patches in a batch (D)")] = 256
+    per_frame: Annotated[int, Ge(1), Doc("patches taken from each RGB-D frame (D)")] = 4000
 
-    name: str
-    input: EncoderInput
-    dimension: int
-    widths: tuple[int, ...]
-    learning_rate: float
-    weight_decay: float
-    epochs: int
-    batch_size: int
-    per_frame: int
+    needs_frames: ClassVar[bool] = True
+
+    def train(self, training: EncoderTraining) -> None:
+        """See `EncoderSettings.train`."""
+        from hlp.models.autoencoder_training import Autoencoder
+
+        data = training.frame_batches(self.per_frame, self.batch_size)
+        module = Autoencoder(self)
+        training.fit(module, data, self.epochs)
+
+    def load(self, folder: Path, threads: int, device: str) -> Encoder:
+        """See `EncoderSettings.load`."""
+        network = load_network(folder / STEM, threads, device)
+        return NetworkEncoder(network, self.input, False)

@@ -1,11 +1,14 @@
 """The holistic classifier during detection (paper, section 3.1, Fig. 3)."""
 
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import Ge, Interval
 from jaxtyping import Float, UInt8
 
 from hlp.models.network import Network
+from hlp.settings import Doc, Settings
 
 RESOLUTION = 64  # px of a window's side (paper, Fig. 3)
 CHUNK = 256
@@ -13,21 +16,22 @@ CHUNK = 256
 
 
 @dataclass(frozen=True)
-class ClassifierSettings:
-    """Layer sizes and training of the classifier.
+class ClassifierSettings(Settings):
+    """Config group `classifier`: the CNN on holistic patches (paper, Fig. 3) and its training.
 
-    `widths` of the strided convolutions, `hidden` of the dense layer; AdamW with a one-cycle
-    schedule up to `learning_rate` over `epochs` of the pool.
+    The paper's layer sizes are not in its text. AdamW with a one-cycle schedule.
     """
 
-    name: str
-    widths: tuple[int, ...]
-    hidden: int
-    dropout: float
-    learning_rate: float
-    weight_decay: float
-    epochs: int
-    batch_size: int
+    name: Literal["cnn"] = "cnn"
+    widths: Annotated[
+        tuple[Annotated[int, Ge(1)], ...], Doc("channels of the strided convolutions (D)")
+    ] = (16, 32, 64, 128)
+    hidden: Annotated[int, Ge(1), Doc("units of the dense layer (D)")] = 128
+    dropout: Annotated[float, Interval(ge=0, lt=1), Doc("before each dense layer (D)")] = 0.2
+    learning_rate: Annotated[float, Ge(0), Doc("highest of the schedule (D)")] = 2.0e-3
+    weight_decay: Annotated[float, Ge(0), Doc("of AdamW (D)")] = 1.0e-3
+    epochs: Annotated[int, Ge(1), Doc("passes over the pool of windows (D)")] = 12
+    batch_size: Annotated[int, Ge(1), Doc("windows in a batch (D)")] = 256
 
 
 def class_probabilities(

@@ -1,21 +1,52 @@
 """Principal components of surface normals: a local feature without any training of weights."""
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
+from annotated_types import Ge
 from jaxtyping import Bool, Float, Float32
 
 from hlp.models.encoder_input import empty_features, surface_normals
+from hlp.models.encoders import ENCODERS, EncoderTraining
 from hlp.records import LocalPatches
+from hlp.settings import Doc, Settings, SettingsError
+
+_FILE = "pca.npz"
 
 
+@ENCODERS.register
 @dataclass(frozen=True)
-class PcaSettings:
-    """`dimension` of the feature; normals are averaged to `cells` × `cells` first."""
+class PcaSettings(Settings):
+    """Config group `encoder`: principal components of surface normals, a fast baseline (D)."""
 
-    name: str
-    dimension: int
-    cells: int
+    name: Literal["pca"] = "pca"
+    dimension: Annotated[int, Ge(1), Doc("length of the feature (P: 200)")] = 200
+    cells: Annotated[int, Ge(1), Doc("normals are averaged to cells × cells first (D)")] = 12
+
+    needs_frames: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        """Raise SettingsError where there are not as many components."""
+        super().__post_init__()
+        most = pca_components(self.cells)
+        if self.dimension > most:
+            problem = (
+                f"is {self.dimension}: {self.cells} × {self.cells} normals have {most} components"
+            )
+            raise SettingsError("dimension", problem)
+
+    def train(self, training: EncoderTraining) -> None:
+        """See `EncoderSettings.train`."""
+        depth, valid = training.pair_patches()
+        fitted = fit_pca(depth, valid, self)
+        np.savez(training.folder / _FILE, mean=fitted.mean, components=fitted.components)
+
+    def load(self, folder: Path, threads: int, device: str) -> "PcaEncoder":
+        """See `EncoderSettings.load`."""
+        with np.load(folder / _FILE) as stored:
+            return PcaEncoder(stored["mean"], stored["components"], self.cells)
 
 
 class PcaEncoder:
@@ -46,16 +77,14 @@ def pca_components(cells: int) -> int:
 def fit_pca(
     depth: Float[np.ndarray, "n p p"], valid: Bool[np.ndarray, "n p p"], settings: PcaSettings
 ) -> PcaEncoder:
-    """Principal components of patches' normals.
-
-    A feature has `settings.dimension` numbers, or `pca_components` if that is less.
-    """
+    """Principal components of patches' normals."""
     flat = _averaged_normals(depth, valid, settings.cells)
     mean = flat.mean(axis=0)
     covariance = np.cov((flat - mean).T)
     _, vectors = np.linalg.eigh(covariance)
-    dimension = min(settings.dimension, pca_components(settings.cells))
-    return PcaEncoder(mean, vectors[:, ::-1][:, :dimension].T.astype(np.float32), settings.cells)
+    return PcaEncoder(
+        mean, vectors[:, ::-1][:, : settings.dimension].T.astype(np.float32), settings.cells
+    )
 
 
 def _averaged_normals(

@@ -4,23 +4,30 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Gt
 from jaxtyping import Float
 
 from hlp.errors import ConfigError
 from hlp.objects.meshes import decimate, load_mesh, mesh_diameter
 from hlp.objects.patch_sizes import holistic_size, local_size
 from hlp.records import MILLIMETRE, Mesh, ObjectModel
+from hlp.settings import Doc, Settings
 
 
 @dataclass(frozen=True)
-class ObjectSettings:
-    """One object of a data set: BOP id and patch sizes (mm; None: by rule from its mesh)."""
+class ObjectSettings(Settings):
+    """One object of a data set."""
 
-    id: int
-    holistic_size_mm: float | None
-    local_size_mm: float | None
+    id: Annotated[int, Ge(0), Doc("number of the object in the data set")]
+    holistic_size_mm: Annotated[
+        float | None, Gt(0), Doc("side of its windows; null: by rule from its mesh")
+    ] = None
+    local_size_mm: Annotated[
+        float | None, Gt(0), Doc("side of its local patches; null: by rule from its mesh")
+    ] = None
 
 
 def build_object_model(

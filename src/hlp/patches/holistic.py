@@ -1,45 +1,62 @@
 """Holistic patches: windows of an object's metric size (paper, section 3.1, Eq. 1)."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import Ge, Interval, Unit
 from jaxtyping import Bool, Float, Int, UInt8
 
 from hlp.patches.sampling import sample_squares
 from hlp.records import Region
+from hlp.settings import Doc, Settings
 
 _MIN_WEIGHT = 0.01
 
 
 @dataclass(frozen=True)
-class HolisticSettings:
-    """What a window is: `resolution` px of its side after resizing; colour with depth or without.
+class HolisticSettings(Settings):
+    """What a window (holistic patch) is."""
 
-    `channels` is `rgb` (the paper) or `rgbd`.
-    """
-
-    resolution: int
-    channels: Literal["rgb", "rgbd"]
+    resolution: Annotated[
+        int, Ge(1), Unit("px"), Doc("side of a window after resizing; the network's (P)")
+    ] = 64
+    channels: Annotated[
+        Literal["rgb", "rgbd"],
+        Doc("rgbd tells an object from things of its colour (D; P: rgb)"),
+    ] = "rgbd"
 
 
 @dataclass(frozen=True)
-class RegionSettings:
-    """Where windows lie and how their probabilities become a region.
+class RegionSettings(Settings):
+    """Where windows lie and how their probabilities become a region."""
 
-    `step` px between windows. A window is accepted where the target is the most likely class
-    (`threshold` 0, the paper) or where its probability exceeds `threshold`; with fewer than
-    `min_windows` accepted, that many of the most probable ones are taken. The region is the union
-    of squares about their centres, of side `square_side` times the object's diameter, or of the windows
-    themselves (`square_side` 0, the paper). `scan` says which windows are classified: `exact` all of
-    them, `fast` those that `hlp.patches.window_choice` leaves.
-    """
-
-    step: int
-    threshold: float
-    min_windows: int
-    square_side: float
-    scan: Literal["exact", "fast"]
+    step: Annotated[
+        int, Ge(1), Unit("px"), Doc("between windows: a quarter of the paper's windows (D; P: 8)")
+    ] = 16
+    threshold: Annotated[
+        float,
+        Interval(ge=0, le=1),
+        Doc("windows with p(object) above this are accepted (D); 0: the most likely class (P)"),
+    ] = 0.15
+    min_windows: Annotated[
+        int, Ge(0), Doc("at least so many, the most probable, are accepted (D; P: 0)")
+    ] = 8
+    square_side: Annotated[
+        float,
+        Ge(0),
+        Doc(
+            "the region is made of squares about the windows' centres, with sides of this many "
+            "diameters (D); 0: of the windows themselves (P)"
+        ),
+    ] = 0.7
+    scan: Annotated[
+        Literal["exact", "fast"],
+        Doc(
+            "windows that are classified: all (exact, P), or of every other those that do not lie "
+            "on large planes, and once for sizes up to a quarter apart (fast, D)"
+        ),
+    ] = "fast"
 
 
 @dataclass(frozen=True)

@@ -7,38 +7,54 @@ tenth of the time of cutting windows.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Interval
 from jaxtyping import Bool, Float, Int, UInt8
 
 from hlp.geometry import project
 from hlp.patches.holistic import Windows, cut_windows
 from hlp.patches.sampling import bleed_color
 from hlp.records import Frame, Views
+from hlp.settings import Doc, Settings
 
 BACKGROUND = 0
 
 
 @dataclass(frozen=True)
-class HolisticPoolSettings:
-    """What the classifier is shown.
+class HolisticPoolSettings(Settings):
+    """What the classifier is shown (D; P: "composited on PASCAL VOC crops").
 
-    `per_object` windows are cut from each object's views, of them a share `off_center` badly
-    centred and `wrong_scale` of another object's size, both labelled background;
-    `background_share` of each batch is background alone. A window counts as centred within
-    `center_tolerance` of its side from the object's centroid, as badly centred beyond
-    `off_center_from`; what lies between is not shown. `scale_jitter` is relative.
-    `backgrounds` crops are kept of photographs and of RGB-D frames each.
+    What lies between centred and badly centred is not shown.
     """
 
-    per_object: int
-    off_center: float
-    wrong_scale: float
-    background_share: float
-    center_tolerance: float
-    off_center_from: float
-    scale_jitter: float
-    backgrounds: int
+    per_object: Annotated[int, Ge(1), Doc("windows cut from each object's views (D)")] = 3000
+    off_center: Annotated[
+        float,
+        Interval(ge=0, le=1),
+        Doc("share of them that is badly centred, labelled background (D)"),
+    ] = 0.25
+    wrong_scale: Annotated[
+        float,
+        Interval(ge=0, le=1),
+        Doc("share of them of another object's size, labelled background (D)"),
+    ] = 0.10
+    background_share: Annotated[
+        float, Interval(ge=0, le=1), Doc("share of each batch that is background alone (D)")
+    ] = 0.25
+    center_tolerance: Annotated[
+        float,
+        Ge(0),
+        Doc("centred: this near to the object's centroid, in sides of the window (D)"),
+    ] = 0.30
+    off_center_from: Annotated[
+        float, Ge(0), Doc("badly centred: this far from it, in sides of the window (D)")
+    ] = 0.45
+    scale_jitter: Annotated[float, Ge(0), Doc("relative change of a window's size (D)")] = 0.08
+    backgrounds: Annotated[
+        int, Ge(1), Doc("crops kept of photographs and of RGB-D frames each (D)")
+    ] = 8000
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,10 @@
 """Local RGB-D patches of metric size (paper, section 3.2)."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Gt, Interval, Unit
 from jaxtyping import Bool, Float, Int, UInt8
 
 from hlp.compiled import compiled
@@ -10,36 +12,42 @@ from hlp.geometry import back_project
 from hlp.patches.holistic import center_depths, pixel_grid
 from hlp.patches.sampling import sample_squares
 from hlp.records import LocalPatches
+from hlp.settings import Doc, Settings
 
 _FILL_COLOR = 128  # grey
 _FILL_DEPTH = 1.0  # the far end of the clamped range
 
 
 @dataclass(frozen=True)
-class LocalSettings:
-    """What a local patch is, in views and scenes alike.
+class LocalSettings(Settings):
+    """What a local patch is, in views and scenes alike."""
 
-    `resolution` px of its side; `size_scale` multiplies the object's `local_size`;
-    `mask_beyond_clamp` replaces pixels beyond the metric cube by one constant in colour and depth
-    (otherwise depth is only clamped, as the paper words it).
-    """
-
-    resolution: int
-    size_scale: float
-    mask_beyond_clamp: bool
+    resolution: Annotated[
+        int, Ge(1), Unit("px"), Doc("side of a local patch; the network's (P)")
+    ] = 32
+    size_scale: Annotated[
+        float,
+        Gt(0),
+        Doc("times the object's local size: larger patches vote better (D; P: 1, 30 to 80 mm)"),
+    ] = 1.5
+    mask_beyond_clamp: Annotated[
+        bool,
+        Doc(
+            "what lies beyond the metric cube is one constant in colour and depth, so that it "
+            "cannot change the feature (D); otherwise depth is clamped and colour kept (P)"
+        ),
+    ] = True
 
 
 @dataclass(frozen=True)
-class GridSettings:
-    """Where a scene's local patches lie: every `step` px of the region.
+class GridSettings(Settings):
+    """Where a scene's local patches lie."""
 
-    A patch needs the share `min_valid` of its pixels within the metric cube. At most
-    `max_patches` are taken, evenly over the region.
-    """
-
-    step: int
-    min_valid: float
-    max_patches: int
+    step: Annotated[int, Ge(1), Unit("px"), Doc("between local patches in the region (P)")] = 8
+    min_valid: Annotated[
+        float, Interval(ge=0, le=1), Doc("share of a patch within the metric cube, at least (D)")
+    ] = 0.2
+    max_patches: Annotated[int, Ge(1), Doc("patches at most, evenly over the region (D)")] = 400
 
 
 def cut_local_patches(

@@ -2,8 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge
 from jaxtyping import Bool, Float, Int, UInt8
 
 from hlp.geometry import back_project, project, transform
@@ -11,6 +13,7 @@ from hlp.patches.holistic import pixel_grid
 from hlp.patches.local import LocalSettings, cut_local_patches
 from hlp.patches.sampling import bleed_color
 from hlp.records import Frame, LocalPatches, Views
+from hlp.settings import Doc, Settings
 
 _FRAME_MIN_VALID = 0.2
 _FIELDS = tuple(LocalPatches.__dataclass_fields__)
@@ -18,14 +21,11 @@ _SAME_SURFACE = 0.005  # m: a point is visible in a view whose depth agrees this
 
 
 @dataclass(frozen=True)
-class PairSettings:
-    """Which patches count as the same: one surface point in two views.
+class PairSettings(Settings):
+    """Which local patches count as the same: those of one surface point in two near views (D)."""
 
-    `per_object` pairs; the partner view lies within `max_angle_deg` of the first (or is it).
-    """
-
-    per_object: int
-    max_angle_deg: float
+    per_object: Annotated[int, Ge(1), Doc("pairs of each object (D)")] = 5000
+    max_angle_deg: Annotated[float, Ge(0), Doc("between the two views at most (D)")] = 12.0
 
 
 @dataclass(frozen=True)

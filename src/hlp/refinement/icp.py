@@ -4,9 +4,11 @@ The alternative that the paper compares PSO with: one least-squares step per ite
 search. The model's visible surface points come from a rendering at the current pose.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import Ge, Gt, Interval
 from jaxtyping import Float
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
@@ -14,23 +16,35 @@ from scipy.spatial.transform import Rotation
 from hlp.geometry import back_project, rigid, transform
 from hlp.records import MILLIMETRES_PER_METRE, Hypotheses, ObjectModel, Refinement
 from hlp.refinement.cost import CostSettings, DepthCost
-from hlp.refinement.refiner import Refiner, checked_poses
+from hlp.refinement.refiner import REFINERS, Refiner, checked_poses
 from hlp.refinement.verification import VerificationSettings
+from hlp.settings import Doc, Settings
 
 
+@REFINERS.register
 @dataclass(frozen=True)
-class IcpSettings:
-    """Settings of ICP and the cost; see conf/refinement/icp.yaml for what each means."""
+class IcpSettings(Settings):
+    """Config group `refinement`: iterative closest points, point to plane. All ours (D)."""
 
-    name: str
-    cost: CostSettings
-    verification: VerificationSettings
-    iterations: int
-    points: int
-    max_correspondence_mm: float
-    final_max_correspondence_mm: float
-    trim: float
-    converged_mm: float
+    name: Literal["icp"] = "icp"
+    cost: CostSettings = field(default_factory=CostSettings)
+    verification: VerificationSettings = field(default_factory=VerificationSettings)
+    iterations: Annotated[int, Ge(1), Doc("iterations at most (D)")] = 20
+    points: Annotated[int, Ge(1), Doc("points of the rendered surface, about (D)")] = 500
+    max_correspondence_mm: Annotated[
+        float, Gt(0), Doc("pairs farther apart are ignored at first … (D)")
+    ] = 40.0
+    final_max_correspondence_mm: Annotated[float, Gt(0), Doc("… and at last (D)")] = 10.0
+    trim: Annotated[
+        float,
+        Interval(ge=0, le=1),
+        Doc("closest share of the pairs that is used: occluders are the rest (D)"),
+    ] = 0.8
+    converged_mm: Annotated[float, Ge(0), Doc("stop when no point moves farther (D)")] = 0.05
+
+    def build(self, threads: int) -> "IcpRefiner":
+        """The refiner; it uses one thread."""
+        return IcpRefiner(self)
 
 
 class IcpRefiner(Refiner):

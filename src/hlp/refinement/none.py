@@ -1,21 +1,28 @@
 """No refinement: coarse poses stay as they are."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from hlp.records import Hypotheses, ObjectModel, Refinement
-from hlp.refinement.refiner import Refiner, checked_poses
+from hlp.refinement.refiner import REFINERS, Refiner, checked_poses
 from hlp.refinement.verification import VerificationSettings
+from hlp.settings import Settings
 
 
+@REFINERS.register
 @dataclass(frozen=True)
-class NoneSettings:
-    """Nothing to set but what ranks the poses; see conf/refinement/none.yaml."""
+class NoneSettings(Settings):
+    """Config group `refinement`: coarse poses as they are, ranked as after refinement."""
 
-    name: str
-    verification: VerificationSettings
+    name: Literal["none"] = "none"
+    verification: VerificationSettings = field(default_factory=VerificationSettings)
+
+    def build(self, threads: int) -> "NoneRefiner":
+        """The refiner; it has nothing to do."""
+        return NoneRefiner()
 
 
 class NoneRefiner(Refiner):

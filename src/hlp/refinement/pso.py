@@ -1,63 +1,86 @@
 """Fine pose by particle swarm optimisation (paper, section 3.3; Kennedy & Eberhart 1995)."""
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import Ge
 from jaxtyping import Float
 
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.cost import CostSettings, DepthCost
-from hlp.refinement.refiner import Refiner, checked_poses
+from hlp.refinement.refiner import REFINERS, Refiner, checked_poses
 from hlp.refinement.swarm_kernel import apply_offsets, update_personal_bests, update_swarm
 from hlp.refinement.verification import VerificationSettings
+from hlp.settings import Doc, Settings, SettingsError
 from hlp.thread_team import ThreadTeam
 
 _POLISH_STREAM = 1 << 16  # random stream of the polish; hypotheses use streams 0, 1, …
 
 
 @dataclass(frozen=True)
-class PolishSettings:
-    """The second search, about the answer; see conf/refinement/pso.yaml for what each means."""
+class PolishSettings(Settings):
+    """The second search, about the chosen pose (D)."""
 
-    theta_deg: float
-    tau_mm: float
-    patience: int
+    theta_deg: Annotated[float, Ge(0), Doc("half the box of each rotation (D)")] = 3.0
+    tau_mm: Annotated[float, Ge(0), Doc("half the box of each translation (D)")] = 3.0
+    patience: Annotated[int, Ge(0), Doc("stop after so many iterations without gain (D)")] = 6
 
 
+@REFINERS.register
 @dataclass(frozen=True)
-class PsoSettings:
-    """Settings of the swarm and its cost; see conf/refinement/pso.yaml for what each means."""
+class PsoSettings(Settings):
+    """Config group `refinement`: particle swarm optimisation (paper, section 3.3)."""
 
-    name: str
-    cost: CostSettings
-    verification: VerificationSettings
-    particles: int
-    theta_deg: float
-    tau_mm: float
-    phi_1: float
-    phi_2: float
-    iterations: int
-    patience: int
-    recentre: bool
-    polish: PolishSettings | None
-    budget_ms: float
-    threads: int
+    name: Literal["pso"] = "pso"
+    cost: CostSettings = field(default_factory=CostSettings)
+    verification: VerificationSettings = field(default_factory=VerificationSettings)
+    particles: Annotated[int, Ge(1), Doc("particles of the swarm (P: N = 25)")] = 25
+    theta_deg: Annotated[float, Ge(0), Doc("θ, half the box of each rotation (D; P: 5)")] = 10.0
+    tau_mm: Annotated[float, Ge(0), Doc("τ, half the box of each translation (D; P: 5)")] = 10.0
+    phi_1: Annotated[
+        float,
+        Ge(0),
+        Doc("pull to a particle's own best (D: Clerc & Kennedy; constriction 0.7298)"),
+    ] = 2.8
+    phi_2: Annotated[
+        float, Ge(0), Doc("pull to the swarm's best; phi_1 + phi_2 must be above 4 (D)")
+    ] = 1.3
+    iterations: Annotated[int, Ge(0), Doc("iterations at most (D)")] = 30
+    patience: Annotated[int, Ge(0), Doc("stop after so many iterations without gain (D; P: 1)")] = 6
+    recentre: Annotated[
+        bool, Doc("the box follows the best pose, which reaches 30° away (D; P: not said, false)")
+    ] = True
+    polish: Annotated[
+        PolishSettings | None,
+        Doc("the chosen pose is searched about again (D); null: it is not (P)"),
+    ] = field(default_factory=PolishSettings)
+    budget_ms: Annotated[
+        float,
+        Ge(0),
+        Doc("wall time of stage 3 for an object; 0 = no limit. Not reproducible (D)"),
+    ] = 0.0
 
     def __post_init__(self) -> None:
-        """Raise ValueError where the swarm would have no constriction."""
+        """Raise SettingsError where the swarm would have no constriction."""
+        super().__post_init__()
         if not self.phi_1 + self.phi_2 > 4.0:
-            raise ValueError(
-                f"refinement.phi_1 + phi_2 is {self.phi_1 + self.phi_2}: it must be above 4"
-            )
+            total = self.phi_1 + self.phi_2
+            raise SettingsError("phi_1 + phi_2", f"is {total}: it must be above 4")
+
+    def build(self, threads: int) -> "PsoRefiner":
+        """The refiner; whole hypotheses are shared out to threads, which change no result."""
+        return PsoRefiner(self, threads)
 
 
 class PsoRefiner(Refiner):
     """Canonical PSO over six degrees of freedom around the coarse pose."""
 
-    def __init__(self, settings: PsoSettings) -> None:
+    def __init__(self, settings: PsoSettings, threads: int = 1) -> None:
         self._settings = settings
-        self._team = ThreadTeam(settings.threads)
+        self._threads = threads
+        self._team = ThreadTeam(threads)
 
     def refine(
         self,
@@ -77,7 +100,7 @@ class PsoRefiner(Refiner):
         poses = checked_poses(hypotheses, model)
         settings = self._settings
         # Threads refine whole hypotheses: one iteration is too short to be divided.
-        at_once = min(settings.threads, len(poses))
+        at_once = min(self._threads, len(poses))
         end = time.perf_counter() + self._remaining(spent)
 
         def refine_one(index: int) -> Refinement:

@@ -6,6 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hlp.records import Hypotheses, ObjectModel, Refinement
+from hlp.refinement.verification import VerificationSettings
+from hlp.registry import Registry
 
 
 class Refiner(Protocol):
@@ -39,6 +41,28 @@ class Refiner(Protocol):
     ) -> Refinement:
         """A more exact pose for the hypothesis that was chosen; by default the same pose."""
         return answer
+
+
+class RefinementSettings(Protocol):
+    """Settings of a refiner."""
+
+    @property
+    def name(self) -> str:
+        """The alternative's name."""
+        ...
+
+    @property
+    def verification(self) -> VerificationSettings:
+        """The cost that ranks coarse poses and chooses among the refined ones."""
+        ...
+
+    def build(self, threads: int) -> Refiner:
+        """The refiner. `threads` share out its work and change no result."""
+        ...
+
+
+REFINERS: Registry[RefinementSettings] = Registry("refinement", "hlp.refinement")
+"""Alternatives of config group `refinement`."""
 
 
 def refinable(

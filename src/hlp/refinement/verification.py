@@ -6,9 +6,11 @@ model's chromaticity. Brightness is ignored, since it depends on the light.
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import cv2
 import numpy as np
+from annotated_types import Ge, Gt, Unit
 from jaxtyping import Float, Float32, UInt8
 
 from hlp.geometry import transform
@@ -16,30 +18,76 @@ from hlp.records import ObjectModel
 from hlp.refinement.cost_kernel import WORST, depth_edges
 from hlp.refinement.verification_kernel import COLOR_OFFSET, SUM_COUNT, sum_evidence
 from hlp.rendering.zbuffer import prepare_mesh
+from hlp.settings import Doc, Settings
 
 _MIN_SUPPORT, _MIN_SHARE = 1e-12, 0.01  # keep the logarithm of the support finite
 
 
 @dataclass(frozen=True)
-class VerificationSettings:
-    """Settings; see conf/refinement/verification/hlp.yaml for what each means."""
+class VerificationSettings(Settings):
+    """Cost that ranks coarse poses before refinement and chooses among the refined ones.
 
-    candidates: int
-    max_improvement: float
-    weight_depth: float
-    weight_edge: float
-    weight_color: float
-    tau_depth_mm: float
-    tau_edge_mm: float
-    tau_color: float
-    edge_step_mm: float
-    missing_cost: float
-    occlusion_cost: float
-    occlusion_share_cost: float
-    occluded_edge_cost: float
-    unexplained_cost: float
-    support_cost: float
-    roi_size: int
+    Chosen on the demo world.
+    """
+
+    candidates: Annotated[
+        int, Ge(1), Doc("coarse poses that are refined at most: those of least cost (D)")
+    ] = 16
+    max_improvement: Annotated[
+        float,
+        Ge(0),
+        Doc(
+            "none whose cost is more than this above the best refined one: refining gains less (D)"
+        ),
+    ] = 0.1
+    weight_depth: Annotated[
+        float, Ge(0), Doc("as in the search's cost (P: Eq. 2); the three weights are relative")
+    ] = 0.8
+    weight_edge: Annotated[
+        float,
+        Ge(0),
+        Doc("0.2 there: poses sunk into a table have right depth and wrong edges (D; P: 0.2)"),
+    ] = 0.3
+    weight_color: Annotated[
+        float, Ge(0), Doc("chromaticity tells things of one shape apart (D; P: 0)")
+    ] = 0.2
+    tau_depth_mm: Annotated[
+        float,
+        Gt(0),
+        Doc("depth differences count up to here: wide finds the pose, narrow judges it (D)"),
+    ] = 20.0
+    tau_edge_mm: Annotated[float, Gt(0), Doc("distances of edgelets count up to here (D)")] = 15.0
+    tau_color: Annotated[
+        float,
+        Gt(0),
+        Doc("differences of chromaticity, the sum of |Δr|, |Δg| and |Δb|, count up to here (D)"),
+    ] = 0.3
+    edge_step_mm: Annotated[float, Gt(0), Doc("a jump in depth by this much is an edge (D)")] = 15.0
+    missing_cost: Annotated[
+        float, Ge(0), Doc("cost of a rendered pixel where no depth was observed (D)")
+    ] = 0.3
+    occlusion_cost: Annotated[
+        float,
+        Ge(0),
+        Doc("of a pixel with something before it: right poses may be half hidden (D; P: 1)"),
+    ] = 0.1
+    occlusion_share_cost: Annotated[
+        float,
+        Ge(0),
+        Doc("and this times the hidden share: few objects are hidden almost wholly (D; P: 0)"),
+    ] = 0.2
+    occluded_edge_cost: Annotated[
+        float, Ge(0), Doc("of an edgelet with something before it (D; P: 1)")
+    ] = 0.5
+    unexplained_cost: Annotated[
+        float,
+        Ge(0),
+        Doc("of explaining nothing where a rival at the same place explains much (D; P: 0)"),
+    ] = 0.2
+    support_cost: Annotated[
+        float, Ge(0), Doc("times ln(largest support of the votes / its own) (D; P: 0)")
+    ] = 0.01
+    roi_size: Annotated[int, Ge(1), Unit("px"), Doc("long side of the region compared (D)")] = 64
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,10 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import Ge, Gt
 from jaxtyping import Float, UInt8
 from tqdm import tqdm
 
@@ -16,6 +18,7 @@ from hlp.records import MILLIMETRES_PER_METRE, Mesh, ObjectModel, Views
 from hlp.rendering import opengl, rasterizer
 from hlp.rendering.light import Light, random_light
 from hlp.rendering.viewpoints import hemisphere, thomson, view_rotations
+from hlp.settings import Doc, Settings, SettingsError
 
 _COVERAGES = {"hemisphere": hemisphere, "sphere": thomson}
 # `auto` is numba: it works on every machine, gives the same views everywhere and is faster on a
@@ -31,48 +34,47 @@ _Renderer = Callable[
 
 
 @dataclass(frozen=True)
-class ViewsSettings:
-    """Config group `rendering`: which renderer, from where, and how large (see the YAML files).
+class ViewsSettings(Settings):
+    """Config group `rendering`: which renderer, from where, and how large.
 
-    Views are viewpoints x in-plane angles (`in_plane_steps` from min to max, both included).
-    Raises ValueError on a value that makes no sense, naming the key.
+    Views are viewpoints × in-plane angles: 400 × 9 = 3600 (P: 3600; the split is ours).
     """
 
-    name: str
-    viewpoints: int
-    coverage: str
-    in_plane_min_deg: float
-    in_plane_max_deg: float
-    in_plane_steps: int
-    distance_mm: float
-    focal_px: float
-    size_px: int
-    threads: int
+    name: Annotated[
+        Literal["auto", "numba", "pyrender"], Doc("the renderer; auto is numba, see auto.yaml (D)")
+    ] = "auto"
+    viewpoints: Annotated[int, Ge(1), Doc("directions from which an object is seen (D)")] = 400
+    coverage: Annotated[
+        Literal["hemisphere", "sphere"],
+        Doc("where viewpoints lie; the upper half is LINEMOD's range (D)"),
+    ] = "hemisphere"
+    in_plane_min_deg: Annotated[float, Doc("in-plane rotation from … (D: LINEMOD's range)")] = -45.0
+    in_plane_max_deg: Annotated[float, Doc("… to, both included (D)")] = 45.0
+    in_plane_steps: Annotated[int, Ge(1), Doc("so many angles: 11.25° apart (D)")] = 9
+    distance_mm: Annotated[
+        float, Gt(0), Doc("camera to the object's centroid: a typical LINEMOD distance (D)")
+    ] = 800.0
+    focal_px: Annotated[
+        float,
+        Gt(0),
+        Doc("LINEMOD's camera; less where the object would not fit in the crop (D)"),
+    ] = 572.0
+    size_px: Annotated[int, Ge(8), Doc("side of the square crop about the object (D)")] = 128
 
     def __post_init__(self) -> None:
-        for key, known in (("name", _RENDERERS), ("coverage", _COVERAGES)):
-            if getattr(self, key) not in known:
-                raise ValueError(
-                    f"rendering.{key} is {getattr(self, key)!r}; choose one of {', '.join(known)}"
-                )
-        at_least = {"viewpoints": 1, "in_plane_steps": 1, "size_px": 8, "threads": 1}
-        for key, least in at_least.items():
-            if getattr(self, key) < least:
-                raise ValueError(
-                    f"rendering.{key} is {getattr(self, key)}; it must be at least {least}"
-                )
-        for key in ("distance_mm", "focal_px"):
-            if not getattr(self, key) > 0:
-                raise ValueError(f"rendering.{key} is {getattr(self, key)}; it must be positive")
+        """Raise SettingsError naming the key that is out of range."""
+        super().__post_init__()
         if self.in_plane_max_deg < self.in_plane_min_deg:
-            raise ValueError(
-                f"rendering.in_plane_max_deg is {self.in_plane_max_deg}, less than "
-                f"in_plane_min_deg, {self.in_plane_min_deg}"
-            )
+            problem = f"is {self.in_plane_max_deg}: it must be at least in_plane_min_deg, "
+            raise SettingsError("in_plane_max_deg", problem + str(self.in_plane_min_deg))
 
 
 def render_views(
-    model: ObjectModel, settings: ViewsSettings, seed: int, progress: bool = True
+    model: ObjectModel,
+    settings: ViewsSettings,
+    seed: int,
+    progress: bool = True,
+    threads: int = 1,
 ) -> Views:
     """Views of the full mesh, viewpoint-major, each under a different random light.
 
@@ -88,7 +90,7 @@ def render_views(
     shape = (settings.size_px, settings.size_px)
     rgb = np.zeros((len(poses), *shape, 3), dtype=np.uint8)
     depth = np.zeros((len(poses), *shape), dtype=np.float32)
-    render, threads = _renderer(settings)
+    render, threads = _renderer(settings, threads)
 
     def draw(index: int) -> None:
         rgb[index], depth[index] = render(
@@ -184,10 +186,10 @@ def _crop_camera(model: ObjectModel, settings: ViewsSettings) -> Float[np.ndarra
     return np.array([[focal, 0.0, centre], [0.0, focal, centre], [0.0, 0.0, 1.0]])
 
 
-def _renderer(settings: ViewsSettings) -> tuple[_Renderer, int]:
+def _renderer(settings: ViewsSettings, threads: int) -> tuple[_Renderer, int]:
     """The renderer of the settings and the number of threads it may use (OpenGL: 1)."""
     name = _RENDERERS[settings.name]
     logging.getLogger(__name__).debug("views are rendered by %s", name)
     if name == "numba":
-        return rasterizer.render_rgbd, settings.threads
+        return rasterizer.render_rgbd, threads
     return opengl.render_rgbd, 1

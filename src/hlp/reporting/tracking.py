@@ -13,11 +13,12 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from filelock import FileLock
 
 from hlp.errors import MissingFileError
+from hlp.settings import Doc, Settings
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
@@ -31,12 +32,14 @@ SQLITE = "sqlite:///"
 
 
 @dataclass(frozen=True)
-class TrackingSettings:
-    """Config group `reporting`: the database or server `uri`, and the MLflow `experiment`."""
+class TrackingSettings(Settings):
+    """Config group `reporting`: runs in MLflow."""
 
-    name: str
-    uri: str
-    experiment: str
+    name: Literal["mlflow"] = "mlflow"
+    uri: Annotated[
+        str, Doc("a local database file (sqlite:///FILE), or the address of a server")
+    ] = "sqlite:///work/mlflow.db"
+    experiment: Annotated[str, Doc("the MLflow experiment")] = "hlp"
 
 
 @dataclass(frozen=True)

@@ -10,18 +10,18 @@ from tqdm import tqdm
 
 from hlp.codebook.entries import load_codebook
 from hlp.data.dataset import Dataset
+from hlp.method.networks import load_classifier
 from hlp.method.pose_estimator import PoseEstimator
 from hlp.method.settings import MethodSettings
 from hlp.records import PoseEstimate
 from hlp.source_code import Code
 from hlp.stages.device import device_name
-from hlp.stages.executor import each_in_workers
-from hlp.stages.executor_settings import ExecutorSettings, SerialSettings
-from hlp.stages.fingerprint import fingerprint, result_settings, stage_code
+from hlp.stages.executor_settings import ExecutorSettings
+from hlp.stages.fingerprint import fingerprint, stage_code
 from hlp.stages.frame_detection import STAGES, Seconds, estimates_of, find_in_frame
 from hlp.stages.frame_files import read_arrays, write_arrays
 from hlp.stages.store import Output, StageStore
-from hlp.stages.training import LOADED_BY, TrainingStages
+from hlp.stages.training import TrainingStages
 
 
 class DetectionStages:
@@ -112,19 +112,19 @@ class DetectionStages:
         if stage == "regions":
             wanted = {i: models[i] for i in self.dataset.target_ids}
             return {
-                "holistic": result_settings(patches.holistic),
-                "region": result_settings(patches.region),
+                "holistic": patches.holistic,
+                "region": patches.region,
                 "sizes": {str(i): [m.holistic_size, m.diameter] for i, m in wanted.items()},
                 "device": device,
             }
         if stage == "hypotheses":
             return {
-                "grid": result_settings(patches.grid),
-                "neighbours": result_settings(settings.codebook),
-                "voting": result_settings(settings.voting),
+                "grid": patches.grid,
+                "neighbours": settings.codebook,
+                "voting": settings.voting,
                 "device": device,
             }
-        return {"refinement": result_settings(settings.refinement)}
+        return {"refinement": settings.refinement}
 
     def _inputs_of(self, stage: str) -> dict[str, str]:
         training, objects = self.training, self.dataset.target_ids
@@ -140,9 +140,9 @@ class DetectionStages:
         """The code of detection, of the frames' reader, and of the alternatives that are chosen."""
         settings = self.settings
         modules = {
-            "regions": [LOADED_BY["classifier"]],
+            "regions": [load_classifier.__module__],
             "hypotheses": [
-                LOADED_BY["encoder"],
+                type(settings.encoder).__module__,
                 load_codebook.__module__,
                 type(settings.codebook).__module__,
                 type(settings.voting).__module__,
@@ -179,15 +179,14 @@ class DetectionStages:
         self, folders: Mapping[str, Path], missing: Sequence[str], keys: Sequence[str]
     ) -> Iterator[tuple[str, Seconds]]:
         """Find in all frames, here or in workers: the same files. Yields keys as they come."""
-        if self.executor is None or isinstance(self.executor, SerialSettings):
+        if self.executor is None or not self.executor.parallel:
             for key in keys:
                 yield key, self.find(key, folders, missing)
         elif keys:
             from hlp.stages.frame_task import FrameTask
 
-            yield from each_in_workers(
-                self.executor, FrameTask.of(self, folders, tuple(missing)), keys
-            )
+            task = FrameTask.of(self, folders, tuple(missing))
+            yield from self.executor.each(task, keys)
 
     def find(self, key: str, folders: Mapping[str, Path], missing: Sequence[str]) -> Seconds:
         """Write one frame's files of the missing stages; return the time of each object's steps.

@@ -1,37 +1,138 @@
-"""Settings of the executors that distribute frames and views to workers."""
+"""Executors: what shares out frames, and views of objects, to workers."""
 
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import Annotated, ClassVar, Literal, Protocol, TypeVar
+
+from annotated_types import Ge
+
+from hlp.errors import MissingDependencyError
+from hlp.registry import Registry
+from hlp.settings import Doc, Settings
+from hlp.stages.joblib_workers import each_by_joblib
+
+Result = TypeVar("Result")
+
+_PACKAGES = {"dask": "distributed", "ray": "ray"}
 
 
+class ExecutorSettings(Protocol):
+    """Settings of what shares out frames, and views of objects. No executor changes any result."""
+
+    parallel: ClassVar[bool]
+    """Whether there are workers; otherwise the run's own process does the work."""
+
+    @property
+    def name(self) -> str:
+        """The alternative's name."""
+        ...
+
+    @property
+    def threads(self) -> int:
+        """Threads of each worker, in place of `machine.threads`."""
+        ...
+
+    def require(self) -> None:
+        """Raise MissingDependencyError, saying what to install, where a package is missing."""
+        ...
+
+    def each(self, work: Callable[[str], Result], keys: Sequence[str]) -> Iterator[Result]:
+        """Do the work once for each key, in any order; yields what it returns, as it comes.
+
+        `work` travels to the workers by pickle. Raises what it raises there.
+        """
+        ...
+
+
+EXECUTORS: Registry[ExecutorSettings] = Registry("executor", "hlp.stages")
+"""Alternatives of config group `executor`."""
+_THREADS = "of each worker's renderer, refiner and OpenCV, in place of machine.threads (D)"
+
+
+@EXECUTORS.register
 @dataclass(frozen=True)
-class SerialSettings:
-    """Config group `executor`: one frame after another, in the process of the run."""
+class SerialSettings(Settings):
+    """Config group `executor`: one after another, in the run's own process."""
 
-    name: str
+    name: Literal["serial"] = "serial"
+
+    parallel: ClassVar[bool] = False
+    threads: ClassVar[int] = 1
+
+    def require(self) -> None:
+        """Nothing is needed."""
+
+    def each(self, work: Callable[[str], Result], keys: Sequence[str]) -> Iterator[Result]:
+        """One after another."""
+        yield from map(work, keys)
 
 
+@EXECUTORS.register
 @dataclass(frozen=True)
-class PoolSettings:
-    """Config group `executor`: frames in parallel in `workers`, each with so many `threads`.
+class PoolSettings(Settings):
+    """Config group `executor`: workers on this machine, each with its own networks and codebooks.
 
-    Workers are processes of this machine (loky) or threads of the run's process (threading).
+    Workers are processes (loky) or threads of the run's process (threading). Each has `threads`.
     """
 
-    name: str
-    workers: int
-    threads: int
+    name: Literal["loky", "threading"] = "loky"
+    workers: Annotated[int, Ge(1), Doc("processes or threads (D)")] = 2
+    threads: Annotated[int, Ge(1), Doc(_THREADS)] = 1
+
+    parallel: ClassVar[bool] = True
+
+    def require(self) -> None:
+        """Nothing is needed: joblib brings both."""
+
+    def each(self, work: Callable[[str], Result], keys: Sequence[str]) -> Iterator[Result]:
+        """See `ExecutorSettings.each`."""
+        return each_by_joblib(self.name, self.workers, work, keys)
 
 
-@dataclass(frozen=True)
-class ClusterSettings:
-    """Config group `executor`: frames on a running dask or ray cluster at `address`.
+@EXECUTORS.register
+@dataclass(frozen=True, kw_only=True)
+class ClusterSettings(Settings):
+    """Config group `executor`: workers of a running dask or ray cluster.
 
-    Each of its workers uses so many `threads`.
+    They need the same HLP, and work and data.root as absolute paths on a disk that all share.
     """
 
-    name: str
-    address: str
-    threads: int
+    name: Literal["dask", "ray"]
+    address: Annotated[
+        str, Doc("of the cluster: tcp://HOST:8786 (dask); auto, the one on this machine (ray)")
+    ]
+    threads: Annotated[int, Ge(1), Doc(_THREADS)] = 1
+
+    parallel: ClassVar[bool] = True
+
+    def require(self) -> None:
+        """See `ExecutorSettings.require`."""
+        if find_spec(_PACKAGES[self.name]) is None:
+            extra = self.name
+            raise MissingDependencyError(
+                f"executor={extra} needs the extra '{extra}': pip install 'hlp[{extra}]'"
+            )
+
+    def each(self, work: Callable[[str], Result], keys: Sequence[str]) -> Iterator[Result]:
+        """See `ExecutorSettings.each`."""
+        with _connected(self.name, self.address):
+            # Clusters know how many workers they have.
+            yield from each_by_joblib(self.name, -1, work, keys)
 
 
-ExecutorSettings = SerialSettings | PoolSettings | ClusterSettings
+@contextmanager
+def _connected(cluster: str, address: str) -> Iterator[None]:
+    if cluster == "dask":
+        from distributed import Client
+
+        with Client(address):
+            yield
+    else:
+        import ray
+        from ray.util.joblib import register_ray
+
+        with ray.init(address):
+            register_ray()
+            yield

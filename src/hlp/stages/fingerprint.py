@@ -13,8 +13,6 @@ import numpy as np
 
 from hlp.source_code import Code, code_of
 
-# Keys that change the time, never the result.
-MACHINE_KEYS = frozenset({"threads"})
 # It collects the settings of the whole method. Their values are in each fingerprint already, and
 # the code that a stage runs is imported by the stage itself.
 _COLLECTS = ("hlp.method.settings",)
@@ -31,7 +29,7 @@ def fingerprint(
     """Digest (16 hex digits) of everything that decides a stage's output.
 
     `code` is the source and the libraries that the stage uses. `settings` is a settings dataclass
-    or a mapping of them, without keys that change only the time (paths, threads). `upstream` maps
+    or a mapping of them, without those that change only the time (paths, threads). `upstream` maps
     each input to the fingerprint of the stage that made it, or to the identity of the data it was
     read from. Raises TypeError and ValueError as `plain` does.
     """
@@ -45,28 +43,6 @@ def fingerprint(
     }
     text = json.dumps(identity, sort_keys=True, separators=(",", ":"))
     return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
-
-
-def result_settings(settings: Any) -> dict[str, Any]:
-    """Settings that decide a result: all but `threads`, under the name of their class."""
-    kept = {
-        each.name: getattr(settings, each.name)
-        for each in dataclasses.fields(settings)
-        if each.name not in MACHINE_KEYS
-    }
-    return {type(settings).__name__: kept}
-
-
-def with_threads(settings: Any, threads: int) -> Any:
-    """The same (nested) settings with another number of threads, which changes no result."""
-    changes: dict[str, Any] = {}
-    for each in dataclasses.fields(settings):
-        value = getattr(settings, each.name)
-        if each.name in MACHINE_KEYS:
-            changes[each.name] = threads
-        elif dataclasses.is_dataclass(value):
-            changes[each.name] = with_threads(value, threads)
-    return dataclasses.replace(settings, **changes)
 
 
 def plain(value: Any, key: str = "settings") -> Any:

@@ -2,18 +2,15 @@
 
 import threading
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from hlp.data.dataset import Dataset
-from hlp.data.loading import DataSettings, build_dataset
+from hlp.data.dataset import Dataset, DataSettings
 from hlp.errors import DataError
 from hlp.method.compute_threads import set_compute_threads
 from hlp.method.settings import MethodSettings
 from hlp.stages.detection import DetectionStages
-from hlp.stages.executor_settings import SerialSettings
-from hlp.stages.fingerprint import with_threads
 from hlp.stages.frame_detection import Seconds
 from hlp.stages.provenance import code_digest, library_versions
 from hlp.stages.store import Output, StageStore
@@ -47,9 +44,10 @@ class FrameTask:
     ) -> "FrameTask":
         """The task of writing the missing stages' files into their folders."""
         executor = detection.executor
-        assert executor is not None and not isinstance(executor, SerialSettings)
+        data = detection.dataset.settings
+        assert executor is not None and data is not None
         return cls(
-            detection.dataset.settings,
+            data,
             with_threads(detection.settings, executor.threads),
             detection.store.root,
             what_makes(detection.dataset),
@@ -73,13 +71,18 @@ class FrameTask:
         kept: DetectionStages | None = getattr(_KEPT, "detection", None)
         if kept is None or kept.settings != self.settings or _KEPT.made_from != self.made_from:
             set_compute_threads(self.settings.machine.threads)
-            dataset = build_dataset(self.data)
+            dataset = self.data.build()
             check_same(self.made_from, dataset)
             store = StageStore(self.work)
             training = TrainingStages(dataset, self.settings, store)
             kept = DetectionStages(dataset, self.settings, training, store, ())
             _KEPT.detection, _KEPT.made_from = kept, self.made_from
         return kept
+
+
+def with_threads(settings: MethodSettings, threads: int) -> MethodSettings:
+    """The same settings for a worker with so many threads, which decide no result."""
+    return replace(settings, machine=replace(settings.machine, threads=threads))
 
 
 def what_makes(dataset: Dataset) -> dict[str, Any]:

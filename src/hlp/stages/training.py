@@ -10,7 +10,7 @@ from hlp.data.dataset import Dataset, frames_identity
 from hlp.method.classifier_training import StartingWeights, train_classifier
 from hlp.method.codebook_building import build_codebook
 from hlp.method.encoder_training import train_encoder
-from hlp.method.networks import load_classifier, load_encoder
+from hlp.method.networks import load_classifier
 from hlp.method.settings import MethodSettings
 from hlp.method.training import read_weights
 from hlp.models.encoder import Encoder
@@ -19,12 +19,9 @@ from hlp.records import Codebook, ObjectModel, Views
 from hlp.rendering.views import load_views, render_views, save_views
 from hlp.source_code import Code
 from hlp.stages.device import device_name
-from hlp.stages.fingerprint import fingerprint, result_settings, stage_code
+from hlp.stages.fingerprint import fingerprint, stage_code
 from hlp.stages.store import Output, StageStore
 from hlp.stages.warm_start import WarmStart, WarmStartSettings, read_warm_start
-
-LOADED_BY = {"classifier": load_classifier.__module__, "encoder": load_encoder.__module__}
-"""Modules that load what was learnt: their code is part of the stages that use it."""
 
 
 class TrainingStages:
@@ -75,17 +72,17 @@ class TrainingStages:
     def views(self, object_id: int) -> Output:
         """Stage 0: RGB-D views of one object."""
         settings, seed = self.settings.rendering, self.settings.seed
-        model = self.models[object_id]
+        threads, model = self.settings.machine.threads, self.models[object_id]
 
         def make(folder: Path) -> None:
-            save_views(folder, render_views(model, settings, seed))
+            save_views(folder, render_views(model, settings, seed, threads=threads))
 
         return self._stage("views", object_id, *self._views_inputs(object_id), make)
 
     def _views_inputs(self, object_id: int) -> tuple[Mapping[str, Any], Mapping[str, str]]:
         """Settings and upstream of an object's views."""
         upstream = {"mesh": self.dataset.mesh_identities[object_id]}
-        return result_settings(self.settings.rendering), upstream
+        return {"rendering": self.settings.rendering}, upstream
 
     def missing_views(self) -> list[int]:
         """Objects whose views are not on disk."""
@@ -109,10 +106,10 @@ class TrainingStages:
         upstream["photographs"] = self.dataset.photographs_identity
         upstream["background_frames"] = frames_identity(self.dataset.background_frames)
         settings = {
-            "holistic": result_settings(patches.holistic),
-            "pool": result_settings(patches.pool),
-            "classifier": result_settings(self.settings.classifier),
-            "trainer": result_settings(self.settings.trainer),
+            "holistic": patches.holistic,
+            "pool": patches.pool,
+            "classifier": self.settings.classifier,
+            "trainer": self.settings.trainer,
             "device": device_name(self.settings.trainer.accelerator),
             "sizes": {str(i): m.holistic_size for i, m in sorted(self.models.items())},
         }
@@ -154,16 +151,16 @@ class TrainingStages:
             return self._made["encoder", 0]
         patches = self.settings.patches
         settings = {
-            "encoder": result_settings(self.settings.encoder),
-            "local": result_settings(patches.local),
-            "trainer": result_settings(self.settings.trainer),
+            "encoder": self.settings.encoder,
+            "local": patches.local,
+            "trainer": self.settings.trainer,
             "device": device_name(self.settings.trainer.accelerator),
             "sizes": {str(i): m.local_size for i, m in sorted(self.models.items())},
         }
-        if self.settings.encoder.name == "cae":
+        if self.settings.encoder.needs_frames:
             upstream = {"encoder_frames": frames_identity(self.dataset.encoder_frames)}
         else:
-            settings["pairs"] = result_settings(patches.pairs)
+            settings["pairs"] = patches.pairs
             upstream = {f"views_{i}": self.views(i).fingerprint for i in self.models}
 
         def make(folder: Path) -> None:
@@ -174,14 +171,14 @@ class TrainingStages:
     def load_encoder(self) -> Encoder:
         """The trained encoder, from disk."""
         machine = self.settings.machine
-        return load_encoder(self.settings.encoder, self.encoder().folder, machine)
+        return self.settings.encoder.load(self.encoder().folder, machine.threads, machine.device)
 
     def codebook(self, object_id: int) -> Output:
         """Stage 2: the codebook of one object."""
         patches = self.settings.patches
         settings = {
-            "local": result_settings(patches.local),
-            "entries": result_settings(patches.entries),
+            "local": patches.local,
+            "entries": patches.entries,
             "size": self.models[object_id].local_size,
             "object_id": object_id,
             "device": device_name(self.settings.machine.device),
@@ -198,8 +195,8 @@ class TrainingStages:
 
         return self._stage("codebook", object_id, settings, upstream, make)
 
-    def load_lists(self, object_id: int) -> None:
-        """None: lists are trained anew, since their settings are no part of a codebook's."""
+    def search_folder(self, object_id: int) -> None:
+        """None: a search's settings are no part of a codebook's, so it is prepared anew."""
 
     def load_codebook(self, object_id: int) -> Codebook:
         """One object's codebook, from disk."""
@@ -238,10 +235,10 @@ class TrainingStages:
             "codebook": [
                 build_codebook.__module__,
                 save_codebook.__module__,
-                LOADED_BY["encoder"],
+                type(self.settings.encoder).__module__,
             ],
         }
-        if self.settings.encoder.name == "cae":
+        if self.settings.encoder.needs_frames:
             readers = (dataset, dataset.encoder_frames)
             modules["encoder"] += [type(each).__module__ for each in readers]
         own = [name for name in modules[stage] if name != type(None).__module__]

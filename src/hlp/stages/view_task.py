@@ -7,13 +7,11 @@ from typing import Any
 
 from tqdm import tqdm
 
-from hlp.data.loading import DataSettings, build_dataset
+from hlp.data.dataset import DataSettings
 from hlp.method.compute_threads import set_compute_threads
 from hlp.method.settings import MethodSettings
-from hlp.stages.executor import each_in_workers
-from hlp.stages.executor_settings import ExecutorSettings, SerialSettings
-from hlp.stages.fingerprint import with_threads
-from hlp.stages.frame_task import check_same, what_makes
+from hlp.stages.executor_settings import ExecutorSettings
+from hlp.stages.frame_task import check_same, what_makes, with_threads
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
 
@@ -33,7 +31,7 @@ class ViewTask:
         Raises DataError if the worker's code or data are not those of the run.
         """
         set_compute_threads(self.settings.machine.threads)
-        dataset = build_dataset(self.data)
+        dataset = self.data.build()
         check_same(self.made_from, dataset)
         TrainingStages(dataset, self.settings, StageStore(self.work)).views(int(key))
         return key
@@ -42,11 +40,12 @@ class ViewTask:
 def render_in_workers(training: TrainingStages, executor: ExecutorSettings) -> None:
     """Have missing views rendered by the executor's workers. The serial executor has none."""
     missing = [str(object_id) for object_id in training.missing_views()]
-    if isinstance(executor, SerialSettings) or not missing:
+    if not executor.parallel or not missing:
         return
     dataset = training.dataset
     settings = with_threads(training.settings, executor.threads)
+    assert dataset.settings is not None
     task = ViewTask(dataset.settings, settings, training.store.root, what_makes(dataset))
-    done = each_in_workers(executor, task, missing)
+    done = executor.each(task, missing)
     for key in tqdm(done, desc="views", unit="object", total=len(missing), disable=None):
         training.take_views(int(key))

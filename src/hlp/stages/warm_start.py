@@ -3,26 +3,31 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from annotated_types import Ge
 
 from hlp.errors import ConfigError, MissingFileError
 from hlp.files import read_json
 from hlp.method.settings import MethodSettings
-from hlp.stages.fingerprint import plain, result_settings
+from hlp.settings import Doc, Settings
+from hlp.stages.fingerprint import plain
 from hlp.stages.manifest import read_manifest
 from hlp.stages.store import RECORD, Output, StageStore
 
 
 @dataclass(frozen=True)
-class WarmStartSettings:
-    """Config key `warm_start`: objects are added to those that an earlier run learnt.
+class WarmStartSettings(Settings):
+    """Config key `warm_start`: what an earlier run learnt is kept, and objects are added."""
 
-    `manifest` is that run's manifest.json (None: everything is learnt from scratch). Its encoder is
-    used as it is; training of its classifier continues for `epochs` with all objects.
-    """
-
-    manifest: str | None
-    epochs: int
+    manifest: Annotated[
+        str | None,
+        Doc(
+            "manifest.json of a run of some of these objects: its encoder is used as it is, its "
+            "classifier trained further; null: everything is learnt from nothing"
+        ),
+    ] = None
+    epochs: Annotated[int, Ge(1), Doc("of that further training (D)")] = 4
 
 
 @dataclass(frozen=True)
@@ -66,7 +71,7 @@ def read_warm_start(
 
 
 def _check_same(of: str, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
-    other = [key for key, value in now.items() if before[key] != plain(result_settings(value))]
+    other = [key for key, value in now.items() if before[key] != plain(value)]
     if other:
         raise ConfigError(f"warm_start.manifest: the {of} has other settings: {', '.join(other)}")
 

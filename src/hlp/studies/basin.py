@@ -1,19 +1,21 @@
 """Basin map: from which errors of the coarse pose each refiner still reaches the true pose."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import Ge
 from jaxtyping import Bool, Float
 from tqdm import tqdm
 
 from hlp.config.build import Run
-from hlp.config.settings import BasinSettings
+from hlp.config.settings import TASKS
 from hlp.evaluation.evaluator import add_correct
-from hlp.method.alternatives import make_refiner
 from hlp.method.pose_estimator import derive_seed
 from hlp.records import Frame, Hypotheses
-from hlp.refinement.refiner import Refiner
+from hlp.refinement.refiner import REFINERS, RefinementSettings, Refiner
 from hlp.reporting.figures.basin_maps import (
     Basins,
     basin_metrics,
@@ -21,8 +23,9 @@ from hlp.reporting.figures.basin_maps import (
     format_basins,
     write_basins,
 )
+from hlp.settings import Doc, Settings, SettingsError
 from hlp.source_code import code_of
-from hlp.stages.fingerprint import fingerprint, result_settings
+from hlp.stages.fingerprint import fingerprint
 from hlp.stages.frame_files import read_arrays, write_arrays
 from hlp.stages.store import StageStore
 from hlp.studies.perturbations import perturbed_poses
@@ -30,6 +33,53 @@ from hlp.studies.study_run import chosen_frames, study_run
 
 Verdicts = Bool[np.ndarray, "n degrees millimetres"]
 _PERTURBATIONS = 2  # number of the random stream
+
+
+@TASKS.register
+@dataclass(frozen=True)
+class BasinSettings(Settings):
+    """Config group `task`: AD recall after each refiner, from poses with a stated error."""
+
+    name: Literal["basin"] = "basin"
+    compared: Annotated[tuple[str, ...], Doc("which of `refiners` are compared (D)")] = (
+        "pso",
+        "icp",
+        "none",
+    )
+    frames: Annotated[
+        int | None, Ge(1), Doc("frames looked at, spread evenly over the run's; null: all (D)")
+    ] = 6
+    rotation_deg: Annotated[
+        tuple[Annotated[float, Ge(0)], ...],
+        Doc("coarse poses are turned about the centroid by this much … (D)"),
+    ] = (0.0, 10.0, 20.0, 30.0, 45.0, 60.0)
+    translation_mm: Annotated[
+        tuple[Annotated[float, Ge(0)], ...],
+        Doc("… and shifted by this much, in random directions (D)"),
+    ] = (0.0, 10.0, 20.0, 40.0, 60.0)
+    perturbations: Annotated[
+        int, Ge(1), Doc("for each target and pair of both, drawn anew for each (D)")
+    ] = 1
+    refiners: Annotated[
+        dict[str, Annotated[RefinementSettings, REFINERS]],
+        Doc("the refiners there are, by name: the files of conf/refinement"),
+    ] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Raise SettingsError naming the key of a list that cannot be worked with."""
+        super().__post_init__()
+        for refiner in self.compared:
+            if refiner not in self.refiners:
+                known = ", ".join(self.refiners)
+                raise SettingsError("compared", f"names '{refiner}': choose of {known}")
+        for key in ("compared", "rotation_deg", "translation_mm"):
+            values = getattr(self, key)
+            if not values or len(set(values)) < len(values):
+                raise SettingsError(key, f"is {list(values)}: list each once, one at least")
+
+    def run(self, run: Run, output: Path) -> None:
+        """See `run_basin`."""
+        run_basin(run, self, output)
 
 
 def run_basin(run: Run, task: BasinSettings, output: Path) -> Basins:
@@ -58,7 +108,7 @@ def _stage(
     """Folder with the poses refined by one refiner, one file per frame."""
     dataset, settings = run.dataset, run.settings
     decided = {
-        "refinement": result_settings(task.refiners[name]),
+        "refinement": task.refiners[name],
         "rotation_deg": task.rotation_deg,
         "translation_mm": task.translation_mm,
         "perturbations": task.perturbations,
@@ -68,7 +118,7 @@ def _stage(
     upstream |= {f"model_{i}": dataset.model_identities[i] for i in dataset.target_ids}
 
     def make(folder: Path) -> None:
-        refiner = make_refiner(task.refiners[name])
+        refiner = task.refiners[name].build(run.settings.machine.threads)
         for key in tqdm(keys, desc=f"basin of {name}", unit="frame", disable=None):
             if not (folder / f"{key}.npz").exists():
                 write_arrays(folder, key, _refined(run, task, refiner, dataset.frames.load(key)))

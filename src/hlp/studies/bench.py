@@ -2,16 +2,16 @@
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Ge
 from tqdm import tqdm
 
 from hlp.config.build import Run, with_changes
-from hlp.config.settings import BenchSettings, RunSettings
-from hlp.data.loading import build_dataset
+from hlp.config.settings import TASKS, RunSettings
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.files import write_json
 from hlp.method.pose_estimator import FrameContext
@@ -23,6 +23,7 @@ from hlp.reporting.tables.bench_table import (
     format_bench,
     write_bench,
 )
+from hlp.settings import Doc, Settings
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
 from hlp.studies.bench_summary import (
@@ -40,6 +41,30 @@ from hlp.studies.study_run import chosen_frames, study_run
 FILE = "bench.json"
 Estimators = Mapping[str, TimedEstimator]
 Detections = dict[str, list[TimedDetection]]
+
+
+@TASKS.register
+@dataclass(frozen=True)
+class BenchSettings(Settings):
+    """Config group `task`: time and memory of detection, and of other paths through its frames."""
+
+    name: Literal["bench"] = "bench"
+    frames: Annotated[
+        int | None, Ge(1), Doc("frames looked at, spread evenly over the run's; null: all (D)")
+    ] = 30
+    same_mm: Annotated[float, Ge(0), Doc("poses of two paths are the same within this … (D)")] = 1.0
+    same_deg: Annotated[float, Ge(0), Doc("… and this, up to the object's symmetries (D)")] = 0.5
+    compared: Annotated[
+        dict[str, dict[str, Any]],
+        Doc(
+            "other paths by name: what each has otherwise, nested as in the whole configuration; "
+            "a mapping with a name replaces a group"
+        ),
+    ] = field(default_factory=dict)
+
+    def run(self, run: Run, output: Path) -> None:
+        """See `run_bench`."""
+        run_bench(run, self, output)
 
 
 def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
@@ -82,7 +107,7 @@ def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
 def _find_again(run: Run) -> dict[str, Any]:
     """Seconds to read the objects' models, and to find their training outputs in the store."""
     begun = time.perf_counter()
-    dataset = build_dataset(run.settings.data)
+    dataset = run.settings.data.build()
     read = time.perf_counter()
     store = StageStore(Path(run.settings.work))
     TrainingStages(dataset, run.settings.method, store).make_for(dataset.target_ids)

@@ -1,15 +1,17 @@
 """Oracle matrix: what each stage loses, found by replacing its output by the truth."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Ge
 from jaxtyping import Float
 from tqdm import tqdm
 
 from hlp.config.build import Run
-from hlp.config.settings import OracleSettings
+from hlp.config.settings import TASKS
 from hlp.data.sources import annotated_mask
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.evaluation.settings import EvaluationSettings
@@ -29,9 +31,10 @@ from hlp.records import (
 from hlp.reporting.tables.oracle_table import format_oracle, oracle_metrics, write_oracle
 from hlp.results.summary_file import METRICS
 from hlp.runs.run_stages import stages_of
+from hlp.settings import Doc, Settings
 from hlp.source_code import code_of
 from hlp.stages.detection import DetectionStages
-from hlp.stages.fingerprint import fingerprint, result_settings
+from hlp.stages.fingerprint import fingerprint
 from hlp.stages.frame_files import read_arrays, write_arrays
 from hlp.stages.frame_results import read_regions
 from hlp.stages.store import StageStore
@@ -50,6 +53,35 @@ CELLS: tuple[Cell, ...] = (
 )
 """Region and coarse pose of each column; the fine pose is estimated in all of them."""
 _NOISE = 1  # number of the random stream
+
+
+@TASKS.register
+@dataclass(frozen=True)
+class OracleSettings(Settings):
+    """Config group `task`: what each stage costs.
+
+    AD recall with estimated and with true regions and coarse poses.
+    """
+
+    name: Literal["oracle"] = "oracle"
+    frames: Annotated[
+        int | None, Ge(1), Doc("frames looked at, spread evenly over the run's; null: all (D)")
+    ] = 30
+    noise_deg: Annotated[
+        float, Ge(0), Doc("the noisy coarse pose is the true one, turned about its centroid … (D)")
+    ] = 10.0
+    noise_mm: Annotated[
+        float, Ge(0), Doc("… and shifted by this much, in random directions from the seed (D)")
+    ] = 10.0
+    agree_mm: Annotated[
+        float,
+        Ge(0),
+        Doc("without masks, a target is seen where depth is this near to its own (D)"),
+    ] = 20.0
+
+    def run(self, run: Run, output: Path) -> None:
+        """See `run_oracle`."""
+        run_oracle(run, self, output)
 
 
 def run_oracle(run: Run, task: OracleSettings, output: Path) -> dict[str, Any]:
@@ -91,7 +123,7 @@ def _stage(
         "noise_deg": task.noise_deg,
         "noise_mm": task.noise_mm,
         "agree_mm": task.agree_mm,
-        "refinement": result_settings(settings.refinement),
+        "refinement": settings.refinement,
         "keys": list(keys),
     }
     upstream = {"hypotheses": detection.hypotheses().fingerprint}

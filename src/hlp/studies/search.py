@@ -7,20 +7,23 @@ work/search/<space>_<digest>/0, 1, …    the trials' results
 import logging
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+from annotated_types import Ge
 from filelock import FileLock, Timeout
 
 from hlp.config.build import Run, with_changed_run
-from hlp.config.settings import SearchSettings
+from hlp.config.settings import TASKS
 from hlp.errors import HlpError, InputError, MissingDependencyError
 from hlp.files import write_json
 from hlp.method.pose_estimator import derive_seed
 from hlp.reporting.tables.search_table import format_search, write_search
 from hlp.reporting.tracking import Arm, as_arm
 from hlp.runs import runner
+from hlp.settings import Doc, Settings
 from hlp.source_code import code_of
 from hlp.stages.fingerprint import fingerprint
 from hlp.studies.search_space import check_within, nested, read_space
@@ -33,6 +36,37 @@ if TYPE_CHECKING:
 # Keys that change neither a trial's recall nor its time.
 _NOT_SEARCHED = ("output", "work", "reporting", "panels", "task")
 _RUN_ID, _TIME, _ERROR = "run_id", "time_ms", "error"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpaceSettings(Settings):
+    """What a search may change."""
+
+    name: Annotated[str, Doc("of the space")]
+    parameters: Annotated[
+        dict[str, Any], Doc("ranges and choices, nested as in the whole configuration")
+    ]
+
+
+@TASKS.register
+@dataclass(frozen=True, kw_only=True)
+class SearchSettings(Settings):
+    """Config group `task`: Optuna's search for the settings with the best AD recall."""
+
+    name: Literal["search"] = "search"
+    trials: Annotated[
+        int,
+        Ge(1),
+        Doc("in all, those of earlier starts counted; the first is the configuration as it is (D)"),
+    ] = 30
+    limit_ms: Annotated[
+        float, Ge(0), Doc("a trial is best only if its median time of a target is below this (D)")
+    ] = 500.0
+    space: SpaceSettings
+
+    def run(self, run: Run, output: Path) -> None:
+        """See `run_search`."""
+        run_search(run, self, output)
 
 
 def run_search(run: Run, task: SearchSettings, output: Path) -> dict[str, Any]:

@@ -26,6 +26,7 @@ from hlp.reporting.reproductions import write_reproductions
 from hlp.reporting.tracking import Arm, Tracker, TrackingSettings, as_arm, track_run
 from hlp.runs.manifest import is_finished
 from hlp.runs.mlflow_inputs import revision_tag
+from hlp.settings import read_settings
 
 LOCK = "sweep.lock"
 FINISHED = "FINISHED"
@@ -180,4 +181,5 @@ def _swept_values(
 
 
 def _tracking(config: DictConfig) -> TrackingSettings:
-    return TrackingSettings(**{str(key): str(value) for key, value in config.reporting.items()})
+    values = {str(key): str(value) for key, value in config.reporting.items()}
+    return read_settings(TrackingSettings, values, "reporting")

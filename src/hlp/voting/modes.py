@@ -1,48 +1,20 @@
 """Modes of the votes: the paper's two independent mean shifts, or joint modes in 6D."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Annotated, Literal, Protocol
 
 import numpy as np
+from annotated_types import Ge, Gt
 from jaxtyping import Bool, Float
 
 from hlp.geometry import quaternions, rigid, rotation_matrices
 from hlp.records import Hypotheses, Votes
+from hlp.registry import Registry
+from hlp.settings import Doc, Settings
 from hlp.thread_team import ThreadTeam
 from hlp.voting.modes_kernel import choose_distinct, shift_modes, sum_support
 
 _SEEDS_PER_MODE = 4
-
-
-@dataclass(frozen=True)
-class PaperVotingSettings:
-    """Independent mean shifts (paper, section 3.2).
-
-    Flat kernels of `translation_mm` and `rotation_deg` (in quaternion space); `max_distance` is
-    Th; `max_votes` the most votes used (the weightiest), `mean_shift_iterations` steps of mean shift at most. A vote's
-    weight falls with its match's distance (`weighted_by_distance`) and grows with the probability of the
-    object at its patch (`weighted_by_region`); otherwise each counts 1.
-    """
-
-    name: str
-    max_distance: float
-    weighted_by_distance: bool
-    weighted_by_region: bool
-    translation_mm: float
-    rotation_deg: float
-    max_votes: int
-    mean_shift_iterations: int
-
-
-@dataclass(frozen=True)
-class JointVotingSettings(PaperVotingSettings):
-    """Modes of the joint vote: a mode gathers votes that agree in translation and in rotation.
-
-    Beside the keys of `PaperVotingSettings`: up to `hypotheses` modes come out, best first, no two
-    within the kernel of each other.
-    """
-
-    hypotheses: int
 
 
 class ModeFinder(Protocol):
@@ -50,6 +22,100 @@ class ModeFinder(Protocol):
 
     def find(self, votes: Votes, centroid_obj: Float[np.ndarray, "3"]) -> Hypotheses:
         """Hypotheses, best first; none if there are no votes. `centroid_obj` is in metres."""
+
+
+class VotingSettings(Protocol):
+    """Settings of how votes are cast and how their modes are found."""
+
+    @property
+    def name(self) -> str:
+        """The alternative's name."""
+        ...
+
+    @property
+    def max_distance(self) -> float:
+        """Matches farther off cast no vote; in units of the codebook's feature scale."""
+        ...
+
+    @property
+    def weighted_by_distance(self) -> bool:
+        """Whether a vote's weight falls with its match's distance."""
+        ...
+
+    @property
+    def weighted_by_region(self) -> bool:
+        """Whether a vote's weight grows with the object's probability at its patch."""
+        ...
+
+    def build(self, threads: int) -> ModeFinder:
+        """The mode finder. `threads` share out its work and change no result."""
+        ...
+
+
+VOTINGS: Registry[VotingSettings] = Registry("voting", "hlp.voting")
+"""Alternatives of config group `voting`."""
+_MAX_DISTANCE = "Th (P); in units of the codebook's feature scale, its value ours (D)"
+_MAX_VOTES = "votes used at most, the weightiest (D)"
+
+
+@VOTINGS.register
+@dataclass(frozen=True)
+class PaperVotingSettings(Settings):
+    """Config group `voting`: independent mean shifts (paper, section 3.2).
+
+    Kernels are flat, that of rotations in quaternion space.
+    """
+
+    name: Literal["paper"] = "paper"
+    max_distance: Annotated[float, Ge(0), Doc(_MAX_DISTANCE)] = 3.0
+    weighted_by_distance: Annotated[
+        bool, Doc("a vote counts exp(−d²/2σ²), σ the feature scale (P: every vote counts the same)")
+    ] = False
+    weighted_by_region: Annotated[
+        bool, Doc("and times p(object) of the surest window near its patch (P: it does not)")
+    ] = False
+    translation_mm: Annotated[float, Gt(0), Doc("radius of the kernel of centroids (P)")] = 10.0
+    rotation_deg: Annotated[float, Gt(0), Doc("radius of the kernel of rotations (P)")] = 5.0
+    max_votes: Annotated[int, Ge(1), Doc(_MAX_VOTES)] = 3000
+    mean_shift_iterations: Annotated[int, Ge(0), Doc("steps of mean shift at most (D)")] = 10
+
+    def build(self, threads: int) -> "PaperModes":
+        """The mode finder; it uses one thread."""
+        return PaperModes(self)
+
+
+@VOTINGS.register
+@dataclass(frozen=True)
+class JointVotingSettings(Settings):
+    """Config group `voting`: modes of the joint 6D vote.
+
+    A mode gathers votes that agree in translation and in rotation; no two modes lie within the
+    kernel of each other. Kernels are flat.
+    """
+
+    name: Literal["joint"] = "joint"
+    max_distance: Annotated[float, Ge(0), Doc(_MAX_DISTANCE)] = 3.0
+    weighted_by_distance: Annotated[
+        bool, Doc("a vote counts exp(−d²/2σ²), σ the feature scale (D)")
+    ] = True
+    weighted_by_region: Annotated[
+        bool, Doc("and times p(object) of the surest window near its patch (D)")
+    ] = True
+    translation_mm: Annotated[float, Gt(0), Doc("radius of the kernel of centroids (D; P: 10)")] = (
+        20.0
+    )
+    rotation_deg: Annotated[float, Gt(0), Doc("radius of the kernel of rotations (D; P: 5)")] = 18.0
+    max_votes: Annotated[int, Ge(1), Doc(_MAX_VOTES)] = 1500
+    mean_shift_iterations: Annotated[int, Ge(0), Doc("steps of mean shift from each seed (D)")] = 3
+    hypotheses: Annotated[
+        int,
+        Ge(1),
+        Doc("ranked coarse poses, of which refinement takes those that fit best (D; P: 1)"),
+    ] = 60
+
+    def build(self, threads: int) -> "JointModes":
+        """The mode finder; threads share out the votes and change no result."""
+        return JointModes(self, threads)
 
 
 class PaperModes:

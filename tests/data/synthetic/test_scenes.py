@@ -1,10 +1,7 @@
-import inspect
-from dataclasses import fields, replace
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from omegaconf import OmegaConf
 
 from hlp.data.sources import VisibleMasks
 from hlp.data.synthetic import scenes as synthetic_scenes
@@ -18,15 +15,9 @@ from hlp.data.synthetic.scenes import (
 from hlp.records import Frame
 from hlp.rendering.rasterizer import render_depth
 
-CONF = Path(__file__).parents[3] / "conf" / "data" / "demo.yaml"
-
 
 def demo_settings(**changes: object) -> SyntheticSettings:
-    values = OmegaConf.to_container(OmegaConf.load(CONF))
-    assert isinstance(values, dict)
-    del values["defaults"]  # Hydra's
-    assert values.pop("name") == "synthetic"
-    return replace(SyntheticSettings(**values), **{"width": 320, "height": 240, **changes})
+    return replace(SyntheticSettings(), **{"width": 320, "height": 240, **changes})
 
 
 def same(first: Frame, second: Frame) -> bool:
@@ -36,14 +27,6 @@ def same(first: Frame, second: Frame) -> bool:
 @pytest.fixture(scope="module")
 def source() -> SyntheticScenes:
     return SyntheticScenes(demo_settings(scenes=6, noise=0.0))
-
-
-def test_config_names_every_setting_and_no_other() -> None:
-    values = OmegaConf.to_container(OmegaConf.load(CONF))
-    assert isinstance(values, dict)
-    assert set(values) - {"name", "defaults"} == {field.name for field in fields(SyntheticSettings)}
-    defaults = inspect.signature(SyntheticSettings).parameters.values()
-    assert all(parameter.default is inspect.Parameter.empty for parameter in defaults)
 
 
 def test_frames_carry_their_keys_and_linemods_camera(source: SyntheticScenes) -> None:

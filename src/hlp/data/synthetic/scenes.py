@@ -2,10 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import Ge, Interval, Le, Unit
 from jaxtyping import Bool, Float, Int, UInt8
 
+from hlp.data.dataset import DATASETS, Dataset
 from hlp.data.sources import content_hash
 from hlp.data.synthetic.layout import (
     Item,
@@ -17,37 +20,83 @@ from hlp.data.synthetic.layout import (
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.sensor import kinect, noisy_depth, noisy_rgb
 from hlp.data.synthetic.surfaces import draw_surroundings, random_surroundings
-from hlp.errors import ConfigError
 from hlp.geometry import inverse, project, transform
 from hlp.records import Frame, Target, frame_key
 from hlp.rendering.light import Light
 from hlp.rendering.rasterizer import render_depth, render_scene
+from hlp.settings import Doc, Settings, SettingsError
 from hlp.source_code import source_digest
 
 LINEMOD_CAMERA = np.array([[572.4114, 0, 325.2611], [0, 573.57043, 242.04899], [0, 0, 1.0]])
 """LINEMOD's intrinsics (px) at 640×480; other image sizes scale them."""
+_BACKGROUND_FRAMES = 40
+_BACKGROUND_SEED = 1_000_000  # far from the seeds of scenes with targets
 _CACHED = 64  # frames of 2 MB each at full size
 
 
+@DATASETS.register
 @dataclass(frozen=True)
-class SyntheticSettings:
-    """Settings of `SyntheticScenes`; values and comments in conf/data/demo.yaml.
+class SyntheticSettings(Settings):
+    """Config group `data`: the demo world, objects modelled in code, scenes rendered on demand.
 
-    `objects`, `clutter`, `distance_mm` and `elevation_deg` are ranges [least, most].
+    Every value is ours (D). Ranges are [least, most].
     """
 
-    scenes: int
-    seed: int
-    width: int
-    height: int
-    noise: float
-    min_visible: float
-    objects: tuple[int, int]
-    clutter: tuple[int, int]
-    distance_mm: tuple[float, float]
-    elevation_deg: tuple[float, float]
-    roll_deg: float
-    tilt_deg: float
+    name: Literal["synthetic"] = "synthetic"
+    scenes: Annotated[int, Ge(0), Doc("frames, each of a scene of its own (D)")] = 24
+    seed: Annotated[int, Ge(0), Doc("same seed, same frames (D)")] = 0
+    width: Annotated[
+        int, Ge(32), Unit("px"), Doc("of images; LINEMOD's intrinsics scale with it (P: 640 × 480)")
+    ] = 640
+    height: Annotated[int, Ge(32), Unit("px"), Doc("of images (P)")] = 480
+    noise: Annotated[float, Ge(0), Doc("sensor noise: 1 = a Kinect, 0 = an ideal camera (D)")] = 1.0
+    min_visible: Annotated[
+        float,
+        Interval(gt=0, le=1),
+        Doc("objects of which a smaller share is visible are not asked for (D)"),
+    ] = 0.3
+    objects: Annotated[
+        tuple[Annotated[int, Ge(1)], Annotated[int, Le(8)]],
+        Doc("demo objects in a scene, of the eight there are (D)"),
+    ] = (5, 8)
+    clutter: Annotated[
+        tuple[Annotated[int, Ge(0)], Annotated[int, Le(30)]],
+        Doc("other shapes in a scene; two of three stand before an object (D)"),
+    ] = (6, 12)
+    distance_mm: Annotated[
+        tuple[Annotated[float, Ge(450)], Annotated[float, Le(3000)]],
+        Doc("from the camera to the scene's middle (D: LINEMOD's range)"),
+    ] = (600.0, 1100.0)
+    elevation_deg: Annotated[
+        tuple[Annotated[float, Ge(10)], Annotated[float, Le(90)]],
+        Doc("of the camera above the table (D)"),
+    ] = (20.0, 75.0)
+    roll_deg: Annotated[float, Ge(0), Doc("roll of the camera, at most, either way (D)")] = 20.0
+    tilt_deg: Annotated[
+        float, Ge(0), Doc("how far an object leans from the upright, at most (D)")
+    ] = 5.0
+
+    def __post_init__(self) -> None:
+        """Raise SettingsError naming the key that makes no scene."""
+        super().__post_init__()
+        for key in ("objects", "clutter", "distance_mm", "elevation_deg"):
+            limits = getattr(self, key)
+            if len(limits) != 2 or limits[0] > limits[1]:
+                raise SettingsError(key, f"is {list(limits)}: it must be [least, most]")
+
+    def build(self) -> Dataset:
+        """The demo's objects and scenes; frames without the objects to train with."""
+        background = training_frames(_BACKGROUND_FRAMES, _BACKGROUND_SEED)
+        models = demo_objects()
+        return Dataset(
+            models,
+            tuple(models),
+            SyntheticScenes(self),
+            None,
+            background,
+            background,
+            settings=self,
+        )
 
 
 _TRAINING_SETTINGS = SyntheticSettings(
@@ -95,7 +144,6 @@ class SyntheticScenes:
     """
 
     def __init__(self, settings: SyntheticSettings, targets: bool = True) -> None:
-        _check(settings)
         self._settings = settings
         self._targets = targets
         self._models = tuple(demo_objects().values()) if targets else ()
@@ -235,19 +283,3 @@ def silhouette_area(
 
 def _between(limits: Sequence[int], rng: np.random.Generator) -> int:
     return int(rng.integers(limits[0], limits[1] + 1))
-
-
-def _check(settings: SyntheticSettings) -> None:
-    """Raise ValueError naming a setting that makes no scene."""
-    if settings.scenes < 0 or settings.width < 32 or settings.height < 32:
-        raise ConfigError("data.scenes must be 0 or more, data.width and data.height at least 32")
-    if not 0.0 < settings.min_visible <= 1.0:
-        raise ConfigError(f"data.min_visible must be in (0, 1], got {settings.min_visible}")
-    limits = {"objects": (1, len(demo_objects())), "clutter": (0, 30)}
-    limits |= {"distance_mm": (450, 3000), "elevation_deg": (10, 90)}
-    for name, (least, most) in limits.items():
-        values = getattr(settings, name)
-        if len(values) != 2 or not least <= values[0] <= values[1] <= most:
-            raise ConfigError(
-                f"data.{name} must be [least, most] within {least} … {most}, got {values}"
-            )

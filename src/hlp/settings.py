@@ -1,0 +1,254 @@
+"""Settings: frozen records whose fields state default, range and meaning; plain values ↔ settings.
+
+    particles: Annotated[int, Ge(1), Doc("particles of the swarm (P: N)")] = 25
+
+Ranges are those of `annotated_types`. They hold however settings are made, in Python too.
+"""
+
+import dataclasses
+import math
+import operator
+import types
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cache
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    TypeVar,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+from annotated_types import BaseMetadata, GroupedMetadata
+from typing_extensions import Doc
+
+from hlp.errors import ConfigError
+from hlp.registry import Registry
+
+__all__ = ["Doc", "Settings", "SettingsError", "defaults_of", "read_settings"]
+
+T = TypeVar("T")
+_MISSING = dataclasses.MISSING
+_LONGEST = 60  # characters of a value or of a list of keys that a message shows
+_EXPECTED = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "text",
+    dict: "a mapping of keys to values",
+    list: "a list",
+}
+_BOUNDS = (
+    ("ge", "at least", operator.ge),
+    ("gt", "above", operator.gt),
+    ("le", "at most", operator.le),
+    ("lt", "below", operator.lt),
+)
+
+
+class SettingsError(ConfigError):
+    """A value that settings cannot have: `key`, and what is wrong with it."""
+
+    def __init__(self, key: str, problem: str) -> None:
+        super().__init__(key, problem)
+        self.key, self.problem = key, problem
+
+    def __str__(self) -> str:
+        return f"{self.key} {self.problem}"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Base of all settings: checks the ranges of its fields when it is made."""
+
+    def __post_init__(self) -> None:
+        """Raise SettingsError naming the first field that is out of range."""
+        for name, hint in _hints(cast(Any, type(self))).items():
+            value = getattr(self, name)
+            for inner, problem in _out_of_range(hint, value):
+                raise SettingsError(name, f"is {_shown(inner)}: it must be {problem}")
+
+
+def read_settings(kind: type[T], values: Mapping[str, Any], key: str = "") -> T:
+    """Settings of a class from plain values, nested as in YAML or JSON.
+
+    Strict: "3" is no number, and a key that the class has not is an error. Keys that are missing
+    have the class's defaults. Where a field's type names a registry, the value's `name` chooses the
+    class. `key` is where the values stand, for messages. Raises SettingsError.
+    """
+    return cast(T, _read(kind, values, key))
+
+
+def defaults_of(kind: type, name: str | None = None) -> dict[str, Any]:
+    """Plain default values of a settings class; `???`, which Hydra asks for, where it has none.
+
+    `name` replaces the default name, for a class that has several.
+    """
+    plain: dict[str, Any] = {}
+    for field in dataclasses.fields(kind):
+        value = field.default
+        if field.default_factory is not _MISSING:
+            value = field.default_factory()
+        if value is _MISSING:
+            value = "???"
+        plain[field.name] = dataclasses.asdict(value) if isinstance(value, Settings) else value
+    return plain if name is None else {**plain, "name": name}
+
+
+@cache
+def _hints(kind: Any) -> dict[str, Any]:
+    """Types of a settings class's fields, with what is said about them."""
+    hints = get_type_hints(kind, include_extras=True)
+    return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
+
+
+def _read(hint: Any, values: Any, key: str) -> Any:
+    if get_origin(hint) is Annotated:
+        bare, *facts = get_args(hint)
+        registry = next((fact for fact in facts if isinstance(fact, Registry)), None)
+        return _read(bare, values, key) if registry is None else _chosen(registry, values, key)
+    origin, parts = get_origin(hint), get_args(hint)
+    if hint is Any:
+        return values
+    if origin is Literal:
+        if values in parts:
+            return values
+        raise _wrong(key, values, _either(parts))
+    if origin in (Union, types.UnionType):
+        return _read_union(parts, values, key)
+    if origin in (tuple, list):
+        return _read_list(origin, parts, values, key)
+    if origin is dict:
+        named = _checked(dict, values, key)
+        return {name: _read(parts[1], each, _join(key, name)) for name, each in named.items()}
+    if dataclasses.is_dataclass(hint):
+        return _read_record(cast(type, hint), values, key)
+    return _checked(hint, values, key)
+
+
+def _chosen(registry: Registry[Any], values: Any, key: str) -> Any:
+    named = _checked(dict, values, key)
+    if "name" not in named:
+        raise _missing(_join(key, "name"))
+    return _read_record(registry.find(str(named["name"]), key), named, key)
+
+
+def _read_record(kind: type, values: Any, key: str) -> Any:
+    given, hints = _checked(dict, values, key), _hints(kind)
+    for name in given:
+        if name not in hints:
+            raise SettingsError(_join(key, name), f"is no key: {_instead(name, list(hints))}")
+    required = (each for each in dataclasses.fields(kind) if each.name not in given)
+    for field in required:
+        if field.default is _MISSING and field.default_factory is _MISSING:
+            raise _missing(_join(key, field.name))
+    read = {name: _read(hints[name], value, _join(key, name)) for name, value in given.items()}
+    try:
+        return kind(**read)
+    except SettingsError as error:
+        raise SettingsError(_join(key, error.key), error.problem) from error
+
+
+def _instead(name: str, known: list[str]) -> str:
+    alike = get_close_matches(name, known, n=1, cutoff=0.7)
+    return f"did you mean {alike[0]}?" if alike else f"there are {_cut(', '.join(known))}"
+
+
+def _read_union(parts: tuple[Any, ...], values: Any, key: str) -> Any:
+    if values is None and types.NoneType in parts:
+        return None
+    kinds = [part for part in parts if part is not types.NoneType]
+    for kind in kinds[:-1]:
+        try:
+            return _read(kind, values, key)
+        except SettingsError:
+            continue
+    return _read(kinds[-1], values, key)
+
+
+def _read_list(origin: type, parts: tuple[Any, ...], values: Any, key: str) -> Any:
+    given = _checked(list, values, key)
+    repeated = len(parts) == 1 or parts[1] is Ellipsis
+    if not repeated and len(given) != len(parts):
+        raise _wrong(key, values, f"a list of {len(parts)}")
+    kinds = [parts[0]] * len(given) if repeated else parts
+    indexed = enumerate(zip(kinds, given, strict=True))
+    return origin(_read(kind, each, _join(key, str(i))) for i, (kind, each) in indexed)
+
+
+def _checked(kind: type, value: Any, key: str) -> Any:
+    """The value, if it is of that plain type; a whole number becomes a float where one is due."""
+    if kind is float and type(value) is int:
+        return float(value)
+    fits = type(value) is kind and not (isinstance(value, float) and math.isnan(value))
+    if kind in (dict, list):
+        fits = isinstance(value, Mapping if kind is dict else list | tuple)
+    if not fits:
+        raise _wrong(key, value, _EXPECTED[kind])
+    return value
+
+
+def _out_of_range(hint: Any, value: Any) -> Iterator[tuple[Any, str]]:
+    """What a value has that its type does not allow, numbers and choices, and what it must be."""
+    if get_origin(hint) is Annotated:
+        bare, *facts = get_args(hint)
+        if isinstance(value, int | float):
+            for fact in _single(facts):
+                problem = _problem(fact, value)
+                if problem:
+                    yield value, problem
+        yield from _out_of_range(bare, value)
+    elif get_origin(hint) is Literal and value not in get_args(hint):
+        yield value, _either(get_args(hint))
+    elif isinstance(value, tuple | list):
+        parts = get_args(hint)
+        repeated = len(parts) == 1 or parts[1:] == (Ellipsis,)
+        for part, each in zip([parts[0]] * len(value) if repeated else parts, value, strict=False):
+            yield from _out_of_range(part, each)
+    elif isinstance(value, int | float) and get_origin(hint) in (Union, types.UnionType):
+        for part in get_args(hint):
+            yield from _out_of_range(part, value)
+
+
+def _single(facts: list[Any]) -> Iterator[Any]:
+    for fact in facts:
+        yield from fact if isinstance(fact, GroupedMetadata) else (fact,)
+
+
+def _problem(fact: Any, value: float) -> str:
+    """What a number must be that breaks a constraint; empty where it does not. NaN breaks all."""
+    for bound, words, holds in _BOUNDS:
+        limit = getattr(fact, bound, None) if isinstance(fact, BaseMetadata) else None
+        if limit is not None and not holds(value, limit):
+            return f"{words} {limit}"
+    return ""
+
+
+def _either(choices: tuple[Any, ...]) -> str:
+    return " or ".join(map(repr, choices))
+
+
+def _wrong(key: str, value: Any, expected: str) -> SettingsError:
+    return SettingsError(key, f"is {_shown(value)}: it must be {expected}")
+
+
+def _missing(key: str) -> SettingsError:
+    return SettingsError(key, f"is not set: set {key}=VALUE")
+
+
+def _shown(value: Any) -> str:
+    return _cut(repr(value))
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+
+
+def _join(key: str, name: str) -> str:
+    return f"{key}.{name}" if key else name

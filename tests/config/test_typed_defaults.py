@@ -1,0 +1,98 @@
+"""The settings' defaults as Hydra sees them, and YAML files that say no more than they must."""
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
+
+import pytest
+from hydra import compose, initialize_config_dir
+from hydra.errors import MissingConfigException
+from omegaconf import OmegaConf
+from typing_extensions import Doc
+
+from hlp.config.settings import RunSettings
+from hlp.config.typed_defaults import group_kinds
+from hlp.refinement.pso import PsoSettings
+from hlp.registry import Registry
+from hlp.settings import Settings, defaults_of
+
+CONF = Path(__file__).parents[2] / "conf"
+
+
+def settings_classes() -> list[type]:
+    found: list[type] = [RunSettings]
+    for kind in group_kinds().values():
+        registered = kind.alternatives().values() if isinstance(kind, Registry) else [kind]
+        found += [each for each in dict.fromkeys(registered) if each not in found]
+    for kind in found:  # grows while it is walked
+        for hint in get_type_hints(kind).values():
+            parts = [hint, *get_args(hint)]
+            inner = [
+                each for each in parts if isinstance(each, type) and issubclass(each, Settings)
+            ]
+            found += [each for each in inner if each not in found]
+    return found
+
+
+@pytest.mark.parametrize("kind", settings_classes(), ids=lambda kind: kind.__name__)
+def test_every_field_says_what_it_means(kind: type) -> None:
+    for name, hint in get_type_hints(kind, include_extras=True).items():
+        if name not in {each.name for each in dataclasses.fields(kind)} - {"name"}:
+            continue
+        grouped = kind is RunSettings and name in group_kinds()
+        nested = isinstance(hint, type) and issubclass(hint, Settings)
+        said = [fact.documentation for fact in get_args(hint)[1:] if isinstance(fact, Doc)]
+        assert nested or grouped or any(said), f"{kind.__name__}.{name} has no Doc"
+
+
+def yaml_files() -> Iterator[tuple[str, str, str | None]]:
+    """Every alternative with its path and the settings class's name that it is based on."""
+    for group in group_kinds():
+        for path in sorted((CONF / group).glob("*.yaml")):
+            listed = OmegaConf.load(path).get("defaults") or []
+            bases = [each for each in listed if isinstance(each, str) and each.startswith("base")]
+            if bases:
+                yield group, path.stem, bases[0].partition("_")[2] or None
+
+
+@pytest.mark.parametrize(("group", "stem", "base"), list(yaml_files()))
+def test_a_file_says_its_name_and_what_differs(group: str, stem: str, base: str | None) -> None:
+    values = OmegaConf.to_container(OmegaConf.load(CONF / group / f"{stem}.yaml"))
+    assert isinstance(values, dict) and values.pop("name")
+    del values["defaults"]
+    kind = group_kinds()[group]
+    found = kind.find(base or "") if isinstance(kind, Registry) else kind
+    assert list(repeated(values, defaults_of(found, base))) == []
+
+
+def repeated(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> Iterator[str]:
+    for key, value in values.items():
+        if isinstance(value, Mapping) and isinstance(defaults[key], Mapping) and defaults[key]:
+            yield from (f"{key}.{each}" for each in repeated(value, defaults[key]))
+        elif value == defaults[key] and value != "???":
+            yield key
+
+
+def composed(folder: Path, *overrides: str) -> Any:
+    path = f"hydra.searchpath=[file://{folder}]"
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return compose("config", overrides=["output=out", path, *overrides])
+
+
+def test_a_file_of_ones_own_starts_from_the_defaults(tmp_path: Path) -> None:
+    (tmp_path / "refinement").mkdir()
+    (tmp_path / "refinement" / "mine.yaml").write_text(
+        "defaults:\n  - base_pso\n  - _self_\nname: pso\nparticles: 7\n"
+    )
+    config = composed(tmp_path, "refinement=mine", "refinement.cost.roi_size=32")
+    assert config.refinement.particles == 7 and config.refinement.cost.roi_size == 32
+    assert config.refinement.iterations == PsoSettings().iterations
+
+
+def test_defaults_that_are_not_there_are_no_file(tmp_path: Path) -> None:
+    for group, base in (("refinement", "base_psi"), ("patches", "base_hlp"), ("voting", "base")):
+        (tmp_path / group).mkdir()
+        (tmp_path / group / "mine.yaml").write_text(f"defaults:\n  - {base}\nname: pso\n")
+        with pytest.raises(MissingConfigException, match=f"{group}/{base}"):
+            composed(tmp_path, f"{group}=mine")

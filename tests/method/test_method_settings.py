@@ -1,0 +1,65 @@
+"""The method's settings: usable alone, equal to what is composed, kept as JSON."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_dir
+
+from hlp.config.build import build_settings
+from hlp.errors import ConfigError
+from hlp.method.settings import MethodSettings, settings_from_json, settings_to_json
+from hlp.models.pca import PcaSettings
+
+CONF = Path(__file__).parents[2] / "conf"
+
+
+def composed(*overrides: str) -> MethodSettings:
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return build_settings(compose("config", overrides=["output=out", *overrides])).method
+
+
+def test_defaults_are_what_hlp_run_composes_for_other_data_than_the_demos() -> None:
+    assert MethodSettings() == composed("experiment=linemod_bop", "data.root=lm")
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        (),
+        ("method=paper",),
+        ("encoder=pca", "codebook=exact", "refinement=icp", "machine.threads=1"),
+        ("refinement=none", "voting=paper", "rendering=pyrender", "trainer=ddp"),
+    ],
+)
+def test_they_come_back_from_json(overrides: tuple[str, ...]) -> None:
+    settings = composed(*overrides)
+    assert settings_from_json(json.loads(json.dumps(settings_to_json(settings)))) == settings
+
+
+def test_reading_them_needs_no_framework() -> None:
+    code = (
+        "import sys\n"
+        "from hlp.method.settings import MethodSettings, settings_from_json, settings_to_json\n"
+        "assert settings_from_json(settings_to_json(MethodSettings())) == MethodSettings()\n"
+        "heavy = {'torch', 'pytorch_lightning', 'pydantic', 'hydra', 'omegaconf', 'matplotlib'}\n"
+        "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_what_does_not_go_together_is_refused() -> None:
+    settings = MethodSettings()
+    with pytest.raises(ConfigError, match=r"^encoder\.dimension is 150: .* multiples of 4$"):
+        replace(settings, encoder=replace(settings.encoder, dimension=150))  # type: ignore[type-var]
+    with pytest.raises(ConfigError, match=r"^encoder\.dimension is 433: .* have 432 components$"):
+        values = settings_to_json(settings) | {"encoder": {"name": "pca", "dimension": 433}}
+        settings_from_json(values)
+    local = replace(settings.patches.local, resolution=48)
+    with pytest.raises(ConfigError, match=r"^patches\.local\.resolution is 48: .* take 32$"):
+        replace(settings, patches=replace(settings.patches, local=local))
+    assert replace(settings, encoder=PcaSettings(dimension=432)).encoder.dimension == 432

@@ -1,0 +1,140 @@
+"""Settings from plain values: strict, with defaults, and every mistake named by its key."""
+
+import json
+import pickle
+from dataclasses import asdict, dataclass, field
+from typing import Annotated, Any, Literal
+
+import pytest
+from annotated_types import Ge, Gt, Interval
+
+from hlp.errors import ConfigError
+from hlp.registry import Registry
+from hlp.settings import Doc, Settings, SettingsError, defaults_of, read_settings
+
+TOOLS: Registry[Any] = Registry("tool", "hlp.voting")
+
+
+@TOOLS.register
+@dataclass(frozen=True)
+class Hammer(Settings):
+    name: Literal["hammer", "mallet"] = "hammer"
+    weight: Annotated[float, Gt(0), Doc("kg")] = 1.0
+
+
+@TOOLS.register
+@dataclass(frozen=True)
+class Saw(Settings):
+    name: Literal["saw"] = "saw"
+    teeth: Annotated[int, Ge(1)] = 30
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.teeth % 2:
+            raise SettingsError("teeth", f"is {self.teeth}: it must be even")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bench(Settings):
+    place: str
+    height: Annotated[int | None, Ge(1)] = None
+    share: Annotated[float, Interval(ge=0, le=1)] = 0.5
+    sides: tuple[Annotated[int, Ge(1)], ...] = (2, 3)
+    limits: tuple[Annotated[float, Ge(0)], Annotated[float, Gt(1)]] = (0.0, 2.0)
+    given: str | list[float] = "file"
+    used: bool = True
+    any: dict[str, Any] = field(default_factory=dict)
+    tool: Annotated[Any, TOOLS] = field(default_factory=Hammer)
+    more: dict[str, Annotated[Any, TOOLS]] = field(default_factory=dict)
+    kept: Hammer | None = field(default_factory=Hammer)
+
+
+FULL = {
+    "place": "attic",
+    "height": 3,
+    "share": 1,
+    "sides": [4],
+    "limits": [1, 3.5],
+    "given": [1.5, 2],
+    "used": False,
+    "any": {"deep": [1, {"er": None}]},
+    "tool": {"name": "saw", "teeth": 8},
+    "more": {"first": {"name": "mallet", "weight": 2}, "second": {"name": "saw"}},
+    "kept": None,
+}
+
+
+def test_plain_values_become_settings_and_come_back_through_json() -> None:
+    bench = read_settings(Bench, FULL)
+    assert bench.sides == (4,) and bench.limits == (1.0, 3.5) and bench.given == [1.5, 2.0]
+    assert isinstance(bench.share, float) and bench.kept is None
+    assert bench.tool == Saw(teeth=8)
+    assert bench.more == {"first": Hammer("mallet", 2.0), "second": Saw()}
+    assert read_settings(Bench, json.loads(json.dumps(asdict(bench)))) == bench
+
+
+def test_what_is_left_out_has_its_default() -> None:
+    assert read_settings(Bench, {"place": "attic"}) == Bench(place="attic")
+    assert read_settings(Bench, {"place": "attic", "tool": {"name": "hammer"}}).tool == Hammer()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"place": 3}, "b.place is 3: it must be text"),
+        ({"height": 0}, "b.height is 0: it must be at least 1"),
+        ({"height": True}, "b.height is True: it must be a whole number"),
+        ({"height": "3"}, "b.height is '3': it must be a whole number"),
+        ({"share": 1.5}, "b.share is 1.5: it must be at most 1"),
+        ({"share": float("nan")}, "b.share is nan: it must be a number"),
+        ({"sides": [4, 0]}, "b.sides is 0: it must be at least 1"),
+        ({"sides": [4, "a"]}, "b.sides.1 is 'a': it must be a whole number"),
+        ({"sides": 4}, "b.sides is 4: it must be a list"),
+        ({"limits": [1]}, "b.limits is [1]: it must be a list of 2"),
+        ({"limits": [1, 1]}, "b.limits is 1.0: it must be above 1"),
+        ({"given": 4}, "b.given is 4: it must be a list"),
+        ({"used": 1}, "b.used is 1: it must be true or false"),
+        ({"kept": 4}, "b.kept is 4: it must be a mapping of keys to values"),
+        ({"kept": {"weight": -1}}, "b.kept.weight is -1.0: it must be above 0"),
+        ({"tool": {"teeth": 8}}, "b.tool.name is not set: set b.tool.name=VALUE"),
+        ({"tool": {"name": "axe"}}, "b.tool.name is 'axe': choose one of hammer, mallet, saw"),
+        ({"tool": {"name": "saw", "weight": 1}}, "b.tool.weight is no key: there are name, teeth"),
+        ({"tool": {"name": "saw", "teeths": 1}}, "b.tool.teeths is no key: did you mean teeth?"),
+        ({"tool": {"name": "saw", "teeth": 7}}, "b.tool.teeth is 7: it must be even"),
+        (
+            {"more": {"x": {"name": "saw", "teeth": 0}}},
+            "b.more.x.teeth is 0: it must be at least 1",
+        ),
+    ],
+)
+def test_a_mistake_is_named_by_its_key(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        read_settings(Bench, FULL | change, "b")
+    assert str(caught.value) == message
+
+
+def test_a_required_key_is_asked_for() -> None:
+    with pytest.raises(ConfigError, match=r"^place is not set: set place=VALUE$"):
+        read_settings(Bench, {})
+
+
+def test_ranges_and_choices_hold_in_python_too() -> None:
+    with pytest.raises(SettingsError, match=r"^weight is 0: it must be above 0$"):
+        Hammer(weight=0)
+    with pytest.raises(SettingsError, match=r"^weight is nan: it must be above 0$"):
+        Hammer(weight=float("nan"))
+    with pytest.raises(SettingsError, match=r"^name is 'axe': it must be 'hammer' or 'mallet'$"):
+        Hammer(name="axe")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="height is 0"):
+        Bench(place="attic", height=0)
+
+
+def test_an_error_survives_the_way_from_a_worker() -> None:
+    error = pickle.loads(pickle.dumps(SettingsError("a.b", "is 3: it must be 4")))
+    assert (str(error), error.key) == ("a.b is 3: it must be 4", "a.b")
+
+
+def test_defaults_are_plain_and_say_what_must_be_set() -> None:
+    found = defaults_of(Bench)
+    assert found["place"] == "???" and found["tool"] == {"name": "hammer", "weight": 1.0}
+    assert defaults_of(Hammer, "mallet") == {"name": "mallet", "weight": 1.0}
