@@ -38,8 +38,9 @@ import hlp.cli, hlp.config, hlp.studies
 
 def build_run(config):
     from omegaconf import OmegaConf
+    from hlp.errors import MissingFileError
     if config.seed == 13:
-        raise FileNotFoundError("data.root: no folder /nowhere")
+        raise MissingFileError("data.root: no folder /nowhere")
     if config.seed == 14:
         raise KeyError("a bug")
     return OmegaConf.to_container(config, resolve=True)

@@ -1,8 +1,6 @@
 """Settings of the method as small as they can be, for tests that learn an object."""
 
-from hydra import compose, initialize_config_dir
-
-from hlp.commands.composing import config_folder
+from hlp.commands.composing import compose_config
 from hlp.config.build import build_settings
 from hlp.method.settings import MethodSettings
 
@@ -21,5 +19,4 @@ TINY = (
 
 def tiny_method(*overrides: str) -> MethodSettings:
     """The default method made small: PCA in place of a trained encoder, few views."""
-    with initialize_config_dir(str(config_folder().absolute()), version_base="1.3"):
-        return build_settings(compose("config", overrides=["output=out", *TINY, *overrides])).method
+    return build_settings(compose_config("output=out", *TINY, *overrides)).method

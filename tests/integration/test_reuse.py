@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from mlflow import MlflowClient
 
+from hlp.errors import DataError, HlpError
 from hlp.method.pose_estimator import FrameContext, PoseEstimator
 from run_files import Row, read_json, rows, stages
 from tiny_run import TinyRun, start_run
@@ -81,7 +82,7 @@ def test_interrupted_stage_goes_on_where_it_stopped(
     )
 
 
-@pytest.mark.parametrize("error", [ValueError("depth is odd"), RuntimeError("a bug")])
+@pytest.mark.parametrize("error", [DataError("depth is odd"), ValueError("a bug")])
 def test_crash_leaves_a_failed_run(
     tiny_run: TinyRun, call: Call, monkeypatch: pytest.MonkeyPatch, error: Exception
 ) -> None:
@@ -91,8 +92,8 @@ def test_crash_leaves_a_failed_run(
     monkeypatch.setattr(PoseEstimator, "refine", fail)
     name = type(error).__name__
     overrides = (*tiny_run.overrides, "refinement.iterations=2", f"output={name}")
-    if isinstance(error, RuntimeError):  # a bug keeps its traceback
-        with pytest.raises(RuntimeError, match="a bug"):
+    if not isinstance(error, HlpError):  # a bug keeps its traceback
+        with pytest.raises(ValueError, match="a bug"):
             call(*overrides)
     else:
         code, _, said = call(*overrides)

@@ -99,7 +99,7 @@ def test_what_cannot_be_gone_on_from_is_named(
     shutil.rmtree(earlier.encoder().folder)
     with pytest.raises(FileNotFoundError, match="no encoder of"):
         training_of(run, manifest=manifest).encoder()
-    with pytest.raises(FileNotFoundError, match="no manifest"):
+    with pytest.raises(FileNotFoundError, match="there is no file"):
         training_of(run, manifest=tmp_path / "other.json").classifier()
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from hlp.errors import ConfigError
 from hlp.objects.object_model import (
     ObjectSettings,
     build_object_model,
@@ -60,7 +61,7 @@ def test_the_proxy_is_the_decimated_mesh(mesh_path):
     ("sizes", "key"), [((0.0, 40.0), "holistic_size_mm"), ((80.0, -1.0), "local_size_mm")]
 )
 def test_a_size_that_is_not_positive_is_named(mesh_path, sizes, key):
-    with pytest.raises(ValueError, match=f"{key} of object cam"):
+    with pytest.raises(ConfigError, match=f"{key} is .*: it must be above 0"):
         _build(mesh_path, *sizes)
 
 

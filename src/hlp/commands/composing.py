@@ -34,6 +34,20 @@ def config_folder() -> Path:
     raise MissingFileError(f"no config.yaml in {' or '.join(map(str, folders))}: reinstall hlp")
 
 
+def compose_config(*overrides: str) -> DictConfig:
+    """The configuration that `hlp run` would have with these overrides, for notebooks and scripts.
+
+    Raises Hydra's errors for an override that fits nothing.
+    """
+    from hydra import compose, initialize_config_dir
+
+    from hlp.config.typed_defaults import provide_defaults
+
+    provide_defaults()
+    with initialize_config_dir(str(config_folder().absolute()), version_base="1.3"):
+        return compose("config", overrides=list(overrides))
+
+
 def compose_and_call(
     command: str,
     arguments: Sequence[str],
@@ -77,8 +91,10 @@ def _job(config: DictConfig, task: Callable[[DictConfig], None]) -> None:
     try:
         task(config)
     except (HlpError, OSError) as error:
-        if HydraConfig.get().mode == RunMode.RUN or not is_expected(error):
+        if not is_expected(error):
             raise
+        if HydraConfig.get().mode == RunMode.RUN:
+            fail(error)  # here, since Hydra adds a line to what passes through it
         logging.getLogger(__name__).error("%s: %s", config.output, _in_words(error))
         raise
 

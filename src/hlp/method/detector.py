@@ -45,8 +45,8 @@ class Detector:
         for found in detector.detect(rgb, depth, camera_matrix):
             print(found.object, found.score, found.pose_cam_obj)
 
-    Nothing is written but by `learn`, `add` and `remove`. Several threads may use one detector: they
-    take turns. The same image gives the same poses, whatever was looked at before and however many
+    Only `learn`, `add` and `remove` write anything. Several threads may use one detector: they take
+    turns. The same image gives the same poses, whatever was looked at before and however many
     `threads` are used.
     """
 

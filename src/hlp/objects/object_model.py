@@ -42,16 +42,12 @@ def build_object_model(
     """Load one object; `scale` is metres per unit of the mesh file, `diameter` in metres.
 
     By default the diameter is the largest distance between two vertices, and the only symmetry is
-    the identity. Raises what `load_mesh` raises, and ValueError for a patch size that is not
-    positive.
+    the identity. Raises what `load_mesh` raises.
     """
     mesh = load_mesh(mesh_path, scale)
     if diameter is None:
         diameter = mesh_diameter(mesh.vertices)
     holistic, local = settings.holistic_size_mm, settings.local_size_mm
-    for key, size in (("holistic_size_mm", holistic), ("local_size_mm", local)):
-        if size is not None and not size > 0:
-            raise ConfigError(f"{key} of object {name} must be positive, not {size}")
     return ObjectModel(
         object_id=settings.id,
         name=name,

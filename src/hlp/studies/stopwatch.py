@@ -116,7 +116,7 @@ class TimedEstimator(PoseEstimator):
         self._verifier(object_id)
 
     def _charge(self, owner: Any, method: str, during: str, after: str) -> None:
-        """Make the clock enter `during` when a method of `owner` begins, and `after` when it ends."""
+        """Make the clock enter `during` as a method of `owner` begins, and `after` as it ends."""
         call = getattr(owner, method)
 
         def timed(*given: Any, **named: Any) -> Any:

@@ -37,17 +37,6 @@ def test_values_are_those_of_the_configuration() -> None:
     }
 
 
-def test_the_length_of_a_pca_feature_is_the_one_that_was_used() -> None:
-    """Normals in 12 × 12 cells have 432 components: a feature of 600 would be a fiction."""
-    lengths = [
-        TRENDS["fig9a"].value(
-            result(0.5, 9.0, encoder={"name": "pca", "dimension": dimension, "cells": 12})
-        )
-        for dimension in (400, 432, 600)
-    ]
-    assert lengths == ["400", "432", "432"]
-
-
 def test_what_the_paper_chose_is_the_default_of_its_method() -> None:
     """Its numbers stand beside 200 dimensions, 25 particles, {5°, 5 mm}: the tests' CONFIG."""
     assert all(trend.value(result(0.5, 9.0)) in trend.paper_values for trend in TRENDS.values())

@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from hlp.models.pca import pca_components
 from hlp.reporting.paper_results import ADD_MEAN, MS_PER_FRAME
 from hlp.reporting.results import Result
 from hlp.reporting.tables.summary_tables import METRIC_LABELS
@@ -38,12 +37,7 @@ class Trend:
 
 
 def _feature_length(result: Result) -> str:
-    """The length that was used: PCA has only so many components."""
-    encoder = result.config["encoder"]
-    length = int(encoder["dimension"])
-    if encoder.get("name") == "pca":
-        length = min(length, pca_components(encoder["cells"]))
-    return str(length)
+    return str(result.config["encoder"]["dimension"])
 
 
 def _particles(result: Result) -> str:
