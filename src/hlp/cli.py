@@ -11,9 +11,9 @@ from hlp.commands.composing import MULTIRUN
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run one command; exits with 0, 1 after an error and 2 where no such command exists.
+    """Run one command. Exits with 0, with 1 after an error, with 2 if there is no such command.
 
-    `HLP_TRACEBACK=1` shows where an error came from instead of one line that says what it is.
+    `HLP_TRACEBACK=1` shows an error's traceback instead of one line.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     if given and given[0] in MULTIRUN:
@@ -46,7 +46,7 @@ def _usage() -> str:
             "",
             *lines,
             "",
-            "`hlp COMMAND --help` says more.",
+            "See `hlp COMMAND --help` for the options of a command.",
         ]
     )
 
@@ -54,13 +54,13 @@ def _usage() -> str:
 def _set_environment() -> None:
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # spinning costs 20x on shared cores
     os.environ.setdefault("MPLBACKEND", "Agg")
-    os.environ["HYDRA_FULL_ERROR"] = "1"  # errors reach us whole; `fail` shortens them
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra raises errors unchanged; `fail` shortens them
 
 
 COMMANDS = {
-    "run": _Command(run.command, "every stage not yet on disk, then scores (default: the demo)"),
+    "run": _Command(run.command, "learn, find and score (default: the demo)"),
     "predict": _Command(predict.command, "poses of your own object in your own frames"),
-    "report": _Command(report.command, "tables of finished runs, the paper's figures beside ours"),
-    "bench": _Command(bench.command, "time and memory of every stage, on this machine"),
-    "search": _Command(search.command, "the settings with the best recall within a time limit"),
+    "report": _Command(report.command, "tables of finished runs, with the paper's numbers"),
+    "bench": _Command(bench.command, "time and memory of every stage on this machine"),
+    "search": _Command(search.command, "search for the best settings within a time limit"),
 }

@@ -1,7 +1,7 @@
 """Errors that HLP expects: something outside its code is wrong, and the message says what to do.
 
 Only these are shown as one line on the command line. Any other exception is a bug and shows its
-traceback. Each is also the built-in error that it is a case of, so `except ValueError` works too.
+traceback. Each class is also a subclass of a built-in error, so `except ValueError` works too.
 """
 
 
@@ -18,11 +18,11 @@ class ConfigError(HlpError, ValueError):
 
 
 class DataError(HlpError, ValueError):
-    """A file or folder does not hold what it should; the message names it."""
+    """The content of a file or folder is wrong; the message names it."""
 
 
 class MissingFileError(HlpError, FileNotFoundError):
-    """A file or folder is not there; the message names it and the key that set it."""
+    """A file or folder is missing; the message names it and, if a key set it, the key."""
 
 
 class MissingDependencyError(HlpError, ImportError):

@@ -1,6 +1,6 @@
-"""Small files: written whole or not at all, read with errors that name the file.
+"""Reading and writing of small files. Writing is atomic; errors of reading name the file.
 
-Also the names of the files in a run's output folder, which writers and readers share.
+Also the names of the files in a run's output folder, for writers and readers.
 """
 
 import csv
@@ -15,23 +15,23 @@ from typing import Any, BinaryIO
 from hlp.errors import DataError, MissingFileError
 
 MANIFEST = "manifest.json"
-"""What made the result. It is written last: a folder that has one holds a whole result."""
+"""What the result was made from. It is written last: a folder with one holds a complete result."""
 SUMMARY = "summary.json"
-"""Recalls, times and causes of misses. Only runs of the whole method write it."""
+"""Recalls, times and causes of misses. Only runs of the whole method have one."""
 SCORES = "scores.csv"
-"""Errors and verdicts, a row for each target."""
+"""Errors and verdicts, one row for each target."""
 POSES = "poses.csv"
 """Estimated poses in BOP's results format."""
 SWEEP = "sweep.json"
-"""What was swept. The sweep's runs lie in the folders 0, 1, … beside it."""
+"""What was swept. The sweep's runs are in the folders 0, 1, … beside it."""
 
 
 @contextmanager
 def replaced(path: Path) -> Iterator[BinaryIO]:
-    """Open a stream whose content becomes the file's when the block ends without an error.
+    """Open a stream whose content replaces the file's when the block ends without an error.
 
-    Until then, and after an error, the file is as it was before. Folders are made as needed.
-    Raises OSError where the file cannot be written.
+    Until then, and after an error, the file stays as it was. Folders are made as needed. Raises
+    OSError if the file cannot be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".{path.name}.{os.getpid()}")
@@ -50,7 +50,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Replace a file's content by JSON, indented for people. Raises TypeError for other values."""
+    """Replace a file's content by indented JSON. Raises TypeError for values that JSON lacks."""
     write_text(path, json.dumps(content, indent=2) + "\n")
 
 
@@ -64,7 +64,7 @@ def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]])
 
 
 def read_json(path: Path) -> Any:
-    """Parsed JSON. Raises MissingFileError, or DataError naming a file that is no JSON."""
+    """Parsed JSON. Raises MissingFileError, or DataError naming a file that is not JSON."""
     if not path.is_file():
         raise MissingFileError(f"there is no file {path}")
     try:
@@ -74,7 +74,7 @@ def read_json(path: Path) -> Any:
 
 
 def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, Any]]:
-    """Rows of a CSV file by column name; the first row is line 2, and cells that lack are None.
+    """Rows of a CSV file as mappings by column name; the first row is line 2, missing cells are None.
 
     Raises MissingFileError, or DataError naming a file whose first line is not `columns`.
     """

@@ -1,14 +1,14 @@
-"""Registries of alternatives: settings classes, found by the name that a configuration states.
+"""Registries of alternatives: settings classes, found by the name in the configuration.
 
-A group of alternatives has one registry. A settings class puts itself there:
+Each group of alternatives has one registry. A settings class registers itself:
 
     @REFINERS.register
     @dataclass(frozen=True)
     class PsoSettings(Settings):
         name: Literal["pso"] = "pso"
 
-Nothing lists the alternatives: a name is looked for among the modules of the group's package, then
-among installed plug-ins, which name their module under the entry point group `hlp.GROUP`.
+There is no list of the alternatives. A name is looked for in the modules of the group's package,
+then in installed plug-ins, whose entry points are in the group `hlp.GROUP`.
 """
 
 import pkgutil
@@ -30,7 +30,7 @@ class Registry(Generic[T]):
     """The alternatives of one config group, by name; `T` is the protocol that all of them fulfil.
 
     `group` is the config group, `package` the package whose modules register alternatives. Both
-    are names, so that a registry imports nothing before it is asked.
+    are names, so a registry imports nothing until a name is looked for.
     """
 
     def __init__(self, group: str, package: str) -> None:
@@ -39,9 +39,9 @@ class Registry(Generic[T]):
         self._known: dict[str, type[T]] = {}
 
     def register(self, kind: Kind) -> Kind:
-        """Make a settings class known under each name that its field `name` may have.
+        """Class decorator: register a settings class under each name that its field `name` allows.
 
-        A class decorator. Raises ConfigError where another class has that name.
+        Raises ConfigError if another class has that name.
         """
         for name in get_args(get_type_hints(kind)["name"]):
             other = self._known.setdefault(name, kind)
@@ -55,9 +55,9 @@ class Registry(Generic[T]):
     def find(self, name: str, key: str = "") -> type[T]:
         """The settings class of that name.
 
-        What is registered already comes first, then the package's modules, one named like the
-        alternative before the others, then plug-ins. Raises ConfigError naming `key` (default: the
-        group) and the names that there are.
+        It is looked for among the registered classes, then in the package's modules, first in one
+        named like the alternative, then in plug-ins. Raises ConfigError, which names `key`
+        (default: the group) and the known names.
         """
         for load in self._sources(name):
             if name in self._known:
@@ -69,18 +69,18 @@ class Registry(Generic[T]):
         return self._known[name]
 
     def alternatives(self) -> dict[str, type[T]]:
-        """All settings classes by name, those of plug-ins too; imports all their modules."""
+        """All settings classes by name, including those of plug-ins. Imports all their modules."""
         for source in self._sources(""):
             source()
         return dict(sorted(self._known.items()))
 
     def _sources(self, name: str) -> Iterator[Callable[[], object]]:
-        """What may register the name, most likely first: imports of modules and of plug-ins."""
+        """Imports of modules and plug-ins that may register the name, the most likely first."""
         package = import_module(self.package)
         found = [each.name for each in pkgutil.walk_packages(package.__path__, f"{self.package}.")]
         for module in sorted(found, key=lambda each: each.rpartition(".")[2] != name):
             yield partial(import_module, module)
-        from importlib.metadata import entry_points  # a fiftieth of a second, rarely needed
+        from importlib.metadata import entry_points  # takes 20 ms and is rarely needed
 
         for entry in entry_points(group=f"hlp.{self.group}"):
             yield partial(_load, entry)

@@ -1,8 +1,9 @@
-"""Settings: frozen records whose fields state default, range and meaning; plain values ↔ settings.
+"""Settings: frozen records whose fields state their default, range and meaning.
 
     particles: Annotated[int, Ge(1), Doc("particles of the swarm (P: N)")] = 25
 
-Ranges are those of `annotated_types`. They hold however settings are made, in Python too.
+Ranges are those of `annotated_types`. They are checked whenever settings are made, also in Python.
+`read_settings` makes settings from plain values, as in YAML or JSON.
 """
 
 import dataclasses
@@ -53,7 +54,7 @@ _BOUNDS = (
 
 
 class SettingsError(ConfigError):
-    """A value that settings cannot have: `key`, and what is wrong with it."""
+    """A wrong value in settings: its `key` and the `problem`."""
 
     def __init__(self, key: str, problem: str) -> None:
         super().__init__(key, problem)
@@ -78,17 +79,17 @@ class Settings:
 def read_settings(kind: type[T], values: Mapping[str, Any], key: str = "") -> T:
     """Settings of a class from plain values, nested as in YAML or JSON.
 
-    Strict: "3" is no number, and a key that the class has not is an error. Keys that are missing
-    have the class's defaults. Where a field's type names a registry, the value's `name` chooses the
-    class. `key` is where the values stand, for messages. Raises SettingsError.
+    Strict: "3" is not a number, and an unknown key is an error. Missing keys have the class's
+    defaults. If a field's type names a registry, the value's `name` chooses the class. `key` is the
+    path of the values, used in messages. Raises SettingsError.
     """
     return cast(T, _read(kind, values, key))
 
 
 def defaults_of(kind: type, name: str | None = None) -> dict[str, Any]:
-    """Plain default values of a settings class; `???`, which Hydra asks for, where it has none.
+    """Default values of a settings class as plain values; `???` (Hydra's mark) where it has none.
 
-    `name` replaces the default name, for a class that has several.
+    `name` replaces the default name, for a class with several names.
     """
     plain: dict[str, Any] = {}
     for field in dataclasses.fields(kind):
@@ -103,7 +104,7 @@ def defaults_of(kind: type, name: str | None = None) -> dict[str, Any]:
 
 @cache
 def _hints(kind: Any) -> dict[str, Any]:
-    """Types of a settings class's fields, with what is said about them."""
+    """Types of a settings class's fields, with their annotations."""
     hints = get_type_hints(kind, include_extras=True)
     return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
 
@@ -183,7 +184,7 @@ def _read_list(origin: type, parts: tuple[Any, ...], values: Any, key: str) -> A
 
 
 def _checked(kind: type, value: Any, key: str) -> Any:
-    """The value, if it is of that plain type; a whole number becomes a float where one is due."""
+    """The value, if it has that plain type. A whole number becomes a float where one is expected."""
     if kind is float and type(value) is int:
         return float(value)
     fits = type(value) is kind and not (isinstance(value, float) and math.isnan(value))
@@ -195,7 +196,7 @@ def _checked(kind: type, value: Any, key: str) -> Any:
 
 
 def _out_of_range(hint: Any, value: Any) -> Iterator[tuple[Any, str]]:
-    """What a value has that its type does not allow, numbers and choices, and what it must be."""
+    """Numbers and choices in a value that its type does not allow, and what they must be."""
     if get_origin(hint) is Annotated:
         bare, *facts = get_args(hint)
         if isinstance(value, int | float):
@@ -222,7 +223,7 @@ def _single(facts: list[Any]) -> Iterator[Any]:
 
 
 def _problem(fact: Any, value: float) -> str:
-    """What a number must be that breaks a constraint; empty where it does not. NaN breaks all."""
+    """The limit that a number violates, in words; empty if it holds. NaN violates every limit."""
     for bound, words, holds in _BOUNDS:
         limit = getattr(fact, bound, None) if isinstance(fact, BaseMetadata) else None
         if limit is not None and not holds(value, limit):

@@ -1,4 +1,4 @@
-"""What code lies behind a module: its source, all that it imports, and the libraries' versions."""
+"""The code behind a module: its source, that of all its imports, and versions of libraries."""
 
 import hashlib
 import re
@@ -9,23 +9,23 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
-# Where installers put libraries; what lies elsewhere may be edited, and counts by its source.
+# Folders where installers put libraries. Other modules may be edited, so their source counts.
 _INSTALLED = {"site-packages", "dist-packages"}
-# An import statement, also one within a function or behind `if …:`. Parsing would take 50 ms of
-# every start. A line of text that looks like an import is taken for one, which does no harm.
+# An import statement, also inside a function or after `if …:`. Parsing the source would add 50 ms to
+# every start. Text that looks like an import is taken for one, which does no harm.
 _IMPORT = re.compile(
     r"(?:^|[;:])[ \t]*"
     r"(?:from[ \t]+([.\w]+)[ \t]+import[ \t]*(\([^)]*\)|[^\n;]*)|import[ \t]+([^\n;]*))",
     re.MULTILINE,
 )
 _COMMENT = re.compile(r"#.*")
-# Libraries that decide the bits of another one, which alone is imported.
+# Libraries that another library uses and that affect its results; only the other one is imported.
 _BEHIND = {"numba": "llvmlite"}
 
 
 @dataclass(frozen=True)
 class Code:
-    """The code behind a result: a digest of its source, and the libraries with their versions."""
+    """The code behind a result: a digest of its source, and the versions of libraries by name."""
 
     source: str
     libraries: dict[str, str]
@@ -33,13 +33,13 @@ class Code:
 
 @cache
 def code_of(*modules: str, leaving_out: tuple[str, ...] = ()) -> Code:
-    """The code of modules, with that of all modules they import, directly or not.
+    """The code of modules and of all modules that they import, directly or indirectly.
 
-    Modules in `leaving_out` do not count, nor does what is imported by way of them alone.
+    Modules in `leaving_out` do not count, nor do modules imported only by them.
 
-    What is imported from HLP, from the modules' own packages, or from a folder where no installer
-    puts libraries counts by its source; other libraries count by their version. Imports are read
-    from the source: nothing is imported for it, and imports within functions count too.
+    Modules of HLP, of the given modules' own packages, and of packages outside the folders of
+    installers are represented by their source, other libraries by their version. Imports are read
+    from the source, without importing anything. Imports inside functions count too.
     Raises ModuleNotFoundError for a module without Python source.
     """
     sources, foreign = _closure(modules, leaving_out)
@@ -48,14 +48,14 @@ def code_of(*modules: str, leaving_out: tuple[str, ...] = ()) -> Code:
 
 @cache
 def source_digest(*modules: str) -> str:
-    """The part of `code_of` that is source, without looking up any library's version."""
+    """The digest of the source alone, as in `code_of`, without looking up versions."""
     return _digest(_closure(modules)[0])
 
 
 def _closure(
     modules: Iterable[str], leaving_out: Collection[str] = ()
 ) -> tuple[dict[str, bytes], set[str]]:
-    """Source of modules and of all they import, by name; top-level names of other libraries."""
+    """Source of modules and of all their imports, by name; top-level names of other libraries."""
     waiting = [*modules]
     packages = {"hlp", *map(_top, waiting)}
     sources: dict[str, bytes] = {}
@@ -66,7 +66,7 @@ def _closure(
     while waiting:
         name = waiting.pop()
         top = _top(name)
-        if name in sources or name in leaving_out or name == "hlp":  # which only offers names
+        if name in sources or name in leaving_out or name == "hlp":  # hlp only exports names
             continue
         if top not in packages and not _may_be_edited(top):
             foreign.add(top)
@@ -91,14 +91,14 @@ def _top(module: str) -> str:
 
 
 def _parents(module: str) -> list[str]:
-    """The packages that a module lies in: importing it runs them too."""
+    """The packages that contain a module: importing it runs them too."""
     parts = module.split(".")
     return [".".join(parts[:count]) for count in range(1, len(parts))]
 
 
 @cache
 def _imports(module: str) -> tuple[str, ...]:
-    """Full names of all that a module's source imports, modules or not."""
+    """Full names of everything that a module's source imports, modules or not."""
     path, source = _source_file(module), _read(module)
     assert path is not None and source is not None
     package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
@@ -130,9 +130,9 @@ def _read(module: str) -> bytes | None:
 
 @cache
 def _source_file(module: str) -> Path | None:
-    """A module's Python file; None where the name is no module's, or the module has no source.
+    """A module's Python file; None if there is no such module or it has no source.
 
-    Only the top-level package is asked where it lies: asking for a submodule would import it.
+    Only the top-level package is located by Python: locating a submodule would import it.
     """
     top, *rest = module.split(".")
     try:
@@ -154,7 +154,7 @@ def _source_file(module: str) -> Path | None:
 
 @cache
 def _may_be_edited(top: str) -> bool:
-    """Whether a top-level module is source that neither Python nor an installer brought."""
+    """Whether a top-level module is source that neither Python nor an installer put there."""
     if top in sys.stdlib_module_names:
         return False
     path = _source_file(top)
@@ -162,8 +162,8 @@ def _may_be_edited(top: str) -> bool:
 
 
 def _versions(modules: Iterable[str]) -> dict[str, str]:
-    """Versions of the distributions that bring modules, and Python's for its own library."""
-    from importlib.metadata import version  # takes a while, and is not always needed
+    """Versions of the distributions that contain the modules, and of Python."""
+    from importlib.metadata import version  # slow to import and not always needed
 
     brought_by = _distributions()
     names = {name for module in modules for name in brought_by.get(module, ())}

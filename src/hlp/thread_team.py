@@ -1,4 +1,4 @@
-"""A pool of threads in which the caller works too, for kernels that release the GIL."""
+"""A pool of threads in which the caller also works, for kernels that release the GIL."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -15,9 +15,9 @@ Result = TypeVar("Result")
 class ThreadTeam:
     """The calling thread and `threads` - 1 helper threads.
 
-    Each thread takes the next item as soon as it is free. The caller works as well, because a
-    helper may start milliseconds late on a busy machine; a helper that has not started by the time
-    all items are taken is cancelled. Which thread does which item does not affect the results.
+    A thread that finishes an item takes the next one. The caller also works, because a helper may
+    start milliseconds late on a busy machine. A helper that has not started when all items are
+    taken is cancelled. Results do not depend on which thread processes which item.
     """
 
     def __init__(self, threads: int) -> None:

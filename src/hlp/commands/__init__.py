@@ -1,1 +1,1 @@
-"""What each `hlp COMMAND` does with its arguments; what is heavy is imported when needed."""
+"""The commands of the command line. Heavy packages are imported only when a command runs."""

@@ -1,4 +1,4 @@
-"""`hlp bench`: time and memory of detection's stages, and saved results beside each other."""
+"""`hlp bench`: measures time and memory of detection, or compares saved measurements."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -31,7 +31,10 @@ def command(arguments: Sequence[str]) -> None:
 
 
 def _files(value: str) -> tuple[Path, Path]:
-    """The two files of `a.json,b.json` or `[a.json,b.json]`; of one, the newest is the other."""
+    """The two files of `a.json,b.json` or `[a.json,b.json]`.
+
+    If only one is given, the other is the newest in outputs/.
+    """
     names = [each.strip() for each in value.strip("[]").split(",")]
     files = [Path(name).expanduser() for name in names if name]
     if len(files) == 1:
@@ -49,18 +52,18 @@ usage: hlp bench [experiment=NAME] [frames=N] [overrides]
        hlp bench compare=A.json
        hlp bench 'compare=[A.json,B.json]'
 
-Measures every stage of detection on the configured data (the demo; experiment=linemod_bop
-data.root=PATH for LINEMOD), frame by frame: median and 95th percentile of the wall time and CPU
-time of all threads, for the first object in a frame and for each further one; the time to load a
-trained object; peak memory. Training outputs are reused from work, or made first. The same frames
-also go through slower reference paths (task.compared, see conf/task/bench.yaml), to compare their
-times and their poses.
+Measures every stage of detection on the configured data (default: the demo; for LINEMOD,
+experiment=linemod_bop data.root=PATH). It reports the median and 95th percentile of the wall time
+and of the CPU time of all threads, for the first object in a frame and for each further one, the
+time to load a learnt object, and peak memory. Learnt objects are reused from work, or learnt first.
+The same frames are also processed with slower reference settings (task.compared, see
+conf/task/bench.yaml), to compare times and poses.
 
 Written into the output folder: bench.json, bench.md and manifest.json.
 
 hlp bench frames=10 refinement.particles=15            with another setting
-hlp bench -m refinement.particles=15,25,50             with each of these
-hlp bench +task.compared.few.refinement.particles=10   compare one more path
+hlp bench -m refinement.particles=15,25,50             with each of these settings
+hlp bench +task.compared.few.refinement.particles=10   compare one more setting
 
-compare=A.json puts the newest other bench.json below outputs/ beside a saved one; two files are
-compared with each other. It measures nothing."""
+compare=A.json compares a saved bench.json with the newest other one below outputs/. Two files are
+compared with each other. Nothing is measured."""

@@ -1,4 +1,4 @@
-"""What commands share: their configuration composed by Hydra, their arguments, their errors."""
+"""Shared by all commands: composing the configuration with Hydra, arguments, error messages."""
 
 from __future__ import annotations
 
@@ -54,10 +54,11 @@ def compose_and_call(
     task: Callable[[DictConfig], None],
     folder: Path,
 ) -> None:
-    """Compose the configuration that lies in a folder and do the task with it.
+    """Compose the configuration in a folder and call the task with it.
 
-    An error that HLP expects (`hlp.errors`), one of Hydra, or a refusal of the machine such as a
-    full disk ends the process with 1 and one line. Any other exception is a bug and is raised.
+    After an error that HLP expects (`hlp.errors`), an error of Hydra's, or an error of the system
+    such as a full disk, the process prints one line and exits with 1. Any other exception is a bug
+    and is raised.
     """
     import hydra
     from hydra.errors import HydraException
@@ -67,7 +68,7 @@ def compose_and_call(
     from hlp.studies.sweep import sweep_open
 
     provide_defaults()
-    sys.argv = [f"hlp {command}", *arguments]  # Hydra takes no other way
+    sys.argv = [f"hlp {command}", *arguments]  # the only way to pass arguments to Hydra
     app = hydra.main(version_base="1.3", config_path=str(folder), config_name="config")
     try:
         with sweep_open():
@@ -80,7 +81,7 @@ def compose_and_call(
         fail(error)
     except KeyboardInterrupt:
         print("hlp: interrupted; the same command continues from here", file=sys.stderr)
-        sys.exit(130)  # as shells have it
+        sys.exit(130)  # as in shells
 
 
 def _job(config: DictConfig, task: Callable[[DictConfig], None]) -> None:
@@ -100,19 +101,19 @@ def _job(config: DictConfig, task: Callable[[DictConfig], None]) -> None:
 
 
 def is_expected(error: BaseException) -> bool:
-    """Whether an error is HLP's own, or the machine's: no bug."""
+    """Whether an error is HLP's own or one of the system, and so not a bug."""
     return isinstance(error, HlpError) or (isinstance(error, OSError) and is_machines(error))
 
 
 def is_machines(error: OSError) -> bool:
-    """Whether the machine refuses something: no room, no right, too many open files."""
+    """Whether the system is the cause: a full disk, missing rights, too many open files."""
     return error.errno in _MACHINES
 
 
 def key_values(arguments: Sequence[str], known: Sequence[str]) -> dict[str, str] | None:
-    """KEY=VALUE arguments as a mapping; None where help is asked for.
+    """KEY=VALUE arguments as a mapping; None if help is asked for.
 
-    Raises InputError for an argument that is none or whose key is not known.
+    Raises InputError for an argument of another form or with an unknown key.
     """
     if HELP & set(arguments):
         return None
@@ -124,7 +125,7 @@ def key_values(arguments: Sequence[str], known: Sequence[str]) -> dict[str, str]
 
 
 def fail(error: BaseException) -> NoReturn:
-    """Say what is wrong and exit with 1; raise it where HLP_TRACEBACK asks for that."""
+    """Print the error's message and exit with 1; with HLP_TRACEBACK set, raise the error."""
     if os.environ.get("HLP_TRACEBACK", "0") not in {"", "0"}:
         raise error
     print(f"hlp: {_in_words(error)}", file=sys.stderr)
@@ -132,7 +133,7 @@ def fail(error: BaseException) -> NoReturn:
 
 
 def _in_words(error: BaseException) -> str:
-    """The error and its notes without the stack; of Hydra's errors also what lies behind them."""
+    """The message of an error and its notes; for Hydra's errors also the message of the cause."""
     from hydra.errors import HydraException
 
     behind = str(error.__cause__ or "").split("\n")[:1] if isinstance(error, HydraException) else []

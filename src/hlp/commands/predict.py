@@ -18,7 +18,7 @@ OWN_UNITS = ("mesh_scale", "depth_scale")
 
 
 def command(arguments: Sequence[str]) -> None:
-    """Learn the object unless that was done before, find it in every frame."""
+    """Learn the object, unless that was done before, and find it in every frame."""
     if not arguments or composing.HELP & set(arguments):
         print(PREDICT_HELP)
         return
@@ -27,7 +27,7 @@ def command(arguments: Sequence[str]) -> None:
 
 
 def _predict(config: DictConfig) -> None:
-    """Poses of a user's own object in their own frames; what is learnt is kept for next time."""
+    """Check that the files are given, then predict; what is learnt is kept for the next call."""
     from hydra.core.hydra_config import HydraConfig
     from omegaconf import OmegaConf
 
@@ -43,7 +43,7 @@ def _predict(config: DictConfig) -> None:
 
 
 def _data_override(argument: str) -> str:
-    """`model=FILE` as Hydra's override of `data.model`; paths may hold what Hydra's have not."""
+    """`model=FILE` as an override of `data.model`, quoted because Hydra forbids some characters."""
     key, _, value = argument.partition("=")
     if key not in (*OWN_FILES, *OWN_UNITS):
         return argument
@@ -60,20 +60,22 @@ Poses of your own object in your own RGB-D frames, from its CAD model alone.
   model        triangle mesh of the object (PLY, OBJ, STL …), in millimetres
   rgb          a colour image, or a folder of them
   depth        its 16-bit depth PNG, or a folder with the same names; registered to the colour
-  intrinsics   JSON with cam_K (nine numbers) or fx, fy, cx, cy, and depth_scale; or the numbers
+  intrinsics   JSON file with cam_K (nine numbers) or fx, fy, cx, cy, and optionally depth_scale;
+               or the four numbers (px)
 
-  mesh_scale   metres per unit of the model (0.001; 1 for a model in metres)
-  depth_scale  millimetres per unit of the depth images (the JSON's, else 1)
-  output       folder of the results (outputs/predict/TIME)
-  work         what is learnt about the object is kept there (work)
+  mesh_scale   metres per unit of the model (default: 0.001; 1 for a model in metres)
+  depth_scale  millimetres per unit of the depth images (default: the JSON file's, else 1)
+  output       folder of the results (default: outputs/predict/TIME)
+  work         folder that keeps what is learnt about the object (default: work)
 
 hlp predict model=bracket.ply rgb=frame.png depth=frame_depth.png intrinsics=camera.json
 hlp predict model=bracket.ply rgb=rgb/ depth=depth/ "intrinsics=[572.4,573.6,325.3,242.0]"
 
-The first call learns the object, which takes minutes; later ones find it at once. It learns better
-with photographs and RGB-D frames of places like yours, without the object:
+The first call learns the object, which takes minutes. Later calls only detect it. Detection works
+better with photographs and RGB-D frames of places like yours as training backgrounds, without the
+object in them:
   data.photographs=FOLDER   data.rooms=FOLDER (with rgb/, depth/ and camera.json)
-All of `hlp run`'s groups and keys can be changed as well, e.g. refinement=icp or method=paper.
+All groups and keys of `hlp run` can be changed too, e.g. refinement=icp or method=paper.
 
-Written into the output folder: poses.csv (BOP's format), poses.json and panels/, a picture of each
-frame. R and t (mm) map the object's coordinates to the camera's: x right, y down, z forward."""
+Written into the output folder: poses.csv (BOP's format), poses.json, and panels/ with a picture of
+each frame. R and t (mm) map object coordinates to camera coordinates: x right, y down, z forward."""

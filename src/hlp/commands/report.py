@@ -11,7 +11,7 @@ MLFLOW = "sqlite:///work/mlflow.db"
 
 
 def command(arguments: Sequence[str]) -> None:
-    """Print what the arguments ask for; exits with 2 where they cannot be used."""
+    """Print the report that the arguments ask for; exits with 2 if they are wrong."""
     try:
         keys = ("experiment", "output", "format", "objects", "runs", "uri")
         given = composing.key_values(arguments, keys)
@@ -45,13 +45,13 @@ usage: hlp report [experiment=NAME] [output=DIR] [format=text|markdown]
        hlp report 'objects=[A,B,…]' [output=DIR]
        hlp report 'runs=[A,B]' [uri=MLFLOW]
 
-Tables of finished runs, with the paper's numbers beside ours for LINEMOD's objects:
-those below outputs/, of one experiment (outputs/NAME), or below any other folder (output=DIR).
-Of fig9a, fig9b, fig9c, table1, table2 and pso_vs_icp, the paper's figure or table is written into
-each sweep's or run's folder: PNG and SVG, Markdown, CSV and LaTeX.
+Prints tables of finished runs, with the paper's numbers beside ours for LINEMOD's objects: of all
+runs below outputs/, of one experiment (outputs/NAME), or below any other folder (output=DIR). For
+fig9a, fig9b, fig9c, table1, table2 and pso_vs_icp, the paper's figure or table is written into the
+folder of each sweep or run, as PNG, SVG, Markdown, CSV and LaTeX.
 
-objects=[A,B,…] gives the recall of these objects alone, of all targets and by visible fraction.
+objects=[A,B,…] prints the recall of these objects, over all targets and by visible fraction.
 
 runs=[A,B] compares two runs target by target: the difference of their recalls with its interval,
-McNemar's test, and the targets whose verdict changed. Each is an output folder, or a run's id in
-MLflow (uri=sqlite:///work/mlflow.db)."""
+McNemar's test, and the targets whose verdict changed. A and B are output folders or ids of runs in
+MLflow (default: uri=sqlite:///work/mlflow.db)."""

@@ -35,7 +35,7 @@ def command(arguments: Sequence[str], name: str = "run") -> None:
 def _run(config: DictConfig, manifest: Path | None = None) -> None:
     """Build what the composed configuration names, and run its task.
 
-    With a `manifest`, from which the configuration comes, data and poses are compared with it.
+    With a `manifest`, the configuration comes from it, and data and poses are compared with it.
     """
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
