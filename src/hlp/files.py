@@ -74,7 +74,7 @@ def read_json(path: Path) -> Any:
 
 
 def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, Any]]:
-    """Rows of a CSV file as mappings by column name; the first row is line 2, missing cells are None.
+    """Rows of a CSV file by column name; the first row is line 2, missing cells are None.
 
     Raises MissingFileError, or DataError naming a file whose first line is not `columns`.
     """

@@ -184,7 +184,7 @@ def _read_list(origin: type, parts: tuple[Any, ...], values: Any, key: str) -> A
 
 
 def _checked(kind: type, value: Any, key: str) -> Any:
-    """The value, if it has that plain type. A whole number becomes a float where one is expected."""
+    """The value, if it has that plain type; a whole number becomes a float where expected."""
     if kind is float and type(value) is int:
         return float(value)
     fits = type(value) is kind and not (isinstance(value, float) and math.isnan(value))

@@ -11,8 +11,8 @@ from pathlib import Path
 
 # Folders where installers put libraries. Other modules may be edited, so their source counts.
 _INSTALLED = {"site-packages", "dist-packages"}
-# An import statement, also inside a function or after `if …:`. Parsing the source would add 50 ms to
-# every start. Text that looks like an import is taken for one, which does no harm.
+# An import statement, also inside a function or after `if …:`. Parsing the source would add 50 ms
+# to every start. Text that looks like an import is taken for one, which does no harm.
 _IMPORT = re.compile(
     r"(?:^|[;:])[ \t]*"
     r"(?:from[ \t]+([.\w]+)[ \t]+import[ \t]*(\([^)]*\)|[^\n;]*)|import[ \t]+([^\n;]*))",

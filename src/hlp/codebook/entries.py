@@ -1,4 +1,4 @@
-"""Entries of a codebook: what is stored with each feature, and where it is kept on disk."""
+"""Entries of a codebook: what is stored with each feature, and the file on disk."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,11 +27,11 @@ def make_codebook(
     poses_cam_obj: Float[np.ndarray, "m 4 4"],
     feature_scale: float,
 ) -> Codebook:
-    """Label features with what they vote for.
+    """Make a codebook: features, each with what it votes for.
 
-    `points_cam` are the patch centres in their view's camera, `poses_cam_obj` the view's pose.
-    The rotation is stored relative to the patch's viewing ray, so that it can be turned to any
-    other ray at test time.
+    `points_cam` are the patch centres in camera coordinates of their view, `poses_cam_obj` the
+    view's pose. The rotation is stored relative to the patch's viewing ray, so that detection can
+    transfer it to any other ray.
     """
     rotations = poses_cam_obj[:, :3, :3]
     along_axis = np.swapaxes(allocentric_to_egocentric(points_cam), -1, -2) @ rotations

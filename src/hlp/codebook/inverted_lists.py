@@ -1,6 +1,6 @@
-"""Nearest neighbours by FAISS: inverted lists of short codes, the best candidates compared exactly.
+"""Nearest neighbours by FAISS: inverted lists of short codes; the best candidates compared exactly.
 
-Johnson, Douze & Jégou 2019; 4-bit product codes compared in registers as in André et al. 2017.
+Johnson, Douze & Jégou 2019, with 4-bit product codes compared in registers (André et al. 2017).
 """
 
 from dataclasses import dataclass
@@ -20,26 +20,26 @@ from hlp.settings import Doc, Settings
 from hlp.thread_team import ThreadTeam
 
 FEWEST = 4096
-"""Codebooks of fewer entries are searched exactly: there is nothing to gain."""
+"""Codebooks with fewer entries are searched exactly, which is just as fast."""
 _FILE = "lists.npz"
-_NUMBERS_PER_CODE = 4  # of a feature, behind each 4-bit code
+_NUMBERS_PER_CODE = 4  # numbers of a feature that one 4-bit code stands for
 
 
 @SEARCHES.register
 @dataclass(frozen=True)
 class InvertedListsSettings(Settings):
-    """Config group `codebook`: FAISS's inverted lists of short codes. Every value is ours (D)."""
+    """Config group `codebook`: FAISS's inverted lists of short codes (D)."""
 
     name: Literal["inverted_lists"] = "inverted_lists"
     neighbours: Annotated[int, Ge(1), Doc("nearest entries of each patch that vote (P: k = 3)")] = 3
     lists: Annotated[
         int,
         Ge(1),
-        Doc("lists of entries that lie together; of 57,600 entries some 450 in each (D)"),
+        Doc("number of lists; with 57,600 entries, each holds about 450 (D)"),
     ] = 128
-    probes: Annotated[int, Ge(1), Doc("nearest lists that are searched (D)")] = 16
+    probes: Annotated[int, Ge(1), Doc("number of nearest lists that are searched (D)")] = 16
     candidates: Annotated[
-        int, Ge(1), Doc("entries for each neighbour that are compared by their whole features (D)")
+        int, Ge(1), Doc("entries compared by their whole features, for each neighbour (D)")
     ] = 16
 
     dimension_multiple: ClassVar[int] = _NUMBERS_PER_CODE
@@ -51,21 +51,21 @@ class InvertedListsSettings(Settings):
         threads: int,
         folder: Path | None = None,
     ) -> "InvertedLists":
-        """The lists, trained from the seed unless a folder holds them."""
+        """The lists, read from the folder if it holds them, otherwise trained with the seed."""
         trained = None if folder is None else load_lists(folder, self, seed)
         return InvertedLists(features, self, seed, trained, threads)
 
     def prepare(self, features: Float[np.ndarray, "m d"], seed: int, folder: Path) -> None:
-        """Leave the trained lists."""
+        """Train the lists and write them into the folder."""
         save_lists(folder, InvertedLists(features, self, seed), seed)
 
 
 class InvertedLists:
-    """FAISS's IVF-PQ, its best candidates compared by their whole features.
+    """FAISS's IVF-PQ; the best candidates are compared by their whole features.
 
-    The same features and seed give the same lists. `trained` are those of an earlier object of the
-    same features, settings and seed (`trained` of it), so that they need not be learnt again.
-    `threads` share out the queries and change no result.
+    The same features and seed give the same lists. `trained` is the attribute `trained` of another
+    instance with the same features, settings and seed; with it, nothing is trained again. The
+    number of `threads` does not affect results.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class InvertedLists:
 
     @property
     def trained(self) -> UInt8[np.ndarray, "bytes"]:
-        """The lists as bytes to be stored; empty where the codebook is searched exactly."""
+        """The lists as bytes for a file; empty if the codebook is searched exactly."""
         if self._lists is None:
             return np.zeros(0, dtype=np.uint8)
         return np.asarray(faiss.serialize_index(self._lists))
@@ -99,7 +99,8 @@ class InvertedLists:
     def search(self, queries: Float[np.ndarray, "n d"]) -> Matches:
         """The k approximately nearest features of each query, nearest first.
 
-        Distances are exact. Where the lists held fewer entries, the rest are infinitely far.
+        Distances are exact. If the searched lists hold fewer than k entries, the rest are at an
+        infinite distance.
         """
         single = np.ascontiguousarray(queries, dtype=np.float32)
         if self._lists is None:
@@ -129,7 +130,7 @@ def save_lists(folder: Path, searched: InvertedLists, seed: int) -> None:
 def load_lists(
     folder: Path, settings: InvertedListsSettings, seed: int
 ) -> UInt8[np.ndarray, "bytes"] | None:
-    """What `save_lists` wrote; None where there is nothing, or it is for other settings."""
+    """The lists that `save_lists` wrote; None if there are none for these settings."""
     if not (folder / _FILE).is_file():
         return None
     with np.load(folder / _FILE) as stored:
@@ -142,7 +143,7 @@ def load_lists(
 def _train(
     features: Float[np.ndarray, "m d"], settings: InvertedListsSettings, seed: int
 ) -> faiss.IndexIVFPQFastScan:
-    faiss.omp_set_num_threads(1)  # how sums are shared out would decide where lists lie
+    faiss.omp_set_num_threads(1)  # more threads would change the order of sums, and so the lists
     dimension = features.shape[1]
     coarse = faiss.IndexFlatL2(dimension)
     lists = faiss.IndexIVFPQFastScan(
@@ -159,7 +160,7 @@ def _restore(
     features: Float[np.ndarray, "m d"],
     settings: InvertedListsSettings,
 ) -> faiss.Index:
-    """Raises DataError where the bytes are not the lists of these features and settings."""
+    """Raises DataError if the bytes are not the lists of these features and settings."""
     try:
         lists = faiss.deserialize_index(trained)
     except RuntimeError as error:

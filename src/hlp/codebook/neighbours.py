@@ -1,4 +1,4 @@
-"""Nearest neighbours among codebook features: exact, or by randomised kd-trees as in the paper."""
+"""Nearest neighbours among codebook features: exact, or by randomised kd-trees (paper)."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,21 +13,21 @@ from hlp.records import Matches
 from hlp.registry import Registry
 from hlp.settings import Doc, Settings
 
-_ROWS = 512  # queries at once: bounds the distance matrix
+_ROWS = 512  # queries in a block: bounds the distance matrix
 
 
 class Neighbours(Protocol):
     """Searches one object's features."""
 
     def search(self, queries: Float[np.ndarray, "n d"]) -> Matches:
-        """The k nearest features of each query, nearest first, Euclidean distances."""
+        """The k nearest features of each query, nearest first, with Euclidean distances."""
 
 
 class SearchSettings(Protocol):
-    """Settings of a search among a codebook's features."""
+    """Settings of the search in a codebook."""
 
     dimension_multiple: ClassVar[int]
-    """The length of features must divide by it."""
+    """The length of features must be a multiple of this."""
 
     @property
     def name(self) -> str:
@@ -36,7 +36,7 @@ class SearchSettings(Protocol):
 
     @property
     def neighbours(self) -> int:
-        """Nearest features that are found for each query."""
+        """Number of nearest features that are found for each query."""
         ...
 
     def build(
@@ -46,14 +46,14 @@ class SearchSettings(Protocol):
         threads: int,
         folder: Path | None = None,
     ) -> Neighbours:
-        """The search of these features. `threads` share out queries and change no result.
+        """The search among these features. The number of `threads` does not affect results.
 
-        `folder` is one that `prepare` was given for them (None: nothing was prepared).
+        `folder` is the one given to `prepare` for these features (None: nothing was prepared).
         """
         ...
 
     def prepare(self, features: Float[np.ndarray, "m d"], seed: int, folder: Path) -> None:
-        """Leave in a folder what takes long to build, if anything does."""
+        """Write into a folder whatever takes long to build, if anything."""
         ...
 
 
@@ -78,7 +78,7 @@ class ExactSettings(Settings):
         threads: int,
         folder: Path | None = None,
     ) -> "ExactNeighbours":
-        """Exact search; BLAS has threads of its own."""
+        """Exact search. `threads` is not used: BLAS has its own threads."""
         return ExactNeighbours(features, self.neighbours)
 
     def prepare(self, features: Float[np.ndarray, "m d"], seed: int, folder: Path) -> None:
@@ -104,15 +104,15 @@ class KdForestSettings(Settings):
         threads: int,
         folder: Path | None = None,
     ) -> "KdForest":
-        """The trees, grown from the seed; they are searched in one thread."""
+        """The trees, built with the seed. They are searched in one thread."""
         return KdForest(features, self.neighbours, self.trees, self.checks, seed)
 
     def prepare(self, features: Float[np.ndarray, "m d"], seed: int, folder: Path) -> None:
-        """Nothing: FLANN's trees are grown anew."""
+        """Nothing: FLANN's trees are built when needed."""
 
 
 class ExactNeighbours:
-    """All distances, by one matrix product per block of queries."""
+    """Exact search: all distances, by one matrix product for each block of queries."""
 
     def __init__(self, features: Float[np.ndarray, "m d"], neighbours: int) -> None:
         self.features = np.ascontiguousarray(features, dtype=np.float32)
@@ -138,7 +138,7 @@ class ExactNeighbours:
 
 
 class KdForest:
-    """OpenCV's FLANN with randomised kd-trees, seeded: the same features give the same trees."""
+    """OpenCV's FLANN with randomised kd-trees. The same features and seed give the same trees."""
 
     def __init__(
         self,

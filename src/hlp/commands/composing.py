@@ -35,9 +35,9 @@ def config_folder() -> Path:
 
 
 def compose_config(*overrides: str) -> DictConfig:
-    """The configuration that `hlp run` would have with these overrides, for notebooks and scripts.
+    """The configuration of `hlp run` with these overrides, for notebooks and scripts.
 
-    Raises Hydra's errors for an override that fits nothing.
+    Raises Hydra's errors for an override of an unknown key or group.
     """
     from hydra import compose, initialize_config_dir
 

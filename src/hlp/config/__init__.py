@@ -1,1 +1,1 @@
-"""Composed configuration in, checked and typed objects out."""
+"""Turns the composed configuration into checked, typed objects."""

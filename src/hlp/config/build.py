@@ -1,4 +1,4 @@
-"""Configuration → checked objects, before any stage runs. OmegaConf stops here."""
+"""Turns the configuration into checked objects. Code below this layer does not use OmegaConf."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ from hlp.settings import read_settings
 
 @dataclass(frozen=True)
 class Run:
-    """Everything a run needs, checked: settings, dataset, the frames to look at, and the config."""
+    """Everything a run needs, checked: settings, data set, keys of its frames, configuration."""
 
     settings: RunSettings
     dataset: Dataset
@@ -59,7 +59,7 @@ def with_changed_run(run: Run, changes: Mapping[str, Any]) -> Run:
     """A run on the same data set with some values changed; see `with_changes`."""
     settings = with_changes(run, changes)
     if settings.data != run.settings.data:
-        raise ConfigError("data: what is varied runs on one and the same dataset")
+        raise ConfigError("data: the changed settings must keep the run's data set")
     return dataclasses.replace(run, settings=settings, config=_changed(run.config, changes))
 
 

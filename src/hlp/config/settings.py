@@ -1,4 +1,4 @@
-"""All settings of a run, typed: what the configuration becomes before any stage runs."""
+"""The typed settings of a run, which the configuration is turned into."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class TaskSettings(Protocol):
-    """Settings of what is to be done with a configuration."""
+    """Settings of a task: what is done with a configuration."""
 
     @property
     def name(self) -> str:
@@ -41,7 +41,7 @@ class TaskSettings(Protocol):
         ...
 
     def run(self, run: Run, output: Path) -> None:
-        """Do it; results go into `output`."""
+        """Do the task; results go into `output`."""
         ...
 
 
@@ -56,20 +56,20 @@ class RunSettings(Settings):
     A group of alternatives names its registry; the others have one class.
     """
 
-    name: Annotated[str, Doc("of the experiment")]
-    seed: Annotated[int, Ge(0), Doc("every random number follows from it")] = 0
+    name: Annotated[str, Doc("name of the experiment")]
+    seed: Annotated[int, Ge(0), Doc("seed of all random numbers")] = 0
     work: Annotated[
-        str, Doc("folder kept from run to run: finished stages and MLflow's database")
+        str, Doc("folder shared by all runs: finished stages and MLflow's database")
     ] = "work"
     output: Annotated[str, Doc("this run's folder")]
     frames: Annotated[
-        int | None, Ge(1), Doc("look at this many frames only, spread evenly; null: all")
+        int | None, Ge(1), Doc("use only this many frames, spread evenly; null: all")
     ] = None
-    panels: Annotated[int, Ge(0), Doc("frames of which the four panels are drawn")] = 6
+    panels: Annotated[int, Ge(0), Doc("number of frames for which the four panels are drawn")] = 6
     timing_frames: Annotated[
         int,
         Ge(1),
-        Doc("frames looked at again to measure the time, where results were found on disk"),
+        Doc("frames processed again to measure times when results were already on disk"),
     ] = 20
     warm_start: WarmStartSettings = field(default_factory=WarmStartSettings)
     data: Annotated[DataSettings, DATASETS]
@@ -94,7 +94,7 @@ class RunSettings(Settings):
 
     @property
     def method(self) -> MethodSettings:
-        """What the method itself is handed: its groups, without data set, scores and reports."""
+        """The settings of the method alone, without data set, evaluation and reporting."""
         return MethodSettings(
             seed=self.seed,
             rendering=self.rendering,

@@ -1,7 +1,7 @@
 """The settings' defaults as Hydra configurations, so that YAML files say only what differs.
 
-In every group, `base` holds the defaults of the group's settings class; in a group of alternatives,
-`base_NAME` those of the class that is registered as NAME, a plug-in's too:
+In every group, `base` holds the defaults of the group's settings class. In a group of alternatives,
+`base_NAME` holds those of the class registered as NAME, also from a plug-in:
 
     # conf/refinement/gentle.yaml
     defaults:
@@ -9,7 +9,7 @@ In every group, `base` holds the defaults of the group's settings class; in a gr
       - _self_
     theta_deg: 5.0
 
-They are no files and are not listed; a module is imported when one of its defaults is asked for.
+They are not files and are not listed. A module is imported when one of its defaults is used.
 """
 
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
@@ -30,14 +30,14 @@ _SCHEME = "hlp-defaults"
 
 
 def provide_defaults() -> None:
-    """Let Hydra find the defaults, in this process and the launchers' that it starts."""
+    """Let Hydra find the defaults, in this process and in those that launchers start."""
     for plugin in (TypedDefaults, TypedDefaultsPath):
         if plugin not in Plugins.instance().discover(plugin.__mro__[1]):
             Plugins.instance().register(plugin)
 
 
 def group_kinds() -> dict[str, "type | Registry[Any]"]:
-    """What each config group becomes: its settings class, or the registry of its alternatives."""
+    """The settings class of each config group, or the registry of its alternatives."""
     from hlp.config.settings import RunSettings
 
     kinds: dict[str, type | Registry[Any]] = {}
@@ -52,11 +52,11 @@ def group_kinds() -> dict[str, "type | Registry[Any]"]:
 
 
 class TypedDefaults(ConfigSource):
-    """Hydra's source of `GROUP/base` and `GROUP/base_NAME`."""
+    """The source from which Hydra reads `GROUP/base` and `GROUP/base_NAME`."""
 
     @staticmethod
     def scheme() -> str:
-        """What the search path calls it."""
+        """Scheme of this source in the search path."""
         return _SCHEME
 
     def load_config(self, config_path: str) -> ConfigResult:
@@ -71,15 +71,15 @@ class TypedDefaults(ConfigSource):
         )
 
     def is_config(self, config_path: str) -> bool:
-        """Whether that is a group's `base` or `base_NAME`."""
+        """Whether the path is a group's `base` or `base_NAME`."""
         return _find(config_path) is not None
 
     def is_group(self, config_path: str) -> bool:
-        """Whether it lists anything: never, groups are those of the files."""
+        """Always false: the groups are those of the files."""
         return False
 
     def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
-        """Nothing: defaults are for other configurations, not to be chosen."""
+        """Nothing: the defaults are for other configurations and are not choices."""
         return []
 
     def available(self) -> bool:
@@ -91,12 +91,12 @@ class TypedDefaultsPath(SearchPathPlugin):
     """Puts `TypedDefaults` on every search path."""
 
     def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
-        """Last of all, so that a file of that name would win."""
+        """Append it last, so that a file of the same name has priority."""
         search_path.append("hlp", f"{_SCHEME}://")
 
 
 def _find(config_path: str) -> tuple[type, str | None] | None:
-    """The settings class of a path such as `refinement/base_pso`, and its name; None: no such."""
+    """The settings class of a path such as `refinement/base_pso`, and its name; None if unknown."""
     group, _, file = config_path.removesuffix(".yaml").rpartition("/")
     base, _, name = file.partition("_")
     if base != _BASE or not group:

@@ -44,10 +44,10 @@ class BopSettings(Settings):
     split: Annotated[str, Doc("folder below root with the scenes")] = "test"
     targets: Annotated[
         str | None,
-        Doc("list of what should be found, below root; null: all that is annotated"),
+        Doc("list of targets, below root; null: everything that is annotated"),
     ] = None
     symmetry_steps: Annotated[
-        int, Ge(1), Doc("rotations per turn of a continuous symmetry: 0.6° at most amiss (D)")
+        int, Ge(1), Doc("rotations that stand for a continuous symmetry; at most 0.6° off (D)")
     ] = 315
     photographs: Annotated[
         str | None,

@@ -44,7 +44,7 @@ class LinemodSettings(Settings):
         Doc("objects by the names of their folders (rename benchviseblue to benchvise)"),
     ]
     camera_matrix: Annotated[
-        tuple[float, ...], Unit("px"), Doc("the set's intrinsics, which no file holds (P)")
+        tuple[float, ...], Unit("px"), Doc("intrinsics, which are not in the data set's files (P)")
     ] = (572.4114, 0.0, 325.2611, 0.0, 573.57043, 242.04899, 0.0, 0.0, 1.0)
     mesh_scale: Annotated[
         float, Gt(0), Doc("metres per unit of mesh.ply: 0.001 for millimetres, 1 for metres")

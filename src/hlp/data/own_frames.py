@@ -68,10 +68,10 @@ class FilesSettings(Settings):
         int, Ge(1), Doc("triangles of the mesh that the refiner renders (D)")
     ] = 500
     holistic_size_mm: Annotated[
-        float | None, Gt(0), Doc("side of the windows; null: by rule from the mesh")
+        float | None, Gt(0), Doc("side of the windows; null: computed from the mesh")
     ] = None
     local_size_mm: Annotated[
-        float | None, Gt(0), Doc("side of the local patches; null: by rule from the mesh")
+        float | None, Gt(0), Doc("side of the local patches; null: computed from the mesh")
     ] = None
 
     def build(self) -> Dataset:

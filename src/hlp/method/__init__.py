@@ -1,1 +1,1 @@
-"""Learn objects from CAD models; find them in one RGB-D frame: arrays in, poses out."""
+"""Learn objects from CAD models and find them in one RGB-D frame: arrays in, poses out."""

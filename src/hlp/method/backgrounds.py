@@ -1,4 +1,4 @@
-"""Images without any target object, which training needs beside the CAD models."""
+"""Images without any target object, which training needs in addition to the CAD models."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from hlp.records import Frame
 
 
 class Backgrounds(Protocol):
-    """Where training takes its backgrounds from."""
+    """Source of backgrounds for training."""
 
     def photograph_crops(
         self, count: int, size: int, rng: np.random.Generator
@@ -22,20 +22,20 @@ class Backgrounds(Protocol):
         ...
 
     def load_background_frames(self) -> Sequence[Frame]:
-        """RGB-D frames that stand behind rendered objects; may be empty."""
+        """RGB-D frames used as backgrounds of rendered objects; may be empty."""
         ...
 
     def load_encoder_frames(self) -> Sequence[Frame]:
-        """RGB-D frames that train the autoencoder (encoder=cae alone).
+        """RGB-D frames that train the autoencoder (only encoder=cae).
 
-        Raises ValueError where there are none.
+        Raises ValueError if there are none.
         """
         ...
 
 
 @dataclass(frozen=True)
 class GivenBackgrounds:
-    """Procedural crops, and whatever RGB-D frames a caller has, of places without the objects."""
+    """Procedural crops, and RGB-D frames given by the caller, of places without the objects."""
 
     frames: tuple[Frame, ...] = ()
 

@@ -29,9 +29,9 @@ from hlp.records import ObjectModel, Views
 
 @dataclass(frozen=True)
 class StartingWeights:
-    """A classifier of fewer objects to start from: its weights, and its classes' labels now.
+    """A classifier of fewer objects to start from: its weights, and the new labels of its classes.
 
-    It is then trained for `epochs`.
+    It is trained further for `epochs`.
     """
 
     weights: Mapping[str, Tensor]
@@ -49,8 +49,8 @@ def train_classifier(
 ) -> None:
     """Train the classifier of all `models` into `folder` (paper, section 3.1, Fig. 3).
 
-    Class i is the i-th object by id, 0 is background. An interrupted training goes on from the
-    last checkpoint in `folder`.
+    Class i is the i-th object by id, 0 is background. An interrupted training continues from
+    the last checkpoint in `folder`.
     """
     logging.getLogger(__name__).info("cutting windows of %d objects", len(models))
     patches = settings.patches

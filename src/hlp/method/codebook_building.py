@@ -1,4 +1,4 @@
-"""Makes one object's codebook: features of its views' local patches, and what they vote for."""
+"""Builds the codebook of one object: features of its views' local patches, and their votes."""
 
 from itertools import pairwise
 
@@ -15,25 +15,25 @@ from hlp.patches.local_pool import cut_view_patches, join_patches, take_patches
 from hlp.records import Codebook, LocalPatches, ObjectModel, Views
 
 _SCALE_SAMPLE = 1024
-# Views whose patches are held at once: memory stays as it is however many there are, and the
-# encoder's chunks are full, as they would be without blocks.
+# Views whose patches are held at once. This bounds the memory, whatever the number of views, and is
+# large enough to fill the encoder's chunks.
 _BLOCK = 512
 
 
 def build_codebook(
     model: ObjectModel, views: Views, encoder: Encoder, settings: MethodSettings
 ) -> Codebook:
-    """Codebook of an object: local patches about pixels drawn from each view's surface.
+    """Codebook of an object: local patches around pixels drawn from each view's surface.
 
-    The scale of its features' distances is how far a patch seen by a camera in clutter is from its
-    match: the median over a sample.
+    Its feature scale is the median distance between a patch, degraded as by a camera and clutter,
+    and its match, over a sample.
     """
     patches = settings.patches
     size = model.local_size * patches.local.size_scale
     rng = np.random.default_rng([settings.seed, model.object_id])
     per_view = patches.entries.patches_per_view
     pixels = [surface_pixels(views.depth[view], per_view, rng) for view in range(len(views))]
-    first = np.cumsum([0] + [len(each) for each in pixels])  # entry of each view
+    first = np.cumsum([0] + [len(each) for each in pixels])  # first entry of each view
     total = int(first[-1])
     sample = np.sort(rng.choice(total, min(_SCALE_SAMPLE, total), replace=False))
     features, points, sampled = [], [], []

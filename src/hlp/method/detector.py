@@ -1,4 +1,4 @@
-"""The method in one hand: learn objects from CAD models, find them in RGB-D images."""
+"""The method as one class: learn objects from CAD models, find them in RGB-D images."""
 
 import threading
 import time
@@ -17,17 +17,17 @@ from hlp.method.pose_estimator import FrameContext, PoseEstimator
 from hlp.method.settings import MethodSettings
 from hlp.records import Frame
 
-_FARTHEST = 20.0  # m: a median depth beyond this is given in another unit
+_FARTHEST = 20.0  # m: a larger median depth means another unit
 
 
 @dataclass(frozen=True)
 class Detection:
     """One object found in one image.
 
-    `object` is its name, `pose_cam_obj` (4, 4) maps its coordinates to the camera's (metres;
-    x right, y down, z forward). `score` in [0, 1], higher is surer. `visible_fraction` is the share
-    of its silhouette that nothing nearer covers. `seconds` is the time it took; what all objects of
-    an image share is counted for the first one.
+    `object` is its name. `pose_cam_obj` (4, 4) maps its coordinates to the camera's (metres; x
+    right, y down, z forward). `score` is in [0, 1]; higher is more certain. `visible_fraction` is
+    the fraction of its silhouette that nothing nearer covers. `seconds` is the wall time; work
+    shared by all objects of an image counts for the first one.
     """
 
     object: str
@@ -45,9 +45,9 @@ class Detector:
         for found in detector.detect(rgb, depth, camera_matrix):
             print(found.object, found.score, found.pose_cam_obj)
 
-    Only `learn`, `add` and `remove` write anything. Several threads may use one detector: they take
-    turns. The same image gives the same poses, whatever was looked at before and however many
-    `threads` are used.
+    Only `learn`, `add` and `remove` write files. Several threads may use one detector; their calls
+    are executed one after another. The same image gives the same poses, whichever images came
+    before and whatever the number of `threads`.
     """
 
     def __init__(self, folder: str | PathLike[str], threads: int | None = None) -> None:
@@ -73,14 +73,14 @@ class Detector:
         mesh_scale: float = 0.001,
         background_frames: Iterable[Frame] = (),
     ) -> "Detector":
-        """Learn objects from their CAD models into a new folder; minutes on two cores.
+        """Learn objects from their CAD models into a new folder. This takes minutes on two cores.
 
-        `meshes` maps names to files (PLY, OBJ, STL, …), `mesh_scale` is metres per unit of them
-        (0.001: millimetres). RGB-D frames of places without the objects make better backgrounds
-        than the procedural ones. An interrupted call goes on when it is made again. Progress is
-        shown on a terminal. Sets the threads of torch, OpenCV and BLAS in this process.
+        `meshes` maps names to files (PLY, OBJ, STL, …); `mesh_scale` is metres per unit of the
+        files (0.001: millimetres). RGB-D frames of places without the objects are better
+        backgrounds than the procedural ones. Repeat an interrupted call to continue it. Progress
+        is shown on a terminal. Sets the threads of torch, OpenCV and BLAS in this process.
 
-        Raises InputError for a bad name or mesh or a folder that is there already.
+        Raises InputError for a bad name or mesh, and for a folder that already exists.
         """
         from hlp.method.backgrounds import GivenBackgrounds
         from hlp.method.learning import build_models, learn
@@ -94,9 +94,9 @@ class Detector:
     def load(cls, folder: str | PathLike[str], *, threads: int | None = None) -> "Detector":
         """Open a folder that `learn` wrote, here or on another machine.
 
-        Networks and codebooks are read when first needed, or by `warm_up`. `threads` of the kernels
-        and networks (None: as learnt with). Raises MissingFileError where the folder holds no
-        learnt objects and DataError where they are damaged or of another version.
+        Networks and codebooks are read when first needed, or by `warm_up`. `threads` is the number
+        of threads of kernels and networks (None: as when learning). Raises MissingFileError if the
+        folder holds no learnt objects, DataError if they are damaged or of another version.
         """
         return cls(folder, threads)
 
@@ -112,9 +112,10 @@ class Detector:
         mesh_scale: float = 0.001,
         background_frames: Iterable[Frame] = (),
     ) -> None:
-        """Learn more objects into the folder: the encoder is kept, the classifier trained further.
+        """Learn more objects into the folder.
 
-        Arguments and errors as of `learn`; InputError for a name that is taken.
+        The encoder stays as it is and the classifier is trained further. Arguments and errors are
+        those of `learn`; also InputError for a name that is already used.
         """
         from hlp.method.backgrounds import GivenBackgrounds
         from hlp.method.learning import add, build_models
@@ -148,9 +149,9 @@ class Detector:
         """Find the objects (names; None: all learnt ones) in one RGB-D image.
 
         `rgb` (h, w, 3) uint8, red first. `depth` (h, w) floating point in metres along the optical
-        axis, registered to `rgb`, 0 or NaN where missing. `camera_matrix` (3, 3) in pixels, pixel
-        centres at integers. Each object is looked for once; one of which nothing was found is left
-        out. The surest comes first.
+        axis, registered to `rgb`, 0 or NaN where missing. `camera_matrix` (3, 3) in pixels, with
+        pixel centres at integers. At most one instance of each object is returned. The most certain
+        detection comes first.
 
         Raises InputError naming the argument that is wrong.
         """

@@ -37,8 +37,8 @@ def train_encoder(
 ) -> None:
     """Train the encoder that the settings name into `folder`.
 
-    The CAE sees RGB-D frames without the objects (paper, section 3.2), the others pairs of
-    rendered patches. Raises ValueError where an encoder needs frames and there are none.
+    The CAE is trained on RGB-D frames without the objects (paper, section 3.2), the others on
+    rendered patches. Raises ValueError if an encoder needs frames and there are none.
     """
     torch.manual_seed(settings.seed)
     settings.encoder.train(_Training(models, views_of, backgrounds, settings, folder))

@@ -20,7 +20,7 @@ from hlp.patches.window_images import WindowImages
 from hlp.records import Frame, ObjectModel
 from hlp.thread_team import ThreadTeam
 
-# Objects whose sizes differ by less share their windows: each is seen at most 12 % off its scale.
+# Objects whose sizes differ by less share windows, whose scale is then at most 12 % off.
 _SHARED_SCALE = 1.25
 
 Classes = Float[np.ndarray, "n classes"]
@@ -29,8 +29,8 @@ Classes = Float[np.ndarray, "n classes"]
 class HolisticScan:
     """Classifies the windows of frames, once for all objects of about one size.
 
-    `objects` are those that may be asked for. The probabilities at a window depend neither on
-    which of them are asked for, nor on their order, nor on `threads`.
+    `objects` are those that may be requested. The probabilities at a window depend neither on
+    which of them are requested, nor on their order, nor on `threads`.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class HolisticScan:
 
 
 class FrameWindows:
-    """The windows of one frame, classified when an object of their size is first asked for."""
+    """The windows of one frame, classified when an object of their size is first requested."""
 
     def __init__(self, scan: HolisticScan, frame: Frame) -> None:
         self._scan = scan
@@ -85,7 +85,7 @@ class FrameWindows:
         return windows.at(kept & checkerboard(windows.centers, step))
 
     def _classes(self, windows: Windows, metric_size: float) -> Classes:
-        # A chunk is cut and classified before the next, while it is in the processor's cache.
+        # Each chunk is cut and then classified while it is still in the processor's cache.
         starts = range(0, max(len(windows.sides), 1), CHUNK)
         parts = [windows.at(slice(start, start + CHUNK)) for start in starts]
         images = (self._images.cut(part, metric_size) for part in parts)

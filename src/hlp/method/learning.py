@@ -1,4 +1,4 @@
-"""Learns objects from CAD models into one folder; adds objects to it and takes them out."""
+"""Learns objects from CAD models into one folder; adds objects to it and removes them."""
 
 import hashlib
 import json
@@ -36,7 +36,7 @@ from hlp.rendering.views import load_views, render_views, save_views
 
 _NAME = re.compile(r"[\w][\w .+-]*")
 _DONE, _REQUEST, _VIEWS = "done", "request.json", "views"
-_ADDED_EPOCHS = 4  # of a classifier that knows most of its objects already
+_ADDED_EPOCHS = 4  # of a classifier that already knows most of its objects
 _PROXY_FACES = 500  # triangles of the mesh that the refiner renders
 
 
@@ -45,8 +45,8 @@ def build_models(
 ) -> dict[int, ObjectModel]:
     """Object models of mesh files by id, numbered from `first_id` in the order given.
 
-    `mesh_scale` is metres per unit of the files. Raises InputError for a name that cannot be a
-    folder's, and what loading a mesh raises.
+    `mesh_scale` is metres per unit of the files. Raises InputError for a name that cannot name a
+    folder, and the errors of loading a mesh.
     """
     if not meshes:
         raise InputError("no mesh is given: name one at least, {'bracket': 'bracket.ply'}")
@@ -65,9 +65,9 @@ def learn(
     settings: MethodSettings,
     backgrounds: Backgrounds,
 ) -> None:
-    """Learn objects from nothing into `folder`, which must not exist yet.
+    """Learn objects from scratch into `folder`, which must not exist yet.
 
-    An interrupted call goes on where it stopped when it is made again with the same objects.
+    To continue an interrupted call, repeat it with the same objects.
     """
     record = LearntRecord(
         {model.name: object_id for object_id, model in models.items()}, tuple(models), settings
@@ -87,8 +87,8 @@ def learn(
 def add(folder: Path, models: Mapping[int, ObjectModel], backgrounds: Backgrounds) -> None:
     """Learn more objects into a folder of learnt ones.
 
-    The encoder is kept, the classifier's training goes on with all objects. Until that is done the
-    folder stays as it was. Raises InputError for a name that is taken.
+    The encoder stays as it is; the classifier is trained further with all objects. The folder
+    changes only when everything is done. Raises InputError for a name that is already used.
     """
     before = LearntFolder(folder)
     old, settings = before.record, before.record.settings
@@ -122,10 +122,10 @@ def add(folder: Path, models: Mapping[int, ObjectModel], backgrounds: Background
 
 
 def remove(folder: Path, name: str) -> None:
-    """Take an object out of a folder of learnt ones.
+    """Remove an object from a folder of learnt ones.
 
-    The classifier keeps its class, so that what looks like it is not taken for another object.
-    Raises InputError for a name that is not there, or the last one.
+    The classifier keeps its class, so that things that look like it are not taken for another
+    object. Raises InputError for an unknown name or the last object.
     """
     record = read_record(folder)
     if name not in record.objects:
@@ -183,9 +183,9 @@ def _folder_in_the_making(
     settings: MethodSettings,
     replaces: bool = False,
 ) -> Iterator[Path]:
-    """A folder beside `folder` that takes its place when the block ends without an error.
+    """A folder beside `folder` that replaces it when the block ends without an error.
 
-    One that an interrupted call left is gone on with if it was for the same objects and settings.
+    A folder left by an interrupted call is continued if it is for the same objects and settings.
     """
     if folder.exists() and not replaces:
         what = "holds learnt objects" if (folder / RECORD).is_file() else "is there"
@@ -213,7 +213,7 @@ def _folder_in_the_making(
 
 
 def _request(models: Mapping[int, ObjectModel], settings: MethodSettings) -> dict[str, str]:
-    """What a folder in the making is for."""
+    """Identifies the objects and settings of an unfinished folder."""
     digest = hashlib.blake2b(json.dumps(settings_to_json(settings)).encode(), digest_size=16)
     for object_id, model in sorted(models.items()):
         digest.update(f"{object_id} {model.name} {mesh_identity(model.mesh)}".encode())
@@ -229,7 +229,7 @@ def _read_request(partial: Path) -> object:
 
 @contextmanager
 def _once(folder: Path) -> Iterator[bool]:
-    """Whether a folder's content is still to be made; after the block it is not."""
+    """Whether a folder's content must still be made. The end of the block marks it as made."""
     if (folder / _DONE).exists():
         yield False
         return

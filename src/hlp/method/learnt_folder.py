@@ -4,7 +4,7 @@
 <folder>/classifier/, encoder/  the networks
 <folder>/objects/NAME/          object.json, model.npz (meshes, symmetries), codebook.npz
 
-Nothing in it is pickled, so a folder from a stranger cannot run code.
+Nothing in it is pickled, so loading a folder from elsewhere cannot run code.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,11 +32,11 @@ _MESH_FIELDS = ("vertices", "faces", "colors", "normals")
 
 @dataclass(frozen=True)
 class LearntRecord:
-    """What `learnt.json` says.
+    """The content of `learnt.json`.
 
     `classes` are the ids of the objects that the classifier was trained on: class i + 1 is
-    `classes[i]`, class 0 background. An object that was removed keeps its class, so that what looks
-    like it is not taken for another. `objects` maps the names of those that are there to their ids.
+    `classes[i]`, class 0 background. A removed object keeps its class, so that things that look
+    like it are not taken for another object. `objects` maps the names of the present ones to ids.
     """
 
     objects: Mapping[str, int]
@@ -45,12 +45,12 @@ class LearntRecord:
 
     @property
     def next_id(self) -> int:
-        """An id that no object has or had."""
+        """An id that no object has or had before."""
         return max(self.classes, default=0) + 1
 
 
 def write_record(folder: Path, record: LearntRecord) -> None:
-    """Write `learnt.json`, which makes a folder one of learnt objects: last of all."""
+    """Write `learnt.json`. It is written last: a folder with one is complete."""
     content = {
         "format": FORMAT,
         "objects": dict(record.objects),
@@ -61,7 +61,7 @@ def write_record(folder: Path, record: LearntRecord) -> None:
 
 
 def read_record(folder: Path) -> LearntRecord:
-    """Read `learnt.json`. Raises MissingFileError and DataError naming what is wrong."""
+    """Read `learnt.json`. Raises MissingFileError and DataError that name what is wrong."""
     path = folder / RECORD
     if not path.is_file():
         raise MissingFileError(f"{folder} holds no learnt objects: it has no {RECORD}")
@@ -81,7 +81,7 @@ def read_record(folder: Path) -> LearntRecord:
 
 
 def write_model(folder: Path, model: ObjectModel) -> None:
-    """Write an object's model into `folder`, which is made if it is not there."""
+    """Write an object's model into `folder`, which is made if missing."""
     folder.mkdir(parents=True, exist_ok=True)
     arrays = {
         f"{part}_{field}": getattr(mesh, field)
@@ -127,9 +127,9 @@ def read_model(folder: Path) -> ObjectModel:
 
 
 class LearntFolder:
-    """Learnt objects on disk, as detection wants them (`LearntObjects`); read when first needed.
+    """Learnt objects on disk as `LearntObjects` for detection; files are read when first needed.
 
-    `settings` are those they were learnt with, but for the `threads` where given.
+    `settings` are those of learning, except for `threads` if given.
     """
 
     def __init__(self, folder: Path, threads: int | None = None) -> None:
@@ -152,7 +152,7 @@ class LearntFolder:
         return self.record.classes
 
     def object_folder(self, object_id: int) -> Path:
-        """Where an object lies."""
+        """The folder of an object."""
         return self.folder / OBJECTS / self._names[object_id]
 
     def load_classifier(self) -> Network:
@@ -169,5 +169,5 @@ class LearntFolder:
         return load_codebook(self.object_folder(object_id))
 
     def search_folder(self, object_id: int) -> Path:
-        """Where the search of its codebook was prepared."""
+        """The folder in which the search in its codebook was prepared."""
         return self.object_folder(object_id)

@@ -9,5 +9,5 @@ CLASSIFIER = "classifier"
 
 
 def load_classifier(folder: Path, machine: MachineSettings) -> Network:
-    """The classifier that `train_classifier` left in `folder`."""
+    """The classifier that `train_classifier` wrote into `folder`."""
     return load_network(folder / CLASSIFIER, machine.threads, machine.device)

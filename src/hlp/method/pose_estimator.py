@@ -24,7 +24,7 @@ from hlp.voting.cast import cast_votes
 
 
 class LearntObjects(Protocol):
-    """What detection needs of the learnt objects; every part is loaded when first needed."""
+    """What detection needs from learnt objects. Each part is loaded when first needed."""
 
     @property
     def models(self) -> Mapping[int, ObjectModel]:
@@ -49,13 +49,13 @@ class LearntObjects(Protocol):
         ...
 
     def search_folder(self, object_id: int) -> Path | None:
-        """Where the search of its codebook was prepared; None where it was not."""
+        """The folder in which the search in its codebook was prepared; None if it was not."""
         ...
 
 
 @dataclass(frozen=True)
 class CoarseResult:
-    """Patches, votes and hypotheses of one object in one frame, and the time (s) of both steps."""
+    """Patches, votes and hypotheses of one object in a frame, and the times (s) of both steps."""
 
     patches: LocalPatches
     votes: Votes
@@ -65,7 +65,7 @@ class CoarseResult:
 
 
 class FrameContext:
-    """One frame, and the work on it that all objects share; made by `PoseEstimator.prepare`."""
+    """One frame and the work on it that its objects share. Made by `PoseEstimator.prepare`."""
 
     def __init__(
         self, frame: Frame, windows: FrameWindows, verification: VerificationSettings
@@ -76,16 +76,16 @@ class FrameContext:
 
     @cached_property
     def observation(self) -> Observation:
-        """The frame as the verification compares poses with it."""
+        """The frame in the form that the verification compares poses with."""
         frame = self.frame
         return observe(frame.rgb, frame.depth, frame.camera_matrix, self._verification)
 
 
 class PoseEstimator:
-    """The three stages for single objects in single frames.
+    """The three stages for one object in one frame.
 
     Networks and codebooks are loaded when first needed, or by `load`. `object_ids` are the objects
-    that may be asked for (default: all learnt ones). Not safe for use by several threads at once.
+    that may be requested (default: all learnt ones). Not safe for use by several threads at once.
     """
 
     def __init__(
@@ -115,14 +115,14 @@ class PoseEstimator:
         return self.learnt.load_encoder()
 
     def load(self, object_ids: Sequence[int]) -> None:
-        """Load networks and the codebooks of these objects now instead of at their first use."""
+        """Load the networks and the codebooks of these objects now instead of at first use."""
         _ = self._scan, self._encoder
         for object_id in object_ids:
             self._codebook(object_id)
             self._verifier(object_id)
 
     def prepare(self, frame: Frame) -> FrameContext:
-        """The context of a frame, to be handed to the stages of every object looked for in it."""
+        """The context of a frame, which is passed to the stages of every object in it."""
         windows = self._scan.start(frame)
         return FrameContext(frame, windows, self.settings.refinement.verification)
 
@@ -175,7 +175,7 @@ class PoseEstimator:
     ) -> RefinedHypotheses | None:
         """Stage 3: refine the promising hypotheses and choose one (paper, section 3.3).
 
-        None where there is no hypothesis.
+        None if there is no hypothesis.
         """
         if len(hypotheses) == 0:
             return None
@@ -194,7 +194,7 @@ class PoseEstimator:
     def visible_fraction(
         self, context: FrameContext, object_id: int, pose_cam_obj: Float[np.ndarray, "4 4"]
     ) -> float:
-        """Share of the object's silhouette at a pose that nothing nearer to the camera covers."""
+        """Fraction of the silhouette at a pose that nothing nearer to the camera covers."""
         verifier = self._verifier(object_id)
         return 1.0 - float(verifier.evidence(context.observation, pose_cam_obj[None]).occluded[0])
 
@@ -219,5 +219,5 @@ class PoseEstimator:
 
 
 def derive_seed(*parts: int) -> int:
-    """One seed from several numbers: frames and objects draw independently, in any order."""
+    """One seed from several numbers: frames and objects have independent random numbers."""
     return int(np.random.SeedSequence(parts).generate_state(1)[0])

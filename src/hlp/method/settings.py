@@ -1,4 +1,4 @@
-"""Settings of the method: everything that decides how objects are learnt and found."""
+"""Settings of the method: how objects are learnt and found."""
 
 from dataclasses import asdict, dataclass, field
 from typing import Annotated, Any, Literal
@@ -25,7 +25,7 @@ from hlp.voting.modes import VOTINGS, JointVotingSettings, VotingSettings
 
 @dataclass(frozen=True)
 class PatchesSettings(Settings):
-    """Config group `patches`: one record per step that cuts or chooses patches."""
+    """Config group `patches`: one record for each step that cuts or chooses patches."""
 
     name: Annotated[str, Doc("of the choice")] = "hlp"
     holistic: HolisticSettings = field(default_factory=HolisticSettings)
@@ -39,42 +39,45 @@ class PatchesSettings(Settings):
 
 @dataclass(frozen=True)
 class TrainerSettings(Settings):
-    """Config group `trainer`: what Lightning's Trainer is given."""
+    """Config group `trainer`: arguments of Lightning's Trainer, and torch's threads."""
 
     name: Annotated[str, Doc("of the choice")] = "cpu"
-    accelerator: Annotated[str, Doc("cpu, or gpu, for which torch must be built with CUDA")] = "cpu"
-    devices: Annotated[int, Ge(1), Doc("processes; one a GPU")] = 1
-    strategy: Annotated[str, Doc("how processes share out a batch")] = "auto"
+    accelerator: Annotated[str, Doc("cpu or gpu; gpu needs torch built with CUDA")] = "cpu"
+    devices: Annotated[int, Ge(1), Doc("processes; with gpu, one on each GPU")] = 1
+    strategy: Annotated[str, Doc("Lightning's strategy for several processes")] = "auto"
     precision: Annotated[
-        str, Doc("bf16-mixed is slower on a CPU: its backward pass took 10 times as long (D)")
+        str, Doc("of training; bf16-mixed is slower on a CPU: backward took 10 times as long (D)")
     ] = "32-true"
     torch_threads: Annotated[
         int,
         Ge(1),
-        Doc("of every network; decides the last bits of sums, so it is part of results (D)"),
+        Doc("threads of torch in training; they change the last bits of the weights (D)"),
     ] = 2
 
 
 @dataclass(frozen=True)
 class MachineSettings(Settings):
-    """Config group `machine`: what decides how long the method takes, and no result.
+    """Config group `machine`: settings that affect the time of the method but not its results.
 
-    But for the last bits of what a GPU computes.
+    Only the last bits of the networks' outputs differ between devices.
     """
 
     name: Annotated[str, Doc("of the choice")] = "local"
     threads: Annotated[
-        int, Ge(1), Doc("of the renderer, the refiner, the search and OpenCV each (D)")
+        int, Ge(1), Doc("threads of networks, renderer, refiner, search and OpenCV each (D)")
     ] = 2
-    device: Annotated[Literal["cpu", "cuda"], Doc("of the networks during detection")] = "cpu"
+    device: Annotated[
+        Literal["cpu", "cuda"],
+        Doc("device of the networks in detection; cuda needs onnxruntime-gpu"),
+    ] = "cpu"
 
 
 @dataclass(frozen=True)
 class MethodSettings(Settings):
     """The method without any data set: one record per config group, and the seed.
 
-    Equal settings, objects and images give equal poses. `machine` changes only the time, apart
-    from the last bits of what a GPU computes.
+    Equal settings, objects and images give equal poses. The threads of `machine` change only the
+    time; its device changes the last bits of the networks' outputs.
     """
 
     seed: Annotated[int, Ge(0), Doc("every random number follows from it")] = 0
@@ -106,10 +109,10 @@ class MethodSettings(Settings):
 
 
 def settings_to_json(settings: MethodSettings) -> dict[str, Any]:
-    """The settings as plain values, as JSON can hold them."""
+    """The settings as plain values for JSON."""
     return asdict(settings)
 
 
 def settings_from_json(content: dict[str, Any]) -> MethodSettings:
-    """The settings of plain values. Raises ConfigError naming the key that is wrong."""
+    """The settings from plain values. Raises ConfigError naming the key that is wrong."""
     return read_settings(MethodSettings, content)

@@ -33,8 +33,9 @@ def fit(
 ) -> None:
     """Train for `epochs`, continuing from the last checkpoint in `folder` if there is one.
 
-    A training that was interrupted and continued ends with the same weights as another.
-    Leaves the network's weights (`weights.safetensors`) and each epoch's metrics (`history.csv`).
+    An interrupted and continued training ends with the same weights as an uninterrupted one.
+    Writes the network's weights (`weights.safetensors`) and the metrics of each epoch
+    (`history.csv`).
     """
     last = folder / _CHECKPOINTS / "last.ckpt"
     callbacks: list[Callback] = [
@@ -64,7 +65,7 @@ def _make_trainer(
         strategy=trainer.strategy,
         precision=trainer.precision,  # type: ignore[arg-type]
         max_epochs=epochs,
-        use_distributed_sampler=False,  # our loaders share out batches themselves
+        use_distributed_sampler=False,  # our loaders divide the batches themselves
         callbacks=callbacks,
         logger=False,
         enable_progress_bar=terminal,
@@ -75,7 +76,7 @@ def _make_trainer(
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Without Lightning's tips, and without warnings of what is intended."""
+    """Suppress Lightning's tips, and warnings about things that are intended."""
     logging.getLogger("pytorch_lightning").setLevel(logging.WARNING)
     with warnings.catch_warnings():
         # Batches come from memory, so worker processes would only copy them.
@@ -91,10 +92,10 @@ def _quiet() -> Iterator[None]:
 
 
 def calibration_images(data: pl.LightningDataModule, images_of: Callable[[Any], Tensor]) -> Tensor:
-    """Images of the first batches of a training, enough to tell the ranges of activations."""
+    """Images of the first training batches, enough to measure the ranges of activations."""
     found: list[Tensor] = []
     for batch in data.train_dataloader():
-        # Degraded as the batch that would have come next in training.
+        # Degraded like the batch that would come next in training.
         found.append(images_of(data.on_before_batch_transfer(batch, 0)))
         if sum(len(each) for each in found) >= _CALIBRATION:
             break
@@ -102,7 +103,7 @@ def calibration_images(data: pl.LightningDataModule, images_of: Callable[[Any], 
 
 
 def load_weights(network: nn.Module, folder: Path) -> None:
-    """Load what `fit` left. Raises FileNotFoundError if there are none."""
+    """Load the weights that `fit` wrote. Raises FileNotFoundError if there are none."""
     network.load_state_dict(read_weights(folder))
 
 
@@ -123,7 +124,7 @@ def read_history(folder: Path) -> list[dict[str, float]]:
 
 
 class _History(Callback):
-    """Writes the metrics of every epoch; each checkpoint holds the rows so far."""
+    """Writes the metrics of every epoch. Each checkpoint contains the rows so far."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -149,7 +150,7 @@ class _History(Callback):
 class _RandomState(Callback):
     """Stores torch's random state, from which dropout draws, with each checkpoint.
 
-    It is restored when the checkpoint is loaded, before Lightning makes the epoch's batches: that
+    It is restored when the checkpoint is loaded, before Lightning makes the epoch's batches, which
     draws random numbers too.
     """
 
@@ -161,7 +162,7 @@ class _RandomState(Callback):
 
 
 class _Threads(Callback):
-    """Sets torch's number of threads, which decides the last bits, in every training process."""
+    """Sets torch's number of threads, which affects the last bits, in every training process."""
 
     def __init__(self, threads: int) -> None:
         self.threads = threads

@@ -18,15 +18,17 @@ class AutoencoderSettings(Settings):
     """Config group `encoder`: the paper's autoencoder, trained on RGB-D scenes (Fig. 6)."""
 
     name: Literal["cae"] = "cae"
-    input: Annotated[Literal["rgbd", "normals_depth"], Doc("what it sees (P: rgbd)")] = "rgbd"
+    input: Annotated[Literal["rgbd", "normals_depth"], Doc("channels of the input (P: rgbd)")] = (
+        "rgbd"
+    )
     dimension: Annotated[
         int, Ge(1), Doc("length of the feature (P: 100, 200, 400, 600 in Fig. 9a)")
     ] = 200
     widths: Annotated[
         tuple[Annotated[int, Ge(1)], ...],
-        Doc("channels of the strided convolutions (D: Fig. 6's sizes are not in the text)"),
+        Doc("channels of the strided convolutions (D: the text does not give Fig. 6's sizes)"),
     ] = (32, 64, 96, 128)
-    learning_rate: Annotated[float, Ge(0), Doc("constant (D)")] = 1.0e-3
+    learning_rate: Annotated[float, Ge(0), Doc("constant rate (D)")] = 1.0e-3
     weight_decay: Annotated[float, Ge(0), Doc("of AdamW (D)")] = 0.0
     epochs: Annotated[int, Ge(1), Doc("passes over the patches (D)")] = 20
     batch_size: Annotated[int, Ge(1), Doc("patches in a batch (D)")] = 256

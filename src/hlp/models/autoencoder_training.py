@@ -11,7 +11,7 @@ from hlp.models.training_input import encoder_input
 
 
 class Autoencoder(pl.LightningModule):
-    """Encoder to a feature, mirrored decoder back to the patch; trained on the squared error."""
+    """Encoder to a feature and mirrored decoder back to the patch; trained on the squared error."""
 
     def __init__(self, settings: AutoencoderSettings) -> None:
         super().__init__()

@@ -12,14 +12,14 @@ from hlp.settings import Doc, Settings
 
 RESOLUTION = 64  # px of a window's side (paper, Fig. 3)
 CHUNK = 256
-"""Windows at once: what a chunk's layers put out stays in the processor's cache."""
+"""Windows in a chunk: few enough for its activations to stay in the processor's cache."""
 
 
 @dataclass(frozen=True)
 class ClassifierSettings(Settings):
     """Config group `classifier`: the CNN on holistic patches (paper, Fig. 3) and its training.
 
-    The paper's layer sizes are not in its text. AdamW with a one-cycle schedule.
+    The paper's text does not give the layer sizes. Trained by AdamW with a one-cycle schedule.
     """
 
     name: Literal["cnn"] = "cnn"
@@ -27,8 +27,10 @@ class ClassifierSettings(Settings):
         tuple[Annotated[int, Ge(1)], ...], Doc("channels of the strided convolutions (D)")
     ] = (16, 32, 64, 128)
     hidden: Annotated[int, Ge(1), Doc("units of the dense layer (D)")] = 128
-    dropout: Annotated[float, Interval(ge=0, lt=1), Doc("before each dense layer (D)")] = 0.2
-    learning_rate: Annotated[float, Ge(0), Doc("highest of the schedule (D)")] = 2.0e-3
+    dropout: Annotated[
+        float, Interval(ge=0, lt=1), Doc("dropout rate before each dense layer (D)")
+    ] = 0.2
+    learning_rate: Annotated[float, Ge(0), Doc("highest rate of the schedule (D)")] = 2.0e-3
     weight_decay: Annotated[float, Ge(0), Doc("of AdamW (D)")] = 1.0e-3
     epochs: Annotated[int, Ge(1), Doc("passes over the pool of windows (D)")] = 12
     batch_size: Annotated[int, Ge(1), Doc("windows in a batch (D)")] = 256

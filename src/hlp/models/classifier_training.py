@@ -1,4 +1,4 @@
-"""CNN that classifies holistic patches (paper, Fig. 3; its sizes are not printed there)."""
+"""CNN that classifies holistic patches (paper, Fig. 3, which does not give the layer sizes)."""
 
 from collections.abc import Mapping, Sequence
 
@@ -93,9 +93,10 @@ class HolisticClassifier(pl.LightningModule):
 def copy_weights(
     network: HolisticCNN, weights: Mapping[str, Tensor], labels: Mapping[int, int]
 ) -> None:
-    """Start a network with the weights of one of fewer classes.
+    """Copy the weights of a network with fewer classes into a new one.
 
-    `labels` gives each class of the other network its class in this one; the rest stay as they are.
+    `labels` maps each class of the other network to a class of this one. The weights of further
+    classes stay as they are.
     """
     own, last = network.state_dict(), f"head.{len(network.head) - 1}."
     before, now = list(labels), list(labels.values())

@@ -18,20 +18,24 @@ class ContrastiveSettings(Settings):
     """Config group `encoder`: a network trained contrastively on pairs of rendered patches (D)."""
 
     name: Literal["contrastive"] = "contrastive"
-    input: Annotated[Literal["rgbd", "normals_depth"], Doc("what it sees (D)")] = "normals_depth"
+    input: Annotated[Literal["rgbd", "normals_depth"], Doc("channels of the input (D)")] = (
+        "normals_depth"
+    )
     dimension: Annotated[
         int, Ge(1), Doc("length of the feature (P: 100, 200, 400, 600 in Fig. 9a)")
     ] = 200
     widths: Annotated[
         tuple[Annotated[int, Ge(1)], ...],
-        Doc("channels of the strided convolutions (D: Fig. 6's sizes are not in the text)"),
+        Doc("channels of the strided convolutions (D: the text does not give Fig. 6's sizes)"),
     ] = (32, 64, 96, 128)
-    temperature: Annotated[float, Gt(0), Doc("of InfoNCE (D)")] = 0.07
+    temperature: Annotated[float, Gt(0), Doc("temperature of InfoNCE (D)")] = 0.07
     exclude_mm: Annotated[
-        float, Ge(0), Doc("pairs of one object this near are no negatives … (D)")
+        float, Ge(0), Doc("pairs of one object at most this far apart are no negatives … (D)")
     ] = 15.0
-    exclude_deg: Annotated[float, Ge(0), Doc("… if their views are this near as well (D)")] = 20.0
-    learning_rate: Annotated[float, Ge(0), Doc("highest of the one-cycle schedule (D)")] = 2.0e-3
+    exclude_deg: Annotated[float, Ge(0), Doc("… if their views differ by at most this (D)")] = 20.0
+    learning_rate: Annotated[float, Ge(0), Doc("highest rate of the one-cycle schedule (D)")] = (
+        2.0e-3
+    )
     weight_decay: Annotated[float, Ge(0), Doc("of AdamW (D)")] = 1.0e-3
     epochs: Annotated[int, Ge(1), Doc("passes over the pairs (D)")] = 4
     batch_size: Annotated[int, Ge(1), Doc("pairs in a batch (D)")] = 512

@@ -1,8 +1,8 @@
-"""Local encoder trained contrastively: same surface point, neighbouring view, other conditions.
+"""Contrastive training of the local encoder.
 
-InfoNCE (van den Oord et al., 2018) between a degraded patch and a clean one, in place of the
-paper's reconstruction objective: reconstruction keeps light and clutter in the feature, this
-objective removes them.
+The two patches of a pair show the same surface point in neighbouring views, one clean and one
+degraded. InfoNCE (van den Oord et al., 2018) replaces the paper's reconstruction objective:
+reconstruction keeps light and clutter in the feature, InfoNCE removes them.
 """
 
 from typing import Any
@@ -19,7 +19,7 @@ from hlp.models.training_input import encoder_input
 
 
 class ContrastiveEncoder(pl.LightningModule):
-    """Trains `PatchEncoder` so that the two patches of a pair are each other's nearest."""
+    """Trains `PatchEncoder` so that the patches of a pair are each other's nearest neighbours."""
 
     def __init__(self, settings: ContrastiveSettings) -> None:
         super().__init__()
@@ -55,7 +55,7 @@ class ContrastiveEncoder(pl.LightningModule):
         return loss
 
     def _near(self, batch: dict[str, Any]) -> Tensor:
-        """Pairs (n, n) that look too alike to be told apart; never the diagonal."""
+        """Pairs (n, n) that look too alike to be negatives; never the diagonal."""
         same = batch["object"][:, None] == batch["object"]
         apart = torch.cdist(batch["point"], batch["point"]) * 1000.0
         flat = batch["rotation"].flatten(1)

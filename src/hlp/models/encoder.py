@@ -14,9 +14,9 @@ _CHUNK = 512
 
 
 class Encoder(Protocol):
-    """Turns local patches into features whose Euclidean distances mean likeness.
+    """Turns local patches into features; similar patches have a small Euclidean distance.
 
-    `sees_color`: whether it needs patches with colour.
+    `sees_color` says whether it needs patches with colour.
     """
 
     sees_color: bool
@@ -26,10 +26,10 @@ class Encoder(Protocol):
 
 
 class NetworkEncoder:
-    """A network as encoder: the same one, in the same precision, for views and scenes.
+    """A network as encoder, with the same precision for views and scenes.
 
-    `kind` names its input. `unit_length` divides features by their norm, as contrastive training
-    assumes.
+    `kind` names its input. With `unit_length`, features are divided by their norm, as contrastive
+    training assumes.
     """
 
     def __init__(self, network: Network, kind: str, unit_length: bool) -> None:

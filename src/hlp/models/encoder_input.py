@@ -1,4 +1,4 @@
-"""What a local encoder sees of a patch: four channels at 32 × 32, chosen by name."""
+"""Input of a local encoder: four channels of 32 × 32 pixels, chosen by name."""
 
 from typing import Literal, get_args
 
@@ -14,8 +14,8 @@ EncoderInput = Literal["rgbd", "normals_depth"]
 def patch_input(patches: LocalPatches, kind: str) -> Float32[np.ndarray, "n p p 4"]:
     """Channels in [-1, 1] of cut patches.
 
-    `rgbd` is the paper's (section 3.2); `normals_depth` sees shape only and needs no colour.
-    Raises ValueError on another kind and where `rgbd` lacks colour.
+    `rgbd` is the paper's input (section 3.2). `normals_depth` contains only shape and needs no
+    colour. Raises ValueError for another kind, and for `rgbd` without colour.
     """
     if not sees_color(kind):
         return normals_with_depth(patches.depth, patches.valid)
@@ -29,7 +29,7 @@ def patch_input(patches: LocalPatches, kind: str) -> Float32[np.ndarray, "n p p 
 
 
 def sees_color(kind: str) -> bool:
-    """Whether an input of this kind needs patches with colour. ValueError on an unknown kind."""
+    """Whether this kind of input needs colour. Raises ValueError for an unknown kind."""
     if kind not in get_args(EncoderInput):
         known = ", ".join(get_args(EncoderInput))
         raise ValueError(f"unknown encoder input '{kind}': choose one of {known}")
@@ -53,5 +53,5 @@ def surface_normals(
 
 
 def empty_features(dimension: int) -> Float32[np.ndarray, "0 d"]:
-    """Features of no patch at all."""
+    """Features of zero patches."""
     return np.zeros((0, dimension), dtype=np.float32)

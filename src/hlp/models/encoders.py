@@ -1,4 +1,4 @@
-"""What an encoder of local patches must offer to be an alternative: settings, training, loading."""
+"""The interface of alternatives for the local encoder: settings, training, loading."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ STEM = "encoder"
 
 
 class EncoderModule(Protocol):
-    """What is handed to Lightning to be trained: a LightningModule with the encoder's network."""
+    """A LightningModule that trains the encoder's network."""
 
     network: Any
     """The network; its `layers` are applied one after the other."""
@@ -31,10 +31,10 @@ class EncoderModule(Protocol):
 
 
 class EncoderTraining(Protocol):
-    """What an encoder is trained with; every part is made when it is asked for."""
+    """Data and tools for training an encoder. Data are made only when requested."""
 
     def pair_batches(self, with_color: bool, batch_size: int) -> LightningDataModule:
-        """Pairs of rendered patches that show one surface point, in two views and conditions."""
+        """Pairs of rendered patches of one surface point, in two views and conditions."""
         ...
 
     def pair_patches(self) -> tuple[Float[np.ndarray, "n p p"], Bool[np.ndarray, "n p p"]]:
@@ -42,19 +42,19 @@ class EncoderTraining(Protocol):
         ...
 
     def frame_batches(self, per_frame: int, batch_size: int) -> LightningDataModule:
-        """Patches of RGB-D frames without the objects, so many of each frame.
+        """Patches of RGB-D frames without the objects, `per_frame` of each frame.
 
-        Raises ValueError where there are no such frames.
+        Raises ValueError if there are no such frames.
         """
         ...
 
     def fit(self, module: EncoderModule, data: LightningDataModule, epochs: int) -> None:
-        """Train a module; its network is left in `folder`, weights and ONNX (`STEM`)."""
+        """Train a module; its network is written into `folder` as weights and ONNX (`STEM`)."""
         ...
 
     @property
     def folder(self) -> Path:
-        """Where whatever the encoder has learnt is to be left."""
+        """The folder for everything that the encoder learns."""
         ...
 
 
@@ -75,11 +75,11 @@ class EncoderSettings(Protocol):
         ...
 
     def train(self, training: EncoderTraining) -> None:
-        """Train into `training.folder`. What is random follows from torch's seed, set before."""
+        """Train into `training.folder`. The caller has set torch's seed."""
         ...
 
     def load(self, folder: Path, threads: int, device: str) -> Encoder:
-        """The encoder that `train` left in a folder; a network runs on the device."""
+        """The encoder that `train` wrote into a folder. A network runs on the device."""
         ...
 
 

@@ -1,6 +1,6 @@
-"""A network's first layer on images of 8-bit levels, so that they need no scaling beforehand.
+"""A network's first layer for images of 8-bit levels, so that they need not be scaled first.
 
-Colour is 0 … 255 for [-1, 1], depth a `depth_code`: 1 … 255 for [-1, 1].
+For the range [-1, 1], colour has levels 0 … 255 and depth (`depth_code`) 1 … 255.
 """
 
 import torch
@@ -8,12 +8,12 @@ from torch import Tensor, nn
 
 LEVEL_ZERO = 128
 LEVEL_STEP = 1.0 / 127.5
-"""A level L is read as (L − 128) / 127.5."""
+"""A level L stands for (L − 128) / 127.5."""
 _COLORS, _KERNEL = 3, 5
 
 
 def to_levels(images: Tensor) -> Tensor:
-    """Images (n, c, p, p) in [-1, 1], c = 3 or 4, as levels are read."""
+    """Images (n, c, p, p) in [-1, 1], c = 3 or 4, rounded to the values that levels stand for."""
     color = torch.round(images[:, :_COLORS] * 127.5 + 127.5)
     code = torch.round(images[:, _COLORS:] * 127.0) + LEVEL_ZERO
     return (torch.cat([color, code], dim=1).clamp(0, 255) - LEVEL_ZERO) * LEVEL_STEP
@@ -28,16 +28,17 @@ def side_by_side(images: Tensor) -> Tensor:
 
 
 def levels_layer(layer: nn.Module) -> nn.Conv2d:
-    """A 5 × 5 convolution of stride 2 as one of 3 × 3 over levels, `side_by_side`.
+    """A 5 × 5 convolution of stride 2 as a 3 × 3 convolution over levels `side_by_side`.
 
-    Integer kernels are fast with many channels and slow with four. The result is the same but for
-    half a level of colour on the two pixels about the image. Raises ValueError for another layer.
+    Integer kernels are fast with many channels and slow with four. The result is the same, except
+    that the padding around the image is off by half a level of colour. Raises ValueError for
+    another layer.
     """
     fits = isinstance(layer, nn.Conv2d) and layer.kernel_size == (_KERNEL, _KERNEL)
     if not (isinstance(layer, nn.Conv2d) and fits and layer.stride == (2, 2)):
         raise ValueError("images of levels need a 5 × 5 convolution of stride 2 as first layer")
     weights, bias = layer.weight.clone(), layer.bias
-    assert bias is not None  # batch norm's
+    assert bias is not None  # from the batch norm
     shift = weights[:, :_COLORS].sum(dim=(1, 2, 3)) * (0.5 * LEVEL_STEP)
     weights[:, _COLORS:] *= 127.5 / 127.0
     outputs, channels = weights.shape[:2]

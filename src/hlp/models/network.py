@@ -1,4 +1,4 @@
-"""Trained networks during detection: ONNX files run by ONNX Runtime, arrays in and out."""
+"""Trained networks in detection: ONNX files run by ONNX Runtime, arrays in, arrays out."""
 
 from pathlib import Path
 
@@ -15,18 +15,18 @@ _PROVIDERS = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider"}
 class Network:
     """A network that takes images (n, p, p, c), channels last, and gives (n, d) float32.
 
-    Its sums are of integers, so the result for one image depends neither on `threads` nor on the
-    other images. Safe for use by several threads at once.
+    On a CPU it computes with integers, so the result for one image depends neither on `threads` nor
+    on the other images. Safe for use by several threads at once.
     """
 
     def __init__(self, path: Path, threads: int, device: str = "cpu") -> None:
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
         options.inter_op_num_threads = 1
-        # Threads that spin while they wait take the time of those that compute.
+        # Threads that spin while waiting would take processor time from those that compute.
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
         if not _has_vnni():
-            # Sums of products of 8-bit integers may overflow there; this takes twice as long.
+            # Without VNNI, sums of 8-bit products may overflow. The safe way takes twice as long.
             options.add_session_config_entry("session.x64quantprecision", "1")
         options.log_severity_level = 3
         self._session = onnxruntime.InferenceSession(
@@ -41,7 +41,7 @@ class Network:
 
 
 def _has_vnni(flags_file: Path = Path("/proc/cpuinfo")) -> bool:
-    """Whether the processor is known to sum products of 8-bit integers in 32 bits."""
+    """Whether the processor is known to add products of 8-bit integers in 32 bits."""
     try:
         flags = set(flags_file.read_text().split())
     except OSError:
@@ -50,7 +50,7 @@ def _has_vnni(flags_file: Path = Path("/proc/cpuinfo")) -> bool:
 
 
 def require_device(device: str) -> None:
-    """Raises MissingDependencyError where the installed ONNX Runtime has no such device."""
+    """Raise MissingDependencyError if the installed ONNX Runtime does not support the device."""
     if _PROVIDERS[device] not in onnxruntime.get_available_providers():
         raise MissingDependencyError(
             f"machine.device is {device}: the installed ONNX Runtime does not support it. "
@@ -61,8 +61,8 @@ def require_device(device: str) -> None:
 def load_network(stem: Path, threads: int, device: str = "cpu") -> Network:
     """The network that `export_network` wrote: 8-bit integers on a CPU, single precision on a GPU.
 
-    Raises MissingFileError where there is none, MissingDependencyError where the installed ONNX
-    Runtime cannot compute on the device.
+    Raises MissingFileError if there is none, MissingDependencyError if the installed ONNX Runtime
+    does not support the device.
     """
     require_device(device)
     path = stem.with_name(stem.name + (INTEGER if device == "cpu" else SINGLE))

@@ -12,16 +12,17 @@ def normals_and_depth(
     valid: Bool[np.ndarray, "n p p"],
     out: Float[np.ndarray, "n p p 4"],
 ) -> None:
-    """Fill `out` with unit normals (0 where not valid) and the depth as it is, all float32.
+    """Fill `out` with unit normals (0 where not valid) and the unchanged depth, all float32.
 
-    Depth is smoothed over the valid pixels first, twice 3 × 3: at a patch's pitch of 1–3 mm a
-    Kinect's noise and quantisation are as large as the differences.
+    For the normals, depth is smoothed twice over the valid pixels of 3 × 3. At a pixel pitch of
+    1–3 mm, a Kinect's noise and quantisation are as large as the differences between pixels.
     """
     count, size = depth.shape[:2]
     surface = np.empty((size, size), dtype=np.float32)
     weight, rows = np.empty_like(surface), np.empty_like(surface)
     one, none = np.float32(1.0), np.float32(0.0)
-    # Depth is in halves of the metric size, so is the pitch: 2 / size; differences span two.
+    # Depth and pitch are in units of half the metric size: the pitch is 2 / size. Differences span
+    # two pixels.
     scale = np.float32(size / 4.0)
     for i in range(count):
         for y in range(size):
@@ -51,7 +52,7 @@ def normals_and_depth(
 
 @compiled()
 def _average(image: Float[np.ndarray, "p p"], rows: Float[np.ndarray, "p p"]) -> None:
-    """Mean of 3 × 3 in place, nothing beyond the border; `rows` is room to work in."""
+    """Mean of 3 × 3 pixels in place, without pixels beyond the border; `rows` is a buffer."""
     size = image.shape[0]
     last, ninth = size - 1, np.float32(1.0 / 9.0)
     for y in range(size):

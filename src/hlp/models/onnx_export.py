@@ -1,7 +1,8 @@
 """Writes trained networks as ONNX files: in single precision, and in 8-bit integers for detection.
 
-Quantisation as in Jacob et al. 2018: weights by output channel, symmetric; activations by layer,
-over the range seen on calibration images; sums in 32 bits. The last layer's output stays whole.
+Quantisation follows Jacob et al. 2018: weights symmetric for each output channel, activations for
+each layer over the range on calibration images, sums in 32 bits. The last layer's output is not
+quantised.
 """
 
 import copy
@@ -20,16 +21,16 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 from hlp.models.level_input import LEVEL_STEP, LEVEL_ZERO, levels_layer, side_by_side, to_levels
 from hlp.models.network import INTEGER, SINGLE
 
-_OPSET, _IR_VERSION = 17, 8  # old enough for any ONNX Runtime since 2022
+_OPSET, _IR_VERSION = 17, 8  # supported by every ONNX Runtime since 2022
 _UNIT_STEP = 1.0 / 127.0  # of inputs in [-1, 1]
 
 
 def export_network(layers: Iterable[nn.Module], sample: Tensor, stem: Path, levels: bool) -> None:
     """Write `stem`.onnx and `stem`.int8.onnx, whose input is `images` (n, p, p, c).
 
-    `layers` are those of a trained network for images (n, c, p, p) in [-1, 1], `sample` are such
-    images as in training. With `levels` the files take uint8, as `WindowImages` gives them,
-    otherwise float32 in [-1, 1]. The layers themselves stay as they are.
+    `layers` are those of a trained network for images (n, c, p, p) in [-1, 1]; `sample` are such
+    images from training. With `levels`, the input is uint8 as from `WindowImages`, otherwise
+    float32 in [-1, 1]. The layers are not changed.
     """
     fused = fuse(layers)
     shape = (sample.shape[2], sample.shape[1])
@@ -46,7 +47,7 @@ def export_network(layers: Iterable[nn.Module], sample: Tensor, stem: Path, leve
 
 
 def fuse(layers: Iterable[nn.Module]) -> list[nn.Module]:
-    """Copies of the layers for inference: batch norm within convolutions, no dropout."""
+    """Copies of the layers for inference: batch norm fused into convolutions, no dropout."""
     found: list[nn.Module] = []
     for layer in layers:
         each = copy.deepcopy(layer).cpu().float().eval().requires_grad_(False)
@@ -85,11 +86,11 @@ class _Graph:
         return self._node("Transpose", images, perm=[0, 3, 1, 2])
 
     def append(self, value: str, layers: Sequence[nn.Module], images: Tensor) -> None:
-        """Nodes of the layers, with ranges of activations as on `images`."""
+        """Append nodes of the layers, with the ranges of activations on `images`."""
         for layer, following in zip(layers, [*layers[1:], None], strict=True):
             images = layer(images)
             value = self._layer(layer, value)
-            # A ReLU cuts off what it would need a range for.
+            # Nothing is quantised before a ReLU, which would cut off part of the range.
             if self.integer and not isinstance(following, nn.ReLU | None):
                 if not isinstance(layer, nn.Flatten):
                     self._set_range(images)

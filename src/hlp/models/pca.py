@@ -1,4 +1,4 @@
-"""Principal components of surface normals: a local feature without any training of weights."""
+"""Principal components of surface normals: a local feature without a trained network."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +28,7 @@ class PcaSettings(Settings):
     needs_frames: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        """Raise SettingsError where there are not as many components."""
+        """Raise SettingsError if there are fewer components than `dimension`."""
         super().__post_init__()
         most = pca_components(self.cells)
         if self.dimension > most:
@@ -50,7 +50,7 @@ class PcaSettings(Settings):
 
 
 class PcaEncoder:
-    """Projection of averaged normals on their principal components."""
+    """Projection of averaged normals onto their principal components."""
 
     sees_color = False
 
@@ -90,7 +90,7 @@ def fit_pca(
 def _averaged_normals(
     depth: Float[np.ndarray, "n p p"], valid: Bool[np.ndarray, "n p p"], cells: int
 ) -> Float32[np.ndarray, "n f"]:
-    """Mean normal of each cell, one component after the other. Cells that do not divide overlap."""
+    """Mean normal of each cell, one component after another. Uneven cells overlap."""
     normals, size = surface_normals(depth, valid), depth.shape[1]
     first = np.arange(cells) * size // cells
     last = -(-np.arange(1, cells + 1) * size // cells)

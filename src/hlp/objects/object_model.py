@@ -21,12 +21,12 @@ from hlp.settings import Doc, Settings
 class ObjectSettings(Settings):
     """One object of a data set."""
 
-    id: Annotated[int, Ge(0), Doc("number of the object in the data set")]
+    id: Annotated[int, Ge(0), Doc("id of the object in the data set")]
     holistic_size_mm: Annotated[
-        float | None, Gt(0), Doc("side of its windows; null: by rule from its mesh")
+        float | None, Gt(0), Doc("side of its windows; null: computed from its mesh")
     ] = None
     local_size_mm: Annotated[
-        float | None, Gt(0), Doc("side of its local patches; null: by rule from its mesh")
+        float | None, Gt(0), Doc("side of its local patches; null: computed from its mesh")
     ] = None
 
 

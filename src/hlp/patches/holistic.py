@@ -19,11 +19,11 @@ class HolisticSettings(Settings):
     """What a window (holistic patch) is."""
 
     resolution: Annotated[
-        int, Ge(1), Unit("px"), Doc("side of a window after resizing; the network's (P)")
+        int, Ge(1), Unit("px"), Doc("side of a resized window, as the network takes it (P)")
     ] = 64
     channels: Annotated[
         Literal["rgb", "rgbd"],
-        Doc("rgbd tells an object from things of its colour (D; P: rgb)"),
+        Doc("rgbd distinguishes an object from things of its colour (D; P: rgb)"),
     ] = "rgbd"
 
 
@@ -32,7 +32,10 @@ class RegionSettings(Settings):
     """Where windows lie and how their probabilities become a region."""
 
     step: Annotated[
-        int, Ge(1), Unit("px"), Doc("between windows: a quarter of the paper's windows (D; P: 8)")
+        int,
+        Ge(1),
+        Unit("px"),
+        Doc("step between windows; 16 makes a quarter of the paper's (D; P: 8)"),
     ] = 16
     threshold: Annotated[
         float,
@@ -40,21 +43,21 @@ class RegionSettings(Settings):
         Doc("windows with p(object) above this are accepted (D); 0: the most likely class (P)"),
     ] = 0.15
     min_windows: Annotated[
-        int, Ge(0), Doc("at least so many, the most probable, are accepted (D; P: 0)")
+        int, Ge(0), Doc("at least this many windows, the most probable, are accepted (D; P: 0)")
     ] = 8
     square_side: Annotated[
         float,
         Ge(0),
         Doc(
-            "the region is made of squares about the windows' centres, with sides of this many "
-            "diameters (D); 0: of the windows themselves (P)"
+            "side, in diameters, of the squares around the windows' centres that make up the "
+            "region (D); 0: the windows themselves (P)"
         ),
     ] = 0.7
     scan: Annotated[
         Literal["exact", "fast"],
         Doc(
-            "windows that are classified: all (exact, P), or of every other those that do not lie "
-            "on large planes, and once for sizes up to a quarter apart (fast, D)"
+            "windows that are classified: all (exact, P), or every other one that is not on a "
+            "large plane, once for object sizes up to a quarter apart (fast, D)"
         ),
     ] = "fast"
 

@@ -33,27 +33,29 @@ class HolisticPoolSettings(Settings):
     off_center: Annotated[
         float,
         Interval(ge=0, le=1),
-        Doc("share of them that is badly centred, labelled background (D)"),
+        Doc("fraction that is badly centred and labelled background (D)"),
     ] = 0.25
     wrong_scale: Annotated[
         float,
         Interval(ge=0, le=1),
-        Doc("share of them of another object's size, labelled background (D)"),
+        Doc("fraction with another object's size, labelled background (D)"),
     ] = 0.10
     background_share: Annotated[
-        float, Interval(ge=0, le=1), Doc("share of each batch that is background alone (D)")
+        float, Interval(ge=0, le=1), Doc("fraction of each batch that shows only background (D)")
     ] = 0.25
     center_tolerance: Annotated[
         float,
         Ge(0),
-        Doc("centred: this near to the object's centroid, in sides of the window (D)"),
+        Doc("largest offset of a centred window from the centroid, in window sides (D)"),
     ] = 0.30
     off_center_from: Annotated[
-        float, Ge(0), Doc("badly centred: this far from it, in sides of the window (D)")
+        float, Ge(0), Doc("smallest offset of a badly centred window, in window sides (D)")
     ] = 0.45
-    scale_jitter: Annotated[float, Ge(0), Doc("relative change of a window's size (D)")] = 0.08
+    scale_jitter: Annotated[float, Ge(0), Doc("largest relative change of a window's size (D)")] = (
+        0.08
+    )
     backgrounds: Annotated[
-        int, Ge(1), Doc("crops kept of photographs and of RGB-D frames each (D)")
+        int, Ge(1), Doc("number of crops of photographs, and of RGB-D frames (D)")
     ] = 8000
 
 

@@ -23,18 +23,18 @@ class LocalSettings(Settings):
     """What a local patch is, in views and scenes alike."""
 
     resolution: Annotated[
-        int, Ge(1), Unit("px"), Doc("side of a local patch; the network's (P)")
+        int, Ge(1), Unit("px"), Doc("side of a resized patch, as the network takes it (P)")
     ] = 32
     size_scale: Annotated[
         float,
         Gt(0),
-        Doc("times the object's local size: larger patches vote better (D; P: 1, 30 to 80 mm)"),
+        Doc("factor of the object's local size; larger patches vote better (D; P: 1)"),
     ] = 1.5
     mask_beyond_clamp: Annotated[
         bool,
         Doc(
-            "what lies beyond the metric cube is one constant in colour and depth, so that it "
-            "cannot change the feature (D); otherwise depth is clamped and colour kept (P)"
+            "pixels beyond the metric cube are constant in colour and depth and cannot change "
+            "the feature (D); otherwise depth is clamped and colour is kept (P)"
         ),
     ] = True
 
@@ -43,11 +43,13 @@ class LocalSettings(Settings):
 class GridSettings(Settings):
     """Where a scene's local patches lie."""
 
-    step: Annotated[int, Ge(1), Unit("px"), Doc("between local patches in the region (P)")] = 8
+    step: Annotated[int, Ge(1), Unit("px"), Doc("step between local patches in the region (P)")] = 8
     min_valid: Annotated[
-        float, Interval(ge=0, le=1), Doc("share of a patch within the metric cube, at least (D)")
+        float, Interval(ge=0, le=1), Doc("smallest fraction of a patch within the metric cube (D)")
     ] = 0.2
-    max_patches: Annotated[int, Ge(1), Doc("patches at most, evenly over the region (D)")] = 400
+    max_patches: Annotated[
+        int, Ge(1), Doc("largest number of patches, spread evenly over the region (D)")
+    ] = 400
 
 
 def cut_local_patches(

@@ -24,8 +24,8 @@ _SAME_SURFACE = 0.005  # m: a point is visible in a view whose depth agrees this
 class PairSettings(Settings):
     """Which local patches count as the same: those of one surface point in two near views (D)."""
 
-    per_object: Annotated[int, Ge(1), Doc("pairs of each object (D)")] = 5000
-    max_angle_deg: Annotated[float, Ge(0), Doc("between the two views at most (D)")] = 12.0
+    per_object: Annotated[int, Ge(1), Doc("number of pairs for each object (D)")] = 5000
+    max_angle_deg: Annotated[float, Ge(0), Doc("largest angle between the two views (D)")] = 12.0
 
 
 @dataclass(frozen=True)

@@ -34,35 +34,35 @@ class CostSettings(Settings):
     Chosen on perturbed true poses of seven LINEMOD objects in clutter.
     """
 
-    weight_depth: Annotated[float, Ge(0), Doc("w_d (P)")] = 0.8
-    weight_edge: Annotated[float, Ge(0), Doc("w_e (P)")] = 0.2
+    weight_depth: Annotated[float, Ge(0), Doc("weight w_d of depth (P)")] = 0.8
+    weight_edge: Annotated[float, Ge(0), Doc("weight w_e of edges (P)")] = 0.2
     tau_depth_mm: Annotated[
-        float, Gt(0), Doc("depth differences count up to here: 20 is precise, 40 pulls more (D)")
+        float,
+        Gt(0),
+        Doc("limit of depth differences; larger widens the basin, smaller is precise (D)"),
     ] = 30.0
-    tau_edge_mm: Annotated[float, Gt(0), Doc("distances of edgelets count up to here (D)")] = 15.0
-    edge_step_mm: Annotated[float, Gt(0), Doc("a jump in depth by this much is an edge (D)")] = 15.0
+    tau_edge_mm: Annotated[float, Gt(0), Doc("limit of the distances of edgelets (D)")] = 15.0
+    edge_step_mm: Annotated[float, Gt(0), Doc("smallest jump in depth that is an edge (D)")] = 15.0
     missing_cost: Annotated[
         float, Ge(0), Doc("cost of a rendered pixel where no depth was observed (D)")
     ] = 0.5
     occluder_cost: Annotated[
         float,
         Ge(0),
-        Doc("at most, where something stands before the object; poses hide at 0 (D; P: 1)"),
+        Doc("largest cost of an occluded pixel; 0 would favour hidden poses (D; P: 1)"),
     ] = 0.5
     uncovered_cost: Annotated[
         float,
         Ge(0),
-        Doc("where the coarse pose agreed and this one shows nothing; 0 = off (D; P: 0)"),
+        Doc("cost of a pixel that only the coarse pose explains; 0: off (D; P: 0)"),
     ] = 1.0
     reference_mm: Annotated[
-        float, Ge(0), Doc("the coarse pose agrees where it is this near to the observed depth (D)")
+        float, Ge(0), Doc("the coarse pose explains pixels whose depth differs by at most this (D)")
     ] = 30.0
     roi_size: Annotated[
-        int, Ge(1), Unit("px"), Doc("long side of the region compared, never enlarged (D)")
+        int, Ge(1), Unit("px"), Doc("long side of the compared region, which is never enlarged (D)")
     ] = 48
-    roi_margin_mm: Annotated[float, Ge(0), Doc("room about the coarse pose for it to move (D)")] = (
-        30.0
-    )
+    roi_margin_mm: Annotated[float, Ge(0), Doc("margin around the coarse pose (D)")] = 30.0
 
 
 class DepthCost:

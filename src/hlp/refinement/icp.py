@@ -29,16 +29,18 @@ class IcpSettings(Settings):
     name: Literal["icp"] = "icp"
     cost: CostSettings = field(default_factory=CostSettings)
     verification: VerificationSettings = field(default_factory=VerificationSettings)
-    iterations: Annotated[int, Ge(1), Doc("iterations at most (D)")] = 20
-    points: Annotated[int, Ge(1), Doc("points of the rendered surface, about (D)")] = 500
+    iterations: Annotated[int, Ge(1), Doc("largest number of iterations (D)")] = 20
+    points: Annotated[
+        int, Ge(1), Doc("approximate number of points on the rendered surface (D)")
+    ] = 500
     max_correspondence_mm: Annotated[
-        float, Gt(0), Doc("pairs farther apart are ignored at first … (D)")
+        float, Gt(0), Doc("pairs farther apart are ignored in the first iteration … (D)")
     ] = 40.0
-    final_max_correspondence_mm: Annotated[float, Gt(0), Doc("… and at last (D)")] = 10.0
+    final_max_correspondence_mm: Annotated[float, Gt(0), Doc("… and in the last (D)")] = 10.0
     trim: Annotated[
         float,
         Interval(ge=0, le=1),
-        Doc("closest share of the pairs that is used: occluders are the rest (D)"),
+        Doc("fraction of the pairs, the closest, that is used; this excludes occluders (D)"),
     ] = 0.8
     converged_mm: Annotated[float, Ge(0), Doc("stop when no point moves farther (D)")] = 0.05
 

@@ -23,9 +23,9 @@ _POLISH_STREAM = 1 << 16  # random stream of the polish; hypotheses use streams 
 class PolishSettings(Settings):
     """The second search, about the chosen pose (D)."""
 
-    theta_deg: Annotated[float, Ge(0), Doc("half the box of each rotation (D)")] = 3.0
-    tau_mm: Annotated[float, Ge(0), Doc("half the box of each translation (D)")] = 3.0
-    patience: Annotated[int, Ge(0), Doc("stop after so many iterations without gain (D)")] = 6
+    theta_deg: Annotated[float, Ge(0), Doc("half the side of the box in rotation (D)")] = 3.0
+    tau_mm: Annotated[float, Ge(0), Doc("half the side of the box in translation (D)")] = 3.0
+    patience: Annotated[int, Ge(0), Doc("iterations without gain before stopping (D)")] = 6
 
 
 @REFINERS.register
@@ -36,30 +36,30 @@ class PsoSettings(Settings):
     name: Literal["pso"] = "pso"
     cost: CostSettings = field(default_factory=CostSettings)
     verification: VerificationSettings = field(default_factory=VerificationSettings)
-    particles: Annotated[int, Ge(1), Doc("particles of the swarm (P: N = 25)")] = 25
-    theta_deg: Annotated[float, Ge(0), Doc("θ, half the box of each rotation (D; P: 5)")] = 10.0
-    tau_mm: Annotated[float, Ge(0), Doc("τ, half the box of each translation (D; P: 5)")] = 10.0
+    particles: Annotated[int, Ge(1), Doc("number of particles (P: N = 25)")] = 25
+    theta_deg: Annotated[float, Ge(0), Doc("θ, half the box in rotation (D; P: 5)")] = 10.0
+    tau_mm: Annotated[float, Ge(0), Doc("τ, half the box in translation (D; P: 5)")] = 10.0
     phi_1: Annotated[
         float,
         Ge(0),
-        Doc("pull to a particle's own best (D: Clerc & Kennedy; constriction 0.7298)"),
+        Doc("pull to the personal best (D: Clerc & Kennedy; constriction 0.7298)"),
     ] = 2.8
     phi_2: Annotated[
-        float, Ge(0), Doc("pull to the swarm's best; phi_1 + phi_2 must be above 4 (D)")
+        float, Ge(0), Doc("pull to the global best; phi_1 + phi_2 must be above 4 (D)")
     ] = 1.3
-    iterations: Annotated[int, Ge(0), Doc("iterations at most (D)")] = 30
-    patience: Annotated[int, Ge(0), Doc("stop after so many iterations without gain (D; P: 1)")] = 6
+    iterations: Annotated[int, Ge(0), Doc("largest number of iterations (D)")] = 30
+    patience: Annotated[int, Ge(0), Doc("iterations without gain before stopping (D; P: 1)")] = 6
     recentre: Annotated[
-        bool, Doc("the box follows the best pose, which reaches 30° away (D; P: not said, false)")
+        bool, Doc("the box follows the best pose, up to 30° away (D; P: not said, false)")
     ] = True
     polish: Annotated[
         PolishSettings | None,
-        Doc("the chosen pose is searched about again (D); null: it is not (P)"),
+        Doc("a second, narrower search around the chosen pose (D); null: none (P)"),
     ] = field(default_factory=PolishSettings)
     budget_ms: Annotated[
         float,
         Ge(0),
-        Doc("wall time of stage 3 for an object; 0 = no limit. Not reproducible (D)"),
+        Doc("limit of stage 3's wall time for an object; 0: none. Not reproducible (D)"),
     ] = 0.0
 
     def __post_init__(self) -> None:

@@ -31,63 +31,64 @@ class VerificationSettings(Settings):
     """
 
     candidates: Annotated[
-        int, Ge(1), Doc("coarse poses that are refined at most: those of least cost (D)")
+        int, Ge(1), Doc("largest number of coarse poses that are refined, those of least cost (D)")
     ] = 16
     max_improvement: Annotated[
         float,
         Ge(0),
         Doc(
-            "none whose cost is more than this above the best refined one: refining gains less (D)"
+            "a coarse pose whose cost is higher than the best refined one by more than this is "
+            "not refined (D)"
         ),
     ] = 0.1
     weight_depth: Annotated[
-        float, Ge(0), Doc("as in the search's cost (P: Eq. 2); the three weights are relative")
+        float,
+        Ge(0),
+        Doc("as in the search's cost (P: Eq. 2); only the ratios of the three weights count"),
     ] = 0.8
     weight_edge: Annotated[
         float,
         Ge(0),
-        Doc("0.2 there: poses sunk into a table have right depth and wrong edges (D; P: 0.2)"),
+        Doc("poses sunk into a table have right depth and wrong edges (D; P: 0.2)"),
     ] = 0.3
     weight_color: Annotated[
-        float, Ge(0), Doc("chromaticity tells things of one shape apart (D; P: 0)")
+        float, Ge(0), Doc("chromaticity distinguishes things of the same shape (D; P: 0)")
     ] = 0.2
     tau_depth_mm: Annotated[
         float,
         Gt(0),
-        Doc("depth differences count up to here: wide finds the pose, narrow judges it (D)"),
+        Doc("limit of depth differences; narrower than in the search, to judge poses (D)"),
     ] = 20.0
-    tau_edge_mm: Annotated[float, Gt(0), Doc("distances of edgelets count up to here (D)")] = 15.0
+    tau_edge_mm: Annotated[float, Gt(0), Doc("limit of the distances of edgelets (D)")] = 15.0
     tau_color: Annotated[
         float,
         Gt(0),
-        Doc("differences of chromaticity, the sum of |Δr|, |Δg| and |Δb|, count up to here (D)"),
+        Doc("limit of chromaticity differences, |Δr| + |Δg| + |Δb| (D)"),
     ] = 0.3
-    edge_step_mm: Annotated[float, Gt(0), Doc("a jump in depth by this much is an edge (D)")] = 15.0
+    edge_step_mm: Annotated[float, Gt(0), Doc("smallest jump in depth that is an edge (D)")] = 15.0
     missing_cost: Annotated[
         float, Ge(0), Doc("cost of a rendered pixel where no depth was observed (D)")
     ] = 0.3
     occlusion_cost: Annotated[
         float,
         Ge(0),
-        Doc("of a pixel with something before it: right poses may be half hidden (D; P: 1)"),
+        Doc("cost of an occluded pixel; right poses may be half hidden (D; P: 1)"),
     ] = 0.1
     occlusion_share_cost: Annotated[
         float,
         Ge(0),
-        Doc("and this times the hidden share: few objects are hidden almost wholly (D; P: 0)"),
+        Doc("added to it, times the hidden fraction: few objects are mostly hidden (D; P: 0)"),
     ] = 0.2
-    occluded_edge_cost: Annotated[
-        float, Ge(0), Doc("of an edgelet with something before it (D; P: 1)")
-    ] = 0.5
+    occluded_edge_cost: Annotated[float, Ge(0), Doc("cost of an occluded edgelet (D; P: 1)")] = 0.5
     unexplained_cost: Annotated[
         float,
         Ge(0),
-        Doc("of explaining nothing where a rival at the same place explains much (D; P: 0)"),
+        Doc("weight of pixels that only other poses at the same place explain (D; P: 0)"),
     ] = 0.2
     support_cost: Annotated[
-        float, Ge(0), Doc("times ln(largest support of the votes / its own) (D; P: 0)")
+        float, Ge(0), Doc("weight of ln(largest support by votes / own support) (D; P: 0)")
     ] = 0.01
-    roi_size: Annotated[int, Ge(1), Unit("px"), Doc("long side of the region compared (D)")] = 64
+    roi_size: Annotated[int, Ge(1), Unit("px"), Doc("long side of the compared region (D)")] = 64
 
 
 @dataclass(frozen=True)

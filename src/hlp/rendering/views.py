@@ -43,23 +43,25 @@ class ViewsSettings(Settings):
     name: Annotated[
         Literal["auto", "numba", "pyrender"], Doc("the renderer; auto is numba, see auto.yaml (D)")
     ] = "auto"
-    viewpoints: Annotated[int, Ge(1), Doc("directions from which an object is seen (D)")] = 400
+    viewpoints: Annotated[int, Ge(1), Doc("number of viewing directions (D)")] = 400
     coverage: Annotated[
         Literal["hemisphere", "sphere"],
-        Doc("where viewpoints lie; the upper half is LINEMOD's range (D)"),
+        Doc("where the viewpoints are; LINEMOD has the upper half (D)"),
     ] = "hemisphere"
-    in_plane_min_deg: Annotated[float, Doc("in-plane rotation from … (D: LINEMOD's range)")] = -45.0
-    in_plane_max_deg: Annotated[float, Doc("… to, both included (D)")] = 45.0
-    in_plane_steps: Annotated[int, Ge(1), Doc("so many angles: 11.25° apart (D)")] = 9
+    in_plane_min_deg: Annotated[float, Doc("smallest in-plane angle (D: LINEMOD's)")] = -45.0
+    in_plane_max_deg: Annotated[float, Doc("largest in-plane angle (D)")] = 45.0
+    in_plane_steps: Annotated[
+        int, Ge(1), Doc("number of in-plane angles, 11.25° apart by default (D)")
+    ] = 9
     distance_mm: Annotated[
-        float, Gt(0), Doc("camera to the object's centroid: a typical LINEMOD distance (D)")
+        float, Gt(0), Doc("from camera to object centroid; typical of LINEMOD (D)")
     ] = 800.0
     focal_px: Annotated[
         float,
         Gt(0),
-        Doc("LINEMOD's camera; less where the object would not fit in the crop (D)"),
+        Doc("LINEMOD's focal length; reduced if the object does not fit in the crop (D)"),
     ] = 572.0
-    size_px: Annotated[int, Ge(8), Doc("side of the square crop about the object (D)")] = 128
+    size_px: Annotated[int, Ge(8), Doc("side of the square crop around the object (D)")] = 128
 
     def __post_init__(self) -> None:
         """Raise SettingsError naming the key that is out of range."""

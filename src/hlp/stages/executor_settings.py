@@ -1,4 +1,4 @@
-"""Executors: what shares out frames, and views of objects, to workers."""
+"""Executors: they distribute frames, and views of objects, to workers."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -19,7 +19,7 @@ _PACKAGES = {"dask": "distributed", "ray": "ray"}
 
 
 class ExecutorSettings(Protocol):
-    """Settings of what shares out frames, and views of objects. No executor changes any result."""
+    """Settings of an executor. Executors do not affect results."""
 
     parallel: ClassVar[bool]
     """Whether there are workers; otherwise the run's own process does the work."""
@@ -48,7 +48,7 @@ class ExecutorSettings(Protocol):
 
 EXECUTORS: Registry[ExecutorSettings] = Registry("executor", "hlp.stages")
 """Alternatives of config group `executor`."""
-_THREADS = "of each worker's renderer, refiner and OpenCV, in place of machine.threads (D)"
+_THREADS = "threads of each worker, in place of machine.threads (D)"
 
 
 @EXECUTORS.register
@@ -78,7 +78,7 @@ class PoolSettings(Settings):
     """
 
     name: Literal["loky", "threading"] = "loky"
-    workers: Annotated[int, Ge(1), Doc("processes or threads (D)")] = 2
+    workers: Annotated[int, Ge(1), Doc("number of processes or threads (D)")] = 2
     threads: Annotated[int, Ge(1), Doc(_THREADS)] = 1
 
     parallel: ClassVar[bool] = True
@@ -100,9 +100,7 @@ class ClusterSettings(Settings):
     """
 
     name: Literal["dask", "ray"]
-    address: Annotated[
-        str, Doc("of the cluster: tcp://HOST:8786 (dask); auto, the one on this machine (ray)")
-    ]
+    address: Annotated[str, Doc("tcp://HOST:8786 (dask); auto: the cluster of this machine (ray)")]
     threads: Annotated[int, Ge(1), Doc(_THREADS)] = 1
 
     parallel: ClassVar[bool] = True

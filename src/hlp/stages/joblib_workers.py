@@ -1,4 +1,4 @@
-"""Work shared out by joblib: to this machine's processes or threads, or to a cluster's workers."""
+"""Work distributed by joblib to processes or threads of this machine, or to a cluster."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar

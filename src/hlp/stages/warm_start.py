@@ -23,11 +23,11 @@ class WarmStartSettings(Settings):
     manifest: Annotated[
         str | None,
         Doc(
-            "manifest.json of a run of some of these objects: its encoder is used as it is, its "
-            "classifier trained further; null: everything is learnt from nothing"
+            "manifest.json of an earlier run of some of these objects. Its encoder is used as it "
+            "is and its classifier is trained further; null: everything is learnt from scratch"
         ),
     ] = None
-    epochs: Annotated[int, Ge(1), Doc("of that further training (D)")] = 4
+    epochs: Annotated[int, Ge(1), Doc("epochs of the classifier's further training (D)")] = 4
 
 
 @dataclass(frozen=True)

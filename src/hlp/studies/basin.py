@@ -38,31 +38,31 @@ _PERTURBATIONS = 2  # number of the random stream
 @TASKS.register
 @dataclass(frozen=True)
 class BasinSettings(Settings):
-    """Config group `task`: AD recall after each refiner, from poses with a stated error."""
+    """Config group `task`: ADD(-S) recall after each refiner, from poses with a given error."""
 
     name: Literal["basin"] = "basin"
-    compared: Annotated[tuple[str, ...], Doc("which of `refiners` are compared (D)")] = (
+    compared: Annotated[tuple[str, ...], Doc("names of the `refiners` that are compared (D)")] = (
         "pso",
         "icp",
         "none",
     )
     frames: Annotated[
-        int | None, Ge(1), Doc("frames looked at, spread evenly over the run's; null: all (D)")
+        int | None, Ge(1), Doc("number of frames, spread evenly over the run's; null: all (D)")
     ] = 6
     rotation_deg: Annotated[
         tuple[Annotated[float, Ge(0)], ...],
-        Doc("coarse poses are turned about the centroid by this much … (D)"),
+        Doc("coarse poses are rotated about the centroid by these angles … (D)"),
     ] = (0.0, 10.0, 20.0, 30.0, 45.0, 60.0)
     translation_mm: Annotated[
         tuple[Annotated[float, Ge(0)], ...],
-        Doc("… and shifted by this much, in random directions (D)"),
+        Doc("… and shifted by these distances, in random directions (D)"),
     ] = (0.0, 10.0, 20.0, 40.0, 60.0)
     perturbations: Annotated[
-        int, Ge(1), Doc("for each target and pair of both, drawn anew for each (D)")
+        int, Ge(1), Doc("random poses for each target and pair of errors (D)")
     ] = 1
     refiners: Annotated[
         dict[str, Annotated[RefinementSettings, REFINERS]],
-        Doc("the refiners there are, by name: the files of conf/refinement"),
+        Doc("refiners by name, as in conf/refinement"),
     ] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -46,19 +46,19 @@ Detections = dict[str, list[TimedDetection]]
 @TASKS.register
 @dataclass(frozen=True)
 class BenchSettings(Settings):
-    """Config group `task`: time and memory of detection, and of other paths through its frames."""
+    """Config group `task`: time and memory of detection, also with other settings."""
 
     name: Literal["bench"] = "bench"
     frames: Annotated[
-        int | None, Ge(1), Doc("frames looked at, spread evenly over the run's; null: all (D)")
+        int | None, Ge(1), Doc("number of frames, spread evenly over the run's; null: all (D)")
     ] = 30
-    same_mm: Annotated[float, Ge(0), Doc("poses of two paths are the same within this … (D)")] = 1.0
+    same_mm: Annotated[float, Ge(0), Doc("two poses count as the same within this … (D)")] = 1.0
     same_deg: Annotated[float, Ge(0), Doc("… and this, up to the object's symmetries (D)")] = 0.5
     compared: Annotated[
         dict[str, dict[str, Any]],
         Doc(
-            "other paths by name: what each has otherwise, nested as in the whole configuration; "
-            "a mapping with a name replaces a group"
+            "other settings by name: what each changes, nested as in the whole configuration; "
+            "a mapping with a name replaces a whole group"
         ),
     ] = field(default_factory=dict)
 

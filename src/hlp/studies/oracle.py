@@ -58,25 +58,23 @@ _NOISE = 1  # number of the random stream
 @TASKS.register
 @dataclass(frozen=True)
 class OracleSettings(Settings):
-    """Config group `task`: what each stage costs.
+    """Config group `task`: how much recall each stage loses.
 
-    AD recall with estimated and with true regions and coarse poses.
+    ADD(-S) recall with estimated and with true regions and coarse poses.
     """
 
     name: Literal["oracle"] = "oracle"
     frames: Annotated[
-        int | None, Ge(1), Doc("frames looked at, spread evenly over the run's; null: all (D)")
+        int | None, Ge(1), Doc("number of frames, spread evenly over the run's; null: all (D)")
     ] = 30
     noise_deg: Annotated[
-        float, Ge(0), Doc("the noisy coarse pose is the true one, turned about its centroid … (D)")
+        float, Ge(0), Doc("the noisy coarse pose is the true one, rotated by this … (D)")
     ] = 10.0
-    noise_mm: Annotated[
-        float, Ge(0), Doc("… and shifted by this much, in random directions from the seed (D)")
-    ] = 10.0
+    noise_mm: Annotated[float, Ge(0), Doc("… and shifted by this, in random directions (D)")] = 10.0
     agree_mm: Annotated[
         float,
         Ge(0),
-        Doc("without masks, a target is seen where depth is this near to its own (D)"),
+        Doc("without masks, a target is visible where depth differs by at most this (D)"),
     ] = 20.0
 
     def run(self, run: Run, output: Path) -> None:

@@ -42,7 +42,7 @@ _RUN_ID, _TIME, _ERROR = "run_id", "time_ms", "error"
 class SpaceSettings(Settings):
     """What a search may change."""
 
-    name: Annotated[str, Doc("of the space")]
+    name: Annotated[str, Doc("name of the space")]
     parameters: Annotated[
         dict[str, Any], Doc("ranges and choices, nested as in the whole configuration")
     ]
@@ -51,16 +51,16 @@ class SpaceSettings(Settings):
 @TASKS.register
 @dataclass(frozen=True, kw_only=True)
 class SearchSettings(Settings):
-    """Config group `task`: Optuna's search for the settings with the best AD recall."""
+    """Config group `task`: Optuna's search for the settings with the best ADD(-S) recall."""
 
     name: Literal["search"] = "search"
     trials: Annotated[
         int,
         Ge(1),
-        Doc("in all, those of earlier starts counted; the first is the configuration as it is (D)"),
+        Doc("total number, with earlier calls; the first is the unchanged configuration (D)"),
     ] = 30
     limit_ms: Annotated[
-        float, Ge(0), Doc("a trial is best only if its median time of a target is below this (D)")
+        float, Ge(0), Doc("limit of the best trial's median time per target (D)")
     ] = 500.0
     space: SpaceSettings
 

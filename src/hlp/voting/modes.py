@@ -54,8 +54,8 @@ class VotingSettings(Protocol):
 
 VOTINGS: Registry[VotingSettings] = Registry("voting", "hlp.voting")
 """Alternatives of config group `voting`."""
-_MAX_DISTANCE = "Th (P); in units of the codebook's feature scale, its value ours (D)"
-_MAX_VOTES = "votes used at most, the weightiest (D)"
+_MAX_DISTANCE = "T_h (P), in units of the codebook's feature scale; the value is ours (D)"
+_MAX_VOTES = "largest number of votes used, those of largest weight (D)"
 
 
 @VOTINGS.register
@@ -69,15 +69,15 @@ class PaperVotingSettings(Settings):
     name: Literal["paper"] = "paper"
     max_distance: Annotated[float, Ge(0), Doc(_MAX_DISTANCE)] = 3.0
     weighted_by_distance: Annotated[
-        bool, Doc("a vote counts exp(−d²/2σ²), σ the feature scale (P: every vote counts the same)")
+        bool, Doc("votes are weighted by exp(−d²/2σ²), σ the feature scale (P: false)")
     ] = False
     weighted_by_region: Annotated[
-        bool, Doc("and times p(object) of the surest window near its patch (P: it does not)")
+        bool, Doc("and by the largest p(object) of the windows near the patch (P: false)")
     ] = False
-    translation_mm: Annotated[float, Gt(0), Doc("radius of the kernel of centroids (P)")] = 10.0
-    rotation_deg: Annotated[float, Gt(0), Doc("radius of the kernel of rotations (P)")] = 5.0
+    translation_mm: Annotated[float, Gt(0), Doc("kernel radius for centroids (P)")] = 10.0
+    rotation_deg: Annotated[float, Gt(0), Doc("kernel radius for rotations (P)")] = 5.0
     max_votes: Annotated[int, Ge(1), Doc(_MAX_VOTES)] = 3000
-    mean_shift_iterations: Annotated[int, Ge(0), Doc("steps of mean shift at most (D)")] = 10
+    mean_shift_iterations: Annotated[int, Ge(0), Doc("largest number of mean shift steps (D)")] = 10
 
     def build(self, threads: int) -> "PaperModes":
         """The mode finder; it uses one thread."""
@@ -96,21 +96,19 @@ class JointVotingSettings(Settings):
     name: Literal["joint"] = "joint"
     max_distance: Annotated[float, Ge(0), Doc(_MAX_DISTANCE)] = 3.0
     weighted_by_distance: Annotated[
-        bool, Doc("a vote counts exp(−d²/2σ²), σ the feature scale (D)")
+        bool, Doc("votes are weighted by exp(−d²/2σ²), σ the feature scale (D)")
     ] = True
     weighted_by_region: Annotated[
-        bool, Doc("and times p(object) of the surest window near its patch (D)")
+        bool, Doc("and by the largest p(object) of the windows near the patch (D)")
     ] = True
-    translation_mm: Annotated[float, Gt(0), Doc("radius of the kernel of centroids (D; P: 10)")] = (
-        20.0
-    )
-    rotation_deg: Annotated[float, Gt(0), Doc("radius of the kernel of rotations (D; P: 5)")] = 18.0
+    translation_mm: Annotated[float, Gt(0), Doc("kernel radius for centroids (D; P: 10)")] = 20.0
+    rotation_deg: Annotated[float, Gt(0), Doc("kernel radius for rotations (D; P: 5)")] = 18.0
     max_votes: Annotated[int, Ge(1), Doc(_MAX_VOTES)] = 1500
-    mean_shift_iterations: Annotated[int, Ge(0), Doc("steps of mean shift from each seed (D)")] = 3
+    mean_shift_iterations: Annotated[int, Ge(0), Doc("mean shift steps from each seed (D)")] = 3
     hypotheses: Annotated[
         int,
         Ge(1),
-        Doc("ranked coarse poses, of which refinement takes those that fit best (D; P: 1)"),
+        Doc("largest number of coarse poses; refinement takes the best fits (D; P: 1)"),
     ] = 60
 
     def build(self, threads: int) -> "JointModes":

@@ -43,25 +43,28 @@ class SyntheticSettings(Settings):
     """
 
     name: Literal["synthetic"] = "synthetic"
-    scenes: Annotated[int, Ge(0), Doc("frames, each of a scene of its own (D)")] = 24
-    seed: Annotated[int, Ge(0), Doc("same seed, same frames (D)")] = 0
+    scenes: Annotated[int, Ge(0), Doc("number of scenes, with one frame each (D)")] = 24
+    seed: Annotated[int, Ge(0), Doc("seed of the scenes (D)")] = 0
     width: Annotated[
-        int, Ge(32), Unit("px"), Doc("of images; LINEMOD's intrinsics scale with it (P: 640 × 480)")
+        int,
+        Ge(32),
+        Unit("px"),
+        Doc("image width; LINEMOD's intrinsics scale with it (P: 640 × 480)"),
     ] = 640
-    height: Annotated[int, Ge(32), Unit("px"), Doc("of images (P)")] = 480
+    height: Annotated[int, Ge(32), Unit("px"), Doc("image height (P)")] = 480
     noise: Annotated[float, Ge(0), Doc("sensor noise: 1 = a Kinect, 0 = an ideal camera (D)")] = 1.0
     min_visible: Annotated[
         float,
         Interval(gt=0, le=1),
-        Doc("objects of which a smaller share is visible are not asked for (D)"),
+        Doc("objects with a smaller visible fraction are no targets (D)"),
     ] = 0.3
     objects: Annotated[
         tuple[Annotated[int, Ge(1)], Annotated[int, Le(8)]],
-        Doc("demo objects in a scene, of the eight there are (D)"),
+        Doc("smallest and largest number of demo objects in a scene (D)"),
     ] = (5, 8)
     clutter: Annotated[
         tuple[Annotated[int, Ge(0)], Annotated[int, Le(30)]],
-        Doc("other shapes in a scene; two of three stand before an object (D)"),
+        Doc("the same for other shapes; two of three stand in front of an object (D)"),
     ] = (6, 12)
     distance_mm: Annotated[
         tuple[Annotated[float, Ge(450)], Annotated[float, Le(3000)]],
@@ -69,12 +72,12 @@ class SyntheticSettings(Settings):
     ] = (600.0, 1100.0)
     elevation_deg: Annotated[
         tuple[Annotated[float, Ge(10)], Annotated[float, Le(90)]],
-        Doc("of the camera above the table (D)"),
+        Doc("angle of the camera above the table (D)"),
     ] = (20.0, 75.0)
-    roll_deg: Annotated[float, Ge(0), Doc("roll of the camera, at most, either way (D)")] = 20.0
-    tilt_deg: Annotated[
-        float, Ge(0), Doc("how far an object leans from the upright, at most (D)")
-    ] = 5.0
+    roll_deg: Annotated[float, Ge(0), Doc("largest roll of the camera, in both directions (D)")] = (
+        20.0
+    )
+    tilt_deg: Annotated[float, Ge(0), Doc("largest lean of an object (D)")] = 5.0
 
     def __post_init__(self) -> None:
         """Raise SettingsError naming the key that makes no scene."""
