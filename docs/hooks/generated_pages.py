@@ -20,12 +20,12 @@ CONF = ROOT / "conf"
 OVERVIEW = """\
 # Configuration
 
-`hlp run` composes its configuration from one file of every group. Choose another file with
-`GROUP=FILE`, change a value with `KEY=VALUE`. Unknown keys and values of the wrong type or out of
-range are refused before anything is computed. `hlp run --cfg job` prints the whole configuration.
+`hlp run` composes its configuration from one file of each group. Choose another file with
+`GROUP=FILE` and change a value with `KEY=VALUE`. Unknown keys, and values that have the wrong type
+or are out of range, are refused before anything is computed. `hlp run --cfg job` prints the whole configuration.
 
-Keys that end in `_mm` are millimetres, in `_deg` degrees. In the files' comments, P marks what the
-paper says; D marks what it leaves open and was decided here.
+Keys that end in `_mm` are in millimetres, those in `_deg` in degrees. P marks what the paper says
+and D what we decided.
 """
 
 

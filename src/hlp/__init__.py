@@ -15,7 +15,7 @@ __all__ = ["Detection", "Detector"]
 
 
 def __getattr__(name: str) -> Any:
-    # Imported when first asked for: `import hlp` alone, as the command line does it, stays quick.
+    # Imported at first use, so that `import hlp` alone, as in the command line, stays fast.
     if name in __all__:
         from hlp.method import detector
 

@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 MILLIMETRE = 1e-3
-"""One millimetre in metres: multiply by it what is given in mm."""
+"""One millimetre in metres: a factor that converts millimetres to metres."""
 MILLIMETRES_PER_METRE = 1000.0
-"""Multiply by it what is given in metres to get mm."""
+"""A factor that converts metres to millimetres."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -180,7 +180,7 @@ def _nearest(
     indices: Int64[np.ndarray, "n k"],
     squared: Float32[np.ndarray, "n k"],
 ) -> None:
-    """The nearest of each query's candidates by their whole features; -1 is none."""
+    """The nearest of each query's candidates by their whole features; -1 means none."""
     for i in range(len(queries)):
         for candidate in candidates[i]:
             if candidate < 0:

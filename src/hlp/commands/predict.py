@@ -78,4 +78,5 @@ object in them:
 All groups and keys of `hlp run` can be changed too, e.g. refinement=icp or method=paper.
 
 Written into the output folder: poses.csv (BOP's format), poses.json, and panels/ with a picture
-of each frame. R and t (mm) map object coordinates to camera coordinates: x right, y down, z forward."""
+of each frame. R and t (mm) map object coordinates to camera coordinates (x right, y down, z
+forward)."""

@@ -66,5 +66,5 @@ def _frames(key: str, path: str | None) -> FrameSource | None:
     if path is None:
         return None
     frames = RgbdFrames(existing_folder(key, path))
-    len(frames)  # lists the images: what is wrong with the folder is said now
+    len(frames)  # lists the images, so that errors in the folder are reported now
     return frames

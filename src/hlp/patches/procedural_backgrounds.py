@@ -11,7 +11,7 @@ _LARGEST_BATCH = 512
 def procedural_backgrounds(
     count: int, size: int, rng: np.random.Generator
 ) -> UInt8[np.ndarray, "n s s 3"]:
-    """Random textured pictures that stand in for photographs where none are given.
+    """Random textured pictures, used when no photographs are given.
 
     Each has smooth coloured noise and a gradient, most have clutter (filled polygons, ellipses,
     lines), a third have stripes or checks; grain and exposure differ from one to the next.

@@ -12,7 +12,7 @@ from hlp.patches.holistic import HolisticSettings, Windows
 from hlp.patches.sampling import area_shrink, halvings
 from hlp.thread_team import ThreadTeam
 
-_PAD = 2  # black pixels about an image: what lies beyond reads as these
+_PAD = 2  # black pixels around an image, which stand for everything beyond it
 _LANES = 4  # values of a pixel: colour, and one that keeps pixels aligned
 _NOWHERE = -(1 << 40)
 _CODES, _LEAST, _MOST = np.float32(127), np.float32(-127), np.float32(126)

@@ -70,7 +70,7 @@ class PsoSettings(Settings):
             raise SettingsError("phi_1 + phi_2", f"is {total}: it must be above 4")
 
     def build(self, threads: int) -> "PsoRefiner":
-        """The refiner; whole hypotheses are shared out to threads, which change no result."""
+        """The refiner; each thread refines whole hypotheses. Threads do not affect results."""
         return PsoRefiner(self, threads)
 
 

@@ -57,7 +57,7 @@ class RefinementSettings(Protocol):
         ...
 
     def build(self, threads: int) -> Refiner:
-        """The refiner. `threads` share out its work and change no result."""
+        """The refiner. The number of `threads` does not affect results."""
         ...
 
 

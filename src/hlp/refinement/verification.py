@@ -1,8 +1,8 @@
 """Verification cost: which of several hypotheses is right, and how certain it is.
 
 The cost that the refiner minimises (Eq. 2) depends on the coarse pose. This cost compares poses
-from any source. Beside depth and depth edges it uses colour: the visible surface should have the
-model's chromaticity. Brightness is ignored, since it depends on the light.
+from any source. In addition to depth and depth edges, it uses colour: the visible surface should
+have the model's chromaticity. Brightness is ignored, since it depends on the light.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The paper's figures and tables from finished runs, its numbers beside ours."""
+"""The paper's figures and tables from finished runs, with its numbers beside ours."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -23,7 +23,7 @@ _REQUIRED = {"targets", "metrics", "per_object", "timing_ms", "waterfall"}
 
 
 def read_summary(path: Path) -> Summary:
-    """Read `summary.json`. Raises MissingFileError, and DataError where it is none."""
+    """Read `summary.json`. Raises MissingFileError, and DataError if it is not one."""
     summary: Summary = read_json(path)
     if not isinstance(summary, dict) or (missing := _REQUIRED - summary.keys()):
         lacks = f": it lacks {', '.join(sorted(missing))}" if isinstance(summary, dict) else ""

@@ -30,7 +30,7 @@ def make_manifest(run: "Run", store: StageStore) -> dict[str, Any]:
 
 
 def made_from(run: "Run") -> dict[str, Any]:
-    """All that decides a result: versions, code, seed, configuration and content of the data."""
+    """Everything that affects a result: versions, code, seed, configuration, data."""
     dataset = run.dataset
     return {
         "versions": library_versions(),

@@ -1,4 +1,4 @@
-"""What is logged of a run to MLflow beside its files: name, revision, data sets, tables."""
+"""What a run logs to MLflow besides its files: name, revision, data sets, tables."""
 
 from collections.abc import Mapping
 from pathlib import Path

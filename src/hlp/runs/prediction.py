@@ -26,7 +26,7 @@ def predict(run: Run, output: Path) -> list[PoseEstimate]:
 
     What is learnt about the object stays in the stage store, to be used for other frames. Every
     frame is decoded first, so that a broken one is reported before anything is learnt. Raises
-    InputError if the frames are not the user's own, and what decoding raises.
+    InputError if the frames are not the user's own, and the errors of decoding.
     """
     dataset, settings = run.dataset, run.settings
     if not isinstance(dataset.frames, OwnFrames):

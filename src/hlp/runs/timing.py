@@ -17,10 +17,10 @@ from hlp.stages.frame_detection import STAGES, STEPS, Seconds, find_in_frame
 class Timing:
     """Seconds of each step for every object looked for in `frames` frames.
 
-    `reused` names the stages of which results were found on disk: then these frames were looked at
-    again to measure the time. `first_use_seconds` is how long the first frame took, with all that
-    was loaded and compiled for it; it is part of no other time. None: not known, since workers
-    looked at the frames.
+    `reused` names the stages whose results were found on disk; then these frames were processed
+    again to measure the time. `first_use_seconds` is the time of the first frame, with everything
+    that was loaded and compiled for it. It is not part of any other time. None: not known, because
+    workers processed the frames.
     """
 
     seconds: Sequence[Mapping[str, float]]
@@ -47,10 +47,10 @@ class Timing:
 def measure_times(
     run: Run, detection: DetectionStages, estimates: Sequence[PoseEstimate]
 ) -> Timing:
-    """The times of this run's own detections, or of `timing_frames` frames looked at once more.
+    """The times of this run's own detections, or of `timing_frames` frames processed again.
 
-    A time found on disk would be another run's, perhaps another machine's. So where any result was
-    reused, some frames (spread evenly) go through all stages again, in memory.
+    Times on disk would be those of another run, perhaps on another machine. So if any result was
+    reused, some frames, spread evenly, go through all stages again, in memory.
     """
     if not detection.reused:
         own = [each.seconds for each in estimates]

@@ -27,14 +27,14 @@ from hlp.stages.training import TrainingStages
 class DetectionStages:
     """Runs the three stages over frames, and reuses what is on disk.
 
-    `keys` are the frames to look at. Every stage writes one file per frame, so an interrupted run
+    `keys` are the frames to process. Every stage writes one file per frame, so an interrupted run
     continues where it stopped, and frames can be distributed to workers (`executor`). A frame is
     decoded once, however many of the stages are missing.
 
     `seconds` holds the times, by frame, of what this object has computed itself. `reused` names the
-    stages of which at least one frame was found on disk; there is no time for that frame.
-    `first_use_seconds` is how long the first frame took, with all that is loaded and compiled for
-    it (None: no frame was looked at in this process); it is part of no frame's time.
+    stages for which at least one frame was found on disk; that frame has no time.
+    `first_use_seconds` is the time of the first frame, with everything that is loaded and compiled
+    for it (None: this process has processed no frame). It is not part of any frame's time.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class DetectionStages:
         return self._make_up_to("hypotheses")
 
     def poses(self) -> Output:
-        """Stage 3: the refined hypotheses of every target, and which of them is the answer."""
+        """Stage 3: the refined hypotheses of every target, and which of them was chosen."""
         return self._make_up_to("poses")
 
     def _make_up_to(self, last: str) -> Output:
@@ -94,7 +94,7 @@ class DetectionStages:
         return self._made[last]
 
     def _descriptions(self, stages: Sequence[str]) -> dict[str, tuple[str, Mapping[str, Any]]]:
-        """Fingerprint of each stage, and all that decides it."""
+        """Fingerprint of each stage, and everything that it depends on."""
         seed = self.settings.seed
         before: dict[str, str] = {}
         described: dict[str, tuple[str, Mapping[str, Any]]] = {}
@@ -154,7 +154,7 @@ class DetectionStages:
 
     @property
     def made(self) -> Mapping[str, Output]:
-        """The outputs of the stages asked for so far, by stage."""
+        """The outputs of the stages requested so far, by stage."""
         return dict(self._made)
 
     def adopt(self, made: Mapping[str, Output]) -> None:
@@ -178,7 +178,7 @@ class DetectionStages:
     def _each(
         self, folders: Mapping[str, Path], missing: Sequence[str], keys: Sequence[str]
     ) -> Iterator[tuple[str, Seconds]]:
-        """Find in all frames, here or in workers: the same files. Yields keys as they come."""
+        """Process all frames, here or in workers, with the same results. Yields finished keys."""
         if self.executor is None or not self.executor.parallel:
             for key in keys:
                 yield key, self.find(key, folders, missing)
@@ -191,7 +191,7 @@ class DetectionStages:
     def find(self, key: str, folders: Mapping[str, Path], missing: Sequence[str]) -> Seconds:
         """Write one frame's files of the missing stages; return the time of each object's steps.
 
-        The first frame is looked at twice, so that loading and compiling are no part of its time.
+        The first frame is processed twice, so that its time excludes loading and compiling.
         """
         frame = self.dataset.frames.load(key)
         object_ids = self.dataset.wanted(frame)
@@ -207,7 +207,7 @@ class DetectionStages:
         return seconds
 
     def estimates(self) -> list[PoseEstimate]:
-        """The answer for every object looked for, with the times measured by this object."""
+        """The pose of every object looked for, with the times measured by this object."""
         folder = self.poses().folder
         return [
             estimate

@@ -1,11 +1,11 @@
-"""Which device computes: its kind decides the last bits of a result."""
+"""The device that computes. Its kind affects the last bits of a result."""
 
 
 def device_name(wanted: str) -> str:
     """The device that torch or Lightning takes for `wanted`: `cpu`, or the GPU's model.
 
     `wanted` is a device of torch or an accelerator of Lightning, whose `auto` depends on the
-    machine. Where a GPU is wanted and there is none, the name is `wanted` itself.
+    machine. If a GPU is wanted and there is none, the name is `wanted` itself.
     """
     if wanted == "cpu":
         return wanted

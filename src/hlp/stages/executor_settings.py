@@ -35,13 +35,13 @@ class ExecutorSettings(Protocol):
         ...
 
     def require(self) -> None:
-        """Raise MissingDependencyError, saying what to install, where a package is missing."""
+        """Raise MissingDependencyError, which says what to install, if a package is missing."""
         ...
 
     def each(self, work: Callable[[str], Result], keys: Sequence[str]) -> Iterator[Result]:
         """Do the work once for each key, in any order; yields what it returns, as it comes.
 
-        `work` travels to the workers by pickle. Raises what it raises there.
+        `work` is sent to the workers by pickle. Raises the errors that it raises there.
         """
         ...
 
@@ -84,7 +84,7 @@ class PoolSettings(Settings):
     parallel: ClassVar[bool] = True
 
     def require(self) -> None:
-        """Nothing is needed: joblib brings both."""
+        """Nothing is needed: both come with joblib."""
 
     def each(self, work: Callable[[str], Result], keys: Sequence[str]) -> Iterator[Result]:
         """See `ExecutorSettings.each`."""
@@ -96,7 +96,7 @@ class PoolSettings(Settings):
 class ClusterSettings(Settings):
     """Config group `executor`: workers of a running dask or ray cluster.
 
-    They need the same HLP, and work and data.root as absolute paths on a disk that all share.
+    They need the same version of HLP; work and data.root must be absolute paths on a shared disk.
     """
 
     name: Literal["dask", "ray"]

@@ -1,4 +1,4 @@
-"""Fingerprints: names of stage outputs, made from everything that decides their content."""
+"""Fingerprints: names of stage outputs, made from everything that affects their content."""
 
 import dataclasses
 import hashlib
@@ -19,14 +19,14 @@ _COLLECTS = ("hlp.method.settings",)
 
 
 def stage_code(*modules: str) -> Code:
-    """The code that these modules run. The code of other stages is no part of it."""
+    """The code that these modules run, without the code of other stages."""
     return code_of(*sorted(set(modules)), leaving_out=_COLLECTS)
 
 
 def fingerprint(
     stage: str, code: Code, seed: int, settings: Any, upstream: Mapping[str, str]
 ) -> str:
-    """Digest (16 hex digits) of everything that decides a stage's output.
+    """Digest (16 hex digits) of everything that affects a stage's output.
 
     `code` is the source and the libraries that the stage uses. `settings` is a settings dataclass
     or a mapping of them, without those that change only the time (paths, threads). `upstream` maps
@@ -46,11 +46,11 @@ def fingerprint(
 
 
 def plain(value: Any, key: str = "settings") -> Any:
-    """Settings as JSON can hold them: the same for equal settings, different for different ones.
+    """Settings as JSON values: the same for equal settings, different for different ones.
 
     A dataclass keeps the name of its class, so that two alternatives with equal fields differ.
-    Raises TypeError for what cannot be written so (arrays, sets, functions, keys that are not
-    strings) and ValueError for NaN, which equals nothing; both name the `key`.
+    Raises TypeError for values that JSON lacks (arrays, sets, functions, keys that are not strings)
+    and ValueError for NaN, which never equals itself. Both name the `key`.
     """
     if isinstance(value, np.generic):
         value = value.item()

@@ -1,4 +1,4 @@
-"""The three detection stages on one frame: what each of them finds, and how long that takes."""
+"""The three detection stages on one frame: their results and times."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -34,8 +34,8 @@ def find_in_frame(
 ) -> tuple[dict[str, Arrays], Seconds]:
     """Arrays of each of the `stages`, found in this order, and the time of each object's steps.
 
-    `given` holds the arrays of the stages before the first of them. What the objects share in a
-    frame is part of the time of the first one.
+    `given` holds the arrays of the stages before the first of them. Work that the objects of a
+    frame share counts for the first one.
     """
     seconds: Seconds = {object_id: {} for object_id in object_ids}
     found: dict[str, Arrays] = {}
@@ -91,10 +91,10 @@ _FIND: Mapping[str, Any] = {"regions": _regions, "hypotheses": _hypotheses, "pos
 
 
 def estimates_of(key: str, stored: Arrays, seconds: Seconds) -> list[PoseEstimate]:
-    """The answer for every object looked for in a frame, from the arrays of the stage `poses`.
+    """The pose of every object looked for in a frame, from the arrays of the stage `poses`.
 
-    `seconds` are the times measured in that frame. An estimate has them where every step was
-    measured, and none otherwise: the time of some steps is not that of the answer.
+    `seconds` are the times measured in that frame. An estimate has a time only if every step was
+    measured.
     """
     timed = {i: spent for i, spent in seconds.items() if set(STEPS) <= spent.keys()}
     scene_id, frame_id = (int(part) for part in key.split("_"))
@@ -106,7 +106,7 @@ def estimates_of(key: str, stored: Arrays, seconds: Seconds) -> list[PoseEstimat
 
 
 def _answer(stored: Arrays, object_id: int) -> tuple[np.ndarray | None, float]:
-    """Pose and score (1 - cost) of the chosen hypothesis; None and 0 where there is none."""
+    """Pose and score (1 - cost) of the chosen hypothesis; None and 0 if there is none."""
     if f"{object_id}/best" not in stored:
         return None, 0.0
     best = int(stored[f"{object_id}/best"])

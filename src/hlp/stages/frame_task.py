@@ -16,17 +16,16 @@ from hlp.stages.provenance import code_digest, library_versions
 from hlp.stages.store import Output, StageStore
 from hlp.stages.training import TrainingStages
 
-# Of each worker: its data set, networks and codebooks stay loaded from frame to frame.
+# Per worker: its data set, networks and codebooks stay loaded between frames.
 _KEPT = threading.local()
 
 
 @dataclass(frozen=True)
 class FrameTask:
-    """All that a worker needs to find in a frame what the run's own process would find.
+    """Everything that a worker needs to process a frame like the run's own process.
 
-    Results are the same bit for bit. `learnt` and `found` are the outputs that the stages start
-    from; a worker makes none of them. `made_from` are the versions, the code and the data that the
-    worker must have too.
+    Results are the same bit for bit. `learnt` and `found` are the finished outputs that the stages
+    start from. `made_from` are the versions, code and data that the worker must have too.
     """
 
     data: DataSettings
@@ -81,7 +80,7 @@ class FrameTask:
 
 
 def with_threads(settings: MethodSettings, threads: int) -> MethodSettings:
-    """The same settings for a worker with so many threads, which decide no result."""
+    """The same settings for a worker with another number of threads."""
     return replace(settings, machine=replace(settings.machine, threads=threads))
 
 

@@ -11,11 +11,11 @@ def each_by_joblib(
 ) -> Iterator[Result]:
     """Do the work once for each key, in any order; yields what it returns, as it comes.
 
-    `backend` is joblib's name for the kind of workers, `workers` their number (-1: all there are).
+    `backend` is joblib's name for the kind of workers, `workers` their number (-1: all).
     """
     from joblib import Parallel, delayed, parallel_config
 
-    # Ray's backend hands over nothing before all is done.
+    # Ray's backend returns nothing before everything is done.
     returned = "list" if backend == "ray" else "generator_unordered"
     with parallel_config(backend=backend, n_jobs=workers):
         parallel = Parallel(batch_size=1, return_as=returned)
@@ -23,5 +23,5 @@ def each_by_joblib(
 
 
 def _do(work: Callable[[str], Result], key: str) -> Result:
-    # Joblib's dask backend takes nothing but what can be hashed for a function, and then hangs.
+    # Joblib's dask backend hangs with functions that cannot be hashed, so it is given this one.
     return work(key)

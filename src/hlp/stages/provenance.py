@@ -24,7 +24,7 @@ LIBRARIES = (
 
 
 def library_versions() -> dict[str, str]:
-    """Versions of Python, of HLP and of the libraries that decide its numbers."""
+    """Versions of Python, of HLP and of the libraries that affect its results."""
     own = {"python": platform.python_version(), "hlp": hlp.__version__}
     return own | {name: version(name) for name in LIBRARIES}
 

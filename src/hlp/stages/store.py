@@ -27,10 +27,10 @@ RECORD = "stage.json"
 
 @dataclass(frozen=True)
 class StageEvent:
-    """One stage output that a run asked for; `seconds` is how long making it took, now or earlier.
+    """One stage output that a run requested; `seconds` is the time of making it, now or earlier.
 
     Outputs that were made in one pass over the frames all have the time of the whole pass. `of`
-    names the object that the output is of, and is empty where it is of all.
+    names the output's object, and is empty for an output of all objects.
     """
 
     stage: str

@@ -25,7 +25,7 @@ from hlp.stages.warm_start import WarmStart, WarmStartSettings, read_warm_start
 
 
 class TrainingStages:
-    """Learns the objects from their models, or finds on disk what was learnt before.
+    """Learns the objects from their models, or reuses what was learnt before.
 
     Each stage's fingerprint holds exactly the settings and inputs that its `make` uses.
     """
@@ -63,7 +63,7 @@ class TrainingStages:
         self._made |= made
 
     def make_for(self, object_ids: tuple[int, ...]) -> None:
-        """Make all that the detection of these objects loads, unless it is on disk."""
+        """Make everything that the detection of these objects loads, unless it is on disk."""
         self.classifier()
         self.encoder()
         for object_id in object_ids:
@@ -196,7 +196,7 @@ class TrainingStages:
         return self._stage("codebook", object_id, settings, upstream, make)
 
     def search_folder(self, object_id: int) -> None:
-        """None: a search's settings are no part of a codebook's, so it is prepared anew."""
+        """None: a codebook's fingerprint excludes the search's settings, so none is stored."""
 
     def load_codebook(self, object_id: int) -> Codebook:
         """One object's codebook, from disk."""

@@ -18,7 +18,7 @@ from hlp.stages.training import TrainingStages
 
 @dataclass(frozen=True)
 class ViewTask:
-    """All that a worker needs to render the views that the run's own process would render."""
+    """Everything that a worker needs to render views like the run's own process."""
 
     data: DataSettings
     settings: MethodSettings

@@ -1,4 +1,4 @@
-"""Warm start: what an earlier run learnt of fewer objects, as the start for more objects."""
+"""Warm start: learning more objects from the classifier and encoder of an earlier run."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from hlp.stages.store import RECORD, Output, StageStore
 
 @dataclass(frozen=True)
 class WarmStartSettings(Settings):
-    """Config key `warm_start`: what an earlier run learnt is kept, and objects are added."""
+    """Config key `warm_start`: add objects to those of an earlier run."""
 
     manifest: Annotated[
         str | None,
@@ -32,7 +32,7 @@ class WarmStartSettings(Settings):
 
 @dataclass(frozen=True)
 class WarmStart:
-    """Classifier and encoder of an earlier run; `labels` maps each of its classes to one of now."""
+    """Classifier and encoder of an earlier run; `labels` maps its classes to those of this run."""
 
     classifier: Output
     encoder: Output

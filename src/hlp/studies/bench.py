@@ -1,4 +1,4 @@
-"""Time and memory of detection, part by part, and of other settings on the same frames."""
+"""Time and memory of each part of detection, and of other settings on the same frames."""
 
 import time
 from collections.abc import Mapping, Sequence

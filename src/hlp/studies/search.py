@@ -72,7 +72,7 @@ class SearchSettings(Settings):
 def run_search(run: Run, task: SearchSettings, output: Path) -> dict[str, Any]:
     """Run trials until the study has `task.trials`; write search.json and search.csv; return it.
 
-    Each trial is a run. The first one is the configuration as it is. A trial that fails (HlpError,
+    Each trial is a run. The first one is the unchanged configuration. A trial that fails (HlpError,
     OSError) is a FAILED run, and the search continues; a trial that was interrupted is repeated
     with the same values. Any other exception is a bug: it is raised, and its trial is not counted.
 

@@ -1,4 +1,4 @@
-"""Time of each part of a detection, measured by a clock that knows which part is running."""
+"""Measures the wall time and CPU time of each part of a detection."""
 
 import time
 from collections.abc import Callable, Sequence

@@ -31,7 +31,7 @@ from hlp.settings import read_settings
 LOCK = "sweep.lock"
 FINISHED = "FINISHED"
 
-# Hydra creates its callbacks itself, so `sweep_open` finds here what they have opened.
+# Hydra creates its callbacks itself, so `sweep_open` looks here for what they have opened.
 _OPEN = ExitStack()
 
 

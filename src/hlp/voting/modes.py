@@ -34,7 +34,7 @@ class VotingSettings(Protocol):
 
     @property
     def max_distance(self) -> float:
-        """Matches farther off cast no vote; in units of the codebook's feature scale."""
+        """Farther matches cast no vote; in units of the codebook's feature scale."""
         ...
 
     @property
@@ -48,7 +48,7 @@ class VotingSettings(Protocol):
         ...
 
     def build(self, threads: int) -> ModeFinder:
-        """The mode finder. `threads` share out its work and change no result."""
+        """The mode finder. The number of `threads` does not affect results."""
         ...
 
 
@@ -112,7 +112,7 @@ class JointVotingSettings(Settings):
     ] = 60
 
     def build(self, threads: int) -> "JointModes":
-        """The mode finder; threads share out the votes and change no result."""
+        """The mode finder. The number of `threads` does not affect results."""
         return JointModes(self, threads)
 
 
@@ -166,7 +166,7 @@ class JointModes:
         self._team.map_ranges(
             lambda a, b: sum_support(*grouped_votes, a, support[a:b]), len(support)
         )
-        # More seeds than modes wanted, because several may shift to the same mode.
+        # More seeds than requested modes, because several may shift to the same mode.
         limit = _SEEDS_PER_MODE * self.settings.hypotheses
         seeds = choose_distinct(*columns, support, self.radius_squared, self.cosine, limit)
         means, mode_support = np.hstack([centroids[seeds], quats[seeds]]), np.empty(len(seeds))

@@ -1,4 +1,4 @@
-"""The paper's Tables 1 and 2 as a figure: its recalls beside ours with their intervals."""
+"""The paper's Tables 1 and 2 as a figure: its recalls, and ours with their intervals."""
 
 import textwrap
 from collections.abc import Sequence

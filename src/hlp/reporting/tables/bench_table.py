@@ -136,7 +136,7 @@ def ratio_table(first: Result, second: Result) -> Table:
 
 
 def read_bench(path: Path) -> dict[str, Any]:
-    """Read bench.json; raises DataError naming a file that is none."""
+    """Read bench.json. Raises DataError naming a file that is not one."""
     result: dict[str, Any] = read_json(path)
     missing = {"machine", "workload", "paths", "memory"} - set(result)
     if missing:

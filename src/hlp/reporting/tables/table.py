@@ -42,7 +42,7 @@ LAYOUTS: dict[str, Callable[[Table], str]] = {"text": Table.text, "markdown": Ta
 
 
 def check_layout(layout: str) -> None:
-    """Raise InputError where a layout is none of `LAYOUTS`."""
+    """Raise InputError if a layout is not in `LAYOUTS`."""
     if layout not in LAYOUTS:
         raise InputError(f"format={layout}: choose one of {', '.join(LAYOUTS)}")
 
