@@ -22,7 +22,8 @@ OVERVIEW = """\
 
 `hlp run` composes its configuration from one file of each group. Choose another file with
 `GROUP=FILE` and change a value with `KEY=VALUE`. Unknown keys, and values that have the wrong type
-or are out of range, are refused before anything is computed. `hlp run --cfg job` prints the whole configuration.
+or are out of range, are refused before anything is computed. `hlp run --cfg job` prints the whole
+configuration.
 
 Keys that end in `_mm` are in millimetres, those in `_deg` in degrees. P marks what the paper says
 and D what we decided.

@@ -21,8 +21,7 @@ def normals_and_depth(
     surface = np.empty((size, size), dtype=np.float32)
     weight, rows = np.empty_like(surface), np.empty_like(surface)
     one, none = np.float32(1.0), np.float32(0.0)
-    # Depth and pitch are in units of half the metric size: the pitch is 2 / size. Differences span
-    # two pixels.
+    # In units of half the metric size, as depth is, the pitch is 2 / size. Differences span two.
     scale = np.float32(size / 4.0)
     for i in range(count):
         for y in range(size):
