@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ import trimesh
 from hlp import Detector
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
-from hlp.errors import DataError, InputError, MissingFileError
+from hlp.errors import ConfigError, DataError, InputError, MissingFileError
 from hlp.evaluation.errors import add_s
 from hlp.method.learnt_folder import RECORD, read_model
 from hlp.records import Frame, ObjectModel
@@ -162,6 +163,85 @@ def test_an_interrupted_call_goes_on_where_it_stopped(
         np.testing.assert_array_equal(one[name], two[name])
 
 
+def test_an_interrupted_call_with_other_backgrounds_starts_anew(
+    frame: Frame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from hlp.method import learning
+
+    meshes = {"bear": write_mesh(tmp_path, MODELS["bear"])}
+    trained = []
+    monkeypatch.setattr(learning, "train_classifier", lambda *given: trained.append(given[2]))
+    monkeypatch.setattr(learning, "train_encoder", lambda *_: 1 / 0)
+    for frames in ((), (), (frame,)):
+        with pytest.raises(ZeroDivisionError):
+            Detector.learn(
+                meshes, tmp_path / "learnt", settings=tiny_method(), background_frames=frames
+            )
+    assert [each.frames for each in trained] == [(), (frame,)]
+
+
+def test_an_encoder_without_the_frames_it_needs_fails_before_anything_is_trained(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from hlp.method import learning
+
+    monkeypatch.setattr(learning, "train_classifier", lambda *_: 1 / 0)
+    meshes = {"bear": write_mesh(tmp_path, MODELS["bear"])}
+    with pytest.raises(ConfigError, match="encoder=cae trains on RGB-D frames"):
+        Detector.learn(meshes, tmp_path / "learnt", settings=tiny_method("encoder=cae"))
+    assert not (tmp_path / "learnt.partial").exists()
+
+
+def test_objects_are_added_by_way_of_any_path_beside_any_folder(
+    learnt: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A link stays one, `.` has no name, and a copy that the user made is not touched."""
+    from hlp.method import learning
+
+    def train(*given: object) -> None:
+        shutil.copytree(learnt / "classifier", Path(str(given[4])), dirs_exist_ok=True)
+
+    monkeypatch.setattr(learning, "train_classifier", train)
+    folder = shutil.copytree(learnt, tmp_path / "learnt")
+    kept = shutil.copytree(learnt, tmp_path / "learnt.old")
+    (tmp_path / "link").symlink_to(folder)
+    Detector.load(tmp_path / "link").add({"duck": write_mesh(tmp_path, MODELS["duck"])})
+    assert (tmp_path / "link").is_symlink() and not folder.is_symlink()
+    monkeypatch.chdir(folder)
+    detector = Detector.load(".")
+    detector.add({"lamp": write_mesh(tmp_path, MODELS["lamp"])})
+    assert detector.objects == ("bear", "can", "duck", "lamp") == Detector.load(folder).objects
+    assert Detector.load(kept).objects == ("bear", "can")
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"learnt", "learnt.old", "link", "duck.ply", "lamp.ply"}
+
+
+def test_files_are_found_after_a_change_of_the_working_directory(
+    learnt: Path, frame: Frame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(learnt.parent)
+    detector = Detector.load("learnt/")
+    monkeypatch.chdir(tmp_path)
+    assert detector.detect(frame.rgb, frame.depth, frame.camera_matrix, objects=["bear"])
+
+
+def test_the_shared_part_of_an_image_counts_for_the_first_object(
+    learnt: Path, frame: Frame, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    detector = Detector.load(learnt)
+    detector.warm_up()
+    prepare = detector._estimator.prepare
+
+    def slowly(frame: Frame) -> object:
+        time.sleep(2.0)
+        return prepare(frame)
+
+    monkeypatch.setattr(detector._estimator, "prepare", slowly)
+    found = detector.detect(frame.rgb, frame.depth, frame.camera_matrix)
+    seconds = {each.object: each.seconds for each in found}
+    assert seconds["bear"] > 2.0 > seconds["can"]
+
+
 def test_a_folder_holds_nothing_that_runs_code(learnt: Path) -> None:
     kinds = {path.suffix for path in learnt.rglob("*") if path.is_file()}
     assert kinds <= {".json", ".npz", ".safetensors", ".onnx", ".csv"}, kinds
@@ -189,6 +269,17 @@ def test_wrong_images_are_refused_by_name(learnt: Path, frame: Frame) -> None:
         detector.detect(rgb, depth, camera, objects=["cat"])
     with pytest.raises(InputError, match="give a list"):
         detector.detect(rgb, depth, camera, objects="bear")
+    with pytest.raises(InputError, match="objects: 1 not learnt"):
+        detector.detect(rgb, depth, camera, objects=[1])
+    with pytest.raises(InputError, match="3 × 3 numbers, not 'K'"):
+        detector.detect(rgb, depth, "K")
+
+
+def test_objects_may_be_named_by_any_iterable(learnt: Path, frame: Frame) -> None:
+    detector, given = Detector.load(learnt), (frame.rgb, frame.depth, frame.camera_matrix)
+    (found,) = detector.detect(*given, objects=(name for name in ["bear"]))
+    assert found.object == "bear"
+    assert detector.detect(*given, objects=[]) == []
 
 
 def test_missing_depth_may_be_nan(learnt: Path, frame: Frame) -> None:

@@ -52,7 +52,7 @@ class Detector:
 
     def __init__(self, folder: str | PathLike[str], threads: int | None = None) -> None:
         """Open a folder of learnt objects; see `load`."""
-        self.folder = Path(folder)
+        self.folder = Path(folder).resolve()  # files are read later, from any working directory
         self._threads = threads
         self._lock = threading.Lock()
         self._blas = ThreadpoolController()
@@ -157,12 +157,15 @@ class Detector:
         frame = _checked_frame(rgb, depth, camera_matrix)
         wanted = self._checked_names(objects)
         with self._lock, self._blas.limit(limits=1, user_api="blas"):
+            begun = time.perf_counter()
             context = self._estimator.prepare(frame)
-            found = [self._detect_one(context, name) for name in wanted]
+            found: list[Detection | None] = []
+            for name in wanted:
+                found.append(self._detect_one(context, name, begun))
+                begun = time.perf_counter()
         return sorted((each for each in found if each), key=lambda each: -each.score)
 
-    def _detect_one(self, context: FrameContext, name: str) -> Detection | None:
-        begun = time.perf_counter()
+    def _detect_one(self, context: FrameContext, name: str, begun: float) -> Detection | None:
         object_id = self._ids[name]
         region = self._estimator.find_region(context, object_id)
         coarse = self._estimator.find_hypotheses(context, region)
@@ -179,11 +182,12 @@ class Detector:
             return self.objects
         if isinstance(objects, str):
             raise InputError(f"objects is the text {objects!r}: give a list of names")
-        unknown = [name for name in objects if name not in self._ids]
+        names = list(dict.fromkeys(objects))
+        unknown = [str(name) for name in names if name not in self._ids]
         if unknown:
             known = ", ".join(self.objects)
             raise InputError(f"objects: {', '.join(unknown)} not learnt; {self.folder} has {known}")
-        return list(dict.fromkeys(objects))
+        return names
 
 
 def _checked_frame(rgb: object, depth: object, camera_matrix: object) -> Frame:
@@ -211,7 +215,10 @@ def _checked_frame(rgb: object, depth: object, camera_matrix: object) -> Frame:
 
 
 def _checked_camera(given: object, shape: tuple[int, ...]) -> Float[np.ndarray, "3 3"]:
-    camera = np.asarray(given, dtype=np.float64)
+    try:
+        camera = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"camera_matrix must be 3 × 3 numbers, not {given!r}") from error
     if camera.shape != (3, 3) or not np.isfinite(camera).all():
         raise InputError(f"camera_matrix must be 3 × 3 finite numbers, not {given!r}")
     if not np.array_equal(camera[[1, 2, 2, 2], [0, 0, 1, 2]], [0.0, 0.0, 0.0, 1.0]):

@@ -5,9 +5,12 @@ import json
 import logging
 import re
 import shutil
+import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+
+import numpy as np
 
 from hlp.codebook.entries import save_codebook
 from hlp.errors import DataError, InputError
@@ -33,6 +36,7 @@ from hlp.method.training import read_weights
 from hlp.objects.object_model import ObjectSettings, build_object_model, mesh_identity
 from hlp.records import ObjectModel, Views
 from hlp.rendering.views import load_views, render_views, save_views
+from hlp.source_code import source_digest
 
 _NAME = re.compile(r"[\w][\w .+-]*")
 _DONE, _REQUEST, _VIEWS = "done", "request.json", "views"
@@ -72,7 +76,10 @@ def learn(
     record = LearntRecord(
         {model.name: object_id for object_id, model in models.items()}, tuple(models), settings
     )
-    with _folder_in_the_making(folder, models, settings) as partial:
+    if settings.encoder.needs_frames:
+        backgrounds.load_encoder_frames()  # raises before anything is trained
+    with _folder_in_the_making(folder, _request(models, settings, backgrounds)) as partial:
+        set_compute_threads(settings.machine.threads)
         views_of = _views(models, partial, settings)
         with _once(partial / CLASSIFIER) as missing:
             if missing:
@@ -106,7 +113,9 @@ def add(folder: Path, models: Mapping[int, ObjectModel], backgrounds: Background
     weights = read_weights(folder / CLASSIFIER)
     start = StartingWeights(weights, labels, _ADDED_EPOCHS)
     objects = {**old.objects, **{model.name: i for i, model in models.items()}}
-    with _folder_in_the_making(folder, known, settings, replaces=True) as partial:
+    request = _request(known, settings, backgrounds)
+    with _folder_in_the_making(folder, request, replaces=True) as partial:
+        set_compute_threads(settings.machine.threads)
         views_of = _views(known, partial, settings)
         with _once(partial / CLASSIFIER) as missing:
             if missing:
@@ -178,33 +187,30 @@ def _views(
 
 @contextmanager
 def _folder_in_the_making(
-    folder: Path,
-    models: Mapping[int, ObjectModel],
-    settings: MethodSettings,
-    replaces: bool = False,
+    folder: Path, request: Mapping[str, str], replaces: bool = False
 ) -> Iterator[Path]:
     """A folder beside `folder` that takes its place when the block ends without an error.
 
-    One that an interrupted call left is gone on with if it was for the same objects and settings.
+    One that an interrupted call left is gone on with if it was for the same `request`.
     """
+    folder = folder.resolve()  # "." has no name, and a link is to stay one
     if folder.exists() and not replaces:
         what = "holds learnt objects" if (folder / RECORD).is_file() else "is there"
         raise InputError(f"{folder} {what} already: load it, or name another folder")
     partial = folder.with_name(folder.name + ".partial")
-    request = _request(models, settings)
     if partial.exists() and _read_request(partial) != request:
         shutil.rmtree(partial)
     partial.mkdir(parents=True, exist_ok=True)
     write_json(partial / _REQUEST, request)
-    set_compute_threads(settings.machine.threads)
     yield partial
     shutil.rmtree(partial / _VIEWS)
     (partial / _REQUEST).unlink()
     for done in partial.rglob(_DONE):
         done.unlink()
     if replaces:
-        old = folder.with_name(folder.name + ".old")
-        folder.rename(old)
+        # A name that nothing has: not what an interrupted call left, nor a copy of the user's.
+        old = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+        folder.rename(old / folder.name)
         partial.rename(folder)
         shutil.rmtree(old)
     else:
@@ -212,12 +218,18 @@ def _folder_in_the_making(
     logging.getLogger(__name__).info("learnt %s", folder)
 
 
-def _request(models: Mapping[int, ObjectModel], settings: MethodSettings) -> dict[str, str]:
-    """What a folder in the making is for."""
+def _request(
+    models: Mapping[int, ObjectModel], settings: MethodSettings, backgrounds: Backgrounds
+) -> dict[str, str]:
+    """What a folder in the making is for: all that decides what is learnt."""
     digest = hashlib.blake2b(json.dumps(settings_to_json(settings)).encode(), digest_size=16)
     for object_id, model in sorted(models.items()):
         digest.update(f"{object_id} {model.name} {mesh_identity(model.mesh)}".encode())
-    return {"objects_and_settings": digest.hexdigest()}
+    for frame in backgrounds.load_background_frames():
+        for array in (frame.rgb, frame.depth, frame.camera_matrix):
+            digest.update(f"{array.dtype.str}{array.shape}".encode())
+            digest.update(np.ascontiguousarray(array).tobytes())
+    return {"made_from": digest.hexdigest(), "source": source_digest(__name__)}
 
 
 def _read_request(partial: Path) -> object:
