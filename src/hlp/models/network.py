@@ -32,6 +32,12 @@ class Network:
         self._session = onnxruntime.InferenceSession(
             str(path), options, providers=[_PROVIDERS[device]]
         )
+        if self._session.get_providers()[0] != _PROVIDERS[device]:
+            # It would go on on the CPU, which the results' fingerprint would not say.
+            raise MissingDependencyError(
+                f"machine.device is {device}, but ONNX Runtime cannot use it: its CUDA libraries "
+                "do not load. Install them, or set machine.device to cpu"
+            )
         self.outputs = int(self._session.get_outputs()[0].shape[1])
         """Numbers per image, d."""
 
