@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -308,6 +309,38 @@ def test_wrong_folders_are_refused_by_name(learnt: Path, tmp_path: Path) -> None
         Detector.load(folder)
     (folder / RECORD).write_text("{")
     with pytest.raises(DataError, match="is no JSON"):
+        Detector.load(folder)
+
+
+@pytest.mark.parametrize(
+    "file",
+    [
+        "objects/bear/codebook.npz",
+        "objects/bear/model.npz",
+        "objects/bear/object.json",
+        "classifier/classifier.int8.onnx",
+        "encoder/pca.npz",
+    ],
+)
+def test_damaged_and_missing_files_are_named(
+    learnt: Path, frame: Frame, tmp_path: Path, file: str
+) -> None:
+    given = frame.rgb, frame.depth, frame.camera_matrix
+    path = shutil.copytree(learnt, tmp_path / "learnt") / file
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(DataError, match=re.escape(path.name)):
+        Detector.load(tmp_path / "learnt").detect(*given)
+    path.unlink()
+    with pytest.raises(MissingFileError, match=re.escape(path.name)):
+        Detector.load(tmp_path / "learnt").detect(*given)
+
+
+def test_a_plug_in_that_is_not_installed_is_no_damage(learnt: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(learnt, tmp_path / "learnt")
+    record = json.loads((folder / RECORD).read_text())
+    record["settings"]["encoder"]["name"] = "cells"
+    (folder / RECORD).write_text(json.dumps(record))
+    with pytest.raises(DataError, match=r"learnt.json: .*encoder.name is 'cells': choose one of"):
         Detector.load(folder)
 
 

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from hlp.codebook.entries import load_codebook
-from hlp.errors import DataError, MissingFileError
-from hlp.files import read_json, write_json
+from hlp.errors import ConfigError, DataError, MissingFileError
+from hlp.files import read_arrays, read_json, write_json
 from hlp.method.networks import load_classifier
 from hlp.method.settings import MethodSettings, settings_from_json, settings_to_json
 from hlp.models.encoder import Encoder
@@ -76,6 +76,8 @@ def read_record(folder: Path) -> LearntRecord:
         objects = {str(name): int(object_id) for name, object_id in content["objects"].items()}
         classes = tuple(int(object_id) for object_id in content["classes"])
         return LearntRecord(objects, classes, settings_from_json(content["settings"]))
+    except ConfigError as error:  # a plug-in that is not installed here, or a newer setting
+        raise DataError(f"{path}: settings: {error}") from error
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise DataError(f"{path} is damaged ({error!r}): learn the objects again") from error
 
@@ -105,24 +107,23 @@ def read_model(folder: Path) -> ObjectModel:
         if not (folder / name).is_file():
             raise MissingFileError(f"{folder} is no learnt object: it has no {name}")
     content = read_json(folder / _OBJECT)
+    stored = read_arrays(folder / _MODEL)
     try:
-        with np.load(folder / _MODEL) as stored:
-            mesh, proxy = (
-                Mesh(*(stored[f"{part}_{field}"] for field in _MESH_FIELDS))
-                for part in ("mesh", "proxy")
-            )
-            symmetries = stored["symmetries"]
+        mesh, proxy = (
+            Mesh(*(stored[f"{part}_{field}"] for field in _MESH_FIELDS))
+            for part in ("mesh", "proxy")
+        )
         return ObjectModel(
             int(content["id"]),
             str(content["name"]),
             mesh,
             proxy,
             float(content["diameter"]),
-            symmetries,
+            stored["symmetries"],
             float(content["holistic_size"]),
             float(content["local_size"]),
         )
-    except (KeyError, TypeError, ValueError, OSError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise DataError(f"{folder} is damaged ({error}): learn the object again") from error
 
 
