@@ -302,6 +302,10 @@ def test_wrong_folders_are_refused_by_name(learnt: Path, tmp_path: Path) -> None
         Detector.learn({"bear": mesh}, learnt, settings=tiny_method())
     with pytest.raises(InputError, match=r"object name '\.\./bear'"):
         Detector.learn({"../bear": mesh}, tmp_path / "new", settings=tiny_method())
+    with pytest.raises(InputError, match="'bear' and 'Bear' differ only in case"):
+        Detector.learn({"bear": mesh, "Bear": mesh}, tmp_path / "new", settings=tiny_method())
+    with pytest.raises(InputError, match="'bear' and 'Bear' differ only in case"):
+        Detector.load(learnt).add({"Bear": mesh})
     folder = shutil.copytree(learnt, tmp_path / "damaged")
     record = json.loads((folder / RECORD).read_text())
     (folder / RECORD).write_text(json.dumps({**record, "format": 99}))

@@ -12,6 +12,7 @@ from jaxtyping import Float, UInt8
 from threadpoolctl import ThreadpoolController
 
 from hlp.errors import InputError
+from hlp.method.compute_threads import one_blas_thread
 from hlp.method.learnt_folder import LearntFolder
 from hlp.method.pose_estimator import FrameContext, PoseEstimator
 from hlp.method.settings import MethodSettings
@@ -156,7 +157,7 @@ class Detector:
         """
         frame = _checked_frame(rgb, depth, camera_matrix)
         wanted = self._checked_names(objects)
-        with self._lock, self._blas.limit(limits=1, user_api="blas"):
+        with self._lock, one_blas_thread(self._blas):
             begun = time.perf_counter()
             context = self._estimator.prepare(frame)
             found: list[Detection | None] = []

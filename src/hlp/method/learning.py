@@ -6,7 +6,7 @@ import logging
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -55,12 +55,22 @@ def build_models(
     if not meshes:
         raise InputError("no mesh is given: name one at least, {'bracket': 'bracket.ply'}")
     models = {}
+    _check_told_apart(meshes)
     for object_id, (name, path) in enumerate(meshes.items(), first_id):
         if not _NAME.fullmatch(name):
             raise InputError(f"object name {name!r}: use letters, digits, blanks and _ . + -")
         sizes = ObjectSettings(object_id, None, None)
         models[object_id] = build_object_model(name, sizes, Path(path), mesh_scale, _PROXY_FACES)
     return models
+
+
+def _check_told_apart(names: Iterable[str]) -> None:
+    """Raise InputError for names whose folders are one where case does not count."""
+    found: dict[str, str] = {}
+    for name in names:
+        other = found.setdefault(name.casefold(), name)
+        if other != name:
+            raise InputError(f"object names {other!r} and {name!r} differ only in case")
 
 
 def learn(
@@ -102,6 +112,7 @@ def add(folder: Path, models: Mapping[int, ObjectModel], backgrounds: Background
     for model in models.values():
         if model.name in old.objects:
             raise InputError(f"{folder} knows an object {model.name!r} already: remove it first")
+    _check_told_apart([*old.objects, *(model.name for model in models.values())])
     known = {**before.models, **models}
     gone = [object_id for object_id in old.classes if object_id not in before.models]
     ids = sorted(known)
