@@ -24,10 +24,9 @@ from hlp.reporting.tables.search_table import format_search, write_search
 from hlp.reporting.tracking import Arm, as_arm
 from hlp.runs import runner
 from hlp.settings import Doc, Settings
-from hlp.source_code import code_of
 from hlp.stages.fingerprint import fingerprint
 from hlp.studies.search_space import check_within, nested, read_space
-from hlp.studies.study_run import study_run
+from hlp.studies.study_run import study_code, study_run
 
 if TYPE_CHECKING:
     from optuna import Study
@@ -114,7 +113,10 @@ def _study_name(run: Run, task: SearchSettings) -> str:
         "limit_ms": task.limit_ms,
     }
     upstream = {"frames": run.dataset.frames_identity}
-    digest = fingerprint("search", code_of(__name__), run.settings.seed, settings, upstream)
+    method = run.settings.method
+    chosen = (method.encoder, method.codebook, method.voting, method.refinement)
+    code = study_code(__name__, *chosen, run.dataset.frames)
+    digest = fingerprint("search", code, run.settings.seed, settings, upstream)
     return f"{task.space.name}_{digest}"
 
 
