@@ -91,7 +91,7 @@ def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, Any]]:
         return list(reader)
 
 
-def read_arrays(path: Path) -> dict[str, np.ndarray]:
+def read_npz(path: Path) -> dict[str, np.ndarray]:
     """All arrays of an .npz file. Raises MissingFileError, or DataError naming a damaged file."""
     if not path.is_file():
         raise MissingFileError(f"there is no file {path}")

@@ -8,7 +8,7 @@ import numpy as np
 from annotated_types import Ge
 from jaxtyping import Float
 
-from hlp.files import read_arrays
+from hlp.files import read_npz
 from hlp.geometry import allocentric_to_egocentric
 from hlp.records import Codebook
 from hlp.settings import Doc, Settings
@@ -61,7 +61,7 @@ def save_codebook(folder: Path, codebook: Codebook) -> None:
 
 def load_codebook(folder: Path) -> Codebook:
     """Read what `save_codebook` wrote. Raises MissingFileError, or DataError for a damaged file."""
-    stored = read_arrays(folder / "codebook.npz")
+    stored = read_npz(folder / "codebook.npz")
     return Codebook(
         int(stored["object_id"]),
         stored["features"],

@@ -15,7 +15,7 @@ from jaxtyping import Float, Float32, Int64, UInt8
 from hlp.codebook.neighbours import SEARCHES, ExactNeighbours
 from hlp.compiled import compiled
 from hlp.errors import DataError
-from hlp.files import read_arrays
+from hlp.files import read_npz
 from hlp.records import Matches
 from hlp.settings import Doc, Settings
 from hlp.thread_team import ThreadTeam
@@ -133,7 +133,7 @@ def load_lists(
     """What `save_lists` wrote; None where there is nothing, or it is for other settings."""
     if not (folder / _FILE).is_file():
         return None
-    stored = read_arrays(folder / _FILE)
+    stored = read_npz(folder / _FILE)
     if (int(stored["lists"]), int(stored["seed"])) != (settings.lists, seed):
         return None
     trained = stored["trained"]

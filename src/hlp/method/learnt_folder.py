@@ -16,7 +16,7 @@ import numpy as np
 
 from hlp.codebook.entries import load_codebook
 from hlp.errors import ConfigError, DataError, MissingFileError
-from hlp.files import read_arrays, read_json, write_json
+from hlp.files import read_json, read_npz, write_json
 from hlp.method.networks import load_classifier
 from hlp.method.settings import MethodSettings, settings_from_json, settings_to_json
 from hlp.models.encoder import Encoder
@@ -107,7 +107,7 @@ def read_model(folder: Path) -> ObjectModel:
         if not (folder / name).is_file():
             raise MissingFileError(f"{folder} is no learnt object: it has no {name}")
     content = read_json(folder / _OBJECT)
-    stored = read_arrays(folder / _MODEL)
+    stored = read_npz(folder / _MODEL)
     try:
         mesh, proxy = (
             Mesh(*(stored[f"{part}_{field}"] for field in _MESH_FIELDS))

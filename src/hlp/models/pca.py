@@ -8,7 +8,7 @@ import numpy as np
 from annotated_types import Ge
 from jaxtyping import Bool, Float, Float32
 
-from hlp.files import read_arrays
+from hlp.files import read_npz
 from hlp.models.encoder_input import empty_features, surface_normals
 from hlp.models.encoders import ENCODERS, EncoderTraining
 from hlp.records import LocalPatches
@@ -46,7 +46,7 @@ class PcaSettings(Settings):
 
     def load(self, folder: Path, threads: int, device: str) -> "PcaEncoder":
         """See `EncoderSettings.load`."""
-        stored = read_arrays(folder / _FILE)
+        stored = read_npz(folder / _FILE)
         return PcaEncoder(stored["mean"], stored["components"], self.cells)
 
 

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hlp import files
-from hlp.files import replaced
+from hlp.files import read_npz, replaced
 
 
 def write_arrays(folder: Path, key: str, arrays: dict[str, np.ndarray]) -> None:
@@ -16,4 +15,4 @@ def write_arrays(folder: Path, key: str, arrays: dict[str, np.ndarray]) -> None:
 
 def read_arrays(folder: Path, key: str) -> dict[str, np.ndarray]:
     """Read what `write_arrays` wrote. Raises DataError naming a damaged file."""
-    return files.read_arrays(folder / f"{key}.npz")
+    return read_npz(folder / f"{key}.npz")
