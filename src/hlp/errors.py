@@ -4,6 +4,13 @@ Only these are shown as one line on the command line. Any other exception is a b
 traceback. Each class is also a subclass of a built-in error, so `except ValueError` works too.
 """
 
+import errno
+
+_MACHINES = {
+    errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.EMFILE, errno.ENFILE,
+    errno.ENAMETOOLONG,
+}  # fmt: skip
+
 
 class HlpError(Exception):
     """Something outside HLP's code is wrong; the message names it and says what to do."""
@@ -27,3 +34,13 @@ class MissingFileError(HlpError, FileNotFoundError):
 
 class MissingDependencyError(HlpError, ImportError):
     """An optional package is missing; the message says what to install."""
+
+
+def is_expected(error: BaseException) -> bool:
+    """Whether an error is HLP's own or one of the system, and so not a bug."""
+    return isinstance(error, HlpError) or (isinstance(error, OSError) and _is_machines(error))
+
+
+def _is_machines(error: OSError) -> bool:
+    """Whether the system is the cause: a full disk, missing rights, too many open files."""
+    return error.errno in _MACHINES

@@ -7,10 +7,14 @@ import csv
 import io
 import json
 import os
+import zipfile
+import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
+
+import numpy as np
 
 from hlp.errors import DataError, MissingFileError
 
@@ -85,3 +89,16 @@ def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, Any]]:
         if tuple(reader.fieldnames or ()) != tuple(columns):
             raise DataError(f"{path}: the first line must be {','.join(columns)}")
         return list(reader)
+
+
+def read_npz(path: Path) -> dict[str, np.ndarray]:
+    """All arrays of an .npz file. Raises MissingFileError, or DataError naming a damaged file."""
+    if not path.is_file():
+        raise MissingFileError(f"there is no file {path}")
+    try:
+        with np.load(path) as stored:
+            return dict(stored)
+    except (ValueError, TypeError, EOFError, OSError, zipfile.BadZipFile, zlib.error) as error:
+        raise DataError(
+            f"{path} is damaged ({error}): delete its folder to make it again, or copy it anew"
+        ) from error

@@ -2,10 +2,12 @@
 
 import dataclasses
 import json
+import re
 import shutil
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,7 @@ import trimesh
 from hlp import Detector
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
-from hlp.errors import DataError, InputError, MissingFileError
+from hlp.errors import ConfigError, DataError, InputError, MissingFileError
 from hlp.evaluation.errors import add_s
 from hlp.method.learnt_folder import RECORD, read_model
 from hlp.records import Frame, ObjectModel
@@ -162,6 +164,85 @@ def test_an_interrupted_call_goes_on_where_it_stopped(
         np.testing.assert_array_equal(one[name], two[name])
 
 
+def test_an_interrupted_call_with_other_backgrounds_starts_anew(
+    frame: Frame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from hlp.method import learning
+
+    meshes = {"bear": write_mesh(tmp_path, MODELS["bear"])}
+    trained = []
+    monkeypatch.setattr(learning, "train_classifier", lambda *given: trained.append(given[2]))
+    monkeypatch.setattr(learning, "train_encoder", lambda *_: 1 / 0)
+    for frames in ((), (), (frame,)):
+        with pytest.raises(ZeroDivisionError):
+            Detector.learn(
+                meshes, tmp_path / "learnt", settings=tiny_method(), background_frames=frames
+            )
+    assert [each.frames for each in trained] == [(), (frame,)]
+
+
+def test_an_encoder_without_the_frames_it_needs_fails_before_anything_is_trained(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from hlp.method import learning
+
+    monkeypatch.setattr(learning, "train_classifier", lambda *_: 1 / 0)
+    meshes = {"bear": write_mesh(tmp_path, MODELS["bear"])}
+    with pytest.raises(ConfigError, match="encoder=cae trains on RGB-D frames"):
+        Detector.learn(meshes, tmp_path / "learnt", settings=tiny_method("encoder=cae"))
+    assert not (tmp_path / "learnt.partial").exists()
+
+
+def test_objects_are_added_by_way_of_any_path_beside_any_folder(
+    learnt: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A link stays one, `.` has no name, and a copy that the user made is not touched."""
+    from hlp.method import learning
+
+    def train(*given: object) -> None:
+        shutil.copytree(learnt / "classifier", Path(str(given[4])), dirs_exist_ok=True)
+
+    monkeypatch.setattr(learning, "train_classifier", train)
+    folder = shutil.copytree(learnt, tmp_path / "learnt")
+    kept = shutil.copytree(learnt, tmp_path / "learnt.old")
+    (tmp_path / "link").symlink_to(folder)
+    Detector.load(tmp_path / "link").add({"duck": write_mesh(tmp_path, MODELS["duck"])})
+    assert (tmp_path / "link").is_symlink() and not folder.is_symlink()
+    monkeypatch.chdir(folder)
+    detector = Detector.load(".")
+    detector.add({"lamp": write_mesh(tmp_path, MODELS["lamp"])})
+    assert detector.objects == ("bear", "can", "duck", "lamp") == Detector.load(folder).objects
+    assert Detector.load(kept).objects == ("bear", "can")
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"learnt", "learnt.old", "link", "duck.ply", "lamp.ply"}
+
+
+def test_files_are_found_after_a_change_of_the_working_directory(
+    learnt: Path, frame: Frame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(learnt.parent)
+    detector = Detector.load("learnt/")
+    monkeypatch.chdir(tmp_path)
+    assert detector.detect(frame.rgb, frame.depth, frame.camera_matrix, objects=["bear"])
+
+
+def test_the_shared_part_of_an_image_counts_for_the_first_object(
+    learnt: Path, frame: Frame, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    detector = Detector.load(learnt)
+    detector.warm_up()
+    prepare = detector._estimator.prepare
+
+    def slowly(frame: Frame) -> object:
+        time.sleep(2.0)
+        return prepare(frame)
+
+    monkeypatch.setattr(detector._estimator, "prepare", slowly)
+    found = detector.detect(frame.rgb, frame.depth, frame.camera_matrix)
+    seconds = {each.object: each.seconds for each in found}
+    assert seconds["bear"] > 2.0 > seconds["can"]
+
+
 def test_a_folder_holds_nothing_that_runs_code(learnt: Path) -> None:
     kinds = {path.suffix for path in learnt.rglob("*") if path.is_file()}
     assert kinds <= {".json", ".npz", ".safetensors", ".onnx", ".csv"}, kinds
@@ -189,6 +270,17 @@ def test_wrong_images_are_refused_by_name(learnt: Path, frame: Frame) -> None:
         detector.detect(rgb, depth, camera, objects=["cat"])
     with pytest.raises(InputError, match="give a list"):
         detector.detect(rgb, depth, camera, objects="bear")
+    with pytest.raises(InputError, match="objects: 1 not learnt"):
+        detector.detect(rgb, depth, camera, objects=[1])
+    with pytest.raises(InputError, match="3 × 3 numbers, not 'K'"):
+        detector.detect(rgb, depth, "K")
+
+
+def test_objects_may_be_named_by_any_iterable(learnt: Path, frame: Frame) -> None:
+    detector, given = Detector.load(learnt), (frame.rgb, frame.depth, frame.camera_matrix)
+    (found,) = detector.detect(*given, objects=(name for name in ["bear"]))
+    assert found.object == "bear"
+    assert detector.detect(*given, objects=[]) == []
 
 
 def test_missing_depth_may_be_nan(learnt: Path, frame: Frame) -> None:
@@ -210,6 +302,10 @@ def test_wrong_folders_are_refused_by_name(learnt: Path, tmp_path: Path) -> None
         Detector.learn({"bear": mesh}, learnt, settings=tiny_method())
     with pytest.raises(InputError, match=r"object name '\.\./bear'"):
         Detector.learn({"../bear": mesh}, tmp_path / "new", settings=tiny_method())
+    with pytest.raises(InputError, match="'bear' and 'Bear' differ only in case"):
+        Detector.learn({"bear": mesh, "Bear": mesh}, tmp_path / "new", settings=tiny_method())
+    with pytest.raises(InputError, match="'bear' and 'Bear' differ only in case"):
+        Detector.load(learnt).add({"Bear": mesh})
     folder = shutil.copytree(learnt, tmp_path / "damaged")
     record = json.loads((folder / RECORD).read_text())
     (folder / RECORD).write_text(json.dumps({**record, "format": 99}))
@@ -217,6 +313,38 @@ def test_wrong_folders_are_refused_by_name(learnt: Path, tmp_path: Path) -> None
         Detector.load(folder)
     (folder / RECORD).write_text("{")
     with pytest.raises(DataError, match="is no JSON"):
+        Detector.load(folder)
+
+
+@pytest.mark.parametrize(
+    "file",
+    [
+        "objects/bear/codebook.npz",
+        "objects/bear/model.npz",
+        "objects/bear/object.json",
+        "classifier/classifier.int8.onnx",
+        "encoder/pca.npz",
+    ],
+)
+def test_damaged_and_missing_files_are_named(
+    learnt: Path, frame: Frame, tmp_path: Path, file: str
+) -> None:
+    given = frame.rgb, frame.depth, frame.camera_matrix
+    path = shutil.copytree(learnt, tmp_path / "learnt") / file
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(DataError, match=re.escape(path.name)):
+        Detector.load(tmp_path / "learnt").detect(*given)
+    path.unlink()
+    with pytest.raises(MissingFileError, match=re.escape(path.name)):
+        Detector.load(tmp_path / "learnt").detect(*given)
+
+
+def test_a_plug_in_that_is_not_installed_is_no_damage(learnt: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(learnt, tmp_path / "learnt")
+    record = json.loads((folder / RECORD).read_text())
+    record["settings"]["encoder"]["name"] = "cells"
+    (folder / RECORD).write_text(json.dumps(record))
+    with pytest.raises(DataError, match=r"learnt.json: .*encoder.name is 'cells': choose one of"):
         Detector.load(folder)
 
 
@@ -239,3 +367,17 @@ def test_detection_imports_no_framework(learnt: Path, frame: Frame, tmp_path: Pa
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) < 78  # what importing the detector took before it had this API
+
+
+def test_two_processes_do_not_learn_into_one_folder(tmp_path: Path) -> None:
+    mesh = write_mesh(tmp_path, MODELS["bear"])
+    fcntl = pytest.importorskip("fcntl")
+    with (tmp_path / ".learnt.lock").open("w") as stream:
+        fcntl.flock(stream, fcntl.LOCK_EX)
+        with pytest.raises(InputError, match="another process is learning into learnt"):
+            Detector.learn({"bear": mesh}, tmp_path / "learnt", settings=tiny_method())
+    (tmp_path / "own.partial").mkdir()
+    (tmp_path / "own.partial" / "thesis.txt").write_text("two years of work")
+    with pytest.raises(InputError, match=r"own\.partial is in the way"):
+        Detector.learn({"bear": mesh}, tmp_path / "own", settings=tiny_method())
+    assert (tmp_path / "own.partial" / "thesis.txt").exists()

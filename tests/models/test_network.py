@@ -6,6 +6,7 @@ import torch
 from torch import nn
 
 from hlp.errors import MissingDependencyError, MissingFileError
+from hlp.models import network
 from hlp.models.network import INTEGER, SINGLE, Network, _has_vnni, load_network, require_device
 from hlp.models.onnx_export import export_network
 
@@ -52,6 +53,17 @@ def test_a_device_that_onnx_runtime_lacks_is_named(monkeypatch):
     require_device("cpu")
     with pytest.raises(MissingDependencyError, match=r"machine\.device is cuda.*onnxruntime-gpu"):
         require_device("cuda")
+
+
+def test_a_device_that_does_not_work_is_not_replaced_by_the_cpu(stem, monkeypatch):
+    """ONNX Runtime goes on without a word where the libraries of a device do not load."""
+    monkeypatch.setitem(network._PROVIDERS, "cuda", "AzureExecutionProvider")
+    monkeypatch.setattr(
+        "onnxruntime.InferenceSession.get_providers", lambda _: ["CPUExecutionProvider"]
+    )
+    load_network(stem, threads=1)
+    with pytest.raises(MissingDependencyError, match=r"machine\.device is cuda.*do not load"):
+        load_network(stem, threads=1, device="cuda")
 
 
 def test_what_is_not_known_of_a_processor_is_not_relied_upon(tmp_path):

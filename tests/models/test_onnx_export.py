@@ -72,6 +72,26 @@ def test_the_same_network_gives_the_same_files(exported, tmp_path):
     assert network.training  # left as it was
 
 
+@pytest.mark.parametrize("weight", [0.0, 1e-12, 1e-8, 1e-3])
+def test_a_channel_of_small_weights_keeps_its_bias(tmp_path, weight):
+    """As batch norm leaves it where it has switched a channel off."""
+    torch.manual_seed(0)
+    first = nn.Conv2d(4, 2, 3, stride=2, padding=1)
+    layers = [first, nn.LeakyReLU(0.1), nn.Flatten(), nn.Linear(2 * 16 * 16, 3)]
+    with torch.no_grad():
+        first.weight[1] = weight
+        first.bias[:] = torch.tensor([0.1, 3.0])
+        layers[3].weight[1] = weight
+        layers[3].bias[1] = -2.0
+    export_network(layers, unit_images(64, seed=1), tmp_path / "net", levels=False)
+    images = unit_images(10, seed=2)
+    with torch.no_grad():
+        expected = nn.Sequential(*layers)(images).numpy()
+    given = images.permute(0, 2, 3, 1).contiguous().numpy()
+    found = Network(tmp_path / "net.int8.onnx", 1).run(given)
+    np.testing.assert_allclose(found, expected, atol=0.05)
+
+
 def test_fusing_leaves_out_batch_norm_and_dropout():
     torch.manual_seed(0)
     network = HolisticCNN(4, 3, (4, 8), 16, 0.5).train()

@@ -1,10 +1,14 @@
 import json
 from pathlib import Path
+from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from filelock import FileLock
 
-from hlp.studies.sweep import unfinished_sweep
+from hlp.errors import InputError
+from hlp.studies import sweep
+from hlp.studies.sweep import SweepCallback, unfinished_sweep
 
 ASKED = ("seed=0,1", "refinement=icp")
 
@@ -43,3 +47,14 @@ def test_a_sweep_that_is_running_is_left_alone(stopped: Path) -> None:
     assert unfinished_sweep(["-m", *ASKED], stopped.parents[1]) == stopped
     with FileLock(stopped / "sweep.lock"):
         assert unfinished_sweep(["-m", *ASKED], stopped.parents[1]) is None
+
+
+def test_a_bug_that_keeps_a_sweep_from_opening_shows_where_it_is(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config: Any = None
+    for error, shown in ((ZeroDivisionError("bug"), True), (InputError("in use"), False)):
+        monkeypatch.setattr(sweep, "_open_sweep", Mock(side_effect=error))
+        with pytest.raises(SystemExit, match="the sweep cannot be opened"):
+            SweepCallback().on_multirun_start(config)
+        assert ("Traceback" in capsys.readouterr().err) == shown

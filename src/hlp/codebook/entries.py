@@ -8,6 +8,7 @@ import numpy as np
 from annotated_types import Ge
 from jaxtyping import Float
 
+from hlp.files import read_npz
 from hlp.geometry import allocentric_to_egocentric
 from hlp.records import Codebook
 from hlp.settings import Doc, Settings
@@ -59,12 +60,12 @@ def save_codebook(folder: Path, codebook: Codebook) -> None:
 
 
 def load_codebook(folder: Path) -> Codebook:
-    """Read what `save_codebook` wrote."""
-    with np.load(folder / "codebook.npz") as stored:
-        return Codebook(
-            int(stored["object_id"]),
-            stored["features"],
-            stored["rotations"],
-            stored["points"],
-            float(stored["feature_scale"]),
-        )
+    """Read what `save_codebook` wrote. Raises MissingFileError, or DataError for a damaged file."""
+    stored = read_npz(folder / "codebook.npz")
+    return Codebook(
+        int(stored["object_id"]),
+        stored["features"],
+        stored["rotations"],
+        stored["points"],
+        float(stored["feature_scale"]),
+    )

@@ -15,6 +15,7 @@ from jaxtyping import Float, Float32, Int64, UInt8
 from hlp.codebook.neighbours import SEARCHES, ExactNeighbours
 from hlp.compiled import compiled
 from hlp.errors import DataError
+from hlp.files import read_npz
 from hlp.records import Matches
 from hlp.settings import Doc, Settings
 from hlp.thread_team import ThreadTeam
@@ -133,10 +134,10 @@ def load_lists(
     """The lists that `save_lists` wrote; None if there are none for these settings."""
     if not (folder / _FILE).is_file():
         return None
-    with np.load(folder / _FILE) as stored:
-        if (int(stored["lists"]), int(stored["seed"])) != (settings.lists, seed):
-            return None
-        trained = stored["trained"]
+    stored = read_npz(folder / _FILE)
+    if (int(stored["lists"]), int(stored["seed"])) != (settings.lists, seed):
+        return None
+    trained = stored["trained"]
     return trained if trained.size else None
 
 

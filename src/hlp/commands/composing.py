@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import logging
 import os
 import sys
@@ -11,17 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import hlp
-from hlp.errors import HlpError, InputError, MissingFileError
+from hlp.errors import HlpError, InputError, MissingFileError, is_expected
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
 MULTIRUN = {"-m", "--multirun"}
 HELP = {"-h", "--help"}
-_MACHINES = {
-    errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.EMFILE, errno.ENFILE,
-    errno.ENAMETOOLONG,
-}  # fmt: skip
 
 
 def config_folder() -> Path:
@@ -76,7 +71,7 @@ def compose_and_call(
     except (HydraException, OmegaConfBaseException, HlpError) as error:
         fail(error)
     except OSError as error:
-        if not is_machines(error):
+        if not is_expected(error):
             raise
         fail(error)
     except KeyboardInterrupt:
@@ -98,16 +93,6 @@ def _job(config: DictConfig, task: Callable[[DictConfig], None]) -> None:
             fail(error)  # here, since Hydra adds a line to what passes through it
         logging.getLogger(__name__).error("%s: %s", config.output, _in_words(error))
         raise
-
-
-def is_expected(error: BaseException) -> bool:
-    """Whether an error is HLP's own or one of the system, and so not a bug."""
-    return isinstance(error, HlpError) or (isinstance(error, OSError) and is_machines(error))
-
-
-def is_machines(error: OSError) -> bool:
-    """Whether the system is the cause: a full disk, missing rights, too many open files."""
-    return error.errno in _MACHINES
 
 
 def key_values(arguments: Sequence[str], known: Sequence[str]) -> dict[str, str] | None:

@@ -1,7 +1,11 @@
 """Number of threads of the numerical libraries."""
 
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import cv2
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController, threadpool_limits
 
 
 def set_compute_threads(threads: int) -> None:
@@ -11,3 +15,32 @@ def set_compute_threads(threads: int) -> None:
     """
     threadpool_limits(1, user_api="blas")
     cv2.setNumThreads(threads)
+
+
+class OneBlasThread:
+    """Gives BLAS one thread in this process as long as anybody is within the block.
+
+    Blocks of several threads may overlap: the threads that BLAS had come back after the last one.
+    """
+
+    def __init__(self) -> None:
+        self._guard = threading.Lock()
+        self._inside = 0
+
+    @contextmanager
+    def __call__(self, libraries: ThreadpoolController) -> Iterator[None]:
+        """The block; `libraries` are those that are limited."""
+        with self._guard:
+            if self._inside == 0:
+                self._limit = libraries.limit(limits=1, user_api="blas")
+            self._inside += 1
+        try:
+            yield
+        finally:
+            with self._guard:
+                self._inside -= 1
+                if self._inside == 0:
+                    self._limit.restore_original_limits()
+
+
+one_blas_thread = OneBlasThread()

@@ -12,9 +12,10 @@ from jaxtyping import Float, UInt8
 from threadpoolctl import ThreadpoolController
 
 from hlp.errors import InputError
+from hlp.method.compute_threads import one_blas_thread
 from hlp.method.learnt_folder import LearntFolder
 from hlp.method.pose_estimator import FrameContext, PoseEstimator
-from hlp.method.settings import MethodSettings
+from hlp.method.settings import Device, MethodSettings
 from hlp.records import Frame
 
 _FARTHEST = 20.0  # m: a larger median depth means another unit
@@ -50,16 +51,21 @@ class Detector:
     before and whatever the number of `threads`.
     """
 
-    def __init__(self, folder: str | PathLike[str], threads: int | None = None) -> None:
+    def __init__(
+        self,
+        folder: str | PathLike[str],
+        threads: int | None = None,
+        device: Device | None = None,
+    ) -> None:
         """Open a folder of learnt objects; see `load`."""
-        self.folder = Path(folder)
-        self._threads = threads
+        self.folder = Path(folder).resolve()  # files are read later, from any working directory
+        self._threads, self._device = threads, device
         self._lock = threading.Lock()
         self._blas = ThreadpoolController()
         self._open()
 
     def _open(self) -> None:
-        learnt = LearntFolder(self.folder, self._threads)
+        learnt = LearntFolder(self.folder, self._threads, self._device)
         self._ids = dict(learnt.record.objects)
         self._estimator = PoseEstimator(learnt, learnt.settings, tuple(self._ids.values()))
 
@@ -91,14 +97,21 @@ class Detector:
         return cls(folder)
 
     @classmethod
-    def load(cls, folder: str | PathLike[str], *, threads: int | None = None) -> "Detector":
+    def load(
+        cls,
+        folder: str | PathLike[str],
+        *,
+        threads: int | None = None,
+        device: Device | None = None,
+    ) -> "Detector":
         """Open a folder that `learn` wrote, here or on another machine.
 
         Networks and codebooks are read when first needed, or by `warm_up`. `threads` is the number
-        of threads of kernels and networks (None: as when learning). Raises MissingFileError if the
+        of threads of kernels and networks, `device` runs the networks (None: as when learning).
+        Raises MissingFileError if the
         folder holds no learnt objects, DataError if they are damaged or of another version.
         """
-        return cls(folder, threads)
+        return cls(folder, threads, device)
 
     @property
     def objects(self) -> tuple[str, ...]:
@@ -157,13 +170,16 @@ class Detector:
         """
         frame = _checked_frame(rgb, depth, camera_matrix)
         wanted = self._checked_names(objects)
-        with self._lock, self._blas.limit(limits=1, user_api="blas"):
+        with self._lock, one_blas_thread(self._blas):
+            begun = time.perf_counter()
             context = self._estimator.prepare(frame)
-            found = [self._detect_one(context, name) for name in wanted]
+            found: list[Detection | None] = []
+            for name in wanted:
+                found.append(self._detect_one(context, name, begun))
+                begun = time.perf_counter()
         return sorted((each for each in found if each), key=lambda each: -each.score)
 
-    def _detect_one(self, context: FrameContext, name: str) -> Detection | None:
-        begun = time.perf_counter()
+    def _detect_one(self, context: FrameContext, name: str, begun: float) -> Detection | None:
         object_id = self._ids[name]
         region = self._estimator.find_region(context, object_id)
         coarse = self._estimator.find_hypotheses(context, region)
@@ -180,11 +196,12 @@ class Detector:
             return self.objects
         if isinstance(objects, str):
             raise InputError(f"objects is the text {objects!r}: give a list of names")
-        unknown = [name for name in objects if name not in self._ids]
+        names = list(dict.fromkeys(objects))
+        unknown = [str(name) for name in names if name not in self._ids]
         if unknown:
             known = ", ".join(self.objects)
             raise InputError(f"objects: {', '.join(unknown)} not learnt; {self.folder} has {known}")
-        return list(dict.fromkeys(objects))
+        return names
 
 
 def _checked_frame(rgb: object, depth: object, camera_matrix: object) -> Frame:
@@ -212,7 +229,10 @@ def _checked_frame(rgb: object, depth: object, camera_matrix: object) -> Frame:
 
 
 def _checked_camera(given: object, shape: tuple[int, ...]) -> Float[np.ndarray, "3 3"]:
-    camera = np.asarray(given, dtype=np.float64)
+    try:
+        camera = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"camera_matrix must be 3 × 3 numbers, not {given!r}") from error
     if camera.shape != (3, 3) or not np.isfinite(camera).all():
         raise InputError(f"camera_matrix must be 3 × 3 finite numbers, not {given!r}")
     if not np.array_equal(camera[[1, 2, 2, 2], [0, 0, 1, 2]], [0.0, 0.0, 0.0, 1.0]):

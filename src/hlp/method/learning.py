@@ -5,9 +5,13 @@ import json
 import logging
 import re
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+
+import numpy as np
 
 from hlp.codebook.entries import save_codebook
 from hlp.errors import DataError, InputError
@@ -33,6 +37,7 @@ from hlp.method.training import read_weights
 from hlp.objects.object_model import ObjectSettings, build_object_model, mesh_identity
 from hlp.records import ObjectModel, Views
 from hlp.rendering.views import load_views, render_views, save_views
+from hlp.source_code import source_digest
 
 _NAME = re.compile(r"[\w][\w .+-]*")
 _DONE, _REQUEST, _VIEWS = "done", "request.json", "views"
@@ -51,12 +56,22 @@ def build_models(
     if not meshes:
         raise InputError("no mesh is given: name one at least, {'bracket': 'bracket.ply'}")
     models = {}
+    _check_told_apart(meshes)
     for object_id, (name, path) in enumerate(meshes.items(), first_id):
         if not _NAME.fullmatch(name):
             raise InputError(f"object name {name!r}: use letters, digits, blanks and _ . + -")
         sizes = ObjectSettings(object_id, None, None)
         models[object_id] = build_object_model(name, sizes, Path(path), mesh_scale, _PROXY_FACES)
     return models
+
+
+def _check_told_apart(names: Iterable[str]) -> None:
+    """Raise InputError for names whose folders are one where case does not count."""
+    found: dict[str, str] = {}
+    for name in names:
+        other = found.setdefault(name.casefold(), name)
+        if other != name:
+            raise InputError(f"object names {other!r} and {name!r} differ only in case")
 
 
 def learn(
@@ -72,7 +87,10 @@ def learn(
     record = LearntRecord(
         {model.name: object_id for object_id, model in models.items()}, tuple(models), settings
     )
-    with _folder_in_the_making(folder, models, settings) as partial:
+    if settings.encoder.needs_frames:
+        backgrounds.load_encoder_frames()  # raises before anything is trained
+    with _folder_in_the_making(folder, _request(models, settings, backgrounds)) as partial:
+        set_compute_threads(settings.machine.threads)
         views_of = _views(models, partial, settings)
         with _once(partial / CLASSIFIER) as missing:
             if missing:
@@ -95,6 +113,7 @@ def add(folder: Path, models: Mapping[int, ObjectModel], backgrounds: Background
     for model in models.values():
         if model.name in old.objects:
             raise InputError(f"{folder} knows an object {model.name!r} already: remove it first")
+    _check_told_apart([*old.objects, *(model.name for model in models.values())])
     known = {**before.models, **models}
     gone = [object_id for object_id in old.classes if object_id not in before.models]
     ids = sorted(known)
@@ -106,7 +125,9 @@ def add(folder: Path, models: Mapping[int, ObjectModel], backgrounds: Background
     weights = read_weights(folder / CLASSIFIER)
     start = StartingWeights(weights, labels, _ADDED_EPOCHS)
     objects = {**old.objects, **{model.name: i for i, model in models.items()}}
-    with _folder_in_the_making(folder, known, settings, replaces=True) as partial:
+    request = _request(known, settings, backgrounds)
+    with _folder_in_the_making(folder, request, replaces=True) as partial:
+        set_compute_threads(settings.machine.threads)
         views_of = _views(known, partial, settings)
         with _once(partial / CLASSIFIER) as missing:
             if missing:
@@ -178,46 +199,79 @@ def _views(
 
 @contextmanager
 def _folder_in_the_making(
-    folder: Path,
-    models: Mapping[int, ObjectModel],
-    settings: MethodSettings,
-    replaces: bool = False,
+    folder: Path, request: Mapping[str, str], replaces: bool = False
 ) -> Iterator[Path]:
     """A folder beside `folder` that replaces it when the block ends without an error.
 
-    A folder left by an interrupted call is continued if it is for the same objects and settings.
+    A folder left by an interrupted call is continued if it is for the same `request`.
     """
+    folder = folder.resolve()  # "." has no name, and a link is to stay one
     if folder.exists() and not replaces:
         what = "holds learnt objects" if (folder / RECORD).is_file() else "is there"
         raise InputError(f"{folder} {what} already: load it, or name another folder")
     partial = folder.with_name(folder.name + ".partial")
-    request = _request(models, settings)
-    if partial.exists() and _read_request(partial) != request:
-        shutil.rmtree(partial)
-    partial.mkdir(parents=True, exist_ok=True)
-    write_json(partial / _REQUEST, request)
-    set_compute_threads(settings.machine.threads)
-    yield partial
+    if partial.exists() and any(partial.iterdir()) and not (partial / _REQUEST).exists():
+        raise InputError(f"{partial} is in the way: rename it, or name another folder")
+    with _locked(folder.with_name(f".{folder.name}.lock")):
+        if partial.exists() and _read_request(partial) != request:
+            shutil.rmtree(partial)
+        partial.mkdir(parents=True, exist_ok=True)
+        write_json(partial / _REQUEST, request)
+        yield partial
+        _publish(partial, folder, replaces)
+    logging.getLogger(__name__).info("learnt %s", folder)
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Keep other processes from learning into the same folder; the system frees a dead one's lock.
+
+    Raises InputError while another process holds it. Without effect on Windows.
+    """
+    if sys.platform == "win32":
+        yield
+        return
+    import fcntl
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            folder = path.name.removeprefix(".").removesuffix(".lock")
+            raise InputError(f"another process is learning into {folder}: wait for it") from error
+        yield
+        path.unlink(missing_ok=True)
+
+
+def _publish(partial: Path, folder: Path, replaces: bool) -> None:
+    """Put a finished folder in its place, without what only an interrupted call would need."""
     shutil.rmtree(partial / _VIEWS)
     (partial / _REQUEST).unlink()
     for done in partial.rglob(_DONE):
         done.unlink()
     if replaces:
-        old = folder.with_name(folder.name + ".old")
-        folder.rename(old)
+        # A name that nothing has: not what an interrupted call left, nor a copy of the user's.
+        old = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+        folder.rename(old / folder.name)
         partial.rename(folder)
         shutil.rmtree(old)
     else:
         partial.rename(folder)
-    logging.getLogger(__name__).info("learnt %s", folder)
 
 
-def _request(models: Mapping[int, ObjectModel], settings: MethodSettings) -> dict[str, str]:
-    """Identifies the objects and settings of an unfinished folder."""
+def _request(
+    models: Mapping[int, ObjectModel], settings: MethodSettings, backgrounds: Backgrounds
+) -> dict[str, str]:
+    """Identifies all that decides what an unfinished folder will hold."""
     digest = hashlib.blake2b(json.dumps(settings_to_json(settings)).encode(), digest_size=16)
     for object_id, model in sorted(models.items()):
         digest.update(f"{object_id} {model.name} {mesh_identity(model.mesh)}".encode())
-    return {"objects_and_settings": digest.hexdigest()}
+    for frame in backgrounds.load_background_frames():
+        for array in (frame.rgb, frame.depth, frame.camera_matrix):
+            digest.update(f"{array.dtype.str}{array.shape}".encode())
+            digest.update(np.ascontiguousarray(array).tobytes())
+    return {"made_from": digest.hexdigest(), "source": source_digest(__name__)}
 
 
 def _read_request(partial: Path) -> object:

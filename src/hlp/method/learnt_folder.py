@@ -4,7 +4,8 @@
 <folder>/classifier/, encoder/  the networks
 <folder>/objects/NAME/          object.json, model.npz (meshes, symmetries), codebook.npz
 
-Nothing in it is pickled, so loading a folder from elsewhere cannot run code.
+Nothing in it is pickled: reading it runs no code of whoever wrote it. Other checks are not made, so
+load folders from people you trust.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from hlp.codebook.entries import load_codebook
-from hlp.errors import DataError, MissingFileError
-from hlp.files import read_json, write_json
+from hlp.errors import ConfigError, DataError, MissingFileError
+from hlp.files import read_json, read_npz, write_json
 from hlp.method.networks import load_classifier
-from hlp.method.settings import MethodSettings, settings_from_json, settings_to_json
+from hlp.method.settings import Device, MethodSettings, settings_from_json, settings_to_json
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
 from hlp.records import Codebook, Mesh, ObjectModel
@@ -76,6 +77,8 @@ def read_record(folder: Path) -> LearntRecord:
         objects = {str(name): int(object_id) for name, object_id in content["objects"].items()}
         classes = tuple(int(object_id) for object_id in content["classes"])
         return LearntRecord(objects, classes, settings_from_json(content["settings"]))
+    except ConfigError as error:  # a plug-in that is not installed here, or a newer setting
+        raise DataError(f"{path}: settings: {error}") from error
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise DataError(f"{path} is damaged ({error!r}): learn the objects again") from error
 
@@ -105,40 +108,44 @@ def read_model(folder: Path) -> ObjectModel:
         if not (folder / name).is_file():
             raise MissingFileError(f"{folder} is no learnt object: it has no {name}")
     content = read_json(folder / _OBJECT)
+    stored = read_npz(folder / _MODEL)
     try:
-        with np.load(folder / _MODEL) as stored:
-            mesh, proxy = (
-                Mesh(*(stored[f"{part}_{field}"] for field in _MESH_FIELDS))
-                for part in ("mesh", "proxy")
-            )
-            symmetries = stored["symmetries"]
+        mesh, proxy = (
+            Mesh(*(stored[f"{part}_{field}"] for field in _MESH_FIELDS))
+            for part in ("mesh", "proxy")
+        )
         return ObjectModel(
             int(content["id"]),
             str(content["name"]),
             mesh,
             proxy,
             float(content["diameter"]),
-            symmetries,
+            stored["symmetries"],
             float(content["holistic_size"]),
             float(content["local_size"]),
         )
-    except (KeyError, TypeError, ValueError, OSError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise DataError(f"{folder} is damaged ({error}): learn the object again") from error
 
 
 class LearntFolder:
     """Learnt objects on disk as `LearntObjects` for detection; files are read when first needed.
 
-    `settings` are those of learning, except for `threads` if given.
+    `settings` are those of learning, except for `threads` and `device` if given.
     """
 
-    def __init__(self, folder: Path, threads: int | None = None) -> None:
+    def __init__(
+        self, folder: Path, threads: int | None = None, device: Device | None = None
+    ) -> None:
         self.folder = folder
         self.record = read_record(folder)
-        self.settings = self.record.settings
-        if threads is not None:
-            machine = replace(self.settings.machine, threads=threads)
-            self.settings = replace(self.settings, machine=machine)
+        learnt = self.record.settings
+        machine = replace(
+            learnt.machine,
+            threads=learnt.machine.threads if threads is None else threads,
+            device=learnt.machine.device if device is None else device,
+        )
+        self.settings = replace(learnt, machine=machine)
         self._names = {object_id: name for name, object_id in self.record.objects.items()}
 
     @cached_property

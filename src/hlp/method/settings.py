@@ -22,6 +22,8 @@ from hlp.rendering.views import ViewsSettings
 from hlp.settings import Doc, Settings, SettingsError, read_settings
 from hlp.voting.modes import VOTINGS, JointVotingSettings, VotingSettings
 
+Device = Literal["cpu", "cuda"]
+
 
 @dataclass(frozen=True)
 class PatchesSettings(Settings):
@@ -67,7 +69,7 @@ class MachineSettings(Settings):
         int, Ge(1), Doc("threads of networks, renderer, refiner, search and OpenCV each (D)")
     ] = 2
     device: Annotated[
-        Literal["cpu", "cuda"],
+        Device,
         Doc("device of the networks in detection; cuda needs onnxruntime-gpu"),
     ] = "cpu"
 

@@ -102,11 +102,6 @@ def calibration_images(data: pl.LightningDataModule, images_of: Callable[[Any], 
     return torch.cat(found)[:_CALIBRATION]
 
 
-def load_weights(network: nn.Module, folder: Path) -> None:
-    """Load the weights that `fit` wrote. Raises FileNotFoundError if there are none."""
-    network.load_state_dict(read_weights(folder))
-
-
 def read_weights(folder: Path) -> dict[str, torch.Tensor]:
     """A network's weights by name. Raises FileNotFoundError if there are none."""
     return load_file(folder / WEIGHTS)

@@ -5,10 +5,12 @@ from pathlib import Path
 import numpy as np
 import onnxruntime
 from jaxtyping import Float, Shaped
+from onnxruntime.capi.onnxruntime_pybind11_state import Fail, InvalidGraph, InvalidProtobuf
 
-from hlp.errors import MissingDependencyError, MissingFileError
+from hlp.errors import DataError, MissingDependencyError, MissingFileError
 
 SINGLE, INTEGER = ".onnx", ".int8.onnx"
+_UNREADABLE = (InvalidProtobuf, InvalidGraph, Fail)
 _PROVIDERS = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider"}
 
 
@@ -29,9 +31,18 @@ class Network:
             # Without VNNI, sums of 8-bit products may overflow. The safe way takes twice as long.
             options.add_session_config_entry("session.x64quantprecision", "1")
         options.log_severity_level = 3
-        self._session = onnxruntime.InferenceSession(
-            str(path), options, providers=[_PROVIDERS[device]]
-        )
+        try:
+            self._session = onnxruntime.InferenceSession(
+                str(path), options, providers=[_PROVIDERS[device]]
+            )
+        except _UNREADABLE as error:
+            raise DataError(f"{path} is damaged ({error}): train again, or copy it anew") from error
+        if self._session.get_providers()[0] != _PROVIDERS[device]:
+            # It would go on on the CPU, which the results' fingerprint would not say.
+            raise MissingDependencyError(
+                f"machine.device is {device}, but ONNX Runtime cannot use it: its CUDA libraries "
+                "do not load. Install them, or set machine.device to cpu"
+            )
         self.outputs = int(self._session.get_outputs()[0].shape[1])
         """Numbers per image, d."""
 

@@ -22,6 +22,7 @@ from hlp.models.level_input import LEVEL_STEP, LEVEL_ZERO, levels_layer, side_by
 from hlp.models.network import INTEGER, SINGLE
 
 _OPSET, _IR_VERSION = 17, 8  # supported by every ONNX Runtime since 2022
+_MOST_STEPS = 2.0**30  # of a bias
 _UNIT_STEP = 1.0 / 127.0  # of inputs in [-1, 1]
 
 
@@ -134,7 +135,9 @@ class _Graph:
         if not self.integer:
             return self._constant(weights), self._constant(bias)
         most = np.abs(weights.reshape(len(weights), -1)).max(axis=1)
-        steps = (np.maximum(most, 1e-9) / 127.0).astype(np.float32)
+        # A channel of weights near 0 keeps its bias, which must be a number of 32 bits of steps.
+        least = np.maximum(np.abs(bias) / (self.step * _MOST_STEPS), 1e-9 / 127.0)
+        steps = np.maximum(most / 127.0, least).astype(np.float32)
         by_row = steps.reshape(-1, *[1] * (weights.ndim - 1))
         sums = steps * self.step
         return (

@@ -8,6 +8,7 @@ import numpy as np
 from annotated_types import Ge
 from jaxtyping import Bool, Float, Float32
 
+from hlp.files import read_npz
 from hlp.models.encoder_input import empty_features, surface_normals
 from hlp.models.encoders import ENCODERS, EncoderTraining
 from hlp.records import LocalPatches
@@ -45,8 +46,8 @@ class PcaSettings(Settings):
 
     def load(self, folder: Path, threads: int, device: str) -> "PcaEncoder":
         """See `EncoderSettings.load`."""
-        with np.load(folder / _FILE) as stored:
-            return PcaEncoder(stored["mean"], stored["components"], self.cells)
+        stored = read_npz(folder / _FILE)
+        return PcaEncoder(stored["mean"], stored["components"], self.cells)
 
 
 class PcaEncoder:

@@ -1,13 +1,10 @@
 """One file of arrays for each frame, written whole or not at all."""
 
-import zipfile
-import zlib
 from pathlib import Path
 
 import numpy as np
 
-from hlp.errors import DataError
-from hlp.files import replaced
+from hlp.files import read_npz, replaced
 
 
 def write_arrays(folder: Path, key: str, arrays: dict[str, np.ndarray]) -> None:
@@ -18,13 +15,4 @@ def write_arrays(folder: Path, key: str, arrays: dict[str, np.ndarray]) -> None:
 
 def read_arrays(folder: Path, key: str) -> dict[str, np.ndarray]:
     """Read what `write_arrays` wrote. Raises DataError naming a damaged file."""
-    path = folder / f"{key}.npz"
-    try:
-        with np.load(path) as stored:
-            return dict(stored)
-    except FileNotFoundError:
-        raise
-    except (ValueError, EOFError, OSError, zipfile.BadZipFile, zlib.error) as error:
-        raise DataError(
-            f"{path} is damaged ({error}): delete its folder to compute it again"
-        ) from error
+    return read_npz(folder / f"{key}.npz")

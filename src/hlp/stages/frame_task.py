@@ -67,15 +67,18 @@ class FrameTask:
         return key, detection.find(key, self.folders, self.missing)
 
     def _detection(self) -> DetectionStages:
+        # Not only the settings: the same ones on other training images make other networks, which
+        # `learnt` names.
+        same = self.settings, self.data, self.work, dict(self.made_from), dict(self.learnt)
         kept: DetectionStages | None = getattr(_KEPT, "detection", None)
-        if kept is None or kept.settings != self.settings or _KEPT.made_from != self.made_from:
+        if kept is None or _KEPT.same != same:
             set_compute_threads(self.settings.machine.threads)
             dataset = self.data.build()
             check_same(self.made_from, dataset)
             store = StageStore(self.work)
             training = TrainingStages(dataset, self.settings, store)
             kept = DetectionStages(dataset, self.settings, training, store, ())
-            _KEPT.detection, _KEPT.made_from = kept, self.made_from
+            _KEPT.detection, _KEPT.same = kept, same
         return kept
 
 

@@ -24,12 +24,11 @@ from hlp.reporting.figures.basin_maps import (
     write_basins,
 )
 from hlp.settings import Doc, Settings, SettingsError
-from hlp.source_code import code_of
 from hlp.stages.fingerprint import fingerprint
 from hlp.stages.frame_files import read_arrays, write_arrays
 from hlp.stages.store import StageStore
 from hlp.studies.perturbations import perturbed_poses
-from hlp.studies.study_run import chosen_frames, study_run
+from hlp.studies.study_run import chosen_frames, study_code, study_run
 
 Verdicts = Bool[np.ndarray, "n degrees millimetres"]
 _PERTURBATIONS = 2  # number of the random stream
@@ -123,7 +122,8 @@ def _stage(
             if not (folder / f"{key}.npz").exists():
                 write_arrays(folder, key, _refined(run, task, refiner, dataset.frames.load(key)))
 
-    digest = fingerprint("basin", code_of(__name__), settings.seed, decided, upstream)
+    code = study_code(__name__, task.refiners[name], dataset.frames)
+    digest = fingerprint("basin", code, settings.seed, decided, upstream)
     described = {"settings": decided, "upstream": upstream, "seed": settings.seed}
     return store.get_or_make("basin", digest, make, described, name)
 

@@ -32,14 +32,13 @@ from hlp.reporting.tables.oracle_table import format_oracle, oracle_metrics, wri
 from hlp.results.summary_file import METRICS
 from hlp.runs.run_stages import stages_of
 from hlp.settings import Doc, Settings
-from hlp.source_code import code_of
 from hlp.stages.detection import DetectionStages
 from hlp.stages.fingerprint import fingerprint
 from hlp.stages.frame_files import read_arrays, write_arrays
 from hlp.stages.frame_results import read_regions
 from hlp.stages.store import StageStore
 from hlp.studies.perturbations import perturbed_poses
-from hlp.studies.study_run import chosen_frames, study_run
+from hlp.studies.study_run import chosen_frames, study_code, study_run
 
 Cell = tuple[str, str]
 Pose = Float[np.ndarray, "4 4"]
@@ -132,7 +131,9 @@ def _stage(
                 frame = detection.dataset.frames.load(key)
                 write_arrays(folder, key, _find(detection, frame, task))
 
-    name = fingerprint("oracle", code_of(__name__), settings.seed, decided, upstream)
+    chosen = (settings.encoder, settings.codebook, settings.voting, settings.refinement)
+    code = study_code(__name__, *chosen, detection.dataset.frames)
+    name = fingerprint("oracle", code, settings.seed, decided, upstream)
     described = {"settings": decided, "upstream": upstream, "seed": settings.seed}
     return store.get_or_make("oracle", name, make, described)
 

@@ -17,17 +17,16 @@ from filelock import FileLock, Timeout
 
 from hlp.config.build import Run, with_changed_run
 from hlp.config.settings import TASKS
-from hlp.errors import HlpError, InputError, MissingDependencyError
+from hlp.errors import InputError, MissingDependencyError, is_expected
 from hlp.files import write_json
 from hlp.method.pose_estimator import derive_seed
 from hlp.reporting.tables.search_table import format_search, write_search
 from hlp.reporting.tracking import Arm, as_arm
 from hlp.runs import runner
 from hlp.settings import Doc, Settings
-from hlp.source_code import code_of
 from hlp.stages.fingerprint import fingerprint
 from hlp.studies.search_space import check_within, nested, read_space
-from hlp.studies.study_run import study_run
+from hlp.studies.study_run import study_code, study_run
 
 if TYPE_CHECKING:
     from optuna import Study
@@ -114,7 +113,10 @@ def _study_name(run: Run, task: SearchSettings) -> str:
         "limit_ms": task.limit_ms,
     }
     upstream = {"frames": run.dataset.frames_identity}
-    digest = fingerprint("search", code_of(__name__), run.settings.seed, settings, upstream)
+    method = run.settings.method
+    chosen = (method.encoder, method.codebook, method.voting, method.refinement)
+    code = study_code(__name__, *chosen, run.dataset.frames)
+    digest = fingerprint("search", code, run.settings.seed, settings, upstream)
     return f"{task.space.name}_{digest}"
 
 
@@ -172,7 +174,9 @@ def _try(study: "Study", run: Run, task: SearchSettings, folder: Path, parent: s
     try:
         with as_arm(Arm(f"{run.settings.name} trial {trial.number}", parent, values)):
             summary = runner.run_method(with_changed_run(run, changes), folder / str(trial.number))
-    except (HlpError, OSError) as error:
+    except Exception as error:
+        if not is_expected(error):  # a bug says nothing about the settings
+            raise
         say.error("trial %d failed: %s", trial.number, error)
         trial.set_user_attr(_ERROR, str(error))
         study.tell(trial, state=TrialState.FAIL)

@@ -12,6 +12,7 @@ from hlp.method.compute_threads import set_compute_threads
 from hlp.reporting.tracking import Tracker, how_to_browse, track_run
 from hlp.runs.manifest import make_manifest
 from hlp.runs.mlflow_inputs import log_inputs, revision_tag
+from hlp.source_code import Code, code_of
 from hlp.stages.store import StageStore
 
 
@@ -49,3 +50,11 @@ def study_run(
 def chosen_frames(run: Run, count: int | None) -> tuple[str, ...]:
     """`count` of the run's frames, spread evenly (None: all)."""
     return run.keys if count is None else evenly(run.keys, count)
+
+
+def study_code(module: str, *alternatives: object) -> Code:
+    """The code of a study and of what its settings choose, which no module imports by name.
+
+    `alternatives` are the settings of refiners, encoders, …, and the source of the frames.
+    """
+    return code_of(module, *sorted({type(each).__module__ for each in alternatives}))

@@ -8,6 +8,7 @@ A sweep that was interrupted is continued by the same command.
 """
 
 import logging
+import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -19,7 +20,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
 
-from hlp.errors import InputError, MissingFileError
+from hlp.errors import HlpError, InputError, MissingFileError
 from hlp.files import SWEEP, read_json, write_json
 from hlp.reporting.figures.trade_off import draw_trade_off
 from hlp.reporting.reproductions import write_reproductions
@@ -42,8 +43,11 @@ class SweepCallback(Callback):
         """Open the parent run: a new one, or that of the interrupted sweep in this folder."""
         try:
             _open_sweep(config)
-        except Exception as error:  # Hydra would only warn, and start the runs
+        except HlpError as error:  # Hydra would only warn, and start the runs
             raise SystemExit(f"hlp: the sweep cannot be opened: {error}") from error
+        except Exception as error:
+            traceback.print_exc()
+            raise SystemExit("hlp: the sweep cannot be opened") from error
 
 
 def _open_sweep(config: DictConfig) -> None:
