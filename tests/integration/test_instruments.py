@@ -125,7 +125,7 @@ def test_basin_maps_every_refiner_from_the_same_starts(
         for r in rows
     }
     objects = {row["object"] for row in rows} - {"all"}
-    targets = int(cells["pso", "all", 0.0, 0.0]["starts"]) // 2
+    targets = int(cells["pso", "all", 0.0, 0.0]["perturbations"]) // 2
     assert targets == len(objects) == 5
     assert all(cells["none", name, 0.0, 0.0]["right"] == "2" for name in objects)
     assert float(cells["pso", "all", 0.0, 0.0]["add_recall"]) >= 0.8
@@ -137,7 +137,7 @@ def test_basin_maps_every_refiner_from_the_same_starts(
     assert cells["none", "all", 0.0, 200.0]["right"] == "0"
     drawn = {path.stem for path in (output / "heatmaps").glob("*.png")}
     assert drawn == objects | {"all"} == {path.stem for path in (output / "heatmaps").glob("*.svg")}
-    assert "starts each" in capsys.readouterr().out
+    assert "perturbations each" in capsys.readouterr().out
     assert logged_metrics(tiny_run, output)["basin/none/all"] < 0.5
 
 

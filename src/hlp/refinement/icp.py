@@ -98,8 +98,11 @@ def align(
             return pose, iteration
         step = _step(points[near], normals[near], observed[indices[near]])
         pose = step @ pose
-        shifts = np.linalg.norm(transform(step, points[near]) - points[near], axis=1)
-        if shifts.max() < settings.converged_mm / MILLIMETRES_PER_METRE and limit == limits[-1]:
+        displacements = np.linalg.norm(transform(step, points[near]) - points[near], axis=1)
+        if (
+            displacements.max() < settings.converged_mm / MILLIMETRES_PER_METRE
+            and limit == limits[-1]
+        ):
             break
     return pose, iteration + 1
 

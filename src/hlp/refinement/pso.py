@@ -120,26 +120,26 @@ class PsoRefiner(Refiner):
         model: ObjectModel,
         depth: Float[np.ndarray, "h w"],
         camera_matrix: Float[np.ndarray, "3 3"],
-        answer: Refinement,
+        chosen: Refinement,
         seed: int,
         spent: float = 0.0,
     ) -> Refinement:
         """See `Refiner.polish`: a search in a smaller box, in the remaining time."""
         polish, left = self._settings.polish, self._remaining(spent)
         if polish is None or left <= 0.0:
-            return answer
+            return chosen
         settings = replace(
             self._settings,
             theta_deg=polish.theta_deg,
             tau_mm=polish.tau_mm,
             patience=polish.patience,
         )
-        pose = answer.pose_cam_obj
+        pose = chosen.pose_cam_obj
         cost = DepthCost(model.proxy, depth, camera_matrix, pose, settings.cost)
         rng = np.random.default_rng([seed, _POLISH_STREAM])
         deadline = time.perf_counter() + left
         best, iterations = search(cost, pose, model.centroid, settings, rng, deadline)
-        return Refinement(best, answer.iterations + iterations)
+        return Refinement(best, chosen.iterations + iterations)
 
     def _remaining(self, spent: float) -> float:
         """Remaining seconds of the budget; infinite without a budget."""

@@ -35,12 +35,12 @@ class Refiner(Protocol):
         model: ObjectModel,
         depth: Float[np.ndarray, "h w"],
         camera_matrix: Float[np.ndarray, "3 3"],
-        answer: Refinement,
+        chosen: Refinement,
         seed: int,
         spent: float = 0.0,
     ) -> Refinement:
         """A more exact pose for the hypothesis that was chosen; by default the same pose."""
-        return answer
+        return chosen
 
 
 class RefinementSettings(Protocol):

@@ -27,7 +27,7 @@ _MIN_SUPPORT, _MIN_SHARE = 1e-12, 0.01  # keep the logarithm of the support fini
 class VerificationSettings(Settings):
     """Cost that ranks coarse poses before refinement and chooses among the refined ones.
 
-    Chosen on the demo world.
+    Chosen on the demo scenes.
     """
 
     candidates: Annotated[

@@ -36,36 +36,36 @@ def predict(run: Run, output: Path) -> list[PoseEstimate]:
         dataset.frames.load(key)
     store = StageStore(Path(settings.work))
     detection = stages_of(run, store)
-    answers = detection.estimates()
-    images = [str(dataset.frames.image(_key(answer))) for answer in answers]
+    estimates = detection.estimates()
+    images = [str(dataset.frames.image(_key(estimate))) for estimate in estimates]
     names = {object_id: model.name for object_id, model in dataset.models.items()}
     output.mkdir(parents=True, exist_ok=True)
-    write_poses(output / POSES, answers)
-    write_json(output / "poses.json", poses_json(answers, images, names))
+    write_poses(output / POSES, estimates)
+    write_json(output / "poses.json", poses_json(estimates, images, names))
     if settings.panels > 0:
-        _draw(detection, dataset.frames, answers, settings.panels, output / "panels")
-    print(format_poses(answers, [Path(image).name for image in images], names))
+        _draw(detection, dataset.frames, estimates, settings.panels, output / "panels")
+    print(format_poses(estimates, [Path(image).name for image in images], names))
     _say_where(output, settings.panels > 0)
-    return answers
+    return estimates
 
 
-def _key(answer: PoseEstimate) -> str:
-    return frame_key(answer.scene_id, answer.frame_id)
+def _key(estimate: PoseEstimate) -> str:
+    return frame_key(estimate.scene_id, estimate.frame_id)
 
 
 def _draw(
     detection: DetectionStages,
     frames: OwnFrames,
-    answers: Sequence[PoseEstimate],
+    estimates: Sequence[PoseEstimate],
     count: int,
     folder: Path,
 ) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     chosen = evenly(detection.keys, count)
-    shown = [answer for answer in answers if _key(answer) in chosen]
-    for answer in tqdm(shown, desc="pictures", unit="frame", disable=None):
-        key = _key(answer)
-        picture = picture_of_stages(detection, frames.load(key), answer.object_id, answer, None)
+    shown = [estimate for estimate in estimates if _key(estimate) in chosen]
+    for estimate in tqdm(shown, desc="pictures", unit="frame", disable=None):
+        key = _key(estimate)
+        picture = picture_of_stages(detection, frames.load(key), estimate.object_id, estimate, None)
         write_png(folder / f"{frames.image(key).stem}.png", picture)
 
 

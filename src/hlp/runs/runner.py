@@ -118,15 +118,15 @@ def _draw(
 ) -> None:
     """The paper's four panels (Fig. 7) for a few frames, each for another object in turn."""
     dataset = run.dataset
-    answers = {(each.scene_id, each.frame_id, each.object_id): each for each in estimates}
+    by_target = {(each.scene_id, each.frame_id, each.object_id): each for each in estimates}
     count = min(run.settings.panels, len(run.keys))
     for i in range(count):
         frame = dataset.frames.load(run.keys[i * len(run.keys) // count])
         if not frame.targets:
             continue
         target = frame.targets[i % len(frame.targets)]
-        answer = answers.get((frame.scene_id, frame.frame_id, target.object_id))
-        picture = picture_of_stages(detection, frame, target.object_id, answer, target)
+        estimate = by_target.get((frame.scene_id, frame.frame_id, target.object_id))
+        picture = picture_of_stages(detection, frame, target.object_id, estimate, target)
         name = dataset.models[target.object_id].name
         folder.mkdir(parents=True, exist_ok=True)
         write_png(folder / f"{frame.key}_{name}.png", picture)

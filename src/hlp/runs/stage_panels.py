@@ -13,7 +13,7 @@ def picture_of_stages(
     detection: DetectionStages,
     frame: Frame,
     object_id: int,
-    answer: PoseEstimate | None,
+    estimate: PoseEstimate | None,
     truth: Target | None,
 ) -> UInt8[np.ndarray, "_ _ 3"]:
     """The paper's four panels (Fig. 7): region, accepted patches, votes and pose."""
@@ -27,6 +27,6 @@ def picture_of_stages(
         region,
         coarse.patches.pixels[voters],
         coarse.votes,
-        answer,
+        estimate,
         truth,
     )

@@ -53,8 +53,8 @@ def measure_times(
     reused, some frames, spread evenly, go through all stages again, in memory.
     """
     if not detection.reused:
-        own = [each.seconds for each in estimates]
-        return Timing(own, len(run.keys), (), detection.first_use_seconds)
+        measured = [each.seconds for each in estimates]
+        return Timing(measured, len(run.keys), (), detection.first_use_seconds)
     keys = evenly(run.keys, run.settings.timing_frames)
     begun = time.perf_counter()
     _look(run, detection, keys[0])  # loads and compiles

@@ -147,12 +147,12 @@ def _find(detection: DetectionStages, frame: Frame, task: OracleSettings) -> dic
     context = detection.estimator.prepare(frame)
     for object_id in detection.dataset.wanted(frame):
         target = next(each for each in frame.targets if each.object_id == object_id)
-        for (region, coarse), pose in _answers(detection, context, target, task).items():
+        for (region, coarse), pose in _poses_by_cell(detection, context, target, task).items():
             arrays[f"{object_id}/{region}/{coarse}"] = pose
     return arrays
 
 
-def _answers(
+def _poses_by_cell(
     detection: DetectionStages, context: FrameContext, target: Target, task: OracleSettings
 ) -> dict[Cell, Pose]:
     """Refined pose of a target in every cell that has one.
@@ -205,14 +205,14 @@ def _refined(
 
 def _read(folder: Path, keys: Sequence[str], cell: Cell) -> list[PoseEstimate]:
     """Estimates of one cell, from disk."""
-    answers = []
+    estimates = []
     for key in keys:
         scene_id, frame_id = parse_frame_key(key)
         for name, pose in read_arrays(folder, key).items():
             object_id, *of = name.split("/")
             if tuple(of) == cell:
-                answers.append(PoseEstimate(scene_id, frame_id, int(object_id), pose, 1.0))
-    return answers
+                estimates.append(PoseEstimate(scene_id, frame_id, int(object_id), pose, 1.0))
+    return estimates
 
 
 def summarise_oracle(

@@ -48,9 +48,9 @@ def test_csv_counts_every_cell(tmp_path):
     assert len(rows) == 2 * 3 * 6
     cells = {(r["refiner"], r["object"], r["rotation_deg"], r["translation_mm"]): r for r in rows}
     found = cells["pso", "cat", "15.0", "10.0"]
-    assert (found["starts"], found["right"], float(found["add_recall"])) == ("4", "1", 0.25)
+    assert (found["perturbations"], found["right"], float(found["add_recall"])) == ("4", "1", 0.25)
     both = cells["pso", "all", "0.0", "10.0"]
-    assert (both["starts"], both["right"]) == ("6", "5")  # of 4 + 2 starts, not of 2 objects
+    assert (both["perturbations"], both["right"]) == ("6", "5")  # of 4 + 2 starts, not of 2 objects
 
 
 def test_tables_show_both_errors_and_the_objects():

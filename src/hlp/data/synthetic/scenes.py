@@ -37,7 +37,7 @@ _CACHED = 64  # frames of 2 MB each at full size
 @DATASETS.register
 @dataclass(frozen=True)
 class SyntheticSettings(Settings):
-    """Config group `data`: the demo world, objects modelled in code, scenes rendered on demand.
+    """Config group `data`: the synthetic demo, objects modelled in code, scenes rendered on demand.
 
     Every value is ours (D). Ranges are [least, most].
     """

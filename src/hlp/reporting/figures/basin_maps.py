@@ -21,7 +21,15 @@ Verdicts = Bool[np.ndarray, "n degrees millimetres"]
 Recalls = Float[np.ndarray, "degrees millimetres"]
 
 ALL = "all"
-_COLUMNS = ("refiner", "object", "rotation_deg", "translation_mm", "starts", "right", "add_recall")
+_COLUMNS = (
+    "refiner",
+    "object",
+    "rotation_deg",
+    "translation_mm",
+    "perturbations",
+    "right",
+    "add_recall",
+)
 _CELL = 0.62  # inches
 
 
@@ -29,7 +37,7 @@ _CELL = 0.62  # inches
 class Basins:
     """Verdicts of ADD(-S) after refinement for each pair of errors: `right[refiner][object]`.
 
-    All refiners were given the same starts.
+    All refiners were given the same perturbations.
     """
 
     rotation_deg: tuple[float, ...]
@@ -74,7 +82,7 @@ def format_basins(basins: Basins) -> str:
         for name, verdicts in next(iter(means.values())).items()
     ]
     parts.append("Mean over all starting errors:")
-    parts.append(Table(["object", "starts each", *means], rows).text())
+    parts.append(Table(["object", "perturbations each", *means], rows).text())
     return "\n\n".join(parts)
 
 
@@ -110,7 +118,7 @@ def heat_maps(name: str, basins: Basins, verdicts: Mapping[str, Verdicts]) -> "F
     axes[0].set_ylabel("starting rotation error (degrees)")
     figure.colorbar(image, ax=axes, label="ADD(-S) recall")
     tried = len(next(iter(verdicts.values())))
-    figure.suptitle(f"{name}: recall after refinement, {tried} starts a cell")
+    figure.suptitle(f"{name}: recall after refinement, {tried} perturbations a cell")
     return figure
 
 
