@@ -155,7 +155,7 @@ class TestPictures:
         thread.start()
         thread.join()
         assert problems[0] is not None and "thread" in problems[0]
-        assert opengl.opengl_available()  # here it still works
+        assert opengl.opengl_problem() is None  # here it still works
 
 
 def run_python(code: str) -> str:
@@ -194,8 +194,8 @@ def test_missing_libraries_are_named() -> None:
     printed = run_python("""
         import sys
         sys.modules["pyrender"] = None  # importing it raises ImportError
-        from hlp.rendering.opengl import opengl_available, render_rgbd
-        assert not opengl_available()
+        from hlp.rendering.opengl import opengl_problem, render_rgbd
+        assert opengl_problem() is not None
         try:
             render_rgbd(None, None, None, (1, 1), None)
         except RuntimeError as error:

@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from hlp.rendering.viewpoints import coulomb_energy, hemisphere, thomson, view_rotations
+from hlp.rendering.viewpoints import hemisphere, thomson, view_rotations
 
 # Lowest known energies: Wales & Ulker, Physical Review B 74 (2006), 212101.
 BEST_ENERGY = {
@@ -24,6 +24,12 @@ def spacings(points: np.ndarray) -> np.ndarray:
     distance = np.linalg.norm(points[:, None] - points[None], axis=-1)
     np.fill_diagonal(distance, np.inf)
     return distance.min(axis=1)
+
+
+def coulomb_energy(points):
+    """Electrostatic energy Σ_{i<j} 1/|p_i − p_j| of unit charges at `points` (n, 3)."""
+    distance = np.linalg.norm(points[:, None] - points[None], axis=-1)
+    return float((1.0 / distance[np.triu_indices(len(points), k=1)]).sum())
 
 
 def test_energy_is_the_sum_over_pairs() -> None:

@@ -64,11 +64,6 @@ def opengl_problem() -> str | None:
     return None
 
 
-def opengl_available() -> bool:
-    """Whether `render_rgbd` works in this process and thread; `opengl_problem` says why not."""
-    return opengl_problem() is None
-
-
 def render_rgbd(
     mesh: Mesh,
     pose_cam_obj: Float[np.ndarray, "4 4"],

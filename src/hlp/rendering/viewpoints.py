@@ -13,12 +13,6 @@ _MIRROR = np.array([1.0, 1.0, -1.0])
 _POLE = 1e-6
 
 
-def coulomb_energy(points: Float[np.ndarray, "n 3"]) -> float:
-    """Electrostatic energy Σ_{i<j} 1/|p_i − p_j| of unit charges at `points` (n, 3)."""
-    distance = np.linalg.norm(points[:, None] - points[None], axis=-1)
-    return float((1.0 / distance[np.triu_indices(len(points), k=1)]).sum())
-
-
 def thomson(count: int, seed: int) -> Float[np.ndarray, "n 3"]:
     """`count` directions over the whole sphere at a minimum of the Coulomb energy.
 
