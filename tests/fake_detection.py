@@ -73,7 +73,7 @@ def fake_dataset() -> Any:
         target_ids=OBJECTS,
         frames=frames,
         frames_identity=frames.identity(),
-        wanted=lambda frame: tuple(each.object_id for each in frame.targets),
+        wanted=lambda frame: dict.fromkeys((each.object_id for each in frame.targets), 1),
         settings=None,
     )
 
@@ -148,7 +148,7 @@ class FakeEstimator:
         return CoarseResult(patches, votes, Hypotheses(poses, rng.random(count)), 0.25, 0.125)
 
     def refine(
-        self, context: Any, object_id: int, hypotheses: Hypotheses
+        self, context: Any, object_id: int, hypotheses: Hypotheses, instances: int = 1
     ) -> RefinedHypotheses | None:
         """Moves each hypothesis by a metre; the second one costs less."""
         self._step("refine", context, object_id)
@@ -157,4 +157,4 @@ class FakeEstimator:
         moved = hypotheses.poses_cam_obj.copy()
         moved[:, 0, 3] += [1.0, 2.0]
         refined = [Refinement(each, 3) for each in moved]
-        return RefinedHypotheses(refined, np.array([0.5, 0.25]), np.array([1, 0]), 1)
+        return RefinedHypotheses(refined, np.array([0.5, 0.25]), np.array([1, 0]), (1,))

@@ -95,7 +95,7 @@ def test_a_timed_estimator_answers_as_a_plain_one_does(tiny_run: TinyRun) -> Non
     timed.load_timed(run.dataset.target_ids)
     plain = PoseEstimator(training, method, run.dataset.target_ids)
     frame = run.dataset.frames.load(run.keys[0])
-    object_id = run.dataset.wanted(frame)[0]
+    object_id = next(iter(run.dataset.wanted(frame)))
     found = []
     for estimator in (timed, plain):
         if estimator is timed:

@@ -82,7 +82,7 @@ def _detection(folder, frame, mask, coarse, refined, sources, votes):
         "poses": {
             "1/poses": np.stack(refined),
             "1/sources": np.array(sources),
-            "1/best": np.array(0),
+            "1/instances": np.array([0]),
         }
         if refined
         else {},
@@ -94,7 +94,7 @@ def _detection(folder, frame, mask, coarse, refined, sources, votes):
         stage: (lambda folder=folder / stage: SimpleNamespace(folder=folder)) for stage in stages
     }
     frames = SimpleNamespace(load=lambda key: frame)
-    dataset = SimpleNamespace(models={1: MODEL}, frames=frames, wanted=lambda frame: (1,))
+    dataset = SimpleNamespace(models={1: MODEL}, frames=frames, wanted=lambda frame: {1: 1})
     return SimpleNamespace(dataset=dataset, **outputs)
 
 

@@ -66,4 +66,4 @@ def test_an_object_without_hypotheses_is_still_known_to_have_been_looked_for(con
     arrays = refined_arrays(3, refined)
     np.testing.assert_array_equal(arrays["3/poses"][:, 0, 3], [1.0, 2.0])
     np.testing.assert_array_equal(arrays["3/sources"], [1, 0])
-    assert arrays["3/best"] == 1 and arrays["3/looked_for"]
+    assert arrays["3/instances"] == [1] and arrays["3/looked_for"]

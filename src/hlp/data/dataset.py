@@ -1,5 +1,6 @@
 """A data set: objects, frames to find them in, and images to train with."""
 
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -30,7 +31,8 @@ class Dataset:
     `photographs` is a folder (None: procedural backgrounds). `background_frames` are backgrounds of
     rendered objects in training, `encoder_frames` train the autoencoder; either may be None.
 
-    `annotated`: the frames state their targets. If not, every target object is looked for in each.
+    `annotated`: the frames state their targets. If not, up to `max_instances` of every target
+    object are looked for in each.
 
     `settings` are those that the data set was built from; workers build it again from them.
     """
@@ -42,13 +44,14 @@ class Dataset:
     background_frames: FrameSource | None
     encoder_frames: FrameSource | None
     annotated: bool = True
+    max_instances: int = 1
     settings: "DataSettings | None" = None
 
-    def wanted(self, frame: Frame) -> tuple[int, ...]:
-        """Ids of the objects to look for in a frame, each once."""
+    def wanted(self, frame: Frame) -> dict[int, int]:
+        """Objects to look for in a frame, by id, and the largest number of instances of each."""
         if not self.annotated:
-            return self.target_ids
-        return tuple(dict.fromkeys(target.object_id for target in frame.targets))
+            return dict.fromkeys(self.target_ids, self.max_instances)
+        return dict(Counter(target.object_id for target in frame.targets))
 
     @cached_property
     def mesh_identities(self) -> dict[int, str]:

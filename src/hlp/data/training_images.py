@@ -51,7 +51,7 @@ class TrainingImages:
             self.rooms,
             self.rgbd_frames,
             annotated,
-            settings,
+            settings=settings,
         )
 
 

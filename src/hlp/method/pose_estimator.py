@@ -171,11 +171,12 @@ class PoseEstimator:
         return CoarseResult(cut, votes, found, matched - begun, time.perf_counter() - matched)
 
     def refine(
-        self, context: FrameContext, object_id: int, hypotheses: Hypotheses
+        self, context: FrameContext, object_id: int, hypotheses: Hypotheses, instances: int = 1
     ) -> RefinedHypotheses | None:
-        """Stage 3: refine the promising hypotheses and choose one (paper, section 3.3).
+        """Stage 3: refine the promising hypotheses and choose the best (paper, section 3.3).
 
-        None if there is no hypothesis.
+        At most as many `instances` are chosen as there are things that look like the object. None
+        if there is no hypothesis.
         """
         if len(hypotheses) == 0:
             return None
@@ -189,6 +190,7 @@ class PoseEstimator:
             verification.candidates,
             verification.max_improvement,
             derive_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id),
+            instances,
         )
 
     def visible_fraction(

@@ -1,30 +1,40 @@
-"""Stage 3 of one object: choose the hypotheses to refine, and the best refined one."""
+"""Stage 3 of one object: choose the hypotheses to refine, and the refined ones that are instances.
+
+Instances are chosen one after another. A later one must not stand on pixels that those before it
+explain.
+"""
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.refiner import Refiner, refinable
-from hlp.refinement.verification import Observation, Verifier
+from hlp.refinement.verification import Evidence, Observation, Verifier
 
 _BATCH = 2  # hypotheses refined before the next ones are compared with the best so far
 
 
 @dataclass(frozen=True)
 class RefinedHypotheses:
-    """The refined hypotheses of one object, and which of them was chosen.
+    """The refined hypotheses of one object, and which of them were chosen.
 
     `refined[i]` was refined from the coarse hypothesis of index `sources[i]` and has the
-    verification cost `costs[i]`; `refined[best]` is the result.
+    verification cost `costs[i]`. `instances` are the rows of the chosen ones, in the order of
+    choice; there is at least one.
     """
 
     refined: list[Refinement]
     costs: Float[np.ndarray, "c"]
     sources: Int[np.ndarray, "c"]
-    best: int
+    instances: tuple[int, ...]
+
+    @property
+    def best(self) -> int:
+        """The row of the instance that was chosen first."""
+        return self.instances[0]
 
 
 def refine_and_choose(
@@ -36,63 +46,149 @@ def refine_and_choose(
     candidates: int,
     max_improvement: float,
     seed: int,
+    instances: int = 1,
 ) -> RefinedHypotheses | None:
-    """Refine the most promising hypotheses, choose the one of lowest verification cost, polish it.
+    """Refine the most promising hypotheses, choose those of lowest verification cost, polish them.
 
     Hypotheses that are not finite or lie behind the camera are dropped; None if no other is left.
     The rest is refined in order of verification cost, two at a time and at most `candidates`, until
     the next one costs more than the best refined pose by `max_improvement`: refinement hardly ever
     lowers a cost by that much. The polished pose is kept unless its cost, among the refined poses,
     is higher than before.
+
+    This is repeated for every further one of up to `instances`, with the hypotheses for which more
+    than half of the agreeing pixels are not explained by an instance that was chosen before.
     """
-    begun = time.perf_counter()
-    depth, camera = observation.depth, observation.camera_matrix
-    poses = np.asarray(hypotheses.poses_cam_obj, dtype=np.float64)
-    usable = np.flatnonzero(refinable(poses, model.centroid))
-    if len(usable) == 0:
-        return None
-    coarse_costs = verifier.costs(observation, poses[usable])
-    ranking = np.argsort(coarse_costs, kind="stable")[:candidates]
-    order, coarse_costs = usable[ranking], coarse_costs[ranking]
-    refined: list[Refinement] = []
-    lowest = np.inf
-    for start in range(0, len(order), _BATCH):
-        if coarse_costs[start] - max_improvement > lowest:
+    search = _InstanceSearch(refiner, verifier, observation, model, hypotheses, seed)
+    for _ in range(instances):
+        if not search.choose_next(candidates, max_improvement):
             break
-        rows = order[start : start + _BATCH]
-        batch = Hypotheses(poses[rows], hypotheses.support[rows])
-        spent = time.perf_counter() - begun
-        batch_seed = seed + start  # the refiner numbers each batch's hypotheses from 0
-        refined += refiner.refine(model, depth, camera, batch, batch_seed, spent)
-        lowest = min(lowest, verifier.costs(observation, _poses(refined[start:])).min())
-    sources = order[: len(refined)]
-    support = hypotheses.support[sources]
-    costs = verifier.competing_costs(observation, _poses(refined), support)
-    best = int(np.argmin(costs))
-    spent = time.perf_counter() - begun
-    polished = refiner.polish(model, depth, camera, refined[best], seed, spent)
-    chosen = RefinedHypotheses(refined, costs, sources, best)
-    return _with_polished(chosen, polished, verifier, observation, support)
+    return search.result()
 
 
-def _with_polished(
-    chosen: RefinedHypotheses,
-    polished: Refinement,
-    verifier: Verifier,
-    observation: Observation,
-    support: Float[np.ndarray, "c"],
-) -> RefinedHypotheses:
-    """The polished pose and its cost in place of the best, unless it costs more among the others.
+class _InstanceSearch:
+    """Refines hypotheses as far as they are needed, and chooses one instance after another."""
 
-    The refiner's cost is not the verifier's, so a polished pose may fit the image less well.
-    """
-    best, refined, costs = chosen.best, list(chosen.refined), chosen.costs.copy()
-    refined[best] = polished
-    costs[best] = verifier.competing_costs(observation, _poses(refined), support)[best]
-    if costs[best] > chosen.costs[best]:
-        return chosen
-    return replace(chosen, refined=refined, costs=costs)
+    def __init__(
+        self,
+        refiner: Refiner,
+        verifier: Verifier,
+        observation: Observation,
+        model: ObjectModel,
+        hypotheses: Hypotheses,
+        seed: int,
+    ) -> None:
+        self._begun = time.perf_counter()
+        self._refiner, self._verifier, self._model = refiner, verifier, model
+        self._observation, self._left, self._seed = observation, observation, seed
+        poses = np.asarray(hypotheses.poses_cam_obj, dtype=np.float64)
+        usable = np.flatnonzero(refinable(poses, model.centroid))
+        found = verifier.evidence(observation, poses[usable])
+        ranking = np.argsort(verifier.weigh(found), kind="stable")
+        self._order, self._evidence = usable[ranking], found.rows(ranking)
+        self._poses, self._support = poses, hypotheses.support
+        self._refined: list[Refinement] = []
+        self._sources: list[int] = []
+        self._costs = np.zeros(0)
+        self._instances: list[int] = []
 
+    def result(self) -> RefinedHypotheses | None:
+        """What was refined and chosen so far; None if nothing was chosen."""
+        if not self._instances:
+            return None
+        sources = np.array(self._sources)
+        return RefinedHypotheses(self._refined, self._costs, sources, tuple(self._instances))
 
-def _poses(refined: list[Refinement]) -> Float[np.ndarray, "c 4 4"]:
-    return np.stack([each.pose_cam_obj for each in refined])
+    def choose_next(self, candidates: int, max_improvement: float) -> bool:
+        """Refine what may be the next instance, choose and polish it. False if there is none."""
+        if self._instances:
+            self._explain(self._refined[self._instances[-1]].pose_cam_obj)
+        self._refine(candidates, max_improvement)
+        rows = np.flatnonzero(self._free_refined())
+        if len(rows) == 0:
+            return False
+        costs = self._competing_costs(rows)
+        self._costs = np.append(self._costs, np.zeros(len(self._refined) - len(self._costs)))
+        self._costs[rows] = costs
+        self._polish(rows, int(np.argmin(costs)))
+        return True
+
+    def _refine(self, candidates: int, max_improvement: float) -> None:
+        """Refine free hypotheses in order of cost until the next one is hopeless."""
+        coarse_costs = self._verifier.weigh(self._evidence)
+        free = self._is_free(self._poses[self._order], self._evidence)
+        free &= ~np.isin(self._order, self._sources)
+        order, coarse_costs = self._order[free][:candidates], coarse_costs[free]
+        before = self._refined_poses(np.flatnonzero(self._free_refined()))
+        costs = self._verifier.costs(self._observation, before)
+        lowest = float(costs.min(initial=np.inf))
+        for start in range(0, len(order), _BATCH):
+            if coarse_costs[start] - max_improvement > lowest:
+                break
+            rows = order[start : start + _BATCH]
+            batch = Hypotheses(self._poses[rows], self._support[rows])
+            # The refiner numbers each batch's hypotheses from 0.
+            batch_seed = self._seed + len(self._refined)
+            found = self._refiner.refine(
+                self._model,
+                self._observation.depth,
+                self._observation.camera_matrix,
+                batch,
+                batch_seed,
+                self._spent(),
+            )
+            self._refined += found
+            self._sources += rows.tolist()
+            poses = np.stack([each.pose_cam_obj for each in found])
+            lowest = min(lowest, self._verifier.costs(self._observation, poses).min())
+
+    def _polish(self, rows: Int[np.ndarray, "r"], chosen: int) -> None:
+        """Add the chosen one of the free `rows` to the instances, polished.
+
+        The refiner's cost is not the verifier's, so a polished pose may fit the image less well; it
+        is then dropped.
+        """
+        row = int(rows[chosen])
+        depth, camera = self._observation.depth, self._observation.camera_matrix
+        before = self._refined[row]
+        self._refined[row] = self._refiner.polish(
+            self._model, depth, camera, before, self._seed, self._spent()
+        )
+        cost = self._competing_costs(rows)[chosen]
+        if cost > self._costs[row]:
+            self._refined[row] = before
+        else:
+            self._costs[row] = cost
+        self._instances.append(row)
+
+    def _competing_costs(self, rows: Int[np.ndarray, "r"]) -> Float[np.ndarray, "r"]:
+        support = self._support[np.array(self._sources)[rows]]
+        poses = self._refined_poses(rows)
+        return self._verifier.competing_costs(self._observation, poses, support)
+
+    def _explain(self, pose_cam_obj: Float[np.ndarray, "4 4"]) -> None:
+        self._left = self._verifier.without_explained(self._left, pose_cam_obj)
+
+    def _free_refined(self) -> Bool[np.ndarray, "c"]:
+        """Which refined poses are neither chosen nor stand on pixels of chosen ones."""
+        poses = self._refined_poses(np.arange(len(self._refined)))
+        free = self._is_free(poses, None)
+        free[self._instances] = False
+        return free
+
+    def _is_free(
+        self, poses_cam_obj: Float[np.ndarray, "n 4 4"], evidence: Evidence | None
+    ) -> Bool[np.ndarray, "n"]:
+        if not self._instances:
+            return np.ones(len(poses_cam_obj), dtype=bool)
+        if evidence is None:
+            evidence = self._verifier.evidence(self._observation, poses_cam_obj)
+        left = self._verifier.evidence(self._left, poses_cam_obj)
+        return np.asarray(2.0 * left.area > evidence.area)
+
+    def _refined_poses(self, rows: Int[np.ndarray, "r"]) -> Float[np.ndarray, "r 4 4"]:
+        poses = [self._refined[row].pose_cam_obj for row in rows]
+        return np.stack(poses) if poses else np.zeros((0, 4, 4))
+
+    def _spent(self) -> float:
+        return time.perf_counter() - self._begun

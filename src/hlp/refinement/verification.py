@@ -5,18 +5,19 @@ from any source. In addition to depth and depth edges, it uses colour: the visib
 have the model's chromaticity. Brightness is ignored, since it depends on the light.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Annotated
 
 import cv2
 import numpy as np
 from annotated_types import Ge, Gt, Unit
-from jaxtyping import Float, Float32, UInt8
+from jaxtyping import Float, Float32, Int, UInt8
 
 from hlp.geometry import transform
 from hlp.records import ObjectModel
 from hlp.refinement.cost_kernel import WORST, depth_edges
 from hlp.refinement.verification_kernel import COLOR_OFFSET, SUM_COUNT, sum_evidence
+from hlp.rendering.rasterizer import render_depth
 from hlp.rendering.zbuffer import prepare_mesh
 from hlp.settings import Doc, Settings
 
@@ -113,6 +114,10 @@ class Evidence:
     edge: Float[np.ndarray, "n"]
     edges_occluded: Float[np.ndarray, "n"]
 
+    def rows(self, chosen: Int[np.ndarray, "m"]) -> "Evidence":
+        """The evidence for some of the poses, in the order given."""
+        return Evidence(*(getattr(self, each.name)[chosen] for each in fields(self)))
+
 
 @dataclass(frozen=True)
 class Observation:
@@ -150,7 +155,7 @@ class Verifier:
 
     def __init__(self, model: ObjectModel, settings: VerificationSettings) -> None:
         mesh = model.proxy
-        self._settings = settings
+        self._settings, self._mesh = settings, mesh
         self._centroid, self._radius = model.centroid, model.diameter / 2.0
         self._vertices, self._faces, self._closed = prepare_mesh(mesh)
         offset_colors = mesh.colors[mesh.faces].mean(axis=1) + COLOR_OFFSET
@@ -184,6 +189,22 @@ class Verifier:
         share = support / max(float(support.max(initial=0.0)), _MIN_SUPPORT)
         costs -= self._settings.support_cost * np.log(np.maximum(share, _MIN_SHARE))
         return np.asarray(np.minimum(costs, WORST))
+
+    def without_explained(
+        self, observation: Observation, pose_cam_obj: Float[np.ndarray, "4 4"]
+    ) -> Observation:
+        """The image without depth where the object at this pose explains it.
+
+        Explained are the pixels of its silhouette that agree in depth up to τ_d.
+        """
+        depth = observation.depth
+        shape = (depth.shape[0], depth.shape[1])
+        rendered = render_depth(
+            self._mesh, pose_cam_obj[None], observation.camera_matrix, shape, threads=1
+        )[0]
+        tau = self._settings.tau_depth_mm / 1000.0
+        explained = (rendered > 0.0) & (np.abs(depth - rendered) <= tau)
+        return replace(observation, depth=np.where(explained, np.float32(0.0), depth))
 
     def weigh(self, evidence: Evidence) -> Float[np.ndarray, "n"]:
         """Cost in [0, 1] of the evidence for each pose; `WORST` if there is no depth at all.

@@ -72,7 +72,7 @@ class _FrameDiagnosis:
         name, region = str(target.object_id), self._regions[target.object_id]
         visible = visible_pixels(self._source, self._frame, target, model)
         poses = self._fine.get(f"{name}/poses", np.zeros((0, 4, 4)))
-        chosen = poses[self._fine[f"{name}/best"]] if len(poses) else None
+        instances = poses[self._fine[f"{name}/instances"]] if len(poses) else poses
         basin = (settings.waterfall.basin_deg, settings.waterfall.basin_mm)
         return Evidence(
             visible=int(visible.sum()),
@@ -85,7 +85,7 @@ class _FrameDiagnosis:
             ),
             refined=self._fine.get(f"{name}/sources", np.zeros(0, dtype=int)),
             right=add_correct(poses, true, model, settings),
-            flipped=chosen is not None and is_symmetric_flip(chosen, true, model, settings),
+            flipped=any(is_symmetric_flip(each, true, model, settings) for each in instances),
         )
 
 

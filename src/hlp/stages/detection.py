@@ -194,14 +194,14 @@ class DetectionStages:
         The first frame is processed twice, so that its time excludes loading and compiling.
         """
         frame = self.dataset.frames.load(key)
-        object_ids = self.dataset.wanted(frame)
+        wanted = self.dataset.wanted(frame)
         given = {s: read_arrays(folders[s], key) for s in folders if s not in missing}
         if self.first_use_seconds is None:
             begun = time.perf_counter()
             self.estimator.load(self.dataset.target_ids)
-            find_in_frame(self.estimator, frame, object_ids, missing, given)
+            find_in_frame(self.estimator, frame, wanted, missing, given)
             self.first_use_seconds = time.perf_counter() - begun
-        found, seconds = find_in_frame(self.estimator, frame, object_ids, missing, given)
+        found, seconds = find_in_frame(self.estimator, frame, wanted, missing, given)
         for stage in missing:
             write_arrays(folders[stage], key, found[stage])
         return seconds

@@ -28,29 +28,34 @@ Seconds = dict[int, dict[str, float]]
 def find_in_frame(
     estimator: PoseEstimator,
     frame: Frame,
-    object_ids: Sequence[int],
+    wanted: Mapping[int, int],
     stages: Sequence[str],
     given: Mapping[str, Arrays],
 ) -> tuple[dict[str, Arrays], Seconds]:
     """Arrays of each of the `stages`, found in this order, and the time of each object's steps.
 
-    `given` holds the arrays of the stages before the first of them. Work that the objects of a
+    `wanted` are the objects to find, by id, with the largest number of instances of each; `given`
+    holds the arrays of the stages before the first of them. Work that the objects of a
     frame share counts for the first one.
     """
-    seconds: Seconds = {object_id: {} for object_id in object_ids}
+    seconds: Seconds = {object_id: {} for object_id in wanted}
     found: dict[str, Arrays] = {}
     begun = time.perf_counter()
     context = estimator.prepare(frame)
     shared = time.perf_counter() - begun
     for stage in stages:
-        found[stage] = _FIND[stage](estimator, context, {**given, **found}, seconds)
-    if "regions" in stages and object_ids:
-        seconds[object_ids[0]]["holistic"] += shared
+        found[stage] = _FIND[stage](estimator, context, wanted, {**given, **found}, seconds)
+    if "regions" in stages and wanted:
+        seconds[next(iter(wanted))]["holistic"] += shared
     return found, seconds
 
 
 def _regions(
-    estimator: PoseEstimator, context: FrameContext, _: Mapping[str, Arrays], seconds: Seconds
+    estimator: PoseEstimator,
+    context: FrameContext,
+    wanted: Mapping[int, int],
+    before: Mapping[str, Arrays],
+    seconds: Seconds,
 ) -> Arrays:
     arrays: Arrays = {}
     for object_id, spent in seconds.items():
@@ -62,7 +67,11 @@ def _regions(
 
 
 def _hypotheses(
-    estimator: PoseEstimator, context: FrameContext, before: Mapping[str, Arrays], seconds: Seconds
+    estimator: PoseEstimator,
+    context: FrameContext,
+    wanted: Mapping[int, int],
+    before: Mapping[str, Arrays],
+    seconds: Seconds,
 ) -> Arrays:
     height, width = context.frame.depth.shape
     regions = regions_of(before["regions"], (height, width))
@@ -75,13 +84,17 @@ def _hypotheses(
 
 
 def _poses(
-    estimator: PoseEstimator, context: FrameContext, before: Mapping[str, Arrays], seconds: Seconds
+    estimator: PoseEstimator,
+    context: FrameContext,
+    wanted: Mapping[int, int],
+    before: Mapping[str, Arrays],
+    seconds: Seconds,
 ) -> Arrays:
     arrays: Arrays = {}
     for object_id, spent in seconds.items():
         begun = time.perf_counter()
         hypotheses = hypotheses_of(before["hypotheses"], object_id)
-        refined = estimator.refine(context, object_id, hypotheses)
+        refined = estimator.refine(context, object_id, hypotheses, wanted[object_id])
         spent["refinement"] = time.perf_counter() - begun
         arrays |= refined_arrays(object_id, refined)
     return arrays
@@ -91,24 +104,27 @@ _FIND: Mapping[str, Any] = {"regions": _regions, "hypotheses": _hypotheses, "pos
 
 
 def estimates_of(key: str, stored: Arrays, seconds: Seconds) -> list[PoseEstimate]:
-    """The pose of every object looked for in a frame, from the arrays of the stage `poses`.
+    """The instances of every object looked for in a frame, from the arrays of the stage `poses`.
 
-    `seconds` are the times measured in that frame. An estimate has a time only if every step was
-    measured.
+    There is one estimate, without a pose, of an object that was not found. `seconds` are the times
+    measured in that frame; the instances of an object share its time equally. An estimate has a
+    time only if every step was measured.
     """
     timed = {i: spent for i, spent in seconds.items() if set(STEPS) <= spent.keys()}
     scene_id, frame_id = (int(part) for part in key.split("_"))
     object_ids = sorted({int(name.partition("/")[0]) for name in stored})
-    return [
-        PoseEstimate(scene_id, frame_id, i, *_answer(stored, i), timed.get(i, {}))
-        for i in object_ids
-    ]
+    estimates = []
+    for i in object_ids:
+        instances = _instances(stored, i)
+        shared = {step: spent / len(instances) for step, spent in timed.get(i, {}).items()}
+        estimates += [PoseEstimate(scene_id, frame_id, i, *each, shared) for each in instances]
+    return estimates
 
 
-def _answer(stored: Arrays, object_id: int) -> tuple[np.ndarray | None, float]:
-    """Pose and score (1 - cost) of the chosen hypothesis; None and 0 if there is none."""
-    if f"{object_id}/best" not in stored:
-        return None, 0.0
-    best = int(stored[f"{object_id}/best"])
-    score = float(np.clip(1.0 - stored[f"{object_id}/costs"][best], 0.0, 1.0))
-    return stored[f"{object_id}/poses"][best], score
+def _instances(stored: Arrays, object_id: int) -> list[tuple[np.ndarray | None, float]]:
+    """Pose and score (1 - cost) of each instance; None and 0 if there is none."""
+    if f"{object_id}/instances" not in stored:
+        return [(None, 0.0)]
+    poses, costs = stored[f"{object_id}/poses"], stored[f"{object_id}/costs"]
+    scores = np.clip(1.0 - costs, 0.0, 1.0)
+    return [(poses[row], float(scores[row])) for row in stored[f"{object_id}/instances"]]

@@ -37,7 +37,7 @@ def coarse_arrays(object_id: int, coarse: CoarseResult) -> Arrays:
 
 
 def refined_arrays(object_id: int, refined: RefinedHypotheses | None) -> Arrays:
-    """Each refined hypothesis, its cost and its coarse hypothesis; `best` is the chosen one.
+    """Each refined hypothesis, its cost and its coarse hypothesis; `instances` are the chosen rows.
 
     If there was nothing to refine, only `looked_for` is there.
     """
@@ -49,7 +49,7 @@ def refined_arrays(object_id: int, refined: RefinedHypotheses | None) -> Arrays:
         f"{name}/poses": np.stack([each.pose_cam_obj for each in refined.refined]),
         f"{name}/costs": refined.costs,
         f"{name}/sources": refined.sources,
-        f"{name}/best": np.array(refined.best),
+        f"{name}/instances": np.array(refined.instances),
     }
 
 

@@ -129,7 +129,7 @@ def _make_estimators(
             TrainingStages(dataset, settings.method, store), settings.method, dataset.target_ids
         )
         loading = estimators[name].load_timed(dataset.target_ids)
-        _detect_all(estimators[name], frame, dataset.wanted(frame))
+        _detect_all(estimators[name], frame, tuple(dataset.wanted(frame)))
         if name == CONFIGURED:
             shared = {"classifier": loading.classifier, "encoder": loading.encoder}
             objects = {dataset.models[i].name: each for i, each in loading.objects.items()}
@@ -150,7 +150,7 @@ def _measure(
     names = list(estimators)
     for turn, key in enumerate(tqdm(keys, desc="bench", unit="frame", disable=None)):
         frame = run.dataset.frames.load(key)
-        objects = _rotated(run.dataset.wanted(frame), turn)
+        objects = _rotated(tuple(run.dataset.wanted(frame)), turn)
         for name in _rotated(names, turn):
             for detection, patches in _detect_all(estimators[name], frame, objects):
                 detections[name].append(detection)

@@ -146,11 +146,11 @@ class TimedEstimator(PoseEstimator):
         return super().find_hypotheses(context, region)
 
     def refine(
-        self, context: FrameContext, object_id: int, hypotheses: Hypotheses
+        self, context: FrameContext, object_id: int, hypotheses: Hypotheses, instances: int = 1
     ) -> RefinedHypotheses | None:
         """Stage 3; see PoseEstimator.refine."""
         self.clock.enter("screen")
-        return super().refine(context, object_id, hypotheses)
+        return super().refine(context, object_id, hypotheses, instances)
 
     def entries(self, object_id: int) -> int:
         """Number of the codebook's entries."""
