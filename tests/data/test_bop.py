@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hlp.data.bop import BopFrames, list_targets, load_frame
+from hlp.data.bop import BopFrames
+from hlp.data.bop_scenes import list_scenes
+from hlp.data.bop_targets import annotated_targets, list_targets
 from hlp.geometry import project, transform
 from hlp.objects.meshes import load_mesh
 
@@ -61,11 +63,14 @@ def _scene(root, name):
 
 
 def test_targets_are_listed_by_frame(root):
-    assert list_targets(root, "test", "targets.json") == {(6, 12): {1: 1}, (6, 0): {1: 1, 6: 1}}
+    assert list_targets(list_scenes(root / "test"), root / "targets.json") == {
+        (6, 12): {1: 1},
+        (6, 0): {1: 1, 6: 1},
+    }
 
 
 def test_without_a_list_all_that_is_annotated_counts(root):
-    assert list_targets(root, "test", None) == {(6, 0): {1: 1, 6: 2}, (6, 12): {1: 1}}
+    assert list_targets(list_scenes(root / "test"), None) == {(6, 0): {1: 1, 6: 2}, (6, 12): {1: 1}}
 
 
 def test_keys_are_sorted_and_known_without_any_image(root):
@@ -111,9 +116,9 @@ def test_only_the_chosen_objects_are_targets(root):
         _ = _frames(root, object_ids=[9]).keys
 
 
-def test_any_frame_can_be_loaded_with_all_its_annotations(root):
-    frame = load_frame(root, "test", 6, 0)
-    assert [target.object_id for target in frame.targets] == [1, 6, 6]
+def test_all_annotations_of_a_frame_can_be_read(root):
+    targets = annotated_targets(list_scenes(root / "test")[6], 0, "here")
+    assert [target.object_id for target in targets] == [1, 6, 6]
 
 
 def test_visibility_is_nan_where_the_set_does_not_say(root):

@@ -1,21 +1,16 @@
-from pathlib import Path
-
 import pytest
-from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
+from hlp.commands.composing import compose_config
 from hlp.data.bop import BopSettings
 from hlp.data.linemod import LinemodSettings
 from hlp.evaluation.settings import EvaluationSettings
+from hlp.rendering.views import ViewsSettings
 from hlp.settings import read_settings
-
-CONF = Path(__file__).parents[2] / "conf"
 
 
 def _compose(group, alternative, *overrides):
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        config = compose(f"{group}/{alternative}", overrides=list(overrides))
-    return config[group]
+    return compose_config(f"{group}={alternative}", *overrides)[group]
 
 
 def _typed(settings, node):
@@ -48,10 +43,34 @@ def test_linemods_first_layout_becomes_typed_settings():
 
 @pytest.mark.parametrize(
     ("policy", "symmetric"),
-    [("bop", ["bowl", "cup", "eggbox", "glue"]), ("eggbox_glue", ["eggbox", "glue"])],
+    [
+        ("symmetries", None),
+        ("bop", ("bowl", "cup", "eggbox", "glue")),
+        ("eggbox_glue", ("eggbox", "glue")),
+    ],
 )
 def test_policies_of_evaluation_become_typed_settings(policy, symmetric):
     settings = _typed(EvaluationSettings, _compose("evaluation", policy))
-    assert (settings.name, settings.symmetric) == (policy, tuple(symmetric))
+    assert (settings.name, settings.symmetric) == (policy, symmetric)
     assert (settings.add_fraction, settings.translation_cm, settings.rotation_deg) == (0.1, 5, 5)
     assert settings.iou == 0.5
+
+
+def _choices(*overrides):
+    config = compose_config(*overrides, "data.root=lm")
+    return config.evaluation.name, config.rendering.coverage, config.rendering.in_plane_max_deg
+
+
+@pytest.mark.parametrize("data", ["linemod_bop", "linemod"])
+def test_linemod_has_its_range_of_poses_and_its_symmetric_objects(data):
+    assert _choices(f"data={data}") == ("bop", "hemisphere", 45.0)
+    chosen = ("evaluation=eggbox_glue", "rendering.coverage=sphere")
+    assert _choices(f"data={data}", *chosen)[:2] == ("eggbox_glue", "sphere")
+
+
+def test_any_bop_set_has_the_default_range_and_the_symmetries_of_its_models():
+    settings = _typed(BopSettings, _compose("data", "bop", "data.root=lm"))
+    assert (settings.split, settings.targets, dict(settings.objects)) == ("auto", "auto", {})
+    assert compose_config("data=bop", "data.root=lm").evaluation.symmetric is None
+    views = compose_config("data=bop", "data.root=lm").rendering
+    assert _typed(ViewsSettings, views) == ViewsSettings()

@@ -3,7 +3,7 @@
 Format: Hodan et al., BOP (ECCV 2018), docs/bop_datasets_format.md of the BOP toolkit.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from hlp.objects.object_model import ObjectSettings, build_object_model, check_u
 from hlp.records import MILLIMETRE, ObjectModel
 
 _FOLDERS = ("models", "models_eval")
+_NAMES = "names.json"
 
 
 def load_object_models(
@@ -63,6 +64,24 @@ def symmetry_motions(info: dict[str, Any], steps: int) -> Float[np.ndarray, "n 4
         continuous = rigid(turns, offset - turns @ offset)
         motions = np.einsum("aij,bjk->baik", continuous, motions).reshape(-1, 4, 4)
     return motions
+
+
+def name_objects(root: Path, object_ids: Iterable[int]) -> dict[str, ObjectSettings]:
+    """Objects by the names in `models/names.json` (id -> name), or else as `obj_000005`.
+
+    Raises ValueError if two objects share a name.
+    """
+    names: dict[str, str] = {}
+    for folder in _FOLDERS:
+        if not names and (path := root / folder / _NAMES).is_file():
+            names = {str(key): str(name) for key, name in read_json(path).items()}
+    objects: dict[str, ObjectSettings] = {}
+    for object_id in object_ids:
+        name = names.get(str(object_id), f"obj_{object_id:06d}")
+        if name in objects:
+            raise DataError(f"{root}: {_NAMES} calls several objects {name!r}")
+        objects[name] = ObjectSettings(id=object_id)
+    return objects
 
 
 def _mesh_path(root: Path, name: str, object_id: int) -> Path:

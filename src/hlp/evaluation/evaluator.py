@@ -100,7 +100,7 @@ class _ObjectScorer:
         self._model, self._settings = model, settings
         self._vertices = np.asarray(model.mesh.vertices, dtype=np.float64)
         self.add_limit = settings.add_fraction * model.diameter
-        self._symmetric = model.name in settings.symmetric
+        self._symmetric = settings.is_symmetric(model)
         self._tree = cKDTree(self._vertices) if self._symmetric else None
         try:
             self._hull = self._vertices[ConvexHull(self._vertices).vertices]

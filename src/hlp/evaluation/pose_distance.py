@@ -53,7 +53,7 @@ def is_symmetric_flip(
     It is turned by more than the refiner's basin, and yet its ADD-S is small. Always False for
     objects that the policy calls symmetric: their turned poses are right.
     """
-    if model.name in settings.symmetric:
+    if settings.is_symmetric(model):
         return False
     bounds = settings.waterfall
     if errors.rotation_error(pose, true) <= np.deg2rad(bounds.basin_deg):
@@ -63,4 +63,4 @@ def is_symmetric_flip(
 
 
 def _symmetries(model: ObjectModel, settings: EvaluationSettings) -> Float[np.ndarray, "s 4 4"]:
-    return model.symmetries if model.name in settings.symmetric else np.eye(4)[None]
+    return model.symmetries if settings.is_symmetric(model) else np.eye(4)[None]

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from annotated_types import Ge, Gt, Interval
 
+from hlp.records import ObjectModel
 from hlp.settings import Doc, Settings
 
 
@@ -45,14 +46,14 @@ class WaterfallSettings(Settings):
 class EvaluationSettings(Settings):
     """Config group `evaluation`: which poses count as correct."""
 
-    name: Annotated[str, Doc("name of the policy")] = "bop"
+    name: Annotated[str, Doc("name of the policy")] = "symmetries"
     symmetric: Annotated[
-        tuple[str, ...],
+        tuple[str, ...] | None,
         Doc(
             "names of objects that are scored by ADD-S and whose rotation error is that of the "
-            "nearest equivalent pose (D)"
+            "nearest equivalent pose; null: objects whose models have symmetries (D)"
         ),
-    ] = ("bowl", "cup", "eggbox", "glue")
+    ] = None
     add_fraction: Annotated[
         float, Gt(0), Doc("largest mean vertex distance, as a fraction of the diameter (P)")
     ] = 0.1
@@ -63,3 +64,9 @@ class EvaluationSettings(Settings):
         1000
     )
     waterfall: WaterfallSettings = field(default_factory=WaterfallSettings)
+
+    def is_symmetric(self, model: ObjectModel) -> bool:
+        """Whether an object counts as symmetric."""
+        if self.symmetric is None:
+            return len(model.symmetries) > 1
+        return model.name in self.symmetric
