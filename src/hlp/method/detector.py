@@ -27,8 +27,8 @@ class Detection:
 
     `object` is its name. `pose_cam_obj` (4, 4) maps its coordinates to the camera's (metres; x
     right, y down, z forward). `score` is in [0, 1]; higher is more certain. `visible_fraction` is
-    the fraction of its silhouette that nothing nearer covers. `seconds` is the wall time; work
-    shared by all objects of an image counts for the first one.
+    the fraction of its silhouette that nothing nearer covers. `seconds` is the wall time, divided
+    equally among an object's instances; work shared by all objects of an image counts for the first.
     """
 
     object: str
@@ -158,13 +158,14 @@ class Detector:
         depth: Float[np.ndarray, "h w"],
         camera_matrix: Float[np.ndarray, "3 3"],
         objects: Sequence[str] | None = None,
+        max_instances: int = 1,
     ) -> list[Detection]:
         """Find the objects (names; None: all learnt ones) in one RGB-D image.
 
         `rgb` (h, w, 3) uint8, red first. `depth` (h, w) floating point in metres along the optical
         axis, registered to `rgb`, 0 or NaN where missing. `camera_matrix` (3, 3) in pixels, with
-        pixel centres at integers. At most one instance of each object is returned. The most certain
-        detection comes first.
+        pixel centres at integers. At most `max_instances` of each object are returned. The most
+        certain detection comes first.
 
         Raises InputError naming the argument that is wrong.
         """
@@ -173,23 +174,29 @@ class Detector:
         with self._lock, one_blas_thread(self._blas):
             begun = time.perf_counter()
             context = self._estimator.prepare(frame)
-            found: list[Detection | None] = []
+            found: list[Detection] = []
             for name in wanted:
-                found.append(self._detect_one(context, name, begun))
+                found += self._find(context, name, max_instances, begun)
                 begun = time.perf_counter()
-        return sorted((each for each in found if each), key=lambda each: -each.score)
+        return sorted(found, key=lambda each: -each.score)
 
-    def _detect_one(self, context: FrameContext, name: str, begun: float) -> Detection | None:
+    def _find(
+        self, context: FrameContext, name: str, max_instances: int, begun: float
+    ) -> list[Detection]:
         object_id = self._ids[name]
         region = self._estimator.find_region(context, object_id)
         coarse = self._estimator.find_hypotheses(context, region)
-        refined = self._estimator.refine(context, object_id, coarse.hypotheses)
+        refined = self._estimator.refine(context, object_id, coarse.hypotheses, max_instances)
         if refined is None:
-            return None
-        pose = refined.refined[refined.best].pose_cam_obj
-        visible = self._estimator.visible_fraction(context, object_id, pose)
-        score = float(np.clip(1.0 - refined.costs[refined.best], 0.0, 1.0))
-        return Detection(name, score, pose, visible, time.perf_counter() - begun)
+            return []
+        found = []
+        for row in refined.instances:
+            pose = refined.refined[row].pose_cam_obj
+            visible = self._estimator.visible_fraction(context, object_id, pose)
+            score = float(np.clip(1.0 - refined.costs[row], 0.0, 1.0))
+            found.append((name, score, pose, visible))
+        spent = (time.perf_counter() - begun) / len(found)
+        return [Detection(*each, spent) for each in found]
 
     def _checked_names(self, objects: Sequence[str] | None) -> Sequence[str]:
         if objects is None:
