@@ -28,7 +28,7 @@ class Detection:
     `object` is its name. `pose_cam_obj` (4, 4) maps its coordinates to the camera's (metres; x
     right, y down, z forward). `score` is in [0, 1]; higher is more certain. `visible_fraction` is
     the fraction of its silhouette that nothing nearer covers. `seconds` is the wall time, divided
-    equally among an object's instances; work shared by all objects of an image counts for the first.
+    equally among an object's instances; what all objects of an image share counts for the first.
     """
 
     object: str
