@@ -4,10 +4,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import trimesh
-from refinement_scene import CAMERA, SHAPE, Scene, as_mesh, disturbed, make_model, posed
+from refinement_scene import CAMERA, SHAPE, Scene, disturbed, make_row
 
-from hlp.geometry import rigid, transform
+from hlp.geometry import transform
 from hlp.records import Hypotheses
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
 from hlp.refinement.none import NoneSettings
@@ -19,27 +18,15 @@ from hlp.rendering.rasterizer import render_scene
 
 @pytest.fixture(scope="module")
 def row() -> list[Scene]:
-    """One image of three instances on a table, the last one half covered by a box: a scene each."""
-    model = make_model()
-    turn = trimesh.transformations.rotation_matrix
-    rotations = [(turn(2.2, [1, 0, 0]) @ turn(a, [0, 0, 1]))[:3, :3] for a in (0.4, 2.0, 4.5)]
-    poses = [
-        posed(model, each, np.array([x, -0.01, 0.62]))
-        for each, x in zip(rotations, (-0.13, 0.0, 0.13), strict=True)
-    ]
-    table = as_mesh(trimesh.creation.box((0.8, 0.8, 0.01)))
-    box = as_mesh(trimesh.creation.box((0.03, 0.06, 0.03)), (60, 140, 90))
-    parts = [(model.mesh, pose) for pose in poses]
-    parts += [
-        (table, rigid(turn(2.2, [1, 0, 0])[:3, :3], np.array([0, 0.04, 0.72]))),
-        (box, rigid(np.eye(3), np.array([0.125, 0.0, 0.5]))),
-    ]
-    rgb, depth, _ = render_scene(parts, CAMERA, SHAPE, FRONTAL_LIGHT)
-    return [Scene(model, pose, rgb, depth.astype(np.float32), CAMERA) for pose in poses]
+    return make_row()
 
 
 def find(
-    row: list[Scene], poses: np.ndarray, verification: VerificationSettings, count: int, **given: Any
+    row: list[Scene],
+    poses: np.ndarray,
+    verification: VerificationSettings,
+    count: int,
+    **given: Any,
 ) -> RefinedHypotheses | None:
     refiner = given.get("settings", NoneSettings()).build(1)
     scene = row[0]
@@ -61,9 +48,7 @@ def centres(row: list[Scene], found: RefinedHypotheses) -> np.ndarray:
     return transform(poses, row[0].model.centroid[None])[:, 0]
 
 
-def test_every_instance_is_found_once(
-    row: list[Scene], verification: VerificationSettings
-) -> None:
+def test_every_instance_is_found_once(row: list[Scene], verification: VerificationSettings) -> None:
     """Though the hypotheses near the first one all cost less than those of the last, hidden one."""
     poses = np.concatenate(
         [[disturbed(scene, 1.0 + k, 1.0 + k, seed=k) for k in range(5)] for scene in row]
