@@ -48,12 +48,9 @@ def refine_and_choose(
     begun = time.perf_counter()
     depth, camera = observation.depth, observation.camera_matrix
     poses = np.asarray(hypotheses.poses_cam_obj, dtype=np.float64)
-    usable = np.flatnonzero(refinable(poses, model.centroid))
-    if len(usable) == 0:
+    order, coarse_costs = _most_promising(verifier, observation, model, poses, candidates)
+    if len(order) == 0:
         return None
-    coarse_costs = verifier.costs(observation, poses[usable])
-    ranking = np.argsort(coarse_costs, kind="stable")[:candidates]
-    order, coarse_costs = usable[ranking], coarse_costs[ranking]
     refined: list[Refinement] = []
     lowest = np.inf
     for start in range(0, len(order), _BATCH):
@@ -73,6 +70,20 @@ def refine_and_choose(
     polished = refiner.polish(model, depth, camera, refined[best], seed, spent)
     chosen = RefinedHypotheses(refined, costs, sources, best)
     return _with_polished(chosen, polished, verifier, observation, support)
+
+
+def _most_promising(
+    verifier: Verifier,
+    observation: Observation,
+    model: ObjectModel,
+    poses_cam_obj: Float[np.ndarray, "m 4 4"],
+    candidates: int,
+) -> tuple[Int[np.ndarray, "c"], Float[np.ndarray, "c"]]:
+    """Indices of the usable poses with the lowest verification costs, and these, lowest first."""
+    usable = np.flatnonzero(refinable(poses_cam_obj, model.centroid))
+    costs = verifier.costs(observation, poses_cam_obj[usable])
+    ranking = np.argsort(costs, kind="stable")[:candidates]
+    return usable[ranking], costs[ranking]
 
 
 def _with_polished(
