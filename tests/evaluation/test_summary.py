@@ -92,6 +92,7 @@ def test_median_errors_are_of_the_targets_that_got_a_pose():
 
 def test_bop_recalls_are_means_and_none_where_not_computed():
     assert _summary()["bop"] == {
+        "ar": None,
         "vsd": None,
         "mssd": pytest.approx(0.4),
         "mspd": pytest.approx(0.8),

@@ -75,9 +75,9 @@ def list_scenes(split: Path) -> dict[int, Scene]:
             number = int(folder.name)
             scenes[number] = ImagewiseScene(folder, number) if single else ScenewiseScene(folder)
     for path in split.glob(f"*_*{_CAMERA}"):
-        number = path.name.partition("_")[0]
-        if number.isdecimal():
-            scenes.setdefault(int(number), ImagewiseScene(split, int(number)))
+        name = path.name.partition("_")[0]
+        if name.isdecimal():
+            scenes.setdefault(int(name), ImagewiseScene(split, int(name)))
     if not scenes:
         raise MissingFileError(
             f"no scene in {split}: neither a folder with a number and scene_camera.json nor "

@@ -1,6 +1,7 @@
 """A data set: objects, frames to find them in, and images to train with."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Protocol
@@ -11,9 +12,10 @@ from jaxtyping import UInt8
 from hlp.data.photographs import list_photographs, load_photographs, random_crops
 from hlp.data.sources import FrameSource, content_hash
 from hlp.errors import ConfigError
+from hlp.objects.meshes import load_mesh
 from hlp.objects.object_model import mesh_identity, model_identity
 from hlp.patches.procedural_backgrounds import procedural_backgrounds
-from hlp.records import Frame, ObjectModel
+from hlp.records import Frame, Mesh, ObjectModel
 from hlp.registry import Registry
 from hlp.source_code import source_digest
 
@@ -33,6 +35,8 @@ class Dataset:
     `annotated`: the frames state their targets. If not, every target object is looked for in each.
 
     `settings` are those that the data set was built from; workers build it again from them.
+
+    `evaluation_mesh_files` are meshes (mm) for BOP's errors; an object without one has its model's.
     """
 
     models: dict[int, ObjectModel]
@@ -43,6 +47,12 @@ class Dataset:
     encoder_frames: FrameSource | None
     annotated: bool = True
     settings: "DataSettings | None" = None
+    evaluation_mesh_files: Mapping[int, Path] = field(default_factory=dict)
+
+    @cached_property
+    def evaluation_meshes(self) -> dict[int, Mesh]:
+        """The meshes on which BOP's errors are measured, by object, where there are other ones."""
+        return {i: load_mesh(path) for i, path in self.evaluation_mesh_files.items()}
 
     def wanted(self, frame: Frame) -> tuple[int, ...]:
         """Ids of the objects to look for in a frame, each once."""

@@ -85,10 +85,12 @@ def _score(
     truths, counted = [], []
     for key in keys:
         frame = dataset.frames.load(key)
-        truths.append(FrameTruth.of(frame))
+        truths.append(FrameTruth.of(frame, with_depth=True))
         counted += count_votes(detection, frame, settings.evaluation)
     saved = read_poses(output / POSES)
-    scores = score_targets(truths, dataset.models, saved, settings.evaluation)
+    scores = score_targets(
+        truths, dataset.models, saved, settings.evaluation, dataset.evaluation_meshes
+    )
     scores = explain_misses(detection, scores, settings.evaluation)
     names = {object_id: model.name for object_id, model in dataset.models.items()}
     write_scores(output / SCORES, scores, names)
