@@ -150,6 +150,50 @@ def test_instances_are_matched_once_each_the_surest_estimate_first():
     assert not only.found and lost.add_correct
 
 
+def test_a_wrong_estimate_takes_no_target_from_a_right_one():
+    left, right = _moved(dx=-0.05), _moved(dx=0.05)
+    truth = _truth(Target(1, left), Target(1, right))
+    wrong = _moved(dx=-0.05, dz=0.03)
+    estimates = [_estimate(wrong, score=0.9), _estimate(left, score=0.3)]
+    first, second = score_targets([truth], MODELS, estimates, SETTINGS)
+    assert first.add_correct and first.add_error == 0.0
+    assert second.found and not second.add_correct
+
+
+def test_as_many_estimates_count_as_there_are_targets():
+    left, right = _moved(dx=-0.05), _moved(dx=0.05)
+    wrong = _moved(dz=0.4)
+    given = [(wrong, 0.9), (left, 0.8), (right, 0.7)]
+    estimates = [_estimate(pose, score=score) for pose, score in given]
+    truth = _truth(Target(1, left), Target(1, right))
+    first, second = score_targets([truth], MODELS, estimates, SETTINGS)
+    assert first.add_correct and not second.add_correct
+    assert second.mssd_recall == 0.0
+
+
+def test_without_named_objects_the_models_symmetries_decide():
+    by_model = dataclasses.replace(SETTINGS, symmetric=None)
+    assert [by_model.is_symmetric(MODELS[i]) for i in (1, 2)] == [False, True]
+    estimate = [_estimate(TRUE @ HALF_TURN, object_id=2)]
+    (score,) = score_targets([_truth(Target(2, TRUE))], MODELS, estimate, by_model)
+    assert score.add_correct
+
+
+def test_bops_errors_are_measured_on_another_mesh_if_there_is_one():
+    estimate = [_estimate(_moved(degrees=35.0))]
+    small = Mesh(
+        MODELS[1].mesh.vertices * 0.5,
+        MODELS[1].mesh.faces,
+        MODELS[1].mesh.colors,
+        MODELS[1].mesh.normals,
+    )
+    truth = [_truth(Target(1, TRUE))]
+    (own,) = score_targets(truth, MODELS, estimate, SETTINGS)
+    (other,) = score_targets(truth, MODELS, estimate, SETTINGS, {1: small})
+    assert other.mssd_recall > own.mssd_recall
+    assert other.add_error == own.add_error
+
+
 def test_of_two_estimates_for_one_target_the_surer_counts():
     estimates = [_estimate(TRUE, score=0.2), _estimate(_moved(dx=0.3), score=0.8)]
     (score,) = score_targets([_truth(Target(1, TRUE))], MODELS, estimates, SETTINGS)

@@ -130,8 +130,7 @@ def _mesh_path(root: Path, name: str, object_id: int) -> Path:
             return path
     raise MissingFileError(
         f"no mesh of object {object_id} ({name}), tried "
-        f"{' and '.join(str(path) for path in tried)}: check data.root, or drop it with "
-        f"~data.objects.{name}"
+        f"{' and '.join(str(path) for path in tried)}: check data.root and data.objects"
     )
 
 
