@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from waterfall_bounds import BOUNDS
 
 from hlp.evaluation import errors
-from hlp.evaluation.evaluator import FrameTruth, add_correct, score_targets
+from hlp.evaluation.evaluator import FrameTruth, PackedDepth, add_correct, score_targets
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.geometry import rigid
 from hlp.records import Frame, Mesh, ObjectModel, PoseEstimate, Target
@@ -130,7 +130,7 @@ def test_bop_recalls_average_over_ten_thresholds():
 
 def test_vsd_needs_depth_and_is_perfect_at_the_truth():
     depth = render_depth(MODELS[1].mesh, TRUE[None], K, (120, 160))[0]
-    truth = _truth(Target(1, TRUE), depth=depth)
+    truth = _truth(Target(1, TRUE), depth=PackedDepth.of(depth))
     (right,) = score_targets([truth], MODELS, [_estimate(TRUE)], SETTINGS)
     (wrong,) = score_targets([truth], MODELS, [_estimate(_moved(dx=0.3))], SETTINGS)
     (missing,) = score_targets([truth], MODELS, [], SETTINGS)
@@ -217,7 +217,9 @@ def test_truth_of_a_frame_drops_the_images_unless_wanted():
         6, 3, np.zeros((120, 160, 3), np.uint8), np.ones((120, 160)), K, (Target(1, TRUE),)
     )
     assert FrameTruth.of(frame).depth is None
-    assert FrameTruth.of(frame, with_depth=True).depth is frame.depth
+    depth = FrameTruth.of(frame, with_depth=True).depth
+    assert depth is not None
+    np.testing.assert_array_equal(depth.unpack(), frame.depth)
     assert FrameTruth.of(frame).width == 160
     assert FrameTruth.of(frame).targets == frame.targets
 

@@ -118,12 +118,13 @@ class BopFrames:
         listed = list_targets(self._scenes, path, self._min_visible)
         chosen: dict[FrameId, dict[int, int]] = {}
         for frame, wanted in sorted(listed.items()):
-            ids = wanted if self._object_ids is None else self._object_ids
-            kept = {i: count for i, count in wanted.items() if i in ids}
+            allowed = wanted if self._object_ids is None else self._object_ids
+            kept = {i: count for i, count in wanted.items() if i in allowed}
             if kept:
                 chosen[frame] = kept
         if not chosen:
-            named = "any object" if self._object_ids is None else f"objects {sorted(ids)}"
+            ids = self._object_ids
+            named = "any object" if ids is None else f"objects {sorted(ids)}"
             raise DataError(
                 f"{path or self._root / self._split} lists no target of {named}: check"
                 " data.targets, data.objects and data.min_visible"

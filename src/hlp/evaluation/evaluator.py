@@ -5,6 +5,7 @@ target, or beyond the number of targets, are ignored.
 """
 
 import math
+import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,15 +24,34 @@ Pose = Float[np.ndarray, "4 4"]
 
 
 @dataclass(frozen=True)
+class PackedDepth:
+    """A depth image (m), compressed without loss to about an eighth, so that many can be kept."""
+
+    shape: tuple[int, int]
+    content: bytes
+
+    @classmethod
+    def of(cls, depth: Float[np.ndarray, "h w"]) -> "PackedDepth":
+        """Compress an image, in single precision."""
+        height, width = depth.shape
+        content = np.ascontiguousarray(depth, dtype=np.float32).tobytes()
+        return cls((height, width), zlib.compress(content, level=1))
+
+    def unpack(self) -> Float[np.ndarray, "h w"]:
+        """The image."""
+        return np.frombuffer(zlib.decompress(self.content), np.float32).reshape(self.shape)
+
+
+@dataclass(frozen=True)
 class FrameTruth:
-    """The part of a frame that scoring needs; `depth` (m) only if VSD is wanted."""
+    """The part of a frame that scoring needs; `depth` only if VSD is wanted."""
 
     scene_id: int
     frame_id: int
     camera_matrix: Float[np.ndarray, "3 3"]
     width: int
     targets: tuple[Target, ...]
-    depth: Float[np.ndarray, "h w"] | None = None
+    depth: PackedDepth | None = None
 
     @classmethod
     def of(cls, frame: Frame, with_depth: bool = False) -> "FrameTruth":
@@ -42,7 +62,7 @@ class FrameTruth:
             frame.camera_matrix,
             frame.rgb.shape[1],
             frame.targets,
-            frame.depth if with_depth else None,
+            PackedDepth.of(frame.depth) if with_depth else None,
         )
 
 
@@ -93,9 +113,10 @@ class TargetScorer:
         Raises DataError for a target whose object has no model.
         """
         scores = []
+        depth = None if truth.depth is None else truth.depth.unpack()
         for object_id in dict.fromkeys(target.object_id for target in truth.targets):
             found = self._estimates.get((truth.scene_id, truth.frame_id, object_id), [])
-            scores += self._scorer(object_id).score(truth, found)
+            scores += self._scorer(object_id).score(truth, depth, found)
         return scores
 
     def _scorer(self, object_id: int) -> "_ObjectScorer":
@@ -135,15 +156,18 @@ class _ObjectScorer:
     def _bop_recalls(self) -> BopRecalls:
         return BopRecalls(self._model, self._bop_mesh)
 
-    def score(self, truth: FrameTruth, estimates: Sequence[PoseEstimate]) -> list[TargetScore]:
+    def score(
+        self,
+        truth: FrameTruth,
+        depth: Float[np.ndarray, "h w"] | None,
+        estimates: Sequence[PoseEstimate],
+    ) -> list[TargetScore]:
         """Scores of all targets of this object in one frame."""
         targets = [t for t in truth.targets if t.object_id == self._model.object_id]
         surest = sorted(estimates, key=lambda estimate: -estimate.score)
         poses = [each.pose_cam_obj for each in surest if each.pose_cam_obj is not None]
         true_poses, poses = [target.pose_cam_obj for target in targets], poses[: len(targets)]
-        recalls = self._bop_recalls.of(
-            true_poses, poses, truth.camera_matrix, truth.width, truth.depth
-        )
+        recalls = self._bop_recalls.of(true_poses, poses, truth.camera_matrix, truth.width, depth)
         matched = self._match(true_poses, poses)
         return [
             _missing(truth, target, recall)
