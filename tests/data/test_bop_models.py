@@ -106,6 +106,53 @@ def test_both_kinds_combine():
         assert all(np.linalg.norm(rim - point, axis=1).min() < 1e-9 for point in moved)
 
 
+def _toolkit_motions(info, steps):
+    """The BOP toolkit's rule: all turns about all axes in one set, each with each discrete one."""
+    discrete = [np.eye(4), *(np.reshape(each, (4, 4)) for each in info["symmetries_discrete"])]
+    turns = []
+    for entry in info["symmetries_continuous"]:
+        offset = np.array(entry["offset"])
+        for i in range(steps):
+            turn = np.eye(4)
+            vector = np.array(entry["axis"]) / np.linalg.norm(entry["axis"]) * i * 2 * np.pi / steps
+            turn[:3, :3] = Rotation.from_rotvec(vector).as_matrix()
+            turn[:3, 3] = offset - turn[:3, :3] @ offset
+            turns.append(turn)
+    motions = np.array([turn @ each for each in discrete for turn in turns])
+    motions[:, :3, 3] *= 1e-3
+    return motions
+
+
+def test_several_axes_join_and_combine_with_the_discrete_ones_as_in_the_toolkit():
+    flip = np.diag([1.0, -1.0, -1.0, 1.0])
+    flip[:3, 3] = [1.0, 2.0, 3.0]
+    info = {
+        "symmetries_discrete": [flip.ravel().tolist()],
+        "symmetries_continuous": [
+            {"axis": [0, 0, 1], "offset": [1, 2, 0]},
+            {"axis": [2, 0, 0], "offset": [0, 5, 0]},
+            {"axis": [1, 1, 0], "offset": [0, 0, 0]},
+        ],
+    }
+    motions = symmetry_motions(info, 6)
+    np.testing.assert_allclose(motions, _toolkit_motions(info, 6), atol=1e-12)
+    assert len(motions) == 2 * 3 * 6
+    np.testing.assert_allclose(motions[0], np.eye(4), atol=1e-12)
+
+
+def test_too_many_motions_and_malformed_symmetries_are_errors_that_say_where(root):
+    axes = [{"axis": [0, 0, 1], "offset": [0, 0, 0]}] * 40
+    with pytest.raises(ValueError, match=r"40 continuous .*12600 motions.*data\.symmetry_steps"):
+        symmetry_motions({"symmetries_continuous": axes}, 315)
+    path = root / "models" / "models_info.json"
+    for broken in ({"axis": [0, 0, 0], "offset": [0, 0, 0]}, {"axis": [0, 0, 1]}):
+        path.write_text(json.dumps({"1": {"symmetries_continuous": [broken]}}))
+        with pytest.raises(
+            ValueError, match=r"models_info\.json, object 1: a symmetry is malformed"
+        ):
+            load_object_models(root, {"ape": APE}, 2000, 36)
+
+
 def test_symmetries_of_linemod_leave_the_surfaces_where_they_are(shared_data):
     objects = {"bowl": BOWL, "eggbox": ObjectSettings(10, None, None)}
     models = load_object_models(shared_data / "lm", objects, 2000, 12)

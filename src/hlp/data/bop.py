@@ -6,7 +6,7 @@ The files are in millimetres.
 
 import logging
 from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal
@@ -16,7 +16,7 @@ from annotated_types import Ge, Interval
 from jaxtyping import Bool
 
 from hlp.data.bop_layout import AUTO, find_split, find_targets_file
-from hlp.data.bop_models import load_object_models, name_objects
+from hlp.data.bop_models import evaluation_meshes, load_object_models, name_objects
 from hlp.data.bop_scenes import COLOR, Scene, list_scenes
 from hlp.data.bop_targets import FrameId, annotated_targets, list_targets, most_visible
 from hlp.data.dataset import DATASETS, Dataset
@@ -75,7 +75,8 @@ class BopSettings(FolderSettings):
             logging.getLogger(__name__).info(
                 "Backgrounds in training are procedural: data.photographs and data.rooms name none"
             )
-        return training.dataset(models, tuple(sorted(wanted)), frames, self)
+        dataset = training.dataset(models, tuple(sorted(wanted)), frames, self)
+        return replace(dataset, evaluation_mesh_files=evaluation_meshes(root, models))
 
 
 class BopFrames:
@@ -104,12 +105,13 @@ class BopFrames:
         listed = list_targets(self._scenes, path, self._min_visible)
         chosen: dict[FrameId, dict[int, int]] = {}
         for frame, wanted in sorted(listed.items()):
-            ids = wanted if self._object_ids is None else self._object_ids
-            kept = {i: count for i, count in wanted.items() if i in ids}
+            allowed = wanted if self._object_ids is None else self._object_ids
+            kept = {i: count for i, count in wanted.items() if i in allowed}
             if kept:
                 chosen[frame] = kept
         if not chosen:
-            named = "any object" if self._object_ids is None else f"objects {sorted(ids)}"
+            ids = self._object_ids
+            named = "any object" if ids is None else f"objects {sorted(ids)}"
             raise DataError(
                 f"{path or self._root / self._split} lists no target of {named}: check"
                 " data.targets, data.objects and data.min_visible"
@@ -155,10 +157,9 @@ class BopFrames:
         files: list[Path] = []
         for scene_id, ids in frames.items():
             files += self._scene(scene_id).text_files(ids)
-        for scene_id, ids in frames.items():
-            scene = self._scene(scene_id)
-            for frame in ids:
-                files += [scene.image(COLOR, frame), scene.image(("depth",), frame)]
+        for scene_id, frame in self.targets:
+            found = self._scene(scene_id)
+            files += [found.image(COLOR, frame), found.image(("depth",), frame)]
         return content_hash(files, extra=repr(list(self.targets.items())))
 
     def visible_mask(self, frame: Frame, target: Target) -> Bool[np.ndarray, "h w"] | None:

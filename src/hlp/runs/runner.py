@@ -97,7 +97,9 @@ def _score(
     write_poses(output / POSES, estimates)
     saved = read_poses(output / POSES)
     truths = [each.truth for each in notes]
-    scores = score_targets(truths, dataset.models, saved, settings.evaluation)
+    scores = score_targets(
+        truths, dataset.models, saved, settings.evaluation, dataset.evaluation_meshes
+    )
     scores = explain_misses(detection, notes, scores, settings.evaluation)
     names = {object_id: model.name for object_id, model in dataset.models.items()}
     write_scores(output / SCORES, scores, names)
