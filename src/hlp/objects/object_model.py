@@ -1,6 +1,7 @@
 """Object models built from their settings and meshes, and hashes of their content."""
 
 import hashlib
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,8 @@ from hlp.objects.meshes import decimate, load_mesh, mesh_diameter
 from hlp.objects.patch_sizes import holistic_size, local_size
 from hlp.records import MILLIMETRE, Mesh, ObjectModel
 from hlp.settings import Doc, Settings
+
+_logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,8 @@ def build_object_model(
     the identity. Raises what `load_mesh` raises.
     """
     mesh = load_mesh(mesh_path, scale)
+    if not mesh.colored:
+        _logger.info("%s has no colours: colour takes no part in verifying its poses", name)
     if diameter is None:
         diameter = mesh_diameter(mesh.vertices)
     holistic, local = settings.holistic_size_mm, settings.local_size_mm
@@ -72,18 +77,21 @@ def check_unique(objects: Mapping[str, ObjectSettings]) -> None:
 
 
 def model_identity(model: ObjectModel) -> str:
-    """Hash of an object's id, mesh, proxy, diameter and symmetries, not of its patch sizes."""
+    """Hash of an object's id, meshes, diameter, symmetries and siblings, not of its patch sizes."""
     digest = hashlib.blake2b(f"{model.object_id} {model.diameter!r}".encode(), digest_size=16)
     for part in (mesh_identity(model.mesh), mesh_identity(model.proxy)):
         digest.update(part.encode())
-    digest.update(np.ascontiguousarray(model.symmetries).tobytes())
+    for motions in (model.symmetries, model.siblings):
+        digest.update(f"\0{motions.shape}".encode())
+        digest.update(np.ascontiguousarray(motions).tobytes())
     return digest.hexdigest()
 
 
 def mesh_identity(mesh: Mesh) -> str:
-    """Hash of a mesh's vertices, faces, colours and normals."""
-    digest = hashlib.blake2b(digest_size=16)
-    for array in (mesh.vertices, mesh.faces, mesh.colors, mesh.normals):
+    """Hash of a mesh's vertices, faces, colours, normals and texture."""
+    digest = hashlib.blake2b(f"{mesh.colored}".encode(), digest_size=16)
+    texture = () if mesh.texture is None else (mesh.texture.image, mesh.texture.uv)
+    for array in (mesh.vertices, mesh.faces, mesh.colors, mesh.normals, *texture):
         digest.update(f"\0{array.dtype.str}{array.shape}".encode())
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
