@@ -26,8 +26,9 @@ def load_object_models(
     """Object models by id, from `models` or else from `models_eval`, whose meshes lack colours.
 
     Diameters and symmetries come from `models_info.json` if there is one; continuous symmetries are
-    discretised into `symmetry_steps` rotations. Raises FileNotFoundError naming the object and the
-    paths tried, and what `build_object_model` raises.
+    discretised into `symmetry_steps` rotations. A file that states no symmetry of any object says
+    nothing about them: then they are found in the meshes. Raises FileNotFoundError naming the
+    object and the paths tried, and what `build_object_model` raises.
     """
     check_unique(objects)
     models = {}
@@ -35,7 +36,8 @@ def load_object_models(
         path = _mesh_path(root, name, settings.id)
         info = _model_info(path.parent, settings.id)
         diameter = float(info["diameter"]) * MILLIMETRE if "diameter" in info else None
-        symmetries = symmetry_motions(info, symmetry_steps)
+        stated = _states_symmetries(path.parent)
+        symmetries = symmetry_motions(info, symmetry_steps) if stated else None
         models[settings.id] = build_object_model(
             name, settings, path, MILLIMETRE, proxy_faces, diameter, symmetries
         )
@@ -75,6 +77,13 @@ def _mesh_path(root: Path, name: str, object_id: int) -> Path:
         f"{' and '.join(str(path) for path in tried)}: check data.root, or drop it with "
         f"~data.objects.{name}"
     )
+
+
+def _states_symmetries(folder: Path) -> bool:
+    """Whether `models_info.json` states a symmetry of any object."""
+    path = folder / "models_info.json"
+    entries = read_json(path).values() if path.is_file() else ()
+    return any(key.startswith("symmetries_") for entry in entries for key in entry)
 
 
 def _model_info(folder: Path, object_id: int) -> dict[str, Any]:
