@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.refiner import Refiner, refinable
+from hlp.refinement.texture import choose_sibling
 from hlp.refinement.verification import Observation, Verifier
 
 _BATCH = 2  # hypotheses refined before the next ones are compared with the best so far
@@ -39,6 +40,9 @@ def refine_and_choose(
 ) -> RefinedHypotheses | None:
     """Refine the most promising hypotheses, choose the one of lowest verification cost, polish it.
 
+    Before it is polished, the chosen pose gives way to that of its siblings whose colours agree
+    best with the image.
+
     Hypotheses that are not finite or lie behind the camera are dropped; None if no other is left.
     The rest is refined in order of verification cost, two at a time and at most `candidates`, until
     the next one costs more than the best refined pose by `max_improvement`: refinement hardly ever
@@ -69,6 +73,10 @@ def refine_and_choose(
     support = hypotheses.support[sources]
     costs = verifier.competing_costs(observation, _poses(refined), support)
     best = int(np.argmin(costs))
+    if len(model.siblings) > 0:
+        told = choose_sibling(observation, model, refined[best].pose_cam_obj)
+        refined[best] = replace(refined[best], pose_cam_obj=told.pose_cam_obj)
+        costs = verifier.competing_costs(observation, _poses(refined), support)
     spent = time.perf_counter() - begun
     polished = refiner.polish(model, depth, camera, refined[best], seed, spent)
     chosen = RefinedHypotheses(refined, costs, sources, best)
