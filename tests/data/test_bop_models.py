@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from hlp.data.bop_models import load_object_models, symmetry_motions
-from hlp.objects.meshes import PLAIN_COLOR
+from hlp.objects.mesh_colors import PLAIN_COLOR
 from hlp.objects.object_model import ObjectSettings
 
 APE, BOWL = ObjectSettings(1, 80.0, 30.0), ObjectSettings(3, None, None)

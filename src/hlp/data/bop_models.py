@@ -29,8 +29,9 @@ def load_object_models(
     """Object models by id, from `models` or else from `models_eval`, whose meshes lack colours.
 
     Diameters and symmetries come from `models_info.json` if there is one; continuous symmetries are
-    discretised into `symmetry_steps` rotations. Raises FileNotFoundError naming the object and the
-    paths tried, and what `build_object_model` raises.
+    discretised into `symmetry_steps` rotations. A file that states no symmetry of any object says
+    nothing about them: then they are found in the meshes. Raises FileNotFoundError naming the
+    object and the paths tried, and what `build_object_model` raises.
     """
     check_unique(objects)
     models = {}
@@ -38,9 +39,9 @@ def load_object_models(
         path = _mesh_path(root, name, settings.id)
         info = _model_info(path.parent, settings.id)
         diameter = float(info["diameter"]) * MILLIMETRE if "diameter" in info else None
-        symmetries = symmetry_motions(
-            info, symmetry_steps, f"{path.parent / _INFO}, object {settings.id}"
-        )
+        where = f"{path.parent / _INFO}, object {settings.id}"
+        stated = _states_symmetries(path.parent)
+        symmetries = symmetry_motions(info, symmetry_steps, where) if stated else None
         models[settings.id] = build_object_model(
             name, settings, path, MILLIMETRE, proxy_faces, diameter, symmetries
         )
@@ -132,6 +133,13 @@ def _mesh_path(root: Path, name: str, object_id: int) -> Path:
         f"no mesh of object {object_id} ({name}), tried "
         f"{' and '.join(str(path) for path in tried)}: check data.root and data.objects"
     )
+
+
+def _states_symmetries(folder: Path) -> bool:
+    """Whether `models_info.json` states a symmetry of any object."""
+    path = folder / _INFO
+    entries = read_json(path).values() if path.is_file() else ()
+    return any(key.startswith("symmetries_") for entry in entries for key in entry)
 
 
 def _model_info(folder: Path, object_id: int) -> dict[str, Any]:
