@@ -55,9 +55,9 @@ def refine_and_choose(
     Hypotheses that are not finite or lie behind the camera are dropped; None if no other is left.
     The rest is refined in order of verification cost, two at a time and at most `candidates`, until
     the next one costs more than the best refined pose by `max_improvement`: refinement hardly ever
-    lowers a cost by that much. The chosen pose gives way to that of its siblings whose colours agree
-    best with the image. Then it is polished; the polished pose is kept unless its cost, among the
-    refined poses, is higher than before.
+    lowers a cost by that much. The chosen pose gives way to that of its siblings whose colours
+    agree best with the image. Then it is polished; the polished pose is kept unless its cost, among
+    the refined poses, is higher than before.
 
     This is repeated for every further one of up to `instances`, with the hypotheses for which more
     than half of the agreeing pixels are not explained by an instance that was chosen before.
