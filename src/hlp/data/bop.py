@@ -5,7 +5,7 @@ The files are in millimetres.
 """
 
 import logging
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -25,7 +25,7 @@ from hlp.data.sources import content_hash
 from hlp.data.training_images import FolderSettings, existing_folder
 from hlp.errors import DataError, MissingFileError
 from hlp.objects.object_model import ObjectSettings
-from hlp.records import Frame, Target, frame_key, parse_frame_key
+from hlp.records import Frame, ObjectModel, Target, frame_key, parse_frame_key
 from hlp.settings import Doc
 
 
@@ -63,20 +63,22 @@ class BopSettings(FolderSettings):
         """Objects and frames. Raises FileNotFoundError and ValueError naming what is wrong."""
         root = existing_folder("data.root", self.root)
         training = self.training_images()
+        given = self._models(root, self.objects) if self.objects else None
         split = find_split(root) if self.split == AUTO else self.split
         existing_folder("data.split", str(root / split))
         listed = find_targets_file(root, split) if self.targets == AUTO else self.targets
-        named = {each.id for each in self.objects.values()} or None
-        frames = BopFrames(root, split, listed, named, self.min_visible)
+        frames = BopFrames(root, split, listed, given, self.min_visible)
         wanted = {object_id for ids in frames.targets.values() for object_id in ids}
-        objects = self.objects or name_objects(root, sorted(wanted))
-        models = load_object_models(root, objects, self.proxy_faces, self.symmetry_steps)
+        models = given or self._models(root, name_objects(root, sorted(wanted)))
         if self.photographs is None and self.rooms is None:
             logging.getLogger(__name__).info(
                 "Backgrounds in training are procedural: data.photographs and data.rooms name none"
             )
         dataset = training.dataset(models, tuple(sorted(wanted)), frames, self)
         return replace(dataset, evaluation_mesh_files=evaluation_meshes(root, models))
+
+    def _models(self, root: Path, objects: Mapping[str, ObjectSettings]) -> dict[int, ObjectModel]:
+        return load_object_models(root, objects, self.proxy_faces, self.symmetry_steps)
 
 
 class BopFrames:
