@@ -96,7 +96,8 @@ def raise_background(network: HolisticCNN, odds: float) -> None:
 
     It corrects for objects that are more frequent in training than among the windows of an image.
     """
-    last = network.head[len(network.head) - 1]
+    last = network.layers[-1]
+    assert isinstance(last, nn.Linear)
     with torch.no_grad():
         last.bias[0] += math.log(odds)
 
