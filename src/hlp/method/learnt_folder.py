@@ -98,7 +98,8 @@ def write_model(folder: Path, model: ObjectModel) -> None:
     texture = model.mesh.texture
     if texture is not None:
         arrays["mesh_uv"] = texture.uv
-        cv2.imwrite(str(folder / _TEXTURE), texture.image[..., ::-1])
+        _, encoded = cv2.imencode(".png", texture.image[..., ::-1])
+        (folder / _TEXTURE).write_bytes(encoded.tobytes())
     np.savez(folder / _MODEL, **arrays)
     content = {
         "id": model.object_id,

@@ -23,7 +23,7 @@ from hlp.rendering.rasterizer import NEAR, render_depth
 
 _SIZE = 96  # long side (px) of the compared region
 _TOLERANCE = 0.02  # m; pixels whose depth differs by more show something else
-_BLUR = 1.5  # px; refined poses are a pixel or two off
+_BLUR = 0.5  # px; more loses small print, though refined poses are a pixel or two off
 _OFFSET = 20.0  # of 255, added to colours, because the logarithm of dark ones is mostly noise
 _LIMIT = 0.3  # of a difference of logarithms
 _WHITE_BALANCE = 0.3  # weight of the fitted white balance: colours matter where nothing is printed
