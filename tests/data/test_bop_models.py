@@ -43,6 +43,17 @@ def test_without_a_list_the_diameter_is_measured(root):
     assert model.diameter == pytest.approx(np.sqrt(0.07**2 + 0.08**2 + 0.09**2))
 
 
+@pytest.mark.parametrize("states", [False, True])
+def test_a_list_that_states_no_symmetry_at_all_leaves_them_to_the_mesh(root, states):
+    info = {"1": {"diameter": 139.5}, "9": {"diameter": 50.0}}
+    if states:
+        info["9"]["symmetries_discrete"] = [np.diag([-1, -1, 1, 1]).reshape(-1).tolist()]
+    (root / "models" / "models_info.json").write_text(json.dumps(info))
+    model = load_object_models(root, {"ape": APE}, 2000, 36)[1]
+    assert len(model.symmetries) == (1 if states else 4)
+    assert len(model.siblings) == (3 if states else 0)
+
+
 def test_an_absent_mesh_names_the_object_and_where_it_was_sought(root):
     with pytest.raises(FileNotFoundError) as caught:
         load_object_models(root, {"cat": ObjectSettings(6, None, None)}, 2000, 36)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Float32, UInt8
+from jaxtyping import Float, Float32, UInt8
 from scipy.spatial.transform import Rotation
 
 from hlp.geometry import back_project, inverse, project, rigid, rotation_distance, transform
@@ -21,9 +21,8 @@ from hlp.refinement.verification import Observation
 from hlp.rendering.color_grid import color_grid
 from hlp.rendering.rasterizer import NEAR, render_depth
 
-_SIZE = 96  # long side (px) of the compared region
+_SIZE = 128  # long side (px) of the compared region; not blurred, which would lose small print
 _TOLERANCE = 0.02  # m; pixels whose depth differs by more show something else
-_BLUR = 0.5  # px; more loses small print, though refined poses are a pixel or two off
 _OFFSET = 20.0  # of 255, added to colours, because the logarithm of dark ones is mostly noise
 _LIMIT = 0.3  # of a difference of logarithms
 _WHITE_BALANCE = 0.3  # weight of the fitted white balance: colours matter where nothing is printed
@@ -141,14 +140,14 @@ def _seen_surface(
     normals = _normals(surface)[used]
     light, _ = np.linalg.qr(np.concatenate([np.ones((len(normals), 1)), normals], axis=1))
     points = transform(inverse(pose_cam_obj), surface[used])
-    colors = np.log(_blurred(rgb, drawn)[used] + np.float32(_OFFSET))
+    colors = np.log(rgb[used] + np.float32(_OFFSET))
     return _SeenSurface(colors, points, np.ascontiguousarray(light))
 
 
 def _crop(
     observation: Observation, model: ObjectModel, pose_cam_obj: Float[np.ndarray, "4 4"]
 ) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"], Float[np.ndarray, "3 3"]] | None:
-    """Colour, depth and intrinsics of the object's bounding box, at most 96 px on a side."""
+    """Colour, depth and intrinsics of the object's bounding box, at most 128 px on a side."""
     points = transform(pose_cam_obj, model.proxy.vertices)
     if points[:, 2].min() <= NEAR:
         return None
@@ -167,16 +166,6 @@ def _crop(
     camera[:2, 2] -= first
     camera[:2] /= stride
     return np.ascontiguousarray(rgb), np.ascontiguousarray(depth), camera
-
-
-def _blurred(
-    rgb: UInt8[np.ndarray, "h w 3"], drawn: Bool[np.ndarray, "h w"]
-) -> Float32[np.ndarray, "h w 3"]:
-    """The colours of the drawn pixels, blurred among themselves."""
-    weight = drawn.astype(np.float32)
-    total = cv2.GaussianBlur(rgb * weight[..., None], (0, 0), _BLUR)
-    share = cv2.GaussianBlur(weight, (0, 0), _BLUR)
-    return np.asarray(total / np.maximum(share, 1e-3)[..., None], dtype=np.float32)
 
 
 def _normals(surface: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
