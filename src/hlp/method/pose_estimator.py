@@ -20,6 +20,7 @@ from hlp.patches.local import cut_local_patches, region_pixels
 from hlp.records import Codebook, Frame, Hypotheses, LocalPatches, ObjectModel, Region, Votes
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
 from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
+from hlp.rendering.color_grid import color_grid
 from hlp.voting.cast import cast_votes
 
 
@@ -120,6 +121,8 @@ class PoseEstimator:
         for object_id in object_ids:
             self._codebook(object_id)
             self.verifier(object_id)
+            if len(self.learnt.models[object_id].siblings) > 0:
+                color_grid(self.learnt.models[object_id].mesh)
 
     def prepare(self, frame: Frame) -> FrameContext:
         """The context of a frame, which is passed to the stages of every object in it."""
