@@ -111,7 +111,15 @@ class FakeEstimator:
         self.loaded += 1
 
     def prepare(self, frame: Frame) -> Any:
-        return SimpleNamespace(frame=frame)
+        return SimpleNamespace(frame=frame, observation=None)
+
+    def verifier(self, object_id: int) -> Any:
+        """Nothing is explained by any pose."""
+        return SimpleNamespace(
+            evidence=lambda *_: None,
+            is_free=lambda *_: [True],
+            without_explained=lambda observation, _: observation,
+        )
 
     def _step(self, name: str, context: Any, object_id: int) -> np.random.Generator:
         step = name, context.frame.key, object_id
@@ -148,7 +156,12 @@ class FakeEstimator:
         return CoarseResult(patches, votes, Hypotheses(poses, rng.random(count)), 0.25, 0.125)
 
     def refine(
-        self, context: Any, object_id: int, hypotheses: Hypotheses, instances: int = 1
+        self,
+        context: Any,
+        object_id: int,
+        hypotheses: Hypotheses,
+        instances: int = 1,
+        unexplained: Any = None,
     ) -> RefinedHypotheses | None:
         """Moves each hypothesis by a metre; the second one costs less."""
         self._step("refine", context, object_id)

@@ -7,7 +7,8 @@ from waterfall_bounds import BOUNDS
 from hlp.evaluation.waterfall import (
     CAUSES,
     CORRECT,
-    Evidence,
+    TargetCounts,
+    TargetResults,
     cause_of,
     count_causes,
     visibility_class,
@@ -20,29 +21,31 @@ def _none(count):
 
 
 # A target for which every stage did its part but the last: the right pose was not chosen.
-FINE = Evidence(
-    visible=1000,
-    with_depth=900,
-    windows=12,
-    in_region=800,
-    good_votes=50,
+FINE = TargetResults(
+    TargetCounts(visible=1000, with_depth=900, windows=12, in_region=800, good_votes=50),
     near_basin=np.array([False, True, False, True]),
     refined=np.array([0, 1]),
     right=np.array([False, True]),
     flipped=False,
 )
+
+
+def _with(results, **counts):
+    return dataclasses.replace(results, counts=dataclasses.replace(results.counts, **counts))
+
+
 NOT_RIGHT = dataclasses.replace(FINE, right=_none(2))
 NOT_REFINED = dataclasses.replace(NOT_RIGHT, refined=np.array([0, 2]))
 NOT_NEAR = dataclasses.replace(NOT_RIGHT, near_basin=_none(4))
-FEW = dataclasses.replace(NOT_NEAR, good_votes=4)
-NO_REGION = dataclasses.replace(FEW, in_region=249)
-NO_WINDOW = dataclasses.replace(NO_REGION, windows=0)
-NO_DEPTH = dataclasses.replace(NO_WINDOW, with_depth=499)
+FEW = _with(NOT_NEAR, good_votes=4)
+NO_REGION = _with(FEW, in_region=249)
+NO_WINDOW = _with(NO_REGION, windows=0)
+NO_DEPTH = _with(NO_WINDOW, with_depth=499)
 FLIPPED = dataclasses.replace(FINE, flipped=True)
 
 
 @pytest.mark.parametrize(
-    ("cause", "evidence"),
+    ("cause", "results"),
     [
         ("symmetric_flip", FLIPPED),
         ("ranking", FINE),
@@ -55,13 +58,13 @@ FLIPPED = dataclasses.replace(FINE, flipped=True)
         ("depth_missing", NO_DEPTH),
     ],
 )
-def test_every_cause_has_its_case(cause, evidence):
-    assert cause_of(evidence, BOUNDS) == cause
+def test_every_cause_has_its_case(cause, results):
+    assert cause_of(results, BOUNDS) == cause
 
 
 def test_at_its_bound_a_stage_still_did_its_part():
-    at_bounds = dataclasses.replace(NOT_NEAR, good_votes=5, in_region=250, windows=1)
-    assert cause_of(dataclasses.replace(at_bounds, with_depth=500), BOUNDS) == "outside_basin"
+    at_bounds = _with(NOT_NEAR, good_votes=5, in_region=250, windows=1)
+    assert cause_of(_with(at_bounds, with_depth=500), BOUNDS) == "outside_basin"
 
 
 def test_a_later_stage_that_did_its_part_clears_those_before_it():
@@ -71,7 +74,8 @@ def test_a_later_stage_that_did_its_part_clears_those_before_it():
 
 
 def test_a_hidden_target_without_any_hypothesis_has_no_window():
-    nothing = Evidence(0, 0, 0, 0, 0, _none(0), np.zeros(0, dtype=int), _none(0), False)
+    counts = TargetCounts(0, 0, 0, 0, 0)
+    nothing = TargetResults(counts, _none(0), np.zeros(0, dtype=int), _none(0), False)
     assert cause_of(nothing, BOUNDS) == "no_window"
 
 

@@ -8,8 +8,10 @@ from typing import Any
 import pytest
 from mlflow import MlflowClient
 
+from hlp.data.synthetic.scenes import SyntheticScenes
 from hlp.errors import DataError, HlpError
 from hlp.method.pose_estimator import FrameContext, PoseEstimator
+from hlp.records import Frame
 from run_files import Row, read_json, rows, stages
 from tiny_run import TinyRun, start_run
 
@@ -41,6 +43,28 @@ def test_other_refinement_makes_only_poses(tiny_run: TinyRun, call: Call) -> Non
     assert poses_without_times(output / "poses.csv") != poses_without_times(
         tiny_run.output / "poses.csv"
     )
+
+
+def test_a_run_decodes_every_frame_once(
+    tiny_run: TinyRun, call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Detection, scores, causes of misses and panels share one decode, found or not."""
+    decoded: list[str] = []
+    load = SyntheticScenes.load
+
+    def counted(self: SyntheticScenes, key: str) -> Frame:
+        decoded.append(key)
+        return load(self, key)
+
+    monkeypatch.setattr(SyntheticScenes, "load", counted)
+    overrides = (*tiny_run.overrides, "patches.region.threshold=0.6", "panels=2")
+    assert call(*overrides, "output=decoded")[0] == 0
+    output = tiny_run.folder / "decoded"
+    assert stages(output, reused=False) == {"regions": 1, "hypotheses": 1, "poses": 1}
+    waterfall = read_json(output / "summary.json")["waterfall"]["total"]
+    assert waterfall["correct"] < sum(waterfall.values())  # there are misses to explain
+    assert len([*(output / "panels").iterdir()]) == 2
+    assert decoded == ["000000_000000", "000012_000000"]
 
 
 def test_interrupted_stage_goes_on_where_it_stopped(

@@ -70,6 +70,26 @@ def make_scene(seed: int, hidden: bool = True) -> Scene:
     return Scene(model, pose, rgb, noisy.astype(np.float32), CAMERA)
 
 
+def make_row() -> list[Scene]:
+    """One image of three instances on a table, the last one half covered by a box: a scene each."""
+    model = make_model()
+    turn = trimesh.transformations.rotation_matrix
+    rotations = [(turn(2.2, [1, 0, 0]) @ turn(a, [0, 0, 1]))[:3, :3] for a in (0.4, 2.0, 4.5)]
+    poses = [
+        posed(model, each, np.array([x, -0.01, 0.62]))
+        for each, x in zip(rotations, (-0.13, 0.0, 0.13), strict=True)
+    ]
+    table = as_mesh(trimesh.creation.box((0.8, 0.8, 0.01)))
+    box = as_mesh(trimesh.creation.box((0.03, 0.06, 0.03)), (60, 140, 90))
+    parts = [(model.mesh, pose) for pose in poses]
+    parts += [
+        (table, rigid(turn(2.2, [1, 0, 0])[:3, :3], np.array([0, 0.04, 0.72]))),
+        (box, rigid(np.eye(3), np.array([0.125, 0.0, 0.5]))),
+    ]
+    rgb, depth, _ = render_scene(parts, CAMERA, SHAPE, FRONTAL_LIGHT)
+    return [Scene(model, pose, rgb, depth.astype(np.float32), CAMERA) for pose in poses]
+
+
 def disturbed(scene: Scene, degrees: float, millimetres: float, seed: int) -> np.ndarray:
     """The true pose, turned about the centroid and shifted, in random directions."""
     rng = np.random.default_rng(seed)

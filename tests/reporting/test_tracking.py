@@ -13,10 +13,10 @@ from mlflow import MlflowClient
 import hlp
 from hlp.reporting.tracking import (
     REVISION,
-    Arm,
+    ChildRun,
     Tracker,
     TrackingSettings,
-    as_arm,
+    as_child_run,
     flatten,
     how_to_browse,
     metric_name,
@@ -121,9 +121,10 @@ def test_data_sets_and_the_whole_configuration_are_logged(settings: TrackingSett
 
 
 def test_an_arm_has_its_parent_and_its_own_name(settings: TrackingSettings) -> None:
+    swept = {"refinement": "icp", "seed": "0"}
     with (
         track_run(settings, "sweep", {}) as parent,
-        as_arm(Arm("demo 0: refinement=icp", parent.run_id, {"refinement": "icp", "seed": "0"})),
+        as_child_run(ChildRun("demo 0: refinement=icp", parent.run_id, swept)),
         track_run(settings, "as ever", {"refinement": {"name": "icp"}, "seed": 0}) as child,
     ):
         pass

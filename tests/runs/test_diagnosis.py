@@ -13,8 +13,8 @@ from hlp.evaluation.vote_quality import VoteCounts
 from hlp.geometry import project, quaternions, rigid, transform
 from hlp.records import Frame, Mesh, ObjectModel, Target, TargetScore
 from hlp.rendering.rasterizer import render_depth
-from hlp.runs.diagnosis import count_votes, explain_misses, visible_pixels
-from hlp.stages.frame_files import write_arrays
+from hlp.runs.diagnosis import explain_misses, note_frame, visible_pixels
+from hlp.stages.frame_files import read_arrays, write_arrays
 
 K = np.array([[570.0, 0.0, 80.0], [0.0, 570.0, 60.0], [0.0, 0.0, 1.0]])
 SETTINGS = EvaluationSettings(
@@ -46,7 +46,7 @@ def _frame():
 
 FRAME = _frame()
 TARGET = FRAME.targets[0]
-SOURCE = SimpleNamespace(load=lambda key: FRAME)
+SOURCE = SimpleNamespace()
 CENTERS = np.rint(project(np.stack([NEAR[:3, 3], FAR[:3, 3]]), K)).astype(np.int16)
 PIXELS = np.concatenate(
     [CENTERS, CENTERS, np.zeros((2, 2), np.int16), CENTERS, np.zeros((2, 2), np.int16)]
@@ -93,9 +93,19 @@ def _detection(folder, frame, mask, coarse, refined, sources, votes):
     outputs = {
         stage: (lambda folder=folder / stage: SimpleNamespace(folder=folder)) for stage in stages
     }
-    frames = SimpleNamespace(load=lambda key: frame)
-    dataset = SimpleNamespace(models={1: MODEL}, frames=frames, wanted=lambda frame: {1: 1})
+    dataset = SimpleNamespace(models={1: MODEL}, frames=SOURCE, wanted=lambda frame: {1: 1})
     return SimpleNamespace(dataset=dataset, **outputs)
+
+
+def _notes(detection, frame=FRAME):
+    """What is counted in the frame, from what the stages have left on disk."""
+    stages = ("regions", "hypotheses")
+    found = {name: read_arrays(getattr(detection, name)().folder, frame.key) for name in stages}
+    return note_frame(detection.dataset, frame, found, SETTINGS)
+
+
+def _explained(detection, scores, frame=FRAME):
+    return explain_misses(detection, [_notes(detection, frame)], scores, SETTINGS)
 
 
 def _missed():
@@ -132,14 +142,14 @@ def test_what_the_stages_left_tells_the_cause(tmp_path, cause, changed):
     }
     detection = _detection(tmp_path, FRAME, **{**left, **changed})
     right = dataclasses.replace(_missed(), add_correct=True)
-    explained = explain_misses(detection, [_missed(), right], SETTINGS)
+    explained = _explained(detection, [_missed(), right])
     assert [score.cause for score in explained] == [cause, ""]
     assert explained[0] == dataclasses.replace(_missed(), cause=cause)
 
 
 def test_each_target_of_an_object_has_its_own_cause(tmp_path):
     detection = _detection(tmp_path, FRAME, EVERYWHERE, [CLOSE], [WRONG], [0], _votes(FAR, 6))
-    explained = explain_misses(detection, [_missed(), _missed()], SETTINGS)
+    explained = _explained(detection, [_missed(), _missed()])
     assert [score.cause for score in explained] == ["refiner_diverged", "outside_basin"]
 
 
@@ -148,7 +158,7 @@ def test_an_answer_on_the_surface_the_wrong_way_round_is_a_flip(tmp_path):
     detection = _detection(
         tmp_path, FRAME, EVERYWHERE, [CLOSE], [flipped, NEAR], [0, 0], _votes(NEAR, 6)
     )
-    (score, _) = explain_misses(detection, [_missed(), _missed()], SETTINGS)
+    (score, _) = _explained(detection, [_missed(), _missed()])
     assert score.cause == "symmetric_flip"
 
 
@@ -157,11 +167,11 @@ def test_missing_depth_and_missing_windows(tmp_path):
     blind = dataclasses.replace(FRAME, depth=np.where(shown, 0.0, FRAME.depth))
     (tmp_path / "a").mkdir()
     detection = _detection(tmp_path / "a", blind, ~EVERYWHERE, [], [], [], _votes(NEAR, 4))
-    assert explain_misses(detection, [_missed(), _missed()], SETTINGS)[0].cause == "depth_missing"
+    assert _explained(detection, [_missed(), _missed()], blind)[0].cause == "depth_missing"
     hidden = dataclasses.replace(FRAME, depth=np.full_like(FRAME.depth, 0.3))
     (tmp_path / "b").mkdir()
     detection = _detection(tmp_path / "b", hidden, EVERYWHERE, [], [], [], _votes(NEAR, 6))
-    assert explain_misses(detection, [_missed(), _missed()], SETTINGS)[0].cause == "no_window"
+    assert _explained(detection, [_missed(), _missed()], hidden)[0].cause == "no_window"
 
 
 def test_visible_is_what_nothing_else_hides():
@@ -177,7 +187,7 @@ def test_visible_is_what_nothing_else_hides():
 
 def test_the_data_sets_own_mask_is_taken_where_it_has_one():
     given = FRAME.depth < 1.0
-    source = SimpleNamespace(load=lambda key: FRAME, visible_mask=lambda frame, target: given)
+    source = SimpleNamespace(visible_mask=lambda frame, target: given)
     assert visible_pixels(source, FRAME, TARGET, MODEL) is given
     source.visible_mask = lambda frame, target: None
     own = render_depth(MODEL.mesh, NEAR[None], K, (120, 160))[0] > 0
@@ -187,7 +197,7 @@ def test_the_data_sets_own_mask_is_taken_where_it_has_one():
 def test_votes_near_either_target_are_good_and_those_on_either_are_the_objects(tmp_path):
     votes = np.concatenate([_votes(NEAR, 3), _votes(FAR, 2), _votes(WRONG, 5)])
     detection = _detection(tmp_path, FRAME, EVERYWHERE, [], [], [], votes)
-    (counted,) = count_votes(detection, FRAME, SETTINGS)
+    (counted,) = _notes(detection).votes
     weights = np.linspace(1.0, 2.0, 10)
     assert counted == VoteCounts(
         1, 10, 5, pytest.approx(15.0), pytest.approx(weights[:5].sum()), 6, 4

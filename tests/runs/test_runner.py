@@ -23,11 +23,11 @@ def written(monkeypatch: pytest.MonkeyPatch, folder: Path, estimates: list[PoseE
     def stop(*_: Any, **__: Any) -> None:
         raise WrittenError
 
-    monkeypatch.setattr(runner, "tqdm", stop)
-    run: Any = SimpleNamespace(dataset=None, settings=None, keys=())
+    monkeypatch.setattr(runner, "read_poses", stop)
+    run: Any = SimpleNamespace(dataset=None, settings=None)
     nothing: Any = None
     with pytest.raises(WrittenError):
-        runner._score(run, nothing, estimates, nothing, folder)
+        runner._score(run, nothing, estimates, [], nothing, folder)
     return read_poses(folder / "poses.csv")
 
 

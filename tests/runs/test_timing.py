@@ -80,7 +80,9 @@ def test_a_run_that_found_its_poses_on_disk_measures_anew_and_says_so(
     assert timing.summary()["reused_stages"] == [*STAGES]
     assert timing.summary()["frames"] == 2
     # The frames are those spread evenly; the first is looked at once more before.
-    assert run.dataset.frames.loads == [KEYS[0], KEYS[0], KEYS[1]]
+    assert run.dataset.frames.loads == [KEYS[0], KEYS[1]]
+    looked_at = [key for step, key, each in fast.estimator.asked if (step, each) == ("refine", 3)]
+    assert looked_at == [KEYS[0], KEYS[0], KEYS[1]]
     assert timing.first_use_seconds is not None and timing.first_use_seconds > 0.0
 
 

@@ -18,6 +18,7 @@ from fake_detection import (
 from hlp.stages import detection
 from hlp.stages.detection import DetectionStages
 from hlp.stages.frame_detection import STAGES, STEPS
+from hlp.stages.frame_files import read_arrays
 from hlp.stages.store import StageStore
 
 SETTINGS = method_settings()
@@ -51,6 +52,48 @@ def test_a_frame_is_decoded_once_for_all_three_stages(tmp_path: Path) -> None:
     assert files(tmp_path).keys() == {f"{stage}/{key}" for stage in STAGES for key in KEYS}
     stages.regions(), stages.hypotheses(), stages.poses()
     assert stages.dataset.frames.loads == [*KEYS]  # nothing is asked for twice
+
+
+def visited(stages: Any) -> dict[str, Any]:
+    """What a visitor that looks at every frame is given."""
+    found = {}
+
+    def visit(key: str, arrays: Any) -> None:
+        assert key not in found and stages.load(key).key == key
+        found[key] = arrays
+
+    stages.estimates(visit)
+    return found
+
+
+def test_who_visits_the_frames_has_them_decoded_once_and_what_is_on_disk(tmp_path: Path) -> None:
+    stages = stages_in(tmp_path)
+    found = visited(stages)
+    assert stages.dataset.frames.loads == [*KEYS] == [*found]
+    for stage, output in stages.made.items():
+        for key in KEYS:
+            stored = read_arrays(output.folder, key)
+            assert found[key][stage].keys() == stored.keys()
+            for name in stored:
+                np.testing.assert_array_equal(found[key][stage][name], stored[name])
+    visited(stages)  # once more, though all is made
+    assert stages.dataset.frames.loads == [*KEYS] * 2
+
+
+def test_frames_that_need_no_work_are_visited_too(tmp_path: Path) -> None:
+    stages_in(tmp_path).hypotheses()
+    later, again = stages_in(tmp_path), stages_in(tmp_path)
+    later.estimator.fails_at = ("refine", KEYS[1], OBJECTS[0])
+    with pytest.raises(KeyboardInterrupt):
+        visited(later)
+    assert visited(again).keys() == {*KEYS}
+    assert again.dataset.frames.loads == [*KEYS]
+    third = stages_in(tmp_path)
+    assert visited(third).keys() == {*KEYS}
+    assert third.dataset.frames.loads == [*KEYS] and third.estimator.asked == []
+    fourth = stages_in(tmp_path)
+    fourth.estimates(lambda *_: None)  # who does not ask for a frame does not have it decoded
+    assert fourth.dataset.frames.loads == []
 
 
 def test_every_object_goes_through_every_step_once_and_the_first_frame_twice(

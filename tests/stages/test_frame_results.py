@@ -1,11 +1,12 @@
 """What is written of a frame comes back as it was."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from fake_detection import OBJECTS, SHAPE, CountedFrames, FakeEstimator
-from hlp.geometry import rotation_matrices
 from hlp.method.pose_estimator import CoarseResult
 from hlp.records import Hypotheses, Votes
 from hlp.stages.frame_files import read_arrays, write_arrays
@@ -16,6 +17,7 @@ from hlp.stages.frame_results import (
     refined_arrays,
     region_arrays,
     regions_of,
+    votes_of,
 )
 
 FRAME = CountedFrames().load("000000_000001")
@@ -54,10 +56,22 @@ def test_hypotheses_come_back_exactly_and_votes_to_a_micrometre(context, tmp_pat
     stored = read_arrays(tmp_path, FRAME.key)
     np.testing.assert_array_equal(hypotheses_of(stored, 3).poses_cam_obj, poses)
     np.testing.assert_array_equal(hypotheses_of(stored, 3).support, coarse.hypotheses.support)
-    np.testing.assert_allclose(stored["3/vote_centroids"], centroids, atol=1e-6)
-    found = rotation_matrices(stored["3/vote_quaternions"])
-    np.testing.assert_allclose(found, turns, atol=1e-6)
-    np.testing.assert_array_equal(stored["3/vote_pixels"], pixels)
+    found = votes_of(stored, 3)
+    np.testing.assert_allclose(found.centroids_cam, centroids, atol=1e-6)
+    np.testing.assert_allclose(found.rotations_cam_obj, turns, atol=1e-6)
+    np.testing.assert_allclose(found.weights, votes.weights, atol=1e-6)
+    np.testing.assert_array_equal(found.pixels, pixels)
+
+
+def test_votes_of_one_patch_keep_belonging_together(context):
+    """Patches are numbered anew, since those that cast no vote are not stored."""
+    patches = np.array([4, 4, 2, 9, 2])
+    pixels = np.array([[8.0, 16.0], [0.0, 40.0], [8.0, 8.0]])[[0, 0, 1, 2, 1]]
+    votes = Votes(np.zeros((5, 3)), np.stack([np.eye(3)] * 5), np.ones(5), patches, pixels)
+    coarse = FakeEstimator().find_hypotheses(context, FakeEstimator().find_region(context, 3))
+    found = votes_of(coarse_arrays(3, dataclasses.replace(coarse, votes=votes)), 3)
+    same = found.patches[:, None] == found.patches
+    np.testing.assert_array_equal(same, patches[:, None] == patches)
 
 
 def test_an_object_without_hypotheses_is_still_known_to_have_been_looked_for(context):

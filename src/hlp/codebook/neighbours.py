@@ -23,7 +23,7 @@ class Neighbours(Protocol):
         """The k nearest features of each query, nearest first, with Euclidean distances."""
 
 
-class SearchSettings(Protocol):
+class NeighboursSettings(Protocol):
     """Settings of the search in a codebook."""
 
     dimension_multiple: ClassVar[int]
@@ -57,7 +57,7 @@ class SearchSettings(Protocol):
         ...
 
 
-SEARCHES: Registry[SearchSettings] = Registry("codebook", "hlp.codebook")
+SEARCHES: Registry[NeighboursSettings] = Registry("codebook", "hlp.codebook")
 """Alternatives of config group `codebook`."""
 
 

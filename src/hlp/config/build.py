@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import InterpolationToMissingValueError, MissingMandatoryValue
+from omegaconf.errors import MissingMandatoryValue
 
 from hlp.config.settings import RunSettings
 from hlp.data.dataset import Dataset
@@ -63,6 +63,7 @@ def with_changed_run(run: Run, changes: Mapping[str, Any]) -> Run:
     return dataclasses.replace(run, settings=settings, config=_changed(run.config, changes))
 
 
+# Not OmegaConf.merge: it would keep the keys of a group's other alternative.
 def _changed(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     changed = dict(values)
     for key, change in changes.items():
@@ -75,11 +76,11 @@ def _changed(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str,
 
 def build_settings(config: DictConfig) -> RunSettings:
     """Typed settings of every group. Raises ConfigError naming the key that is wrong."""
-    try:
-        values = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
-    except (MissingMandatoryValue, InterpolationToMissingValueError) as error:
-        key = error.full_key
-        raise ConfigError(f"{key} is not set: set {key}=VALUE") from error
+    try:  # unresolved: what refers to a missing key is not missing itself
+        OmegaConf.to_container(config, throw_on_missing=True)
+    except MissingMandatoryValue as error:
+        raise ConfigError(f"{error.full_key} is not set: set {error.full_key}=VALUE") from error
+    values = OmegaConf.to_container(config, resolve=True)
     assert isinstance(values, dict)
     return read_settings(RunSettings, {str(key): value for key, value in values.items()})
 

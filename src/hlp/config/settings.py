@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Protocol
 
 from annotated_types import Ge
 
-from hlp.codebook.neighbours import SEARCHES, SearchSettings
+from hlp.codebook.neighbours import SEARCHES, NeighboursSettings
 from hlp.data.dataset import DATASETS, DataSettings
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.method.settings import (
@@ -77,7 +77,7 @@ class RunSettings(Settings):
     patches: PatchesSettings
     classifier: ClassifierSettings
     encoder: Annotated[EncoderSettings, ENCODERS]
-    codebook: Annotated[SearchSettings, SEARCHES]
+    codebook: Annotated[NeighboursSettings, SEARCHES]
     voting: Annotated[VotingSettings, VOTINGS]
     refinement: Annotated[RefinementSettings, REFINERS]
     evaluation: EvaluationSettings

@@ -22,16 +22,16 @@ from hlp.data.bop_targets import FrameId, annotated_targets, list_targets, most_
 from hlp.data.dataset import DATASETS, Dataset
 from hlp.data.images import camera_matrix, read_depth, read_rgb, same_size
 from hlp.data.sources import content_hash
-from hlp.data.training_images import TrainingImages, existing_folder
+from hlp.data.training_images import FolderSettings, existing_folder
 from hlp.errors import DataError, MissingFileError
 from hlp.objects.object_model import ObjectSettings
 from hlp.records import Frame, Target, frame_key, parse_frame_key
-from hlp.settings import Doc, Settings
+from hlp.settings import Doc
 
 
 @DATASETS.register
 @dataclass(frozen=True, kw_only=True)
-class BopSettings(Settings):
+class BopSettings(FolderSettings):
     """Config group `data`: a data set in BOP's layout."""
 
     name: Literal["bop"] = "bop"
@@ -58,24 +58,11 @@ class BopSettings(Settings):
     symmetry_steps: Annotated[
         int, Ge(1), Doc("rotations that stand for a continuous symmetry; at most 0.6° off (D)")
     ] = 315
-    photographs: Annotated[
-        str | None,
-        Doc("folder of backgrounds of training patches (P: PASCAL VOC); null: procedural ones (D)"),
-    ] = None
-    rgbd_frames: Annotated[
-        str | None, Doc("folder of RGB-D scenes that train the autoencoder (P); encoder=cae alone")
-    ] = None
-    rooms: Annotated[
-        str | None, Doc("folder of RGB-D frames without any object, backgrounds with depth (D)")
-    ] = None
-    proxy_faces: Annotated[
-        int, Ge(1), Doc("triangles of the mesh that the refiner renders (D)")
-    ] = 500
 
     def build(self) -> Dataset:
         """Objects and frames. Raises FileNotFoundError and ValueError naming what is wrong."""
         root = existing_folder("data.root", self.root)
-        training = TrainingImages.of(self.photographs, self.rooms, self.rgbd_frames)
+        training = self.training_images()
         split = find_split(root) if self.split == AUTO else self.split
         existing_folder("data.split", str(root / split))
         listed = find_targets_file(root, split) if self.targets == AUTO else self.targets

@@ -12,18 +12,18 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Unit
+from annotated_types import Gt, Unit
 from jaxtyping import Float, UInt16
 
 from hlp.data.dataset import DATASETS, Dataset
 from hlp.data.images import camera_matrix, depth_metres, read_rgb, same_size
 from hlp.data.sources import content_hash
-from hlp.data.training_images import TrainingImages, existing_folder
+from hlp.data.training_images import FolderSettings, existing_folder
 from hlp.errors import DataError, MissingFileError
 from hlp.geometry import nearest_rotation, rigid
 from hlp.objects.object_model import ObjectSettings, build_object_model, check_unique
 from hlp.records import Frame, ObjectModel, Target, frame_key
-from hlp.settings import Doc, Settings
+from hlp.settings import Doc
 
 _CENTIMETRE = 1e-2  # m
 _HEADER_BYTES = 8
@@ -31,7 +31,7 @@ _HEADER_BYTES = 8
 
 @DATASETS.register
 @dataclass(frozen=True, kw_only=True)
-class LinemodSettings(Settings):
+class LinemodSettings(FolderSettings):
     """Config group `data`: a data set in LINEMOD's first layout (ACCV 2012).
 
     `OBJ/mesh.ply`, `OBJ/data/colorN.jpg`, `depthN.dpt`, `rotN.rot`, `traN.tra`.
@@ -49,24 +49,11 @@ class LinemodSettings(Settings):
     mesh_scale: Annotated[
         float, Gt(0), Doc("metres per unit of mesh.ply: 0.001 for millimetres, 1 for metres")
     ] = 0.001
-    photographs: Annotated[
-        str | None,
-        Doc("folder of backgrounds of training patches (P: PASCAL VOC); null: procedural ones (D)"),
-    ] = None
-    rgbd_frames: Annotated[
-        str | None, Doc("folder of RGB-D scenes that train the autoencoder (P); encoder=cae alone")
-    ] = None
-    rooms: Annotated[
-        str | None, Doc("folder of RGB-D frames without any object, backgrounds with depth (D)")
-    ] = None
-    proxy_faces: Annotated[
-        int, Ge(1), Doc("triangles of the mesh that the refiner renders (D)")
-    ] = 500
 
     def build(self) -> Dataset:
         """Objects and frames. Raises FileNotFoundError and ValueError naming what is wrong."""
         root = existing_folder("data.root", self.root)
-        training = TrainingImages.of(self.photographs, self.rooms, self.rgbd_frames)
+        training = self.training_images()
         models = load_object_models(root, self.objects, self.proxy_faces, self.mesh_scale)
         ids = {name: each.id for name, each in self.objects.items()}
         frames = LinemodFrames(root, ids, self.camera_matrix)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt
+from annotated_types import Gt
 from jaxtyping import Float
 
 from hlp.data.dataset import DATASETS, Dataset
@@ -20,12 +20,12 @@ from hlp.data.images import (
     same_size,
 )
 from hlp.data.sources import content_hash
-from hlp.data.training_images import TrainingImages
+from hlp.data.training_images import FolderSettings
 from hlp.errors import InputError, MissingFileError
 from hlp.files import read_json
 from hlp.objects.object_model import ObjectSettings, build_object_model
 from hlp.records import Frame, ObjectModel, frame_key, parse_frame_key
-from hlp.settings import Doc, Settings
+from hlp.settings import Doc
 
 OBJECT_ID = 1
 _SCENE_ID = 0
@@ -33,7 +33,7 @@ _SCENE_ID = 0
 
 @DATASETS.register
 @dataclass(frozen=True, kw_only=True)
-class FilesSettings(Settings):
+class FilesSettings(FolderSettings):
     """Config group `data`: your own object and frames, without true poses (`hlp predict`)."""
 
     name: Literal["files"] = "files"
@@ -54,19 +54,6 @@ class FilesSettings(Settings):
         Gt(0),
         Doc("mm per unit of the depth images; null: the JSON file's, else 1"),
     ] = None
-    photographs: Annotated[
-        str | None,
-        Doc("folder of backgrounds of training patches (P: PASCAL VOC); null: procedural ones (D)"),
-    ] = None
-    rgbd_frames: Annotated[
-        str | None, Doc("folder of RGB-D scenes that train the autoencoder (P); encoder=cae alone")
-    ] = None
-    rooms: Annotated[
-        str | None, Doc("folder of RGB-D frames without any object, backgrounds with depth (D)")
-    ] = None
-    proxy_faces: Annotated[
-        int, Ge(1), Doc("triangles of the mesh that the refiner renders (D)")
-    ] = 500
     holistic_size_mm: Annotated[
         float | None, Gt(0), Doc("side of the windows; null: computed from the mesh")
     ] = None
@@ -76,7 +63,7 @@ class FilesSettings(Settings):
 
     def build(self) -> Dataset:
         """Object and frames. Raises FileNotFoundError and ValueError naming what is wrong."""
-        training = TrainingImages.of(self.photographs, self.rooms, self.rgbd_frames)
+        training = self.training_images()
         model = load_object_model(self)
         models = {model.object_id: model}
         frames = OwnFrames(Path(self.rgb), Path(self.depth), self.intrinsics, self.depth_scale)

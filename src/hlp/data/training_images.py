@@ -3,6 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
+
+from annotated_types import Ge
 
 from hlp.data.dataset import Dataset, DataSettings
 from hlp.data.photographs import list_photographs
@@ -10,6 +13,7 @@ from hlp.data.rgbd_frames import RgbdFrames
 from hlp.data.sources import FrameSource
 from hlp.errors import MissingFileError
 from hlp.records import ObjectModel
+from hlp.settings import Doc, Settings
 
 
 @dataclass(frozen=True)
@@ -19,20 +23,6 @@ class TrainingImages:
     photographs: Path | None
     rooms: FrameSource | None
     rgbd_frames: FrameSource | None
-
-    @classmethod
-    def of(
-        cls, photographs: str | None, rooms: str | None, rgbd_frames: str | None
-    ) -> "TrainingImages":
-        """The images in folders; None for none. Decodes no image.
-
-        Raises MissingFileError naming a folder that is absent or empty.
-        """
-        folder = None
-        if photographs is not None:
-            folder = existing_folder("data.photographs", photographs)
-            list_photographs(folder)
-        return cls(folder, _frames("data.rooms", rooms), _frames("data.rgbd_frames", rgbd_frames))
 
     def dataset(
         self,
@@ -53,6 +43,38 @@ class TrainingImages:
             annotated,
             settings=settings,
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FolderSettings(Settings):
+    """What all data sets read from folders can be given beside their own frames."""
+
+    name: str
+    photographs: Annotated[
+        str | None,
+        Doc("folder of backgrounds of training patches (P: PASCAL VOC); null: procedural ones (D)"),
+    ] = None
+    rgbd_frames: Annotated[
+        str | None, Doc("folder of RGB-D scenes that train the autoencoder (P); encoder=cae alone")
+    ] = None
+    rooms: Annotated[
+        str | None, Doc("folder of RGB-D frames without any object, backgrounds with depth (D)")
+    ] = None
+    proxy_faces: Annotated[
+        int, Ge(1), Doc("triangles of the mesh that the refiner renders (D)")
+    ] = 500
+
+    def training_images(self) -> TrainingImages:
+        """The images in the folders. Decodes none.
+
+        Raises MissingFileError naming a folder that is absent or empty.
+        """
+        folder = None
+        if self.photographs is not None:
+            folder = existing_folder("data.photographs", self.photographs)
+            list_photographs(folder)
+        rooms = _frames("data.rooms", self.rooms)
+        return TrainingImages(folder, rooms, _frames("data.rgbd_frames", self.rgbd_frames))
 
 
 def existing_folder(key: str, path: str) -> Path:

@@ -45,13 +45,11 @@ UNSTATED = "not stated"
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """What the stages made of one target.
+class TargetCounts:
+    """What the first two stages made of one target, counted while its frame is decoded.
 
     `visible` is the number of pixels that show the object; `with_depth` and `in_region` count those
     of them that have depth or lie in the region, `windows` the window centres among them.
-    `near_basin` says of every coarse pose whether it is within the refiner's basin, `refined` are
-    the indices of the refined ones, and `right` says of each refined pose whether it is right.
     """
 
     visible: int
@@ -59,23 +57,36 @@ class Evidence:
     windows: int
     in_region: int
     good_votes: int
+
+
+@dataclass(frozen=True)
+class TargetResults:
+    """What all stages made of one target.
+
+    `near_basin` says of every coarse pose whether it is within the refiner's basin, `refined` are
+    the indices of the refined ones, and `right` says of each refined pose whether it is right.
+    `flipped`: the chosen pose is right except for a turn that nearly maps the object onto itself.
+    """
+
+    counts: TargetCounts
     near_basin: Bool[np.ndarray, "m"]
     refined: Int[np.ndarray, "c"]
     right: Bool[np.ndarray, "c"]
     flipped: bool
 
 
-def cause_of(evidence: Evidence, settings: WaterfallSettings) -> str:
+def cause_of(results: TargetResults, settings: WaterfallSettings) -> str:
     """The cause of a miss; the module's docstring lists the causes in the order of the checks."""
+    counts = results.counts
     checks = (
-        ("symmetric_flip", evidence.flipped),
-        ("ranking", bool(evidence.right.any())),
-        ("refiner_diverged", bool(evidence.near_basin[evidence.refined].any())),
-        ("screening", bool(evidence.near_basin.any())),
-        ("depth_missing", evidence.with_depth < settings.depth_share * evidence.visible),
-        ("no_window", evidence.windows == 0),
-        ("wrong_region", evidence.in_region < settings.region_share * evidence.visible),
-        ("few_votes", evidence.good_votes < settings.good_votes),
+        ("symmetric_flip", results.flipped),
+        ("ranking", bool(results.right.any())),
+        ("refiner_diverged", bool(results.near_basin[results.refined].any())),
+        ("screening", bool(results.near_basin.any())),
+        ("depth_missing", counts.with_depth < settings.depth_share * counts.visible),
+        ("no_window", counts.windows == 0),
+        ("wrong_region", counts.in_region < settings.region_share * counts.visible),
+        ("few_votes", counts.good_votes < settings.good_votes),
     )
     return next((cause for cause, applies in checks if applies), "outside_basin")
 

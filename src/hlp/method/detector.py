@@ -13,10 +13,12 @@ from threadpoolctl import ThreadpoolController
 
 from hlp.errors import InputError
 from hlp.method.compute_threads import one_blas_thread
+from hlp.method.conflicts import Found, resolve_conflicts
 from hlp.method.learnt_folder import LearntFolder
 from hlp.method.pose_estimator import FrameContext, PoseEstimator
 from hlp.method.settings import Device, MethodSettings
 from hlp.records import Frame
+from hlp.refinement.choice import RefinedHypotheses
 
 _FARTHEST = 20.0  # m: a larger median depth means another unit
 
@@ -28,7 +30,7 @@ class Detection:
     `object` is its name. `pose_cam_obj` (4, 4) maps its coordinates to the camera's (metres; x
     right, y down, z forward). `score` is in [0, 1]; higher is more certain. `visible_fraction` is
     the fraction of its silhouette that nothing nearer covers. `seconds` is the wall time, divided
-    equally among an object's instances; work shared by all objects of an image counts for the first.
+    equally among an object's instances; what all objects of an image share counts for the first.
     """
 
     object: str
@@ -170,32 +172,53 @@ class Detector:
         Raises InputError naming the argument that is wrong.
         """
         frame = _checked_frame(rgb, depth, camera_matrix)
-        wanted = self._checked_names(objects)
+        names = self._checked_names(objects)
         with self._lock, one_blas_thread(self._blas):
             begun = time.perf_counter()
             context = self._estimator.prepare(frame)
-            found: list[Detection] = []
-            for name in wanted:
-                found += self._find(context, name, max_instances, begun)
-                begun = time.perf_counter()
-        return sorted(found, key=lambda each: -each.score)
+            ids = [self._ids[name] for name in names]
+            found, seconds = self._find(context, dict.fromkeys(ids, max_instances), begun)
+            detections = [
+                each
+                for name in names
+                for each in self._detections(context, name, found[self._ids[name]], seconds)
+            ]
+        return sorted(detections, key=lambda each: -each.score)
 
     def _find(
-        self, context: FrameContext, name: str, max_instances: int, begun: float
+        self, context: FrameContext, wanted: Mapping[int, int], begun: float
+    ) -> tuple[Found, dict[int, float]]:
+        """What stage 3 found of the wanted objects, and the time (s) of each."""
+        found: Found = {}
+        hypotheses, seconds = {}, {}
+        for object_id, count in wanted.items():
+            region = self._estimator.find_region(context, object_id)
+            hypotheses[object_id] = self._estimator.find_hypotheses(context, region).hypotheses
+            found[object_id] = self._estimator.refine(
+                context, object_id, hypotheses[object_id], count
+            )
+            seconds[object_id] = time.perf_counter() - begun
+            begun = time.perf_counter()
+        found = resolve_conflicts(self._estimator, context, found, hypotheses, wanted)
+        shared = (time.perf_counter() - begun) / max(len(wanted), 1)
+        return found, {object_id: spent + shared for object_id, spent in seconds.items()}
+
+    def _detections(
+        self,
+        context: FrameContext,
+        name: str,
+        refined: RefinedHypotheses | None,
+        seconds: Mapping[int, float],
     ) -> list[Detection]:
-        object_id = self._ids[name]
-        region = self._estimator.find_region(context, object_id)
-        coarse = self._estimator.find_hypotheses(context, region)
-        refined = self._estimator.refine(context, object_id, coarse.hypotheses, max_instances)
         if refined is None:
             return []
-        found = []
+        object_id, found = self._ids[name], []
         for row in refined.instances:
             pose = refined.refined[row].pose_cam_obj
             visible = self._estimator.visible_fraction(context, object_id, pose)
             score = float(np.clip(1.0 - refined.costs[row], 0.0, 1.0))
             found.append((name, score, pose, visible))
-        spent = (time.perf_counter() - begun) / len(found)
+        spent = seconds[object_id] / len(found)
         return [Detection(*each, spent) for each in found]
 
     def _checked_names(self, objects: Sequence[str] | None) -> Sequence[str]:

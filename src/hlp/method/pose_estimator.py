@@ -119,7 +119,7 @@ class PoseEstimator:
         _ = self._scan, self._encoder
         for object_id in object_ids:
             self._codebook(object_id)
-            self._verifier(object_id)
+            self.verifier(object_id)
 
     def prepare(self, frame: Frame) -> FrameContext:
         """The context of a frame, which is passed to the stages of every object in it."""
@@ -171,11 +171,17 @@ class PoseEstimator:
         return CoarseResult(cut, votes, found, matched - begun, time.perf_counter() - matched)
 
     def refine(
-        self, context: FrameContext, object_id: int, hypotheses: Hypotheses, instances: int = 1
+        self,
+        context: FrameContext,
+        object_id: int,
+        hypotheses: Hypotheses,
+        instances: int = 1,
+        unexplained: Observation | None = None,
     ) -> RefinedHypotheses | None:
         """Stage 3: refine the promising hypotheses and choose the best (paper, section 3.3).
 
-        At most as many `instances` are chosen as there are things that look like the object. None
+        At most as many `instances` are chosen as there are things that look like the object, which
+        other objects do not explain (`unexplained`: the rest of the image; None: all of it). None
         if there is no hypothesis.
         """
         if len(hypotheses) == 0:
@@ -183,7 +189,7 @@ class PoseEstimator:
         frame, verification = context.frame, self.settings.refinement.verification
         return refine_and_choose(
             self._refiner,
-            self._verifier(object_id),
+            self.verifier(object_id),
             context.observation,
             self.learnt.models[object_id],
             hypotheses,
@@ -191,16 +197,18 @@ class PoseEstimator:
             verification.max_improvement,
             derive_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id),
             instances,
+            unexplained,
         )
 
     def visible_fraction(
         self, context: FrameContext, object_id: int, pose_cam_obj: Float[np.ndarray, "4 4"]
     ) -> float:
         """Fraction of the silhouette at a pose that nothing nearer to the camera covers."""
-        verifier = self._verifier(object_id)
+        verifier = self.verifier(object_id)
         return 1.0 - float(verifier.evidence(context.observation, pose_cam_obj[None]).occluded[0])
 
-    def _verifier(self, object_id: int) -> Verifier:
+    def verifier(self, object_id: int) -> Verifier:
+        """The cost that compares poses of an object."""
         if object_id not in self._verifiers:
             model = self.learnt.models[object_id]
             verification = self.settings.refinement.verification

@@ -7,7 +7,7 @@ from annotated_types import Ge
 
 from hlp.codebook.entries import EntrySettings
 from hlp.codebook.inverted_lists import InvertedListsSettings
-from hlp.codebook.neighbours import SEARCHES, SearchSettings
+from hlp.codebook.neighbours import SEARCHES, NeighboursSettings
 from hlp.models import classifier, encoder
 from hlp.models.classifier import ClassifierSettings
 from hlp.models.contrastive import ContrastiveSettings
@@ -87,7 +87,7 @@ class MethodSettings(Settings):
     patches: PatchesSettings = field(default_factory=PatchesSettings)
     classifier: ClassifierSettings = field(default_factory=ClassifierSettings)
     encoder: Annotated[EncoderSettings, ENCODERS] = field(default_factory=ContrastiveSettings)
-    codebook: Annotated[SearchSettings, SEARCHES] = field(default_factory=InvertedListsSettings)
+    codebook: Annotated[NeighboursSettings, SEARCHES] = field(default_factory=InvertedListsSettings)
     voting: Annotated[VotingSettings, VOTINGS] = field(default_factory=JointVotingSettings)
     refinement: Annotated[RefinementSettings, REFINERS] = field(default_factory=PsoSettings)
     trainer: TrainerSettings = field(default_factory=TrainerSettings)

@@ -118,6 +118,7 @@ def read_history(folder: Path) -> list[dict[str, float]]:
         ]
 
 
+# Not Lightning's CSVLogger: in a resumed training it deletes the rows of the epochs before.
 class _History(Callback):
     """Writes the metrics of every epoch. Each checkpoint contains the rows so far."""
 

@@ -47,6 +47,7 @@ def refine_and_choose(
     max_improvement: float,
     seed: int,
     instances: int = 1,
+    unexplained: Observation | None = None,
 ) -> RefinedHypotheses | None:
     """Refine the most promising hypotheses, choose those of lowest verification cost, polish them.
 
@@ -58,8 +59,10 @@ def refine_and_choose(
 
     This is repeated for every further one of up to `instances`, with the hypotheses for which more
     than half of the agreeing pixels are not explained by an instance that was chosen before.
+    `unexplained` is the observation without what other objects explain already (None: they explain
+    nothing).
     """
-    search = _InstanceSearch(refiner, verifier, observation, model, hypotheses, seed)
+    search = _InstanceSearch(refiner, verifier, observation, model, hypotheses, seed, unexplained)
     for _ in range(instances):
         if not search.choose_next(candidates, max_improvement):
             break
@@ -77,10 +80,12 @@ class _InstanceSearch:
         model: ObjectModel,
         hypotheses: Hypotheses,
         seed: int,
+        unexplained: Observation | None,
     ) -> None:
         self._begun = time.perf_counter()
         self._refiner, self._verifier, self._model = refiner, verifier, model
-        self._observation, self._left, self._seed = observation, observation, seed
+        self._observation, self._seed = observation, seed
+        self._unexplained = unexplained
         poses = np.asarray(hypotheses.poses_cam_obj, dtype=np.float64)
         usable = np.flatnonzero(refinable(poses, model.centroid))
         found = verifier.evidence(observation, poses[usable])
@@ -167,7 +172,8 @@ class _InstanceSearch:
         return self._verifier.competing_costs(self._observation, poses, support)
 
     def _explain(self, pose_cam_obj: Float[np.ndarray, "4 4"]) -> None:
-        self._left = self._verifier.without_explained(self._left, pose_cam_obj)
+        before = self._observation if self._unexplained is None else self._unexplained
+        self._unexplained = self._verifier.without_explained(before, pose_cam_obj)
 
     def _free_refined(self) -> Bool[np.ndarray, "c"]:
         """Which refined poses are neither chosen nor stand on pixels of chosen ones."""
@@ -179,12 +185,11 @@ class _InstanceSearch:
     def _is_free(
         self, poses_cam_obj: Float[np.ndarray, "n 4 4"], evidence: Evidence | None
     ) -> Bool[np.ndarray, "n"]:
-        if not self._instances:
+        if self._unexplained is None:
             return np.ones(len(poses_cam_obj), dtype=bool)
         if evidence is None:
             evidence = self._verifier.evidence(self._observation, poses_cam_obj)
-        left = self._verifier.evidence(self._left, poses_cam_obj)
-        return np.asarray(2.0 * left.area > evidence.area)
+        return self._verifier.is_free(self._unexplained, poses_cam_obj, evidence)
 
     def _refined_poses(self, rows: Int[np.ndarray, "r"]) -> Float[np.ndarray, "r 4 4"]:
         poses = [self._refined[row].pose_cam_obj for row in rows]

@@ -11,7 +11,7 @@ from typing import Annotated
 import cv2
 import numpy as np
 from annotated_types import Ge, Gt, Unit
-from jaxtyping import Float, Float32, Int, UInt8
+from jaxtyping import Bool, Float, Float32, Int, UInt8
 
 from hlp.geometry import transform
 from hlp.records import ObjectModel
@@ -205,6 +205,19 @@ class Verifier:
         tau = self._settings.tau_depth_mm / 1000.0
         explained = (rendered > 0.0) & (np.abs(depth - rendered) <= tau)
         return replace(observation, depth=np.where(explained, np.float32(0.0), depth))
+
+    def is_free(
+        self,
+        unexplained: Observation,
+        poses_cam_obj: Float[np.ndarray, "n 4 4"],
+        evidence: Evidence,
+    ) -> Bool[np.ndarray, "n"]:
+        """Whether more than half of the pixels that agree with each pose are still unexplained.
+
+        `evidence` is that of the whole image, `unexplained` is made by `without_explained`.
+        """
+        left = self.evidence(unexplained, poses_cam_obj)
+        return np.asarray(2.0 * left.area > evidence.area)
 
     def weigh(self, evidence: Evidence) -> Float[np.ndarray, "n"]:
         """Cost in [0, 1] of the evidence for each pose; `WORST` if there is no depth at all.

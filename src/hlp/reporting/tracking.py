@@ -43,7 +43,7 @@ class TrackingSettings(Settings):
 
 
 @dataclass(frozen=True)
-class Arm:
+class ChildRun:
     """One run of a sweep: its name, its parent's run id, and the values of the swept keys."""
 
     name: str
@@ -51,20 +51,20 @@ class Arm:
     swept: Mapping[str, str]
 
 
-_ARM: ContextVar[Arm | None] = ContextVar("arm", default=None)
+_CHILD: ContextVar[ChildRun | None] = ContextVar("child", default=None)
 
 
 @contextmanager
-def as_arm(arm: Arm) -> Iterator[None]:
+def as_child_run(child: ChildRun) -> Iterator[None]:
     """Log runs that are opened meanwhile as this run of a sweep.
 
     So the code that opens a run need not know about sweeps.
     """
-    token = _ARM.set(arm)
+    token = _CHILD.set(child)
     try:
         yield
     finally:
-        _ARM.reset(token)
+        _CHILD.reset(token)
 
 
 class Tracker:
@@ -146,16 +146,16 @@ def track_run(
 ) -> Iterator[Tracker]:
     """Open an MLflow run; it ends FINISHED, KILLED if interrupted, or FAILED with a traceback.
 
-    `params` is the run's configuration; `tags` may hold the `REVISION` of the code. Inside
-    `as_arm`, the arm gives the name and the parent. `resume` continues the run of that id, or opens
-    a new one if MLflow no longer has it. A local database is created on first use, with the folder
-    for artifacts beside it.
+    `params` is the run's configuration; `tags` may hold the `REVISION` of the code. Name and parent
+    are those of `as_child_run` inside of it. `resume` continues the run of that id, or opens a new
+    one if MLflow no longer has it. A local database is created on first use, with the folder for
+    artifacts beside it.
     """
     client, experiment_id = _connect(settings)
     all_tags = {"mlflow.source.name": "hlp run", **(tags or {})}
-    arm = _ARM.get()
-    if arm is not None:
-        run_name, all_tags[PARENT] = arm.name, arm.parent
+    child = _CHILD.get()
+    if child is not None:
+        run_name, all_tags[PARENT] = child.name, child.parent
     run_id = resume
     resumed = run_id is not None and _reopen(client, run_id)
     if run_id is None or not resumed:
@@ -163,7 +163,7 @@ def track_run(
     tracker = Tracker(client, experiment_id, run_id)
     try:
         if not resumed:  # MLflow lets no parameter be changed, and a resumed run has its own
-            tracker.log_params({**(arm.swept if arm else {}), **flatten(params)})
+            tracker.log_params({**(child.swept if child else {}), **flatten(params)})
         client.log_dict(run_id, dict(params), "config.yaml")
         yield tracker
     except Exception as error:

@@ -1,21 +1,19 @@
 """A run from start to end: learn, find, score, draw, log. Outputs on disk are reused."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 from hlp.config.build import Run
 from hlp.errors import InputError
-from hlp.evaluation.evaluator import FrameTruth, score_targets
+from hlp.evaluation.evaluator import score_targets
 from hlp.evaluation.summary import summarise
 from hlp.evaluation.vote_quality import vote_quality
 from hlp.files import MANIFEST, POSES, SCORES, SUMMARY, write_json
 from hlp.method.compute_threads import set_compute_threads
 from hlp.method.training import read_history
-from hlp.records import PoseEstimate
+from hlp.records import Frame, PoseEstimate
 from hlp.reporting.figures.panels import write_png
 from hlp.reporting.figures.waterfall_bars import draw_waterfall
 from hlp.reporting.mlflow_metrics import summary_metrics
@@ -23,13 +21,14 @@ from hlp.reporting.tables.summary_tables import format_summary
 from hlp.reporting.tracking import Tracker, how_to_browse, track_run
 from hlp.results.poses_file import read_poses, write_poses
 from hlp.results.scores_file import write_scores
-from hlp.runs.diagnosis import count_votes, explain_misses
+from hlp.runs.diagnosis import FrameNotes, explain_misses, note_frame
 from hlp.runs.manifest import make_manifest, poses_digest
 from hlp.runs.mlflow_inputs import log_inputs, log_tables, revision_tag, run_name
 from hlp.runs.run_stages import stages_of
-from hlp.runs.stage_panels import picture_of_stages
+from hlp.runs.stage_panels import drawn_frames, picture_of_stages
 from hlp.runs.timing import Timing, measure_times
 from hlp.stages.detection import DetectionStages
+from hlp.stages.frame_results import Arrays
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
 from hlp.stages.view_task import render_in_workers
@@ -55,11 +54,18 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         detection = stages_of(run, store)
         training = detection.training
         render_in_workers(training, settings.executor)
-        estimates = detection.estimates()
+        notes: dict[str, FrameNotes] = {}
+
+        def look(key: str, found: Mapping[str, Arrays]) -> None:
+            frame = detection.load(key)
+            notes[key] = note_frame(run.dataset, frame, found, settings.evaluation)
+            _draw(run, frame, found, output / "panels")
+
+        estimates = detection.estimates(look)
         _log_training(training, tracker)
         timing = measure_times(run, detection, estimates)
-        summary = _score(run, detection, estimates, timing, output)
-        _draw(run, detection, estimates, output / "panels")
+        in_order = [notes[key] for key in run.keys]
+        summary = _score(run, detection, estimates, in_order, timing, output)
         tracker.log_metrics(summary_metrics(summary))
         log_tables(summary, output, tracker)
         made = make_manifest(run, store)
@@ -75,28 +81,24 @@ def _score(
     run: Run,
     detection: DetectionStages,
     estimates: Sequence[PoseEstimate],
+    notes: Sequence[FrameNotes],
     timing: Timing,
     output: Path,
 ) -> dict[str, Any]:
     """Write poses.csv, then score the poses as read from it."""
     dataset, settings = run.dataset, run.settings
     write_poses(output / POSES, estimates)
-    keys = tqdm(run.keys, desc="scores", unit="frame", disable=None)
-    truths, counted = [], []
-    for key in keys:
-        frame = dataset.frames.load(key)
-        truths.append(FrameTruth.of(frame))
-        counted += count_votes(detection, frame, settings.evaluation)
     saved = read_poses(output / POSES)
+    truths = [each.truth for each in notes]
     scores = score_targets(truths, dataset.models, saved, settings.evaluation)
-    scores = explain_misses(detection, scores, settings.evaluation)
+    scores = explain_misses(detection, notes, scores, settings.evaluation)
     names = {object_id: model.name for object_id, model in dataset.models.items()}
     write_scores(output / SCORES, scores, names)
     summary = summarise(
         scores,
         names,
         timing.milliseconds(),
-        vote_quality(counted, names),
+        vote_quality([counts for each in notes for counts in each.votes], names),
         settings.evaluation,
         settings.seed,
     )
@@ -113,23 +115,16 @@ def _log_training(training: TrainingStages, tracker: Tracker) -> None:
             tracker.log_epoch_metrics(stage, epoch, metrics)
 
 
-def _draw(
-    run: Run, detection: DetectionStages, estimates: Sequence[PoseEstimate], folder: Path
-) -> None:
+def _draw(run: Run, frame: Frame, found: Mapping[str, Arrays], folder: Path) -> None:
     """The paper's four panels (Fig. 7) for a few frames, each for another object in turn."""
-    dataset = run.dataset
-    by_target = {(each.scene_id, each.frame_id, each.object_id): each for each in estimates}
-    count = min(run.settings.panels, len(run.keys))
-    for i in range(count):
-        frame = dataset.frames.load(run.keys[i * len(run.keys) // count])
-        if not frame.targets:
-            continue
-        target = frame.targets[i % len(frame.targets)]
-        estimate = by_target.get((frame.scene_id, frame.frame_id, target.object_id))
-        picture = picture_of_stages(detection, frame, target.object_id, estimate, target)
-        name = dataset.models[target.object_id].name
-        folder.mkdir(parents=True, exist_ok=True)
-        write_png(folder / f"{frame.key}_{name}.png", picture)
+    drawn = drawn_frames(run)
+    if frame.key not in drawn or not frame.targets:
+        return
+    target = frame.targets[drawn.index(frame.key) % len(frame.targets)]
+    model = run.dataset.models[target.object_id]
+    folder.mkdir(parents=True, exist_ok=True)
+    picture = picture_of_stages(frame, found, model, target)
+    write_png(folder / f"{frame.key}_{model.name}.png", picture)
 
 
 def _say_where(run: Run, output: Path, tracker: Tracker) -> None:

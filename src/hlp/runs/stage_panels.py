@@ -1,32 +1,36 @@
 """The results of all stages for one object in one frame, as one picture."""
 
+from collections.abc import Mapping
+
 import numpy as np
 from jaxtyping import UInt8
 
-from hlp.records import Frame, PoseEstimate, Target
+from hlp.config.build import Run, evenly
+from hlp.records import Frame, ObjectModel, Target
 from hlp.reporting.figures.panels import draw_panels
-from hlp.stages.detection import DetectionStages
-from hlp.stages.frame_results import read_regions
+from hlp.stages.frame_detection import estimates_of
+from hlp.stages.frame_results import Arrays, regions_of, votes_of
+
+
+def drawn_frames(run: Run) -> tuple[str, ...]:
+    """Keys of the frames whose panels are drawn: `panels` of the run's, spread evenly."""
+    return evenly(run.keys, run.settings.panels) if run.settings.panels > 0 else ()
 
 
 def picture_of_stages(
-    detection: DetectionStages,
-    frame: Frame,
-    object_id: int,
-    estimate: PoseEstimate | None,
-    truth: Target | None,
+    frame: Frame, found: Mapping[str, Arrays], model: ObjectModel, truth: Target | None
 ) -> UInt8[np.ndarray, "_ _ 3"]:
-    """The paper's four panels (Fig. 7): region, accepted patches, votes and pose."""
-    region = read_regions(detection.regions().folder, frame)[object_id]
-    context = detection.estimator.prepare(frame)
-    coarse = detection.estimator.find_hypotheses(context, region)
-    voters = sorted(set(coarse.votes.patches.tolist()))
+    """The paper's four panels (Fig. 7) of an object: region, accepted patches, votes and pose.
+
+    `found` holds the arrays of each stage in that frame.
+    """
+    object_id = model.object_id
+    estimates = {each.object_id: each for each in estimates_of(frame.key, found["poses"], {})}
     return draw_panels(
         frame,
-        detection.dataset.models[object_id],
-        region,
-        coarse.patches.pixels[voters],
-        coarse.votes,
-        estimate,
+        model,
+        regions_of(found["regions"], (frame.depth.shape[0], frame.depth.shape[1]))[object_id],
+        votes_of(found["hypotheses"], object_id),
+        estimates.get(object_id),
         truth,
     )

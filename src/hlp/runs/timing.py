@@ -70,6 +70,6 @@ def measure_times(
 
 def _look(run: Run, detection: DetectionStages, key: str) -> Seconds:
     """Find every object of one frame; the seconds of its steps, by object."""
-    frame = run.dataset.frames.load(key)
+    frame = detection.load(key)
     wanted = run.dataset.wanted(frame)
     return find_in_frame(detection.estimator, frame, wanted, STAGES, {})[1]

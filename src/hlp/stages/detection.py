@@ -1,8 +1,9 @@
 """Stages that find objects in frames: regions, hypotheses, refined poses, frame by frame."""
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,12 @@ from hlp.stages.executor_settings import ExecutorSettings
 from hlp.stages.fingerprint import fingerprint, stage_code
 from hlp.stages.frame_detection import STAGES, Seconds, estimates_of, find_in_frame
 from hlp.stages.frame_files import read_arrays, write_arrays
+from hlp.stages.frame_results import Arrays
 from hlp.stages.store import Output, StageStore
 from hlp.stages.training import TrainingStages
+
+Visit = Callable[[str, Mapping[str, Arrays]], None]
+"""Is given a frame's key and the arrays that each stage has written of it."""
 
 
 class DetectionStages:
@@ -29,7 +34,8 @@ class DetectionStages:
 
     `keys` are the frames to process. Every stage writes one file per frame, so an interrupted run
     continues where it stopped, and frames can be distributed to workers (`executor`). A frame is
-    decoded once, however many of the stages are missing.
+    decoded once, however many of the stages are missing. `load` decodes a frame, unless it is the
+    one decoded last; whoever else needs its images takes them in the same pass, see `estimates`.
 
     `seconds` holds the times, by frame, of what this object has computed itself. `reused` names the
     stages for which at least one frame was found on disk; that frame has no time.
@@ -52,6 +58,7 @@ class DetectionStages:
         self.store = store
         self.keys = keys
         self.executor = executor
+        self.load = lru_cache(maxsize=1)(dataset.frames.load)
         self.estimator = PoseEstimator(training, settings, dataset.target_ids)
         self.seconds: dict[str, Seconds] = {}
         self.first_use_seconds: float | None = None
@@ -70,9 +77,9 @@ class DetectionStages:
         """Stage 3: the refined hypotheses of every target, and which of them was chosen."""
         return self._make_up_to("poses")
 
-    def _make_up_to(self, last: str) -> Output:
+    def _make_up_to(self, last: str, visit: Visit | None = None) -> Output:
         """The output of a stage; those before it that are missing are made in the same pass."""
-        if last in self._made:
+        if last in self._made and visit is None:
             return self._made[last]
         self.training.make_for(self.dataset.target_ids)
         wanted = STAGES[: STAGES.index(last) + 1]
@@ -86,7 +93,11 @@ class DetectionStages:
             folders = {stage: each.folder for stage, each in opened.items()}
             missing = [stage for stage, each in opened.items() if not each.finished]
             self.reused |= opened.keys() - {*missing} - self._made.keys()
-            self._find_in_all(folders, missing)
+            bar = " + ".join(missing) or "frames"
+            keys = self._process(folders, missing)
+            for key in tqdm(keys, bar, len(self.keys), unit="frame", disable=None):
+                if visit is not None:
+                    visit(key, {s: read_arrays(folders[s], key) for s in folders})
             for each in stacks.values():
                 each.close()  # publishes what was made, in the order of the stages
         for stage, (name, _) in described.items():
@@ -161,19 +172,20 @@ class DetectionStages:
         """Use outputs that other stages with the same settings have made or found."""
         self._made |= made
 
-    def _find_in_all(self, folders: Mapping[str, Path], missing: Sequence[str]) -> None:
-        left = [
-            key
+    def _process(self, folders: Mapping[str, Path], missing: Sequence[str]) -> Iterator[str]:
+        """Process the frames of which a stage is missing; yields all keys, each when it is done."""
+        done = {
+            key: all((folders[stage] / f"{key}.npz").exists() for stage in missing)
             for key in self.keys
-            if not all((folders[stage] / f"{key}.npz").exists() for stage in missing)
-        ]
-        if len(left) < len(self.keys):  # an interrupted run's
+        }
+        if any(done.values()):  # of an interrupted run
             self.reused |= {*missing}
-        with tqdm(desc=" + ".join(missing), unit="frame", total=len(left), disable=None) as bar:
-            for key, seconds in self._each(folders, missing, left):
-                before = self.seconds.get(key, {})
-                self.seconds[key] = {i: {**before.get(i, {}), **seconds[i]} for i in seconds}
-                bar.update()
+        yield from (key for key in self.keys if done[key])
+        left = [key for key in self.keys if not done[key]]
+        for key, seconds in self._each(folders, missing, left):
+            before = self.seconds.get(key, {})
+            self.seconds[key] = {i: {**before.get(i, {}), **seconds[i]} for i in seconds}
+            yield key
 
     def _each(
         self, folders: Mapping[str, Path], missing: Sequence[str], keys: Sequence[str]
@@ -193,7 +205,7 @@ class DetectionStages:
 
         The first frame is processed twice, so that its time excludes loading and compiling.
         """
-        frame = self.dataset.frames.load(key)
+        frame = self.load(key)
         wanted = self.dataset.wanted(frame)
         given = {s: read_arrays(folders[s], key) for s in folders if s not in missing}
         if self.first_use_seconds is None:
@@ -206,9 +218,13 @@ class DetectionStages:
             write_arrays(folders[stage], key, found[stage])
         return seconds
 
-    def estimates(self) -> list[PoseEstimate]:
-        """The pose of every object looked for, with the times measured by this object."""
-        folder = self.poses().folder
+    def estimates(self, visit: Visit | None = None) -> list[PoseEstimate]:
+        """The pose of every object looked for, with the times measured by this object.
+
+        `visit` is called once for every frame, in any order: here, not in a worker, and as soon as
+        the frame is processed, so that `load` has it still decoded.
+        """
+        folder = self._make_up_to("poses", visit).folder
         return [
             estimate
             for key in self.keys

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from hlp.method.conflicts import Found, resolve_conflicts
 from hlp.method.pose_estimator import FrameContext, PoseEstimator
 from hlp.records import Frame, PoseEstimate
 from hlp.stages.frame_results import (
@@ -90,12 +91,20 @@ def _poses(
     before: Mapping[str, Arrays],
     seconds: Seconds,
 ) -> Arrays:
-    arrays: Arrays = {}
+    found: Found = {}
+    hypotheses = {i: hypotheses_of(before["hypotheses"], i) for i in wanted}
     for object_id, spent in seconds.items():
         begun = time.perf_counter()
-        hypotheses = hypotheses_of(before["hypotheses"], object_id)
-        refined = estimator.refine(context, object_id, hypotheses, wanted[object_id])
+        found[object_id] = estimator.refine(
+            context, object_id, hypotheses[object_id], wanted[object_id]
+        )
         spent["refinement"] = time.perf_counter() - begun
+    begun = time.perf_counter()
+    found = resolve_conflicts(estimator, context, found, hypotheses, wanted)
+    shared = (time.perf_counter() - begun) / max(len(found), 1)
+    arrays: Arrays = {}
+    for object_id, refined in found.items():
+        seconds[object_id]["refinement"] += shared
         arrays |= refined_arrays(object_id, refined)
     return arrays
 

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hlp.geometry import quaternions
+from hlp.geometry import quaternions, rotation_matrices
 from hlp.method.pose_estimator import CoarseResult
-from hlp.records import Frame, Hypotheses, Region
+from hlp.records import Frame, Hypotheses, Region, Votes
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.stages.frame_files import read_arrays
 
@@ -73,6 +73,19 @@ def regions_of(stored: Arrays, shape: tuple[int, int]) -> dict[int, Region]:
 def hypotheses_of(stored: Arrays, object_id: int) -> Hypotheses:
     """Hypotheses of an object, from a frame's arrays."""
     return Hypotheses(stored[f"{object_id}/poses"], stored[f"{object_id}/support"])
+
+
+def votes_of(stored: Arrays, object_id: int) -> Votes:
+    """Votes for an object, from a frame's arrays. Patches that cast none have no number."""
+    name = str(object_id)
+    pixels = stored[f"{name}/vote_pixels"].astype(np.float64)
+    return Votes(
+        stored[f"{name}/vote_centroids"],
+        rotation_matrices(stored[f"{name}/vote_quaternions"]),
+        stored[f"{name}/vote_weights"].astype(np.float64),
+        np.unique(pixels, axis=0, return_inverse=True)[1].reshape(-1),
+        pixels,
+    )
 
 
 def read_regions(folder: Path, frame: Frame) -> dict[int, Region]:

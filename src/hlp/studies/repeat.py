@@ -44,7 +44,7 @@ def run_again(run: "Run", manifest: Path, output: Path) -> None:
     """
     from hlp.studies import tasks
 
-    check_same(run, manifest)
+    check_manifest(run, manifest)
     tasks.run_task(run, output)
     digest = read_manifest(manifest).get("poses")
     if digest is None:  # a study's, which has no poses
@@ -55,7 +55,7 @@ def run_again(run: "Run", manifest: Path, output: Path) -> None:
         logging.getLogger(__name__).warning("Repeated  NOT the same poses as in %s", manifest)
 
 
-def check_same(run: "Run", manifest: Path) -> None:
+def check_manifest(run: "Run", manifest: Path) -> None:
     """Raise DataError if the data are not those of the manifest; warn of other code or versions.
 
     The message names the data that differ: models, frames, photographs, …

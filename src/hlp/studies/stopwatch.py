@@ -12,6 +12,7 @@ from hlp.codebook.neighbours import ExactNeighbours
 from hlp.method.pose_estimator import CoarseResult, FrameContext, PoseEstimator
 from hlp.records import Frame, Hypotheses, LocalPatches, Region
 from hlp.refinement.choice import RefinedHypotheses
+from hlp.refinement.verification import Observation
 
 PARTS = {
     "windows": 1,
@@ -113,7 +114,7 @@ class TimedEstimator(PoseEstimator):
 
     def _load_object(self, object_id: int) -> None:
         self._codebook(object_id)
-        self._verifier(object_id)
+        self.verifier(object_id)
 
     def _charge(self, owner: Any, method: str, during: str, after: str) -> None:
         """Make the clock enter `during` as a method of `owner` begins, and `after` as it ends."""
@@ -146,11 +147,16 @@ class TimedEstimator(PoseEstimator):
         return super().find_hypotheses(context, region)
 
     def refine(
-        self, context: FrameContext, object_id: int, hypotheses: Hypotheses, instances: int = 1
+        self,
+        context: FrameContext,
+        object_id: int,
+        hypotheses: Hypotheses,
+        instances: int = 1,
+        unexplained: Observation | None = None,
     ) -> RefinedHypotheses | None:
         """Stage 3; see PoseEstimator.refine."""
         self.clock.enter("screen")
-        return super().refine(context, object_id, hypotheses, instances)
+        return super().refine(context, object_id, hypotheses, instances, unexplained)
 
     def entries(self, object_id: int) -> int:
         """Number of the codebook's entries."""

@@ -24,7 +24,7 @@ from hlp.errors import HlpError, InputError, MissingFileError
 from hlp.files import SWEEP, read_json, write_json
 from hlp.reporting.figures.trade_off import draw_trade_off
 from hlp.reporting.reproductions import write_reproductions
-from hlp.reporting.tracking import Arm, Tracker, TrackingSettings, as_arm, track_run
+from hlp.reporting.tracking import ChildRun, Tracker, TrackingSettings, as_child_run, track_run
 from hlp.runs.manifest import is_finished
 from hlp.runs.mlflow_inputs import revision_tag
 from hlp.settings import read_settings
@@ -111,7 +111,7 @@ def run_one(config: DictConfig) -> None:
         raise MissingFileError(f"no {SWEEP} in {hydra.sweep.dir}: the sweep could not be opened")
     swept = _swept_values(config, list(hydra.overrides.task), sweep["swept"])
     name = f"{config.name} {hydra.job.num}: {' '.join(f'{k}={v}' for k, v in swept.items())}"
-    with as_arm(Arm(name, sweep["run_id"], swept)):
+    with as_child_run(ChildRun(name, sweep["run_id"], swept)):
         try:
             run = build.build_run(config)
         except Exception:  # recorded, and raised again

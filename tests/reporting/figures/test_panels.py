@@ -10,10 +10,10 @@ from hlp.reporting.figures.panels import (
     ESTIMATE_COLOR,
     TITLE_HEIGHT,
     TRUTH_COLOR,
-    count_votes,
     draw_panels,
     draw_poses,
     draw_region,
+    votes_by_cell,
     write_png,
 )
 
@@ -65,13 +65,13 @@ def test_votes_are_counted_in_the_cell_of_the_pixel_they_fall_on() -> None:
         column, row = round(100 * x / z + 49.5), round(100 * y / z + 35.0)
         if 0 <= column < 104 and 0 <= row < 72:
             expected[row // 8, column // 8] += 1
-    counts = count_votes(votes_at(centroids), CAMERA, SHAPE)
+    counts = votes_by_cell(votes_at(centroids), CAMERA, SHAPE)
     assert expected.sum() > 300
     np.testing.assert_array_equal(counts, expected)
 
 
 def test_no_votes_count_nothing() -> None:
-    assert count_votes(votes_at(np.zeros((0, 3))), CAMERA, SHAPE).sum() == 0
+    assert votes_by_cell(votes_at(np.zeros((0, 3))), CAMERA, SHAPE).sum() == 0
 
 
 def test_region_keeps_its_brightness_and_the_rest_is_darkened() -> None:
@@ -104,7 +104,6 @@ def test_four_panels_and_a_file(model: ObjectModel, tmp_path: Path, found: bool)
         shot,
         model,
         region,
-        np.array([[10.0, 20.0], [-900.0, 3e9]]),
         votes_at(np.array([[0.0, 0.0, 1.0]])),
         estimate,
         Target(1, at(0.0, 0.1, 1.0)) if found else None,

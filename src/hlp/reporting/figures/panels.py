@@ -27,26 +27,26 @@ def draw_panels(
     frame: Frame,
     model: ObjectModel,
     region: Region,
-    patch_pixels: Float[np.ndarray, "n 2"],
     votes: Votes,
     estimate: PoseEstimate | None,
     truth: Target | None,
 ) -> UInt8[np.ndarray, "_ _ 3"]:
     """One RGB picture of four panels: region, accepted local patches, votes, and the pose.
 
-    `patch_pixels` are the centres (x, y) of the accepted local patches. The estimated pose is drawn
-    shaded and with its axes, the true pose as an outline in another colour; either may be None.
+    Accepted are the local patches that voted. The estimated pose is drawn shaded and with its axes,
+    the true pose as an outline in another colour; either may be None.
     """
+    accepted = np.unique(votes.pixels, axis=0)
     pose = estimate.pose_cam_obj if estimate is not None else None
     true_pose = truth.pose_cam_obj if truth is not None else None
     verdict = f"score {estimate.score:.2f} (green)" if estimate and pose is not None else "no pose"
     verdict += ", truth (pink)" if truth is not None else ""
     region_title = f"1 candidate region, of {len(region.centers)} windows"
-    patches_title = f"2 local patches: {len(patch_pixels)} accepted"
+    patches_title = f"2 local patches: {len(accepted)} accepted"
     votes_title = f"3 votes: {len(votes)}, in {VOTE_CELL}x{VOTE_CELL} px cells"
     panels = [
         _titled(draw_region(frame.rgb, region.mask), region_title),
-        _titled(draw_patches(frame.rgb, patch_pixels), patches_title),
+        _titled(draw_patches(frame.rgb, accepted), patches_title),
         _titled(draw_votes(frame, votes, model, true_pose), votes_title),
         _titled(draw_poses(frame, model, pose, true_pose), f"4 {model.name}: {verdict}"),
     ]
@@ -73,7 +73,7 @@ def draw_patches(rgb: Image, pixels: Float[np.ndarray, "n 2"]) -> Image:
     return picture
 
 
-def count_votes(
+def votes_by_cell(
     votes: Votes, camera_matrix: Float[np.ndarray, "3 3"], shape: tuple[int, int]
 ) -> Int[np.ndarray, "rows columns"]:
     """Number of votes for the centroid in each cell of 8×8 px of the image.
@@ -94,7 +94,7 @@ def draw_votes(
 ) -> Image:
     """Cells coloured by their number of votes, few (blue) to many (red); a ring marks the truth."""
     height, width = frame.depth.shape
-    counts = count_votes(votes, frame.camera_matrix, (height, width))
+    counts = votes_by_cell(votes, frame.camera_matrix, (height, width))
     scaled = np.rint(counts * (255.0 / max(counts.max(), 1))).astype(np.uint8)
     colors = cv2.cvtColor(cv2.applyColorMap(scaled, cv2.COLORMAP_TURBO), cv2.COLOR_BGR2RGB)
     cells = np.repeat(np.repeat(colors, VOTE_CELL, axis=0), VOTE_CELL, axis=1)[:height, :width]

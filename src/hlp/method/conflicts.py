@@ -1,0 +1,80 @@
+"""Objects of one frame compete for its pixels: what one pose explains supports no other."""
+
+from collections.abc import Mapping
+
+from hlp.method.pose_estimator import FrameContext, PoseEstimator
+from hlp.records import Hypotheses
+from hlp.refinement.choice import RefinedHypotheses
+from hlp.refinement.verification import Observation
+
+Found = dict[int, RefinedHypotheses | None]
+"""What stage 3 found, by object id; None where there was no hypothesis."""
+
+
+def resolve_conflicts(
+    estimator: PoseEstimator,
+    context: FrameContext,
+    found: Found,
+    hypotheses: Mapping[int, Hypotheses],
+    wanted: Mapping[int, int],
+) -> Found:
+    """What `PoseEstimator.refine` found for the objects of a frame, without double claims.
+
+    In order of cost, the instances of all objects take the pixels that they explain. If more than
+    half of the pixels that agree with an instance are taken by other objects, its object is refined
+    once more with the pixels that the others leave. `wanted` is the number of instances by object.
+    """
+    if sum(each is not None for each in found.values()) < 2:
+        return found
+    claims: dict[int, list[int]] = {}
+    unexplained, losers = context.observation, []
+    for object_id, row in _by_cost(found):
+        if object_id in losers:
+            continue
+        refined = found[object_id]
+        assert refined is not None
+        pose = refined.refined[row].pose_cam_obj
+        verifier = estimator.verifier(object_id)
+        evidence = verifier.evidence(context.observation, pose[None])
+        if verifier.is_free(unexplained, pose[None], evidence)[0]:
+            unexplained = verifier.without_explained(unexplained, pose)
+            claims.setdefault(object_id, []).append(row)
+        else:
+            losers.append(object_id)
+            claims.pop(object_id, None)
+    resolved = dict(found)
+    for object_id in losers:
+        left = _left_by_others(estimator, context, resolved, claims)
+        again = estimator.refine(context, object_id, hypotheses[object_id], wanted[object_id], left)
+        resolved[object_id] = again
+        if again is not None:
+            claims[object_id] = list(again.instances)
+    return resolved
+
+
+def _by_cost(found: Found) -> list[tuple[int, int]]:
+    """Object and row of every instance, that of lowest cost first."""
+    instances = [
+        (float(refined.costs[row]), object_id, row)
+        for object_id, refined in found.items()
+        if refined is not None
+        for row in refined.instances
+    ]
+    return [(object_id, row) for _, object_id, row in sorted(instances)]
+
+
+def _left_by_others(
+    estimator: PoseEstimator,
+    context: FrameContext,
+    found: Found,
+    claims: Mapping[int, list[int]],
+) -> Observation:
+    """The image without what the instances in `claims` (rows by object) explain."""
+    left = context.observation
+    for object_id, rows in claims.items():
+        refined = found[object_id]
+        assert refined is not None
+        for row in rows:
+            pose = refined.refined[row].pose_cam_obj
+            left = estimator.verifier(object_id).without_explained(left, pose)
+    return left

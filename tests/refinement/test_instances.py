@@ -1,0 +1,103 @@
+"""Several instances of one object in a frame: each is chosen once, on pixels of its own."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from refinement_scene import CAMERA, SHAPE, Scene, disturbed, make_row
+
+from hlp.geometry import transform
+from hlp.records import Hypotheses
+from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
+from hlp.refinement.none import NoneSettings
+from hlp.refinement.pso import PsoSettings
+from hlp.refinement.verification import VerificationSettings, Verifier, observe
+from hlp.rendering.light import FRONTAL_LIGHT
+from hlp.rendering.rasterizer import render_scene
+
+
+@pytest.fixture(scope="module")
+def row() -> list[Scene]:
+    return make_row()
+
+
+def find(
+    row: list[Scene],
+    poses: np.ndarray,
+    verification: VerificationSettings,
+    count: int,
+    **given: Any,
+) -> RefinedHypotheses | None:
+    refiner = given.get("settings", NoneSettings()).build(1)
+    scene = row[0]
+    return refine_and_choose(
+        refiner,
+        Verifier(scene.model, verification),
+        observe(scene.rgb, scene.depth, CAMERA, verification),
+        scene.model,
+        Hypotheses(poses, np.ones(len(poses))),
+        candidates=8,
+        max_improvement=0.1,
+        seed=3,
+        instances=count,
+    )
+
+
+def centres(row: list[Scene], found: RefinedHypotheses) -> np.ndarray:
+    poses = np.stack([found.refined[i].pose_cam_obj for i in found.instances])
+    return transform(poses, row[0].model.centroid[None])[:, 0]
+
+
+def test_every_instance_is_found_once(row: list[Scene], verification: VerificationSettings) -> None:
+    """Though the hypotheses near the first one all cost less than those of the last, hidden one."""
+    poses = np.concatenate(
+        [[disturbed(scene, 1.0 + k, 1.0 + k, seed=k) for k in range(5)] for scene in row]
+    )
+    settings = PsoSettings(particles=15, iterations=15)
+    found = find(row, poses, verification, 3, settings=settings)
+    assert found is not None and len(found.instances) == 3 == len(set(found.instances))
+    true = transform(np.stack([scene.pose for scene in row]), row[0].model.centroid[None])[:, 0]
+    order = np.argsort(centres(row, found)[:, 0])
+    np.testing.assert_allclose(centres(row, found)[order], true, atol=0.006)
+    # The least hidden ones first; each cost is that of its own pose.
+    assert found.best == found.instances[0]
+    costs = found.costs[list(found.instances)]
+    assert (costs < 0.3).all() and costs[2] > costs[:2].max()
+
+
+def test_there_are_no_more_instances_than_things_to_stand_on(
+    row: list[Scene], verification: VerificationSettings
+) -> None:
+    """Hypotheses on explained pixels are no further instance, however many are asked for."""
+    poses = np.stack([disturbed(row[1], 2.0 * k, 2.0 * k, seed=k) for k in range(6)])
+    found = find(row, poses, verification, 4)
+    assert found is not None and len(found.instances) == 1
+
+
+def test_the_first_instance_does_not_depend_on_how_many_are_asked_for(
+    row: list[Scene], verification: VerificationSettings
+) -> None:
+    poses = np.stack([disturbed(scene, 3.0, 3.0, seed=k) for k, scene in enumerate(row)])
+    one, three = (find(row, poses, verification, count) for count in (1, 3))
+    assert one is not None and three is not None
+    assert len(one.instances) == 1 and len(three.instances) == 3
+    first, again = (each.refined[each.best].pose_cam_obj for each in (one, three))
+    np.testing.assert_array_equal(first, again)
+    assert one.costs[one.best] == three.costs[three.best]
+
+
+def test_explained_pixels_have_no_depth_and_others_keep_theirs(
+    row: list[Scene], verification: VerificationSettings
+) -> None:
+    scene = row[1]
+    verifier = Verifier(scene.model, verification)
+    before = observe(scene.rgb, scene.depth, CAMERA, verification)
+    after = verifier.without_explained(before, scene.pose)
+    alone = render_scene([(scene.model.mesh, scene.pose)], CAMERA, SHAPE, FRONTAL_LIGHT)[1]
+    agree = (alone > 0) & (np.abs(alone - scene.depth) <= verification.tau_depth_mm / 1000)
+    np.testing.assert_array_equal(after.depth, np.where(agree, 0.0, scene.depth))
+    assert verifier.evidence(after, scene.pose[None]).area[0] == 0.0
+    others = np.stack([row[0].pose, row[2].pose])
+    np.testing.assert_array_equal(
+        verifier.evidence(after, others).area, verifier.evidence(before, others).area
+    )
