@@ -14,6 +14,7 @@ TINY = (
     "patches.pool.backgrounds=300",
     "patches.pairs.per_object=300",
     "classifier.epochs=3",
+    "score.scenes=4",
 )
 
 

@@ -15,6 +15,7 @@ from hlp.method.settings import (
     MachineSettings,
     MethodSettings,
     PatchesSettings,
+    ScoreSettings,
     TrainerSettings,
 )
 from hlp.models.classifier import ClassifierSettings
@@ -80,6 +81,7 @@ class RunSettings(Settings):
     codebook: Annotated[NeighboursSettings, SEARCHES]
     voting: Annotated[VotingSettings, VOTINGS]
     refinement: Annotated[RefinementSettings, REFINERS]
+    score: ScoreSettings
     evaluation: EvaluationSettings
     reporting: TrackingSettings
     trainer: TrainerSettings
@@ -104,6 +106,7 @@ class RunSettings(Settings):
             codebook=self.codebook,
             voting=self.voting,
             refinement=self.refinement,
+            score=self.score,
             trainer=self.trainer,
             machine=self.machine,
         )

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
@@ -30,6 +30,8 @@ _DISTANCE = (0.45, 1.2)  # m from the camera to the object's centroid, at least 
 _THINGS = (5, 12)  # other shapes in a scene
 _NOISE = (1.0, 3.0)  # times a Kinect's
 _EDGE_JITTER = 3  # px, at most
+_LOST_EDGE = 3  # px without depth on each side of a jump in depth, at most
+_JUMP = 0.02  # relative difference that is a jump
 _WARP = 0.003  # m at 1 m: depth that is off smoothly, standard deviation
 _MODEL_ERROR = 0.02  # of its size in each direction: no product is its model
 _LEAST_VISIBLE = 0.1  # an object that shows less is no target
@@ -135,13 +137,11 @@ def _things(
     return parts
 
 
-def _occluders(
-    model: ObjectModel, pose: Pose, rng: np.random.Generator
-) -> list[tuple[Mesh, Pose]]:
+def _occluders(model: ObjectModel, pose: Pose, rng: np.random.Generator) -> list[tuple[Mesh, Pose]]:
     """None, one or two shapes in front of a part of the object's place."""
     center = transform(pose, model.centroid[None])[0]
     parts = []
-    for _ in range(int(rng.choice([0, 1, 2], p=[0.5, 0.35, 0.15]))):
+    for _ in range(int(rng.choice([0, 1, 2], p=[0.65, 0.3, 0.05]))):
         mesh = _random_thing(model, rng)
         size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))) / 2
         side = rng.normal(size=3)
@@ -253,4 +253,14 @@ def _sensed(
     grid = rng.normal(0.0, _WARP, (12, 16)).astype(np.float32)
     warp = cv2.resize(grid, size, interpolation=cv2.INTER_CUBIC)
     warped = np.where(depth > 0.0, depth + warp * depth * depth, depth).astype(np.float32)
-    return noisy_rgb(np.asarray(moved), rng, sensor), noisy_depth(warped, focal, rng, sensor)
+    read = noisy_depth(warped, focal, rng, sensor)
+    read[_near_jumps(depth, int(rng.integers(0, _LOST_EDGE + 1)))] = 0.0
+    return noisy_rgb(np.asarray(moved), rng, sensor), read
+
+
+def _near_jumps(depth: Float[np.ndarray, "h w"], radius: int) -> Bool[np.ndarray, "h w"]:
+    """Pixels up to `radius` px from one side of a jump in depth; none for a radius of 0."""
+    if radius == 0:
+        return np.zeros(depth.shape, dtype=bool)
+    window = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
+    return np.asarray(cv2.dilate(depth, window) - cv2.erode(depth, window) > _JUMP * depth)

@@ -155,7 +155,7 @@ class Verifier:
 
     def __init__(self, model: ObjectModel, settings: VerificationSettings) -> None:
         mesh = model.proxy
-        self._settings, self._mesh = settings, mesh
+        self._settings, self.mesh = settings, mesh
         self._centroid, self._radius = model.centroid, model.diameter / 2.0
         self._vertices, self._faces, self._closed = prepare_mesh(mesh)
         offset_colors = mesh.colors[mesh.faces].mean(axis=1) + COLOR_OFFSET
@@ -200,11 +200,18 @@ class Verifier:
         depth = observation.depth
         shape = (depth.shape[0], depth.shape[1])
         rendered = render_depth(
-            self._mesh, pose_cam_obj[None], observation.camera_matrix, shape, threads=1
+            self.mesh, pose_cam_obj[None], observation.camera_matrix, shape, threads=1
         )[0]
-        tau = self._settings.tau_depth_mm / 1000.0
-        explained = (rendered > 0.0) & (np.abs(depth - rendered) <= tau)
+        explained = self.agreeing(observation, rendered)
         return replace(observation, depth=np.where(explained, np.float32(0.0), depth))
+
+    def agreeing(
+        self, observation: Observation, rendered: Float[np.ndarray, "h w"]
+    ) -> Bool[np.ndarray, "h w"]:
+        """Pixels of the silhouette whose depth agrees with the rendered one up to τ_d."""
+        tau = self._settings.tau_depth_mm / 1000.0
+        present = (rendered > 0.0) & (observation.depth > 0.0)
+        return np.asarray(present & (np.abs(observation.depth - rendered) <= tau))
 
     def is_free(
         self,

@@ -14,6 +14,7 @@ from hlp.files import MANIFEST, POSES, SCORES, SUMMARY, write_json
 from hlp.method.compute_threads import set_compute_threads
 from hlp.method.training import read_history
 from hlp.records import Frame, PoseEstimate
+from hlp.refinement.score_model import ScoreModel
 from hlp.reporting.figures.panels import write_png
 from hlp.reporting.figures.waterfall_bars import draw_waterfall
 from hlp.reporting.mlflow_metrics import summary_metrics
@@ -54,12 +55,13 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         detection = stages_of(run, store)
         training = detection.training
         render_in_workers(training, settings.executor)
+        scores = detection.scores()
         notes: dict[str, FrameNotes] = {}
 
         def look(key: str, found: Mapping[str, Arrays]) -> None:
             frame = detection.load(key)
             notes[key] = note_frame(run.dataset, frame, found, settings.evaluation)
-            _draw(run, frame, found, output / "panels")
+            _draw(run, frame, found, scores, output / "panels")
 
         estimates = detection.estimates(look)
         _log_training(training, tracker)
@@ -115,7 +117,13 @@ def _log_training(training: TrainingStages, tracker: Tracker) -> None:
             tracker.log_epoch_metrics(stage, epoch, metrics)
 
 
-def _draw(run: Run, frame: Frame, found: Mapping[str, Arrays], folder: Path) -> None:
+def _draw(
+    run: Run,
+    frame: Frame,
+    found: Mapping[str, Arrays],
+    scores: Mapping[int, ScoreModel],
+    folder: Path,
+) -> None:
     """The paper's four panels (Fig. 7) for a few frames, each for another object in turn."""
     drawn = drawn_frames(run)
     if frame.key not in drawn or not frame.targets:
@@ -123,7 +131,7 @@ def _draw(run: Run, frame: Frame, found: Mapping[str, Arrays], folder: Path) -> 
     target = frame.targets[drawn.index(frame.key) % len(frame.targets)]
     model = run.dataset.models[target.object_id]
     folder.mkdir(parents=True, exist_ok=True)
-    picture = picture_of_stages(frame, found, model, target)
+    picture = picture_of_stages(frame, found, model, scores, target)
     write_png(folder / f"{frame.key}_{model.name}.png", picture)
 
 
