@@ -128,7 +128,7 @@ class FakeEstimator:
 
     def measure_fit(self, context: Any, object_id: int, pose: np.ndarray) -> PoseFit:
         """A fit that depends on the pose alone."""
-        return PoseFit(0.1 * pose[0, 3], 0.9, 3.0, 1.0, 500.0)
+        return PoseFit(0.1 * pose[0, 3], 0.9, 0.9, 3.0, 1.0)
 
     def _step(self, name: str, context: Any, object_id: int) -> np.random.Generator:
         step = name, context.frame.key, object_id

@@ -24,6 +24,7 @@ Pose = Float[np.ndarray, "4 4"]
 _BOP_FRACTIONS = np.arange(1, 11) * 0.05
 _BOP_PIXELS = np.arange(1, 11) * 5.0
 _BOP_WIDTH = 640
+_FEW_VERTICES = 2000
 
 
 @dataclass(frozen=True)
@@ -102,6 +103,8 @@ class _ObjectScorer:
         self.add_limit = settings.add_fraction * model.diameter
         self._symmetric = settings.is_symmetric(model)
         self._tree = cKDTree(self._vertices) if self._symmetric else None
+        self._few_vertices = self._vertices[:: max(1, len(self._vertices) // _FEW_VERTICES)]
+        self._few_tree = cKDTree(self._few_vertices)
         try:
             self._hull = self._vertices[ConvexHull(self._vertices).vertices]
         except QhullError:  # a flat object
@@ -112,19 +115,20 @@ class _ObjectScorer:
         targets = [t for t in truth.targets if t.object_id == self._model.object_id]
         matched = self._match(targets, estimates)
         return [
-            self._missing(truth, target) if pose is None else self._score(truth, target, pose)
-            for target, pose in zip(targets, matched, strict=True)
+            self._missing(truth, target) if found is None else self._score(truth, target, *found)
+            for target, found in zip(targets, matched, strict=True)
         ]
 
     def _match(
         self, targets: Sequence[Target], estimates: Sequence[PoseEstimate]
-    ) -> list[Pose | None]:
-        matched: list[Pose | None] = [None] * len(targets)
+    ) -> list[tuple[Pose, float] | None]:
+        """Pose and score of the estimate of each target."""
+        matched: list[tuple[Pose, float] | None] = [None] * len(targets)
         for estimate in sorted(estimates, key=lambda item: -item.score):
-            free = [i for i, pose in enumerate(matched) if pose is None]
+            free = [i for i, each in enumerate(matched) if each is None]
             pose = estimate.pose_cam_obj
             if pose is not None and free:
-                matched[self._closest(targets, free, pose)] = pose
+                matched[self._closest(targets, free, pose)] = pose, estimate.score
         return matched
 
     def _closest(self, targets: Sequence[Target], free: Sequence[int], pose: Pose) -> int:
@@ -138,7 +142,11 @@ class _ObjectScorer:
             return errors.add_s(estimated, true, self._vertices, self._tree)
         return errors.add(estimated, true, self._vertices)
 
-    def _score(self, truth: FrameTruth, target: Target, pose: Pose) -> TargetScore:
+    def _add_s(self, estimated: Pose, true: Pose) -> float:
+        """ADD-S (m) over about 2000 of the vertices."""
+        return errors.add_s(estimated, true, self._few_vertices, self._few_tree)
+
+    def _score(self, truth: FrameTruth, target: Target, pose: Pose, score: float) -> TargetScore:
         settings, true = self._settings, target.pose_cam_obj
         alike = true
         if self._symmetric:
@@ -164,6 +172,8 @@ class _ObjectScorer:
             mssd_recall=self._mssd_recall(pose, true),
             mspd_recall=self._mspd_recall(pose, true, truth),
             vsd_recall=self._vsd_recall(pose, true, truth),
+            score=score,
+            add_s_correct=self._add_s(pose, true) < self.add_limit,
         )
 
     def _mssd_recall(self, pose: Pose, true: Pose) -> float:

@@ -205,7 +205,7 @@ def _draw_plane(
     rng: np.random.Generator,
 ) -> tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]]:
     """Colour and depth of the plane, and of a wall where it is farther away than that."""
-    y, x = np.mgrid[: shape[0], : shape[1]]
+    y, x = np.mgrid[0.0 : shape[0], 0.0 : shape[1]]
     rays = back_project(np.stack([x, y], axis=-1), np.ones(shape), camera_matrix)
     wall = rng.uniform(1.3, 3.0)
     with np.errstate(divide="ignore"):

@@ -19,20 +19,21 @@ from hlp.files import read_json, write_json
 from hlp.refinement.pose_fit import PoseFit
 
 _FILE = "score.json"
-_HIGHEST_RELIEF = 0.995  # sensor noise decides above it
+_HIGHEST = 0.995  # correlation; sensor noise decides above it
 
 
 @dataclass(frozen=True)
 class ScoreModel:
-    """Weights of the logistic regression: score = 1 / (1 + exp(-(bias + cost·c + relief·z))).
+    """Weights of the logistic regression: score = 1 / (1 + exp(-(bias + cost·c + shape·z))).
 
-    c is the verification cost and z the Fisher transform artanh(r) of the relief's correlation r.
-    `cost` is at most 0 and `relief` at least 0: the score never falls when the fit is better.
+    c is the verification cost, z the mean Fisher transform artanh(r) of the correlations r of
+    relief and slope. `cost` is at most 0 and `shape` at least 0: the score never falls when the fit
+    is better.
     """
 
     bias: float
     cost: float
-    relief: float
+    shape: float
 
     def score(self, fit: PoseFit) -> float:
         """The probability that a pose with this fit is right."""
@@ -40,29 +41,35 @@ class ScoreModel:
         return float(1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0))))
 
     def _weights(self) -> Float[np.ndarray, "3"]:
-        return np.array([self.bias, self.cost, self.relief])
+        return np.array([self.bias, self.cost, self.shape])
 
 
-PRIOR = ScoreModel(bias=1.0, cost=-20.0, relief=3.0)
-"""Weights of an object of which nothing is known but its CAD model."""
-_SPREAD = np.array([2.0, 10.0, 1.5])
+PRIOR = ScoreModel(bias=4.1, cost=-27.4, shape=2.5)
+"""Weights fitted in this way to rendered scenes of several objects by benchmarks/score_prior.py."""
+_SPREAD = np.array([1.0, 5.0, 0.5])
 """Standard deviations of the weights over objects."""
 
 
 def fit_score_model(fits: Sequence[PoseFit], right: Bool[np.ndarray, "n"]) -> ScoreModel:
     """The most probable weights, given poses that are right or not, and their prior.
 
-    Maximum a posteriori with independent normal priors, `cost` and `relief` bounded by 0. Without
-    poses it is the prior.
+    Maximum a posteriori with independent normal priors, `cost` and `shape` bounded by 0. Right and
+    wrong poses have the same total weight: how often an object is where it is looked for is not
+    known when it is learnt. Without right or without wrong poses it is the prior.
     """
+    count = np.array([np.count_nonzero(~right), np.count_nonzero(right)])
+    if not count.all():
+        return PRIOR
     inputs = np.column_stack([np.ones(len(fits)), _inputs(fits)])
+    counted = (0.5 * len(fits) / count)[right.astype(int)]
     prior = PRIOR._weights()
 
     def loss(weights: Float[np.ndarray, "3"]) -> tuple[float, Float[np.ndarray, "3"]]:
         logits = inputs @ weights
         away = (weights - prior) / _SPREAD
-        value = np.logaddexp(0.0, logits).sum() - logits[right].sum() + 0.5 * away @ away
-        slope = inputs.T @ (1.0 / (1.0 + np.exp(-logits)) - right) + away / _SPREAD
+        value = counted @ (np.logaddexp(0.0, logits) - logits * right) + 0.5 * away @ away
+        wrong = 1.0 / (1.0 + np.exp(-logits)) - right
+        slope = inputs.T @ (counted * wrong) + away / _SPREAD
         return float(value), slope
 
     bounds = [(None, None), (None, 0.0), (0.0, None)]
@@ -72,7 +79,7 @@ def fit_score_model(fits: Sequence[PoseFit], right: Bool[np.ndarray, "n"]) -> Sc
 
 def save_score_model(folder: Path, model: ScoreModel) -> None:
     """Write the weights into a folder."""
-    write_json(folder / _FILE, {"bias": model.bias, "cost": model.cost, "relief": model.relief})
+    write_json(folder / _FILE, {"bias": model.bias, "cost": model.cost, "shape": model.shape})
 
 
 def load_score_model(folder: Path) -> ScoreModel:
@@ -82,7 +89,7 @@ def load_score_model(folder: Path) -> ScoreModel:
         raise MissingFileError(f"{path} is missing: learn the object again")
     content: Any = read_json(path)
     try:
-        weights = [float(content[name]) for name in ("bias", "cost", "relief")]
+        weights = [float(content[name]) for name in ("bias", "cost", "shape")]
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(f"{path} is damaged ({error!r}): learn the object again") from error
     if not np.isfinite(weights).all():
@@ -91,5 +98,6 @@ def load_score_model(folder: Path) -> ScoreModel:
 
 
 def _inputs(fits: Sequence[PoseFit]) -> Float[np.ndarray, "n 2"]:
-    relief = np.clip([fit.relief for fit in fits], 0.0, _HIGHEST_RELIEF)
-    return np.column_stack([[fit.cost for fit in fits], np.arctanh(relief)])
+    pairs = np.array([(fit.relief, fit.slope) for fit in fits])
+    shape = np.arctanh(np.clip(pairs, 0.0, _HIGHEST)).mean(axis=1)
+    return np.column_stack([[fit.cost for fit in fits], shape])

@@ -156,6 +156,7 @@ class Verifier:
     def __init__(self, model: ObjectModel, settings: VerificationSettings) -> None:
         mesh = model.proxy
         self._settings, self.mesh = settings, mesh
+        self.tau_depth = settings.tau_depth_mm / 1000.0  # m
         self._centroid, self._radius = model.centroid, model.diameter / 2.0
         self._vertices, self._faces, self._closed = prepare_mesh(mesh)
         offset_colors = mesh.colors[mesh.faces].mean(axis=1) + COLOR_OFFSET
@@ -202,16 +203,8 @@ class Verifier:
         rendered = render_depth(
             self.mesh, pose_cam_obj[None], observation.camera_matrix, shape, threads=1
         )[0]
-        explained = self.agreeing(observation, rendered)
+        explained = (rendered > 0.0) & (np.abs(depth - rendered) <= self.tau_depth)
         return replace(observation, depth=np.where(explained, np.float32(0.0), depth))
-
-    def agreeing(
-        self, observation: Observation, rendered: Float[np.ndarray, "h w"]
-    ) -> Bool[np.ndarray, "h w"]:
-        """Pixels of the silhouette whose depth agrees with the rendered one up to τ_d."""
-        tau = self._settings.tau_depth_mm / 1000.0
-        present = (rendered > 0.0) & (observation.depth > 0.0)
-        return np.asarray(present & (np.abs(observation.depth - rendered) <= tau))
 
     def is_free(
         self,

@@ -15,6 +15,7 @@ from hlp.method.compute_threads import set_compute_threads
 from hlp.method.training import read_history
 from hlp.records import Frame, PoseEstimate
 from hlp.refinement.score_model import ScoreModel
+from hlp.reporting.figures.calibration_curves import draw_calibration
 from hlp.reporting.figures.panels import write_png
 from hlp.reporting.figures.waterfall_bars import draw_waterfall
 from hlp.reporting.mlflow_metrics import summary_metrics
@@ -107,6 +108,7 @@ def _score(
     summary["timing"] = timing.summary()
     write_json(output / SUMMARY, summary)
     draw_waterfall(output, summary["waterfall"])
+    draw_calibration(output, summary["calibration"])
     return summary
 
 
