@@ -126,6 +126,9 @@ class FakeEstimator:
             without_explained=lambda observation, _: observation,
         )
 
+    def good_enough(self, *_: Any) -> bool:
+        return True
+
     def measure_fit(self, context: Any, object_id: int, pose: np.ndarray) -> PoseFit:
         """A fit that depends on the pose alone."""
         return PoseFit(0.1 * pose[0, 3], 0.9, 0.9, 3.0, 1.0)

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from hlp.method.learnt_folder import RECORD, read_model
 from hlp.records import Frame, ObjectModel
 from tiny_method import tiny_method
 
+EVERY: dict[str, Any] = {"max_instances": 1, "min_score": 0.0}  # as if the object were there
 MODELS = {model.name: model for model in demo_objects().values()}
 
 
@@ -94,16 +96,18 @@ def test_a_learnt_object_is_found_where_it_is(learnt: Path, frame: Frame) -> Non
 def test_the_same_image_gives_the_same_poses(learnt: Path, frame: Frame, tmp_path: Path) -> None:
     """In another folder, in any order, with other threads, and from threads at the same time."""
     given = (frame.rgb, frame.depth, frame.camera_matrix)
-    expected = {each.object: each for each in Detector.load(learnt).detect(*given)}
+    expected = {each.object: each for each in Detector.load(learnt).detect(*given, **EVERY)}
     assert expected
     copied = Detector.load(shutil.copytree(learnt, tmp_path / "copied"), threads=1)
     for name in ("can", "bear"):
-        for each in copied.detect(*given, objects=[name]):
+        for each in copied.detect(*given, objects=[name], **EVERY):
             np.testing.assert_array_equal(each.pose_cam_obj, expected[name].pose_cam_obj)
             assert each.score == expected[name].score
     found: list[list] = []
     shared = Detector.load(learnt)
-    threads = [threading.Thread(target=lambda: found.append(shared.detect(*given))) for _ in "abc"]
+    threads = [
+        threading.Thread(target=lambda: found.append(shared.detect(*given, **EVERY))) for _ in "abc"
+    ]
     for thread in threads:
         thread.start()
     for thread in threads:

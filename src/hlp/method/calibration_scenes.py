@@ -26,15 +26,16 @@ from hlp.rendering.views import ViewsSettings
 
 _SHAPE = (480, 640)  # px: height, width
 _FOCAL = (500.0, 620.0)  # px
-_DISTANCE = (0.45, 1.2)  # m from the camera to the object's centroid, at least 3 diameters
-_THINGS = (5, 12)  # other shapes in a scene
-_NOISE = (1.0, 3.0)  # times a Kinect's
+_DISTANCE = (0.45, 1.0)  # m from the camera to the object's centroid, at least 3 diameters
+_THINGS = (4, 9)  # other shapes in a scene
+_NOISE = (1.0, 2.5)  # times a Kinect's
 _EDGE_JITTER = 3  # px, at most
 _LOST_EDGE = 3  # px without depth on each side of a jump in depth, at most
 _JUMP = 0.02  # relative difference that is a jump
 _WARP = 0.003  # m at 1 m: depth that is off smoothly, standard deviation
 _MODEL_ERROR = 0.02  # of its size in each direction: no product is its model
-_LEAST_VISIBLE = 0.1  # an object that shows less is no target
+_VISIBLE = 0.3  # of the object, at least
+_ATTEMPTS = 4
 
 Pose = Float[np.ndarray, "4 4"]
 
@@ -49,9 +50,25 @@ def calibration_scene(
 ) -> Frame:
     """Scene `number` with the object if it is `present`, in a pose that `views` cover.
 
-    Every other scene has one of the `frames` as background, if there are any. Deterministic.
+    Every other scene has one of the `frames` as background, if there are any. At least three tenths
+    of the object are visible. Deterministic.
     """
-    rng = np.random.default_rng([seed, number, int(present)])
+    for attempt in range(_ATTEMPTS):
+        rng = np.random.default_rng([seed, number, int(present), attempt])
+        frame = _random_scene(model, present, views, frames, number, rng)
+        if not present or (frame.targets and frame.targets[0].visible_fraction >= _VISIBLE):
+            return frame
+    return replace(frame, targets=())  # hidden: not to be found
+
+
+def _random_scene(
+    model: ObjectModel,
+    present: bool,
+    views: ViewsSettings,
+    frames: Sequence[Frame],
+    number: int,
+    rng: np.random.Generator,
+) -> Frame:
     if frames and number % 2:
         frame = frames[int(rng.integers(len(frames)))]
         behind = frame.rgb, frame.depth.astype(np.float32)
@@ -71,7 +88,7 @@ def calibration_scene(
     nearer = (index < 0) | ((behind[1] > 0.0) & (behind[1] < depth))
     rgb[nearer], depth[nearer] = behind[0][nearer], behind[1][nearer]
     seen = int(np.count_nonzero((index == 0) & ~nearer)) if present else 0
-    targets = _targets(model, pose, camera_matrix, shape, seen)
+    targets = _targets(model, pose, camera_matrix, shape, seen) if present else ()
     rgb, depth = _sensed(rgb, depth, float(camera_matrix[0, 0]), rng)
     return Frame(0, number, rgb, depth, camera_matrix, targets)
 
@@ -130,7 +147,7 @@ def _things(
         turn = Rotation.random(random_state=rng).as_matrix()
         away = rng.normal(size=3)
         away -= (away @ normal) * normal
-        away *= model.diameter * rng.uniform(0.8, 3.5) / np.linalg.norm(away)
+        away *= model.diameter * rng.uniform(1.0, 4.0) / np.linalg.norm(away)
         place = center + away
         lowest = (mesh.vertices @ turn.T @ normal).min()
         parts.append((mesh, rigid(turn, place + (offset - place @ normal - lowest) * normal)))
@@ -181,7 +198,7 @@ def _painted_hull(
     vertices = points[hull.simplices].reshape(-1, 3)
     faces = np.arange(len(vertices)).reshape(-1, 3)
     normals = np.repeat(hull.equations[:, :3], 3, axis=0)
-    if rng.random() < 0.5:
+    if rng.random() < 0.3:
         palette = model.mesh.colors[rng.integers(len(model.mesh.colors), size=2)].astype(float)
     else:
         palette = np.clip(rng.uniform(20, 230) + rng.normal(0.0, 45.0, (2, 3)), 5, 250)
@@ -227,8 +244,6 @@ def _targets(
 ) -> tuple[Target, ...]:
     alone = render_depth(model.proxy, pose[None], camera_matrix, shape, threads=1)[0]
     visible = min(1.0, seen / max(int(np.count_nonzero(alone)), 1))
-    if visible < _LEAST_VISIBLE:
-        return ()
     return (Target(model.object_id, pose, visible),)
 
 

@@ -195,13 +195,6 @@ class PoseEstimator:
         if len(hypotheses) == 0:
             return None
         frame, verification = context.frame, self.settings.refinement.verification
-
-        def good_enough(pose_cam_obj: Float[np.ndarray, "4 4"]) -> bool:
-            if min_score is None:
-                return True
-            fit = self.measure_fit(context, object_id, pose_cam_obj)
-            return self.score_model(object_id).score(fit) >= min_score
-
         return refine_and_choose(
             self._refiner,
             self.verifier(object_id),
@@ -213,7 +206,7 @@ class PoseEstimator:
             derive_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id),
             instances,
             unexplained,
-            good_enough,
+            lambda pose: self.good_enough(context, object_id, pose, min_score),
         )
 
     def measure_fit(
@@ -221,6 +214,19 @@ class PoseEstimator:
     ) -> PoseFit:
         """How well a pose fits the frame."""
         return measure_fit(self.verifier(object_id), context.observation, pose_cam_obj)
+
+    def good_enough(
+        self,
+        context: FrameContext,
+        object_id: int,
+        pose_cam_obj: Float[np.ndarray, "4 4"],
+        min_score: float | None,
+    ) -> bool:
+        """Whether a pose has at least a score; every pose has if that is None."""
+        if min_score is None:
+            return True
+        fit = self.measure_fit(context, object_id, pose_cam_obj)
+        return self.score_model(object_id).score(fit) >= min_score
 
     def score_model(self, object_id: int) -> ScoreModel:
         """The score of an object's poses."""

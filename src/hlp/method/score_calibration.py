@@ -30,16 +30,16 @@ def calibrate_score(
     is that of an object of which nothing is known.
     """
     fits, right = [], []
-    for fit, is_right in _answers(estimator, object_id, backgrounds, scenes, seed):
+    for fit, is_right in search_scenes(estimator, object_id, backgrounds, scenes, seed):
         fits.append(fit)
         right.append(is_right)
     return fit_score_model(fits, np.array(right, dtype=bool)) if fits else PRIOR
 
 
-def _answers(
+def search_scenes(
     estimator: PoseEstimator, object_id: int, backgrounds: Sequence[Frame], scenes: int, seed: int
 ) -> Iterator[tuple[PoseFit, bool]]:
-    """How each answer fits its scene, and whether it is right."""
+    """How each answer to an object in rendered scenes fits, and whether it is right."""
     model, views = estimator.learnt.models[object_id], estimator.settings.rendering
     compare = _Comparison(model)
 

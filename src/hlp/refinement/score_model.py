@@ -37,44 +37,48 @@ class ScoreModel:
 
     def score(self, fit: PoseFit) -> float:
         """The probability that a pose with this fit is right."""
-        logit = self._weights() @ np.array([1.0, *_inputs([fit])[0]])
+        logit = self.weights() @ np.array([1.0, *_inputs([fit])[0]])
         return float(1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0))))
 
-    def _weights(self) -> Float[np.ndarray, "3"]:
+    def weights(self) -> Float[np.ndarray, "3"]:
         return np.array([self.bias, self.cost, self.shape])
 
 
-PRIOR = ScoreModel(bias=4.1, cost=-27.4, shape=2.5)
-"""Weights fitted in this way to rendered scenes of several objects by benchmarks/score_prior.py."""
-_SPREAD = np.array([1.0, 5.0, 0.5])
-"""Standard deviations of the weights over objects."""
+PRIOR = ScoreModel(bias=2.4, cost=-27.2, shape=3.5)
+"""Weights of objects in general: fitted to rendered scenes of nine objects of LINEMOD, YCB and
+Tejani et al. by benchmarks/score_prior.py."""
+SPREAD = ScoreModel(bias=0.5, cost=3.0, shape=0.3)
+"""Standard deviations of an object's weights from `PRIOR`."""
 
 
-def fit_score_model(fits: Sequence[PoseFit], right: Bool[np.ndarray, "n"]) -> ScoreModel:
+def fit_score_model(
+    fits: Sequence[PoseFit], right: Bool[np.ndarray, "n"], spread: ScoreModel = SPREAD
+) -> ScoreModel:
     """The most probable weights, given poses that are right or not, and their prior.
 
-    Maximum a posteriori with independent normal priors, `cost` and `shape` bounded by 0. Right and
-    wrong poses have the same total weight: how often an object is where it is looked for is not
-    known when it is learnt. Without right or without wrong poses it is the prior.
+    Maximum a posteriori with independent normal priors about `PRIOR`, of standard deviations
+    `spread`; `cost` and `shape` are bounded by 0. Right and wrong poses have the same total weight:
+    how often an object is where it is looked for is not known when it is learnt. Without right or
+    without wrong poses it is the prior.
     """
     count = np.array([np.count_nonzero(~right), np.count_nonzero(right)])
     if not count.all():
         return PRIOR
     inputs = np.column_stack([np.ones(len(fits)), _inputs(fits)])
     counted = (0.5 * len(fits) / count)[right.astype(int)]
-    prior = PRIOR._weights()
+    prior, unit = PRIOR.weights(), spread.weights()
 
-    def loss(weights: Float[np.ndarray, "3"]) -> tuple[float, Float[np.ndarray, "3"]]:
-        logits = inputs @ weights
-        away = (weights - prior) / _SPREAD
+    def loss(away: Float[np.ndarray, "3"]) -> tuple[float, Float[np.ndarray, "3"]]:
+        logits = inputs @ (prior + away * unit)
         value = counted @ (np.logaddexp(0.0, logits) - logits * right) + 0.5 * away @ away
-        wrong = 1.0 / (1.0 + np.exp(-logits)) - right
-        slope = inputs.T @ (counted * wrong) + away / _SPREAD
-        return float(value), slope
+        wrong = 1.0 / (1.0 + np.exp(-np.clip(logits, -50.0, 50.0))) - right
+        return float(value), inputs.T @ (counted * wrong) * unit + away
 
-    bounds = [(None, None), (None, 0.0), (0.0, None)]
-    found = minimize(loss, prior, jac=True, method="L-BFGS-B", bounds=bounds)
-    return ScoreModel(*(float(weight) for weight in found.x))
+    # In standard deviations from the prior, where all three weights are of one size.
+    bounds = [(None, None), (None, -prior[1] / unit[1]), (-prior[2] / unit[2], None)]
+    found = minimize(loss, np.zeros(3), jac=True, method="L-BFGS-B", bounds=bounds)
+    bias, cost, shape = prior + found.x * unit
+    return ScoreModel(float(bias), min(float(cost), 0.0), max(float(shape), 0.0))
 
 
 def save_score_model(folder: Path, model: ScoreModel) -> None:
