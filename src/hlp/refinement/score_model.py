@@ -41,6 +41,7 @@ class ScoreModel:
         return float(1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0))))
 
     def weights(self) -> Float[np.ndarray, "3"]:
+        """Bias, cost and shape, in this order."""
         return np.array([self.bias, self.cost, self.shape])
 
 
