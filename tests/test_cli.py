@@ -24,7 +24,7 @@ STAND_INS = {
     "codebook": ("inverted_lists", "exact", "kd_forest"),
     "voting": ("joint", "paper"),
     "refinement": ("pso", "icp", "paper"),
-    "evaluation": ("bop",),
+    "evaluation": ("symmetries",),
     "machine": ("local", "cuda"),
     "executor": ("serial", "loky"),
     "trainer": ("cpu", "gpu"),

@@ -12,9 +12,11 @@ TINY = (
     "rendering.size_px=64",
     "patches.pool.per_object=300",
     "patches.pool.backgrounds=300",
+    "patches.pool.distractor_scenes=2",
     "patches.pairs.per_object=300",
     "classifier.epochs=3",
     "score.scenes=4",
+    "classifier.min_batches=0",
 )
 
 

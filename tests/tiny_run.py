@@ -18,8 +18,10 @@ TINY = (
     "rendering.in_plane_steps=3",
     "patches.pool.per_object=60",
     "patches.pool.backgrounds=120",
+    "patches.pool.distractor_scenes=2",
     "patches.pairs.per_object=60",
     "classifier.epochs=1",
+    "classifier.min_batches=0",
     "frames=2",
     "panels=1",
 )

@@ -19,13 +19,31 @@ MILLIMETRES_PER_METRE = 1000.0
 
 
 @dataclass(frozen=True, eq=False)
+class Texture:
+    """An image laid on a mesh, and the place of each of the mesh's v vertices in it.
+
+    `uv` are OpenGL's texture coordinates: u grows from 0 at the image's left border to 1 at the
+    right one, v from 0 at the bottom to 1 at the top. Outside of 0…1 the image repeats.
+    """
+
+    image: UInt8[np.ndarray, "h w 3"]
+    uv: Float[np.ndarray, "v 2"]
+
+
+@dataclass(frozen=True, eq=False)
 class Mesh:
-    """A triangle mesh in object coordinates (m). Meshes are compared by identity."""
+    """A triangle mesh in object coordinates (m). Meshes are compared by identity.
+
+    `colors` of a textured mesh are the texture's at the vertices. `colored` is False if the file
+    states no colours, or all are one grey: then `colors` mean nothing.
+    """
 
     vertices: Float[np.ndarray, "v 3"]
     faces: Int[np.ndarray, "f 3"]
     colors: UInt8[np.ndarray, "v 3"]
     normals: Float[np.ndarray, "v 3"]
+    texture: Texture | None = None
+    colored: bool = True
 
 
 @dataclass(frozen=True)
@@ -34,8 +52,10 @@ class ObjectModel:
 
     `mesh` is the full model, `proxy` the decimated one that the refiner renders. `diameter` is the
     largest distance between two vertices (m). `symmetries` are the rigid motions (n, 4, 4) that map
-    the object onto itself, the identity first; continuous symmetries are discretised.
-    `holistic_size` and `local_size` are the metric sides (m) of its patches (paper, Eq. 1).
+    the object onto itself, the identity first; continuous symmetries are discretised. `siblings`
+    (k, 4, 4), without the identity, map its shape nearly onto itself, but not its colours: depth
+    hardly tells a pose T from its siblings T·S. `holistic_size` and `local_size` are the metric
+    sides (m) of its patches (paper, Eq. 1).
     """
 
     object_id: int
@@ -46,6 +66,7 @@ class ObjectModel:
     symmetries: Float[np.ndarray, "n 4 4"]
     holistic_size: float
     local_size: float
+    siblings: Float[np.ndarray, "k 4 4"] = field(default_factory=lambda: np.empty((0, 4, 4)))
 
     @cached_property  # takes a millisecond for a scanned mesh and is used often
     def centroid(self) -> Float[np.ndarray, "3"]:

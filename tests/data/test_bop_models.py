@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from hlp.data.bop_models import load_object_models, symmetry_motions
-from hlp.objects.meshes import PLAIN_COLOR
+from hlp.objects.mesh_colors import PLAIN_COLOR
 from hlp.objects.object_model import ObjectSettings
 
 APE, BOWL = ObjectSettings(1, 80.0, 30.0), ObjectSettings(3, None, None)
@@ -41,6 +41,17 @@ def test_without_a_list_the_diameter_is_measured(root):
     (root / "models" / "models_info.json").unlink()
     model = load_object_models(root, {"ape": APE}, 2000, 36)[1]
     assert model.diameter == pytest.approx(np.sqrt(0.07**2 + 0.08**2 + 0.09**2))
+
+
+@pytest.mark.parametrize("states", [False, True])
+def test_a_list_that_states_no_symmetry_at_all_leaves_them_to_the_mesh(root, states):
+    info = {"1": {"diameter": 139.5}, "9": {"diameter": 50.0}}
+    if states:
+        info["9"]["symmetries_discrete"] = [np.diag([-1, -1, 1, 1]).reshape(-1).tolist()]
+    (root / "models" / "models_info.json").write_text(json.dumps(info))
+    model = load_object_models(root, {"ape": APE}, 2000, 36)[1]
+    assert len(model.symmetries) == (1 if states else 4)
+    assert len(model.siblings) == (3 if states else 0)
 
 
 def test_an_absent_mesh_names_the_object_and_where_it_was_sought(root):
@@ -104,6 +115,53 @@ def test_both_kinds_combine():
     for motion in motions:
         moved = rim @ motion.T
         assert all(np.linalg.norm(rim - point, axis=1).min() < 1e-9 for point in moved)
+
+
+def _toolkit_motions(info, steps):
+    """The BOP toolkit's rule: all turns about all axes in one set, each with each discrete one."""
+    discrete = [np.eye(4), *(np.reshape(each, (4, 4)) for each in info["symmetries_discrete"])]
+    turns = []
+    for entry in info["symmetries_continuous"]:
+        offset = np.array(entry["offset"])
+        for i in range(steps):
+            turn = np.eye(4)
+            vector = np.array(entry["axis"]) / np.linalg.norm(entry["axis"]) * i * 2 * np.pi / steps
+            turn[:3, :3] = Rotation.from_rotvec(vector).as_matrix()
+            turn[:3, 3] = offset - turn[:3, :3] @ offset
+            turns.append(turn)
+    motions = np.array([turn @ each for each in discrete for turn in turns])
+    motions[:, :3, 3] *= 1e-3
+    return motions
+
+
+def test_several_axes_join_and_combine_with_the_discrete_ones_as_in_the_toolkit():
+    flip = np.diag([1.0, -1.0, -1.0, 1.0])
+    flip[:3, 3] = [1.0, 2.0, 3.0]
+    info = {
+        "symmetries_discrete": [flip.ravel().tolist()],
+        "symmetries_continuous": [
+            {"axis": [0, 0, 1], "offset": [1, 2, 0]},
+            {"axis": [2, 0, 0], "offset": [0, 5, 0]},
+            {"axis": [1, 1, 0], "offset": [0, 0, 0]},
+        ],
+    }
+    motions = symmetry_motions(info, 6)
+    np.testing.assert_allclose(motions, _toolkit_motions(info, 6), atol=1e-12)
+    assert len(motions) == 2 * 3 * 6
+    np.testing.assert_allclose(motions[0], np.eye(4), atol=1e-12)
+
+
+def test_too_many_motions_and_malformed_symmetries_are_errors_that_say_where(root):
+    axes = [{"axis": [0, 0, 1], "offset": [0, 0, 0]}] * 40
+    with pytest.raises(ValueError, match=r"40 continuous .*12600 motions.*data\.symmetry_steps"):
+        symmetry_motions({"symmetries_continuous": axes}, 315)
+    path = root / "models" / "models_info.json"
+    for broken in ({"axis": [0, 0, 0], "offset": [0, 0, 0]}, {"axis": [0, 0, 1]}):
+        path.write_text(json.dumps({"1": {"symmetries_continuous": [broken]}}))
+        with pytest.raises(
+            ValueError, match=r"models_info\.json, object 1: a symmetry is malformed"
+        ):
+            load_object_models(root, {"ape": APE}, 2000, 36)
 
 
 def test_symmetries_of_linemod_leave_the_surfaces_where_they_are(shared_data):

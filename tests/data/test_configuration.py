@@ -74,3 +74,17 @@ def test_any_bop_set_has_the_default_range_and_the_symmetries_of_its_models():
     assert compose_config("data=bop", "data.root=lm").evaluation.symmetric is None
     views = compose_config("data=bop", "data.root=lm").rendering
     assert _typed(ViewsSettings, views) == ViewsSettings()
+
+
+def test_the_recordings_differ_by_folder_and_range_of_poses_alone():
+    def composed(data):
+        config = compose_config("experiment=recordings", f"data={data}", "data_folder=there")
+        return OmegaConf.to_container(config, resolve=False)
+
+    board, *others = (composed(name) for name in ("board", "cup", "mustard", "ycbv"))
+    folders = [config["data"].pop("root") for config in (board, *others)]
+    assert folders == [f"${{data_folder}}/{name}" for name in ("lm", "cup", "mustard", "ycbv")]
+    for config in others:
+        assert _typed(ViewsSettings, OmegaConf.create(config.pop("rendering"))) == ViewsSettings()
+    assert board.pop("rendering")["coverage"] == "hemisphere"
+    assert all(config == board for config in others)

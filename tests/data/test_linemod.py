@@ -109,7 +109,7 @@ def test_models_come_from_each_objects_folder(root):
     models = load_object_models(root, objects, 2000, mesh_scale=0.001)
     assert [(key, model.name) for key, model in models.items()] == [(1, "ape"), (6, "cat")]
     assert models[6].diameter == pytest.approx(np.sqrt(0.07**2 + 0.08**2 + 0.09**2))
-    np.testing.assert_array_equal(models[6].symmetries, np.eye(4)[None])
+    assert len(models[6].symmetries) == 4  # a box: found in its shape
     with pytest.raises(ValueError, match="unit"):
         load_object_models(root, objects, 2000, mesh_scale=1.0)
 

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from waterfall_bounds import BOUNDS
 
 from hlp.evaluation import errors
-from hlp.evaluation.evaluator import FrameTruth, add_correct, score_targets
+from hlp.evaluation.evaluator import FrameTruth, PackedDepth, add_correct, score_targets
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.geometry import rigid
 from hlp.records import Frame, Mesh, ObjectModel, PoseEstimate, Target
@@ -130,7 +130,7 @@ def test_bop_recalls_average_over_ten_thresholds():
 
 def test_vsd_needs_depth_and_is_perfect_at_the_truth():
     depth = render_depth(MODELS[1].mesh, TRUE[None], K, (120, 160))[0]
-    truth = _truth(Target(1, TRUE), depth=depth)
+    truth = _truth(Target(1, TRUE), depth=PackedDepth.of(depth))
     (right,) = score_targets([truth], MODELS, [_estimate(TRUE)], SETTINGS)
     (wrong,) = score_targets([truth], MODELS, [_estimate(_moved(dx=0.3))], SETTINGS)
     (missing,) = score_targets([truth], MODELS, [], SETTINGS)
@@ -148,6 +148,50 @@ def test_instances_are_matched_once_each_the_surest_estimate_first():
     assert second.translation_error == pytest.approx(0.10)
     (only, lost) = score_targets([truth], MODELS, [_estimate(right)], SETTINGS)
     assert not only.found and lost.add_correct
+
+
+def test_a_wrong_estimate_takes_no_target_from_a_right_one():
+    left, right = _moved(dx=-0.05), _moved(dx=0.05)
+    truth = _truth(Target(1, left), Target(1, right))
+    wrong = _moved(dx=-0.05, dz=0.03)
+    estimates = [_estimate(wrong, score=0.9), _estimate(left, score=0.3)]
+    first, second = score_targets([truth], MODELS, estimates, SETTINGS)
+    assert first.add_correct and first.add_error == 0.0
+    assert second.found and not second.add_correct
+
+
+def test_as_many_estimates_count_as_there_are_targets():
+    left, right = _moved(dx=-0.05), _moved(dx=0.05)
+    wrong = _moved(dz=0.4)
+    given = [(wrong, 0.9), (left, 0.8), (right, 0.7)]
+    estimates = [_estimate(pose, score=score) for pose, score in given]
+    truth = _truth(Target(1, left), Target(1, right))
+    first, second = score_targets([truth], MODELS, estimates, SETTINGS)
+    assert first.add_correct and not second.add_correct
+    assert second.mssd_recall == 0.0
+
+
+def test_without_named_objects_the_models_symmetries_decide():
+    by_model = dataclasses.replace(SETTINGS, symmetric=None)
+    assert [by_model.is_symmetric(MODELS[i]) for i in (1, 2)] == [False, True]
+    estimate = [_estimate(TRUE @ HALF_TURN, object_id=2)]
+    (score,) = score_targets([_truth(Target(2, TRUE))], MODELS, estimate, by_model)
+    assert score.add_correct
+
+
+def test_bops_errors_are_measured_on_another_mesh_if_there_is_one():
+    estimate = [_estimate(_moved(degrees=35.0))]
+    small = Mesh(
+        MODELS[1].mesh.vertices * 0.5,
+        MODELS[1].mesh.faces,
+        MODELS[1].mesh.colors,
+        MODELS[1].mesh.normals,
+    )
+    truth = [_truth(Target(1, TRUE))]
+    (own,) = score_targets(truth, MODELS, estimate, SETTINGS)
+    (other,) = score_targets(truth, MODELS, estimate, SETTINGS, {1: small})
+    assert other.mssd_recall > own.mssd_recall
+    assert other.add_error == own.add_error
 
 
 def test_of_two_estimates_for_one_target_the_surer_counts():
@@ -173,7 +217,9 @@ def test_truth_of_a_frame_drops_the_images_unless_wanted():
         6, 3, np.zeros((120, 160, 3), np.uint8), np.ones((120, 160)), K, (Target(1, TRUE),)
     )
     assert FrameTruth.of(frame).depth is None
-    assert FrameTruth.of(frame, with_depth=True).depth is frame.depth
+    depth = FrameTruth.of(frame, with_depth=True).depth
+    assert depth is not None
+    np.testing.assert_array_equal(depth.unpack(), frame.depth)
     assert FrameTruth.of(frame).width == 160
     assert FrameTruth.of(frame).targets == frame.targets
 

@@ -1,3 +1,4 @@
+import dataclasses
 import json
 
 import numpy as np
@@ -92,6 +93,7 @@ def test_median_errors_are_of_the_targets_that_got_a_pose():
 
 def test_bop_recalls_are_means_and_none_where_not_computed():
     assert _summary()["bop"] == {
+        "ar": None,
         "vsd": None,
         "mssd": pytest.approx(0.4),
         "mspd": pytest.approx(0.8),
@@ -140,3 +142,13 @@ def test_nothing_scored_and_unnamed_objects_are_errors():
         _summary([])
     with pytest.raises(ValueError, match=r"\[9\]"):
         _summary([_score(0, 9, True)])
+
+
+def test_bops_average_recall_is_the_mean_of_the_three():
+    with_vsd = [dataclasses.replace(score, vsd_recall=0.6) for score in SCORES]
+    assert _summary(with_vsd)["bop"] == {
+        "ar": pytest.approx((0.6 + 0.4 + 0.8) / 3),
+        "vsd": pytest.approx(0.6),
+        "mssd": pytest.approx(0.4),
+        "mspd": pytest.approx(0.8),
+    }

@@ -36,6 +36,8 @@ TINY = (
     "patches.pool.backgrounds=300",
     "patches.pairs.per_object=600",
     "classifier.epochs=4",
+    "patches.pool.distractor_scenes=10",
+    "classifier.min_batches=60",
     "machine.threads=2",
 )
 FILES = {"model": "my drill.ply", "rgb": "rgb", "depth": "depth", "intrinsics": "camera.json"}

@@ -1,10 +1,17 @@
+from dataclasses import replace
+
 import pytest
 import pytorch_lightning as pl
 import torch
 from torch.utils.data import DataLoader, TensorDataset
 
 from hlp.models.classifier import ClassifierSettings
-from hlp.models.classifier_training import HolisticClassifier, HolisticCNN, copy_weights
+from hlp.models.classifier_training import (
+    HolisticClassifier,
+    HolisticCNN,
+    copy_weights,
+    raise_background,
+)
 
 SETTINGS = ClassifierSettings("cnn", (6, 8), 16, 0.1, 0.01, 0.0, 8, 16)
 
@@ -60,3 +67,23 @@ def test_weights_are_carried_over_class_by_class():
     torch.testing.assert_close(found[:, [0, 2, 4]], expected)
     last = list(fresh)[-2]
     torch.testing.assert_close(now.state_dict()[last][[1, 3]], fresh[last][[1, 3]])
+
+
+def test_raising_the_background_divides_every_objects_odds():
+    torch.manual_seed(0)
+    network = HolisticCNN(3, 3, (4, 4), 8, 0.0).eval()
+    images = torch.rand(5, 3, 64, 64)
+    with torch.no_grad():
+        before = network(images).softmax(dim=1)
+        raise_background(network, 8.0)
+        after = network(images).softmax(dim=1)
+    torch.testing.assert_close(after[:, 1:] / after[:, :1], before[:, 1:] / before[:, :1] / 8.0)
+    torch.testing.assert_close(after[:, 1] / after[:, 2], before[:, 1] / before[:, 2])
+
+
+@pytest.mark.parametrize(
+    ("windows", "epochs"), [(16 * 100, 8), (16 * 25, 8), (16 * 20 + 3, 10), (5, 200)]
+)
+def test_few_windows_are_shown_in_more_epochs(windows, epochs):
+    settings = replace(SETTINGS, epochs=8, batch_size=16, min_batches=200)
+    assert settings.epochs_for(windows) == epochs

@@ -5,7 +5,8 @@ import pytest
 import trimesh
 from scipy.spatial.distance import pdist
 
-from hlp.objects.meshes import PLAIN_COLOR, decimate, load_mesh, mesh_diameter
+from hlp.objects.mesh_colors import PLAIN_COLOR
+from hlp.objects.meshes import decimate, load_mesh, mesh_diameter
 from hlp.records import Mesh
 
 

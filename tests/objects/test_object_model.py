@@ -48,7 +48,11 @@ def test_a_listed_diameter_and_symmetries_win(mesh_path):
     assert model.diameter == 0.2
     assert model.local_size == local_size(0.2)
     np.testing.assert_array_equal(model.symmetries, symmetries)
-    np.testing.assert_array_equal(_build(mesh_path).symmetries, np.eye(4)[None])
+    assert len(model.siblings) == 0
+
+
+def test_symmetries_not_given_are_found_in_the_shape(mesh_path):
+    assert len(_build(mesh_path).symmetries) == 4
 
 
 def test_the_proxy_is_the_decimated_mesh(mesh_path):

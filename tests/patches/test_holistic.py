@@ -108,13 +108,19 @@ def test_a_threshold_accepts_by_probability():
     assert accepted == [True, False, False]
 
 
+def test_windows_far_less_probable_than_the_first_do_not_make_up_for_too_few():
+    best = np.zeros(4, bool)
+    assert region([0.02, 0.5, 0.051, 0.01], best, 0.3, 3)[0] == [False, True, True, False]
+    assert region([0.0, 0.0, 0.0, 0.0], best, 0.3, 3)[0] == [True, True, True, False]
+
+
 def test_too_few_windows_are_made_up_by_the_most_probable():
     best = np.zeros(4, bool)
-    accepted, found = region([0.02, 0.5, 0.05, 0.01], best, 0.3, 3)
+    accepted, found = region([0.06, 0.2, 0.05, 0.04], best, 0.3, 3)
     assert accepted == [True, True, True, False]
     assert not best.any()  # the caller's array stays as it was
-    np.testing.assert_array_equal(found.probabilities, [0.02, 0.5, 0.05, 0.01])
-    accepted, _ = region([0.02, 0.5], [False, True], 0.0, 8)
+    np.testing.assert_array_equal(found.probabilities, [0.06, 0.2, 0.05, 0.04])
+    accepted, _ = region([0.06, 0.5], [False, True], 0.0, 8)
     assert accepted == [True, True]
 
 

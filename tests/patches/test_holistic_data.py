@@ -102,6 +102,17 @@ def test_depth_of_the_object_survives_but_for_noise_and_holes():
     assert near.float().mean() > 0.8
 
 
+def test_backgrounds_alone_have_their_windows_depth_in_the_middle():
+    backgrounds = make_backgrounds()
+    backgrounds.depth[10:, 7:9, 7:9] = 128  # measured: as windows are cut
+    images, labels = compose(module(make_pool(), share=1.0, backgrounds=backgrounds))
+    middle = images[:, 3, 7:9, 7:9].mean(dim=(1, 2))
+    assert (labels == BACKGROUND).all()
+    assert middle.abs().median() < 0.05
+    # As for the objects: noise, a hole, or an occluder's edge at most.
+    assert (middle.abs() < 0.25).float().mean() > 0.8
+
+
 def test_the_same_seed_and_step_give_the_same_batch_whatever_ran_before():
     def batch(data, step):
         data.trainer = SimpleNamespace(global_step=step, world_size=1, global_rank=0)

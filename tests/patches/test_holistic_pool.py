@@ -120,7 +120,7 @@ def test_joined_pools_keep_their_rows_together(views, model):
 def test_backgrounds_are_photographs_and_windows_of_frames(room: Frame):
     crops = np.random.default_rng(0).integers(0, 256, (7, 24, 24, 3)).astype(np.uint8)
     frames = [room, dataclasses.replace(room, frame_id=2)]
-    pool = bake_backgrounds(crops, frames, [0.1, 0.2], 24, 30, np.random.default_rng(0))
+    pool = bake_backgrounds(crops, [frames, []], [0.1, 0.2], 24, 30, np.random.default_rng(0))
     assert pool.color.shape == (7 + 30, 24, 24, 3)
     np.testing.assert_array_equal(pool.color[:7], crops)
     assert not pool.depth[:7].any()  # 0: no depth was measured
@@ -128,8 +128,32 @@ def test_backgrounds_are_photographs_and_windows_of_frames(room: Frame):
     assert (np.abs(pool.depth[7:, 12, 12].astype(int) - 128) < 10).mean() > 0.7
 
 
+def test_every_group_of_frames_gives_as_many_backgrounds(room: Frame):
+    red = dataclasses.replace(room, rgb=np.broadcast_to([255, 0, 0], room.rgb.shape).astype("u1"))
+    crops = np.zeros((0, 24, 24, 3), np.uint8)
+    pool = bake_backgrounds(crops, [[red], [room] * 3], [0.1], 24, 30, np.random.default_rng(0))
+    is_red = ~pool.color[..., 1:].any(axis=(1, 2, 3))
+    assert len(is_red) == 60
+    assert is_red[:30].all() and not is_red[30:].any()
+
+
+@pytest.mark.parametrize(("objects", "share"), [(1, 1 / 2), (2, 1 / 3), (3, 1 / 4), (15, 1 / 4)])
+def test_background_is_at_least_as_frequent_as_an_object(objects, share):
+    assert SETTINGS.background_share_for(objects) == pytest.approx(share)
+
+
+@pytest.mark.parametrize("objects", [1, 4, 15])
+def test_the_odds_of_an_object_are_those_of_its_windows(views, model, objects):
+    labels = bake(views, model, dataclasses.replace(SETTINGS, per_object=3000)).labels
+    shown = 1 - SETTINGS.background_share_for(objects)
+    positive = shown * (labels == 3).mean()
+    assert SETTINGS.object_odds(objects) == pytest.approx(
+        positive / objects / (1 - positive), rel=0.1
+    )
+
+
 def test_a_frame_without_depth_gives_no_background(room: Frame):
     blind = dataclasses.replace(room, depth=np.zeros_like(room.depth))
     crops = np.zeros((2, 24, 24, 3), np.uint8)
-    pool = bake_backgrounds(crops, [blind], [0.1], 24, 10, np.random.default_rng(0))
+    pool = bake_backgrounds(crops, [[blind]], [0.1], 24, 10, np.random.default_rng(0))
     assert len(pool.color) == len(pool.depth) == 2

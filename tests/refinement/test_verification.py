@@ -136,6 +136,16 @@ def test_colour_distinguishes_objects_of_the_same_shape(
     assert Verifier(other, blind).costs(*args)[0] == Verifier(model, blind).costs(*args)[0]
 
 
+def test_colour_takes_no_part_for_a_mesh_without_colours(
+    scene: Scene, verification: VerificationSettings
+) -> None:
+    grey = replace(scene.model, mesh=replace(scene.model.mesh, colored=False))
+    observation, poses = seen(scene, verification), scene.pose[None]
+    blind = replace(verification, weight_color=0.0)
+    expected = Verifier(scene.model, blind).costs(observation, poses)
+    assert Verifier(grey, verification).costs(observation, poses) == expected
+
+
 def test_competing_poses_pay_for_a_smaller_agreeing_area(
     scene: Scene, verification: VerificationSettings
 ) -> None:

@@ -5,6 +5,7 @@ from unittest.mock import Mock
 
 import pytest
 from filelock import FileLock
+from omegaconf import OmegaConf
 
 from hlp.errors import InputError
 from hlp.studies import sweep
@@ -58,3 +59,20 @@ def test_a_bug_that_keeps_a_sweep_from_opening_shows_where_it_is(
         with pytest.raises(SystemExit, match="the sweep cannot be opened"):
             SweepCallback().on_multirun_start(config)
         assert ("Traceback" in capsys.readouterr().err) == shown
+
+
+def test_a_data_set_that_the_data_folder_lacks_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    config = OmegaConf.create({"data_folder": str(tmp_path), "data": {"root": f"{tmp_path}/cup"}})
+    monkeypatch.setattr(sweep.HydraConfig, "get", Mock())
+    sweep.run_one(config)
+    assert "left out: there is no folder" in caplog.text and "cup" in caplog.text
+    assert sweep._absent_data(config) == f"{tmp_path}/cup"
+    (tmp_path / "cup").mkdir()
+    assert sweep._absent_data(config) is None
+    for other in (
+        {"data_folder": None, "data": {"root": "none"}},
+        {"data_folder": "x", "data": {}},
+    ):
+        assert sweep._absent_data(OmegaConf.create(other)) is None

@@ -22,6 +22,7 @@ def command(arguments: Sequence[str]) -> None:
         print(REPORT_HELP)
         return
     from hlp.reporting.comparison import compare
+    from hlp.reporting.recordings import describe_recordings
     from hlp.reporting.report import report_runs
     from hlp.reporting.reproductions import describe_reproductions
     from hlp.reporting.selection import report_selection
@@ -36,6 +37,7 @@ def command(arguments: Sequence[str]) -> None:
         else:
             print(report_runs(folder, layout))
             print(describe_reproductions(folder, layout))
+            print(describe_recordings(folder, layout))
     except HlpError as error:
         composing.fail(error)
 
@@ -48,7 +50,8 @@ usage: hlp report [experiment=NAME] [output=DIR] [format=text|markdown]
 Prints tables of finished runs, with the paper's numbers beside ours for LINEMOD's objects: of all
 runs below outputs/, of one experiment (outputs/NAME), or below any other folder (output=DIR). For
 fig9a, fig9b, fig9c, table1, table2 and pso_vs_icp, the paper's figure or table is written into the
-folder of each sweep or run, as PNG, SVG, Markdown, CSV and LaTeX.
+folder of each sweep or run, as PNG, SVG, Markdown, CSV and LaTeX. For recordings it is one table of
+all data sets, as Markdown and CSV.
 
 objects=[A,B,…] prints the recall of these objects, over all targets and by visible fraction.
 

@@ -63,6 +63,9 @@ class RunSettings(Settings):
         str, Doc("folder shared by all runs: finished stages and MLflow's database")
     ] = "work"
     output: Annotated[str, Doc("this run's folder")]
+    data_folder: Annotated[
+        str | None, Doc("folder with several data sets, for experiment=recordings")
+    ] = None
     frames: Annotated[
         int | None, Ge(1), Doc("use only this many frames, spread evenly; null: all")
     ] = None

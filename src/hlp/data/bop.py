@@ -5,8 +5,8 @@ The files are in millimetres.
 """
 
 import logging
-from collections.abc import Collection
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal
@@ -16,7 +16,7 @@ from annotated_types import Ge, Interval
 from jaxtyping import Bool
 
 from hlp.data.bop_layout import AUTO, find_split, find_targets_file
-from hlp.data.bop_models import load_object_models, name_objects
+from hlp.data.bop_models import evaluation_meshes, load_object_models, name_objects
 from hlp.data.bop_scenes import COLOR, Scene, list_scenes
 from hlp.data.bop_targets import FrameId, annotated_targets, list_targets, most_visible
 from hlp.data.dataset import DATASETS, Dataset
@@ -25,7 +25,7 @@ from hlp.data.sources import content_hash
 from hlp.data.training_images import FolderSettings, existing_folder
 from hlp.errors import DataError, MissingFileError
 from hlp.objects.object_model import ObjectSettings
-from hlp.records import Frame, Target, frame_key, parse_frame_key
+from hlp.records import Frame, ObjectModel, Target, frame_key, parse_frame_key
 from hlp.settings import Doc
 
 
@@ -63,19 +63,22 @@ class BopSettings(FolderSettings):
         """Objects and frames. Raises FileNotFoundError and ValueError naming what is wrong."""
         root = existing_folder("data.root", self.root)
         training = self.training_images()
+        given = self._models(root, self.objects) if self.objects else None
         split = find_split(root) if self.split == AUTO else self.split
         existing_folder("data.split", str(root / split))
         listed = find_targets_file(root, split) if self.targets == AUTO else self.targets
-        named = {each.id for each in self.objects.values()} or None
-        frames = BopFrames(root, split, listed, named, self.min_visible)
+        frames = BopFrames(root, split, listed, given, self.min_visible)
         wanted = {object_id for ids in frames.targets.values() for object_id in ids}
-        objects = self.objects or name_objects(root, sorted(wanted))
-        models = load_object_models(root, objects, self.proxy_faces, self.symmetry_steps)
+        models = given or self._models(root, name_objects(root, sorted(wanted)))
         if self.photographs is None and self.rooms is None:
             logging.getLogger(__name__).info(
                 "Backgrounds in training are procedural: data.photographs and data.rooms name none"
             )
-        return training.dataset(models, tuple(sorted(wanted)), frames, self)
+        dataset = training.dataset(models, tuple(sorted(wanted)), frames, self)
+        return replace(dataset, evaluation_mesh_files=evaluation_meshes(root, models))
+
+    def _models(self, root: Path, objects: Mapping[str, ObjectSettings]) -> dict[int, ObjectModel]:
+        return load_object_models(root, objects, self.proxy_faces, self.symmetry_steps)
 
 
 class BopFrames:
@@ -104,12 +107,13 @@ class BopFrames:
         listed = list_targets(self._scenes, path, self._min_visible)
         chosen: dict[FrameId, dict[int, int]] = {}
         for frame, wanted in sorted(listed.items()):
-            ids = wanted if self._object_ids is None else self._object_ids
-            kept = {i: count for i, count in wanted.items() if i in ids}
+            allowed = wanted if self._object_ids is None else self._object_ids
+            kept = {i: count for i, count in wanted.items() if i in allowed}
             if kept:
                 chosen[frame] = kept
         if not chosen:
-            named = "any object" if self._object_ids is None else f"objects {sorted(ids)}"
+            ids = self._object_ids
+            named = "any object" if ids is None else f"objects {sorted(ids)}"
             raise DataError(
                 f"{path or self._root / self._split} lists no target of {named}: check"
                 " data.targets, data.objects and data.min_visible"
@@ -155,10 +159,9 @@ class BopFrames:
         files: list[Path] = []
         for scene_id, ids in frames.items():
             files += self._scene(scene_id).text_files(ids)
-        for scene_id, ids in frames.items():
-            scene = self._scene(scene_id)
-            for frame in ids:
-                files += [scene.image(COLOR, frame), scene.image(("depth",), frame)]
+        for scene_id, frame in self.targets:
+            found = self._scene(scene_id)
+            files += [found.image(COLOR, frame), found.image(("depth",), frame)]
         return content_hash(files, extra=repr(list(self.targets.items())))
 
     def visible_mask(self, frame: Frame, target: Target) -> Bool[np.ndarray, "h w"] | None:

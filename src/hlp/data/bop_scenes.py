@@ -75,9 +75,9 @@ def list_scenes(split: Path) -> dict[int, Scene]:
             number = int(folder.name)
             scenes[number] = ImagewiseScene(folder, number) if single else ScenewiseScene(folder)
     for path in split.glob(f"*_*{_CAMERA}"):
-        number = path.name.partition("_")[0]
-        if number.isdecimal():
-            scenes.setdefault(int(number), ImagewiseScene(split, int(number)))
+        name = path.name.partition("_")[0]
+        if name.isdecimal():
+            scenes.setdefault(int(name), ImagewiseScene(split, int(name)))
     if not scenes:
         raise MissingFileError(
             f"no scene in {split}: neither a folder with a number and scene_camera.json nor "
@@ -98,6 +98,8 @@ class ScenewiseScene:
 
     @cached_property
     def _truths(self) -> dict[str, Any]:
+        if not self.annotated:
+            raise _no_poses(self._folder / _SCENE_FILES[1])
         return dict(read_json(self._folder / _SCENE_FILES[1]))
 
     @cached_property
@@ -187,7 +189,10 @@ class ImagewiseScene:
 
     def truth(self, frame_id: int) -> list[Any]:
         """The entries of the frame's gt.json."""
-        return list(read_json(self._path(frame_id, ".gt.json")))
+        path = self._path(frame_id, ".gt.json")
+        if not path.is_file():
+            raise _no_poses(path)
+        return list(read_json(path))
 
     def info(self, frame_id: int) -> list[Any]:
         """The entries of the frame's gt_info.json, if there is one."""
@@ -220,6 +225,13 @@ class ImagewiseScene:
         endings = (_CAMERA, ".gt.json", ".gt_info.json")
         paths = (self._path(frame, ending) for frame in frame_ids for ending in endings)
         return [path for path in paths if path.is_file()]
+
+
+def _no_poses(path: Path) -> MissingFileError:
+    return MissingFileError(
+        f"there is no file {path} with true poses to score against (BOP keeps some private): set"
+        " data.split to a folder that has them"
+    )
 
 
 def _from_run_lengths(entry: dict[str, Any]) -> Mask:

@@ -1,7 +1,8 @@
 """A data set: objects, frames to find them in, and images to train with."""
 
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Protocol
@@ -12,9 +13,10 @@ from jaxtyping import UInt8
 from hlp.data.photographs import list_photographs, load_photographs, random_crops
 from hlp.data.sources import FrameSource, content_hash
 from hlp.errors import ConfigError
+from hlp.objects.meshes import load_mesh
 from hlp.objects.object_model import mesh_identity, model_identity
 from hlp.patches.procedural_backgrounds import procedural_backgrounds
-from hlp.records import Frame, ObjectModel
+from hlp.records import Frame, Mesh, ObjectModel
 from hlp.registry import Registry
 from hlp.source_code import source_digest
 
@@ -35,6 +37,8 @@ class Dataset:
     object are looked for in each.
 
     `settings` are those that the data set was built from; workers build it again from them.
+
+    `evaluation_mesh_files` are meshes (mm) for BOP's errors; an object without one has its model's.
     """
 
     models: dict[int, ObjectModel]
@@ -46,6 +50,12 @@ class Dataset:
     annotated: bool = True
     max_instances: int = 1
     settings: "DataSettings | None" = None
+    evaluation_mesh_files: Mapping[int, Path] = field(default_factory=dict)
+
+    @cached_property
+    def evaluation_meshes(self) -> dict[int, Mesh]:
+        """The meshes on which BOP's errors are measured, by object, where there are other ones."""
+        return {i: load_mesh(path) for i, path in self.evaluation_mesh_files.items()}
 
     def wanted(self, frame: Frame) -> dict[int, int]:
         """Objects to look for in a frame, by id, and the largest number of instances of each."""

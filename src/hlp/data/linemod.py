@@ -97,7 +97,7 @@ def load_object_models(
     """Object models by id from `OBJ/mesh.ply`, times `mesh_scale` (metres per unit of the file).
 
     The layout has neither diameters nor symmetries: the diameter is the largest distance between
-    two vertices, the only symmetry the identity. Raises what `build_object_model` raises.
+    two vertices, the symmetries are found in the meshes. Raises what `build_object_model` raises.
     """
     check_unique(objects)
     return {

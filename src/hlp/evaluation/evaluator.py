@@ -5,38 +5,55 @@ target, or beyond the number of targets, are ignored.
 """
 
 import math
+import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.spatial import ConvexHull, QhullError, cKDTree
+from scipy.spatial import cKDTree
 
 from hlp.errors import DataError
 from hlp.evaluation import errors
+from hlp.evaluation.bop_recalls import BopRecalls
 from hlp.evaluation.settings import EvaluationSettings
-from hlp.records import Frame, ObjectModel, PoseEstimate, Target, TargetScore
-from hlp.rendering.rasterizer import render_depth
+from hlp.records import Frame, Mesh, ObjectModel, PoseEstimate, Target, TargetScore
 
 Pose = Float[np.ndarray, "4 4"]
 
-# BOP Challenge 2020, Sec. 2.2: recalls are averaged over these thresholds.
-_BOP_FRACTIONS = np.arange(1, 11) * 0.05
-_BOP_PIXELS = np.arange(1, 11) * 5.0
-_BOP_WIDTH = 640
 _FEW_VERTICES = 2000
 
 
 @dataclass(frozen=True)
+class PackedDepth:
+    """A depth image (m), compressed without loss to about an eighth, so that many can be kept."""
+
+    shape: tuple[int, int]
+    content: bytes
+
+    @classmethod
+    def of(cls, depth: Float[np.ndarray, "h w"]) -> "PackedDepth":
+        """Compress an image, in single precision."""
+        height, width = depth.shape
+        content = np.ascontiguousarray(depth, dtype=np.float32).tobytes()
+        return cls((height, width), zlib.compress(content, level=1))
+
+    def unpack(self) -> Float[np.ndarray, "h w"]:
+        """The image."""
+        return np.frombuffer(zlib.decompress(self.content), np.float32).reshape(self.shape)
+
+
+@dataclass(frozen=True)
 class FrameTruth:
-    """The part of a frame that scoring needs; `depth` (m) only if VSD is wanted."""
+    """The part of a frame that scoring needs; `depth` only if VSD is wanted."""
 
     scene_id: int
     frame_id: int
     camera_matrix: Float[np.ndarray, "3 3"]
     width: int
     targets: tuple[Target, ...]
-    depth: Float[np.ndarray, "h w"] | None = None
+    depth: PackedDepth | None = None
 
     @classmethod
     def of(cls, frame: Frame, with_depth: bool = False) -> "FrameTruth":
@@ -47,7 +64,7 @@ class FrameTruth:
             frame.camera_matrix,
             frame.rgb.shape[1],
             frame.targets,
-            frame.depth if with_depth else None,
+            PackedDepth.of(frame.depth) if with_depth else None,
         )
 
 
@@ -56,30 +73,62 @@ def score_targets(
     models: Mapping[int, ObjectModel],
     estimates: Iterable[PoseEstimate],
     settings: EvaluationSettings,
+    meshes: Mapping[int, Mesh] | None = None,
 ) -> list[TargetScore]:
-    """One score for each target, frame by frame and, within a frame, object by object.
+    """Scores of the targets of several frames, see `TargetScorer`."""
+    scorer = TargetScorer(models, estimates, settings, meshes)
+    return [score for truth in truths for score in scorer.score(truth)]
 
-    A target without an estimate, or whose estimate has no pose, is wrong with infinite errors.
-    Where a frame holds several instances of an object, estimates are matched to them greedily: the
-    one with the highest score first, to the instance with the smallest ADD(-S).
-    Raises ValueError for a pose with NaN, and DataError for a target whose object has no model.
+
+class TargetScorer:
+    """Scores the targets of one frame after the other.
+
+    `estimates` are those of all frames. `meshes` are those on which BOP's errors are measured; by
+    default and for objects that are not named the models' own.
+
+    Of an object with n targets in a frame, the n estimates with the highest scores count. In that
+    order, each is matched to the free target with the smallest ADD(-S), first those that are right,
+    then the others. BOP's errors are matched by the same rule for each threshold. A target without
+    an estimate, or whose estimate has no pose, is wrong with infinite errors.
+
+    Raises ValueError for a pose with NaN.
     """
-    estimates_of: dict[tuple[int, int, int], list[PoseEstimate]] = {}
-    for estimate in estimates:
-        _check_finite(estimate)
-        key = (estimate.scene_id, estimate.frame_id, estimate.object_id)
-        estimates_of.setdefault(key, []).append(estimate)
-    scorers: dict[int, _ObjectScorer] = {}
-    scores = []
-    for truth in truths:
+
+    def __init__(
+        self,
+        models: Mapping[int, ObjectModel],
+        estimates: Iterable[PoseEstimate],
+        settings: EvaluationSettings,
+        meshes: Mapping[int, Mesh] | None = None,
+    ) -> None:
+        self._models, self._settings, self._meshes = models, settings, dict(meshes or {})
+        self._scorers: dict[int, _ObjectScorer] = {}
+        self._estimates: dict[tuple[int, int, int], list[PoseEstimate]] = {}
+        for estimate in estimates:
+            _check_finite(estimate)
+            key = (estimate.scene_id, estimate.frame_id, estimate.object_id)
+            self._estimates.setdefault(key, []).append(estimate)
+
+    def score(self, truth: FrameTruth) -> list[TargetScore]:
+        """One score for each target of a frame, object by object.
+
+        Raises DataError for a target whose object has no model.
+        """
+        scores = []
+        depth = None if truth.depth is None else truth.depth.unpack()
         for object_id in dict.fromkeys(target.object_id for target in truth.targets):
-            if object_id not in models:
-                raise DataError(f"targets ask for object {object_id}, which has no model")
-            if object_id not in scorers:
-                scorers[object_id] = _ObjectScorer(models[object_id], settings)
-            found = estimates_of.get((truth.scene_id, truth.frame_id, object_id), [])
-            scores += scorers[object_id].score(truth, found)
-    return scores
+            found = self._estimates.get((truth.scene_id, truth.frame_id, object_id), [])
+            scores += self._scorer(object_id).score(truth, depth, found)
+        return scores
+
+    def _scorer(self, object_id: int) -> "_ObjectScorer":
+        if object_id not in self._models:
+            raise DataError(f"targets ask for object {object_id}, which has no model")
+        if object_id not in self._scorers:
+            model = self._models[object_id]
+            mesh = self._meshes.get(object_id, model.mesh)
+            self._scorers[object_id] = _ObjectScorer(model, self._settings, mesh)
+        return self._scorers[object_id]
 
 
 def add_correct(
@@ -89,7 +138,7 @@ def add_correct(
     settings: EvaluationSettings,
 ) -> Bool[np.ndarray, "n"]:
     """Verdict of ADD(-S) on many poses of one target, by the same policy as `score_targets`."""
-    scorer = _ObjectScorer(model, settings)
+    scorer = _ObjectScorer(model, settings, model.mesh)
     distances = np.array([scorer.add_error(pose, true_pose) for pose in poses_cam_obj])
     return distances < scorer.add_limit
 
@@ -97,7 +146,7 @@ def add_correct(
 class _ObjectScorer:
     """Scores the targets of one object; keeps what its errors need more than once."""
 
-    def __init__(self, model: ObjectModel, settings: EvaluationSettings) -> None:
+    def __init__(self, model: ObjectModel, settings: EvaluationSettings, bop_mesh: Mesh) -> None:
         self._model, self._settings = model, settings
         self._vertices = np.asarray(model.mesh.vertices, dtype=np.float64)
         self.add_limit = settings.add_fraction * model.diameter
@@ -105,36 +154,50 @@ class _ObjectScorer:
         self._tree = cKDTree(self._vertices) if self._symmetric else None
         self._few_vertices = self._vertices[:: max(1, len(self._vertices) // _FEW_VERTICES)]
         self._few_tree = cKDTree(self._few_vertices)
-        try:
-            self._hull = self._vertices[ConvexHull(self._vertices).vertices]
-        except QhullError:  # a flat object
-            self._hull = self._vertices
+        self._bop_mesh = bop_mesh
 
-    def score(self, truth: FrameTruth, estimates: Sequence[PoseEstimate]) -> list[TargetScore]:
+    @cached_property
+    def _bop_recalls(self) -> BopRecalls:
+        return BopRecalls(self._model, self._bop_mesh)
+
+    def score(
+        self,
+        truth: FrameTruth,
+        depth: Float[np.ndarray, "h w"] | None,
+        estimates: Sequence[PoseEstimate],
+    ) -> list[TargetScore]:
         """Scores of all targets of this object in one frame."""
         targets = [t for t in truth.targets if t.object_id == self._model.object_id]
-        matched = self._match(targets, estimates)
+        surest = sorted(estimates, key=lambda estimate: -estimate.score)
+        found = [(e.pose_cam_obj, e.score) for e in surest if e.pose_cam_obj is not None]
+        true_poses = [target.pose_cam_obj for target in targets]
+        found = found[: len(targets)]
+        poses = [pose for pose, _ in found]
+        recalls = self._bop_recalls.of(true_poses, poses, truth.camera_matrix, truth.width, depth)
+        matched = self._match(true_poses, poses)
         return [
-            self._missing(truth, target) if found is None else self._score(truth, target, *found)
-            for target, found in zip(targets, matched, strict=True)
+            _missing(truth, target, recall)
+            if row is None
+            else self._score(truth, target, *found[row], recall)
+            for target, row, recall in zip(targets, matched, recalls, strict=True)
         ]
 
-    def _match(
-        self, targets: Sequence[Target], estimates: Sequence[PoseEstimate]
-    ) -> list[tuple[Pose, float] | None]:
-        """Pose and score of the estimate of each target."""
-        matched: list[tuple[Pose, float] | None] = [None] * len(targets)
-        for estimate in sorted(estimates, key=lambda item: -item.score):
-            free = [i for i, each in enumerate(matched) if each is None]
-            pose = estimate.pose_cam_obj
-            if pose is not None and free:
-                matched[self._closest(targets, free, pose)] = pose, estimate.score
+    def _match(self, true_poses: Sequence[Pose], poses: Sequence[Pose]) -> list[int | None]:
+        """Index of the pose matched to each true pose; right poses are matched first."""
+        matched: list[int | None] = [None] * len(true_poses)
+        if len(true_poses) == 1:
+            return [0] if poses else matched
+        errors_of = [[self.add_error(pose, true) for true in true_poses] for pose in poses]
+        left = list(range(len(poses)))
+        for limit in (self.add_limit, np.inf):
+            for i in tuple(left):
+                near = [
+                    j for j, each in enumerate(matched) if each is None and errors_of[i][j] < limit
+                ]
+                if near:
+                    matched[min(near, key=lambda j: errors_of[i][j])] = i
+                    left.remove(i)
         return matched
-
-    def _closest(self, targets: Sequence[Target], free: Sequence[int], pose: Pose) -> int:
-        if len(free) == 1:
-            return free[0]
-        return min(free, key=lambda i: self.add_error(pose, targets[i].pose_cam_obj))
 
     def add_error(self, estimated: Pose, true: Pose) -> float:
         """ADD(-S) in metres: ADD-S where the policy calls the object symmetric, else ADD."""
@@ -146,7 +209,14 @@ class _ObjectScorer:
         """ADD-S (m) over about 2000 of the vertices."""
         return errors.add_s(estimated, true, self._few_vertices, self._few_tree)
 
-    def _score(self, truth: FrameTruth, target: Target, pose: Pose, score: float) -> TargetScore:
+    def _score(
+        self,
+        truth: FrameTruth,
+        target: Target,
+        pose: Pose,
+        score: float,
+        recalls: Float[np.ndarray, "3"],
+    ) -> TargetScore:
         settings, true = self._settings, target.pose_cam_obj
         alike = true
         if self._symmetric:
@@ -169,53 +239,33 @@ class _ObjectScorer:
             add_correct=add_error < self.add_limit,
             pose_correct=near and turn < math.radians(settings.rotation_deg),
             box_correct=iou >= settings.iou,
-            mssd_recall=self._mssd_recall(pose, true),
-            mspd_recall=self._mspd_recall(pose, true, truth),
-            vsd_recall=self._vsd_recall(pose, true, truth),
+            vsd_recall=float(recalls[0]),
+            mssd_recall=float(recalls[1]),
+            mspd_recall=float(recalls[2]),
             score=score,
             add_s_correct=self._add_s(pose, true) < self.add_limit,
         )
 
-    def _mssd_recall(self, pose: Pose, true: Pose) -> float:
-        error = errors.mssd(pose, true, self._hull, self._model.symmetries)
-        return float((error < _BOP_FRACTIONS * self._model.diameter).mean())
 
-    def _mspd_recall(self, pose: Pose, true: Pose, truth: FrameTruth) -> float:
-        # The error is largest on the convex hull, up to an effect of perspective that is far below
-        # the thresholds' steps of 5 px.
-        error = errors.mspd(pose, true, self._hull, self._model.symmetries, truth.camera_matrix)
-        return float((error < _BOP_PIXELS * truth.width / _BOP_WIDTH).mean())
-
-    def _vsd_recall(self, pose: Pose, true: Pose, truth: FrameTruth) -> float:
-        if truth.depth is None:
-            return float("nan")
-        height, width = truth.depth.shape
-        rendered = render_depth(
-            self._model.mesh, np.stack([pose, true]), truth.camera_matrix, (height, width)
-        )
-        tolerances = list(_BOP_FRACTIONS * self._model.diameter)
-        values = errors.vsd(rendered[0], rendered[1], truth.depth, truth.camera_matrix, tolerances)
-        return float((values[:, None] < _BOP_FRACTIONS).mean())
-
-    def _missing(self, truth: FrameTruth, target: Target) -> TargetScore:
-        infinite = float("inf")
-        return TargetScore(
-            truth.scene_id,
-            truth.frame_id,
-            target.object_id,
-            found=False,
-            visible_fraction=target.visible_fraction,
-            add_error=infinite,
-            rotation_error=infinite,
-            translation_error=infinite,
-            box_iou=0.0,
-            add_correct=False,
-            pose_correct=False,
-            box_correct=False,
-            mssd_recall=0.0,
-            mspd_recall=0.0,
-            vsd_recall=float("nan") if truth.depth is None else 0.0,
-        )
+def _missing(truth: FrameTruth, target: Target, recalls: Float[np.ndarray, "3"]) -> TargetScore:
+    infinite = float("inf")
+    return TargetScore(
+        truth.scene_id,
+        truth.frame_id,
+        target.object_id,
+        found=False,
+        visible_fraction=target.visible_fraction,
+        add_error=infinite,
+        rotation_error=infinite,
+        translation_error=infinite,
+        box_iou=0.0,
+        add_correct=False,
+        pose_correct=False,
+        box_correct=False,
+        vsd_recall=float(recalls[0]),
+        mssd_recall=float(recalls[1]),
+        mspd_recall=float(recalls[2]),
+    )
 
 
 def _check_finite(estimate: PoseEstimate) -> None:

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from hlp.evaluation.calibration import summarise_calibration
 from hlp.evaluation.settings import EvaluationSettings
@@ -121,17 +120,22 @@ def _median_errors(scores: Sequence[TargetScore]) -> Summary:
 
 
 def _bop(scores: Sequence[TargetScore]) -> Summary:
-    """BOP's average recalls; None where some target has none (VSD without depth images)."""
+    """BOP's average recalls and `ar`, their mean; None where they were not computed.
+
+    VSD was not computed where some target's frame had no depth image.
+    """
     recalls = {
-        "vsd": np.array([score.vsd_recall for score in scores]),
-        "mssd": np.array([score.mssd_recall for score in scores]),
-        "mspd": np.array([score.mspd_recall for score in scores]),
+        "vsd": _mean_or_none([score.vsd_recall for score in scores]),
+        "mssd": _mean_or_none([score.mssd_recall for score in scores]),
+        "mspd": _mean_or_none([score.mspd_recall for score in scores]),
     }
-    return {name: _mean_or_none(values) for name, values in recalls.items()}
+    known = [value for value in recalls.values() if value is not None]
+    complete = len(known) == len(recalls)
+    return {"ar": float(np.mean(known)) if complete else None, **recalls}
 
 
-def _mean_or_none(values: Float[np.ndarray, "n"]) -> float | None:
-    mean = float(values.mean())
+def _mean_or_none(values: Sequence[float]) -> float | None:
+    mean = float(np.mean(values))
     return None if np.isnan(mean) else mean
 
 

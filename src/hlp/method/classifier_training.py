@@ -14,8 +14,9 @@ from hlp.method.backgrounds import Backgrounds
 from hlp.method.networks import CLASSIFIER
 from hlp.method.settings import MethodSettings
 from hlp.method.training import calibration_images, fit
-from hlp.models.classifier_training import HolisticClassifier, copy_weights
+from hlp.models.classifier_training import HolisticClassifier, copy_weights, raise_background
 from hlp.models.onnx_export import export_network
+from hlp.objects.distractors import distractor_scenes
 from hlp.patches.holistic_data import HolisticDataModule
 from hlp.patches.holistic_pool import (
     BackgroundPool,
@@ -54,25 +55,29 @@ def train_classifier(
     """
     logging.getLogger(__name__).info("cutting windows of %d objects", len(models))
     patches = settings.patches
+    windows = _windows(models, views_of, settings)
     data = HolisticDataModule(
-        _windows(models, views_of, settings),
+        windows,
         _backgrounds(models, backgrounds, settings),
         patches.holistic.channels,
-        patches.pool.background_share,
+        patches.pool.background_share_for(len(models)),
         settings.classifier.batch_size,
         settings.seed,
         settings.machine.threads,
     )
     torch.manual_seed(settings.seed)
     module = HolisticClassifier(settings.classifier, _channels(settings), len(models) + 1)
-    epochs = settings.classifier.epochs
+    epochs = settings.classifier.epochs_for(len(windows.labels))
     if start is not None:
         copy_weights(module.network, start.weights, start.labels)
         epochs = start.epochs
     fit(module, data, module.network, epochs, settings.trainer, folder)
+    prior = max(settings.classifier.prior_objects, len(models))
+    pool = patches.pool
+    raise_background(module.network, pool.object_odds(len(models)) / pool.object_odds(prior))
     sample = calibration_images(data, module.images)
     export_network(module.network.layers, sample, folder / CLASSIFIER, levels=True)
-    del data, module
+    del data, module, windows
     gc.collect()  # trainer, loader and data refer to each other: a gigabyte for 15 objects
 
 
@@ -109,9 +114,12 @@ def _windows(
 def _backgrounds(
     models: Mapping[int, ObjectModel], backgrounds: Backgrounds, settings: MethodSettings
 ) -> BackgroundPool:
-    resolution = settings.patches.holistic.resolution
-    count = settings.patches.pool.backgrounds
+    resolution, pool = settings.patches.holistic.resolution, settings.patches.pool
     rng = np.random.default_rng([settings.seed, 0])
-    crops = backgrounds.photograph_crops(count, resolution, rng)
-    frames = backgrounds.load_background_frames()
-    return bake_backgrounds(crops, frames, _sizes(models), resolution, count, rng)
+    crops = backgrounds.photograph_crops(pool.backgrounds, resolution, rng)
+    meshes = [model.mesh for _, model in sorted(models.items())]
+    scenes = distractor_scenes(
+        meshes, pool.distractor_scenes, settings.seed, settings.machine.threads
+    )
+    frames = [backgrounds.load_background_frames(), scenes]
+    return bake_backgrounds(crops, frames, _sizes(models), resolution, pool.backgrounds, rng)

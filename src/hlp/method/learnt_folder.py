@@ -2,7 +2,8 @@
 
 <folder>/learnt.json            format, objects, the classifier's classes, settings
 <folder>/classifier/, encoder/  the networks
-<folder>/objects/NAME/          object.json, model.npz (meshes, symmetries), codebook.npz
+<folder>/objects/NAME/          object.json, model.npz (meshes, symmetries, siblings),
+                                texture.png if the mesh has one, codebook.npz
 
 Nothing in it is pickled: reading it runs no code of whoever wrote it. Other checks are not made, so
 load folders from people you trust.
@@ -13,7 +14,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
+import cv2
 import numpy as np
+from jaxtyping import Float
 
 from hlp.codebook.entries import load_codebook
 from hlp.errors import ConfigError, DataError, MissingFileError
@@ -22,13 +25,13 @@ from hlp.method.networks import load_classifier
 from hlp.method.settings import Device, MethodSettings, settings_from_json, settings_to_json
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
-from hlp.records import Codebook, Mesh, ObjectModel
+from hlp.records import Codebook, Mesh, ObjectModel, Texture
 from hlp.refinement.score_model import ScoreModel, load_score_model
 
-FORMAT = 1
+FORMAT = 2
 RECORD = "learnt.json"
 CLASSIFIER, ENCODER, OBJECTS = "classifier", "encoder", "objects"
-_OBJECT, _MODEL = "object.json", "model.npz"
+_OBJECT, _MODEL, _TEXTURE = "object.json", "model.npz", "texture.png"
 _MESH_FIELDS = ("vertices", "faces", "colors", "normals")
 
 
@@ -92,10 +95,17 @@ def write_model(folder: Path, model: ObjectModel) -> None:
         for part, mesh in (("mesh", model.mesh), ("proxy", model.proxy))
         for field in _MESH_FIELDS
     }
-    np.savez(folder / _MODEL, symmetries=model.symmetries, **arrays)
+    arrays |= {"symmetries": model.symmetries, "siblings": model.siblings}
+    texture = model.mesh.texture
+    if texture is not None:
+        arrays["mesh_uv"] = texture.uv
+        _, encoded = cv2.imencode(".png", texture.image[..., ::-1])
+        (folder / _TEXTURE).write_bytes(encoded.tobytes())
+    np.savez(folder / _MODEL, **arrays)
     content = {
         "id": model.object_id,
         "name": model.name,
+        "colored": model.mesh.colored,
         "diameter": model.diameter,
         "holistic_size": model.holistic_size,
         "local_size": model.local_size,
@@ -111,9 +121,15 @@ def read_model(folder: Path) -> ObjectModel:
     content = read_json(folder / _OBJECT)
     stored = read_npz(folder / _MODEL)
     try:
+        texture = _read_texture(folder, stored["mesh_uv"]) if "mesh_uv" in stored else None
+        colored = bool(content["colored"])
         mesh, proxy = (
-            Mesh(*(stored[f"{part}_{field}"] for field in _MESH_FIELDS))
-            for part in ("mesh", "proxy")
+            Mesh(
+                **{field: stored[f"{part}_{field}"] for field in _MESH_FIELDS},
+                texture=image,
+                colored=colored,
+            )
+            for part, image in (("mesh", texture), ("proxy", None))
         )
         return ObjectModel(
             int(content["id"]),
@@ -124,9 +140,19 @@ def read_model(folder: Path) -> ObjectModel:
             stored["symmetries"],
             float(content["holistic_size"]),
             float(content["local_size"]),
+            stored["siblings"],
         )
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(f"{folder} is damaged ({error}): learn the object again") from error
+
+
+def _read_texture(folder: Path, uv: Float[np.ndarray, "v 2"]) -> Texture:
+    image = cv2.imread(str(folder / _TEXTURE), cv2.IMREAD_COLOR)
+    if image is None:
+        raise DataError(
+            f"{folder / _TEXTURE} is missing or damaged: learn the object again, or copy it anew"
+        )
+    return Texture(np.ascontiguousarray(image[..., ::-1]), uv)
 
 
 class LearntFolder:

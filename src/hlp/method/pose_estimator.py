@@ -22,6 +22,7 @@ from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
 from hlp.refinement.pose_fit import PoseFit, measure_fit
 from hlp.refinement.score_model import ScoreModel
 from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
+from hlp.rendering.color_grid import color_grid
 from hlp.voting.cast import cast_votes
 
 
@@ -127,6 +128,8 @@ class PoseEstimator:
         for object_id in object_ids:
             self._codebook(object_id)
             self.verifier(object_id)
+            if len(self.learnt.models[object_id].siblings) > 0:
+                color_grid(self.learnt.models[object_id].mesh)
 
     def prepare(self, frame: Frame) -> FrameContext:
         """The context of a frame, which is passed to the stages of every object in it."""

@@ -34,6 +34,22 @@ class ClassifierSettings(Settings):
     weight_decay: Annotated[float, Ge(0), Doc("of AdamW (D)")] = 1.0e-3
     epochs: Annotated[int, Ge(1), Doc("passes over the pool of windows (D)")] = 12
     batch_size: Annotated[int, Ge(1), Doc("windows in a batch (D)")] = 256
+    min_batches: Annotated[
+        int, Ge(0), Doc("few objects have few windows: further epochs until so many batches (D)")
+    ] = 300
+    prior_objects: Annotated[
+        int,
+        Ge(0),
+        Doc(
+            "where fewer objects are learnt, background is taken to be as much more likely as it "
+            "is among so many; 0: as likely as in training (D)"
+        ),
+    ] = 15
+
+    def epochs_for(self, windows: int) -> int:
+        """Passes over a pool of so many windows."""
+        batches = max(1, windows // self.batch_size)
+        return max(self.epochs, -(-self.min_batches // batches))
 
 
 def class_probabilities(

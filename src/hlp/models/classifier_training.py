@@ -1,5 +1,6 @@
 """CNN that classifies holistic patches (paper, Fig. 3, which does not give the layer sizes)."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 import pytorch_lightning as pl
@@ -88,6 +89,17 @@ class HolisticClassifier(pl.LightningModule):
             "optimizer": optimizer,
             "lr_scheduler": {"scheduler": schedule, "interval": "step"},
         }
+
+
+def raise_background(network: HolisticCNN, odds: float) -> None:
+    """Multiply the odds of background against every object by a factor, at every window.
+
+    It corrects for objects that are more frequent in training than among the windows of an image.
+    """
+    last = network.layers[-1]
+    assert isinstance(last, nn.Linear)
+    with torch.no_grad():
+        last.bias[0] += math.log(odds)
 
 
 def copy_weights(

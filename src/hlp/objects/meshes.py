@@ -12,9 +12,9 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 from scipy.spatial.distance import cdist
 
 from hlp.errors import ConfigError, DataError, MissingFileError
+from hlp.objects.mesh_colors import mesh_colors, plain_colors, texture_missing
 from hlp.records import MILLIMETRE, MILLIMETRES_PER_METRE, Mesh
 
-PLAIN_COLOR = (210, 210, 210)
 _DIAMETER_RANGE = (0.01, 2.0)
 _BLOCK = 1024
 # All that trimesh's loaders raise for broken files.
@@ -28,15 +28,19 @@ def load_mesh(path: Path, scale: float = MILLIMETRE) -> Mesh:
     """Load a triangle mesh; `scale` is metres per unit of the file (BOP's files are in mm).
 
     Vertices and faces keep their order. Colours are the file's (per vertex, per face or texture) or
-    light grey; normals are the file's or computed. Raises FileNotFoundError, and ValueError for a
+    light grey, also where the texture's image is missing, which is logged; normals are the file's
+    or computed. Raises FileNotFoundError, and ValueError for a
     file that cannot be parsed, has no triangles or NaN vertices, or whose diameter is not
     1 cm … 2 m (wrong unit).
     """
     if not path.is_file():
         raise MissingFileError(f"no mesh {path}")
+    # Without its image trimesh would put up a stand-in.
+    missing = texture_missing(path)
+    options: dict[str, Any] = {"skip_materials": True} if missing else {}
     try:
         # `force="mesh"` would drop the file's normals.
-        raw = trimesh.load(path, process=False, maintain_order=True)
+        raw = trimesh.load(path, process=False, maintain_order=True, **options)
         if isinstance(raw, trimesh.Scene):
             raw = raw.to_mesh()
     except _PARSE_ERRORS as error:
@@ -48,15 +52,22 @@ def load_mesh(path: Path, scale: float = MILLIMETRE) -> Mesh:
         raise DataError(f"{path} has NaN or infinite vertices: repair the mesh")
     _check_unit(path, mesh_diameter(vertices), scale)
     faces = np.array(raw.faces, dtype=np.int32)
-    return Mesh(vertices, faces, _colors(raw), _unit_normals(np.array(raw.vertex_normals)))
+    colors, texture, stated = mesh_colors(path, raw) if not missing else plain_colors(raw)
+    normals = _unit_normals(np.array(raw.vertex_normals))
+    return Mesh(vertices, faces, colors, normals, texture, stated and not _one_grey(colors))
+
+
+def _one_grey(colors: UInt8[np.ndarray, "v 3"]) -> bool:
+    """Whether all colours are one grey, as modelling programs write it for want of a colour."""
+    return bool(np.ptp(colors) == 0)
 
 
 def decimate(mesh: Mesh, faces: int) -> Mesh:
     """The mesh reduced to about `faces` triangles by quadric error; unchanged if it has no more.
 
-    Colours are those of the nearest vertex of the full mesh. Normals are computed from the new
-    triangles, because the nearest vertex may be on the other side of a thin wall. Raises ValueError
-    for fewer than 4 faces, or if no triangle is left.
+    Colours are those of the nearest vertex of the full mesh; the result has no texture. Normals are
+    computed from the new triangles, because the nearest vertex may be on the other side of a thin
+    wall. Raises ValueError for fewer than 4 faces, or if no triangle is left.
     """
     if faces < 4:
         raise ConfigError(f"a decimated mesh needs at least 4 faces, not {faces}")
@@ -74,7 +85,8 @@ def decimate(mesh: Mesh, faces: int) -> Mesh:
     vertices = np.asarray(points, dtype=np.float64) / MILLIMETRES_PER_METRE
     _, nearest = cKDTree(mesh.vertices).query(vertices)
     kept = np.asarray(kept, dtype=np.int32)
-    return Mesh(vertices, kept, mesh.colors[nearest], _vertex_normals(vertices, kept))
+    normals = _vertex_normals(vertices, kept)
+    return Mesh(vertices, kept, mesh.colors[nearest], normals, colored=mesh.colored)
 
 
 def mesh_diameter(vertices: Float[np.ndarray, "v 3"]) -> float:
@@ -94,17 +106,6 @@ def _check_unit(path: Path, diameter: float, scale: float) -> None:
             f"{path}: diameter {diameter:.4g} m at {scale:g} m per unit is not within {low} … "
             f"{high} m: probably the wrong unit (metres need scale 1, millimetres 0.001)"
         )
-
-
-def _colors(raw: trimesh.Trimesh) -> UInt8[np.ndarray, "v 3"]:
-    plain = np.tile(np.array(PLAIN_COLOR, np.uint8), (len(raw.vertices), 1))
-    visual: Any = raw.visual
-    if visual is None or not visual.defined:
-        return plain
-    if visual.kind == "texture":
-        visual = visual.to_color()
-    colors = np.asarray(visual.vertex_colors, dtype=np.uint8)
-    return colors[:, :3].copy() if len(colors) == len(plain) else plain
 
 
 def _vertex_normals(

@@ -1,6 +1,7 @@
 """Object models built from their settings and meshes, and hashes of their content."""
 
 import hashlib
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,9 +13,12 @@ from jaxtyping import Float
 
 from hlp.errors import ConfigError
 from hlp.objects.meshes import decimate, load_mesh, mesh_diameter
+from hlp.objects.near_symmetries import find_near_symmetries, without
 from hlp.objects.patch_sizes import holistic_size, local_size
 from hlp.records import MILLIMETRE, Mesh, ObjectModel
 from hlp.settings import Doc, Settings
+
+_logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -41,12 +45,29 @@ def build_object_model(
 ) -> ObjectModel:
     """Load one object; `scale` is metres per unit of the mesh file, `diameter` in metres.
 
-    By default the diameter is the largest distance between two vertices, and the only symmetry is
-    the identity. Raises what `load_mesh` raises.
+    By default the diameter is the largest distance between two vertices, and the symmetries are
+    found in the mesh: the motions that leave its shape nearly as it is and that its colours do not
+    break. Those that they break are its siblings; with stated `symmetries`, all that these lack.
+    A mesh without colours has no siblings.
+    Raises what `load_mesh` raises.
     """
     mesh = load_mesh(mesh_path, scale)
+    if not mesh.colored:
+        _logger.info("%s has no colours: colour takes no part in verifying its poses", name)
     if diameter is None:
         diameter = mesh_diameter(mesh.vertices)
+    near = find_near_symmetries(mesh, diameter)
+    siblings = near.broken
+    if symmetries is None:
+        symmetries = np.concatenate([np.eye(4)[None], near.unbroken])
+    elif mesh.colored:
+        siblings = without(np.concatenate([near.unbroken, near.broken]), symmetries)
+    _logger.info(
+        "%s: %d symmetries; its colours tell %d more poses of nearly the same shape apart",
+        name,
+        len(symmetries) - 1,
+        len(siblings),
+    )
     holistic, local = settings.holistic_size_mm, settings.local_size_mm
     return ObjectModel(
         object_id=settings.id,
@@ -54,9 +75,10 @@ def build_object_model(
         mesh=mesh,
         proxy=decimate(mesh, proxy_faces),
         diameter=diameter,
-        symmetries=np.eye(4)[None] if symmetries is None else symmetries,
+        symmetries=symmetries,
         holistic_size=holistic_size(mesh.vertices) if holistic is None else holistic * MILLIMETRE,
         local_size=local_size(diameter) if local is None else local * MILLIMETRE,
+        siblings=siblings,
     )
 
 
@@ -72,18 +94,21 @@ def check_unique(objects: Mapping[str, ObjectSettings]) -> None:
 
 
 def model_identity(model: ObjectModel) -> str:
-    """Hash of an object's id, mesh, proxy, diameter and symmetries, not of its patch sizes."""
+    """Hash of an object's id, meshes, diameter, symmetries and siblings, not of its patch sizes."""
     digest = hashlib.blake2b(f"{model.object_id} {model.diameter!r}".encode(), digest_size=16)
     for part in (mesh_identity(model.mesh), mesh_identity(model.proxy)):
         digest.update(part.encode())
-    digest.update(np.ascontiguousarray(model.symmetries).tobytes())
+    for motions in (model.symmetries, model.siblings):
+        digest.update(f"\0{motions.shape}".encode())
+        digest.update(np.ascontiguousarray(motions).tobytes())
     return digest.hexdigest()
 
 
 def mesh_identity(mesh: Mesh) -> str:
-    """Hash of a mesh's vertices, faces, colours and normals."""
-    digest = hashlib.blake2b(digest_size=16)
-    for array in (mesh.vertices, mesh.faces, mesh.colors, mesh.normals):
+    """Hash of a mesh's vertices, faces, colours, normals and texture."""
+    digest = hashlib.blake2b(f"{mesh.colored}".encode(), digest_size=16)
+    texture = () if mesh.texture is None else (mesh.texture.image, mesh.texture.uv)
+    for array in (mesh.vertices, mesh.faces, mesh.colors, mesh.normals, *texture):
         digest.update(f"\0{array.dtype.str}{array.shape}".encode())
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()

@@ -12,6 +12,7 @@ from hlp.records import Region
 from hlp.settings import Doc, Settings
 
 _MIN_WEIGHT = 0.01
+_COMPARABLE = 0.1
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,12 @@ class RegionSettings(Settings):
         Doc("windows with p(object) above this are accepted (D); 0: the most likely class (P)"),
     ] = 0.15
     min_windows: Annotated[
-        int, Ge(0), Doc("at least this many windows, the most probable, are accepted (D; P: 0)")
+        int,
+        Ge(0),
+        Doc(
+            "at least this many windows, the most probable, are accepted, as far as they are a "
+            "tenth as probable as the first (D; P: 0)"
+        ),
     ] = 8
     square_side: Annotated[
         float,
@@ -155,8 +161,9 @@ def candidate_region(
     accepted = is_best if settings.threshold == 0 else probabilities > settings.threshold
     if accepted.sum() < settings.min_windows and len(probabilities):
         order = np.argsort(-probabilities, kind="stable")[: settings.min_windows]
+        comparable = probabilities[order] >= _COMPARABLE * probabilities.max()
         accepted = accepted.copy()
-        accepted[order] = True
+        accepted[order[comparable]] = True
     scale = settings.square_side * extent if settings.square_side > 0 else 1.0
     half_sides = windows.sides[accepted] * scale / 2
     mask = _union_of_squares(windows.centers[accepted], half_sides, shape)

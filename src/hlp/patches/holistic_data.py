@@ -96,8 +96,22 @@ def draw_composites(
     draws["occluder_gain"] = np.roll(draws["background_gain"], 1)
     _draw_colors(rng, draws)
     _draw_depths(rng, draws)
+    _center_backgrounds(draws)
     draws["noise_start"] = rng.integers(NOISE_LENGTH - 4 * size * size, size=count)
     return draws
+
+
+def _center_backgrounds(draws: np.ndarray) -> None:
+    """Give images of background alone the depth that their windows have in the middle: 0.
+
+    A background lies behind an object at any distance. Alone it is what the window's size was taken
+    from; if it were elsewhere, the depth in the middle would tell an object from anything else.
+    """
+    alone = draws["background_only"]
+    draws["background_offset"][alone] = 0.0
+    draws["background_plane"][alone, 0] = 0.0
+    middle = draws["background_relief"][:, 1:3, 1:3].mean(axis=(1, 2), keepdims=True)
+    draws["background_relief"] -= np.where(alone[:, None, None], middle, np.float32(0.0))
 
 
 def _draw_occluders(rng: np.random.Generator, draws: np.ndarray, size: int) -> None:

@@ -41,7 +41,12 @@ class HolisticPoolSettings(Settings):
         Doc("fraction with another object's size, labelled background (D)"),
     ] = 0.10
     background_share: Annotated[
-        float, Interval(ge=0, le=1), Doc("fraction of each batch that shows only background (D)")
+        float,
+        Interval(ge=0, le=1),
+        Doc(
+            "fraction of each batch that shows only background; at least as much as one object, so "
+            "1/2 where one is learnt, 1/3 where two are (D)"
+        ),
     ] = 0.25
     center_tolerance: Annotated[
         float,
@@ -57,6 +62,25 @@ class HolisticPoolSettings(Settings):
     backgrounds: Annotated[
         int, Ge(1), Doc("number of crops of photographs, and of RGB-D frames (D)")
     ] = 8000
+    distractor_scenes: Annotated[
+        int,
+        Ge(0),
+        Doc(
+            "rendered scenes of random shapes in the objects' sizes, colours and prints, of which "
+            "as many crops are backgrounds (D); 0: none"
+        ),
+    ] = 100
+
+    def background_share_for(self, objects: int) -> float:
+        """The fraction of each batch that shows only background, for a number of objects."""
+        return max(self.background_share, 1.0 / (objects + 1))
+
+    def object_odds(self, objects: int) -> float:
+        """Windows of one object in a batch for each window labelled background."""
+        shown = 1.0 - self.background_share_for(objects)
+        labelled = shown * (1.0 - self.off_center - self.wrong_scale)
+        labelled = min(max(labelled, 1e-6), 1.0 - 1e-6)  # pools of one kind of window alone
+        return labelled / objects / (1.0 - labelled)
 
 
 @dataclass(frozen=True)
@@ -127,18 +151,20 @@ def join_pools(pools: Sequence[HolisticPool]) -> HolisticPool:
 
 def bake_backgrounds(
     photograph_crops: UInt8[np.ndarray, "n p p 3"],
-    frames: Sequence[Frame],
+    frames: Sequence[Sequence[Frame]],
     metric_sizes: Sequence[float],
     resolution: int,
     count: int,
     rng: np.random.Generator,
 ) -> BackgroundPool:
-    """Crops of photographs (without depth) and about `count` windows of RGB-D frames."""
+    """Crops of photographs (without depth) and about `count` windows of each group of frames."""
     colors, depths = [photograph_crops], [np.zeros(photograph_crops.shape[:3], dtype=np.uint8)]
-    for frame in frames:
-        color, depth = _frame_windows(frame, metric_sizes, resolution, count // len(frames), rng)
-        colors.append(color)
-        depths.append(depth)
+    for group in frames:
+        for frame in group:
+            share = count // len(group)
+            color, depth = _frame_windows(frame, metric_sizes, resolution, share, rng)
+            colors.append(color)
+            depths.append(depth)
     return BackgroundPool(np.concatenate(colors), np.concatenate(depths))
 
 

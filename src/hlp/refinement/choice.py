@@ -6,13 +6,14 @@ explain.
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.refiner import Refiner, refinable
+from hlp.refinement.texture import choose_sibling
 from hlp.refinement.verification import Evidence, Observation, Verifier
 
 _BATCH = 2  # hypotheses refined before the next ones are compared with the best so far
@@ -56,8 +57,9 @@ def refine_and_choose(
     Hypotheses that are not finite or lie behind the camera are dropped; None if no other is left.
     The rest is refined in order of verification cost, two at a time and at most `candidates`, until
     the next one costs more than the best refined pose by `max_improvement`: refinement hardly ever
-    lowers a cost by that much. The polished pose is kept unless its cost, among the refined poses,
-    is higher than before.
+    lowers a cost by that much. The chosen pose gives way to that of its siblings whose colours
+    agree best with the image. Then it is polished; the polished pose is kept unless its cost, among
+    the refined poses, is higher than before.
 
     This is repeated for every further one of up to `instances`, with the hypotheses for which more
     than half of the agreeing pixels are not explained by an instance that was chosen before.
@@ -120,7 +122,11 @@ class _InstanceSearch:
         costs = self._competing_costs(rows)
         self._costs = np.append(self._costs, np.zeros(len(self._refined) - len(self._costs)))
         self._costs[rows] = costs
-        self._polish(rows, int(np.argmin(costs)))
+        chosen = int(np.argmin(costs))
+        if len(self._model.siblings) > 0:
+            self._turn_to_sibling(int(rows[chosen]))
+            self._costs[rows] = self._competing_costs(rows)
+        self._polish(rows, chosen)
         return self._refined[self._instances[-1]].pose_cam_obj
 
     def _refine(self, candidates: int, max_improvement: float) -> None:
@@ -151,6 +157,12 @@ class _InstanceSearch:
             self._sources += rows.tolist()
             poses = np.stack([each.pose_cam_obj for each in found])
             lowest = min(lowest, self._verifier.costs(self._observation, poses).min())
+
+    def _turn_to_sibling(self, row: int) -> None:
+        """Replace a refined pose by that of its siblings whose colours agree best."""
+        before = self._refined[row]
+        told = choose_sibling(self._observation, self._model, before.pose_cam_obj)
+        self._refined[row] = replace(before, pose_cam_obj=told.pose_cam_obj)
 
     def _polish(self, rows: Int[np.ndarray, "r"], chosen: int) -> None:
         """Add the chosen one of the free `rows` to the instances, polished.

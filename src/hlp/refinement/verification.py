@@ -151,12 +151,17 @@ def observe(
 
 
 class Verifier:
-    """Verification cost of poses of one object."""
+    """Verification cost of poses of one object.
+
+    Colour takes no part for an object whose mesh has none: the other weights share its weight.
+    """
 
     def __init__(self, model: ObjectModel, settings: VerificationSettings) -> None:
         mesh = model.proxy
         self._settings, self.mesh = settings, mesh
         self.tau_depth = settings.tau_depth_mm / 1000.0  # m
+        # The colours of a mesh without colours mean nothing.
+        self._weight_color = settings.weight_color if model.mesh.colored else 0.0
         self._centroid, self._radius = model.centroid, model.diameter / 2.0
         self._vertices, self._faces, self._closed = prepare_mesh(mesh)
         offset_colors = mesh.colors[mesh.faces].mean(axis=1) + COLOR_OFFSET
@@ -232,8 +237,8 @@ class Verifier:
         edge = (1.0 - evidence.edges_occluded) * evidence.edge
         edge += settings.occluded_edge_cost * evidence.edges_occluded
         weighted = settings.weight_depth * depth + settings.weight_edge * edge
-        weighted += settings.weight_color * evidence.color
-        total_weight = settings.weight_depth + settings.weight_edge + settings.weight_color
+        weighted += self._weight_color * evidence.color
+        total_weight = settings.weight_depth + settings.weight_edge + self._weight_color
         return np.where(evidence.missing < 1.0, np.clip(weighted / total_weight, 0.0, 1.0), WORST)
 
     def evidence(

@@ -59,7 +59,7 @@ def note_frame(
         x, y = votes.pixels.astype(int).T
         on_object = np.any(shown, axis=0)[y, x]
         counted.append(VoteCounts.of(object_id, np.any(good, axis=0), votes.weights, on_object))
-    return FrameNotes(FrameTruth.of(frame), tuple(counted), tuple(targets))
+    return FrameNotes(FrameTruth.of(frame, with_depth=True), tuple(counted), tuple(targets))
 
 
 def _count(frame: Frame, visible: Mask, region: Region, good: int) -> TargetCounts:

@@ -56,19 +56,10 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         detection = stages_of(run, store)
         training = detection.training
         render_in_workers(training, settings.executor)
-        scores = detection.scores()
-        notes: dict[str, FrameNotes] = {}
-
-        def look(key: str, found: Mapping[str, Arrays]) -> None:
-            frame = detection.load(key)
-            notes[key] = note_frame(run.dataset, frame, found, settings.evaluation)
-            _draw(run, frame, found, scores, output / "panels")
-
-        estimates = detection.estimates(look)
+        estimates, notes = _find(run, detection, output / "panels")
         _log_training(training, tracker)
         timing = measure_times(run, detection, estimates)
-        in_order = [notes[key] for key in run.keys]
-        summary = _score(run, detection, estimates, in_order, timing, output)
+        summary = _score(run, detection, estimates, notes, timing, output)
         tracker.log_metrics(summary_metrics(summary))
         log_tables(summary, output, tracker)
         made = make_manifest(run, store)
@@ -78,6 +69,22 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
     print(format_summary(summary))
     _say_where(run, output, tracker)
     return summary
+
+
+def _find(
+    run: Run, detection: DetectionStages, panels: Path
+) -> tuple[list[PoseEstimate], list[FrameNotes]]:
+    """Find the objects in all frames; what scoring needs of each frame, in order. Draws panels."""
+    notes: dict[str, FrameNotes] = {}
+    scores = detection.scores()
+
+    def look(key: str, found: Mapping[str, Arrays]) -> None:
+        frame = detection.load(key)
+        notes[key] = note_frame(run.dataset, frame, found, run.settings.evaluation)
+        _draw(run, frame, found, scores, panels)
+
+    estimates = detection.estimates(look)
+    return estimates, [notes[key] for key in run.keys]
 
 
 def _score(
@@ -93,7 +100,9 @@ def _score(
     write_poses(output / POSES, estimates)
     saved = read_poses(output / POSES)
     truths = [each.truth for each in notes]
-    scores = score_targets(truths, dataset.models, saved, settings.evaluation)
+    scores = score_targets(
+        truths, dataset.models, saved, settings.evaluation, dataset.evaluation_meshes
+    )
     scores = explain_misses(detection, notes, scores, settings.evaluation)
     names = {object_id: model.name for object_id, model in dataset.models.items()}
     write_scores(output / SCORES, scores, names)

@@ -23,6 +23,7 @@ from omegaconf import DictConfig, OmegaConf
 from hlp.errors import HlpError, InputError, MissingFileError
 from hlp.files import SWEEP, read_json, write_json
 from hlp.reporting.figures.trade_off import draw_trade_off
+from hlp.reporting.recordings import write_recordings
 from hlp.reporting.reproductions import write_reproductions
 from hlp.reporting.tracking import ChildRun, Tracker, TrackingSettings, as_child_run, track_run
 from hlp.runs.manifest import is_finished
@@ -100,12 +101,17 @@ def unfinished_sweep(arguments: Sequence[str], folder: Path) -> Path | None:
 def run_one(config: DictConfig) -> None:
     """Run one combination of a sweep as a child run, unless it is finished already.
 
-    Any error, also in the configuration, leaves a FAILED run and is raised.
+    A data set that is absent from `data_folder` is left out with a message. Any error, also in the
+    configuration, leaves a FAILED run and is raised.
     """
     from hlp.config import build
     from hlp.studies import tasks
 
     hydra = HydraConfig.get()
+    absent = _absent_data(config)
+    if absent is not None:
+        logging.getLogger(__name__).warning("left out: there is no folder %s", absent)
+        return
     output, sweep = Path(config.output), _read(Path(hydra.sweep.dir))
     if not sweep:
         raise MissingFileError(f"no {SWEEP} in {hydra.sweep.dir}: the sweep could not be opened")
@@ -124,6 +130,14 @@ def run_one(config: DictConfig) -> None:
         tasks.run_task(run, output)
 
 
+def _absent_data(config: DictConfig) -> str | None:
+    """The folder of the data set, if `data_folder` is set and lacks it."""
+    if OmegaConf.select(config, "data_folder") is None:
+        return None
+    root = OmegaConf.select(config, "data.root")
+    return None if root is None or Path(root).is_dir() else str(root)
+
+
 @contextmanager
 def _recorded(folder: Path, record: dict[str, Any]) -> Iterator[None]:
     """Record in `sweep.json` whether the sweep ended."""
@@ -140,7 +154,7 @@ def _recorded(folder: Path, record: dict[str, Any]) -> Iterator[None]:
 def _drawn(folder: Path, tracker: Tracker) -> Iterator[None]:
     """Draw recall against time of the runs, after the last one has ended successfully."""
     yield
-    for path in [*draw_trade_off(folder), *write_reproductions(folder)]:
+    for path in [*draw_trade_off(folder), *write_reproductions(folder), *write_recordings(folder)]:
         tracker.log_artifact(path)
         logging.getLogger(__name__).info("Drawn     %s", path)
 

@@ -11,7 +11,10 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float
 
-from hlp.data.synthetic.shapes import (
+from hlp.geometry import rigid
+from hlp.objects.meshes import decimate, mesh_diameter
+from hlp.objects.patch_sizes import holistic_size, local_size
+from hlp.objects.shapes import (
     cylinder,
     ellipsoid,
     lathe,
@@ -21,9 +24,6 @@ from hlp.data.synthetic.shapes import (
     rounded_box,
     tube,
 )
-from hlp.geometry import rigid
-from hlp.objects.meshes import decimate, mesh_diameter
-from hlp.objects.patch_sizes import holistic_size, local_size
 from hlp.records import Mesh, ObjectModel
 
 PROXY_FACES = 2000

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from hlp.data.synthetic.layout import Item
-from hlp.data.synthetic.shapes import merge, moved_by
 from hlp.geometry import inverse, rigid
+from hlp.objects.shapes import merge, moved_by
 from hlp.records import Mesh
 from hlp.rendering.light import Light
 from hlp.rendering.rasterizer import render_depth

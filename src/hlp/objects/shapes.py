@@ -1,4 +1,4 @@
-"""Closed, coloured surfaces from which the demo objects are assembled.
+"""Closed, coloured surfaces from which objects are assembled: the demo's, and distractors.
 
 Every shape is a `Mesh` in metres whose vertices are at most about `SPACING` apart, so that
 interpolated colours and shading look smooth. `merge` keeps surfaces inside other shapes, which a

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from hlp.data.synthetic import shapes
+from hlp.objects import shapes
 from hlp.records import Mesh
 
 GREY = (120, 120, 120)

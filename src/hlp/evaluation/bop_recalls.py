@@ -1,0 +1,140 @@
+"""BOP's recalls of one object in one frame: VSD, MSSD and MSPD (BOP Challenge 2020, Sec. 2.2).
+
+They agree with the BOP toolkit, which differs from the rest of HLP in two respects. Estimates are
+matched to the instances for each error and each threshold anew. And it renders half a pixel off:
+its projection matrix takes the image to begin at coordinate 0, as OpenGL does, which samples pixel
+i at i + 0.5; its distances along the rays take the centre of pixel i at i, as we do.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.spatial import ConvexHull, QhullError
+
+from hlp.evaluation import errors
+from hlp.geometry import project, transform
+from hlp.records import Mesh, ObjectModel
+from hlp.rendering.rasterizer import NEAR, render_depth
+
+Pose = Float[np.ndarray, "4 4"]
+Camera = Float[np.ndarray, "3 3"]
+Depth = Float[np.ndarray, "h w"]
+Box = tuple[int, int, int, int]
+
+FRACTIONS = np.arange(1, 11) * 0.05
+"""Thresholds of VSD, its tolerances as fractions of the diameter, and thresholds of MSSD."""
+PIXELS = np.arange(1, 11) * 5.0
+"""Thresholds of MSPD for an image of 640 pixels in width."""
+_WIDTH = 640
+
+
+class BopRecalls:
+    """Recalls of one object, with the errors measured on `mesh` (BOP: that of `models_eval`)."""
+
+    def __init__(self, model: ObjectModel, mesh: Mesh) -> None:
+        self._mesh, self._diameter, self._symmetries = mesh, model.diameter, model.symmetries
+        self._hull = hull_vertices(mesh)
+
+    def of(
+        self,
+        true_poses: Sequence[Pose],
+        estimates: Sequence[Pose],
+        camera_matrix: Camera,
+        width: int,
+        depth: Depth | None,
+    ) -> Float[np.ndarray, "n 3"]:
+        """Recalls of VSD, MSSD and MSPD of each of n instances, averaged over BOP's thresholds.
+
+        `estimates` are the poses to score, the surest first. VSD is nan without a depth image (m).
+        """
+        pairs = [(estimate, true) for estimate in estimates for true in true_poses]
+        shape = (len(estimates), len(true_poses))
+        mssd = np.array([errors.mssd(*pair, self._hull, self._symmetries) for pair in pairs])
+        # The error is largest on the convex hull, up to an effect of perspective that is far below
+        # the thresholds' steps of 5 px.
+        mspd = np.array(
+            [errors.mspd(*pair, self._hull, self._symmetries, camera_matrix) for pair in pairs]
+        )
+        vsd_recall = np.full(len(true_poses), np.nan)
+        if depth is not None:
+            vsd = np.array([self._vsd(*pair, camera_matrix, depth) for pair in pairs])
+            vsd_recall = _recall(vsd.reshape(*shape, len(FRACTIONS)), FRACTIONS)
+        return np.stack(
+            [
+                vsd_recall,
+                _recall(mssd.reshape(*shape, 1), FRACTIONS * self._diameter),
+                _recall(mspd.reshape(*shape, 1), PIXELS * width / _WIDTH),
+            ],
+            axis=1,
+        )
+
+    def _vsd(
+        self, estimated: Pose, true: Pose, camera_matrix: Camera, observed: Depth
+    ) -> Float[np.ndarray, "t"]:
+        """VSD for each tolerance. Only the part of the image with the object is rendered."""
+        height, width = observed.shape
+        boxes = [self._box(pose, camera_matrix, (height, width)) for pose in (estimated, true)]
+        left, top = (min(box[axis] for box in boxes) for axis in (0, 1))
+        right, bottom = (max(box[axis] for box in boxes) for axis in (2, 3))
+        if _apart(*boxes):
+            return np.ones(len(FRACTIONS))
+        crop = camera_matrix - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])
+        at_centres = crop - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+        rendered = render_depth(
+            self._mesh, np.stack([estimated, true]), at_centres, (bottom - top, right - left), 1
+        )
+        seen = observed[top:bottom, left:right]
+        tolerances = list(FRACTIONS * self._diameter)
+        return errors.vsd(rendered[0], rendered[1], seen, crop, tolerances)
+
+    def _box(self, pose: Pose, camera_matrix: Camera, shape: tuple[int, int]) -> Box:
+        """Left, top, right and bottom (exclusive) of the pixels that may show the object."""
+        points, (height, width) = transform(pose, self._hull), shape
+        if points[:, 2].min() <= NEAR:
+            return 0, 0, width, height
+        pixels = project(points, camera_matrix)
+        low, high = np.floor(pixels.min(axis=0)) - 1, np.ceil(pixels.max(axis=0)) + 2
+        limit = np.array([width, height])
+        low, high = np.clip(low, 0, limit).astype(int), np.clip(high, 0, limit).astype(int)
+        return int(low[0]), int(low[1]), int(high[0]), int(high[1])
+
+
+def hull_vertices(mesh: Mesh) -> Float[np.ndarray, "v 3"]:
+    """The vertices of a mesh that lie on its convex hull; all vertices of a flat mesh."""
+    vertices = np.asarray(mesh.vertices, dtype=np.float64)
+    try:
+        return np.asarray(vertices[ConvexHull(vertices).vertices])
+    except QhullError:
+        return vertices
+
+
+def _apart(a: Box, b: Box) -> bool:
+    """Whether two boxes share no pixel."""
+    return min(a[2], b[2]) <= max(a[0], b[0]) or min(a[3], b[3]) <= max(a[1], b[1])
+
+
+def _recall(
+    distances: Float[np.ndarray, "m n t"], limits: Float[np.ndarray, "k"]
+) -> Float[np.ndarray, "n"]:
+    """Share of tolerances and limits for which each of n instances has a matching estimate."""
+    return np.asarray(match(distances, limits).mean(axis=(1, 2)))
+
+
+def match(
+    distances: Float[np.ndarray, "m n t"], limits: Float[np.ndarray, "k"]
+) -> Bool[np.ndarray, "n t k"]:
+    """Which of n instances are matched by one of m estimates, for each of k limits.
+
+    As in the BOP toolkit, each estimate in turn takes the closest instance that is still free, if
+    it lies below the limit.
+    """
+    _, instances, tolerances = distances.shape
+    taken = np.zeros((instances, tolerances, len(limits)), dtype=bool)
+    for row in distances:
+        free = np.where(taken | (row[:, :, None] >= limits), np.inf, row[:, :, None])
+        nearest = free.argmin(axis=0)[None]
+        hit = np.isfinite(np.take_along_axis(free, nearest, axis=0))
+        before = np.take_along_axis(taken, nearest, axis=0)
+        np.put_along_axis(taken, nearest, before | hit, axis=0)
+    return taken

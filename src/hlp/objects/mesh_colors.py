@@ -1,0 +1,107 @@
+"""Colours and textures of mesh files, as trimesh reads them."""
+
+import logging
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from jaxtyping import Float, UInt8
+
+from hlp.records import Texture
+
+PLAIN_COLOR = (210, 210, 210)
+"""Colour of meshes whose files state none."""
+_HEADER_BYTES = 4096  # of a PLY file, more than its header
+_logger = logging.getLogger(__name__)
+
+
+Colors = UInt8[np.ndarray, "v 3"]
+
+
+def plain_colors(raw: trimesh.Trimesh) -> tuple[Colors, None, bool]:
+    """What `mesh_colors` returns for a file that states no colour."""
+    return np.tile(np.array(PLAIN_COLOR, np.uint8), (len(raw.vertices), 1)), None, False
+
+
+def mesh_colors(path: Path, raw: trimesh.Trimesh) -> tuple[Colors, Texture | None, bool]:
+    """Colours of the vertices, the texture if there is one, and whether the file states any colour.
+
+    A texture whose image cannot be read is logged as a warning, and counts as none.
+    """
+    visual: Any = raw.visual
+    if visual is None or not visual.defined:
+        return plain_colors(raw)
+    if visual.kind == "texture":
+        return _textured(path, raw)
+    colors = np.asarray(visual.vertex_colors, dtype=np.uint8)
+    if len(colors) != len(raw.vertices):
+        return plain_colors(raw)
+    return colors[:, :3].copy(), None, True
+
+
+def texture_colors(
+    image: UInt8[np.ndarray, "h w 3"], uv: Float[np.ndarray, "n 2"]
+) -> UInt8[np.ndarray, "n 3"]:
+    """The texels at texture coordinates (see `records.Texture`)."""
+    height, width = image.shape[:2]
+    column = np.floor(uv[:, 0] * width).astype(np.int64) % width
+    row = np.floor((1.0 - uv[:, 1]) * height).astype(np.int64) % height
+    return np.asarray(image[row, column])
+
+
+def _textured(path: Path, raw: trimesh.Trimesh) -> tuple[Colors, Texture | None, bool]:
+    """Like `mesh_colors`, for a mesh with a material."""
+    visual: Any = raw.visual
+    material = visual.material
+    picture = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    uv = visual.uv
+    if picture is None or uv is None or len(uv) != len(raw.vertices):
+        # A material of one colour.
+        color = np.asarray(material.main_color, dtype=np.uint8)[:3]
+        return np.tile(color, (len(raw.vertices), 1)), None, True
+    try:
+        image = np.asarray(picture.convert("RGB"), dtype=np.uint8)
+    except (OSError, ValueError, SyntaxError) as error:  # what Pillow raises for damaged images
+        _logger.warning("%s: its texture cannot be read (%s): the object is grey", path, error)
+        return plain_colors(raw)
+    coordinates = np.nan_to_num(np.array(uv, dtype=np.float64))
+    colors = texture_colors(image, coordinates)
+    if np.ptp(image, axis=(0, 1)).max() == 0:  # also what trimesh puts where no image is named
+        return colors, None, True
+    return colors, Texture(image.copy(), coordinates), True
+
+
+def texture_missing(path: Path) -> bool:
+    """Whether a PLY or OBJ file names an image that is not beside it, which is logged."""
+    name = _missing_texture(path)
+    if name is not None:
+        _logger.warning("%s: its texture %s is missing: the object is grey", path, name)
+    return name is not None
+
+
+def _missing_texture(path: Path) -> str | None:
+    kind = path.suffix.lower()
+    if kind == ".ply":
+        with path.open("rb") as file:
+            header = file.read(_HEADER_BYTES).split(b"end_header")[0].decode("latin-1")
+        named = [(path.parent, line[19:]) for line in _lines(header, "comment texturefile")]
+    elif kind == ".obj":
+        named = [
+            (library.parent, line.split()[-1])
+            for each in _lines(path.read_text("utf-8", "replace"), "mtllib")
+            if (library := path.parent / each[6:].strip()).is_file()
+            for line in _lines(library.read_text("utf-8", "replace"), "map_kd")
+        ]
+    else:
+        return None
+    for folder, name in named:
+        if not (folder / name.strip()).is_file():
+            return name.strip()
+    return None
+
+
+def _lines(text: str, keyword: str) -> list[str]:
+    """Lines that start with a keyword in any case."""
+    stripped = (line.strip() for line in text.splitlines())
+    return [line for line in stripped if line.lower().startswith(keyword + " ")]

@@ -1,0 +1,177 @@
+"""Which of the poses that depth cannot tell apart the colours of an image agree with best.
+
+The poses T·S of an object whose shape the motions S (`ObjectModel.siblings`) leave nearly as it is
+show the same surface with other colours. So the surface is drawn once, from the full mesh, and each
+sibling's colours are read where its motion takes the surface points, from a grid filled by the full
+texture. Colours are compared as logarithms, after light, shading and white balance were fitted;
+differences count up to a limit, because highlights and things in front are not in the texture.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Float32, UInt8
+from scipy.spatial.transform import Rotation
+
+from hlp.geometry import back_project, inverse, project, rigid, rotation_distance, transform
+from hlp.records import ObjectModel
+from hlp.refinement.texture_kernel import sum_color_differences
+from hlp.refinement.verification import Observation
+from hlp.rendering.color_grid import color_grid
+from hlp.rendering.rasterizer import NEAR, render_depth
+
+_SIZE = 128  # long side (px) of the compared region; not blurred, which would lose small print
+_TOLERANCE = 0.02  # m; pixels whose depth differs by more show something else
+_OFFSET = 20.0  # of 255, added to colours, because the logarithm of dark ones is mostly noise
+_LIMIT = 0.3  # of a difference of logarithms
+_WHITE_BALANCE = 0.3  # weight of the fitted white balance: colours matter where nothing is printed
+_MIN_PIXELS = 40
+_NEIGHBOURS = np.radians(20.0)  # turned by less, siblings look nearly the same
+_STEP = np.radians(7.0)  # siblings nearer than this are steps about a continuous axis
+_PARTS = np.array([0.0, -0.6, -0.4, -0.2, 0.2, 0.4, 0.6])  # of such a step
+
+
+@dataclass(frozen=True)
+class SiblingChoice:
+    """The pose chosen among siblings, and how much better it agrees with the image's colours.
+
+    `difference` is the mean squared difference of the colours' logarithms (0 = the same), `margin`
+    how much larger it is for the best pose that is not a neighbour (> 20°) of the chosen one. Both
+    are infinite if there is nothing to compare.
+    """
+
+    pose_cam_obj: Float[np.ndarray, "4 4"]
+    difference: float
+    margin: float
+
+
+@dataclass(frozen=True)
+class _SeenSurface:
+    """Pixels that show the object: colours' logarithms, points in its coordinates, light basis."""
+
+    colors: Float32[np.ndarray, "p 3"]
+    points: Float[np.ndarray, "p 3"]
+    light: Float[np.ndarray, "p 4"]
+
+
+def choose_sibling(
+    observation: Observation, model: ObjectModel, pose_cam_obj: Float[np.ndarray, "4 4"]
+) -> SiblingChoice:
+    """The pose, or that of its siblings whose colours agree best with the image.
+
+    About a continuous axis the angle is refined to 1°. The pose stays if the object has no
+    siblings, or if fewer than 40 pixels show it.
+    """
+    unchanged = SiblingChoice(pose_cam_obj, np.inf, np.inf)
+    if len(model.siblings) == 0:
+        return unchanged
+    seen = _seen_surface(observation, model, pose_cam_obj)
+    if seen is None:
+        return unchanged
+    motions = np.concatenate([np.eye(4)[None], model.siblings])
+    found = _differences(seen, model, motions)
+    best = int(np.argmin(found))
+    apart = rotation_distance(motions[:, :3, :3], motions[best, :3, :3])
+    others = found[apart > _NEIGHBOURS]
+    fine = _between_neighbours(motions, apart, best)
+    fine_found = _differences(seen, model, fine)
+    motion = fine[int(np.argmin(fine_found))]
+    lowest = float(fine_found.min())
+    margin = float(others.min()) - lowest if len(others) else np.inf
+    return SiblingChoice(pose_cam_obj @ motion, lowest, margin)
+
+
+def _between_neighbours(
+    motions: Float[np.ndarray, "n 4 4"], apart: Float[np.ndarray, "n"], best: int
+) -> Float[np.ndarray, "m 4 4"]:
+    """The best motion and, where others are a step of an axis away, turns by parts of the step."""
+    beside = int(np.argmin(np.where(apart > 1e-6, apart, np.inf)))
+    if not 1e-6 < apart[beside] < _STEP:
+        return motions[best : best + 1]
+    step = motions[beside] @ inverse(motions[best])
+    vector = Rotation.from_matrix(step[:3, :3]).as_rotvec()
+    turns = Rotation.from_rotvec(_PARTS[:, None] * vector).as_matrix()
+    axis = vector / np.linalg.norm(vector)
+    point = np.linalg.solve(np.eye(3) - step[:3, :3] + np.outer(axis, axis), step[:3, 3])
+    return np.asarray(rigid(turns, point - turns @ point) @ motions[best])
+
+
+def _differences(
+    seen: _SeenSurface, model: ObjectModel, motions: Float[np.ndarray, "n 4 4"]
+) -> Float[np.ndarray, "n"]:
+    """Mean squared difference of the colours' logarithms for the pose after each motion."""
+    grid = color_grid(model.mesh)
+    found = np.empty(len(motions))
+    # The pixel that shows x at a pose T shows S⁻¹ x at T·S.
+    sum_color_differences(
+        seen.colors,
+        seen.points,
+        seen.light,
+        np.ascontiguousarray(inverse(motions)),
+        grid.colors,
+        grid.corner,
+        grid.cell,
+        np.log(np.arange(256, dtype=np.float32) + np.float32(_OFFSET)),
+        _LIMIT,
+        _WHITE_BALANCE,
+        found,
+    )
+    return found
+
+
+def _seen_surface(
+    observation: Observation, model: ObjectModel, pose_cam_obj: Float[np.ndarray, "4 4"]
+) -> _SeenSurface | None:
+    """What the image shows of the object; None if that is too little."""
+    crop = _crop(observation, model, pose_cam_obj)
+    if crop is None:
+        return None
+    rgb, depth, camera = crop
+    rendered = render_depth(model.mesh, pose_cam_obj[None], camera, depth.shape, 1)[0]
+    drawn = rendered > 0.0
+    inner = cv2.erode(drawn.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    used = inner & (depth > 0.0) & (np.abs(depth - rendered) < _TOLERANCE)
+    if used.sum() < _MIN_PIXELS:
+        return None
+    rows, columns = np.indices(drawn.shape)
+    pixels = np.stack([columns, rows], axis=-1).astype(np.float64)
+    surface = back_project(pixels, rendered.astype(np.float64), camera)
+    normals = _normals(surface)[used]
+    light, _ = np.linalg.qr(np.concatenate([np.ones((len(normals), 1)), normals], axis=1))
+    points = transform(inverse(pose_cam_obj), surface[used])
+    colors = np.log(rgb[used] + np.float32(_OFFSET))
+    return _SeenSurface(colors, points, np.ascontiguousarray(light))
+
+
+def _crop(
+    observation: Observation, model: ObjectModel, pose_cam_obj: Float[np.ndarray, "4 4"]
+) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"], Float[np.ndarray, "3 3"]] | None:
+    """Colour, depth and intrinsics of the object's bounding box, at most 128 px on a side."""
+    points = transform(pose_cam_obj, model.proxy.vertices)
+    if points[:, 2].min() <= NEAR:
+        return None
+    height, width = observation.depth.shape
+    pixels = project(points, observation.camera_matrix)
+    first = np.clip(np.floor(pixels.min(axis=0)).astype(int) - 2, 0, None)
+    last = np.clip(np.ceil(pixels.max(axis=0)).astype(int) + 3, 0, (width, height))
+    if (last - first).min() < 3:
+        return None
+    stride = int(np.ceil((last - first).max() / _SIZE))
+    area = (slice(first[1], last[1]), slice(first[0], last[0]))
+    rgb, depth = observation.rgb[area], observation.depth[area][::stride, ::stride]
+    if stride > 1:
+        rgb = cv2.blur(rgb, (stride, stride))[::stride, ::stride]
+    camera = observation.camera_matrix.astype(np.float64)
+    camera[:2, 2] -= first
+    camera[:2] /= stride
+    return np.ascontiguousarray(rgb), np.ascontiguousarray(depth), camera
+
+
+def _normals(surface: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
+    """Unit normals of a surface seen at each pixel, from its neighbours; 0 at the border."""
+    across, down = np.zeros_like(surface), np.zeros_like(surface)
+    across[:, 1:-1] = surface[:, 2:] - surface[:, :-2]
+    down[1:-1] = surface[2:] - surface[:-2]
+    normals = np.cross(across, down)
+    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12))

@@ -1,0 +1,171 @@
+"""BOP's recalls against references written without HLP's renderer, errors and matching."""
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from hlp.evaluation.bop_recalls import FRACTIONS, PIXELS, BopRecalls, match
+from hlp.geometry import inverse, rigid
+from hlp.records import Mesh, ObjectModel
+
+EXTENTS = np.array([0.06, 0.08, 0.10])
+DIAMETER = float(np.linalg.norm(EXTENTS))
+K = np.array([[570.0, 0.0, 81.3], [0.0, 560.0, 58.6], [0.0, 0.0, 1.0]])
+SHAPE = (120, 160)
+TRUE = rigid(Rotation.from_euler("xyz", [0.4, 0.2, 0.1]).as_matrix(), np.array([0.01, 0.0, 0.8]))
+QUARTER = rigid(Rotation.from_euler("z", 90, degrees=True).as_matrix(), np.zeros(3))
+
+
+def _model(symmetries=None):
+    box = trimesh.creation.box(EXTENTS)
+    colors = np.full((len(box.vertices), 3), 128, np.uint8)
+    normals = np.array(box.vertex_normals)
+    mesh = Mesh(np.array(box.vertices), np.array(box.faces), colors, normals)
+    symmetries = np.eye(4)[None] if symmetries is None else symmetries
+    return ObjectModel(1, "box", mesh, mesh, DIAMETER, symmetries, 0.08, 0.03)
+
+
+MODEL = _model()
+RECALLS = BopRecalls(MODEL, MODEL.mesh)
+
+
+def _moved(dx=0.0, dy=0.0, dz=0.0, degrees=0.0):
+    pose = TRUE.copy()
+    pose[:3, :3] = Rotation.from_euler("y", degrees, degrees=True).as_matrix() @ pose[:3, :3]
+    pose[:3, 3] += [dx, dy, dz]
+    return pose
+
+
+def _box_depth(pose, offset):
+    """Depth of the box where the rays through pixels + offset enter it: slabs, no triangles."""
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]] + offset
+    rays = np.stack([(x - K[0, 2]) / K[0, 0], (y - K[1, 2]) / K[1, 1], np.ones(SHAPE)], axis=-1)
+    to_object = inverse(pose)
+    start, along = to_object[:3, 3], rays @ to_object[:3, :3].T
+    ends = np.stack([(side * EXTENTS / 2 - start) / along for side in (-1, 1)])
+    enter, leave = ends.min(axis=0).max(axis=-1), ends.max(axis=0).min(axis=-1)
+    return np.where((enter < leave) & (enter > 0), enter, 0.0)
+
+
+def _reference_vsd(estimated, true, observed, offset=0.5):
+    """The toolkit's definition pixel by pixel: depth of rays through pixel centres at + 0.5."""
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    length = np.sqrt(((x - K[0, 2]) / K[0, 0]) ** 2 + ((y - K[1, 2]) / K[1, 1]) ** 2 + 1)
+    e, t = (_box_depth(pose, offset) * length for pose in (estimated, true))
+    o = observed * length
+    values = []
+    for tau in FRACTIONS * DIAMETER:
+        cost = union = 0
+        for i in np.ndindex(SHAPE):
+            seen_true = t[i] > 0 and (o[i] == 0 or t[i] - o[i] <= 0.015)
+            seen_estimate = e[i] > 0 and (o[i] == 0 or e[i] - o[i] <= 0.015 or seen_true)
+            union += seen_true or seen_estimate
+            if seen_true and seen_estimate:
+                cost += abs(e[i] - t[i]) >= tau
+            else:
+                cost += seen_true != seen_estimate
+        values.append(cost / union if union else 1.0)
+    return np.array(values)
+
+
+def _scene(occluder=False, holes=False):
+    depth = np.where(_box_depth(TRUE, 0.0) > 0, _box_depth(TRUE, 0.0), 1.2)
+    if occluder:
+        depth[:, :78] = 0.6
+    if holes:
+        depth[55:70, 90:110] = 0.0
+    return depth
+
+
+@pytest.mark.parametrize(
+    ("estimated", "scene"),
+    [
+        (TRUE, {}),
+        (_moved(dx=0.004, degrees=3.0), {}),
+        (_moved(dx=0.01, dz=0.02), {"occluder": True}),
+        (_moved(dz=-0.03, degrees=10.0), {"occluder": True, "holes": True}),
+        (_moved(dx=0.11), {}),  # partly outside the image
+        (_moved(dx=-0.05, dy=0.06), {"holes": True}),
+    ],
+)
+def test_vsd_is_the_toolkits_on_an_independent_rendering(estimated, scene):
+    observed = _scene(**scene)
+    found = RECALLS._vsd(estimated, TRUE, K, observed)
+    expected = _reference_vsd(estimated, TRUE, observed)
+    # A pixel at an edge may fall on either side by rounding.
+    np.testing.assert_allclose(
+        found, expected, atol=1.01 / max((_box_depth(TRUE, 0.5) > 0).sum(), 1)
+    )
+    if not np.array_equal(estimated, TRUE):
+        without = _reference_vsd(estimated, TRUE, observed, offset=0.0)
+        assert np.abs(found - expected).mean() < np.abs(found - without).mean() + 1e-12
+
+
+@pytest.mark.parametrize(
+    "estimated", [_moved(dx=0.3), _moved(dx=5.0), _moved(dz=-2.0), _moved(dz=-0.8)]
+)
+def test_vsd_of_a_pose_that_misses_the_object_is_that_of_the_whole_image(estimated):
+    found = RECALLS._vsd(estimated, TRUE, K, _scene())
+    if estimated[2, 3] > 0.2:  # others are not drawn: they cross the camera
+        np.testing.assert_allclose(found, _reference_vsd(estimated, TRUE, _scene()))
+    np.testing.assert_array_equal(found, 1.0)
+
+
+def _reference_matches(errors, limit):
+    """Estimates in order, each takes the closest free instance below the limit."""
+    taken = set()
+    for row in errors:
+        near = [(error, j) for j, error in enumerate(row) if error < limit and j not in taken]
+        if near:
+            taken.add(min(near)[1])
+    return [j in taken for j in range(errors.shape[1])]
+
+
+def test_matching_is_greedy_for_every_limit_and_tolerance():
+    errors = np.random.default_rng(0).random((4, 5, 3))
+    limits = np.array([0.1, 0.3, 0.6, 0.9])
+    found = match(errors, limits)
+    assert found.shape == (5, 3, 4)
+    for t in range(3):
+        for k, limit in enumerate(limits):
+            assert found[:, t, k].tolist() == _reference_matches(errors[:, :, t], limit)
+
+
+def test_without_estimates_nothing_is_matched():
+    recalls = RECALLS.of([TRUE, _moved(dx=0.1)], [], K, 160, _scene())
+    np.testing.assert_array_equal(recalls, np.zeros((2, 3)))
+
+
+def test_recalls_of_several_instances_count_matches_below_each_threshold():
+    """A wrong estimate of the highest score takes no instance from a right one."""
+    left, right = _moved(dx=-0.06), _moved(dx=0.06)
+    wrong, near = _moved(dx=-0.06, dz=0.09), _moved(dx=-0.06, dz=0.01)
+    vsd, mssd, mspd = RECALLS.of([left, right], [wrong, near], K, 160, _scene()).T
+    distance = 0.01 / DIAMETER
+    assert mssd[0] == pytest.approx((distance < FRACTIONS).mean())
+    # Where both lie below a threshold, the first takes the instance and the second has none left.
+    assert mssd[1] == 0.0 and vsd[1] == 0.0
+    assert 0 < mspd[0] <= 1 and 0 < vsd[0] <= 1
+
+
+def test_mssd_and_mspd_take_the_nearest_symmetric_pose():
+    turned = _model(np.stack([np.eye(4), QUARTER]))
+    recalls = BopRecalls(turned, turned.mesh).of([TRUE], [TRUE @ QUARTER], K, 640, None)
+    assert np.isnan(recalls[0, 0])
+    np.testing.assert_array_equal(recalls[0, 1:], 1.0)
+    plain = RECALLS.of([TRUE], [TRUE @ QUARTER], K, 640, None)
+    corners = np.array(np.meshgrid(*([-1, 1],) * 3)).reshape(3, -1).T * EXTENTS / 2
+    a, b = (pose[:3, :3] @ corners.T + pose[:3, 3:] for pose in (TRUE, TRUE @ QUARTER))
+    assert plain[0, 1] == (np.linalg.norm(a - b, axis=0).max() < FRACTIONS * DIAMETER).mean()
+    a, b = ((K @ each / each[2])[:2] for each in (a, b))
+    assert plain[0, 2] == (np.linalg.norm(a - b, axis=0).max() < PIXELS).mean()
+
+
+def test_errors_are_measured_on_the_given_mesh():
+    """The mesh of `models_eval` may be another one than the model's."""
+    half = Mesh(MODEL.mesh.vertices * 0.5, MODEL.mesh.faces, MODEL.mesh.colors, MODEL.mesh.normals)
+    turned = _moved(degrees=40.0)
+    full_recall = RECALLS.of([TRUE], [turned], K, 640, None)[0, 1]
+    half_recall = BopRecalls(MODEL, half).of([TRUE], [turned], K, 640, None)[0, 1]
+    assert half_recall > full_recall

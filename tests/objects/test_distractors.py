@@ -1,0 +1,52 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hlp.data.synthetic.objects import demo_objects
+from hlp.objects import distractors
+from hlp.objects.distractors import distractor_scenes
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    return demo_objects()[1].mesh
+
+
+@pytest.fixture(scope="module")
+def scenes(mesh):
+    return distractor_scenes([mesh], 4, 0, threads=1)
+
+
+def test_scenes_do_not_depend_on_threads(mesh, scenes):
+    again = distractor_scenes([mesh], 4, 0, threads=3)
+    for one, other in zip(scenes, again, strict=True):
+        np.testing.assert_array_equal(one.rgb, other.rgb)
+        np.testing.assert_array_equal(one.depth, other.depth)
+    other = distractor_scenes([mesh], 1, 1, threads=1)[0]
+    assert (other.depth != scenes[0].depth).any()
+
+
+def test_scenes_show_things_before_a_plane(scenes):
+    for frame in scenes:
+        seen = frame.depth > 0
+        assert seen.mean() > 0.9
+        assert frame.depth[seen].min() > 0.1 and np.median(frame.depth[seen]) < 2.5
+        assert not frame.targets
+        # Steps in depth between neighbours: things stand out of the plane.
+        both = seen[:, 1:] & seen[:, :-1]
+        assert (np.abs(np.diff(frame.depth, axis=1))[both] > 0.02).sum() > 50
+
+
+def test_things_wear_the_objects_colors(mesh):
+    colors = np.tile(np.uint8([250, 3, 7]), (len(mesh.vertices), 1))
+    painted, _ = distractors._unit_size(replace(mesh, colors=colors))
+    shape = distractors._random_thing(np.random.default_rng(0))
+    worn = [distractors._paint(shape, painted, np.random.default_rng(seed)) for seed in range(24)]
+    alike = [np.abs(each.astype(int) - [250, 3, 7]).max() <= 1 for each in worn]
+    assert 0.25 < np.mean(alike) < 0.75
+    assert all(each.shape == shape.colors.shape for each in worn)
+
+
+def test_no_scene_if_none_is_wanted(mesh):
+    assert distractor_scenes([mesh], 0, 0, threads=1) == []

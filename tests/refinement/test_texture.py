@@ -1,0 +1,163 @@
+"""Choice among siblings by texture, on synthetic scenes with exact poses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from hlp.geometry import rigid, rotation_distance
+from hlp.records import Mesh, ObjectModel, Texture
+from hlp.refinement.texture import choose_sibling
+from hlp.refinement.texture_kernel import sum_color_differences
+from hlp.refinement.verification import VerificationSettings, observe
+from hlp.rendering.light import Light
+from hlp.rendering.rasterizer import render_scene
+
+CAMERA = np.array([[520.0, 0.0, 159.5], [0.0, 520.0, 119.5], [0.0, 0.0, 1.0]])
+SHAPE = (240, 320)
+HALF_TURNS = [np.diag([*signs, 1.0]) for signs in ([-1, -1, 1], [1, -1, -1], [-1, 1, -1])]
+LIGHT = Light(direction=(0.3, -0.5, -0.8), ambient=0.4, diffuse=0.6, specular=0.2, shininess=15.0)
+
+
+def _model(shape, siblings):
+    """A finely divided shape (m) with smooth random colours on its vertices."""
+    fine = trimesh.Trimesh(*trimesh.remesh.subdivide_to_size(shape.vertices, shape.faces, 0.006))
+    points = np.array(fine.vertices)
+    waves = np.random.default_rng(5).normal(scale=60.0, size=(3, 3))
+    colors = 120 + 80 * np.sin(points @ waves + [0.3, 1.1, 2.0])
+    mesh = Mesh(
+        points, np.array(fine.faces), colors.astype(np.uint8), np.array(fine.vertex_normals)
+    )
+    diameter = float(np.linalg.norm(np.ptp(points, axis=0)))
+    symmetries = np.eye(4)[None]
+    return ObjectModel(1, "box", mesh, mesh, diameter, symmetries, 0.1, 0.04, np.stack(siblings))
+
+
+def _scene(model, seed, hidden=False):
+    rng = np.random.default_rng(seed)
+    turn = Rotation.random(random_state=seed).as_matrix()
+    pose = rigid(turn, np.array([0.01, -0.02, 0.6]))
+    parts = [(model.mesh, pose)]
+    if hidden:
+        cover = trimesh.creation.box((0.05, 0.2, 0.02))
+        colors = np.full((8, 3), 200, np.uint8)
+        cover_mesh = Mesh(
+            np.array(cover.vertices), np.array(cover.faces), colors, np.array(cover.vertex_normals)
+        )
+        parts.append((cover_mesh, rigid(np.eye(3), np.array([0.03, -0.02, 0.45]))))
+    rgb, depth, _ = render_scene(parts, CAMERA, SHAPE, LIGHT)
+    tinted = rgb * np.array([1.1, 0.95, 0.8]) * 0.8 + rng.normal(scale=4.0, size=rgb.shape)
+    noisy = (depth + rng.normal(scale=0.002, size=SHAPE) * (depth > 0)).astype(np.float32)
+    image = np.clip(tinted, 0, 255).astype(np.uint8)
+    return pose, observe(image, noisy, CAMERA, VerificationSettings())
+
+
+def _disturbed(pose, seed):
+    rng = np.random.default_rng(100 + seed)
+    axis = rng.normal(size=3)
+    turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.radians(2.0)).as_matrix()
+    return rigid(turn @ pose[:3, :3], pose[:3, 3] + rng.normal(scale=0.001, size=3))
+
+
+@pytest.mark.parametrize("hidden", [False, True])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_flip_that_the_colours_show_is_chosen(seed, hidden):
+    model = _model(trimesh.creation.box((0.06, 0.10, 0.15)), HALF_TURNS)
+    pose, observation = _scene(model, seed, hidden)
+    for motion in [np.eye(4), *HALF_TURNS]:
+        start = _disturbed(pose, seed) @ motion
+        chosen = choose_sibling(observation, model, start)
+        wrong = rotation_distance(chosen.pose_cam_obj[:3, :3], pose[:3, :3])
+        assert np.degrees(wrong) < 3.0
+        assert chosen.margin > 0.01
+
+
+def test_the_angle_about_an_axis_is_found_to_a_few_degrees():
+    angles = np.arange(1, 72) * np.radians(5.0)
+    turns = Rotation.from_rotvec(angles[:, None] * [0.0, 0.0, 1.0]).as_matrix()
+    model = _model(
+        trimesh.creation.cylinder(0.035, 0.12, sections=48), list(rigid(turns, np.zeros(3)))
+    )
+    for seed, angle in ((0, 47.0), (1, 122.0), (2, -88.5)):
+        pose, observation = _scene(model, seed)
+        turned = Rotation.from_rotvec([0, 0, np.radians(angle)]).as_matrix()
+        chosen = choose_sibling(observation, model, pose @ rigid(turned, np.zeros(3)))
+        wrong = rotation_distance(chosen.pose_cam_obj[:3, :3], pose[:3, :3])
+        assert np.degrees(wrong) < 4.0
+
+
+def test_a_texture_decides_like_colours_on_the_vertices():
+    """The vertices of a box have one colour; only its texture tells front from back."""
+    box = trimesh.creation.box((0.08, 0.02, 0.12))
+    # Each side of its own, with coordinates from x and z; the back takes the image's right half.
+    vertices, normals = box.triangles.reshape(-1, 3), np.repeat(box.face_normals, 3, axis=0)
+    u = (vertices[:, 0] / 0.08 + 0.5) / 2 + np.where(normals[:, 1] > 0.5, 0.5, 0.0)
+    v = vertices[:, 2] / 0.12 + 0.5
+    image = np.full((64, 128, 3), 90, np.uint8)
+    image[10:30, 8:50], image[35:60, 80:120] = (220, 40, 30), (30, 60, 220)
+    mesh = Mesh(
+        np.array(vertices),
+        np.arange(len(vertices)).reshape(-1, 3),
+        np.full((len(vertices), 3), 90, np.uint8),
+        normals,
+        Texture(image, np.stack([u, v], axis=1)),
+    )
+    model = ObjectModel(
+        1, "card", mesh, mesh, 0.15, np.eye(4)[None], 0.1, 0.04, np.stack(HALF_TURNS[:1])
+    )
+    # The front, seen from -y, drawn by hand: the image's left half.
+    pose = rigid(np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]]), np.array([0.0, 0.0, 0.5]))
+    rgb, depth, _ = render_scene([(mesh, pose)], CAMERA, SHAPE, LIGHT)
+    rows, columns = np.nonzero(depth)
+    x = (columns - CAMERA[0, 2]) * depth[rows, columns] / CAMERA[0, 0]
+    y = (rows - CAMERA[1, 2]) * depth[rows, columns] / CAMERA[1, 1]
+    picked = ((0.5 + y / 0.12) * 63).astype(int), ((x / 0.08 + 0.5) * 63).astype(int)
+    rgb[rows, columns] = image[np.clip(picked[0], 0, 63), np.clip(picked[1], 0, 63)]
+    observation = observe(rgb, depth, CAMERA, VerificationSettings())
+    for start in (pose, pose @ HALF_TURNS[0]):
+        chosen = choose_sibling(observation, model, start)
+        np.testing.assert_allclose(chosen.pose_cam_obj, pose, atol=1e-9)
+
+
+def test_without_siblings_or_pixels_the_pose_stays():
+    model = _model(trimesh.creation.box((0.06, 0.10, 0.15)), HALF_TURNS)
+    pose, observation = _scene(model, 0)
+    alone = replace(model, siblings=np.empty((0, 4, 4)))
+    assert choose_sibling(observation, alone, pose).pose_cam_obj is pose
+    for shift in ([0, 0, -2.0], [0, 0, 0.5], [5.0, 0, 0]):
+        away = rigid(np.eye(3), np.array(shift, dtype=float)) @ pose
+        chosen = choose_sibling(observation, model, away)
+        assert chosen.pose_cam_obj is away and chosen.margin == np.inf
+
+
+def test_the_kernel_agrees_with_numpy():
+    rng = np.random.default_rng(3)
+    count, limit, white_balance = 200, 0.3, 0.4
+    points = rng.uniform(-0.05, 0.05, (count, 3))
+    observed = rng.normal(4.5, 0.5, (count, 3)).astype(np.float32)
+    light, _ = np.linalg.qr(np.concatenate([np.ones((count, 1)), rng.normal(size=(count, 3))], 1))
+    turns = Rotation.random(5, random_state=1).as_matrix()
+    motions = rigid(turns, rng.normal(scale=0.01, size=(5, 3)))
+    colors = rng.integers(0, 256, (30, 25, 20, 3)).astype(np.uint8)
+    corner, cell = np.array([-0.06, -0.05, -0.04]), 0.004
+    logarithms = np.log(np.arange(256, dtype=np.float32) + np.float32(20.0))
+    found = np.empty(5)
+    sum_color_differences(
+        observed, points, np.ascontiguousarray(light), motions, colors, corner, cell, logarithms,
+        limit, white_balance, found,
+    )  # fmt: skip
+    for motion, value in zip(motions, found, strict=True):
+        moved = points @ motion[:3, :3].T + motion[:3, 3]
+        index = np.clip(np.floor((moved - corner) / cell).astype(int), 0, [29, 24, 19])
+        difference = observed - np.log(colors[tuple(index.T)] + 20.0)
+        mean = difference.mean(axis=1)
+        coefficients = np.linalg.lstsq(light, mean, rcond=None)[0]
+        rest = mean - light @ coefficients
+        deviation = difference - mean[:, None]
+        balance = deviation.mean(axis=0)
+        expected = np.minimum(rest**2, limit**2).mean()
+        expected += np.minimum((deviation - balance) ** 2, limit**2).sum(axis=1).mean()
+        expected += white_balance * (balance**2).sum()
+        assert value == pytest.approx(expected, rel=1e-5)

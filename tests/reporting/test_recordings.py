@@ -1,0 +1,48 @@
+import csv
+from pathlib import Path
+
+from hlp.reporting.recordings import describe_recordings, write_recordings
+from table_text import unpadded
+from written_results import scored, write_run, write_sweep
+
+BOP = {"ar": 0.7, "vsd": 0.6, "mssd": 0.7, "mspd": 0.8}
+
+
+def swept(folder: Path) -> Path:
+    """Two data sets of three: the second has no folder, so its arm has no result."""
+    write_sweep(folder, ["data"], ["experiment=recordings", "data_folder=data"])
+    for number, name in ((0, "board"), (2, "demo")):
+        summary = {**scored(0.9 - 0.1 * number, 40.0, {"cat": 0.9}), "bop": BOP}
+        write_run(folder / str(number), "recordings", summary, [f"data={name}"])
+    (folder / "1").mkdir()
+    return folder
+
+
+def test_all_data_sets_stand_in_one_table(tmp_path: Path) -> None:
+    folder = swept(tmp_path / "sweep")
+    markdown, table = write_recordings(folder)
+    with table.open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [(row["data"], row["ADD(-S)"], row["AR"], row["VSD"]) for row in rows] == [
+        ("board", "0.900", "0.700", "0.600"),
+        ("demo", "0.700", "0.700", "0.600"),
+    ]
+    text = markdown.read_text()
+    assert "Made by `hlp -m experiment=recordings data_folder=data`." in text
+    assert "Left out or unfinished: 1." in text
+    told = unpadded(describe_recordings(tmp_path, "markdown"))
+    assert "| board | 2 | 20 | 0.900 |" in told and "Written: " in told
+
+
+def test_summaries_without_bops_recalls_leave_the_cells_empty(tmp_path: Path) -> None:
+    folder = write_run(tmp_path / "run", "recordings", scored(0.5, 9.0, {"cat": 0.5}))
+    (_, table) = write_recordings(folder)
+    with table.open(newline="") as stream:
+        (row,) = csv.DictReader(stream)
+    assert (row["data"], row["AR"]) == ("bop", "")
+
+
+def test_other_experiments_have_no_such_table(tmp_path: Path) -> None:
+    folder = write_run(tmp_path / "run", "demo", scored(0.7, 100.0, {"cat": 0.7}))
+    assert write_recordings(folder) == []
+    assert describe_recordings(tmp_path, "text") == ""
