@@ -18,6 +18,7 @@ from hlp.method.learnt_folder import LearntFolder
 from hlp.method.pose_estimator import FrameContext, PoseEstimator
 from hlp.method.settings import Device, MethodSettings
 from hlp.records import Frame
+from hlp.refinement.score_model import MIN_SCORE
 
 MOST_INSTANCES = 10
 """Instances of one object that are looked for in an image."""
@@ -145,7 +146,7 @@ class Detector:
         camera_matrix: Float[np.ndarray, "3 3"],
         objects: Sequence[str] | None = None,
         max_instances: int = MOST_INSTANCES,
-        min_score: float = 0.5,
+        min_score: float = MIN_SCORE,
     ) -> list[Detection]:
         """Find the objects (names; None: all learnt ones) in one RGB-D image.
 
@@ -167,7 +168,7 @@ class Detector:
         camera_matrix: Float[np.ndarray, "3 3"],
         objects: Sequence[str] | None = None,
         max_instances: int = MOST_INSTANCES,
-        min_score: float = 0.5,
+        min_score: float = MIN_SCORE,
     ) -> SearchResult:
         """What `detect` returns, and for each object why it has no other detection."""
         frame = _checked_frame(rgb, depth, camera_matrix)

@@ -18,6 +18,8 @@ from hlp.errors import DataError, MissingFileError
 from hlp.files import read_json, write_json
 from hlp.refinement.pose_fit import PoseFit
 
+MIN_SCORE = 0.5
+"""An answer with a lower score is more likely wrong than right: the object was not found."""
 _FILE = "score.json"
 _HIGHEST = 0.995  # correlation; sensor noise decides above it
 
