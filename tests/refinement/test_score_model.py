@@ -39,15 +39,15 @@ def test_many_poses_teach_the_weights_that_drew_them() -> None:
     found = fit_score_model(fits, right)
     assert found.cost == pytest.approx(truth.cost, rel=0.05)
     assert found.shape == pytest.approx(truth.shape, rel=0.05)
-    # Right and wrong count the same, which moves the bias by the logarithm of the odds.
-    odds = np.log(right.mean() / (1.0 - right.mean()))
+    # Right poses count as 0.6 of all, which moves the bias by the logarithm of the odds.
+    odds = np.log(right.mean() / (1.0 - right.mean())) - np.log(0.6 / 0.4)
     assert found.bias == pytest.approx(truth.bias - odds, abs=0.15)
 
 
 def test_weights_are_the_minimum_of_the_penalised_likelihood() -> None:
     fits, right = drawn(40, ScoreModel(5.0, -30.0, 1.0), 1)
     x = np.array([[1.0, f.cost, (np.arctanh(f.relief) + np.arctanh(f.slope)) / 2.0] for f in fits])
-    weight = np.where(right, 0.5 / right.mean(), 0.5 / (~right).mean())
+    weight = np.where(right, 0.6 / right.mean(), 0.4 / (~right).mean())
     prior = np.array([PRIOR.bias, PRIOR.cost, PRIOR.shape])
 
     def loss(w: np.ndarray) -> float:

@@ -47,9 +47,11 @@ class ScoreModel:
         return np.array([self.bias, self.cost, self.shape])
 
 
-PRIOR = ScoreModel(bias=2.4, cost=-27.2, shape=3.5)
+PRIOR = ScoreModel(bias=2.8, cost=-27.2, shape=3.5)
 """Weights of objects in general: fitted to rendered scenes of nine objects of LINEMOD, YCB and
 Tejani et al. by benchmarks/score_prior.py."""
+RIGHT_SHARE = 0.6
+"""Share of right poses among the answers, before anything is known of their fit: ours (D)."""
 SPREAD = ScoreModel(bias=0.5, cost=3.0, shape=0.3)
 """Standard deviations of an object's weights from `PRIOR`."""
 
@@ -60,15 +62,16 @@ def fit_score_model(
     """The most probable weights, given poses that are right or not, and their prior.
 
     Maximum a posteriori with independent normal priors about `PRIOR`, of standard deviations
-    `spread`; `cost` and `shape` are bounded by 0. Right and wrong poses have the same total weight:
-    how often an object is where it is looked for is not known when it is learnt. Without right or
-    without wrong poses it is the prior.
+    `spread`; `cost` and `shape` are bounded by 0. Right poses have `RIGHT_SHARE` of the weight,
+    whatever their number: that of the scenes says nothing about where the object will be looked
+    for. Without right or without wrong poses it is the prior.
     """
     count = np.array([np.count_nonzero(~right), np.count_nonzero(right)])
     if not count.all():
         return PRIOR
     inputs = np.column_stack([np.ones(len(fits)), _inputs(fits)])
-    counted = (0.5 * len(fits) / count)[right.astype(int)]
+    shares = np.array([1.0 - RIGHT_SHARE, RIGHT_SHARE])
+    counted = (len(fits) * shares / count)[right.astype(int)]
     prior, unit = PRIOR.weights(), spread.weights()
 
     def loss(away: Float[np.ndarray, "3"]) -> tuple[float, Float[np.ndarray, "3"]]:
