@@ -202,7 +202,7 @@ class TrainingStages:
         """The score of one object's poses, calibrated on rendered scenes."""
         given, patches, model = self.settings, self.settings.patches, self.models[object_id]
         settings = {
-            "score": given.score,
+            "scenes": given.score.scenes,
             "rendering": given.rendering,
             "holistic": patches.holistic,
             "region": patches.region,
