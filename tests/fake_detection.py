@@ -23,6 +23,8 @@ from hlp.records import (
     Votes,
 )
 from hlp.refinement.choice import RefinedHypotheses
+from hlp.refinement.pose_fit import PoseFit
+from hlp.refinement.score_model import PRIOR, ScoreModel
 from hlp.stages.store import Output
 
 OBJECTS = (3, 7)
@@ -95,6 +97,9 @@ class FakeTraining:
     def codebook(self, object_id: int) -> Output:
         return Output(f"codebook {object_id}", Path("codebook"))
 
+    def load_score_model(self, object_id: int) -> ScoreModel:
+        return PRIOR
+
 
 class FakeEstimator:
     """Stands for `PoseEstimator`. `asked` lists the steps, each with its frame and object.
@@ -120,6 +125,13 @@ class FakeEstimator:
             is_free=lambda *_: [True],
             without_explained=lambda observation, _: observation,
         )
+
+    def good_enough(self, *_: Any) -> bool:
+        return True
+
+    def measure_fit(self, context: Any, object_id: int, pose: np.ndarray) -> PoseFit:
+        """A fit that depends on the pose alone."""
+        return PoseFit(0.1 * pose[0, 3], 0.9, 0.9, 3.0, 1.0)
 
     def _step(self, name: str, context: Any, object_id: int) -> np.random.Generator:
         step = name, context.frame.key, object_id
@@ -162,6 +174,7 @@ class FakeEstimator:
         hypotheses: Hypotheses,
         instances: int = 1,
         unexplained: Any = None,
+        min_score: float | None = None,
     ) -> RefinedHypotheses | None:
         """Moves each hypothesis by a metre; the second one costs less."""
         self._step("refine", context, object_id)

@@ -15,6 +15,7 @@ TINY = (
     "patches.pool.distractor_scenes=2",
     "patches.pairs.per_object=300",
     "classifier.epochs=3",
+    "score.scenes=4",
     "classifier.min_batches=0",
 )
 

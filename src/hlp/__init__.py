@@ -8,7 +8,8 @@ method without the framework: learn objects from CAD models, find them in RGB-D 
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hlp.method.detector import Detection, Detector
+    from hlp.method.detections import Detection
+    from hlp.method.detector import Detector
 
 __version__ = "0.1.0"
 __all__ = ["Detection", "Detector"]

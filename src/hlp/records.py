@@ -254,7 +254,9 @@ class TargetScore:
 
     `add_error` (m) is ADD(-S): ADD, or ADD-S for objects that count as symmetric. The three recalls
     are BOP's, averaged over its thresholds; nan if not computed. `cause` is why the target was
-    missed (evaluation.waterfall), empty if it was found or the cause was not computed.
+    missed (evaluation.waterfall), empty if it was found or the cause was not computed. `score` is
+    the estimate's, nan without one; `add_s_correct` says whether its ADD-S is below the limit: the
+    score is the probability of that.
     """
 
     scene_id: int
@@ -273,3 +275,5 @@ class TargetScore:
     mspd_recall: float = float("nan")
     vsd_recall: float = float("nan")
     cause: str = ""
+    score: float = float("nan")
+    add_s_correct: bool = False

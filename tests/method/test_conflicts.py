@@ -25,9 +25,12 @@ class Estimator:
     def verifier(self, object_id: int) -> Verifier:
         return self._verifier
 
+    def good_enough(self, *_: Any) -> bool:
+        return True
+
     def refine(
         self, context: Any, object_id: int, hypotheses: Hypotheses, instances: int = 1,
-        unexplained: Any = None,
+        unexplained: Any = None, min_score: float | None = None,
     ) -> RefinedHypotheses | None:  # fmt: skip
         self.asked.append(object_id)
         refiner = NoneSettings().build(1)

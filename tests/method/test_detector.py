@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,8 +22,10 @@ from hlp.errors import ConfigError, DataError, InputError, MissingFileError
 from hlp.evaluation.errors import add_s
 from hlp.method.learnt_folder import RECORD, read_model
 from hlp.records import Frame, ObjectModel
+from hlp.refinement.score_model import PRIOR
 from tiny_method import tiny_method
 
+EVERY: dict[str, Any] = {"max_instances": 1, "min_score": 0.0}  # as if the object were there
 MODELS = {model.name: model for model in demo_objects().values()}
 
 
@@ -82,28 +85,50 @@ def test_a_learnt_object_is_found_where_it_is(learnt: Path, frame: Frame) -> Non
     bear = MODELS["bear"]
     (target,) = [each for each in frame.targets if each.object_id == bear.object_id]
     (found,) = Detector.load(learnt).detect(
-        frame.rgb, frame.depth, frame.camera_matrix, objects=["bear"]
+        frame.rgb, frame.depth, frame.camera_matrix, objects=["bear"], max_instances=1
     )
     assert found.object == "bear"
-    assert 0.0 < found.score <= 1.0
+    assert 0.5 <= found.score <= 1.0
+    assert 0.0 < found.residual_mm < 20.0
+    np.testing.assert_array_equal(found.equivalent_poses[0], found.pose_cam_obj)
+    assert found.runner_up is None or 0.0 <= found.runner_up.score <= 1.0
     assert 0.0 <= found.visible_fraction <= 1.0
     assert found.seconds > 0.0
     assert add_s(found.pose_cam_obj, target.pose_cam_obj, bear.mesh.vertices) < 0.1 * bear.diameter
 
 
+def test_what_is_not_good_enough_is_rejected_with_the_reason(learnt: Path, frame: Frame) -> None:
+    detector, given = Detector.load(learnt), (frame.rgb, frame.depth, frame.camera_matrix)
+    result = detector.search(*given, max_instances=1, min_score=1.0)
+    assert [each.score for each in result.detections] == [1.0] * len(result.detections)
+    assert {each.object for each in result.rejections} == {"bear", "can"}
+    for each in result.rejections:
+        assert each.answer is not None and each.answer.score < 1.0
+        assert each.reason == f"the score {each.answer.score:.2f} of the best pose is below 1"
+    nothing = detector.search(frame.rgb, np.zeros_like(frame.depth), frame.camera_matrix)
+    assert nothing.detections == []
+    assert all(each.answer is None and "has depth" in each.reason for each in nothing.rejections)
+    assert len(nothing.rejections) == 2
+    for wrong, name in (({"max_instances": 0}, "max_instances"), ({"min_score": 2}, "min_score")):
+        with pytest.raises(InputError, match=f"{name} is"):
+            detector.detect(*given, **wrong)
+
+
 def test_the_same_image_gives_the_same_poses(learnt: Path, frame: Frame, tmp_path: Path) -> None:
     """In another folder, in any order, with other threads, and from threads at the same time."""
     given = (frame.rgb, frame.depth, frame.camera_matrix)
-    expected = {each.object: each for each in Detector.load(learnt).detect(*given)}
+    expected = {each.object: each for each in Detector.load(learnt).detect(*given, **EVERY)}
     assert expected
     copied = Detector.load(shutil.copytree(learnt, tmp_path / "copied"), threads=1)
     for name in ("can", "bear"):
-        for each in copied.detect(*given, objects=[name]):
+        for each in copied.detect(*given, objects=[name], **EVERY):
             np.testing.assert_array_equal(each.pose_cam_obj, expected[name].pose_cam_obj)
             assert each.score == expected[name].score
     found: list[list] = []
     shared = Detector.load(learnt)
-    threads = [threading.Thread(target=lambda: found.append(shared.detect(*given))) for _ in "abc"]
+    threads = [
+        threading.Thread(target=lambda: found.append(shared.detect(*given, **EVERY))) for _ in "abc"
+    ]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -203,6 +228,8 @@ def test_objects_are_added_by_way_of_any_path_beside_any_folder(
         shutil.copytree(learnt / "classifier", Path(str(given[4])), dirs_exist_ok=True)
 
     monkeypatch.setattr(learning, "train_classifier", train)
+    # The copied classifier does not know the new objects.
+    monkeypatch.setattr(learning, "calibrate_score", lambda *_: PRIOR)
     folder = shutil.copytree(learnt, tmp_path / "learnt")
     kept = shutil.copytree(learnt, tmp_path / "learnt.old")
     (tmp_path / "link").symlink_to(folder)
@@ -238,7 +265,7 @@ def test_the_shared_part_of_an_image_counts_for_the_first_object(
         return prepare(frame)
 
     monkeypatch.setattr(detector._estimator, "prepare", slowly)
-    found = detector.detect(frame.rgb, frame.depth, frame.camera_matrix)
+    found = detector.detect(frame.rgb, frame.depth, frame.camera_matrix, **EVERY)
     seconds = {each.object: each.seconds for each in found}
     assert seconds["bear"] > 2.0 > seconds["can"]
 
@@ -278,7 +305,7 @@ def test_wrong_images_are_refused_by_name(learnt: Path, frame: Frame) -> None:
 
 def test_objects_may_be_named_by_any_iterable(learnt: Path, frame: Frame) -> None:
     detector, given = Detector.load(learnt), (frame.rgb, frame.depth, frame.camera_matrix)
-    (found,) = detector.detect(*given, objects=(name for name in ["bear"]))
+    (found,) = detector.detect(*given, objects=(name for name in ["bear"]), **EVERY)
     assert found.object == "bear"
     assert detector.detect(*given, objects=[]) == []
 

@@ -15,6 +15,7 @@ from fake_detection import (
     fake_dataset,
     method_settings,
 )
+from hlp.refinement.score_model import PRIOR
 from hlp.stages import detection
 from hlp.stages.detection import DetectionStages
 from hlp.stages.frame_detection import STAGES, STEPS
@@ -185,7 +186,8 @@ def test_estimates_are_the_cheapest_hypotheses_with_the_times_of_this_pass(tmp_p
             frame = stages.dataset.frames.load(key)
             context = stages.estimator.prepare(frame)
             covered = stages.estimator.find_region(context, each.object_id).mask.sum()
-            assert each.score == 0.75
+            fit = stages.estimator.measure_fit(context, each.object_id, each.pose_cam_obj)
+            assert each.score == PRIOR.score(fit)
             np.testing.assert_array_equal(each.pose_cam_obj[:3, 3], [2.0, 0.0, covered])
         assert set(each.seconds) == set(STEPS)
         assert (each.seconds["local"], each.seconds["voting"]) == (0.25, 0.125)

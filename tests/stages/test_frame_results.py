@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from fake_detection import OBJECTS, SHAPE, CountedFrames, FakeEstimator
 from hlp.method.pose_estimator import CoarseResult
 from hlp.records import Hypotheses, Votes
+from hlp.refinement.pose_fit import PoseFit
 from hlp.stages.frame_files import read_arrays, write_arrays
 from hlp.stages.frame_results import (
     coarse_arrays,
@@ -75,9 +76,11 @@ def test_votes_of_one_patch_keep_belonging_together(context):
 
 
 def test_an_object_without_hypotheses_is_still_known_to_have_been_looked_for(context):
-    assert refined_arrays(7, None).keys() == {"7/looked_for"}
+    assert refined_arrays(7, None, []).keys() == {"7/looked_for"}
     refined = FakeEstimator().refine(context, 3, Hypotheses(np.stack([np.eye(4)] * 2), np.ones(2)))
-    arrays = refined_arrays(3, refined)
+    fit = PoseFit(0.2, 0.9, 0.8, 3.0, 1.0)
+    arrays = refined_arrays(3, refined, [fit])
+    assert PoseFit.from_array(arrays["3/fits"][0]) == fit
     np.testing.assert_array_equal(arrays["3/poses"][:, 0, 3], [1.0, 2.0])
     np.testing.assert_array_equal(arrays["3/sources"], [1, 0])
     assert arrays["3/instances"] == [1] and arrays["3/looked_for"]

@@ -25,9 +25,9 @@ CHOICES = (
     ("encoder=pca", "codebook=exact", "refinement=none", "rendering=pyrender", "trainer=gpu"),
 )
 KEYS = ("000000_000000", "000001_000000")
-ALL = {"views", "classifier", "encoder", "codebook", "regions", "hypotheses", "poses"}
+ALL = {"views", "classifier", "encoder", "codebook", "score", "regions", "hypotheses", "poses"}
 # They name a file of the configuration for people; the other keys say all that is in it.
-NAMES_ONLY = {"patches.name", "machine.name"}
+NAMES_ONLY = {"patches.name", "machine.name", "score.name"}
 
 
 class NothingIsMade(StageStore):
@@ -67,6 +67,8 @@ def names(
     training = TrainingStages(dataset, settings, store)
     stages = DetectionStages(dataset, settings, training, store, keys)
     stages.poses()
+    for object_id in dataset.target_ids:
+        training.score(object_id)
     made = {f"{stage} {i}": output.fingerprint for (stage, i), output in training.made.items()}
     return made | {stage: output.fingerprint for stage, output in stages.made.items()}
 
@@ -127,9 +129,11 @@ def test_each_declared_key_changes_a_name_and_threads_change_none(
         if key in without:
             continue
         if group == "refinement":
-            assert stages == {"poses"}
+            assert stages == {"poses", "score"}
         elif group in ("voting", "codebook"):
-            assert stages == {"hypotheses", "poses"}
+            assert stages == {"hypotheses", "poses", "score"}
+        elif group == "score":
+            assert stages == {"score"}
         elif group == "rendering":
             assert stages == ALL - ({"encoder"} if "encoder=cae" in choice else set())
 
@@ -137,7 +141,7 @@ def test_each_declared_key_changes_a_name_and_threads_change_none(
 def test_another_alternative_with_the_same_values_is_another_name(dataset: Dataset) -> None:
     pso, icp = method_settings("refinement=pso"), method_settings("refinement=icp")
     both = names(pso, dataset), names(icp, dataset)
-    assert changed(*both) == {"poses"}
+    assert changed(*both) == {"poses", "score"}
 
 
 def test_the_data_change_the_names_of_what_is_made_from_them(
@@ -153,7 +157,7 @@ def test_the_data_change_the_names_of_what_is_made_from_them(
     import numpy as np
 
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((80, 80, 3), np.uint8))
-    learnt_by_classifier = {"classifier", "regions", "hypotheses", "poses"}
+    learnt_by_classifier = {"classifier", "score", "regions", "hypotheses", "poses"}
     assert after(photographs=tmp_path) == learnt_by_classifier
     assert after(background_frames=None) == learnt_by_classifier
     assert after(encoder_frames=None) == set()  # the contrastive encoder takes none
@@ -162,8 +166,8 @@ def test_the_data_change_the_names_of_what_is_made_from_them(
     model = dataset.models[first]
     for change, stages in (
         ({"holistic_size": 0.3}, learnt_by_classifier),
-        ({"local_size": 0.3}, {"encoder", "codebook", "hypotheses", "poses"}),
-        ({"symmetries": model.symmetries[[0, 0]]}, {"hypotheses", "poses"}),
+        ({"local_size": 0.3}, {"encoder", "codebook", "score", "hypotheses", "poses"}),
+        ({"symmetries": model.symmetries[[0, 0]]}, {"score", "hypotheses", "poses"}),
         ({"name": "other"}, set()),
     ):
         other_model = dataclasses.replace(model, **change)
@@ -224,14 +228,14 @@ FOUND = {"regions", "hypotheses", "poses"}
     [
         ("hlp.rendering.rasterizer", ALL),
         ("hlp.records", ALL),
-        ("hlp.patches.holistic_pool", {"classifier", *FOUND}),
-        ("hlp.data.photographs", {"classifier", *FOUND}),
-        ("hlp.data.synthetic.sensor", {"classifier", *FOUND}),
-        ("hlp.patches.local_pool", {"encoder", "codebook", "hypotheses", "poses"}),
+        ("hlp.patches.holistic_pool", {"classifier", "score", *FOUND}),
+        ("hlp.data.photographs", {"classifier", "score", *FOUND}),
+        ("hlp.rendering.sensor", {"classifier", "score", *FOUND}),
+        ("hlp.patches.local_pool", {"encoder", "codebook", "score", "hypotheses", "poses"}),
         ("hlp.method.training", ALL - {"views"}),
-        ("hlp.codebook.entries", {"codebook", "hypotheses", "poses"}),
-        ("hlp.voting.modes_kernel", {"hypotheses", "poses"}),
-        ("hlp.refinement.pso", {"poses"}),
+        ("hlp.codebook.entries", {"codebook", "score", "hypotheses", "poses"}),
+        ("hlp.voting.modes_kernel", {"score", "hypotheses", "poses"}),
+        ("hlp.refinement.pso", {"score", "poses"}),
         ("hlp.stages.frame_results", FOUND),
         ("hlp.method.settings", set()),
         ("hlp.reporting.tables", set()),

@@ -15,6 +15,7 @@ from hlp.method.settings import (
     MachineSettings,
     MethodSettings,
     PatchesSettings,
+    ScoreSettings,
     TrainerSettings,
 )
 from hlp.models.classifier import ClassifierSettings
@@ -83,6 +84,7 @@ class RunSettings(Settings):
     codebook: Annotated[NeighboursSettings, SEARCHES]
     voting: Annotated[VotingSettings, VOTINGS]
     refinement: Annotated[RefinementSettings, REFINERS]
+    score: ScoreSettings
     evaluation: EvaluationSettings
     reporting: TrackingSettings
     trainer: TrainerSettings
@@ -107,6 +109,7 @@ class RunSettings(Settings):
             codebook=self.codebook,
             voting=self.voting,
             refinement=self.refinement,
+            score=self.score,
             trainer=self.trainer,
             machine=self.machine,
         )

@@ -22,6 +22,8 @@ from hlp.records import Frame, Mesh, ObjectModel, PoseEstimate, Target, TargetSc
 
 Pose = Float[np.ndarray, "4 4"]
 
+_FEW_VERTICES = 2000
+
 
 @dataclass(frozen=True)
 class PackedDepth:
@@ -150,6 +152,8 @@ class _ObjectScorer:
         self.add_limit = settings.add_fraction * model.diameter
         self._symmetric = settings.is_symmetric(model)
         self._tree = cKDTree(self._vertices) if self._symmetric else None
+        self._few_vertices = self._vertices[:: max(1, len(self._vertices) // _FEW_VERTICES)]
+        self._few_tree = cKDTree(self._few_vertices)
         self._bop_mesh = bop_mesh
 
     @cached_property
@@ -165,22 +169,24 @@ class _ObjectScorer:
         """Scores of all targets of this object in one frame."""
         targets = [t for t in truth.targets if t.object_id == self._model.object_id]
         surest = sorted(estimates, key=lambda estimate: -estimate.score)
-        poses = [each.pose_cam_obj for each in surest if each.pose_cam_obj is not None]
-        true_poses, poses = [target.pose_cam_obj for target in targets], poses[: len(targets)]
+        found = [(e.pose_cam_obj, e.score) for e in surest if e.pose_cam_obj is not None]
+        true_poses = [target.pose_cam_obj for target in targets]
+        found = found[: len(targets)]
+        poses = [pose for pose, _ in found]
         recalls = self._bop_recalls.of(true_poses, poses, truth.camera_matrix, truth.width, depth)
         matched = self._match(true_poses, poses)
         return [
             _missing(truth, target, recall)
-            if pose is None
-            else self._score(truth, target, pose, recall)
-            for target, pose, recall in zip(targets, matched, recalls, strict=True)
+            if row is None
+            else self._score(truth, target, *found[row], recall)
+            for target, row, recall in zip(targets, matched, recalls, strict=True)
         ]
 
-    def _match(self, true_poses: Sequence[Pose], poses: Sequence[Pose]) -> list[Pose | None]:
-        """The pose matched to each true pose; right poses are matched first."""
-        matched: list[Pose | None] = [None] * len(true_poses)
+    def _match(self, true_poses: Sequence[Pose], poses: Sequence[Pose]) -> list[int | None]:
+        """Index of the pose matched to each true pose; right poses are matched first."""
+        matched: list[int | None] = [None] * len(true_poses)
         if len(true_poses) == 1:
-            return [*poses, None][:1]
+            return [0] if poses else matched
         errors_of = [[self.add_error(pose, true) for true in true_poses] for pose in poses]
         left = list(range(len(poses)))
         for limit in (self.add_limit, np.inf):
@@ -189,7 +195,7 @@ class _ObjectScorer:
                     j for j, each in enumerate(matched) if each is None and errors_of[i][j] < limit
                 ]
                 if near:
-                    matched[min(near, key=lambda j: errors_of[i][j])] = poses[i]
+                    matched[min(near, key=lambda j: errors_of[i][j])] = i
                     left.remove(i)
         return matched
 
@@ -199,8 +205,17 @@ class _ObjectScorer:
             return errors.add_s(estimated, true, self._vertices, self._tree)
         return errors.add(estimated, true, self._vertices)
 
+    def _add_s(self, estimated: Pose, true: Pose) -> float:
+        """ADD-S (m) over about 2000 of the vertices."""
+        return errors.add_s(estimated, true, self._few_vertices, self._few_tree)
+
     def _score(
-        self, truth: FrameTruth, target: Target, pose: Pose, recalls: Float[np.ndarray, "3"]
+        self,
+        truth: FrameTruth,
+        target: Target,
+        pose: Pose,
+        score: float,
+        recalls: Float[np.ndarray, "3"],
     ) -> TargetScore:
         settings, true = self._settings, target.pose_cam_obj
         alike = true
@@ -227,6 +242,8 @@ class _ObjectScorer:
             vsd_recall=float(recalls[0]),
             mssd_recall=float(recalls[1]),
             mspd_recall=float(recalls[2]),
+            score=score,
+            add_s_correct=self._add_s(pose, true) < self.add_limit,
         )
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from hlp.evaluation.calibration import summarise_calibration
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.evaluation.waterfall import count_causes
 from hlp.records import TargetScore
@@ -45,6 +46,7 @@ def summarise(
         "per_object": {name: _object(group) for name, group in groups.items()},
         "median_errors": _median_errors(scores),
         "bop": _bop(scores),
+        "calibration": summarise_calibration(scores),
         "policy": settings.name,
         "timing_ms": {stage: _times(values) for stage, values in timings_ms.items()},
         "waterfall": count_causes(scores, names),

@@ -17,23 +17,25 @@ def resolve_conflicts(
     found: Found,
     hypotheses: Mapping[int, Hypotheses],
     wanted: Mapping[int, int],
+    min_score: float | None = None,
 ) -> Found:
     """What `PoseEstimator.refine` found for the objects of a frame, without double claims.
 
-    In order of cost, the instances of all objects take the pixels that they explain. If more than
-    half of the pixels that agree with an instance are taken by other objects, its object is refined
-    once more with the pixels that the others leave. `wanted` is the number of instances by object.
+    In order of cost, the instances of all objects that have at least `min_score` take the pixels
+    that they explain. If more than half of the pixels that agree with an instance are taken by
+    other objects, its object is refined once more with the pixels that the others leave. `wanted`
+    and `min_score` are those of `refine`.
     """
     if sum(each is not None for each in found.values()) < 2:
         return found
     claims: dict[int, list[int]] = {}
     unexplained, losers = context.observation, []
     for object_id, row in _by_cost(found):
-        if object_id in losers:
-            continue
         refined = found[object_id]
         assert refined is not None
         pose = refined.refined[row].pose_cam_obj
+        if object_id in losers or not estimator.good_enough(context, object_id, pose, min_score):
+            continue
         verifier = estimator.verifier(object_id)
         evidence = verifier.evidence(context.observation, pose[None])
         if verifier.is_free(unexplained, pose[None], evidence)[0]:
@@ -45,7 +47,9 @@ def resolve_conflicts(
     resolved = dict(found)
     for object_id in losers:
         left = _left_by_others(estimator, context, resolved, claims)
-        again = estimator.refine(context, object_id, hypotheses[object_id], wanted[object_id], left)
+        again = estimator.refine(
+            context, object_id, hypotheses[object_id], wanted[object_id], left, min_score
+        )
         resolved[object_id] = again
         if again is not None:
             claims[object_id] = list(again.instances)

@@ -3,7 +3,6 @@
 import threading
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
@@ -14,30 +13,16 @@ from threadpoolctl import ThreadpoolController
 from hlp.errors import InputError
 from hlp.method.compute_threads import one_blas_thread
 from hlp.method.conflicts import Found, resolve_conflicts
+from hlp.method.detections import Detection, SearchResult, describe, sort_answers
 from hlp.method.learnt_folder import LearntFolder
 from hlp.method.pose_estimator import FrameContext, PoseEstimator
 from hlp.method.settings import Device, MethodSettings
 from hlp.records import Frame
-from hlp.refinement.choice import RefinedHypotheses
+from hlp.refinement.score_model import MIN_SCORE
 
+MOST_INSTANCES = 10
+"""Instances of one object that are looked for in an image."""
 _FARTHEST = 20.0  # m: a larger median depth means another unit
-
-
-@dataclass(frozen=True)
-class Detection:
-    """One object found in one image.
-
-    `object` is its name. `pose_cam_obj` (4, 4) maps its coordinates to the camera's (metres; x
-    right, y down, z forward). `score` is in [0, 1]; higher is more certain. `visible_fraction` is
-    the fraction of its silhouette that nothing nearer covers. `seconds` is the wall time, divided
-    equally among an object's instances; what all objects of an image share counts for the first.
-    """
-
-    object: str
-    score: float
-    pose_cam_obj: Float[np.ndarray, "4 4"]
-    visible_fraction: float
-    seconds: float
 
 
 class Detector:
@@ -160,33 +145,53 @@ class Detector:
         depth: Float[np.ndarray, "h w"],
         camera_matrix: Float[np.ndarray, "3 3"],
         objects: Sequence[str] | None = None,
-        max_instances: int = 1,
+        max_instances: int = MOST_INSTANCES,
+        min_score: float = MIN_SCORE,
     ) -> list[Detection]:
         """Find the objects (names; None: all learnt ones) in one RGB-D image.
 
         `rgb` (h, w, 3) uint8, red first. `depth` (h, w) floating point in metres along the optical
         axis, registered to `rgb`, 0 or NaN where missing. `camera_matrix` (3, 3) in pixels, with
-        pixel centres at integers. At most `max_instances` of each object are returned. The most
-        certain detection comes first.
+        pixel centres at integers. All instances of each object are returned, at most
+        `max_instances`, if their poses are right with a probability of at least `min_score`. The
+        most certain detection comes first. `search` also tells why an object is not among them.
 
         Raises InputError naming the argument that is wrong.
         """
+        found = self.search(rgb, depth, camera_matrix, objects, max_instances, min_score)
+        return found.detections
+
+    def search(
+        self,
+        rgb: UInt8[np.ndarray, "h w 3"],
+        depth: Float[np.ndarray, "h w"],
+        camera_matrix: Float[np.ndarray, "3 3"],
+        objects: Sequence[str] | None = None,
+        max_instances: int = MOST_INSTANCES,
+        min_score: float = MIN_SCORE,
+    ) -> SearchResult:
+        """What `detect` returns, and for each object why it has no other detection."""
         frame = _checked_frame(rgb, depth, camera_matrix)
         names = self._checked_names(objects)
+        _check_limits(max_instances, min_score)
+        answers, missing = [], []
         with self._lock, one_blas_thread(self._blas):
             begun = time.perf_counter()
             context = self._estimator.prepare(frame)
-            ids = [self._ids[name] for name in names]
-            found, seconds = self._find(context, dict.fromkeys(ids, max_instances), begun)
-            detections = [
-                each
-                for name in names
-                for each in self._detections(context, name, found[self._ids[name]], seconds)
-            ]
-        return sorted(detections, key=lambda each: -each.score)
+            wanted = {self._ids[name]: max_instances for name in names}
+            found, seconds = self._find(context, wanted, min_score, begun)
+            for name, object_id in ((name, self._ids[name]) for name in names):
+                refined = found[object_id]
+                if refined is None:
+                    missing.append(name)
+                    continue
+                answers += describe(
+                    self._estimator, context, object_id, refined, seconds[object_id]
+                )
+        return sort_answers(answers, missing, min_score)
 
     def _find(
-        self, context: FrameContext, wanted: Mapping[int, int], begun: float
+        self, context: FrameContext, wanted: Mapping[int, int], min_score: float, begun: float
     ) -> tuple[Found, dict[int, float]]:
         """What stage 3 found of the wanted objects, and the time (s) of each."""
         found: Found = {}
@@ -195,31 +200,13 @@ class Detector:
             region = self._estimator.find_region(context, object_id)
             hypotheses[object_id] = self._estimator.find_hypotheses(context, region).hypotheses
             found[object_id] = self._estimator.refine(
-                context, object_id, hypotheses[object_id], count
+                context, object_id, hypotheses[object_id], count, min_score=min_score
             )
             seconds[object_id] = time.perf_counter() - begun
             begun = time.perf_counter()
-        found = resolve_conflicts(self._estimator, context, found, hypotheses, wanted)
+        found = resolve_conflicts(self._estimator, context, found, hypotheses, wanted, min_score)
         shared = (time.perf_counter() - begun) / max(len(wanted), 1)
         return found, {object_id: spent + shared for object_id, spent in seconds.items()}
-
-    def _detections(
-        self,
-        context: FrameContext,
-        name: str,
-        refined: RefinedHypotheses | None,
-        seconds: Mapping[int, float],
-    ) -> list[Detection]:
-        if refined is None:
-            return []
-        object_id, found = self._ids[name], []
-        for row in refined.instances:
-            pose = refined.refined[row].pose_cam_obj
-            visible = self._estimator.visible_fraction(context, object_id, pose)
-            score = float(np.clip(1.0 - refined.costs[row], 0.0, 1.0))
-            found.append((name, score, pose, visible))
-        spent = seconds[object_id] / len(found)
-        return [Detection(*each, spent) for each in found]
 
     def _checked_names(self, objects: Sequence[str] | None) -> Sequence[str]:
         if objects is None:
@@ -232,6 +219,13 @@ class Detector:
             known = ", ".join(self.objects)
             raise InputError(f"objects: {', '.join(unknown)} not learnt; {self.folder} has {known}")
         return names
+
+
+def _check_limits(max_instances: int, min_score: float) -> None:
+    if max_instances < 1:
+        raise InputError(f"max_instances is {max_instances}: it must be at least 1")
+    if not 0.0 <= min_score <= 1.0:
+        raise InputError(f"min_score is {min_score}: it must be a probability, 0 to 1")
 
 
 def _checked_frame(rgb: object, depth: object, camera_matrix: object) -> Frame:

@@ -32,15 +32,18 @@ from hlp.method.learnt_folder import (
     write_model,
     write_record,
 )
+from hlp.method.pose_estimator import PoseEstimator
+from hlp.method.score_calibration import calibrate_score
 from hlp.method.settings import MethodSettings, settings_to_json
 from hlp.method.training import read_weights
 from hlp.objects.object_model import ObjectSettings, build_object_model, mesh_identity
 from hlp.records import ObjectModel, Views
+from hlp.refinement.score_model import save_score_model
 from hlp.rendering.views import load_views, render_views, save_views
 from hlp.source_code import source_digest
 
 _NAME = re.compile(r"[\w][\w .+-]*")
-_DONE, _REQUEST, _VIEWS = "done", "request.json", "views"
+_DONE, _REQUEST, _VIEWS, _SCORE = "done", "request.json", "views", "score"
 _ADDED_EPOCHS = 4  # of a classifier that already knows most of its objects
 _PROXY_FACES = 500  # triangles of the mesh that the refiner renders
 
@@ -99,6 +102,7 @@ def learn(
             if missing:
                 train_encoder(models, views_of, backgrounds, settings, partial / ENCODER)
         _write_objects(models, views_of, partial, settings)
+        _calibrate_scores(models, backgrounds, partial, record)
         write_record(partial, record)
 
 
@@ -139,7 +143,9 @@ def add(folder: Path, models: Mapping[int, ObjectModel], backgrounds: Background
             source = folder / OBJECTS / name
             shutil.copytree(source, partial / OBJECTS / name, dirs_exist_ok=True)
         _write_objects(models, views_of, partial, settings)
-        write_record(partial, LearntRecord(objects, tuple(ids), settings))
+        record = LearntRecord(objects, tuple(ids), settings)
+        _calibrate_scores(models, backgrounds, partial, record)
+        write_record(partial, record)
 
 
 def remove(folder: Path, name: str) -> None:
@@ -174,6 +180,24 @@ def _write_objects(
                 codebook = build_codebook(model, views_of(object_id), encoder, settings)
                 save_codebook(folder, codebook)
                 settings.codebook.prepare(codebook.features, settings.seed, folder)
+
+
+def _calibrate_scores(
+    models: Mapping[int, ObjectModel],
+    backgrounds: Backgrounds,
+    partial: Path,
+    record: LearntRecord,
+) -> None:
+    settings = record.settings
+    frames = backgrounds.load_background_frames()
+    estimator = PoseEstimator(LearntFolder(partial, record=record), settings, tuple(models))
+    for object_id, model in models.items():
+        with _once(partial / OBJECTS / model.name / _SCORE) as missing:
+            if missing:
+                score = calibrate_score(
+                    estimator, object_id, frames, settings.score.scenes, settings.seed
+                )
+                save_score_model(partial / OBJECTS / model.name, score)
 
 
 def _views(

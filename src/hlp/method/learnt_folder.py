@@ -26,6 +26,7 @@ from hlp.method.settings import Device, MethodSettings, settings_from_json, sett
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
 from hlp.records import Codebook, Mesh, ObjectModel, Texture
+from hlp.refinement.score_model import ScoreModel, load_score_model
 
 FORMAT = 2
 RECORD = "learnt.json"
@@ -157,14 +158,19 @@ def _read_texture(folder: Path, uv: Float[np.ndarray, "v 2"]) -> Texture:
 class LearntFolder:
     """Learnt objects on disk as `LearntObjects` for detection; files are read when first needed.
 
-    `settings` are those of learning, except for `threads` and `device` if given.
+    `settings` are those of learning, except for `threads` and `device` if given. `record` is
+    that of a folder which is not complete yet.
     """
 
     def __init__(
-        self, folder: Path, threads: int | None = None, device: Device | None = None
+        self,
+        folder: Path,
+        threads: int | None = None,
+        device: Device | None = None,
+        record: LearntRecord | None = None,
     ) -> None:
         self.folder = folder
-        self.record = read_record(folder)
+        self.record = read_record(folder) if record is None else record
         learnt = self.record.settings
         machine = replace(
             learnt.machine,
@@ -200,6 +206,10 @@ class LearntFolder:
     def load_codebook(self, object_id: int) -> Codebook:
         """The codebook of one object."""
         return load_codebook(self.object_folder(object_id))
+
+    def load_score_model(self, object_id: int) -> ScoreModel:
+        """The score of one object's poses."""
+        return load_score_model(self.object_folder(object_id))
 
     def search_folder(self, object_id: int) -> Path:
         """The folder in which the search in its codebook was prepared."""

@@ -19,6 +19,8 @@ from hlp.patches.holistic import candidate_region, region_weights
 from hlp.patches.local import cut_local_patches, region_pixels
 from hlp.records import Codebook, Frame, Hypotheses, LocalPatches, ObjectModel, Region, Votes
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
+from hlp.refinement.pose_fit import PoseFit, measure_fit
+from hlp.refinement.score_model import ScoreModel
 from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
 from hlp.rendering.color_grid import color_grid
 from hlp.voting.cast import cast_votes
@@ -47,6 +49,10 @@ class LearntObjects(Protocol):
 
     def load_codebook(self, object_id: int) -> Codebook:
         """The codebook of one object."""
+        ...
+
+    def load_score_model(self, object_id: int) -> ScoreModel:
+        """The score of one object's poses."""
         ...
 
     def search_folder(self, object_id: int) -> Path | None:
@@ -101,6 +107,7 @@ class PoseEstimator:
         self._labels = {object_id: i for i, object_id in enumerate(learnt.classes, 1)}
         self._searches: dict[int, tuple[Codebook, Neighbours]] = {}
         self._verifiers: dict[int, Verifier] = {}
+        self._scores: dict[int, ScoreModel] = {}
         self._modes = settings.voting.build(settings.machine.threads)
         self._refiner = settings.refinement.build(settings.machine.threads)
 
@@ -180,12 +187,13 @@ class PoseEstimator:
         hypotheses: Hypotheses,
         instances: int = 1,
         unexplained: Observation | None = None,
+        min_score: float | None = None,
     ) -> RefinedHypotheses | None:
         """Stage 3: refine the promising hypotheses and choose the best (paper, section 3.3).
 
         At most as many `instances` are chosen as there are things that look like the object, which
-        other objects do not explain (`unexplained`: the rest of the image; None: all of it). None
-        if there is no hypothesis.
+        other objects do not explain (`unexplained`: the rest of the image; None: all of it). The
+        first one with a score below `min_score` is the last. None if there is no hypothesis.
         """
         if len(hypotheses) == 0:
             return None
@@ -201,14 +209,33 @@ class PoseEstimator:
             derive_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id),
             instances,
             unexplained,
+            lambda pose: self.good_enough(context, object_id, pose, min_score),
         )
 
-    def visible_fraction(
+    def measure_fit(
         self, context: FrameContext, object_id: int, pose_cam_obj: Float[np.ndarray, "4 4"]
-    ) -> float:
-        """Fraction of the silhouette at a pose that nothing nearer to the camera covers."""
-        verifier = self.verifier(object_id)
-        return 1.0 - float(verifier.evidence(context.observation, pose_cam_obj[None]).occluded[0])
+    ) -> PoseFit:
+        """How well a pose fits the frame."""
+        return measure_fit(self.verifier(object_id), context.observation, pose_cam_obj)
+
+    def good_enough(
+        self,
+        context: FrameContext,
+        object_id: int,
+        pose_cam_obj: Float[np.ndarray, "4 4"],
+        min_score: float | None,
+    ) -> bool:
+        """Whether a pose has at least a score; every pose has if that is None."""
+        if min_score is None:
+            return True
+        fit = self.measure_fit(context, object_id, pose_cam_obj)
+        return self.score_model(object_id).score(fit) >= min_score
+
+    def score_model(self, object_id: int) -> ScoreModel:
+        """The score of an object's poses."""
+        if object_id not in self._scores:
+            self._scores[object_id] = self.learnt.load_score_model(object_id)
+        return self._scores[object_id]
 
     def verifier(self, object_id: int) -> Verifier:
         """The cost that compares poses of an object."""

@@ -75,6 +75,21 @@ class MachineSettings(Settings):
 
 
 @dataclass(frozen=True)
+class ScoreSettings(Settings):
+    """Config group `score`: how the probability that a pose is right is calibrated."""
+
+    name: Annotated[str, Doc("of the choice")] = "rendered"
+    scenes: Annotated[
+        int,
+        Ge(0),
+        Doc(
+            "rendered scenes on which each object is searched while it is learnt, some of them "
+            "without it; 0: one score for all objects (D)"
+        ),
+    ] = 36
+
+
+@dataclass(frozen=True)
 class MethodSettings(Settings):
     """The method without any data set: one record per config group, and the seed.
 
@@ -90,6 +105,7 @@ class MethodSettings(Settings):
     codebook: Annotated[NeighboursSettings, SEARCHES] = field(default_factory=InvertedListsSettings)
     voting: Annotated[VotingSettings, VOTINGS] = field(default_factory=JointVotingSettings)
     refinement: Annotated[RefinementSettings, REFINERS] = field(default_factory=PsoSettings)
+    score: ScoreSettings = field(default_factory=ScoreSettings)
     trainer: TrainerSettings = field(default_factory=TrainerSettings)
     machine: MachineSettings = field(default_factory=MachineSettings)
 

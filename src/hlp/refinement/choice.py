@@ -5,6 +5,7 @@ explain.
 """
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,6 +50,7 @@ def refine_and_choose(
     seed: int,
     instances: int = 1,
     unexplained: Observation | None = None,
+    good_enough: Callable[[Float[np.ndarray, "4 4"]], bool] | None = None,
 ) -> RefinedHypotheses | None:
     """Refine the most promising hypotheses, choose those of lowest verification cost, polish them.
 
@@ -62,11 +64,12 @@ def refine_and_choose(
     This is repeated for every further one of up to `instances`, with the hypotheses for which more
     than half of the agreeing pixels are not explained by an instance that was chosen before.
     `unexplained` is the observation without what other objects explain already (None: they explain
-    nothing).
+    nothing). An instance whose pose is not `good_enough` is the last one.
     """
     search = _InstanceSearch(refiner, verifier, observation, model, hypotheses, seed, unexplained)
     for _ in range(instances):
-        if not search.choose_next(candidates, max_improvement):
+        chosen = search.choose_next(candidates, max_improvement)
+        if chosen is None or (good_enough is not None and not good_enough(chosen)):
             break
     return search.result()
 
@@ -106,14 +109,16 @@ class _InstanceSearch:
         sources = np.array(self._sources)
         return RefinedHypotheses(self._refined, self._costs, sources, tuple(self._instances))
 
-    def choose_next(self, candidates: int, max_improvement: float) -> bool:
-        """Refine what may be the next instance, choose and polish it. False if there is none."""
+    def choose_next(
+        self, candidates: int, max_improvement: float
+    ) -> Float[np.ndarray, "4 4"] | None:
+        """Refine what may be the next instance, choose and polish it; None if there is none."""
         if self._instances:
             self._explain(self._refined[self._instances[-1]].pose_cam_obj)
         self._refine(candidates, max_improvement)
         rows = np.flatnonzero(self._free_refined())
         if len(rows) == 0:
-            return False
+            return None
         costs = self._competing_costs(rows)
         self._costs = np.append(self._costs, np.zeros(len(self._refined) - len(self._costs)))
         self._costs[rows] = costs
@@ -122,7 +127,7 @@ class _InstanceSearch:
             self._turn_to_sibling(int(rows[chosen]))
             self._costs[rows] = self._competing_costs(rows)
         self._polish(rows, chosen)
-        return True
+        return self._refined[self._instances[-1]].pose_cam_obj
 
     def _refine(self, candidates: int, max_improvement: float) -> None:
         """Refine free hypotheses in order of cost until the next one is hopeless."""

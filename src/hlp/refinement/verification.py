@@ -158,7 +158,8 @@ class Verifier:
 
     def __init__(self, model: ObjectModel, settings: VerificationSettings) -> None:
         mesh = model.proxy
-        self._settings, self._mesh = settings, mesh
+        self._settings, self.mesh = settings, mesh
+        self.tau_depth = settings.tau_depth_mm / 1000.0  # m
         # The colours of a mesh without colours mean nothing.
         self._weight_color = settings.weight_color if model.mesh.colored else 0.0
         self._centroid, self._radius = model.centroid, model.diameter / 2.0
@@ -205,10 +206,9 @@ class Verifier:
         depth = observation.depth
         shape = (depth.shape[0], depth.shape[1])
         rendered = render_depth(
-            self._mesh, pose_cam_obj[None], observation.camera_matrix, shape, threads=1
+            self.mesh, pose_cam_obj[None], observation.camera_matrix, shape, threads=1
         )[0]
-        tau = self._settings.tau_depth_mm / 1000.0
-        explained = (rendered > 0.0) & (np.abs(depth - rendered) <= tau)
+        explained = (rendered > 0.0) & (np.abs(depth - rendered) <= self.tau_depth)
         return replace(observation, depth=np.where(explained, np.float32(0.0), depth))
 
     def is_free(

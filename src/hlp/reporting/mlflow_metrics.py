@@ -28,6 +28,8 @@ def summary_metrics(summary: Mapping[str, Any]) -> dict[str, float | None]:
         flat[f"votes/good_{name}"] = each["good"]
         flat[f"votes/good_by_object_{name}"] = each["good_by_object"]
     flat |= {f"waterfall/{name}": count for name, count in lost.items()}
+    calibration = summary.get("calibration", {})  # an earlier run has none
+    flat |= {f"calibration/{name}": calibration.get(name) for name in ("ece", "aurc")}
     for group in ("median_errors", "bop"):
         flat |= {f"{group}/{name}": value for name, value in summary[group].items()}
     return flat

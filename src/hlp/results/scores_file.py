@@ -13,7 +13,7 @@ from hlp.records import MILLIMETRES_PER_METRE, TargetScore
 SCORE_COLUMNS = (
     "scene_id", "im_id", "obj_id", "object", "found", "visible_fraction", "add_mm", "rotation_deg",
     "translation_mm", "box_iou", "add_correct", "pose_correct", "box_correct", "mssd_recall",
-    "mspd_recall", "vsd_recall", "cause",
+    "mspd_recall", "vsd_recall", "cause", "score", "add_s_correct",
 )  # fmt: skip
 
 
@@ -41,6 +41,8 @@ def write_scores(path: Path, scores: Sequence[TargetScore], names: Mapping[int, 
             float(item.mspd_recall),
             float(item.vsd_recall),
             item.cause,
+            float(item.score),
+            int(item.add_s_correct),
         )
         for item in scores
     ]
@@ -78,6 +80,8 @@ def _score(row: Mapping[str, Any], where: str) -> TargetScore:
             mspd_recall=float(row["mspd_recall"]),
             vsd_recall=float(row["vsd_recall"]),
             cause=str(row["cause"]),
+            score=float(row["score"]),
+            add_s_correct=bool(int(row["add_s_correct"])),
         )
     except (ValueError, TypeError) as error:
         raise DataError(f"{where}: no score ({error})") from error

@@ -35,13 +35,14 @@ def predict(run: Run, output: Path) -> list[PoseEstimate]:
     if detection.training.missing_views():  # nothing is learnt yet
         for key in run.keys:
             detection.load(key)
+    scores = detection.scores()
     drawn, panels = drawn_frames(run), output / "panels"
 
     def draw(key: str, found: Mapping[str, Arrays]) -> None:
         if key in drawn:
             (model,) = dataset.models.values()
             panels.mkdir(parents=True, exist_ok=True)
-            picture = picture_of_stages(detection.load(key), found, model, None)
+            picture = picture_of_stages(detection.load(key), found, model, scores, None)
             write_png(panels / f"{frames.image(key).stem}.png", picture)
 
     estimates = detection.estimates(draw)

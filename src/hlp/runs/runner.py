@@ -14,6 +14,8 @@ from hlp.files import MANIFEST, POSES, SCORES, SUMMARY, write_json
 from hlp.method.compute_threads import set_compute_threads
 from hlp.method.training import read_history
 from hlp.records import Frame, PoseEstimate
+from hlp.refinement.score_model import ScoreModel
+from hlp.reporting.figures.calibration_curves import draw_calibration
 from hlp.reporting.figures.panels import write_png
 from hlp.reporting.figures.waterfall_bars import draw_waterfall
 from hlp.reporting.mlflow_metrics import summary_metrics
@@ -74,11 +76,12 @@ def _find(
 ) -> tuple[list[PoseEstimate], list[FrameNotes]]:
     """Find the objects in all frames; what scoring needs of each frame, in order. Draws panels."""
     notes: dict[str, FrameNotes] = {}
+    scores = detection.scores()
 
     def look(key: str, found: Mapping[str, Arrays]) -> None:
         frame = detection.load(key)
         notes[key] = note_frame(run.dataset, frame, found, run.settings.evaluation)
-        _draw(run, frame, found, panels)
+        _draw(run, frame, found, scores, panels)
 
     estimates = detection.estimates(look)
     return estimates, [notes[key] for key in run.keys]
@@ -114,6 +117,7 @@ def _score(
     summary["timing"] = timing.summary()
     write_json(output / SUMMARY, summary)
     draw_waterfall(output, summary["waterfall"])
+    draw_calibration(output, summary["calibration"])
     return summary
 
 
@@ -124,7 +128,13 @@ def _log_training(training: TrainingStages, tracker: Tracker) -> None:
             tracker.log_epoch_metrics(stage, epoch, metrics)
 
 
-def _draw(run: Run, frame: Frame, found: Mapping[str, Arrays], folder: Path) -> None:
+def _draw(
+    run: Run,
+    frame: Frame,
+    found: Mapping[str, Arrays],
+    scores: Mapping[int, ScoreModel],
+    folder: Path,
+) -> None:
     """The paper's four panels (Fig. 7) for a few frames, each for another object in turn."""
     drawn = drawn_frames(run)
     if frame.key not in drawn or not frame.targets:
@@ -132,7 +142,7 @@ def _draw(run: Run, frame: Frame, found: Mapping[str, Arrays], folder: Path) -> 
     target = frame.targets[drawn.index(frame.key) % len(frame.targets)]
     model = run.dataset.models[target.object_id]
     folder.mkdir(parents=True, exist_ok=True)
-    picture = picture_of_stages(frame, found, model, target)
+    picture = picture_of_stages(frame, found, model, scores, target)
     write_png(folder / f"{frame.key}_{model.name}.png", picture)
 
 

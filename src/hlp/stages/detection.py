@@ -15,6 +15,7 @@ from hlp.method.networks import load_classifier
 from hlp.method.pose_estimator import PoseEstimator
 from hlp.method.settings import MethodSettings
 from hlp.records import PoseEstimate
+from hlp.refinement.score_model import ScoreModel
 from hlp.source_code import Code
 from hlp.stages.device import device_name
 from hlp.stages.executor_settings import ExecutorSettings
@@ -218,15 +219,23 @@ class DetectionStages:
             write_arrays(folders[stage], key, found[stage])
         return seconds
 
+    def scores(self) -> dict[int, ScoreModel]:
+        """The score models of the objects that are looked for."""
+        self.training.make_for(self.dataset.target_ids)
+        return {i: self.training.load_score_model(i) for i in self.dataset.target_ids}
+
     def estimates(self, visit: Visit | None = None) -> list[PoseEstimate]:
         """The pose of every object looked for, with the times measured by this object.
 
         `visit` is called once for every frame, in any order: here, not in a worker, and as soon as
         the frame is processed, so that `load` has it still decoded.
         """
+        scores = self.scores()
         folder = self._make_up_to("poses", visit).folder
         return [
             estimate
             for key in self.keys
-            for estimate in estimates_of(key, read_arrays(folder, key), self.seconds.get(key, {}))
+            for estimate in estimates_of(
+                key, read_arrays(folder, key), self.seconds.get(key, {}), scores
+            )
         ]

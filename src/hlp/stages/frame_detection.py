@@ -9,6 +9,8 @@ import numpy as np
 from hlp.method.conflicts import Found, resolve_conflicts
 from hlp.method.pose_estimator import FrameContext, PoseEstimator
 from hlp.records import Frame, PoseEstimate
+from hlp.refinement.pose_fit import PoseFit
+from hlp.refinement.score_model import ScoreModel
 from hlp.stages.frame_results import (
     Arrays,
     coarse_arrays,
@@ -105,35 +107,43 @@ def _poses(
     arrays: Arrays = {}
     for object_id, refined in found.items():
         seconds[object_id]["refinement"] += shared
-        arrays |= refined_arrays(object_id, refined)
+        begun = time.perf_counter()
+        chosen = [] if refined is None else [refined.refined[row] for row in refined.instances]
+        fits = [estimator.measure_fit(context, object_id, each.pose_cam_obj) for each in chosen]
+        arrays |= refined_arrays(object_id, refined, fits)
+        seconds[object_id]["refinement"] += time.perf_counter() - begun
     return arrays
 
 
 _FIND: Mapping[str, Any] = {"regions": _regions, "hypotheses": _hypotheses, "poses": _poses}
 
 
-def estimates_of(key: str, stored: Arrays, seconds: Seconds) -> list[PoseEstimate]:
+def estimates_of(
+    key: str, stored: Arrays, seconds: Seconds, scores: Mapping[int, ScoreModel]
+) -> list[PoseEstimate]:
     """The instances of every object looked for in a frame, from the arrays of the stage `poses`.
 
-    There is one estimate, without a pose, of an object that was not found. `seconds` are the times
-    measured in that frame; the instances of an object share its time equally. An estimate has a
-    time only if every step was measured.
+    `scores` are the objects' score models by id. There is one estimate, without a pose, of an
+    object that was not found. `seconds` are the times measured in that frame; the instances of an
+    object share its time equally. An estimate has a time only if every step was measured.
     """
     timed = {i: spent for i, spent in seconds.items() if set(STEPS) <= spent.keys()}
     scene_id, frame_id = (int(part) for part in key.split("_"))
     object_ids = sorted({int(name.partition("/")[0]) for name in stored})
     estimates = []
     for i in object_ids:
-        instances = _instances(stored, i)
+        instances = _instances(stored, i, scores[i])
         shared = {step: spent / len(instances) for step, spent in timed.get(i, {}).items()}
         estimates += [PoseEstimate(scene_id, frame_id, i, *each, shared) for each in instances]
     return estimates
 
 
-def _instances(stored: Arrays, object_id: int) -> list[tuple[np.ndarray | None, float]]:
-    """Pose and score (1 - cost) of each instance; None and 0 if there is none."""
+def _instances(
+    stored: Arrays, object_id: int, model: ScoreModel
+) -> list[tuple[np.ndarray | None, float]]:
+    """Pose and score of each instance; None and 0 if there is none."""
     if f"{object_id}/instances" not in stored:
         return [(None, 0.0)]
-    poses, costs = stored[f"{object_id}/poses"], stored[f"{object_id}/costs"]
-    scores = np.clip(1.0 - costs, 0.0, 1.0)
-    return [(poses[row], float(scores[row])) for row in stored[f"{object_id}/instances"]]
+    poses, rows = stored[f"{object_id}/poses"], stored[f"{object_id}/instances"]
+    scores = [model.score(PoseFit.from_array(fit)) for fit in stored[f"{object_id}/fits"]]
+    return list(zip(poses[rows], scores, strict=True))

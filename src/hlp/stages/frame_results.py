@@ -1,5 +1,6 @@
 """Results of the three detection stages in a frame: records to arrays for a file, and back."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ from hlp.geometry import quaternions, rotation_matrices
 from hlp.method.pose_estimator import CoarseResult
 from hlp.records import Frame, Hypotheses, Region, Votes
 from hlp.refinement.choice import RefinedHypotheses
+from hlp.refinement.pose_fit import PoseFit
 from hlp.stages.frame_files import read_arrays
 
 Arrays = dict[str, np.ndarray]
@@ -36,10 +38,13 @@ def coarse_arrays(object_id: int, coarse: CoarseResult) -> Arrays:
     }
 
 
-def refined_arrays(object_id: int, refined: RefinedHypotheses | None) -> Arrays:
+def refined_arrays(
+    object_id: int, refined: RefinedHypotheses | None, fits: Sequence[PoseFit]
+) -> Arrays:
     """Each refined hypothesis, its cost and its coarse hypothesis; `instances` are the chosen rows.
 
-    If there was nothing to refine, only `looked_for` is there.
+    `fits` tell how well each of the instances fits the frame. If there was nothing to refine, only
+    `looked_for` is there.
     """
     name = str(object_id)
     arrays: Arrays = {f"{name}/looked_for": np.array(True)}
@@ -50,6 +55,7 @@ def refined_arrays(object_id: int, refined: RefinedHypotheses | None) -> Arrays:
         f"{name}/costs": refined.costs,
         f"{name}/sources": refined.sources,
         f"{name}/instances": np.array(refined.instances),
+        f"{name}/fits": np.stack([fit.as_array() for fit in fits]),
     }
 
 

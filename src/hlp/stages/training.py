@@ -11,11 +11,14 @@ from hlp.method.classifier_training import StartingWeights, train_classifier
 from hlp.method.codebook_building import build_codebook
 from hlp.method.encoder_training import train_encoder
 from hlp.method.networks import load_classifier
+from hlp.method.pose_estimator import PoseEstimator
+from hlp.method.score_calibration import calibrate_score
 from hlp.method.settings import MethodSettings
 from hlp.method.training import read_weights
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
 from hlp.records import Codebook, ObjectModel, Views
+from hlp.refinement.score_model import PRIOR, ScoreModel, load_score_model, save_score_model
 from hlp.rendering.views import load_views, render_views, save_views
 from hlp.source_code import Code
 from hlp.stages.device import device_name
@@ -195,6 +198,45 @@ class TrainingStages:
 
         return self._stage("codebook", object_id, settings, upstream, make)
 
+    def score(self, object_id: int) -> Output:
+        """The score of one object's poses, calibrated on rendered scenes."""
+        given, patches, model = self.settings, self.settings.patches, self.models[object_id]
+        settings = {
+            "scenes": given.score.scenes,
+            "rendering": given.rendering,
+            "holistic": patches.holistic,
+            "region": patches.region,
+            "local": patches.local,
+            "grid": patches.grid,
+            "neighbours": given.codebook,
+            "voting": given.voting,
+            "refinement": given.refinement,
+            "sizes": [model.holistic_size, model.local_size],
+            "device": device_name(given.machine.device),
+        }
+        upstream = {
+            "model": self.dataset.model_identities[object_id],
+            "classifier": self.classifier().fingerprint,
+            "encoder": self.encoder().fingerprint,
+            "codebook": self.codebook(object_id).fingerprint,
+            "background_frames": frames_identity(self.dataset.background_frames),
+        }
+
+        def make(folder: Path) -> None:
+            estimator = PoseEstimator(self, given, (object_id,))
+            frames = self.dataset.load_background_frames()
+            scenes, seed = given.score.scenes, given.seed
+            made = calibrate_score(estimator, object_id, frames, scenes, seed)
+            save_score_model(folder, made)
+
+        return self._stage("score", object_id, settings, upstream, make)
+
+    def load_score_model(self, object_id: int) -> ScoreModel:
+        """The score of one object's poses, from disk."""
+        if self.settings.score.scenes == 0:
+            return PRIOR
+        return load_score_model(self.score(object_id).folder)
+
     def search_folder(self, object_id: int) -> None:
         """None: a codebook's fingerprint excludes the search's settings, so none is stored."""
 
@@ -236,6 +278,15 @@ class TrainingStages:
                 build_codebook.__module__,
                 save_codebook.__module__,
                 type(self.settings.encoder).__module__,
+            ],
+            "score": [
+                calibrate_score.__module__,
+                save_score_model.__module__,
+                type(self.settings.encoder).__module__,
+                type(self.settings.codebook).__module__,
+                type(self.settings.voting).__module__,
+                type(self.settings.refinement).__module__,
+                type(dataset.background_frames).__module__,
             ],
         }
         if self.settings.encoder.needs_frames:

@@ -153,10 +153,11 @@ class TimedEstimator(PoseEstimator):
         hypotheses: Hypotheses,
         instances: int = 1,
         unexplained: Observation | None = None,
+        min_score: float | None = None,
     ) -> RefinedHypotheses | None:
         """Stage 3; see PoseEstimator.refine."""
         self.clock.enter("screen")
-        return super().refine(context, object_id, hypotheses, instances, unexplained)
+        return super().refine(context, object_id, hypotheses, instances, unexplained, min_score)
 
     def entries(self, object_id: int) -> int:
         """Number of the codebook's entries."""

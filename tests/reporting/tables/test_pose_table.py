@@ -31,6 +31,14 @@ def test_table_holds_millimetres_and_degrees_and_says_what_was_not_found():
     assert missing.split() == ["b.png", "bolt", "not", "found"]
 
 
+def test_what_is_more_likely_wrong_than_right_is_not_found():
+    unlikely = [PoseEstimate(0, 0, 1, rigid(QUARTER_TURN, np.zeros(3)), 0.25, {})]
+    row = format_poses(unlikely, IMAGES[:1], {1: "bolt"}).splitlines()[-1]
+    assert row.split() == ["a.png", "bolt", "not", "found", "(0.25)"]
+    (pose,) = poses_json(unlikely, IMAGES[:1], {1: "bolt"})["poses"]
+    assert not pose["found"] and pose["score"] == 0.25 and "cam_R_m2c" in pose
+
+
 def test_json_holds_bops_names_and_units():
     first, second = json.loads(json.dumps(poses_json(ESTIMATES, IMAGES, {1: "bolt"})))["poses"]
     assert (first["rgb"], first["object"], first["found"], first["score"]) == (

@@ -18,12 +18,12 @@ from hlp.data.synthetic.layout import (
     place_targets,
 )
 from hlp.data.synthetic.objects import demo_objects
-from hlp.data.synthetic.sensor import kinect, noisy_depth, noisy_rgb
 from hlp.data.synthetic.surfaces import draw_surroundings, random_surroundings
 from hlp.geometry import inverse, project, transform
 from hlp.records import Frame, Target, frame_key
 from hlp.rendering.light import Light
 from hlp.rendering.rasterizer import render_depth, render_scene
+from hlp.rendering.sensor import kinect, noisy_depth, noisy_rgb
 from hlp.settings import Doc, Settings, SettingsError
 from hlp.source_code import source_digest
 

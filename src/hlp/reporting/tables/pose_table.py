@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hlp.records import MILLIMETRES_PER_METRE, PoseEstimate
+from hlp.refinement.score_model import MIN_SCORE
 from hlp.reporting.tables.table import Table
 
 
@@ -16,14 +17,16 @@ def format_poses(
     """A row for each estimate: image, object, score, translation (mm), rotation vector (degrees).
 
     The rotation vector points along the axis of rotation, and its length is the angle. A row says
-    so where no pose was found. `images` holds the image of each estimate, `names` the objects'
-    names by id.
+    so where no pose was found, and where it is more likely wrong than right. `images` holds the
+    image of each estimate, `names` the objects' names by id.
     """
     rows = []
     for estimate, image in zip(estimates, images, strict=True):
         row = [image, names[estimate.object_id]]
         if estimate.pose_cam_obj is None:
             row += ["not found", "", "", "", "", "", ""]
+        elif estimate.score < MIN_SCORE:
+            row += [f"not found ({estimate.score:.2f})", "", "", "", "", "", ""]
         else:
             turn = Rotation.from_matrix(estimate.pose_cam_obj[:3, :3]).as_rotvec(degrees=True)
             shift = estimate.pose_cam_obj[:3, 3] * MILLIMETRES_PER_METRE
@@ -36,7 +39,10 @@ def format_poses(
 def poses_json(
     estimates: Sequence[PoseEstimate], images: Sequence[str], names: Mapping[int, str]
 ) -> dict[str, Any]:
-    """The same for programs, with BOP's keys: `cam_R_m2c` row by row, `cam_t_m2c` in mm."""
+    """The same for programs, with BOP's keys: `cam_R_m2c` row by row, `cam_t_m2c` in mm.
+
+    `found` is false for a pose that is more likely wrong than right, which is given all the same.
+    """
     return {
         "poses": [
             {
@@ -45,7 +51,7 @@ def poses_json(
                 "im_id": estimate.frame_id,
                 "obj_id": estimate.object_id,
                 "object": names[estimate.object_id],
-                "found": estimate.pose_cam_obj is not None,
+                "found": estimate.pose_cam_obj is not None and estimate.score >= MIN_SCORE,
                 "score": estimate.score,
                 **_motion(estimate),
                 "seconds": estimate.seconds,

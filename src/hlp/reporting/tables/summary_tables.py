@@ -26,6 +26,7 @@ def format_summary(summary: Mapping[str, Any], layout: str = "text") -> str:
     tables = (objects_table(summary), time_table(summary), total_table(summary))
     objects, times, total = (LAYOUTS[layout](table) if table.rows else "" for table in tables)
     parts = [RECALL, objects, times, timing_words(summary), total]
+    parts.insert(2, calibration_words(summary))
     return "\n\n".join(part for part in parts if part)
 
 
@@ -57,6 +58,17 @@ def objects_table(summary: Mapping[str, Any]) -> Table:
     rows.append(["95 % interval", "", *intervals, ""])
     table = Table(["object", "targets", *METRIC_LABELS.values(), "paper ADD(-S)"], rows)
     return table if linemod else Table(table.header[:-1], [row[:-1] for row in rows])
+
+
+def calibration_words(summary: Mapping[str, Any]) -> str:
+    """Whether the scores mean what they say, in one line; empty if there was no answer."""
+    found = summary.get("calibration")
+    if not found or not found["answers"]:
+        return ""
+    return (
+        f"Scores of {found['answers']} answers: expected calibration error {found['ece']:.3f}, "
+        f"area under the risk-coverage curve {found['aurc']:.4f} (right: ADD-S)."
+    )
 
 
 def time_table(summary: Mapping[str, Any]) -> Table:

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hlp.data.synthetic.sensor import KINECT, kinect, noisy_depth, noisy_rgb, projector_shadow
+from hlp.rendering.sensor import KINECT, kinect, noisy_depth, noisy_rgb, projector_shadow
 
 FOCAL = 572.0
 IDEAL = kinect(0.0)

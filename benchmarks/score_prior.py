@@ -1,0 +1,48 @@
+"""Fits the score's weights of objects in general: `PRIOR` in hlp/refinement/score_model.py.
+
+    python benchmarks/score_prior.py --scenes 30 learnt/board learnt/cup learnt/mustard
+
+Every object of the learnt folders (`Detector.learn`) is searched in rendered scenes. Printed are
+the weights for all of them, and those of each object by itself.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from hlp.method.learnt_folder import LearntFolder
+from hlp.method.pose_estimator import PoseEstimator
+from hlp.method.score_calibration import search_scenes
+from hlp.refinement.score_model import ScoreModel, fit_score_model
+
+_SEED = 1  # not that of learning
+_FREE = ScoreModel(bias=100.0, cost=1000.0, shape=100.0)  # hardly any prior
+
+
+def main() -> None:
+    """Search, fit, print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scenes", type=int, default=30, help="for each object")
+    parser.add_argument("folders", type=Path, nargs="+", help="folders of learnt objects")
+    given = parser.parse_args()
+    everything = []
+    for folder in given.folders:
+        learnt = LearntFolder(folder)
+        estimator = PoseEstimator(learnt, learnt.settings)
+        for object_id, model in learnt.models.items():
+            answers = list(search_scenes(estimator, object_id, (), given.scenes, _SEED))
+            everything += answers
+            _print(f"{folder.name} {model.name}", answers)
+    _print("all", everything)
+
+
+def _print(name: str, answers: list) -> None:
+    fits = [fit for fit, _ in answers]
+    right = np.array([each for _, each in answers])
+    found = fit_score_model(fits, right, _FREE)
+    print(f"{name:24s} {len(fits):4d} answers, {right.mean():.2f} right: {found}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

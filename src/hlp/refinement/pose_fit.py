@@ -1,0 +1,158 @@
+"""How well one pose fits the image: what a score is computed from, and what people want to know."""
+
+from dataclasses import astuple, dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float
+
+from hlp.geometry import project, transform
+from hlp.records import MILLIMETRES_PER_METRE
+from hlp.refinement.verification import Observation, Verifier
+from hlp.rendering.rasterizer import render_depth
+
+_LEAST_PIXELS = 30
+_BORDER = 5  # px: window whose centre must lie in the silhouette with all its pixels
+_LIMIT = 2.0  # τ_d: what is farther behind counts as this far
+_SLOPE_SHARE = 0.05  # of the silhouette's longer side: radius over which depth is averaged
+_FULL = 0.8  # share of a window that must be visible
+
+
+@dataclass(frozen=True)
+class PoseFit:
+    """How well one pose of an object fits the image.
+
+    `cost` is the verification cost, in [0, 1]. `relief` and `slope` compare the shapes of model and
+    image over the visible part of the silhouette, each by a correlation in [-1, 1]: that of the
+    depths after a plane is subtracted, and that of the depths' local slopes. A wrong pose agrees
+    with something at the right place, but rarely with its shape. `residual_mm` is the median
+    absolute difference in depth where both agree. `visible_fraction` is the fraction of the
+    silhouette that nothing nearer covers.
+    """
+
+    cost: float
+    relief: float
+    slope: float
+    residual_mm: float
+    visible_fraction: float
+
+    def as_array(self) -> Float[np.ndarray, "5"]:
+        """The values in the order of the fields, for a file."""
+        return np.array(astuple(self), dtype=np.float64)
+
+    @classmethod
+    def from_array(cls, values: Float[np.ndarray, "5"]) -> "PoseFit":
+        """Inverse of `as_array`."""
+        return cls(*(float(value) for value in values))
+
+
+def measure_fit(
+    verifier: Verifier, observation: Observation, pose_cam_obj: Float[np.ndarray, "4 4"]
+) -> PoseFit:
+    """How well a pose of the verifier's object fits an image."""
+    evidence = verifier.evidence(observation, pose_cam_obj[None])
+    rendered, observed = _crop(verifier, observation, pose_cam_obj)
+    tau = np.float32(verifier.tau_depth)
+    present = (rendered > 0.0) & (observed > 0.0) & np.isfinite(observed)
+    difference = np.where(present, observed - rendered, np.float32(0.0))
+    agreeing = present & (np.abs(difference) <= tau)
+    apart = float(np.median(np.abs(difference[agreeing]))) if agreeing.any() else np.inf
+    inside = cv2.erode((rendered > 0.0).astype(np.uint8), np.ones((_BORDER, _BORDER), np.uint8))
+    visible = present & (difference >= -tau) & (inside > 0)
+    # What is seen past the object is far behind it by chance: how far says nothing.
+    seen = rendered + np.minimum(difference, _LIMIT * tau)
+    return PoseFit(
+        cost=float(verifier.weigh(evidence)[0]),
+        relief=relief_correlation(rendered, seen, visible),
+        slope=slope_correlation(rendered, seen, visible),
+        residual_mm=apart * MILLIMETRES_PER_METRE,
+        visible_fraction=1.0 - float(evidence.occluded[0]),
+    )
+
+
+def relief_correlation(
+    first: Float[np.ndarray, "h w"],
+    second: Float[np.ndarray, "h w"],
+    among: Bool[np.ndarray, "h w"],
+) -> float:
+    """Correlation of two depth images among some pixels, without the plane that fits each best.
+
+    0 if there are too few pixels, or one of the images shows a plane.
+    """
+    y, x = np.nonzero(among)
+    if len(y) < _LEAST_PIXELS:
+        return 0.0
+    plane = np.column_stack([x - x.mean(), y - y.mean(), np.ones(len(x))])
+    depths = np.column_stack([first[y, x], second[y, x]]).astype(np.float64)
+    depths -= depths.mean(axis=0)
+    flat = np.linalg.pinv(plane.T @ plane) @ (plane.T @ depths)
+    left = depths - plane @ flat
+    return _correlation([left[:, 0]], [left[:, 1]])
+
+
+def slope_correlation(
+    first: Float[np.ndarray, "h w"],
+    second: Float[np.ndarray, "h w"],
+    among: Bool[np.ndarray, "h w"],
+) -> float:
+    """Correlation of the slopes of two depth images, about the mean slope of each.
+
+    Slopes are differences, to the right and down, of depths averaged among the given pixels over
+    windows of about a tenth of their extent. 0 if there are too few, or one image shows a plane.
+    """
+    y, x = np.nonzero(among)
+    if len(y) < _LEAST_PIXELS:
+        return 0.0
+    radius = max(2, round(_SLOPE_SHARE * float(max(np.ptp(x), np.ptp(y)))))
+    window = (2 * radius + 1, 2 * radius + 1)
+    weight = among.astype(np.float32)
+
+    def total(image: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+        single = np.asarray(image, dtype=np.float32)
+        return np.asarray(
+            cv2.boxFilter(single, -1, window, normalize=False, borderType=cv2.BORDER_CONSTANT)
+        )
+
+    count = total(weight)
+    full = count > _FULL * window[0] * window[1]
+    middle = float(np.median(first[y, x]))  # keeps the sums small: single precision
+    means = [total((each - middle) * weight) / np.maximum(count, 1.0) for each in (first, second)]
+    across, down = (slice(None), slice(2 * radius, None)), (slice(2 * radius, None), slice(None))
+    back, up = (slice(None), slice(None, -2 * radius)), (slice(None, -2 * radius), slice(None))
+    slopes: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
+    for ahead, behind in ((across, back), (down, up)):
+        both = full[ahead] & full[behind]
+        if np.count_nonzero(both) < _LEAST_PIXELS:
+            return 0.0
+        for mean, found in zip(means, slopes, strict=True):
+            found.append((mean[ahead] - mean[behind])[both].astype(np.float64))
+    return _correlation(*slopes)
+
+
+def _correlation(first: list[np.ndarray], second: list[np.ndarray]) -> float:
+    """Correlation over several groups of samples, each about its own mean; 0 without spread."""
+    pairs = [(a - a.mean(), b - b.mean()) for a, b in zip(first, second, strict=True)]
+    product = sum(float(a @ b) for a, b in pairs)
+    spread = np.sqrt(sum(float(a @ a) for a, _ in pairs) * sum(float(b @ b) for _, b in pairs))
+    samples = sum(len(a) for a, _ in pairs)
+    if spread <= 1e-12 * samples:  # less than a micrometre: rounding
+        return 0.0
+    return float(np.clip(product / spread, -1.0, 1.0))
+
+
+def _crop(
+    verifier: Verifier, observation: Observation, pose_cam_obj: Float[np.ndarray, "4 4"]
+) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
+    """Rendered and observed depth in the bounding box of the object at a pose."""
+    points = transform(pose_cam_obj, verifier.mesh.vertices)
+    height, width = observation.depth.shape
+    low, high = np.zeros(2, int), np.array([width, height])
+    if points[:, 2].min() > 0.0:
+        pixels = project(points, observation.camera_matrix)
+        low = np.clip(np.floor(pixels.min(axis=0)).astype(int) - _BORDER, 0, high - 1)
+        high = np.clip(np.ceil(pixels.max(axis=0)).astype(int) + _BORDER, low + 1, high)
+    camera_matrix = observation.camera_matrix.copy()
+    camera_matrix[:2, 2] -= low
+    shape = (int(high[1] - low[1]), int(high[0] - low[0]))
+    rendered = render_depth(verifier.mesh, pose_cam_obj[None], camera_matrix, shape, threads=1)[0]
+    return rendered, observation.depth[low[1] : high[1], low[0] : high[0]]

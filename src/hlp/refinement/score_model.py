@@ -1,0 +1,113 @@
+"""The score of a pose: the probability that it is right, by logistic regression on its fit.
+
+A pose is right if its ADD-S is below a tenth of the object's diameter. The weights of an object
+are fitted to poses whose truth is known, and are drawn to `PRIOR`, which was fitted to poses of
+many objects: a few dozen scenes tell where an object's own scale lies, not all of it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.optimize import minimize
+
+from hlp.errors import DataError, MissingFileError
+from hlp.files import read_json, write_json
+from hlp.refinement.pose_fit import PoseFit
+
+MIN_SCORE = 0.5
+"""An answer with a lower score is more likely wrong than right: the object was not found."""
+_FILE = "score.json"
+_HIGHEST = 0.995  # correlation; sensor noise decides above it
+
+
+@dataclass(frozen=True)
+class ScoreModel:
+    """Weights of the logistic regression: score = 1 / (1 + exp(-(bias + cost·c + shape·z))).
+
+    c is the verification cost, z the mean Fisher transform artanh(r) of the correlations r of
+    relief and slope. `cost` is at most 0 and `shape` at least 0: the score never falls when the fit
+    is better.
+    """
+
+    bias: float
+    cost: float
+    shape: float
+
+    def score(self, fit: PoseFit) -> float:
+        """The probability that a pose with this fit is right."""
+        logit = self.weights() @ np.array([1.0, *_inputs([fit])[0]])
+        return float(1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0))))
+
+    def weights(self) -> Float[np.ndarray, "3"]:
+        """Bias, cost and shape, in this order."""
+        return np.array([self.bias, self.cost, self.shape])
+
+
+PRIOR = ScoreModel(bias=2.8, cost=-27.2, shape=3.5)
+"""Weights of objects in general: fitted to rendered scenes of nine objects of LINEMOD, YCB and
+Tejani et al. by benchmarks/score_prior.py."""
+RIGHT_SHARE = 0.6
+"""Share of right poses among the answers, before anything is known of their fit: ours (D)."""
+SPREAD = ScoreModel(bias=0.5, cost=3.0, shape=0.3)
+"""Standard deviations of an object's weights from `PRIOR`."""
+
+
+def fit_score_model(
+    fits: Sequence[PoseFit], right: Bool[np.ndarray, "n"], spread: ScoreModel = SPREAD
+) -> ScoreModel:
+    """The most probable weights, given poses that are right or not, and their prior.
+
+    Maximum a posteriori with independent normal priors about `PRIOR`, of standard deviations
+    `spread`; `cost` and `shape` are bounded by 0. Right poses have `RIGHT_SHARE` of the weight,
+    whatever their number: that of the scenes says nothing about where the object will be looked
+    for. Without right or without wrong poses it is the prior.
+    """
+    count = np.array([np.count_nonzero(~right), np.count_nonzero(right)])
+    if not count.all():
+        return PRIOR
+    inputs = np.column_stack([np.ones(len(fits)), _inputs(fits)])
+    shares = np.array([1.0 - RIGHT_SHARE, RIGHT_SHARE])
+    counted = (len(fits) * shares / count)[right.astype(int)]
+    prior, unit = PRIOR.weights(), spread.weights()
+
+    def loss(away: Float[np.ndarray, "3"]) -> tuple[float, Float[np.ndarray, "3"]]:
+        logits = inputs @ (prior + away * unit)
+        value = counted @ (np.logaddexp(0.0, logits) - logits * right) + 0.5 * away @ away
+        wrong = 1.0 / (1.0 + np.exp(-np.clip(logits, -50.0, 50.0))) - right
+        return float(value), inputs.T @ (counted * wrong) * unit + away
+
+    # In standard deviations from the prior, where all three weights are of one size.
+    bounds = [(None, None), (None, -prior[1] / unit[1]), (-prior[2] / unit[2], None)]
+    found = minimize(loss, np.zeros(3), jac=True, method="L-BFGS-B", bounds=bounds)
+    bias, cost, shape = prior + found.x * unit
+    return ScoreModel(float(bias), min(float(cost), 0.0), max(float(shape), 0.0))
+
+
+def save_score_model(folder: Path, model: ScoreModel) -> None:
+    """Write the weights into a folder."""
+    write_json(folder / _FILE, {"bias": model.bias, "cost": model.cost, "shape": model.shape})
+
+
+def load_score_model(folder: Path) -> ScoreModel:
+    """Read what `save_score_model` wrote. Raises MissingFileError and DataError naming the file."""
+    path = folder / _FILE
+    if not path.is_file():
+        raise MissingFileError(f"{path} is missing: learn the object again")
+    content: Any = read_json(path)
+    try:
+        weights = [float(content[name]) for name in ("bias", "cost", "shape")]
+    except (KeyError, TypeError, ValueError) as error:
+        raise DataError(f"{path} is damaged ({error!r}): learn the object again") from error
+    if not np.isfinite(weights).all():
+        raise DataError(f"{path} is damaged (not finite): learn the object again")
+    return ScoreModel(*weights)
+
+
+def _inputs(fits: Sequence[PoseFit]) -> Float[np.ndarray, "n 2"]:
+    pairs = np.array([(fit.relief, fit.slope) for fit in fits])
+    shape = np.arctanh(np.clip(pairs, 0.0, _HIGHEST)).mean(axis=1)
+    return np.column_stack([[fit.cost for fit in fits], shape])

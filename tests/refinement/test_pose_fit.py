@@ -1,0 +1,90 @@
+"""How well a pose fits: known images, and the synthetic scene at right and wrong poses."""
+
+import numpy as np
+import pytest
+from refinement_scene import CAMERA, Scene, disturbed, make_scene
+
+from hlp.refinement.pose_fit import PoseFit, measure_fit, relief_correlation, slope_correlation
+from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
+
+SETTINGS = VerificationSettings()
+
+
+def bumps(seed: int) -> np.ndarray:
+    """A smooth surface (m) at about 1 m."""
+    y, x = np.mgrid[0.0:80.0, 0.0:100.0]
+    a, b, c = np.random.default_rng(seed).uniform(0.05, 0.12, 3)
+    return np.asarray(1.0 + 0.01 * (np.sin(a * x + seed) + np.cos(b * y) + np.sin(c * (x + y))))
+
+
+def test_relief_is_the_correlation_of_what_planes_leave() -> None:
+    first, second = bumps(1), bumps(2)
+    among = np.random.default_rng(0).random(first.shape) < 0.3
+    y, x = np.nonzero(among)
+    plane = np.column_stack([x, y, np.ones(len(x))])
+    left = [
+        each[among] - plane @ np.linalg.lstsq(plane, each[among], rcond=None)[0]
+        for each in (first, second)
+    ]
+    expected = np.corrcoef(*left)[0, 1]
+    assert relief_correlation(first, second, among) == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("compare", [relief_correlation, slope_correlation])
+def test_place_and_tilt_do_not_matter_but_shape_does(compare) -> None:
+    y, x = np.mgrid[0.0:80.0, 0.0:100.0]
+    first, everywhere = bumps(1), np.ones((80, 100), dtype=bool)
+    tilted = first + 0.03 + 0.002 * x - 0.001 * y
+    assert compare(first, tilted, everywhere) == pytest.approx(1.0, abs=1e-3)
+    assert compare(first, 2.0 - first, everywhere) == pytest.approx(-1.0, abs=1e-3)
+    assert abs(compare(first, bumps(5), everywhere)) < 0.8
+    assert abs(compare(first, 1.0 + 0.002 * x, everywhere)) < 0.2
+    assert compare(first, tilted, np.zeros((80, 100), dtype=bool)) == 0.0
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return make_scene(0)
+
+
+@pytest.fixture(scope="module")
+def observation(scene: Scene) -> Observation:
+    return observe(scene.rgb, scene.depth, CAMERA, SETTINGS)
+
+
+@pytest.fixture(scope="module")
+def verifier(scene: Scene) -> Verifier:
+    return Verifier(scene.model, SETTINGS)
+
+
+def test_the_right_pose_fits_better_in_every_respect(
+    scene: Scene, observation: Observation, verifier: Verifier
+) -> None:
+    right = measure_fit(verifier, observation, scene.pose)
+    wrong = measure_fit(verifier, observation, disturbed(scene, 40.0, 20.0, seed=1))
+    assert right.cost < wrong.cost
+    assert right.relief > 0.9 and right.slope > 0.9
+    assert wrong.relief < 0.9 and wrong.slope < 0.9
+    assert 0.3 < right.residual_mm < 1.2 < wrong.residual_mm
+    evidence = verifier.evidence(observation, scene.pose[None])
+    assert right.visible_fraction == pytest.approx(1.0 - evidence.occluded[0])
+    assert right.cost == pytest.approx(verifier.weigh(evidence)[0])
+
+
+def test_a_pose_outside_the_image_or_behind_the_camera_fits_nothing(
+    scene: Scene, observation: Observation, verifier: Verifier
+) -> None:
+    for shift in ([5.0, 0.0, 0.0], [0.0, 0.0, -2.0], [-0.2, 0.0, 0.0]):
+        pose = scene.pose.copy()
+        pose[:3, 3] += shift
+        fit = measure_fit(verifier, observation, pose)
+        assert np.isfinite([fit.cost, fit.relief, fit.slope, fit.visible_fraction]).all()
+    far = scene.pose.copy()
+    far[0, 3] += 5.0
+    fit = measure_fit(verifier, observation, far)
+    assert (fit.relief, fit.slope, fit.residual_mm) == (0.0, 0.0, np.inf)
+
+
+def test_a_fit_comes_back_from_an_array() -> None:
+    fit = PoseFit(0.2, 0.9, -0.5, np.inf, 0.75)
+    assert PoseFit.from_array(fit.as_array()) == fit

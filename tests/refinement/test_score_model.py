@@ -1,0 +1,96 @@
+"""The score's logistic regression on poses whose truth is known."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from hlp.errors import DataError, MissingFileError
+from hlp.refinement.pose_fit import PoseFit
+from hlp.refinement.score_model import (
+    PRIOR,
+    SPREAD,
+    ScoreModel,
+    fit_score_model,
+    load_score_model,
+    save_score_model,
+)
+
+
+def fits_of(costs: np.ndarray, shapes: np.ndarray) -> list[PoseFit]:
+    """Fits whose relief and slope have the given mean Fisher transform."""
+    return [
+        PoseFit(float(c), float(np.tanh(z - 0.1)), float(np.tanh(z + 0.1)), 2.0, 1.0)
+        for c, z in zip(costs, shapes, strict=True)
+    ]
+
+
+def drawn(count: int, truth: ScoreModel, seed: int) -> tuple[list[PoseFit], np.ndarray]:
+    rng = np.random.default_rng(seed)
+    fits = fits_of(rng.uniform(0.1, 0.4, count), rng.uniform(0.2, 2.5, count))
+    chance = np.array([truth.score(fit) for fit in fits])
+    return fits, rng.random(count) < chance
+
+
+def test_many_poses_teach_the_weights_that_drew_them() -> None:
+    truth = ScoreModel(bias=2.0, cost=-20.0, shape=2.2)
+    fits, right = drawn(60_000, truth, 0)
+    found = fit_score_model(fits, right)
+    assert found.cost == pytest.approx(truth.cost, rel=0.05)
+    assert found.shape == pytest.approx(truth.shape, rel=0.05)
+    # Right poses count as 0.6 of all, which moves the bias by the logarithm of the odds.
+    odds = np.log(right.mean() / (1.0 - right.mean())) - np.log(0.6 / 0.4)
+    assert found.bias == pytest.approx(truth.bias - odds, abs=0.15)
+
+
+def test_weights_are_the_minimum_of_the_penalised_likelihood() -> None:
+    fits, right = drawn(40, ScoreModel(5.0, -30.0, 1.0), 1)
+    x = np.array([[1.0, f.cost, (np.arctanh(f.relief) + np.arctanh(f.slope)) / 2.0] for f in fits])
+    weight = np.where(right, 0.6 / right.mean(), 0.4 / (~right).mean())
+    prior = np.array([PRIOR.bias, PRIOR.cost, PRIOR.shape])
+
+    def loss(w: np.ndarray) -> float:
+        p = 1.0 / (1.0 + np.exp(-x @ w))
+        likelihood = (weight * np.log(np.where(right, p, 1.0 - p))).sum()
+        return float(-likelihood + 0.5 * np.square((w - prior) / SPREAD.weights()).sum())
+
+    expected = minimize(loss, prior, method="Nelder-Mead", options={"xatol": 1e-7, "maxiter": 9999})
+    found = fit_score_model(fits, right)
+    np.testing.assert_allclose([found.bias, found.cost, found.shape], expected.x, rtol=1e-3)
+
+
+def test_a_better_fit_never_has_a_lower_score() -> None:
+    """Also where the poses say the contrary."""
+    rng = np.random.default_rng(2)
+    costs = rng.uniform(0.1, 0.4, 2000)
+    found = fit_score_model(fits_of(costs, rng.uniform(0.2, 2.0, 2000)), costs > 0.25)
+    assert found.cost == 0.0 and found.shape >= 0.0
+    assert PRIOR.score(PoseFit(0.1, 0.9, 0.9, 1.0, 1.0)) > PRIOR.score(
+        PoseFit(0.2, 0.9, 0.9, 1.0, 1.0)
+    )
+    assert PRIOR.score(PoseFit(0.2, 1.0, -1.0, 1.0, 1.0)) >= PRIOR.score(
+        PoseFit(0.2, 0.9, -1.0, 1.0, 1.0)
+    )
+
+
+def test_poses_of_one_kind_teach_nothing() -> None:
+    fits, _ = drawn(10, PRIOR, 3)
+    assert fit_score_model(fits, np.zeros(10, dtype=bool)) == PRIOR
+    assert fit_score_model([], np.zeros(0, dtype=bool)) == PRIOR
+
+
+def test_weights_come_back_from_a_file_and_a_damaged_one_is_named(tmp_path: Path) -> None:
+    model = ScoreModel(1.5, -12.25, 0.125)
+    save_score_model(tmp_path, model)
+    assert load_score_model(tmp_path) == model
+    path = tmp_path / "score.json"
+    path.write_text('{"bias": 1, "cost": null, "shape": 2}')
+    with pytest.raises(DataError, match=r"score\.json is damaged"):
+        load_score_model(tmp_path)
+    path.write_text('{"bias": 1, "cost": NaN, "shape": 2}')
+    with pytest.raises(DataError, match=r"score\.json"):
+        load_score_model(tmp_path)
+    path.unlink()
+    with pytest.raises(MissingFileError, match=r"score\.json is missing"):
+        load_score_model(tmp_path)
