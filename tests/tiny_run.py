@@ -22,6 +22,7 @@ TINY = (
     "patches.pairs.per_object=60",
     "classifier.epochs=1",
     "classifier.min_batches=0",
+    "score.scenes=0",
     "frames=2",
     "panels=1",
 )

@@ -22,8 +22,14 @@ def composed(*overrides: str) -> MethodSettings:
         return build_settings(compose("config", overrides=["output=out", *overrides])).method
 
 
-def test_defaults_are_what_hlp_run_composes_for_other_data_than_the_demos() -> None:
-    assert MethodSettings() == composed("experiment=linemod_bop", "data.root=lm")
+def test_defaults_are_what_hlp_run_composes_for_any_data() -> None:
+    assert MethodSettings() == composed("data=bop", "data.root=folder")
+
+
+def test_linemod_differs_in_its_range_of_poses_alone() -> None:
+    linemod = composed("experiment=linemod_bop", "data.root=lm")
+    assert linemod.rendering.coverage == "hemisphere"
+    assert replace(linemod, rendering=MethodSettings().rendering) == MethodSettings()
 
 
 @pytest.mark.parametrize(

@@ -55,6 +55,13 @@ class BopSettings(FolderSettings):
         Interval(ge=0, le=1),
         Doc("instances whose stated visible fraction is less are no targets (BOP's lists: 0.1)"),
     ] = 0.0
+    search: Annotated[
+        Literal["targets", "all"],
+        Doc(
+            "targets: in each frame, what its targets name (BOP's task); all: every object of the "
+            "data set, to count false alarms"
+        ),
+    ] = "targets"
     symmetry_steps: Annotated[
         int, Ge(1), Doc("rotations that stand for a continuous symmetry; at most 0.6° off (D)")
     ] = 315
@@ -75,7 +82,8 @@ class BopSettings(FolderSettings):
                 "Backgrounds in training are procedural: data.photographs and data.rooms name none"
             )
         dataset = training.dataset(models, tuple(sorted(wanted)), frames, self)
-        return replace(dataset, evaluation_mesh_files=evaluation_meshes(root, models))
+        meshes = evaluation_meshes(root, models)
+        return replace(dataset, search_all=self.search == "all", evaluation_mesh_files=meshes)
 
     def _models(self, root: Path, objects: Mapping[str, ObjectSettings]) -> dict[int, ObjectModel]:
         return load_object_models(root, objects, self.proxy_faces, self.symmetry_steps)

@@ -34,7 +34,8 @@ class Dataset:
     rendered objects in training, `encoder_frames` train the autoencoder; either may be None.
 
     `annotated`: the frames state their targets. If not, up to `max_instances` of every target
-    object are looked for in each.
+    object are looked for in each. `search_all`: the other target objects are looked for as well,
+    though no frame's targets name them, to count false alarms.
 
     `settings` are those that the data set was built from; workers build it again from them.
 
@@ -48,6 +49,7 @@ class Dataset:
     background_frames: FrameSource | None
     encoder_frames: FrameSource | None
     annotated: bool = True
+    search_all: bool = False
     max_instances: int = 1
     settings: "DataSettings | None" = None
     evaluation_mesh_files: Mapping[int, Path] = field(default_factory=dict)
@@ -61,7 +63,9 @@ class Dataset:
         """Objects to look for in a frame, by id, and the largest number of instances of each."""
         if not self.annotated:
             return dict.fromkeys(self.target_ids, self.max_instances)
-        return dict(Counter(target.object_id for target in frame.targets))
+        counts = Counter(target.object_id for target in frame.targets)
+        others = self.target_ids if self.search_all else ()
+        return dict(counts) | {i: 1 for i in others if i not in counts}
 
     @cached_property
     def mesh_identities(self) -> dict[int, str]:

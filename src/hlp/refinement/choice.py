@@ -16,6 +16,7 @@ from hlp.refinement.refiner import Refiner, refinable
 from hlp.refinement.texture import choose_sibling
 from hlp.refinement.verification import Evidence, Observation, Verifier
 
+_FURTHER = 4  # hypotheses refined for one more instance where their number is not known
 _BATCH = 2  # hypotheses refined before the next ones are compared with the best so far
 
 
@@ -67,8 +68,10 @@ def refine_and_choose(
     nothing). An instance whose pose is not `good_enough` is the last one.
     """
     search = _InstanceSearch(refiner, verifier, observation, model, hypotheses, seed, unexplained)
-    for _ in range(instances):
-        chosen = search.choose_next(candidates, max_improvement)
+    for number in range(instances):
+        # Most searches for one more instance find none: they are kept short.
+        tried = min(candidates, _FURTHER) if number > 0 and good_enough is not None else candidates
+        chosen = search.choose_next(tried, max_improvement)
         if chosen is None or (good_enough is not None and not good_enough(chosen)):
             break
     return search.result()

@@ -42,6 +42,12 @@ class ScoreModel:
         logit = self.weights() @ np.array([1.0, *_inputs([fit])[0]])
         return float(1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0))))
 
+    def known_present(self) -> "ScoreModel":
+        """The score of an object that is known to be in the image, as BOP's targets are."""
+        more = np.log(PRESENT_SHARE / (1.0 - PRESENT_SHARE))
+        more -= np.log(RIGHT_SHARE / (1.0 - RIGHT_SHARE))
+        return ScoreModel(self.bias + float(more), self.cost, self.shape)
+
     def weights(self) -> Float[np.ndarray, "3"]:
         """Bias, cost and shape, in this order."""
         return np.array([self.bias, self.cost, self.shape])
@@ -49,9 +55,12 @@ class ScoreModel:
 
 PRIOR = ScoreModel(bias=2.8, cost=-27.2, shape=3.5)
 """Weights of objects in general: fitted to rendered scenes of nine objects of LINEMOD, YCB and
-Tejani et al. by benchmarks/score_prior.py."""
+Tejani et al., as benchmarks/score_prior.py does it, with a bias of 2.4 where half of the answers
+were right; 2.8 is for `RIGHT_SHARE`."""
 RIGHT_SHARE = 0.6
 """Share of right poses among the answers, before anything is known of their fit: ours (D)."""
+PRESENT_SHARE = 0.9
+"""The same where the object is known to be in the image: ours (D)."""
 SPREAD = ScoreModel(bias=0.5, cost=3.0, shape=0.3)
 """Standard deviations of an object's weights from `PRIOR`."""
 

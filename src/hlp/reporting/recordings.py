@@ -50,6 +50,7 @@ def recordings_table(found: ResultSet) -> Table:
         "5cm5deg",
         "AR",
         *map(str.upper, _BOP[1:]),
+        "ECE",
     ]
     return Table([*header, "ms"], [_row(each) for each in found.results])
 
@@ -64,6 +65,7 @@ def _row(result: Result) -> list[str]:
         format_interval(result.add["ci95"]),
         format_share(metrics["5cm5deg"]["recall"]),
         *(format_share(bop.get(key)) for key in _BOP),
+        format_share(result.summary.get("calibration", {}).get("ece")),
         f"{result.total_ms['median']:.0f}",
     ]
 
@@ -72,6 +74,6 @@ def _note(found: ResultSet) -> str:
     missing = f" Left out or unfinished: {found.unfinished}." if found.unfinished else ""
     return (
         f"Made by `{found.command}`.{missing} ADD(-S): ADD-S for objects with a symmetry, ADD for"
-        " the others. AR: mean of BOP's average recalls VSD, MSSD and MSPD. ms: median for one"
-        " object in one frame."
+        " the others. AR: mean of BOP's average recalls VSD, MSSD and MSPD. ECE: expected"
+        " calibration error of the score. ms: median for one object in one frame."
     )

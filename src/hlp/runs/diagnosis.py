@@ -48,7 +48,7 @@ def note_frame(
     regions = regions_of(found["regions"], (frame.depth.shape[0], frame.depth.shape[1]))
     counted: list[VoteCounts] = []
     targets: list[tuple[Target, TargetCounts]] = []
-    for object_id in dataset.wanted(frame):
+    for object_id in dict.fromkeys(target.object_id for target in frame.targets):
         model, votes = dataset.models[object_id], votes_of(found["hypotheses"], object_id)
         good, shown = [], []
         for target in (each for each in frame.targets if each.object_id == object_id):

@@ -8,13 +8,14 @@ from typing import Any
 from hlp.config.build import Run
 from hlp.errors import InputError
 from hlp.evaluation.evaluator import score_targets
+from hlp.evaluation.false_alarms import count_false_alarms
 from hlp.evaluation.summary import summarise
 from hlp.evaluation.vote_quality import vote_quality
 from hlp.files import MANIFEST, POSES, SCORES, SUMMARY, write_json
 from hlp.method.compute_threads import set_compute_threads
 from hlp.method.training import read_history
 from hlp.records import Frame, PoseEstimate
-from hlp.refinement.score_model import ScoreModel
+from hlp.refinement.score_model import MIN_SCORE, ScoreModel
 from hlp.reporting.figures.calibration_curves import draw_calibration
 from hlp.reporting.figures.panels import write_png
 from hlp.reporting.figures.waterfall_bars import draw_waterfall
@@ -115,6 +116,7 @@ def _score(
         settings.seed,
     )
     summary["timing"] = timing.summary()
+    summary["false_alarms"] = count_false_alarms(truths, estimates, MIN_SCORE)
     write_json(output / SUMMARY, summary)
     draw_waterfall(output, summary["waterfall"])
     draw_calibration(output, summary["calibration"])

@@ -111,7 +111,11 @@ class DetectionStages:
         before: dict[str, str] = {}
         described: dict[str, tuple[str, Mapping[str, Any]]] = {}
         for stage in stages:
-            settings = {**self._settings_of(stage), "keys": list(self.keys)}
+            settings = {
+                **self._settings_of(stage),
+                "keys": list(self.keys),
+                "search_all": self.dataset.search_all,
+            }
             inputs = {**before, **self._inputs_of(stage), "frames": self.dataset.frames_identity}
             name = fingerprint(stage, self._code(stage), seed, settings, inputs)
             described[stage] = name, {"settings": settings, "upstream": inputs, "seed": seed}
@@ -222,7 +226,10 @@ class DetectionStages:
     def scores(self) -> dict[int, ScoreModel]:
         """The score models of the objects that are looked for."""
         self.training.make_for(self.dataset.target_ids)
-        return {i: self.training.load_score_model(i) for i in self.dataset.target_ids}
+        models = {i: self.training.load_score_model(i) for i in self.dataset.target_ids}
+        if self.dataset.annotated and not self.dataset.search_all:
+            return {i: model.known_present() for i, model in models.items()}
+        return models
 
     def estimates(self, visit: Visit | None = None) -> list[PoseEstimate]:
         """The pose of every object looked for, with the times measured by this object.

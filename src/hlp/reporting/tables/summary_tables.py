@@ -26,7 +26,7 @@ def format_summary(summary: Mapping[str, Any], layout: str = "text") -> str:
     tables = (objects_table(summary), time_table(summary), total_table(summary))
     objects, times, total = (LAYOUTS[layout](table) if table.rows else "" for table in tables)
     parts = [RECALL, objects, times, timing_words(summary), total]
-    parts.insert(2, calibration_words(summary))
+    parts[2:2] = [calibration_words(summary), false_alarm_words(summary)]
     return "\n\n".join(part for part in parts if part)
 
 
@@ -68,6 +68,17 @@ def calibration_words(summary: Mapping[str, Any]) -> str:
     return (
         f"Scores of {found['answers']} answers: expected calibration error {found['ece']:.3f}, "
         f"area under the risk-coverage curve {found['aurc']:.4f} (right: ADD-S)."
+    )
+
+
+def false_alarm_words(summary: Mapping[str, Any]) -> str:
+    """How often absent objects were said to be there; empty if none was looked for."""
+    found = summary.get("false_alarms", {})
+    if not found.get("searched"):
+        return ""
+    return (
+        f"False alarms: {found['alarms']} of {found['searched']} searches for an object that is no "
+        f"target of the frame scored at least {found['min_score']:g} ({found['rate']:.3f})."
     )
 
 
