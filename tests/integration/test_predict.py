@@ -30,7 +30,10 @@ DRILL = 5
 LOOKED_AT = (0, 2)  # frames in which the drill is near and in full view
 TINY = (
     "encoder=pca",
+    "rendering.coverage=hemisphere",
     "rendering.viewpoints=80",
+    "rendering.in_plane_min_deg=-45",
+    "rendering.in_plane_max_deg=45",
     "rendering.in_plane_steps=7",
     "patches.pool.per_object=900",
     "patches.pool.backgrounds=300",
@@ -38,10 +41,11 @@ TINY = (
     "classifier.epochs=4",
     "patches.pool.distractor_scenes=10",
     "classifier.min_batches=60",
+    "score.scenes=6",
     "machine.threads=2",
 )
 FILES = {"model": "my drill.ply", "rgb": "rgb", "depth": "depth", "intrinsics": "camera.json"}
-LEARNT = {"views", "classifier", "encoder", "codebook"}
+LEARNT = {"views", "classifier", "encoder", "codebook", "score"}
 FOUND = {"regions", "hypotheses", "poses"}
 
 Process = subprocess.CompletedProcess[str]

@@ -74,10 +74,10 @@ def test_interrupted_stage_goes_on_where_it_stopped(
     overrides = (*tiny_run.overrides, "refinement.particles=5", "refinement.iterations=3")
     refine = PoseEstimator.refine
 
-    def interrupted(self: PoseEstimator, context: FrameContext, object_id: int, coarse: Any) -> Any:
+    def interrupted(self: PoseEstimator, context: FrameContext, *given: Any) -> Any:
         if context.frame.scene_id == 12:
             raise KeyboardInterrupt
-        return refine(self, context, object_id, coarse)
+        return refine(self, context, *given)
 
     monkeypatch.setattr(PoseEstimator, "refine", interrupted)
     code, _, error = call(*overrides, "output=interrupted")
