@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from refinement_scene import make_model
 
 from hlp.method.calibration_scenes import calibration_scene
 from hlp.records import Frame
 from hlp.rendering.rasterizer import render_depth
 from hlp.rendering.views import ViewsSettings
+from refinement_scene import make_model
 
 VIEWS = ViewsSettings()
 

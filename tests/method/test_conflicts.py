@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from refinement_scene import CAMERA, Scene, disturbed, make_row
 
 from hlp.method.conflicts import resolve_conflicts
 from hlp.records import Hypotheses
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
 from hlp.refinement.none import NoneSettings
 from hlp.refinement.verification import VerificationSettings, Verifier, observe
+from refinement_scene import CAMERA, Scene, disturbed, make_row
 
 
 class Estimator:

@@ -1,8 +1,8 @@
 import pytest
-from refinement_scene import Scene, make_scene
 
 from hlp.refinement.cost import CostSettings
 from hlp.refinement.verification import VerificationSettings
+from refinement_scene import Scene, make_scene
 
 
 @pytest.fixture(scope="session")

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from refinement_scene import CAMERA, Scene, disturbed, error, shifted_model
 
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
 from hlp.refinement.verification import VerificationSettings, Verifier, observe
+from refinement_scene import CAMERA, Scene, disturbed, error, shifted_model
 
 
 class Recorder:

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from refinement_scene import CAMERA, SHAPE, Scene, as_mesh, disturbed
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -13,6 +12,7 @@ from hlp.geometry import project
 from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.cost_kernel import WORST, depth_edges
 from hlp.rendering.rasterizer import render_depth
+from refinement_scene import CAMERA, SHAPE, Scene, as_mesh, disturbed
 
 
 def slow_edges(depth: np.ndarray, step: float) -> np.ndarray:

@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from refinement_scene import CAMERA, SHAPE, Scene, disturbed, make_row
 
 from hlp.geometry import transform
 from hlp.records import Hypotheses
@@ -14,6 +13,7 @@ from hlp.refinement.pso import PsoSettings
 from hlp.refinement.verification import VerificationSettings, Verifier, observe
 from hlp.rendering.light import FRONTAL_LIGHT
 from hlp.rendering.rasterizer import render_scene
+from refinement_scene import CAMERA, SHAPE, Scene, disturbed, make_row
 
 
 @pytest.fixture(scope="module")

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from refinement_scene import CAMERA, Scene, disturbed, make_scene
 
 from hlp.refinement.pose_fit import PoseFit, measure_fit, relief_correlation, slope_correlation
 from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
+from refinement_scene import CAMERA, Scene, disturbed, make_scene
 
 SETTINGS = VerificationSettings()
 

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from refinement_scene import CAMERA, Scene, disturbed, error, posed
 
 from hlp.geometry import rigid, rotation_distance
 from hlp.records import Hypotheses, Refinement
@@ -12,6 +11,7 @@ from hlp.refinement.cost import CostSettings
 from hlp.refinement.pso import PolishSettings, PsoRefiner, PsoSettings, search
 from hlp.refinement.swarm_kernel import apply_offsets
 from hlp.refinement.verification import VerificationSettings
+from refinement_scene import CAMERA, Scene, disturbed, error, posed
 
 CENTROID = np.array([0.02, -0.01, 0.03])
 

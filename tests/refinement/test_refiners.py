@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from refinement_scene import CAMERA, SHAPE, Scene, disturbed, error, make_scene, shifted_model
 
 from hlp.geometry import rigid
 from hlp.records import Hypotheses
@@ -12,6 +11,7 @@ from hlp.refinement.none import NoneRefiner
 from hlp.refinement.pso import PsoRefiner, PsoSettings
 from hlp.refinement.refiner import Refiner
 from hlp.refinement.verification import VerificationSettings
+from refinement_scene import CAMERA, SHAPE, Scene, disturbed, error, make_scene, shifted_model
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
-from refinement_scene import CAMERA, SHAPE, Scene, disturbed, error, make_scene
 from scipy.ndimage import distance_transform_edt
 
 from hlp.records import Mesh
@@ -18,6 +17,7 @@ from hlp.refinement.verification import (
 )
 from hlp.rendering.light import Light
 from hlp.rendering.rasterizer import render_depth, render_rgbd
+from refinement_scene import CAMERA, SHAPE, Scene, disturbed, error, make_scene
 
 AMBIENT = Light((0.0, 0.0, -1.0), 1.0, 0.0, 0.0, 1.0)
 
