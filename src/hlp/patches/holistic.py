@@ -42,7 +42,7 @@ class RegionSettings(Settings):
         float,
         Interval(ge=0, le=1),
         Doc("windows with p(object) above this are accepted (D); 0: the most likely class (P)"),
-    ] = 0.15
+    ] = 0.08
     min_windows: Annotated[
         int,
         Ge(0),
