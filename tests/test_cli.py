@@ -26,6 +26,7 @@ STAND_INS = {
     "refinement": ("pso", "icp", "paper"),
     "evaluation": ("symmetries",),
     "machine": ("local", "cuda"),
+    "score": ("rendered",),
     "executor": ("serial", "loky"),
     "trainer": ("cpu", "gpu"),
     "task": ("evaluate", "oracle", "basin", "bench", "search"),

@@ -187,7 +187,7 @@ def test_estimates_are_the_cheapest_hypotheses_with_the_times_of_this_pass(tmp_p
             context = stages.estimator.prepare(frame)
             covered = stages.estimator.find_region(context, each.object_id).mask.sum()
             fit = stages.estimator.measure_fit(context, each.object_id, each.pose_cam_obj)
-            assert each.score == PRIOR.score(fit)
+            assert each.score == PRIOR.known_present().score(fit)
             np.testing.assert_array_equal(each.pose_cam_obj[:3, 3], [2.0, 0.0, covered])
         assert set(each.seconds) == set(STEPS)
         assert (each.seconds["local"], each.seconds["voting"]) == (0.25, 0.125)
