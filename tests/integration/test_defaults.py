@@ -33,8 +33,9 @@ def test_the_cat_is_found_in_real_frames_by_the_python_api(
 ) -> None:
     """Learnt alone, from its CAD model, with nothing set: every tenth of its frames.
 
-    Measured .85; .90 with other random numbers. Beside other learnt objects, which the classifier
-    then tells it from, it is found in all frames.
+    Measured .75 with views of any pose (.85 with LINEMOD's range of poses and an earlier
+    classifier). Beside other learnt objects, which the classifier then tells it from, it is found in
+    all frames.
     """
     rooms = RgbdFrames(shared_data / "rooms")
     mesh = shared_data / "lm" / "models" / "obj_000006.ply"
@@ -58,4 +59,4 @@ def test_the_cat_is_found_in_real_frames_by_the_python_api(
             and add(found[0].pose_cam_obj, pose, model.mesh.vertices) < 0.1 * model.diameter
         )
     assert len(right) == 20
-    assert np.mean(right) >= 0.75
+    assert np.mean(right) >= 0.65

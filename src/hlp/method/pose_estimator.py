@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from hlp.codebook.neighbours import Neighbours
 from hlp.method.holistic_scan import FrameWindows, HolisticScan
 from hlp.method.settings import MethodSettings
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
-from hlp.patches.holistic import candidate_region, region_weights
-from hlp.patches.local import cut_local_patches, region_pixels
+from hlp.patches.holistic import candidate_region, center_depths, region_weights
+from hlp.patches.local import cut_local_patches, region_pixels, thin_out
 from hlp.records import Codebook, Frame, Hypotheses, LocalPatches, ObjectModel, Region, Votes
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
 from hlp.refinement.pose_fit import PoseFit, measure_fit
@@ -24,6 +24,8 @@ from hlp.refinement.score_model import ScoreModel
 from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
 from hlp.rendering.color_grid import color_grid
 from hlp.voting.cast import cast_votes
+
+_NEAREST = 0.1  # m: where depth is missing or less, a window is as large as there
 
 
 class LearntObjects(Protocol):
@@ -162,7 +164,7 @@ class PoseEstimator:
             frame.rgb,
             frame.depth,
             frame.camera_matrix,
-            region_pixels(region.mask, patches.grid),
+            self._patch_pixels(frame, region, model),
             model.local_size * patches.local.size_scale,
             patches.local,
             patches.grid.min_valid,
@@ -179,6 +181,19 @@ class PoseEstimator:
         )
         found = self._modes.find(votes, model.centroid)
         return CoarseResult(cut, votes, found, matched - begun, time.perf_counter() - matched)
+
+    def _patch_pixels(
+        self, frame: Frame, region: Region, model: ObjectModel
+    ) -> Int[np.ndarray, "n 2"]:
+        """Centres of the region's patches; of too many, more of those at likely windows."""
+        grid = self.settings.patches.grid
+        pixels = region_pixels(region.mask, grid.step)
+        if len(pixels) <= grid.max_patches:
+            return pixels
+        depths = np.maximum(center_depths(frame.depth, pixels), _NEAREST)
+        half = frame.camera_matrix[0, 0] * model.diameter / depths / 2.0
+        weights = region_weights(region, pixels.astype(np.float64), half)
+        return pixels[thin_out(weights, grid.max_patches)]
 
     def refine(
         self,

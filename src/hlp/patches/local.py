@@ -15,6 +15,7 @@ from hlp.records import LocalPatches
 from hlp.settings import Doc, Settings
 
 _FILL_COLOR = 128  # grey
+_ROUNDS = 8
 _FILL_DEPTH = 1.0  # the far end of the clamped range
 
 
@@ -48,7 +49,9 @@ class GridSettings(Settings):
         float, Interval(ge=0, le=1), Doc("smallest fraction of a patch within the metric cube (D)")
     ] = 0.2
     max_patches: Annotated[
-        int, Ge(1), Doc("largest number of patches, spread evenly over the region (D)")
+        int,
+        Ge(1),
+        Doc("largest number of patches; of more, those at likely windows are preferred (D)"),
     ] = 400
 
 
@@ -151,14 +154,27 @@ def _normalise_depth(
                         color[i, y, x, channel] = _FILL_COLOR
 
 
-def region_pixels(mask: Bool[np.ndarray, "h w"], settings: GridSettings) -> Int[np.ndarray, "n 2"]:
-    """Grid pixels (x, y) inside a candidate region, at most `max_patches`, evenly chosen."""
-    grid = pixel_grid((mask.shape[0], mask.shape[1]), settings.step)
-    inside = np.asarray(grid[mask[grid[:, 1], grid[:, 0]]])
-    if len(inside) <= settings.max_patches:
-        return inside
-    chosen = np.linspace(0, len(inside) - 1, settings.max_patches).astype(int)
-    return np.asarray(inside[chosen])
+def region_pixels(mask: Bool[np.ndarray, "h w"], step: int) -> Int[np.ndarray, "n 2"]:
+    """Grid pixels (x, y), every `step` px, inside a candidate region."""
+    grid = pixel_grid((mask.shape[0], mask.shape[1]), step)
+    return np.asarray(grid[mask[grid[:, 1], grid[:, 0]]])
+
+
+def thin_out(weights: Float[np.ndarray, "n"], count: int) -> Int[np.ndarray, "m"]:
+    """Indices of at most `count` items, in order, spread with a density that follows the weights.
+
+    Item i is chosen with a share of min(1, c·w_i), c such that they add up to `count`, at even
+    steps of the running total (systematic sampling). Weights are positive.
+    """
+    if len(weights) <= count:
+        return np.arange(len(weights))
+    share = np.minimum(1.0, weights * (count / weights.sum()))
+    for _ in range(_ROUNDS):  # what whole shares leave over goes to the others
+        part = share < 1.0
+        rest = count - np.count_nonzero(~part)
+        share[part] = np.minimum(1.0, share[part] * (rest / share[part].sum()))
+    steps = np.floor(np.cumsum(share) + 0.5).astype(int)
+    return np.asarray(np.flatnonzero(np.diff(steps, prepend=0) > 0)[:count])
 
 
 def surface_pixels(
