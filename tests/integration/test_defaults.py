@@ -34,8 +34,8 @@ def test_the_cat_is_found_in_real_frames_by_the_python_api(
     """Learnt alone, from its CAD model, with nothing set: every tenth of its frames.
 
     Measured .75 with views of any pose (.85 with LINEMOD's range of poses and an earlier
-    classifier). Beside other learnt objects, which the classifier then tells it from, it is found in
-    all frames.
+    classifier). Beside other learnt objects, which the classifier then tells it from, it is found
+    in all frames.
     """
     rooms = RgbdFrames(shared_data / "rooms")
     mesh = shared_data / "lm" / "models" / "obj_000006.ply"

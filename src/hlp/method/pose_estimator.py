@@ -193,7 +193,7 @@ class PoseEstimator:
         depths = np.maximum(center_depths(frame.depth, pixels), _NEAREST)
         half = frame.camera_matrix[0, 0] * model.diameter / depths / 2.0
         weights = region_weights(region, pixels.astype(np.float64), half)
-        return pixels[thin_out(weights, grid.max_patches)]
+        return np.asarray(pixels[thin_out(weights, grid.max_patches)])
 
     def refine(
         self,
