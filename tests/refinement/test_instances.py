@@ -40,6 +40,7 @@ def find(
         max_improvement=0.1,
         seed=3,
         instances=count,
+        good_enough=given.get("good_enough"),
     )
 
 
@@ -101,3 +102,28 @@ def test_explained_pixels_have_no_depth_and_others_keep_theirs(
     np.testing.assert_array_equal(
         verifier.evidence(after, others).area, verifier.evidence(before, others).area
     )
+
+
+def test_only_a_search_without_known_number_is_kept_short(
+    row: list[Scene], verification: VerificationSettings
+) -> None:
+    """Of eight free hypotheses for the second instance, all are refined if it is known to exist."""
+    poses = np.stack([row[0].pose, *(disturbed(row[1], 6.0, 6.0, seed=k) for k in range(8))])
+    known = find(row, poses, verification, 2)
+    open_end = find(row, poses, verification, 2, good_enough=lambda _: True)
+    assert known is not None and open_end is not None
+    assert len(open_end.refined) < len(known.refined) == 9
+
+
+def test_an_instance_that_is_not_good_enough_is_the_last(
+    row: list[Scene], verification: VerificationSettings
+) -> None:
+    poses = np.stack([disturbed(scene, 3.0, 3.0, seed=k) for k, scene in enumerate(row)])
+    asked: list[np.ndarray] = []
+
+    def second_is_not(pose: np.ndarray) -> bool:
+        asked.append(pose)
+        return len(asked) < 2
+
+    found = find(row, poses, verification, 3, good_enough=second_is_not)
+    assert found is not None and len(found.instances) == 2

@@ -2,6 +2,9 @@
 
 from collections.abc import Mapping
 
+import numpy as np
+from jaxtyping import Float
+
 from hlp.method.pose_estimator import FrameContext, PoseEstimator
 from hlp.records import Hypotheses
 from hlp.refinement.choice import RefinedHypotheses
@@ -34,7 +37,7 @@ def resolve_conflicts(
         refined = found[object_id]
         assert refined is not None
         pose = refined.refined[row].pose_cam_obj
-        if object_id in losers or not estimator.good_enough(context, object_id, pose, min_score):
+        if object_id in losers or not _counts(estimator, context, object_id, pose, min_score):
             continue
         verifier = estimator.verifier(object_id)
         evidence = verifier.evidence(context.observation, pose[None])
@@ -43,17 +46,29 @@ def resolve_conflicts(
             claims.setdefault(object_id, []).append(row)
         else:
             losers.append(object_id)
-            claims.pop(object_id, None)
     resolved = dict(found)
     for object_id in losers:
-        left = _left_by_others(estimator, context, resolved, claims)
+        others = {i: rows for i, rows in claims.items() if i != object_id}
+        left = _left_by(estimator, context, resolved, others)
         again = estimator.refine(
             context, object_id, hypotheses[object_id], wanted[object_id], left, min_score
         )
         resolved[object_id] = again
-        if again is not None:
-            claims[object_id] = list(again.instances)
+        claims[object_id] = [] if again is None else list(again.instances)
     return resolved
+
+
+def _counts(
+    estimator: PoseEstimator,
+    context: FrameContext,
+    object_id: int,
+    pose_cam_obj: Float[np.ndarray, "4 4"],
+    min_score: float | None,
+) -> bool:
+    """Whether an instance takes pixels: any does if no score is asked for."""
+    if min_score is None:
+        return True
+    return estimator.good_enough(context, object_id, min_score, pose_cam_obj)
 
 
 def _by_cost(found: Found) -> list[tuple[int, int]]:
@@ -67,7 +82,7 @@ def _by_cost(found: Found) -> list[tuple[int, int]]:
     return [(object_id, row) for _, object_id, row in sorted(instances)]
 
 
-def _left_by_others(
+def _left_by(
     estimator: PoseEstimator,
     context: FrameContext,
     found: Found,
@@ -76,9 +91,9 @@ def _left_by_others(
     """The image without what the instances in `claims` (rows by object) explain."""
     left = context.observation
     for object_id, rows in claims.items():
-        refined = found[object_id]
-        assert refined is not None
         for row in rows:
+            refined = found[object_id]
+            assert refined is not None
             pose = refined.refined[row].pose_cam_obj
             left = estimator.verifier(object_id).without_explained(left, pose)
     return left

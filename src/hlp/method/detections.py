@@ -76,7 +76,11 @@ def sort_answers(
         if each.score < min_score
     ]
     rejections += [
-        Rejection(name, "nothing in the image, where it has depth, looks like the object", None)
+        Rejection(
+            name,
+            "nothing looks like the object where the image has depth and no other object is found",
+            None,
+        )
         for name in missing
     ]
     return SearchResult([each for each in ranked if each.score >= min_score], rejections)

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Protocol
 
@@ -213,6 +213,9 @@ class PoseEstimator:
         if len(hypotheses) == 0:
             return None
         frame, verification = context.frame, self.settings.refinement.verification
+        good_enough = None
+        if min_score is not None:
+            good_enough = partial(self.good_enough, context, object_id, min_score)
         return refine_and_choose(
             self._refiner,
             self.verifier(object_id),
@@ -224,7 +227,7 @@ class PoseEstimator:
             derive_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id),
             instances,
             unexplained,
-            lambda pose: self.good_enough(context, object_id, pose, min_score),
+            good_enough,
         )
 
     def measure_fit(
@@ -237,12 +240,10 @@ class PoseEstimator:
         self,
         context: FrameContext,
         object_id: int,
+        min_score: float,
         pose_cam_obj: Float[np.ndarray, "4 4"],
-        min_score: float | None,
     ) -> bool:
-        """Whether a pose has at least a score; every pose has if that is None."""
-        if min_score is None:
-            return True
+        """Whether a pose of an object has at least a score."""
         fit = self.measure_fit(context, object_id, pose_cam_obj)
         return self.score_model(object_id).score(fit) >= min_score
 
