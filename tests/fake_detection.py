@@ -3,7 +3,7 @@
 What it finds depends on the frame and the object alone, so that results can be told apart.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -99,6 +99,9 @@ class FakeTraining:
     def codebook(self, object_id: int) -> Output:
         return Output(f"codebook {object_id}", Path("codebook"))
 
+    def score(self, object_id: int) -> Output:
+        return Output(f"score {object_id}", Path("score"))
+
     def load_score_model(self, object_id: int) -> ScoreModel:
         return PRIOR
 
@@ -128,8 +131,11 @@ class FakeEstimator:
             without_explained=lambda observation, _: observation,
         )
 
-    def good_enough(self, *_: Any) -> bool:
-        return True
+    def score(self, *_: Any) -> float:
+        return 1.0
+
+    def closer_regions(self, context: Any, region: Region) -> Iterator[Region]:
+        return iter(())
 
     def measure_fit(self, context: Any, object_id: int, pose: np.ndarray) -> PoseFit:
         """A fit that depends on the pose alone."""

@@ -33,9 +33,7 @@ def test_the_cat_is_found_in_real_frames_by_the_python_api(
 ) -> None:
     """Learnt alone, from its CAD model, with nothing set: every tenth of its frames.
 
-    Measured .75 with views of any pose (.85 with LINEMOD's range of poses and an earlier
-    classifier). Beside other learnt objects, which the classifier then tells it from, it is found
-    in all frames.
+    Measured 1.00; without the closer look at likely places .65 to .75.
     """
     rooms = RgbdFrames(shared_data / "rooms")
     mesh = shared_data / "lm" / "models" / "obj_000006.ply"
@@ -59,4 +57,4 @@ def test_the_cat_is_found_in_real_frames_by_the_python_api(
             and add(found[0].pose_cam_obj, pose, model.mesh.vertices) < 0.1 * model.diameter
         )
     assert len(right) == 20
-    assert np.mean(right) >= 0.65
+    assert np.mean(right) >= 0.85

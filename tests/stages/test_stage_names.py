@@ -133,7 +133,7 @@ def test_each_declared_key_changes_a_name_and_threads_change_none(
         elif group in ("voting", "codebook"):
             assert stages == {"hypotheses", "poses", "score"}
         elif group == "score":
-            assert stages == {"score"}
+            assert stages == {"poses", "score"}
         elif group == "rendering":
             assert stages == ALL - ({"encoder"} if "encoder=cae" in choice else set())
 

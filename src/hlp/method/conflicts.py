@@ -5,8 +5,9 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
+from hlp.method.instance_search import find_instances
 from hlp.method.pose_estimator import FrameContext, PoseEstimator
-from hlp.records import Hypotheses
+from hlp.records import Hypotheses, Region
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.verification import Observation
 
@@ -18,16 +19,17 @@ def resolve_conflicts(
     estimator: PoseEstimator,
     context: FrameContext,
     found: Found,
+    regions: Mapping[int, Region],
     hypotheses: Mapping[int, Hypotheses],
     wanted: Mapping[int, int],
     min_score: float | None = None,
 ) -> Found:
-    """What `PoseEstimator.refine` found for the objects of a frame, without double claims.
+    """What `find_instances` found for the objects of a frame, without double claims.
 
     In order of cost, the instances of all objects that have at least `min_score` take the pixels
     that they explain. If more than half of the pixels that agree with an instance are taken by
-    other objects, its object is refined once more with the pixels that the others leave. `wanted`
-    and `min_score` are those of `refine`.
+    other objects, its object is searched once more in the pixels that the others leave. `wanted`
+    and `min_score` are `instances` and `min_score` of `find_instances`.
     """
     if sum(each is not None for each in found.values()) < 2:
         return found
@@ -50,9 +52,8 @@ def resolve_conflicts(
     for object_id in losers:
         others = {i: rows for i, rows in claims.items() if i != object_id}
         left = _left_by(estimator, context, resolved, others)
-        again = estimator.refine(
-            context, object_id, hypotheses[object_id], wanted[object_id], left, min_score
-        )
+        own = regions[object_id], hypotheses[object_id], wanted[object_id]
+        again = find_instances(estimator, context, *own, left, min_score)
         resolved[object_id] = again
         claims[object_id] = [] if again is None else list(again.instances)
     return resolved
@@ -68,7 +69,7 @@ def _counts(
     """Whether an instance takes pixels: any does if no score is asked for."""
     if min_score is None:
         return True
-    return estimator.good_enough(context, object_id, min_score, pose_cam_obj)
+    return estimator.score(context, object_id, pose_cam_obj) >= min_score
 
 
 def _by_cost(found: Found) -> list[tuple[int, int]]:

@@ -14,6 +14,7 @@ from hlp.errors import InputError
 from hlp.method.compute_threads import one_blas_thread
 from hlp.method.conflicts import Found, resolve_conflicts
 from hlp.method.detections import Detection, SearchResult, describe, sort_answers
+from hlp.method.instance_search import find_instances
 from hlp.method.learnt_folder import LearntFolder
 from hlp.method.pose_estimator import FrameContext, PoseEstimator
 from hlp.method.settings import Device, MethodSettings
@@ -195,16 +196,17 @@ class Detector:
     ) -> tuple[Found, dict[int, float]]:
         """What stage 3 found of the wanted objects, and the time (s) of each."""
         found: Found = {}
-        hypotheses, seconds = {}, {}
+        estimator, regions, hypotheses, seconds = self._estimator, {}, {}, {}
         for object_id, count in wanted.items():
-            region = self._estimator.find_region(context, object_id)
-            hypotheses[object_id] = self._estimator.find_hypotheses(context, region).hypotheses
-            found[object_id] = self._estimator.refine(
-                context, object_id, hypotheses[object_id], count, min_score=min_score
+            region = estimator.find_region(context, object_id)
+            coarse = estimator.find_hypotheses(context, region).hypotheses
+            found[object_id] = find_instances(
+                estimator, context, region, coarse, count, min_score=min_score
             )
+            regions[object_id], hypotheses[object_id] = region, coarse
             seconds[object_id] = time.perf_counter() - begun
             begun = time.perf_counter()
-        found = resolve_conflicts(self._estimator, context, found, hypotheses, wanted, min_score)
+        found = resolve_conflicts(estimator, context, found, regions, hypotheses, wanted, min_score)
         shared = (time.perf_counter() - begun) / max(len(wanted), 1)
         return found, {object_id: spent + shared for object_id, spent in seconds.items()}
 

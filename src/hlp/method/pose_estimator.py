@@ -1,9 +1,9 @@
 """The method on one frame: windows → region → votes → coarse poses → refined pose."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
@@ -16,6 +16,7 @@ from hlp.method.settings import MethodSettings
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
 from hlp.patches.holistic import candidate_region, center_depths, region_weights
+from hlp.patches.likely_places import likely_regions
 from hlp.patches.local import cut_local_patches, region_pixels, thin_out
 from hlp.records import Codebook, Frame, Hypotheses, LocalPatches, ObjectModel, Region, Votes
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
@@ -154,6 +155,12 @@ class PoseEstimator:
             patches.region,
         )
 
+    def closer_regions(self, context: FrameContext, region: Region) -> Iterator[Region]:
+        """Parts of the frame to search where an object's region gave no right pose."""
+        frame, patches = context.frame, self.settings.patches
+        radii = self._radii(frame, region.centers, self.learnt.models[region.object_id])
+        return likely_regions(region, radii, patches.closer)
+
     def find_hypotheses(self, context: FrameContext, region: Region) -> CoarseResult:
         """Stage 2: votes of the region's local patches, and their modes (paper, section 3.2)."""
         begun = time.perf_counter()
@@ -190,10 +197,17 @@ class PoseEstimator:
         pixels = region_pixels(region.mask, grid.step)
         if len(pixels) <= grid.max_patches:
             return pixels
-        depths = np.maximum(center_depths(frame.depth, pixels), _NEAREST)
-        half = frame.camera_matrix[0, 0] * model.diameter / depths / 2.0
-        weights = region_weights(region, pixels.astype(np.float64), half)
+        radii = self._radii(frame, pixels, model)
+        weights = region_weights(region, pixels.astype(np.float64), radii)
         return np.asarray(pixels[thin_out(weights, grid.max_patches)])
+
+    def _radii(
+        self, frame: Frame, pixels: Float[np.ndarray, "n 2"], model: ObjectModel
+    ) -> Float[np.ndarray, "n"]:
+        """Half the object's diameter in pixels, at the depth of each of the pixels."""
+        depths = center_depths(frame.depth, np.rint(pixels).astype(np.int64))
+        focal = frame.camera_matrix[0, 0]
+        return np.asarray(focal * model.diameter / np.maximum(depths, _NEAREST) / 2.0)
 
     def refine(
         self,
@@ -213,9 +227,10 @@ class PoseEstimator:
         if len(hypotheses) == 0:
             return None
         frame, verification = context.frame, self.settings.refinement.verification
-        good_enough = None
-        if min_score is not None:
-            good_enough = partial(self.good_enough, context, object_id, min_score)
+
+        def good_enough(pose_cam_obj: Float[np.ndarray, "4 4"]) -> bool:
+            return self.score(context, object_id, pose_cam_obj) >= (min_score or 0.0)
+
         return refine_and_choose(
             self._refiner,
             self.verifier(object_id),
@@ -227,7 +242,7 @@ class PoseEstimator:
             derive_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id),
             instances,
             unexplained,
-            good_enough,
+            None if min_score is None else good_enough,
         )
 
     def measure_fit(
@@ -236,16 +251,12 @@ class PoseEstimator:
         """How well a pose fits the frame."""
         return measure_fit(self.verifier(object_id), context.observation, pose_cam_obj)
 
-    def good_enough(
-        self,
-        context: FrameContext,
-        object_id: int,
-        min_score: float,
-        pose_cam_obj: Float[np.ndarray, "4 4"],
-    ) -> bool:
-        """Whether a pose of an object has at least a score."""
+    def score(
+        self, context: FrameContext, object_id: int, pose_cam_obj: Float[np.ndarray, "4 4"]
+    ) -> float:
+        """The probability that a pose of an object is right."""
         fit = self.measure_fit(context, object_id, pose_cam_obj)
-        return self.score_model(object_id).score(fit) >= min_score
+        return self.score_model(object_id).score(fit)
 
     def score_model(self, object_id: int) -> ScoreModel:
         """The score of an object's poses."""

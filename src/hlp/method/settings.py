@@ -14,6 +14,7 @@ from hlp.models.contrastive import ContrastiveSettings
 from hlp.models.encoders import ENCODERS, EncoderSettings
 from hlp.patches.holistic import HolisticSettings, RegionSettings
 from hlp.patches.holistic_pool import HolisticPoolSettings
+from hlp.patches.likely_places import CloserSettings
 from hlp.patches.local import GridSettings, LocalSettings
 from hlp.patches.local_pool import PairSettings
 from hlp.refinement.pso import PsoSettings
@@ -32,6 +33,7 @@ class PatchesSettings(Settings):
     name: Annotated[str, Doc("of the choice")] = "hlp"
     holistic: HolisticSettings = field(default_factory=HolisticSettings)
     region: RegionSettings = field(default_factory=RegionSettings)
+    closer: CloserSettings = field(default_factory=CloserSettings)
     pool: HolisticPoolSettings = field(default_factory=HolisticPoolSettings)
     local: LocalSettings = field(default_factory=LocalSettings)
     grid: GridSettings = field(default_factory=GridSettings)

@@ -166,7 +166,7 @@ def candidate_region(
         accepted[order[comparable]] = True
     scale = settings.square_side * extent if settings.square_side > 0 else 1.0
     half_sides = windows.sides[accepted] * scale / 2
-    mask = _union_of_squares(windows.centers[accepted], half_sides, shape)
+    mask = union_of_squares(windows.centers[accepted], half_sides, shape)
     return Region(object_id, windows.centers, probabilities, mask)
 
 
@@ -186,7 +186,7 @@ def region_weights(
     return np.asarray(weights.max(axis=1, initial=_MIN_WEIGHT), dtype=np.float64)
 
 
-def _union_of_squares(
+def union_of_squares(
     centers: Float[np.ndarray, "n 2"], half_sides: Float[np.ndarray, "n"], shape: tuple[int, int]
 ) -> Bool[np.ndarray, "h w"]:
     """Pixels within any square, by a summed-area table of the squares' corners."""

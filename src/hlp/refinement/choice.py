@@ -25,8 +25,9 @@ class RefinedHypotheses:
     """The refined hypotheses of one object, and which of them were chosen.
 
     `refined[i]` was refined from the coarse hypothesis of index `sources[i]` and has the
-    verification cost `costs[i]`. `instances` are the rows of the chosen ones, in the order of
-    choice; there is at least one.
+    verification cost `costs[i]`; a source of -1 means that the hypothesis is not among those that
+    the region gave. `instances` are the rows of the chosen ones, in the order of choice; there is
+    at least one.
     """
 
     refined: list[Refinement]

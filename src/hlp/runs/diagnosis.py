@@ -111,11 +111,12 @@ def _results(
     coarse = found["hypotheses"][f"{name}/poses"]
     refined = fine.get(f"{name}/poses", np.zeros((0, 4, 4)))
     instances = refined[fine[f"{name}/instances"]] if len(refined) else refined
+    sources = fine.get(f"{name}/sources", np.zeros(0, dtype=int))
     basin = (settings.waterfall.basin_deg, settings.waterfall.basin_mm)
     return TargetResults(
         counts,
         near_basin=poses_near_truth(coarse, true, model, settings, basin),
-        refined=fine.get(f"{name}/sources", np.zeros(0, dtype=int)),
+        refined=sources[sources >= 0],  # the others come from a closer look
         right=add_correct(refined, true, model, settings),
         flipped=any(is_symmetric_flip(each, true, model, settings) for each in instances),
     )

@@ -140,7 +140,7 @@ class DetectionStages:
                 "voting": settings.voting,
                 "device": device,
             }
-        return {"refinement": settings.refinement}
+        return {"closer": patches.closer, "refinement": settings.refinement, "device": device}
 
     def _inputs_of(self, stage: str) -> dict[str, str]:
         training, objects = self.training, self.dataset.target_ids
@@ -148,7 +148,8 @@ class DetectionStages:
             return {"classifier": training.classifier().fingerprint}
         models = {f"model_{i}": self.dataset.model_identities[i] for i in objects}
         if stage == "poses":
-            return models
+            calibrated = objects if self.settings.score.scenes > 0 else ()
+            return models | {f"score_{i}": training.score(i).fingerprint for i in calibrated}
         codebooks = {f"codebook_{i}": training.codebook(i).fingerprint for i in objects}
         return {"encoder": training.encoder().fingerprint, **codebooks, **models}
 

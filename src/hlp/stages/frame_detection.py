@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from hlp.method.conflicts import Found, resolve_conflicts
+from hlp.method.instance_search import find_instances
 from hlp.method.pose_estimator import FrameContext, PoseEstimator
 from hlp.records import Frame, PoseEstimate
 from hlp.refinement.pose_fit import PoseFit
@@ -94,15 +95,17 @@ def _poses(
     seconds: Seconds,
 ) -> Arrays:
     found: Found = {}
+    height, width = context.frame.depth.shape
+    regions = regions_of(before["regions"], (height, width))
     hypotheses = {i: hypotheses_of(before["hypotheses"], i) for i in wanted}
     for object_id, spent in seconds.items():
         begun = time.perf_counter()
-        found[object_id] = estimator.refine(
-            context, object_id, hypotheses[object_id], wanted[object_id]
+        found[object_id] = find_instances(
+            estimator, context, regions[object_id], hypotheses[object_id], wanted[object_id]
         )
         spent["refinement"] = time.perf_counter() - begun
     begun = time.perf_counter()
-    found = resolve_conflicts(estimator, context, found, hypotheses, wanted)
+    found = resolve_conflicts(estimator, context, found, regions, hypotheses, wanted)
     shared = (time.perf_counter() - begun) / max(len(found), 1)
     arrays: Arrays = {}
     for object_id, refined in found.items():

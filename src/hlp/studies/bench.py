@@ -14,6 +14,7 @@ from hlp.config.build import Run, with_changes
 from hlp.config.settings import TASKS, RunSettings
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.files import write_json
+from hlp.method.instance_search import find_instances
 from hlp.method.pose_estimator import FrameContext
 from hlp.records import Frame, LocalPatches, PoseEstimate, TargetScore
 from hlp.reporting.tables.bench_table import (
@@ -195,7 +196,7 @@ def _detect_all(
         context = estimator.prepare(frame) if context is None else context
         region = estimator.find_region(context, object_id)
         coarse = estimator.find_hypotheses(context, region)
-        refined = estimator.refine(context, object_id, coarse.hypotheses)
+        refined = find_instances(estimator, context, region, coarse.hypotheses)
         spent = estimator.clock.stop()
         pose = None if refined is None else refined.refined[refined.best].pose_cam_obj
         estimate = PoseEstimate(frame.scene_id, frame.frame_id, object_id, pose, 1.0)
