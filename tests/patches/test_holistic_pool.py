@@ -157,3 +157,23 @@ def test_a_frame_without_depth_gives_no_background(room: Frame):
     crops = np.zeros((2, 24, 24, 3), np.uint8)
     pool = bake_backgrounds(crops, [[blind]], [0.1], 24, 10, np.random.default_rng(0))
     assert len(pool.color) == len(pool.depth) == 2
+
+
+def test_a_colourless_object_has_another_colour_in_every_window_and_the_same_shading(views, model):
+    colored = bake(views, model)
+    pool = bake_windows(
+        views, 3, model.holistic_size, (0.1, 0.2), model.centroid, RESOLUTION, SETTINGS,
+        np.random.default_rng(0), colored=False,
+    )  # fmt: skip
+    for name in ("depth", "mask", "labels"):
+        np.testing.assert_array_equal(getattr(pool, name), getattr(colored, name))
+    means = pool.color.mean(axis=(1, 2))
+    assert means.std(axis=0).min() > 30 and means.mean(axis=1).min() < 60
+    hue = means - means.mean(axis=1, keepdims=True)
+    assert np.abs(hue).max(axis=1).std() > 5
+    for before, after in zip(colored.color[:20], pool.color[:20], strict=True):
+        unclipped = (after < 255).all(axis=2)
+        if before[unclipped].std() > 10 and after[unclipped].std() > 10:
+            for channel in range(3):
+                pair = before[unclipped][:, channel], after[unclipped][:, channel]
+                assert np.corrcoef(*pair)[0, 1] > 0.97

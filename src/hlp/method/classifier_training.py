@@ -106,6 +106,7 @@ def _windows(
             patches.holistic.resolution,
             patches.pool,
             np.random.default_rng([settings.seed, object_id]),
+            model.mesh.colored,
         )
         pools.append(pool)
     return join_pools(pools)

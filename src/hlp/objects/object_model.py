@@ -53,7 +53,9 @@ def build_object_model(
     """
     mesh = load_mesh(mesh_path, scale)
     if not mesh.colored:
-        _logger.info("%s has no colours: colour takes no part in verifying its poses", name)
+        _logger.info(
+            "%s has no colours: none are assumed, in finding it or in verifying its poses", name
+        )
     if diameter is None:
         diameter = mesh_diameter(mesh.vertices)
     near = find_near_symmetries(mesh, diameter)

@@ -6,7 +6,7 @@ tenth of the time of cutting windows.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -113,11 +113,13 @@ def bake_windows(
     resolution: int,
     settings: HolisticPoolSettings,
     rng: np.random.Generator,
+    colored: bool = True,
 ) -> HolisticPool:
     """Cut one object's training windows by the rule for test images (Eq. 1).
 
     A window's side follows from the depth at its centre, not from the depth of the object's
-    centroid. Windows centred beside the object have a random depth near the object's.
+    centroid. Windows centred beside the object have a random depth near the object's. If the object
+    is not `colored`, nothing is known of its colour: it has another one in every window.
     """
     per_view = int(np.ceil(settings.per_object / len(views)))
     order = rng.permutation(len(views))[: int(np.ceil(settings.per_object / per_view))]
@@ -136,7 +138,22 @@ def bake_windows(
         )
         for i in np.sort(order)
     ]
-    return join_pools(parts)
+    pool = join_pools(parts)
+    return pool if colored else replace(pool, color=_repainted(pool.color, rng))
+
+
+def _repainted(
+    color: UInt8[np.ndarray, "n p p 3"], rng: np.random.Generator
+) -> UInt8[np.ndarray, "n p p 3"]:
+    """The windows with their shading, each in another muted colour, from dark to bright."""
+    count = len(color)
+    mean = color.mean(axis=(1, 2, 3), dtype=np.float32)
+    paint = rng.uniform(30.0, 220.0, (count, 1)) + rng.normal(0.0, 40.0, (count, 3))
+    gain = np.clip(paint, 10.0, 240.0) / np.maximum(mean, 1.0)[:, None]
+    painted = np.empty_like(color)
+    for i in range(count):  # window by window: as floats the pool is four times as large
+        painted[i] = np.clip(color[i] * gain[i].astype(np.float32), 0.0, 255.0)
+    return painted
 
 
 def join_pools(pools: Sequence[HolisticPool]) -> HolisticPool:
