@@ -94,3 +94,27 @@ def test_weights_come_back_from_a_file_and_a_damaged_one_is_named(tmp_path: Path
     path.unlink()
     with pytest.raises(MissingFileError, match=r"score\.json is missing"):
         load_score_model(tmp_path)
+
+
+def test_colours_that_contradict_lower_the_score_of_colourful_objects_alone() -> None:
+    def score(color: float, contrast: float) -> float:
+        return PRIOR.score(PoseFit(0.15, 0.9, 0.9, 1.0, 1.0, color, contrast))
+
+    assert score(0.6, 0.8) == score(1.0, 0.8) == score(-1.0, 0.0) > 0.9
+    assert score(0.2, 0.8) < score(0.5, 0.8) < score(0.6, 0.8)
+    assert score(0.2, 0.8) < score(0.2, 0.3) and score(0.2, 0.8) == score(0.2, 2.0)
+    away = np.log(score(0.4, 0.5) / (1 - score(0.4, 0.5))) - np.log(
+        score(1.0, 0.5) / (1 - score(1.0, 0.5))
+    )
+    assert away == pytest.approx(-50.0 * 0.2 * 0.25)
+
+
+def test_what_colours_tell_is_not_learnt_as_a_worse_fit() -> None:
+    """Wrong poses that colours give away do not change the weights of cost and shape much."""
+    fits, right = drawn(4000, ScoreModel(2.0, -20.0, 2.2), 5)
+    told = [
+        fit if is_right else PoseFit(fit.cost, fit.relief, fit.slope, 2.0, 1.0, 0.0, 0.5)
+        for fit, is_right in zip(fits, right, strict=True)
+    ]
+    with_colors = fit_score_model(told, right)
+    assert with_colors.bias > fit_score_model(fits, right).bias

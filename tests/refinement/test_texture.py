@@ -9,9 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from hlp.geometry import rigid, rotation_distance
 from hlp.records import Mesh, ObjectModel, Texture
-from hlp.refinement.texture import choose_sibling
+from hlp.refinement import texture
+from hlp.refinement.texture import ColorAgreement, choose_sibling, color_agreement
 from hlp.refinement.texture_kernel import sum_color_differences
 from hlp.refinement.verification import VerificationSettings, observe
+from hlp.rendering.color_grid import color_grid
 from hlp.rendering.light import Light
 from hlp.rendering.rasterizer import render_scene
 
@@ -161,3 +163,44 @@ def test_the_kernel_agrees_with_numpy():
         expected += np.minimum((deviation - balance) ** 2, limit**2).sum(axis=1).mean()
         expected += white_balance * (balance**2).sum()
         assert value == pytest.approx(expected, rel=1e-5)
+
+
+def test_colours_agree_with_the_right_pose_and_not_with_a_grey_or_other_image():
+    model = _model(trimesh.creation.box((0.12, 0.08, 0.05)), HALF_TURNS)
+    pose, observation = _scene(model, 3)
+    right = color_agreement(observation, model, pose)
+    assert right.correlation > 0.9 and right.contrast > 0.3
+    wrong = color_agreement(observation, model, pose @ HALF_TURNS[0])
+    assert wrong.correlation < 0.5
+    grey = np.repeat(observation.rgb.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8)
+    flat = color_agreement(replace(observation, rgb=np.full_like(grey, 90)), model, pose)
+    assert abs(flat.correlation) < 0.1 and flat.contrast == right.contrast
+
+
+def test_without_colours_or_pixels_nothing_contradicts():
+    model = _model(trimesh.creation.box((0.12, 0.08, 0.05)), HALF_TURNS)
+    pose, observation = _scene(model, 3)
+    colourless = replace(model, mesh=replace(model.mesh, colored=False))
+    assert color_agreement(observation, colourless, pose) == ColorAgreement(0.0, 0.0)
+    away = rigid(np.eye(3), np.array([2.0, 0.0, 0.6])) @ pose
+    assert color_agreement(observation, model, away) == ColorAgreement(0.0, 0.0)
+
+
+def test_agreement_of_colours_is_the_correlation_without_light():
+    """By its definition: least squares instead of a projection, NumPy's dot products."""
+    model = _model(trimesh.creation.box((0.12, 0.08, 0.05)), HALF_TURNS)
+    pose, observation = _scene(model, 1)
+    seen = texture._seen_surface(observation, model, pose)
+    grid = color_grid(model.mesh)
+    cells = ((seen.points - grid.corner) // grid.cell).astype(int)
+    drawn = np.log([20.0 + grid.colors[tuple(np.maximum(each, 0))] for each in cells])
+    vectors = []
+    for colors in (seen.colors.astype(float), drawn):
+        mean = colors.mean(axis=1)
+        fitted = seen.light @ np.linalg.lstsq(seen.light, mean, rcond=None)[0]
+        vectors.append(np.column_stack([colors - mean[:, None], mean - fitted]).ravel())
+    first, second = vectors
+    expected = first @ second / np.sqrt((first @ first) * (second @ second))
+    found = color_agreement(observation, model, pose)
+    assert found.correlation == pytest.approx(expected, abs=1e-4)
+    assert found.contrast == pytest.approx(np.sqrt(second @ second / len(drawn)), rel=1e-4)

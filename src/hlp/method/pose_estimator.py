@@ -131,7 +131,7 @@ class PoseEstimator:
         for object_id in object_ids:
             self._codebook(object_id)
             self.verifier(object_id)
-            if len(self.learnt.models[object_id].siblings) > 0:
+            if self.learnt.models[object_id].mesh.colored:
                 color_grid(self.learnt.models[object_id].mesh)
 
     def prepare(self, frame: Frame) -> FrameContext:

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float
 
 from hlp.geometry import project, transform
 from hlp.records import MILLIMETRES_PER_METRE
+from hlp.refinement.texture import color_agreement
 from hlp.refinement.verification import Observation, Verifier
 from hlp.rendering.rasterizer import render_depth
 
@@ -27,7 +28,8 @@ class PoseFit:
     depths after a plane is subtracted, and that of the depths' local slopes. A wrong pose agrees
     with something at the right place, but rarely with its shape. `residual_mm` is the median
     absolute difference in depth where both agree. `visible_fraction` is the fraction of the
-    silhouette that nothing nearer covers.
+    silhouette that nothing nearer covers. `color` and `contrast` are correlation and contrast of
+    `texture.ColorAgreement`.
     """
 
     cost: float
@@ -35,13 +37,15 @@ class PoseFit:
     slope: float
     residual_mm: float
     visible_fraction: float
+    color: float = 0.0
+    contrast: float = 0.0
 
-    def as_array(self) -> Float[np.ndarray, "5"]:
+    def as_array(self) -> Float[np.ndarray, "7"]:
         """The values in the order of the fields, for a file."""
         return np.array(astuple(self), dtype=np.float64)
 
     @classmethod
-    def from_array(cls, values: Float[np.ndarray, "5"]) -> "PoseFit":
+    def from_array(cls, values: Float[np.ndarray, "7"]) -> "PoseFit":
         """Inverse of `as_array`."""
         return cls(*(float(value) for value in values))
 
@@ -61,12 +65,15 @@ def measure_fit(
     visible = present & (difference >= -tau) & (inside > 0)
     # What is seen past the object is far behind it by chance: how far says nothing.
     seen = rendered + np.minimum(difference, _LIMIT * tau)
+    colors = color_agreement(observation, verifier.model, pose_cam_obj)
     return PoseFit(
         cost=float(verifier.weigh(evidence)[0]),
         relief=relief_correlation(rendered, seen, visible),
         slope=slope_correlation(rendered, seen, visible),
         residual_mm=apart * MILLIMETRES_PER_METRE,
         visible_fraction=1.0 - float(evidence.occluded[0]),
+        color=colors.correlation,
+        contrast=colors.contrast,
     )
 
 

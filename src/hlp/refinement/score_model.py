@@ -2,7 +2,9 @@
 
 A pose is right if its ADD-S is below a tenth of the object's diameter. The weights of an object
 are fitted to poses whose truth is known, and are drawn to `PRIOR`, which was fitted to poses of
-many objects: a few dozen scenes tell where an object's own scale lies, not all of it.
+many objects: a few dozen scenes tell where an object's own scale lies, not all of it. Colours that
+contradict the object's lower the score by a fixed rule: rendered colours agree better than a
+camera's, so rendered scenes cannot say by how much.
 """
 
 from collections.abc import Sequence
@@ -21,15 +23,18 @@ from hlp.refinement.pose_fit import PoseFit
 MIN_SCORE = 0.5
 """An answer with a lower score is more likely wrong than right: the object was not found."""
 _FILE = "score.json"
+_AGREEING = 0.6  # correlation of colours; with less, they contradict (D)
+_CONTRADICTION = 50.0  # of the logit, for each unit of correlation and of squared contrast (D)
+_HIGHEST_CONTRAST = 0.8
 _HIGHEST = 0.995  # correlation; sensor noise decides above it
 
 
 @dataclass(frozen=True)
 class ScoreModel:
-    """Weights of the logistic regression: score = 1 / (1 + exp(-(bias + cost·c + shape·z))).
+    """Weights of the logistic regression: score = 1 / (1 + exp(-(bias + cost·c + shape·z - d))).
 
     c is the verification cost, z the mean Fisher transform artanh(r) of the correlations r of
-    relief and slope. `cost` is at most 0 and `shape` at least 0: the score never falls when the fit
+    relief and slope, d how much the colours contradict. `cost` is at most 0 and `shape` at least 0: the score never falls when the fit
     is better.
     """
 
@@ -39,7 +44,7 @@ class ScoreModel:
 
     def score(self, fit: PoseFit) -> float:
         """The probability that a pose with this fit is right."""
-        logit = self.weights() @ np.array([1.0, *_inputs([fit])[0]])
+        logit = self.weights() @ np.array([1.0, *_inputs([fit])[0]]) - _contradictions([fit])[0]
         return float(1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0))))
 
     def known_present(self) -> "ScoreModel":
@@ -82,9 +87,10 @@ def fit_score_model(
     shares = np.array([1.0 - RIGHT_SHARE, RIGHT_SHARE])
     counted = (len(fits) * shares / count)[right.astype(int)]
     prior, unit = PRIOR.weights(), spread.weights()
+    contradictions = _contradictions(fits)
 
     def loss(away: Float[np.ndarray, "3"]) -> tuple[float, Float[np.ndarray, "3"]]:
-        logits = inputs @ (prior + away * unit)
+        logits = inputs @ (prior + away * unit) - contradictions
         value = counted @ (np.logaddexp(0.0, logits) - logits * right) + 0.5 * away @ away
         wrong = 1.0 / (1.0 + np.exp(-np.clip(logits, -50.0, 50.0))) - right
         return float(value), inputs.T @ (counted * wrong) * unit + away
@@ -120,3 +126,10 @@ def _inputs(fits: Sequence[PoseFit]) -> Float[np.ndarray, "n 2"]:
     pairs = np.array([(fit.relief, fit.slope) for fit in fits])
     shape = np.arctanh(np.clip(pairs, 0.0, _HIGHEST)).mean(axis=1)
     return np.column_stack([[fit.cost for fit in fits], shape])
+
+
+def _contradictions(fits: Sequence[PoseFit]) -> Float[np.ndarray, "n"]:
+    """How much the colours lower the logit: most where the object is colourful or printed."""
+    lacking = np.maximum(_AGREEING - np.array([fit.color for fit in fits]), 0.0)
+    contrast = np.minimum([fit.contrast for fit in fits], _HIGHEST_CONTRAST)
+    return np.asarray(_CONTRADICTION * lacking * np.square(contrast))

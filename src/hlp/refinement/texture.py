@@ -47,6 +47,20 @@ class SiblingChoice:
 
 
 @dataclass(frozen=True)
+class ColorAgreement:
+    """How well an image's colours agree with those of the object at a pose.
+
+    `correlation` in [-1, 1] compares, pixel by pixel, chroma (the colours' logarithms minus their
+    mean) and brightness after light and shading were fitted. It is not about the mean: a red
+    object agrees with anything red. `contrast` is the root mean square of the same for the
+    object: 0 for a grey one without print. Both are 0 if there is nothing to compare.
+    """
+
+    correlation: float = 0.0
+    contrast: float = 0.0
+
+
+@dataclass(frozen=True)
 class _SeenSurface:
     """Pixels that show the object: colours' logarithms, points in its coordinates, light basis."""
 
@@ -80,6 +94,34 @@ def choose_sibling(
     lowest = float(fine_found.min())
     margin = float(others.min()) - lowest if len(others) else np.inf
     return SiblingChoice(pose_cam_obj @ motion, lowest, margin)
+
+
+def color_agreement(
+    observation: Observation, model: ObjectModel, pose_cam_obj: Float[np.ndarray, "4 4"]
+) -> ColorAgreement:
+    """How well the image's colours agree with the object's full texture at a pose."""
+    seen = _seen_surface(observation, model, pose_cam_obj) if model.mesh.colored else None
+    if seen is None:
+        return ColorAgreement()
+    grid = color_grid(model.mesh)
+    cells = np.floor((seen.points - grid.corner) / grid.cell).astype(np.int64)
+    x, y, z = np.clip(cells, 0, np.array(grid.colors.shape[:3]) - 1).T
+    expected = np.log(grid.colors[x, y, z] + np.float32(_OFFSET))
+    first, second = (_without_light(each, seen.light) for each in (seen.colors, expected))
+    spread = np.sqrt(float((first * first).sum()) * float((second * second).sum()))
+    contrast = float(np.sqrt(np.square(second).sum(axis=1).mean()))
+    if spread <= 0.0:
+        return ColorAgreement(0.0, contrast)
+    return ColorAgreement(float((first * second).sum()) / spread, contrast)
+
+
+def _without_light(
+    colors: Float32[np.ndarray, "p 3"], light: Float[np.ndarray, "p 4"]
+) -> Float[np.ndarray, "p 4"]:
+    """Chroma of each pixel, and what of its brightness is neither light nor shading."""
+    brightness = colors.mean(axis=1, keepdims=True, dtype=np.float64)
+    rest = brightness - light @ (light.T @ brightness)
+    return np.concatenate([colors - brightness, rest], axis=1)
 
 
 def _between_neighbours(

@@ -158,7 +158,7 @@ class Verifier:
 
     def __init__(self, model: ObjectModel, settings: VerificationSettings) -> None:
         mesh = model.proxy
-        self._settings, self.mesh = settings, mesh
+        self._settings, self.model, self.mesh = settings, model, mesh
         self.tau_depth = settings.tau_depth_mm / 1000.0  # m
         # The colours of a mesh without colours mean nothing.
         self._weight_color = settings.weight_color if model.mesh.colored else 0.0
