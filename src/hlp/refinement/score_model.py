@@ -3,8 +3,8 @@
 A pose is right if its ADD-S is below a tenth of the object's diameter. The weights of an object
 are fitted to poses whose truth is known, and are drawn to `PRIOR`, which was fitted to poses of
 many objects: a few dozen scenes tell where an object's own scale lies, not all of it. Colours that
-contradict the object's lower the score by a fixed rule: rendered colours agree better than a
-camera's, so rendered scenes cannot say by how much.
+contradict the object's lower the score by a fixed rule, which is no part of the fit: rendered
+colours agree better than a camera's, so rendered scenes cannot say by how much.
 """
 
 from collections.abc import Sequence
@@ -34,8 +34,8 @@ class ScoreModel:
     """Weights of the logistic regression: score = 1 / (1 + exp(-(bias + cost·c + shape·z - d))).
 
     c is the verification cost, z the mean Fisher transform artanh(r) of the correlations r of
-    relief and slope, d how much the colours contradict. `cost` is at most 0 and `shape` at least 0: the score never falls when the fit
-    is better.
+    relief and slope, d how much the colours contradict. `cost` is at most 0 and `shape` at least 0:
+    the score never falls when the fit is better.
     """
 
     bias: float
@@ -87,10 +87,9 @@ def fit_score_model(
     shares = np.array([1.0 - RIGHT_SHARE, RIGHT_SHARE])
     counted = (len(fits) * shares / count)[right.astype(int)]
     prior, unit = PRIOR.weights(), spread.weights()
-    contradictions = _contradictions(fits)
 
     def loss(away: Float[np.ndarray, "3"]) -> tuple[float, Float[np.ndarray, "3"]]:
-        logits = inputs @ (prior + away * unit) - contradictions
+        logits = inputs @ (prior + away * unit)
         value = counted @ (np.logaddexp(0.0, logits) - logits * right) + 0.5 * away @ away
         wrong = 1.0 / (1.0 + np.exp(-np.clip(logits, -50.0, 50.0))) - right
         return float(value), inputs.T @ (counted * wrong) * unit + away
