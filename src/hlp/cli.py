@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import hlp
-from hlp.commands import bench, predict, report, run, search
+from hlp.commands import bench, clean, predict, report, run, search
 from hlp.commands.composing import MULTIRUN
 
 
@@ -63,4 +63,5 @@ COMMANDS = {
     "report": _Command(report.command, "tables of finished runs, with the paper's numbers"),
     "bench": _Command(bench.command, "time and memory of every stage on this machine"),
     "search": _Command(search.command, "search for the best settings within a time limit"),
+    "clean": _Command(clean.command, "outputs of stages that may go, and their sizes"),
 }

@@ -28,6 +28,10 @@ class DataError(HlpError, ValueError):
     """The content of a file or folder is wrong; the message names it."""
 
 
+class DamagedError(DataError):
+    """A file is not as HLP wrote it; the message names it."""
+
+
 class MissingFileError(HlpError, FileNotFoundError):
     """A file or folder is missing; the message names it and, if a key set it, the key."""
 
