@@ -198,7 +198,7 @@ def how_to_browse(settings: TrackingSettings, tracker: Tracker) -> str:
     if not settings.uri.startswith(SQLITE):
         return f"{settings.uri.rstrip('/')}{tracker.page_path}"
     address = shlex.quote(f"{SQLITE}{database_path(settings)}")
-    server = f"{shlex.quote(sys.executable)} -m mlflow server --workers 1"
+    server = f"{shlex.quote(sys.executable)} -m mlflow server --workers 1 --host 127.0.0.1"
     return f"{server} --backend-store-uri {address}\nthen open http://127.0.0.1:5000{tracker.page_path}"
 
 

@@ -20,7 +20,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
 
-from hlp.errors import HlpError, InputError, MissingFileError
+from hlp.errors import DataError, HlpError, InputError, MissingFileError
 from hlp.files import SWEEP, read_json, write_json
 from hlp.reporting.figures.trade_off import draw_trade_off
 from hlp.reporting.recordings import write_recordings
@@ -92,8 +92,8 @@ def unfinished_sweep(arguments: Sequence[str], folder: Path) -> Path | None:
     found = sorted(folder.glob(f"*/*/{SWEEP}"), key=lambda path: path.stat().st_mtime)
     for path in reversed(found):
         record = _read(path.parent)
-        if record["overrides"] == overrides:
-            ended_well = record["status"] == FINISHED
+        if record.get("overrides") == overrides:
+            ended_well = record.get("status") == FINISHED
             return None if ended_well or _is_running(path.parent) else path.parent
     return None
 
@@ -160,8 +160,15 @@ def _drawn(folder: Path, tracker: Tracker) -> Iterator[None]:
 
 
 def _read(folder: Path) -> dict[str, Any]:
-    record: dict[str, Any] = read_json(folder / SWEEP) if (folder / SWEEP).is_file() else {}
-    return record
+    """`sweep.json`; empty if there is none, or if it is damaged, as if the sweep were a new one."""
+    if not (folder / SWEEP).is_file():
+        return {}
+    try:
+        record = read_json(folder / SWEEP)
+    except DataError as error:
+        logging.getLogger(__name__).warning("%s: a new sweep begins", error)
+        return {}
+    return record if isinstance(record, dict) else {}
 
 
 def _is_running(folder: Path) -> bool:
