@@ -8,7 +8,7 @@ import errno
 
 _MACHINES = {
     errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.EMFILE, errno.ENFILE,
-    errno.ENAMETOOLONG,
+    errno.ENAMETOOLONG, errno.ENOTDIR, errno.EIO,
 }  # fmt: skip
 
 
@@ -46,5 +46,5 @@ def is_expected(error: BaseException) -> bool:
 
 
 def _is_machines(error: OSError) -> bool:
-    """Whether the system is the cause: a full disk, missing rights, too many open files."""
+    """Whether the system is the cause: a full or failing disk, missing rights, a wrong path."""
     return error.errno in _MACHINES

@@ -2,7 +2,9 @@
 
 import csv
 import logging
+import signal
 import sys
+import threading
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -50,7 +52,8 @@ def fit(
     network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     with _quiet():
         engine = _make_trainer(trainer, epochs, callbacks, folder)
-        engine.fit(module, data, ckpt_path=last, weights_only=True)
+        with _stops(engine):
+            engine.fit(module, data, ckpt_path=last, weights_only=True)
     weights = {name: value.contiguous() for name, value in network.state_dict().items()}
     save_file(weights, folder / WEIGHTS)
     checkpoints.remove()
@@ -93,6 +96,24 @@ def _quiet() -> Iterator[None]:
         # Between Lightning and torch.
         warnings.filterwarnings("ignore", message=".*LeafSpec.*")
         yield
+
+
+@contextmanager
+def _stops(engine: pl.Trainer) -> Iterator[None]:
+    """Pass on Ctrl-C and SIGTERM, which Lightning turns into exits with 1 and 0.
+
+    After Ctrl-C Lightning leaves SIGINT ignored.
+    """
+    try:
+        yield
+    except SystemExit as ended:
+        if isinstance(ended.__context__, KeyboardInterrupt):
+            if threading.current_thread() is threading.main_thread():
+                signal.signal(signal.SIGINT, signal.default_int_handler)
+            raise ended.__context__ from None
+        if engine.received_sigterm:
+            raise SystemExit(128 + signal.SIGTERM) from None
+        raise
 
 
 def calibration_images(data: pl.LightningDataModule, images_of: Callable[[Any], Tensor]) -> Tensor:
