@@ -32,7 +32,7 @@ PLACES = {
 """Module, function, and the number of its calls that still go well, in the order of a run."""
 
 _DRIVER = """
-import importlib, os, sys
+import functools, importlib, os
 module, name, calls = {place!r}
 
 def arm():
@@ -47,6 +47,7 @@ def arm():
         target = getattr(target, part)
     whole, left = getattr(target, name), [calls]
 
+    @functools.wraps(whole)
     def stopped(*given, **named):
         left[0] -= 1
         if left[0] == -1:
