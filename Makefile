@@ -5,6 +5,7 @@ SHELL := /bin/bash
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+AUDIT := build/audit
 DOCS_STAMP := $(VENV)/.docs-installed
 PYTHON ?=
 WORKERS ?= 2
@@ -21,7 +22,7 @@ export MPLBACKEND := Agg
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_ROOT_USER_ACTION := ignore
 
-.PHONY: help env demo test test-slow check docs ui clean
+.PHONY: help env demo test test-slow check audit docs ui clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -62,6 +63,14 @@ check: $(STAMP) ## style, types and layers
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
+
+audit: $(AUDIT)/bin/pip-audit ## known vulnerabilities of the exact versions in constraints.txt (asks PyPI)
+	@$(AUDIT)/bin/pip-audit --requirement constraints.txt --no-deps --disable-pip
+
+# In an environment of its own: it has many dependencies, and none of them are HLP's.
+$(AUDIT)/bin/pip-audit: $(STAMP)
+	@$(BIN)/python -m venv $(AUDIT)
+	@$(AUDIT)/bin/pip install -q pip-audit==2.10.1
 
 docs: $(DOCS_STAMP) ## the documentation as a site in build/docs; warnings are errors
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict

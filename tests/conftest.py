@@ -4,12 +4,17 @@ import os
 
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # before torch is imported anywhere
 
+import logging
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from hlp.config.typed_defaults import provide_defaults
 from tiny_run import TINY, TinyRun, start_run
+
+Call = Callable[..., tuple[int, str, str]]
 
 provide_defaults()  # to every configuration that a test composes
 
@@ -30,3 +35,39 @@ def tiny_run(tmp_path_factory: pytest.TempPathFactory) -> TinyRun:
     process = start_run(folder, *TINY, "output=first", threads=2)
     assert process.returncode == 0, process.stderr
     return TinyRun(folder, folder / "first", TINY, process)
+
+
+@pytest.fixture
+def call(
+    tiny_run: TinyRun, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Iterator[Call]:
+    """`hlp run` in this process and the tiny run's folder: exit code, standard output and error."""
+    import cv2
+    import torch
+
+    from hlp.cli import main
+
+    root = logging.getLogger()
+    handlers, level, threads = root.handlers[:], root.level, torch.get_num_threads()
+    variables = dict(os.environ)
+    monkeypatch.setattr(sys, "argv", sys.argv)
+    monkeypatch.chdir(tiny_run.folder)
+
+    def run(*overrides: str) -> tuple[int, str, str]:
+        capsys.readouterr()
+        try:
+            main(["run", *overrides])
+            code = 0
+        except SystemExit as exit_:
+            code = int(exit_.code or 0)
+        printed = capsys.readouterr()
+        return code, printed.out, printed.err
+
+    yield run
+    root.handlers[:] = handlers
+    root.setLevel(level)
+    torch.set_num_threads(threads)
+    cv2.setNumThreads(-1)
+    for name in set(os.environ) - set(variables):
+        del os.environ[name]
+    os.environ.update(variables)

@@ -250,3 +250,28 @@ def test_anytime_is_a_sweep_of_budgets(call: Hlp, tmp_path: Path) -> None:
     assert budgets == [0, 5, 10, 20, 40]
     call("-m", "experiment=anytime", "refinement.budget_ms=5,7", "output=other")
     assert len(list((tmp_path / "other").glob("*/seen.json"))) == 2
+
+
+def test_clean_lists_and_removes_only_if_told_to(tmp_path: Path) -> None:
+    """Without stand-ins: what a crashed run left lies in the folder."""
+    partial = tmp_path / "work" / "views" / f"{'a' * 16}.partial"
+    partial.mkdir(parents=True)
+    (partial / "half").write_bytes(bytes(2_000_000))
+
+    def clean(*arguments: str) -> "subprocess.CompletedProcess[str]":
+        command = [sys.executable, "-c", "from hlp.cli import main; main()", "clean", *arguments]
+        environment = {**os.environ, "PYTHONPATH": str(Path(hlp.__file__).parents[1])}
+        return subprocess.run(
+            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+        )
+
+    listed = clean()
+    assert listed.returncode == 0, listed.stderr
+    assert listed.stdout.split()[:3] == ["partial", "2.0", "MB"]
+    assert "Nothing was removed" in listed.stdout and partial.exists()
+    assert clean("dry=false", "kinds=damaged").returncode == 0 and partial.exists()
+    assert "1 outputs removed, 2.0 MB" in clean("dry=false").stdout
+    assert not partial.exists()
+    assert clean("dry=perhaps").returncode == 2
+    missing = clean("work=nowhere")
+    assert missing.returncode == 1 and missing.stderr.startswith("hlp: there is no folder nowhere")

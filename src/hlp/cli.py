@@ -6,12 +6,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import hlp
-from hlp.commands import bench, predict, report, run, search
+from hlp.commands import bench, clean, predict, report, run, search
 from hlp.commands.composing import MULTIRUN
+from hlp.commands.ending import stops_in_one_line
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run one command. Exits with 0, with 1 after an error, with 2 if there is no such command.
+
+    Exits with 130 after Ctrl-C (SIGINT) and with 143 after SIGTERM, in both cases with one line.
 
     `HLP_TRACEBACK=1` shows an error's traceback instead of one line.
     """
@@ -25,7 +28,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(f"hlp {hlp.__version__}")
     elif name in COMMANDS:
         _set_environment()
-        COMMANDS[name].call(given[1:])
+        with stops_in_one_line():
+            COMMANDS[name].call(given[1:])
     else:
         print(f"hlp: there is no command '{name}'\n\n{_usage()}", file=sys.stderr)
         sys.exit(2)
@@ -54,6 +58,9 @@ def _usage() -> str:
 def _set_environment() -> None:
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # spinning costs 20x on shared cores
     os.environ.setdefault("MPLBACKEND", "Agg")
+    # Of the helper of multiprocessing that cleans up after workers that had to be stopped.
+    given = [each for each in os.environ.get("PYTHONWARNINGS", "").split(",") if each]
+    os.environ["PYTHONWARNINGS"] = ",".join(dict.fromkeys([*given, "ignore:resource_tracker"]))
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra raises errors unchanged; `fail` shortens them
 
 
@@ -63,4 +70,5 @@ COMMANDS = {
     "report": _Command(report.command, "tables of finished runs, with the paper's numbers"),
     "bench": _Command(bench.command, "time and memory of every stage on this machine"),
     "search": _Command(search.command, "search for the best settings within a time limit"),
+    "clean": _Command(clean.command, "outputs of stages that may go, and their sizes"),
 }

@@ -8,7 +8,7 @@ import errno
 
 _MACHINES = {
     errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.EMFILE, errno.ENFILE,
-    errno.ENAMETOOLONG,
+    errno.ENAMETOOLONG, errno.ENOTDIR, errno.EIO,
 }  # fmt: skip
 
 
@@ -28,6 +28,10 @@ class DataError(HlpError, ValueError):
     """The content of a file or folder is wrong; the message names it."""
 
 
+class DamagedError(DataError):
+    """A file is not as HLP wrote it; the message names it."""
+
+
 class MissingFileError(HlpError, FileNotFoundError):
     """A file or folder is missing; the message names it and, if a key set it, the key."""
 
@@ -42,5 +46,5 @@ def is_expected(error: BaseException) -> bool:
 
 
 def _is_machines(error: OSError) -> bool:
-    """Whether the system is the cause: a full disk, missing rights, too many open files."""
+    """Whether the system is the cause: a full or failing disk, missing rights, a wrong path."""
     return error.errno in _MACHINES

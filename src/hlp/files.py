@@ -7,6 +7,7 @@ import csv
 import io
 import json
 import os
+import re
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
@@ -29,6 +30,12 @@ POSES = "poses.csv"
 SWEEP = "sweep.json"
 """What was swept. The sweep's runs are in the folders 0, 1, … beside it."""
 
+_UNFINISHED = re.compile(r"\..+\.\d+")
+_NO_ARRAYS = (
+    ValueError, TypeError, KeyError, EOFError, OSError, zipfile.BadZipFile, zlib.error,
+    NotImplementedError, RuntimeError, MemoryError,
+)  # fmt: skip
+
 
 @contextmanager
 def replaced(path: Path) -> Iterator[BinaryIO]:
@@ -45,6 +52,13 @@ def replaced(path: Path) -> Iterator[BinaryIO]:
         os.replace(partial, path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove what `replaced` was writing in a folder when its process was killed."""
+    for path in folder.rglob(".*"):
+        if _UNFINISHED.fullmatch(path.name):
+            path.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -73,7 +87,7 @@ def read_json(path: Path) -> Any:
         raise MissingFileError(f"there is no file {path}")
     try:
         return json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise DataError(f"{path} is no JSON: {error}") from error
 
 
@@ -96,9 +110,9 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
     if not path.is_file():
         raise MissingFileError(f"there is no file {path}")
     try:
-        with np.load(path) as stored:
+        with np.load(path, allow_pickle=False) as stored:
             return dict(stored)
-    except (ValueError, TypeError, EOFError, OSError, zipfile.BadZipFile, zlib.error) as error:
+    except _NO_ARRAYS as error:
         raise DataError(
             f"{path} is damaged ({error}): delete its folder to make it again, or copy it anew"
         ) from error

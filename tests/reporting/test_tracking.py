@@ -2,15 +2,20 @@ import json
 import multiprocessing
 import os
 import shlex
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 from mlflow import MlflowClient
+from mlflow.exceptions import MlflowException
 
 import hlp
+from hlp.errors import ConfigError, DataError, is_expected
+from hlp.reporting.run_owner import owner_tags
 from hlp.reporting.tracking import (
     REVISION,
     ChildRun,
@@ -154,9 +159,80 @@ def test_a_run_goes_on(settings: TrackingSettings) -> None:
     assert client.get_run(new.run_id).info.run_name == "sweep"
 
 
+def test_a_retried_child_is_the_same_child(settings: TrackingSettings) -> None:
+    """Of another parent it is another one."""
+    ids = []
+    with track_run(settings, "sweep", {}) as parent:
+        child = ChildRun("demo 0: seed=0", parent.run_id, {"seed": "0"})
+        with (
+            pytest.raises(OSError, match="disk"),
+            as_child_run(child),
+            track_run(settings, "", {"config": "unread"}) as first,
+        ):
+            raise OSError("disk")
+        for of in (child, child, ChildRun(child.name, "0" * 32, {"seed": "0"})):
+            with as_child_run(of), track_run(settings, "", {"a": 1}) as again:
+                ids.append(again.run_id)
+    assert ids[0] == first.run_id
+    assert len({*ids}) == 3  # the first of them ended well, so it is not continued
+    params = MlflowClient(settings.uri).get_run(first.run_id).data.params
+    assert params == {"seed": "0", "config": "unread", "a": "1"}
+
+
+def begin_and_die(settings: TrackingSettings) -> None:
+    with track_run(settings, "dies", {}):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_runs_of_dead_processes_are_closed_as_killed(settings: TrackingSettings) -> None:
+    dead = multiprocessing.get_context("spawn").Process(target=begin_and_die, args=(settings,))
+    dead.start()
+    dead.join(timeout=120)
+    assert dead.exitcode == -signal.SIGKILL
+    client = MlflowClient(settings.uri)
+    experiment = client.get_experiment_by_name("hlp").experiment_id
+
+    def status(name: str) -> str:
+        (run,) = client.search_runs([experiment], f"attributes.run_name = '{name}'")
+        return str(run.info.status)
+
+    elsewhere = client.create_run(
+        experiment, run_name="elsewhere", tags=owner_tags() | {"hlp.host": "another"}
+    )
+    assert status("dies") == "RUNNING"
+    with track_run(settings, "lives", {}), track_run(settings, "next", {}):
+        assert status("dies") == "KILLED"
+        assert status("lives") == "RUNNING"
+        assert status("elsewhere") == "RUNNING"
+    client.set_terminated(elsewhere.info.run_id)
+
+
+@pytest.mark.parametrize("uri", ["http://127.0.0.1:9", "nonsense://x", "sqlite:////dev/null/db"])
+def test_an_address_that_cannot_be_used_is_named_in_seconds(uri: str) -> None:
+    begun = time.monotonic()
+    wrong = TrackingSettings("mlflow", uri, "hlp")
+    with pytest.raises((ConfigError, OSError)) as caught, track_run(wrong, "demo", {}):
+        pass
+    assert time.monotonic() - begun < 30.0
+    assert is_expected(caught.value)
+
+
+def test_a_server_that_dies_meanwhile_hides_no_error(
+    settings: TrackingSettings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def gone(*_: Any, **__: Any) -> None:
+        raise MlflowException("connection refused")
+
+    with pytest.raises(ValueError, match="a bug"), track_run(settings, "demo", {}):
+        monkeypatch.setattr(MlflowClient, "set_tag", gone)
+        raise ValueError("a bug")
+    with pytest.raises(DataError, match=r"failed: connection"), track_run(settings, "demo", {}):
+        gone()
+
+
 def test_nothing_is_told_to_mlflows_makers() -> None:
     code = (
-        "import os; from hlp.reporting.tracking import import_client; import_client();"
+        "import os; from hlp.reporting.mlflow_client import import_client; import_client();"
         "from mlflow.telemetry.utils import is_telemetry_disabled as off; assert off()"
     )
     clean = ("MLFLOW_DISABLE_TELEMETRY", "DO_NOT_TRACK", "CI", "PYTEST_CURRENT_TEST")

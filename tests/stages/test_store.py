@@ -9,6 +9,8 @@ from typing import Any
 import pytest
 from filelock import FileLock
 
+from hlp import checksums
+from hlp.checksums import file_checksum, sealed
 from hlp.errors import DataError
 from hlp.stages.store import StageStore
 
@@ -93,10 +95,112 @@ def test_interrupted_work_finds_its_own_files(tmp_path: Path) -> None:
     assert not list(folder.parent.glob("*.partial"))
 
 
-def test_half_an_output_under_the_final_name_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "codebook" / NAME).mkdir(parents=True)
+def flip(path: Path, at: int = 0) -> None:
+    content = bytearray(path.read_bytes())
+    content[at] ^= 4
+    path.write_bytes(content)
+
+
+DAMAGE = {
+    "file flipped": lambda folder: flip(folder / "data.txt"),
+    "file cut": lambda folder: (folder / "data.txt").write_text("don"),
+    "file empty": lambda folder: (folder / "data.txt").write_text(""),
+    "file gone": lambda folder: (folder / "data.txt").unlink(),
+    "file now a folder": lambda folder: (
+        (folder / "data.txt").unlink(),
+        (folder / "data.txt").mkdir(),
+    ),
+    "record gone": lambda folder: (folder / "stage.json").unlink(),
+    "record empty": lambda folder: (folder / "stage.json").write_text(""),
+    "record is no object": lambda folder: (folder / "stage.json").write_text("[]"),
+    "record nested": lambda folder: (folder / "stage.json").write_text("[" * 100_000),
+    "record edited": lambda folder: edit(folder, seconds=99.0),
+    "record without checksum": lambda folder: (folder / "stage.json").write_text("{}"),
+    "record of another stage": lambda folder: edit(folder, resealed=True, stage="views"),
+    "record of another output": lambda folder: edit(folder, resealed=True, fingerprint="f" * 16),
+    "file outside": lambda folder: edit(folder, resealed=True, files={"../../x": "0"}),
+    "record of an earlier version": lambda folder: drop_checksums(folder),
+}
+
+
+def edit(folder: Path, resealed: bool = False, **values: Any) -> None:
+    record = json.loads((folder / "stage.json").read_text()) | values
+    if resealed:
+        del record["checksum"]
+        record = sealed(record)
+    (folder / "stage.json").write_text(json.dumps(record))
+
+
+def drop_checksums(folder: Path) -> None:
+    record = json.loads((folder / "stage.json").read_text())
+    old = {key: value for key, value in record.items() if key not in ("files", "checksum")}
+    (folder / "stage.json").write_text(json.dumps(old))
+
+
+@pytest.mark.parametrize("how", DAMAGE)
+def test_what_is_damaged_is_set_aside_and_made_again(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, how: str
+) -> None:
+    folder = StageStore(tmp_path).get_or_make("codebook", NAME, write, DESCRIPTION)
+    DAMAGE[how](folder)
+    store = StageStore(tmp_path)
+    assert not store.holds("codebook", NAME)
     with pytest.raises(DataError, match=NAME):
-        StageStore(tmp_path).get_or_make("codebook", NAME, fail_if_called, DESCRIPTION)
+        store.take("codebook", NAME, "", reused=True)
+    caplog.clear()
+    store.get_or_make("codebook", NAME, write, DESCRIPTION)
+    assert [event.reused for event in store.events] == [False]
+    assert (folder / "data.txt").read_text() == "done"
+    assert (folder.parent / f"{NAME}.damaged").is_dir()
+    (warning,) = [each.message for each in caplog.records if each.levelname == "WARNING"]
+    assert str(folder) in warning
+    assert f"{NAME}.damaged" in warning
+    again = StageStore(tmp_path)
+    again.get_or_make("codebook", NAME, fail_if_called, DESCRIPTION)
+    assert again.events[0].seconds < 1.0
+
+
+@pytest.mark.parametrize("what", ["empty folder", "file", "link to nowhere"])
+def test_what_no_store_wrote_is_set_aside(tmp_path: Path, what: str) -> None:
+    folder = tmp_path / "codebook" / NAME
+    folder.parent.mkdir()
+    {
+        "empty folder": folder.mkdir,
+        "file": folder.touch,
+        "link to nowhere": lambda: folder.symlink_to(tmp_path / "nowhere"),
+    }[what]()
+    StageStore(tmp_path).get_or_make("codebook", NAME, write, DESCRIPTION)
+    assert (folder / "data.txt").read_text() == "done"
+
+
+def test_only_the_last_damaged_output_is_kept(tmp_path: Path) -> None:
+    for text in ("first", "second"):
+        folder = StageStore(tmp_path).get_or_make("codebook", NAME, write, DESCRIPTION)
+        (folder / "data.txt").write_text(text)
+    StageStore(tmp_path).get_or_make("codebook", NAME, write, DESCRIPTION)
+    (aside,) = folder.parent.glob("*.damaged")
+    assert (aside / "data.txt").read_text() == "second"
+
+
+def test_a_store_reads_every_file_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    StageStore(tmp_path).get_or_make("codebook", NAME, write, DESCRIPTION)
+    read = []
+    monkeypatch.setattr(
+        checksums, "file_checksum", lambda path: read.append(path.name) or file_checksum(path)
+    )
+    store = StageStore(tmp_path)
+    for _ in range(3):
+        store.get_or_make("codebook", NAME, fail_if_called, DESCRIPTION)
+    assert read == ["data.txt"]
+
+
+def test_what_a_killed_process_was_writing_is_not_published(tmp_path: Path) -> None:
+    def make(folder: Path) -> None:
+        (folder / ".data.txt.4711").write_text("half")
+        write(folder)
+
+    folder = StageStore(tmp_path).get_or_make("codebook", NAME, make, DESCRIPTION)
+    assert {path.name for path in folder.iterdir()} == {"data.txt", "stage.json"}
 
 
 def slow_make(folder: Path) -> None:

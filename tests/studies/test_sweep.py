@@ -41,6 +41,12 @@ def test_a_sweep_that_came_to_its_end_is_begun_anew(stopped: Path) -> None:
     assert unfinished_sweep(["-m", *ASKED], stopped.parents[1]) is None
 
 
+@pytest.mark.parametrize("content", ["", "[" * 100_000, "[]", "{}", '{"overrides": 1}', "\0\xff"])
+def test_a_damaged_record_is_of_no_sweep(stopped: Path, content: str) -> None:
+    (stopped / "sweep.json").write_text(content)
+    assert unfinished_sweep(["-m", *ASKED], stopped.parents[1]) is None
+
+
 def test_a_sweep_that_is_running_is_left_alone(stopped: Path) -> None:
     """`RUNNING` without its lock is one that died: killed, or the machine went down."""
     record = json.loads((stopped / "sweep.json").read_text())

@@ -74,9 +74,6 @@ def compose_and_call(
         if not is_expected(error):
             raise
         fail(error)
-    except KeyboardInterrupt:
-        print("hlp: interrupted; the same command continues from here", file=sys.stderr)
-        sys.exit(130)  # as in shells
 
 
 def _job(config: DictConfig, task: Callable[[DictConfig], None]) -> None:

@@ -2,20 +2,15 @@
 
 import hashlib
 import json
-import logging
-import re
 import shutil
-import sys
-import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from hlp.codebook.entries import save_codebook
-from hlp.errors import DataError, InputError
-from hlp.files import read_json, write_json
+from hlp.errors import InputError
 from hlp.method.backgrounds import Backgrounds
 from hlp.method.classifier_training import StartingWeights, train_classifier
 from hlp.method.codebook_building import build_codebook
@@ -24,10 +19,11 @@ from hlp.method.encoder_training import train_encoder
 from hlp.method.learnt_folder import (
     CLASSIFIER,
     ENCODER,
+    NAME,
     OBJECTS,
-    RECORD,
     LearntFolder,
     LearntRecord,
+    check_files,
     read_record,
     write_model,
     write_record,
@@ -36,14 +32,13 @@ from hlp.method.pose_estimator import PoseEstimator
 from hlp.method.score_calibration import calibrate_score
 from hlp.method.settings import MethodSettings, settings_to_json
 from hlp.method.training import read_weights
+from hlp.method.unfinished_folder import SCORED, VIEWS, finish, folder_in_the_making, once
 from hlp.objects.object_model import ObjectSettings, build_object_model, mesh_identity
 from hlp.records import ObjectModel, Views
 from hlp.refinement.score_model import save_score_model
 from hlp.rendering.views import load_views, render_views, save_views
 from hlp.source_code import source_digest
 
-_NAME = re.compile(r"[\w][\w .+-]*")
-_DONE, _REQUEST, _VIEWS, _SCORE = "done", "request.json", "views", "score"
 _ADDED_EPOCHS = 4  # of a classifier that already knows most of its objects
 _PROXY_FACES = 500  # triangles of the mesh that the refiner renders
 
@@ -61,7 +56,7 @@ def build_models(
     models = {}
     _check_told_apart(meshes)
     for object_id, (name, path) in enumerate(meshes.items(), first_id):
-        if not _NAME.fullmatch(name):
+        if not NAME.fullmatch(name):
             raise InputError(f"object name {name!r}: use letters, digits, blanks and _ . + -")
         sizes = ObjectSettings(object_id, None, None)
         models[object_id] = build_object_model(name, sizes, Path(path), mesh_scale, _PROXY_FACES)
@@ -85,35 +80,38 @@ def learn(
 ) -> None:
     """Learn objects from scratch into `folder`, which must not exist yet.
 
-    To continue an interrupted call, repeat it with the same objects.
+    To continue an interrupted call, repeat it with the same objects. A damaged folder of learnt
+    objects is renamed, and they are learnt again.
     """
     record = LearntRecord(
         {model.name: object_id for object_id, model in models.items()}, tuple(models), settings
     )
     if settings.encoder.needs_frames:
         backgrounds.load_encoder_frames()  # raises before anything is trained
-    with _folder_in_the_making(folder, _request(models, settings, backgrounds)) as partial:
+    with folder_in_the_making(folder, _request(models, settings, backgrounds)) as partial:
         set_compute_threads(settings.machine.threads)
         views_of = _views(models, partial, settings)
-        with _once(partial / CLASSIFIER) as missing:
+        with once(partial / CLASSIFIER) as missing:
             if missing:
                 train_classifier(models, views_of, backgrounds, settings, partial / CLASSIFIER)
-        with _once(partial / ENCODER) as missing:
+        with once(partial / ENCODER) as missing:
             if missing:
                 train_encoder(models, views_of, backgrounds, settings, partial / ENCODER)
         _write_objects(models, views_of, partial, settings)
         _calibrate_scores(models, backgrounds, partial, record)
-        write_record(partial, record)
+        finish(partial, record)
 
 
 def add(folder: Path, models: Mapping[int, ObjectModel], backgrounds: Backgrounds) -> None:
     """Learn more objects into a folder of learnt ones.
 
     The encoder stays as it is; the classifier is trained further with all objects. The folder
-    changes only when everything is done. Raises InputError for a name that is already used.
+    changes only when everything is done. Raises InputError for a name that is already used, and
+    DataError if a file of the folder is damaged.
     """
     before = LearntFolder(folder)
     old, settings = before.record, before.record.settings
+    check_files(folder, old)
     for model in models.values():
         if model.name in old.objects:
             raise InputError(f"{folder} knows an object {model.name!r} already: remove it first")
@@ -130,10 +128,10 @@ def add(folder: Path, models: Mapping[int, ObjectModel], backgrounds: Background
     start = StartingWeights(weights, labels, _ADDED_EPOCHS)
     objects = {**old.objects, **{model.name: i for i, model in models.items()}}
     request = _request(known, settings, backgrounds)
-    with _folder_in_the_making(folder, request, replaces=True) as partial:
+    with folder_in_the_making(folder, request, replaces=True) as partial:
         set_compute_threads(settings.machine.threads)
         views_of = _views(known, partial, settings)
-        with _once(partial / CLASSIFIER) as missing:
+        with once(partial / CLASSIFIER) as missing:
             if missing:
                 train_classifier(
                     known, views_of, backgrounds, settings, partial / CLASSIFIER, start
@@ -145,7 +143,7 @@ def add(folder: Path, models: Mapping[int, ObjectModel], backgrounds: Background
         _write_objects(models, views_of, partial, settings)
         record = LearntRecord(objects, tuple(ids), settings)
         _calibrate_scores(models, backgrounds, partial, record)
-        write_record(partial, record)
+        finish(partial, record)
 
 
 def remove(folder: Path, name: str) -> None:
@@ -160,7 +158,9 @@ def remove(folder: Path, name: str) -> None:
     left = {each: i for each, i in record.objects.items() if each != name}
     if not left:
         raise InputError(f"{name!r} is the last object in {folder}: delete the folder instead")
-    write_record(folder, LearntRecord(left, record.classes, record.settings))
+    gone = f"{OBJECTS}/{name}/"
+    files = {path: each for path, each in record.files.items() if not path.startswith(gone)}
+    write_record(folder, replace(record, objects=left, files=files))
     shutil.rmtree(folder / OBJECTS / name)
 
 
@@ -173,7 +173,7 @@ def _write_objects(
     machine = settings.machine
     encoder = settings.encoder.load(partial / ENCODER, machine.threads, machine.device)
     for object_id, model in models.items():
-        with _once(partial / OBJECTS / model.name) as missing:
+        with once(partial / OBJECTS / model.name) as missing:
             if missing:
                 folder = partial / OBJECTS / model.name
                 write_model(folder, model)
@@ -192,7 +192,7 @@ def _calibrate_scores(
     frames = backgrounds.load_background_frames()
     estimator = PoseEstimator(LearntFolder(partial, record=record), settings, tuple(models))
     for object_id, model in models.items():
-        with _once(partial / OBJECTS / model.name / _SCORE) as missing:
+        with once(partial / OBJECTS / model.name, SCORED) as missing:
             if missing:
                 score = calibrate_score(
                     estimator, object_id, frames, settings.score.scenes, settings.seed
@@ -206,8 +206,8 @@ def _views(
     """Views by object id: rendered once, then read from disk, so that few are held at a time."""
 
     def views_of(object_id: int) -> Views:
-        folder = partial / _VIEWS / str(object_id)
-        with _once(folder) as missing:
+        folder = partial / VIEWS / str(object_id)
+        with once(folder) as missing:
             if missing:
                 views = render_views(
                     models[object_id],
@@ -219,69 +219,6 @@ def _views(
         return load_views(folder, object_id)
 
     return views_of
-
-
-@contextmanager
-def _folder_in_the_making(
-    folder: Path, request: Mapping[str, str], replaces: bool = False
-) -> Iterator[Path]:
-    """A folder beside `folder` that replaces it when the block ends without an error.
-
-    A folder left by an interrupted call is continued if it is for the same `request`.
-    """
-    folder = folder.resolve()  # "." has no name, and a link is to stay one
-    if folder.exists() and not replaces:
-        what = "holds learnt objects" if (folder / RECORD).is_file() else "is there"
-        raise InputError(f"{folder} {what} already: load it, or name another folder")
-    partial = folder.with_name(folder.name + ".partial")
-    if partial.exists() and any(partial.iterdir()) and not (partial / _REQUEST).exists():
-        raise InputError(f"{partial} is in the way: rename it, or name another folder")
-    with _locked(folder.with_name(f".{folder.name}.lock")):
-        if partial.exists() and _read_request(partial) != request:
-            shutil.rmtree(partial)
-        partial.mkdir(parents=True, exist_ok=True)
-        write_json(partial / _REQUEST, request)
-        yield partial
-        _publish(partial, folder, replaces)
-    logging.getLogger(__name__).info("learnt %s", folder)
-
-
-@contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    """Keep other processes from learning into the same folder; the system frees a dead one's lock.
-
-    Raises InputError while another process holds it. Without effect on Windows.
-    """
-    if sys.platform == "win32":
-        yield
-        return
-    import fcntl
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w") as stream:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            folder = path.name.removeprefix(".").removesuffix(".lock")
-            raise InputError(f"another process is learning into {folder}: wait for it") from error
-        yield
-        path.unlink(missing_ok=True)
-
-
-def _publish(partial: Path, folder: Path, replaces: bool) -> None:
-    """Put a finished folder in its place, without what only an interrupted call would need."""
-    shutil.rmtree(partial / _VIEWS)
-    (partial / _REQUEST).unlink()
-    for done in partial.rglob(_DONE):
-        done.unlink()
-    if replaces:
-        # A name that nothing has: not what an interrupted call left, nor a copy of the user's.
-        old = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-        folder.rename(old / folder.name)
-        partial.rename(folder)
-        shutil.rmtree(old)
-    else:
-        partial.rename(folder)
 
 
 def _request(
@@ -296,21 +233,3 @@ def _request(
             digest.update(f"{array.dtype.str}{array.shape}".encode())
             digest.update(np.ascontiguousarray(array).tobytes())
     return {"made_from": digest.hexdigest(), "source": source_digest(__name__)}
-
-
-def _read_request(partial: Path) -> object:
-    try:
-        return read_json(partial / _REQUEST)
-    except (OSError, DataError):
-        return None
-
-
-@contextmanager
-def _once(folder: Path) -> Iterator[bool]:
-    """Whether a folder's content must still be made. The end of the block marks it as made."""
-    if (folder / _DONE).exists():
-        yield False
-        return
-    folder.mkdir(parents=True, exist_ok=True)
-    yield True
-    (folder / _DONE).touch()

@@ -1,16 +1,19 @@
 """A folder of learnt objects: everything that detection needs, to be copied to any machine.
 
-<folder>/learnt.json            format, objects, the classifier's classes, settings
+<folder>/learnt.json            format, objects, the classifier's classes, settings, checksums of
+                                all files
 <folder>/classifier/, encoder/  the networks
 <folder>/objects/NAME/          object.json, model.npz (meshes, symmetries, siblings),
                                 texture.png if the mesh has one, codebook.npz
 
-Nothing in it is pickled: reading it runs no code of whoever wrote it. Other checks are not made, so
-load folders from people you trust.
+Nothing in it is pickled, so reading it runs no code of whoever wrote it, and no file outside of it
+is read. Checksums find damage, not intent: the libraries that read networks and search indices are
+not made for hostile files, so load folders from people you trust.
 """
 
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -18,8 +21,9 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
+from hlp.checksums import find_damaged, is_sealed, seal_is_whole, sealed
 from hlp.codebook.entries import load_codebook
-from hlp.errors import ConfigError, DataError, MissingFileError
+from hlp.errors import ConfigError, DamagedError, DataError, MissingFileError
 from hlp.files import read_json, read_npz, write_json
 from hlp.method.networks import load_classifier
 from hlp.method.settings import Device, MethodSettings, settings_from_json, settings_to_json
@@ -28,10 +32,13 @@ from hlp.models.network import Network
 from hlp.records import Codebook, Mesh, ObjectModel, Texture
 from hlp.refinement.score_model import ScoreModel, load_score_model
 
-FORMAT = 2
+FORMAT = 3
 RECORD = "learnt.json"
 CLASSIFIER, ENCODER, OBJECTS = "classifier", "encoder", "objects"
 _OBJECT, _MODEL, _TEXTURE = "object.json", "model.npz", "texture.png"
+NAME = re.compile(r"[\w][\w .+-]*")
+"""What an object may be called: the name is that of its folder."""
+_AGAIN = "learn the objects again, or copy the folder anew"
 _MESH_FIELDS = ("vertices", "faces", "colors", "normals")
 
 
@@ -42,11 +49,13 @@ class LearntRecord:
     `classes` are the ids of the objects that the classifier was trained on: class i + 1 is
     `classes[i]`, class 0 background. A removed object keeps its class, so that things that look
     like it are not taken for another object. `objects` maps the names of the present ones to ids.
+    `files` are the checksums of all files by path; a folder that is being made has none yet.
     """
 
     objects: Mapping[str, int]
     classes: tuple[int, ...]
     settings: MethodSettings
+    files: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def next_id(self) -> int:
@@ -61,8 +70,9 @@ def write_record(folder: Path, record: LearntRecord) -> None:
         "objects": dict(record.objects),
         "classes": list(record.classes),
         "settings": settings_to_json(record.settings),
+        "files": dict(record.files),
     }
-    write_json(folder / RECORD, content)
+    write_json(folder / RECORD, sealed(content))
 
 
 def read_record(folder: Path) -> LearntRecord:
@@ -70,21 +80,48 @@ def read_record(folder: Path) -> LearntRecord:
     path = folder / RECORD
     if not path.is_file():
         raise MissingFileError(f"{folder} holds no learnt objects: it has no {RECORD}")
-    content = read_json(path)
+    try:
+        content = read_json(path)
+    except DataError as error:
+        raise DamagedError(f"{error}: {_AGAIN}") from error
+    if isinstance(content, dict) and is_sealed(content) and not seal_is_whole(content):
+        raise DamagedError(f"{path} is damaged: {_AGAIN}")
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         given = content.get("format") if isinstance(content, dict) else content
         raise DataError(
             f"{path}: format is {given!r}, this version of HLP reads {FORMAT}: learn the objects "
             "again, or install the version that wrote it"
         )
+    if not is_sealed(content):
+        raise DamagedError(f"{path} is damaged: {_AGAIN}")
     try:
-        objects = {str(name): int(object_id) for name, object_id in content["objects"].items()}
+        objects = {_checked_name(name, path): int(i) for name, i in content["objects"].items()}
         classes = tuple(int(object_id) for object_id in content["classes"])
-        return LearntRecord(objects, classes, settings_from_json(content["settings"]))
+        files = {str(name): str(checksum) for name, checksum in content["files"].items()}
+        return LearntRecord(objects, classes, settings_from_json(content["settings"]), files)
     except ConfigError as error:  # a plug-in that is not installed here, or a newer setting
         raise DataError(f"{path}: settings: {error}") from error
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise DataError(f"{path} is damaged ({error!r}): learn the objects again") from error
+        raise DamagedError(f"{path} is damaged ({error!r}): {_AGAIN}") from error
+
+
+def _checked_name(name: str, path: Path) -> str:
+    if not NAME.fullmatch(name):
+        raise DataError(f"{path}: {name!r} cannot name an object")
+    return name
+
+
+def check_files(folder: Path, record: LearntRecord, part: str = "") -> None:
+    """Compare the files below a part of the folder with their checksums.
+
+    Raises MissingFileError and DamagedError naming the file.
+    """
+    below = f"{part}/" if part else ""
+    checksums = {name: each for name, each in record.files.items() if name.startswith(below)}
+    for name in find_damaged(folder, checksums):
+        if not (folder / name).is_file():
+            raise MissingFileError(f"{folder / name} is missing: {_AGAIN}")
+        raise DamagedError(f"{folder / name} is damaged: {_AGAIN}")
 
 
 def write_model(folder: Path, model: ObjectModel) -> None:
@@ -158,8 +195,9 @@ def _read_texture(folder: Path, uv: Float[np.ndarray, "v 2"]) -> Texture:
 class LearntFolder:
     """Learnt objects on disk as `LearntObjects` for detection; files are read when first needed.
 
-    `settings` are those of learning, except for `threads` and `device` if given. `record` is
-    that of a folder which is not complete yet.
+    Before that they are compared with their checksums, once: the loaders raise MissingFileError or
+    DamagedError naming a file. `settings` are those of learning, except for `threads` and `device`
+    if given. `record` is that of a folder which is not complete yet.
     """
 
     def __init__(
@@ -179,6 +217,7 @@ class LearntFolder:
         )
         self.settings = replace(learnt, machine=machine)
         self._names = {object_id: name for name, object_id in self.record.objects.items()}
+        self._checked: set[str] = set()
 
     @cached_property
     def models(self) -> dict[int, ObjectModel]:
@@ -192,16 +231,22 @@ class LearntFolder:
 
     def object_folder(self, object_id: int) -> Path:
         """The folder of an object."""
-        return self.folder / OBJECTS / self._names[object_id]
+        return self._part(f"{OBJECTS}/{self._names[object_id]}")
+
+    def _part(self, name: str) -> Path:
+        if name not in self._checked:
+            check_files(self.folder, self.record, name)
+            self._checked.add(name)
+        return self.folder / name
 
     def load_classifier(self) -> Network:
         """The classifier of holistic patches."""
-        return load_classifier(self.folder / CLASSIFIER, self.settings.machine)
+        return load_classifier(self._part(CLASSIFIER), self.settings.machine)
 
     def load_encoder(self) -> Encoder:
         """The encoder of local patches."""
         machine = self.settings.machine
-        return self.settings.encoder.load(self.folder / ENCODER, machine.threads, machine.device)
+        return self.settings.encoder.load(self._part(ENCODER), machine.threads, machine.device)
 
     def load_codebook(self, object_id: int) -> Codebook:
         """The codebook of one object."""

@@ -2,7 +2,9 @@
 
 import csv
 import logging
+import signal
 import sys
+import threading
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,10 +13,12 @@ from typing import Any
 
 import pytorch_lightning as pl
 import torch
-from pytorch_lightning.callbacks import Callback, ModelCheckpoint, TQDMProgressBar
+from pytorch_lightning.callbacks import Callback, TQDMProgressBar
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
+from hlp.files import write_csv
+from hlp.method.checkpoints import CheckpointFiles, EpochCheckpoints, last_checkpoint
 from hlp.method.settings import TrainerSettings
 
 HISTORY = "history.csv"
@@ -34,12 +38,13 @@ def fit(
     """Train for `epochs`, continuing from the last checkpoint in `folder` if there is one.
 
     An interrupted and continued training ends with the same weights as an uninterrupted one.
-    Writes the network's weights (`weights.safetensors`) and the metrics of each epoch
-    (`history.csv`).
+    Damaged checkpoints are left out: it continues from the epoch before, or starts over. Writes the
+    network's weights (`weights.safetensors`) and the metrics of each epoch (`history.csv`).
     """
-    last = folder / _CHECKPOINTS / "last.ckpt"
+    checkpoints = EpochCheckpoints(folder / _CHECKPOINTS)
+    last = last_checkpoint(checkpoints.folder)
     callbacks: list[Callback] = [
-        ModelCheckpoint(last.parent, filename=last.stem, enable_version_counter=False),
+        checkpoints,
         _History(folder / HISTORY),
         _RandomState(),
         _Threads(trainer.torch_threads),
@@ -47,10 +52,11 @@ def fit(
     network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     with _quiet():
         engine = _make_trainer(trainer, epochs, callbacks, folder)
-        engine.fit(module, data, ckpt_path=str(last) if last.exists() else None, weights_only=False)
+        with _stops(engine):
+            engine.fit(module, data, ckpt_path=last, weights_only=True)
     weights = {name: value.contiguous() for name, value in network.state_dict().items()}
     save_file(weights, folder / WEIGHTS)
-    _remove(last.parent)
+    checkpoints.remove()
 
 
 def _make_trainer(
@@ -67,6 +73,7 @@ def _make_trainer(
         max_epochs=epochs,
         use_distributed_sampler=False,  # our loaders divide the batches themselves
         callbacks=callbacks,
+        plugins=[CheckpointFiles()],
         logger=False,
         enable_progress_bar=terminal,
         enable_model_summary=False,
@@ -89,6 +96,24 @@ def _quiet() -> Iterator[None]:
         # Between Lightning and torch.
         warnings.filterwarnings("ignore", message=".*LeafSpec.*")
         yield
+
+
+@contextmanager
+def _stops(engine: pl.Trainer) -> Iterator[None]:
+    """Pass on Ctrl-C and SIGTERM, which Lightning turns into exits with 1 and 0.
+
+    After Ctrl-C Lightning leaves SIGINT ignored.
+    """
+    try:
+        yield
+    except SystemExit as ended:
+        if isinstance(ended.__context__, KeyboardInterrupt):
+            if threading.current_thread() is threading.main_thread():
+                signal.signal(signal.SIGINT, signal.default_int_handler)
+            raise ended.__context__ from None
+        if engine.received_sigterm:
+            raise SystemExit(128 + signal.SIGTERM) from None
+        raise
 
 
 def calibration_images(data: pl.LightningDataModule, images_of: Callable[[Any], Tensor]) -> Tensor:
@@ -129,12 +154,15 @@ class _History(Callback):
     def on_train_epoch_end(self, trainer: pl.Trainer, _: pl.LightningModule) -> None:
         metrics = {name: float(value) for name, value in sorted(trainer.callback_metrics.items())}
         self.rows.append({"epoch": trainer.current_epoch, **metrics})
-        if not trainer.is_global_zero:
-            return
-        with self.path.open("w", newline="") as stream:
-            writer = csv.DictWriter(stream, fieldnames=list(self.rows[0]))
-            writer.writeheader()
-            writer.writerows(self.rows)
+        self._write(trainer)
+
+    def on_fit_end(self, trainer: pl.Trainer, _: pl.LightningModule) -> None:
+        self._write(trainer)  # also if a resumed training had no epoch left
+
+    def _write(self, trainer: pl.Trainer) -> None:
+        if self.rows and trainer.is_global_zero:
+            columns = list(self.rows[0])
+            write_csv(self.path, columns, [[row[name] for name in columns] for row in self.rows])
 
     def state_dict(self) -> dict[str, Any]:
         return {"rows": self.rows}
@@ -165,9 +193,3 @@ class _Threads(Callback):
 
     def setup(self, trainer: pl.Trainer, pl_module: pl.LightningModule, stage: str) -> None:
         torch.set_num_threads(self.threads)
-
-
-def _remove(checkpoints: Path) -> None:
-    for path in checkpoints.glob("*.ckpt"):
-        path.unlink()
-    checkpoints.rmdir()

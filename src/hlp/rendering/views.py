@@ -158,7 +158,7 @@ def _load(file: Path) -> np.ndarray:
     if not file.is_file():
         raise MissingFileError(f"{file} is missing; render the object's views first")
     try:
-        return np.asarray(np.load(file, mmap_mode="r"))
+        return np.asarray(np.load(file, mmap_mode="r", allow_pickle=False))
     except (ValueError, EOFError) as error:
         message = f"{file} is damaged ({error}); delete its folder to render again"
         raise DataError(message) from error

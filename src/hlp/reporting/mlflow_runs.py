@@ -7,8 +7,9 @@ from pathlib import Path
 
 from hlp.errors import InputError, MissingFileError
 from hlp.files import SCORES
+from hlp.reporting.mlflow_client import database_path, import_client, is_local
 from hlp.reporting.tables.table import Table
-from hlp.reporting.tracking import SQLITE, TrackingSettings, database_path, import_client
+from hlp.reporting.tracking import TrackingSettings
 
 _PER_PAGE = 500
 
@@ -30,8 +31,10 @@ def read_runs(settings: TrackingSettings) -> list[LoggedRun]:
 
     Raises MissingFileError where a local database is absent, InputError for an unknown experiment.
     """
-    if settings.uri.startswith(SQLITE) and not database_path(settings).is_file():
-        raise MissingFileError(f"no MLflow database {database_path(settings)}: `hlp run` makes one")
+    if is_local(settings.uri) and not database_path(settings.uri).is_file():
+        raise MissingFileError(
+            f"no MLflow database {database_path(settings.uri)}: `hlp run` makes one"
+        )
     client = import_client()(settings.uri)
     experiment = client.get_experiment_by_name(settings.experiment)
     if experiment is None:
@@ -84,7 +87,7 @@ def scores_file(run: str, uri: str) -> Path:
         if not path.is_file():
             raise MissingFileError(f"no {SCORES} in {run}: it holds no finished run")
         return path
-    if uri.startswith(SQLITE) and not Path(uri.removeprefix(SQLITE)).is_file():
+    if is_local(uri) and not database_path(uri).is_file():
         raise MissingFileError(f"no folder {run}, and no MLflow database {uri} to look for it in")
     client = import_client()(uri)
     from mlflow.exceptions import MlflowException

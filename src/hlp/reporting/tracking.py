@@ -2,7 +2,6 @@
 
 import json
 import logging
-import os
 import re
 import shlex
 import sys
@@ -15,9 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from filelock import FileLock
-
-from hlp.errors import MissingFileError
+from hlp.errors import DataError, MissingFileError, is_expected
+from hlp.reporting.local_database import SQLITE
+from hlp.reporting.mlflow_client import connect, database_path, is_local
+from hlp.reporting.run_owner import owner_tags
 from hlp.settings import Doc, Settings
 
 if TYPE_CHECKING:
@@ -28,7 +28,6 @@ PARAMETERS_AT_ONCE = 100  # likewise
 LONGEST_DIGEST = 36  # likewise
 PARENT = "mlflow.parentRunId"  # tag of the runs of a sweep
 REVISION = "mlflow.source.git.commit"
-SQLITE = "sqlite:///"
 
 
 @dataclass(frozen=True)
@@ -147,58 +146,96 @@ def track_run(
     """Open an MLflow run; it ends FINISHED, KILLED if interrupted, or FAILED with a traceback.
 
     `params` is the run's configuration; `tags` may hold the `REVISION` of the code. Name and parent
-    are those of `as_child_run` inside of it. `resume` continues the run of that id, or opens a new
-    one if MLflow no longer has it. A local database is created on first use, with the folder for
-    artifacts beside it.
+    are those of `as_child_run` inside of it; a child that did not end well before is continued.
+    `resume` continues the run of that id, or opens a new one if MLflow no longer has it. A local
+    database is created on first use, with the folder for artifacts beside it. Runs that a dead
+    process has left open are closed as KILLED.
+
+    Raises ConfigError if MLflow cannot be reached at `settings.uri`, DataError if it fails later.
     """
-    client, experiment_id = _connect(settings)
-    all_tags = {"mlflow.source.name": "hlp run", **(tags or {})}
+    from mlflow.exceptions import MlflowException
+
+    client, experiment_id = connect(settings.uri, settings.experiment)
+    all_tags = {"mlflow.source.name": "hlp run", **owner_tags(), **(tags or {})}
     child = _CHILD.get()
     if child is not None:
         run_name, all_tags[PARENT] = child.name, child.parent
-    run_id = resume
-    resumed = run_id is not None and _reopen(client, run_id)
-    if run_id is None or not resumed:
-        run_id = client.create_run(experiment_id, run_name=run_name, tags=all_tags).info.run_id
+        resume = _unfinished_child(client, experiment_id, child)
+    logged = None if resume is None else _reopen(client, resume)
+    if resume is None or logged is None:
+        resume = client.create_run(experiment_id, run_name=run_name, tags=all_tags).info.run_id
+    run_id, logged = resume, logged or {}
     tracker = Tracker(client, experiment_id, run_id)
     try:
-        if not resumed:  # MLflow lets no parameter be changed, and a resumed run has its own
-            tracker.log_params({**(child.swept if child else {}), **flatten(params)})
+        wanted = {**(child.swept if child else {}), **flatten(params)}
+        # MLflow lets no parameter be changed.
+        tracker.log_params({n: v for n, v in wanted.items() if metric_name(n) not in logged})
         client.log_dict(run_id, dict(params), "config.yaml")
         yield tracker
+    except MlflowException as error:
+        _close(client, run_id, "FAILED", error)
+        raise DataError(f"MLflow at {settings.uri} failed: {_first_line(error)}") from error
     except Exception as error:
-        client.set_tag(tracker.run_id, "error", f"{type(error).__name__}: {error}"[:500])
-        client.log_text(tracker.run_id, traceback.format_exc(), "traceback.txt")
-        client.set_terminated(tracker.run_id, "FAILED")
+        _close(client, run_id, "FAILED", error)
         raise
-    except BaseException:  # Ctrl-C, or an exit asked for
-        client.set_terminated(tracker.run_id, "KILLED")
+    except BaseException:  # Ctrl-C, or an end asked for
+        _close(client, run_id, "KILLED")
         raise
-    client.set_terminated(tracker.run_id, "FINISHED")
+    client.set_terminated(run_id, "FINISHED")
 
 
-def _reopen(client: "MlflowClient", run_id: str) -> bool:
-    """Set an ended run to running again; False if MLflow does not have it."""
+def _close(
+    client: "MlflowClient", run_id: str, status: str, error: Exception | None = None
+) -> None:
+    """End a run that did not end well. If MLflow fails too, only the log says so."""
+    try:
+        if error is not None:
+            client.set_tag(run_id, "error", f"{type(error).__name__}: {error}"[:500])
+            client.log_text(run_id, traceback.format_exc(), "traceback.txt")
+        client.set_terminated(run_id, status)
+    except Exception as second:
+        if error is None and not is_expected(second):
+            raise
+        logging.getLogger(__name__).warning("MLflow cannot be told: %s", _first_line(second))
+
+
+def _first_line(error: BaseException) -> str:
+    return str(error).partition("\n")[0]
+
+
+def _reopen(client: "MlflowClient", run_id: str) -> Mapping[str, str] | None:
+    """Set an ended run to running again; its parameters, or None if MLflow does not have it."""
     from mlflow.exceptions import MlflowException
 
     try:
         run = client.get_run(run_id)
     except MlflowException as error:
-        if error.error_code != "RESOURCE_DOES_NOT_EXIST":
+        if error.error_code not in ("RESOURCE_DOES_NOT_EXIST", "INVALID_PARAMETER_VALUE"):
             raise
-        return False
+        return None
     if "error" in run.data.tags:
         client.delete_tag(run_id, "error")
+    for name, value in owner_tags().items():
+        client.set_tag(run_id, name, value)
     client.update_run(run_id, status="RUNNING")
-    return True
+    return dict(run.data.params)
+
+
+def _unfinished_child(client: "MlflowClient", experiment_id: str, child: ChildRun) -> str | None:
+    """The id of this run of the sweep, if it was begun before and did not end well."""
+    found = client.search_runs([experiment_id], f"tags.`{PARENT}` = '{child.parent}'")
+    for run in found:
+        if run.info.run_name == child.name and run.info.status in ("FAILED", "KILLED"):
+            return str(run.info.run_id)
+    return None
 
 
 def how_to_browse(settings: TrackingSettings, tracker: Tracker) -> str:
     """The command to start and the page to open to see a run, for a person at a terminal."""
-    if not settings.uri.startswith(SQLITE):
+    if not is_local(settings.uri):
         return f"{settings.uri.rstrip('/')}{tracker.page_path}"
-    address = shlex.quote(f"{SQLITE}{database_path(settings)}")
-    server = f"{shlex.quote(sys.executable)} -m mlflow server --workers 1"
+    address = shlex.quote(f"{SQLITE}{database_path(settings.uri)}")
+    server = f"{shlex.quote(sys.executable)} -m mlflow server --workers 1 --host 127.0.0.1"
     return f"{server} --backend-store-uri {address}\nthen open http://127.0.0.1:5000{tracker.page_path}"
 
 
@@ -216,41 +253,3 @@ def flatten(nested: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
         else:
             flat[f"{prefix}{key}"] = value
     return flat
-
-
-def _connect(settings: TrackingSettings) -> tuple["MlflowClient", str]:
-    """MLflow's client and the id of the experiment, which is created if need be.
-
-    Processes that create the same SQLite database at the same time destroy it (MLflow 3). The
-    database is created when the client is constructed, so that happens under a lock.
-    """
-    import_client()
-    if not settings.uri.startswith(SQLITE):
-        return _open(settings, None)
-    database = database_path(settings)
-    database.parent.mkdir(parents=True, exist_ok=True)
-    with FileLock(database.with_name(database.name + ".lock")):
-        return _open(settings, (database.parent / "mlflow-artifacts").as_uri())
-
-
-def import_client() -> type["MlflowClient"]:
-    """Import MLflow, which takes seconds, with telemetry off and its database messages silenced."""
-    os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")  # read when mlflow is imported
-    from mlflow import MlflowClient
-
-    for name in ("mlflow", "alembic"):
-        logging.getLogger(name).setLevel(logging.WARNING)
-    return MlflowClient
-
-
-def database_path(settings: TrackingSettings) -> Path:
-    """File of a local MLflow database."""
-    return Path(settings.uri.removeprefix(SQLITE)).absolute()
-
-
-def _open(settings: TrackingSettings, artifacts: str | None) -> tuple["MlflowClient", str]:
-    client = import_client()(settings.uri, registry_uri=settings.uri)
-    found = client.get_experiment_by_name(settings.experiment)
-    if found is not None:
-        return client, str(found.experiment_id)
-    return client, str(client.create_experiment(settings.experiment, artifact_location=artifacts))

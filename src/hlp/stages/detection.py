@@ -21,7 +21,7 @@ from hlp.stages.device import device_name
 from hlp.stages.executor_settings import ExecutorSettings
 from hlp.stages.fingerprint import fingerprint, stage_code
 from hlp.stages.frame_detection import STAGES, Seconds, estimates_of, find_in_frame
-from hlp.stages.frame_files import read_arrays, write_arrays
+from hlp.stages.frame_files import has_arrays, read_arrays, write_arrays
 from hlp.stages.frame_results import Arrays
 from hlp.stages.store import Output, StageStore
 from hlp.stages.training import TrainingStages
@@ -180,10 +180,7 @@ class DetectionStages:
 
     def _process(self, folders: Mapping[str, Path], missing: Sequence[str]) -> Iterator[str]:
         """Process the frames of which a stage is missing; yields all keys, each when it is done."""
-        done = {
-            key: all((folders[stage] / f"{key}.npz").exists() for stage in missing)
-            for key in self.keys
-        }
+        done = {key: all(has_arrays(folders[stage], key) for stage in missing) for key in self.keys}
         if any(done.values()):  # of an interrupted run
             self.reused |= {*missing}
         yield from (key for key in self.keys if done[key])

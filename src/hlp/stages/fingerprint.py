@@ -4,6 +4,7 @@ import dataclasses
 import hashlib
 import json
 import math
+import re
 from collections.abc import Mapping
 from enum import Enum
 from pathlib import Path
@@ -16,6 +17,7 @@ from hlp.source_code import Code, code_of
 # It collects the settings of the whole method. Their values are in each fingerprint already, and
 # the code that a stage runs is imported by the stage itself.
 _COLLECTS = ("hlp.method.settings",)
+_FINGERPRINT = re.compile(r"[0-9a-f]{16}")
 
 
 def stage_code(*modules: str) -> Code:
@@ -43,6 +45,11 @@ def fingerprint(
     }
     text = json.dumps(identity, sort_keys=True, separators=(",", ":"))
     return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
+
+
+def is_fingerprint(text: str) -> bool:
+    """Whether a text has the form of a fingerprint, and so is the name of a folder, not a path."""
+    return _FINGERPRINT.fullmatch(text) is not None
 
 
 def plain(value: Any, key: str = "settings") -> Any:

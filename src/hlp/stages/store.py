@@ -2,11 +2,13 @@
 
 <root>/<stage>/<fingerprint>/          finished: never changed again
 <root>/<stage>/<fingerprint>.partial/  begun, not finished
+<root>/<stage>/<fingerprint>.damaged/  finished once, then changed by something else; not used
 <root>/<stage>/<fingerprint>.lock      held by the run that is making it
 """
 
 import logging
 import os
+import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -17,12 +19,15 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
+from hlp.checksums import find_damaged, folder_checksums, seal_is_whole, sealed
 from hlp.errors import DataError
-from hlp.files import read_json, write_json
+from hlp.files import read_json, remove_unfinished, write_json
 from hlp.stages.fingerprint import plain
 from hlp.stages.provenance import library_versions
+from hlp.stages.store_use import StoreUse
 
 RECORD = "stage.json"
+PARTIAL, DAMAGED, LOCK = ".partial", ".damaged", ".lock"
 
 
 @dataclass(frozen=True)
@@ -59,12 +64,16 @@ class Opened:
 class StageStore:
     """Makes each stage output once and returns its folder.
 
-    `events` lists what this run has reused and made, in order, for the manifest.
+    An output carries checksums of its files, in `stage.json`. They are verified when a store first
+    opens the output. A damaged one, or a folder that no store has written, is set aside and made
+    again. `events` lists what this run has reused and made, in order, for the manifest.
     """
 
     def __init__(self, root: Path) -> None:
         self.root = root.absolute()
         self.events: list[StageEvent] = []
+        self._verified: dict[Path, Mapping[str, Any]] = {}  # records of outputs
+        self._use = StoreUse(self.root)
 
     def get_or_make(
         self,
@@ -97,41 +106,74 @@ class StageStore:
 
         `description` (settings, upstream) is stored with the output, in `stage.json`; `of` names
         the object in log and events. Raises what the block raises, with a note that names the
-        folder, and DataError if a folder of that name was not written by a store.
+        folder.
         """
         folder = self.root / stage / fingerprint
         if self._reuse(folder, of):
             yield Opened(folder, True)
             return
         folder.parent.mkdir(parents=True, exist_ok=True)
+        self._use.begin()
         with self._only_one(folder):
             if self._reuse(folder, of):
                 yield Opened(folder, True)
             else:
+                self._set_aside(folder)
                 with self._making(folder, description, of) as partial:
                     yield Opened(partial, False)
 
     def holds(self, stage: str, fingerprint: str) -> bool:
-        """Whether an output is finished."""
-        return (self.root / stage / fingerprint / RECORD).is_file()
+        """Whether an output is finished and undamaged."""
+        return self._is_sound(self.root / stage / fingerprint)
 
     def take(self, stage: str, fingerprint: str, of: str, *, reused: bool) -> Path:
-        """The folder of a finished output: `reused`, or else made by a worker of this run."""
+        """The folder of a finished output: `reused`, or else made by a worker of this run.
+
+        Raises DataError if it is missing or damaged.
+        """
         folder = self.root / stage / fingerprint
-        self._note(folder, of, reused=reused, seconds=_seconds(folder))
+        record = self.read_record(stage, fingerprint)
+        self._note(folder, of, reused=reused, seconds=float(record["seconds"]))
         return folder
 
-    def _reuse(self, folder: Path, of: str) -> bool:
-        if not folder.exists():
+    def read_record(self, stage: str, fingerprint: str) -> Mapping[str, Any]:
+        """`stage.json` of a finished output. Raises DataError if it is missing or damaged."""
+        folder = self.root / stage / fingerprint
+        self._use.begin()
+        if folder not in self._verified:
+            self._verified[folder] = _verify(folder)
+        return self._verified[folder]
+
+    def _is_sound(self, folder: Path) -> bool:
+        try:
+            self.read_record(folder.parent.name, folder.name)
+        except (DataError, FileNotFoundError):  # another run may set it aside meanwhile
             return False
-        if not (folder / RECORD).is_file():
-            raise DataError(f"{folder} is no finished output: it has no {RECORD}. Remove it.")
-        self._note(folder, of, reused=True, seconds=_seconds(folder))
         return True
+
+    def _reuse(self, folder: Path, of: str) -> bool:
+        if not self._is_sound(folder):
+            return False
+        self._note(folder, of, reused=True, seconds=float(self._verified[folder]["seconds"]))
+        return True
+
+    def _set_aside(self, folder: Path) -> None:
+        """Rename a folder that is no sound output, and say why."""
+        if not os.path.lexists(folder):
+            return
+        aside = folder.with_name(folder.name + DAMAGED)
+        logging.getLogger(__name__).warning(
+            "%s: kept as %s, made again", _problem(folder), aside.name
+        )
+        if aside.is_dir() and not aside.is_symlink():
+            shutil.rmtree(aside)  # an earlier one
+        else:
+            aside.unlink(missing_ok=True)
+        folder.rename(aside)
 
     @contextmanager
     def _making(self, folder: Path, description: Mapping[str, Any], of: str) -> Iterator[Path]:
-        partial = folder.with_name(folder.name + ".partial")
+        partial = folder.with_name(folder.name + PARTIAL)
         record = {
             "stage": folder.parent.name,
             "fingerprint": folder.name,
@@ -145,12 +187,15 @@ class StageStore:
             seconds = time.perf_counter() - begun
             made_at = datetime.now(UTC).isoformat(timespec="seconds")
             record |= {"seconds": round(seconds, 3), "made_at": made_at}
-            write_json(partial / RECORD, record)
+            remove_unfinished(partial)
+            record["files"] = folder_checksums(partial, leaving_out=(RECORD,))
+            write_json(partial / RECORD, sealed(record))
             _flush(partial)
             partial.rename(folder)
         except BaseException as error:
             error.add_note(f"while making {folder.parent.name} in {partial}")
             raise
+        self._verified[folder] = record
         self._note(folder, of, reused=False, seconds=seconds)
 
     def _note(self, folder: Path, of: str, *, reused: bool, seconds: float) -> None:
@@ -167,7 +212,7 @@ class StageStore:
 
     @contextmanager
     def _only_one(self, folder: Path) -> Iterator[None]:
-        lock = FileLock(folder.with_name(folder.name + ".lock"))
+        lock = FileLock(folder.with_name(folder.name + LOCK))
         try:
             lock.acquire(timeout=0)
         except Timeout:
@@ -181,9 +226,35 @@ class StageStore:
             lock.release()
 
 
-def _seconds(folder: Path) -> float:
-    """How long it took to make a finished output."""
-    return float(read_json(folder / RECORD)["seconds"])
+def _verify(folder: Path) -> Mapping[str, Any]:
+    """The record of an output whose files all are as they were when it was finished.
+
+    Raises DataError that says what is wrong.
+    """
+    if not folder.is_dir():
+        raise DataError(f"{folder} is no folder")
+    if not (folder / RECORD).is_file():
+        raise DataError(f"{folder} is no finished output: it has no {RECORD}")
+    record = read_json(folder / RECORD)
+    if not seal_is_whole(record):
+        raise DataError(f"{folder / RECORD} is damaged, or from an earlier version of HLP")
+    if (record.get("stage"), record.get("fingerprint")) != (folder.parent.name, folder.name):
+        raise DataError(f"{folder} is an output of another name")
+    files, seconds = record.get("files"), record.get("seconds")
+    if not isinstance(files, dict) or not isinstance(seconds, int | float):
+        raise DataError(f"{folder / RECORD} lacks the checksums of the files, or the seconds")
+    for name in find_damaged(folder, files):
+        raise DataError(f"{folder / name} is missing or damaged")
+    return dict(record)
+
+
+def _problem(folder: Path) -> str:
+    """What is wrong with a folder that is no sound output."""
+    try:
+        _verify(folder)
+    except (DataError, FileNotFoundError) as error:
+        return str(error)
+    return f"{folder} was changed while it was read"
 
 
 def _flush(folder: Path) -> None:

@@ -7,13 +7,12 @@ from typing import Annotated, Any
 
 from annotated_types import Ge
 
-from hlp.errors import ConfigError, MissingFileError
-from hlp.files import read_json
+from hlp.errors import ConfigError, DataError, MissingFileError
 from hlp.method.settings import MethodSettings
 from hlp.settings import Doc, Settings
-from hlp.stages.fingerprint import plain
+from hlp.stages.fingerprint import is_fingerprint, plain
 from hlp.stages.manifest import read_manifest
-from hlp.stages.store import RECORD, Output, StageStore
+from hlp.stages.store import Output, StageStore
 
 
 @dataclass(frozen=True)
@@ -46,11 +45,11 @@ def read_warm_start(
 
     `views` are the fingerprints of this run's views by object id; objects are the same if their
     views are (class i is the i-th object by id, 0 background). Raises MissingFileError if the
-    manifest or what it names is missing, ConfigError if it cannot be the start: it has other
-    settings, or an object that this run does not have.
+    manifest or what it names is missing, DataError if that is damaged, ConfigError if it cannot be
+    the start: it has other settings, or an object that this run does not have.
     """
     patches = settings.patches
-    made = {each["stage"]: each["fingerprint"] for each in read_manifest(manifest)["stages"]}
+    made = _made(manifest)
     shared = {"trainer": settings.trainer}
     wanted: dict[str, dict[str, Any]] = {
         "classifier": {"holistic": patches.holistic, "classifier": settings.classifier, **shared},
@@ -58,16 +57,34 @@ def read_warm_start(
     }
     found = {}
     for stage, own in wanted.items():
-        folder = store.root / stage / str(made.get(stage))
-        if not (folder / RECORD).is_file():
+        name = made.get(stage, "")
+        folder = store.root / stage / name
+        if not name or not folder.is_dir():
             raise MissingFileError(
                 f"warm_start.manifest: {store.root} has no {stage} of {manifest}"
             )
-        record = read_json(folder / RECORD)
+        try:
+            record = store.read_record(stage, name)
+        except DataError as error:
+            error.add_note(f"repeat the run of {manifest}, which makes it again")
+            raise
         _check_same(f"{stage} of {manifest}", record["settings"], own)
-        found[stage] = Output(folder.name, folder), record["upstream"]
+        found[stage] = Output(name, folder), record["upstream"]
     (classifier, upstream), (encoder, _) = found["classifier"], found["encoder"]
     return WarmStart(classifier, encoder, _labels(manifest, upstream, views))
+
+
+def _made(manifest: Path) -> dict[str, str]:
+    """Fingerprint of the output of each stage that a manifest names."""
+    stages = read_manifest(manifest).get("stages")
+    try:
+        made = {str(each["stage"]): str(each["fingerprint"]) for each in stages or ()}
+    except (TypeError, KeyError) as error:
+        raise DataError(f"{manifest} is damaged: stages are {stages!r}") from error
+    for stage, name in made.items():
+        if not is_fingerprint(name):
+            raise DataError(f"{manifest}: {name!r} is no fingerprint of a stage '{stage}'")
+    return made
 
 
 def _check_same(of: str, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:

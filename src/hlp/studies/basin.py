@@ -25,7 +25,7 @@ from hlp.reporting.figures.basin_maps import (
 )
 from hlp.settings import Doc, Settings, SettingsError
 from hlp.stages.fingerprint import fingerprint
-from hlp.stages.frame_files import read_arrays, write_arrays
+from hlp.stages.frame_files import has_arrays, read_arrays, write_arrays
 from hlp.stages.store import StageStore
 from hlp.studies.perturbations import perturbed_poses
 from hlp.studies.study_run import chosen_frames, study_code, study_run
@@ -119,7 +119,7 @@ def _stage(
     def make(folder: Path) -> None:
         refiner = task.refiners[name].build(run.settings.machine.threads)
         for key in tqdm(keys, desc=f"basin of {name}", unit="frame", disable=None):
-            if not (folder / f"{key}.npz").exists():
+            if not has_arrays(folder, key):
                 write_arrays(folder, key, _refined(run, task, refiner, dataset.frames.load(key)))
 
     code = study_code(__name__, task.refiners[name], dataset.frames)

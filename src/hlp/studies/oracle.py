@@ -34,7 +34,7 @@ from hlp.runs.run_stages import stages_of
 from hlp.settings import Doc, Settings
 from hlp.stages.detection import DetectionStages
 from hlp.stages.fingerprint import fingerprint
-from hlp.stages.frame_files import read_arrays, write_arrays
+from hlp.stages.frame_files import has_arrays, read_arrays, write_arrays
 from hlp.stages.frame_results import read_regions
 from hlp.stages.store import StageStore
 from hlp.studies.perturbations import perturbed_poses
@@ -127,7 +127,7 @@ def _stage(
 
     def make(folder: Path) -> None:
         for key in tqdm(keys, desc="oracle", unit="frame", disable=None):
-            if not (folder / f"{key}.npz").exists():
+            if not has_arrays(folder, key):
                 frame = detection.dataset.frames.load(key)
                 write_arrays(folder, key, _find(detection, frame, task))
 

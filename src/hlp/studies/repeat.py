@@ -12,6 +12,7 @@ from hlp.errors import ConfigError, DataError
 from hlp.files import POSES
 from hlp.runs.manifest import made_from, poses_digest
 from hlp.stages.manifest import read_manifest
+from hlp.studies.foreign_config import check_harmless
 
 if TYPE_CHECKING:
     from hlp.config.build import Run
@@ -21,10 +22,12 @@ def config_of(manifest: Path, overrides: Sequence[str], configuration: Path) -> 
     """A `config.yaml` for Hydra with all of a manifest's values.
 
     `configuration` is the folder of HLP's configuration. Hydra's part and the places where a run is
-    stored (work, output, reporting) come from there. Raises what `read_manifest` raises, and
-    ConfigError for an override that chooses another file of a group: the manifest's is fixed.
+    stored (work, output, reporting) come from there. Raises what `read_manifest` and
+    `check_harmless` raise, and ConfigError for an override that chooses another file of a group:
+    the manifest's is fixed.
     """
     config = read_manifest(manifest)["config"]
+    check_harmless(config, manifest, overrides)
     for override in overrides:
         key = override.partition("=")[0]
         if isinstance(config.get(key), dict):

@@ -2,12 +2,13 @@
 
 A sweep that was interrupted is continued by the same command.
 
-<sweep's folder>/sweep.json   overrides, id of the parent run, status
+<sweep's folder>/sweep.json   overrides, ids of the parent run and of the process, status
 <sweep's folder>/sweep.lock   held while the sweep runs; released by the system if it dies
 <sweep's folder>/0, 1, …      results of its runs; a run with a manifest is finished
 """
 
 import logging
+import os
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -20,7 +21,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
 
-from hlp.errors import HlpError, InputError, MissingFileError
+from hlp.errors import DataError, HlpError, InputError, MissingFileError
 from hlp.files import SWEEP, read_json, write_json
 from hlp.reporting.figures.trade_off import draw_trade_off
 from hlp.reporting.recordings import write_recordings
@@ -29,6 +30,7 @@ from hlp.reporting.tracking import ChildRun, Tracker, TrackingSettings, as_child
 from hlp.runs.manifest import is_finished
 from hlp.runs.mlflow_inputs import revision_tag
 from hlp.settings import read_settings
+from hlp.stages.worker_end import ends_with
 
 LOCK = "sweep.lock"
 FINISHED = "FINISHED"
@@ -69,7 +71,12 @@ def _open_sweep(config: DictConfig) -> None:
             _read(folder).get("run_id"),
         )
     )
-    record = {"overrides": overrides, "swept": swept, "run_id": tracker.run_id}
+    record = {
+        "overrides": overrides,
+        "swept": swept,
+        "run_id": tracker.run_id,
+        "process": os.getpid(),
+    }
     _OPEN.enter_context(_recorded(folder, record))
     _OPEN.enter_context(_drawn(folder, tracker))
 
@@ -92,8 +99,8 @@ def unfinished_sweep(arguments: Sequence[str], folder: Path) -> Path | None:
     found = sorted(folder.glob(f"*/*/{SWEEP}"), key=lambda path: path.stat().st_mtime)
     for path in reversed(found):
         record = _read(path.parent)
-        if record["overrides"] == overrides:
-            ended_well = record["status"] == FINISHED
+        if record.get("overrides") == overrides:
+            ended_well = record.get("status") == FINISHED
             return None if ended_well or _is_running(path.parent) else path.parent
     return None
 
@@ -115,6 +122,8 @@ def run_one(config: DictConfig) -> None:
     output, sweep = Path(config.output), _read(Path(hydra.sweep.dir))
     if not sweep:
         raise MissingFileError(f"no {SWEEP} in {hydra.sweep.dir}: the sweep could not be opened")
+    if os.getppid() == sweep.get("process"):  # a launcher's worker on this machine
+        ends_with(os.getppid())
     swept = _swept_values(config, list(hydra.overrides.task), sweep["swept"])
     name = f"{config.name} {hydra.job.num}: {' '.join(f'{k}={v}' for k, v in swept.items())}"
     with as_child_run(ChildRun(name, sweep["run_id"], swept)):
@@ -160,8 +169,15 @@ def _drawn(folder: Path, tracker: Tracker) -> Iterator[None]:
 
 
 def _read(folder: Path) -> dict[str, Any]:
-    record: dict[str, Any] = read_json(folder / SWEEP) if (folder / SWEEP).is_file() else {}
-    return record
+    """`sweep.json`; empty if there is none, or if it is damaged, as if the sweep were a new one."""
+    if not (folder / SWEEP).is_file():
+        return {}
+    try:
+        record = read_json(folder / SWEEP)
+    except DataError as error:
+        logging.getLogger(__name__).warning("%s: a new sweep begins", error)
+        return {}
+    return record if isinstance(record, dict) else {}
 
 
 def _is_running(folder: Path) -> bool:

@@ -1,0 +1,99 @@
+"""MLflow's local database: created whole, set aside if damaged, usable in another folder.
+
+All of this happens under a lock, which the caller holds.
+"""
+
+import logging
+import os
+import sqlite3
+from pathlib import Path
+
+from hlp.files import write_text
+
+SQLITE = "sqlite:///"
+ARTIFACTS = "mlflow-artifacts"
+_DAMAGED = {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}
+_COMPANIONS = ("", "-journal", "-wal", "-shm")
+
+
+def prepare_database(database: Path) -> None:
+    """Create the database unless it is there.
+
+    It is created under another name and renamed, because MLflow can neither use nor complete one
+    whose creation was cut off. A damaged one is renamed, and one that was moved or copied here gets
+    the new path of its artifacts. Raises OSError if the folder cannot be written.
+    """
+    if database.exists() and database.stat().st_size > 0:
+        problem = _problem(database)
+        if problem is None:
+            _follow_move(database)
+            return
+        aside = database.with_name(database.name + ".damaged")
+        logging.getLogger(__name__).warning(
+            "%s is damaged (%s): kept as %s, a new one begins", database, problem, aside.name
+        )
+        for ending in _COMPANIONS:
+            if Path(f"{database}{ending}").exists():
+                os.replace(f"{database}{ending}", f"{aside}{ending}")
+    _create(database)
+
+
+def artifacts_uri(database: Path) -> str:
+    """Where the artifacts of a database lie: in a folder beside it."""
+    return (database.parent.resolve() / ARTIFACTS).as_uri()
+
+
+def _create(database: Path) -> None:
+    from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
+
+    fresh = database.with_name(f".{database.name}.new")
+    for ending in _COMPANIONS:
+        Path(f"{fresh}{ending}").unlink(missing_ok=True)  # of a creation that was cut off
+    write_text(fresh, "")  # its errors are the system's own, those of MLflow are not
+    store = SqlAlchemyStore(  # type: ignore[no-untyped-call]
+        f"{SQLITE}{fresh}", artifacts_uri(database)
+    )
+    store.engine.dispose()
+    os.replace(fresh, database)
+
+
+def _problem(database: Path) -> str | None:
+    """What SQLite finds damaged in a database."""
+    connection = sqlite3.connect(database)
+    try:
+        (found,) = connection.execute("pragma integrity_check(1)").fetchone()
+    except sqlite3.DatabaseError as error:
+        if error.sqlite_errorcode & 0xFF not in _DAMAGED:  # locked, or the disk is full
+            return None
+        return str(error)
+    finally:
+        connection.close()
+    return None if found == "ok" else str(found).splitlines()[-1]
+
+
+def _follow_move(database: Path) -> None:
+    """Write the present place of the artifacts over that of before a move.
+
+    MLflow stores absolute paths only.
+    """
+    now = artifacts_uri(database)
+    connection = sqlite3.connect(database)
+    try:
+        places = connection.execute("select distinct artifact_location from experiments")
+        for (before,) in places.fetchall():
+            if before is None or before == now or not before.endswith(f"/{ARTIFACTS}"):
+                continue
+            connection.execute(
+                "update experiments set artifact_location = ? where artifact_location = ?",
+                (now, before),
+            )
+            connection.execute(
+                "update runs set artifact_uri = ? || substr(artifact_uri, ?) "
+                "where substr(artifact_uri, 1, ?) = ?",
+                (now, len(before) + 1, len(before) + 1, f"{before}/"),
+            )
+        connection.commit()
+    except sqlite3.OperationalError:  # no such tables, read-only: MLflow says what it needs
+        return
+    finally:
+        connection.close()

@@ -1,0 +1,112 @@
+"""MLflow's database on disk: cut off while it is made, damaged, moved."""
+
+import os
+import shutil
+import sqlite3
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+from mlflow import MlflowClient
+
+from hlp.reporting import local_database
+from hlp.reporting.local_database import prepare_database
+from hlp.reporting.tracking import TrackingSettings, track_run
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a database of one run, which has an artifact."""
+    folder = tmp_path_factory.mktemp("made")
+    run(folder)
+    return folder
+
+
+def settings(folder: Path) -> TrackingSettings:
+    return TrackingSettings("mlflow", f"sqlite:///{folder / 'mlflow.db'}", "hlp")
+
+
+def run(folder: Path) -> str:
+    with track_run(settings(folder), "demo", {"seed": 0}) as tracker:
+        pass
+    return tracker.run_id
+
+
+def test_nothing_but_a_whole_database_has_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    database = tmp_path / "mlflow.db"
+
+    def cut_off(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(local_database.os, "replace", cut_off)
+        with pytest.raises(KeyboardInterrupt):
+            prepare_database(database)
+    assert not database.exists()
+    (tmp_path / ".mlflow.db.new").write_bytes(b"half")
+    (tmp_path / ".mlflow.db.new-journal").write_bytes(b"half")
+    run(tmp_path)
+    names = {path.name for path in tmp_path.iterdir()}
+    assert {name for name in names if not name.endswith(".lock")} == {
+        "mlflow.db",
+        "mlflow-artifacts",
+    }
+
+
+DAMAGE = {
+    "empty": lambda content: b"",
+    "garbage": lambda content: os.urandom(5000),
+    "cut": lambda content: content[: len(content) // 2],
+    "header": lambda content: b"x" + content[1:],
+    "page": lambda content: content[:8192] + os.urandom(4096) + content[12288:],
+}
+
+
+@pytest.mark.parametrize("how", DAMAGE)
+def test_a_damaged_database_is_kept_and_a_new_one_begun(
+    made: Path, tmp_path: Path, how: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    database = tmp_path / "mlflow.db"
+    damaged = DAMAGE[how]((made / "mlflow.db").read_bytes())
+    database.write_bytes(damaged)
+    run_id = run(tmp_path)
+    assert MlflowClient(settings(tmp_path).uri).get_run(run_id).info.status == "FINISHED"
+    if damaged:
+        assert (tmp_path / "mlflow.db.damaged").read_bytes() == damaged
+        (message,) = [each for each in caplog.messages if "is damaged" in each]
+        assert str(database) in message
+
+
+def test_a_sound_database_is_left_alone(made: Path, caplog: pytest.LogCaptureFixture) -> None:
+    before = len(MlflowClient(settings(made).uri).search_runs(["1"]))
+    run(made)
+    assert len(MlflowClient(settings(made).uri).search_runs(["1"])) == before + 1
+    assert caplog.messages == []
+
+
+def test_a_moved_folder_keeps_its_artifacts_and_gets_the_new_ones(
+    made: Path, tmp_path: Path
+) -> None:
+    moved = Path(shutil.copytree(made, tmp_path / "moved ö"))
+    before = {path.name for path in (made / "mlflow-artifacts").iterdir()}
+    run_id = run(moved)
+    client = MlflowClient(settings(moved).uri)
+    for each in client.search_runs(["1"]):
+        folder = Path(unquote(each.info.artifact_uri.removeprefix("file://")))
+        assert folder.is_relative_to(moved)
+        assert (folder / "config.yaml").is_file()
+    assert (moved / "mlflow-artifacts" / run_id / "artifacts" / "config.yaml").is_file()
+    assert {path.name for path in (made / "mlflow-artifacts").iterdir()} == before
+
+
+def test_another_programs_database_is_not_touched(tmp_path: Path) -> None:
+    database = tmp_path / "theirs.db"
+    connection = sqlite3.connect(database)
+    connection.execute("create table notes (text)")
+    connection.commit()
+    connection.close()
+    before = database.read_bytes()
+    prepare_database(database)
+    assert database.read_bytes() == before
