@@ -28,7 +28,7 @@ from hlp.models.network import Network
 from hlp.records import Codebook, Mesh, ObjectModel, Texture
 from hlp.refinement.score_model import ScoreModel, load_score_model
 
-FORMAT = 2
+FORMAT = 3
 RECORD = "learnt.json"
 CLASSIFIER, ENCODER, OBJECTS = "classifier", "encoder", "objects"
 _OBJECT, _MODEL, _TEXTURE = "object.json", "model.npz", "texture.png"
