@@ -34,12 +34,12 @@ def test_impossible_and_exchanged_numbers_are_named(frames):
         matrix[[0, 1], [0, 1]] = 3.6
 
     def exchanged(matrix):
-        matrix[1, 1] = 320.0 / matrix[0, 0] * 300.0
+        matrix[1, 1] *= 0.6
 
     (finding,) = check_intrinsics(_with_matrix(frames[0], millimetres))
     assert "no depth camera" in finding.problem
     (finding,) = check_intrinsics(_with_matrix(frames[0], exchanged))
-    assert "very different" in finding.problem or "no depth camera" in finding.problem
+    assert "very different" in finding.problem
 
 
 @pytest.mark.parametrize("factor", [10.0, 0.1])

@@ -33,7 +33,7 @@ def check_intrinsics(frame: Frame) -> list[Finding]:
         )
     across, down = matrix[0, 0], matrix[1, 1]
     low, high = _FOCAL[0] * width, _FOCAL[1] * width
-    if not (low <= across <= high and low <= down * width / height * 0.75 <= high):
+    if not (low <= across <= high and low <= down <= high):
         found.append(
             Finding(
                 "intrinsics",

@@ -14,8 +14,9 @@ _FEWEST = 300  # depth edge pixels of an image; fewer say nothing
 _GAP = 8  # px: sensors miss depth next to edges
 _JUMP = 0.03  # of the depth, and as many centimetres as below
 _LEAST_JUMP = 0.01  # m
-_CLEAR = 1.25  # contrast of the best shift above the mean of all; unregistered images have 1.1
-_BETTER = 1.1  # and above the contrast without a shift
+_CLEAR = 1.5  # contrast of the best shift, times the mean of all
+_NEAR = 4  # px: the best contrast of so small a shift is that of registered images
+_LOST = 0.65  # share of the best contrast above the mean that these have less of when unregistered
 _TOLERATED = 6.0  # px; cameras that claim to be registered are up to 5 off
 
 
@@ -26,9 +27,11 @@ def check_registration(frames: Sequence[Frame]) -> list[Finding]:
         return []
     contrast = np.mean(means, axis=0)
     y, x = np.unravel_index(int(contrast.argmax()), contrast.shape)
-    best, unshifted = contrast[y, x], contrast[_REACH, _REACH]
+    best, mean = contrast[y, x], contrast.mean()
+    near = slice(_REACH - _NEAR, _REACH + _NEAR + 1)
+    registered = contrast[near, near].max()
     shift = np.array([x - _REACH, y - _REACH])
-    clear = best > _CLEAR * contrast.mean() and best > _BETTER * unshifted
+    clear = best > _CLEAR * mean and registered - mean < _LOST * (best - mean)
     if not clear or np.linalg.norm(shift) < _TOLERATED:
         return []
     return [

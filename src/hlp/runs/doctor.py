@@ -70,6 +70,8 @@ def examine_own(frames: OwnFrames, detector: Detector | None) -> list[Finding]:
 
 
 def _best(detector: Detector, frame: Frame) -> float:
+    if camera.check_depth_scale(frame, list(detector.models.values())):
+        return 0.0  # objects of no size that could be found, and slow to look for
     try:
         found = detector.search(
             frame.rgb, frame.depth, frame.camera_matrix, max_instances=1, min_score=0.0
