@@ -1,17 +1,16 @@
 """Whether frames can be read, and what is seen in them alone, without poses or a search."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from hlp.checks.camera import check_depth_scale, check_intrinsics, check_object_size
 from hlp.checks.finding import Finding
 from hlp.checks.registration import check_registration
-from hlp.data.sources import FrameSource
 from hlp.errors import HlpError
 from hlp.records import Frame, ObjectModel
 
 
 def read_frames(
-    source: FrameSource, keys: Sequence[str], kept: int
+    load: Callable[[str], Frame], keys: Sequence[str], kept: int
 ) -> tuple[list[Frame], list[Finding]]:
     """Some of the frames, spread evenly, and what is wrong with any of them.
 
@@ -21,7 +20,7 @@ def read_frames(
     frames, findings = [], []
     for number, key in enumerate(keys):
         try:
-            frame = source.load(key)
+            frame = load(key)
         except HlpError as error:
             findings.append(Finding("files", key, str(error), "Copy or download it again"))
             continue

@@ -62,7 +62,8 @@ def _color_edges(rgb: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w"]:
     """Gradient relative to that of the neighbourhood, so that few strong edges do not decide."""
     grey = cv2.GaussianBlur(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float32), (0, 0), 1.0)
     gradient = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1))
-    return np.minimum(gradient / (cv2.boxFilter(gradient, -1, (31, 31)) + 1.0), 4.0)
+    relative = gradient / (cv2.boxFilter(gradient, -1, (31, 31)) + 1.0)
+    return np.asarray(np.minimum(relative, 4.0))
 
 
 def _depth_edges(depth: Float[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:

@@ -43,8 +43,8 @@ def check_by_search(frames: Sequence[Frame], find_best: FindBest) -> list[Findin
         ]
     if stated >= _FOUND:
         return []
-    tried = [(find_best(changed), *words) for changed, *words in _changes(frame)]
-    score, kind, problem, advice = max(tried, key=lambda each: each[0])
+    tried = [(find_best(changed), words) for changed, words in _changes(frame)]
+    score, (kind, problem, advice) = max(tried, key=lambda each: each[0])
     if score < max(_FOUND, stated + _GAIN):
         return []
     return [
@@ -55,22 +55,27 @@ def check_by_search(frames: Sequence[Frame], find_best: FindBest) -> list[Findin
     ]  # fmt: skip
 
 
-def _changes(frame: Frame) -> Iterator[tuple[Frame, str, str, str]]:
+def _changes(frame: Frame) -> Iterator[tuple[Frame, tuple[str, str, str]]]:
     for factor in _DEPTHS:
         yield (
             replace(frame, depth=(frame.depth * factor).astype(np.float32)),
-            "depth scale",
-            f"depth may be {1 / factor:.3g} times what it should be, or the mesh in another unit",
-            "Check depth_scale and mesh_scale",
+            (
+                "depth scale",
+                f"depth may be {1 / factor:.3g} times what it should be, or the mesh in another "
+                "unit",
+                "Check depth_scale and mesh_scale",
+            ),
         )
     for factor in _FOCALS:
         matrix = frame.camera_matrix.copy()
         matrix[[0, 1], [0, 1]] *= factor
         yield (
             replace(frame, camera_matrix=matrix),
-            "intrinsics",
-            f"the focal length may be {1 / factor:.2g} times what it should be",
-            "Check fx and fy",
+            (
+                "intrinsics",
+                f"the focal length may be {1 / factor:.2g} times what it should be",
+                "Check fx and fy",
+            ),
         )
 
 

@@ -45,7 +45,7 @@ def examine_dataset(root: Path, output: Path | None) -> list[Finding]:
         keys = dataset.frames.keys
     except HlpError as error:
         return [Finding("data set", str(root), str(error), "See docs/own-data for the layout")]
-    frames, findings = read_frames(dataset.frames, keys, _KEPT)
+    frames, findings = read_frames(dataset.frames.load, keys, _KEPT)
     findings += check_frames(frames, list(dataset.models.values()))
     findings += check_true_poses(frames, dataset.models)
     if output is not None:
@@ -61,7 +61,7 @@ def examine_own(frames: OwnFrames, detector: Detector | None) -> list[Finding]:
         _ = frames.camera
     except HlpError as error:
         return [Finding("files", "frames", str(error), "Correct it and call again")]
-    read, findings = read_frames(frames, keys, _KEPT)
+    read, findings = read_frames(frames.load, keys, _KEPT)
     models = [] if detector is None else list(detector.models.values())
     findings += check_frames(read, models)
     if detector is not None and not findings:
