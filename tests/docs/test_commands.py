@@ -18,7 +18,7 @@ from hlp.config.build import build_settings
 
 CONF = ROOT / "conf"
 PREFIX = {"bench": ["task=bench"], "search": ["task=search"]}
-OWN = ("learn", "predict", "objects")  # these take keys of their own and, partly, overrides
+OWN = ("learn", "predict", "objects", "doctor")  # these take keys of their own and, partly, overrides
 CASES = [(path, " ".join(words), words) for path in EXAMPLES for words in commands(path)]
 
 
@@ -53,7 +53,7 @@ def check_own(words: list[str]) -> None:
         return
     overrides = []
     for key, value in own_arguments.split_arguments(words[1:]).items():
-        if not re.search(rf"(^|[\s,]){key}[\s,=]", shown + LEARN_HELP):
+        if not re.search(rf"(^|[\s,\[]){key}[\s,=]", shown + LEARN_HELP):
             overrides.append(f"{key}={value}")
     composing.compose_config("output=out", *overrides)
 
