@@ -76,7 +76,6 @@ def fake_dataset() -> Any:
         frames=frames,
         frames_identity=frames.identity(),
         wanted=lambda frame: dict.fromkeys((each.object_id for each in frame.targets), 1),
-        annotated=True,
         search_all=False,
         settings=None,
     )

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import hlp
-from hlp.commands import bench, clean, predict, report, run, search
+from hlp.commands import bench, clean, doctor, learn, objects, predict, report, run, search
 from hlp.commands.composing import MULTIRUN
 from hlp.commands.ending import stops_in_one_line
 
@@ -61,12 +61,16 @@ def _set_environment() -> None:
     # Of the helper of multiprocessing that cleans up after workers that had to be stopped.
     given = [each for each in os.environ.get("PYTHONWARNINGS", "").split(",") if each]
     os.environ["PYTHONWARNINGS"] = ",".join(dict.fromkeys([*given, "ignore:resource_tracker"]))
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")  # what cannot be read is said once, by us
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra raises errors unchanged; `fail` shortens them
 
 
 COMMANDS = {
     "run": _Command(run.command, "learn, find and score (default: the demo)"),
-    "predict": _Command(predict.command, "poses of your own object in your own frames"),
+    "learn": _Command(learn.command, "learn your own objects from their CAD models"),
+    "predict": _Command(predict.command, "poses of learnt objects in your own frames"),
+    "objects": _Command(objects.command, "what is learnt: list, show, remove, export"),
+    "doctor": _Command(doctor.command, "what is wrong with data, learnt objects or this machine"),
     "report": _Command(report.command, "tables of finished runs, with the paper's numbers"),
     "bench": _Command(bench.command, "time and memory of every stage on this machine"),
     "search": _Command(search.command, "search for the best settings within a time limit"),

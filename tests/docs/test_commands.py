@@ -1,5 +1,6 @@
 """Every `hlp` command that README and the pages show: its groups, keys and values exist."""
 
+import importlib
 import re
 from pathlib import Path
 
@@ -9,21 +10,26 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from markdown_pages import EXAMPLES, ROOT, blocks, commands
 
 from hlp.cli import COMMANDS
-from hlp.commands import predict
+from hlp.commands import composing, own_arguments
 from hlp.commands.composing import MULTIRUN
+from hlp.commands.learn import LEARN_HELP
 from hlp.commands.report import REPORT_HELP
 from hlp.config.build import build_settings
 
 CONF = ROOT / "conf"
-PREFIX = {"bench": ["task=bench"], "search": ["task=search"], "predict": ["experiment=predict"]}
+PREFIX = {"bench": ["task=bench"], "search": ["task=search"]}
+OWN = (
+    "learn",
+    "predict",
+    "objects",
+    "doctor",
+)  # these take keys of their own and, partly, overrides
 CASES = [(path, " ".join(words), words) for path in EXAMPLES for words in commands(path)]
 
 
 def compose_command(words: list[str], own_files: Path) -> int:
     """Compose what a command names, every value of a sweep once; the number of configurations."""
     command, *arguments = words if words[0] not in MULTIRUN else ["run", *words]
-    if command == "predict":
-        arguments = [predict._data_override(each) for each in arguments]
     if command == "search":
         arguments = [f"task/{each}" if each.startswith("space=") else each for each in arguments]
     overrides, searched = [*PREFIX.get(command, [])], []
@@ -41,6 +47,20 @@ def compose_command(words: list[str], own_files: Path) -> int:
             config = compose("config", overrides=[*searched, "output=out", *arm])
             build_settings(config)
     return count
+
+
+def check_own(words: list[str]) -> None:
+    """Keys are in the command's help, words of `hlp objects` in its usage; the rest composes."""
+    module = importlib.import_module(f"hlp.commands.{words[0]}")
+    shown = getattr(module, f"{words[0].upper()}_HELP")
+    if words[0] == "objects":
+        assert f"hlp objects {words[1]}" in shown
+        return
+    overrides = []
+    for key, value in own_arguments.split_arguments(words[1:]).items():
+        if not re.search(rf"(^|[\s,\[]){key}[\s,=]", shown + LEARN_HELP):
+            overrides.append(f"{key}={value}")
+    composing.compose_config("output=out", *overrides)
 
 
 def _values(override: str) -> list[str]:
@@ -62,7 +82,9 @@ def test_command_exists_and_its_configuration_composes(path, words, tmp_path):
             file = tmp_path / block.title
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_text(block.text)
-    if words[0] in MULTIRUN or words[0] != "report":
+    if words[0] in OWN:
+        check_own(words)
+    elif words[0] in MULTIRUN or words[0] != "report":
         assert words[0] in MULTIRUN or words[0] in COMMANDS
         compose_command(words, tmp_path)
     else:

@@ -1,4 +1,4 @@
-"""`hlp predict` on frames of the demo dataset, written to files as a user would have them."""
+"""`hlp learn` and `hlp predict` on frames of the demo in files, as a user would have them."""
 
 import csv
 import json
@@ -13,18 +13,16 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
-from hydra import compose, initialize_config_dir
 
 import hlp
 from hlp import Detector
-from hlp.commands.composing import config_folder
-from hlp.config.build import build_run, build_settings
-from hlp.data.own_frames import OwnFrames
+from hlp.commands.composing import compose_config
+from hlp.config.build import build_settings
+from hlp.data.own_frames import FrameFiles, OwnFrames
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.geometry import rotation_distance
 from hlp.records import Frame, Target
-from hlp.runs import prediction, runner
 
 DRILL = 5
 LOOKED_AT = (0, 2)  # frames in which the drill is near and in full view
@@ -45,16 +43,14 @@ TINY = (
     "machine.threads=2",
 )
 FILES = {"model": "my drill.ply", "rgb": "rgb", "depth": "depth", "intrinsics": "camera.json"}
-LEARNT = {"views", "classifier", "encoder", "codebook", "score"}
-FOUND = {"regions", "hypotheses", "poses"}
 
 Process = subprocess.CompletedProcess[str]
 
 
-def hlp_predict(folder: Path, *arguments: str) -> Process:
+def call(folder: Path, *arguments: str) -> Process:
     environment = {**os.environ, "PYTHONPATH": str(Path(hlp.__file__).parents[1])}
     return subprocess.run(
-        [sys.executable, "-c", "from hlp.cli import main; main()", "predict", *arguments],
+        [sys.executable, "-c", "from hlp.cli import main; main()", *arguments],
         cwd=folder,
         env=environment,
         capture_output=True,
@@ -106,7 +102,9 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> Own:
 
 @pytest.fixture(scope="module")
 def first(own: Own) -> Process:
-    process = hlp_predict(own.folder, *arguments(own.given), *TINY, "output=first")
+    process = call(
+        own.folder, "predict", *arguments(own.given), *TINY, "output=first", "panels=9", "work=work"
+    )
     assert process.returncode == 0, process.stderr
     return process
 
@@ -136,106 +134,122 @@ def test_every_form_of_the_answer_says_the_same(own: Own, first: Process) -> Non
     output = own.folder / "first"
     with (output / "poses.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
+    lines = [json.loads(line) for line in (output / "poses.jsonl").read_text().splitlines()]
+    assert lines == answers(output)
     for row, each in zip(rows, answers(output), strict=True):
         np.testing.assert_allclose([float(v) for v in row["t"].split()], each["cam_t_m2c"])
         np.testing.assert_allclose([float(v) for v in row["R"].split()], each["cam_R_m2c"])
-        name = Path(each["rgb"]).name
+        name = Path(each["rgb"]).stem
         (line,) = (line for line in first.stdout.splitlines() if line.startswith(name))
         shown = [f"{value:.1f}" for value in each["cam_t_m2c"]]
         assert line.split()[1:6] == ["my", "drill", f"{each['score']:.2f}", *shown[:2]]
-        picture = cv2.imread(str(output / "panels" / name))
-        assert picture is not None and picture.shape[1] == 640
-    assert str(output) in first.stdout
-    assert not (own.folder / "work" / "mlflow.db").exists()
+        picture = cv2.imread(str(output / "panels" / f"{name}.png"))
+        assert picture is not None and picture.shape == (240, 320, 3)
+    assert str(output.relative_to(own.folder)) in first.stdout
+    assert "mm, " in first.stdout and "symmetries" in first.stdout  # what was found in the mesh
 
 
 def test_new_frames_are_looked_at_without_learning_again(own: Own, first: Process) -> None:
-    """One known frame and one in which the sensor saw next to nothing."""
+    """One known frame, one in which nothing is seen, and one that is broken."""
     for kind in ("rgb", "depth"):
         (own.folder / "new" / kind).mkdir(parents=True)
         name = own.folder / kind / "view_2.png"
         (own.folder / "new" / kind / "view_2.png").write_bytes(name.read_bytes())
+        (own.folder / "new" / kind / "broken.png").write_bytes(name.read_bytes()[:2000])
     blank = np.zeros((240, 320), np.uint16)
     blank[0, 0] = 9000
     cv2.imwrite(str(own.folder / "new" / "rgb" / "blank.png"), np.zeros((240, 320, 3), np.uint8))
     cv2.imwrite(str(own.folder / "new" / "depth" / "blank.png"), blank)
     given = arguments(FILES | {"rgb": "new/rgb", "depth": "new/depth"})
-    again = hlp_predict(own.folder, *given, *TINY, "output=again", "panels=0")
+    again = call(own.folder, "predict", *given, *TINY, "output=again", "work=work")
     assert again.returncode == 0, again.stderr
-    lines = [line.split()[:2] for line in again.stdout.splitlines() if line.strip()]
-    assert {line[1] for line in lines if line[0] == "reused"} >= LEARNT
-    assert {line[1] for line in lines if line[0] == "made"} == FOUND
-    blank_answer, answer = answers(own.folder / "again")
+    assert "learnt before" in again.stdout
+    blank_answer, broken, answer = answers(own.folder / "again")
     assert answer["found"] and not blank_answer["found"]
-    assert blank_answer["score"] == 0.0
-    assert "not found" in again.stdout
+    assert blank_answer["score"] == 0.0 and "has depth" in blank_answer["reason"]
+    assert (
+        "broken.png is truncated" in broken["error"] and "broken.png is truncated" in again.stdout
+    )
+    assert "not found" in again.stdout and "1 of 3 frames could not be used" in again.stdout
     assert len((own.folder / "again" / "poses.csv").read_text().splitlines()) == 2
     assert not (own.folder / "again" / "panels").exists()
+    one = arguments(FILES | {"rgb": "new/rgb/broken.png", "depth": "new/depth/broken.png"})
+    failed = call(own.folder, "predict", *one, *TINY, "output=failed", "work=work")
+    assert failed.returncode == 1
+    assert failed.stderr.startswith("hlp: new/rgb/broken.png is truncated")
+
+
+def test_learnt_objects_are_used_by_name_and_by_path(own: Own, first: Process) -> None:
+    """What the first call learnt has a name in the cache; a box where nothing is finds nothing."""
+    listed = call(own.folder, "objects", "list", "work=work").stdout.splitlines()
+    (entry,) = (line for line in listed if line.startswith("my drill"))
+    name = entry.partition("  ")[0].strip()
+    shown = call(own.folder, "objects", "show", name, "work=work").stdout
+    assert "my drill (id 1)" in shown and "symmetries" in shown
+    frames = arguments({key: FILES[key] for key in ("rgb", "depth", "intrinsics")})
+    learnt = f"learnt={name}"
+    done = call(own.folder, "predict", learnt, *frames, "work=work", "output=second")
+    assert done.returncode == 0, done.stderr
+    again = answers(own.folder / "second")
+    assert [each["cam_t_m2c"] for each in again] == [
+        each["cam_t_m2c"] for each in answers(own.folder / "first")
+    ]
+    copied = call(own.folder, "objects", "export", name, "copy", "work=work")
+    assert copied.returncode == 0, copied.stderr
+    boxed = call(
+        own.folder, "predict", "learnt=copy", *frames, "box=0,0,12,12", "output=boxed",
+        "min_score=0.9",
+    )  # fmt: skip
+    assert boxed.returncode == 0, boxed.stderr
+    assert not any(each["found"] for each in answers(own.folder / "boxed"))
+
+
+def test_learning_says_what_is_wrong_before_it_begins(own: Own) -> None:
+    for given, words in (
+        (["names=a"], "mesh is not set"),
+        (["mesh=none.ply"], "model is no file"),
+        (["mesh=my drill.ply", "names=a,b"], "names: a, b for 1 meshes"),
+        (["mesh=my drill.ply", "mesh_scale=1"], "wrong unit"),
+        (["mesh=my drill.ply", "rooms=nowhere"], "rooms is no folder"),
+        (["mesh=my drill.ply", "symetries=none"], "symetries"),
+        (["mesh=my drill.ply", "name=a/b"], "give output"),
+    ):
+        failed = call(own.folder, "learn", *given, "work=work")
+        assert failed.returncode == 1, given
+        assert failed.stderr.startswith("hlp: ") and words in failed.stderr, failed.stderr
 
 
 def test_help_says_what_to_give_and_what_is_missing_is_named(tmp_path: Path) -> None:
-    shown = hlp_predict(tmp_path, "--help")
+    shown = call(tmp_path, "predict", "--help")
     assert shown.returncode == 0
     assert "hlp predict model=bracket.ply" in shown.stdout
-    failed = hlp_predict(tmp_path, "model=a.ply", "rgb=a.png", "intrinsics=[1,1,1,1]")
+    failed = call(tmp_path, "predict", "model=a.ply", "rgb=a.png", "intrinsics=[1,1,1,1]")
     assert failed.returncode == 1
     assert failed.stderr == "hlp: depth is not set: give depth=…, see `hlp predict --help`\n"
+    for command in ("learn", "objects"):
+        assert call(tmp_path, command, "--help").stdout.startswith(f"usage: hlp {command}")
 
 
-def composed(own: Own, **changes: Any) -> Any:
-    """The configuration for the user's files, with changes below `data`."""
-    with initialize_config_dir(str(config_folder()), version_base="1.3"):
-        config = compose("config", overrides=["experiment=predict", "output=out"])
-    for key, value in (own.given | changes).items():
-        config.data[key] = value
-    return config
-
-
-def test_wrong_input_is_named_before_anything_is_learnt(own: Own, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"model: .*wrong unit.*mesh_scale"):
-        build_run(composed(own, mesh_scale=1.0))
-    with pytest.raises(FileNotFoundError, match=r"data\.rooms is no folder"):
-        build_run(composed(own, rooms="nowhere"))
-    with pytest.raises(ValueError, match="principal point"):
-        prediction.predict(build_run(composed(own, intrinsics=[500, 500, 600, 9])), tmp_path)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_each_command_refuses_the_others_frames(own: Own, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="no true poses"):
-        runner.run_method(build_run(composed(own)), tmp_path)
-    with initialize_config_dir(str(config_folder()), version_base="1.3"):
-        demo = compose("config", overrides=[f"output={tmp_path}"])
-    with pytest.raises(ValueError, match="data=files alone"):
-        prediction.predict(build_run(demo), tmp_path)
+def test_wrong_frames_are_named_before_anything_is_learnt(own: Own) -> None:
+    given = own.given | {"intrinsics": "[500,500,600,9]"}
+    failed = call(own.folder, "predict", *arguments(given), *TINY, "work=untouched")
+    assert failed.returncode == 1 and "principal point" in failed.stderr
+    assert not (own.folder / "untouched").exists()
 
 
 def test_the_python_api_finds_the_same_poses(own: Own, first: Process, tmp_path: Path) -> None:
     """One code path: what `hlp predict` learns and finds, `Detector` does, to the last bit."""
-    given = [f"data.{key}='{value}'" for key, value in own.given.items()]
-    with initialize_config_dir(str(config_folder().absolute()), version_base="1.3"):
-        config = compose("config", ["experiment=predict", "output=o", *TINY, *escaped(given)])
+    settings = build_settings(compose_config("output=o", *TINY)).method
     mesh = Path(own.given["model"])
-    settings = build_settings(config).method
     detector = Detector.learn({mesh.stem: mesh}, tmp_path / "learnt", settings=settings)
-    frames = OwnFrames(
-        *(Path(own.given[key]) for key in ("rgb", "depth")), own.given["intrinsics"], None
-    )
+    files = {key: own.given[key] for key in ("rgb", "depth", "intrinsics")}
+    frames = OwnFrames(FrameFiles(**files))
     frame = frames.load(frames.keys[0])  # numbered 0, as every image is for a detector
     (found,) = detector.detect(frame.rgb, frame.depth, frame.camera_matrix)
-    answers = json.loads((own.folder / "first" / "poses.json").read_text())["poses"]
-    expected = answers[0]
+    expected = answers(own.folder / "first")[0]
     pose = found.pose_cam_obj
     assert (pose[:3, :3].ravel().tolist(), (pose[:3, 3] * 1000.0).tolist()) == (
         expected["cam_R_m2c"],
         expected["cam_t_m2c"],
     )
     assert found.score == expected["score"]
-
-
-def escaped(overrides: list[str]) -> list[str]:
-    """Quotes within quoted values, as Hydra wants them."""
-    return [
-        f"{key}='{value[1:-1].replace(chr(39), chr(92) + chr(39))}'"
-        for key, _, value in (each.partition("=") for each in overrides)
-    ]

@@ -261,9 +261,9 @@ def test_the_shared_part_of_an_image_counts_for_the_first_object(
     detector.warm_up()
     prepare = detector._estimator.prepare
 
-    def slowly(frame: Frame) -> object:
+    def slowly(*given: Any) -> object:
         time.sleep(2.0)
-        return prepare(frame)
+        return prepare(*given)
 
     monkeypatch.setattr(detector._estimator, "prepare", slowly)
     found = detector.detect(frame.rgb, frame.depth, frame.camera_matrix, **EVERY)

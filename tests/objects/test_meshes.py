@@ -1,8 +1,10 @@
 import json
+import time
 
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 from scipy.spatial.distance import pdist
 
 from hlp.objects.mesh_colors import PLAIN_COLOR
@@ -186,3 +188,92 @@ def test_linemods_diameters_are_those_of_its_list(shared_data):
         assert mesh_diameter(mesh.vertices) * 1e3 == pytest.approx(
             info[str(object_id)]["diameter"], abs=0.05
         )
+
+
+def _subdivided(mesh, least):
+    while len(mesh.faces) < least:
+        mesh = mesh.subdivide()
+    return mesh
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["sphere", "torn box", "soup"])
+def test_a_mesh_of_a_million_triangles_gets_few_faces_soon(kind):
+    """Coplanar triangles and open edges are what simplifying by quadric error stops at."""
+    raw = {
+        "sphere": _sphere_mm(4),
+        "torn box": trimesh.creation.box((60.0, 90.0, 120.0)),
+        "soup": _sphere_mm(4),
+    }[kind]
+    raw = _subdivided(raw, 600_000 if kind == "soup" else 1_000_000)
+    if kind == "torn box":  # one sixth of the triangles are missing, here and there
+        raw.update_faces(np.random.default_rng(0).random(len(raw.faces)) > 1 / 6)
+    if kind == "soup":
+        corners = np.array(raw.vertices)[raw.faces].reshape(-1, 3)
+        raw = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
+    full = _mesh(raw)
+    begun = time.process_time()
+    small = decimate(full, 500)
+    assert time.process_time() - begun < 20.0
+    assert 100 <= len(small.faces) <= 500
+    np.testing.assert_allclose(np.ptp(small.vertices, axis=0), np.ptp(full.vertices, axis=0), 0.05)
+
+
+def test_what_simplifying_leaves_too_large_is_merged_in_cells():
+    """Triangles that share no edge: quadric error leaves them all alone."""
+    rng = np.random.default_rng(0)
+    corners = rng.random((3000, 1, 3)) * 100.0 + rng.normal(size=(3000, 3, 3))
+    loose = trimesh.Trimesh(corners.reshape(-1, 3), np.arange(9000).reshape(-1, 3), process=False)
+    small = decimate(_mesh(loose), 500)
+    assert 4 <= len(small.faces) <= 500
+    assert (np.ptp(small.vertices, axis=0) > 0.05).all()
+
+
+def test_parts_of_a_scene_keep_their_colours_when_one_has_a_texture(tmp_path):
+    textured = trimesh.creation.box((30, 30, 30))
+    image = Image.fromarray(np.full((8, 8, 3), (10, 200, 30), np.uint8))
+    uv = np.zeros((len(textured.vertices), 2))
+    textured.visual = trimesh.visual.TextureVisuals(uv=uv, image=image)
+    painted = trimesh.creation.box(
+        (20, 20, 20), transform=trimesh.transformations.translation_matrix([60, 0, 0])
+    )
+    painted.visual.vertex_colors = [200, 30, 40, 255]
+    path = tmp_path / "a.glb"
+    path.write_bytes(trimesh.Scene([textured, painted]).export(file_type="glb"))
+    mesh = load_mesh(path)
+    right = mesh.vertices[:, 0] > 0.04
+    assert mesh.colored and right.any() and (~right).any()
+    np.testing.assert_allclose(mesh.colors[right], np.tile([200, 30, 40], (right.sum(), 1)), atol=2)
+    np.testing.assert_allclose(
+        mesh.colors[~right], np.tile([10, 200, 30], ((~right).sum(), 1)), atol=2
+    )
+
+
+def test_open_and_far_off_meshes_are_accepted(tmp_path):
+    cap = trimesh.Trimesh(_sphere_mm().vertices, _sphere_mm().faces[:300], process=False)
+    cap.apply_translation([5000, 0, 0])
+    mesh = load_mesh(_export(tmp_path / "a.stl", cap))
+    assert len(mesh.faces) == 300 and mesh.vertices[:, 0].min() > 4.9
+
+
+@pytest.mark.parametrize(("size", "scale"), [(0.12, 1.0), (120.0, 0.001), (15.0, 0.001)])
+def test_the_unit_is_guessed_and_said(tmp_path, caplog, size, scale):
+    path = _export(tmp_path / "a.ply", trimesh.creation.box((size, size / 2, size / 2)))
+    with caplog.at_level("INFO", "hlp"):
+        mesh = load_mesh(path, None)
+    assert np.ptp(mesh.vertices[:, 0]) == pytest.approx(size * scale, rel=1e-5)
+    assert f"mesh_scale={scale:g}" in caplog.text
+
+
+def test_a_size_that_fits_no_unit_asks_for_it(tmp_path):
+    path = _export(tmp_path / "a.ply", trimesh.creation.box((3.0, 4.0, 5.0)))
+    with pytest.raises(ValueError, match=r"a\.ply is 7\.071 units large.*give mesh_scale"):
+        load_mesh(path, None)
+    assert np.ptp(load_mesh(path, 0.01).vertices[:, 2]) == pytest.approx(0.05)
+
+
+def test_gltf_in_millimetres_is_taken_for_them_with_a_warning(tmp_path, caplog):
+    path = tmp_path / "a.glb"
+    path.write_bytes(trimesh.Scene([trimesh.creation.box((60, 90, 120))]).export(file_type="glb"))
+    assert np.ptp(load_mesh(path, None).vertices, axis=0).max() == pytest.approx(0.12)
+    assert [each.levelname for each in caplog.records] == ["WARNING"]

@@ -1,5 +1,6 @@
 """Entries of a codebook: what is stored with each feature, and the file on disk."""
 
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -8,6 +9,7 @@ import numpy as np
 from annotated_types import Ge
 from jaxtyping import Float
 
+from hlp.errors import DataError
 from hlp.files import read_npz
 from hlp.geometry import allocentric_to_egocentric
 from hlp.records import Codebook
@@ -48,11 +50,19 @@ def make_codebook(
 
 
 def save_codebook(folder: Path, codebook: Codebook) -> None:
-    """Write a codebook as one .npz file."""
+    """Write a codebook as one .npz file.
+
+    Of each number of a feature, the byte with sign and exponent is compressed to less than half;
+    the other three are random bits.
+    """
+    bits = np.ascontiguousarray(codebook.features, dtype=np.float32).view(np.uint32)
+    exponents = zlib.compress((bits >> 24).astype(np.uint8).tobytes(), level=1)
     np.savez(
         folder / "codebook.npz",
         object_id=codebook.object_id,
-        features=codebook.features,
+        low=(bits & 0xFFFF).astype(np.uint16),
+        middle=(bits >> 16 & 0xFF).astype(np.uint8),
+        exponents=np.frombuffer(exponents, np.uint8),
         rotations=codebook.rotations_cam_obj,
         points=codebook.points_obj,
         feature_scale=codebook.feature_scale,
@@ -61,11 +71,21 @@ def save_codebook(folder: Path, codebook: Codebook) -> None:
 
 def load_codebook(folder: Path) -> Codebook:
     """Read what `save_codebook` wrote. Raises MissingFileError, or DataError for a damaged file."""
-    stored = read_npz(folder / "codebook.npz")
-    return Codebook(
-        int(stored["object_id"]),
-        stored["features"],
-        stored["rotations"],
-        stored["points"],
-        float(stored["feature_scale"]),
-    )
+    path = folder / "codebook.npz"
+    stored = read_npz(path)
+    try:
+        exponents = np.frombuffer(zlib.decompress(stored["exponents"].tobytes()), np.uint8)
+        bits = exponents.reshape(stored["low"].shape).astype(np.uint32)
+        bits <<= 8
+        bits |= stored["middle"]
+        bits <<= 16
+        bits |= stored["low"]
+        return Codebook(
+            int(stored["object_id"]),
+            bits.view(np.float32),
+            stored["rotations"],
+            stored["points"],
+            float(stored["feature_scale"]),
+        )
+    except (KeyError, ValueError, zlib.error) as error:
+        raise DataError(f"{path} is damaged ({error!r}): learn the object again") from error

@@ -1,82 +1,135 @@
-"""`hlp predict`: poses of a user's own object in their own frames."""
+"""`hlp predict`: poses of learnt objects, or of one to be learnt, in a user's own frames."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
-from hlp.commands import composing
-from hlp.errors import ConfigError
+from hlp.commands import composing, own_arguments
+from hlp.errors import InputError
 
 if TYPE_CHECKING:
-    from omegaconf import DictConfig
+    from hlp.data.own_frames import OwnFrames
+    from hlp.data.search_masks import SearchMasks
+    from hlp.runs.prediction import PredictionOptions
 
-OWN_FILES = ("model", "rgb", "depth", "intrinsics")
-OWN_UNITS = ("mesh_scale", "depth_scale")
+_NEEDED = ("rgb", "depth", "intrinsics")
+_OTHER = ("learnt", "model", "output", "work", "mask", "box", "threads")
+_OPTIONS = ("objects", "max_instances", "min_score", "panels")
 
 
 def command(arguments: Sequence[str]) -> None:
-    """Learn the object, unless that was done before, and find it in every frame."""
+    """Find the objects in every frame, after learning one unless that was done before."""
     if not arguments or composing.HELP & set(arguments):
         print(PREDICT_HELP)
         return
-    overrides = ["experiment=predict", *map(_data_override, arguments)]
-    composing.compose_and_call("predict", overrides, _predict, composing.config_folder())
+    own_arguments.call(lambda: _predict(arguments))
 
 
-def _predict(config: DictConfig) -> None:
-    """Check that the files are given, then predict; what is learnt is kept for the next call."""
-    from hydra.core.hydra_config import HydraConfig
-    from omegaconf import OmegaConf
+def _predict(arguments: Sequence[str]) -> None:
+    given = own_arguments.split_arguments(arguments)
+    if ("learnt" in given) == ("model" in given):
+        raise InputError("give learnt=FOLDER or model=FILE, see `hlp predict --help`")
+    for key in _NEEDED:
+        if key not in given:
+            raise InputError(f"{key} is not set: give {key}=…, see `hlp predict --help`")
+    from hlp.data.own_frames import FrameFiles, OwnFrames
 
-    for key in OWN_FILES:
-        if OmegaConf.is_missing(config.data, key):
-            raise ConfigError(f"{key} is not set: give {key}=…, see `hlp predict --help`")
-    config.output = HydraConfig.get().runtime.output_dir
+    known = [*own_arguments.field_names(FrameFiles), *_OTHER, *_OPTIONS]
+    if "learnt" in given:
+        own_arguments.check_known(given, known, "predict")
+    frames = OwnFrames(own_arguments.read_group(FrameFiles, given))
+    masks, options = _masks(given), _options(given)
+    output = own_arguments.output_folder(given, "predict")
+    folder = _learnt_folder(given, frames, known)
 
-    from hlp.config import build
-    from hlp.runs import prediction
+    from hlp.method.compute_threads import set_compute_threads
+    from hlp.method.detector import Detector
+    from hlp.runs.prediction import predict
 
-    prediction.predict(build.build_run(config), Path(config.output))
+    threads = int(given["threads"]) if given.get("threads", "").isdecimal() else None
+    detector = Detector.load(folder, threads=threads)
+    set_compute_threads(detector.threads)
+    predict(detector, frames, output, options, masks)
+    print(f"\nPoses     {output} (poses.csv in BOP's format, poses.jsonl, poses.json)")
+    if (output / "panels").is_dir():
+        print(f"Pictures  {output / 'panels'}")
 
 
-def _data_override(argument: str) -> str:
-    """`model=FILE` as an override of `data.model`, quoted because Hydra forbids some characters."""
-    key, _, value = argument.partition("=")
-    if key not in (*OWN_FILES, *OWN_UNITS):
-        return argument
-    if key in OWN_FILES and not value.startswith(("[", "'", '"')):
-        value = "'" + os.path.expanduser(value).replace("'", "\\'") + "'"
-    return f"data.{key}={value}"
+def _learnt_folder(given: Mapping[str, str], frames: OwnFrames, known: Sequence[str]) -> Path:
+    """The folder of the learnt objects; with `model` it is made, unless the cache has it."""
+    from hlp.runs.learnt_cache import cache_folder, find_learnt
+
+    cache = cache_folder(given.get("work"))
+    if "learnt" in given:
+        return find_learnt(given["learnt"], cache)
+    from hlp.commands.learn import learning_request
+    from hlp.runs.learning import learn_once
+
+    request = learning_request(given, [str(Path(given["model"]).expanduser())], known)
+    frames.load(frames.keys[0])  # what is wrong is said before minutes of learning
+    return learn_once(cache, request)
+
+
+def _options(given: Mapping[str, str]) -> PredictionOptions:
+    from hlp.runs.prediction import PredictionOptions
+
+    wanted = {key: given[key] for key in _OPTIONS if key in given}
+    objects = own_arguments.text_list(wanted.pop("objects")) if "objects" in wanted else None
+    return own_arguments.read_group(PredictionOptions, wanted, objects=objects)
+
+
+def _masks(given: Mapping[str, str]) -> SearchMasks | None:
+    if "mask" not in given and "box" not in given:
+        return None
+    from hlp.data.search_masks import SearchMasks
+
+    if "mask" in given and "box" in given:
+        raise InputError("mask and box: give one of them")
+    if "mask" in given:
+        return SearchMasks(masks=str(own_arguments.plain_value(given["mask"])))
+    box = own_arguments.plain_value(given["box"] if "[" in given["box"] else f"[{given['box']}]")
+    if len(box) != 4 or not all(isinstance(each, int | float) for each in box):
+        raise InputError(f"box={given['box']}: it must be [x,y,width,height] in pixels")
+    return SearchMasks(box=cast("tuple[float, float, float, float]", tuple(map(float, box))))
 
 
 PREDICT_HELP = """\
-usage: hlp predict model=FILE rgb=PATH depth=PATH intrinsics=FILE|[fx,fy,cx,cy] [overrides]
+usage: hlp predict learnt=FOLDER|NAME rgb=PATH depth=PATH intrinsics=FILE [KEY=VALUE …]
+       hlp predict model=FILE rgb=PATH depth=PATH intrinsics=FILE [KEY=VALUE …]
 
-Poses of your own object in your own RGB-D frames, from its CAD model alone.
+Poses of all instances of learnt objects in your own RGB-D frames.
 
-  model        triangle mesh of the object (PLY, OBJ, STL …), in millimetres
-  rgb          a colour image, or a folder of them
-  depth        its 16-bit depth PNG, or a folder with the same names; registered to the colour
-  intrinsics   JSON file with cam_K (nine numbers) or fx, fy, cx, cy, and optionally depth_scale;
-               or the four numbers (px)
+  learnt       what `hlp learn` made: a folder, or a name in the user's cache (`hlp objects list`)
+  model        or a mesh, which is learnt first (minutes) and kept in the cache for the next call;
+               all keys of `hlp learn` can be given too
 
-  mesh_scale   metres per unit of the model (default: 0.001; 1 for a model in metres)
-  depth_scale  millimetres per unit of the depth images (default: the JSON file's, else 1)
-  output       folder of the results (default: outputs/predict/TIME)
-  work         folder that keeps what is learnt about the object (default: work)
+  rgb          a colour image, a folder, a pattern such as 'color_*.png', or a video
+  depth        its depth image (16-bit PNG, TIFF, EXR, NPY), or a folder or pattern of them with
+               the same names or numbers; registered to the colour
+  intrinsics   JSON, YAML or text: cam_K or fx, fy, cx, cy; ROS's camera_info; RealSense; Open3D;
+               OpenCV; nine numbers. Distortion is undone. Or [fx,fy,cx,cy] (px)
 
-hlp predict model=bracket.ply rgb=frame.png depth=frame_depth.png intrinsics=camera.json
-hlp predict model=bracket.ply rgb=rgb/ depth=depth/ "intrinsics=[572.4,573.6,325.3,242.0]"
+  depth_scale       millimetres per unit of the depth images (default: the file's, else guessed)
+  depth_intrinsics  the depth camera's, where depth has another size but stands in the same place
+  depth_resize      colour pixels per depth pixel, where depth is the same view at another size
+  undistort         false: the images are rectified though the intrinsics state distortion
 
-The first call learns the object, which takes minutes. Later calls only detect it. Detection works
-better with photographs and RGB-D frames of places like yours as training backgrounds, without the
-object in them:
-  data.photographs=FOLDER   data.rooms=FOLDER (with rgb/, depth/ and camera.json)
-All groups and keys of `hlp run` can be changed too, e.g. refinement=icp or method=paper.
+  objects        names of those to look for (default: all learnt ones)
+  max_instances  of each object (default: 10)
+  min_score      probability below which a pose is no answer (default: 0.5)
+  mask, box      look only there: an image, or a folder with the names of the frames; [x,y,w,h] (px)
+  panels         number of frames that are drawn (default: 1 for one frame, 0 for several)
+  output         folder of the results (default: outputs/predict/TIME)
+  threads        of the computation (default: as when learning)
+  work           folder in place of the user's cache
 
-Written into the output folder: poses.csv (BOP's format), poses.json, and panels/ with a picture
-of each frame. R and t (mm) map object coordinates to camera coordinates (x right, y down, z
-forward)."""
+hlp predict learnt=learnt/ rgb=frame.png depth=frame_depth.png intrinsics=camera.json
+hlp predict learnt=bracket rgb=rgb/ depth=depth/ "intrinsics=[572.4,573.6,325.3,242.0]"
+hlp predict model=bracket.ply rgb='color_*.png' depth='depth_*.png' intrinsics=camera_info.yaml
+
+Written while frames are processed: poses.csv (BOP's format) and poses.jsonl (a line for each
+answer, also for objects that were not found, and frames that could not be used); at the end
+poses.json, and panels/ with pictures. R and t (mm) map object coordinates to camera coordinates
+(x right, y down, z forward)."""

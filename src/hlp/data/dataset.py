@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import UInt8
 
-from hlp.data.photographs import list_photographs, load_photographs, random_crops
+from hlp.data.photographs import list_photographs, photograph_crops
 from hlp.data.sources import FrameSource, content_hash
 from hlp.errors import ConfigError
 from hlp.objects.meshes import load_mesh
@@ -19,9 +19,6 @@ from hlp.patches.procedural_backgrounds import procedural_backgrounds
 from hlp.records import Frame, Mesh, ObjectModel
 from hlp.registry import Registry
 from hlp.source_code import source_digest
-
-_PHOTOGRAPHS = 400
-_LONG_SIDE = 400
 
 
 @dataclass(frozen=True)
@@ -33,8 +30,7 @@ class Dataset:
     `photographs` is a folder (None: procedural backgrounds). `background_frames` are backgrounds of
     rendered objects in training, `encoder_frames` train the autoencoder; either may be None.
 
-    `annotated`: the frames state their targets. If not, up to `max_instances` of every target
-    object are looked for in each. `search_all`: the other target objects are looked for as well,
+    `search_all`: the other target objects are looked for as well,
     though no frame's targets name them, to count false alarms.
 
     `settings` are those that the data set was built from; workers build it again from them.
@@ -48,9 +44,7 @@ class Dataset:
     photographs: Path | None
     background_frames: FrameSource | None
     encoder_frames: FrameSource | None
-    annotated: bool = True
     search_all: bool = False
-    max_instances: int = 1
     settings: "DataSettings | None" = None
     evaluation_mesh_files: Mapping[int, Path] = field(default_factory=dict)
 
@@ -61,8 +55,6 @@ class Dataset:
 
     def wanted(self, frame: Frame) -> dict[int, int]:
         """Objects to look for in a frame, by id, and the largest number of instances of each."""
-        if not self.annotated:
-            return dict.fromkeys(self.target_ids, self.max_instances)
         counts = Counter(target.object_id for target in frame.targets)
         others = self.target_ids if self.search_all else ()
         return dict(counts) | {i: 1 for i in others if i not in counts}
@@ -113,8 +105,7 @@ class Dataset:
         """Random square crops (RGB) of photographs, or procedural ones."""
         if self.photographs is None:
             return procedural_backgrounds(count, size, rng)
-        images = load_photographs(list_photographs(self.photographs), _PHOTOGRAPHS, _LONG_SIDE)
-        return random_crops(images, count, size, rng)
+        return photograph_crops(self.photographs, count, size, rng)
 
 
 class DataSettings(Protocol):

@@ -10,7 +10,8 @@ from jaxtyping import Float, UInt8
 from hlp.errors import DataError, MissingFileError
 from hlp.records import MILLIMETRES_PER_METRE
 
-_SATURATED = 65535  # 7-Scenes and others write this for missing depth
+SATURATED = 65535
+"""7-Scenes and others write this for missing depth."""
 EXTENSIONS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 
 
@@ -22,6 +23,11 @@ def _decode(path: Path, flags: int) -> np.ndarray[Any, Any]:
     if image is None:
         raise DataError(f"{path} is truncated or no image: copy or download it again")
     return np.asarray(image)
+
+
+def decode_unchanged(path: Path) -> np.ndarray[Any, Any]:
+    """An image as it is in the file. Raises FileNotFoundError, ValueError if it is no image."""
+    return _decode(path, cv2.IMREAD_UNCHANGED)
 
 
 def read_rgb(path: Path) -> UInt8[np.ndarray, "h w 3"]:
@@ -39,7 +45,7 @@ def read_depth(path: Path, millimetres: float) -> Float[np.ndarray, "h w"]:
     `millimetres` is the length of one unit of the file (BOP's `depth_scale`). Raises
     FileNotFoundError; ValueError if the file is broken, not 16-bit, or has no depth at all.
     """
-    raw = _decode(path, cv2.IMREAD_UNCHANGED)
+    raw = decode_unchanged(path)
     if raw.dtype != np.uint16 or raw.ndim != 2:
         raise DataError(
             f"{path} holds {raw.dtype} {raw.shape}: depth must be a 16-bit PNG of one channel"
@@ -52,7 +58,7 @@ def depth_metres(
 ) -> Float[np.ndarray, "h w"]:
     """Raw 16-bit depth in metres (float32). Raises ValueError if no pixel has depth."""
     unit = np.float32(millimetres / MILLIMETRES_PER_METRE)
-    metres = np.where(raw == _SATURATED, 0, raw).astype(np.float32) * unit
+    metres = np.where(raw == SATURATED, 0, raw).astype(np.float32) * unit
     if not metres.any():
         raise DataError(f"{path} has no depth at any pixel: check the sensor or leave it out")
     return np.asarray(metres)

@@ -11,6 +11,8 @@ from hlp.data.images import EXTENSIONS, read_rgb
 from hlp.errors import DataError, MissingFileError
 
 Image = UInt8[np.ndarray, "h w 3"]
+_MOST = 400
+_LONG_SIDE = 400
 
 
 def list_photographs(folder: Path) -> tuple[Path, ...]:
@@ -72,3 +74,11 @@ def _shrink(image: Image, long_side: int) -> Image:
         return image
     shape = (max(1, round(width * factor)), max(1, round(height * factor)))
     return np.asarray(cv2.resize(image, shape, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def photograph_crops(
+    folder: Path, count: int, size: int, rng: np.random.Generator
+) -> UInt8[np.ndarray, "n s s 3"]:
+    """Random square crops of the photographs in a folder."""
+    images = load_photographs(list_photographs(folder), _MOST, _LONG_SIDE)
+    return random_crops(images, count, size, rng)

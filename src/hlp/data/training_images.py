@@ -30,7 +30,6 @@ class TrainingImages:
         target_ids: tuple[int, ...],
         frames: FrameSource,
         settings: DataSettings,
-        annotated: bool = True,
     ) -> Dataset:
         """A data set of these objects and frames that trains with these images."""
         return Dataset(
@@ -40,7 +39,6 @@ class TrainingImages:
             self.photographs,
             self.rooms,
             self.rgbd_frames,
-            annotated,
             settings=settings,
         )
 

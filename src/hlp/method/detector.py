@@ -7,10 +7,11 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 from threadpoolctl import ThreadpoolController
 
 from hlp.errors import InputError
+from hlp.method.arguments import check_limits, checked_frame, checked_mask
 from hlp.method.compute_threads import one_blas_thread
 from hlp.method.conflicts import Found, resolve_conflicts
 from hlp.method.detections import Detection, SearchResult, describe, sort_answers
@@ -18,12 +19,11 @@ from hlp.method.instance_search import find_instances
 from hlp.method.learnt_folder import LearntFolder
 from hlp.method.pose_estimator import FrameContext, PoseEstimator
 from hlp.method.settings import Device, MethodSettings
-from hlp.records import Frame
+from hlp.records import Frame, ObjectModel
 from hlp.refinement.score_model import MIN_SCORE
 
 MOST_INSTANCES = 10
 """Instances of one object that are looked for in an image."""
-_FARTHEST = 20.0  # m: a larger median depth means another unit
 
 
 class Detector:
@@ -64,22 +64,25 @@ class Detector:
         folder: str | PathLike[str],
         *,
         settings: MethodSettings | None = None,
-        mesh_scale: float = 0.001,
+        mesh_scale: float | None = None,
         background_frames: Iterable[Frame] = (),
     ) -> "Detector":
         """Learn objects from their CAD models into a new folder. This takes minutes on two cores.
 
         `meshes` maps names to files (PLY, OBJ, STL, …); `mesh_scale` is metres per unit of the
-        files (0.001: millimetres). RGB-D frames of places without the objects are better
-        backgrounds than the procedural ones. Repeat an interrupted call to continue it. Progress
-        is shown on a terminal. Sets the threads of torch, OpenCV and BLAS in this process.
+        files (0.001: millimetres; None: guessed from the size, and logged). RGB-D frames of places
+        without the objects are better backgrounds than the procedural ones. Repeat an interrupted
+        call to continue it. Progress is shown on a terminal. Sets the threads of torch, OpenCV and
+        BLAS in this process.
 
         Raises InputError for a bad name or mesh, and for a folder that already exists.
         """
         from hlp.method.backgrounds import GivenBackgrounds
-        from hlp.method.learning import build_models, learn
+        from hlp.method.learning import learn
+        from hlp.method.mesh_models import MeshChoices, build_models
 
-        models = build_models({n: Path(p) for n, p in meshes.items()}, mesh_scale, 1)
+        choices = MeshChoices(mesh_scale=mesh_scale)
+        models = build_models({n: Path(p) for n, p in meshes.items()}, choices, 1)
         backgrounds = GivenBackgrounds(tuple(background_frames))
         learn(models, Path(folder), MethodSettings() if settings is None else settings, backgrounds)
         return cls(folder)
@@ -106,11 +109,22 @@ class Detector:
         """Names of the learnt objects."""
         return tuple(self._ids)
 
+    @property
+    def threads(self) -> int:
+        """Threads of kernels and networks."""
+        return self._estimator.settings.machine.threads
+
+    @property
+    def models(self) -> dict[str, ObjectModel]:
+        """The learnt objects' models by name: mesh, diameter, symmetries, id."""
+        learnt = self._estimator.learnt.models
+        return {name: learnt[object_id] for name, object_id in self._ids.items()}
+
     def add(
         self,
         meshes: Mapping[str, str | PathLike[str]],
         *,
-        mesh_scale: float = 0.001,
+        mesh_scale: float | None = None,
         background_frames: Iterable[Frame] = (),
     ) -> None:
         """Learn more objects into the folder.
@@ -119,11 +133,13 @@ class Detector:
         those of `learn`; also InputError for a name that is already used.
         """
         from hlp.method.backgrounds import GivenBackgrounds
-        from hlp.method.learning import add, build_models
+        from hlp.method.learning import add
+        from hlp.method.mesh_models import MeshChoices, build_models
 
+        choices = MeshChoices(mesh_scale=mesh_scale)
         with self._lock:
             first_id = LearntFolder(self.folder).record.next_id
-            models = build_models({n: Path(p) for n, p in meshes.items()}, mesh_scale, first_id)
+            models = build_models({n: Path(p) for n, p in meshes.items()}, choices, first_id)
             add(self.folder, models, GivenBackgrounds(tuple(background_frames)))
             self._open()
 
@@ -148,6 +164,7 @@ class Detector:
         objects: Sequence[str] | None = None,
         max_instances: int = MOST_INSTANCES,
         min_score: float = MIN_SCORE,
+        mask: Bool[np.ndarray, "h w"] | None = None,
     ) -> list[Detection]:
         """Find the objects (names; None: all learnt ones) in one RGB-D image.
 
@@ -156,10 +173,11 @@ class Detector:
         pixel centres at integers. All instances of each object are returned, at most
         `max_instances`, if their poses are right with a probability of at least `min_score`. The
         most certain detection comes first. `search` also tells why an object is not among them.
+        `mask` (h, w) bool narrows the search: only what it covers votes for poses.
 
         Raises InputError naming the argument that is wrong.
         """
-        found = self.search(rgb, depth, camera_matrix, objects, max_instances, min_score)
+        found = self.search(rgb, depth, camera_matrix, objects, max_instances, min_score, mask)
         return found.detections
 
     def search(
@@ -170,15 +188,17 @@ class Detector:
         objects: Sequence[str] | None = None,
         max_instances: int = MOST_INSTANCES,
         min_score: float = MIN_SCORE,
+        mask: Bool[np.ndarray, "h w"] | None = None,
     ) -> SearchResult:
         """What `detect` returns, and for each object why it has no other detection."""
-        frame = _checked_frame(rgb, depth, camera_matrix)
+        frame = checked_frame(rgb, depth, camera_matrix)
         names = self._checked_names(objects)
-        _check_limits(max_instances, min_score)
+        check_limits(max_instances, min_score)
+        within = None if mask is None else checked_mask(mask, frame.depth.shape)
         answers, missing = [], []
         with self._lock, one_blas_thread(self._blas):
             begun = time.perf_counter()
-            context = self._estimator.prepare(frame)
+            context = self._estimator.prepare(frame, within)
             wanted = {self._ids[name]: max_instances for name in names}
             found, seconds = self._find(context, wanted, min_score, begun)
             for name, object_id in ((name, self._ids[name]) for name in names):
@@ -221,56 +241,3 @@ class Detector:
             known = ", ".join(self.objects)
             raise InputError(f"objects: {', '.join(unknown)} not learnt; {self.folder} has {known}")
         return names
-
-
-def _check_limits(max_instances: int, min_score: float) -> None:
-    if max_instances < 1:
-        raise InputError(f"max_instances is {max_instances}: it must be at least 1")
-    if not 0.0 <= min_score <= 1.0:
-        raise InputError(f"min_score is {min_score}: it must be a probability, 0 to 1")
-
-
-def _checked_frame(rgb: object, depth: object, camera_matrix: object) -> Frame:
-    """The arguments of `detect` as a frame. Raises InputError naming what is wrong."""
-    color = np.asarray(rgb)
-    if color.ndim != 3 or color.shape[2] != 3 or color.dtype != np.uint8:
-        raise InputError(f"rgb is {color.dtype} {color.shape}: it must be uint8 (h, w, 3)")
-    distance = np.asarray(depth)
-    if distance.ndim != 2 or distance.dtype.kind != "f":
-        raise InputError(
-            f"depth is {distance.dtype} {distance.shape}: it must be floating point (h, w), in "
-            "metres; for millimetres in uint16: depth / 1000"
-        )
-    if distance.shape != color.shape[:2]:
-        raise InputError(f"depth is {distance.shape}, rgb {color.shape[:2]}: they must be alike")
-    distance = np.where(np.isfinite(distance), distance, 0.0).astype(np.float32)
-    if (distance < 0).any():
-        raise InputError("depth has negative values: metres, 0 where missing")
-    present = distance[distance > 0]
-    if len(present) and np.median(present) > _FARTHEST:
-        raise InputError(
-            f"depth has a median of {np.median(present):.4g} m: it must be in metres, is it in mm?"
-        )
-    return Frame(0, 0, color, distance, _checked_camera(camera_matrix, distance.shape))
-
-
-def _checked_camera(given: object, shape: tuple[int, ...]) -> Float[np.ndarray, "3 3"]:
-    try:
-        camera = np.asarray(given, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"camera_matrix must be 3 × 3 numbers, not {given!r}") from error
-    if camera.shape != (3, 3) or not np.isfinite(camera).all():
-        raise InputError(f"camera_matrix must be 3 × 3 finite numbers, not {given!r}")
-    if not np.array_equal(camera[[1, 2, 2, 2], [0, 0, 1, 2]], [0.0, 0.0, 0.0, 1.0]):
-        raise InputError(
-            f"camera_matrix is {camera.tolist()}: its rows must be fx 0 cx, 0 fy cy, 0 0 1"
-        )
-    height, width = shape
-    if camera[0, 0] <= 0 or camera[1, 1] <= 0:
-        raise InputError("camera_matrix: both focal lengths must be positive")
-    if not (0 <= camera[0, 2] < width and 0 <= camera[1, 2] < height):
-        raise InputError(
-            f"camera_matrix: the principal point ({camera[0, 2]:g}, {camera[1, 2]:g}) lies outside "
-            f"the image ({width} × {height}): it belongs to images of another size"
-        )
-    return camera

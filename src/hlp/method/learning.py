@@ -3,7 +3,7 @@
 import hashlib
 import json
 import shutil
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +19,6 @@ from hlp.method.encoder_training import train_encoder
 from hlp.method.learnt_folder import (
     CLASSIFIER,
     ENCODER,
-    NAME,
     OBJECTS,
     LearntFolder,
     LearntRecord,
@@ -28,48 +27,19 @@ from hlp.method.learnt_folder import (
     write_model,
     write_record,
 )
+from hlp.method.mesh_models import check_told_apart
 from hlp.method.pose_estimator import PoseEstimator
 from hlp.method.score_calibration import calibrate_score
 from hlp.method.settings import MethodSettings, settings_to_json
 from hlp.method.training import read_weights
 from hlp.method.unfinished_folder import SCORED, VIEWS, finish, folder_in_the_making, once
-from hlp.objects.object_model import ObjectSettings, build_object_model, mesh_identity
+from hlp.objects.object_model import mesh_identity
 from hlp.records import ObjectModel, Views
 from hlp.refinement.score_model import save_score_model
 from hlp.rendering.views import load_views, render_views, save_views
 from hlp.source_code import source_digest
 
 _ADDED_EPOCHS = 4  # of a classifier that already knows most of its objects
-_PROXY_FACES = 500  # triangles of the mesh that the refiner renders
-
-
-def build_models(
-    meshes: Mapping[str, Path], mesh_scale: float, first_id: int
-) -> dict[int, ObjectModel]:
-    """Object models of mesh files by id, numbered from `first_id` in the order given.
-
-    `mesh_scale` is metres per unit of the files. Raises InputError for a name that cannot name a
-    folder, and the errors of loading a mesh.
-    """
-    if not meshes:
-        raise InputError("no mesh is given: name one at least, {'bracket': 'bracket.ply'}")
-    models = {}
-    _check_told_apart(meshes)
-    for object_id, (name, path) in enumerate(meshes.items(), first_id):
-        if not NAME.fullmatch(name):
-            raise InputError(f"object name {name!r}: use letters, digits, blanks and _ . + -")
-        sizes = ObjectSettings(object_id, None, None)
-        models[object_id] = build_object_model(name, sizes, Path(path), mesh_scale, _PROXY_FACES)
-    return models
-
-
-def _check_told_apart(names: Iterable[str]) -> None:
-    """Raise InputError for names whose folders are one where case does not count."""
-    found: dict[str, str] = {}
-    for name in names:
-        other = found.setdefault(name.casefold(), name)
-        if other != name:
-            raise InputError(f"object names {other!r} and {name!r} differ only in case")
 
 
 def learn(
@@ -88,7 +58,7 @@ def learn(
     )
     if settings.encoder.needs_frames:
         backgrounds.load_encoder_frames()  # raises before anything is trained
-    with folder_in_the_making(folder, _request(models, settings, backgrounds)) as partial:
+    with folder_in_the_making(folder, learning_request(models, settings, backgrounds)) as partial:
         set_compute_threads(settings.machine.threads)
         views_of = _views(models, partial, settings)
         with once(partial / CLASSIFIER) as missing:
@@ -115,7 +85,7 @@ def add(folder: Path, models: Mapping[int, ObjectModel], backgrounds: Background
     for model in models.values():
         if model.name in old.objects:
             raise InputError(f"{folder} knows an object {model.name!r} already: remove it first")
-    _check_told_apart([*old.objects, *(model.name for model in models.values())])
+    check_told_apart([*old.objects, *(model.name for model in models.values())])
     known = {**before.models, **models}
     gone = [object_id for object_id in old.classes if object_id not in before.models]
     ids = sorted(known)
@@ -127,7 +97,7 @@ def add(folder: Path, models: Mapping[int, ObjectModel], backgrounds: Background
     weights = read_weights(folder / CLASSIFIER)
     start = StartingWeights(weights, labels, _ADDED_EPOCHS)
     objects = {**old.objects, **{model.name: i for i, model in models.items()}}
-    request = _request(known, settings, backgrounds)
+    request = learning_request(known, settings, backgrounds)
     with folder_in_the_making(folder, request, replaces=True) as partial:
         set_compute_threads(settings.machine.threads)
         views_of = _views(known, partial, settings)
@@ -221,13 +191,14 @@ def _views(
     return views_of
 
 
-def _request(
+def learning_request(
     models: Mapping[int, ObjectModel], settings: MethodSettings, backgrounds: Backgrounds
 ) -> dict[str, str]:
-    """Identifies all that decides what an unfinished folder will hold."""
+    """Identifies all that decides what a folder of learnt objects will hold."""
     digest = hashlib.blake2b(json.dumps(settings_to_json(settings)).encode(), digest_size=16)
     for object_id, model in sorted(models.items()):
         digest.update(f"{object_id} {model.name} {mesh_identity(model.mesh)}".encode())
+        digest.update(f"{model.holistic_size} {model.local_size} {len(model.symmetries)}".encode())
     for frame in backgrounds.load_background_frames():
         for array in (frame.rgb, frame.depth, frame.camera_matrix):
             digest.update(f"{array.dtype.str}{array.shape}".encode())

@@ -1,20 +1,18 @@
 """The method on one frame: windows → region → votes → coarse poses → refined pose."""
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
-from typing import Protocol
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from hlp.codebook.neighbours import Neighbours
 from hlp.method.holistic_scan import FrameWindows, HolisticScan
+from hlp.method.learnt_objects import LearntObjects
 from hlp.method.settings import MethodSettings
 from hlp.models.encoder import Encoder
-from hlp.models.network import Network
 from hlp.patches.holistic import candidate_region, center_depths, region_weights
 from hlp.patches.likely_places import likely_regions
 from hlp.patches.local import cut_local_patches, region_pixels, thin_out
@@ -29,40 +27,6 @@ from hlp.voting.cast import cast_votes
 _NEAREST = 0.1  # m: where depth is missing or less, a window is as large as there
 
 
-class LearntObjects(Protocol):
-    """What detection needs from learnt objects. Each part is loaded when first needed."""
-
-    @property
-    def models(self) -> Mapping[int, ObjectModel]:
-        """Object models by id."""
-        ...
-
-    @property
-    def classes(self) -> Sequence[int]:
-        """Object id of each class of the classifier, from class 1 on; class 0 is background."""
-        ...
-
-    def load_classifier(self) -> Network:
-        """The classifier of holistic patches."""
-        ...
-
-    def load_encoder(self) -> Encoder:
-        """The encoder of local patches."""
-        ...
-
-    def load_codebook(self, object_id: int) -> Codebook:
-        """The codebook of one object."""
-        ...
-
-    def load_score_model(self, object_id: int) -> ScoreModel:
-        """The score of one object's poses."""
-        ...
-
-    def search_folder(self, object_id: int) -> Path | None:
-        """The folder in which the search in its codebook was prepared; None if it was not."""
-        ...
-
-
 @dataclass(frozen=True)
 class CoarseResult:
     """Patches, votes and hypotheses of one object in a frame, and the times (s) of both steps."""
@@ -75,13 +39,21 @@ class CoarseResult:
 
 
 class FrameContext:
-    """One frame and the work on it that its objects share. Made by `PoseEstimator.prepare`."""
+    """One frame and the work on it that its objects share. Made by `PoseEstimator.prepare`.
+
+    `mask` is where objects are looked for, None: everywhere.
+    """
 
     def __init__(
-        self, frame: Frame, windows: FrameWindows, verification: VerificationSettings
+        self,
+        frame: Frame,
+        windows: FrameWindows,
+        verification: VerificationSettings,
+        mask: Bool[np.ndarray, "h w"] | None = None,
     ) -> None:
         self.frame = frame
         self.windows = windows
+        self.mask = mask
         self._verification = verification
 
     @cached_property
@@ -134,10 +106,10 @@ class PoseEstimator:
             if self.learnt.models[object_id].mesh.colored:
                 color_grid(self.learnt.models[object_id].mesh)
 
-    def prepare(self, frame: Frame) -> FrameContext:
+    def prepare(self, frame: Frame, mask: Bool[np.ndarray, "h w"] | None = None) -> FrameContext:
         """The context of a frame, which is passed to the stages of every object in it."""
         windows = self._scan.start(frame)
-        return FrameContext(frame, windows, self.settings.refinement.verification)
+        return FrameContext(frame, windows, self.settings.refinement.verification, mask)
 
     def find_region(self, context: FrameContext, object_id: int) -> Region:
         """Stage 1: the candidate region of an object (paper, section 3.1)."""
@@ -145,7 +117,7 @@ class PoseEstimator:
         windows, classes = context.windows.classify(object_id)
         label = self._labels[object_id]
         height, width = context.frame.depth.shape
-        return candidate_region(
+        region = candidate_region(
             object_id,
             windows,
             classes[:, label],
@@ -154,12 +126,17 @@ class PoseEstimator:
             model.diameter / model.holistic_size,
             patches.region,
         )
+        return region if context.mask is None else _narrowed(region, context.mask)
 
     def closer_regions(self, context: FrameContext, region: Region) -> Iterator[Region]:
         """Parts of the frame to search where an object's region gave no right pose."""
         frame, patches = context.frame, self.settings.patches
         radii = self._radii(frame, region.centers, self.learnt.models[region.object_id])
-        return likely_regions(region, radii, patches.closer)
+        found = likely_regions(region, radii, patches.closer)
+        if context.mask is None:
+            return found
+        parts = (replace(each, mask=each.mask & context.mask) for each in found)
+        return (each for each in parts if each.mask.any())
 
     def find_hypotheses(self, context: FrameContext, region: Region) -> CoarseResult:
         """Stage 2: votes of the region's local patches, and their modes (paper, section 3.2)."""
@@ -283,6 +260,12 @@ class PoseEstimator:
             )
             self._searches[object_id] = (codebook, search)
         return self._searches[object_id]
+
+
+def _narrowed(region: Region, mask: Bool[np.ndarray, "h w"]) -> Region:
+    """The region within a mask; where it has nothing there, the mask, which knows better."""
+    both = region.mask & mask
+    return replace(region, mask=both if both.any() else mask)
 
 
 def derive_seed(*parts: int) -> int:

@@ -1,8 +1,10 @@
 """Colours and textures of mesh files, as trimesh reads them."""
 
+import json
 import logging
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 import trimesh
@@ -72,8 +74,27 @@ def _textured(path: Path, raw: trimesh.Trimesh) -> tuple[Colors, Texture | None,
     return colors, Texture(image.copy(), coordinates), True
 
 
+def with_one_kind_of_color(scene: trimesh.Scene) -> trimesh.Scene:
+    """The scene with colours that survive joining its parts into one mesh.
+
+    Joined with parts coloured in another way, a texture would be lost: then every part gets colours
+    of its vertices.
+    """
+    visuals: list[Any] = [
+        each.visual for each in scene.geometry.values() if isinstance(each, trimesh.Trimesh)
+    ]
+    kinds = {each.kind for each in visuals}
+    if len(kinds) > 1 and "texture" in kinds:
+        scene = scene.copy()
+        for part in scene.geometry.values():
+            visual: Any = part.visual if isinstance(part, trimesh.Trimesh) else None
+            if visual is not None and visual.kind == "texture":
+                part.visual = visual.to_color()
+    return scene
+
+
 def texture_missing(path: Path) -> bool:
-    """Whether a PLY or OBJ file names an image that is not beside it, which is logged."""
+    """Whether a PLY, OBJ or glTF file names an image that is not beside it, which is logged."""
     name = _missing_texture(path)
     if name is not None:
         _logger.warning("%s: its texture %s is missing: the object is grey", path, name)
@@ -93,12 +114,24 @@ def _missing_texture(path: Path) -> str | None:
             if (library := path.parent / each[6:].strip()).is_file()
             for line in _lines(library.read_text("utf-8", "replace"), "map_kd")
         ]
+    elif kind == ".gltf":
+        named = [(path.parent, name) for name in _gltf_images(path)]
     else:
         return None
     for folder, name in named:
         if not (folder / name.strip()).is_file():
             return name.strip()
     return None
+
+
+def _gltf_images(path: Path) -> list[str]:
+    """Image files that a glTF names; none for a file that is no JSON, which loading reports."""
+    try:
+        content = json.loads(path.read_text("utf-8", "replace"))
+        names = [image.get("uri", "") for image in content.get("images", [])]
+    except (ValueError, AttributeError):
+        return []
+    return [unquote(name) for name in names if name and not name.startswith("data:")]
 
 
 def _lines(text: str, keyword: str) -> list[str]:

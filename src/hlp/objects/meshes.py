@@ -12,11 +12,18 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 from scipy.spatial.distance import cdist
 
 from hlp.errors import ConfigError, DataError, MissingFileError
-from hlp.objects.mesh_colors import mesh_colors, plain_colors, texture_missing
+from hlp.objects.mesh_colors import (
+    mesh_colors,
+    plain_colors,
+    texture_missing,
+    with_one_kind_of_color,
+)
+from hlp.objects.mesh_units import check_scale, guess_scale
 from hlp.records import MILLIMETRE, MILLIMETRES_PER_METRE, Mesh
 
-_DIAMETER_RANGE = (0.01, 2.0)
 _BLOCK = 1024
+_VERY_LARGE = 200_000  # triangles; above, simplifying takes more memory than anything else
+_FINEST_GRID = 256  # cells along the longest side of a mesh: less than a millimetre of 20 cm
 # All that trimesh's loaders raise for broken files.
 _PARSE_ERRORS = (
     ValueError, KeyError, IndexError, TypeError, AttributeError, EOFError, NotImplementedError,
@@ -24,14 +31,15 @@ _PARSE_ERRORS = (
 )  # fmt: skip
 
 
-def load_mesh(path: Path, scale: float = MILLIMETRE) -> Mesh:
+def load_mesh(path: Path, scale: float | None = MILLIMETRE) -> Mesh:
     """Load a triangle mesh; `scale` is metres per unit of the file (BOP's files are in mm).
 
-    Vertices and faces keep their order. Colours are the file's (per vertex, per face or texture) or
-    light grey, also where the texture's image is missing, which is logged; normals are the file's
-    or computed. Raises FileNotFoundError, and ValueError for a
-    file that cannot be parsed, has no triangles or NaN vertices, or whose diameter is not
-    1 cm … 2 m (wrong unit).
+    With `scale` None the unit is guessed from the size of the object, and logged. Vertices and
+    faces keep their order; the parts of a scene are joined. Colours are the file's (per vertex, per
+    face or texture) or light grey, also where the texture's image is missing, which is logged;
+    normals are the file's or computed. Raises FileNotFoundError, and ValueError for a file that
+    cannot be parsed, has no triangles or NaN vertices, or whose diameter is not 1 cm … 2 m (wrong
+    unit).
     """
     if not path.is_file():
         raise MissingFileError(f"no mesh {path}")
@@ -42,15 +50,19 @@ def load_mesh(path: Path, scale: float = MILLIMETRE) -> Mesh:
         # `force="mesh"` would drop the file's normals.
         raw = trimesh.load(path, process=False, maintain_order=True, **options)
         if isinstance(raw, trimesh.Scene):
-            raw = raw.to_mesh()
+            raw = with_one_kind_of_color(raw).to_mesh()
     except _PARSE_ERRORS as error:
         raise DataError(f"{path} cannot be read as a mesh ({error}): export it again") from error
     if not isinstance(raw, trimesh.Trimesh) or len(raw.vertices) == 0 or len(raw.faces) == 0:
         raise DataError(f"{path} has no triangles: export it as a triangle mesh")
-    vertices = np.array(raw.vertices, dtype=np.float64) * scale
+    vertices = np.array(raw.vertices, dtype=np.float64)
     if not np.isfinite(vertices).all():
         raise DataError(f"{path} has NaN or infinite vertices: repair the mesh")
-    _check_unit(path, mesh_diameter(vertices), scale)
+    diameter = mesh_diameter(vertices)
+    if scale is None:
+        scale = guess_scale(path, diameter)
+    check_scale(path, diameter, scale)
+    vertices *= scale
     faces = np.array(raw.faces, dtype=np.int32)
     colors, texture, stated = mesh_colors(path, raw) if not missing else plain_colors(raw)
     normals = _unit_normals(np.array(raw.vertex_normals))
@@ -63,7 +75,7 @@ def _one_grey(colors: UInt8[np.ndarray, "v 3"]) -> bool:
 
 
 def decimate(mesh: Mesh, faces: int) -> Mesh:
-    """The mesh reduced to about `faces` triangles by quadric error; unchanged if it has no more.
+    """The mesh reduced to at most `faces` triangles by quadric error; unchanged if it has no more.
 
     Colours are those of the nearest vertex of the full mesh; the result has no texture. Normals are
     computed from the new triangles, because the nearest vertex may be on the other side of a thin
@@ -73,13 +85,7 @@ def decimate(mesh: Mesh, faces: int) -> Mesh:
         raise ConfigError(f"a decimated mesh needs at least 4 faces, not {faces}")
     if len(mesh.faces) <= faces:
         return mesh
-    # Meshes without shared vertices (STL, textured OBJ) would fall apart: merge equal positions.
-    welded, index = np.unique(mesh.vertices, axis=0, return_inverse=True)
-    triangles = index.reshape(-1)[mesh.faces].astype(np.int32)
-    # In millimetres, because in metres details are as small as the library's tolerances.
-    points, kept = fast_simplification.simplify(
-        (welded * MILLIMETRES_PER_METRE).astype(np.float32), triangles, target_count=faces
-    )
+    points, kept = _simplified(mesh, faces)
     if len(kept) == 0:
         raise DataError(f"decimating {len(mesh.faces)} triangles to {faces} leaves none")
     vertices = np.asarray(points, dtype=np.float64) / MILLIMETRES_PER_METRE
@@ -87,6 +93,55 @@ def decimate(mesh: Mesh, faces: int) -> Mesh:
     kept = np.asarray(kept, dtype=np.int32)
     normals = _vertex_normals(vertices, kept)
     return Mesh(vertices, kept, mesh.colors[nearest], normals, colored=mesh.colored)
+
+
+def _simplified(mesh: Mesh, faces: int) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, "g 3"]]:
+    """At most `faces` triangles by quadric error, and their vertices in millimetres.
+
+    The library stops early at many open edges or coplanar triangles. Then, and where a mesh is very
+    large, vertices are merged beforehand in the cells of a grid, as fine as possible.
+    """
+    # In millimetres, because in metres details are as small as the library's tolerances.
+    if len(mesh.faces) <= _VERY_LARGE:
+        # Meshes without shared vertices (STL, textured OBJ) would fall apart: merge equal ones.
+        welded, index = np.unique(mesh.vertices, axis=0, return_inverse=True)
+        triangles = index.reshape(-1)[mesh.faces].astype(np.int32)
+        points = (welded * MILLIMETRES_PER_METRE).astype(np.float32)
+        points, kept = fast_simplification.simplify(points, triangles, target_count=faces)
+        if len(kept) <= faces:
+            return points, kept
+    points = (mesh.vertices * MILLIMETRES_PER_METRE).astype(np.float32)
+    cells = _FINEST_GRID
+    while True:
+        coarse, triangles = _merged(points, mesh.faces, cells)
+        if len(triangles) > faces:
+            coarse, triangles = fast_simplification.simplify(coarse, triangles, target_count=faces)
+        if len(triangles) <= faces:
+            return coarse, triangles
+        cells //= 2
+
+
+def _merged(
+    points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"], cells: int
+) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, "g 3"]]:
+    """Vertices of one cell of a grid made one, at their mean; triangles that are none left out.
+
+    `cells` is the number of cells along the longest side of the bounding box.
+    """
+    low = points.min(axis=0)
+    side = float(np.ptp(points, axis=0).max()) / max(cells, 1)
+    grid = np.floor((points - low) / side).astype(np.int64)
+    # One number for each cell: sorting numbers is ten times faster than sorting rows.
+    cell = np.ravel_multi_index(tuple(grid.T), tuple(grid.max(axis=0) + 1))
+    _, index, count = np.unique(cell, return_inverse=True, return_counts=True)
+    sums = np.stack([np.bincount(index, points[:, axis]) for axis in range(3)], axis=1)
+    corners = index[triangles]
+    a, b, c = corners.T
+    kept = corners[(a != b) & (b != c) & (c != a)]
+    alike = np.ravel_multi_index(tuple(np.sort(kept, axis=1).T), (len(count),) * 3)
+    _, first = np.unique(alike, return_index=True)
+    means = (sums / count[:, None]).astype(np.float32)
+    return means, kept[np.sort(first)].astype(np.int32)
 
 
 def mesh_diameter(vertices: Float[np.ndarray, "v 3"]) -> float:
@@ -97,15 +152,6 @@ def mesh_diameter(vertices: Float[np.ndarray, "v 3"]) -> float:
         corners = np.unique(vertices, axis=0)
     blocks = (corners[i : i + _BLOCK] for i in range(0, len(corners), _BLOCK))
     return max(float(cdist(block, corners).max()) for block in blocks)
-
-
-def _check_unit(path: Path, diameter: float, scale: float) -> None:
-    low, high = _DIAMETER_RANGE
-    if not low <= diameter <= high:
-        raise DataError(
-            f"{path}: diameter {diameter:.4g} m at {scale:g} m per unit is not within {low} … "
-            f"{high} m: probably the wrong unit (metres need scale 1, millimetres 0.001)"
-        )
 
 
 def _vertex_normals(

@@ -15,7 +15,7 @@ from hlp.errors import ConfigError
 from hlp.objects.meshes import decimate, load_mesh, mesh_diameter
 from hlp.objects.near_symmetries import find_near_symmetries, without
 from hlp.objects.patch_sizes import holistic_size, local_size
-from hlp.records import MILLIMETRE, Mesh, ObjectModel
+from hlp.records import MILLIMETRE, MILLIMETRES_PER_METRE, Mesh, ObjectModel
 from hlp.settings import Doc, Settings
 
 _logger = logging.getLogger(__name__)
@@ -38,12 +38,14 @@ def build_object_model(
     name: str,
     settings: ObjectSettings,
     mesh_path: Path,
-    scale: float,
+    scale: float | None,
     proxy_faces: int,
     diameter: float | None = None,
     symmetries: Float[np.ndarray, "n 4 4"] | None = None,
 ) -> ObjectModel:
     """Load one object; `scale` is metres per unit of the mesh file, `diameter` in metres.
+
+    With `scale` None the unit is guessed; the log states the size that the object has then.
 
     By default the diameter is the largest distance between two vertices, and the symmetries are
     found in the mesh: the motions that leave its shape nearly as it is and that its colours do not
@@ -64,6 +66,13 @@ def build_object_model(
         symmetries = np.concatenate([np.eye(4)[None], near.unbroken])
     elif mesh.colored:
         siblings = without(np.concatenate([near.unbroken, near.broken]), symmetries)
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    _logger.info(
+        "%s: %s mm, %d triangles",
+        name,
+        " × ".join(f"{side * MILLIMETRES_PER_METRE:.0f}" for side in high - low),
+        len(mesh.faces),
+    )
     _logger.info(
         "%s: %d symmetries; its colours tell %d more poses of nearly the same shape apart",
         name,

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.optimize import minimize
 
 from hlp.errors import DataError, MissingFileError
 from hlp.files import read_json, write_json
@@ -80,6 +79,8 @@ def fit_score_model(
     whatever their number: that of the scenes says nothing about where the object will be looked
     for. Without right or without wrong poses it is the prior.
     """
+    from scipy.optimize import minimize  # takes as long to import as finding an object
+
     count = np.array([np.count_nonzero(~right), np.count_nonzero(right)])
     if not count.all():
         return PRIOR

@@ -5,7 +5,6 @@ from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float, UInt8
-from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from hlp.records import Mesh
 from hlp.rendering.surface_samples import sample_surface
@@ -32,6 +31,8 @@ class ColorGrid:
 @lru_cache(maxsize=64)
 def color_grid(mesh: Mesh) -> ColorGrid:
     """The colours of a mesh, from its texture if it has one; made once for each mesh."""
+    from scipy.ndimage import distance_transform_edt, gaussian_filter  # slow to import
+
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     cell = float(np.linalg.norm(high - low)) / _CELLS
     corner = low - _MARGIN * cell

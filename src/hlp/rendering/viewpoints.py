@@ -6,7 +6,6 @@ Directions are unit vectors in object coordinates; angles are radians.
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.optimize import minimize
 
 _MIRROR = np.array([1.0, 1.0, -1.0])
 # Below this distance from the pole the object's +z has no direction in the image.
@@ -85,6 +84,8 @@ def _relax(start: Float[np.ndarray, "n 3"], mirrored: bool) -> Float[np.ndarray,
             value, slope = value + below, slope + below_slope
         tangent = slope - (slope * points).sum(axis=1, keepdims=True) * points
         return value, (tangent / norms).ravel()
+
+    from scipy.optimize import minimize  # only learning needs it, and it is slow to import
 
     result = minimize(
         energy,

@@ -34,15 +34,16 @@ def write_poses(path: Path, estimates: Sequence[PoseEstimate]) -> None:
     rows = []
     for each in estimates:
         if each.pose_cam_obj is not None:
-            pose = np.asarray(each.pose_cam_obj, dtype=np.float64)
-            rotation, translation = (
-                _numbers(pose[:3, :3]),
-                _numbers(pose[:3, 3] * MILLIMETRES_PER_METRE),
-            )
-            head = (each.scene_id, each.frame_id, each.object_id, float(each.score))
-            time = float(times[each.scene_id, each.frame_id])
-            rows.append((*head, rotation, translation, time))
+            rows.append(pose_row(each, float(times[each.scene_id, each.frame_id])))
     write_csv(path, POSE_COLUMNS, rows)
+
+
+def pose_row(estimate: PoseEstimate, seconds: float) -> tuple[int | float | str, ...]:
+    """The row of an estimate with a pose; `seconds` are those of its whole image."""
+    pose = np.asarray(estimate.pose_cam_obj, dtype=np.float64)
+    head = (estimate.scene_id, estimate.frame_id, estimate.object_id, float(estimate.score))
+    rotation = _numbers(pose[:3, :3])
+    return (*head, rotation, _numbers(pose[:3, 3] * MILLIMETRES_PER_METRE), seconds)
 
 
 def read_poses(path: Path) -> list[PoseEstimate]:

@@ -1,67 +1,203 @@
-"""`hlp predict`: poses of a user's own object in their own frames."""
+"""`hlp predict`: all instances of learnt objects in a user's own frames, written as they come."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
-from hlp.config.build import Run
+import numpy as np
+from annotated_types import Ge, Interval
+from jaxtyping import Bool
+
+from hlp.checks.frame_checks import check_frames
 from hlp.data.own_frames import OwnFrames
-from hlp.errors import InputError
-from hlp.files import POSES, write_json
-from hlp.method.compute_threads import set_compute_threads
-from hlp.records import PoseEstimate, frame_key
-from hlp.reporting.figures.panels import write_png
-from hlp.reporting.tables.pose_table import format_poses, poses_json
-from hlp.results.poses_file import write_poses
-from hlp.runs.run_stages import stages_of
-from hlp.runs.stage_panels import drawn_frames, picture_of_stages
-from hlp.stages.frame_results import Arrays
-from hlp.stages.store import StageStore
+from hlp.data.search_masks import SearchMasks
+from hlp.errors import DataError, HlpError
+from hlp.method.detections import Detection, SearchResult
+from hlp.method.detector import MOST_INSTANCES, Detector
+from hlp.records import Frame, ObjectModel, PoseEstimate, parse_frame_key
+from hlp.refinement.score_model import MIN_SCORE
+from hlp.reporting import answers
+from hlp.results.answers_file import LINES, AnswersFile
+from hlp.settings import Doc, Settings
+
+_AHEAD = 2  # frames decoded beside detection
+_logger = logging.getLogger(__name__)
 
 
-def predict(run: Run, output: Path) -> list[PoseEstimate]:
-    """Find the object in every frame; write poses.csv, poses.json and panels/ into `output`.
+@dataclass(frozen=True, kw_only=True)
+class PredictionOptions(Settings):
+    """What is looked for and drawn; the rest lies in the learnt folder."""
 
-    What is learnt about the object stays in the stage store, to be used for other frames. Raises
-    InputError if the frames are not the user's own, and the errors of decoding: before an object is
-    learnt, which takes minutes, every frame is decoded once to find a broken one.
+    objects: Annotated[list[str] | None, Doc("names; null: all learnt ones")] = None
+    max_instances: Annotated[int, Ge(1), Doc("of each object")] = MOST_INSTANCES
+    min_score: Annotated[
+        float, Interval(ge=0, le=1), Doc("probability below which a pose is no answer")
+    ] = MIN_SCORE
+    panels: Annotated[
+        int | None,
+        Ge(0),
+        Doc("frames that are drawn, spread evenly; null: one frame is, several are not"),
+    ] = None
+
+
+def predict(
+    detector: Detector,
+    frames: OwnFrames,
+    output: Path,
+    options: PredictionOptions,
+    masks: SearchMasks | None = None,
+) -> int:
+    """Find objects in every frame; the number of frames that could be processed.
+
+    Writes poses.csv, poses.jsonl and, last, poses.json into `output`, and prints a line for each
+    answer. The next frames are decoded beside detection. A frame that cannot be used costs itself
+    alone: it is logged, and a line of poses.jsonl names its error. Raises DataError if there is no
+    other.
     """
-    dataset, settings = run.dataset, run.settings
-    frames = dataset.frames
-    if not isinstance(frames, OwnFrames):
-        raise InputError("`hlp predict` takes data=files alone; other data are for `hlp run`")
-    set_compute_threads(settings.machine.threads)
-    detection = stages_of(run, StageStore(Path(settings.work)))
-    if detection.training.missing_views():  # nothing is learnt yet
-        for key in run.keys:
-            detection.load(key)
-    scores = detection.scores()
-    drawn, panels = drawn_frames(run), output / "panels"
-
-    def draw(key: str, found: Mapping[str, Arrays]) -> None:
-        if key in drawn:
-            (model,) = dataset.models.values()
-            panels.mkdir(parents=True, exist_ok=True)
-            picture = picture_of_stages(detection.load(key), found, model, scores, None)
-            write_png(panels / f"{frames.image(key).stem}.png", picture)
-
-    estimates = detection.estimates(draw)
-    images = [str(frames.image(_key(estimate))) for estimate in estimates]
-    names = {object_id: model.name for object_id, model in dataset.models.items()}
-    output.mkdir(parents=True, exist_ok=True)
-    write_poses(output / POSES, estimates)
-    write_json(output / "poses.json", poses_json(estimates, images, names))
-    print(format_poses(estimates, [Path(image).name for image in images], names))
-    _say_where(output, settings.panels > 0)
-    return estimates
-
-
-def _key(estimate: PoseEstimate) -> str:
-    return frame_key(estimate.scene_id, estimate.frame_id)
+    drawn = _drawn(frames.keys, options.panels)
+    failed = 0
+    with AnswersFile(output) as file:
+        for number, (key, frame, mask, error) in enumerate(_decoded(frames, masks)):
+            if number == 0:  # after what decoding had to say
+                print(answers.HEADER)
+            problem = error
+            if frame is not None:
+                try:
+                    found = _search(detector, frame, mask, options)
+                    _write(file, detector, frames, frame, found)
+                    if number == 0:  # after the first answer, which is not to wait
+                        _warn(frame, detector)
+                    if key in drawn:
+                        _draw(output, detector.models, frames.paths(key).name, frame, found)
+                except HlpError as wrong:
+                    problem = wrong
+            if problem is not None:
+                if len(frames) == 1:
+                    raise problem
+                failed += 1
+                _logger.warning("%s", problem)
+                file.add(_failure(frames, key, problem), None)
+    if failed == len(frames):
+        raise DataError(f"none of the {failed} frames can be used; see {output / LINES}")
+    if failed:
+        _logger.warning("%d of %d frames could not be used", failed, len(frames))
+    return len(frames) - failed
 
 
-def _say_where(output: Path, drawn: bool) -> None:
-    say = logging.getLogger(__name__).info
-    say("\nPoses     %s (poses.csv in BOP's format, poses.json)", output)
-    if drawn:
-        say("Pictures  %s (what each stage saw)", output / "panels")
+def _warn(frame: Frame, detector: Detector) -> None:
+    for finding in check_frames([frame], list(detector.models.values())):
+        _logger.warning("warning: %s", finding)
+
+
+def _search(
+    detector: Detector,
+    frame: Frame,
+    mask: Bool[np.ndarray, "h w"] | None,
+    options: PredictionOptions,
+) -> SearchResult:
+    return detector.search(
+        frame.rgb,
+        frame.depth,
+        frame.camera_matrix,
+        options.objects,
+        options.max_instances,
+        options.min_score,
+        mask,
+    )
+
+
+Decoded = tuple[str, Frame | None, Bool[np.ndarray, "h w"] | None, HlpError | None]
+
+
+def _decoded(frames: OwnFrames, masks: SearchMasks | None) -> Iterator[Decoded]:
+    """Every frame or its error, in order; a few of the next ones are decoded meanwhile."""
+
+    def decode(key: str) -> Decoded:
+        try:
+            frame = frames.load(key)
+            mask = None if masks is None else masks.load(frames.paths(key), frame.depth.shape)
+            return key, frame, mask, None
+        except HlpError as error:
+            return key, None, None, error
+
+    waiting: list[Future[Decoded]] = []
+    with ThreadPoolExecutor(1) as decoder:
+        for key in frames.keys:
+            waiting.append(decoder.submit(decode, key))
+            if len(waiting) > _AHEAD:
+                yield waiting.pop(0).result()
+        for future in waiting:
+            yield future.result()
+
+
+def _write(
+    file: AnswersFile, detector: Detector, frames: OwnFrames, frame: Frame, found: SearchResult
+) -> None:
+    image = frames.paths(frame.key)
+    models = detector.models
+    rejected = [each.answer for each in found.rejections if each.answer is not None]
+    seconds = sum(each.seconds for each in [*found.detections, *rejected])
+    for each in found.detections:
+        model = models[each.object]
+        estimate = PoseEstimate(
+            frame.scene_id,
+            frame.frame_id,
+            model.object_id,
+            each.pose_cam_obj,
+            each.score,
+            {"total": seconds},
+        )
+        values = _values(str(image.color), frame, model, True, seconds) | _described(each)
+        file.add(values, estimate)
+        print(answers.pose_line(image.name, each.object, each.score, each.pose_cam_obj), flush=True)
+    named = {each.object for each in found.detections}
+    for rejection in found.rejections:
+        if rejection.object in named:  # one more instance that was looked for in vain
+            continue
+        model = models[rejection.object]
+        values = _values(str(image.color), frame, model, False, seconds)
+        best = {"score": 0.0} if rejection.answer is None else _described(rejection.answer)
+        file.add(values | best | {"reason": rejection.reason}, None)
+        print(answers.missing_line(image.name, rejection.object, rejection.reason), flush=True)
+        named.add(rejection.object)
+
+
+def _values(
+    image: str, frame: Frame, model: ObjectModel, found: bool, seconds: float
+) -> dict[str, object]:
+    ids = (frame.scene_id, frame.frame_id)
+    return answers.answer_values(image, ids, (model.object_id, model.name), found, seconds)
+
+
+def _described(detection: Detection) -> dict[str, object]:
+    return {
+        "score": detection.score,
+        **answers.pose_values(detection.pose_cam_obj),
+        "visible_fraction": detection.visible_fraction,
+        "residual_mm": detection.residual_mm,
+    }
+
+
+def _failure(frames: OwnFrames, key: str, error: HlpError) -> dict[str, object]:
+    scene_id, frame_id = parse_frame_key(key)
+    image = str(frames.paths(key).color)
+    return {"rgb": image, "scene_id": scene_id, "im_id": frame_id, "error": str(error)}
+
+
+def _drawn(keys: Sequence[str], panels: int | None) -> set[str]:
+    count = (1 if len(keys) == 1 else 0) if panels is None else min(panels, len(keys))
+    return {keys[i * len(keys) // count] for i in range(count)}
+
+
+def _draw(
+    output: Path, models: dict[str, ObjectModel], name: str, frame: Frame, found: SearchResult
+) -> None:
+    from hlp.reporting.figures.panels import draw_detections, write_png  # not needed for a folder
+
+    poses = [(models[each.object], each.pose_cam_obj) for each in found.detections]
+    folder = output / "panels"
+    folder.mkdir(exist_ok=True)
+    write_png(folder / f"{name}.png", draw_detections(frame, poses))

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from hlp.config.build import Run
-from hlp.errors import InputError
 from hlp.evaluation.evaluator import score_targets
 from hlp.evaluation.false_alarms import count_false_alarms
 from hlp.evaluation.summary import summarise
@@ -41,12 +40,9 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
     """Run every stage that is not on disk, write the results into `output`, return the summary.
 
     `output` receives summary.json, scores.csv, poses.csv, panels/ and, last, manifest.json.
-    Everything is logged as one MLflow run. It is opened first, so a crash leaves it FAILED. Raises
-    InputError if the frames have no true poses.
+    Everything is logged as one MLflow run. It is opened first, so a crash leaves it FAILED.
     """
     settings = run.settings
-    if not run.dataset.annotated:
-        raise InputError("these frames have no true poses to score against: use `hlp predict`")
     set_compute_threads(settings.machine.threads)
     output.mkdir(parents=True, exist_ok=True)
     (output / MANIFEST).unlink(missing_ok=True)

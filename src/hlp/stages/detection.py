@@ -225,7 +225,7 @@ class DetectionStages:
         """The score models of the objects that are looked for."""
         self.training.make_for(self.dataset.target_ids)
         models = {i: self.training.load_score_model(i) for i in self.dataset.target_ids}
-        if self.dataset.annotated and not self.dataset.search_all:
+        if not self.dataset.search_all:
             return {i: model.known_present() for i, model in models.items()}
         return models
 

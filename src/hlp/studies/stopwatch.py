@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool
 
 from hlp.codebook.neighbours import ExactNeighbours
 from hlp.method.pose_estimator import CoarseResult, FrameContext, PoseEstimator
@@ -129,10 +130,10 @@ class TimedEstimator(PoseEstimator):
 
         setattr(owner, method, timed)
 
-    def prepare(self, frame: Frame) -> FrameContext:
+    def prepare(self, frame: Frame, mask: Bool[np.ndarray, "h w"] | None = None) -> FrameContext:
         """The context of a frame, its windows connected to the clock; see PoseEstimator.prepare."""
         self.clock.enter("windows")
-        context = super().prepare(frame)
+        context = super().prepare(frame, mask)
         self._charge(context.windows, "classify", "windows", "region")
         return context
 

@@ -6,7 +6,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from hlp.config.build import Run, evenly
-from hlp.errors import InputError
 from hlp.files import MANIFEST, write_json
 from hlp.method.compute_threads import set_compute_threads
 from hlp.reporting.tracking import Tracker, how_to_browse, track_run
@@ -24,11 +23,9 @@ def study_run(
 
     When the block ends, manifest.json is written into `output`, all that is in it is logged, and a
     message says where it is. A folder with a manifest holds a complete result. With `resume` the
-    MLflow run of that id is continued. Raises InputError if the frames have no true poses.
+    MLflow run of that id is continued.
     """
     settings = run.settings
-    if not run.dataset.annotated:
-        raise InputError(f"these frames have no true poses, which task={settings.task.name} needs")
     set_compute_threads(settings.machine.threads)
     output.mkdir(parents=True, exist_ok=True)
     (output / MANIFEST).unlink(missing_ok=True)

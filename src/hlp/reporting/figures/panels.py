@@ -1,5 +1,6 @@
 """The paper's four pictures of one object in one frame (Fig. 7 and 8)."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -120,14 +121,36 @@ def draw_poses(
     camera, shape = frame.camera_matrix, frame.depth.shape
     size = (shape[0], shape[1])
     if pose is not None:
-        shaded, depth = render_rgbd(model.mesh, pose, camera, size, FRONTAL_LIGHT)
-        mixed = (3 * shaded.astype(np.uint16) + picture) // 4
-        picture = np.where(depth[..., None] > 0, mixed, picture).astype(np.uint8)
-        picture = _outline(picture, depth > 0, ESTIMATE_COLOR)
+        picture = _posed(picture, model, pose, camera)
     if true_pose is not None:
         true_depth = render_depth(model.proxy, true_pose[None], camera, size)[0]
         picture = _outline(picture, true_depth > 0, TRUTH_COLOR)
     return picture if pose is None else _axes(picture, model, pose, camera)
+
+
+def draw_detections(
+    frame: Frame, poses: Sequence[tuple[ObjectModel, Float[np.ndarray, "4 4"]]]
+) -> Image:
+    """Shaded models, outlines and axes of several objects over the grey picture, far ones first."""
+    picture = _grey(frame.rgb, 0.8)
+    for model, pose in sorted(poses, key=lambda each: -float(each[1][2, 3])):
+        picture = _posed(picture, model, pose, frame.camera_matrix)
+        picture = _axes(picture, model, pose, frame.camera_matrix)
+    return picture
+
+
+def _posed(
+    picture: Image,
+    model: ObjectModel,
+    pose: Float[np.ndarray, "4 4"],
+    camera_matrix: Float[np.ndarray, "3 3"],
+) -> Image:
+    """The shaded model over a picture, with its outline."""
+    size = (picture.shape[0], picture.shape[1])
+    shaded, depth = render_rgbd(model.mesh, pose, camera_matrix, size, FRONTAL_LIGHT)
+    mixed = (3 * shaded.astype(np.uint16) + picture) // 4
+    picture = np.where(depth[..., None] > 0, mixed, picture).astype(np.uint8)
+    return _outline(picture, depth > 0, ESTIMATE_COLOR)
 
 
 def _axes(

@@ -1,0 +1,88 @@
+"""`hlp objects`: what is learnt and kept in the user's cache."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from hlp.commands import composing, own_arguments
+from hlp.errors import InputError
+
+
+def command(arguments: Sequence[str]) -> None:
+    """List, show, remove or export entries of the cache."""
+    if not arguments or composing.HELP & set(arguments):
+        print(OBJECTS_HELP)
+        return
+    own_arguments.call(lambda: _do(arguments))
+
+
+def _do(arguments: Sequence[str]) -> None:
+    from hlp.runs import learnt_cache
+
+    words = [each for each in arguments if not each.startswith("work=")]
+    work = next((each[5:] for each in arguments if each.startswith("work=")), None)
+    cache = learnt_cache.cache_folder(work)
+    match words:
+        case ["list"]:
+            print(_listed(cache))
+        case ["show", name]:
+            print(_shown(learnt_cache.find_learnt(name, cache)))
+        case ["remove", name]:
+            print(f"removed {learnt_cache.remove_learnt(name, cache)}")
+        case ["export", name, target]:
+            print(f"copied to {learnt_cache.export_learnt(name, Path(target).expanduser(), cache)}")
+        case _:
+            raise InputError(f"cannot use '{' '.join(words)}': see `hlp objects --help`")
+
+
+def _listed(cache: Path) -> str:
+    from hlp.runs.learnt_cache import list_learnt
+
+    entries = list_learnt(cache)
+    if not entries:
+        return f"nothing is learnt yet in {cache}: hlp learn mesh=FILE"
+    lines = [
+        f"{each.name:<28} {each.size / 1e6:6.0f} MB  {', '.join(each.record.objects)}"
+        for each in entries
+    ]
+    return "\n".join([*lines, f"in {cache}"])
+
+
+def _shown(folder: Path) -> str:
+    from hlp.method.learnt_folder import LearntFolder
+    from hlp.runs.learnt_cache import describe_learnt
+
+    entry = describe_learnt(folder)
+    lines = [f"{folder}: {entry.size / 1e6:.0f} MB"]
+    for model in LearntFolder(folder).models.values():
+        low, high = model.mesh.vertices.min(axis=0), model.mesh.vertices.max(axis=0)
+        size = " × ".join(f"{side * 1000:.0f}" for side in high - low)
+        color = "texture" if model.mesh.texture is not None else "colours"
+        lines += [
+            f"{model.name} (id {model.object_id})",
+            f"  size        {size} mm, diameter {model.diameter * 1000:.0f} mm",
+            f"  mesh        {len(model.mesh.faces)} triangles, {len(model.proxy.faces)} to refine; "
+            f"{color if model.mesh.colored else 'no colours'}",
+            f"  symmetries  {len(model.symmetries) - 1}; {len(model.siblings)} more that only "
+            "colours tell apart",
+            f"  patches     windows {model.holistic_size * 1000:.0f} mm, "
+            f"local {model.local_size * 1000:.0f} mm",
+        ]
+    return "\n".join(lines)
+
+
+OBJECTS_HELP = """\
+usage: hlp objects list
+       hlp objects show NAME|FOLDER
+       hlp objects remove NAME
+       hlp objects export NAME FOLDER
+
+What `hlp learn` and `hlp predict model=…` have learnt and keep in the user's cache.
+
+  list     names, sizes on disk and objects
+  show     size, symmetries, colours and patch sizes of the objects
+  remove   delete an entry
+  export   copy it into a new folder, to be used on another machine: hlp predict learnt=FOLDER …
+
+work=FOLDER looks there instead of in the user's cache."""

@@ -1,0 +1,116 @@
+"""KEY=VALUE arguments of the commands that need no configuration, such as `learn` and `predict`.
+
+Hydra takes a second to start and reads a comma as a sweep; these commands take file names.
+"""
+
+import dataclasses
+import json
+import logging
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
+
+from hlp.commands import composing
+from hlp.errors import HlpError, InputError, is_expected
+from hlp.settings import read_settings
+
+T = TypeVar("T")
+_FRAMEWORKS = {"hydra", "omegaconf"}
+
+
+def split_arguments(arguments: Sequence[str]) -> dict[str, str]:
+    """KEY=VALUE arguments as a mapping; a key may be given as `data.KEY`, as in configurations.
+
+    Raises InputError for an argument of another form, or a key that is given twice.
+    """
+    given: dict[str, str] = {}
+    for argument in arguments:
+        key, sign, value = argument.partition("=")
+        if not key or not sign or not value:
+            raise InputError(f"cannot use '{argument}': arguments have the form KEY=VALUE")
+        key = key.removeprefix("data.")
+        if key in given:
+            raise InputError(f"{key} is given twice")
+        given[key] = value
+    return given
+
+
+def read_group(kind: type[T], given: Mapping[str, str], **fixed: Any) -> T:
+    """Settings of a class from those arguments that are its fields. Raises SettingsError."""
+    fields = {field.name for field in dataclasses.fields(kind)} - set(fixed)  # type: ignore[arg-type]
+    values = {key: plain_value(value) for key, value in given.items() if key in fields}
+    return read_settings(kind, values | fixed)
+
+
+def field_names(*kinds: type) -> set[str]:
+    """The names of all fields of some settings classes."""
+    return {field.name for kind in kinds for field in dataclasses.fields(kind)}
+
+
+def plain_value(text: str) -> Any:
+    """A number, list, true, false or null; anything else is text: a path, with ~ expanded."""
+    text = text.strip()
+    if len(text) > 1 and text[0] == text[-1] and text[0] in "'\"":
+        return text[1:-1]
+    try:
+        return json.loads(text)
+    except ValueError:
+        pass
+    if text.startswith("[") and text.endswith("]"):
+        return [plain_value(part) for part in text[1:-1].split(",") if part.strip()]
+    return str(Path(text).expanduser()) if text.startswith("~") else text
+
+
+def text_list(text: str) -> list[str]:
+    """Names or paths separated by commas, with or without brackets; one path may hold commas."""
+    if Path(text).expanduser().exists():
+        return [str(Path(text).expanduser())]
+    value = plain_value(text if text.startswith("[") else f"[{text}]")
+    return [str(each) for each in value]
+
+
+def check_known(given: Mapping[str, str], known: Sequence[str], command: str) -> None:
+    """Raise InputError for the first key that a command does not take."""
+    for key in given:
+        if key not in known:
+            raise InputError(f"{key} is no key of `hlp {command}`: see `hlp {command} --help`")
+
+
+def output_folder(given: Mapping[str, str], command: str) -> Path:
+    """The folder of the results: `output`, or one with the time in its name."""
+    if "output" in given:
+        return Path(given["output"]).expanduser()
+    return Path("outputs", command, time.strftime("%Y-%m-%d_%H-%M-%S"))
+
+
+def call(task: Callable[[], None]) -> None:
+    """Do a task with its messages on the terminal and its expected errors as one line."""
+    with _messages_on_terminal():
+        try:
+            task()
+        except KeyboardInterrupt:
+            print("hlp: interrupted; the same command continues from here", file=sys.stderr)
+            sys.exit(130)  # as in shells
+        except Exception as error:
+            expected = isinstance(error, HlpError) or is_expected(error)
+            if not expected and type(error).__module__.partition(".")[0] not in _FRAMEWORKS:
+                raise
+            composing.fail(error)
+
+
+@contextmanager
+def _messages_on_terminal() -> Iterator[None]:
+    logger = logging.getLogger("hlp")
+    handler = logging.StreamHandler(sys.stdout)
+    handler.setFormatter(logging.Formatter("%(message)s"))
+    before = logger.level
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(before)

@@ -1,0 +1,54 @@
+"""The unit of a mesh file: guessed from the object's size, and checked."""
+
+import logging
+from pathlib import Path
+
+from hlp.errors import DataError
+
+_SIZES = (0.01, 2.0)  # m: diameters of objects that can be found
+_UNITS = ((1.0, "metres"), (0.001, "millimetres"))
+_IN_METRES = (".glb", ".gltf")
+_logger = logging.getLogger(__name__)
+
+
+def guess_scale(path: Path, diameter: float) -> float:
+    """Metres per unit of a mesh file whose largest distance between vertices is `diameter` units.
+
+    glTF is in metres by its specification. Other files are taken for metres or millimetres,
+    whichever makes the object 1 cm to 2 m large. The guess is logged. Raises DataError if neither
+    does.
+    """
+    possible = [(scale, name) for scale, name in _UNITS if _is_possible(diameter * scale)]
+    if not possible:
+        raise DataError(
+            f"{path} is {diameter:.4g} units large, a likely size neither in metres nor in "
+            "millimetres: give mesh_scale, in metres per unit (0.01 for centimetres)"
+        )
+    scale, name = possible[0]
+    say = _logger.info
+    if path.suffix.lower() in _IN_METRES and scale != 1.0:
+        say = _logger.warning
+    say(
+        "%s: %.4g units large, taken for %s (mesh_scale=%g; give another one if this is wrong)",
+        path.name,
+        diameter,
+        name,
+        scale,
+    )
+    return scale
+
+
+def check_scale(path: Path, diameter: float, scale: float) -> None:
+    """Raise DataError if a mesh of `diameter` units would have a size that no object has."""
+    if not _is_possible(diameter * scale):
+        low, high = _SIZES
+        raise DataError(
+            f"{path}: diameter {diameter * scale:.4g} m at {scale:g} m per unit is not within "
+            f"{low} … {high} m: probably the wrong unit (mesh_scale: metres need 1, millimetres "
+            "0.001)"
+        )
+
+
+def _is_possible(metres: float) -> bool:
+    low, high = _SIZES
+    return low <= metres <= high

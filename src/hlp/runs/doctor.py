@@ -1,0 +1,96 @@
+"""`hlp doctor`: what is wrong with a data set, frames, learnt objects or this machine."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from hlp.checks import camera, machine
+from hlp.checks.finding import Finding
+from hlp.checks.frame_checks import check_frames, read_frames
+from hlp.checks.true_poses import check_true_poses
+from hlp.checks.unit_search import check_by_search
+from hlp.data.bop import BopSettings
+from hlp.data.dataset import Dataset
+from hlp.data.own_frames import OwnFrames
+from hlp.errors import HlpError
+from hlp.method.detector import Detector
+from hlp.records import Frame
+from hlp.reporting.figures.panels import draw_detections, write_png
+
+_KEPT = 6  # frames whose content is looked at
+_SEARCHED = 2  # frames in which objects are looked for
+
+
+def examine_machine(cache: Path) -> list[Finding]:
+    """Libraries, threads and disk."""
+    return [*machine.check_libraries(), *machine.check_threads(), *machine.check_disk(cache)]
+
+
+def examine_learnt(folder: Path) -> tuple[Detector | None, list[Finding]]:
+    """Learnt objects, all loaded; None if they cannot be."""
+    try:
+        detector = Detector.load(folder)
+        detector.warm_up()
+        return detector, camera.check_object_size(list(detector.models.values()))
+    except HlpError as error:
+        return None, [Finding("learnt objects", str(folder), str(error), "Learn them again")]
+
+
+def examine_dataset(root: Path, output: Path | None) -> list[Finding]:
+    """A data set in BOP's layout: files, cameras, and whether poses fit the depth images.
+
+    With `output` some frames are drawn there with the objects at their true poses.
+    """
+    try:
+        dataset = BopSettings(name="bop", root=str(root)).build()
+        keys = dataset.frames.keys
+    except HlpError as error:
+        return [Finding("data set", str(root), str(error), "See docs/own-data for the layout")]
+    frames, findings = read_frames(dataset.frames.load, keys, _KEPT)
+    findings += check_frames(frames, list(dataset.models.values()))
+    findings += check_true_poses(frames, dataset.models)
+    if output is not None:
+        for frame in frames:
+            _draw_truth(output, dataset, frame)
+    return findings
+
+
+def examine_own(frames: OwnFrames, detector: Detector | None) -> list[Finding]:
+    """A user's own frames, with learnt objects to look for or without."""
+    try:
+        keys = frames.keys
+        _ = frames.camera
+    except HlpError as error:
+        return [Finding("files", "frames", str(error), "Correct it and call again")]
+    read, findings = read_frames(frames.load, keys, _KEPT)
+    models = [] if detector is None else list(detector.models.values())
+    findings += check_frames(read, models)
+    if detector is not None and not findings:
+        findings += check_by_search(read[:_SEARCHED], lambda frame: _best(detector, frame))
+    return findings
+
+
+def _best(detector: Detector, frame: Frame) -> float:
+    if camera.check_depth_scale(frame, list(detector.models.values())):
+        return 0.0  # objects of no size that could be found, and slow to look for
+    try:
+        found = detector.search(
+            frame.rgb, frame.depth, frame.camera_matrix, max_instances=1, min_score=0.0
+        )
+    except HlpError:  # a change that makes no sense for this frame
+        return 0.0
+    return max((each.score for each in found.detections), default=0.0)
+
+
+def _draw_truth(output: Path, dataset: Dataset, frame: Frame) -> None:
+    known = [each for each in frame.targets if each.object_id in dataset.models]
+    poses = [(dataset.models[each.object_id], each.pose_cam_obj) for each in known]
+    output.mkdir(parents=True, exist_ok=True)
+    write_png(output / f"truth_{frame.key}.png", draw_detections(frame, poses))
+
+
+def describe(findings: list[Finding]) -> Iterator[str]:
+    """Findings as lines for people."""
+    for number, finding in enumerate(findings, 1):
+        yield f"{number}. {finding}"
+    if not findings:
+        yield "nothing wrong was found"

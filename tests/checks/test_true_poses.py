@@ -1,0 +1,99 @@
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hlp.checks.true_poses import FAULTS, Sample, agreement, check_true_poses
+
+
+def _with_poses(frame, change):
+    targets = [replace(each, pose_cam_obj=change(each.pose_cam_obj)) for each in frame.targets]
+    return replace(frame, targets=tuple(targets))
+
+
+def _with_matrix(frame, rows, factor):
+    matrix = frame.camera_matrix.copy()
+    matrix[rows] *= factor
+    return replace(frame, camera_matrix=matrix)
+
+
+def _transposed(pose):
+    turned = pose.copy()
+    turned[:3, :3] = pose[:3, :3].T
+    return turned
+
+
+def _scaled(pose, factor):
+    moved = pose.copy()
+    moved[:3, 3] *= factor
+    return moved
+
+
+FOCAL = ([0, 1], [0, 1])
+PLANTED = {
+    "depth x10": (lambda f: replace(f, depth=f.depth * np.float32(10)), "depth scale", "10 times"),
+    "depth x0.9": (lambda f: replace(f, depth=f.depth * np.float32(0.9)), "depth scale", "0.9"),
+    "focal x0.5": (lambda f: _with_matrix(f, FOCAL, 0.5), "intrinsics", "about 0.5"),
+    "focal x0.75": (lambda f: _with_matrix(f, FOCAL, 0.75), "intrinsics", "about 0.75"),
+    "focal x1.3": (lambda f: _with_matrix(f, FOCAL, 1.3), "intrinsics", r"about 1\.[23]"),
+    "focal x1.9": (lambda f: _with_matrix(f, FOCAL, 1.9), "intrinsics", r"about (1\.9|2)"),
+    "K of images half as large": (
+        lambda f: _with_matrix(f, slice(0, 2), 0.5), "intrinsics", "images 0.5 times",
+    ),
+    "transposed rotations": (lambda f: _with_poses(f, _transposed), "rotations", "transposed"),
+    "inverted poses": (lambda f: _with_poses(f, np.linalg.inv), "poses", "camera to object"),
+    "OpenGL's axes": (
+        lambda f: _with_poses(f, lambda p: np.diag([1.0, -1, -1, 1]) @ p), "axes", "OpenGL",
+    ),
+    "poses in metres": (
+        lambda f: _with_poses(f, lambda p: _scaled(p, 0.001)), "pose unit", "0.001",
+    ),
+    "depth shifted": (
+        lambda f: replace(f, depth=np.roll(f.depth, 20, axis=1)), "registration", r"\(20, 0\)",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", PLANTED)
+def test_a_planted_fault_is_named(frames, models, name):
+    plant, kind, words = PLANTED[name]
+    (finding,) = check_true_poses([plant(frame) for frame in frames], models)
+    assert finding.kind == kind, str(finding)
+    assert re.search(words, finding.problem), str(finding)
+
+
+def test_meshes_in_centimetres_are_named(frames, models):
+    small = {
+        i: replace(m, proxy=replace(m.proxy, vertices=m.proxy.vertices * 0.1))
+        for i, m in models.items()
+    }
+    (finding,) = check_true_poses(frames, small)
+    assert finding.kind == "mesh unit" and "0.1 times" in finding.problem
+
+
+def test_a_healthy_set_has_no_finding(frames, models):
+    assert check_true_poses(frames, models) == []
+    assert check_true_poses([replace(each, targets=()) for each in frames], models) == []
+
+
+def test_poses_that_nothing_explains_are_named_as_such(frames, models):
+    rng = np.random.default_rng(0)
+    lost = [_with_poses(f, lambda p: _scaled(p, 1 + rng.uniform(0.3, 0.6))) for f in frames]
+    lost = [_with_poses(f, lambda p: p @ np.diag([-1.0, 1, -1, 1])) for f in lost]
+    (finding,) = check_true_poses(lost, models)
+    assert finding.kind == "poses" and "no single known fault" in finding.problem
+
+
+def test_undoing_a_fault_that_is_not_there_spoils_the_agreement(frames, models):
+    """Otherwise that fault could not be told from none."""
+    samples = [
+        Sample(frame, models[t.object_id], t.pose_cam_obj)
+        for frame in frames
+        for t in frame.targets
+    ]
+    healthy = agreement(samples)
+    assert healthy > 0.8
+    for fault in FAULTS:
+        if fault.kind not in {"registration", "rotations"}:  # small shifts, nearly symmetric turns
+            assert agreement([fault.undo(each) for each in samples]) < healthy, fault

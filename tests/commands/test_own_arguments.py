@@ -1,0 +1,64 @@
+import subprocess
+import sys
+
+import pytest
+
+from hlp.commands import own_arguments
+from hlp.data.own_frames import FrameFiles
+
+
+def test_arguments_are_keys_and_values():
+    given = own_arguments.split_arguments(["rgb=a=b.png", "data.photographs=p"])
+    assert given == {"rgb": "a=b.png", "photographs": "p"}
+    for wrong in ("rgb", "=a", "rgb="):
+        with pytest.raises(ValueError, match="KEY=VALUE"):
+            own_arguments.split_arguments([wrong])
+    with pytest.raises(ValueError, match="given twice"):
+        own_arguments.split_arguments(["a=1", "a=2"])
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("1e-3", 0.001), ("3", 3), ("true", True), ("null", None), ("a,b (c).png", "a,b (c).png"),
+     ("[1, 2.5]", [1, 2.5]), ("[a,b]", ["a", "b"]), ("'it is'", "it is"), ("a'b", "a'b")],
+)  # fmt: skip
+def test_values_are_read_as_they_look(text, value):
+    assert own_arguments.plain_value(text) == value
+
+
+def test_lists_of_files_are_separated_by_commas(tmp_path):
+    odd = tmp_path / "a,b.ply"
+    odd.touch()
+    assert own_arguments.text_list(str(odd)) == [str(odd)]
+    assert own_arguments.text_list("a.ply,b.obj") == ["a.ply", "b.obj"]
+    assert own_arguments.text_list("[a.ply, b.obj]") == ["a.ply", "b.obj"]
+
+
+def test_settings_are_read_from_their_own_keys():
+    given = {"rgb": "a", "depth": "b", "intrinsics": "[1,2,3,4]", "depth_scale": "2", "x": "y"}
+    files = own_arguments.read_group(FrameFiles, given)
+    assert files == FrameFiles(rgb="a", depth="b", intrinsics=[1.0, 2.0, 3.0, 4.0], depth_scale=2.0)
+    with pytest.raises(ValueError, match="depth_scale is 0"):
+        own_arguments.read_group(FrameFiles, given | {"depth_scale": "0"})
+
+
+def test_a_bug_keeps_its_traceback_and_an_expected_error_is_a_line(capsys):
+    with pytest.raises(KeyError):
+        own_arguments.call(lambda: {}["bug"])
+    with pytest.raises(SystemExit) as stopped:
+        own_arguments.call(lambda: own_arguments.check_known({"x": "y"}, ["a"], "learn"))
+    assert stopped.value.code == 1
+    assert capsys.readouterr().err.startswith("hlp: x is no key of `hlp learn`")
+
+
+def test_predicting_imports_no_framework():
+    """What a call with learnt objects imports: no training, no configuration, no tracking."""
+    code = (
+        "import sys, hlp.cli, hlp.runs.prediction, hlp.data.own_frames, hlp.runs.learnt_cache\n"
+        "slow = {'torch', 'pytorch_lightning', 'mlflow', 'hydra', 'omegaconf', 'trimesh',"
+        " 'matplotlib', 'pandas', 'sklearn', 'scipy.optimize'}\n"
+        "found = slow & set(sys.modules)\n"
+        "assert not found, found\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

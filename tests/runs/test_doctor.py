@@ -1,0 +1,135 @@
+"""Faults planted in the files of a data set are found and named."""
+
+import json
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+
+from hlp.data.own_frames import FrameFiles, OwnFrames
+from hlp.data.synthetic.objects import demo_objects
+from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
+from hlp.runs import doctor
+
+
+@pytest.fixture(scope="module")
+def healthy(tmp_path_factory):
+    """Two demo scenes in BOP's layout."""
+    root = tmp_path_factory.mktemp("doctor") / "set"
+    scene = root / "test" / "000001"
+    for name in ("rgb", "depth"):
+        (scene / name).mkdir(parents=True)
+    (root / "models").mkdir()
+    scenes = SyntheticScenes(SyntheticSettings(scenes=2, objects=(3, 3), clutter=(2, 3)))
+    cameras, truths, shown = {}, {}, set()
+    for number, key in enumerate(scenes.keys):
+        frame = scenes.load(key)
+        cv2.imwrite(str(scene / f"rgb/{number:06d}.png"), frame.rgb[..., ::-1])
+        depth = np.rint(frame.depth * 10_000).astype(np.uint16)
+        cv2.imwrite(str(scene / f"depth/{number:06d}.png"), depth)
+        cameras[number] = {"cam_K": frame.camera_matrix.ravel().tolist(), "depth_scale": 0.1}
+        truths[number] = [
+            {
+                "obj_id": each.object_id,
+                "cam_R_m2c": each.pose_cam_obj[:3, :3].ravel().tolist(),
+                "cam_t_m2c": (each.pose_cam_obj[:3, 3] * 1000).tolist(),
+            }
+            for each in frame.targets
+        ]
+        shown |= {each.object_id for each in frame.targets}
+    (scene / "scene_camera.json").write_text(json.dumps(cameras))
+    (scene / "scene_gt.json").write_text(json.dumps(truths))
+    info = {}
+    for object_id in shown:
+        mesh = demo_objects()[object_id].mesh
+        raw = trimesh.Trimesh(mesh.vertices * 1000, mesh.faces, process=False)
+        raw.export(root / "models" / f"obj_{object_id:06d}.ply")
+        turn = np.eye(4)
+        turn[0, 0] = turn[1, 1] = -1.0  # any symmetry stated: then none is looked for
+        info[object_id] = {"symmetries_discrete": [turn.ravel().tolist()]}
+    (root / "models" / "models_info.json").write_text(json.dumps(info))
+    return root
+
+
+def _edit(path, change):
+    content = json.loads(path.read_text())
+    for entry in content.values():
+        change(entry)
+    path.write_text(json.dumps(content))
+
+
+def _truncate(scene):
+    path = scene / "depth" / "000001.png"
+    path.write_bytes(path.read_bytes()[:3000])
+
+
+def _transpose(scene):
+    def change(entry):
+        for each in entry:
+            each["cam_R_m2c"] = np.reshape(each["cam_R_m2c"], (3, 3)).T.ravel().tolist()
+
+    _edit(scene / "scene_gt.json", change)
+
+
+def _scale_depth(scene):
+    _edit(scene / "scene_camera.json", lambda entry: entry.update(depth_scale=1.0))
+
+
+def _small_camera(scene):
+    def change(entry):
+        matrix = np.reshape(entry["cam_K"], (3, 3))
+        matrix[:2] *= 0.5
+        entry["cam_K"] = matrix.ravel().tolist()
+
+    _edit(scene / "scene_camera.json", change)
+
+
+def _shift_depth(scene):
+    for path in (scene / "depth").iterdir():
+        cv2.imwrite(str(path), np.roll(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), 10, axis=1))
+
+
+@pytest.mark.parametrize(
+    ("plant", "kinds"),
+    [
+        (_truncate, {"files"}),
+        (_transpose, {"rotations"}),
+        (_scale_depth, {"depth scale"}),
+        (_small_camera, {"intrinsics"}),
+        (_shift_depth, {"registration"}),
+    ],
+)
+def test_a_fault_in_the_files_of_a_data_set_is_named(healthy, tmp_path, plant, kinds):
+    root = shutil.copytree(healthy, tmp_path / "set")
+    plant(root / "test" / "000001")
+    findings = doctor.examine_dataset(root, None)
+    assert {each.kind for each in findings} == kinds, [str(each) for each in findings]
+
+
+def test_a_healthy_set_has_no_finding_and_is_drawn(healthy, tmp_path):
+    assert doctor.examine_dataset(healthy, tmp_path / "look") == []
+    pictures = sorted((tmp_path / "look").iterdir())
+    assert len(pictures) == 2 and cv2.imread(str(pictures[0])).any()
+    assert list(doctor.describe([])) == ["nothing wrong was found"]
+
+
+def test_what_is_no_data_set_is_a_finding(tmp_path):
+    (finding,) = doctor.examine_dataset(tmp_path, None)
+    assert finding.kind == "data set"
+    detector, (finding,) = doctor.examine_learnt(tmp_path)
+    assert detector is None and finding.kind == "learnt objects"
+
+
+def test_own_frames_are_examined_without_true_poses(healthy):
+    scene = healthy / "test" / "000001"
+    given = {"rgb": str(scene / "rgb"), "depth": str(scene / "depth")}
+    camera = str(scene / "scene_camera.json")
+    assert doctor.examine_own(OwnFrames(FrameFiles(**given, intrinsics=camera)), None) == []
+    wrong = FrameFiles(**given, intrinsics=[250.0, 250.0, 160.0, 120.0], depth_scale=0.1)
+    (finding,) = doctor.examine_own(OwnFrames(wrong), None)
+    assert finding.kind == "intrinsics"
+    nothing = FrameFiles(**given, intrinsics="none.json")
+    (finding,) = doctor.examine_own(OwnFrames(nothing), None)
+    assert "no file" in finding.problem

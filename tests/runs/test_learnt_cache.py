@@ -1,0 +1,51 @@
+import pytest
+
+from hlp.method.learnt_folder import LearntRecord, write_record
+from hlp.method.settings import MethodSettings
+from hlp.runs import learnt_cache
+
+
+@pytest.fixture
+def cache(tmp_path):
+    for name in ("bolt", "two"):
+        folder = tmp_path / "objects" / name
+        folder.mkdir(parents=True)
+        (folder / "big").write_bytes(bytes(1000))
+        write_record(folder, LearntRecord({name: 1}, (1,), MethodSettings()))
+    return learnt_cache.cache_folder(str(tmp_path))
+
+
+def test_what_is_learnt_is_found_by_name_and_by_path(cache, tmp_path):
+    assert learnt_cache.find_learnt("bolt", cache) == cache / "bolt"
+    assert learnt_cache.find_learnt(str(cache / "two"), tmp_path) == cache / "two"
+    with pytest.raises(FileNotFoundError, match="holds bolt, two"):
+        learnt_cache.find_learnt("nut", cache)
+    assert [each.name for each in learnt_cache.list_learnt(cache)] == ["bolt", "two"]
+    entry = learnt_cache.describe_learnt(cache / "two")
+    assert entry.size > 1000 and list(entry.record.objects) == ["two"]
+    assert learnt_cache.list_learnt(tmp_path / "none") == []
+
+
+def test_only_entries_of_the_cache_are_removed(cache, tmp_path):
+    for wrong in (str(cache / "bolt"), "..", "../objects"):
+        with pytest.raises(ValueError, match="is no name"):
+            learnt_cache.remove_learnt(wrong, cache)
+    (cache / "stray").mkdir()
+    for wrong in ("nut", "stray"):
+        with pytest.raises(FileNotFoundError, match=f"holds no {wrong}"):
+            learnt_cache.remove_learnt(wrong, cache)
+    assert learnt_cache.remove_learnt("bolt", cache) == cache / "bolt"
+    assert sorted(path.name for path in cache.iterdir()) == ["stray", "two"]
+
+
+def test_an_exported_copy_stands_alone(cache, tmp_path):
+    learnt_cache.export_learnt("two", tmp_path / "copy", cache)
+    learnt_cache.remove_learnt("two", cache)
+    assert learnt_cache.find_learnt(str(tmp_path / "copy"), cache) == tmp_path / "copy"
+    with pytest.raises(ValueError, match="is there already"):
+        learnt_cache.export_learnt("bolt", tmp_path / "copy", cache)
+
+
+def test_by_default_it_is_the_users_cache(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert learnt_cache.cache_folder(None) == tmp_path / "hlp" / "objects"
