@@ -36,10 +36,13 @@ def test_the_sweep_runs_every_arm_once_after_the_one_it_is_compared_with(
         assert before is None if number == 0 else before in swept[:number], name
 
 
-def test_it_goes_from_the_paper_to_the_letter_to_our_best(arms: dict[str, RunSettings]) -> None:
-    for name, method in (("literal", "paper_literal"), ("best", "hlp")):
+def test_it_goes_from_the_paper_to_the_letter_over_what_was_meant_to_our_best(
+    arms: dict[str, RunSettings],
+) -> None:
+    ways = (("literal", "paper_literal"), ("screening", "paper"), ("best", "hlp"))
+    for name, method in ways:
         expected = composed(f"method={method}", "score.scenes=0").method
-        assert arms[name].method == expected
+        assert arms[name].method == expected, name
 
 
 def test_every_arm_changes_the_method_and_says_what(arms: dict[str, RunSettings]) -> None:

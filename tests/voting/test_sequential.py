@@ -76,15 +76,18 @@ def test_rotations_are_those_at_the_translation_found(scattered):
 
 
 def test_several_poses_are_ordered_by_the_votes_that_agree_with_them(scattered):
-    settings = SequentialVotingSettings(translations=3, rotations=2)
+    settings = SequentialVotingSettings(hypotheses=4)
     found = SequentialModes(settings).find(scattered, CENTROID)
-    np.testing.assert_array_equal(found.support, [30.0, 12.0, 12.0, 10.0])
+    np.testing.assert_array_equal(found.support, [30.0, 12.0, 12.0, 12.0])
     centers = found.poses_cam_obj[:, :3, :3] @ CENTROID + found.poses_cam_obj[:, :3, 3]
-    np.testing.assert_array_equal(within(centers, HERE, 0.003), [True, False, False, True])
+    np.testing.assert_array_equal(within(centers, HERE, 0.003), [True, False, False, False])
+    every = SequentialModes(SequentialVotingSettings(hypotheses=9)).find(scattered, CENTROID)
+    np.testing.assert_array_equal(every.support, [30.0, 12.0, 12.0, 12.0, 12.0, 10.0])
+    np.testing.assert_array_equal(every.poses_cam_obj[:4], found.poses_cam_obj)
 
 
 def test_threads_change_nothing_and_no_votes_give_no_pose(scattered):
-    settings = SequentialVotingSettings(translations=5, rotations=3)
+    settings = SequentialVotingSettings(hypotheses=5)
     one, four = (SequentialModes(settings, n).find(scattered, CENTROID) for n in (1, 4))
     np.testing.assert_array_equal(one.poses_cam_obj, four.poses_cam_obj)
     assert len(SequentialModes(settings).find(EMPTY, CENTROID)) == 0

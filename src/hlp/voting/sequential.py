@@ -43,9 +43,10 @@ class SequentialVotingSettings(Settings):
     rotation_deg: Annotated[float, Gt(0), Doc("kernel radius for rotations (P)")] = 5.0
     max_votes: Annotated[int, Ge(1), Doc(MAX_VOTES)] = 3000
     mean_shift_iterations: Annotated[int, Ge(0), Doc("mean shift steps from each seed (D)")] = 10
-    translations: Annotated[int, Ge(1), Doc("largest number of translations (P: 1)")] = 1
-    rotations: Annotated[
-        int, Ge(1), Doc("largest number of rotations for each translation (P: 1)")
+    hypotheses: Annotated[
+        int,
+        Ge(1),
+        Doc("largest number of translations, of rotations at each, and of coarse poses (P: 1)"),
     ] = 1
 
     def build(self, threads: int) -> "SequentialModes":
@@ -63,7 +64,7 @@ class SequentialModes:
         self._team = ThreadTeam(threads)
 
     def find(self, votes: Votes, centroid_obj: Float[np.ndarray, "3"]) -> Hypotheses:
-        """Up to `translations` × `rotations` poses, ordered by the votes that agree in both."""
+        """Up to `hypotheses` poses, those with most votes that agree in both, most first."""
         if len(votes) == 0:
             return no_hypotheses()
         settings = self.settings
@@ -76,7 +77,7 @@ class SequentialModes:
             self.radius**2,
             0.0,
             steps,
-            settings.translations,
+            settings.hypotheses,
             self._team,
         )
         found = []
@@ -90,13 +91,13 @@ class SequentialModes:
                 np.inf,
                 self.cosine,
                 steps,
-                settings.rotations,
+                settings.hypotheses,
                 self._team,
             )
             turns[:, :3] = place[:3]
             found.append((turns, support))
         means = np.concatenate([turns for turns, _ in found])
         support = np.concatenate([each for _, each in found])
-        order = np.argsort(-support, kind="stable")
+        order = np.argsort(-support, kind="stable")[: settings.hypotheses]
         poses = centred_poses(means[order, :3], means[order, 3:], centroid_obj)
         return Hypotheses(poses, support[order])
