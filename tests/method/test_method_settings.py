@@ -37,6 +37,7 @@ def test_linemod_differs_in_its_range_of_poses_alone() -> None:
     [
         (),
         ("method=paper",),
+        ("method=paper_literal",),
         ("encoder=pca", "codebook=exact", "refinement=icp", "machine.threads=1"),
         ("refinement=none", "voting=paper", "rendering=pyrender", "trainer=ddp"),
     ],

@@ -64,3 +64,15 @@ def test_a_few_steps_reconstruct_better():
         [batch["color"].permute(0, 3, 1, 2) / 127.5 - 1, batch["depth"][:, None]], dim=1
     ).var(dim=0, correction=0).mean()  # fmt: skip
     assert losses[-1] < constant  # better than the mean patch, so the feature is used
+
+
+def test_patches_under_another_light_are_to_become_the_patches_as_they_were():
+    torch.manual_seed(0)
+    module = Autoencoder(SETTINGS).eval()
+    batch = make_batch(4)
+    seen = torch.rand((4, 3, 32, 32), generator=torch.Generator().manual_seed(1))
+    depth = batch["depth"][:, None]
+    given = torch.cat([seen * 2 - 1, depth], dim=1)
+    wanted = torch.cat([batch["color"].permute(0, 3, 1, 2) / 127.5 - 1, depth], dim=1)
+    expected = ((module(given) - wanted) ** 2).mean()
+    torch.testing.assert_close(module.training_step({**batch, "seen": seen}, 0), expected)

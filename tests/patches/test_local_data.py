@@ -148,3 +148,17 @@ def test_patches_for_the_autoencoder_come_as_they_are(size):
     seen = torch.cat([batch["color"] for batch in batches]).numpy()
     known = {color.tobytes() for color in patches.color}
     assert {color.tobytes() for color in seen} <= known
+
+
+def test_patches_under_another_light_keep_their_shape():
+    patches = make_patches()
+    data = PatchDataModule(patches, 32, 0, varied_light=True)
+    plain = next(iter(PatchDataModule(patches, 32, 0).train_dataloader()))
+    batch = pair_batch(data, 4)
+    for key in ("color", "depth", "valid"):
+        assert torch.equal(batch[key], plain[key])
+    own = plain["color"].permute(0, 3, 1, 2).float() / 255.0
+    assert batch["seen"].shape == own.shape and not torch.equal(batch["seen"], own)
+    assert batch["seen"].min() >= 0 and batch["seen"].max() <= 1
+    assert torch.equal(batch["seen"], pair_batch(data, 4)["seen"])  # the step decides
+    assert not torch.equal(batch["seen"], pair_batch(data, 5)["seen"])

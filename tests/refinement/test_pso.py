@@ -160,3 +160,32 @@ def test_no_polish_where_none_is_set_or_no_time_is_left(
     late = PsoRefiner(replace(settings, budget_ms=50.0))
     assert late.polish(*given, spent=0.06) is answer
     assert late.polish(*given, spent=0.0) is not answer
+
+
+def test_it_stops_when_no_particle_betters_its_own_best(settings: PsoSettings) -> None:
+    """The text's "until no particle improves", against counting iterations here."""
+
+    class Counted(Bowl):
+        def __init__(self, goal: np.ndarray) -> None:
+            super().__init__(goal)
+            self.costs: list[np.ndarray] = []
+
+        def evaluate(self, poses: np.ndarray) -> np.ndarray:
+            found = super().evaluate(poses)
+            self.costs.append(found.copy())  # the search changes what it is given
+            return found
+
+    goal = apply_offsets(start(), np.array([[0.1, -0.05, 0.02, 0.004, 0.0, 0.002]]), CENTROID)[0]
+    few = replace(settings, particles=25, patience=1, recentre=False, iterations=500)
+    spent = {}
+    for gain in ("swarm", "particle"):
+        cost = Counted(goal)
+        chosen = replace(few, gain=gain)  # type: ignore[arg-type]
+        _, spent[gain] = search(cost, start(), CENTROID, chosen, np.random.default_rng(0))
+        own = np.minimum.accumulate(np.stack(cost.costs), axis=0)
+        if gain == "swarm":
+            gained = np.diff(own.min(axis=1)) < 0
+        else:
+            gained = (np.diff(own, axis=0) < 0).any(axis=1)
+        assert gained[:-1].all() and not gained[-1]
+    assert spent["particle"] > spent["swarm"]

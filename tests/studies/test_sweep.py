@@ -82,3 +82,11 @@ def test_a_data_set_that_the_data_folder_lacks_is_left_out(
         {"data_folder": "x", "data": {}},
     ):
         assert sweep._absent_data(OmegaConf.create(other)) is None
+
+
+def test_a_group_without_keys_of_its_own_is_named_by_its_file() -> None:
+    """Such as `method` and `ladder`, whose files set keys of other groups."""
+    config = OmegaConf.create({"seed": 1, "refinement": {"name": "pso"}})
+    given = ["ladder=patience", "refinement=gentle", "seed=1"]
+    values = sweep._swept_values(config, given, ["ladder", "refinement", "seed"])
+    assert values == {"ladder": "patience", "refinement": "gentle", "seed": "1"}

@@ -22,6 +22,7 @@ def command(arguments: Sequence[str]) -> None:
         print(REPORT_HELP)
         return
     from hlp.reporting.comparison import compare
+    from hlp.reporting.ladder import describe_ladders
     from hlp.reporting.recordings import describe_recordings
     from hlp.reporting.report import report_runs
     from hlp.reporting.reproductions import describe_reproductions
@@ -38,6 +39,7 @@ def command(arguments: Sequence[str]) -> None:
             print(report_runs(folder, layout))
             print(describe_reproductions(folder, layout))
             print(describe_recordings(folder, layout))
+            print(describe_ladders(folder, layout))
     except HlpError as error:
         composing.fail(error)
 
@@ -51,7 +53,7 @@ Prints tables of finished runs, with the paper's numbers beside ours for LINEMOD
 runs below outputs/, of one experiment (outputs/NAME), or below any other folder (output=DIR). For
 fig9a, fig9b, fig9c, table1, table2 and pso_vs_icp, the paper's figure or table is written into the
 folder of each sweep or run, as PNG, SVG, Markdown, CSV and LaTeX. For recordings it is one table of
-all data sets, as Markdown and CSV.
+all data sets, as Markdown and CSV; for ladder a table and a figure of all arms.
 
 objects=[A,B,…] prints the recall of these objects, over all targets and by visible fraction.
 

@@ -50,6 +50,14 @@ TASKS: Registry[TaskSettings] = Registry("task", "hlp.studies")
 """Alternatives of config group `task`."""
 
 
+@dataclass(frozen=True)
+class ArmSettings(Settings):
+    """What an arm of experiment=ladder changes, for its table; see conf/ladder."""
+
+    change: Annotated[str, Doc("the change, in words")] = ""
+    before: Annotated[str | None, Doc("the arm that it is compared with; null: none")] = None
+
+
 @dataclass(frozen=True, kw_only=True)
 class RunSettings(Settings):
     """The whole configuration, one typed record per group.
@@ -76,6 +84,7 @@ class RunSettings(Settings):
         Doc("frames processed again to measure times when results were already on disk"),
     ] = 20
     warm_start: WarmStartSettings = field(default_factory=WarmStartSettings)
+    arm: ArmSettings = field(default_factory=ArmSettings)
     data: Annotated[DataSettings, DATASETS]
     rendering: ViewsSettings
     patches: PatchesSettings

@@ -61,13 +61,17 @@ class _Training:
     def pair_patches(self) -> tuple[Float[np.ndarray, "n p p"], Bool[np.ndarray, "n p p"]]:
         return self._pairs.depth[:, 0], self._pairs.valid[:, 0]
 
-    def frame_batches(self, per_frame: int, batch_size: int) -> pl.LightningDataModule:
+    def frame_batches(
+        self, per_frame: int, batch_size: int, rooms: bool, varied_light: bool
+    ) -> pl.LightningDataModule:
         frames = list(self.backgrounds.load_encoder_frames())
+        if rooms:
+            frames += self.backgrounds.load_background_frames()
         sizes = sorted({model.local_size for model in self.models.values()})
         rng = np.random.default_rng(self.settings.seed)
         local = self.settings.patches.local
         patches = join_patches(bake_frame_patches(frames, sizes, per_frame, local, rng))
-        return PatchDataModule(patches, batch_size, self.settings.seed)
+        return PatchDataModule(patches, batch_size, self.settings.seed, varied_light)
 
     def fit(self, module: EncoderModule, data: pl.LightningDataModule, epochs: int) -> None:
         network = module.network

@@ -153,6 +153,7 @@ class PoseEstimator:
             patches.local,
             patches.grid.min_valid,
             self._encoder.sees_color,
+            patches.grid.min_relief,
         )
         matches = search.search(self._encoder.encode(cut))
         matched = time.perf_counter()

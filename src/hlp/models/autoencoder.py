@@ -33,6 +33,16 @@ class AutoencoderSettings(Settings):
     epochs: Annotated[int, Ge(1), Doc("passes over the patches (D)")] = 20
     batch_size: Annotated[int, Ge(1), Doc("patches in a batch (D)")] = 256
     per_frame: Annotated[int, Ge(1), Doc("patches taken from each RGB-D frame (D)")] = 4000
+    rooms: Annotated[
+        bool, Doc("trained on the frames of rooms (data.rooms), too (D; P: not said)")
+    ] = False
+    varied_light: Annotated[
+        bool,
+        Doc(
+            "patches under random light are to become the patches as they were, so that light "
+            "matters less in the feature (D; P: not said)"
+        ),
+    ] = False
 
     needs_frames: ClassVar[bool] = True
 
@@ -40,7 +50,9 @@ class AutoencoderSettings(Settings):
         """See `EncoderSettings.train`."""
         from hlp.models.autoencoder_training import Autoencoder
 
-        data = training.frame_batches(self.per_frame, self.batch_size)
+        data = training.frame_batches(
+            self.per_frame, self.batch_size, self.rooms, self.varied_light
+        )
         module = Autoencoder(self)
         training.fit(module, data, self.epochs)
 

@@ -32,16 +32,19 @@ class Autoencoder(pl.LightningModule):
         return torch.as_tensor(self.decoder(start))
 
     def images(self, batch: dict[str, Tensor]) -> Tensor:
-        """The network's input (n, 4, p, p) for a batch."""
-        color = batch["color"].permute(0, 3, 1, 2).float() / 255.0
+        """The network's input (n, 4, p, p) for a batch, as the patches were cut."""
+        return self._images(batch["color"].permute(0, 3, 1, 2).float() / 255.0, batch)
+
+    def _images(self, color: Tensor, batch: dict[str, Tensor]) -> Tensor:
         return encoder_input(
             color, batch["depth"].float(), batch["valid"], self.settings.input
         ).contiguous(memory_format=torch.channels_last)
 
     def training_step(self, batch: dict[str, Tensor], _: int) -> Tensor:
-        """Mean squared error of one batch."""
+        """Mean squared error of one batch; from its colour under another light, if it has one."""
         images = self.images(batch)
-        loss = functional.mse_loss(self(images).float(), images)
+        seen = self._images(batch["seen"], batch) if "seen" in batch else images
+        loss = functional.mse_loss(self(seen).float(), images)
         self.log("loss", loss, on_step=False, on_epoch=True, prog_bar=True)
         return loss
 

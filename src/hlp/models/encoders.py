@@ -41,10 +41,13 @@ class EncoderTraining(Protocol):
         """Relative depth and validity of one patch of each pair, as rendered."""
         ...
 
-    def frame_batches(self, per_frame: int, batch_size: int) -> LightningDataModule:
+    def frame_batches(
+        self, per_frame: int, batch_size: int, rooms: bool, varied_light: bool
+    ) -> LightningDataModule:
         """Patches of RGB-D frames without the objects, `per_frame` of each frame.
 
-        Raises ValueError if there are no such frames.
+        With `rooms` also of the frames that are backgrounds. With `varied_light` a batch also holds
+        the patches' colour under another light. Raises ValueError if there are no such frames.
         """
         ...
 

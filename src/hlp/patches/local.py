@@ -53,6 +53,14 @@ class GridSettings(Settings):
         Ge(1),
         Doc("largest number of patches; of more, those at likely windows are preferred (D)"),
     ] = 400
+    min_relief: Annotated[
+        float,
+        Interval(ge=0, le=1),
+        Doc(
+            "smallest relief of a patch, in halves of its size: flat ones look alike on every "
+            "object and on the table (D; P: not said, 0)"
+        ),
+    ] = 0.0
 
 
 def cut_local_patches(
@@ -64,11 +72,13 @@ def cut_local_patches(
     settings: LocalSettings,
     min_valid: float,
     with_color: bool = True,
+    min_relief: float = 0.0,
 ) -> LocalPatches:
     """Cut patches of side f·size/z (px) around pixels (x, y), in views and test images alike.
 
-    Dropped are patches whose centre has no depth, and those with less than the share `min_valid` of
-    their pixels inside the metric cube; the result's `pixels` tell which remain. Depth becomes
+    Dropped are patches whose centre has no depth, those with less than the share `min_valid` of
+    their pixels inside the metric cube, and those with less than `min_relief` (see
+    `depth_relief`); the result's `pixels` tell which remain. Depth becomes
     (d − z)/(size/2), clamped to ±1, with d and z measured along the viewing ray of the patch. A
     surface seen from the same side then has the same depth patch anywhere in the image, as
     `geometry.allocentric_to_egocentric` assumes. `metric_size` is in m. Without `with_color` the
@@ -93,8 +103,25 @@ def cut_local_patches(
     _normalise_depth(raw, z, half, lengths, across, down, settings.mask_beyond_clamp, color, valid)
     relative = raw  # in place of the depths
     full = valid.mean(axis=(1, 2)) >= min_valid
+    if min_relief > 0.0:
+        full &= depth_relief(relative) >= min_relief
     points = back_project(centers, z.astype(np.float64), camera_matrix)
     return LocalPatches(color[full], relative[full], valid[full], points[full], centers[full])
+
+
+def depth_relief(depth: Float[np.ndarray, "n p p"]) -> Float[np.ndarray, "n"]:
+    """How far the depth of each patch is from its best plane: root of the mean squared residual.
+
+    It is in the depth's unit, 0 for a plane however it is tilted. Silhouettes have relief, too.
+    """
+    axis = np.linspace(-1.0, 1.0, depth.shape[1])
+    flat = depth.reshape(len(depth), -1).astype(np.float64)
+    flat -= flat.mean(axis=1, keepdims=True)
+    # On a square grid the plane's two slopes are fitted independently of each other.
+    slopes = np.stack([np.tile(axis, len(axis)), np.repeat(axis, len(axis))], axis=1)
+    explained = np.square(flat @ slopes).sum(axis=1) / np.square(slopes[:, 0]).sum()
+    squares = np.square(flat).sum(axis=1) - explained
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0) / flat.shape[1]))
 
 
 def _rays(

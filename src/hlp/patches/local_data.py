@@ -137,10 +137,17 @@ def degrade_patches(
 
 
 class PatchDataModule(pl.LightningDataModule):
-    """Unchanged local patches for the autoencoder: `color`, `depth`, `valid`."""
+    """Local patches for the autoencoder: `color`, `depth`, `valid`, as they were cut.
 
-    def __init__(self, patches: LocalPatches, batch_size: int, seed: int) -> None:
+    With `varied_light` a batch also holds `seen`: the colour (n, 3, p, p) in 0…1 as a camera would
+    see it under another light.
+    """
+
+    def __init__(
+        self, patches: LocalPatches, batch_size: int, seed: int, varied_light: bool = False
+    ) -> None:
         super().__init__()
+        self.varied_light = varied_light
         self.pool = {
             "color": torch.from_numpy(patches.color),
             "depth": torch.from_numpy(patches.depth),
@@ -152,3 +159,13 @@ class PatchDataModule(pl.LightningDataModule):
     def train_dataloader(self) -> DataLoader[dict[str, Tensor]]:
         """Batches in an order that depends on seed and epoch only."""
         return pool_loader(self.pool, self.batch_size, self.seed)
+
+    def on_before_batch_transfer(
+        self, batch: dict[str, Tensor], dataloader_idx: int
+    ) -> dict[str, Tensor]:
+        """Vary the light on the CPU, seeded by the batch's number."""
+        if not self.varied_light:
+            return batch
+        gen = torch.Generator().manual_seed(self.seed * 1_000_003 + batch_number(self.trainer))
+        color = batch["color"].permute(0, 3, 1, 2).float() / 255.0
+        return {**batch, "seen": aug.vary_camera(aug.vary_surface(color, gen), gen)}

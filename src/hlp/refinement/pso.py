@@ -61,6 +61,13 @@ class PsoSettings(Settings):
         Ge(0),
         Doc("limit of stage 3's wall time for an object; 0: none. Not reproducible (D)"),
     ] = 0.0
+    gain: Annotated[
+        Literal["swarm", "particle"],
+        Doc(
+            "what an iteration gains: a better best pose of the swarm (D), or a better pose of any "
+            "particle than its own best (the text: until no particle improves)"
+        ),
+    ] = "swarm"
 
     def __post_init__(self) -> None:
         """Raise SettingsError where the swarm would have no constriction."""
@@ -185,7 +192,8 @@ def search(
         random = rng.random((2, *position.shape))
         update_swarm(position, velocity, personal_best, global_best, random, phi, constriction)
         current = cost.evaluate(apply_offsets(centre, position * box, centroid))
+        own_gain = settings.gain == "particle" and bool((current < personal_cost).any())
         best = update_personal_bests(position, current, personal_best, personal_cost)
-        idle = 0 if personal_cost[best] < global_cost else idle + 1
+        idle = 0 if own_gain or personal_cost[best] < global_cost else idle + 1
         global_best, global_cost = personal_best[best].copy(), personal_cost[best]
     return apply_offsets(centre, global_best[None] * box, centroid)[0], iteration

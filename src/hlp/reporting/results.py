@@ -16,13 +16,15 @@ from hlp.results.summary_file import read_summary
 class Result:
     """One finished run: its whole configuration, its `summary.json`, and the number of frames.
 
-    `chosen` holds the overrides given on the command line or by the sweep, as text by key.
+    `chosen` holds the overrides given on the command line or by the sweep, as text by key. `folder`
+    is where the run's files are.
     """
 
     config: Mapping[str, Any]
     summary: Mapping[str, Any]
     frames: int
     chosen: Mapping[str, str]
+    folder: Path = Path()
 
     @property
     def experiment(self) -> str:
@@ -92,7 +94,7 @@ def _read_run(folder: Path) -> Result:
     summary = read_summary(folder / SUMMARY)
     pairs = (each.lstrip("+").split("=", 1) for each in _overrides(folder) if "=" in each)
     frames = len(manifest["data"]["keys"])
-    return Result(manifest["config"], summary, frames, dict(pairs))
+    return Result(manifest["config"], summary, frames, dict(pairs), folder)
 
 
 def _is_finished(folder: Path) -> bool:

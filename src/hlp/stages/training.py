@@ -161,7 +161,10 @@ class TrainingStages:
             "sizes": {str(i): m.local_size for i, m in sorted(self.models.items())},
         }
         if self.settings.encoder.needs_frames:
-            upstream = {"encoder_frames": frames_identity(self.dataset.encoder_frames)}
+            upstream = {
+                "encoder_frames": frames_identity(self.dataset.encoder_frames),
+                "background_frames": frames_identity(self.dataset.background_frames),
+            }
         else:
             settings["pairs"] = patches.pairs
             upstream = {f"views_{i}": self.views(i).fingerprint for i in self.models}
@@ -290,7 +293,7 @@ class TrainingStages:
             ],
         }
         if self.settings.encoder.needs_frames:
-            readers = (dataset, dataset.encoder_frames)
+            readers = (dataset, dataset.encoder_frames, dataset.background_frames)
             modules["encoder"] += [type(each).__module__ for each in readers]
         own = [name for name in modules[stage] if name != type(None).__module__]
         return stage_code(*own)

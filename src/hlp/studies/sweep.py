@@ -24,6 +24,7 @@ from omegaconf import DictConfig, OmegaConf
 from hlp.errors import DataError, HlpError, InputError, MissingFileError
 from hlp.files import SWEEP, read_json, write_json
 from hlp.reporting.figures.trade_off import draw_trade_off
+from hlp.reporting.ladder import write_ladder
 from hlp.reporting.recordings import write_recordings
 from hlp.reporting.reproductions import write_reproductions
 from hlp.reporting.tracking import ChildRun, Tracker, TrackingSettings, as_child_run, track_run
@@ -163,7 +164,8 @@ def _recorded(folder: Path, record: dict[str, Any]) -> Iterator[None]:
 def _drawn(folder: Path, tracker: Tracker) -> Iterator[None]:
     """Draw recall against time of the runs, after the last one has ended successfully."""
     yield
-    for path in [*draw_trade_off(folder), *write_reproductions(folder), *write_recordings(folder)]:
+    tables = (write_reproductions, write_recordings, write_ladder)
+    for path in [*draw_trade_off(folder), *(path for write in tables for path in write(folder))]:
         tracker.log_artifact(path)
         logging.getLogger(__name__).info("Drawn     %s", path)
 
@@ -208,7 +210,8 @@ def _swept_values(
     values = {}
     for key in keys:
         value = OmegaConf.select(config, key)
-        if isinstance(value, DictConfig) and key in named:
+        group = value is None or isinstance(value, DictConfig)  # some groups have no node
+        if group and key in named:
             value = named[key].get_value_element_as_str()
         values[key] = str(value)
     return values

@@ -54,8 +54,8 @@ class VotingSettings(Protocol):
 
 VOTINGS: Registry[VotingSettings] = Registry("voting", "hlp.voting")
 """Alternatives of config group `voting`."""
-_MAX_DISTANCE = "T_h (P), in units of the codebook's feature scale; the value is ours (D)"
-_MAX_VOTES = "largest number of votes used, those of largest weight (D)"
+MAX_DISTANCE = "T_h (P), in units of the codebook's feature scale; the value is ours (D)"
+MAX_VOTES = "largest number of votes used, those of largest weight (D)"
 
 
 @VOTINGS.register
@@ -67,7 +67,7 @@ class PaperVotingSettings(Settings):
     """
 
     name: Literal["paper"] = "paper"
-    max_distance: Annotated[float, Ge(0), Doc(_MAX_DISTANCE)] = 3.0
+    max_distance: Annotated[float, Ge(0), Doc(MAX_DISTANCE)] = 3.0
     weighted_by_distance: Annotated[
         bool, Doc("votes are weighted by exp(−d²/2σ²), σ the feature scale (P: false)")
     ] = False
@@ -76,7 +76,7 @@ class PaperVotingSettings(Settings):
     ] = False
     translation_mm: Annotated[float, Gt(0), Doc("kernel radius for centroids (P)")] = 10.0
     rotation_deg: Annotated[float, Gt(0), Doc("kernel radius for rotations (P)")] = 5.0
-    max_votes: Annotated[int, Ge(1), Doc(_MAX_VOTES)] = 3000
+    max_votes: Annotated[int, Ge(1), Doc(MAX_VOTES)] = 3000
     mean_shift_iterations: Annotated[int, Ge(0), Doc("largest number of mean shift steps (D)")] = 10
 
     def build(self, threads: int) -> "PaperModes":
@@ -94,7 +94,7 @@ class JointVotingSettings(Settings):
     """
 
     name: Literal["joint"] = "joint"
-    max_distance: Annotated[float, Ge(0), Doc(_MAX_DISTANCE)] = 3.0
+    max_distance: Annotated[float, Ge(0), Doc(MAX_DISTANCE)] = 3.0
     weighted_by_distance: Annotated[
         bool, Doc("votes are weighted by exp(−d²/2σ²), σ the feature scale (D)")
     ] = True
@@ -103,7 +103,7 @@ class JointVotingSettings(Settings):
     ] = True
     translation_mm: Annotated[float, Gt(0), Doc("kernel radius for centroids (D; P: 10)")] = 20.0
     rotation_deg: Annotated[float, Gt(0), Doc("kernel radius for rotations (D; P: 5)")] = 18.0
-    max_votes: Annotated[int, Ge(1), Doc(_MAX_VOTES)] = 1500
+    max_votes: Annotated[int, Ge(1), Doc(MAX_VOTES)] = 1500
     mean_shift_iterations: Annotated[int, Ge(0), Doc("mean shift steps from each seed (D)")] = 3
     hypotheses: Annotated[
         int,
@@ -128,7 +128,7 @@ class PaperModes:
         """At most one hypothesis: the translation mode and the rotation mode with most votes."""
         if len(votes) == 0:
             return no_hypotheses()
-        centroids, quats, weights = _heaviest(votes, self.settings.max_votes)
+        centroids, quats, weights = heaviest_votes(votes, self.settings.max_votes)
         near = _within(centroids, self.radius)
         start = centroids[[int(np.argmax(near @ weights))]]
         center = _shift_translations(
@@ -140,7 +140,7 @@ class PaperModes:
             seed, quats, weights, self.cosine, self.settings.mean_shift_iterations
         )
         support = float((near @ weights).max())
-        return Hypotheses(_poses(center, rotation, centroid_obj), np.array([support]))
+        return Hypotheses(centred_poses(center, rotation, centroid_obj), np.array([support]))
 
 
 class JointModes:
@@ -159,27 +159,48 @@ class JointModes:
         """Up to `hypotheses` modes, ordered by the weight of the votes within the kernel."""
         if len(votes) == 0:
             return no_hypotheses()
-        centroids, quats, weights = _heaviest(votes, self.settings.max_votes)
-        columns = np.ascontiguousarray(centroids.T), np.ascontiguousarray(quats.T)
-        grouped_votes = (*columns, weights, self.radius_squared, self.cosine)
-        support = np.empty(len(weights))
-        self._team.map_ranges(
-            lambda a, b: sum_support(*grouped_votes, a, support[a:b]), len(support)
+        settings = self.settings
+        means, support = find_modes(
+            *heaviest_votes(votes, settings.max_votes),
+            self.radius_squared,
+            self.cosine,
+            settings.mean_shift_iterations,
+            settings.hypotheses,
+            self._team,
         )
-        # More seeds than requested modes, because several may shift to the same mode.
-        limit = _SEEDS_PER_MODE * self.settings.hypotheses
-        seeds = choose_distinct(*columns, support, self.radius_squared, self.cosine, limit)
-        means, mode_support = np.hstack([centroids[seeds], quats[seeds]]), np.empty(len(seeds))
-        steps = self.settings.mean_shift_iterations
-        self._team.map_ranges(
-            lambda a, b: shift_modes(*grouped_votes, steps, means[a:b], mode_support[a:b]),
-            len(seeds),
-        )
-        modes = (np.ascontiguousarray(means[:, :3].T), np.ascontiguousarray(means[:, 3:].T))
-        limit = self.settings.hypotheses
-        kept = choose_distinct(*modes, mode_support, self.radius_squared, self.cosine, limit)
-        poses = _poses(means[kept, :3], means[kept, 3:], centroid_obj)
-        return Hypotheses(poses, mode_support[kept])
+        return Hypotheses(centred_poses(means[:, :3], means[:, 3:], centroid_obj), support)
+
+
+def find_modes(
+    centroids: Float[np.ndarray, "v 3"],
+    quats: Float[np.ndarray, "v 4"],
+    weights: Float[np.ndarray, "v"],
+    radius_squared: float,
+    cosine: float,
+    steps: int,
+    limit: int,
+    team: ThreadTeam,
+) -> tuple[Float[np.ndarray, "m 7"], Float[np.ndarray, "m"]]:
+    """At most `limit` distinct modes (centroid, quaternion) of votes, and the weight at each.
+
+    Votes agree within `radius_squared` (m²) and a `cosine` of half the angle; with a cosine of 0
+    rotations do not matter, with an infinite radius centroids do not. The mode of most weight comes
+    first. Each mean shift takes as many `steps`.
+    """
+    columns = np.ascontiguousarray(centroids.T), np.ascontiguousarray(quats.T)
+    grouped_votes = (*columns, weights, radius_squared, cosine)
+    support = np.empty(len(weights))
+    team.map_ranges(lambda a, b: sum_support(*grouped_votes, a, support[a:b]), len(support))
+    # More seeds than requested modes, because several may shift to the same mode.
+    seeds = choose_distinct(*columns, support, radius_squared, cosine, _SEEDS_PER_MODE * limit)
+    means, mode_support = np.hstack([centroids[seeds], quats[seeds]]), np.empty(len(seeds))
+    team.map_ranges(
+        lambda a, b: shift_modes(*grouped_votes, steps, means[a:b], mode_support[a:b]),
+        len(seeds),
+    )
+    modes = (np.ascontiguousarray(means[:, :3].T), np.ascontiguousarray(means[:, 3:].T))
+    kept = choose_distinct(*modes, mode_support, radius_squared, cosine, limit)
+    return means[kept], mode_support[kept]
 
 
 def no_hypotheses() -> Hypotheses:
@@ -187,9 +208,10 @@ def no_hypotheses() -> Hypotheses:
     return Hypotheses(np.zeros((0, 4, 4)), np.zeros(0))
 
 
-def _heaviest(
+def heaviest_votes(
     votes: Votes, limit: int
 ) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v 4"], Float[np.ndarray, "v"]]:
+    """Centroids (m), quaternions and weights of the `limit` votes of largest weight."""
     rows = np.argsort(-votes.weights, kind="stable")[:limit]
     return (
         votes.centroids_cam[rows],
@@ -251,7 +273,7 @@ def _shift_rotations(
     return center
 
 
-def _poses(
+def centred_poses(
     centers: Float[np.ndarray, "s 3"],
     quats: Float[np.ndarray, "s 4"],
     centroid_obj: Float[np.ndarray, "3"],

@@ -1,0 +1,162 @@
+"""What each decision gives: the table and the figure of the arms of `experiment=ladder`."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from hlp.files import SCORES, write_csv, write_text
+from hlp.reporting.comparison import (
+    RESAMPLINGS,
+    SEED,
+    ScoredTarget,
+    TargetKey,
+    difference_interval,
+    read_targets,
+)
+from hlp.reporting.figures.saving import save_figure
+from hlp.reporting.figures.steps import Step, draw_steps
+from hlp.reporting.results import Result, ResultSet, read_results, result_folders
+from hlp.reporting.tables.table import LAYOUTS, Table, format_interval, format_share
+
+NAME = "ladder"
+"""The experiment, the swept config group, and the files of table and figure."""
+_HEADER = ["arm", "change", "ADD(-S)", "95 %", "5cm5deg", "IoU", "ms"]
+_AGAINST = ["against", "ADD(-S) gained", "95 % of it", "ms more"]
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What an arm gives against another: ADD(-S) recall, its 95 % interval, time of an object."""
+
+    recall: float
+    interval: tuple[float, float]
+    milliseconds: float
+
+
+@dataclass(frozen=True)
+class Arm:
+    """One finished arm: its name, what it changes, and the arm that it is compared with."""
+
+    name: str
+    change: str
+    before: str | None
+    result: Result
+
+    @cached_property
+    def targets(self) -> dict[TargetKey, ScoredTarget]:
+        """The scored targets."""
+        return read_targets(self.result.folder / SCORES)
+
+
+def describe_ladders(root: Path, layout: str) -> str:
+    """The tables of all ladders in or below a folder, which are written anew with their figures.
+
+    Empty if there is none. `layout` is `text` or `markdown`.
+    """
+    parts = []
+    for folder in result_folders(root):
+        files = write_ladder(folder)
+        if files:
+            found = read_results(folder)
+            written = ", ".join(str(path) for path in files)
+            table = LAYOUTS[layout](ladder_table(arms_of(found)))
+            parts += [_note(found), table, f"Written: {written}"]
+    return "\n\n".join(parts)
+
+
+def write_ladder(folder: Path) -> list[Path]:
+    """Write ladder.png, .svg, .md and .csv of a sweep over arms; those files, none otherwise."""
+    found = read_results(folder)
+    arms = arms_of(found)
+    if not arms:
+        return []
+    table = ladder_table(arms)
+    png, svg = save_figure(draw_steps(_steps(arms), _measured(arms[0].result)), folder / NAME)
+    markdown, rows = folder / f"{NAME}.md", folder / f"{NAME}.csv"
+    picture = f"![{NAME}]({svg.name})"
+    write_text(markdown, "\n\n".join([picture, _note(found), table.markdown()]) + "\n")
+    write_csv(rows, table.header, table.rows)
+    return [png, svg, markdown, rows]
+
+
+def arms_of(found: ResultSet) -> list[Arm]:
+    """The arms among some results, in the order of the sweep; none of another experiment."""
+    arms = []
+    for result in found.results:
+        given = result.config.get("arm", {})
+        if result.experiment == NAME and NAME in result.chosen:
+            arms.append(Arm(result.chosen[NAME], given["change"], given["before"], result))
+    return arms
+
+
+def ladder_table(arms: Sequence[Arm]) -> Table:
+    """A row an arm: recalls and time, and what it gains against the arm that it names."""
+    known = {arm.name: arm for arm in arms}
+    return Table([*_HEADER, *_AGAINST], [_row(arm, known) for arm in arms])
+
+
+def gain_of(arm: Arm, known: Mapping[str, Arm]) -> Gain | None:
+    """The gain over the arm named by `before`, on the targets of both; None if it is absent."""
+    other = known.get(arm.before or "")
+    if other is None:
+        return None
+    shared = sorted(arm.targets.keys() & other.targets.keys())
+    if not shared:
+        return None
+    before = np.array([other.targets[key].correct("add") for key in shared])
+    after = np.array([arm.targets[key].correct("add") for key in shared])
+    frames = np.unique([key[:2] for key in shared], axis=0, return_inverse=True)[1]
+    interval = difference_interval(before, after, frames, RESAMPLINGS, SEED)
+    spent = arm.result.total_ms["median"] - other.result.total_ms["median"]
+    return Gain(float(after.mean() - before.mean()), interval, spent)
+
+
+def _row(arm: Arm, known: Mapping[str, Arm]) -> list[str]:
+    result, gain = arm.result, gain_of(arm, known)
+    metrics = result.summary["metrics"]
+    against = ["–"] * len(_AGAINST)
+    if gain is not None:
+        low, high = gain.interval
+        against = [
+            str(arm.before),
+            f"{gain.recall:+.3f}",
+            f"{low:+.3f} to {high:+.3f}",
+            f"{gain.milliseconds:+.0f}",
+        ]
+    return [
+        arm.name,
+        arm.change,
+        format_share(result.add["recall"]),
+        format_interval(result.add["ci95"]),
+        format_share(metrics["5cm5deg"]["recall"]),
+        format_share(metrics["iou50"]["recall"]),
+        f"{result.total_ms['median']:.0f}",
+        *against,
+    ]
+
+
+def _steps(arms: Sequence[Arm]) -> list[Step]:
+    known = {arm.name: arm for arm in arms}
+    steps = []
+    for arm in arms:
+        gain, ends = gain_of(arm, known), arm.result.add["ci95"]
+        gained = None if gain is None else (gain.recall, gain.interval)
+        recall = (float(arm.result.add["recall"]), (float(ends[0]), float(ends[1])))
+        steps.append(Step(arm.name, recall, gained))
+    return steps
+
+
+def _measured(result: Result) -> str:
+    return f"{result.targets} targets in {result.frames} frames of {result.config['data']['name']}"
+
+
+def _note(found: ResultSet) -> str:
+    missing = f" Unfinished: {found.unfinished}." if found.unfinished else ""
+    return (
+        f"Made by `{found.command}`.{missing} Each arm differs by one decision from the arm under"
+        " *against*; what it gains is over the targets of both, with the 95 % interval of the"
+        " paired bootstrap over frames. ms: median for one object in one frame."
+    )

@@ -1,0 +1,59 @@
+"""The arms of experiment=ladder: each differs from the arm it names, from the paper to our best."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import yaml
+from hydra import compose, initialize_config_dir
+
+from hlp.config.build import build_settings
+from hlp.config.settings import RunSettings
+
+CONF = Path(__file__).parents[2] / "conf"
+ARMS = sorted(path.stem for path in (CONF / "ladder").glob("*.yaml"))
+BOARD = ("data=bop", "data.root=folder", "output=out", "hydra.mode=RUN")
+
+
+def composed(*overrides: str) -> RunSettings:
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return build_settings(compose("config", overrides=[*BOARD, *overrides]))
+
+
+@pytest.fixture(scope="module")
+def arms() -> dict[str, RunSettings]:
+    return {name: composed("experiment=ladder", f"ladder={name}") for name in ARMS}
+
+
+def test_the_sweep_runs_every_arm_once_after_the_one_it_is_compared_with(
+    arms: dict[str, RunSettings],
+) -> None:
+    experiment = yaml.safe_load((CONF / "experiment" / "ladder.yaml").read_text())
+    swept = [each.strip() for each in experiment["hydra"]["sweeper"]["params"]["ladder"].split(",")]
+    assert sorted(swept) == ARMS
+    for number, name in enumerate(swept):
+        before = arms[name].arm.before
+        assert before is None if number == 0 else before in swept[:number], name
+
+
+def test_it_goes_from_the_paper_to_the_letter_over_what_was_meant_to_our_best(
+    arms: dict[str, RunSettings],
+) -> None:
+    ways = (("literal", "paper_literal"), ("hypotheses", "paper"), ("best", "hlp"))
+    for name, method in ways:
+        expected = composed(f"method={method}", "score.scenes=0").method
+        assert arms[name].method == expected, name
+
+
+def test_every_arm_changes_the_method_and_says_what(arms: dict[str, RunSettings]) -> None:
+    for name, settings in arms.items():
+        if settings.arm.before is not None:
+            assert settings.method != arms[settings.arm.before].method, name
+        assert settings.arm.change, name
+    assert len({settings.arm.change for settings in arms.values()}) == len(arms)
+
+
+def test_the_last_step_is_only_about_speed(arms: dict[str, RunSettings]) -> None:
+    last, best = arms["contrastive"].method, arms["best"].method
+    patches = replace(last.patches, name="hlp", grid=best.patches.grid)
+    assert replace(last, patches=patches, codebook=best.codebook) == best
