@@ -114,3 +114,9 @@ def test_colours_are_no_part_of_the_fit() -> None:
     fits, right = drawn(400, ScoreModel(2.0, -20.0, 2.2), 5)
     told = [replace(fit, color=0.0, contrast=0.5) for fit in fits]
     assert fit_score_model(told, right) == fit_score_model(fits, right)
+
+
+def test_colours_do_not_count_for_an_object_that_is_known_to_be_there() -> None:
+    known = PRIOR.known_present()
+    contradicting, agreeing = (PoseFit(0.2, 0.8, 0.8, 1.0, 1.0, c, 0.8) for c in (0.0, 1.0))
+    assert known.score(contradicting) == known.score(agreeing) > PRIOR.score(agreeing)

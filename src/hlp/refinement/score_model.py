@@ -33,24 +33,29 @@ class ScoreModel:
     """Weights of the logistic regression: score = 1 / (1 + exp(-(bias + cost·c + shape·z - d))).
 
     c is the verification cost, z the mean Fisher transform artanh(r) of the correlations r of
-    relief and slope, d how much the colours contradict. `cost` is at most 0 and `shape` at least 0:
-    the score never falls when the fit is better.
+    relief and slope, d = color times how much the colours contradict. `cost` is at most 0 and
+    `shape` at least 0: the score never falls when the fit is better.
     """
 
     bias: float
     cost: float
     shape: float
+    color: float = _CONTRADICTION
 
     def score(self, fit: PoseFit) -> float:
         """The probability that a pose with this fit is right."""
-        logit = self.weights() @ np.array([1.0, *_inputs([fit])[0]]) - _contradictions([fit])[0]
+        logit = self.weights() @ np.array([1.0, *_inputs([fit])[0]])
+        logit -= self.color * _contradiction(fit)
         return float(1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0))))
 
     def known_present(self) -> "ScoreModel":
-        """The score of an object that is known to be in the image, as BOP's targets are."""
+        """The score of an object that is known to be in the image, as BOP's targets are.
+
+        Colours that contradict then say more of the light than of another object.
+        """
         more = np.log(PRESENT_SHARE / (1.0 - PRESENT_SHARE))
         more -= np.log(RIGHT_SHARE / (1.0 - RIGHT_SHARE))
-        return ScoreModel(self.bias + float(more), self.cost, self.shape)
+        return ScoreModel(self.bias + float(more), self.cost, self.shape, color=0.0)
 
     def weights(self) -> Float[np.ndarray, "3"]:
         """Bias, cost and shape, in this order."""
@@ -128,8 +133,7 @@ def _inputs(fits: Sequence[PoseFit]) -> Float[np.ndarray, "n 2"]:
     return np.column_stack([[fit.cost for fit in fits], shape])
 
 
-def _contradictions(fits: Sequence[PoseFit]) -> Float[np.ndarray, "n"]:
-    """How much the colours lower the logit: most where the object is colourful or printed."""
-    lacking = np.maximum(_AGREEING - np.array([fit.color for fit in fits]), 0.0)
-    contrast = np.minimum([fit.contrast for fit in fits], _HIGHEST_CONTRAST)
-    return np.asarray(_CONTRADICTION * lacking * np.square(contrast))
+def _contradiction(fit: PoseFit) -> float:
+    """How much the colours contradict: most where the object is colourful or printed."""
+    lacking = max(_AGREEING - fit.color, 0.0)
+    return float(lacking * min(fit.contrast, _HIGHEST_CONTRAST) ** 2)
