@@ -20,9 +20,9 @@ STAND_INS = {
     "rendering": ("auto",),
     "patches": ("hlp", "paper"),
     "classifier": ("cnn",),
-    "encoder": ("contrastive", "cae", "pca"),
+    "encoder": ("contrastive", "cae", "cae_varied", "pca"),
     "codebook": ("inverted_lists", "exact", "kd_forest"),
-    "voting": ("joint", "paper"),
+    "voting": ("joint", "paper", "sequential"),
     "refinement": ("pso", "icp", "paper"),
     "evaluation": ("symmetries",),
     "machine": ("local", "cuda"),
@@ -141,7 +141,7 @@ def test_default_run_is_the_demo(call: Hlp, tmp_path: Path) -> None:
 def test_method_chooses_and_the_command_line_wins(call: Hlp, tmp_path: Path) -> None:
     call("run", "encoder=pca", "method=paper", "refinement=icp", "output=out")
     found = choices(tmp_path / "out")
-    assert found["voting"] == "paper"
+    assert found["voting"] == "sequential"
     assert found["codebook"] == "kd_forest"
     assert found["encoder"] == "pca"
     assert found["refinement"] == "icp"
@@ -152,7 +152,7 @@ def test_experiment_wins_over_method_and_loses_to_the_command_line(
 ) -> None:
     call("run", "experiment=mine", "codebook=exact", "output=out")
     found = choices(tmp_path / "out")
-    assert found["voting"] == "paper"  # of the method that the experiment chose
+    assert found["voting"] == "sequential"  # of the method that the experiment chose
     assert found["encoder"] == "pca"  # of the experiment itself
     assert found["codebook"] == "exact"  # of the command line
     assert seen(tmp_path / "out")["voting"]["size"] == 7

@@ -57,8 +57,13 @@ def test_importing_does_nothing(tmp_path: Path) -> None:
 
 
 def alternatives() -> list[str]:
+    """Files that a group chooses from; the arms of the ladder are whole experiments."""
     found = config_folder().glob("*/*.yaml")
-    return sorted(f"{path.parent.name}={path.stem}" for path in found if path.stem[0] != "_")
+    return sorted(
+        f"{path.parent.name}={path.stem}"
+        for path in found
+        if path.stem[0] != "_" and path.parent.name != "ladder"
+    )
 
 
 @pytest.mark.parametrize("choice", alternatives())

@@ -87,4 +87,7 @@ def test_the_recordings_differ_by_folder_and_range_of_poses_alone():
     for config in others:
         assert _typed(ViewsSettings, OmegaConf.create(config.pop("rendering"))) == ViewsSettings()
     assert board.pop("rendering")["coverage"] == "hemisphere"
+    # What counts as right on LINEMOD's board is its literature's.
+    assert board.pop("evaluation")["symmetric"] == [f"obj_{i:06d}" for i in (3, 7, 10, 11)]
+    assert [config.pop("evaluation")["symmetric"] for config in others] == [None] * 3
     assert all(config == board for config in others)

@@ -150,11 +150,16 @@ def test_workers_render_missing_views_and_the_same(
             np.testing.assert_array_equal(getattr(found, field.name), getattr(views, field.name))
 
 
-def test_an_error_in_a_worker_is_the_runs(tiny_run: TinyRun, work: Path) -> None:
-    """A classifier that cannot be read, seen by whoever loads it first: a worker."""
+def test_an_error_in_a_worker_is_the_runs(
+    tiny_run: TinyRun, work: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A frame that cannot be searched, in whichever worker."""
+
+    def fail(*_: object) -> None:
+        raise FileNotFoundError("the frame has gone")
+
     detection = detection_of(build(tiny_run, work, "executor=threading"), work)
-    (weights,) = (work / "classifier").glob("*/classifier.int8.onnx")
-    weights.unlink()
-    with pytest.raises(FileNotFoundError, match=r"classifier\.int8\.onnx"):
+    monkeypatch.setattr("hlp.stages.detection.find_in_frame", fail)
+    with pytest.raises(FileNotFoundError, match="the frame has gone"):
         detection.regions()
     assert made(detection) == []
