@@ -32,7 +32,9 @@ PLACES = {
 """Module, function, and the number of its calls that still go well, in the order of a run."""
 
 _DRIVER = """
-import functools, importlib, os
+import functools, importlib, os, signal
+# A run in the background of a shell script starts with Ctrl-C ignored, and so would its children.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 module, name, calls = {place!r}
 
 def arm():
