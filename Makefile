@@ -22,7 +22,7 @@ export MPLBACKEND := Agg
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_ROOT_USER_ACTION := ignore
 
-.PHONY: help env demo test test-slow check audit docs ui clean
+.PHONY: help env demo test test-slow test-faults check audit docs ui clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -56,7 +56,10 @@ test: $(STAMP) ## the tests
 	@$(BIN)/python -m pytest -q -n $(WORKERS)
 
 test-slow: $(STAMP) ## the tests that take longer
-	@$(BIN)/python -m pytest -q -m slow
+	@$(BIN)/python -m pytest -q -m slow --ignore=tests/faults
+
+test-faults: $(STAMP) ## runs that are stopped at named places, and damaged work folders
+	@$(BIN)/python -m pytest -q -m slow tests/faults
 
 check: $(STAMP) ## style, types and layers
 	@$(BIN)/ruff check .
