@@ -70,7 +70,9 @@ def learning_request(
         )
     own = own_arguments.field_names(MeshChoices, FolderSettings) - {"name", "proxy_faces"}
     rest = [f"{key}={value}" for key, value in given.items() if key not in own | set(taken)]
-    settings = build_settings(composing.compose_config("output=none", *rest)).method
+    # The built-in demo, the default, limits poses and learns from fewer images.
+    general = ("output=none", "~experiment", "name=learn", "data=bop", "data.root=.")
+    settings = build_settings(composing.compose_config(*general, *rest)).method
     return LearningRequest(
         meshes=dict(zip(names, paths, strict=True)),
         choices=own_arguments.read_group(MeshChoices, given),
