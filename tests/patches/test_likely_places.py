@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from hlp.patches.likely_places import CloserSettings, likely_places, likely_regions
+from hlp.patches.holistic import union_of_squares
+from hlp.patches.likely_places import (
+    CloserSettings,
+    first_region,
+    likely_places,
+    likely_regions,
+)
 from hlp.records import Region
 
 
@@ -49,3 +55,32 @@ def test_no_more_places_than_asked_for(places: int) -> None:
     region = region_of([(10, 10), (40, 10)], [0.2, 0.4])
     found = list(likely_regions(region, np.full(2, 6.0), CloserSettings(places=places)))
     assert len(found) == places
+
+
+def test_of_a_large_region_the_likeliest_windows_come_first() -> None:
+    rng = np.random.default_rng(5)
+    centers, probabilities = rng.uniform(0, (640, 480), (400, 2)), rng.uniform(0, 1, 400)
+    radii = np.full(400, 40.0)
+    everything = union_of_squares(centers, radii * 0.7, (480, 640))
+    region = Region(4, centers, probabilities, everything)
+    found = first_region(region, radii, 0.7, CloserSettings(first_area=6.0))
+    assert np.count_nonzero(found.mask) == pytest.approx(6.0 * 80.0**2, rel=0.15)
+    # One square after the other, until the area is reached.
+    order = np.argsort(-probabilities)
+    areas = [
+        union_of_squares(centers[order[:n]], radii[order[:n]] * 0.7, (480, 640)) for n in range(99)
+    ]
+    assert any((found.mask == each).all() for each in areas)
+
+
+def test_a_small_region_is_searched_whole() -> None:
+    mask = np.zeros((60, 80), dtype=bool)
+    mask[10:30, 10:30] = True
+    region = Region(4, np.array([[20.0, 20.0]]), np.array([0.9]), mask)
+    radii = np.array([6.0])
+    assert first_region(region, radii, 0.7, CloserSettings(first_area=3.0)) is region
+    assert first_region(region, radii, 0.7, CloserSettings(first_area=0.0)) is region
+    least = first_region(region, radii, 0.7, CloserSettings(first_area=0.01))
+    assert np.count_nonzero(least.mask) == 9 * 9  # the likeliest window's square
+    nothing = Region(4, np.zeros((0, 2)), np.zeros(0), np.zeros((60, 80), dtype=bool))
+    assert first_region(nothing, np.zeros(0), 0.7, CloserSettings()) is nothing

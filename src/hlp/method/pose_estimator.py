@@ -14,7 +14,7 @@ from hlp.method.learnt_objects import LearntObjects
 from hlp.method.settings import MethodSettings
 from hlp.models.encoder import Encoder
 from hlp.patches.holistic import candidate_region, center_depths, region_weights
-from hlp.patches.likely_places import likely_regions
+from hlp.patches.likely_places import first_region, likely_regions
 from hlp.patches.local import cut_local_patches, region_pixels, thin_out
 from hlp.records import Codebook, Frame, Hypotheses, LocalPatches, ObjectModel, Region, Votes
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
@@ -41,7 +41,8 @@ class CoarseResult:
 class FrameContext:
     """One frame and the work on it that its objects share. Made by `PoseEstimator.prepare`.
 
-    `mask` is where objects are looked for, None: everywhere.
+    `mask` is where objects are looked for, None: everywhere. `fits` are those of the poses that
+    were measured so far, by object and the pose's bytes.
     """
 
     def __init__(
@@ -55,6 +56,7 @@ class FrameContext:
         self.windows = windows
         self.mask = mask
         self._verification = verification
+        self.fits: dict[tuple[int, bytes], PoseFit] = {}
 
     @cached_property
     def observation(self) -> Observation:
@@ -112,7 +114,7 @@ class PoseEstimator:
         return FrameContext(frame, windows, self.settings.refinement.verification, mask)
 
     def find_region(self, context: FrameContext, object_id: int) -> Region:
-        """Stage 1: the candidate region of an object (paper, section 3.1)."""
+        """Stage 1: the candidate region of an object (paper, section 3.1), its likeliest part."""
         patches, model = self.settings.patches, self.learnt.models[object_id]
         windows, classes = context.windows.classify(object_id)
         label = self._labels[object_id]
@@ -126,7 +128,10 @@ class PoseEstimator:
             model.diameter / model.holistic_size,
             patches.region,
         )
-        return region if context.mask is None else _narrowed(region, context.mask)
+        if context.mask is not None:
+            return _narrowed(region, context.mask)
+        radii = self._radii(context.frame, region.centers, model)
+        return first_region(region, radii, patches.region.square_side, patches.closer)
 
     def closer_regions(self, context: FrameContext, region: Region) -> Iterator[Region]:
         """Parts of the frame to search where an object's region gave no right pose."""
@@ -226,8 +231,12 @@ class PoseEstimator:
     def measure_fit(
         self, context: FrameContext, object_id: int, pose_cam_obj: Float[np.ndarray, "4 4"]
     ) -> PoseFit:
-        """How well a pose fits the frame."""
-        return measure_fit(self.verifier(object_id), context.observation, pose_cam_obj)
+        """How well a pose fits the frame; measured once for every pose."""
+        key = object_id, pose_cam_obj.tobytes()
+        if key not in context.fits:
+            verifier = self.verifier(object_id)
+            context.fits[key] = measure_fit(verifier, context.observation, pose_cam_obj)
+        return context.fits[key]
 
     def score(
         self, context: FrameContext, object_id: int, pose_cam_obj: Float[np.ndarray, "4 4"]

@@ -130,6 +130,7 @@ class DetectionStages:
             return {
                 "holistic": patches.holistic,
                 "region": patches.region,
+                "closer": patches.closer,
                 "sizes": {str(i): [m.holistic_size, m.diameter] for i, m in wanted.items()},
                 "device": device,
             }
