@@ -7,7 +7,7 @@ texture. Colours are compared as logarithms, after light, shading and white bala
 differences count up to a limit, because highlights and things in front are not in the texture.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -29,6 +29,7 @@ _WHITE_BALANCE = 0.3  # weight of the fitted white balance: colours matter where
 _MIN_PIXELS = 40
 _NEIGHBOURS = np.radians(20.0)  # turned by less, siblings look nearly the same
 _STEP = np.radians(7.0)  # siblings nearer than this are steps about a continuous axis
+_NEAR = np.radians(30.0)  # how far an object may turn between two frames of a sequence
 _PARTS = np.array([0.0, -0.6, -0.4, -0.2, 0.2, 0.4, 0.6])  # of such a step
 
 
@@ -94,6 +95,19 @@ def choose_sibling(
     lowest = float(fine_found.min())
     margin = float(others.min()) - lowest if len(others) else np.inf
     return SiblingChoice(pose_cam_obj @ motion, lowest, margin)
+
+
+def choose_near_sibling(
+    observation: Observation, model: ObjectModel, pose_cam_obj: Float[np.ndarray, "4 4"]
+) -> SiblingChoice:
+    """What `choose_sibling` chooses, among those of its siblings that are less than 30° away.
+
+    For an object that is tracked: it may have turned a little about an axis that depth hardly
+    tells, but not by half a turn.
+    """
+    angles = rotation_distance(model.siblings[:, :3, :3], np.eye(3))
+    near = replace(model, siblings=model.siblings[angles < _NEAR])
+    return choose_sibling(observation, near, pose_cam_obj)
 
 
 def color_agreement(
