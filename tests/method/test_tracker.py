@@ -1,6 +1,5 @@
 """Tracking through sequences of a simulated camera, whose poses are known."""
 
-from pathlib import Path
 
 import numpy as np
 import pytest

@@ -71,7 +71,6 @@ class PsoSettings(Settings):
         PolishSettings | None,
         Doc("a second, narrower search around the chosen pose (D); null: none (P)"),
     ] = field(default_factory=PolishSettings)
-    follow: FollowSettings = field(default_factory=FollowSettings)
     budget_ms: Annotated[
         float,
         Ge(0),
@@ -84,6 +83,7 @@ class PsoSettings(Settings):
             "particle than its own best (the text: until no particle improves)"
         ),
     ] = "swarm"
+    follow: FollowSettings = field(default_factory=FollowSettings)
 
     def __post_init__(self) -> None:
         """Raise SettingsError where the swarm would have no constriction."""
