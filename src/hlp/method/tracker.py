@@ -75,7 +75,7 @@ class Tracker:
 
     def reset(self) -> None:
         """Forget all poses: the next frame is searched as the first one was."""
-        self._tracks, self._since_search = (), {}
+        self._tracks, self._since_search, self._numbers = (), {}, count()
 
     def update(
         self, frame: RgbdFrame, mask: Bool[np.ndarray, "h w"] | None = None
