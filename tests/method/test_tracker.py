@@ -1,6 +1,5 @@
 """Tracking through sequences of a simulated camera, whose poses are known."""
 
-
 import numpy as np
 import pytest
 import trimesh
@@ -13,7 +12,6 @@ from hlp.geometry import rotation_distance
 from hlp.method.tracking import Track
 from hlp.records import ObjectModel
 from moving_scene import SimulatedCamera, path
-from tiny_method import tiny_method
 
 MODELS = {model.name: model for model in demo_objects().values()}
 BEAR, CAN = MODELS["bear"], MODELS["can"]
@@ -21,17 +19,8 @@ NEAR = (-0.05, -0.02, 0.7)
 
 
 @pytest.fixture(scope="module")
-def detector(tmp_path_factory: pytest.TempPathFactory) -> Detector:
-    folder = tmp_path_factory.mktemp("tracker")
-    meshes = {}
-    for model in (BEAR, CAN):
-        mesh = model.mesh
-        shape = trimesh.Trimesh(
-            mesh.vertices * 1000.0, mesh.faces, vertex_colors=mesh.colors, process=False
-        )
-        meshes[model.name] = folder / f"{model.name}.ply"
-        shape.export(meshes[model.name])
-    return Detector.learn(meshes, folder / "learnt", settings=tiny_method())
+def detector(learnt: Path) -> Detector:
+    return Detector.load(learnt)
 
 
 def is_right(pose: np.ndarray, true: np.ndarray, model: ObjectModel) -> bool:
