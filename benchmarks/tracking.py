@@ -109,11 +109,15 @@ def print_frame(
     """One line: what was found, by which way, and how far from the nearest target."""
     parts = []
     for each in found:
-        apart = min(
-            add_s(each.pose_cam_obj, t.pose_cam_obj, model.mesh.vertices) for t in frame.targets
-        )
+        errors = [
+            min(
+                error(each.pose_cam_obj, t.pose_cam_obj, model.mesh.vertices) for t in frame.targets
+            )
+            for error in (add_s, add)
+        ]
         way = "tracked" if each.tracked else "detected"
-        parts.append(f"#{each.track} {way} {each.score:.2f} {1000 * apart:.1f} mm")
+        shown = ", ".join(f"{1000 * error:.1f}" for error in errors)
+        parts.append(f"#{each.track} {way} {each.score:.2f} ADD-S, ADD {shown} mm")
     print(f"{frame.key} {spent:6.1f} ms  " + "; ".join(parts))
 
 
