@@ -37,6 +37,31 @@ def tiny_run(tmp_path_factory: pytest.TempPathFactory) -> TinyRun:
     return TinyRun(folder, folder / "first", TINY, process)
 
 
+@pytest.fixture(scope="session")
+def learnt(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of the demo's bear and can, learnt in seconds."""
+    import trimesh
+
+    from hlp import Detector
+    from hlp.data.synthetic.objects import demo_objects
+    from tiny_method import tiny_method
+
+    folder, meshes = tmp_path_factory.mktemp("learnt"), {}
+    for model in demo_objects().values():
+        if model.name in {"bear", "can"}:
+            mesh = trimesh.Trimesh(
+                model.mesh.vertices * 1000.0,
+                model.mesh.faces,
+                vertex_normals=model.mesh.normals,
+                vertex_colors=model.mesh.colors,
+                process=False,
+            )
+            meshes[model.name] = folder / f"{model.name}.ply"
+            mesh.export(meshes[model.name])
+    Detector.learn(meshes, folder / "objects", settings=tiny_method())
+    return folder / "objects"
+
+
 @pytest.fixture
 def call(
     tiny_run: TinyRun, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

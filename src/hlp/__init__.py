@@ -10,15 +10,26 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from hlp.method.detections import Detection
     from hlp.method.detector import Detector
+    from hlp.method.tracker import Tracker
+    from hlp.method.tracking import TrackedDetection, TrackingSettings
+    from hlp.records import CameraImage
 
 __version__ = "0.1.0"
-__all__ = ["Detection", "Detector"]
+__all__ = [
+    "CameraImage",
+    "Detection",
+    "Detector",
+    "TrackedDetection",
+    "Tracker",
+    "TrackingSettings",
+]
 
 
 def __getattr__(name: str) -> Any:
     # Imported at first use, so that `import hlp` alone, as in the command line, stays fast.
     if name in __all__:
         from hlp.method import detector
+        from hlp.records import CameraImage
 
-        return getattr(detector, name)
+        return CameraImage if name == "CameraImage" else getattr(detector, name)
     raise AttributeError(f"module 'hlp' has no attribute {name!r}")

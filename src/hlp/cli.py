@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import hlp
-from hlp.commands import bench, clean, doctor, learn, objects, predict, report, run, search
+from hlp.commands import bench, clean, doctor, learn, live, objects, predict, report, run, search
 from hlp.commands.composing import MULTIRUN
 from hlp.commands.ending import stops_in_one_line
 
@@ -69,6 +69,7 @@ COMMANDS = {
     "run": _Command(run.command, "learn, find and score (default: the demo)"),
     "learn": _Command(learn.command, "learn your own objects from their CAD models"),
     "predict": _Command(predict.command, "poses of learnt objects in your own frames"),
+    "live": _Command(live.command, "poses in the images of a camera, as they come"),
     "objects": _Command(objects.command, "what is learnt: list, show, remove, export"),
     "doctor": _Command(doctor.command, "what is wrong with data, learnt objects or this machine"),
     "report": _Command(report.command, "tables of finished runs, with the paper's numbers"),

@@ -118,6 +118,22 @@ class Frame:
 
 
 @dataclass(frozen=True)
+class CameraImage:
+    """One RGB-D image as a camera delivers it.
+
+    `rgb` has red first. `depth` is in metres along the optical axis, registered to the colour, 0 or
+    NaN where missing. `camera_matrix` is in pixels, with pixel centres at integers. `name` is what
+    the image is called in answers, `captured` when it was taken (s since 1970; None: unknown).
+    """
+
+    rgb: UInt8[np.ndarray, "h w 3"]
+    depth: Float[np.ndarray, "h w"]
+    camera_matrix: Float[np.ndarray, "3 3"]
+    name: str = ""
+    captured: float | None = None
+
+
+@dataclass(frozen=True)
 class Views:
     """Rendered RGB-D views of one object, square and of one size (stage 0).
 

@@ -56,6 +56,25 @@ def test_importing_does_nothing(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir()), "importing writes files"
 
 
+def test_the_detector_is_imported_without_a_framework() -> None:
+    """What `hlp.Detector` costs a robot's program: numpy, OpenCV, numba and this many modules."""
+    code = (
+        "import sys, hlp\n"
+        "assert not any(name.startswith('hlp.') for name in sys.modules), 'loads more'\n"
+        "hlp.Detector, hlp.Tracker, hlp.CameraImage\n"
+        "heavy = {'torch', 'pytorch_lightning', 'lightning', 'mlflow', 'hydra', 'omegaconf',"
+        " 'matplotlib', 'trimesh', 'pyrender', 'pyrealsense2'}\n"
+        "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
+        "print(sum(name.partition('.')[0] == 'hlp' for name in sys.modules))\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) < 80
+
+
 def alternatives() -> list[str]:
     """Files that a group chooses from; the arms of the ladder are whole experiments."""
     found = config_folder().glob("*/*.yaml")

@@ -21,6 +21,7 @@ PREFIX = {"bench": ["task=bench"], "search": ["task=search"]}
 OWN = (
     "learn",
     "predict",
+    "live",
     "objects",
     "doctor",
 )  # these take keys of their own and, partly, overrides

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TextIO, TypeVar
 
 from hlp.commands import composing
 from hlp.errors import HlpError, InputError, is_expected
@@ -86,9 +86,12 @@ def output_folder(given: Mapping[str, str], command: str) -> Path:
     return Path("outputs", command, time.strftime("%Y-%m-%d_%H-%M-%S"))
 
 
-def call(task: Callable[[], None]) -> None:
-    """Do a task with its messages on the terminal and its expected errors as one line."""
-    with _messages_on_terminal():
+def call(task: Callable[[], None], messages: TextIO | None = None) -> None:
+    """Do a task with its messages on the terminal and its expected errors as one line.
+
+    Messages go to standard output, or another stream for a command that writes data there.
+    """
+    with _messages_on_terminal(sys.stdout if messages is None else messages):
         try:
             task()
         except KeyboardInterrupt:
@@ -102,9 +105,9 @@ def call(task: Callable[[], None]) -> None:
 
 
 @contextmanager
-def _messages_on_terminal() -> Iterator[None]:
+def _messages_on_terminal(stream: TextIO) -> Iterator[None]:
     logger = logging.getLogger("hlp")
-    handler = logging.StreamHandler(sys.stdout)
+    handler = logging.StreamHandler(stream)
     handler.setFormatter(logging.Formatter("%(message)s"))
     before = logger.level
     logger.addHandler(handler)

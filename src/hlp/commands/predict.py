@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 _NEEDED = ("rgb", "depth", "intrinsics")
 _OTHER = ("learnt", "model", "output", "work", "mask", "box", "threads")
-_OPTIONS = ("objects", "max_instances", "min_score", "panels")
+_OPTIONS = ("objects", "max_instances", "min_score", "track", "panels")
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -119,6 +119,7 @@ Poses of all instances of learnt objects in your own RGB-D frames.
   objects        names of those to look for (default: all learnt ones)
   max_instances  of each object (default: 10)
   min_score      probability below which a pose is no answer (default: 0.5)
+  track          true: the frames are a sequence; follow objects from frame to frame
   mask, box      look only there: an image, or a folder with the names of the frames; [x,y,w,h] (px)
   panels         number of frames that are drawn (default: 1 for one frame, 0 for several)
   output         folder of the results (default: outputs/predict/TIME)

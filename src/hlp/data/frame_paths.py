@@ -93,6 +93,27 @@ def pair_frames(rgb: str, depth: str, count_frames: Callable[[Path], int]) -> li
     return [FramePaths(each, _partner(each, keys(each), by_stem, depth)) for each in images]
 
 
+def pairs_so_far(rgb: str, depth: str) -> list[FramePaths]:
+    """The frames of two folders or patterns that are being filled, in order of their names.
+
+    Images are paired as by `pair_frames`; those without a partner are left out: it may come yet.
+    """
+    images, depths = _listed(rgb, "rgb", EXTENSIONS), _listed(depth, "depth", DEPTH_EXTENSIONS)
+    keys: Callable[[Path], str] = _stem
+    partners = {keys(each): each for each in depths}
+    if not any(keys(each) in partners for each in images):
+        keys = _number
+        partners = {keys(each): each for each in depths if keys(each)}
+    return [FramePaths(each, partners[keys(each)]) for each in images if keys(each) in partners]
+
+
+def _listed(given: str, key: str, extensions: tuple[str, ...]) -> list[Path]:
+    try:
+        return list_images(given, key, extensions)
+    except MissingFileError:
+        return []
+
+
 def _of_video(
     video: Path, depths: list[Path], given: str, count_frames: Callable[[Path], int]
 ) -> list[FramePaths]:

@@ -25,14 +25,9 @@ _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrameFiles(Settings):
-    """Where a user's frames are, and what their files do not say."""
+class CameraSettings(Settings):
+    """What the files of images do not say about the camera."""
 
-    rgb: Annotated[str, Doc("a colour image, a folder, a pattern such as 'color_*.png', a video")]
-    depth: Annotated[
-        str,
-        Doc("its depth image (16-bit PNG, TIFF, EXR, NPY), or a folder or pattern of them"),
-    ]
     intrinsics: Annotated[
         str | list[float],
         Doc("file of the colour camera's intrinsics, or [fx,fy,cx,cy] (px); see `read_camera`"),
@@ -62,17 +57,28 @@ class FrameFiles(Settings):
             raise InputError("depth_intrinsics and depth_resize: give one of them")
 
 
-class OwnFrames:
-    """Frames without true poses (a `FrameSource`). Constructing it reads no file.
+@dataclass(frozen=True, kw_only=True)
+class FrameFiles(CameraSettings):
+    """Where a user's frames are, and what their files do not say."""
 
-    Frames are numbered in the order of their names. Depth is brought to the colour image's pixels
-    and distortion is undone, so every frame has the matrix of the colour camera. The unit of depth
-    is guessed once, from the first frame that is loaded, and logged.
+    rgb: Annotated[str, Doc("a colour image, a folder, a pattern such as 'color_*.png', a video")]
+    depth: Annotated[
+        str,
+        Doc("its depth image (16-bit PNG, TIFF, EXR, NPY), or a folder or pattern of them"),
+    ]
+
+
+class FrameReader:
+    """Reads the images of one camera. Constructing it reads no file.
+
+    Depth is brought to the colour image's pixels and distortion is undone, so every image has the
+    matrix of the colour camera. The unit of depth, unless stated, is guessed once and logged.
     """
 
-    def __init__(self, files: FrameFiles) -> None:
-        self._files = files
+    def __init__(self, settings: CameraSettings) -> None:
+        self._files = settings
         self._videos: dict[Path, VideoFrames] = {}
+        self._scale: float | None = None
 
     @cached_property
     def camera(self) -> Camera:
@@ -89,50 +95,29 @@ class OwnFrames:
             return None
         return read_camera(self._files.depth_intrinsics, "depth_intrinsics")
 
-    @cached_property
-    def depth_scale(self) -> float:
-        """Millimetres per unit of the depth images: given, stated by a file, or guessed."""
-        cameras = [
-            each for each in (self._depth_camera, read_camera(self._files.intrinsics)) if each
-        ]
-        stated = [self._files.depth_scale, *(each.depth_scale for each in cameras)]
-        known = next((scale for scale in stated if scale is not None), None)
-        if known is not None:
-            return known
-        path = next(iter(self._paths.values())).depth
-        scale, why = guess_unit(read_raw_depth(path), path)
-        _logger.info(why)
-        return scale
+    def depth_scale(self, example: Path) -> float:
+        """Millimetres per unit of the depth images: given, stated, or guessed from an example."""
+        if self._scale is None:
+            cameras = [
+                each for each in (self._depth_camera, read_camera(self._files.intrinsics)) if each
+            ]
+            stated = [self._files.depth_scale, *(each.depth_scale for each in cameras)]
+            self._scale = next((scale for scale in stated if scale is not None), None)
+        if self._scale is None:
+            self._scale, why = guess_unit(read_raw_depth(example), example)
+            _logger.info(why)
+        return self._scale
 
-    @cached_property
-    def _paths(self) -> dict[str, FramePaths]:
-        pairs = pair_frames(self._files.rgb, self._files.depth, count_video_frames)
-        return {frame_key(_SCENE_ID, number): pair for number, pair in enumerate(pairs)}
-
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """Frame keys, numbered in the order of the file names."""
-        return tuple(self._paths)
-
-    def __len__(self) -> int:
-        return len(self._paths)
-
-    def paths(self, key: str) -> FramePaths:
-        """The files of a frame."""
-        return self._paths[key]
-
-    def load(self, key: str) -> Frame:
-        """Decode one frame. Raises KeyError, FileNotFoundError, or ValueError for a broken file."""
-        if key not in self._paths:
-            raise KeyError(f"no frame {key!r} in {self._files.rgb}")
-        paths = self._paths[key]
+    def read(
+        self, paths: FramePaths
+    ) -> tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]]:
+        """Colour and depth (m). Raises FileNotFoundError, or ValueError for a broken file."""
         rgb = self._read_color(paths)
         check_size(self.camera, rgb.shape, paths.color, "intrinsics")
         raw = read_raw_depth(paths.depth)
-        depth = depth_in_metres(raw, self.depth_scale, paths.depth)
+        depth = depth_in_metres(raw, self.depth_scale(paths.depth), paths.depth)
         depth = self._registered(depth, rgb.shape[:2], paths)
-        rgb = undistorted(rgb, self.camera, nearest=False)
-        return Frame(*parse_frame_key(key), rgb, depth, self.camera.matrix)
+        return undistorted(rgb, self.camera, nearest=False), depth
 
     def _read_color(self, paths: FramePaths) -> UInt8[np.ndarray, "h w 3"]:
         if paths.video_index is None:
@@ -162,3 +147,50 @@ class OwnFrames:
         else:
             return undistorted(depth, self.camera, nearest=True)
         return resampled_depth(depth, camera, self.camera.matrix, shape)
+
+
+class OwnFrames:
+    """Frames without true poses (a `FrameSource`), as a `FrameReader` reads them.
+
+    Constructing it reads no file. Frames are numbered in the order of their names. The unit of
+    depth is guessed from the first frame.
+    """
+
+    def __init__(self, files: FrameFiles) -> None:
+        self._files = files
+        self._reader = FrameReader(files)
+
+    @property
+    def camera(self) -> Camera:
+        """The colour camera. Raises what `read_camera` raises."""
+        return self._reader.camera
+
+    @property
+    def depth_scale(self) -> float:
+        """Millimetres per unit of the depth images: given, stated by a file, or guessed."""
+        return self._reader.depth_scale(next(iter(self._paths.values())).depth)
+
+    @cached_property
+    def _paths(self) -> dict[str, FramePaths]:
+        pairs = pair_frames(self._files.rgb, self._files.depth, count_video_frames)
+        return {frame_key(_SCENE_ID, number): pair for number, pair in enumerate(pairs)}
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Frame keys, numbered in the order of the file names."""
+        return tuple(self._paths)
+
+    def __len__(self) -> int:
+        return len(self._paths)
+
+    def paths(self, key: str) -> FramePaths:
+        """The files of a frame."""
+        return self._paths[key]
+
+    def load(self, key: str) -> Frame:
+        """Decode one frame. Raises KeyError, FileNotFoundError, or ValueError for a broken file."""
+        if key not in self._paths:
+            raise KeyError(f"no frame {key!r} in {self._files.rgb}")
+        _ = self.depth_scale
+        rgb, depth = self._reader.read(self._paths[key])
+        return Frame(*parse_frame_key(key), rgb, depth, self.camera.matrix)

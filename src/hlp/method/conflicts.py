@@ -23,18 +23,20 @@ def resolve_conflicts(
     hypotheses: Mapping[int, Hypotheses],
     wanted: Mapping[int, int],
     min_score: float | None = None,
+    unexplained: Observation | None = None,
 ) -> Found:
     """What `find_instances` found for the objects of a frame, without double claims.
 
     In order of cost, the instances of all objects that have at least `min_score` take the pixels
     that they explain. If more than half of the pixels that agree with an instance are taken by
     other objects, its object is searched once more in the pixels that the others leave. `wanted`
-    and `min_score` are `instances` and `min_score` of `find_instances`.
+    and `min_score` are `instances` and `min_score` of `find_instances`, `unexplained` is too.
     """
     if sum(each is not None for each in found.values()) < 2:
         return found
     claims: dict[int, list[int]] = {}
-    unexplained, losers = context.observation, []
+    free = context.observation if unexplained is None else unexplained
+    left, losers = free, []
     for object_id, row in _by_cost(found):
         refined = found[object_id]
         assert refined is not None
@@ -43,15 +45,15 @@ def resolve_conflicts(
             continue
         verifier = estimator.verifier(object_id)
         evidence = verifier.evidence(context.observation, pose[None])
-        if verifier.is_free(unexplained, pose[None], evidence)[0]:
-            unexplained = verifier.without_explained(unexplained, pose)
+        if verifier.is_free(left, pose[None], evidence)[0]:
+            left = verifier.without_explained(left, pose)
             claims.setdefault(object_id, []).append(row)
         else:
             losers.append(object_id)
     resolved = dict(found)
     for object_id in losers:
         others = {i: rows for i, rows in claims.items() if i != object_id}
-        left = _left_by(estimator, context, resolved, others)
+        left = _left_by(estimator, free, resolved, others)
         own = regions[object_id], hypotheses[object_id], wanted[object_id]
         again = find_instances(estimator, context, *own, left, min_score)
         resolved[object_id] = again
@@ -85,12 +87,11 @@ def _by_cost(found: Found) -> list[tuple[int, int]]:
 
 def _left_by(
     estimator: PoseEstimator,
-    context: FrameContext,
+    left: Observation,
     found: Found,
     claims: Mapping[int, list[int]],
 ) -> Observation:
-    """The image without what the instances in `claims` (rows by object) explain."""
-    left = context.observation
+    """An image without what the instances in `claims` (rows by object) explain."""
     for object_id, rows in claims.items():
         for row in rows:
             refined = found[object_id]

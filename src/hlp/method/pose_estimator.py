@@ -20,6 +20,7 @@ from hlp.records import Codebook, Frame, Hypotheses, LocalPatches, ObjectModel, 
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
 from hlp.refinement.pose_fit import PoseFit, measure_fit
 from hlp.refinement.score_model import ScoreModel
+from hlp.refinement.texture import choose_near_sibling
 from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
 from hlp.rendering.color_grid import color_grid
 from hlp.voting.cast import cast_votes
@@ -227,6 +228,16 @@ class PoseEstimator:
             unexplained,
             None if min_score is None else good_enough,
         )
+
+    def follow(
+        self, context: FrameContext, object_id: int, pose_cam_obj: Float[np.ndarray, "4 4"]
+    ) -> Float[np.ndarray, "4 4"]:
+        """The pose of an instance that was at `pose_cam_obj` a moment before the frame."""
+        frame, seen = context.frame, context.observation
+        model = self.learnt.models[object_id]
+        seed = derive_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id)
+        pose = self._refiner.follow(model, seen.depth, seen.camera_matrix, pose_cam_obj, seed)
+        return choose_near_sibling(seen, model, pose.pose_cam_obj).pose_cam_obj
 
     def measure_fit(
         self, context: FrameContext, object_id: int, pose_cam_obj: Float[np.ndarray, "4 4"]

@@ -42,6 +42,21 @@ class Refiner(Protocol):
         """A more exact pose for the hypothesis that was chosen; by default the same pose."""
         return chosen
 
+    def follow(
+        self,
+        model: ObjectModel,
+        depth: Float[np.ndarray, "h w"],
+        camera_matrix: Float[np.ndarray, "3 3"],
+        pose_cam_obj: Float[np.ndarray, "4 4"],
+        seed: int,
+    ) -> Refinement:
+        """The pose in a frame that comes soon after the one of `pose_cam_obj`, in little time.
+
+        By default it is refined as a hypothesis is.
+        """
+        start = Hypotheses(pose_cam_obj[None], np.ones(1))
+        return self.refine(model, depth, camera_matrix, start, seed)[0]
+
 
 class RefinementSettings(Protocol):
     """Settings of a refiner."""

@@ -7,7 +7,7 @@ texture. Colours are compared as logarithms, after light, shading and white bala
 differences count up to a limit, because highlights and things in front are not in the texture.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -15,7 +15,7 @@ from jaxtyping import Float, Float32, UInt8
 from scipy.spatial.transform import Rotation
 
 from hlp.geometry import back_project, inverse, project, rigid, rotation_distance, transform
-from hlp.records import ObjectModel
+from hlp.records import Mesh, ObjectModel
 from hlp.refinement.texture_kernel import sum_color_differences
 from hlp.refinement.verification import Observation
 from hlp.rendering.color_grid import color_grid
@@ -29,6 +29,7 @@ _WHITE_BALANCE = 0.3  # weight of the fitted white balance: colours matter where
 _MIN_PIXELS = 40
 _NEIGHBOURS = np.radians(20.0)  # turned by less, siblings look nearly the same
 _STEP = np.radians(7.0)  # siblings nearer than this are steps about a continuous axis
+_NEAR = np.radians(30.0)  # how far an object may turn between two frames of a sequence
 _PARTS = np.array([0.0, -0.6, -0.4, -0.2, 0.2, 0.4, 0.6])  # of such a step
 
 
@@ -77,12 +78,32 @@ def choose_sibling(
     About a continuous axis the angle is refined to 1°. The pose stays if the object has no
     siblings, or if fewer than 40 pixels show it.
     """
-    unchanged = SiblingChoice(pose_cam_obj, np.inf, np.inf)
     if len(model.siblings) == 0:
-        return unchanged
-    seen = _seen_surface(observation, model, pose_cam_obj)
+        return SiblingChoice(pose_cam_obj, np.inf, np.inf)
+    return _choose(_seen_surface(observation, model.mesh, model, pose_cam_obj), model, pose_cam_obj)
+
+
+def choose_near_sibling(
+    observation: Observation, model: ObjectModel, pose_cam_obj: Float[np.ndarray, "4 4"]
+) -> SiblingChoice:
+    """What `choose_sibling` chooses, among those of its siblings that are less than 30° away.
+
+    For an object that is tracked: it may have turned a little about an axis that depth hardly
+    tells, but not by half a turn.
+    """
+    angles = rotation_distance(model.siblings[:, :3, :3], np.eye(3))
+    near = replace(model, siblings=model.siblings[angles < _NEAR])
+    if len(near.siblings) == 0:
+        return SiblingChoice(pose_cam_obj, np.inf, np.inf)
+    # The decimated mesh is 0.4 mm off and drawn in no time.
+    return _choose(_seen_surface(observation, model.proxy, model, pose_cam_obj), near, pose_cam_obj)
+
+
+def _choose(
+    seen: _SeenSurface | None, model: ObjectModel, pose_cam_obj: Float[np.ndarray, "4 4"]
+) -> SiblingChoice:
     if seen is None:
-        return unchanged
+        return SiblingChoice(pose_cam_obj, np.inf, np.inf)
     motions = np.concatenate([np.eye(4)[None], model.siblings])
     found = _differences(seen, model, motions)
     best = int(np.argmin(found))
@@ -100,7 +121,8 @@ def color_agreement(
     observation: Observation, model: ObjectModel, pose_cam_obj: Float[np.ndarray, "4 4"]
 ) -> ColorAgreement:
     """How well the image's colours agree with the object's full texture at a pose."""
-    seen = _seen_surface(observation, model, pose_cam_obj) if model.mesh.colored else None
+    mesh = model.mesh
+    seen = _seen_surface(observation, mesh, model, pose_cam_obj) if mesh.colored else None
     if seen is None:
         return ColorAgreement()
     grid = color_grid(model.mesh)
@@ -163,14 +185,17 @@ def _differences(
 
 
 def _seen_surface(
-    observation: Observation, model: ObjectModel, pose_cam_obj: Float[np.ndarray, "4 4"]
+    observation: Observation,
+    mesh: Mesh,
+    model: ObjectModel,
+    pose_cam_obj: Float[np.ndarray, "4 4"],
 ) -> _SeenSurface | None:
-    """What the image shows of the object; None if that is too little."""
+    """What the image shows of the object, drawn from a mesh; None if that is too little."""
     crop = _crop(observation, model, pose_cam_obj)
     if crop is None:
         return None
     rgb, depth, camera = crop
-    rendered = render_depth(model.mesh, pose_cam_obj[None], camera, depth.shape, 1)[0]
+    rendered = render_depth(mesh, pose_cam_obj[None], camera, depth.shape, 1)[0]
     drawn = rendered > 0.0
     inner = cv2.erode(drawn.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
     used = inner & (depth > 0.0) & (np.abs(depth - rendered) < _TOLERANCE)

@@ -1,7 +1,7 @@
 """`hlp predict`: all instances of learnt objects in a user's own frames, written as they come."""
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +17,7 @@ from hlp.data.search_masks import SearchMasks
 from hlp.errors import DataError, HlpError
 from hlp.method.detections import Detection, SearchResult
 from hlp.method.detector import MOST_INSTANCES, Detector
+from hlp.method.tracking import TrackedDetection, TrackingResult, TrackingSettings
 from hlp.records import Frame, ObjectModel, PoseEstimate, parse_frame_key
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.reporting import answers
@@ -36,6 +37,9 @@ class PredictionOptions(Settings):
     min_score: Annotated[
         float, Interval(ge=0, le=1), Doc("probability below which a pose is no answer")
     ] = MIN_SCORE
+    track: Annotated[bool, Doc("the frames are a sequence: follow objects from frame to frame")] = (
+        False
+    )
     panels: Annotated[
         int | None,
         Ge(0),
@@ -58,6 +62,7 @@ def predict(
     other.
     """
     drawn = _drawn(frames.keys, options.panels)
+    search = _tracking(detector, options) if options.track else _detection(detector, options)
     failed = 0
     with AnswersFile(output) as file:
         for number, (key, frame, mask, error) in enumerate(_decoded(frames, masks)):
@@ -66,7 +71,7 @@ def predict(
             problem = error
             if frame is not None:
                 try:
-                    found = _search(detector, frame, mask, options)
+                    found = search(frame, mask)
                     _write(file, detector, frames, frame, found)
                     if number == 0:  # after the first answer, which is not to wait
                         _warn(frame, detector)
@@ -92,21 +97,28 @@ def _warn(frame: Frame, detector: Detector) -> None:
         _logger.warning("warning: %s", finding)
 
 
-def _search(
-    detector: Detector,
-    frame: Frame,
-    mask: Bool[np.ndarray, "h w"] | None,
-    options: PredictionOptions,
-) -> SearchResult:
-    return detector.search(
-        frame.rgb,
-        frame.depth,
-        frame.camera_matrix,
-        options.objects,
-        options.max_instances,
-        options.min_score,
-        mask,
-    )
+_Found = SearchResult | TrackingResult
+_Search = Callable[[Frame, Bool[np.ndarray, "h w"] | None], _Found]
+
+
+def _detection(detector: Detector, options: PredictionOptions) -> _Search:
+    def search(frame: Frame, mask: Bool[np.ndarray, "h w"] | None) -> SearchResult:
+        return detector.search(
+            frame.rgb,
+            frame.depth,
+            frame.camera_matrix,
+            options.objects,
+            options.max_instances,
+            options.min_score,
+            mask,
+        )
+
+    return search
+
+
+def _tracking(detector: Detector, options: PredictionOptions) -> _Search:
+    settings = TrackingSettings(min_score=options.min_score)
+    return detector.tracker(options.objects, options.max_instances, settings).search
 
 
 Decoded = tuple[str, Frame | None, Bool[np.ndarray, "h w"] | None, HlpError | None]
@@ -134,7 +146,7 @@ def _decoded(frames: OwnFrames, masks: SearchMasks | None) -> Iterator[Decoded]:
 
 
 def _write(
-    file: AnswersFile, detector: Detector, frames: OwnFrames, frame: Frame, found: SearchResult
+    file: AnswersFile, detector: Detector, frames: OwnFrames, frame: Frame, found: _Found
 ) -> None:
     image = frames.paths(frame.key)
     models = detector.models
@@ -173,12 +185,15 @@ def _values(
 
 
 def _described(detection: Detection) -> dict[str, object]:
-    return {
+    values: dict[str, object] = {
         "score": detection.score,
         **answers.pose_values(detection.pose_cam_obj),
         "visible_fraction": detection.visible_fraction,
         "residual_mm": detection.residual_mm,
     }
+    if isinstance(detection, TrackedDetection):
+        values |= {"track": detection.track, "tracked": detection.tracked}
+    return values
 
 
 def _failure(frames: OwnFrames, key: str, error: HlpError) -> dict[str, object]:
@@ -193,7 +208,7 @@ def _drawn(keys: Sequence[str], panels: int | None) -> set[str]:
 
 
 def _draw(
-    output: Path, models: dict[str, ObjectModel], name: str, frame: Frame, found: SearchResult
+    output: Path, models: dict[str, ObjectModel], name: str, frame: Frame, found: _Found
 ) -> None:
     from hlp.reporting.figures.panels import draw_detections, write_png  # not needed for a folder
 

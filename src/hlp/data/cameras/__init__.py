@@ -1,0 +1,1 @@
+"""Cameras for `hlp live`: sources of RGB-D images that come one after another."""

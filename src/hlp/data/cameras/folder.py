@@ -1,0 +1,110 @@
+"""Images of a folder that is being filled by another program."""
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from annotated_types import Gt
+
+from hlp.data.cameras.camera import BrokenImage
+from hlp.data.frame_paths import FramePaths, is_pattern, pairs_so_far
+from hlp.data.own_frames import FrameFiles, FrameReader
+from hlp.errors import HlpError, MissingFileError
+from hlp.records import CameraImage
+from hlp.settings import Doc
+
+_POLL = 0.01  # s between two looks into the folders
+_PATIENCE = 1.0  # s: a file that cannot be read so long after it was first seen is broken
+_ENDS = {".png": b"IEND\xaeB`\x82", ".jpg": b"\xff\xd9", ".jpeg": b"\xff\xd9"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class FolderSettings(FrameFiles):
+    """Two folders or patterns, of colour and of depth images, that are followed."""
+
+    idle_s: Annotated[
+        float | None, Gt(0), Doc("end after this time without a new image; null: never")
+    ] = None
+    newest: Annotated[
+        bool, Doc("of several new images take the last one; false: each of them, in order")
+    ] = False
+
+
+class FolderCamera:
+    """Delivers each pair of images once both are complete, in the order of their names.
+
+    Images that are there at the beginning come first. A file that is not whole is waited for, for a
+    second. Raises MissingFileError for a folder that does not exist.
+    """
+
+    def __init__(self, settings: FolderSettings) -> None:
+        for key, given in (("rgb", settings.rgb), ("depth", settings.depth)):
+            folder = Path(given).parent if is_pattern(given) else Path(given)
+            if not folder.is_dir():
+                raise MissingFileError(f"{key}={given}: there is no folder {folder} to follow")
+        self._settings, self._reader = settings, FrameReader(settings)
+        self._seen: set[Path] = set()
+        self._waiting_since: dict[Path, float] = {}
+        _ = self._reader.camera  # what is wrong with the intrinsics is said before any image comes
+
+    def __iter__(self) -> Iterator[CameraImage | BrokenImage]:
+        """The images as they come; see `Camera`."""
+        last = time.monotonic()
+        while True:
+            image = self._next()
+            if image is not None:
+                yield image
+                last = time.monotonic()
+            elif (
+                self._settings.idle_s is not None
+                and time.monotonic() - last >= self._settings.idle_s
+            ):
+                return
+            else:
+                time.sleep(_POLL)
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+    def _next(self) -> CameraImage | BrokenImage | None:
+        pairs = pairs_so_far(self._settings.rgb, self._settings.depth)
+        new = [each for each in pairs if each.color not in self._seen]
+        if not new:
+            return None
+        paths = new[-1] if self._settings.newest else new[0]
+        image = self._read(paths)
+        if image is not None:
+            skipped = new if self._settings.newest else [paths]
+            self._seen.update(each.color for each in skipped)
+        return image
+
+    def _read(self, paths: FramePaths) -> CameraImage | BrokenImage | None:
+        """The image, or None while it is being written."""
+        begun = self._waiting_since.setdefault(paths.color, time.monotonic())
+        patient = time.monotonic() - begun < _PATIENCE
+        if patient and not (_is_whole(paths.color) and _is_whole(paths.depth)):
+            return None
+        try:
+            rgb, depth = self._reader.read(paths)
+        except HlpError as error:
+            return None if patient else BrokenImage(paths.name, error)
+        del self._waiting_since[paths.color]
+        captured = paths.color.stat().st_mtime
+        return CameraImage(rgb, depth, self._reader.camera.matrix, paths.name, captured)
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether a file has its last bytes: OpenCV shows what there is of an image, and says nothing.
+
+    True for kinds of files that have no mark at their end.
+    """
+    end = _ENDS.get(path.suffix.lower(), b"")
+    try:
+        with path.open("rb") as stream:
+            stream.seek(0, 2)
+            stream.seek(max(stream.tell() - len(end), 0))
+            return stream.read() == end if end else True
+    except OSError:
+        return False

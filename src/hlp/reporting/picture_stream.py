@@ -1,0 +1,104 @@
+"""A page on this machine that shows pictures as they come (MJPEG)."""
+
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+from hlp.errors import InputError
+
+HOST = "127.0.0.1"
+_BOUNDARY = "picture"
+_PAGE = b"""<!doctype html><html lang="en"><meta charset="utf-8"><title>hlp live</title>
+<style>body{margin:0;background:#111}img{max-width:100vw;max-height:100vh}</style>
+<img src="stream" alt="The last image with the poses that were found"></html>
+"""
+
+
+class PictureStream:
+    """Serves the last picture on `http://127.0.0.1:PORT` until it is closed.
+
+    `/` is a page, `/stream` the pictures as they come, `/picture.jpg` the last one. Nobody outside
+    of this machine can reach it. Raises InputError if the port is taken; port 0 takes a free one.
+    """
+
+    def __init__(self, port: int) -> None:
+        self._changed = threading.Condition()
+        self._picture, self._number, self._closed = b"", 0, False
+        try:
+            self._server = _Server((HOST, port), _Handler)
+        except (OSError, OverflowError) as error:
+            raise InputError(f"page={port}: {error}: give another port") from error
+        self._server.stream = self
+        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+
+    @property
+    def address(self) -> str:
+        """Address of the page."""
+        return f"http://{HOST}:{self._server.server_address[1]}/"
+
+    def show(self, jpeg: bytes) -> None:
+        """Replace the picture."""
+        with self._changed:
+            self._picture, self._number = jpeg, self._number + 1
+            self._changed.notify_all()
+
+    def next(self, after: int) -> tuple[bytes, int]:
+        """The first picture after the one of a number, and its number; no bytes at the end."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._closed or self._number > after)
+            return (b"" if self._number <= after else self._picture), self._number
+
+    def close(self) -> None:
+        """Stop serving."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+        self._server.shutdown()
+        self._server.server_close()
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+    stream: PictureStream
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: _Server
+
+    def do_GET(self) -> None:
+        """Answer one request."""
+        if self.path == "/":
+            self._send("text/html", _PAGE)
+        elif self.path == "/picture.jpg":
+            self._send("image/jpeg", self.server.stream.next(0)[0])
+        elif self.path == "/stream":
+            self._stream()
+        else:
+            self.send_error(404)
+
+    def log_message(self, *args: Any) -> None:
+        """Requests are nobody's concern."""
+
+    def _send(self, kind: str, content: bytes) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(content)))
+        self.end_headers()
+        self.wfile.write(content)
+
+    def _stream(self) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", f"multipart/x-mixed-replace; boundary={_BOUNDARY}")
+        self.send_header("Cache-Control", "no-store")
+        self.end_headers()
+        number = 0
+        try:
+            while True:
+                picture, number = self.server.stream.next(number)
+                if not picture:
+                    return
+                head = f"--{_BOUNDARY}\r\nContent-Type: image/jpeg\r\n"
+                head += f"Content-Length: {len(picture)}\r\n\r\n"
+                self.wfile.write(head.encode() + picture + b"\r\n")
+        except OSError:
+            return  # the page was closed

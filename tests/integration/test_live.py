@@ -1,0 +1,176 @@
+"""`hlp live` in processes of its own, on a simulated camera and on frames in files."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+import hlp
+from hlp.data.synthetic.objects import demo_objects
+from hlp.evaluation.errors import add_s
+from hlp.records import CameraImage
+from moving_scene import CAMERA, SimulatedCamera, path
+
+BEAR = next(model for model in demo_objects().values() if model.name == "bear")
+POSES = path(BEAR, 4, (-0.05, -0.02, 0.7))
+OWN = """
+from moving_scene import SimulatedCamera, path
+from hlp.data.synthetic.objects import demo_objects
+
+def simulated():
+    models = {model.name: model for model in demo_objects().values()}
+    poses = path(models["bear"], 4, (-0.05, -0.02, 0.7))
+    return SimulatedCamera({"bear": poses}, models)
+"""
+INTRINSICS = f"intrinsics=[{CAMERA[0, 0]},{CAMERA[1, 1]},{CAMERA[0, 2]},{CAMERA[1, 2]}]"
+# Shells start tests in the background with Ctrl-C ignored, and children inherit that.
+START = (
+    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    "from hlp.cli import main; main()"
+)
+
+
+def start(folder: Path, *arguments: str) -> "subprocess.Popen[str]":
+    found = [str(Path(hlp.__file__).parents[1]), str(Path(__file__).parents[1])]
+    return subprocess.Popen(
+        [sys.executable, "-c", START, "live", *arguments],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(found)},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def ended(process: "subprocess.Popen[str]") -> tuple[list[dict[str, Any]], str]:
+    """The remaining answers and the messages of a process."""
+    out, messages = process.communicate(timeout=120)
+    return [json.loads(line) for line in out.splitlines()], messages
+
+
+def answer(process: "subprocess.Popen[str]") -> dict[str, Any]:
+    assert process.stdout is not None
+    line: dict[str, Any] = json.loads(process.stdout.readline())
+    return line
+
+
+@pytest.fixture(scope="module")
+def images() -> list[CameraImage]:
+    return list(SimulatedCamera({"bear": POSES}, {"bear": BEAR}))
+
+
+def write(folder: Path, image: CameraImage) -> dict[str, str]:
+    files = {kind: str(folder / kind / f"{image.name}.png") for kind in ("rgb", "depth")}
+    for each in files.values():
+        Path(each).parent.mkdir(exist_ok=True)
+    cv2.imwrite(files["depth"], np.rint(image.depth * 1000.0).astype(np.uint16))
+    cv2.imwrite(files["rgb"], image.rgb[..., ::-1])
+    return files
+
+
+def check_pose(found: dict[str, Any], true: np.ndarray) -> None:
+    pose = np.eye(4)
+    pose[:3, :3] = np.array(found["cam_R_m2c"]).reshape(3, 3)
+    pose[:3, 3] = np.array(found["cam_t_m2c"]) / 1000.0
+    assert add_s(pose, true, BEAR.mesh.vertices) < 0.1 * BEAR.diameter
+
+
+def test_each_image_of_an_own_camera_is_answered(learnt: Path, tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(OWN)
+    process = start(
+        tmp_path, "source=own.py:simulated", f"learnt={learnt}", "objects=bear", "overlay=last.png"
+    )
+    (ready, *lines), messages = ended(process)
+    assert process.returncode == 0, messages
+    assert ready == {"ready": True, "objects": ["bear"]}
+    assert [line["name"] for line in lines] == [f"{number:06d}" for number in range(4)]
+    for number, (line, true) in enumerate(zip(lines, POSES, strict=True)):
+        (found,) = line["found"]
+        assert line["image"] == number and line["ms"] > 0.0 and line["missing"] == []
+        assert found["object"] == "bear" and found["track"] == 0 and found["score"] >= 0.5
+        assert found["tracked"] == (number > 0)
+        check_pose(found, true)
+    picture = cv2.imread(str(tmp_path / "last.png"))
+    assert picture is not None and picture.shape == (240, 320, 3)
+    assert not list(tmp_path.glob(".last*"))
+
+
+def test_a_folder_is_followed_until_ctrl_c(
+    learnt: Path, tmp_path: Path, images: list[CameraImage]
+) -> None:
+    write(tmp_path, images[0])
+    process = start(
+        tmp_path, "source=folder", f"learnt={learnt}", "rgb=rgb", "depth=depth", INTRINSICS,
+        "depth_scale=1", "objects=bear", "page=0",
+    )  # fmt: skip
+    assert answer(process)["ready"]
+    assert [each["tracked"] for each in answer(process)["found"]] == [False]
+    write(tmp_path, images[1])
+    assert [each["tracked"] for each in answer(process)["found"]] == [True]
+    assert process.stderr is not None
+    address = process.stderr.readline().split()[1]
+    with urllib.request.urlopen(address + "picture.jpg") as shown:  # noqa: S310
+        assert cv2.imdecode(np.frombuffer(shown.read(), np.uint8), 1).shape == (240, 320, 3)
+    process.send_signal(signal.SIGINT)
+    rest, messages = ended(process)
+    assert process.returncode == 130
+    assert rest == [] and messages == "hlp: stopped after 2 images\n"
+
+
+def test_a_program_names_images_and_reads_answers(
+    learnt: Path, tmp_path: Path, images: list[CameraImage]
+) -> None:
+    process = start(
+        tmp_path, "source=stdin", f"learnt={learnt}", INTRINSICS, "depth_scale=1", "objects=bear"
+    )
+    assert process.stdin is not None and answer(process)["ready"]
+    for image, true in zip(images[:2], POSES, strict=False):
+        process.stdin.write(json.dumps(write(tmp_path, image)) + "\n")
+        process.stdin.flush()
+        (found,) = answer(process)["found"]
+        check_pose(found, true)
+    process.stdin.write('{"rgb": "none.png", "depth": "none.png"}\n')
+    process.stdin.flush()
+    line = answer(process)
+    assert line["image"] == 2 and line["error"].startswith("no image none.png")
+    rest, messages = ended(process)
+    assert (process.returncode, rest, messages) == (0, [], "")
+
+
+def test_it_ends_when_nobody_reads_the_answers(learnt: Path, tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(OWN)
+    process = start(tmp_path, "source=own.py:simulated", f"learnt={learnt}", "objects=bear")
+    assert answer(process)["ready"] and process.stdout is not None and process.stderr is not None
+    process.stdout.close()
+    assert process.stderr.read() == ""
+    assert process.wait(timeout=60) == 0
+    assert process.stdin is not None
+    process.stdin.close()
+    process.stderr.close()
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (["learnt=x"], "source is not set"),
+        (["source=stdin"], "learnt is not set"),
+        (["source=usb", "learnt=x"], "must be folder, stdin, realsense or FILE.py:CLASS"),
+        (["source=stdin", "learnt=x", "rgb=y"], "rgb is no key of `hlp live`"),
+        (["source=stdin", "learnt=x", "min_score=2"], "min_score is 2"),
+        (["source=stdin", "learnt=nowhere", "work=."], "neither a folder of learnt objects"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, given: list[str], words: str) -> None:
+    process = start(tmp_path, *given)
+    lines, messages = ended(process)
+    assert process.returncode == 1 and lines == []
+    assert messages.startswith("hlp: ") and words in messages and messages.count("\n") == 1

@@ -1,0 +1,40 @@
+import urllib.request
+
+import pytest
+
+from hlp.errors import InputError
+from hlp.reporting.picture_stream import PictureStream
+
+
+def test_the_page_shows_pictures_as_they_come() -> None:
+    stream = PictureStream(0)
+    try:
+        assert stream.address.startswith("http://127.0.0.1:")
+        with urllib.request.urlopen(stream.address) as page:  # noqa: S310
+            assert b'<img src="stream"' in page.read()
+        stream.show(b"first")
+        with urllib.request.urlopen(stream.address + "picture.jpg") as page:  # noqa: S310
+            assert page.read() == b"first"
+        with urllib.request.urlopen(stream.address + "stream") as shown:  # noqa: S310
+            assert "multipart/x-mixed-replace" in shown.headers["Content-Type"]
+            part = b"".join(shown.readline() for _ in range(4)) + shown.read(5)
+            assert part.endswith(b"Content-Length: 5\r\n\r\nfirst")
+            stream.show(b"second")
+            part = b"".join(shown.readline() for _ in range(5)) + shown.read(6)
+            assert part.endswith(b"second")
+            stream.close()
+            assert shown.read() == b"\r\n"  # the end
+    finally:
+        stream.close()
+
+
+def test_a_taken_port_is_named() -> None:
+    stream = PictureStream(0)
+    try:
+        port = int(stream.address.rsplit(":", 1)[1].strip("/"))
+        with pytest.raises(InputError, match=f"page={port}: .*give another port"):
+            PictureStream(port)
+    finally:
+        stream.close()
+    with pytest.raises(InputError, match="page=99999"):
+        PictureStream(99999)
