@@ -19,6 +19,7 @@ from hlp.method.instance_search import find_instances
 from hlp.method.learnt_folder import LearntFolder
 from hlp.method.pose_estimator import FrameContext, PoseEstimator
 from hlp.method.settings import Device, MethodSettings
+from hlp.method.unfinished_folder import bring_back
 from hlp.records import Frame, ObjectModel
 from hlp.refinement.score_model import MIN_SCORE
 
@@ -47,6 +48,7 @@ class Detector:
     ) -> None:
         """Open a folder of learnt objects; see `load`."""
         self.folder = Path(folder).resolve()  # files are read later, from any working directory
+        bring_back(self.folder)
         self._threads, self._device = threads, device
         self._lock = threading.Lock()
         self._blas = ThreadpoolController()
