@@ -1,9 +1,13 @@
 """`hlp doctor`: what is wrong with a data set, frames, learnt objects or this machine."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from hlp.checks import camera, machine
+from hlp.checks.color_order import all_answers, check_color_order, exchange_gain
 from hlp.checks.finding import Finding
 from hlp.checks.frame_checks import check_frames, read_frames
 from hlp.checks.true_poses import check_true_poses
@@ -66,7 +70,24 @@ def examine_own(frames: OwnFrames, detector: Detector | None) -> list[Finding]:
     findings += check_frames(read, models)
     if detector is not None and not findings:
         findings += check_by_search(read[:_SEARCHED], lambda frame: _best(detector, frame))
+    if detector is not None and not findings:
+        gains = (_exchange_gain(detector, frame) for frame in read)
+        findings += check_color_order([each for each in gains if each is not None])
     return findings
+
+
+def _exchange_gain(detector: Detector, frame: Frame) -> float | None:
+    """How much better known objects fit with red and blue exchanged, found either way."""
+    exchanged = replace(frame, rgb=np.ascontiguousarray(frame.rgb[..., ::-1]))
+    gains = []
+    for sign, each in ((1.0, frame), (-1.0, exchanged)):
+        found = detector.search(
+            each.rgb, each.depth, each.camera_matrix, max_instances=1, min_score=0.0
+        )
+        gain = exchange_gain(each, detector.models, all_answers(found))
+        if gain is not None:
+            gains.append(sign * gain)
+    return float(np.mean(gains)) if gains else None
 
 
 def _best(detector: Detector, frame: Frame) -> float:
