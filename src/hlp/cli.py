@@ -6,7 +6,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import hlp
-from hlp.commands import bench, clean, doctor, learn, live, objects, predict, report, run, search
+from hlp.commands import (
+    bench,
+    clean,
+    doctor,
+    download,
+    learn,
+    live,
+    objects,
+    predict,
+    report,
+    run,
+    search,
+)
 from hlp.commands.composing import MULTIRUN
 from hlp.commands.ending import stops_in_one_line
 
@@ -75,5 +87,6 @@ COMMANDS = {
     "report": _Command(report.command, "tables of finished runs, with the paper's numbers"),
     "bench": _Command(bench.command, "time and memory of every stage on this machine"),
     "search": _Command(search.command, "search for the best settings within a time limit"),
+    "download": _Command(download.command, "public data sets in a form that HLP reads"),
     "clean": _Command(clean.command, "outputs of stages that may go, and their sizes"),
 }

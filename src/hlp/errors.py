@@ -36,6 +36,14 @@ class MissingFileError(HlpError, FileNotFoundError):
     """A file or folder is missing; the message names it and, if a key set it, the key."""
 
 
+class NetworkError(HlpError, ConnectionError):
+    """A server cannot be reached or breaks off; the message says what is kept for the next call."""
+
+
+class DiskFullError(HlpError, OSError):
+    """There is too little room on a disk; the message names the folder and what it needs."""
+
+
 class MissingDependencyError(HlpError, ImportError):
     """An optional package is missing; the message says what to install."""
 

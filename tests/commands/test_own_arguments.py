@@ -4,7 +4,9 @@ import sys
 import pytest
 
 from hlp.commands import own_arguments
+from hlp.commands.learn import learning_request
 from hlp.data.own_frames import FrameFiles
+from hlp.method.mesh_models import MeshChoices, build_models
 
 
 def test_arguments_are_keys_and_values():
@@ -40,6 +42,31 @@ def test_settings_are_read_from_their_own_keys():
     assert files == FrameFiles(rgb="a", depth="b", intrinsics=[1.0, 2.0, 3.0, 4.0], depth_scale=2.0)
     with pytest.raises(ValueError, match="depth_scale is 0"):
         own_arguments.read_group(FrameFiles, given | {"depth_scale": "0"})
+
+
+def test_a_key_may_be_given_for_one_object():
+    given = {"symmetries.cat": "none", "colors.my.obj": "false", "colors.cat": "true"}
+    given |= {"colors": "x", "codebook.cat": "y"}
+    found = own_arguments.of_single(given, ("symmetries", "colors"), ("cat", "my.obj"))
+    assert found == {"cat": {"symmetries": "none", "colors": "true"}, "my.obj": {"colors": "false"}}
+    with pytest.raises(ValueError, match=r"colors\.dog: there is no object 'dog': cat, my"):
+        own_arguments.of_single({"colors.dog": "x"}, ("colors",), ("cat", "my"))
+
+
+def test_each_mesh_is_learnt_with_its_own_choices(tmp_path):
+    import trimesh
+
+    for name in ("a", "b"):
+        trimesh.creation.cylinder(0.03, 0.1).export(tmp_path / f"{name}.ply")
+    given = {"symmetries": "none", "symmetries.b": "found", "colors.a": "false", "encoder": "pca"}
+    meshes = [str(tmp_path / "a.ply"), str(tmp_path / "b.ply")]
+    request = learning_request(given, meshes, ())
+    models = build_models(request.meshes, request.choices, 1, request.own_choices)
+    assert len(models[1].symmetries) == 1 < len(models[2].symmetries)
+    assert request.own_choices["a"] == MeshChoices(symmetries="none", colors=False)
+    assert request.choices.colors and request.own_choices["b"].colors
+    with pytest.raises(ValueError, match="there is no object 'c'"):
+        learning_request({"colors.c": "false"}, meshes, ())
 
 
 def test_a_bug_keeps_its_traceback_and_an_expected_error_is_a_line(capsys):

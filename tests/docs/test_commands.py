@@ -15,10 +15,12 @@ from hlp.commands.composing import MULTIRUN
 from hlp.commands.learn import LEARN_HELP
 from hlp.commands.report import REPORT_HELP
 from hlp.config.build import build_settings
+from hlp.data.public.sets import find_set
 
 CONF = ROOT / "conf"
 PREFIX = {"bench": ["task=bench"], "search": ["task=search"]}
 OWN = (
+    "download",
     "learn",
     "predict",
     "live",
@@ -54,6 +56,11 @@ def check_own(words: list[str]) -> None:
     """Keys are in the command's help, words of `hlp objects` in its usage; the rest composes."""
     module = importlib.import_module(f"hlp.commands.{words[0]}")
     shown = getattr(module, f"{words[0].upper()}_HELP")
+    if words[0] == "download":
+        public, given = find_set(words[1]), own_arguments.split_arguments(words[2:])
+        assert public.files(given.get("images", next(iter(public.archives))))
+        assert all(re.search(rf"^  {key} ", shown, re.MULTILINE) for key in given)
+        return
     if words[0] == "objects":
         assert f"hlp objects {words[1]}" in shown
         return

@@ -64,6 +64,15 @@ def test_lists_what_no_run_needs(work: Path, outputs: Path) -> None:
     assert 1000 < sizes[UNUSED] < 3000  # with stage.json
 
 
+@pytest.mark.parametrize("name", ["bolt", "bolt-0a1b2c3d", UNUSED, "e" * 16])
+def test_learnt_objects_are_not_listed(work: Path, outputs: Path, name: str) -> None:
+    before = found(work, outputs)
+    folder = work / "objects" / name
+    folder.mkdir(parents=True)
+    (folder / "learnt.json").write_text("{}")
+    assert found(work, outputs) == before
+
+
 def test_removes_what_it_lists(work: Path, outputs: Path) -> None:
     remove(work, find_removable(work, [outputs]))
     assert found(work, outputs) == set()

@@ -25,7 +25,9 @@ def command(arguments: Sequence[str]) -> None:
 
 
 def _examine(arguments: Sequence[str]) -> None:
-    given = own_arguments.split_arguments(arguments)
+    from hlp.data.frame_folders import with_frames
+
+    given = with_frames(own_arguments.split_arguments(arguments))
     from hlp.data.own_frames import FrameFiles
 
     known = [*own_arguments.field_names(FrameFiles), "data", "learnt", "output", "work"]
@@ -75,7 +77,7 @@ Says what is wrong, and exits with 1 if anything is.
             objects at their true poses agree with the depth; if not, which fault explains it (unit
             of depth, poses or meshes; transposed or inverted poses; axes; focal length; shift)
   learnt    what `hlp learn` made
-  rgb, depth, intrinsics (and the other keys of `hlp predict`)
+  rgb, depth, intrinsics or frames (and the other keys of `hlp predict`)
             your own frames; with learnt objects that are in view also faults that keep them from
             being found: unit of depth or mesh, focal length, exchanged colours
 

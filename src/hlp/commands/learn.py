@@ -69,13 +69,19 @@ def learning_request(
             f"names: {', '.join(names)} for {len(paths)} meshes: give each mesh a name of its own"
         )
     own = own_arguments.field_names(MeshChoices, FolderSettings) - {"name", "proxy_faces"}
-    rest = [f"{key}={value}" for key, value in given.items() if key not in own | set(taken)]
+    of_one = own_arguments.of_single(given, own_arguments.field_names(MeshChoices), names)
+    known = {*own, *taken, *(f"{key}.{name}" for name in of_one for key in of_one[name])}
+    rest = [f"{key}={value}" for key, value in given.items() if key not in known]
     # The built-in demo, the default, limits poses and learns from fewer images.
     general = ("output=none", "~experiment", "name=learn", "data=bop", "data.root=.")
     settings = build_settings(composing.compose_config(*general, *rest)).method
     return LearningRequest(
         meshes=dict(zip(names, paths, strict=True)),
         choices=own_arguments.read_group(MeshChoices, given),
+        own_choices={
+            name: own_arguments.read_group(MeshChoices, {**given, **values})
+            for name, values in of_one.items()
+        },
         backgrounds=own_arguments.read_group(
             FolderSettings, {key: given[key] for key in own & given.keys()}, name="files"
         ),
@@ -94,7 +100,7 @@ Learns objects from their CAD models alone. This takes minutes and is done once;
                the user's cache under their names (see `hlp objects`)
   names        names of the objects (default: those of the files)
 
-Found in the meshes and said, unless given (for all of them):
+Found in the meshes and said, unless given, for all of them or for one: symmetries.bolt=none
   mesh_scale   metres per unit of the meshes: 1 for metres, 0.001 for millimetres
   symmetries   none: every turn of the object counts, though it looks nearly the same
   colors       false: the real objects have other colours than the meshes

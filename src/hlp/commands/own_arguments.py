@@ -8,7 +8,7 @@ import json
 import logging
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TextIO, TypeVar
@@ -48,6 +48,24 @@ def read_group(kind: type[T], given: Mapping[str, str], **fixed: Any) -> T:
 def field_names(*kinds: type) -> set[str]:
     """The names of all fields of some settings classes."""
     return {field.name for kind in kinds for field in dataclasses.fields(kind)}
+
+
+def of_single(
+    given: Mapping[str, str], keys: Collection[str], names: Collection[str]
+) -> dict[str, dict[str, str]]:
+    """Arguments KEY.NAME=VALUE, by name, of those keys that may be given for single objects.
+
+    Raises InputError for a name that is none of `names`.
+    """
+    found: dict[str, dict[str, str]] = {}
+    for argument, value in given.items():
+        key, dot, name = argument.partition(".")
+        if not dot or key not in keys:
+            continue
+        if name not in names:
+            raise InputError(f"{argument}: there is no object '{name}': {', '.join(names)}")
+        found.setdefault(name, {})[key] = value
+    return found
 
 
 def plain_value(text: str) -> Any:

@@ -28,7 +28,9 @@ def command(arguments: Sequence[str]) -> None:
 
 
 def _predict(arguments: Sequence[str]) -> None:
-    given = own_arguments.split_arguments(arguments)
+    from hlp.data.frame_folders import with_frames
+
+    given = with_frames(own_arguments.split_arguments(arguments))
     if ("learnt" in given) == ("model" in given):
         raise InputError("give learnt=FOLDER or model=FILE, see `hlp predict --help`")
     for key in _NEEDED:
@@ -108,6 +110,7 @@ Poses of all instances of learnt objects in your own RGB-D frames.
   rgb          a colour image, a folder, a pattern such as 'color_*.png', or a video
   depth        its depth image (16-bit PNG, TIFF, EXR, NPY), or a folder or pattern of them with
                the same names or numbers; registered to the colour
+  frames       or a folder with rgb/, depth/ and cam_K.txt, camera.json or scene_camera.json
   intrinsics   JSON, YAML or text: cam_K or fx, fy, cx, cy; ROS's camera_info; RealSense; Open3D;
                OpenCV; nine numbers. Distortion is undone. Or [fx,fy,cx,cy] (px)
 
@@ -128,6 +131,7 @@ Poses of all instances of learnt objects in your own RGB-D frames.
 
 hlp predict learnt=learnt/ rgb=frame.png depth=frame_depth.png intrinsics=camera.json
 hlp predict learnt=bracket rgb=rgb/ depth=depth/ "intrinsics=[572.4,573.6,325.3,242.0]"
+hlp predict learnt=bracket frames=mustard0/
 hlp predict model=bracket.ply rgb='color_*.png' depth='depth_*.png' intrinsics=camera_info.yaml
 
 Written while frames are processed: poses.csv (BOP's format) and poses.jsonl (a line for each

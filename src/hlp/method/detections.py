@@ -9,6 +9,7 @@ from jaxtyping import Float
 from hlp.geometry import rotation_distance, transform
 from hlp.method.pose_estimator import FrameContext, PoseEstimator
 from hlp.refinement.choice import RefinedHypotheses
+from hlp.refinement.pose_fit import PoseFit
 
 _SAME_TURN = np.deg2rad(15.0)
 _SAME_SHIFT = 0.1  # of the diameter
@@ -33,7 +34,7 @@ class Detection:
     instances; work shared by all objects of an image counts for the first. `residual_mm` is the
     median difference in depth where model and image agree. `equivalent_poses` (n, 4, 4) are those
     that the object's symmetries do not tell apart, `pose_cam_obj` first. `runner_up` is None if
-    there was no other pose.
+    there was no other pose. `fit` is what the score is computed from.
     """
 
     object: str
@@ -44,6 +45,7 @@ class Detection:
     residual_mm: float
     equivalent_poses: Float[np.ndarray, "n 4 4"]
     runner_up: RunnerUp | None
+    fit: PoseFit
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,7 @@ def describe(
                 fit.residual_mm,
                 pose @ model.symmetries,
                 _runner_up(estimator, context, object_id, refined, row),
+                fit,
             )
         )
     return answers

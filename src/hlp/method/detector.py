@@ -21,6 +21,7 @@ from hlp.method.pose_estimator import PoseEstimator
 from hlp.method.settings import Device, MethodSettings
 from hlp.method.tracker import RgbdFrame, Tracker
 from hlp.method.tracking import TrackedDetection, TrackingSettings
+from hlp.method.unfinished_folder import bring_back
 from hlp.records import Frame, ObjectModel
 from hlp.refinement.score_model import MIN_SCORE
 
@@ -49,6 +50,7 @@ class Detector:
     ) -> None:
         """Open a folder of learnt objects; see `load`."""
         self.folder = Path(folder).resolve()  # files are read later, from any working directory
+        bring_back(self.folder)
         self._threads, self._device = threads, device
         self._lock = threading.Lock()
         self._blas = ThreadpoolController()

@@ -42,9 +42,14 @@ class MeshChoices(Settings):
 
 
 def build_models(
-    meshes: Mapping[str, Path], choices: MeshChoices, first_id: int
+    meshes: Mapping[str, Path],
+    choices: MeshChoices,
+    first_id: int,
+    own_choices: Mapping[str, MeshChoices] | None = None,
 ) -> dict[int, ObjectModel]:
     """Object models of mesh files by id, numbered from `first_id` in the order given.
+
+    `own_choices` are those of single meshes by name, in place of `choices`.
 
     Raises InputError for a name that cannot name a folder, and the errors of loading a mesh.
     """
@@ -55,7 +60,8 @@ def build_models(
     for object_id, (name, path) in enumerate(meshes.items(), first_id):
         if not NAME.fullmatch(name):
             raise InputError(f"object name {name!r}: use letters, digits, blanks and _ . + -")
-        models[object_id] = _build(object_id, name, Path(path), choices)
+        own = (own_choices or {}).get(name, choices)
+        models[object_id] = _build(object_id, name, Path(path), own)
     return models
 
 

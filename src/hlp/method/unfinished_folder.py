@@ -1,5 +1,6 @@
 """A folder of learnt objects in the making: continued after an interruption, published whole."""
 
+import glob
 import itertools
 import logging
 import shutil
@@ -29,6 +30,7 @@ def folder_in_the_making(
     A folder left by an interrupted call is continued if it is for the same `request`.
     """
     folder = folder.resolve()  # "." has no name, and a link is to stay one
+    bring_back(folder)
     if folder.exists() and not replaces and not _set_aside_damaged(folder):
         what = "holds learnt objects" if (folder / RECORD).is_file() else "is there"
         raise InputError(f"{folder} {what} already: load it, or name another folder")
@@ -43,6 +45,29 @@ def folder_in_the_making(
         yield partial
         _publish(partial, folder, replaces)
     logging.getLogger(__name__).info("learnt %s", folder)
+
+
+def bring_back(folder: Path) -> None:
+    """Put a folder back that a killed process was replacing and left under a hidden name.
+
+    That process had renamed the old folder, but not yet the new one: the latter is still there as
+    `.partial`, and the call that was killed continues with it. Raises InputError while another
+    process is replacing the folder.
+    """
+    partial = folder.with_name(folder.name + ".partial")
+    if folder.exists() or not (partial / _REQUEST).is_file():
+        return
+    hidden = folder.parent.glob(f".{glob.escape(folder.name)}.*")
+    left = [each / folder.name for each in hidden if (each / folder.name / RECORD).is_file()]
+    if not left:
+        return
+    with _locked(folder.with_name(f".{folder.name}.lock")):
+        if not folder.exists():
+            latest = max(left, key=lambda each: (each / RECORD).stat().st_mtime)
+            latest.rename(folder)
+            latest.parent.rmdir()
+            text = "%s is back: a process was killed while replacing it"
+            logging.getLogger(__name__).warning(text, folder)
 
 
 def _set_aside_damaged(folder: Path) -> bool:

@@ -1,9 +1,15 @@
 """`hlp doctor`: what is wrong with a data set, frames, learnt objects or this machine."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from hlp.checks import camera, machine
+from hlp.checks.color_order import all_answers, check_color_order, exchange_gain
+from hlp.checks.depth_ratio import check_depth_ratio, ratio_gains
 from hlp.checks.finding import Finding
 from hlp.checks.frame_checks import check_frames, read_frames
 from hlp.checks.true_poses import check_true_poses
@@ -12,6 +18,7 @@ from hlp.data.bop import BopSettings
 from hlp.data.dataset import Dataset
 from hlp.data.own_frames import OwnFrames
 from hlp.errors import HlpError
+from hlp.method.detections import Detection
 from hlp.method.detector import Detector
 from hlp.records import Frame
 from hlp.reporting.figures.panels import draw_detections, write_png
@@ -66,7 +73,40 @@ def examine_own(frames: OwnFrames, detector: Detector | None) -> list[Finding]:
     findings += check_frames(read, models)
     if detector is not None and not findings:
         findings += check_by_search(read[:_SEARCHED], lambda frame: _best(detector, frame))
+    if detector is not None and not findings:
+        findings += _examine_fits(detector, read)
     return findings
+
+
+def _examine_fits(detector: Detector, frames: Sequence[Frame]) -> list[Finding]:
+    """Faults with which objects are found all the same, but fit worse in most frames."""
+    exchanges: list[float] = []
+    ratios: list[dict[float, float]] = []
+    for frame in frames:
+        answers = _answers(detector, frame)
+        exchanges += _exchange_gains(detector, frame, answers)
+        ratios.append(ratio_gains(frame, answers, partial(_answers, detector)))
+    return [*check_color_order(exchanges), *check_depth_ratio(ratios)]
+
+
+def _exchange_gains(
+    detector: Detector, frame: Frame, answers: Sequence[Detection]
+) -> Iterator[float]:
+    """How much better known objects fit with red and blue exchanged, found either way."""
+    exchanged = replace(frame, rgb=np.ascontiguousarray(frame.rgb[..., ::-1]))
+    stated = exchange_gain(frame, detector.models, answers)
+    other = exchange_gain(exchanged, detector.models, _answers(detector, exchanged))
+    gains = [gain for gain in (stated, None if other is None else -other) if gain is not None]
+    if gains:
+        yield float(np.mean(gains))
+
+
+def _answers(detector: Detector, frame: Frame) -> list[Detection]:
+    """The best answer for each object, whatever its score."""
+    found = detector.search(
+        frame.rgb, frame.depth, frame.camera_matrix, max_instances=1, min_score=0.0
+    )
+    return all_answers(found)
 
 
 def _best(detector: Detector, frame: Frame) -> float:

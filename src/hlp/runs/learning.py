@@ -24,10 +24,14 @@ _logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class LearningRequest:
-    """Meshes by name, what is known of them, backgrounds, and settings of the method."""
+    """Meshes by name, what is known of them, backgrounds, and settings of the method.
+
+    `own_choices` are those of single meshes by name, in place of `choices`.
+    """
 
     meshes: Mapping[str, Path]
     choices: MeshChoices = field(default_factory=MeshChoices)
+    own_choices: Mapping[str, MeshChoices] = field(default_factory=dict)
     backgrounds: FolderSettings = field(default_factory=lambda: FolderSettings(name="files"))
     settings: MethodSettings = field(default_factory=MethodSettings)
 
@@ -61,7 +65,7 @@ class FolderBackgrounds:
 
 def learn_into(folder: Path, request: LearningRequest) -> Path:
     """Learn objects into a new folder. Raises what learning raises; says what it found and made."""
-    models = build_models(request.meshes, request.choices, 1)
+    models = build_models(request.meshes, request.choices, 1, request.own_choices)
     backgrounds = FolderBackgrounds(request.backgrounds.training_images())
     learning.learn(models, folder, request.settings, backgrounds)
     _say_what(folder)
@@ -70,7 +74,7 @@ def learn_into(folder: Path, request: LearningRequest) -> Path:
 
 def learn_once(cache: Path, request: LearningRequest) -> Path:
     """The folder in the cache for exactly this request; learns the objects if there is none."""
-    models = build_models(request.meshes, request.choices, 1)
+    models = build_models(request.meshes, request.choices, 1, request.own_choices)
     backgrounds = FolderBackgrounds(request.backgrounds.training_images())
     identity = learning.learning_request(models, request.settings, backgrounds)["made_from"]
     folder = cache / f"{'+'.join(request.meshes)}-{identity[:8]}"

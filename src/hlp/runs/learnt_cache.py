@@ -8,6 +8,7 @@ import platformdirs
 
 from hlp.errors import InputError, MissingFileError
 from hlp.method.learnt_folder import RECORD, LearntRecord, read_record
+from hlp.method.unfinished_folder import bring_back
 
 
 @dataclass(frozen=True)
@@ -33,11 +34,14 @@ def find_learnt(given: str, cache: Path) -> Path:
     Raises MissingFileError if there is no such folder, naming those in the cache.
     """
     path = Path(given).expanduser()
+    bring_back(path.resolve())
     if (path / RECORD).is_file():
         return path
     named = cache / given
-    if Path(given).name == given and (named / RECORD).is_file():
-        return named
+    if Path(given).name == given:
+        bring_back(named)
+        if (named / RECORD).is_file():
+            return named
     known = ", ".join(each.name for each in list_learnt(cache)) or "nothing"
     raise MissingFileError(
         f"learnt={given}: neither a folder of learnt objects nor a name; {cache} holds {known}. "

@@ -11,6 +11,7 @@ import numpy as np
 from annotated_types import Ge, Interval
 from jaxtyping import Bool
 
+from hlp.checks.color_order import FEWEST, all_answers, check_color_order, exchange_gain
 from hlp.checks.frame_checks import check_frames
 from hlp.data.own_frames import OwnFrames
 from hlp.data.search_masks import SearchMasks
@@ -64,6 +65,7 @@ def predict(
     drawn = _drawn(frames.keys, options.panels)
     search = _tracking(detector, options) if options.track else _detection(detector, options)
     failed = 0
+    gains: list[float] = []
     with AnswersFile(output) as file:
         for number, (key, frame, mask, error) in enumerate(_decoded(frames, masks)):
             if number == 0:  # after what decoding had to say
@@ -75,6 +77,7 @@ def predict(
                     _write(file, detector, frames, frame, found)
                     if number == 0:  # after the first answer, which is not to wait
                         _warn(frame, detector)
+                    _watch_colors(frame, detector, found, gains)
                     if key in drawn:
                         _draw(output, detector.models, frames.paths(key).name, frame, found)
                 except HlpError as wrong:
@@ -119,6 +122,17 @@ def _detection(detector: Detector, options: PredictionOptions) -> _Search:
 def _tracking(detector: Detector, options: PredictionOptions) -> _Search:
     settings = TrackingSettings(min_score=options.min_score)
     return detector.tracker(options.objects, options.max_instances, settings).search
+
+
+def _watch_colors(frame: Frame, detector: Detector, found: _Found, gains: list[float]) -> None:
+    """Add what a frame says of the order of its colours; warn once enough have."""
+    if len(gains) >= FEWEST:
+        return
+    gain = exchange_gain(frame, detector.models, all_answers(found))
+    if gain is not None:
+        gains.append(gain)
+        for finding in check_color_order(gains):
+            _logger.warning("warning: %s", finding)
 
 
 Decoded = tuple[str, Frame | None, Bool[np.ndarray, "h w"] | None, HlpError | None]

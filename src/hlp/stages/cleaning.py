@@ -9,7 +9,7 @@ from hlp.errors import DataError, MissingFileError
 from hlp.files import MANIFEST
 from hlp.stages.fingerprint import is_fingerprint
 from hlp.stages.manifest import read_manifest
-from hlp.stages.store import DAMAGED, PARTIAL
+from hlp.stages.store import DAMAGED, PARTIAL, RECORD
 from hlp.stages.store_use import unused
 
 KINDS = ("partial", "damaged", "unreferenced")
@@ -59,7 +59,8 @@ def _kind(folder: Path, named: set[tuple[str, str]]) -> str | None:
         return ending.removeprefix(".")
     if ending or not named or (folder.parent.name, name) in named:
         return None
-    return "unreferenced"
+    # Learnt objects also lie in `work`; no manifest names them, and they are no stage's output.
+    return "unreferenced" if (folder / RECORD).is_file() else None
 
 
 def _referred_to(results: Iterable[Path]) -> Iterator[tuple[str, str]]:

@@ -1,0 +1,1 @@
+"""Public data sets: where they lie, loading them, unpacking what was loaded."""

@@ -1,0 +1,109 @@
+import cv2
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from hlp.data.frame_folders import with_frames
+from hlp.data.own_frames import FrameFiles, OwnFrames
+from hlp.data.ycbineoat import YcbineoatFrames, YcbineoatSettings, read_pose
+from hlp.errors import DataError, MissingFileError
+
+K = np.array([[319.6, 0, 20.0], [0, 417.1, 15.0], [0, 0, 1]])
+STAMPS = ("1581120424100262102", "1581120424148532296", "1581120424200000000")
+
+
+def pose(number):
+    motion = np.eye(4)
+    motion[:3, :3] = Rotation.from_rotvec([0.1 * number, 0.2, 0.3]).as_matrix()
+    motion[:3, 3] = [0.01, 0.02, 0.5 + 0.1 * number]
+    return motion
+
+
+@pytest.fixture
+def root(tmp_path):
+    """Images named by time, poses by number, as in the published sequences."""
+    for name in ("rgb", "depth", "annotated_poses"):
+        (tmp_path / name).mkdir()
+    for number, stamp in enumerate(STAMPS):
+        color = np.full((30, 40, 3), (0, 0, 100 + number), np.uint8)
+        cv2.imwrite(str(tmp_path / "rgb" / f"{stamp}.png"), color)
+        depth = np.full((30, 40), 600 + number, np.uint16)
+        cv2.imwrite(str(tmp_path / "depth" / f"{stamp}.png"), depth)
+        np.savetxt(tmp_path / "annotated_poses" / f"{number:07d}.txt", pose(number))
+    np.savetxt(tmp_path / "cam_K.txt", K)
+    return tmp_path
+
+
+def test_frames_have_the_poses_of_their_order(root):
+    frames = YcbineoatFrames(root)
+    assert frames.keys == ("000000_000000", "000000_000001", "000000_000002")
+    for number, key in enumerate(frames.keys):
+        frame = frames.load(key)
+        assert tuple(frame.rgb[0, 0]) == (100 + number, 0, 0)
+        np.testing.assert_allclose(frame.depth, 0.6 + number / 1000, rtol=1e-6)
+        np.testing.assert_allclose(frame.camera_matrix, K)
+        (target,) = frame.targets
+        np.testing.assert_allclose(target.pose_cam_obj, pose(number), atol=1e-12)
+
+
+def test_poses_of_the_images_names_belong_to_them(root):
+    for number, stamp in enumerate(STAMPS[1:]):
+        path = root / "annotated_poses" / f"{number:07d}.txt"
+        path.rename(path.with_stem(stamp))
+    frames = YcbineoatFrames(root)
+    assert len(frames) == 2  # an image without a pose is no frame, a pose of no image is ignored
+    frame = frames.load(frames.keys[0])
+    assert frame.rgb[0, 0, 0] == 101
+    np.testing.assert_allclose(frame.targets[0].pose_cam_obj, pose(0), atol=1e-12)
+
+
+def test_the_data_set_is_built_from_a_mesh_and_the_folder(root, tmp_path):
+    mesh = tmp_path / "bottle.ply"
+    trimesh.creation.box((0.05, 0.1, 0.2)).export(mesh)
+    dataset = YcbineoatSettings(root=str(root), mesh=str(mesh)).build()
+    (model,) = dataset.models.values()
+    assert (model.name, dataset.target_ids) == ("bottle", (1,))
+    assert model.diameter == pytest.approx(np.linalg.norm((0.05, 0.1, 0.2)))
+    before = dataset.frames.identity()
+    np.savetxt(root / "annotated_poses" / "0000001.txt", pose(7))
+    assert YcbineoatFrames(root).identity() != before
+    with pytest.raises(MissingFileError, match=r"data\.mesh is no file"):
+        YcbineoatSettings(root=str(root), mesh="none.ply").build()
+
+
+def test_predicting_needs_only_the_folder(root):
+    frames = OwnFrames(FrameFiles(**with_frames({"frames": str(root)})))
+    frame = frames.load(frames.keys[1])
+    np.testing.assert_allclose(frame.camera_matrix, K)
+    np.testing.assert_allclose(frame.depth, 0.601, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "message"),
+    [
+        (np.eye(3), "no 4x4 matrix"),
+        (np.diag([1.0, 1.0, -1.0, 1.0]), "mirrors"),
+        (np.diag([2.0, 2.0, 2.0, 1.0]), "is no pose"),
+        (np.full((4, 4), np.nan), "is no pose"),
+        (pose(1).T, "is no pose"),
+    ],
+)
+def test_what_is_no_pose_is_named(tmp_path, matrix, message):
+    np.savetxt(tmp_path / "p.txt", matrix)
+    with pytest.raises(DataError, match=rf"p\.txt .*{message}|p\.txt {message}"):
+        read_pose(tmp_path / "p.txt")
+
+
+def test_missing_parts_are_named(root):
+    (root / "annotated_poses" / "0000002.txt").unlink()
+    with pytest.raises(DataError, match="has 3 images and 2 poses"):
+        len(YcbineoatFrames(root))
+    (root / "depth" / f"{STAMPS[0]}.png").unlink()
+    (root / "annotated_poses" / "0000002.txt").write_text("x y")
+    with pytest.raises(MissingFileError, match=STAMPS[0]):
+        len(YcbineoatFrames(root))
+    for path in (root / "rgb").iterdir():
+        path.unlink()
+    with pytest.raises(MissingFileError, match="rgb has no file"):
+        len(YcbineoatFrames(root))
