@@ -174,7 +174,7 @@ def test_a_bad_frame_is_found_alone(root: Path, models: Any, case: str) -> None:
     assert words in found[BROKEN]
 
 
-@pytest.mark.parametrize("case", ["no obj_id", "no cam_t_m2c", "null for a list"])
+@pytest.mark.parametrize("case", ["no obj_id", "no cam_t_m2c", "null for a list", "no camera"])
 def test_without_a_list_of_targets_a_broken_frame_is_still_one_of_the_run(
     root: Path, models: Any, case: str
 ) -> None:

@@ -9,6 +9,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue
 
 from hlp.config.settings import RunSettings
+from hlp.config.symmetric_names import check_symmetric
 from hlp.data.bad_frames import find_bad_frames
 from hlp.data.dataset import Dataset
 from hlp.errors import ConfigError, DataError
@@ -49,6 +50,7 @@ def build_run(config: DictConfig) -> Run:
     dataset = settings.data.build()
     if settings.encoder.needs_frames:
         dataset.require_encoder_frames()
+    check_symmetric(settings.evaluation, [model.name for model in dataset.models.values()])
     keys = dataset.frames.keys
     if not keys:
         raise ConfigError("data holds no frame with a target")

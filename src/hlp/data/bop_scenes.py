@@ -33,7 +33,7 @@ class Scene(Protocol):
 
     @property
     def frame_ids(self) -> tuple[int, ...]:
-        """Numbers of the frames with a camera, in order."""
+        """Numbers of the frames with a camera or with poses, in order."""
         ...
 
     @property
@@ -118,11 +118,17 @@ class ScenewiseScene:
 
     @property
     def frame_ids(self) -> tuple[int, ...]:
-        """Numbers of the frames with a camera, in order."""
-        try:
-            return tuple(sorted(bop.whole_ids([*self._cameras])))
-        except ValueError as error:
-            raise DataError(f"{self._camera_file}: {error}") from error
+        """Numbers of the frames with a camera or with poses, in order."""
+        numbers: set[int] = set()
+        files = {self._camera_file: self._cameras}
+        if self.annotated:
+            files[self._truth_file] = self._truths
+        for path, entries in files.items():
+            try:
+                numbers |= {*bop.whole_ids([*entries])}
+            except ValueError as error:
+                raise DataError(f"{path}: {error}") from error
+        return tuple(sorted(numbers))
 
     @property
     def annotated(self) -> bool:
@@ -175,11 +181,12 @@ class ImagewiseScene:
     def _stems(self) -> dict[int, str]:
         """File names without their kinds and extensions, by frame."""
         stems = {}
-        for path in sorted(self._folder.glob(f"*{_CAMERA}")):
-            stem = path.name.removesuffix(_CAMERA)
-            scene, _, frame = stem.rpartition("_")
-            if frame.isdecimal() and (not scene or int(scene) == self._number):
-                stems[int(frame)] = stem
+        for ending in (".gt.json", _CAMERA):
+            for path in sorted(self._folder.glob(f"*{ending}")):
+                stem = path.name.removesuffix(ending)
+                scene, _, frame = stem.rpartition("_")
+                if frame.isdecimal() and (not scene or _is(scene, self._number)):
+                    stems[int(frame)] = stem
         return stems
 
     def _path(self, frame_id: int, ending: str) -> Path:
@@ -188,7 +195,7 @@ class ImagewiseScene:
 
     @property
     def frame_ids(self) -> tuple[int, ...]:
-        """Numbers of the frames with a camera, in order."""
+        """Numbers of the frames with a camera or with poses, in order."""
         return tuple(sorted(self._stems))
 
     @property
@@ -254,6 +261,10 @@ class ImagewiseScene:
         endings = (_CAMERA, ".gt.json", ".gt_info.json")
         paths = (self._path(frame, ending) for frame in frame_ids for ending in endings)
         return [path for path in paths if path.is_file()]
+
+
+def _is(text: str, number: int) -> bool:
+    return text.isdecimal() and int(text) == number
 
 
 def _no_poses(path: Path) -> MissingFileError:
