@@ -10,11 +10,14 @@ import trimesh
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
+from hlp.config import build
 from hlp.config.build import build_run, build_settings, evenly
 from hlp.config.settings import RunSettings
 from hlp.config.typed_defaults import group_kinds
 from hlp.data.bop import BopSettings
-from hlp.errors import MissingDependencyError
+from hlp.config.symmetric_names import check_symmetric
+from hlp.errors import DataError, MissingDependencyError
+from hlp.evaluation.settings import EvaluationSettings
 
 CONF = Path(__file__).parents[2] / "conf"
 
@@ -182,7 +185,8 @@ def _bop_config(board, root, data):
     return config
 
 
-def test_a_data_set_is_built_without_decoding_an_image(bop_config):
+def test_a_data_set_is_built_without_decoding_an_image(bop_config, monkeypatch):
+    monkeypatch.setattr(build, "find_bad_frames", lambda *_: {})  # the frame has no image
     run = build_run(bop_config())
     assert isinstance(run.settings.data, BopSettings)
     assert run.keys == ("000003_000005",)
@@ -190,6 +194,49 @@ def test_a_data_set_is_built_without_decoding_an_image(bop_config):
     model = run.dataset.models[1]
     assert (model.name, model.holistic_size) == ("box", 0.12)
     assert model.diameter == pytest.approx(np.linalg.norm([0.06, 0.08, 0.1]))
+
+
+def test_bad_frames_are_known_when_the_run_is_built(bop_config):
+    with pytest.raises(DataError, match=r"none of the 1 frames can be used.*no image"):
+        build_run(bop_config())
+    config = bop_config()
+    config.on_bad_frame = "fail"
+    with pytest.raises(DataError, match=r"^frame 000003_000005: no image"):
+        build_run(config)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("trainer.accelerator", "warp", r"trainer\.accelerator is 'warp': it must be 'cpu' or"),
+        ("trainer.precision", "12-bit", r"trainer\.precision is '12-bit': it must be '32-true' or"),
+        ("classifier.widths", [0, 16], r"classifier\.widths.* is 0: it must be at least 1"),
+        ("classifier.widths", [], r"classifier\.widths is \[\]: .*1 to 6"),
+        ("classifier.widths", [8] * 7, r"classifier\.widths is .*1 to 6"),
+        ("encoder.widths", [8] * 6, r"encoder\.widths is .*1 to 5"),
+        ("encoder.dimension", 150, r"encoder\.dimension is 150: .* multiples of"),
+        ("encoder.dimension", 0, r"encoder\.dimension is 0"),
+    ],
+)
+def test_settings_that_no_network_has_are_refused(default, key, value, words):
+    with pytest.raises(ValueError, match=words):
+        build_settings(changed(default, key, value))
+
+
+@pytest.mark.parametrize("names", [["teapot"], ["box", "teapot"]])
+def test_a_symmetric_object_that_no_data_set_has_is_an_error(names):
+    with pytest.raises(ValueError, match=r"evaluation\.symmetric names teapot.*objects: box"):
+        check_symmetric(EvaluationSettings(symmetric=tuple(names)), ["box"])
+
+
+def test_names_of_another_set_that_match_nothing_are_said(caplog):
+    check_symmetric(EvaluationSettings(symmetric=("bowl", "cup")), ["bowl", "cat"])
+    check_symmetric(EvaluationSettings(), ["box"])
+    assert not caplog.records
+    check_symmetric(EvaluationSettings(symmetric=("bowl", "cup")), ["obj_000003", "obj_000006"])
+    (record,) = caplog.records
+    assert "no object is called bowl or cup" in record.message
+    assert "evaluation=bop_numbers" in record.message
 
 
 def test_a_data_set_without_root_is_asked_for(board):
@@ -229,7 +276,8 @@ def test_folders_for_training_are_checked_before_any_stage(bop_config, tmp_path,
         build_run(bop_config(**{key: str(empty)}))
 
 
-def test_the_autoencoder_asks_for_frames_before_any_stage(bop_config, tmp_path):
+def test_the_autoencoder_asks_for_frames_before_any_stage(bop_config, tmp_path, monkeypatch):
+    monkeypatch.setattr(build, "find_bad_frames", lambda *_: {})
     config = bop_config()
     config.encoder = {"name": "cae"}
     with pytest.raises(ValueError, match=r"^encoder=cae .* set data\.rgbd_frames to a folder$"):

@@ -142,12 +142,12 @@ def test_rounded_rotations_become_rotations(root):
 @pytest.mark.parametrize(
     ("key", "values", "message"),
     [
-        ("cam_t_m2c", [0.0, float("nan"), 700.0], "NaN"),
-        ("cam_R_m2c", [float("nan")] * 9, "NaN"),
-        ("cam_R_m2c", (-TURN).ravel().tolist(), "no rotation"),
+        ("cam_t_m2c", [0.0, float("nan"), 700.0], r"0\.cam_t_m2c\.1 is nan.*finite"),
+        ("cam_R_m2c", [float("nan")] * 9, r"0\.cam_R_m2c\.0 is nan"),
+        ("cam_R_m2c", (-TURN).ravel().tolist(), "object 1: cam_R_m2c is no rotation but a refl"),
         ("cam_R_m2c", (2 * TURN).ravel().tolist(), "no rotation"),
-        ("cam_R_m2c", [1.0, 2.0], "9 and 3 numbers"),
-        ("cam_t_m2c", None, "9 and 3 numbers"),
+        ("cam_R_m2c", [1.0, 2.0], "cam_R_m2c has 2 numbers, it must have 9"),
+        ("cam_t_m2c", None, "cam_t_m2c is null: it must be a list"),
     ],
 )
 def test_a_broken_pose_is_an_error_that_names_frame_and_object(root, key, values, message):
@@ -157,7 +157,7 @@ def test_a_broken_pose_is_an_error_that_names_frame_and_object(root, key, values
     _change(_scene(root, "scene_gt.json"), broken)
     with pytest.raises(ValueError, match=message) as caught:
         _frames(root).load("000006_000012")
-    assert "frame 12, object 1" in str(caught.value)
+    assert "frame 12" in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["rgb/000000.png", "depth/000012.png", "rgb/000012.jpg"])
@@ -199,7 +199,7 @@ def test_a_frame_without_intrinsics_is_an_error(root):
 
 def test_what_is_no_targets_file_is_an_error(root):
     (root / "targets.json").write_text('{"6": [1, 2]}')
-    with pytest.raises(ValueError, match=r"targets\.json is no BOP targets file"):
+    with pytest.raises(ValueError, match=r"targets\.json: the content is .*a list"):
         _ = _frames(root).keys
     with pytest.raises(FileNotFoundError, match=r"other\.json"):
         _ = BopFrames(root, "test", "other.json").keys

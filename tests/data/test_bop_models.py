@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from hlp.data.bop_models import load_object_models, symmetry_motions
 from hlp.objects.mesh_colors import PLAIN_COLOR
 from hlp.objects.object_model import ObjectSettings
+from hlp.schemas.bop import ModelInfo
 
 APE, BOWL = ObjectSettings(1, 80.0, 30.0), ObjectSettings(3, None, None)
 
@@ -65,12 +66,12 @@ def test_an_absent_mesh_names_the_object_and_where_it_was_sought(root):
 
 def test_an_impossible_diameter_is_refused(root):
     (root / "models" / "models_info.json").write_text('{"1": {"diameter": 0}}')
-    with pytest.raises(ValueError, match="diameter 0"):
+    with pytest.raises(ValueError, match=r"models_info\.json: 1\.diameter is 0: .* greater than 0"):
         load_object_models(root, {"ape": APE}, 2000, 36)
 
 
 def test_without_symmetries_there_is_the_identity():
-    np.testing.assert_array_equal(symmetry_motions({}, 36), np.eye(4)[None])
+    np.testing.assert_array_equal(symmetry_motions(ModelInfo(), 36), np.eye(4)[None])
 
 
 def test_a_discrete_symmetry_gets_a_true_rotation_and_metres():
@@ -78,7 +79,7 @@ def test_a_discrete_symmetry_gets_a_true_rotation_and_metres():
     flip[:3, 3] = [4.0, 0.0, -2.0]
     rounded = flip.copy()
     rounded[0, 1] = 0.003
-    motions = symmetry_motions({"symmetries_discrete": [rounded.ravel().tolist()]}, 36)
+    motions = symmetry_motions(ModelInfo(symmetries_discrete=[rounded.ravel().tolist()]), 36)
     assert motions.shape == (2, 4, 4)
     np.testing.assert_array_equal(motions[0], np.eye(4))
     np.testing.assert_allclose(motions[1, :3, :3] @ motions[1, :3, :3].T, np.eye(3), atol=1e-12)
@@ -89,7 +90,7 @@ def test_a_discrete_symmetry_gets_a_true_rotation_and_metres():
 def test_a_continuous_symmetry_turns_about_its_axis():
     offset = np.array([10.0, 20.0, 5.0])
     info = {"symmetries_continuous": [{"axis": [0, 0, 2], "offset": offset.tolist()}]}
-    motions = symmetry_motions(info, 8)
+    motions = symmetry_motions(ModelInfo(**info), 8)
     np.testing.assert_allclose(motions[0], np.eye(4), atol=1e-12)
     angles = np.sort(Rotation.from_matrix(motions[:, :3, :3]).as_rotvec()[:, 2] % (2 * np.pi))
     np.testing.assert_allclose(angles, np.arange(8) * np.pi / 4, atol=1e-9)
@@ -104,7 +105,7 @@ def test_both_kinds_combine():
         "symmetries_discrete": [flip.ravel().tolist()],
         "symmetries_continuous": [{"axis": [0, 0, 1], "offset": [0, 0, 0]}],
     }
-    motions = symmetry_motions(info, 4)
+    motions = symmetry_motions(ModelInfo(**info), 4)
     assert len(motions) == 8
     np.testing.assert_array_equal(motions[0], np.eye(4))
     assert len({tuple(np.round(motion, 6).ravel() + 0.0) for motion in motions}) == 8
@@ -145,7 +146,7 @@ def test_several_axes_join_and_combine_with_the_discrete_ones_as_in_the_toolkit(
             {"axis": [1, 1, 0], "offset": [0, 0, 0]},
         ],
     }
-    motions = symmetry_motions(info, 6)
+    motions = symmetry_motions(ModelInfo(**info), 6)
     np.testing.assert_allclose(motions, _toolkit_motions(info, 6), atol=1e-12)
     assert len(motions) == 2 * 3 * 6
     np.testing.assert_allclose(motions[0], np.eye(4), atol=1e-12)
@@ -154,13 +155,17 @@ def test_several_axes_join_and_combine_with_the_discrete_ones_as_in_the_toolkit(
 def test_too_many_motions_and_malformed_symmetries_are_errors_that_say_where(root):
     axes = [{"axis": [0, 0, 1], "offset": [0, 0, 0]}] * 40
     with pytest.raises(ValueError, match=r"40 continuous .*12600 motions.*data\.symmetry_steps"):
-        symmetry_motions({"symmetries_continuous": axes}, 315)
+        symmetry_motions(ModelInfo(symmetries_continuous=axes), 315)
     path = root / "models" / "models_info.json"
-    for broken in ({"axis": [0, 0, 0], "offset": [0, 0, 0]}, {"axis": [0, 0, 1]}):
+    for broken, said in (
+        (
+            {"axis": [0, 0, 0], "offset": [0, 0, 0]},
+            r"symmetries_continuous\.0\.axis is \[",
+        ),
+        ({"axis": [0, 0, 1]}, r"1\.symmetries_continuous\.0\.offset is missing"),
+    ):
         path.write_text(json.dumps({"1": {"symmetries_continuous": [broken]}}))
-        with pytest.raises(
-            ValueError, match=r"models_info\.json, object 1: a symmetry is malformed"
-        ):
+        with pytest.raises(ValueError, match=said):
             load_object_models(root, {"ape": APE}, 2000, 36)
 
 

@@ -78,7 +78,7 @@ def test_what_is_absent_is_named(classic, tmp_path):
     with pytest.raises(MissingFileError, match=r"000006_000012\.depth\.png"):
         frames.load("000006_000012")
     frame = frames.load("000006_000000")
-    with pytest.raises(DataError, match=r"000006_000000\.mask_visib\.json has no mask"):
+    with pytest.raises(DataError, match=r"000006_000000\.mask_visib\.json, mask 0: counts is"):
         frames.visible_mask(frame, frame.targets[0])
     with pytest.raises(MissingFileError, match="no scene 7"):
         frames._scene(7)

@@ -2,34 +2,47 @@
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue
 
 from hlp.config.settings import RunSettings
+from hlp.config.symmetric_names import check_symmetric
+from hlp.data.bad_frames import find_bad_frames
 from hlp.data.dataset import Dataset
-from hlp.errors import ConfigError
+from hlp.errors import ConfigError, DataError
 from hlp.models.network import require_device
 from hlp.settings import read_settings
 
 
 @dataclass(frozen=True)
 class Run:
-    """Everything a run needs, checked: settings, data set, keys of its frames, configuration."""
+    """Everything a run needs, checked: settings, data set, keys of its frames, configuration.
+
+    `bad_frames` are those of its frames that cannot be used, with the reasons, as far as their
+    files tell without being decoded.
+    """
 
     settings: RunSettings
     dataset: Dataset
     keys: tuple[str, ...]
     config: dict[str, Any]
+    bad_frames: Mapping[str, str] = field(default_factory=dict)
+
+    def require_sound_frames(self) -> None:
+        """Raise DataError naming the first bad frame, if there is one."""
+        for key, reason in self.bad_frames.items():
+            raise DataError(f"frame {key}: {reason}")
 
 
 def build_run(config: DictConfig) -> Run:
     """Check the configuration and build what it names.
 
-    Raises ConfigError naming a key that is unknown, missing or of the wrong type, and
-    FileNotFoundError naming a data folder, mesh or image list that is absent.
+    Raises ConfigError naming a key that is unknown, missing or of the wrong type,
+    FileNotFoundError naming a data folder, mesh or image list that is absent, and DataError if no
+    frame can be used, or not all with `on_bad_frame=fail`.
     """
     settings = build_settings(config)
     settings.executor.require()
@@ -37,6 +50,7 @@ def build_run(config: DictConfig) -> Run:
     dataset = settings.data.build()
     if settings.encoder.needs_frames:
         dataset.require_encoder_frames()
+    check_symmetric(settings.evaluation, [model.name for model in dataset.models.values()])
     keys = dataset.frames.keys
     if not keys:
         raise ConfigError("data holds no frame with a target")
@@ -44,7 +58,14 @@ def build_run(config: DictConfig) -> Run:
         keys = evenly(keys, settings.frames)
     plain = OmegaConf.to_container(config, resolve=True)
     assert isinstance(plain, dict)
-    return Run(settings, dataset, keys, {str(key): value for key, value in plain.items()})
+    bad = find_bad_frames(dataset, keys)
+    values = {str(key): value for key, value in plain.items()}
+    run = Run(settings, dataset, keys, values, bad)
+    if settings.on_bad_frame == "fail":
+        run.require_sound_frames()
+    if len(bad) == len(keys):
+        raise DataError(f"none of the {len(keys)} frames can be used; the first: {bad[keys[0]]}")
+    return run
 
 
 def with_changes(run: Run, changes: Mapping[str, Any]) -> RunSettings:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Protocol
+from typing import TYPE_CHECKING, Annotated, Literal, Protocol
 
 from annotated_types import Ge
 
@@ -77,6 +77,13 @@ class RunSettings(Settings):
     frames: Annotated[
         int | None, Ge(1), Doc("use only this many frames, spread evenly; null: all")
     ] = None
+    on_bad_frame: Annotated[
+        Literal["report", "fail"],
+        Doc(
+            "a frame whose files are broken or missing: report: its targets count as wrong, the "
+            "others are scored; fail: it ends the run"
+        ),
+    ] = "report"
     panels: Annotated[int, Ge(0), Doc("number of frames for which the four panels are drawn")] = 6
     timing_frames: Annotated[
         int,

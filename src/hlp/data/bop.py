@@ -5,6 +5,7 @@ The files are in millimetres.
 """
 
 import logging
+import os
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -13,19 +14,35 @@ from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Interval
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
+from hlp.data.bad_frames import StatedTarget
 from hlp.data.bop_layout import AUTO, find_split, find_targets_file
 from hlp.data.bop_models import evaluation_meshes, load_object_models, name_objects
 from hlp.data.bop_scenes import COLOR, Scene, list_scenes
-from hlp.data.bop_targets import FrameId, annotated_targets, list_targets, most_visible
+from hlp.data.bop_targets import (
+    FrameId,
+    annotated_targets,
+    is_broken,
+    list_targets,
+    most_visible,
+    stated_instances,
+)
 from hlp.data.dataset import DATASETS, Dataset
-from hlp.data.images import camera_matrix, read_depth, read_rgb, same_size
+from hlp.data.image_headers import depth_image_size, image_size, require_same_size
+from hlp.data.images import read_depth, read_rgb, same_size
 from hlp.data.sources import content_hash
-from hlp.data.training_images import FolderSettings, existing_folder
+from hlp.data.training_images import MAX_MEGAPIXELS, FolderSettings, existing_folder
 from hlp.errors import DataError, MissingFileError
+from hlp.geometry import transform
 from hlp.objects.object_model import ObjectSettings
 from hlp.records import Frame, ObjectModel, Target, frame_key, parse_frame_key
+from hlp.schemas.meaning import (
+    require_camera,
+    require_depths,
+    require_in_front,
+    require_near_depths,
+)
 from hlp.settings import Doc
 
 
@@ -74,7 +91,7 @@ class BopSettings(FolderSettings):
         split = find_split(root) if self.split == AUTO else self.split
         existing_folder("data.split", str(root / split))
         listed = find_targets_file(root, split) if self.targets == AUTO else self.targets
-        frames = BopFrames(root, split, listed, given, self.min_visible)
+        frames = BopFrames(root, split, listed, given, self.min_visible, self.max_megapixels)
         wanted = {object_id for ids in frames.targets.values() for object_id in ids}
         models = given or self._models(root, name_objects(root, sorted(wanted)))
         if self.photographs is None and self.rooms is None:
@@ -103,10 +120,11 @@ class BopFrames:
         targets_file: str | None,
         object_ids: Collection[int] | None = None,
         min_visible: float = 0.0,
+        max_megapixels: float = MAX_MEGAPIXELS,
     ) -> None:
         self._root, self._split, self._targets_file = Path(root), split, targets_file
         self._object_ids = None if object_ids is None else frozenset(object_ids)
-        self._min_visible = min_visible
+        self._min_visible, self._max_megapixels = min_visible, max_megapixels
 
     @cached_property
     def targets(self) -> dict[FrameId, dict[int, int]]:
@@ -117,7 +135,8 @@ class BopFrames:
         for frame, wanted in sorted(listed.items()):
             allowed = wanted if self._object_ids is None else self._object_ids
             kept = {i: count for i, count in wanted.items() if i in allowed}
-            if kept:
+            scene = self._scenes.get(frame[0])
+            if kept or (scene is not None and is_broken(scene, frame[1])):
                 chosen[frame] = kept
         if not chosen:
             ids = self._object_ids
@@ -146,31 +165,79 @@ class BopFrames:
         if key not in self.keys:
             raise KeyError(f"no frame {key!r} with targets under {self._root / self._split}")
         scene_id, frame_id = parse_frame_key(key)
-        scene, where = self._scene(scene_id), self._where(scene_id, frame_id)
-        camera = scene.camera(frame_id)
-        rgb_path = scene.image(COLOR, frame_id)
+        scene = self._scene(scene_id)
+        scale = scene.camera(frame_id).depth_scale
+        rgb_path, depth_path = self._images(scene, frame_id)
         rgb = read_rgb(rgb_path)
-        scale = float(camera.get("depth_scale", 1.0))
-        depth = read_depth(scene.image(("depth",), frame_id), scale)
+        depth = read_depth(depth_path, scale)
         same_size(rgb_path, rgb, depth)
-        matrix = camera_matrix(camera["cam_K"], Path(where))
-        annotated = annotated_targets(scene, frame_id, where)
-        wanted = self.targets[scene_id, frame_id]
-        targets = most_visible(annotated, wanted, where)
+        require_depths(depth, str(depth_path))
+        matrix = self._camera_matrix(scene, frame_id)
+        targets = self._targets_in(scene_id, frame_id)
+        for target in targets:
+            where = f"{self._where(scene_id, frame_id)}, object {target.object_id}: cam_t_m2c"
+            require_near_depths(target.pose_cam_obj[:3, 3], depth, where)
         return Frame(scene_id, frame_id, rgb, depth, matrix, targets)
 
+    def check(self, key: str, models: Mapping[int, ObjectModel]) -> None:
+        """See `CheckedFrames`."""
+        scene_id, frame_id = parse_frame_key(key)
+        scene = self._scene(scene_id)
+        rgb_path, depth_path = self._images(scene, frame_id)
+        size = image_size(rgb_path, self._max_megapixels)
+        depth_size = depth_image_size(depth_path, self._max_megapixels)
+        require_same_size(rgb_path, size, depth_size)
+        where = self._where(scene_id, frame_id)
+        require_camera(self._camera_matrix(scene, frame_id), size, f"{where}: cam_K")
+        for target in self._targets_in(scene_id, frame_id):
+            if (model := models.get(target.object_id)) is not None:
+                center = transform(target.pose_cam_obj, model.centroid[None])[0]
+                named = f"{where}, object {target.object_id}: cam_t_m2c"
+                require_in_front(center, model.diameter, named)
+
+    def stated_targets(self, key: str) -> tuple[StatedTarget, ...]:
+        """See `CheckedFrames`."""
+        frame = parse_frame_key(key)
+        scene = self._scenes.get(frame[0])
+        stated: list[StatedTarget] = []
+        for object_id, count in self.targets[frame].items():
+            there = [] if scene is None else stated_instances(scene, frame[1])
+            fractions = sorted((f for i, f in there if i == object_id), key=lambda f: -f)
+            fractions += [float("nan")] * (count - len(fractions))
+            stated += [StatedTarget(object_id, each) for each in fractions[:count]]
+        return tuple(stated)
+
+    def _images(self, scene: Scene, frame_id: int) -> tuple[Path, Path]:
+        return scene.image(COLOR, frame_id), scene.image(("depth",), frame_id)
+
+    def _camera_matrix(self, scene: Scene, frame_id: int) -> Float[np.ndarray, "3 3"]:
+        return np.array(scene.camera(frame_id).cam_K, dtype=np.float64).reshape(3, 3)
+
+    def _targets_in(self, scene_id: int, frame_id: int) -> tuple[Target, ...]:
+        where = self._where(scene_id, frame_id)
+        annotated = annotated_targets(self._scene(scene_id), frame_id, where)
+        return most_visible(annotated, self.targets[scene_id, frame_id], where)
+
     def identity(self) -> str:
-        """Hash of images, cameras, poses and the list of targets."""
+        """Hash of images, cameras, poses and the list of targets, and of what is missing."""
         frames: dict[int, list[int]] = {}
         for scene, frame in self.targets:
             frames.setdefault(scene, []).append(frame)
         files: list[Path] = []
+        missing: list[str] = []
         for scene_id, ids in frames.items():
-            files += self._scene(scene_id).text_files(ids)
+            if scene_id in self._scenes:
+                files += self._scenes[scene_id].text_files(ids)
         for scene_id, frame in self.targets:
-            found = self._scene(scene_id)
-            files += [found.image(COLOR, frame), found.image(("depth",), frame)]
-        return content_hash(files, extra=repr(list(self.targets.items())))
+            for kinds in (COLOR, ("depth",)):
+                try:
+                    files.append(self._scene(scene_id).image(kinds, frame))
+                except MissingFileError:
+                    missing.append(f"{kinds[0]} {frame_key(scene_id, frame)}")
+        unreadable = [path for path in files if not os.access(path, os.R_OK)]
+        missing += [f"unreadable {path.name}" for path in unreadable]
+        said = repr(list(self.targets.items())) + (repr(missing) if missing else "")
+        return content_hash([path for path in files if path not in unreadable], extra=said)
 
     def visible_mask(self, frame: Frame, target: Target) -> Bool[np.ndarray, "h w"] | None:
         """The data set's mask of one of the frame's targets; None if there is no such file.

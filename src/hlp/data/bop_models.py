@@ -3,24 +3,28 @@
 Format: Hodan et al., BOP (ECCV 2018), docs/bop_datasets_format.md of the BOP toolkit.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from hlp.data.model_checks import check_diameter, check_symmetries
 from hlp.errors import ConfigError, DataError, MissingFileError
-from hlp.files import read_json
 from hlp.geometry import nearest_rotation, rigid
 from hlp.objects.object_model import ObjectSettings, build_object_model, check_unique
 from hlp.records import MILLIMETRE, ObjectModel
+from hlp.schemas import bop
+from hlp.schemas.meaning import require_rotation
+from hlp.schemas.reading import read_as
 
 _FOLDERS = ("models", "models_eval")
 _INFO = "models_info.json"
 _NAMES = "names.json"
+_SYMMETRIES = {"symmetries_discrete", "symmetries_continuous"}
 _MOST_MOTIONS = 10000
+_ROUNDING = 0.01  # of symmetries, which people write by hand
 
 
 def load_object_models(
@@ -31,37 +35,43 @@ def load_object_models(
     Diameters and symmetries come from `models_info.json` if there is one; continuous symmetries are
     discretised into `symmetry_steps` rotations. A file that states no symmetry of any object says
     nothing about them: then they are found in the meshes. Raises FileNotFoundError naming the
-    object and the paths tried, and what `build_object_model` raises.
+    object and the paths tried, what `build_object_model` raises, and DataError for a diameter or a
+    symmetry that is not the mesh's.
     """
     check_unique(objects)
     models = {}
     for name, settings in objects.items():
         path = _mesh_path(root, name, settings.id)
-        info = _model_info(path.parent, settings.id)
-        diameter = float(info["diameter"]) * MILLIMETRE if "diameter" in info else None
+        infos = _model_infos(path.parent)
+        info = infos.get(str(settings.id), bop.ModelInfo())
+        diameter = None if info.diameter is None else info.diameter * MILLIMETRE
         where = f"{path.parent / _INFO}, object {settings.id}"
-        stated = _states_symmetries(path.parent)
+        stated = any(_SYMMETRIES & each.model_fields_set for each in infos.values())
         symmetries = symmetry_motions(info, symmetry_steps, where) if stated else None
-        models[settings.id] = build_object_model(
+        model = build_object_model(
             name, settings, path, MILLIMETRE, proxy_faces, diameter, symmetries
         )
+        if diameter is not None:
+            check_diameter(model, where)
+        if symmetries is not None:
+            check_symmetries(model, where)
+        models[settings.id] = model
     return models
 
 
 def symmetry_motions(
-    info: dict[str, Any], steps: int, where: str = "models_info.json"
+    info: bop.ModelInfo, steps: int, where: str = "models_info.json"
 ) -> Float[np.ndarray, "n 4 4"]:
     """Symmetries in an entry of `models_info.json` as motions (n, 4, 4) in metres, identity first.
 
     As in the BOP toolkit, the rotations about all axes of continuous symmetries, discretised in
     `steps`, form one set, and each of it is combined with each discrete symmetry; rotations about
     different axes are not combined. Raises ValueError if `steps` < 1, and one naming `where` if an
-    entry is malformed or there would be more than 10000 motions.
+    entry is no rotation or no axis, or there would be more than 10000 motions.
     """
     if steps < 1:
         raise ConfigError(f"symmetry_steps must be at least 1, not {steps}")
-    stated_discrete = info.get("symmetries_discrete", [])
-    stated_continuous = info.get("symmetries_continuous", [])
+    stated_discrete, stated_continuous = info.symmetries_discrete, info.symmetries_continuous
     count = (1 + len(stated_discrete)) * max(1, len(stated_continuous) * steps)
     if count > _MOST_MOTIONS:
         raise ConfigError(
@@ -69,30 +79,35 @@ def symmetry_motions(
             f" {len(stated_discrete)} discrete symmetries, {count} motions in"
             f" {steps} steps: at most {_MOST_MOTIONS} are possible, set data.symmetry_steps"
         )
-    try:
-        discrete = [np.eye(4), *(_discrete(values) for values in stated_discrete)]
-        continuous = [_turns(entry, steps) for entry in stated_continuous]
-    except (KeyError, TypeError, ValueError) as error:
-        raise DataError(f"{where}: a symmetry is malformed: {error!r}") from error
+    discrete = [np.eye(4)]
+    for number, values in enumerate(stated_discrete):
+        discrete.append(_discrete(values, f"{where}: symmetries_discrete.{number}"))
+    continuous = [
+        _turns(entry, steps, f"{where}: symmetries_continuous.{number}.axis")
+        for number, entry in enumerate(stated_continuous)
+    ]
     about_axes = np.concatenate(continuous) if continuous else np.eye(4)[None]
     motions = np.einsum("aij,bjk->baik", about_axes, np.stack(discrete))
     return np.asarray(motions.reshape(-1, 4, 4))
 
 
-def _discrete(values: Any) -> Float[np.ndarray, "4 4"]:
+def _discrete(values: Sequence[float], where: str) -> Float[np.ndarray, "4 4"]:
     motion = np.asarray(values, dtype=np.float64).reshape(4, 4)
+    if not np.array_equal(motion[3], [0.0, 0.0, 0.0, 1.0]):
+        raise DataError(f"{where} is no motion: its last row is {motion[3].tolist()}, not 0 0 0 1")
+    require_rotation(motion[:3, :3], where, _ROUNDING)
     return np.asarray(rigid(nearest_rotation(motion[:3, :3]), motion[:3, 3] * MILLIMETRE))
 
 
-def _turns(entry: dict[str, Any], steps: int) -> Float[np.ndarray, "s 4 4"]:
+def _turns(entry: bop.ContinuousSymmetry, steps: int, where: str) -> Float[np.ndarray, "s 4 4"]:
     """Rotations about the axis of a continuous symmetry, the identity first."""
-    axis = np.asarray(entry["axis"], dtype=np.float64).reshape(3)
+    axis = np.asarray(entry.axis, dtype=np.float64)
     length = float(np.linalg.norm(axis))
     if not 0 < length < np.inf:
-        raise ValueError(f"axis {entry['axis']}")
+        raise DataError(f"{where} is {entry.axis}: it must be a direction of a positive length")
     angles = np.arange(steps)[:, None] * (2.0 * np.pi / steps)
     turns = Rotation.from_rotvec(angles * axis / length).as_matrix()
-    offset = np.asarray(entry["offset"], dtype=np.float64).reshape(3) * MILLIMETRE
+    offset = np.asarray(entry.offset, dtype=np.float64) * MILLIMETRE
     return np.asarray(rigid(turns, offset - turns @ offset))
 
 
@@ -104,7 +119,7 @@ def name_objects(root: Path, object_ids: Iterable[int]) -> dict[str, ObjectSetti
     names: dict[str, str] = {}
     for folder in _FOLDERS:
         if not names and (path := root / folder / _NAMES).is_file():
-            names = {str(key): str(name) for key, name in read_json(path).items()}
+            names = read_as(path, bop.Names)
     objects: dict[str, ObjectSettings] = {}
     for object_id in object_ids:
         name = names.get(str(object_id), f"obj_{object_id:06d}")
@@ -135,18 +150,7 @@ def _mesh_path(root: Path, name: str, object_id: int) -> Path:
     )
 
 
-def _states_symmetries(folder: Path) -> bool:
-    """Whether `models_info.json` states a symmetry of any object."""
+def _model_infos(folder: Path) -> dict[str, bop.ModelInfo]:
+    """The entries of `models_info.json`; none if there is no such file."""
     path = folder / _INFO
-    entries = read_json(path).values() if path.is_file() else ()
-    return any(key.startswith("symmetries_") for entry in entries for key in entry)
-
-
-def _model_info(folder: Path, object_id: int) -> dict[str, Any]:
-    path = folder / _INFO
-    if not path.is_file():
-        return {}
-    info: dict[str, Any] = read_json(path).get(str(object_id), {})
-    if "diameter" in info and not 0 < float(info["diameter"]) < float("inf"):
-        raise DataError(f"{path}: diameter {info['diameter']} of object {object_id}")
-    return info
+    return dict(read_as(path, bop.ModelInfos)) if path.is_file() else {}

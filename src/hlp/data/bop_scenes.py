@@ -10,15 +10,17 @@ Format: Hodan et al., BOP (ECCV 2018), docs/bop_datasets_format.md and bop_image
 
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from jaxtyping import Bool
 
 from hlp.data.images import EXTENSIONS, find_image, read_rgb
 from hlp.errors import DataError, MissingFileError
-from hlp.files import read_json
+from hlp.schemas import bop
+from hlp.schemas.reading import checked_as, read_as, read_text_json
 
+T = TypeVar("T")
 Mask = Bool[np.ndarray, "h w"]
 COLOR = ("rgb", "gray")
 """Names of the folders of colour or grey images; the first that is there counts."""
@@ -31,7 +33,7 @@ class Scene(Protocol):
 
     @property
     def frame_ids(self) -> tuple[int, ...]:
-        """Numbers of the frames with a camera, in order."""
+        """Numbers of the frames with a camera or with poses, in order."""
         ...
 
     @property
@@ -39,16 +41,20 @@ class Scene(Protocol):
         """Whether the scene states true poses."""
         ...
 
-    def camera(self, frame_id: int) -> dict[str, Any]:
-        """The frame's entry with `cam_K`. Raises DataError if there is none."""
+    def camera(self, frame_id: int) -> bop.CameraEntry:
+        """The frame's camera. Raises DataError if there is none, or a broken one."""
         ...
 
-    def truth(self, frame_id: int) -> list[Any]:
-        """Entries of the annotated instances. Raises MissingFileError if no truth is stated."""
+    def truth(self, frame_id: int) -> list[bop.TruthEntry]:
+        """The annotated instances. Raises MissingFileError if no truth is stated, DataError."""
         ...
 
-    def info(self, frame_id: int) -> list[Any]:
-        """Entries with boxes and visible fractions, in the order of `truth`; may be empty."""
+    def info(self, frame_id: int) -> list[bop.InfoEntry]:
+        """Their visible fractions, in the order of `truth`; may be empty. Raises DataError."""
+        ...
+
+    def unchecked(self, frame_id: int) -> tuple[Any, Any]:
+        """What stands at the place of `truth` and of `info`, whatever it is; None if nothing."""
         ...
 
     def image(self, kinds: tuple[str, ...], frame_id: int) -> Path:
@@ -91,47 +97,64 @@ class ScenewiseScene:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
+        self._camera_file, self._truth_file, self._info_file = (
+            folder / name for name in _SCENE_FILES
+        )
 
     @cached_property
     def _cameras(self) -> dict[str, Any]:
-        return dict(read_json(self._folder / _SCENE_FILES[0]))
+        return dict(read_as(self._camera_file, bop.Scene))
 
     @cached_property
     def _truths(self) -> dict[str, Any]:
         if not self.annotated:
-            raise _no_poses(self._folder / _SCENE_FILES[1])
-        return dict(read_json(self._folder / _SCENE_FILES[1]))
+            raise _no_poses(self._truth_file)
+        return dict(read_as(self._truth_file, bop.Scene))
 
     @cached_property
     def _infos(self) -> dict[str, Any]:
-        path = self._folder / _SCENE_FILES[2]
-        return dict(read_json(path)) if path.is_file() else {}
+        there = self._info_file.is_file()
+        return dict(read_as(self._info_file, bop.Scene)) if there else {}
 
     @property
     def frame_ids(self) -> tuple[int, ...]:
-        """Numbers of the frames with a camera, in order."""
-        return tuple(sorted(map(int, self._cameras)))
+        """Numbers of the frames with a camera or with poses, in order."""
+        numbers: set[int] = set()
+        files = {self._camera_file: self._cameras}
+        if self.annotated:
+            files[self._truth_file] = self._truths
+        for path, entries in files.items():
+            try:
+                numbers |= {*bop.whole_ids([*entries])}
+            except ValueError as error:
+                raise DataError(f"{path}: {error}") from error
+        return tuple(sorted(numbers))
 
     @property
     def annotated(self) -> bool:
         """Whether the scene states true poses."""
-        return (self._folder / _SCENE_FILES[1]).is_file()
+        return self._truth_file.is_file()
 
-    def camera(self, frame_id: int) -> dict[str, Any]:
+    def camera(self, frame_id: int) -> bop.CameraEntry:
         """The frame's entry in scene_camera.json. Raises DataError if there is none."""
-        entry: dict[str, Any] = self._cameras.get(str(frame_id), {})
-        if "cam_K" not in entry:
-            path = self._folder / _SCENE_FILES[0]
+        path, entry = self._camera_file, self._cameras.get(str(frame_id))
+        if entry is None or (isinstance(entry, dict) and "cam_K" not in entry):
             raise DataError(f"{path} has no cam_K for frame {frame_id}")
-        return entry
+        return _checked(entry, bop.CameraEntry, path, frame_id)
 
-    def truth(self, frame_id: int) -> list[Any]:
+    def truth(self, frame_id: int) -> list[bop.TruthEntry]:
         """The frame's entries in scene_gt.json."""
-        return list(self._truths.get(str(frame_id), []))
+        entries = self._truths.get(str(frame_id), [])
+        return list(_checked(entries, bop.Truths, self._truth_file, frame_id))
 
-    def info(self, frame_id: int) -> list[Any]:
+    def info(self, frame_id: int) -> list[bop.InfoEntry]:
         """The frame's entries in scene_gt_info.json, if there is one."""
-        return list(self._infos.get(str(frame_id), []))
+        entries = self._infos.get(str(frame_id), [])
+        return list(_checked(entries, bop.Infos, self._info_file, frame_id))
+
+    def unchecked(self, frame_id: int) -> tuple[Any, Any]:
+        """What stands in scene_gt.json and scene_gt_info.json."""
+        return self._truths.get(str(frame_id)), self._infos.get(str(frame_id))
 
     def image(self, kinds: tuple[str, ...], frame_id: int) -> Path:
         """The frame's image in the first of these folders that is there."""
@@ -158,11 +181,12 @@ class ImagewiseScene:
     def _stems(self) -> dict[int, str]:
         """File names without their kinds and extensions, by frame."""
         stems = {}
-        for path in sorted(self._folder.glob(f"*{_CAMERA}")):
-            stem = path.name.removesuffix(_CAMERA)
-            scene, _, frame = stem.rpartition("_")
-            if frame.isdecimal() and (not scene or int(scene) == self._number):
-                stems[int(frame)] = stem
+        for ending in (".gt.json", _CAMERA):
+            for path in sorted(self._folder.glob(f"*{ending}")):
+                stem = path.name.removesuffix(ending)
+                scene, _, frame = stem.rpartition("_")
+                if frame.isdecimal() and (not scene or _is(scene, self._number)):
+                    stems[int(frame)] = stem
         return stems
 
     def _path(self, frame_id: int, ending: str) -> Path:
@@ -171,7 +195,7 @@ class ImagewiseScene:
 
     @property
     def frame_ids(self) -> tuple[int, ...]:
-        """Numbers of the frames with a camera, in order."""
+        """Numbers of the frames with a camera or with poses, in order."""
         return tuple(sorted(self._stems))
 
     @property
@@ -179,25 +203,36 @@ class ImagewiseScene:
         """Whether the first frame states true poses."""
         return any(self._path(frame, ".gt.json").is_file() for frame in self.frame_ids[:1])
 
-    def camera(self, frame_id: int) -> dict[str, Any]:
+    def camera(self, frame_id: int) -> bop.CameraEntry:
         """The frame's camera.json. Raises DataError if it has no `cam_K`."""
         path = self._path(frame_id, _CAMERA)
-        entry: dict[str, Any] = read_json(path)
-        if "cam_K" not in entry:
+        entry = read_text_json(path)
+        if isinstance(entry, dict) and "cam_K" not in entry:
             raise DataError(f"{path} has no cam_K for frame {frame_id}")
-        return entry
+        return _checked(entry, bop.CameraEntry, path, frame_id)
 
-    def truth(self, frame_id: int) -> list[Any]:
+    def truth(self, frame_id: int) -> list[bop.TruthEntry]:
         """The entries of the frame's gt.json."""
         path = self._path(frame_id, ".gt.json")
         if not path.is_file():
             raise _no_poses(path)
-        return list(read_json(path))
+        return list(read_as(path, bop.Truths))
 
-    def info(self, frame_id: int) -> list[Any]:
+    def info(self, frame_id: int) -> list[bop.InfoEntry]:
         """The entries of the frame's gt_info.json, if there is one."""
         path = self._path(frame_id, ".gt_info.json")
-        return list(read_json(path)) if path.is_file() else []
+        return list(read_as(path, bop.Infos)) if path.is_file() else []
+
+    def unchecked(self, frame_id: int) -> tuple[Any, Any]:
+        """What stands in gt.json and gt_info.json; None also for a broken file."""
+        found: list[Any] = []
+        for ending in (".gt.json", ".gt_info.json"):
+            path = self._path(frame_id, ending)
+            try:
+                found.append(read_text_json(path) if path.is_file() else None)
+            except DataError:  # `truth` and `info` say so
+                found.append(None)
+        return found[0], found[1]
 
     def image(self, kinds: tuple[str, ...], frame_id: int) -> Path:
         """The frame's image of the first of these kinds that is there."""
@@ -215,16 +250,21 @@ class ImagewiseScene:
         path = self._path(frame_id, ".mask_visib.json")
         if not path.is_file():
             return None
-        try:
-            return path, _from_run_lengths(read_json(path)[str(number)])
-        except (KeyError, TypeError, ValueError) as error:
-            raise DataError(f"{path} has no mask {number} of run lengths: {error!r}") from error
+        masks = read_as(path, bop.Scene)
+        if str(number) not in masks:
+            raise DataError(f"{path} has no mask {number} of run lengths")
+        where = f"{path}, mask {number}"
+        return path, _from_run_lengths(checked_as(masks[str(number)], bop.RunLengths, where), where)
 
     def text_files(self, frame_ids: list[int]) -> list[Path]:
         """The JSON files of these frames."""
         endings = (_CAMERA, ".gt.json", ".gt_info.json")
         paths = (self._path(frame, ending) for frame in frame_ids for ending in endings)
         return [path for path in paths if path.is_file()]
+
+
+def _is(text: str, number: int) -> bool:
+    return text.isdecimal() and int(text) == number
 
 
 def _no_poses(path: Path) -> MissingFileError:
@@ -234,9 +274,16 @@ def _no_poses(path: Path) -> MissingFileError:
     )
 
 
-def _from_run_lengths(entry: dict[str, Any]) -> Mask:
+def _checked(entry: Any, kind: type[T], path: Path, frame_id: int) -> T:
+    return checked_as(entry, kind, f"{path}, frame {frame_id}")
+
+
+def _from_run_lengths(mask: bop.RunLengths, where: str) -> Mask:
     """A mask from COCO's uncompressed run lengths: column by column, starting with False."""
-    height, width = (int(each) for each in entry["size"])
-    counts = np.asarray(entry["counts"], dtype=np.int64)
-    values = np.arange(len(counts)) % 2 == 1
-    return np.repeat(values, counts).reshape(width, height).T.copy()
+    height, width = mask.size
+    if sum(mask.counts) != height * width:
+        raise DataError(
+            f"{where}: the run lengths add up to {sum(mask.counts)}, they must to {height * width}"
+        )
+    values = np.arange(len(mask.counts)) % 2 == 1
+    return np.repeat(values, mask.counts).reshape(width, height).T.copy()

@@ -6,19 +6,17 @@ Format: Hodan et al., BOP (ECCV 2018), docs/bop_datasets_format.md of the BOP to
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from hlp.data.bop_scenes import Scene
-from hlp.errors import DataError
-from hlp.files import read_json
+from hlp.errors import DataError, HlpError
 from hlp.geometry import nearest_rotation, rigid
 from hlp.records import MILLIMETRE, Target
-
-# Rotations in files are rounded; a matrix that differs more from a rotation is an error.
-_ROUNDING = 0.05
+from hlp.schemas import bop
+from hlp.schemas.meaning import require_rotation
+from hlp.schemas.reading import read_as
 
 FrameId = tuple[int, int]
 
@@ -30,21 +28,23 @@ def list_targets(
 
     Without a targets file these are all annotated instances; so are those of a frame that the file
     lists without an object, as BOP's lists for detection do. Instances that are less visible than
-    `min_visible` do not count, unless their visibility is not stated. Raises FileNotFoundError, and
-    ValueError if the file is not a BOP targets file.
+    `min_visible` do not count, unless their visibility is not stated. Frames whose annotations are
+    broken are listed with what can be read of them. Raises FileNotFoundError, and ValueError if the
+    file is not a BOP targets file.
     """
     if targets_file is None:
         frames = [(number, frame) for number, scene in scenes.items() for frame in scene.frame_ids]
         return {each: _visible(scenes, each, min_visible) for each in frames}
     targets: dict[FrameId, dict[int, int]] = {}
-    try:
-        for row in read_json(targets_file):
-            frame = (int(row["scene_id"]), int(row["im_id"]))
-            wanted = targets.setdefault(frame, {})
-            if "obj_id" in row:
-                wanted[int(row["obj_id"])] = int(row.get("inst_count", 1))
-    except (KeyError, TypeError, AttributeError) as error:
-        raise DataError(f"{targets_file} is no BOP targets file: {error!r}") from error
+    for row in read_as(targets_file, bop.Targets):
+        wanted = targets.setdefault((row.scene_id, row.im_id), {})
+        if row.obj_id is not None:
+            if row.obj_id in wanted:
+                raise DataError(
+                    f"{targets_file} lists object {row.obj_id} of scene {row.scene_id}, image "
+                    f"{row.im_id} twice: write one row with inst_count"
+                )
+            wanted[row.obj_id] = row.inst_count
     for frame, wanted in targets.items():
         if not wanted or min_visible > 0:
             there = _visible(scenes, frame, min_visible)
@@ -56,12 +56,21 @@ def list_targets(
 def annotated_targets(scene: Scene, frame_id: int, where: str) -> list[Target]:
     """All annotated instances of a frame. Raises ValueError naming `where` for a broken pose."""
     entries = scene.truth(frame_id)
-    visible = [float(info.get("visib_fract", "nan")) for info in scene.info(frame_id)]
+    visible = [info.visib_fract for info in scene.info(frame_id)]
     visible += [float("nan")] * (len(entries) - len(visible))
     return [
-        Target(int(entry["obj_id"]), _pose(entry, where), fraction)
+        Target(entry.obj_id, _pose(entry, where), fraction)
         for entry, fraction in zip(entries, visible, strict=False)
     ]
+
+
+def is_broken(scene: Scene, frame_id: int) -> bool:
+    """Whether the annotations of a frame cannot be read."""
+    try:
+        scene.truth(frame_id), scene.info(frame_id)
+    except HlpError:
+        return True
+    return False
 
 
 def most_visible(
@@ -84,32 +93,37 @@ def most_visible(
     return tuple(chosen)
 
 
+def stated_instances(scene: Scene, frame_id: int) -> list[tuple[int, float]]:
+    """Object and visible fraction (nan: not stated) of what is annotated in a frame.
+
+    Also of a frame whose annotations are broken, as far as they can be read.
+    """
+    entries, infos = scene.unchecked(frame_id)
+    entries = entries if isinstance(entries, list) else []
+    infos = infos if isinstance(infos, list) else []
+    found = []
+    for number, entry in enumerate(entries):
+        object_id = entry.get("obj_id") if isinstance(entry, dict) else None
+        info = infos[number] if number < len(infos) else None
+        fraction = info.get("visib_fract") if isinstance(info, dict) else None
+        if type(object_id) is int:
+            stated = float(fraction) if isinstance(fraction, int | float) else float("nan")
+            found.append((object_id, stated))
+    return found
+
+
 def _visible(scenes: Mapping[int, Scene], frame: FrameId, min_visible: float) -> dict[int, int]:
     """Number of annotated instances of each object that are visible enough."""
     scene = scenes.get(frame[0])
     if scene is None:
         return {}
-    entries, infos = scene.truth(frame[1]), scene.info(frame[1])
-    infos += [{}] * (len(entries) - len(infos))
-    return dict(
-        Counter(
-            int(entry["obj_id"])
-            for entry, info in zip(entries, infos, strict=False)
-            if not float(info.get("visib_fract", "nan")) < min_visible
-        )
-    )
+    instances = stated_instances(scene, frame[1])
+    return dict(Counter(i for i, fraction in instances if not fraction < min_visible))
 
 
-def _pose(entry: dict[str, Any], where: str) -> Float[np.ndarray, "4 4"]:
-    where = f"{where}, object {entry['obj_id']}"
-    try:
-        rotation = np.array(entry["cam_R_m2c"], dtype=np.float64).reshape(3, 3)
-        translation = np.array(entry["cam_t_m2c"], dtype=np.float64).reshape(3) * MILLIMETRE
-    except (KeyError, TypeError, ValueError) as error:
-        raise DataError(f"{where}: no pose of 9 and 3 numbers ({error!r})") from error
-    if not (np.isfinite(rotation).all() and np.isfinite(translation).all()):
-        raise DataError(f"{where}: the pose holds NaN or infinity: mend or leave out the entry")
-    nearest = nearest_rotation(rotation)
-    if np.abs(nearest - rotation).max() > _ROUNDING:
-        raise DataError(f"{where}: cam_R_m2c is no rotation (row-major, right-handed)")
-    return np.asarray(rigid(nearest, translation))
+def _pose(entry: bop.TruthEntry, where: str) -> Float[np.ndarray, "4 4"]:
+    where = f"{where}, object {entry.obj_id}"
+    rotation = np.array(entry.cam_R_m2c, dtype=np.float64).reshape(3, 3)
+    translation = np.array(entry.cam_t_m2c, dtype=np.float64) * MILLIMETRE
+    require_rotation(rotation, f"{where}: cam_R_m2c")
+    return np.asarray(rigid(nearest_rotation(rotation), translation))

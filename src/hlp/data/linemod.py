@@ -5,6 +5,7 @@ millimetres, translations are in centimetres. The intrinsics are in no file but 
 configuration.
 """
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,14 +16,23 @@ import numpy as np
 from annotated_types import Gt, Unit
 from jaxtyping import Float, UInt16
 
+from hlp.data.bad_frames import StatedTarget
 from hlp.data.dataset import DATASETS, Dataset
+from hlp.data.image_headers import image_size, require_same_size
 from hlp.data.images import camera_matrix, depth_metres, read_rgb, same_size
 from hlp.data.sources import content_hash
-from hlp.data.training_images import FolderSettings, existing_folder
+from hlp.data.training_images import MAX_MEGAPIXELS, FolderSettings, existing_folder
 from hlp.errors import DataError, MissingFileError
-from hlp.geometry import nearest_rotation, rigid
+from hlp.geometry import nearest_rotation, rigid, transform
 from hlp.objects.object_model import ObjectSettings, build_object_model, check_unique
 from hlp.records import Frame, ObjectModel, Target, frame_key
+from hlp.schemas.meaning import (
+    require_camera,
+    require_depths,
+    require_in_front,
+    require_near_depths,
+    require_rotation,
+)
 from hlp.settings import Doc
 
 _CENTIMETRE = 1e-2  # m
@@ -56,7 +66,7 @@ class LinemodSettings(FolderSettings):
         training = self.training_images()
         models = load_object_models(root, self.objects, self.proxy_faces, self.mesh_scale)
         ids = {name: each.id for name, each in self.objects.items()}
-        frames = LinemodFrames(root, ids, self.camera_matrix)
+        frames = LinemodFrames(root, ids, self.camera_matrix, self.max_megapixels)
         return training.dataset(models, tuple(models), frames, self)
 
 
@@ -67,11 +77,21 @@ def read_dpt(path: Path) -> UInt16[np.ndarray, "h w"]:
     """
     if not path.is_file():
         raise MissingFileError(f"no depth {path}")
+    columns, rows = dpt_size(path)
     content = path.read_bytes()
-    rows, columns = np.frombuffer(content[:_HEADER_BYTES].ljust(_HEADER_BYTES, b"\0"), "<i4")
-    if rows < 1 or columns < 1 or len(content) != _HEADER_BYTES + 2 * int(rows) * int(columns):
-        raise DataError(f"{path} is truncated or no .dpt file: copy or download it again")
     return np.frombuffer(content, "<u2", offset=_HEADER_BYTES).reshape(rows, columns)
+
+
+def dpt_size(path: Path) -> tuple[int, int]:
+    """Width and height of a .dpt file. Raises what `read_dpt` raises."""
+    if not path.is_file():
+        raise MissingFileError(f"no depth {path}")
+    with path.open("rb") as stream:
+        header = stream.read(_HEADER_BYTES).ljust(_HEADER_BYTES, b"\0")
+    rows, columns = (int(each) for each in np.frombuffer(header, "<i4"))
+    if rows < 1 or columns < 1 or path.stat().st_size != _HEADER_BYTES + 2 * rows * columns:
+        raise DataError(f"{path} is truncated or no .dpt file: copy or download it again")
+    return columns, rows
 
 
 def read_matrix(path: Path, count: int) -> Float[np.ndarray, "n"]:
@@ -81,8 +101,8 @@ def read_matrix(path: Path, count: int) -> Float[np.ndarray, "n"]:
     """
     if not path.is_file():
         raise MissingFileError(f"no pose {path}")
-    words = " ".join(path.read_text(encoding="utf-8").splitlines()[1:]).split()
     try:
+        words = " ".join(path.read_text(encoding="utf-8").splitlines()[1:]).split()
         values = np.array([float(word) for word in words])
     except ValueError as error:
         raise DataError(f"{path} holds something that is no number ({error})") from error
@@ -115,8 +135,14 @@ class LinemodFrames:
     id of the frames, as in BOP's version.
     """
 
-    def __init__(self, root: Path, object_ids: Mapping[str, int], camera: Sequence[float]) -> None:
-        self._root = Path(root)
+    def __init__(
+        self,
+        root: Path,
+        object_ids: Mapping[str, int],
+        camera: Sequence[float],
+        max_megapixels: float = MAX_MEGAPIXELS,
+    ) -> None:
+        self._root, self._max_megapixels = Path(root), max_megapixels
         self._names = {object_id: name for name, object_id in object_ids.items()}
         self._camera = camera_matrix(list(camera), Path("data.camera_matrix"))
 
@@ -148,18 +174,44 @@ class LinemodFrames:
         if key not in self._frames:
             raise KeyError(f"no frame {key!r} under {self._root}")
         object_id, number = self._frames[key]
-        color, dpt, rot, tra = self._files(object_id, number)
+        color, dpt, _, tra = self._files(object_id, number)
         rgb = read_rgb(color)
         depth = depth_metres(read_dpt(dpt), 1.0, dpt)
         same_size(color, rgb, depth)
-        rotation = nearest_rotation(read_matrix(rot, 9).reshape(3, 3))
-        pose = rigid(rotation, read_matrix(tra, 3) * _CENTIMETRE)
+        require_depths(depth, str(dpt))
+        pose = self._pose(object_id, number)
+        require_near_depths(pose[:3, 3], depth, str(tra))
         return Frame(object_id, number, rgb, depth, self._camera, (Target(object_id, pose),))
 
+    def check(self, key: str, models: Mapping[int, ObjectModel]) -> None:
+        """See `CheckedFrames`."""
+        object_id, number = self._frames[key]
+        color, dpt, _, tra = self._files(object_id, number)
+        size = image_size(color, self._max_megapixels)
+        require_same_size(color, size, dpt_size(dpt))
+        require_camera(self._camera, size, "data.camera_matrix")
+        pose, model = self._pose(object_id, number), models[object_id]
+        center = transform(pose, model.centroid[None])[0]
+        require_in_front(center, model.diameter, str(tra), "centimetres")
+
+    def stated_targets(self, key: str) -> tuple[StatedTarget, ...]:
+        """See `CheckedFrames`."""
+        return (StatedTarget(self._frames[key][0]),)
+
+    def _pose(self, object_id: int, number: int) -> Float[np.ndarray, "4 4"]:
+        _, _, rot, tra = self._files(object_id, number)
+        rotation = read_matrix(rot, 9).reshape(3, 3)
+        require_rotation(rotation, str(rot))
+        return np.asarray(rigid(nearest_rotation(rotation), read_matrix(tra, 3) * _CENTIMETRE))
+
     def identity(self) -> str:
-        """Hash of images, poses and intrinsics."""
+        """Hash of images, poses and intrinsics, and of what is missing."""
         files = [path for frame in self._frames.values() for path in self._files(*frame)]
-        return content_hash(files, extra=repr((list(self._frames), self._camera.tolist())))
+        missing = [path.name for path in files if not os.access(path, os.R_OK)]
+        said = repr((list(self._frames), self._camera.tolist())) + (
+            repr(missing) if missing else ""
+        )
+        return content_hash([path for path in files if os.access(path, os.R_OK)], extra=said)
 
     def _folder(self, object_id: int) -> Path:
         return self._root / self._names[object_id] / "data"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from annotated_types import Ge
+from annotated_types import Ge, Gt
 
 from hlp.data.dataset import Dataset, DataSettings
 from hlp.data.photographs import list_photographs
@@ -14,6 +14,8 @@ from hlp.data.sources import FrameSource
 from hlp.errors import MissingFileError
 from hlp.records import ObjectModel
 from hlp.settings import Doc, Settings
+
+MAX_MEGAPIXELS = 50.0
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,9 @@ class FolderSettings(Settings):
     proxy_faces: Annotated[
         int, Ge(1), Doc("triangles of the mesh that the refiner renders (D)")
     ] = 500
+    max_megapixels: Annotated[
+        float, Gt(0), Doc("larger images are taken for broken ones: 50 megapixels fill 1 GB (D)")
+    ] = MAX_MEGAPIXELS
 
     def training_images(self) -> TrainingImages:
         """The images in the folders. Decodes none.

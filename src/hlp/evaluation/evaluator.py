@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from hlp.errors import DataError
 from hlp.evaluation import errors
 from hlp.evaluation.bop_recalls import BopRecalls
+from hlp.evaluation.missed_targets import missed_score
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.records import Frame, Mesh, ObjectModel, PoseEstimate, Target, TargetScore
 
@@ -176,7 +177,12 @@ class _ObjectScorer:
         recalls = self._bop_recalls.of(true_poses, poses, truth.camera_matrix, truth.width, depth)
         matched = self._match(true_poses, poses)
         return [
-            _missing(truth, target, recall)
+            missed_score(
+                truth.scene_id,
+                truth.frame_id,
+                (target.object_id, target.visible_fraction),
+                (float(recall[0]), float(recall[1]), float(recall[2])),
+            )
             if row is None
             else self._score(truth, target, *found[row], recall)
             for target, row, recall in zip(targets, matched, recalls, strict=True)
@@ -245,27 +251,6 @@ class _ObjectScorer:
             score=score,
             add_s_correct=self._add_s(pose, true) < self.add_limit,
         )
-
-
-def _missing(truth: FrameTruth, target: Target, recalls: Float[np.ndarray, "3"]) -> TargetScore:
-    infinite = float("inf")
-    return TargetScore(
-        truth.scene_id,
-        truth.frame_id,
-        target.object_id,
-        found=False,
-        visible_fraction=target.visible_fraction,
-        add_error=infinite,
-        rotation_error=infinite,
-        translation_error=infinite,
-        box_iou=0.0,
-        add_correct=False,
-        pose_correct=False,
-        box_correct=False,
-        vsd_recall=float(recalls[0]),
-        mssd_recall=float(recalls[1]),
-        mspd_recall=float(recalls[2]),
-    )
 
 
 def _check_finite(estimate: PoseEstimate) -> None:

@@ -1,8 +1,10 @@
 """Failure waterfall: one cause for every missed target (wrong by ADD(-S)), and counts of causes.
 
 If a late stage had what it needed, the stages before it did their part. So the causes are checked
-from the last stage to the first, and the first one that applies is the cause:
+from the last stage to the first, and the first one that applies is the cause. A target of a frame
+that cannot be used has the first of them:
 
+bad_frame         the frame's files are broken or missing
 symmetric_flip    the pose is right except for a turn that nearly maps the object onto itself
 ranking           one of the refined poses is right, but another one was chosen
 refiner_diverged  a coarse pose within the basin was refined, but no refined pose is right
@@ -26,7 +28,9 @@ from hlp.evaluation.settings import WaterfallSettings
 from hlp.records import TargetScore
 from hlp.results.summary_file import CORRECT
 
+BAD_FRAME = "bad_frame"
 CAUSES = (
+    BAD_FRAME,
     "depth_missing",
     "no_window",
     "wrong_region",
@@ -37,7 +41,7 @@ CAUSES = (
     "ranking",
     "symmetric_flip",
 )
-"""The causes, from the first stage to the last."""
+"""The causes, from the files and the first stage to the last."""
 
 VISIBILITY = {"0-0.1": 0.1, "0.1-0.3": 0.3, "0.3-0.6": 0.6, "0.6-1": np.inf}
 """Classes of the visible fraction, and the upper bound of each (exclusive)."""

@@ -24,6 +24,7 @@ from hlp.settings import Doc, Settings, SettingsError, read_settings
 from hlp.voting.modes import VOTINGS, JointVotingSettings, VotingSettings
 
 Device = Literal["cpu", "cuda"]
+Precision = Literal["32-true", "bf16-mixed", "16-mixed", "bf16-true", "16-true", "64-true"]
 
 
 @dataclass(frozen=True)
@@ -46,11 +47,13 @@ class TrainerSettings(Settings):
     """Config group `trainer`: arguments of Lightning's Trainer, and torch's threads."""
 
     name: Annotated[str, Doc("of the choice")] = "cpu"
-    accelerator: Annotated[str, Doc("cpu or gpu; gpu needs torch built with CUDA")] = "cpu"
+    accelerator: Annotated[
+        Literal["cpu", "gpu"], Doc("gpu needs torch built with CUDA")
+    ] = "cpu"
     devices: Annotated[int, Ge(1), Doc("processes; with gpu, one on each GPU")] = 1
     strategy: Annotated[str, Doc("Lightning's strategy for several processes")] = "auto"
     precision: Annotated[
-        str, Doc("of training; bf16-mixed is slower on a CPU: backward took 10 times as long (D)")
+        Precision, Doc("of training; bf16-mixed is slower on a CPU: backward took 10 times as long (D)")
     ] = "32-true"
     torch_threads: Annotated[
         int,
@@ -122,6 +125,14 @@ class MethodSettings(Settings):
             if given != taken:
                 problem = f"is {given}: the networks take {taken}"
                 raise SettingsError(f"patches.{part}.resolution", problem)
+        for group, widths, side in (
+            ("classifier", self.classifier.widths, classifier.RESOLUTION),
+            ("encoder", getattr(self.encoder, "widths", None), encoder.RESOLUTION),
+        ):
+            most = side.bit_length() - 1  # each layer halves the image
+            if widths is not None and not 1 <= len(widths) <= most:
+                problem = f"is {list(widths)}: 1 to {most} layers halve patches of {side} px"
+                raise SettingsError(f"{group}.widths", problem)
         dimension, multiple = self.encoder.dimension, self.codebook.dimension_multiple
         if dimension % multiple:
             problem = f"is {dimension}: codebook={self.codebook.name} takes multiples of {multiple}"

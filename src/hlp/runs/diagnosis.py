@@ -5,6 +5,7 @@ The rest is found out afterwards, for missed targets alone (`explain_misses`).
 """
 
 import dataclasses
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,6 +15,7 @@ from jaxtyping import Bool
 
 from hlp.data.dataset import Dataset
 from hlp.data.sources import FrameSource, annotated_mask
+from hlp.errors import DataError
 from hlp.evaluation.evaluator import FrameTruth, add_correct
 from hlp.evaluation.pose_distance import is_symmetric_flip, near_truth, poses_near_truth
 from hlp.evaluation.settings import EvaluationSettings
@@ -133,6 +135,13 @@ def good_votes(
 
 
 def visible_pixels(source: FrameSource, frame: Frame, target: Target, model: ObjectModel) -> Mask:
-    """Pixels that show the target: the data set's own mask, or else where nothing hides it."""
-    annotated = annotated_mask(source, frame, target)
+    """Pixels that show the target: the data set's own mask, or else where nothing hides it.
+
+    A broken mask is reported and not used: it explains misses, but poses do not need it.
+    """
+    try:
+        annotated = annotated_mask(source, frame, target)
+    except DataError as error:
+        logging.getLogger(__name__).warning("frame %s: its mask is not used: %s", frame.key, error)
+        annotated = None
     return unoccluded_mask(frame, target, model) if annotated is None else annotated

@@ -24,6 +24,13 @@ from hlp.reporting.tracking import Tracker, how_to_browse, track_run
 from hlp.results.poses_file import read_poses, write_poses
 from hlp.results.scores_file import write_scores
 from hlp.runs.diagnosis import FrameNotes, explain_misses, note_frame
+from hlp.runs.failed_frames import (
+    describe_failed,
+    report_bad_frames,
+    require_some,
+    say_failed,
+    with_failed_frames,
+)
 from hlp.runs.manifest import make_manifest, poses_digest
 from hlp.runs.mlflow_inputs import log_inputs, log_tables, revision_tag, run_name
 from hlp.runs.run_stages import stages_of
@@ -40,7 +47,9 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
     """Run every stage that is not on disk, write the results into `output`, return the summary.
 
     `output` receives summary.json, scores.csv, poses.csv, panels/ and, last, manifest.json.
-    Everything is logged as one MLflow run. It is opened first, so a crash leaves it FAILED.
+    Everything is logged as one MLflow run. It is opened first, so a crash leaves it FAILED. Raises
+    DataError if no frame can be used; single ones cost themselves alone, unless `on_bad_frame`
+    says otherwise.
     """
     settings = run.settings
     set_compute_threads(settings.machine.threads)
@@ -49,12 +58,14 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
     name = run_name(settings, output)
     with track_run(settings.reporting, name, run.config, revision_tag()) as tracker:
         log_inputs(run, tracker)
+        report_bad_frames(run)
         store = StageStore(Path(settings.work))
-        detection = stages_of(run, store)
+        detection = stages_of(run, store, settings.on_bad_frame)
         training = detection.training
         render_in_workers(training, settings.executor)
         estimates, notes = _find(run, detection, output / "panels")
         _log_training(training, tracker)
+        require_some(detection.failed, len(run.keys))
         timing = measure_times(run, detection, estimates)
         summary = _score(run, detection, estimates, notes, timing, output)
         tracker.log_metrics(summary_metrics(summary))
@@ -64,6 +75,7 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         write_json(output / MANIFEST, made)
         tracker.log_artifacts(output)
     print(format_summary(summary))
+    say_failed(detection.failed, len(run.keys))
     _say_where(run, output, tracker)
     return summary
 
@@ -81,7 +93,7 @@ def _find(
         _draw(run, frame, found, scores, panels)
 
     estimates = detection.estimates(look)
-    return estimates, [notes[key] for key in run.keys]
+    return estimates, [notes[key] for key in run.keys if key not in detection.failed]
 
 
 def _score(
@@ -101,6 +113,7 @@ def _score(
         truths, dataset.models, saved, settings.evaluation, dataset.evaluation_meshes
     )
     scores = explain_misses(detection, notes, scores, settings.evaluation)
+    scores = with_failed_frames(run, detection.failed, scores)
     names = {object_id: model.name for object_id, model in dataset.models.items()}
     write_scores(output / SCORES, scores, names)
     summary = summarise(
@@ -113,6 +126,7 @@ def _score(
     )
     summary["timing"] = timing.summary()
     summary["false_alarms"] = count_false_alarms(truths, estimates, MIN_SCORE)
+    summary["frames_failed"] = describe_failed(detection.failed)
     write_json(output / SUMMARY, summary)
     draw_waterfall(output, summary["waterfall"])
     draw_calibration(output, summary["calibration"])

@@ -54,8 +54,10 @@ def measure_times(
     """
     if not detection.reused:
         measured = [each.seconds for each in estimates]
-        return Timing(measured, len(run.keys), (), detection.first_use_seconds)
-    keys = evenly(run.keys, run.settings.timing_frames)
+        frames = len(run.keys) - len(detection.failed)
+        return Timing(measured, frames, (), detection.first_use_seconds)
+    sound = tuple(key for key in run.keys if key not in detection.failed)
+    keys = evenly(sound, run.settings.timing_frames)
     begun = time.perf_counter()
     _look(run, detection, keys[0])  # loads and compiles
     first_use = time.perf_counter() - begun

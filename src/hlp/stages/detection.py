@@ -1,16 +1,19 @@
 """Stages that find objects in frames: regions, hypotheses, refined poses, frame by frame."""
 
+import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from tqdm import tqdm
 
 from hlp.codebook.entries import load_codebook
+from hlp.data.bad_frames import CheckedFrames
 from hlp.data.dataset import Dataset
+from hlp.errors import DataError, InputError
 from hlp.method.networks import load_classifier
 from hlp.method.pose_estimator import PoseEstimator
 from hlp.method.settings import MethodSettings
@@ -22,12 +25,14 @@ from hlp.stages.executor_settings import ExecutorSettings
 from hlp.stages.fingerprint import fingerprint, stage_code
 from hlp.stages.frame_detection import STAGES, Seconds, estimates_of, find_in_frame
 from hlp.stages.frame_files import has_arrays, read_arrays, write_arrays
-from hlp.stages.frame_results import Arrays
+from hlp.stages.frame_results import Arrays, failure_arrays, failure_of
 from hlp.stages.store import Output, StageStore
 from hlp.stages.training import TrainingStages
 
 Visit = Callable[[str, Mapping[str, Arrays]], None]
 """Is given a frame's key and the arrays that each stage has written of it."""
+OnBadFrame = Literal["report", "fail"]
+"""Whether a frame that cannot be used costs itself alone, or ends the run."""
 
 
 class DetectionStages:
@@ -42,6 +47,10 @@ class DetectionStages:
     stages for which at least one frame was found on disk; that frame has no time.
     `first_use_seconds` is the time of the first frame, with everything that is loaded and compiled
     for it (None: this process has processed no frame). It is not part of any frame's time.
+
+    `bad_frames` are known to be unusable, with the reasons; they are not decoded. With
+    `on_bad_frame` "report", a frame whose files turn out to be broken joins them (`failed`), and
+    its files hold nothing but the reason; with "fail" its error is raised.
     """
 
     def __init__(
@@ -52,6 +61,8 @@ class DetectionStages:
         store: StageStore,
         keys: tuple[str, ...],
         executor: ExecutorSettings | None = None,
+        on_bad_frame: OnBadFrame = "fail",
+        bad_frames: Mapping[str, str] | None = None,
     ) -> None:
         self.dataset = dataset
         self.settings = settings
@@ -59,6 +70,9 @@ class DetectionStages:
         self.store = store
         self.keys = keys
         self.executor = executor
+        self.on_bad_frame = on_bad_frame
+        self.bad_frames = dict(bad_frames or {})
+        self.failed = dict(self.bad_frames)
         self.load = lru_cache(maxsize=1)(dataset.frames.load)
         self.estimator = PoseEstimator(training, settings, dataset.target_ids)
         self.seconds: dict[str, Seconds] = {}
@@ -98,12 +112,24 @@ class DetectionStages:
             keys = self._process(folders, missing)
             for key in tqdm(keys, bar, len(self.keys), unit="frame", disable=None):
                 if visit is not None:
-                    visit(key, {s: read_arrays(folders[s], key) for s in folders})
+                    self._visit(key, {s: read_arrays(folders[s], key) for s in folders}, visit)
             for each in stacks.values():
                 each.close()  # publishes what was made, in the order of the stages
         for stage, (name, _) in described.items():
             self._made[stage] = Output(name, self.store.root / stage / name)
         return self._made[last]
+
+    def _visit(self, key: str, found: Mapping[str, Arrays], visit: Visit) -> None:
+        """Show a frame to a visitor, or note that it could not be used."""
+        reason = next(filter(None, map(failure_of, found.values())), None)
+        if reason is None:
+            visit(key, found)
+            return
+        if self.on_bad_frame == "fail":
+            raise DataError(reason)
+        if key not in self.failed:
+            logging.getLogger(__name__).warning("frame %s cannot be used: %s", key, reason)
+        self.failed[key] = reason
 
     def _descriptions(self, stages: Sequence[str]) -> dict[str, tuple[str, Mapping[str, Any]]]:
         """Fingerprint of each stage, and everything that it depends on."""
@@ -116,6 +142,8 @@ class DetectionStages:
                 "keys": list(self.keys),
                 "search_all": self.dataset.search_all,
             }
+            if self.bad_frames:
+                settings["bad_frames"] = sorted(self.bad_frames)
             inputs = {**before, **self._inputs_of(stage), "frames": self.dataset.frames_identity}
             name = fingerprint(stage, self._code(stage), seed, settings, inputs)
             described[stage] = name, {"settings": settings, "upstream": inputs, "seed": seed}
@@ -181,11 +209,15 @@ class DetectionStages:
 
     def _process(self, folders: Mapping[str, Path], missing: Sequence[str]) -> Iterator[str]:
         """Process the frames of which a stage is missing; yields all keys, each when it is done."""
-        done = {key: all(has_arrays(folders[stage], key) for stage in missing) for key in self.keys}
+        for key, reason in self.bad_frames.items():
+            self._write_failure(key, reason, folders, missing)
+            yield key
+        keys = [key for key in self.keys if key not in self.bad_frames]
+        done = {key: all(has_arrays(folders[stage], key) for stage in missing) for key in keys}
         if any(done.values()):  # of an interrupted run
             self.reused |= {*missing}
-        yield from (key for key in self.keys if done[key])
-        left = [key for key in self.keys if not done[key]]
+        yield from (key for key in keys if done[key])
+        left = [key for key in keys if not done[key]]
         for key, seconds in self._each(folders, missing, left):
             before = self.seconds.get(key, {})
             self.seconds[key] = {i: {**before.get(i, {}), **seconds[i]} for i in seconds}
@@ -207,9 +239,16 @@ class DetectionStages:
     def find(self, key: str, folders: Mapping[str, Path], missing: Sequence[str]) -> Seconds:
         """Write one frame's files of the missing stages; return the time of each object's steps.
 
-        The first frame is processed twice, so that its time excludes loading and compiling.
+        The first frame is processed twice, so that its time excludes loading and compiling. Of a
+        frame whose files are broken the reason is written; its objects have no time.
         """
-        frame = self.load(key)
+        try:
+            frame = self.load(key)
+        except (DataError, InputError) as error:  # a file that has gone ends the run
+            if self.on_bad_frame == "fail" or not isinstance(self.dataset.frames, CheckedFrames):
+                raise
+            self._write_failure(key, str(error), folders, missing)
+            return {}
         wanted = self.dataset.wanted(frame)
         given = {s: read_arrays(folders[s], key) for s in folders if s not in missing}
         if self.first_use_seconds is None:
@@ -222,6 +261,12 @@ class DetectionStages:
             write_arrays(folders[stage], key, found[stage])
         return seconds
 
+    def _write_failure(
+        self, key: str, reason: str, folders: Mapping[str, Path], missing: Sequence[str]
+    ) -> None:
+        for stage in missing:
+            write_arrays(folders[stage], key, failure_arrays(reason))
+
     def scores(self) -> dict[int, ScoreModel]:
         """The score models of the objects that are looked for."""
         self.training.make_for(self.dataset.target_ids)
@@ -233,14 +278,17 @@ class DetectionStages:
     def estimates(self, visit: Visit | None = None) -> list[PoseEstimate]:
         """The pose of every object looked for, with the times measured by this object.
 
+        There is none of the frames that `failed`.
+
         `visit` is called once for every frame, in any order: here, not in a worker, and as soon as
         the frame is processed, so that `load` has it still decoded.
         """
         scores = self.scores()
-        folder = self._make_up_to("poses", visit).folder
+        folder = self._make_up_to("poses", visit or (lambda key, found: None)).folder
         return [
             estimate
             for key in self.keys
+            if key not in self.failed
             for estimate in estimates_of(
                 key, read_arrays(folder, key), self.seconds.get(key, {}), scores
             )

@@ -13,6 +13,17 @@ from hlp.refinement.pose_fit import PoseFit
 from hlp.stages.frame_files import read_arrays
 
 Arrays = dict[str, np.ndarray]
+_FAILED = "failed"
+
+
+def failure_arrays(reason: str) -> Arrays:
+    """What stands in place of the results of a frame that could not be used."""
+    return {_FAILED: np.array(reason)}
+
+
+def failure_of(stored: Arrays) -> str | None:
+    """Why a frame could not be used; None if the arrays are its results."""
+    return str(stored[_FAILED]) if _FAILED in stored else None
 
 
 def region_arrays(region: Region) -> Arrays:

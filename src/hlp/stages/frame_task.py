@@ -10,7 +10,7 @@ from hlp.data.dataset import Dataset, DataSettings
 from hlp.errors import DataError
 from hlp.method.compute_threads import set_compute_threads
 from hlp.method.settings import MethodSettings
-from hlp.stages.detection import DetectionStages
+from hlp.stages.detection import DetectionStages, OnBadFrame
 from hlp.stages.frame_detection import Seconds
 from hlp.stages.provenance import code_digest, library_versions
 from hlp.stages.store import Output, StageStore
@@ -36,6 +36,7 @@ class FrameTask:
     found: Mapping[str, Output]
     folders: Mapping[str, Path]
     missing: tuple[str, ...]
+    on_bad_frame: OnBadFrame = "fail"
 
     @classmethod
     def of(
@@ -54,6 +55,7 @@ class FrameTask:
             detection.made,
             folders,
             missing,
+            detection.on_bad_frame,
         )
 
     def __call__(self, key: str) -> tuple[str, Seconds]:
@@ -69,7 +71,10 @@ class FrameTask:
     def _detection(self) -> DetectionStages:
         # Not only the settings: the same ones on other training images make other networks, which
         # `learnt` names.
-        same = self.settings, self.data, self.work, dict(self.made_from), dict(self.learnt)
+        same = (
+            self.settings, self.data, self.work, dict(self.made_from), dict(self.learnt),
+            self.on_bad_frame,
+        )  # fmt: skip
         kept: DetectionStages | None = getattr(_KEPT, "detection", None)
         if kept is None or _KEPT.same != same:
             set_compute_threads(self.settings.machine.threads)
@@ -77,7 +82,9 @@ class FrameTask:
             check_same(self.made_from, dataset)
             store = StageStore(self.work)
             training = TrainingStages(dataset, self.settings, store)
-            kept = DetectionStages(dataset, self.settings, training, store, ())
+            kept = DetectionStages(
+                dataset, self.settings, training, store, (), on_bad_frame=self.on_bad_frame
+            )
             _KEPT.detection, _KEPT.same = kept, same
         return kept
 

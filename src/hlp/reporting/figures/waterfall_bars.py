@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 Counts = Mapping[str, int]
 
 COLORS = {
+    "bad_frame": "#000000",
     "depth_missing": "#7f7f7f",
     "no_window": "#c7c7c7",
     "wrong_region": "#8c564b",

@@ -1,0 +1,67 @@
+"""Frames of a run that could not be used: their scores, and what is said of them."""
+
+import logging
+from collections.abc import Mapping, Sequence
+
+from hlp.config.build import Run
+from hlp.data.bad_frames import CheckedFrames
+from hlp.errors import DataError
+from hlp.evaluation.missed_targets import bad_frame_scores
+from hlp.records import TargetScore, frame_key, parse_frame_key
+
+_NAMED = 10  # frames that the last message names
+_logger = logging.getLogger(__name__)
+
+
+def require_some(failed: Mapping[str, str], frames: int) -> None:
+    """Raise DataError if all of a run's frames have failed."""
+    if len(failed) == frames:
+        first = next(iter(failed.values()))
+        raise DataError(f"none of the {frames} frames can be used; the first: {first}")
+
+
+def with_failed_frames(
+    run: Run, failed: Mapping[str, str], scores: Sequence[TargetScore]
+) -> list[TargetScore]:
+    """The scores and those of the frames that failed, in the order of the run's frames."""
+    if not failed:
+        return list(scores)
+    source = run.dataset.frames
+    assert isinstance(source, CheckedFrames)  # of others, a bad frame ends the run
+    lost = []
+    for key in failed:
+        targets = [(each.object_id, each.visible_fraction) for each in source.stated_targets(key)]
+        lost += bad_frame_scores(*parse_frame_key(key), targets)
+    place = {key: number for number, key in enumerate(run.keys)}
+    return sorted([*scores, *lost], key=lambda each: place[frame_key(each.scene_id, each.frame_id)])
+
+
+def describe_failed(failed: Mapping[str, str]) -> list[dict[str, object]]:
+    """`frames_failed` of `summary.json`: the frames and the reasons."""
+    described: list[dict[str, object]] = []
+    for key, reason in sorted(failed.items()):
+        scene_id, frame_id = parse_frame_key(key)
+        described.append({"scene_id": scene_id, "im_id": frame_id, "reason": reason})
+    return described
+
+
+def report_bad_frames(run: Run) -> None:
+    """One line for each frame that is known to be bad before the first stage."""
+    for key, reason in run.bad_frames.items():
+        _logger.warning("frame %s cannot be used: %s", key, reason)
+
+
+def say_failed(failed: Mapping[str, str], frames: int) -> None:
+    """What a run says of them at its end; nothing if there is none."""
+    if not failed:
+        return
+    named = ", ".join(sorted(failed)[:_NAMED])
+    more = ", …" if len(failed) > _NAMED else ""
+    _logger.warning(
+        "\n%d of %d frames could not be used; their targets count as wrong: %s%s (the reasons are "
+        "in summary.json)",
+        len(failed),
+        frames,
+        named,
+        more,
+    )

@@ -1,0 +1,142 @@
+"""The one door for JSON from outside: bounded, checked, and errors that say what is expected.
+
+Every message names the file, the key, what stood there and what is expected there.
+"""
+
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+from pydantic import TypeAdapter, ValidationError
+
+from hlp.errors import DataError, MissingFileError
+
+T = TypeVar("T")
+
+MOST_BYTES = 512 * 1024**2
+"""A larger JSON file is an error: it would fill the memory. BOP's largest have 100 MB."""
+_DEEPEST = 64  # lists and objects within each other
+_LONGEST = 60  # characters of a value that a message shows
+_EXPECTED = {
+    "missing": "",
+    "int_type": "a whole number",
+    "float_type": "a number",
+    "string_type": "text",
+    "bool_type": "true or false",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "dict_type": "an object {…}",
+    "model_type": "an object {…}",
+    "model_attributes_type": "an object {…}",
+    "finite_number": "a finite number",
+}
+
+
+def read_text_json(path: Path, most_bytes: int = MOST_BYTES) -> Any:
+    """Parsed JSON of a bounded file.
+
+    Raises MissingFileError; DataError for a file that is too large, no JSON, not in UTF-8, nested
+    too deeply, or that states a key twice.
+    """
+    if not path.is_file():
+        raise MissingFileError(f"there is no file {path}")
+    try:
+        if (size := path.stat().st_size) > most_bytes:
+            raise DataError(f"{path} has {size} bytes: at most {most_bytes} are read")
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise DataError(f"{path} is no JSON: it is not in UTF-8 ({error.reason})") from error
+    except PermissionError as error:
+        raise DataError(f"{path} may not be read: give yourself the right to") from error
+    return parse_json(text, str(path))
+
+
+def parse_json(text: str, where: str) -> Any:
+    """Parsed JSON of a text; see `read_text_json`."""
+    try:
+        content = json.loads(text, object_pairs_hook=_without_doubles)
+    except RecursionError as error:
+        raise _too_deep(where) from error
+    except _DoubleKeyError as error:
+        raise DataError(f"{where} states the key {error} twice: leave one out") from error
+    except ValueError as error:
+        raise DataError(f"{where} is no JSON: {error}") from error
+    level: list[Any] = [content]
+    for _ in range(_DEEPEST):
+        level = [inner for each in level for inner in _inner(each)]
+        if not level:
+            return content
+    raise _too_deep(where)
+
+
+def read_as(path: Path, kind: type[T]) -> T:
+    """JSON of a bounded file, as a schema describes it.
+
+    Raises what `read_text_json` raises, and DataError for the first thing that is not as `kind`
+    says.
+    """
+    return checked_as(read_text_json(path), kind, str(path))
+
+
+def checked_as(content: Any, kind: type[T], where: str) -> T:
+    """Parsed JSON as a schema describes it. Raises DataError that begins with `where`."""
+    try:
+        adapter = _adapter(cast(Any, kind))
+        return cast(T, adapter.validate_python(content, strict=True))
+    except ValidationError as error:
+        raise DataError(f"{where}: {_problem(error)}") from error
+
+
+def shown(value: Any) -> str:
+    """A value as a message shows it."""
+    text = "null" if value is None else repr(value)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+
+
+class _DoubleKeyError(Exception):
+    """A key is stated twice in one object."""
+
+
+def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise _DoubleKeyError(repr(next(each for each in names if names.count(each) > 1)))
+    return found
+
+
+def _inner(value: Any) -> list[Any]:
+    """The lists and objects that a list or object holds."""
+    held = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return [each for each in held if isinstance(each, dict | list)]
+
+
+def _too_deep(where: str) -> DataError:
+    return DataError(f"{where} is nested deeper than {_DEEPEST} levels: no file of this kind is")
+
+
+@cache
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
+
+
+def _problem(error: ValidationError) -> str:
+    """The first of pydantic's errors in words: key, what stood there, what is expected."""
+    first = error.errors(include_url=False)[0]
+    key = ".".join(str(each) for each in first["loc"]) or "the content"
+    kind, given, limits = first["type"], first["input"], first.get("ctx", {})
+    if kind == "missing":
+        return f"{key} is missing"
+    if kind in ("too_short", "too_long"):
+        length = limits.get("min_length", limits.get("max_length"))
+        return f"{key} has {limits['actual_length']} numbers, it must have {length}: {shown(given)}"
+    if kind == "value_error":
+        return f"{key} is {shown(given)}: {limits['error']}"
+    return f"{key} is {shown(given)}: it must be {_expected(first['type'], first['msg'])}"
+
+
+def _expected(kind: str, message: str) -> str:
+    if kind in _EXPECTED:
+        return _EXPECTED[kind]
+    return message.removeprefix("Input should be ").replace("Input should", "").strip()

@@ -1,0 +1,80 @@
+"""Targets of frames that could not be used count as wrong, and are named."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hlp.data.bad_frames import StatedTarget
+from hlp.errors import DataError
+from hlp.evaluation.evaluator import FrameTruth, score_targets
+from hlp.evaluation.settings import EvaluationSettings
+from hlp.evaluation.summary import summarise
+from hlp.objects.shapes import rounded_box
+from hlp.records import ObjectModel, PoseEstimate, Target
+from hlp.runs.failed_frames import describe_failed, require_some, say_failed, with_failed_frames
+
+KEYS = ("000006_000001", "000006_000002", "000007_000001")
+REASONS = {KEYS[1]: "rgb/000002.png is truncated"}
+
+
+class Frames:
+    """Sources state the targets of bad frames."""
+
+    def check(self, key: str, models: Any) -> None: ...
+
+    def stated_targets(self, key: str) -> tuple[StatedTarget, ...]:
+        assert key == KEYS[1]
+        return (StatedTarget(1, 0.4), StatedTarget(1))
+
+
+def run_of() -> Any:
+    return SimpleNamespace(keys=KEYS, dataset=SimpleNamespace(frames=Frames()))
+
+
+def model() -> ObjectModel:
+    mesh = rounded_box((0.07, 0.08, 0.09), 0.01, (200, 40, 40))
+    return ObjectModel(1, "box", mesh, mesh, 0.139, np.eye(4)[None], 0.08, 0.04)
+
+
+def scored() -> Any:
+    pose = np.eye(4)
+    pose[2, 3] = 0.8
+    ids = ((6, 1), (7, 1))
+    truths = [FrameTruth(*each, np.eye(3), 640, (Target(1, pose),)) for each in ids]
+    found = [PoseEstimate(*each, 1, pose, 0.9) for each in ids]
+    return score_targets(truths, {1: model()}, found, EvaluationSettings())
+
+
+def test_they_count_as_wrong_in_the_order_of_the_frames() -> None:
+    scores = with_failed_frames(run_of(), REASONS, scored())
+    assert [(each.scene_id, each.frame_id) for each in scores] == [(6, 1), (6, 2), (6, 2), (7, 1)]
+    summary = summarise(scores, {1: "box"}, {}, {}, EvaluationSettings(), 0)
+    assert summary["targets"] == 4
+    assert [summary["metrics"][name]["recall"] for name in ("add", "5cm5deg", "iou50")] == [0.5] * 3
+    assert summary["waterfall"]["total"]["bad_frame"] == 2
+    assert summary["bop"]["mssd"] == 0.5
+    assert summary["waterfall"]["per_visibility"]["0.3-0.6"]["bad_frame"] == 1
+
+
+def test_without_any_nothing_changes() -> None:
+    scores = scored()
+    assert with_failed_frames(run_of(), {}, scores) == scores
+
+
+def test_they_are_named(caplog: pytest.LogCaptureFixture) -> None:
+    assert describe_failed(REASONS) == [
+        {"scene_id": 6, "im_id": 2, "reason": "rgb/000002.png is truncated"}
+    ]
+    say_failed({}, 3)
+    assert not caplog.records
+    say_failed(REASONS, 3)
+    (record,) = caplog.records
+    assert "1 of 3 frames could not be used" in record.message and KEYS[1] in record.message
+
+
+def test_without_a_sound_frame_the_run_ends() -> None:
+    require_some(REASONS, 3)
+    with pytest.raises(DataError, match=r"none of the 1 frames can be used.*truncated"):
+        require_some(REASONS, 1)
