@@ -23,6 +23,7 @@ def command(arguments: Sequence[str]) -> None:
         return
     from hlp.reporting.comparison import compare
     from hlp.reporting.ladder import describe_ladders
+    from hlp.reporting.page.pages import write_pages
     from hlp.reporting.recordings import describe_recordings
     from hlp.reporting.report import report_runs
     from hlp.reporting.reproductions import describe_reproductions
@@ -40,6 +41,8 @@ def command(arguments: Sequence[str]) -> None:
             print(describe_reproductions(folder, layout))
             print(describe_recordings(folder, layout))
             print(describe_ladders(folder, layout))
+            for page in write_pages(folder):
+                print(f"Report: {page}")
     except HlpError as error:
         composing.fail(error)
 
@@ -53,7 +56,9 @@ Prints tables of finished runs, with the paper's numbers beside ours for LINEMOD
 runs below outputs/, of one experiment (outputs/NAME), or below any other folder (output=DIR). For
 fig9a, fig9b, fig9c, table1, table2 and pso_vs_icp, the paper's figure or table is written into the
 folder of each sweep or run, as PNG, SVG, Markdown, CSV and LaTeX. For recordings it is one table of
-all data sets, as Markdown and CSV; for ladder a table and a figure of all arms.
+all data sets, as Markdown and CSV; for ladder a table and a figure of all arms. report.html, in the
+folder of every run and sweep, is one page for a browser with charts, missed targets and their
+pictures, a 3D view, and the configuration; it needs no network.
 
 objects=[A,B,…] prints the recall of these objects, over all targets and by visible fraction.
 
