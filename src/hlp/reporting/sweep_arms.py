@@ -117,7 +117,7 @@ def sweep_table(sweep: Sweep, *, whole: bool = True) -> Table:
     """
     extra = (["targets"], ["IoU.5"], ["ms 95 %"]) if whole else ([], [], [])
     names = [short_key(key) for key in sweep.keys] or ["run"]
-    against = "against it" if sweep.is_default else "to first"
+    against = "to default" if sweep.is_default else "to first"
     header = [*names, *extra[0], "ADD(-S)", "95 %", "5cm5deg", *extra[1], "ms", *extra[2]]
     return Table([*header, against, "95 % of it"], [_row(sweep, arm, whole) for arm in sweep.arms])
 

@@ -15,12 +15,13 @@ from hlp.reporting.tables.table import Table, format_share
 _WIDTH, _ROW, _LEFT = 520, 24, 170
 
 
-def write_sweep_page_or_say(folder: Path) -> None:
-    """Write a sweep's page; an error is only logged: the sweep's results do not depend on it."""
+def write_sweep_page_or_say(folder: Path) -> Path | None:
+    """Write a sweep's page, the file. An error is only logged, and None returned."""
     try:
-        write_sweep_page(folder)
+        return write_sweep_page(folder)
     except Exception:
         logging.getLogger(__name__).exception("the report of %s could not be written", folder)
+        return None
 
 
 def write_sweep_page(folder: Path) -> Path:
