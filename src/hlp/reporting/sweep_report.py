@@ -1,5 +1,6 @@
 """The table and the figure that every sweep ends with."""
 
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,7 @@ from hlp.reporting.figures.sweep_grid import draw_grid
 from hlp.reporting.figures.sweep_panels import SweepFigure, SweepPoint, draw_sweep
 from hlp.reporting.results import read_results
 from hlp.reporting.sweep_arms import Sweep, short_key, sweep_of, sweep_table, sweep_verdict
-from hlp.reporting.tables.table import LAYOUTS
+from hlp.reporting.tables.table import LAYOUTS, TERMINAL
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,7 +32,8 @@ def describe_sweep(folder: Path, layout: str) -> str:
     """
     sweep = sweep_of(read_results(folder))
     table = LAYOUTS[layout](sweep_table(sweep, whole=layout != "text"))
-    return f"{table}\n\n{sweep_verdict(sweep)}"
+    words = sweep_verdict(sweep)
+    return f"{table}\n\n{textwrap.fill(words, TERMINAL) if layout == 'text' else words}"
 
 
 def write_sweep_files(folder: Path) -> list[Path]:

@@ -145,10 +145,10 @@ def _near(
 def _scene(
     frame: Frame, near: Bool[np.ndarray, "h w"]
 ) -> tuple[Float[np.ndarray, "n 3"], UInt8[np.ndarray, "n 3"]]:
-    """At most `_POINTS` of the chosen pixels as coloured points, spread evenly."""
+    """At most `_POINTS` of the chosen pixels as coloured points, at random but repeatable."""
     indices = np.flatnonzero(near)
     if len(indices) > _POINTS:
-        indices = indices[np.linspace(0, len(indices) - 1, _POINTS).astype(int)]
+        indices = np.random.default_rng(0).choice(indices, _POINTS, replace=False)
     return _points(frame).reshape(-1, 3)[indices], frame.rgb.reshape(-1, 3)[indices]
 
 

@@ -186,7 +186,7 @@ def _draw(folder: Path, tracker: Tracker) -> None:
     page = write_sweep_page_or_say(folder)
     for path in [*written, *([page] if page else [])]:
         tracker.log_artifact(path)
-    say("\n%s\n", describe_sweep(folder, "text"))
+    print(f"\n{describe_sweep(folder, 'text')}\n")
     say("Written   %s (%s)", folder, ", ".join(path.name for path in written))
     if page is not None:
         say("Report    %s (open it in a browser)", page)

@@ -45,7 +45,7 @@
   at("pictured").onchange = list;
   at("close").onclick = () => { at("look").hidden = true; };
 
-  function look(row, tr) {
+  function look(row, tr, scroll = true) {
     body.querySelectorAll(".open").forEach(each => each.classList.remove("open"));
     tr.classList.add("open");
     at("look").hidden = false;
@@ -53,7 +53,7 @@
       (row[5] ? `, ${row[5]}` : "");
     at("picture").src = "data:image/jpeg;base64," + data.pictures[row[PICTURE]];
     show(data.scenes.targets[row[PICTURE]]);
-    at("look").scrollIntoView({ behavior: "smooth", block: "nearest" });
+    if (scroll) at("look").scrollIntoView({ behavior: "smooth", block: "nearest" });
   }
 
   // The 3D view: points and lines, far ones first; x to the right, y down, z away, as in the camera.
@@ -94,7 +94,7 @@
         dots.push([...place(scene.points[i] / 10, scene.points[i + 1] / 10, scene.points[i + 2] / 10), i]);
       }
       dots.sort((a, b) => b[2] - a[2]);
-      const c = scene.colors, side = Math.max(2, 2.4 * zoom);
+      const c = scene.colors, side = 4 * Math.max(0.6, zoom);
       for (const [x, y, , i] of dots) {
         pen.fillStyle = `rgb(${c[i]},${c[i + 1]},${c[i + 2]})`;
         pen.fillRect(x, y, side, side);
@@ -126,5 +126,5 @@
 
   list();
   const first = shown.find(row => row[PICTURE]);
-  if (first) look(first, body.querySelector(".seen") ?? document.createElement("tr"));
+  if (first) look(first, body.querySelector(".seen") ?? document.createElement("tr"), false);
 })();
