@@ -6,9 +6,22 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import hlp
-from hlp.commands import bench, clean, doctor, learn, objects, predict, report, run, search
+from hlp.commands import (
+    bench,
+    clean,
+    completion,
+    doctor,
+    learn,
+    objects,
+    predict,
+    report,
+    run,
+    runs,
+    search,
+)
 from hlp.commands.composing import MULTIRUN
 from hlp.commands.ending import stops_in_one_line
+from hlp.commands.nearest import nearest
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -26,12 +39,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(_usage())
     elif name == "--version":
         print(f"hlp {hlp.__version__}")
+    elif name in completion.OPTIONS:
+        _set_environment()
+        completion.command(given, list(COMMANDS))
     elif name in COMMANDS:
         _set_environment()
         with stops_in_one_line():
             COMMANDS[name].call(given[1:])
     else:
-        print(f"hlp: there is no command '{name}'\n\n{_usage()}", file=sys.stderr)
+        hint = nearest(name, COMMANDS)
+        print(f"hlp: there is no command '{name}'{hint}\n\n{_usage()}", file=sys.stderr)
         sys.exit(2)
 
 
@@ -50,7 +67,11 @@ def _usage() -> str:
             "",
             *lines,
             "",
+            "hlp run                                   the demo, then open its report.html",
+            "hlp -m refinement=pso,icp                 a sweep of two refiners",
+            "",
             "See `hlp COMMAND --help` for the options of a command.",
+            'Completion of commands and keys:  eval "$(hlp -sc install=bash)"  (or zsh, fish)',
         ]
     )
 
@@ -71,7 +92,10 @@ COMMANDS = {
     "predict": _Command(predict.command, "poses of learnt objects in your own frames"),
     "objects": _Command(objects.command, "what is learnt: list, show, remove, export"),
     "doctor": _Command(doctor.command, "what is wrong with data, learnt objects or this machine"),
-    "report": _Command(report.command, "tables of finished runs, with the paper's numbers"),
+    "report": _Command(
+        report.command, "tables and pages of finished runs, with the paper's numbers"
+    ),
+    "runs": _Command(runs.command, "what lies in outputs/, with the main figures"),
     "bench": _Command(bench.command, "time and memory of every stage on this machine"),
     "search": _Command(search.command, "search for the best settings within a time limit"),
     "clean": _Command(clean.command, "outputs of stages that may go, and their sizes"),
