@@ -58,12 +58,12 @@ def test_the_table_has_the_best_and_the_failed_arm_and_fits_a_terminal(sweep: Pa
     table = sweep_table(sweep_of(read_results(sweep)), whole=False)
     rows = [dict(zip(table.header, row, strict=True)) for row in table.rows]
     assert [row["particles"] for row in rows] == ["5", "25 *", "50"]
-    assert [row["ADD(-S)"] for row in rows] == ["0.600", "0.900", "failed"]
+    assert [row["ADD(-S)"] for row in rows] == ["0.600", "0.900", "no result"]
     assert [row["to default"] for row in rows] == ["-0.300", "default", ""]
     assert max(map(len, table.text().splitlines())) <= 80
     words = " ".join(text.split())
     assert "2 of 3 arms finished; best by ADD(-S): particles 25 (0.900, 50 ms)" in words
-    assert "failed: particles 50 (see 2/hlp.log)" in words
+    assert "without a result: particles 50 (see 2/hlp.log)" in words
     assert max(map(len, text.splitlines())) <= 80
 
 
@@ -104,6 +104,13 @@ def test_a_sweep_without_any_result_still_has_its_table(sweep: Path) -> None:
         (sweep / arm / "manifest.json").unlink()
     assert [path.name for path in write_sweep_files(sweep)] == ["sweep.md", "sweep.csv"]
     assert "0 of 3 arms finished" in describe_sweep(sweep, "text")
+
+
+def test_a_sweep_of_studies_has_no_table(tmp_path: Path) -> None:
+    folder = write_sweep(tmp_path / "sweep", ["seed"], ["seed=1,2"])
+    (write_run(folder / "0", "demo", {}) / "summary.json").unlink()
+    assert describe_sweep(folder, "text") == ""
+    assert write_sweep_files(folder) == []
 
 
 def test_the_pages_of_a_sweep_and_of_its_arms(sweep: Path) -> None:

@@ -42,6 +42,8 @@ def report_runs(folder: Path, layout: str, details: bool = False) -> str:
             parts += [f"Drawn: {path}" for path in drawn]
     for sweep in sweeps:
         written = [*write_sweep_files(sweep), *draw_trade_off(sweep)]
+        if not written:  # a sweep of studies, which have no recall
+            continue
         parts.append(f"{heading}{sweep}\n\n{describe_sweep(sweep, layout)}")
         parts.append(f"Written: {sweep} ({', '.join(path.name for path in written)})")
     if len(summaries) > 1:

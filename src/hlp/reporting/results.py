@@ -55,7 +55,8 @@ class Result:
 class ResultSet:
     """The finished runs of a sweep, or a single run.
 
-    `unfinished` are the folders of the runs that are not finished, with their overrides; `defaults`
+    `unfinished` are the folders of the runs that are not finished, with their overrides (studies
+    such as `hlp bench` are finished, though they have no summary and are no results); `defaults`
     the values of the swept keys without the sweep, where they are known.
     """
 
@@ -97,7 +98,7 @@ def _read_sweep(folder: Path) -> ResultSet:
     finished = [run for run in runs if _is_finished(run)]
     command = " ".join(["hlp -m", *sweep["overrides"]])
     results = [_read_run(run) for run in finished]
-    unfinished = {run: _chosen(run) for run in runs if run not in finished}
+    unfinished = {run: _chosen(run) for run in runs if not (run / MANIFEST).is_file()}
     defaults = sweep.get("defaults", {})
     return ResultSet(results, sweep["swept"], command, unfinished, defaults)
 

@@ -128,7 +128,7 @@ def _row(sweep: Sweep, arm: SweepArm, whole: bool) -> list[str]:
         named[-1] += " *"
     result = arm.result
     if result is None:
-        return [*named, *[""] * whole, "failed", *[""] * (5 + 2 * whole)]
+        return [*named, *[""] * whole, "no result", *[""] * (5 + 2 * whole)]
     metrics, times = result.summary["metrics"], result.total_ms
     recalls = [
         format_share(result.add["recall"]),
@@ -166,7 +166,7 @@ def sweep_verdict(sweep: Sweep) -> str:
         words.append(_sure(sweep, best))
     if failed:
         logs = ", ".join(str(Path(arm.folder.name, _LOG)) for arm in failed)
-        words.append(f"failed: {'; '.join(arm.label for arm in failed)} (see {logs})")
+        words.append(f"without a result: {'; '.join(arm.label for arm in failed)} (see {logs})")
     return "; ".join(words) + "."
 
 

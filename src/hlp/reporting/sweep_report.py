@@ -26,19 +26,26 @@ _NOTE = (
 
 
 def describe_sweep(folder: Path, layout: str) -> str:
-    """The arms of a sweep for people: what came out in a sentence, and a table.
+    """The arms of a sweep for people: what came out in a sentence, and a table; empty for studies.
 
     `layout` is `text`, then the table fits a terminal if the values do, or `markdown`.
     """
     sweep = sweep_of(read_results(folder))
+    if not sweep.arms:
+        return ""
     table = LAYOUTS[layout](sweep_table(sweep, whole=layout != "text"))
     words = sweep_verdict(sweep)
     return f"{table}\n\n{textwrap.fill(words, TERMINAL) if layout == 'text' else words}"
 
 
 def write_sweep_files(folder: Path) -> list[Path]:
-    """Write sweep.md, sweep.csv and, if an arm has finished, sweep.png and .svg; those files."""
+    """Write sweep.md, sweep.csv and, if an arm has finished, sweep.png and .svg; those files.
+
+    None for a sweep of studies such as `hlp bench`, which have no recall.
+    """
     sweep = sweep_of(read_results(folder))
+    if not sweep.arms:
+        return []
     table = sweep_table(sweep)
     markdown, rows = folder / f"{NAME}.md", folder / f"{NAME}.csv"
     made = f"Made by `{sweep.command}`."

@@ -179,6 +179,9 @@ def _drawn(folder: Path, tracker: Tracker) -> Iterator[None]:
 
 def _draw(folder: Path, tracker: Tracker) -> None:
     say = logging.getLogger(__name__).info
+    described = describe_sweep(folder, "text")
+    if not described:  # of studies, which have no recall
+        return
     writers = (
         write_sweep_files, draw_trade_off, write_reproductions, write_recordings, write_ladder,
     )  # fmt: skip
@@ -186,7 +189,7 @@ def _draw(folder: Path, tracker: Tracker) -> None:
     page = write_sweep_page_or_say(folder)
     for path in [*written, *([page] if page else [])]:
         tracker.log_artifact(path)
-    print(f"\n{describe_sweep(folder, 'text')}\n")
+    print(f"\n{described}\n")
     say("Written   %s (%s)", folder, ", ".join(path.name for path in written))
     if page is not None:
         say("Report    %s (open it in a browser)", page)

@@ -55,7 +55,7 @@ def _draw(ax: "Axes", values: np.ndarray, colors: str, form: str) -> None:
     image = ax.imshow(values, cmap=colors, aspect="auto")
     for (row, column), value in np.ndenumerate(values):
         if np.isnan(value):
-            ax.text(column, row, "failed", ha="center", va="center", fontsize=8, color="0.5")
+            ax.text(column, row, "no result", ha="center", va="center", fontsize=8, color="0.5")
             continue
         red, green, blue, _ = image.cmap(image.norm(value))
         bright = 0.299 * red + 0.587 * green + 0.114 * blue > 0.55

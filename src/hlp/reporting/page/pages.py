@@ -5,7 +5,7 @@ from pathlib import Path
 from hlp.files import MANIFEST, SCORES, SWEEP
 from hlp.reporting.page.run_page import write_run_page
 from hlp.reporting.page.sweep_page import write_sweep_page
-from hlp.reporting.results import result_folders
+from hlp.reporting.results import read_results, result_folders
 
 
 def write_pages(folder: Path) -> list[Path]:
@@ -18,7 +18,8 @@ def write_pages(folder: Path) -> list[Path]:
         if (found / SWEEP).is_file():
             arms = sorted(path.parent for path in found.glob(f"*/{SCORES}"))
             written += [write_run_page(arm) for arm in arms if (arm / MANIFEST).is_file()]
-            written.append(write_sweep_page(found))
+            if read_results(found).results:
+                written.append(write_sweep_page(found))
         elif (found / SCORES).is_file():
             written.append(write_run_page(found))
     return written

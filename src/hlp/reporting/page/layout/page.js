@@ -73,7 +73,8 @@
     };
     const all = scene.truth;
     scene.center = [0, 1, 2].map(i => all.reduce((sum, v) => sum + v[i], 0) / all.length);
-    yaw = 0.5; pitch = -0.35; zoom = 1;
+    const apart = target.estimate ? Math.hypot(...[3, 7, 11].map(i => target.estimate[i] - target.truth[i])) : 0;
+    yaw = 0.5; pitch = -0.35; zoom = Math.max(0.3, scene.radius / (scene.radius + 0.8 * apart));
     draw();
   }
   function draw() {
