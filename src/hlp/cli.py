@@ -9,6 +9,7 @@ import hlp
 from hlp.commands import (
     bench,
     clean,
+    completion,
     doctor,
     download,
     learn,
@@ -17,10 +18,12 @@ from hlp.commands import (
     predict,
     report,
     run,
+    runs,
     search,
 )
 from hlp.commands.composing import MULTIRUN
 from hlp.commands.ending import stops_in_one_line
+from hlp.commands.nearest import nearest
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -38,12 +41,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(_usage())
     elif name == "--version":
         print(f"hlp {hlp.__version__}")
+    elif name in completion.OPTIONS:
+        _set_environment()
+        completion.command(given, list(COMMANDS))
     elif name in COMMANDS:
         _set_environment()
         with stops_in_one_line():
             COMMANDS[name].call(given[1:])
     else:
-        print(f"hlp: there is no command '{name}'\n\n{_usage()}", file=sys.stderr)
+        hint = nearest(name, COMMANDS)
+        print(f"hlp: there is no command '{name}'{hint}\n\n{_usage()}", file=sys.stderr)
         sys.exit(2)
 
 
@@ -62,7 +69,11 @@ def _usage() -> str:
             "",
             *lines,
             "",
+            "hlp run                                   the demo, then open its report.html",
+            "hlp -m refinement=pso,icp                 a sweep of two refiners",
+            "",
             "See `hlp COMMAND --help` for the options of a command.",
+            'Completion of commands and keys:  eval "$(hlp -sc install=bash)"  (or zsh, fish)',
         ]
     )
 
@@ -84,7 +95,10 @@ COMMANDS = {
     "live": _Command(live.command, "poses in the images of a camera, as they come"),
     "objects": _Command(objects.command, "what is learnt: list, show, remove, export"),
     "doctor": _Command(doctor.command, "what is wrong with data, learnt objects or this machine"),
-    "report": _Command(report.command, "tables of finished runs, with the paper's numbers"),
+    "report": _Command(
+        report.command, "tables and pages of finished runs, with the paper's numbers"
+    ),
+    "runs": _Command(runs.command, "what lies in outputs/, with the main figures"),
     "bench": _Command(bench.command, "time and memory of every stage on this machine"),
     "search": _Command(search.command, "search for the best settings within a time limit"),
     "download": _Command(download.command, "public data sets in a form that HLP reads"),

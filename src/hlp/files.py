@@ -27,6 +27,8 @@ SCORES = "scores.csv"
 """Errors and verdicts, one row for each target."""
 POSES = "poses.csv"
 """Estimated poses in BOP's results format."""
+PAGE = "report.html"
+"""Everything about a run or a sweep as one page for a browser."""
 SWEEP = "sweep.json"
 """What was swept. The sweep's runs are in the folders 0, 1, … beside it."""
 

@@ -40,11 +40,12 @@ def test_report_lists_runs_oldest_first_then_side_by_side(tmp_path: Path) -> Non
         path.parent.mkdir()
         path.write_text(json.dumps(summary()))
         os.utime(path, (1000 - age, 1000 - age))
+    lines = runs_table({each: summary() for each in ("early", "late")}).text()
     text = report_runs(tmp_path, "text")
+    assert lines in text and "targets ended as" not in text
+    text = report_runs(tmp_path, "text", details=True)
     assert text.index(str(tmp_path / "early")) < text.index(str(tmp_path / "late"))
-    assert text.endswith(
-        runs_table({str(tmp_path / each): summary() for each in ("early", "late")}).text()
-    )
+    assert text.endswith(lines)
     assert "## All runs" in report_runs(tmp_path, "markdown")
     assert "All runs" not in report_runs(tmp_path / "late", "text")
     assert format_summary(summary()) in report_runs(tmp_path / "late", "text")

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import hlp
+from hlp.commands.nearest import nearest
 from hlp.errors import HlpError, InputError, MissingFileError, is_expected
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ def compose_and_call(
     from hlp.studies.sweep import sweep_open
 
     provide_defaults()
-    sys.argv = [f"hlp {command}", *arguments]  # the only way to pass arguments to Hydra
+    sys.argv = [f"hlp {command}".strip(), *arguments]  # the only way to pass arguments to Hydra
     app = hydra.main(version_base="1.3", config_path=str(folder), config_name="config")
     try:
         with sweep_open():
@@ -102,7 +103,8 @@ def key_values(arguments: Sequence[str], known: Sequence[str]) -> dict[str, str]
     pairs = [argument.partition("=")[::2] for argument in arguments]
     for argument, (key, value) in zip(arguments, pairs, strict=True):
         if key not in known or not value:
-            raise InputError(f"cannot use '{argument}'; it takes {', '.join(known)}")
+            hint = "" if key in known else nearest(key, known)
+            raise InputError(f"cannot use '{argument}'{hint or ';'} it takes {', '.join(known)}")
     return dict(pairs)
 
 
@@ -115,8 +117,13 @@ def fail(error: BaseException) -> NoReturn:
 
 
 def _in_words(error: BaseException) -> str:
-    """The message of an error and its notes; for Hydra's errors also the message of the cause."""
+    """The message of an error and its notes; Hydra's in one sentence, with its cause's message."""
     from hydra.errors import HydraException
 
-    behind = str(error.__cause__ or "").split("\n")[:1] if isinstance(error, HydraException) else []
-    return "\n".join(filter(None, [str(error), *behind, *getattr(error, "__notes__", [])]))
+    if not isinstance(error, HydraException):
+        return "\n".join([str(error), *getattr(error, "__notes__", [])])
+    from hlp.commands.hydra_errors import hydra_in_words
+
+    words = hydra_in_words(error)
+    behind = str(error.__cause__ or "").split("\n")[:1] if words == str(error) else []
+    return "\n".join(filter(None, [words, *behind, *getattr(error, "__notes__", [])]))

@@ -83,5 +83,6 @@ Says what is wrong, and exits with 1 if anything is.
 
   output    folder for pictures of the data set's objects at their true poses
 
+hlp doctor                                 this machine
 hlp doctor data=/path/to/lm output=look/
 hlp doctor learnt=bracket rgb=rgb/ depth=depth/ intrinsics=camera.json"""

@@ -85,4 +85,7 @@ What `hlp learn` and `hlp predict model=…` have learnt and keep in the user's 
   remove   delete an entry
   export   copy it into a new folder, to be used on another machine: hlp predict learnt=FOLDER …
 
-work=FOLDER looks there instead of in the user's cache."""
+work=FOLDER looks there instead of in the user's cache.
+
+hlp objects show bracket              what is known of it
+hlp objects export bracket learnt/    a folder for another machine"""

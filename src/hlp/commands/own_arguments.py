@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, TextIO, TypeVar
 
 from hlp.commands import composing
+from hlp.commands.nearest import nearest
 from hlp.errors import HlpError, InputError, is_expected
 from hlp.settings import read_settings
 
@@ -94,7 +95,10 @@ def check_known(given: Mapping[str, str], known: Sequence[str], command: str) ->
     """Raise InputError for the first key that a command does not take."""
     for key in given:
         if key not in known:
-            raise InputError(f"{key} is no key of `hlp {command}`: see `hlp {command} --help`")
+            hint = nearest(key, known)
+            raise InputError(
+                f"{key} is no key of `hlp {command}`{hint or ':'} see `hlp {command} --help`"
+            )
 
 
 def output_folder(given: Mapping[str, str], command: str) -> Path:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hlp.commands import composing
-from hlp.errors import HlpError
+from hlp.errors import HlpError, InputError
 
 MLFLOW = "sqlite:///work/mlflow.db"
 
@@ -13,8 +13,10 @@ MLFLOW = "sqlite:///work/mlflow.db"
 def command(arguments: Sequence[str]) -> None:
     """Print the report that the arguments ask for; exits with 2 if they are wrong."""
     try:
-        keys = ("experiment", "output", "format", "objects", "runs", "uri")
+        keys = ("experiment", "output", "format", "objects", "runs", "uri", "details")
         given = composing.key_values(arguments, keys)
+        if given is not None and given.get("details", "false") not in ("true", "false"):
+            raise InputError(f"details={given['details']}: it is true or false")
     except HlpError as error:
         print(f"hlp report: {error}\n\n{REPORT_HELP}", file=sys.stderr)
         sys.exit(2)
@@ -23,6 +25,7 @@ def command(arguments: Sequence[str]) -> None:
         return
     from hlp.reporting.comparison import compare
     from hlp.reporting.ladder import describe_ladders
+    from hlp.reporting.page.pages import write_pages
     from hlp.reporting.recordings import describe_recordings
     from hlp.reporting.report import report_runs
     from hlp.reporting.reproductions import describe_reproductions
@@ -36,27 +39,43 @@ def command(arguments: Sequence[str]) -> None:
         elif "objects" in given:
             print(report_selection(folder, given["objects"], layout))
         else:
-            print(report_runs(folder, layout))
-            print(describe_reproductions(folder, layout))
-            print(describe_recordings(folder, layout))
-            print(describe_ladders(folder, layout))
+            print(report_runs(folder, layout, given.get("details") == "true"))
+            for describe in (describe_reproductions, describe_recordings, describe_ladders):
+                if words := describe(folder, layout):
+                    print(f"\n{words}")
+            print()
+            for page in write_pages(folder):
+                print(f"Report: {page}")
     except HlpError as error:
         composing.fail(error)
 
 
 REPORT_HELP = """\
-usage: hlp report [experiment=NAME] [output=DIR] [format=text|markdown]
+usage: hlp report [experiment=NAME] [output=DIR] [details=true] [format=text|markdown]
        hlp report 'objects=[A,B,…]' [output=DIR]
        hlp report 'runs=[A,B]' [uri=MLFLOW]
 
-Prints tables of finished runs, with the paper's numbers beside ours for LINEMOD's objects: of all
-runs below outputs/, of one experiment (outputs/NAME), or below any other folder (output=DIR). For
-fig9a, fig9b, fig9c, table1, table2 and pso_vs_icp, the paper's figure or table is written into the
-folder of each sweep or run, as PNG, SVG, Markdown, CSV and LaTeX. For recordings it is one table of
-all data sets, as Markdown and CSV; for ladder a table and a figure of all arms.
+Reports finished runs: all below outputs/, those of one experiment (outputs/NAME),
+or those in or below any other folder (output=DIR).
 
-objects=[A,B,…] prints the recall of these objects, over all targets and by visible fraction.
+One run has its tables, with the paper's numbers beside ours for LINEMOD's objects.
+Several have a line each (details=true: also their tables), sweeps a table of their
+arms with differences to the default. For fig9a, fig9b, fig9c, table1, table2 and
+pso_vs_icp, the paper's figure or table is written into the folder of each sweep or
+run, as PNG, SVG, Markdown, CSV and LaTeX; for recordings one table of all data
+sets; for ladder a table and a figure of all arms.
 
-runs=[A,B] compares two runs target by target: the difference of their recalls with its interval,
-McNemar's test, and the targets whose verdict changed. A and B are output folders or ids of runs in
-MLflow (default: uri=sqlite:///work/mlflow.db)."""
+Into the folder of every run and sweep goes report.html, one page for a browser,
+without any other file or network: charts, the targets with pictures of the missed
+ones, a 3D view, the configuration, and the command that repeats it.
+
+  objects   prints the recall of these objects, over all targets and by visible
+            fraction
+  runs      compares two runs target by target: the difference of their recalls
+            with its interval, McNemar's test, and the targets whose verdict
+            changed. A and B are output folders or ids of runs in MLflow
+            (default: uri=sqlite:///work/mlflow.db)
+
+hlp report output=outputs/demo/2026-11-21_10-00-00    one run
+hlp report experiment=fig9b                           the paper's Fig. 9b
+hlp report 'runs=[outputs/a,outputs/b]'               is b better than a?"""

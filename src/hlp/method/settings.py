@@ -47,13 +47,12 @@ class TrainerSettings(Settings):
     """Config group `trainer`: arguments of Lightning's Trainer, and torch's threads."""
 
     name: Annotated[str, Doc("of the choice")] = "cpu"
-    accelerator: Annotated[
-        Literal["cpu", "gpu"], Doc("gpu needs torch built with CUDA")
-    ] = "cpu"
+    accelerator: Annotated[Literal["cpu", "gpu"], Doc("gpu needs torch built with CUDA")] = "cpu"
     devices: Annotated[int, Ge(1), Doc("processes; with gpu, one on each GPU")] = 1
     strategy: Annotated[str, Doc("Lightning's strategy for several processes")] = "auto"
     precision: Annotated[
-        Precision, Doc("of training; bf16-mixed is slower on a CPU: backward took 10 times as long (D)")
+        Precision,
+        Doc("of training; bf16-mixed is slower on a CPU: backward took 10 times as long (D)"),
     ] = "32-true"
     torch_threads: Annotated[
         int,

@@ -1,7 +1,7 @@
 """Two runs compared target by target, with interval and test of the difference."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -162,6 +162,23 @@ def difference_interval(
     differences: Float[np.ndarray, "r"] = gains[drawn].sum(axis=1) / counts[drawn].sum(axis=1)
     low, high = np.percentile(differences, [2.5, 97.5])
     return float(low), float(high)
+
+
+def paired_difference(
+    first: Mapping[TargetKey, ScoredTarget], second: Mapping[TargetKey, ScoredTarget], metric: str
+) -> tuple[float, tuple[float, float]] | None:
+    """Second's recall minus first's over the targets of both, with its 95 % interval.
+
+    None if they have no target in common. The interval is that of `difference_interval`.
+    """
+    shared = sorted(first.keys() & second.keys())
+    if not shared:
+        return None
+    before = np.array([first[key].correct(metric) for key in shared])
+    after = np.array([second[key].correct(metric) for key in shared])
+    frames = np.unique([key[:2] for key in shared], axis=0, return_inverse=True)[1]
+    interval = difference_interval(before, after, frames, RESAMPLINGS, SEED)
+    return float(after.mean() - before.mean()), interval
 
 
 def mcnemar_exact(lost: int, gained: int) -> float:

@@ -5,17 +5,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-import numpy as np
-
 from hlp.files import SCORES, write_csv, write_text
-from hlp.reporting.comparison import (
-    RESAMPLINGS,
-    SEED,
-    ScoredTarget,
-    TargetKey,
-    difference_interval,
-    read_targets,
-)
+from hlp.reporting.comparison import ScoredTarget, TargetKey, paired_difference, read_targets
 from hlp.reporting.figures.saving import save_figure
 from hlp.reporting.figures.steps import Step, draw_steps
 from hlp.reporting.results import Result, ResultSet, read_results, result_folders
@@ -103,15 +94,11 @@ def gain_of(arm: Arm, known: Mapping[str, Arm]) -> Gain | None:
     other = known.get(arm.before or "")
     if other is None:
         return None
-    shared = sorted(arm.targets.keys() & other.targets.keys())
-    if not shared:
+    gained = paired_difference(other.targets, arm.targets, "add")
+    if gained is None:
         return None
-    before = np.array([other.targets[key].correct("add") for key in shared])
-    after = np.array([arm.targets[key].correct("add") for key in shared])
-    frames = np.unique([key[:2] for key in shared], axis=0, return_inverse=True)[1]
-    interval = difference_interval(before, after, frames, RESAMPLINGS, SEED)
     spent = arm.result.total_ms["median"] - other.result.total_ms["median"]
-    return Gain(float(after.mean() - before.mean()), interval, spent)
+    return Gain(*gained, spent)
 
 
 def _row(arm: Arm, known: Mapping[str, Arm]) -> list[str]:
@@ -154,7 +141,7 @@ def _measured(result: Result) -> str:
 
 
 def _note(found: ResultSet) -> str:
-    missing = f" Unfinished: {found.unfinished}." if found.unfinished else ""
+    missing = f" Unfinished: {len(found.unfinished)}." if found.unfinished else ""
     return (
         f"Made by `{found.command}`.{missing} Each arm differs by one decision from the arm under"
         " *against*; what it gains is over the targets of both, with the 95 % interval of the"

@@ -71,7 +71,7 @@ def _row(result: Result) -> list[str]:
 
 
 def _note(found: ResultSet) -> str:
-    missing = f" Left out or unfinished: {found.unfinished}." if found.unfinished else ""
+    missing = f" Left out or unfinished: {len(found.unfinished)}." if found.unfinished else ""
     return (
         f"Made by `{found.command}`.{missing} ADD(-S): ADD-S for objects with a symmetry, ADD for"
         " the others. AR: mean of BOP's average recalls VSD, MSSD and MSPD. ECE: expected"

@@ -6,6 +6,7 @@ from hlp.errors import MissingFileError
 from hlp.files import SUMMARY, SWEEP
 from hlp.reporting.figures.trade_off import draw_trade_off
 from hlp.reporting.figures.waterfall_bars import draw_waterfall
+from hlp.reporting.sweep_report import describe_sweep, write_sweep_files
 from hlp.reporting.tables.summary_tables import (
     format_summary,
     runs_table,
@@ -13,32 +14,48 @@ from hlp.reporting.tables.summary_tables import (
     waterfall_tables,
 )
 from hlp.reporting.tables.table import LAYOUTS, check_layout
-from hlp.results.summary_file import read_summary
+from hlp.results.summary_file import Summary, read_summary
 
 
-def report_runs(folder: Path, layout: str) -> str:
-    """Tables of every run in or below a folder, oldest first, and all of them side by side.
+def report_runs(folder: Path, layout: str, details: bool = False) -> str:
+    """A line for each run in or below a folder, oldest first, and a table for each sweep.
 
-    `layout` is `text` or `markdown`. Draws each run's waterfall into its folder, and recall against
-    time into each sweep's. Raises ValueError for another layout or a broken summary, and
-    MissingFileError where no finished run is found.
+    `layout` is `text` or `markdown`. The tables of a run follow if it is the only one, or with
+    `details`. Draws each run's waterfall into its folder, and figures into each sweep's. Raises
+    ValueError for another layout or a broken summary, and MissingFileError where no finished run is
+    found.
     """
     check_layout(layout)
+    sweeps = sorted(path.parent for path in folder.rglob(SWEEP))
     paths = sorted(folder.rglob(SUMMARY), key=lambda path: path.stat().st_mtime)
-    if not paths:
+    if not paths and not sweeps:
         raise MissingFileError(f"no finished run ({SUMMARY}) in or below {folder}")
-    summaries = {str(path.parent): read_summary(path) for path in paths}
+    summaries = {path.parent: read_summary(path) for path in paths}
     heading = "## " if layout == "markdown" else ""
     parts = []
-    for name, summary in summaries.items():
-        parts.append(f"{heading}{name}\n\n{format_summary(summary, layout)}")
-        tables = (*waterfall_tables(summary), votes_table(summary))
-        parts += [LAYOUTS[layout](table) for table in tables if table.rows]
-        if waterfall_tables(summary):
-            draw_waterfall(Path(name), summary["waterfall"])
-            parts.append(f"Drawn: {Path(name, 'waterfall.png')} and .svg")
-    for sweep in sorted(path.parent for path in folder.rglob(SWEEP)):
-        parts += [f"Drawn: {path}" for path in draw_trade_off(sweep)]
+    for run, summary in summaries.items():
+        drawn = _draw(run, summary)
+        if details or len(summaries) == 1:
+            parts.append(f"{heading}{run}\n\n{format_summary(summary, layout)}")
+            tables = (*waterfall_tables(summary), votes_table(summary))
+            parts += [LAYOUTS[layout](table) for table in tables if table.rows]
+            parts += [f"Drawn: {path}" for path in drawn]
+    for sweep in sweeps:
+        written = [*write_sweep_files(sweep), *draw_trade_off(sweep)]
+        if not written:  # a sweep of studies, which have no recall
+            continue
+        parts.append(f"{heading}{sweep}\n\n{describe_sweep(sweep, layout)}")
+        parts.append(f"Written: {sweep} ({', '.join(path.name for path in written)})")
     if len(summaries) > 1:
-        parts.append(f"{heading}All runs\n\n{LAYOUTS[layout](runs_table(summaries))}")
+        names = {str(run.relative_to(folder)): each for run, each in summaries.items()}
+        parts.append(f"{heading}All runs below {folder}\n\n{LAYOUTS[layout](runs_table(names))}")
+        if not details:
+            parts.append("details=true prints the tables of every run.")
     return "\n\n".join(parts)
+
+
+def _draw(run: Path, summary: Summary) -> list[Path]:
+    if not waterfall_tables(summary):
+        return []
+    draw_waterfall(run, summary["waterfall"])
+    return [run / "waterfall.png", run / "waterfall.svg"]

@@ -120,5 +120,5 @@ def _measured_on(result: Result) -> str:
 
 
 def _made_by(found: ResultSet) -> list[str]:
-    missing = f"Unfinished runs of the sweep, left out: {found.unfinished}."
+    missing = f"Unfinished runs of the sweep, left out: {len(found.unfinished)}."
     return [f"Made by `{found.command}`.", *([missing] if found.unfinished else [])]

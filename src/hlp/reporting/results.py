@@ -1,7 +1,8 @@
 """Finished runs and sweeps, read back from their folders for figures and tables."""
 
+import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ class Result:
     """One finished run: its whole configuration, its `summary.json`, and the number of frames.
 
     `chosen` holds the overrides given on the command line or by the sweep, as text by key. `folder`
-    is where the run's files are.
+    is where the run's files are. `frames_identity` is the hash of all frames of the data set.
     """
 
     config: Mapping[str, Any]
@@ -25,6 +26,7 @@ class Result:
     frames: int
     chosen: Mapping[str, str]
     folder: Path = Path()
+    frames_identity: str = ""
 
     @property
     def experiment(self) -> str:
@@ -51,12 +53,18 @@ class Result:
 
 @dataclass(frozen=True)
 class ResultSet:
-    """The finished runs of a sweep, or a single run, and the number of unfinished runs."""
+    """The finished runs of a sweep, or a single run.
+
+    `unfinished` are the folders of the runs that are not finished, with their overrides (studies
+    such as `hlp bench` are finished, though they have no summary and are no results); `defaults`
+    the values of the swept keys without the sweep, where they are known.
+    """
 
     results: list[Result]
     swept: list[str]
     command: str
-    unfinished: int
+    unfinished: Mapping[Path, Mapping[str, str]] = field(default_factory=dict)
+    defaults: Mapping[str, str] = field(default_factory=dict)
 
 
 def result_folders(root: Path) -> list[Path]:
@@ -74,10 +82,14 @@ def read_results(folder: Path) -> ResultSet:
     try:
         if (folder / SWEEP).is_file():
             return _read_sweep(folder)
-        command = " ".join(["hlp run", *_overrides(folder)])
-        return ResultSet([_read_run(folder)], [], command, 0)
+        return ResultSet([_read_run(folder)], [], run_command(folder))
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(f"{folder} holds no results that can be read ({error!r})") from error
+
+
+def run_command(folder: Path) -> str:
+    """The command that made a run."""
+    return shlex.join(["hlp", "run", *_overrides(folder)])
 
 
 def _read_sweep(folder: Path) -> ResultSet:
@@ -86,15 +98,22 @@ def _read_sweep(folder: Path) -> ResultSet:
     finished = [run for run in runs if _is_finished(run)]
     command = " ".join(["hlp -m", *sweep["overrides"]])
     results = [_read_run(run) for run in finished]
-    return ResultSet(results, sweep["swept"], command, len(runs) - len(finished))
+    unfinished = {run: _chosen(run) for run in runs if not (run / MANIFEST).is_file()}
+    defaults = sweep.get("defaults", {})
+    return ResultSet(results, sweep["swept"], command, unfinished, defaults)
 
 
 def _read_run(folder: Path) -> Result:
     manifest = read_json(folder / MANIFEST)
     summary = read_summary(folder / SUMMARY)
+    frames, identity = len(manifest["data"]["keys"]), manifest["data"].get("frames", "")
+    return Result(manifest["config"], summary, frames, _chosen(folder), folder, identity)
+
+
+def _chosen(folder: Path) -> dict[str, str]:
+    """The overrides of a run as text by key."""
     pairs = (each.lstrip("+").split("=", 1) for each in _overrides(folder) if "=" in each)
-    frames = len(manifest["data"]["keys"])
-    return Result(manifest["config"], summary, frames, dict(pairs), folder)
+    return {key: value for key, value in pairs}
 
 
 def _is_finished(folder: Path) -> bool:

@@ -10,7 +10,7 @@ from hlp.evaluation.evaluator import score_targets
 from hlp.evaluation.false_alarms import count_false_alarms
 from hlp.evaluation.summary import summarise
 from hlp.evaluation.vote_quality import vote_quality
-from hlp.files import MANIFEST, POSES, SCORES, SUMMARY, write_json
+from hlp.files import MANIFEST, PAGE, POSES, SCORES, SUMMARY, write_json
 from hlp.method.compute_threads import set_compute_threads
 from hlp.method.training import read_history
 from hlp.records import Frame, PoseEstimate
@@ -19,6 +19,7 @@ from hlp.reporting.figures.calibration_curves import draw_calibration
 from hlp.reporting.figures.panels import write_png
 from hlp.reporting.figures.waterfall_bars import draw_waterfall
 from hlp.reporting.mlflow_metrics import summary_metrics
+from hlp.reporting.page.run_page import write_page_or_say
 from hlp.reporting.tables.summary_tables import format_summary
 from hlp.reporting.tracking import Tracker, how_to_browse, track_run
 from hlp.results.poses_file import read_poses, write_poses
@@ -33,6 +34,7 @@ from hlp.runs.failed_frames import (
 )
 from hlp.runs.manifest import make_manifest, poses_digest
 from hlp.runs.mlflow_inputs import log_inputs, log_tables, revision_tag, run_name
+from hlp.runs.page_material import keep_material
 from hlp.runs.run_stages import stages_of
 from hlp.runs.stage_panels import drawn_frames, picture_of_stages
 from hlp.runs.timing import Timing, measure_times
@@ -46,10 +48,10 @@ from hlp.stages.view_task import render_in_workers
 def run_method(run: Run, output: Path) -> dict[str, Any]:
     """Run every stage that is not on disk, write the results into `output`, return the summary.
 
-    `output` receives summary.json, scores.csv, poses.csv, panels/ and, last, manifest.json.
-    Everything is logged as one MLflow run. It is opened first, so a crash leaves it FAILED. Raises
-    DataError if no frame can be used; single ones cost themselves alone, unless `on_bad_frame`
-    says otherwise.
+    `output` receives summary.json, scores.csv, poses.csv, panels/, report/, manifest.json and,
+    drawn from these, report.html. Everything is logged as one MLflow run. It is opened first, so a
+    crash leaves it FAILED. Raises DataError if no frame can be used; single ones cost themselves
+    alone, unless `on_bad_frame` says otherwise.
     """
     settings = run.settings
     set_compute_threads(settings.machine.threads)
@@ -73,6 +75,7 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         made = make_manifest(run, store)
         made["poses"] = poses_digest(output / POSES)
         write_json(output / MANIFEST, made)
+        write_page_or_say(output)
         tracker.log_artifacts(output)
     print(format_summary(summary))
     say_failed(detection.failed, len(run.keys))
@@ -116,6 +119,7 @@ def _score(
     scores = with_failed_frames(run, detection.failed, scores)
     names = {object_id: model.name for object_id, model in dataset.models.items()}
     write_scores(output / SCORES, scores, names)
+    keep_material(run, detection, saved, scores, output)
     summary = summarise(
         scores,
         names,
@@ -161,6 +165,8 @@ def _draw(
 def _say_where(run: Run, output: Path, tracker: Tracker) -> None:
     say = logging.getLogger(__name__).info
     say("\nResults   %s (summary.json, scores.csv, poses.csv, manifest.json)", output)
+    if (output / PAGE).is_file():
+        say("Report    %s (open it in a browser)", output / PAGE)
     if run.settings.panels > 0:
         say("Pictures  %s (what each stage saw)", output / "panels")
     browse = how_to_browse(run.settings.reporting, tracker)

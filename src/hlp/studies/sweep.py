@@ -25,8 +25,10 @@ from hlp.errors import DataError, HlpError, InputError, MissingFileError
 from hlp.files import SWEEP, read_json, write_json
 from hlp.reporting.figures.trade_off import draw_trade_off
 from hlp.reporting.ladder import write_ladder
+from hlp.reporting.page.sweep_page import write_sweep_page_or_say
 from hlp.reporting.recordings import write_recordings
 from hlp.reporting.reproductions import write_reproductions
+from hlp.reporting.sweep_report import describe_sweep, write_sweep_files
 from hlp.reporting.tracking import ChildRun, Tracker, TrackingSettings, as_child_run, track_run
 from hlp.runs.manifest import is_finished
 from hlp.runs.mlflow_inputs import revision_tag
@@ -75,6 +77,7 @@ def _open_sweep(config: DictConfig) -> None:
     record = {
         "overrides": overrides,
         "swept": swept,
+        "defaults": _swept_values(config, [], swept),
         "run_id": tracker.run_id,
         "process": os.getpid(),
     }
@@ -162,12 +165,34 @@ def _recorded(folder: Path, record: dict[str, Any]) -> Iterator[None]:
 
 @contextmanager
 def _drawn(folder: Path, tracker: Tracker) -> Iterator[None]:
-    """Draw recall against time of the runs, after the last one has ended successfully."""
-    yield
-    tables = (write_reproductions, write_recordings, write_ladder)
-    for path in [*draw_trade_off(folder), *(path for write in tables for path in write(folder))]:
+    """Tables, figures and page of the runs, after the last one has ended; also if some failed."""
+    try:
+        yield
+    except Exception:  # an arm's; it is raised again
+        try:
+            _draw(folder, tracker)
+        except Exception:
+            logging.getLogger(__name__).exception("the tables of %s could not be made", folder)
+        raise
+    _draw(folder, tracker)
+
+
+def _draw(folder: Path, tracker: Tracker) -> None:
+    say = logging.getLogger(__name__).info
+    described = describe_sweep(folder, "text")
+    if not described:  # of studies, which have no recall
+        return
+    writers = (
+        write_sweep_files, draw_trade_off, write_reproductions, write_recordings, write_ladder,
+    )  # fmt: skip
+    written = [path for write in writers for path in write(folder)]
+    page = write_sweep_page_or_say(folder)
+    for path in [*written, *([page] if page else [])]:
         tracker.log_artifact(path)
-        logging.getLogger(__name__).info("Drawn     %s", path)
+    print(f"\n{described}\n")
+    say("Written   %s (%s)", folder, ", ".join(path.name for path in written))
+    if page is not None:
+        say("Report    %s (open it in a browser)", page)
 
 
 def _read(folder: Path) -> dict[str, Any]:
@@ -204,15 +229,17 @@ def _swept_keys(config: DictConfig) -> list[str]:
 def _swept_values(
     config: DictConfig, overrides: Sequence[str], keys: Sequence[str]
 ) -> dict[str, str]:
-    """A run's values of these keys; of a group, the name of its file."""
+    """A configuration's values of these keys; of a group, the name of its file."""
     parsed = OverridesParser.create().parse_overrides([*overrides])
     named = {each.key_or_group: each for each in parsed}
     values = {}
     for key in keys:
         value = OmegaConf.select(config, key)
-        group = value is None or isinstance(value, DictConfig)  # some groups have no node
-        if group and key in named:
-            value = named[key].get_value_element_as_str()
+        if value is None or isinstance(value, DictConfig):  # some groups have no node
+            if key in named:
+                value = named[key].get_value_element_as_str()
+            elif "hydra" in config:  # it is composed without the sweep
+                value = config.hydra.runtime.choices.get(key, value)
         values[key] = str(value)
     return values
 

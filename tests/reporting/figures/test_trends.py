@@ -60,35 +60,44 @@ def test_what_else_was_swept_is_a_column_and_a_line_of_its_own() -> None:
     series = {"method paper": ARMS[:2], "method hlp": ARMS[1:]}
     table = trend_table(TRENDS["fig9a"], series)
     assert [row[1] for row in table.rows] == ["method paper"] * 2 + ["method hlp"] * 2
-    ax, _ = draw_trend(TRENDS["fig9a"], series, "a set").axes
-    assert [bars.get_label() for bars in ax.containers] == ["ours method paper", "ours method hlp"]
+    ax, *_ = draw_trend(TRENDS["fig9a"], series, "a set").axes
+    assert [bars.get_label() for bars in ax.containers] == ["method paper", "method hlp"]
 
 
-def test_recall_has_its_interval_and_time_the_second_axis() -> None:
+def test_three_panels_show_recalls_with_intervals_and_stacked_times() -> None:
     figure = draw_trend(TRENDS["fig9a"], {"": ARMS}, "a set")
-    ax, time_ax = figure.axes
-    (bars,) = ax.containers
-    line, _, (stems,) = bars.lines
-    assert list(line.get_ydata()) == [0.7, 0.8, 0.75]
-    ends = [tuple(segment[:, 1]) for segment in stems.get_segments()]
-    assert ends[1] == pytest.approx((0.7, 0.84))
-    assert list(time_ax.get_lines()[0].get_ydata()) == [300.0, 350.0, 500.0]
-    assert [text.get_text() for text in ax.get_xticklabels()] == ["100", "200", "400"]
+    add, pose, time = figure.axes
+    for ax, shift in ((add, 0.0), (pose, -0.2)):
+        (bars,) = ax.containers
+        line, _, (stems,) = bars.lines
+        assert list(line.get_ydata()) == pytest.approx([0.7 + shift, 0.8 + shift, 0.75 + shift])
+        ends = [tuple(segment[:, 1]) for segment in stems.get_segments()]
+        assert ends[1] == pytest.approx((0.7 + shift, 0.84 + shift))
+        low, high = ax.get_ylim()
+        assert low < 0.6 + shift and high > 0.84 + shift
+        assert ax.get_ylabel() == f"axis cut: begins at {low:.2f}"
+    assert [bar.get_height() for bar in time.patches if bar.get_height() > 2] == [75, 87.5, 125]
+    assert {text.get_text() for text in time.texts} == {"300", "350", "500", "paper's choice"}
+    assert [text.get_text() for text in add.get_xticklabels()] == ["100", "200", "400"]
     note = figure.get_supxlabel().replace("\n", " ")
     assert "no values for this figure: compare the trends" in note
-    (paper,) = [each for each in ax.get_lines() if each.get_label() == "paper's setting, Table 1"]
+
+
+def test_the_papers_choice_is_marked_and_its_recall_stands_there() -> None:
+    add, *_ = draw_trend(TRENDS["fig9a"], {"": ARMS}, "a set").axes
+    (paper,) = [each for each in add.get_lines() if each.get_label() == "paper, Table 1"]
     assert paper.get_ydata()[0] == 0.960
-    assert abs(paper.get_xdata()[0] - 1) < 0.2
-
-
-def test_the_papers_point_is_left_out_without_its_setting() -> None:
-    ax, time_ax = draw_trend(TRENDS["fig9a"], {"": [ARMS[0], ARMS[2]]}, "a set").axes
-    labels = [line.get_label() for each in (ax, time_ax) for line in each.get_lines()]
-    assert not [label for label in labels if "paper" in label]
+    assert abs(paper.get_xdata()[0] - 1) < 0.3
+    (mark,) = [text for text in add.texts if text.get_text() == "paper's choice"]
+    assert mark.get_position()[0] == 1
+    without = draw_trend(TRENDS["fig9a"], {"": [ARMS[0], ARMS[2]]}, "a set").axes
+    texts = [text.get_text() for ax in without for text in ax.texts]
+    labels = [line.get_label() for ax in without for line in ax.get_lines()]
+    assert not [each for each in (*texts, *labels) if "paper" in each]
 
 
 def test_refiners_are_not_joined_by_lines() -> None:
     arms = [result(0.8, 300.0, "pso"), result(0.7, 200.0, "icp")]
-    ax, time_ax = draw_trend(TRENDS["pso_vs_icp"], {"": arms}, "a set").axes
-    lines = (ax.containers[0].lines[0], time_ax.get_lines()[0])
+    add, pose, _ = draw_trend(TRENDS["pso_vs_icp"], {"": arms}, "a set").axes
+    lines = [ax.containers[0].lines[0] for ax in (add, pose)]
     assert [line.get_linestyle() for line in lines] == ["None", "None"]

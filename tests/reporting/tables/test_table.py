@@ -6,10 +6,10 @@ from hlp.reporting.tables.table import Table, check_layout, format_interval, for
 def test_text_is_aligned_and_markdown_is_a_table() -> None:
     table = Table(["object", "AD"], [["cat", "0.5"], ["holepuncher", "1"]])
     assert table.text().split("\n") == [
-        "object         AD",
-        "-----------  ----",
-        "cat           0.5",
-        "holepuncher     1",
+        "object        AD",
+        "-----------  ---",
+        "cat          0.5",
+        "holepuncher    1",
     ]
     header, rule, *rows = table.markdown().split("\n")
     assert [cell.strip() for cell in header.split("|")] == ["", "object", "AD", ""]

@@ -1,21 +1,17 @@
 """Recall and time against one setting: the paper's Fig. 9, and particle swarm against ICP."""
 
-import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from hlp.reporting.figures.sweep_panels import SweepFigure, SweepPoint, draw_sweep
 from hlp.reporting.paper_results import ADD_MEAN, MS_PER_FRAME
 from hlp.reporting.results import Result
 from hlp.reporting.tables.summary_tables import METRIC_LABELS
 from hlp.reporting.tables.table import Table, format_interval
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
-
-_SPREAD = 0.08
 
 
 @dataclass(frozen=True)
@@ -131,68 +127,21 @@ def trend_table(trend: Trend, series: Series) -> Table:
 
 
 def draw_trend(trend: Trend, series: Series, data: str) -> "Figure":
-    """ADD(-S) recall with its 95 % interval, and the median time per target on the second axis.
+    """ADD(-S) and 5cm5deg recall with 95 % intervals, and the times of the stages.
 
     `data` says in words what was measured on.
     """
-    from matplotlib.figure import Figure
-
-    values = list(
-        dict.fromkeys(trend.value(each) for results in series.values() for each in results)
+    points = {
+        name: [SweepPoint.of(trend.value(each), each.summary) for each in results]
+        for name, results in series.items()
+    }
+    words = SweepFigure(
+        title=f"{trend.title}: {data}",
+        axis=trend.axis,
+        marked=trend.paper_values,
+        mark="paper's choice",
+        published=("paper, Table 1", ADD_MEAN),
+        joined=trend.joined,
+        note=trend_note(trend),
     )
-    figure = Figure(figsize=(7.0, 5.0), layout="constrained")
-    ax = figure.subplots()
-    time_ax = ax.twinx()
-    for i, (name, results) in enumerate(series.items()):
-        shift = _SPREAD * (i - (len(series) - 1) / 2)
-        places = [values.index(trend.value(each)) + shift for each in results]
-        colors = (f"C{i}", f"C{i}") if len(series) > 1 else ("C0", "C1")
-        line = _draw_recall(ax, places, results, f"ours {name}".strip(), colors[0])
-        times = [each.summary["timing_ms"]["total"]["median"] for each in results]
-        (time_line,) = time_ax.plot(places, times, "s--", color=colors[1], alpha=0.8)
-        if not trend.joined:
-            line.set_linestyle("")
-            time_line.set(linestyle="", xdata=[place + _SPREAD for place in places])
-    chosen = [i for i, value in enumerate(values) if value in trend.paper_values]
-    if chosen:
-        _draw_paper(ax, time_ax, chosen)
-    _name_axes(ax, time_ax, trend, values)
-    figure.legend(loc="outside upper center", ncols=4, frameon=False, fontsize=8)
-    ax.set_title(f"{trend.title}: recall and time, {data}", fontsize=10)
-    figure.supxlabel(textwrap.fill(trend_note(trend), 125), fontsize=7, x=0.01, ha="left")
-    return figure
-
-
-def _draw_recall(
-    ax: "Axes", places: Sequence[float], results: Sequence[Result], label: str, color: str
-) -> "Line2D":
-    scores = [each.summary["metrics"]["add"] for each in results]
-    recalls = [each["recall"] for each in scores]
-    below = [each["recall"] - each["ci95"][0] for each in scores]
-    above = [each["ci95"][1] - each["recall"] for each in scores]
-    bars = ax.errorbar(
-        places, recalls, (below, above), fmt="o-", capsize=3, color=color, label=label
-    )
-    line: Line2D = bars.lines[0]
-    return line
-
-
-def _draw_paper(ax: "Axes", time_ax: "Axes", places: Sequence[int]) -> None:
-    """Recall left of the paper's setting and time right of it, so that neither hides the other."""
-    left, right = ([place + side * _SPREAD for place in places] for side in (-1, 1))
-    recalls, times = [ADD_MEAN] * len(places), [MS_PER_FRAME] * len(places)
-    ax.plot(left, recalls, "D", color="black", label="paper's setting, Table 1")
-    time_ax.plot(right, times, "s", color="black", fillstyle="none", label="paper's time")
-
-
-def _name_axes(ax: "Axes", time_ax: "Axes", trend: Trend, values: Sequence[str]) -> None:
-    ax.set_xticks(range(len(values)), values)
-    ax.set_xlim(-0.5, len(values) - 0.5)
-    ax.set_xlabel(trend.axis)
-    ax.set_ylabel("● ADD(-S) recall, 95 % interval")
-    ax.set_ylim(0.0, 1.03)
-    time_ax.set_ylabel("■ ms for one object in one frame (median)")
-    time_ax.set_ylim(0.0, 1.05 * time_ax.get_ylim()[1])
-    ax.grid(axis="y", alpha=0.3)
-    for each in (ax, time_ax):
-        each.spines["top"].set_visible(False)
+    return draw_sweep(words, points)

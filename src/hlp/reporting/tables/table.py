@@ -10,6 +10,9 @@ from hlp.errors import InputError
 # LaTeX's own fonts lack these signs; tabulate escapes everything else.
 _LATEX_SIGNS = str.maketrans({"°": r"$^\circ$", "θ": r"$\theta$", "τ": r"$\tau$"})
 
+TERMINAL = 80
+"""Columns of a terminal."""
+
 
 @dataclass(frozen=True)
 class Table:
@@ -20,7 +23,16 @@ class Table:
 
     def text(self) -> str:
         """The table for a terminal: columns padded with spaces, a rule below the header."""
-        return self._laid_out("simple")
+        lines = [[*self.header], *([*row] for row in self.rows)]
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        lines.insert(1, ["-" * width for width in widths])
+        return "\n".join(
+            "  ".join(
+                cell.rjust(width) if place else cell.ljust(width)
+                for place, (cell, width) in enumerate(zip(line, widths, strict=True))
+            ).rstrip()
+            for line in lines
+        )
 
     def markdown(self) -> str:
         """The table as Markdown."""

@@ -1,0 +1,39 @@
+"""`hlp runs`: what lies in the folder of outputs, with the main figures."""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from hlp.commands import composing
+from hlp.errors import HlpError
+
+
+def command(arguments: Sequence[str]) -> None:
+    """Print the list; exits with 2 if the arguments are wrong."""
+    try:
+        given = composing.key_values(arguments, ("output", "format"))
+    except HlpError as error:
+        print(f"hlp runs: {error}\n\n{RUNS_HELP}", file=sys.stderr)
+        sys.exit(2)
+    if given is None:
+        print(RUNS_HELP)
+        return
+    from hlp.reporting.run_list import describe_outputs
+
+    try:
+        print(describe_outputs(Path(given.get("output", "outputs")), given.get("format", "text")))
+    except HlpError as error:
+        composing.fail(error)
+
+
+RUNS_HELP = """\
+usage: hlp runs [output=DIR] [format=text|markdown]
+
+Lists the runs and sweeps in or below outputs/ (or DIR), oldest first: whether they
+have finished, their targets, the ADD(-S) recall with its 95 % interval, and the
+time of one object in one frame. Nothing is written.
+
+hlp runs                        all of outputs/
+hlp runs output=outputs/demo    those of one experiment
+
+`hlp report output=DIR` tells more about each of them."""

@@ -1,0 +1,173 @@
+"""`report.html` of one run: verdict, charts, targets with their pictures, configuration."""
+
+import base64
+import json
+import logging
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from hlp.files import MANIFEST, PAGE, SCORES, SUMMARY, read_json, write_text
+from hlp.records import MILLIMETRES_PER_METRE
+from hlp.reporting.comparison import ScoredTarget, TargetKey, read_targets
+from hlp.reporting.page import charts
+from hlp.reporting.page.layout import render
+from hlp.reporting.page.material import FOLDER, PageMaterial, read_material
+from hlp.reporting.page.verdict import run_verdict
+from hlp.reporting.results import run_command
+from hlp.reporting.tables.summary_tables import (
+    METRIC_LABELS,
+    calibration_words,
+    false_alarm_words,
+    objects_table,
+    timing_words,
+)
+from hlp.results.summary_file import read_summary
+
+_MOST_BYTES = 10_500_000  # of pictures: in base64 about 14 MB
+_COLUMNS = (
+    "scene", "image", "object", "", "verdict", "cause", "visible", "ADD(-S) mm", "rotation °",
+    "shift mm", "score",
+)  # fmt: skip
+_DIGITS = (0, 0, 0, 0, 0, 0, 2, 1, 1, 1, 3)
+
+
+def write_page_or_say(folder: Path) -> None:
+    """Write a run's page. An error is only logged: the run's results do not depend on the page."""
+    try:
+        write_run_page(folder)
+    except Exception:
+        logging.getLogger(__name__).exception("the report of %s could not be written", folder)
+
+
+def write_run_page(folder: Path) -> Path:
+    """Write `report.html` of a finished run from what lies in its folder; the file.
+
+    Runs of older versions have kept neither pictures nor diameters: their page lacks these parts.
+    Raises MissingFileError and DataError for files that are absent or broken.
+    """
+    summary, manifest = read_summary(folder / SUMMARY), read_json(folder / MANIFEST)
+    targets, material = read_targets(folder / SCORES), read_material(folder)
+    pictures = _pictures(folder, material)
+    config: Mapping[str, Any] = manifest.get("config", {})
+    page = render(
+        "run.html",
+        title=f"{config.get('name', 'run')} · {folder.absolute().name}",
+        verdict=run_verdict(summary),
+        metrics=_metrics(summary),
+        objects=objects_table(summary),
+        charts=_charts(summary, list(targets.values()), material),
+        times=timing_words(summary),
+        scores=" ".join(filter(None, (calibration_words(summary), false_alarm_words(summary)))),
+        columns=_COLUMNS,
+        digits=_DIGITS,
+        rows=_rows(targets, pictures),
+        pictures=pictures,
+        scenes=_scenes(material, targets),
+        left_out=len(material.targets) - len(pictures),
+        command=run_command(folder),
+        config=yaml.safe_dump(dict(config), sort_keys=False),
+        manifest=json.dumps({k: v for k, v in manifest.items() if k != "config"}, indent=1),
+    )
+    write_text(folder / PAGE, page)
+    return folder / PAGE
+
+
+def _metrics(summary: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """Name, value and interval of the main numbers."""
+    shown = []
+    for key, label in METRIC_LABELS.items():
+        metric = summary["metrics"][key]
+        low, high = metric["ci95"]
+        shown.append((label, f"{metric['recall']:.3f}", f"{low:.3f} to {high:.3f}"))
+    average = summary.get("bop", {}).get("ar")
+    if average is not None:
+        shown.append(("BOP's AR", f"{average:.3f}", "mean of VSD, MSSD, MSPD"))
+    time = summary["timing_ms"].get("total", {}).get("median")
+    if time is not None:
+        shown.append(("time", f"{time:.0f} ms", "an object in a frame, median"))
+    return shown
+
+
+def _charts(
+    summary: Mapping[str, Any], targets: Sequence[ScoredTarget], material: PageMaterial
+) -> dict[str, str]:
+    calibration = summary.get("calibration") or {"answers": 0}
+    found = {
+        "objects": charts.object_bars(summary),
+        "ad_curve": charts.ad_curve(targets, material.diameters_mm),
+        "translation": charts.error_histogram(targets, "translation"),
+        "rotation": charts.error_histogram(targets, "rotation"),
+        "visibility": charts.visibility_bars(targets),
+        "waterfall": charts.waterfall_bars(summary),
+        "timing": charts.timing_bars(summary),
+    }
+    if calibration["answers"]:
+        found["reliability"] = charts.reliability(calibration)
+        found["risk"] = charts.risk_coverage(calibration)
+    return found
+
+
+def _rows(
+    targets: Mapping[TargetKey, ScoredTarget], pictures: Mapping[str, str]
+) -> list[list[str | float | None]]:
+    """A row a target in the order of `_COLUMNS`; the fourth cell is the key of its picture."""
+    rows: list[list[str | float | None]] = []
+    for key, each in targets.items():
+        score, name = each.score, _name(key)
+        found = score.found
+        rows.append(
+            [
+                score.scene_id,
+                score.frame_id,
+                each.name,
+                name if name in pictures else None,
+                "right" if score.add_correct else "wrong" if found else "not found",
+                score.cause.replace("_", " "),
+                *_numbers(
+                    score.visible_fraction,
+                    MILLIMETRES_PER_METRE * score.add_error,
+                    math.degrees(score.rotation_error),
+                    MILLIMETRES_PER_METRE * score.translation_error,
+                    score.score,
+                ),
+            ]
+        )
+    return rows
+
+
+def _numbers(*values: float) -> list[float | None]:
+    """Rounded; None for what is no number (nan, inf), which JSON has not."""
+    return [round(value, 3) if math.isfinite(value) else None for value in values]
+
+
+def _pictures(folder: Path, material: PageMaterial) -> dict[str, str]:
+    """JPEGs in base64 by the targets' names, as many as the page has room for."""
+    pictures, room = {}, _MOST_BYTES
+    for key, target in material.targets.items():
+        path = folder / FOLDER / target["picture"]
+        room -= path.stat().st_size if path.is_file() else 0
+        if path.is_file() and room >= 0:
+            pictures[_name(key)] = base64.b64encode(path.read_bytes()).decode("ascii")
+    return pictures
+
+
+def _scenes(
+    material: PageMaterial, targets: Mapping[TargetKey, ScoredTarget]
+) -> dict[str, dict[str, Any]]:
+    """Models by object, and what is around each target that has a picture."""
+    return {
+        "models": dict(material.objects),
+        "targets": {
+            _name(key): {**each, "object": targets[key].name}
+            for key, each in material.targets.items()
+            if key in targets
+        },
+    }
+
+
+def _name(key: TargetKey) -> str:
+    return "_".join(map(str, key))

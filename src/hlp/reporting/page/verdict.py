@@ -1,0 +1,37 @@
+"""A run in one sentence."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from hlp.reporting.paper_results import ADD_BY_OBJECT, MS_PER_FRAME
+from hlp.results.summary_file import CORRECT
+
+
+def run_verdict(summary: Mapping[str, Any]) -> str:
+    """How many targets were found, how sure that is, what most misses come from, and the time.
+
+    The paper's numbers follow if all objects are LINEMOD's.
+    """
+    add, targets = summary["metrics"]["add"], summary["targets"]
+    right = round(add["recall"] * targets)
+    low, high = add["ci95"]
+    words = f"{right} of {targets} targets have a right pose: ADD(-S) {add['recall']:.3f}"
+    words += f" (95 % interval {low:.3f} to {high:.3f})"
+    total = summary["waterfall"].get("total", summary["waterfall"])
+    lost = {name: count for name, count in total.items() if name != CORRECT and count}
+    if lost:
+        cause = max(lost, key=lambda name: lost[name])
+        share = f"{lost[cause]} of {sum(lost.values())}"
+        words += f"; most misses come from “{cause.replace('_', ' ')}” ({share})"
+    time = summary["timing_ms"].get("total", {}).get("median")
+    if time is not None:
+        words += f"; an object takes {time:.0f} ms"
+    names = list(summary["per_object"])
+    if names and all(name in ADD_BY_OBJECT for name in names):
+        paper = sum(ADD_BY_OBJECT[name] for name in names) / len(names)
+        words += (
+            f". The paper: {paper:.3f} on the mean of these objects (LINEMOD's whole sequences),"
+            f" about {MS_PER_FRAME:.0f} ms a frame; ours is"
+            f" {summary['metrics']['add']['mean_object']:.3f} on that mean"
+        )
+    return words + "."

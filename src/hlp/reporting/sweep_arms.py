@@ -1,0 +1,180 @@
+"""What the arms of a sweep give: a row an arm, with its difference to the default arm."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from hlp.files import SCORES
+from hlp.reporting.comparison import ScoredTarget, TargetKey, paired_difference, read_targets
+from hlp.reporting.results import Result, ResultSet
+from hlp.reporting.tables.table import Table, format_interval, format_share
+
+_LONGEST = 24  # characters of a value in a table
+_LOG = "hlp.log"
+
+Difference = tuple[float, tuple[float, float]]
+"""A difference of recalls, and its 95 % interval."""
+
+
+@dataclass(frozen=True)
+class SweepArm:
+    """One arm: its values of the swept keys, and its result; None if it has not finished."""
+
+    values: Mapping[str, str]
+    folder: Path
+    result: Result | None
+
+    @cached_property
+    def targets(self) -> dict[TargetKey, ScoredTarget]:
+        """The scored targets; empty where there are none on disk."""
+        path = self.folder / SCORES
+        return read_targets(path) if self.result and path.is_file() else {}
+
+    @property
+    def label(self) -> str:
+        """The values in words, e.g. `dimension 200, seed 1`."""
+        pairs = (f"{short_key(key)} {value}" for key, value in self.values.items())
+        return ", ".join(pairs) or self.folder.name
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """All arms in their order; `reference` is the one that the others are compared with."""
+
+    arms: Sequence[SweepArm]
+    keys: Sequence[str]
+    reference: SweepArm | None
+    is_default: bool
+    command: str
+
+    @property
+    def finished(self) -> list[tuple[SweepArm, Result]]:
+        """The arms that have a result."""
+        return [(arm, arm.result) for arm in self.arms if arm.result is not None]
+
+    @property
+    def best(self) -> SweepArm | None:
+        """The arm with the highest ADD(-S) recall, the fastest of several.
+
+        None if fewer than two finished, or if not all were measured on the same frames.
+        """
+        found = self.finished
+        if len(found) < 2 or len({result.frames_identity for _, result in found}) > 1:
+            return None
+        return max(found, key=lambda each: (each[1].add["recall"], -each[1].total_ms["median"]))[0]
+
+    def difference(self, arm: SweepArm) -> Difference | None:
+        """The arm's ADD(-S) recall minus the reference's; None where they share no target."""
+        first = self.reference
+        if first is None or arm is first or arm.result is None or first.result is None:
+            return None
+        if arm.result.frames_identity != first.result.frames_identity:
+            return None  # targets of equal names, but of other frames
+        return paired_difference(first.targets, arm.targets, "add")
+
+
+def sweep_of(found: ResultSet) -> Sweep:
+    """The arms of a sweep's results, finished or not, in the order of their folders."""
+    results = {result.folder: result for result in found.results}
+    chosen = {**{f: r.chosen for f, r in results.items()}, **found.unfinished}
+    folders = sorted(chosen, key=lambda each: (len(each.name), each.name))
+    arms = [
+        SweepArm(
+            {key: chosen[folder][key] for key in found.swept if key in chosen[folder]},
+            folder,
+            results.get(folder),
+        )
+        for folder in folders
+    ]
+    finished = [arm for arm in arms if arm.result is not None]
+    default = [arm for arm in finished if found.defaults and _is_default(arm, found.defaults)]
+    reference = next(iter(default or finished), None)
+    return Sweep(arms, found.swept, reference, bool(default), found.command)
+
+
+def _is_default(arm: SweepArm, defaults: Mapping[str, str]) -> bool:
+    return all(_value(arm.values.get(key, each)) == _value(each) for key, each in defaults.items())
+
+
+def _value(text: str) -> float | str:
+    """A number as such, since 5 and 5.0 are the same value."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def short_key(key: str) -> str:
+    """The last part of a key."""
+    return key.rpartition(".")[2].rpartition("/")[2]
+
+
+def sweep_table(sweep: Sweep, *, whole: bool = True) -> Table:
+    """A row an arm: values, recalls, time, difference to the reference with its 95 % interval.
+
+    `whole`: also what does not fit a terminal, the targets, IoU and the 95th percentile of time.
+    """
+    extra = (["targets"], ["IoU.5"], ["ms 95 %"]) if whole else ([], [], [])
+    names = [short_key(key) for key in sweep.keys] or ["run"]
+    against = "to default" if sweep.is_default else "to first"
+    header = [*names, *extra[0], "ADD(-S)", "95 %", "5cm5deg", *extra[1], "ms", *extra[2]]
+    return Table([*header, against, "95 % of it"], [_row(sweep, arm, whole) for arm in sweep.arms])
+
+
+def _row(sweep: Sweep, arm: SweepArm, whole: bool) -> list[str]:
+    named = [_cut(arm.values.get(key, "")) for key in sweep.keys] or [arm.folder.name]
+    if arm is sweep.best:
+        named[-1] += " *"
+    result = arm.result
+    if result is None:
+        return [*named, *[""] * whole, "no result", *[""] * (5 + 2 * whole)]
+    metrics, times = result.summary["metrics"], result.total_ms
+    recalls = [
+        format_share(result.add["recall"]),
+        format_interval(result.add["ci95"]),
+        format_share(metrics["5cm5deg"]["recall"]),
+        *([format_share(metrics["iou50"]["recall"])] if whole else []),
+    ]
+    spent = [f"{times['median']:.0f}", *([f"{times['p95']:.0f}"] if whole else [])]
+    return [*named, *([str(result.targets)] if whole else []), *recalls, *spent,
+            *_against(sweep, arm)]  # fmt: skip
+
+
+def _against(sweep: Sweep, arm: SweepArm) -> list[str]:
+    if arm is sweep.reference:
+        return ["default" if sweep.is_default else "first", ""]
+    found = sweep.difference(arm)
+    if found is None:
+        return ["–", ""]
+    difference, (low, high) = found
+    return [f"{difference:+.3f}", f"{low:+.3f} to {high:+.3f}"]
+
+
+def _cut(value: str) -> str:
+    return value if len(value) <= _LONGEST else f"{value[: _LONGEST - 1]}…"
+
+
+def sweep_verdict(sweep: Sweep) -> str:
+    """The best arm, whether it is surely better than the reference, and what failed."""
+    failed = [arm for arm in sweep.arms if arm.result is None]
+    words = [f"{len(sweep.finished)} of {len(sweep.arms)} arms finished"]
+    best = sweep.best
+    if best is not None and best.result is not None and sweep.reference is not None:
+        add, time = best.result.add["recall"], best.result.total_ms["median"]
+        words.append(f"best by ADD(-S): {best.label} ({add:.3f}, {time:.0f} ms)")
+        words.append(_sure(sweep, best))
+    if failed:
+        logs = ", ".join(str(Path(arm.folder.name, _LOG)) for arm in failed)
+        words.append(f"without a result: {'; '.join(arm.label for arm in failed)} (see {logs})")
+    return "; ".join(words) + "."
+
+
+def _sure(sweep: Sweep, best: SweepArm) -> str:
+    name = "the default" if sweep.is_default else "the first arm"
+    found = sweep.difference(best)
+    if best is sweep.reference or found is None:
+        return f"that is {name}"
+    difference, (low, high) = found
+    sure = "more" if low > 0 else "not surely more"
+    return f"{difference:+.3f} against {name}, {sure} ({low:+.3f} to {high:+.3f})"

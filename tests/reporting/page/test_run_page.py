@@ -1,0 +1,112 @@
+import base64
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hlp.records import TargetScore
+from hlp.reporting.page.material import PageObject, PageTarget, edges_of, write_material
+from hlp.reporting.page.run_page import write_page_or_say, write_run_page
+from hlp.results.scores_file import write_scores
+from written_results import write_run
+from written_summary import summary
+
+
+def target(frame: int, right: bool, found: bool = True, **changes: Any) -> TargetScore:
+    values: dict[str, Any] = {
+        "visible_fraction": 0.5, "add_error": 0.002, "rotation_error": 0.1,
+        "translation_error": 0.003, "box_iou": 0.9, "cause": "" if right else "few_votes",
+        "score": 0.8,
+    } | changes  # fmt: skip
+    verdicts = {"add_correct": right, "pose_correct": right, "box_correct": right}
+    return TargetScore(1, frame, 6, found, **(values | verdicts))
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    folder = write_run(tmp_path / "run", "demo", summary(("<cat>",)), ["seed=3", "name=a b"])
+    lost = target(
+        8, False, found=False, add_error=np.inf, rotation_error=np.inf, translation_error=np.inf
+    )
+    scores = [target(7, True), lost, target(9, False)]
+    write_scores(folder / "scores.csv", scores, {6: "<cat>"})
+    return folder
+
+
+def picture(frame: int) -> PageTarget:
+    pose = np.eye(4)
+    pose[:3, 3] = 0.1, 0.2, 0.8
+    image = np.full((40, 60, 3), 90, dtype=np.uint8)
+    points = pose[:3, 3] + np.array([[0.0, 0.0123, -0.05]])
+    return PageTarget((1, frame, 6, 0), image, points, np.array([[1, 2, 3]], np.uint8), pose, None)
+
+
+class Page(HTMLParser):
+    """Which addresses a page names, and its data."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.addresses: list[str] = []
+        self.elements: list[str] = []
+        self.text = path.read_text()
+        self.feed(self.text)
+        found = re.search(r'type="application/json">(.*?)</script>', self.text, re.S)
+        self.data: dict[str, Any] = json.loads(found[1]) if found else {}
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append(tag)
+        self.addresses += [value or "" for name, value in attrs if name in ("src", "href")]
+
+
+def test_the_page_stands_alone_and_says_what_was_found(run: Path) -> None:
+    page = Page(write_run_page(run))
+    assert not page.addresses
+    assert "url(" not in page.text and "import " not in page.text.lower().split("<script")[0]
+    assert "cat" not in page.elements  # names are escaped
+    assert "4 of 8 targets have a right pose" in page.text
+    assert "hlp run seed=3 &#39;name=a b&#39;" in page.text
+
+
+def test_every_target_has_its_row_and_missing_numbers_are_none(run: Path) -> None:
+    rows = Page(write_run_page(run)).data["rows"]
+    assert [row[1] for row in rows] == [7, 8, 9]
+    assert [row[4] for row in rows] == ["right", "not found", "wrong"]
+    assert rows[0][6:9] == [0.5, 2.0, pytest.approx(5.73, abs=0.01)]
+    assert rows[1][7:10] == [None, None, None]
+
+
+def test_pictures_and_scenes_are_in_the_page(run: Path) -> None:
+    vertices, faces = np.array([[0.0, 0, 0], [0.01, 0, 0], [0, 0.02, 0]]), np.array([[0, 1, 2]])
+    cube = PageObject(0.1, vertices, edges_of(faces))
+    write_material(run, {"<cat>": cube}, [picture(8), picture(9)])
+    page = Page(write_run_page(run))
+    assert set(page.data["pictures"]) == {"1_8_6_0", "1_9_6_0"}
+    assert [row[3] for row in page.data["rows"]] == [None, "1_8_6_0", "1_9_6_0"]
+    scene = page.data["scenes"]["targets"]["1_8_6_0"]
+    assert scene["truth"][3::4] == [100.0, 200.0, 800.0, 1.0]
+    points = np.frombuffer(base64.b64decode(scene["points"]), "<i2")
+    assert points.tolist() == [0, 123, -500]  # tenths of a millimetre
+    assert page.data["scenes"]["models"]["<cat>"]["edges"] == [[0, 1], [0, 2], [1, 2]]
+    assert "Recall by threshold" in page.text
+
+
+def test_too_many_pictures_are_left_out(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_material(run, {}, [picture(8), picture(9)])
+    size = (run / "report" / "000001_000008_6_0.jpg").stat().st_size
+    monkeypatch.setattr("hlp.reporting.page.run_page._MOST_BYTES", size)
+    page = Page(write_run_page(run))
+    assert list(page.data["pictures"]) == ["1_8_6_0"]
+    assert "1 more pictures lie in report/" in page.text
+
+
+def test_a_page_that_cannot_be_written_costs_nothing(
+    run: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (run / "scores.csv").write_text("nothing")
+    write_page_or_say(run)
+    assert not (run / "report.html").exists()
+    assert "could not be written" in caplog.text and "scores.csv" in caplog.text
