@@ -44,7 +44,8 @@ def keep_material(
     its results: it is logged, with its traceback.
     """
     try:
-        chosen = choose_targets(scores) if run.settings.panels > 0 else []
+        usable = [each for each in scores if _key(each) not in detection.failed]
+        chosen = choose_targets(usable) if run.settings.panels > 0 else []
         targets = [
             each for group in _by_frame(chosen) for each in _draw(detection, group, estimates)
         ]
@@ -76,6 +77,10 @@ def _evenly(chosen: Chosen, most: int) -> Chosen:
     if len(chosen) <= most:
         return chosen
     return [chosen[i * len(chosen) // most] for i in range(most)]
+
+
+def _key(score: TargetScore) -> str:
+    return frame_key(score.scene_id, score.frame_id)
 
 
 def _by_frame(chosen: Chosen) -> list[Chosen]:
