@@ -55,6 +55,21 @@ def test_perturbed_poses_are_recovered_by_pso(pso_settings: PsoSettings) -> None
     assert sum(each < 0.1 * scene.model.diameter for each in errors) >= 7
 
 
+def test_the_next_frames_pose_is_followed(
+    pso_settings: PsoSettings, icp_settings: IcpSettings
+) -> None:
+    for refiner in (PsoRefiner(pso_settings), IcpRefiner(icp_settings)):
+        errors = []
+        for seed in range(4):
+            scene = make_scene(seed)
+            last = disturbed(scene, 3, 5, seed)
+            found = refiner.follow(scene.model, scene.depth, CAMERA, last, seed)
+            errors.append(error(scene, found.pose_cam_obj) / error(scene, last))
+        assert np.median(errors) < 0.4
+    with pytest.raises(ValueError, match="behind the camera"):
+        PsoRefiner(pso_settings).follow(scene.model, scene.depth, CAMERA, -last, 0)
+
+
 def test_small_perturbations_are_recovered_by_icp(icp_settings: IcpSettings) -> None:
     refiner, errors = IcpRefiner(icp_settings), []
     for seed in range(4):

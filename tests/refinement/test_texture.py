@@ -10,7 +10,12 @@ from scipy.spatial.transform import Rotation
 from hlp.geometry import rigid, rotation_distance
 from hlp.records import Mesh, ObjectModel, Texture
 from hlp.refinement import texture
-from hlp.refinement.texture import ColorAgreement, choose_sibling, color_agreement
+from hlp.refinement.texture import (
+    ColorAgreement,
+    choose_near_sibling,
+    choose_sibling,
+    color_agreement,
+)
 from hlp.refinement.texture_kernel import sum_color_differences
 from hlp.refinement.verification import VerificationSettings, observe
 from hlp.rendering.color_grid import color_grid
@@ -88,6 +93,24 @@ def test_the_angle_about_an_axis_is_found_to_a_few_degrees():
         chosen = choose_sibling(observation, model, pose @ rigid(turned, np.zeros(3)))
         wrong = rotation_distance(chosen.pose_cam_obj[:3, :3], pose[:3, :3])
         assert np.degrees(wrong) < 4.0
+
+
+def test_a_tracked_pose_turns_by_a_few_steps_and_not_by_half_a_turn():
+    angles = np.arange(1, 72) * np.radians(5.0)
+    turns = Rotation.from_rotvec(angles[:, None] * [0.0, 0.0, 1.0]).as_matrix()
+    model = _model(
+        trimesh.creation.cylinder(0.035, 0.12, sections=48), list(rigid(turns, np.zeros(3)))
+    )
+    pose, observation = _scene(model, 0)
+    for angle, near in ((13.0, True), (-22.0, True), (180.0, False)):
+        turned = rigid(Rotation.from_rotvec([0, 0, np.radians(angle)]).as_matrix(), np.zeros(3))
+        chosen = choose_near_sibling(observation, model, pose @ turned)
+        wrong = np.degrees(rotation_distance(chosen.pose_cam_obj[:3, :3], pose[:3, :3]))
+        assert wrong < 4.0 if near else wrong > 140.0
+    box = _model(trimesh.creation.box((0.06, 0.10, 0.15)), HALF_TURNS)
+    pose, observation = _scene(box, 0)
+    flipped = pose @ HALF_TURNS[0]
+    assert choose_near_sibling(observation, box, flipped).pose_cam_obj is flipped
 
 
 def test_a_texture_decides_like_colours_on_the_vertices():
@@ -190,7 +213,7 @@ def test_agreement_of_colours_is_the_correlation_without_light():
     """By its definition: least squares instead of a projection, NumPy's dot products."""
     model = _model(trimesh.creation.box((0.12, 0.08, 0.05)), HALF_TURNS)
     pose, observation = _scene(model, 1)
-    seen = texture._seen_surface(observation, model, pose)
+    seen = texture._seen_surface(observation, model.mesh, model, pose)
     grid = color_grid(model.mesh)
     cells = ((seen.points - grid.corner) // grid.cell).astype(int)
     drawn = np.log([20.0 + grid.colors[tuple(np.maximum(each, 0))] for each in cells])
