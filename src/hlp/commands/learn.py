@@ -62,12 +62,7 @@ def learning_request(
     for path in paths:
         if not path.is_file():
             raise MissingFileError(f"model is no file: {path} (give a mesh: PLY, OBJ, STL, GLB)")
-    names = own_arguments.text_list(given["names"]) if "names" in given else []
-    names = names or [path.stem for path in paths]
-    if len(names) != len(paths) or len(set(names)) != len(names):
-        raise InputError(
-            f"names: {', '.join(names)} for {len(paths)} meshes: give each mesh a name of its own"
-        )
+    names = _object_names(given, paths)
     own = own_arguments.field_names(MeshChoices, FolderSettings) - {"name", "proxy_faces"}
     of_one = own_arguments.of_single(given, own_arguments.field_names(MeshChoices), names)
     known = {*own, *taken, *(f"{key}.{name}" for name in of_one for key in of_one[name])}
@@ -87,6 +82,17 @@ def learning_request(
         ),
         settings=settings,
     )
+
+
+def _object_names(given: Mapping[str, str], meshes: Sequence[Path]) -> list[str]:
+    """The names that are given, or else those of the files; all different."""
+    names = own_arguments.text_list(given["names"]) if "names" in given else []
+    names = names or [path.stem for path in meshes]
+    if len(names) != len(meshes) or len(set(names)) != len(names):
+        raise InputError(
+            f"names: {', '.join(names)} for {len(meshes)} meshes: give each mesh a name of its own"
+        )
+    return names
 
 
 LEARN_HELP = """\
