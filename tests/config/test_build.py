@@ -13,9 +13,9 @@ from omegaconf import OmegaConf
 from hlp.config import build
 from hlp.config.build import build_run, build_settings, evenly
 from hlp.config.settings import RunSettings
+from hlp.config.symmetric_names import check_symmetric
 from hlp.config.typed_defaults import group_kinds
 from hlp.data.bop import BopSettings
-from hlp.config.symmetric_names import check_symmetric
 from hlp.errors import DataError, MissingDependencyError
 from hlp.evaluation.settings import EvaluationSettings
 
