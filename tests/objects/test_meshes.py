@@ -277,3 +277,37 @@ def test_gltf_in_millimetres_is_taken_for_them_with_a_warning(tmp_path, caplog):
     path.write_bytes(trimesh.Scene([trimesh.creation.box((60, 90, 120))]).export(file_type="glb"))
     assert np.ptp(load_mesh(path, None).vertices, axis=0).max() == pytest.approx(0.12)
     assert [each.levelname for each in caplog.records] == ["WARNING"]
+
+
+def test_the_diameter_of_very_many_corners_is_right_to_a_thousandth():
+    """All vertices of an ellipsoid are corners of its hull: not every pair is compared."""
+    vertices = trimesh.creation.icosphere(6, 50.0).vertices * [1.0, 1.3, 0.8]
+    assert len(vertices) > 40_000
+    exact = 130.0  # its longest axis, up to the distance of vertices
+    assert exact * 0.999 <= mesh_diameter(vertices) <= exact
+
+
+def test_few_corners_are_all_compared():
+    vertices = np.random.default_rng(0).normal(size=(500, 3))
+    assert mesh_diameter(vertices) == pytest.approx(pdist(vertices).max(), rel=1e-12)
+
+
+@pytest.mark.parametrize("corner", [-1, 3])
+def test_a_triangle_of_a_vertex_that_is_not_there_is_an_error(tmp_path, corner):
+    path = tmp_path / "a.ply"
+    path.write_text(
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+        "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        f"0 0 0\n90 0 0\n0 90 0\n3 0 1 {corner}\n"
+    )
+    with pytest.raises(ValueError, match=f"a triangle of vertex {corner}, of 3 vertices"):
+        load_mesh(path)
+
+
+@pytest.mark.slow
+def test_a_mesh_of_a_million_triangles_is_decimated_when_it_is_loaded(tmp_path):
+    path = _export(tmp_path / "a.ply", trimesh.creation.icosphere(8, 50.0))
+    mesh = load_mesh(path)
+    assert 100_000 < len(mesh.faces) <= 200_000
+    np.testing.assert_allclose(np.linalg.norm(mesh.vertices, axis=1), 0.05, atol=2e-4)
+    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-6)

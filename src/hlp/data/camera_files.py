@@ -1,6 +1,5 @@
 """Intrinsics in the forms in which cameras, ROS, Open3D and OpenCV write them."""
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,9 +11,11 @@ import yaml
 from jaxtyping import Float
 
 from hlp.data.images import camera_matrix
-from hlp.errors import InputError, MissingFileError
+from hlp.errors import DataError, InputError, MissingFileError
+from hlp.schemas.reading import parse_json
 
 FISHEYE = "fisheye"
+_MOST_BYTES = 64 * 1024**2
 _PLAIN, _PINHOLE = "none", "pinhole"
 # Names of distortion models: ROS's, RealSense's and OpenCV's.
 _MODELS = {
@@ -70,6 +71,8 @@ def read_camera(given: str | Sequence[float], key: str = "intrinsics") -> Camera
 
 def _parsed(path: Path, where: str) -> Any:
     """Numbers of a plain text as a list; JSON and YAML as what they say."""
+    if (size := path.stat().st_size) > _MOST_BYTES:
+        raise InputError(f"{where} has {size} bytes: intrinsics have {_MOST_BYTES} at most")
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
@@ -81,11 +84,19 @@ def _parsed(path: Path, where: str) -> Any:
         pass
     try:
         if path.suffix.lower() == ".json":
-            return json.loads(text)
+            return parse_json(text, where)
         # OpenCV writes a first line and tags that other readers of YAML do not know.
         plain = re.sub(r"^%YAML.*\n", "", text).replace("!!opencv-matrix", "")
+        if any(isinstance(each, yaml.AliasEvent) for each in yaml.parse(plain)):
+            raise InputError(f"{where} refers to itself (*name): write the numbers out")
         documents = list(yaml.safe_load_all(plain))  # `rostopic echo` ends with ---
         return documents[0] if documents else None
+    except RecursionError as error:
+        raise InputError(f"{where} is nested too deeply: no intrinsics are") from error
+    except DataError as error:
+        raise InputError(str(error)) from error
+    except InputError:
+        raise
     except (ValueError, yaml.YAMLError) as error:
         first = str(error).splitlines()[0]
         raise InputError(f"{where} is neither JSON, YAML nor nine numbers: {first}") from error

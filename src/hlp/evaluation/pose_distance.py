@@ -9,6 +9,7 @@ from hlp.geometry import transform
 from hlp.records import ObjectModel
 
 Pose = Float[np.ndarray, "4 4"]
+_MOTIONS = 1024  # symmetric poses at a time: 10 000 with 3000 votes would take 2 GB
 
 
 def near_truth(
@@ -24,7 +25,23 @@ def near_truth(
     For an object that the policy calls symmetric, any of the poses that look alike counts as true.
     """
     degrees, millimetres = bounds
-    alike = true @ _symmetries(model, settings)
+    symmetries = _symmetries(model, settings)
+    near = np.zeros(len(rotations_cam_obj), dtype=bool)
+    for i in range(0, len(symmetries), _MOTIONS):
+        alike = true @ symmetries[i : i + _MOTIONS]
+        near |= _near_any(rotations_cam_obj, centroids_cam, alike, model, (degrees, millimetres))
+    return near
+
+
+def _near_any(
+    rotations_cam_obj: Float[np.ndarray, "n 3 3"],
+    centroids_cam: Float[np.ndarray, "n 3"],
+    alike: Float[np.ndarray, "s 4 4"],
+    model: ObjectModel,
+    bounds: tuple[float, float],
+) -> Bool[np.ndarray, "n"]:
+    """Which pairs are near one of several poses."""
+    degrees, millimetres = bounds
     # The angle between A and B is at most θ where tr(AᵀB) is at least 1 + 2 cos θ.
     traces = rotations_cam_obj.reshape(-1, 9) @ alike[:, :3, :3].reshape(-1, 9).T
     turned = traces >= 1.0 + 2.0 * np.cos(np.deg2rad(degrees))

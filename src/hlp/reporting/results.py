@@ -9,8 +9,10 @@ from typing import Any
 import yaml
 
 from hlp.errors import DataError
-from hlp.files import MANIFEST, SUMMARY, SWEEP, read_json
+from hlp.files import MANIFEST, SUMMARY, SWEEP
 from hlp.results.summary_file import read_summary
+from hlp.schemas.reading import read_as
+from hlp.schemas.runs import Manifest, Sweep
 
 
 @dataclass(frozen=True)
@@ -93,21 +95,20 @@ def run_command(folder: Path) -> str:
 
 
 def _read_sweep(folder: Path) -> ResultSet:
-    sweep = read_json(folder / SWEEP)
+    sweep = read_as(folder / SWEEP, Sweep)
     runs = sorted((path for path in folder.iterdir() if path.name.isdigit()), key=_number)
     finished = [run for run in runs if _is_finished(run)]
-    command = " ".join(["hlp -m", *sweep["overrides"]])
+    command = " ".join(["hlp -m", *sweep.overrides])
     results = [_read_run(run) for run in finished]
     unfinished = {run: _chosen(run) for run in runs if not (run / MANIFEST).is_file()}
-    defaults = sweep.get("defaults", {})
-    return ResultSet(results, sweep["swept"], command, unfinished, defaults)
+    return ResultSet(results, sweep.swept, command, unfinished, sweep.defaults)
 
 
 def _read_run(folder: Path) -> Result:
-    manifest = read_json(folder / MANIFEST)
+    manifest = read_as(folder / MANIFEST, Manifest)
     summary = read_summary(folder / SUMMARY)
-    frames, identity = len(manifest["data"]["keys"]), manifest["data"].get("frames", "")
-    return Result(manifest["config"], summary, frames, _chosen(folder), folder, identity)
+    frames, identity = len(manifest.data.keys), manifest.data.frames
+    return Result(manifest.config, summary, frames, _chosen(folder), folder, identity)
 
 
 def _chosen(folder: Path) -> dict[str, str]:

@@ -6,11 +6,12 @@ Every message names the file, the key, what stood there and what is expected the
 import json
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar, cast
-
-from pydantic import TypeAdapter, ValidationError
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from hlp.errors import DataError, MissingFileError
+
+if TYPE_CHECKING:  # it takes 0.1 s to import, and intrinsics need none
+    from pydantic import TypeAdapter, ValidationError
 
 T = TypeVar("T")
 
@@ -81,6 +82,8 @@ def read_as(path: Path, kind: type[T]) -> T:
 
 def checked_as(content: Any, kind: type[T], where: str) -> T:
     """Parsed JSON as a schema describes it. Raises DataError that begins with `where`."""
+    from pydantic import ValidationError
+
     try:
         adapter = _adapter(cast(Any, kind))
         return cast(T, adapter.validate_python(content, strict=True))
@@ -117,11 +120,13 @@ def _too_deep(where: str) -> DataError:
 
 
 @cache
-def _adapter(kind: Any) -> TypeAdapter[Any]:
+def _adapter(kind: Any) -> "TypeAdapter[Any]":
+    from pydantic import TypeAdapter
+
     return TypeAdapter(kind)
 
 
-def _problem(error: ValidationError) -> str:
+def _problem(error: "ValidationError") -> str:
     """The first of pydantic's errors in words: key, what stood there, what is expected."""
     first = error.errors(include_url=False)[0]
     key = ".".join(str(each) for each in first["loc"]) or "the content"
