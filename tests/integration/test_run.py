@@ -178,3 +178,17 @@ def test_mlflow_has_the_run_with_all_of_it(tiny_run: TinyRun) -> None:
     data = read_json(tiny_run.output / "manifest.json")["data"]
     assert inputs["synthetic frames"] == data["frames"]
     assert all(inputs[f"model of {name}"] == digest for name, digest in data["models"].items())
+
+
+def test_the_report_shows_every_target_and_stands_alone(tiny_run: TinyRun) -> None:
+    page = (tiny_run.output / "report.html").read_text()
+    index = read_json(tiny_run.output / "report" / "index.json")
+    scores = rows(tiny_run.output / "scores.csv")
+    assert {tuple(each["key"][:3]) for each in index["targets"]} <= set(map(target_of, scores))
+    missed = {target_of(row) for row in scores if not int(row["add_correct"])}
+    assert missed <= {tuple(each["key"][:3]) for each in index["targets"]}
+    for each in index["targets"]:
+        assert cv2.imread(str(tiny_run.output / "report" / each["picture"])) is not None
+    assert f"of {len(scores)} targets have a right pose" in page
+    assert 'src="http' not in page and 'href="http' not in page
+    assert len(page) < 15e6

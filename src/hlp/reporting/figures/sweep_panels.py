@@ -120,8 +120,8 @@ def _draw_recalls(
     seen: list[float] = []
     for number, (name, points) in enumerate(series.items()):
         recalls = [point.recall if first else point.pose_recall for point in points]
-        ends = [point.interval if first else point.pose_interval for point in points]
-        ends = [each or (recall, recall) for each, recall in zip(ends, recalls, strict=True)]
+        known = [point.interval if first else point.pose_interval for point in points]
+        ends = [each or (recall, recall) for each, recall in zip(known, recalls, strict=True)]
         places = [values.index(point.value) + _shift(number, len(series)) for point in points]
         below = [max(recall - low, 0.0) for recall, (low, _) in zip(recalls, ends, strict=True)]
         above = [max(high - recall, 0.0) for recall, (_, high) in zip(recalls, ends, strict=True)]
