@@ -106,7 +106,7 @@ def test_the_depth_scale_is_read(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("a.json", "{", "neither JSON"),
+        ("a.json", "{", "is no JSON"),
         ("a.json", "[]", "neither|nine"),
         ("a.json", {"width": 3}, "no cam_K"),
         ("a.json", {"0": {"cam_K": []}}, "nine numbers"),

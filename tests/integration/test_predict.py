@@ -239,7 +239,8 @@ def test_wrong_frames_are_named_before_anything_is_learnt(own: Own) -> None:
 
 def test_the_python_api_finds_the_same_poses(own: Own, first: Process, tmp_path: Path) -> None:
     """One code path: what `hlp predict` learns and finds, `Detector` does, to the last bit."""
-    settings = build_settings(compose_config("output=o", *TINY)).method
+    general = ("output=o", "~experiment", "name=learn", "data=bop", "data.root=.")
+    settings = build_settings(compose_config(*general, *TINY)).method
     mesh = Path(own.given["model"])
     detector = Detector.learn({mesh.stem: mesh}, tmp_path / "learnt", settings=settings)
     files = {key: own.given[key] for key in ("rgb", "depth", "intrinsics")}

@@ -48,7 +48,10 @@ def test_other_refinement_makes_only_poses(tiny_run: TinyRun, call: Call) -> Non
 def test_a_run_decodes_every_frame_once(
     tiny_run: TinyRun, call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Detection, scores, causes of misses and panels share one decode, found or not."""
+    """Detection, scores, causes of misses and panels share one decode, found or not.
+
+    Only the report, which shows chosen targets, decodes their frames again.
+    """
     decoded: list[str] = []
     load = SyntheticScenes.load
 
@@ -64,7 +67,8 @@ def test_a_run_decodes_every_frame_once(
     waterfall = read_json(output / "summary.json")["waterfall"]["total"]
     assert waterfall["correct"] < sum(waterfall.values())  # there are misses to explain
     assert len([*(output / "panels").iterdir()]) == 2
-    assert decoded == ["000000_000000", "000012_000000"]
+    assert decoded[:2] == ["000000_000000", "000012_000000"]
+    assert len(decoded) == len({*decoded}) + len({*decoded[2:]})
 
 
 def test_interrupted_stage_goes_on_where_it_stopped(

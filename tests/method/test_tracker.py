@@ -1,5 +1,7 @@
 """Tracking through sequences of a simulated camera, whose poses are known."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import trimesh

@@ -47,7 +47,8 @@ def healthy(tmp_path_factory):
         raw = trimesh.Trimesh(mesh.vertices * 1000, mesh.faces, process=False)
         raw.export(root / "models" / f"obj_{object_id:06d}.ply")
         turn = np.eye(4)
-        turn[0, 0] = turn[1, 1] = -1.0  # any symmetry stated: then none is looked for
+        turn[:2, :2] = [[np.cos(1e-3), -np.sin(1e-3)], [np.sin(1e-3), np.cos(1e-3)]]
+        # Any symmetry stated: then none is looked for.
         info[object_id] = {"symmetries_discrete": [turn.ravel().tolist()]}
     (root / "models" / "models_info.json").write_text(json.dumps(info))
     return root

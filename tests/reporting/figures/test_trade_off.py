@@ -90,7 +90,9 @@ def test_files_are_written_and_the_report_names_them(tmp_path: Path) -> None:
     assert (rows[0]["targets"], rows[0]["median_ms"], rows[0]["p95_ms"]) == ("50", "300.0", "600.0")
     assert [float(rows[0][key]) for key in ("ci95_low", "ci95_high")] == [0.8, 0.9 + 0.05]
     picture = written[2].read_bytes()
-    assert f"Drawn: {written[1]}" in report_runs(folder, "text")
+    said = report_runs(folder, "text")
+    assert f"Written: {folder}" in said
+    assert written[1].name in said
     assert written[2].read_bytes() == picture
 
 

@@ -173,7 +173,7 @@ def _draw_times(ax: "Axes", series: Series, values: Sequence[str]) -> None:
                 bottom += time
             _write(ax, place, bottom, f"{point.total_ms:.0f}")
             highest = max(highest, bottom)
-    ax.set_ylim(0, 1.45 * highest)
+    ax.set_ylim(0, 1.45 * max(highest, 1.0))
     ax.set_title("ms an object and frame, medians", fontsize=9)
     ax.grid(axis="y", alpha=0.3)
     handles, labels = ax.get_legend_handles_labels()
