@@ -65,6 +65,8 @@ def test_of_a_large_region_the_likeliest_windows_come_first() -> None:
     region = Region(4, centers, probabilities, everything)
     found = first_region(region, radii, 0.7, CloserSettings(first_area=6.0))
     assert np.count_nonzero(found.mask) == pytest.approx(6.0 * 80.0**2, rel=0.15)
+    three = first_region(region, radii, 0.7, CloserSettings(first_area=2.0), 3)
+    assert np.array_equal(three.mask, found.mask)
     # One square after the other, until the area is reached.
     order = np.argsort(-probabilities)
     areas = [

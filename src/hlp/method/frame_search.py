@@ -47,7 +47,7 @@ def _find(
     found: Found = {}
     regions, hypotheses, seconds = {}, {}, {}
     for object_id, count in wanted.items():
-        region = estimator.find_region(context, object_id)
+        region = estimator.find_region(context, object_id, count)
         coarse = estimator.find_hypotheses(context, region).hypotheses
         found[object_id] = find_instances(
             estimator, context, region, coarse, count, unexplained, min_score

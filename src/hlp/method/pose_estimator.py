@@ -114,8 +114,11 @@ class PoseEstimator:
         windows = self._scan.start(frame)
         return FrameContext(frame, windows, self.settings.refinement.verification, mask)
 
-    def find_region(self, context: FrameContext, object_id: int) -> Region:
-        """Stage 1: the candidate region of an object (paper, section 3.1), its likeliest part."""
+    def find_region(self, context: FrameContext, object_id: int, instances: int = 1) -> Region:
+        """Stage 1: the candidate region of an object (paper, section 3.1), its likeliest part.
+
+        The part grows with the number of `instances` that are to be found by one look at it.
+        """
         patches, model = self.settings.patches, self.learnt.models[object_id]
         windows, classes = context.windows.classify(object_id)
         label = self._labels[object_id]
@@ -132,7 +135,7 @@ class PoseEstimator:
         if context.mask is not None:
             return _narrowed(region, context.mask)
         radii = self._radii(context.frame, region.centers, model)
-        return first_region(region, radii, patches.region.square_side, patches.closer)
+        return first_region(region, radii, patches.region.square_side, patches.closer, instances)
 
     def closer_regions(self, context: FrameContext, region: Region) -> Iterator[Region]:
         """Parts of the frame to search where an object's region gave no right pose."""

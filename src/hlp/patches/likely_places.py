@@ -30,7 +30,8 @@ class CloserSettings(Settings):
         Ge(0),
         Doc(
             "of a larger region only the likeliest windows' squares are searched first, up to this "
-            "area in squared diameters of the object (D); 0: the whole region (P)"
+            "area in squared diameters of the object, for each instance that may be there where "
+            "their number is not known (D); 0: the whole region (P)"
         ),
     ] = 6.0
 
@@ -46,9 +47,13 @@ class CloserSettings(Settings):
 
 
 def first_region(
-    region: Region, radii: Float[np.ndarray, "n"], square_side: float, settings: CloserSettings
+    region: Region,
+    radii: Float[np.ndarray, "n"],
+    square_side: float,
+    settings: CloserSettings,
+    instances: int = 1,
 ) -> Region:
-    """The likeliest part of a region that is larger than `first_area`.
+    """The likeliest part of a region that is larger than `first_area` for each of the `instances`.
 
     As many of the likeliest windows as cover that area by their squares, of `square_side`
     diameters, at least one. `radii` are half the object's diameter in pixels, at the depth of each
@@ -57,7 +62,7 @@ def first_region(
     order = np.argsort(-region.probabilities, kind="stable")
     if settings.first_area == 0 or len(order) == 0:
         return region
-    largest = settings.first_area * (2.0 * radii[order[0]]) ** 2
+    largest = settings.first_area * instances * (2.0 * radii[order[0]]) ** 2
     if np.count_nonzero(region.mask) <= largest:
         return region
     centers, half_sides = region.centers[order], radii[order] * square_side

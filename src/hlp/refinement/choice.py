@@ -16,7 +16,7 @@ from hlp.refinement.refiner import Refiner, refinable
 from hlp.refinement.texture import choose_sibling
 from hlp.refinement.verification import Evidence, Observation, Verifier
 
-_FURTHER = 2  # hypotheses refined for one more instance where their number is not known
+_FURTHER = 4  # hypotheses refined for one more instance where their number is not known
 _BATCH = 2  # hypotheses refined before the next ones are compared with the best so far
 
 

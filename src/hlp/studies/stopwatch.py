@@ -137,10 +137,10 @@ class TimedEstimator(PoseEstimator):
         self._charge(context.windows, "classify", "windows", "region")
         return context
 
-    def find_region(self, context: FrameContext, object_id: int) -> Region:
+    def find_region(self, context: FrameContext, object_id: int, instances: int = 1) -> Region:
         """Stage 1; see PoseEstimator.find_region."""
         self.clock.enter("windows")
-        return super().find_region(context, object_id)
+        return super().find_region(context, object_id, instances)
 
     def find_hypotheses(self, context: FrameContext, region: Region) -> CoarseResult:
         """Stage 2; see PoseEstimator.find_hypotheses."""
