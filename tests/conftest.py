@@ -40,24 +40,13 @@ def tiny_run(tmp_path_factory: pytest.TempPathFactory) -> TinyRun:
 @pytest.fixture(scope="session")
 def learnt(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of the demo's bear and can, learnt in seconds."""
-    import trimesh
-
     from hlp import Detector
     from hlp.data.synthetic.objects import demo_objects
-    from tiny_method import tiny_method
+    from tiny_method import tiny_method, write_mesh
 
-    folder, meshes = tmp_path_factory.mktemp("learnt"), {}
-    for model in demo_objects().values():
-        if model.name in {"bear", "can"}:
-            mesh = trimesh.Trimesh(
-                model.mesh.vertices * 1000.0,
-                model.mesh.faces,
-                vertex_normals=model.mesh.normals,
-                vertex_colors=model.mesh.colors,
-                process=False,
-            )
-            meshes[model.name] = folder / f"{model.name}.ply"
-            mesh.export(meshes[model.name])
+    folder = tmp_path_factory.mktemp("learnt")
+    models = {model.name: model for model in demo_objects().values()}
+    meshes = {name: write_mesh(folder, models[name]) for name in ("bear", "can")}
     Detector.learn(meshes, folder / "objects", settings=tiny_method())
     return folder / "objects"
 

@@ -1,8 +1,13 @@
-"""Settings of the method as small as they can be, for tests that learn an object."""
+"""Mesh files, and the smallest settings of the method, for tests that learn an object."""
+
+from pathlib import Path
+
+import trimesh
 
 from hlp.commands.composing import compose_config
 from hlp.config.build import build_settings
 from hlp.method.settings import MethodSettings
+from hlp.records import ObjectModel
 
 TINY = (
     "encoder=pca",
@@ -23,3 +28,17 @@ TINY = (
 def tiny_method(*overrides: str) -> MethodSettings:
     """The default method made small: PCA in place of a trained encoder, few views."""
     return build_settings(compose_config("output=out", *TINY, *overrides)).method
+
+
+def write_mesh(folder: Path, model: ObjectModel) -> Path:
+    """The object's mesh as a PLY file in millimetres."""
+    mesh = trimesh.Trimesh(
+        model.mesh.vertices * 1000.0,
+        model.mesh.faces,
+        vertex_normals=model.mesh.normals,
+        vertex_colors=model.mesh.colors,
+        process=False,
+    )
+    path = folder / f"{model.name}.ply"
+    mesh.export(path)
+    return path

@@ -14,10 +14,9 @@ def test_the_first_run_reports_its_own_times_and_the_first_use_apart(tiny_run: T
     timing = summary["timing"]
     assert (timing["frames"], timing["reused_stages"]) == (2, [])
     assert timing["objects"] == summary["targets"]
-    # Compiling and loading take seconds; what is left of a frame's time takes none.
-    slowest = max(float(row["time"]) for row in rows(tiny_run.output / "poses.csv"))
+    times = [float(row["time"]) for row in rows(tiny_run.output / "poses.csv")]
     assert timing["first_use_seconds"] > 0.0
-    assert 0.0 < slowest < 20.0
+    assert min(times) > 0.0
     assert "Times: measured by this run on 2 frames." in tiny_run.process.stdout
 
 

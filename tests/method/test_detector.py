@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import trimesh
 
 from hlp import Detector
 from hlp.checksums import sealed
@@ -22,35 +21,12 @@ from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.errors import ConfigError, DataError, InputError, MissingFileError
 from hlp.evaluation.errors import add_s
 from hlp.method.learnt_folder import RECORD, read_model
-from hlp.records import Frame, ObjectModel
+from hlp.records import Frame
 from hlp.refinement.score_model import PRIOR
-from tiny_method import tiny_method
+from tiny_method import tiny_method, write_mesh
 
 EVERY: dict[str, Any] = {"max_instances": 1, "min_score": 0.0}  # as if the object were there
 MODELS = {model.name: model for model in demo_objects().values()}
-
-
-def write_mesh(folder: Path, model: ObjectModel) -> Path:
-    """The object's mesh as a PLY file in millimetres."""
-    mesh = trimesh.Trimesh(
-        model.mesh.vertices * 1000.0,
-        model.mesh.faces,
-        vertex_normals=model.mesh.normals,
-        vertex_colors=model.mesh.colors,
-        process=False,
-    )
-    path = folder / f"{model.name}.ply"
-    mesh.export(path)
-    return path
-
-
-@pytest.fixture(scope="module")
-def learnt(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the bear and the can, learnt in seconds."""
-    folder = tmp_path_factory.mktemp("api")
-    meshes = {name: write_mesh(folder, MODELS[name]) for name in ("bear", "can")}
-    Detector.learn(meshes, folder / "learnt", settings=tiny_method())
-    return folder / "learnt"
 
 
 @pytest.fixture(scope="module")
@@ -249,7 +225,7 @@ def test_files_are_found_after_a_change_of_the_working_directory(
     learnt: Path, frame: Frame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(learnt.parent)
-    detector = Detector.load("learnt/")
+    detector = Detector.load(f"{learnt.name}/")
     monkeypatch.chdir(tmp_path)
     assert detector.detect(frame.rgb, frame.depth, frame.camera_matrix, objects=["bear"])
 

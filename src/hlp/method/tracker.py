@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import count
 from typing import Protocol
 
@@ -128,14 +128,6 @@ class Tracker:
         return wanted
 
 
-@dataclass(frozen=True)
-class _Explained:
-    """An instance whose pixels are not yet taken out of the observation."""
-
-    object_id: int
-    pose_cam_obj: Float[np.ndarray, "4 4"]
-
-
 class _Step:
     """One frame of a sequence, while its instances are found one after another."""
 
@@ -145,7 +137,7 @@ class _Step:
         self.found: list[TrackedDetection] = []
         self._begun = time.perf_counter()
         self._left: Observation | None = None
-        self._pending: list[_Explained] = []
+        self._pending: list[Track] = []  # what they explain is still in the observation
 
     def follow(self, track: Track, settings: TrackingSettings) -> bool:
         """Find an instance where it was; False if it is not there."""
@@ -183,7 +175,7 @@ class _Step:
     def _add(self, answer: Detection, track: Track, tracked: bool) -> None:
         self.tracks.append(track)
         self.found.append(numbered(answer, track.number, tracked))
-        self._pending.append(_Explained(track.object_id, track.pose_cam_obj))
+        self._pending.append(track)
         self._begun = time.perf_counter()
 
     def _unexplained(self) -> Observation | None:

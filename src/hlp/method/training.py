@@ -69,7 +69,7 @@ def _make_trainer(
         accelerator=trainer.accelerator,
         devices=trainer.devices,
         strategy=trainer.strategy,
-        precision=trainer.precision,  # type: ignore[arg-type]
+        precision=trainer.precision,
         max_epochs=epochs,
         use_distributed_sampler=False,  # our loaders divide the batches themselves
         callbacks=callbacks,

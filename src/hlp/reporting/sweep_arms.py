@@ -173,8 +173,10 @@ def sweep_verdict(sweep: Sweep) -> str:
 def _sure(sweep: Sweep, best: SweepArm) -> str:
     name = "the default" if sweep.is_default else "the first arm"
     found = sweep.difference(best)
-    if best is sweep.reference or found is None:
+    if best is sweep.reference:
         return f"that is {name}"
+    if found is None:
+        return f"it shares no target with {name}"
     difference, (low, high) = found
     sure = "more" if low > 0 else "not surely more"
     return f"{difference:+.3f} against {name}, {sure} ({low:+.3f} to {high:+.3f})"
