@@ -1,6 +1,5 @@
 """`hlp clean`: lists what may go from the folder of stages, and removes it if told to."""
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,15 +11,8 @@ _KEYS = ("work", "outputs", "kinds", "dry")
 
 def command(arguments: Sequence[str]) -> None:
     """List, or remove with dry=false; exits with 2 if the arguments are wrong."""
-    try:
-        given = composing.key_values(arguments, _KEYS)
-        if given is not None and given.get("dry", "true") not in ("true", "false"):
-            raise InputError(f"dry={given['dry']}: it is true or false")
-    except HlpError as error:
-        print(f"hlp clean: {error}\n\n{CLEAN_HELP}", file=sys.stderr)
-        sys.exit(2)
+    given = composing.key_values(arguments, _KEYS, CLEAN_HELP, switches=("dry",))
     if given is None:
-        print(CLEAN_HELP)
         return
     try:
         _clean(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import hlp
 from hlp.commands.nearest import nearest
-from hlp.errors import HlpError, InputError, MissingFileError, is_expected
+from hlp.errors import HlpError, MissingFileError, is_expected
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
@@ -93,18 +93,28 @@ def _job(config: DictConfig, task: Callable[[DictConfig], None]) -> None:
         raise
 
 
-def key_values(arguments: Sequence[str], known: Sequence[str]) -> dict[str, str] | None:
-    """KEY=VALUE arguments as a mapping; None if help is asked for.
+def key_values(
+    arguments: Sequence[str], known: Sequence[str], usage: str, switches: Sequence[str] = ()
+) -> dict[str, str] | None:
+    """KEY=VALUE arguments as a mapping; None after `usage` was printed since help is asked for.
 
-    Raises InputError for an argument of another form or with an unknown key.
+    A switch is true or false. For an argument of another form or with an unknown key, the process
+    prints what is wrong and the usage, whose first line begins `usage: hlp NAME`, and exits with 2.
     """
     if HELP & set(arguments):
+        print(usage)
         return None
     pairs = [argument.partition("=")[::2] for argument in arguments]
     for argument, (key, value) in zip(arguments, pairs, strict=True):
+        wrong = ""
         if key not in known or not value:
             hint = "" if key in known else nearest(key, known)
-            raise InputError(f"cannot use '{argument}'{hint or ';'} it takes {', '.join(known)}")
+            wrong = f"cannot use '{argument}'{hint or ';'} it takes {', '.join(known)}"
+        elif key in switches and value not in ("true", "false"):
+            wrong = f"{argument}: it is true or false"
+        if wrong:
+            print(f"hlp {usage.split()[2]}: {wrong}\n\n{usage}", file=sys.stderr)
+            sys.exit(2)
     return dict(pairs)
 
 

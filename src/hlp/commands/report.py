@@ -1,27 +1,19 @@
 """`hlp report`: tables and pictures of finished runs."""
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from hlp.commands import composing
-from hlp.errors import HlpError, InputError
+from hlp.errors import HlpError
 
 MLFLOW = "sqlite:///work/mlflow.db"
 
 
 def command(arguments: Sequence[str]) -> None:
     """Print the report that the arguments ask for; exits with 2 if they are wrong."""
-    try:
-        keys = ("experiment", "output", "format", "objects", "runs", "uri", "details")
-        given = composing.key_values(arguments, keys)
-        if given is not None and given.get("details", "false") not in ("true", "false"):
-            raise InputError(f"details={given['details']}: it is true or false")
-    except HlpError as error:
-        print(f"hlp report: {error}\n\n{REPORT_HELP}", file=sys.stderr)
-        sys.exit(2)
+    keys = ("experiment", "output", "format", "objects", "runs", "uri", "details")
+    given = composing.key_values(arguments, keys, REPORT_HELP, switches=("details",))
     if given is None:
-        print(REPORT_HELP)
         return
     from hlp.reporting.comparison import compare
     from hlp.reporting.ladder import describe_ladders

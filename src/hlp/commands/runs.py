@@ -1,6 +1,5 @@
 """`hlp runs`: what lies in the folder of outputs, with the main figures."""
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,13 +9,8 @@ from hlp.errors import HlpError
 
 def command(arguments: Sequence[str]) -> None:
     """Print the list; exits with 2 if the arguments are wrong."""
-    try:
-        given = composing.key_values(arguments, ("output", "format"))
-    except HlpError as error:
-        print(f"hlp runs: {error}\n\n{RUNS_HELP}", file=sys.stderr)
-        sys.exit(2)
+    given = composing.key_values(arguments, ("output", "format"), RUNS_HELP)
     if given is None:
-        print(RUNS_HELP)
         return
     from hlp.reporting.run_list import describe_outputs
 
