@@ -4,6 +4,7 @@ import pytest
 from hlp.geometry import rotation_distance
 from hlp.patches import local_pool
 from hlp.patches.local import LocalSettings
+from hlp.patches.local_data import degrade_patches
 from hlp.patches.local_pool import (
     PairSettings,
     bake_frame_patches,
@@ -25,14 +26,14 @@ def baked(views, model):
     cuts = []
     cut = local_pool._cut_by_view
 
-    def spy(views, chosen, pixels, size, local):
+    def spy(views, chosen, pixels, size, local, with_color):
         cuts.append((chosen, pixels))
-        return cut(views, chosen, pixels, size, local)
+        return cut(views, chosen, pixels, size, local, with_color)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(local_pool, "_cut_by_view", spy)
         pairs = PairSettings(COUNT, MAX_ANGLE)
-        pool = bake_pairs(views, model.local_size, LOCAL, pairs, np.random.default_rng(0))
+        pool = bake_pairs(views, model.local_size, LOCAL, pairs, np.random.default_rng(0), True)
     return pool, cuts
 
 
@@ -70,7 +71,7 @@ def test_patches_lie_in_the_order_of_their_pairs(baked, views, model):
     size = model.local_size * 1.5
     for side, (chosen, pixels) in enumerate(cuts):
         for i in range(0, COUNT, 17):
-            alone = cut_view_patches(views, int(chosen[i]), pixels[i : i + 1], size, LOCAL)
+            alone = cut_view_patches(views, int(chosen[i]), pixels[i : i + 1], size, LOCAL, True)
             np.testing.assert_array_equal(pool.color[i, side], alone.color[0])
             np.testing.assert_allclose(pool.depth[i, side], alone.depth[0], atol=1e-3)  # 16 bits
             np.testing.assert_array_equal(pool.valid[i, side], alone.valid[0])
@@ -85,7 +86,7 @@ def test_a_pool_holds_object_point_and_rotation_of_its_pairs(baked, model):
 
 def test_an_angle_of_0_pairs_each_patch_with_itself(views, model):
     pairs = PairSettings(40, 0.0)
-    pool = bake_pairs(views, model.local_size, LOCAL, pairs, np.random.default_rng(0))
+    pool = bake_pairs(views, model.local_size, LOCAL, pairs, np.random.default_rng(0), True)
     np.testing.assert_array_equal(pool.color[:, 0], pool.color[:, 1])
     np.testing.assert_array_equal(pool.depth[:, 0], pool.depth[:, 1])
 
@@ -101,16 +102,28 @@ def test_pairs_of_objects_are_joined_in_order(baked):
 def test_every_surface_pixel_of_a_view_gives_a_patch(views, model):
     y, x = np.nonzero(views.depth[5] > 0)
     pixels = np.stack([x, y], axis=1)
-    cut = cut_view_patches(views, 5, pixels, model.local_size, LOCAL)
+    cut = cut_view_patches(views, 5, pixels, model.local_size, LOCAL, True)
     np.testing.assert_array_equal(cut.pixels, pixels)
     assert cut.valid[:, 8, 8].mean() > 0.95
     black = (cut.color < 12).all(axis=-1) & cut.valid  # the void bleeds into no patch
     assert black.mean() < 0.01
 
 
+def test_colour_is_left_out_where_it_is_not_needed(views, model):
+    pixels = np.stack(np.nonzero(views.depth[0].T > 0), axis=1)[::40]
+    full = cut_view_patches(views, 0, pixels, model.local_size, LOCAL, True)
+    bare = cut_view_patches(views, 0, pixels, model.local_size, LOCAL, False)
+    assert bare.color.shape == (*full.valid.shape, 0)
+    np.testing.assert_array_equal(bare.depth, full.depth)
+    seen = [degrade_patches(each, np.arange(len(each)), 0.05, 3) for each in (full, bare)]
+    assert seen[1].color.shape == bare.color.shape
+    np.testing.assert_array_equal(seen[1].depth, seen[0].depth)
+    np.testing.assert_array_equal(seen[1].valid, seen[0].valid)
+
+
 def test_patches_are_joined_and_taken_by_row(views, model):
     pixels = np.stack(np.nonzero(views.depth[0].T > 0), axis=1)[::40]
-    first = cut_view_patches(views, 0, pixels, model.local_size, LOCAL)
+    first = cut_view_patches(views, 0, pixels, model.local_size, LOCAL, True)
     joined = join_patches([first, first])
     taken = take_patches(joined, np.array([len(first) + 2, 0]))
     np.testing.assert_array_equal(taken.points_cam, first.points_cam[[2, 0]])

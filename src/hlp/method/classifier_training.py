@@ -3,6 +3,7 @@
 import gc
 import logging
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -117,10 +118,16 @@ def _backgrounds(
 ) -> BackgroundPool:
     resolution, pool = settings.patches.holistic.resolution, settings.patches.pool
     rng = np.random.default_rng([settings.seed, 0])
-    crops = backgrounds.photograph_crops(pool.backgrounds, resolution, rng)
     meshes = [model.mesh for _, model in sorted(models.items())]
-    scenes = distractor_scenes(
-        meshes, pool.distractor_scenes, settings.seed, settings.machine.threads
-    )
-    frames = [backgrounds.load_background_frames(), scenes]
+    # The scenes are rendered while this thread makes or reads photographs.
+    with ThreadPoolExecutor(1) as beside:
+        scenes = beside.submit(
+            distractor_scenes,
+            meshes,
+            pool.distractor_scenes,
+            settings.seed,
+            settings.machine.threads,
+        )
+        crops = backgrounds.photograph_crops(pool.backgrounds, resolution, rng)
+        frames = [backgrounds.load_background_frames(), scenes.result()]
     return bake_backgrounds(crops, frames, _sizes(models), resolution, pool.backgrounds, rng)

@@ -39,7 +39,7 @@ def build_codebook(
     features, points, sampled = [], [], []
     for start, stop in pairwise([*range(0, len(views), _BLOCK), len(views)]):
         cut = [
-            cut_view_patches(views, view, pixels[view], size, patches.local)
+            cut_view_patches(views, view, pixels[view], size, patches.local, encoder.sees_color)
             for view in range(start, stop)
         ]
         block = join_patches(cut)

@@ -3,7 +3,6 @@
 import gc
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import cast
 
@@ -56,10 +55,11 @@ class _Training:
     folder: Path
 
     def pair_batches(self, with_color: bool, batch_size: int) -> pl.LightningDataModule:
-        return PairDataModule(self._pairs, with_color, batch_size, self.settings.seed)
+        return PairDataModule(self._pairs(with_color), with_color, batch_size, self.settings.seed)
 
     def pair_patches(self) -> tuple[Float[np.ndarray, "n p p"], Bool[np.ndarray, "n p p"]]:
-        return self._pairs.depth[:, 0], self._pairs.valid[:, 0]
+        pairs = self._pairs(with_color=False)
+        return pairs.depth[:, 0], pairs.valid[:, 0]
 
     def frame_batches(
         self, per_frame: int, batch_size: int, rooms: bool, varied_light: bool
@@ -80,11 +80,12 @@ class _Training:
         sample = calibration_images(data, module.images)
         export_network(network.layers, sample, self.folder / STEM, levels=False)
 
-    @cached_property
-    def _pairs(self) -> PairPool:
+    def _pairs(self, with_color: bool) -> PairPool:
         pools = []
         for object_id, model in sorted(self.models.items()):
             rng = np.random.default_rng([self.settings.seed, object_id])
             patches, views = self.settings.patches, self.views_of(object_id)
-            pools.append(bake_pairs(views, model.local_size, patches.local, patches.pairs, rng))
+            pools.append(
+                bake_pairs(views, model.local_size, patches.local, patches.pairs, rng, with_color)
+            )
         return join_pairs(pools)

@@ -123,16 +123,21 @@ def _clutter_colors(n: int, p: int, gen: torch.Generator) -> Tensor:
 def degrade_patches(
     patches: LocalPatches, rows: Int[np.ndarray, "m"], size: float, seed: int
 ) -> LocalPatches:
-    """The patches of some rows, of metric `size` (m), as a camera in clutter would see them."""
+    """The patches of some rows, of metric `size` (m), as a camera in clutter would see them.
+
+    Patches without colour channels stay without.
+    """
     chosen = take_patches(patches, rows)
     gen = torch.Generator().manual_seed(seed)
-    clean = torch.from_numpy(chosen.color).permute(0, 3, 1, 2).float() / 255.0
     sizes = torch.full((len(chosen),), size)
     depth, valid, clutter = degrade_depth(
         torch.from_numpy(chosen.depth), torch.from_numpy(chosen.valid), sizes, gen
     )
-    color = degrade_color(clean, valid, clutter, gen)
-    rgb = (color.permute(0, 2, 3, 1) * 255.0).round().to(torch.uint8).numpy()
+    rgb = chosen.color
+    if rgb.shape[-1]:
+        clean = torch.from_numpy(rgb).permute(0, 3, 1, 2).float() / 255.0
+        color = degrade_color(clean, valid, clutter, gen)
+        rgb = (color.permute(0, 2, 3, 1) * 255.0).round().to(torch.uint8).numpy()
     return LocalPatches(rgb, depth.numpy(), valid.numpy(), chosen.points_cam, chosen.pixels)
 
 

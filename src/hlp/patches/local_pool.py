@@ -51,8 +51,12 @@ def bake_pairs(
     local: LocalSettings,
     pairs: PairSettings,
     rng: np.random.Generator,
+    with_color: bool,
 ) -> PairPool:
-    """Cut pairs of patches around the same surface point in neighbouring views of one object."""
+    """Cut pairs of patches around the same surface point in neighbouring views of one object.
+
+    Colour takes half of the time: without `with_color` the patches have no colour channels.
+    """
     first, second = _neighbouring_views(views, pairs, rng)
     pixels, points_obj = _surface_points(views, first, rng)
     partner_pixels, visible = _seen_from(views, second, points_obj)
@@ -60,8 +64,8 @@ def bake_pairs(
     second = np.where(visible, second, first)
     partner_pixels = np.where(visible[:, None], partner_pixels, pixels)
     size = metric_size * local.size_scale
-    a = _cut_by_view(views, first, pixels, size, local)
-    b = _cut_by_view(views, second, partner_pixels, size, local)
+    a = _cut_by_view(views, first, pixels, size, local, with_color)
+    b = _cut_by_view(views, second, partner_pixels, size, local, with_color)
     count = len(first)
     return PairPool(
         np.stack([a.color, b.color], axis=1),
@@ -164,11 +168,12 @@ def _cut_by_view(
     pixels: Int[np.ndarray, "n 2"],
     size: float,
     local: LocalSettings,
+    with_color: bool,
 ) -> LocalPatches:
     order = np.argsort(chosen, kind="stable")
     bounds = np.flatnonzero(np.diff(chosen[order])) + 1
     parts = [
-        cut_view_patches(views, int(chosen[rows[0]]), pixels[rows], size, local)
+        cut_view_patches(views, int(chosen[rows[0]]), pixels[rows], size, local, with_color)
         for rows in np.split(order, bounds)
     ]
     return take_patches(join_patches(parts), np.argsort(order, kind="stable"))
@@ -192,12 +197,14 @@ def cut_view_patches(
     pixels: Int[np.ndarray, "n 2"],
     size: float,
     local: LocalSettings,
+    with_color: bool,
 ) -> LocalPatches:
     """Local patches of metric `size` (m) of one view around surface pixels (x, y).
 
     All are kept, however few of their pixels are valid: a patch at a thin part of the object has
-    few valid pixels in test images, too.
+    few valid pixels in test images, too. Without `with_color` the patches have no colour channels.
     """
-    depth = np.asarray(views.depth[view])
-    rgb = bleed_color(np.asarray(views.rgb[view]), depth > 0)
-    return cut_local_patches(rgb, depth, views.camera_matrix, pixels, size, local, min_valid=0.0)
+    depth, rgb = np.asarray(views.depth[view]), np.asarray(views.rgb[view])
+    if with_color:
+        rgb = bleed_color(rgb, depth > 0)
+    return cut_local_patches(rgb, depth, views.camera_matrix, pixels, size, local, 0.0, with_color)

@@ -4,6 +4,8 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, Num, UInt8
 
+from hlp.compiled import compiled
+
 # Bilinear sampling reads 2 x 2 pixels: patches that shrink by more than this would alias, and are
 # cut from an image halved by area averaging.
 MAX_SHRINK = 1.5
@@ -66,10 +68,71 @@ def bleed_color(
     Bilinear sampling at the silhouette would otherwise mix in the black outside of it, and networks
     would learn that objects have dark outlines.
     """
-    weight = cv2.boxFilter(mask.astype(np.float32), -1, (5, 5))
-    blurred = cv2.boxFilter(np.where(mask[..., None], rgb, 0).astype(np.float32), -1, (5, 5))
-    around = blurred / np.maximum(weight, 1e-6)[..., None]
-    return np.where(mask[..., None], rgb, np.clip(around, 0, 255)).astype(np.uint8)
+    out = np.array(rgb)
+    _continue_colors(out, mask)
+    return out
+
+
+@compiled()
+def _continue_colors(rgb: UInt8[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> None:
+    """Set the pixels outside `mask` to the mean of the masked pixels of 5 × 5 about them, or 0."""
+    height, width = mask.shape
+    share = 1.0 / 25.0
+    # Sums over 5 rows of number and colours, with two more columns on both sides: an image is
+    # continued by its mirror image about the outermost pixels.
+    sums = np.zeros((width + 4, 4), dtype=np.int32)
+    bled = np.zeros_like(rgb)
+    for y in range(height):
+        _sum_rows(rgb, mask, y, sums)
+        for x in range(width):
+            known = np.int32(0)
+            for column in range(x, x + 5):
+                known += sums[column, 0]
+            if known == 0 or mask[y, x]:
+                continue
+            weight = np.float32(known * share)
+            for channel in range(3):
+                total = np.int32(0)
+                for column in range(x, x + 5):
+                    total += sums[column, channel + 1]
+                mean = np.float32(total * share) / weight
+                bled[y, x, channel] = np.uint8(min(mean, np.float32(255.0)))
+    for y in range(height):
+        for x in range(width):
+            if not mask[y, x]:
+                rgb[y, x] = bled[y, x]
+
+
+@compiled()
+def _sum_rows(
+    rgb: UInt8[np.ndarray, "h w 3"],
+    mask: Bool[np.ndarray, "h w"],
+    y: int,
+    sums: Int[np.ndarray, "w+4 4"],
+) -> None:
+    height, width = mask.shape
+    sums[:] = 0
+    for step in range(-2, 3):
+        row = _mirrored(y + step, height)
+        for x in range(width):
+            if mask[row, x]:
+                sums[x + 2, 0] += 1
+                for channel in range(3):
+                    sums[x + 2, channel + 1] += rgb[row, x, channel]
+    for outside in (-2, -1, width, width + 1):
+        inside = _mirrored(outside, width)
+        for column in range(4):
+            sums[outside + 2, column] = sums[inside + 2, column]
+
+
+@compiled()
+def _mirrored(index: int, length: int) -> int:
+    """The index inside 0 … length - 1, mirrored about the first and last element."""
+    if length == 1:
+        return 0
+    last = length - 1
+    inside = abs(index) % (2 * last)
+    return min(inside, 2 * last - inside)
 
 
 def _sample_positions(
