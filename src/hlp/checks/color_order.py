@@ -18,9 +18,7 @@ from hlp.refinement.verification import VerificationSettings, observe
 FEWEST = 3
 """Frames that must show known objects before anything is said."""
 _SHAPE_FITS = 0.8  # correlation of relief and of slope: wrong poses rarely reach it
-# Difference of both correlations. At true poses of 17 coloured objects of LINEMOD, YCB-Video and
-# Tejani et al. it is 0.3 to 1.6 in favour of the true order, but for two of nearly no colour: the
-# glue (0.0) and the cup (-0.1, in single frames -0.3).
+# Difference of both correlations. Objects of nearly no colour have one of about 0 either way.
 _CLEAR = 0.4
 _SHARE = 0.75  # of the frames that must say the same
 
