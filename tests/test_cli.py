@@ -241,6 +241,7 @@ def test_bench_says_what_it_cannot_compare(call: Hlp, arguments: list[str], word
     assert failed.stderr.startswith("hlp: ") and words in failed.stderr
 
 
+@pytest.mark.slow
 def test_anytime_is_a_sweep_of_budgets(call: Hlp, tmp_path: Path) -> None:
     (tmp_path / "conf" / "refinement" / "pso.yaml").write_text("name: pso\nbudget_ms: 0.0\n")
     done = call("run", "experiment=anytime", "output=sweep")

@@ -25,6 +25,15 @@ def test_errors_of_overrides_are_one_line_with_what_was_meant(override: str, wor
     assert "\n" not in said
 
 
+def test_a_key_of_another_alternative_is_said_to_be_one() -> None:
+    from hydra.errors import HydraException
+
+    with pytest.raises(HydraException) as caught:
+        compose_config("refinement=icp", "refinement.particles=8")
+    said = hydra_in_words(caught.value)
+    assert said.startswith("refinement.particles is no key of the chosen refinement: `hlp run")
+
+
 def test_several_values_of_one_key() -> None:
     error = ValueError("Ambiguous value for argument 'seed=1,2'\n1. To use it as a list, use …")
     said = hydra_in_words(error)

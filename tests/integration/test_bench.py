@@ -79,7 +79,6 @@ def test_bench_compares_results_and_times_of_paths(bench: Path) -> None:
     assert compared["reference"]["changes"]["patches"]["region"] == {"scan": "exact"}
     few = compared["few"]
     assert few["region_iou"] == 1.0 and few["same_pose"] < 1.0
-    assert few["ratio"]["frame"]["refine"] < 0.9
     own, other = (result["paths"][name]["frame"] for name in ("configured", "few"))
     ratio = other["total"]["median_ms"] / own["total"]["median_ms"]
     assert few["ratio"]["frame"]["total"] == pytest.approx(ratio)

@@ -16,6 +16,7 @@ import trimesh
 
 import hlp
 from hlp import Detector
+from hlp.commands import learn
 from hlp.commands.composing import compose_config
 from hlp.config.build import build_settings
 from hlp.data.own_frames import FrameFiles, OwnFrames
@@ -204,8 +205,9 @@ def test_learnt_objects_are_used_by_name_and_by_path(own: Own, first: Process) -
     assert not any(each["found"] for each in answers(own.folder / "boxed"))
 
 
-def test_learning_says_what_is_wrong_before_it_begins(own: Own) -> None:
-    for given, words in (
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
         (["names=a"], "mesh is not set"),
         (["mesh=none.ply"], "model is no file"),
         (["mesh=my drill.ply", "names=a,b"], "names: a, b for 1 meshes"),
@@ -213,10 +215,21 @@ def test_learning_says_what_is_wrong_before_it_begins(own: Own) -> None:
         (["mesh=my drill.ply", "rooms=nowhere"], "rooms is no folder"),
         (["mesh=my drill.ply", "symetries=none"], "symetries"),
         (["mesh=my drill.ply", "name=a/b"], "give output"),
-    ):
-        failed = call(own.folder, "learn", *given, "work=work")
-        assert failed.returncode == 1, given
-        assert failed.stderr.startswith("hlp: ") and words in failed.stderr, failed.stderr
+    ],
+)
+def test_learning_says_what_is_wrong_before_it_begins(
+    own: Own,
+    given: list[str],
+    words: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(own.folder)
+    with pytest.raises(SystemExit) as ended:
+        learn.command([*given, "work=work"])
+    said = capsys.readouterr().err
+    assert ended.value.code == 1
+    assert said.startswith("hlp: ") and words in said
 
 
 def test_help_says_what_to_give_and_what_is_missing_is_named(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 
+import pytest
+
 from run_files import read_json, rows
 from tiny_run import TinyRun
 
@@ -20,6 +22,7 @@ def test_the_first_run_reports_its_own_times_and_the_first_use_apart(tiny_run: T
     assert "Times: measured by this run on 2 frames." in tiny_run.process.stdout
 
 
+@pytest.mark.slow
 def test_a_sweep_over_threads_measures_each_of_its_runs(tiny_run: TinyRun, call: Call) -> None:
     """All stages are on disk, since threads change no result; the times are not."""
     own = ("timing_frames=1", "output=threads")

@@ -115,6 +115,7 @@ def test_the_same_image_gives_the_same_poses(learnt: Path, frame: Frame, tmp_pat
         np.testing.assert_array_equal(each.pose_cam_obj, expected[each.object].pose_cam_obj)
 
 
+@pytest.mark.slow
 def test_objects_are_added_and_removed(learnt: Path, frame: Frame, tmp_path: Path) -> None:
     folder = shutil.copytree(learnt, tmp_path / "learnt")
     detector = Detector.load(folder)

@@ -5,7 +5,8 @@ from torch import nn
 from torch.nn import functional
 
 from hlp.method.settings import TrainerSettings
-from hlp.method.training import HISTORY, WEIGHTS, fit, read_history, read_weights
+from hlp.method.training import fit
+from hlp.method.training_files import HISTORY, WEIGHTS, read_history, read_weights
 from hlp.patches.pool_loader import pool_loader
 
 CPU = TrainerSettings("cpu", "cpu", 1, "auto", "32-true", 2)

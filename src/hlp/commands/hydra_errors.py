@@ -25,8 +25,13 @@ def hydra_in_words(error: BaseException) -> str:
     if override is not None:
         return _unreadable(str(override), text)
     if found := _NO_KEY.search(text):
-        key = found[1]
-        return f"{key} is no key{nearest(key, _keys()) or ';'} `hlp run --cfg job` prints all keys"
+        key, known = found[1], _keys()
+        if key in known:
+            group = key.partition(".")[0]
+            return (
+                f"{key} is no key of the chosen {group}: `hlp run {group}=… --cfg job` prints them"
+            )
+        return f"{key} is no key{nearest(key, known) or ';'} `hlp run --cfg job` prints all keys"
     if found := _NO_FILE.search(text):
         return _no_alternative(found[1], text)
     return text

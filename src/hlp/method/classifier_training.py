@@ -4,17 +4,16 @@ import gc
 import logging
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from hlp.method.backgrounds import Backgrounds
 from hlp.method.networks import CLASSIFIER
 from hlp.method.settings import MethodSettings
 from hlp.method.training import calibration_images, fit
+from hlp.method.training_files import StartingWeights
 from hlp.models.classifier_training import HolisticClassifier, copy_weights, raise_background
 from hlp.models.onnx_export import export_network
 from hlp.objects.distractors import distractor_scenes
@@ -27,18 +26,6 @@ from hlp.patches.holistic_pool import (
     join_pools,
 )
 from hlp.records import ObjectModel, Views
-
-
-@dataclass(frozen=True)
-class StartingWeights:
-    """A classifier of fewer objects to start from: its weights, and the new labels of its classes.
-
-    It is trained further for `epochs`.
-    """
-
-    weights: Mapping[str, Tensor]
-    labels: Mapping[int, int]
-    epochs: int
 
 
 def train_classifier(

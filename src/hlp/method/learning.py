@@ -12,7 +12,7 @@ import numpy as np
 from hlp.codebook.entries import save_codebook
 from hlp.errors import InputError
 from hlp.method.backgrounds import Backgrounds
-from hlp.method.classifier_training import StartingWeights, train_classifier
+from hlp.method.classifier_training import train_classifier
 from hlp.method.codebook_building import build_codebook
 from hlp.method.compute_threads import set_compute_threads
 from hlp.method.encoder_training import train_encoder
@@ -31,7 +31,7 @@ from hlp.method.mesh_models import check_told_apart
 from hlp.method.pose_estimator import PoseEstimator
 from hlp.method.score_calibration import calibrate_score
 from hlp.method.settings import MethodSettings, settings_to_json
-from hlp.method.training import read_weights
+from hlp.method.training_files import StartingWeights, read_weights
 from hlp.method.unfinished_folder import SCORED, VIEWS, finish, folder_in_the_making, once
 from hlp.objects.object_model import mesh_identity
 from hlp.records import ObjectModel, Views

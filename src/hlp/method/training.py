@@ -1,6 +1,5 @@
 """Trains a Lightning module in a folder: resumable, with a history, quiet without a terminal."""
 
-import csv
 import logging
 import signal
 import sys
@@ -14,15 +13,14 @@ from typing import Any
 import pytorch_lightning as pl
 import torch
 from pytorch_lightning.callbacks import Callback, TQDMProgressBar
-from safetensors.torch import load_file, save_file
+from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from hlp.files import write_csv
 from hlp.method.checkpoints import CheckpointFiles, EpochCheckpoints, last_checkpoint
 from hlp.method.settings import TrainerSettings
+from hlp.method.training_files import HISTORY, WEIGHTS
 
-HISTORY = "history.csv"
-WEIGHTS = "weights.safetensors"
 _CHECKPOINTS = "checkpoints"
 _CALIBRATION = 1024
 
@@ -125,22 +123,6 @@ def calibration_images(data: pl.LightningDataModule, images_of: Callable[[Any], 
         if sum(len(each) for each in found) >= _CALIBRATION:
             break
     return torch.cat(found)[:_CALIBRATION]
-
-
-def read_weights(folder: Path) -> dict[str, torch.Tensor]:
-    """A network's weights by name. Raises FileNotFoundError if there are none."""
-    return load_file(folder / WEIGHTS)
-
-
-def read_history(folder: Path) -> list[dict[str, float]]:
-    """Metrics of every epoch, in order; empty if nothing was trained."""
-    path = folder / HISTORY
-    if not path.exists():
-        return []
-    with path.open(newline="") as stream:
-        return [
-            {name: float(value) for name, value in row.items()} for row in csv.DictReader(stream)
-        ]
 
 
 # Not Lightning's CSVLogger: in a resumed training it deletes the rows of the epochs before.

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.stats import binomtest
 
 from hlp.errors import DataError, InputError
 from hlp.records import TargetScore
@@ -187,6 +186,8 @@ def mcnemar_exact(lost: int, gained: int) -> float:
     `lost` and `gained` are the numbers of targets that only the first or only the second run has
     right.
     """
+    from scipy.stats import binomtest  # takes half a second to import
+
     changed = lost + gained
     return 1.0 if changed == 0 else float(binomtest(lost, changed, 0.5).pvalue)
 

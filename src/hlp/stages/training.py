@@ -1,4 +1,7 @@
-"""Stages that learn the objects: views, classifier, encoder, codebooks. Each is made once."""
+"""Stages that learn the objects: views, classifier, encoder, codebooks. Each is made once.
+
+Torch and Lightning, which take seconds to import, are imported when a stage is made.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
@@ -7,14 +10,11 @@ from typing import Any
 
 from hlp.codebook.entries import load_codebook, save_codebook
 from hlp.data.dataset import Dataset, frames_identity
-from hlp.method.classifier_training import StartingWeights, train_classifier
-from hlp.method.codebook_building import build_codebook
-from hlp.method.encoder_training import train_encoder
 from hlp.method.networks import load_classifier
 from hlp.method.pose_estimator import PoseEstimator
 from hlp.method.score_calibration import calibrate_score
 from hlp.method.settings import MethodSettings
-from hlp.method.training import read_weights
+from hlp.method.training_files import StartingWeights, read_weights
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
 from hlp.records import Codebook, ObjectModel, Views
@@ -25,6 +25,11 @@ from hlp.stages.device import device_name
 from hlp.stages.fingerprint import fingerprint, stage_code
 from hlp.stages.store import Output, StageStore
 from hlp.stages.warm_start import WarmStart, WarmStartSettings, read_warm_start
+
+# By name, since importing them takes seconds.
+_CLASSIFIER_TRAINING = "hlp.method.classifier_training"
+_ENCODER_TRAINING = "hlp.method.encoder_training"
+_CODEBOOK_BUILDING = "hlp.method.codebook_building"
 
 
 class TrainingStages:
@@ -125,6 +130,8 @@ class TrainingStages:
             start = StartingWeights(weights, self._warm_start.labels, epochs)
 
         def make(folder: Path) -> None:
+            from hlp.method.classifier_training import train_classifier
+
             train_classifier(
                 self.models, self.load_views, self.dataset, self.settings, folder, start
             )
@@ -170,6 +177,8 @@ class TrainingStages:
             upstream = {f"views_{i}": self.views(i).fingerprint for i in self.models}
 
         def make(folder: Path) -> None:
+            from hlp.method.encoder_training import train_encoder
+
             train_encoder(self.models, self.load_views, self.dataset, self.settings, folder)
 
         return self._stage("encoder", 0, settings, upstream, make)
@@ -195,6 +204,8 @@ class TrainingStages:
         }
 
         def make(folder: Path) -> None:
+            from hlp.method.codebook_building import build_codebook
+
             views, model = self.load_views(object_id), self.models[object_id]
             made = build_codebook(model, views, self.load_encoder(), self.settings)
             save_codebook(folder, made)
@@ -272,13 +283,13 @@ class TrainingStages:
         modules = {
             "views": [render_views.__module__],
             "classifier": [
-                train_classifier.__module__,
+                _CLASSIFIER_TRAINING,
                 type(dataset).__module__,
                 type(dataset.background_frames).__module__,
             ],
-            "encoder": [train_encoder.__module__, type(self.settings.encoder).__module__],
+            "encoder": [_ENCODER_TRAINING, type(self.settings.encoder).__module__],
             "codebook": [
-                build_codebook.__module__,
+                _CODEBOOK_BUILDING,
                 save_codebook.__module__,
                 type(self.settings.encoder).__module__,
             ],

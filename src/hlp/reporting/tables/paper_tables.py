@@ -4,8 +4,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean, pstdev
 
-from scipy.stats import binomtest
-
 from hlp.reporting import paper_results
 from hlp.reporting.results import Result
 from hlp.reporting.tables.summary_tables import METRIC_LABELS
@@ -82,6 +80,8 @@ def metric_columns(runs: Runs) -> list[RecallColumn]:
 
 def wilson(recall: float, targets: int) -> tuple[float, float]:
     """Wilson's 95 % interval of a recall over independent targets (Wilson 1927)."""
+    from scipy.stats import binomtest  # takes half a second to import
+
     ends = binomtest(round(recall * targets), targets).proportion_ci(0.95, method="wilson")
     return float(ends.low), float(ends.high)
 
