@@ -5,6 +5,7 @@ import pytest
 
 from hlp.refinement.pose_fit import PoseFit, measure_fit, relief_correlation, slope_correlation
 from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
+from hlp.rendering.rasterizer import render_depth
 from refinement_scene import CAMERA, Scene, disturbed, make_scene
 
 SETTINGS = VerificationSettings()
@@ -83,6 +84,23 @@ def test_a_pose_outside_the_image_or_behind_the_camera_fits_nothing(
     far[0, 3] += 5.0
     fit = measure_fit(verifier, observation, far)
     assert (fit.relief, fit.slope, fit.residual_mm) == (0.0, 0.0, np.inf)
+
+
+@pytest.mark.parametrize(("shift", "axis"), [(0.35, 0), (-0.3, 0), (0.25, 1), (-0.2, 1)])
+def test_what_lies_outside_the_image_is_not_visible(
+    scene: Scene, observation: Observation, verifier: Verifier, shift: float, axis: int
+) -> None:
+    pose = scene.pose.copy()
+    pose[axis, 3] += shift
+    height, width = observation.depth.shape
+    moved = CAMERA.copy()
+    moved[:2, 2] += [width, height]  # the image lies in the middle of one three times as large
+    whole = render_depth(verifier.mesh, pose[None], moved, (3 * height, 3 * width), threads=1)[0]
+    inside = np.count_nonzero(whole[height : 2 * height, width : 2 * width])
+    expected = inside / max(np.count_nonzero(whole), 1)
+    occluded = float(verifier.evidence(observation, pose[None]).occluded[0])
+    fit = measure_fit(verifier, observation, pose)
+    assert fit.visible_fraction == pytest.approx(expected * (1.0 - occluded), abs=0.02)
 
 
 def test_a_fit_comes_back_from_an_array() -> None:

@@ -45,6 +45,15 @@ def test_many_poses_teach_the_weights_that_drew_them() -> None:
     assert found.bias == pytest.approx(truth.bias - odds, abs=0.15)
 
 
+def test_an_object_of_which_little_is_seen_is_not_found_unless_it_is_known_to_be_there() -> None:
+    full = PoseFit(0.05, 0.99, 0.99, 1.0, 1.0)
+    scores = [PRIOR.score(replace(full, visible_fraction=v)) for v in (0.0, 0.15, 0.29, 0.31)]
+    assert scores[:2] == [0.0, 0.25]
+    assert scores[2] < 0.5 < scores[3] == PRIOR.score(full)
+    known = PRIOR.known_present()
+    assert known.score(replace(full, visible_fraction=0.15)) == known.score(full)
+
+
 def test_weights_are_the_minimum_of_the_penalised_likelihood() -> None:
     fits, right = drawn(40, ScoreModel(5.0, -30.0, 1.0), 1)
     x = np.array([[1.0, f.cost, (np.arctanh(f.relief) + np.arctanh(f.slope)) / 2.0] for f in fits])

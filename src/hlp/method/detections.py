@@ -30,11 +30,12 @@ class Detection:
     `object` is its name. `pose_cam_obj` (4, 4) maps its coordinates to the camera's (metres; x
     right, y down, z forward). `score` is the probability that the pose is right, that is that its
     ADD-S is below a tenth of the diameter. `visible_fraction` is the fraction of its silhouette
-    that nothing nearer covers. `seconds` is the wall time, divided equally among an object's
-    instances; work shared by all objects of an image counts for the first. `residual_mm` is the
-    median difference in depth where model and image agree. `equivalent_poses` (n, 4, 4) are those
-    that the object's symmetries do not tell apart, `pose_cam_obj` first. `runner_up` is None if
-    there was no other pose. `fit` is what the score is computed from.
+    that lies in the image and that nothing nearer covers. `seconds` is the wall time, divided
+    equally among an object's instances; work shared by all objects of an image counts for the
+    first. `residual_mm` is the median difference in depth where model and image agree.
+    `equivalent_poses` (n, 4, 4) are those that the object's symmetries do not tell apart,
+    `pose_cam_obj` first. `runner_up` is None if there was no other pose. `fit` is what the score is
+    computed from.
     """
 
     object: str

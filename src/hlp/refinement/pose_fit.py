@@ -16,6 +16,7 @@ _LEAST_PIXELS = 30
 _BORDER = 5  # px: window whose centre must lie in the silhouette with all its pixels
 _LIMIT = 2.0  # τ_d: what is farther behind counts as this far
 _SLOPE_SHARE = 0.05  # of the silhouette's longer side: radius over which depth is averaged
+_OUTLINE = 64  # px: longer side of the silhouette whose share in the image is counted
 _FULL = 0.8  # share of a window that must be visible
 
 
@@ -28,8 +29,8 @@ class PoseFit:
     depths after a plane is subtracted, and that of the depths' local slopes. A wrong pose agrees
     with something at the right place, but rarely with its shape. `residual_mm` is the median
     absolute difference in depth where both agree. `visible_fraction` is the fraction of the
-    silhouette that nothing nearer covers. `color` and `contrast` are correlation and contrast of
-    `texture.ColorAgreement`.
+    silhouette that lies in the image and that nothing nearer covers. `color` and `contrast` are
+    correlation and contrast of `texture.ColorAgreement`.
     """
 
     cost: float
@@ -71,7 +72,8 @@ def measure_fit(
         relief=relief_correlation(rendered, seen, visible),
         slope=slope_correlation(rendered, seen, visible),
         residual_mm=apart * MILLIMETRES_PER_METRE,
-        visible_fraction=1.0 - float(evidence.occluded[0]),
+        visible_fraction=_share_inside(verifier, observation, pose_cam_obj)
+        * (1.0 - float(evidence.occluded[0])),
         color=colors.correlation,
         contrast=colors.contrast,
     )
@@ -145,6 +147,31 @@ def _correlation(first: list[np.ndarray], second: list[np.ndarray]) -> float:
     if spread <= 1e-12 * samples:  # less than a micrometre: rounding
         return 0.0
     return float(np.clip(product / spread, -1.0, 1.0))
+
+
+def _share_inside(
+    verifier: Verifier, observation: Observation, pose_cam_obj: Float[np.ndarray, "4 4"]
+) -> float:
+    """The share of the silhouette at a pose that lies in the image; 0 behind the camera."""
+    points = transform(pose_cam_obj, verifier.mesh.vertices)
+    if points[:, 2].min() <= 0.0:
+        return 0.0
+    pixels = project(points, observation.camera_matrix)
+    low, high = pixels.min(axis=0), pixels.max(axis=0)
+    height, width = observation.depth.shape
+    end = np.array([width, height]) - 0.5
+    if (low >= -0.5).all() and (high <= end).all():
+        return 1.0
+    scale = _OUTLINE / float(max((high - low).max(), 1e-6))
+    camera_matrix = observation.camera_matrix.copy()
+    camera_matrix[:2, 2] -= low
+    camera_matrix[:2] *= scale
+    side = _OUTLINE + 1
+    shown = render_depth(verifier.mesh, pose_cam_obj[None], camera_matrix, (side, side), threads=1)
+    y, x = np.nonzero(shown[0])
+    found = np.column_stack([x, y]) / scale + low
+    inside = ((found >= -0.5) & (found <= end)).all(axis=1)
+    return float(inside.mean()) if len(inside) else 0.0
 
 
 def _crop(

@@ -25,6 +25,7 @@ _FILE = "score.json"
 _AGREEING = 0.6  # correlation of colours; with less, they contradict (D)
 _CONTRADICTION = 50.0  # of the logit, for each unit of correlation and of squared contrast (D)
 _HIGHEST_CONTRAST = 0.8
+_LEAST_VISIBLE = 0.3  # of the object: as in the scenes on which the score is calibrated
 _HIGHEST = 0.995  # correlation; sensor noise decides above it
 
 
@@ -34,28 +35,34 @@ class ScoreModel:
 
     c is the verification cost, z the mean Fisher transform artanh(r) of the correlations r of
     relief and slope, d = color times how much the colours contradict. `cost` is at most 0 and
-    `shape` at least 0: the score never falls when the fit is better.
+    `shape` at least 0: the score never falls when the fit is better. An object of which less than
+    `least_visible` is seen is not found: its score is below `MIN_SCORE`, in proportion.
     """
 
     bias: float
     cost: float
     shape: float
     color: float = _CONTRADICTION
+    least_visible: float = _LEAST_VISIBLE
 
     def score(self, fit: PoseFit) -> float:
         """The probability that a pose with this fit is right."""
         logit = self.weights() @ np.array([1.0, *_inputs([fit])[0]])
         logit -= self.color * _contradiction(fit)
-        return float(1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0))))
+        score = float(1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0))))
+        if fit.visible_fraction < self.least_visible:
+            score = min(score, MIN_SCORE * fit.visible_fraction / self.least_visible)
+        return score
 
     def known_present(self) -> "ScoreModel":
         """The score of an object that is known to be in the image, as BOP's targets are.
 
-        Colours that contradict then say more of the light than of another object.
+        Colours that contradict then say more of the light than of another object, and a small part
+        of it is enough.
         """
         more = np.log(PRESENT_SHARE / (1.0 - PRESENT_SHARE))
         more -= np.log(RIGHT_SHARE / (1.0 - RIGHT_SHARE))
-        return ScoreModel(self.bias + float(more), self.cost, self.shape, color=0.0)
+        return ScoreModel(self.bias + float(more), self.cost, self.shape, 0.0, 0.0)
 
     def weights(self) -> Float[np.ndarray, "3"]:
         """Bias, cost and shape, in this order."""
