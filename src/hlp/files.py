@@ -77,9 +77,13 @@ def write_json(path: Path, content: Any) -> None:
 def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
     """Replace a file's content by a header and rows of comma-separated values."""
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(rows)
+    plain, quoted = (
+        csv.writer(text, lineterminator="\n", quoting=each)
+        for each in (csv.QUOTE_MINIMAL, csv.QUOTE_ALL)
+    )
+    plain.writerow(columns)
+    for row in rows:  # unquoted, a carriage return would end the line when it is read
+        (quoted if any("\r" in str(cell) for cell in row) else plain).writerow(row)
     write_text(path, text.getvalue())
 
 
@@ -96,15 +100,19 @@ def read_json(path: Path) -> Any:
 def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, Any]]:
     """Rows of a CSV file by column name; the first row is line 2, missing cells are None.
 
-    Raises MissingFileError, or DataError naming a file whose first line is not `columns`.
+    Raises MissingFileError, or DataError naming a file whose first line is not `columns`, or that
+    is no text.
     """
     if not path.is_file():
         raise MissingFileError(f"there is no file {path}")
-    with path.open(encoding="utf-8", newline="") as stream:
-        reader = csv.DictReader(stream)
-        if tuple(reader.fieldnames or ()) != tuple(columns):
-            raise DataError(f"{path}: the first line must be {','.join(columns)}")
-        return list(reader)
+    try:
+        with path.open(encoding="utf-8", newline="") as stream:
+            reader = csv.DictReader(stream)
+            if tuple(reader.fieldnames or ()) != tuple(columns):
+                raise DataError(f"{path}: the first line must be {','.join(columns)}")
+            return list(reader)
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise DataError(f"{path} is damaged, or no table in UTF-8 ({error})") from error
 
 
 def read_npz(path: Path) -> dict[str, np.ndarray]:

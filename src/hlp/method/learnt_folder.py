@@ -16,9 +16,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
+from annotated_types import Ge, Gt
 from jaxtyping import Float
 
 from hlp.checksums import find_damaged, is_sealed, seal_is_whole, sealed
@@ -31,6 +33,7 @@ from hlp.models.encoder import Encoder
 from hlp.models.network import Network
 from hlp.records import Codebook, Mesh, ObjectModel, Texture
 from hlp.refinement.score_model import ScoreModel, load_score_model
+from hlp.settings import Settings, stored_as
 
 FORMAT = 3
 RECORD = "learnt.json"
@@ -61,6 +64,28 @@ class LearntRecord:
     def next_id(self) -> int:
         """An id that no object has or had before."""
         return max(self.classes, default=0) + 1
+
+
+@dataclass(frozen=True)
+class _Learnt(Settings):
+    """What `learnt.json` must say."""
+
+    objects: dict[str, Annotated[int, Ge(0)]]
+    classes: tuple[Annotated[int, Ge(0)], ...]
+    settings: dict[str, Any]
+    files: dict[str, str]
+
+
+@dataclass(frozen=True)
+class _LearntObject(Settings):
+    """What `object.json` must say (metres)."""
+
+    id: Annotated[int, Ge(0)]
+    name: str
+    colored: bool
+    diameter: Annotated[float, Gt(0)]
+    holistic_size: Annotated[float, Gt(0)]
+    local_size: Annotated[float, Gt(0)]
 
 
 def write_record(folder: Path, record: LearntRecord) -> None:
@@ -95,14 +120,15 @@ def read_record(folder: Path) -> LearntRecord:
     if not is_sealed(content):
         raise DamagedError(f"{path} is damaged: {_AGAIN}")
     try:
-        objects = {_checked_name(name, path): int(i) for name, i in content["objects"].items()}
-        classes = tuple(int(object_id) for object_id in content["classes"])
-        files = {str(name): str(checksum) for name, checksum in content["files"].items()}
-        return LearntRecord(objects, classes, settings_from_json(content["settings"]), files)
+        learnt = stored_as(_Learnt, content, str(path))
+    except DataError as error:
+        raise DamagedError(f"{error}: {_AGAIN}") from error
+    objects = {_checked_name(name, path): object_id for name, object_id in learnt.objects.items()}
+    try:
+        settings = settings_from_json(learnt.settings)
     except ConfigError as error:  # a plug-in that is not installed here, or a newer setting
         raise DataError(f"{path}: settings: {error}") from error
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise DamagedError(f"{path} is damaged ({error!r}): {_AGAIN}") from error
+    return LearntRecord(objects, learnt.classes, settings, learnt.files)
 
 
 def _checked_name(name: str, path: Path) -> str:
@@ -155,28 +181,27 @@ def read_model(folder: Path) -> ObjectModel:
     for name in (_OBJECT, _MODEL):
         if not (folder / name).is_file():
             raise MissingFileError(f"{folder} is no learnt object: it has no {name}")
-    content = read_json(folder / _OBJECT)
+    stated = stored_as(_LearntObject, read_json(folder / _OBJECT), str(folder / _OBJECT))
     stored = read_npz(folder / _MODEL)
     try:
         texture = _read_texture(folder, stored["mesh_uv"]) if "mesh_uv" in stored else None
-        colored = bool(content["colored"])
         mesh, proxy = (
             Mesh(
                 **{field: stored[f"{part}_{field}"] for field in _MESH_FIELDS},
                 texture=image,
-                colored=colored,
+                colored=stated.colored,
             )
             for part, image in (("mesh", texture), ("proxy", None))
         )
         return ObjectModel(
-            int(content["id"]),
-            str(content["name"]),
+            stated.id,
+            stated.name,
             mesh,
             proxy,
-            float(content["diameter"]),
+            stated.diameter,
             stored["symmetries"],
-            float(content["holistic_size"]),
-            float(content["local_size"]),
+            stated.holistic_size,
+            stated.local_size,
             stored["siblings"],
         )
     except (KeyError, TypeError, ValueError) as error:

@@ -10,7 +10,6 @@ colours agree better than a camera's, so rendered scenes cannot say by how much.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -18,6 +17,7 @@ from jaxtyping import Bool, Float
 from hlp.errors import DataError, MissingFileError
 from hlp.files import read_json, write_json
 from hlp.refinement.pose_fit import PoseFit
+from hlp.settings import Settings, stored_as
 
 MIN_SCORE = 0.5
 """An answer with a lower score is more likely wrong than right: the object was not found."""
@@ -114,6 +114,15 @@ def fit_score_model(
     return ScoreModel(float(bias), min(float(cost), 0.0), max(float(shape), 0.0))
 
 
+@dataclass(frozen=True)
+class _Weights(Settings):
+    """What score.json must say."""
+
+    bias: float
+    cost: float
+    shape: float
+
+
 def save_score_model(folder: Path, model: ScoreModel) -> None:
     """Write the weights into a folder."""
     write_json(folder / _FILE, {"bias": model.bias, "cost": model.cost, "shape": model.shape})
@@ -124,11 +133,11 @@ def load_score_model(folder: Path) -> ScoreModel:
     path = folder / _FILE
     if not path.is_file():
         raise MissingFileError(f"{path} is missing: learn the object again")
-    content: Any = read_json(path)
     try:
-        weights = [float(content[name]) for name in ("bias", "cost", "shape")]
-    except (KeyError, TypeError, ValueError) as error:
-        raise DataError(f"{path} is damaged ({error!r}): learn the object again") from error
+        stated = stored_as(_Weights, read_json(path), str(path))
+    except DataError as error:
+        raise DataError(f"{error}: it is damaged, learn the object again") from error
+    weights = [stated.bias, stated.cost, stated.shape]
     if not np.isfinite(weights).all():
         raise DataError(f"{path} is damaged (not finite): learn the object again")
     return ScoreModel(*weights)
