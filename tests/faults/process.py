@@ -27,7 +27,7 @@ PLACES = {
     "database made": ("hlp.reporting.local_database.os", "replace", 1),
     "run opened": ("hlp.runs.runner", "log_inputs", 0),
     "views begun": ("hlp.rendering.views", "_poses", 1),
-    "views half written": ("hlp.rendering.views", "write_array", 6),
+    "views half written": ("hlp.rendering.views", "write_array", 2),
     "windows": ("hlp.method.classifier_training", "bake_windows", 1),
     "epoch": ("hlp.method.training", "write_csv", 0),
     "checkpoint": ("hlp.method.checkpoints", "content_checksum", 0),
