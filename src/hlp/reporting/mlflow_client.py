@@ -57,6 +57,8 @@ def import_client() -> type["MlflowClient"]:
 
     for name in ("mlflow", "alembic"):
         logging.getLogger(name).setLevel(logging.WARNING)
+    # It prints the statement that failed, in many lines; the error that follows is said in one.
+    logging.getLogger("mlflow.store.db.utils").setLevel(logging.CRITICAL)
     return MlflowClient
 
 
