@@ -1,9 +1,18 @@
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from hlp.files import read_csv, read_json, replaced, write_csv, write_json, write_text
+from hlp.files import (
+    read_csv,
+    read_json,
+    replaced,
+    write_array,
+    write_csv,
+    write_json,
+    write_text,
+)
 
 
 def test_content_comes_back(tmp_path: Path) -> None:
@@ -24,6 +33,39 @@ def test_an_error_while_writing_leaves_the_old_file_and_nothing_else(tmp_path: P
         raise OSError(28, "No space left on device")
     assert path.read_text() == "before"
     assert [each.name for each in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_an_error_of_the_system_names_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    with pytest.raises(OSError, match=r"No space left on device: '.*a\.txt'"), replaced(path):
+        raise OSError(28, "No space left on device")
+    with pytest.raises(OSError, match=r"'other'"), replaced(path):
+        raise OSError(28, "No space left on device", "other")
+
+
+@pytest.mark.parametrize(
+    "array",
+    [
+        np.arange(24, dtype=np.uint16).reshape(2, 3, 4),
+        np.arange(6.0).reshape(2, 3).T,
+        np.zeros((0, 3), np.float32),
+        np.float64(1.5),
+    ],
+)
+def test_arrays_are_numpys_own_files(tmp_path: Path, array: np.ndarray) -> None:
+    write_array(tmp_path / "a.npy", array)
+    np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), array)
+    np.save(tmp_path / "b.npy", np.ascontiguousarray(array))
+    assert (tmp_path / "a.npy").read_bytes() == (tmp_path / "b.npy").read_bytes()
+
+
+def test_arrays_on_a_full_disk_say_so(tmp_path: Path) -> None:
+    full = Path("/dev/full")
+    if not full.exists():
+        pytest.skip("no /dev/full")
+    (tmp_path / f".a.npy.{os.getpid()}").symlink_to(full)
+    with pytest.raises(OSError, match=r"No space left on device: '.*a\.npy'"):
+        write_array(tmp_path / "a.npy", np.zeros(100_000))
 
 
 def test_a_reader_never_sees_a_part(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import errno
 
 _MACHINES = {
     errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.EMFILE, errno.ENFILE,
-    errno.ENAMETOOLONG, errno.ENOTDIR, errno.EIO,
+    errno.ENAMETOOLONG, errno.ENOTDIR, errno.EIO, errno.EFBIG,
 }  # fmt: skip
 
 

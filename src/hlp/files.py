@@ -44,7 +44,7 @@ def replaced(path: Path) -> Iterator[BinaryIO]:
     """Open a stream whose content replaces the file's when the block ends without an error.
 
     Until then, and after an error, the file stays as it was. Folders are made as needed. Raises
-    OSError if the file cannot be written.
+    OSError, which names the file, if it cannot be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".{path.name}.{os.getpid()}")
@@ -52,6 +52,10 @@ def replaced(path: Path) -> Iterator[BinaryIO]:
         with partial.open("wb") as stream:
             yield stream
         os.replace(partial, path)
+    except OSError as error:
+        if error.errno is not None and error.filename is None:  # as of a full disk
+            error.filename = str(path)
+        raise
     finally:
         partial.unlink(missing_ok=True)
 
@@ -85,6 +89,18 @@ def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]])
     for row in rows:  # unquoted, a carriage return would end the line when it is read
         (quoted if any("\r" in str(cell) for cell in row) else plain).writerow(row)
     write_text(path, text.getvalue())
+
+
+def write_array(path: Path, array: np.ndarray) -> None:
+    """Replace a file's content by an array in NumPy's .npy format.
+
+    Raises OSError with the system's reason. `np.save` loses it: on a full disk it counts bytes.
+    """
+    array = np.ascontiguousarray(array)
+    with replaced(path) as stream:
+        header = np.lib.format.header_data_from_array_1_0(array)
+        np.lib.format.write_array_header_1_0(stream, header)
+        stream.write(array.data)
 
 
 def read_json(path: Path) -> Any:

@@ -55,6 +55,14 @@ def test_names_come_from_the_set(root):
         _names(root)
 
 
+@pytest.mark.parametrize("name", ["../../x", "/x", "a/b", "a\\b", ".x", ""])
+def test_a_name_from_a_stranger_is_no_path(root, name):
+    """Pictures and learnt objects get it as the name of a file."""
+    (root / "models" / "names.json").write_text(json.dumps({"1": name}))
+    with pytest.raises(HlpError, match=r"names\.json"):
+        _names(root)
+
+
 def test_the_list_of_targets_says_what_is_learnt(root):
     write_targets(root / "test_targets_bop24.json", [(6, 12)])
     assert _names(root) == {1: "obj_000001"}

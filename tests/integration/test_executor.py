@@ -69,11 +69,27 @@ def made(detection: DetectionStages) -> list[str]:
     return [event.stage for event in detection.store.events if not event.reused]
 
 
-@pytest.mark.parametrize("executor", ["loky", "threading"])
+@pytest.mark.parametrize(
+    ("executor", "workers", "threads"),
+    [
+        ("loky", 2, 1),
+        ("threading", 2, 1),
+        pytest.param("loky", 1, 2, marks=pytest.mark.slow),
+        pytest.param("loky", 4, 1, marks=pytest.mark.slow),
+        pytest.param("threading", 1, 2, marks=pytest.mark.slow),
+    ],
+)
 def test_workers_of_this_machine_find_the_same_bits(
-    tiny_run: TinyRun, work: Path, executor: str, monkeypatch: pytest.MonkeyPatch
+    tiny_run: TinyRun,
+    work: Path,
+    executor: str,
+    workers: int,
+    threads: int,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    detection = detection_of(build(tiny_run, work, f"executor={executor}"), work)
+    """However many workers there are, and however many threads each of them has."""
+    chosen = (f"executor={executor}", f"executor.workers={workers}", f"executor.threads={threads}")
+    detection = detection_of(build(tiny_run, work, *chosen), work)
     monkeypatch.setattr(detection, "find", None)  # the run's own process finds nothing
     detection.poses()
     assert made(detection) == [*STAGES]

@@ -45,11 +45,15 @@ def test_other_poses_and_other_code_are_said(tiny_run: TinyRun, call: Call, mani
     changed = json.loads(manifest.read_text())
     changed |= {"code": "0" * 16, "poses": "0" * 16}
     changed["versions"]["numpy"] = "1.0"
+    changed["processor"]["type"] = "abacus"
+    changed["builds"]["torch"] = "0" * 16
     manifest.write_text(json.dumps(changed))
     code, said, _ = call(f"manifest={manifest}", "output=other")
     assert code == 0
     assert f"HLP's code is not that of {manifest}" in said
     assert f"and 1.0 in {manifest}" in said
+    assert f"processor: type differ from {manifest}" in said
+    assert f"builds: torch differ from {manifest}" in said
     assert f"NOT the same poses as in {manifest}" in said
 
 

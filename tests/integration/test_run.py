@@ -10,6 +10,7 @@ from mlflow import MlflowClient
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.records import Target
+from hlp.stages.provenance import library_builds, processor
 from run_files import Row, read_json, rows, stages
 from tiny_run import TinyRun
 
@@ -124,6 +125,8 @@ def test_manifest_says_what_made_the_result(tiny_run: TinyRun) -> None:
     assert manifest["config"]["patches"]["pool"]["per_object"] == 60
     assert manifest["versions"]["numpy"] == np.__version__
     assert len(manifest["code"]) == 16
+    assert manifest["processor"] == processor()
+    assert manifest["builds"] == library_builds()
     data = manifest["data"]
     assert data["keys"] == ["000000_000000", "000012_000000"]
     assert data["models"].keys() == {model.name for model in demo_objects().values()}

@@ -230,6 +230,23 @@ def test_a_server_that_dies_meanwhile_hides_no_error(
         gone()
 
 
+def test_a_database_that_cannot_be_written_is_one_line_however_early_or_late(
+    settings: TrackingSettings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: Any, **__: Any) -> None:
+        raise MlflowException("database or disk is full\n[SQL: INSERT INTO runs]")
+
+    with pytest.raises(DataError, match=r"failed: database or disk is full$"):  # noqa: SIM117
+        with track_run(settings, "at its end", {}):
+            monkeypatch.setattr(MlflowClient, "set_terminated", full)
+    monkeypatch.setattr(MlflowClient, "create_run", full)
+    with (
+        pytest.raises(DataError, match=r"failed: database or disk is full$"),
+        track_run(settings, "at its beginning", {}),
+    ):
+        pass
+
+
 def test_nothing_is_told_to_mlflows_makers() -> None:
     code = (
         "import os; from hlp.reporting.mlflow_client import import_client; import_client();"

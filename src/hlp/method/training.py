@@ -13,10 +13,10 @@ from typing import Any
 import pytorch_lightning as pl
 import torch
 from pytorch_lightning.callbacks import Callback, TQDMProgressBar
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor, nn
 
-from hlp.files import write_csv
+from hlp.files import replaced, write_csv
 from hlp.method.checkpoints import CheckpointFiles, EpochCheckpoints, last_checkpoint
 from hlp.method.settings import TrainerSettings
 from hlp.method.training_files import HISTORY, WEIGHTS
@@ -53,7 +53,8 @@ def fit(
         with _stops(engine):
             engine.fit(module, data, ckpt_path=last, weights_only=True)
     weights = {name: value.contiguous() for name, value in network.state_dict().items()}
-    save_file(weights, folder / WEIGHTS)
+    with replaced(folder / WEIGHTS) as stream:  # its errors are the system's, unlike safetensors'
+        stream.write(save(weights))
     checkpoints.remove()
 
 

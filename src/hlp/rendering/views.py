@@ -13,6 +13,7 @@ from jaxtyping import Float, UInt8
 from tqdm import tqdm
 
 from hlp.errors import ConfigError, DataError, MissingFileError
+from hlp.files import write_array
 from hlp.geometry import rigid
 from hlp.records import MILLIMETRES_PER_METRE, Mesh, ObjectModel, Views
 from hlp.rendering import opengl, rasterizer
@@ -135,7 +136,7 @@ def save_views(folder: Path, views: Views) -> None:
     )
     folder.mkdir(parents=True, exist_ok=True)
     for name, array in zip(_FILES, arrays, strict=True):
-        np.save(folder / f"{name}.npy", array)
+        write_array(folder / f"{name}.npy", array)
 
 
 def load_views(folder: Path, object_id: int) -> Views:

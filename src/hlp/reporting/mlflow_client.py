@@ -29,6 +29,7 @@ def connect(uri: str, experiment: str) -> tuple["MlflowClient", str]:
     """
     import_client()
     from mlflow.exceptions import MlflowException
+    from sqlalchemy.exc import SQLAlchemyError  # of a database that is being created
 
     try:
         if not is_local(uri):
@@ -41,7 +42,7 @@ def connect(uri: str, experiment: str) -> tuple["MlflowClient", str]:
         with FileLock(database.with_name(database.name + ".lock")):
             prepare_database(database)
             return _open(uri, experiment, artifacts_uri(database))
-    except MlflowException as error:
+    except (MlflowException, SQLAlchemyError) as error:
         why = str(error).partition("\n")[0]
         raise ConfigError(f"reporting.uri: MLflow cannot use {uri}: {why}") from error
 
@@ -56,6 +57,8 @@ def import_client() -> type["MlflowClient"]:
 
     for name in ("mlflow", "alembic"):
         logging.getLogger(name).setLevel(logging.WARNING)
+    # It prints the statement that failed, in many lines; the error that follows is said in one.
+    logging.getLogger("mlflow.store.db.utils").setLevel(logging.CRITICAL)
     return MlflowClient
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from hlp.errors import DataError, MissingFileError, is_expected
 from hlp.reporting.local_database import SQLITE
-from hlp.reporting.mlflow_client import connect, database_path, is_local
+from hlp.reporting.mlflow_client import connect, database_path, import_client, is_local
 from hlp.reporting.run_owner import owner_tags
 from hlp.settings import Doc, Settings
 
@@ -153,28 +153,43 @@ def track_run(
 
     Raises ConfigError if MLflow cannot be reached at `settings.uri`, DataError if it fails later.
     """
+    with _errors_named(settings.uri):
+        client, experiment_id = connect(settings.uri, settings.experiment)
+        all_tags = {"mlflow.source.name": "hlp run", **owner_tags(), **(tags or {})}
+        child = _CHILD.get()
+        if child is not None:
+            run_name, all_tags[PARENT] = child.name, child.parent
+            resume = _unfinished_child(client, experiment_id, child)
+        logged = None if resume is None else _reopen(client, resume)
+        if resume is None or logged is None:
+            resume = client.create_run(experiment_id, run_name=run_name, tags=all_tags).info.run_id
+        run_id, logged = resume, logged or {}
+        tracker = Tracker(client, experiment_id, run_id)
+        with _closed(client, run_id):
+            wanted = {**(child.swept if child else {}), **flatten(params)}
+            # MLflow lets no parameter be changed.
+            tracker.log_params({n: v for n, v in wanted.items() if metric_name(n) not in logged})
+            client.log_dict(run_id, dict(params), "config.yaml")
+            yield tracker
+
+
+@contextmanager
+def _errors_named(uri: str) -> Iterator[None]:
+    """Raise MLflow's errors in the block as DataError, in one line."""
+    import_client()
     from mlflow.exceptions import MlflowException
 
-    client, experiment_id = connect(settings.uri, settings.experiment)
-    all_tags = {"mlflow.source.name": "hlp run", **owner_tags(), **(tags or {})}
-    child = _CHILD.get()
-    if child is not None:
-        run_name, all_tags[PARENT] = child.name, child.parent
-        resume = _unfinished_child(client, experiment_id, child)
-    logged = None if resume is None else _reopen(client, resume)
-    if resume is None or logged is None:
-        resume = client.create_run(experiment_id, run_name=run_name, tags=all_tags).info.run_id
-    run_id, logged = resume, logged or {}
-    tracker = Tracker(client, experiment_id, run_id)
     try:
-        wanted = {**(child.swept if child else {}), **flatten(params)}
-        # MLflow lets no parameter be changed.
-        tracker.log_params({n: v for n, v in wanted.items() if metric_name(n) not in logged})
-        client.log_dict(run_id, dict(params), "config.yaml")
-        yield tracker
+        yield
     except MlflowException as error:
-        _close(client, run_id, "FAILED", error)
-        raise DataError(f"MLflow at {settings.uri} failed: {_first_line(error)}") from error
+        raise DataError(f"MLflow at {uri} failed: {_first_line(error)}") from error
+
+
+@contextmanager
+def _closed(client: "MlflowClient", run_id: str) -> Iterator[None]:
+    """End the run with the block: FINISHED, FAILED after an error, KILLED if it was stopped."""
+    try:
+        yield
     except Exception as error:
         _close(client, run_id, "FAILED", error)
         raise

@@ -13,7 +13,13 @@ from hlp.data.dataset import frames_identity
 from hlp.files import MANIFEST, read_csv
 from hlp.results.poses_file import POSE_COLUMNS
 from hlp.stages.manifest import read_manifest
-from hlp.stages.provenance import code_digest, git_revision, library_versions
+from hlp.stages.provenance import (
+    code_digest,
+    git_revision,
+    library_builds,
+    library_versions,
+    processor,
+)
 from hlp.stages.store import StageStore
 
 if TYPE_CHECKING:
@@ -21,9 +27,15 @@ if TYPE_CHECKING:
 
 
 def make_manifest(run: "Run", store: StageStore) -> dict[str, Any]:
-    """Everything needed to tell whether two results were made in the same way."""
+    """Everything needed to tell whether two results were made in the same way.
+
+    Another processor or another build of a library may change the last bits of a result. They are
+    named, but a result that was made with them is finished all the same.
+    """
     return {
         **made_from(run),
+        "processor": processor(),
+        "builds": library_builds(),
         "revision": git_revision(),
         "stages": [dataclasses.asdict(event) for event in store.events],
     }

@@ -87,7 +87,8 @@ Truths = list[TruthEntry]
 Infos = list[InfoEntry]
 Targets = list[TargetRow]
 ModelInfos = dict[StrictStr, ModelInfo]
-Names = dict[StrictStr, StrictStr]
+Names = dict[StrictStr, Annotated[StrictStr, Field(pattern=r"^\w[\w .+-]*$")]]
+"""Names of objects, which become names of files."""
 
 
 def whole_ids(names: Sequence[str]) -> list[int]:

@@ -1,9 +1,10 @@
-"""What a result was made with: HLP's own source, its commit, and the libraries' versions."""
+"""What a result was made with: HLP's source, its commit, the libraries and the processor."""
 
 import hashlib
 import platform
+import re
 import subprocess
-from importlib.metadata import version
+from importlib.metadata import distribution, version
 from pathlib import Path
 
 import hlp
@@ -23,10 +24,42 @@ LIBRARIES = (
 )
 
 
+_COMPILED = re.compile(r"\.(so|dylib|pyd|dll)(\.[\d.]+)?$")
+
+
 def library_versions() -> dict[str, str]:
     """Versions of Python, of HLP and of the libraries that affect its results."""
     own = {"python": platform.python_version(), "hlp": hlp.__version__}
     return own | {name: version(name) for name in LIBRARIES}
+
+
+def library_builds() -> dict[str, str]:
+    """A digest (16 hex digits) of the compiled files of each library that has some.
+
+    Two builds of one version, as for other processors or with other options, may differ in the last
+    bits of their results. The digests are those that installers have recorded; a library that was
+    installed without a record is left out.
+    """
+    builds = {}
+    for name in (*LIBRARIES, "llvmlite"):
+        files = distribution(name).files or []
+        hashes = [f"{f} {f.hash.value}" for f in files if f.hash and _COMPILED.search(f.name)]
+        if hashes:
+            text = "\n".join(sorted(hashes)).encode()
+            builds[name] = hashlib.blake2b(text, digest_size=8).hexdigest()
+    return builds
+
+
+def processor() -> dict[str, str]:
+    """The system, the processor's type and its instruction sets, for which kernels are compiled."""
+    from llvmlite import binding
+
+    features = binding.get_host_cpu_features()
+    return {
+        "system": f"{platform.system()} {platform.machine()}",
+        "type": str(binding.get_host_cpu_name()),
+        "features": " ".join(sorted(name for name, there in features.items() if there)),
+    }
 
 
 def code_digest() -> str:

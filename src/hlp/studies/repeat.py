@@ -2,9 +2,9 @@
 
 import json
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
@@ -12,6 +12,7 @@ from hlp.errors import ConfigError, DataError
 from hlp.files import POSES
 from hlp.runs.manifest import made_from, poses_digest
 from hlp.stages.manifest import read_manifest
+from hlp.stages.provenance import library_builds, processor
 from hlp.studies.foreign_config import check_harmless
 
 if TYPE_CHECKING:
@@ -59,9 +60,10 @@ def run_again(run: "Run", manifest: Path, output: Path) -> None:
 
 
 def check_manifest(run: "Run", manifest: Path) -> None:
-    """Raise DataError if the data are not those of the manifest; warn of other code or versions.
+    """Raise DataError if the data are not those of the manifest; warn of what else differs.
 
-    The message names the data that differ: models, frames, photographs, …
+    The message names the data that differ: models, frames, photographs, … Other code, versions,
+    builds of libraries and processors are warned of: with them, poses may differ.
     """
     wanted, found = read_manifest(manifest), made_from(run)
     data = wanted.get("data", {})
@@ -75,3 +77,17 @@ def check_manifest(run: "Run", manifest: Path) -> None:
         before = wanted.get("versions", {}).get(name)
         if before != version:
             warn("%s is %s here, and %s in %s", name, version, before, manifest)
+    _warn_of_machine(wanted, manifest)
+
+
+def _warn_of_machine(wanted: Mapping[str, Any], manifest: Path) -> None:
+    """Warn of another processor and of other builds of libraries, where the manifest names them."""
+    warn = logging.getLogger(__name__).warning
+    for part, here in (("processor", processor()), ("builds", library_builds())):
+        there = wanted.get(part)
+        if not isinstance(there, dict):
+            continue
+        differing = [name for name in here if there.get(name) != here[name]]
+        if differing:
+            text = "%s: %s differ from %s; the last bits of results may differ too"
+            warn(text, part, ", ".join(differing), manifest)

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
+from hlp.files import replaced
 from hlp.geometry import project, transform
 from hlp.records import Frame, ObjectModel, PoseEstimate, Region, Target, Votes
 from hlp.rendering.light import FRONTAL_LIGHT
@@ -56,8 +57,9 @@ def draw_panels(
 
 def write_png(path: Path, image: Image) -> None:
     """Write an RGB image. Raises OSError naming a path that cannot be written."""
-    if not cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_RGB2BGR)):
-        raise OSError(f"cannot write the picture {path}")
+    _, encoded = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    with replaced(path) as stream:
+        stream.write(encoded.tobytes())
 
 
 def draw_region(rgb: Image, mask: Bool[np.ndarray, "h w"]) -> Image:

@@ -1,0 +1,51 @@
+"""Several processes at work in the same folders."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+from mlflow import MlflowClient
+from process import Running, run_hlp
+
+from run_files import read_json, stages
+from tiny_run import TinyRun
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def learnt(tiny_run: TinyRun, tmp_path: Path) -> Path:
+    """A folder with what the tiny run has learnt, but for one codebook, and without a database."""
+    for stage in ("views", "classifier", "encoder", "codebook"):
+        shutil.copytree(tiny_run.folder / "work" / stage, tmp_path / "work" / stage)
+    shutil.rmtree(min((tmp_path / "work" / "codebook").glob("*/stage.json")).parent)
+    return tmp_path
+
+
+def test_two_identical_runs_at_once_make_everything_once(tiny_run: TinyRun, learnt: Path) -> None:
+    """Also the database. A report that is asked for meanwhile sees whole results or none."""
+    outputs = [learnt / name for name in ("one", "two")]
+    command = ("run", *tiny_run.overrides, "machine.threads=1")
+    runs = [Running(learnt, *command, f"output={path.name}") for path in outputs]
+    asked = 0
+    while any(run.process.is_alive() for run in runs):
+        report = run_hlp(learnt, "report", "output=one")
+        asked += 1
+        if report.returncode != 0:
+            assert (report.returncode, report.stderr.count("\n")) == (1, 1), report.stderr
+            assert report.stderr.startswith("hlp: "), report.stderr
+    assert asked > 0
+    for run in runs:
+        ended = run.wait()
+        assert ended.returncode == 0, ended.stderr
+    made = [stages(path, reused=False) for path in outputs]
+    for stage in ("codebook", "regions", "hypotheses", "poses"):
+        assert sum(each.get(stage, 0) for each in made) == 1, made
+    wanted = read_json(tiny_run.output / "manifest.json")["poses"]
+    assert [read_json(path / "manifest.json")["poses"] for path in outputs] == [wanted] * 2
+    client = MlflowClient(f"sqlite:///{learnt / 'work' / 'mlflow.db'}")
+    experiment = client.get_experiment_by_name("hlp")
+    assert experiment is not None
+    found = client.search_runs([experiment.experiment_id])
+    assert [run.info.status for run in found] == ["FINISHED", "FINISHED"]
+    assert run_hlp(learnt, "report", "output=one").returncode == 0

@@ -1,0 +1,152 @@
+"""Where a run reads and writes: too little room, no rights, links, another disk, no HOME."""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from process import run_hlp
+
+import hlp
+from run_files import read_json, stages
+from tiny_run import TinyRun
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def work(tiny_run: TinyRun, tmp_path: Path) -> Path:
+    """A copy of the tiny run's work folder, without the views of one object and without poses."""
+    work = Path(shutil.copytree(tiny_run.folder / "work", tmp_path / "work"))
+    shutil.rmtree(min(path.parent for path in (work / "views").glob("*/rgb.npy")))
+    shutil.rmtree(min(path.parent for path in (work / "poses").glob("*/stage.json")))
+    return work
+
+
+def poses_of(output: Path) -> str:
+    """Digest of a run's poses."""
+    return str(read_json(output / "manifest.json")["poses"])
+
+
+def ends_well(tiny_run: TinyRun, folder: Path, *overrides: str) -> None:
+    """The same command in a folder; the poses must be the same."""
+    command = ("run", *tiny_run.overrides, "machine.threads=2", "output=again", *overrides)
+    ended = run_hlp(folder, *command)
+    assert ended.returncode == 0, ended.stderr
+    assert poses_of(folder / "again") == poses_of(tiny_run.output)
+
+
+def fails_in_few_lines(tiny_run: TinyRun, folder: Path, *overrides: str, **limits: object) -> str:
+    """The same command, which cannot work; what it said."""
+    command = ("run", *tiny_run.overrides, "machine.threads=2", "output=again", *overrides)
+    ended = run_hlp(folder, *command, **limits)
+    assert ended.returncode == 1, ended.stderr
+    assert ended.stderr.startswith("hlp: "), ended.stderr
+    assert ended.stderr.count("\n") <= 3, ended.stderr
+    assert not (folder / "again" / "manifest.json").exists()
+    return ended.stderr
+
+
+@pytest.mark.parametrize("longest", [2_000_000, 300_000])
+def test_a_file_that_cannot_be_written_whole(
+    tiny_run: TinyRun, tmp_path: Path, work: Path, longest: int
+) -> None:
+    """No room for the views (the first limit), or for the database (the second)."""
+    if longest < 2_000_000:
+        (work / "mlflow.db").unlink()
+    said = fails_in_few_lines(tiny_run, tmp_path, longest_file=longest)
+    assert ("mlflow.db" if longest < 2_000_000 else str(tmp_path / "work")) in said
+    ends_well(tiny_run, tmp_path)
+
+
+@pytest.fixture
+def full_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of three megabytes."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=3m", "tmpfs", str(disk)]
+    if sys.platform != "linux" or subprocess.run(mount, capture_output=True).returncode != 0:
+        pytest.skip("this process may not mount a small file system")
+    yield disk
+    subprocess.run(["umount", str(disk)], check=True)
+
+
+@pytest.mark.parametrize("what", ["views", "database", "output"])
+def test_a_full_disk(
+    tiny_run: TinyRun, tmp_path: Path, work: Path, full_disk: Path, what: str
+) -> None:
+    place = {"views": work / "views", "output": tmp_path / "again"}.get(what)
+    overrides = (f"reporting.uri=sqlite:///{full_disk}/mlflow.db",) if what == "database" else ()
+    (full_disk / "filling").write_bytes(bytes(2_900_000))
+    if place is not None:
+        shutil.rmtree(place, ignore_errors=True)
+        place.symlink_to(full_disk)
+    said = fails_in_few_lines(tiny_run, tmp_path, *overrides)
+    assert "No space left on device" in said or "disk is full" in said
+    if place is not None:
+        place.unlink()
+    ends_well(tiny_run, tmp_path)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="takes root's rights away as Linux has them")
+@pytest.mark.parametrize("what", ["views", "mlflow.db", "output"])
+def test_a_folder_that_may_only_be_read(
+    tiny_run: TinyRun, tmp_path: Path, work: Path, what: str
+) -> None:
+    closed = {"views": work / "views", "mlflow.db": work, "output": tmp_path / "closed"}[what]
+    closed.mkdir(exist_ok=True)
+    overrides = (f"output={closed}/again",) if what == "output" else ()
+    closed.chmod(0o555)
+    try:
+        said = fails_in_few_lines(tiny_run, tmp_path, *overrides, rights=False)
+    finally:
+        closed.chmod(0o755)
+    assert (what if what == "mlflow.db" else str(closed)) in said
+    assert "Permission denied" in said or "readonly" in said or "unable to open" in said
+    ends_well(tiny_run, tmp_path)
+
+
+def test_a_work_folder_of_links_on_another_disk(
+    tiny_run: TinyRun, tmp_path: Path, work: Path
+) -> None:
+    """Stage folders, single outputs and the database's folder are links."""
+    memory = Path("/dev/shm")  # noqa: S108 (a disk of its own, and a name of its own in it)
+    other = memory if os.access(memory, os.W_OK) else tmp_path
+    elsewhere = other / f"hlp-{os.getpid()}"
+    try:
+        shutil.move(work, elsewhere)
+        work.mkdir()
+        for path in elsewhere.iterdir():
+            if not path.name.endswith(".lock"):
+                (work / path.name).symlink_to(path)
+        single = min(path.parent for path in work.glob("codebook/*/stage.json"))
+        moved = Path(shutil.move(single, tmp_path / "single"))
+        single.symlink_to(moved)
+        ends_well(tiny_run, tmp_path)
+        assert stages(tmp_path / "again", reused=False) == {"views": 1, "poses": 1}
+        assert (work / "views").is_symlink() and single.is_symlink()
+    finally:
+        shutil.rmtree(elsewhere, ignore_errors=True)
+
+
+def test_without_home_and_without_a_folder_for_temporary_files(
+    tiny_run: TinyRun, tmp_path: Path, work: Path
+) -> None:
+    """A process that imports everything anew, as in a container of a user without a name."""
+    environment = {key: value for key, value in os.environ.items() if key != "HOME"}
+    environment |= {"TMPDIR": str(tmp_path / "absent"), "MPLCONFIGDIR": str(tmp_path / "absent")}
+    environment |= {"PYTHONPATH": str(Path(hlp.__file__).parents[1])}
+    code = "from hlp.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code, "run", *tiny_run.overrides, "output=again"],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert poses_of(tmp_path / "again") == poses_of(tiny_run.output)
