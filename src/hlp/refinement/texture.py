@@ -232,4 +232,3 @@ def _crop(
     camera[:2, 2] -= first
     camera[:2] /= stride
     return np.ascontiguousarray(rgb), np.ascontiguousarray(depth), camera
-
