@@ -114,6 +114,13 @@ def test_bare_command_lists_the_commands(call: Hlp) -> None:
     assert call("--help").stdout == bare.stdout
 
 
+def test_the_package_is_the_command_line_too() -> None:
+    command = [sys.executable, "-m", "hlp", "--version"]
+    environment = {**os.environ, "PYTHONPATH": str(Path(hlp.__file__).parents[1])}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout == f"hlp {hlp.__version__}\n"
+
+
 def test_unknown_command_is_named(call: Hlp) -> None:
     wrong = call("rnu")
     assert wrong.returncode == 2

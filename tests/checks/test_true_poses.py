@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hlp.checks import true_poses
 from hlp.checks.true_poses import FAULTS, Sample, agreement, check_true_poses
 
 
@@ -97,3 +98,22 @@ def test_undoing_a_fault_that_is_not_there_spoils_the_agreement(frames, models):
     for fault in FAULTS:
         if fault.kind not in {"registration", "rotations"}:  # small shifts, nearly symmetric turns
             assert agreement([fault.undo(each) for each in samples]) < healthy, fault
+
+
+@pytest.mark.parametrize(("stated", "kind"), [(0.58, "intrinsics"), (0.1, "mesh unit")])
+def test_a_tiny_mesh_that_fits_anywhere_explains_no_half_agreement(
+    frames, models, monkeypatch, stated, kind
+):
+    """The shares are those of the mustard bottle's recording with focal lengths times 1.3."""
+    size = {i: np.ptp(model.proxy.vertices) for i, model in models.items()}
+    focal = frames[0].camera_matrix[0, 0]
+
+    def share(samples):
+        first = samples[0]
+        if np.ptp(first.model.proxy.vertices) < 0.5 * size[first.model.object_id]:
+            return 1.0
+        return 0.95 if first.frame.camera_matrix[0, 0] == focal * 0.75 else stated
+
+    monkeypatch.setattr(true_poses, "agreement", share)
+    (finding,) = check_true_poses(frames, models)
+    assert finding.kind == kind, str(finding)

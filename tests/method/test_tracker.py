@@ -10,9 +10,9 @@ from hlp import CameraImage, Detector, TrackingSettings
 from hlp.data.synthetic.objects import demo_objects
 from hlp.errors import InputError
 from hlp.evaluation.errors import add_s
-from hlp.geometry import rotation_distance
-from hlp.method.tracking import Track
-from hlp.records import ObjectModel
+from hlp.geometry import project, rigid, rotation_distance, transform
+from hlp.method.tracking import Track, part_near
+from hlp.records import Frame, ObjectModel
 from moving_scene import SimulatedCamera, path
 
 MODELS = {model.name: model for model in demo_objects().values()}
@@ -145,3 +145,43 @@ def test_the_predicted_pose_moves_on_by_one_more_step() -> None:
     (start,) = Track(0, BEAR.object_id, 1.0, sheared).start_poses(BEAR.centroid, True)
     np.testing.assert_allclose(start[:3, :3] @ start[:3, :3].T, np.eye(3), atol=1e-12)
     assert rotation_distance(start[:3, :3], poses[1][:3, :3]) < 1e-6
+
+
+def test_a_part_of_a_frame_judges_a_pose_as_the_whole_does(detector: Detector) -> None:
+    """The part is a window of the image, with the camera that sees the same points in it."""
+    poses = path(BEAR, 2, NEAR)
+    (image, _) = SimulatedCamera({"bear": poses}, MODELS)
+    tracker = detector.tracker(["bear"], 1)
+    with tracker._estimator() as estimator:
+        object_id = detector.models["bear"].object_id
+        model = estimator.learnt.models[object_id]
+        frame = Frame(0, 0, image.rgb, image.depth.astype(np.float32), image.camera_matrix)
+        whole = estimator.prepare(frame)
+        part = part_near(estimator, whole, model, poses)
+        rows, columns = part.frame.depth.shape
+        assert 0 < rows * columns < 0.6 * frame.depth.size
+        low = (image.camera_matrix - part.frame.camera_matrix)[:2, 2].astype(int)
+        window = slice(low[1], low[1] + rows), slice(low[0], low[0] + columns)
+        np.testing.assert_array_equal(part.frame.depth, frame.depth[window])
+        np.testing.assert_array_equal(part.frame.rgb, frame.rgb[window])
+        seen = project(transform(poses[0], model.mesh.vertices), part.frame.camera_matrix)
+        beside = 0.4 * model.diameter * image.camera_matrix[0, 0] / poses[0, 2, 3]
+        assert np.ptp(seen, axis=0).max() > 20
+        assert seen.min() > beside or (low == 0).any()
+        assert ((columns, rows) - seen.max(axis=0) > beside).all()
+        expected = estimator.measure_fit(whole, object_id, poses[0]).as_array()
+        found = estimator.measure_fit(part, object_id, poses[0]).as_array()
+        np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-3)
+
+
+def test_where_an_object_is_not_in_the_image_the_part_is_the_whole(detector: Detector) -> None:
+    (image, _) = SimulatedCamera({"bear": path(BEAR, 2, NEAR)}, MODELS)
+    tracker = detector.tracker(["bear"], 1)
+    with tracker._estimator() as estimator:
+        model = estimator.learnt.models[detector.models["bear"].object_id]
+        frame = Frame(0, 0, image.rgb, image.depth.astype(np.float32), image.camera_matrix)
+        whole = estimator.prepare(frame)
+        for place in ((9.0, 0.0, 0.7), (0.0, 0.0, 0.0)):
+            pose = rigid(np.eye(3), np.array(place))
+            assert part_near(estimator, whole, model, pose[None]) is whole
+        assert part_near(estimator, whole, model, np.zeros((0, 4, 4))) is whole

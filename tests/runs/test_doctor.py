@@ -74,6 +74,39 @@ def _transpose(scene):
     _edit(scene / "scene_gt.json", change)
 
 
+def _invert(scene):
+    def change(entry):
+        for each in entry:
+            pose = np.eye(4)
+            pose[:3, :3] = np.reshape(each["cam_R_m2c"], (3, 3))
+            pose[:3, 3] = each["cam_t_m2c"]
+            pose = np.linalg.inv(pose)
+            each["cam_R_m2c"] = pose[:3, :3].ravel().tolist()
+            each["cam_t_m2c"] = pose[:3, 3].tolist()
+
+    _edit(scene / "scene_gt.json", change)
+
+
+def _open_gl(scene):
+    """Frames that `load` refuses: the objects are behind the camera."""
+
+    def change(entry):
+        for each in entry:
+            turned = np.diag([1.0, -1.0, -1.0]) @ np.reshape(each["cam_R_m2c"], (3, 3))
+            each["cam_R_m2c"] = turned.ravel().tolist()
+            each["cam_t_m2c"] = (np.array(each["cam_t_m2c"]) * [1, -1, -1]).tolist()
+
+    _edit(scene / "scene_gt.json", change)
+
+
+def _poses_in_metres(scene):
+    def change(entry):
+        for each in entry:
+            each["cam_t_m2c"] = (np.array(each["cam_t_m2c"]) / 1000).tolist()
+
+    _edit(scene / "scene_gt.json", change)
+
+
 def _scale_depth(scene):
     _edit(scene / "scene_camera.json", lambda entry: entry.update(depth_scale=1.0))
 
@@ -97,6 +130,9 @@ def _shift_depth(scene):
     [
         (_truncate, {"files"}),
         (_transpose, {"rotations"}),
+        (_invert, {"poses"}),
+        (_open_gl, {"axes"}),
+        (_poses_in_metres, {"pose unit"}),
         (_scale_depth, {"depth scale"}),
         (_small_camera, {"intrinsics"}),
         (_shift_depth, {"registration"}),
@@ -118,7 +154,7 @@ def test_a_healthy_set_has_no_finding_and_is_drawn(healthy, tmp_path):
 
 def test_what_is_no_data_set_is_a_finding(tmp_path):
     (finding,) = doctor.examine_dataset(tmp_path, None)
-    assert finding.kind == "data set"
+    assert finding.kind == "data set" and "scene_camera.json" in finding.advice
     detector, (finding,) = doctor.examine_learnt(tmp_path)
     assert detector is None and finding.kind == "learnt objects"
 

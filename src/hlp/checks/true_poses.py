@@ -24,6 +24,7 @@ _MOST_TARGETS = 6
 _SCALES = (0.1, 0.5, 0.9, 1.1, 2.0, 10.0)
 _FOCALS = (0.5, 0.67, 0.75, 0.8, 0.9, 1.1, 1.25, 1.33, 1.5, 1.9, 2.0)
 _SHIFT = (-20, -10, -5, 5, 10, 20)  # px
+_HARDLY = 0.3  # agreement of objects of a wrong size
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenGL's camera to OpenCV's
 
 
@@ -38,12 +39,16 @@ class Sample:
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault: its kind, in words, what to do, and how to undo it."""
+    """A fault: its kind, in words, what to do, and how to undo it.
+
+    It explains only less than `most` agreement.
+    """
 
     kind: str
     problem: str
     advice: str
     undo: Callable[[Sample], Sample]
+    most: float = 1.0
 
 
 def check_true_poses(frames: Sequence[Frame], models: Mapping[int, ObjectModel]) -> list[Finding]:
@@ -60,7 +65,8 @@ def check_true_poses(frames: Sequence[Frame], models: Mapping[int, ObjectModel])
     stated = agreement(samples)
     if stated >= _CLEARLY_FITS:
         return []
-    tried = [(agreement([fault.undo(each) for each in samples]), fault) for fault in FAULTS]
+    possible = [fault for fault in FAULTS if stated < fault.most]
+    tried = [(agreement([fault.undo(each) for each in samples]), fault) for fault in possible]
     share, fault = max(tried, key=lambda each: each[0])
     where = f"{len(samples)} targets"
     seen = f"{100 * stated:.0f} % of the objects' pixels agree with the depth"
@@ -193,7 +199,9 @@ def _faults() -> list[Fault]:
         found.append(Fault("pose unit", words, "Write millimetres", _with_pose(_moved(factor))))
     for factor in (0.1, 10.0, 25.4):
         words = f"meshes are {1 / factor:.3g} times as large as they should be"
-        found.append(Fault("mesh unit", words, "Write millimetres", _with_mesh(factor)))
+        # A tiny object agrees with anything behind which it stands.
+        most = _HARDLY if factor < 1.0 else 1.0
+        found.append(Fault("mesh unit", words, "Write millimetres", _with_mesh(factor), most))
     for factor in _FOCALS:
         words = f"the focal length is about {1 / factor:.2g} times what it should be"
         found.append(Fault("intrinsics", words, "Correct fx and fy", _with_camera(_focal(factor))))

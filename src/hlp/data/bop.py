@@ -156,11 +156,25 @@ class BopFrames:
         return len(self.targets)
 
     def load(self, key: str) -> Frame:
-        """Decode one frame with its targets; raises KeyError for an unknown key.
+        """Decode one frame with its targets.
+
+        Raises what `read` raises, and ValueError naming the file for depths that no camera measures
+        and poses that are not where the image has depth.
+        """
+        frame = self.read(key)
+        scene, where = self._scene(frame.scene_id), self._where(frame.scene_id, frame.frame_id)
+        require_depths(frame.depth, str(self._images(scene, frame.frame_id)[1]))
+        for target in frame.targets:
+            named = f"{where}, object {target.object_id}: cam_t_m2c"
+            require_near_depths(target.pose_cam_obj[:3, 3], frame.depth, named)
+        return frame
+
+    def read(self, key: str) -> Frame:
+        """One frame as its files state it, whether that makes sense or not.
 
         If more instances are annotated than wanted, the most visible ones are the targets. Raises
-        FileNotFoundError, and ValueError naming the file for a broken image, colour and depth of
-        different sizes, a NaN pose, or a wanted object without a pose.
+        KeyError for an unknown key, FileNotFoundError, and ValueError naming the file for a broken
+        image, colour and depth of different sizes, a NaN pose, or a wanted object without a pose.
         """
         if key not in self.keys:
             raise KeyError(f"no frame {key!r} with targets under {self._root / self._split}")
@@ -171,12 +185,8 @@ class BopFrames:
         rgb = read_rgb(rgb_path)
         depth = read_depth(depth_path, scale)
         same_size(rgb_path, rgb, depth)
-        require_depths(depth, str(depth_path))
         matrix = self._camera_matrix(scene, frame_id)
         targets = self._targets_in(scene_id, frame_id)
-        for target in targets:
-            where = f"{self._where(scene_id, frame_id)}, object {target.object_id}: cam_t_m2c"
-            require_near_depths(target.pose_cam_obj[:3, 3], depth, where)
         return Frame(scene_id, frame_id, rgb, depth, matrix, targets)
 
     def check(self, key: str, models: Mapping[int, ObjectModel]) -> None:

@@ -1,21 +1,25 @@
 """One instance of an object from frame to frame: its hypotheses, and its pose in the next frame."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Interval
 from jaxtyping import Float
 
-from hlp.geometry import nearest_rotation, rigid, transform
+from hlp.geometry import nearest_rotation, project, rigid, transform
 from hlp.method.detections import Detection, Rejection, describe
 from hlp.method.pose_estimator import FrameContext, PoseEstimator
-from hlp.records import Hypotheses, Refinement
+from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.refiner import refinable
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.refinement.verification import Observation
+from hlp.rendering.rasterizer import NEAR
 from hlp.settings import Doc, Settings
+
+# Diameters beside an object that are looked at: the search moves it by less.
+_BESIDE = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,17 +114,19 @@ def follow(
     object_id = track.object_id
     model, verifier = estimator.learnt.models[object_id], estimator.verifier(object_id)
     starts = track.start_poses(model.centroid, settings.prediction)
+    starts = starts[refinable(starts, model.centroid)]
+    near = part_near(estimator, context, model, starts)
     if len(starts) > 1:
-        starts = starts[np.argsort(verifier.costs(context.observation, starts), kind="stable")]
+        starts = starts[np.argsort(verifier.costs(near.observation, starts), kind="stable")]
     answers = list[Detection]()
-    for start in starts[refinable(starts, model.centroid)]:
-        pose = estimator.follow(context, object_id, start)
+    for start in starts:
+        pose = estimator.follow(near, object_id, start)
         if unexplained is not None:
-            evidence = verifier.evidence(context.observation, pose[None])
+            evidence = verifier.evidence(near.observation, pose[None])
             if not verifier.is_free(unexplained, pose[None], evidence)[0]:
                 continue
         one = RefinedHypotheses([Refinement(pose, 0)], np.zeros(1), np.zeros(1, dtype=int), (0,))
-        answers += describe(estimator, context, object_id, one, 0.0)
+        answers += describe(estimator, near, object_id, one, 0.0)
         if answers[-1].score >= settings.min_score:
             return answers[-1]
     all_starts = Hypotheses(starts, np.ones(len(starts)))
@@ -128,6 +134,36 @@ def follow(
     if refined is not None:
         answers += describe(estimator, context, object_id, refined, 0.0)
     return max(answers, key=lambda each: each.score, default=None)
+
+
+def part_near(
+    estimator: PoseEstimator,
+    context: FrameContext,
+    model: ObjectModel,
+    poses_cam_obj: Float[np.ndarray, "n 4 4"],
+) -> FrameContext:
+    """The part of the frame that shows the object in any of some poses, and what is beside it.
+
+    Preparing the whole frame would take longer than following one object in it. The part has pixel
+    coordinates of its own; the windows are those of
+    the whole frame, so objects are not to be detected in a part.
+    """
+    frame = context.frame
+    points = transform(poses_cam_obj, model.proxy.vertices).reshape(-1, 3)
+    if len(points) == 0 or points[:, 2].min() <= NEAR:
+        return context
+    beside = _BESIDE * model.diameter * frame.camera_matrix[0, 0] / points[:, 2].min()
+    pixels = project(points, frame.camera_matrix)
+    size = frame.depth.shape[1], frame.depth.shape[0]
+    low = np.clip(np.floor(pixels.min(axis=0) - beside), 0, size).astype(int)
+    high = np.clip(np.ceil(pixels.max(axis=0) + beside), 0, size).astype(int)
+    if (high <= low).any():
+        return context
+    area = slice(low[1], high[1]), slice(low[0], high[0])
+    camera_matrix = frame.camera_matrix.copy()
+    camera_matrix[:2, 2] -= low
+    part = replace(frame, rgb=frame.rgb[area], depth=frame.depth[area], camera_matrix=camera_matrix)
+    return FrameContext(part, context.windows, estimator.settings.refinement.verification)
 
 
 def numbered(detection: Detection, number: int, tracked: bool) -> TrackedDetection:

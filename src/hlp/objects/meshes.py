@@ -27,6 +27,7 @@ _MANY = 20_000  # corners of a convex hull; above, comparing all pairs takes min
 _DIRECTIONS = 1024
 _VERY_LARGE = 200_000  # triangles; above, simplifying takes more memory than anything else
 _MOST_FACES = 500_000  # finer than any camera shows; with more, a mesh is decimated when loaded
+_KEPT_FACES = 100_000  # of such a mesh: 0.7 mm each of an object of 15 cm
 _FINEST_GRID = 256  # cells along the longest side of a mesh: less than a millimetre of 20 cm
 # All that trimesh's loaders raise for broken files.
 _PARSE_ERRORS = (
@@ -43,7 +44,7 @@ def load_mesh(path: Path, scale: float | None = MILLIMETRE) -> Mesh:
     faces keep their order; the parts of a scene are joined. Colours are the file's (per vertex, per
     face or texture) or light grey, also where the texture's image is missing, which is logged;
     normals are the file's or computed. A mesh of more than 500 000 triangles is decimated to
-    200 000, which is logged. Raises FileNotFoundError, and ValueError for a file that cannot be
+    100 000, which is logged. Raises FileNotFoundError, and ValueError for a file that cannot be
     parsed, has no triangles, NaN vertices or triangles of vertices that it lacks, or whose diameter
     is not 1 cm … 2 m (wrong unit).
     """
@@ -74,8 +75,8 @@ def load_mesh(path: Path, scale: float | None = MILLIMETRE) -> Mesh:
     mesh = Mesh(vertices, faces.astype(np.int32), colors, normals, texture, colored)
     if not large:
         return mesh
-    _logger.info("%s: %d triangles, decimated to %d", path, len(faces), _VERY_LARGE)
-    return decimate(mesh, _VERY_LARGE)
+    _logger.info("%s: %d triangles, decimated to %d", path, len(faces), _KEPT_FACES)
+    return decimate(mesh, _KEPT_FACES)
 
 
 def _checked(

@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 from scipy.spatial.transform import Rotation
 
-from hlp.geometry import back_project, inverse, project, rigid, rotation_distance, transform
+from hlp.geometry import inverse, project, rigid, rotation_distance, transform
 from hlp.records import Mesh, ObjectModel
-from hlp.refinement.texture_kernel import sum_color_differences
+from hlp.refinement.texture_kernel import sum_color_differences, surface_and_normals
 from hlp.refinement.verification import Observation
 from hlp.rendering.color_grid import color_grid
 from hlp.rendering.rasterizer import NEAR, render_depth
@@ -199,14 +199,13 @@ def _seen_surface(
     drawn = rendered > 0.0
     inner = cv2.erode(drawn.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
     used = inner & (depth > 0.0) & (np.abs(depth - rendered) < _TOLERANCE)
-    if used.sum() < _MIN_PIXELS:
+    count = int(np.count_nonzero(used))
+    if count < _MIN_PIXELS:
         return None
-    rows, columns = np.indices(drawn.shape)
-    pixels = np.stack([columns, rows], axis=-1).astype(np.float64)
-    surface = back_project(pixels, rendered.astype(np.float64), camera)
-    normals = _normals(surface)[used]
-    light, _ = np.linalg.qr(np.concatenate([np.ones((len(normals), 1)), normals], axis=1))
-    points = transform(inverse(pose_cam_obj), surface[used])
+    surface, normals = np.empty((count, 3)), np.empty((count, 3))
+    surface_and_normals(rendered, used, camera, surface, normals)
+    light, _ = np.linalg.qr(np.concatenate([np.ones((count, 1)), normals], axis=1))
+    points = transform(inverse(pose_cam_obj), surface)
     colors = np.log(rgb[used] + np.float32(_OFFSET))
     return _SeenSurface(colors, points, np.ascontiguousarray(light))
 
@@ -233,12 +232,3 @@ def _crop(
     camera[:2, 2] -= first
     camera[:2] /= stride
     return np.ascontiguousarray(rgb), np.ascontiguousarray(depth), camera
-
-
-def _normals(surface: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
-    """Unit normals of a surface seen at each pixel, from its neighbours; 0 at the border."""
-    across, down = np.zeros_like(surface), np.zeros_like(surface)
-    across[:, 1:-1] = surface[:, 2:] - surface[:, :-2]
-    down[1:-1] = surface[2:] - surface[:-2]
-    normals = np.cross(across, down)
-    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12))

@@ -1,9 +1,65 @@
-"""Kernel of `texture`: how an image's colours differ from those of moved surface points."""
+"""Kernels of `texture`: a seen surface, and how an image's colours differ from those on it."""
 
 import numpy as np
-from jaxtyping import Float, Float32, UInt8
+from jaxtyping import Bool, Float, Float32, UInt8
 
 from hlp.compiled import compiled
+
+
+@compiled()
+def surface_and_normals(
+    depth: Float32[np.ndarray, "h w"],
+    used: Bool[np.ndarray, "h w"],
+    camera: Float[np.ndarray, "3 3"],
+    points: Float[np.ndarray, "p 3"],
+    normals: Float[np.ndarray, "p 3"],
+) -> None:
+    """Fill the points (m, camera coordinates) that the used pixels show, row by row, and normals.
+
+    Normals are of length 1, from the neighbours of each pixel; at the image's border from one
+    direction alone, so 0.
+    """
+    height, width = depth.shape
+    left, right, above, below = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    count = 0
+    for y in range(height):
+        for x in range(width):
+            if not used[y, x]:
+                continue
+            _back_project(x, y, depth, camera, points[count])
+            normal = normals[count]
+            count += 1
+            if not (0 < x < width - 1 and 0 < y < height - 1):
+                normal[:] = 0.0
+                continue
+            _back_project(x - 1, y, depth, camera, left)
+            _back_project(x + 1, y, depth, camera, right)
+            _back_project(x, y - 1, depth, camera, above)
+            _back_project(x, y + 1, depth, camera, below)
+            for k in range(3):
+                right[k] -= left[k]
+                below[k] -= above[k]
+            normal[0] = right[1] * below[2] - right[2] * below[1]
+            normal[1] = right[2] * below[0] - right[0] * below[2]
+            normal[2] = right[0] * below[1] - right[1] * below[0]
+            squared = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]
+            for k in range(3):
+                normal[k] /= max(np.sqrt(squared), 1e-12)
+
+
+@compiled(inline="always")
+def _back_project(
+    x: int,
+    y: int,
+    depth: Float32[np.ndarray, "h w"],
+    camera: Float[np.ndarray, "3 3"],
+    point: Float[np.ndarray, "3"],
+) -> None:
+    """Fill the point (m) that a pixel shows, as `geometry.back_project` computes it."""
+    z = float(depth[y, x])
+    point[0] = (x - camera[0, 2]) / camera[0, 0] * z
+    point[1] = (y - camera[1, 2]) / camera[1, 1] * z
+    point[2] = z
 
 
 @compiled()

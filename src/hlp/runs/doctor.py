@@ -14,7 +14,7 @@ from hlp.checks.finding import Finding
 from hlp.checks.frame_checks import check_frames, read_frames
 from hlp.checks.true_poses import check_true_poses
 from hlp.checks.unit_search import check_by_search
-from hlp.data.bop import BopSettings
+from hlp.data.bop import BopFrames, BopSettings
 from hlp.data.dataset import Dataset
 from hlp.data.own_frames import OwnFrames
 from hlp.errors import HlpError
@@ -25,6 +25,10 @@ from hlp.reporting.figures.panels import draw_detections, write_png
 
 _KEPT = 6  # frames whose content is looked at
 _SEARCHED = 2  # frames in which objects are looked for
+_LAYOUT = (
+    "The folder must be in BOP's layout: models/obj_000001.ply …, and for each scene "
+    "test/000001/rgb/, depth/, scene_camera.json and scene_gt.json"
+)
 
 
 def examine_machine(cache: Path) -> list[Finding]:
@@ -51,10 +55,14 @@ def examine_dataset(root: Path, output: Path | None) -> list[Finding]:
         dataset = BopSettings(name="bop", root=str(root)).build()
         keys = dataset.frames.keys
     except HlpError as error:
-        return [Finding("data set", str(root), str(error), "See docs/own-data for the layout")]
-    frames, findings = read_frames(dataset.frames.load, keys, _KEPT)
-    findings += check_frames(frames, list(dataset.models.values()))
-    findings += check_true_poses(frames, dataset.models)
+        return [Finding("data set", str(root), str(error), _LAYOUT)]
+    source = dataset.frames
+    read = source.read if isinstance(source, BopFrames) else None
+    frames, findings = read_frames(source.load, keys, _KEPT, read)
+    causes = check_frames(frames, list(dataset.models.values()))
+    causes += check_true_poses(frames, dataset.models)
+    # Values that make no sense have a cause; where it is known, only the cause is said.
+    findings = [each for each in findings if not causes or each.kind != "values"] + causes
     if output is not None:
         for frame in frames:
             _draw_truth(output, dataset, frame)

@@ -64,19 +64,20 @@ def predict(
     """
     drawn = _drawn(frames.keys, options.panels)
     search = _tracking(detector, options) if options.track else _detection(detector, options)
-    failed = 0
+    answered, failed = 0, 0
     gains: list[float] = []
     with AnswersFile(output) as file:
-        for number, (key, frame, mask, error) in enumerate(_decoded(frames, masks)):
-            if number == 0:  # after what decoding had to say
-                print(answers.HEADER)
+        for key, frame, mask, error in _decoded(frames, masks):
             problem = error
             if frame is not None:
                 try:
                     found = search(frame, mask)
+                    if answered == 0:  # after what decoding and loading had to say
+                        print(answers.HEADER)
                     _write(file, detector, frames, frame, found)
-                    if number == 0:  # after the first answer, which is not to wait
+                    if answered == 0:  # after the first answer, which is not to wait
                         _warn(frame, detector)
+                    answered += 1
                     _watch_colors(frame, detector, found, gains)
                     if key in drawn:
                         _draw(output, detector.models, frames.paths(key).name, frame, found)
