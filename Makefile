@@ -84,11 +84,7 @@ $(DOCS_STAMP): $(STAMP)
 	@touch $@
 
 ui: $(STAMP) ## browse the runs in MLflow
-	@test -f $(WORK)/mlflow.db || { echo "No runs in $(WORK)/mlflow.db yet: make demo makes one." >&2; exit 1; }
-	@experiment=$$($(BIN)/python -c "import sqlite3; print(sqlite3.connect('$(WORK)/mlflow.db').execute('select experiment_id from runs order by start_time desc').fetchone()[0])"); \
-	echo "Runs: http://127.0.0.1:$(PORT)/#/experiments/$$experiment/runs?workflowType=machine_learning  (stop with Ctrl-C)"
-	@$(BIN)/mlflow server --workers 1 --host 127.0.0.1 --port $(PORT) \
-	  --backend-store-uri sqlite:///$(WORK)/mlflow.db
+	@$(BIN)/hlp ui work=$(WORK) port=$(PORT)
 
 clean: ## remove caches and build outputs; runs and .venv stay
 	@rm -rf build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

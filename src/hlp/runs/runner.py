@@ -21,7 +21,7 @@ from hlp.reporting.figures.waterfall_bars import draw_waterfall
 from hlp.reporting.mlflow_metrics import summary_metrics
 from hlp.reporting.page.run_page import write_page_or_say
 from hlp.reporting.tables.summary_tables import format_summary
-from hlp.reporting.tracking import Tracker, how_to_browse, track_run
+from hlp.reporting.tracker import Tracker
 from hlp.results.poses_file import read_poses, write_poses
 from hlp.results.scores_file import write_scores
 from hlp.runs.diagnosis import FrameNotes, explain_misses, note_frame
@@ -33,7 +33,7 @@ from hlp.runs.failed_frames import (
     with_failed_frames,
 )
 from hlp.runs.manifest import make_manifest, poses_digest
-from hlp.runs.mlflow_inputs import log_inputs, log_tables, revision_tag, run_name
+from hlp.runs.mlflow_inputs import log_inputs, log_tables, say_where, tracked
 from hlp.runs.page_material import keep_material
 from hlp.runs.run_stages import stages_of
 from hlp.runs.stage_panels import drawn_frames, picture_of_stages
@@ -57,8 +57,7 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
     set_compute_threads(settings.machine.threads)
     output.mkdir(parents=True, exist_ok=True)
     (output / MANIFEST).unlink(missing_ok=True)
-    name = run_name(settings, output)
-    with track_run(settings.reporting, name, run.config, revision_tag()) as tracker:
+    with tracked(run, output) as tracker:
         log_inputs(run, tracker)
         report_bad_frames(run)
         store = StageStore(Path(settings.work))
@@ -139,9 +138,11 @@ def _score(
 
 def _log_training(training: TrainingStages, tracker: Tracker) -> None:
     for stage, output in (("classifier", training.classifier()), ("encoder", training.encoder())):
-        for epoch, row in enumerate(read_history(output.folder)):
-            metrics = {name: value for name, value in row.items() if name != "epoch"}
-            tracker.log_epoch_metrics(stage, epoch, metrics)
+        rows = [
+            {name: value for name, value in row.items() if name != "epoch"}
+            for row in read_history(output.folder)
+        ]
+        tracker.log_curves(stage, rows)
 
 
 def _draw(
@@ -169,5 +170,4 @@ def _say_where(run: Run, output: Path, tracker: Tracker) -> None:
         say("Report    %s (open it in a browser)", output / PAGE)
     if run.settings.panels > 0:
         say("Pictures  %s (what each stage saw)", output / "panels")
-    browse = how_to_browse(run.settings.reporting, tracker)
-    say("MLflow    %s", browse.replace("\n", "\n          "))
+    say_where(run, tracker)
