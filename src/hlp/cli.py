@@ -21,6 +21,7 @@ from hlp.commands import (
     runs,
     search,
     ui,
+    upload,
 )
 from hlp.commands.composing import MULTIRUN
 from hlp.commands.ending import stops_in_one_line
@@ -101,6 +102,7 @@ COMMANDS = {
     ),
     "runs": _Command(runs.command, "what lies in outputs/, with the main figures"),
     "ui": _Command(ui.command, "the runs in a browser, by MLflow"),
+    "upload": _Command(upload.command, "send runs to MLflow's server that was away"),
     "bench": _Command(bench.command, "time and memory of every stage on this machine"),
     "search": _Command(search.command, "search for the best settings within a time limit"),
     "download": _Command(download.command, "public data sets in a form that HLP reads"),

@@ -12,12 +12,12 @@ from urllib.request import urlopen
 
 from hlp.errors import InputError, MissingFileError, NetworkError
 from hlp.reporting.experiment_page import experiment_path
-from hlp.reporting.local_database import SQLITE
+from hlp.reporting.local_database import SQLITE, artifacts_uri
 from hlp.reporting.mlflow_client import database_path, follow_database, import_client, is_local
 from hlp.reporting.tracker import Tracker
 
 HOST, PORT = "127.0.0.1", 5000
-_LONGEST_START = 120  # s
+_LONGEST_START = 300  # s
 _SHUTDOWN = 10  # s
 
 
@@ -73,7 +73,9 @@ def server(uri: str, port: int = PORT) -> Iterator[str]:
             raise InputError(f"port {port} is taken: choose another with port=N") from error
     light = {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false", "MLFLOW_DISABLE_TELEMETRY": "true"}
     command = [sys.executable, "-m", "mlflow", "server", "--workers", "1", "--host", HOST]
-    command += ["--port", str(port), "--backend-store-uri", f"{SQLITE}{database_path(uri)}"]
+    database = database_path(uri)
+    command += ["--port", str(port), "--backend-store-uri", f"{SQLITE}{database}"]
+    command += ["--artifacts-destination", artifacts_uri(database)]
     process = subprocess.Popen(  # noqa: S603 - all words stand above or are checked
         command,
         env={**os.environ, **light},

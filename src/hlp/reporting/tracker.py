@@ -20,6 +20,7 @@ LONGEST_VALUE = 6000  # characters of a parameter; MLflow's own limit, as are th
 LONGEST_TAG = 5000
 PARAMETERS_AT_ONCE = 100
 METRICS_AT_ONCE = 1000
+WIDEST_IMAGE = 800  # px
 LONGEST_DIGEST = 36
 NOTE = "mlflow.note.content"  # tag of what MLflow shows as the description, in Markdown
 
@@ -160,6 +161,7 @@ class Tracker:
         name = re.sub(r"[^\w\-. /]", "_", key, flags=re.ASCII)
         with Image.open(picture) as opened:
             image = opened.convert("RGB")
+        image.thumbnail((WIDEST_IMAGE, image.height))  # MLflow keeps it as PNG
         self.send(lambda client, run_id: client.log_image(run_id, image, key=name, step=step))
 
     def log_artifact(self, path: Path, folder: str | None = None) -> None:

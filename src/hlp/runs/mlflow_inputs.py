@@ -3,6 +3,8 @@
 import logging
 import os
 import platform
+import sys
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -43,7 +45,21 @@ def tracked(run: "Run", output: Path, resume: str | None = None) -> Iterator[Tra
     ) as tracker:
         if chosen.command:
             tracker.set_tags({"command": chosen.command})
+        begun = time.process_time()
         yield tracker
+        tracker.log_metrics(_spent(begun))
+
+
+def _spent(begun: float) -> dict[str, float]:
+    """CPU time of this process since then (s), and its largest memory so far (MB)."""
+    spent = {"system/cpu_seconds": time.process_time() - begun}
+    if sys.platform == "win32":
+        return spent
+    import resource
+
+    kilobytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    unit = 1e6 if sys.platform == "darwin" else 1e3
+    return {**spent, "system/peak_memory_megabytes": kilobytes / unit}
 
 
 def choice_tags(groups: Mapping[str, str]) -> dict[str, str]:

@@ -20,8 +20,10 @@ from hlp.reporting.figures.panels import write_png
 from hlp.reporting.figures.waterfall_bars import draw_waterfall
 from hlp.reporting.mlflow_metrics import summary_metrics
 from hlp.reporting.page.run_page import write_page_or_say
+from hlp.reporting.page.verdict import run_verdict
 from hlp.reporting.tables.summary_tables import format_summary
 from hlp.reporting.tracker import Tracker
+from hlp.reporting.trainings import log_training
 from hlp.results.poses_file import read_poses, write_poses
 from hlp.results.scores_file import write_scores
 from hlp.runs.diagnosis import FrameNotes, explain_misses, note_frame
@@ -34,6 +36,7 @@ from hlp.runs.failed_frames import (
 )
 from hlp.runs.manifest import make_manifest, poses_digest
 from hlp.runs.mlflow_inputs import log_inputs, log_tables, say_where, tracked
+from hlp.runs.mlflow_pictures import log_pictures
 from hlp.runs.page_material import keep_material
 from hlp.runs.run_stages import stages_of
 from hlp.runs.stage_panels import drawn_frames, picture_of_stages
@@ -65,7 +68,7 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         training = detection.training
         render_in_workers(training, settings.executor)
         estimates, notes = _find(run, detection, output / "panels")
-        _log_training(training, tracker)
+        trained = _log_training(training, tracker)
         require_some(detection.failed, len(run.keys))
         timing = measure_times(run, detection, estimates)
         summary = _score(run, detection, estimates, notes, timing, output)
@@ -75,6 +78,8 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         made["poses"] = poses_digest(output / POSES)
         write_json(output / MANIFEST, made)
         write_page_or_say(output)
+        tracker.describe("\n\n".join([run_verdict(summary), *trained]))
+        log_pictures(output, tracker)
         tracker.log_artifacts(output)
     print(format_summary(summary))
     say_failed(detection.failed, len(run.keys))
@@ -136,13 +141,16 @@ def _score(
     return summary
 
 
-def _log_training(training: TrainingStages, tracker: Tracker) -> None:
+def _log_training(training: TrainingStages, tracker: Tracker) -> list[str]:
+    """Log the losses, and say which earlier runs have trained what this one has reused."""
+    said = []
     for stage, output in (("classifier", training.classifier()), ("encoder", training.encoder())):
         rows = [
             {name: value for name, value in row.items() if name != "epoch"}
             for row in read_history(output.folder)
         ]
-        tracker.log_curves(stage, rows)
+        said.append(log_training(tracker, stage, output.fingerprint, rows))
+    return [words for words in said if words]
 
 
 def _draw(

@@ -32,6 +32,7 @@ from hlp.reporting.recordings import write_recordings
 from hlp.reporting.reproductions import write_reproductions
 from hlp.reporting.run_names import short_name
 from hlp.reporting.sweep_arms import short_key
+from hlp.reporting.sweep_log import log_sweep
 from hlp.reporting.sweep_report import describe_sweep, write_sweep_files
 from hlp.reporting.tracker import Tracker
 from hlp.reporting.tracking import ChildRun, TrackingSettings, as_child_run, track_run
@@ -202,8 +203,7 @@ def _draw(folder: Path, tracker: Tracker) -> None:
     )  # fmt: skip
     written = [path for write in writers for path in write(folder)]
     page = write_sweep_page_or_say(folder)
-    for path in [*written, *([page] if page else [])]:
-        tracker.log_artifact(path)
+    log_sweep(folder, [*written, *([page] if page else [])], tracker)
     print(f"\n{described}\n")
     say("Written   %s (%s)", folder, ", ".join(path.name for path in written))
     if page is not None:
