@@ -22,7 +22,7 @@ export MPLBACKEND := Agg
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_ROOT_USER_ACTION := ignore
 
-.PHONY: help env demo test test-slow test-faults check audit docs ui clean
+.PHONY: help env demo test test-slow test-faults check audit docs ui screenshots clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -85,6 +85,12 @@ $(DOCS_STAMP): $(STAMP)
 
 ui: $(STAMP) ## browse the runs in MLflow
 	@$(BIN)/hlp ui work=$(WORK) port=$(PORT)
+
+SHOWN := build/screenshots
+screenshots: $(STAMP) ## the pictures of MLflow and the report in docs/assets (needs Chromium and its driver)
+	@$(BIN)/hlp run work=$(SHOWN)/work output=$(SHOWN)/run
+	@$(BIN)/hlp -m refinement=pso,icp,none work=$(SHOWN)/work output=$(SHOWN)/sweep
+	@$(BIN)/python -m pytest -q -m slow tests/browser --shown=$(SHOWN) --screenshots=docs/assets
 
 clean: ## remove caches and build outputs; runs and .venv stay
 	@rm -rf build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

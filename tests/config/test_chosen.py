@@ -15,7 +15,7 @@ def test_overrides_as_text_by_key() -> None:
 
 
 def test_groups_without_hydras_own() -> None:
-    choices = {"refinement": "icp", "hydra/launcher": "basic", "ladder": None}
+    choices = {"refinement": "icp", "hydra/launcher": "basic", "data/sizes@_global_": "demo"}
     hydra = OmegaConf.create({"runtime": {"choices": choices}})
     assert groups_of(hydra) == {"refinement": "icp"}
 

@@ -41,5 +41,9 @@ def overrides_of(given: Sequence[str]) -> dict[str, str]:
 
 def groups_of(hydra: HydraConf | DictConfig) -> dict[str, str]:
     """The alternative of each of HLP's groups, from Hydra's own configuration."""
-    choices = hydra.runtime.choices.items()
-    return {str(k): str(v) for k, v in choices if not str(k).startswith("hydra") and v is not None}
+    chosen = {str(group): name for group, name in hydra.runtime.choices.items() if name}
+    return {
+        group: str(name)
+        for group, name in chosen.items()
+        if not group.startswith("hydra") and "@" not in group
+    }

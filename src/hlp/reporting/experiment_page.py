@@ -1,6 +1,7 @@
 """What MLflow shows first of an experiment: a description, and the columns that one compares."""
 
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from hlp.reporting.mlflow_metrics import HEADLINES
@@ -9,7 +10,7 @@ from hlp.reporting.tracker import NOTE
 VIEW = "hlp"
 """Name of the shared view, which links to the page ask for."""
 _KIND = "mlflow.experimentKind"  # otherwise MLflow opens its pages for language models
-_SHARED_VIEW = "mlflow.sharedViewState."
+VIEW_TAG = f"mlflow.sharedViewState.{VIEW}"
 
 
 @dataclass(frozen=True)
@@ -28,11 +29,17 @@ class ExperimentPage:
             lines.append(f"Command: `{self.command}`")
         if self.data:
             lines.append(f"Data of the first run: {self.data}")
-        columns = [f"metrics.`{name}`" for name in HEADLINES]
-        view = {"selectedColumns": ["attributes.`Description`", *columns]}
         description = "\n\n".join(line for line in lines if line)
-        tags = {_KIND: "custom_model_development", f"{_SHARED_VIEW}{VIEW}": json.dumps(view)}
+        tags = {_KIND: "custom_model_development", VIEW_TAG: view_of(())}
         return {**tags, NOTE: description} if description else tags
+
+
+def view_of(sweeps: Iterable[str]) -> str:
+    """The shared view: the headline metrics as columns, the sweeps of these ids opened."""
+    columns = [f"metrics.`{name}`" for name in HEADLINES]
+    return json.dumps(
+        {"selectedColumns": columns, "runsExpanded": {run_id: True for run_id in sweeps}}
+    )
 
 
 def experiment_path(experiment_id: str) -> str:

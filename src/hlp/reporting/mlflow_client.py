@@ -102,6 +102,7 @@ def import_client() -> type["MlflowClient"]:
 
     for name in ("mlflow", "alembic"):
         logging.getLogger(name).setLevel(logging.WARNING)
+    logging.getLogger("urllib3").setLevel(logging.ERROR)  # a line for each try of a server
     return MlflowClient
 
 

@@ -27,7 +27,7 @@ def log_pictures(output: Path, tracker: Tracker) -> None:
     for key in missed[:: max(1, -(-len(missed) // MOST_MISSES))]:
         cause = (scores[key].score.cause or "unknown").replace("_", " ")
         counted[cause] = step = counted.get(cause, -1) + 1
-        tracker.log_image(_picture(output, shown[key]), f"missed, {cause}", step)
+        tracker.log_image(_picture(output, shown[key]), f"missed - {cause}", step)
 
 
 def _picture(output: Path, target: Mapping[str, str]) -> Path:

@@ -81,7 +81,7 @@ def _open_sweep(config: DictConfig) -> None:
             {"sweep": " ".join(overrides), "output": str(folder)},
             {**choice_tags(groups_of(config.hydra)), **place_tags(folder), "command": command},
             _read(folder).get("run_id"),
-            params={**overrides_of(overrides), "sweep": " ".join(overrides)},
+            params=overrides_of(overrides),
             page=ExperimentPage(settings.about, command, data),
         )
     )
