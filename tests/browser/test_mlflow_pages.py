@@ -56,6 +56,7 @@ def test_runs_numbers_and_images_are_seen_in_mlflow(
     with served(shown.work) as address:
         browser.get(address)
         has_words(browser, "sweep of ", *shown.names, "add", "5cm5deg", "iou50")
+        close_assistant(browser)
         take_picture(browser, screenshots, "mlflow_runs")
 
         address_of_list = browser.current_url
@@ -74,13 +75,37 @@ def test_runs_numbers_and_images_are_seen_in_mlflow(
         assert errors(browser) == []
 
 
+def close_assistant(browser: "Chrome") -> None:
+    """Close the panel that MLflow opens beside its pages, for more room."""
+    from selenium.webdriver.common.by import By
+
+    heading = "//*[contains(text(), 'MLflow Assistant')]/following::button[last()]"
+    named = "//button[contains(@aria-label, 'lose')]"
+    for each in browser.find_elements(By.XPATH, named) or browser.find_elements(By.XPATH, heading):
+        if each.is_displayed():
+            each.click()
+            return
+
+
 def see_image(browser: "Chrome", title: str) -> None:
     """Open the charts of the run that is shown, and find an image of that name that has loaded."""
     from selenium.webdriver.common.by import By
 
     charts = browser.current_url.partition("?")[0] + "/model-metrics"
     browser.get(f"{charts}?workflowType=machine_learning")
-    has_words(browser, title)
+    close_assistant(browser)
+    # MLflow puts images into the last section, which is closed at first.
+    section = "//*[normalize-space(text())='Model metrics'][not(ancestor::*[@role='tablist'])]"
+    last = wait(browser, lambda page: page.find_elements(By.XPATH, section), "the last section")
+    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", last[-1])
+    last[-1].click()
+    wait(
+        browser,
+        lambda page: page.find_elements(By.XPATH, f"//*[contains(text(), '{title}')]"),
+        title,
+    )
+    place = browser.find_elements(By.XPATH, f"//*[contains(text(), '{title}')]")[-1]
+    browser.execute_script("arguments[0].scrollIntoView({block: 'start'})", place)
 
     def loaded(page: "Chrome") -> bool:
         images = page.find_elements(By.CSS_SELECTOR, "img")

@@ -105,7 +105,7 @@ def _send_values(kept: "MlflowClient", run: "Run", target: "MlflowClient", run_i
     ]
     for start in range(0, len(metrics), METRICS_AT_ONCE):
         target.log_batch(run_id, metrics=metrics[start : start + METRICS_AT_ONCE])
-    if run.inputs.dataset_inputs:
+    if run.inputs is not None and run.inputs.dataset_inputs:
         target.log_inputs(run_id, datasets=run.inputs.dataset_inputs)
 
 
