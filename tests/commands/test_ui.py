@@ -10,10 +10,10 @@ Captured = pytest.CaptureFixture[str]
 def test_help_and_wrong_arguments(capsys: Captured) -> None:
     main(["ui", "--help"])
     assert capsys.readouterr().out == UI_HELP + "\n"
-    for wrong in ("port=here", "open=perhaps", "prot=1"):
+    for wrong, code in (("port=here", 1), ("open=perhaps", 2), ("prot=1", 2)):
         with pytest.raises(SystemExit) as caught:
             main(["ui", wrong])
-        assert caught.value.code == 2
+        assert caught.value.code == code
         assert wrong.partition("=")[0] in capsys.readouterr().err
 
 

@@ -8,22 +8,14 @@ from collections.abc import Mapping, Sequence
 
 from hlp.commands import composing, own_arguments
 from hlp.commands.tracking_uri import tracking_uri
-from hlp.errors import HlpError, InputError
+from hlp.errors import InputError
 
 
 def command(arguments: Sequence[str]) -> None:
     """Start the server and show its address until Ctrl-C; exits with 2 for wrong arguments."""
-    try:
-        given = composing.key_values(arguments, ("uri", "work", "experiment", "port", "open"))
-        if given is not None and given.get("open", "true") not in ("true", "false"):
-            raise InputError(f"open={given['open']}: it is true or false")
-        if given is not None and not given.get("port", "5000").isdecimal():
-            raise InputError(f"port={given['port']}: it is a number")
-    except HlpError as error:
-        print(f"hlp ui: {error}\n\n{UI_HELP}", file=sys.stderr)
-        sys.exit(2)
+    keys = ("uri", "work", "experiment", "port", "open")
+    given = composing.key_values(arguments, keys, UI_HELP, switches=("open",))
     if given is None:
-        print(UI_HELP)
         return
     own_arguments.call(lambda: _serve(given))
 
@@ -32,12 +24,15 @@ def _serve(given: Mapping[str, str]) -> None:
     from hlp.reporting.mlflow_client import is_local
     from hlp.reporting.mlflow_server import PORT, newest_page, server
 
+    port = given.get("port", str(PORT))
+    if not port.isdecimal():
+        raise InputError(f"port={port}: it is a number")
     uri = given.get("uri") or tracking_uri(given.get("work", "work"))
     page = newest_page(uri, given.get("experiment"))
     if not is_local(uri):
         _show(uri.rstrip("/") + page, given)
         return
-    with server(uri, int(given.get("port", PORT))) as address:
+    with server(uri, int(port)) as address:
         _show(address + page, given)
         print("Stop it with Ctrl-C.", flush=True)
         try:

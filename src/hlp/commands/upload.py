@@ -1,22 +1,15 @@
 """`hlp upload`: sends the runs that were kept here while MLflow's server was away."""
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from hlp.commands import composing, own_arguments
-from hlp.errors import HlpError
 
 
 def command(arguments: Sequence[str]) -> None:
     """Send them and print their names; exits with 2 if the arguments are wrong."""
-    try:
-        given = composing.key_values(arguments, ("work", "uri"))
-    except HlpError as error:
-        print(f"hlp upload: {error}\n\n{UPLOAD_HELP}", file=sys.stderr)
-        sys.exit(2)
+    given = composing.key_values(arguments, ("work", "uri"), UPLOAD_HELP)
     if given is None:
-        print(UPLOAD_HELP)
         return
     own_arguments.call(lambda: _send(Path(given.get("work", "work")), given.get("uri")))
 

@@ -2,9 +2,9 @@
 
 import tempfile
 from collections.abc import Mapping
+from importlib.metadata import version
 from pathlib import Path
 
-import hlp
 from hlp.errors import ConfigError
 from hlp.reporting.experiment_page import ExperimentPage
 from hlp.reporting.mlflow_client import connect, import_client
@@ -36,7 +36,7 @@ def register(learnt: Path, name: str, uri: str, tags: Mapping[str, str]) -> str:
             saved,
             loader_module=_LOADER,
             data_path=str(learnt),
-            pip_requirements=[f"hlp=={hlp.__version__}"],
+            pip_requirements=[f"hlp=={version('hlp')}"],
         )
         tracker.log_artifacts(saved, "model")
         run = client.get_run(tracker.run_id)
@@ -44,8 +44,8 @@ def register(learnt: Path, name: str, uri: str, tags: Mapping[str, str]) -> str:
         try:
             if not client.search_registered_models(f"name = '{name}'"):
                 client.create_registered_model(name)
-            version = client.create_model_version(name, source, tracker.run_id, tags=dict(tags))
+            made = client.create_model_version(name, source, tracker.run_id, tags=dict(tags))
         except MlflowException as error:
             why = str(error).partition("\n")[0]
             raise ConfigError(f"MLflow cannot register {name}: {why}") from error
-    return f"models:/{name}/{version.version}"
+    return f"models:/{name}/{made.version}"
