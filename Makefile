@@ -87,7 +87,7 @@ ui: $(STAMP) ## browse the runs in MLflow
 	@$(BIN)/hlp ui work=$(WORK) port=$(PORT)
 
 SHOWN := build/screenshots
-screenshots: $(STAMP) ## the pictures of MLflow and the report in docs/assets (needs Chromium and its driver)
+screenshots: $(STAMP) ## the pictures of the report in docs/assets (needs Chromium and its driver)
 	@$(BIN)/hlp run work=$(SHOWN)/work output=$(SHOWN)/run
 	@$(BIN)/hlp -m refinement=pso,icp,none work=$(SHOWN)/work output=$(SHOWN)/sweep
 	@$(BIN)/python -m pytest -q -m slow tests/browser --shown=$(SHOWN) --screenshots=docs/assets
