@@ -27,7 +27,7 @@ export MPLBACKEND := Agg
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_ROOT_USER_ACTION := ignore
 
-.PHONY: help env demo test test-slow test-faults test-oldest check audit docs ui clean
+.PHONY: help env demo test test-slow test-faults test-oldest check audit docs ui screenshots clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -101,11 +101,13 @@ $(DOCS_STAMP): $(STAMP)
 	@touch $@
 
 ui: $(STAMP) ## browse the runs in MLflow
-	@test -f $(WORK)/mlflow.db || { echo "No runs in $(WORK)/mlflow.db yet: make demo makes one." >&2; exit 1; }
-	@experiment=$$($(BIN)/python -c "import sqlite3; print(sqlite3.connect('$(WORK)/mlflow.db').execute('select experiment_id from runs order by start_time desc').fetchone()[0])"); \
-	echo "Runs: http://127.0.0.1:$(PORT)/#/experiments/$$experiment/runs?workflowType=machine_learning  (stop with Ctrl-C)"
-	@$(BIN)/mlflow server --workers 1 --host 127.0.0.1 --port $(PORT) \
-	  --backend-store-uri sqlite:///$(WORK)/mlflow.db
+	@$(BIN)/hlp ui work=$(WORK) port=$(PORT)
+
+SHOWN := build/screenshots
+screenshots: $(STAMP) ## the pictures of the report in docs/assets (needs Chromium and its driver)
+	@$(BIN)/hlp run work=$(SHOWN)/work output=$(SHOWN)/run
+	@$(BIN)/hlp -m refinement=pso,icp,none work=$(SHOWN)/work output=$(SHOWN)/sweep
+	@$(BIN)/python -m pytest -q -m slow tests/browser --shown=$(SHOWN) --screenshots=docs/assets
 
 clean: ## remove caches and build outputs; runs and .venv stay
 	@rm -rf build dist .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache

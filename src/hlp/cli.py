@@ -20,6 +20,8 @@ from hlp.commands import (
     run,
     runs,
     search,
+    ui,
+    upload,
 )
 from hlp.commands.composing import MULTIRUN
 from hlp.commands.ending import stops_in_one_line
@@ -99,6 +101,8 @@ COMMANDS = {
         report.command, "tables and pages of finished runs, with the paper's numbers"
     ),
     "runs": _Command(runs.command, "what lies in outputs/, with the main figures"),
+    "ui": _Command(ui.command, "the runs in a browser, by MLflow"),
+    "upload": _Command(upload.command, "send runs to MLflow's server that was away"),
     "bench": _Command(bench.command, "time and memory of every stage on this machine"),
     "search": _Command(search.command, "search for the best settings within a time limit"),
     "download": _Command(download.command, "public data sets in a form that HLP reads"),

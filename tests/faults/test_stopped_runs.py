@@ -20,7 +20,7 @@ LINES |= {130: "hlp: interrupted; the same command continues from here\n"}
 
 def statuses(folder: Path) -> list[str]:
     client = MlflowClient(f"sqlite:///{folder / 'work' / 'mlflow.db'}")
-    experiment = client.get_experiment_by_name("hlp")
+    experiment = client.get_experiment_by_name("demo")
     assert experiment is not None
     return sorted(run.info.status for run in client.search_runs([experiment.experiment_id]))
 

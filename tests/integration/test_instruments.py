@@ -42,10 +42,8 @@ def stages(output: Path, *, reused: bool) -> set[str]:
 
 def logged_metrics(tiny_run: TinyRun, output: Path) -> dict[str, float]:
     client = MlflowClient(f"sqlite:///{tiny_run.folder / 'work' / 'mlflow.db'}")
-    experiment = client.get_experiment_by_name("hlp")
-    assert experiment is not None
-    runs = client.search_runs([experiment.experiment_id])
-    (run,) = [each for each in runs if each.info.run_name.endswith(f" {output.name}")]
+    experiments = [each.experiment_id for each in client.search_experiments()]
+    (run,) = client.search_runs(experiments, f"tags.output = '{output}'")
     assert run.info.status == "FINISHED"
     metrics: dict[str, float] = run.data.metrics
     return metrics

@@ -39,7 +39,7 @@ def test_arms_side_by_side_leave_what_arms_in_turn_leave(tiny_run: TinyRun) -> N
     assert [(folder / arm / "manifest.json").is_file() for arm in "012"] == [False, True, True]
     parent = json.loads((folder / "sweep.json").read_text())["run_id"]
     client = MlflowClient(f"sqlite:///{tiny_run.folder / 'work' / 'mlflow.db'}")
-    experiment = client.get_experiment_by_name("hlp")
+    experiment = client.get_experiment_by_name("demo")
     assert experiment is not None
     runs = client.search_runs([experiment.experiment_id])
     arms = [run for run in runs if run.data.tags.get("mlflow.parentRunId") == parent]

@@ -27,10 +27,10 @@ def poses_without_times(path: Path) -> list[Row]:
 def statuses(folder: Path) -> dict[str, str]:
     """Status of every MLflow run, by the name of its output folder."""
     client = MlflowClient(f"sqlite:///{folder / 'work' / 'mlflow.db'}")
-    experiment = client.get_experiment_by_name("hlp")
+    experiment = client.get_experiment_by_name("demo")
     assert experiment is not None
     found = client.search_runs([experiment.experiment_id])
-    return {run.info.run_name.split()[-1]: run.info.status for run in found}
+    return {Path(run.data.tags["output"]).name: run.info.status for run in found}
 
 
 def test_other_refinement_makes_only_poses(tiny_run: TinyRun, call: Call) -> None:

@@ -166,16 +166,20 @@ def test_console_tells_the_stages_and_where_the_results_are(tiny_run: TinyRun) -
 
 def test_mlflow_has_the_run_with_all_of_it(tiny_run: TinyRun) -> None:
     client = MlflowClient(f"sqlite:///{tiny_run.folder / 'work' / 'mlflow.db'}")
-    experiment = client.get_experiment_by_name("hlp")
+    experiment = client.get_experiment_by_name("demo")
     assert experiment is not None
     found = client.search_runs([experiment.experiment_id])
-    (run,) = [each for each in found if each.info.run_name == "demo pca joint first"]
+    (run,) = [each for each in found if each.data.tags["output"] == str(tiny_run.output)]
     summary = read_json(tiny_run.output / "summary.json")
     assert run.info.status == "FINISHED"
-    assert run.data.params["encoder.name"] == "pca"
+    assert run.info.run_name.startswith("pca, width 320")
+    assert run.data.params["encoder"] == "pca"
     assert run.data.params["rendering.viewpoints"] == "24"
-    assert run.data.metrics["add/recall"] == summary["metrics"]["add"]["recall"]
-    assert run.data.metrics["time_ms/total"] == summary["timing_ms"]["total"]["median"]
+    assert not {"work", "output", "seed"} & set(run.data.params)
+    assert (run.data.tags["encoder"], run.data.tags["refinement"]) == ("pca", "pso")
+    assert "encoder=pca" in run.data.tags["command"]
+    assert run.data.metrics["add"] == summary["metrics"]["add"]["recall"]
+    assert run.data.metrics["ms"] == summary["timing_ms"]["total"]["median"]
     assert len(client.get_metric_history(run.info.run_id, "classifier/loss")) == 1
     artifacts = {item.path for item in client.list_artifacts(run.info.run_id)}
     wanted = {"summary.json", "scores.csv", "poses.csv", "manifest.json", "panels", "config.yaml"}

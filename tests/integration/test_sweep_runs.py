@@ -19,9 +19,8 @@ PARENT = "mlflow.parentRunId"
 
 def logged(folder: Path) -> tuple[MlflowClient, list[Run]]:
     client = MlflowClient(f"sqlite:///{folder / 'work' / 'mlflow.db'}")
-    experiment = client.get_experiment_by_name("hlp")
-    assert experiment is not None
-    return client, client.search_runs([experiment.experiment_id])
+    experiments = [each.experiment_id for each in client.search_experiments()]
+    return client, client.search_runs(experiments)
 
 
 def family(folder: Path, output: Path) -> tuple[MlflowClient, Run, list[Run]]:
@@ -46,11 +45,11 @@ def test_failed_arm_is_a_failed_run_and_the_others_go_on(tiny_run: TinyRun, call
     output = tiny_run.folder / "failing"
     client, parent, arms = family(tiny_run.folder, output)
     assert parent.info.status == "FAILED"
-    assert parent.info.run_name == "demo sweep of refinement.particles failing"
+    assert parent.info.run_name == "sweep of particles"
     named = [(arm.info.run_name, arm.info.status) for arm in arms]
     assert named == [
-        ("demo 0: refinement.particles=0", "FAILED"),
-        ("demo 1: refinement.particles=5", "FINISHED"),
+        ("particles 0", "FAILED"),
+        ("particles 5", "FINISHED"),
     ]
     assert [arm.data.params["refinement.particles"] for arm in arms] == ["0", "5"]
     traceback = Path(client.download_artifacts(arms[0].info.run_id, "traceback.txt")).read_text()
@@ -58,7 +57,7 @@ def test_failed_arm_is_a_failed_run_and_the_others_go_on(tiny_run: TinyRun, call
     whole = Path(client.download_artifacts(arms[1].info.run_id, "config.yaml")).read_text()
     assert "particles: 5" in whole
     summary = json.loads((output / "1" / "summary.json").read_text())
-    assert arms[1].data.metrics["add/recall"] == summary["metrics"]["add"]["recall"]
+    assert arms[1].data.metrics["add"] == summary["metrics"]["add"]["recall"]
 
 
 def test_interrupted_sweep_goes_on_without_repeating_arms(
@@ -88,7 +87,7 @@ def test_interrupted_sweep_goes_on_without_repeating_arms(
     code, said, _ = call(*overrides)
     assert code == 0
     assert f"continuing the sweep in {output.relative_to(tiny_run.folder)}" in said
-    assert "finished already: swept 0: refinement.particles=5" in said
+    assert "finished already: particles 5" in said
     assert asked == {6}
     assert (output / "0" / "summary.json").stat().st_mtime_ns == first
     _, again, arms = family(tiny_run.folder, sweep_of(tiny_run))

@@ -87,6 +87,6 @@ def test_runs_are_read_from_outputs_and_mlflow(tiny_run: TinyRun) -> None:
     text = unpadded(printed(done))
     assert "| first |" in text
     assert "| all targets |" in text
-    assert "| add/recall |" in text
+    assert "| add |" in text
     assert "FINISHED" in text
     assert len(pictures(done)) == 3  # recalls, errors, panels

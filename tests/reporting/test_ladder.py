@@ -59,6 +59,20 @@ def test_a_row_an_arm_with_what_it_gains_against_the_arm_before_it(tmp_path: Pat
     assert "| literal | what literal is | 0.250 |" in unpadded(
         describe_ladders(tmp_path, "markdown")
     )
+    (row,) = [
+        line for line in describe_ladders(tmp_path, "text").split("\n") if "modes " in line[:6]
+    ]
+    assert row.split() == [
+        "modes",
+        "0.750",
+        "80",
+        "literal",
+        "+0.500",
+        "+0.500",
+        "to",
+        "+0.500",
+        "-20",
+    ]
 
 
 def test_gains_are_those_of_the_paired_bootstrap(tmp_path: Path) -> None:

@@ -13,10 +13,13 @@ def settings(tmp_path_factory: pytest.TempPathFactory) -> TrackingSettings:
     uri = f"sqlite:///{tmp_path_factory.mktemp('runs') / 'mlflow.db'}"
     settings = TrackingSettings(name="mlflow", uri=uri, experiment="hlp")
     for name, particles, recall in (("first", 25, 0.5), ("second", 50, 0.75)):
-        params = {"seed": 0, "refinement": {"particles": particles}, "output": name}
-        with track_run(settings, name, params) as tracker:
-            tracker.log_metrics({"add/recall": recall})
-    with pytest.raises(ValueError, match="no depth"), track_run(settings, "third", {"seed": 0}):
+        params = {"seed": 0, "refinement": {"particles": particles}}
+        with track_run(settings, name, {}, params=params) as tracker:
+            tracker.log_metrics({"add": recall})
+    with (
+        pytest.raises(ValueError, match="no depth"),
+        track_run(settings, "third", {}, params={"seed": "0"}),
+    ):
         raise ValueError("no depth")
     return settings
 
@@ -25,8 +28,8 @@ def test_runs_come_newest_first_with_what_was_logged(settings: TrackingSettings)
     found = read_runs(settings)
     assert [run.name for run in found] == ["third", "second", "first"]
     assert [run.status for run in found] == ["FAILED", "FINISHED", "FINISHED"]
-    assert found[1].params == {"seed": "0", "refinement.particles": "50", "output": "second"}
-    assert found[1].metrics == {"add/recall": 0.75}
+    assert found[1].params == {"seed": "0", "refinement.particles": "50"}
+    assert found[1].metrics == {"add": 0.75}
     assert found[1].started <= found[0].started
 
 
@@ -36,8 +39,8 @@ def test_pages_are_joined(settings: TrackingSettings, monkeypatch: pytest.Monkey
 
 
 def test_table_shows_the_settings_that_differ(settings: TrackingSettings) -> None:
-    table = differences_table(read_runs(settings), ["add/recall"])
-    assert list(table.header) == ["run", "status", "refinement.particles", "add/recall"]
+    table = differences_table(read_runs(settings), ["add"])
+    assert list(table.header) == ["run", "status", "refinement.particles", "add"]
     assert list(table.rows) == [
         ["third", "FAILED", "", ""],
         ["second", "FINISHED", "50", "0.750"],

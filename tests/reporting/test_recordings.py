@@ -32,6 +32,8 @@ def test_all_data_sets_stand_in_one_table(tmp_path: Path) -> None:
     assert "Left out or unfinished: 1." in text
     told = unpadded(describe_recordings(tmp_path, "markdown"))
     assert "| board | 2 | 20 | 0.900 |" in told and "Written: " in told
+    narrow = [line for line in describe_recordings(tmp_path, "text").split("\n") if "board" in line]
+    assert len(narrow) == 1 and len(narrow[0]) <= 80
 
 
 def test_summaries_without_bops_recalls_leave_the_cells_empty(tmp_path: Path) -> None:

@@ -15,16 +15,14 @@ from mlflow.exceptions import MlflowException
 
 import hlp
 from hlp.errors import ConfigError, DataError, is_expected
+from hlp.reporting.mlflow_server import how_to_browse
 from hlp.reporting.run_owner import owner_tags
+from hlp.reporting.tracker import LoggedAs, Tracker, flatten, metric_name
 from hlp.reporting.tracking import (
     REVISION,
     ChildRun,
-    Tracker,
     TrackingSettings,
     as_child_run,
-    flatten,
-    how_to_browse,
-    metric_name,
     track_run,
 )
 
@@ -47,10 +45,9 @@ def test_run_holds_what_was_logged(settings: TrackingSettings, tmp_path: Path) -
     (tmp_path / "panels" / "frame.png").write_bytes(b"png")
     params = {"seed": 3, "refinement": {"name": "pso", "long": "x" * 7000}, "empty": {}}
     many = {f"group{i}": {"key": i} for i in range(150)}
-    with track_run(settings, "demo", params | many) as tracker:
+    with track_run(settings, "demo", {}, params=params | many) as tracker:
         tracker.log_metrics({"add/recall": 0.5, "add/recall_eggbox [2]": 1.0, "nothing": None})
-        for epoch in range(3):
-            tracker.log_epoch_metrics("encoder", epoch, {"loss": 1.0 / (epoch + 1)})
+        tracker.log_curves("encoder", [{"loss": 1.0 / (epoch + 1)} for epoch in range(3)])
         tracker.log_artifact(tmp_path / "summary.json")
         tracker.log_artifacts(tmp_path / "panels", "panels")
         tracker.log_table("per_object", {"object": ["cat", "ape"], "add": (0.5, 1.0)})
@@ -70,7 +67,7 @@ def test_run_holds_what_was_logged(settings: TrackingSettings, tmp_path: Path) -
     assert artifact(settings, tracker.run_id, "panels/frame.png").read_bytes() == b"png"
     table = json.loads(artifact(settings, tracker.run_id, "per_object.json").read_text())
     assert table == {"columns": ["object", "add"], "data": [["cat", 0.5], ["ape", 1.0]]}
-    assert tracker.page_path.endswith(f"/runs/{tracker.run_id}")
+    assert f"/runs/{tracker.run_id}?" in tracker.page_path
 
 
 def test_artifacts_lie_beside_the_database(settings: TrackingSettings) -> None:
@@ -136,7 +133,7 @@ def test_an_arm_has_its_parent_and_its_own_name(settings: TrackingSettings) -> N
     run = MlflowClient(settings.uri).get_run(child.run_id)
     assert run.info.run_name == "demo 0: refinement=icp"
     assert run.data.tags["mlflow.parentRunId"] == parent.run_id
-    assert run.data.params == {"refinement": "icp", "refinement.name": "icp", "seed": "0"}
+    assert run.data.params == {"refinement": "icp", "seed": "0"}
     with track_run(settings, "alone", {}) as alone:
         pass
     tags = MlflowClient(settings.uri).get_run(alone.run_id).data.tags
@@ -145,9 +142,12 @@ def test_an_arm_has_its_parent_and_its_own_name(settings: TrackingSettings) -> N
 
 def test_a_run_goes_on(settings: TrackingSettings) -> None:
     client = MlflowClient(settings.uri)
-    with pytest.raises(OSError, match="disk"), track_run(settings, "sweep", {"a": 1}) as first:
+    with (
+        pytest.raises(OSError, match="disk"),
+        track_run(settings, "s", {}, params={"a": 1}) as first,
+    ):
         raise OSError("disk")
-    with track_run(settings, "sweep", {"a": 1}, resume=first.run_id) as again:
+    with track_run(settings, "s", {}, resume=first.run_id, params={"a": 2}) as again:
         assert client.get_run(first.run_id).info.status == "RUNNING"
     assert again.run_id == first.run_id
     run = client.get_run(first.run_id)
@@ -157,6 +157,7 @@ def test_a_run_goes_on(settings: TrackingSettings) -> None:
         pass
     assert new.run_id != "0" * 32
     assert client.get_run(new.run_id).info.run_name == "sweep"
+    assert run.data.params == {"a": "1"}  # MLflow lets none be changed
 
 
 def test_a_retried_child_is_the_same_child(settings: TrackingSettings) -> None:
@@ -167,14 +168,14 @@ def test_a_retried_child_is_the_same_child(settings: TrackingSettings) -> None:
         with (
             pytest.raises(OSError, match="disk"),
             as_child_run(child),
-            track_run(settings, "", {"config": "unread"}) as first,
+            track_run(settings, "", {}, params={"config": "unread"}) as first,
         ):
             raise OSError("disk")
         for of in (child, child, ChildRun(child.name, "0" * 32, {"seed": "0"})):
-            with as_child_run(of), track_run(settings, "", {"a": 1}) as again:
+            with as_child_run(of), track_run(settings, "", {}, params={"a": "1"}) as again:
                 ids.append(again.run_id)
-    assert ids[0] == first.run_id
-    assert len({*ids}) == 3  # the first of them ended well, so it is not continued
+    assert ids[0] == ids[1] == first.run_id  # however it ended
+    assert ids[2] != first.run_id
     params = MlflowClient(settings.uri).get_run(first.run_id).data.params
     assert params == {"seed": "0", "config": "unread", "a": "1"}
 
@@ -207,7 +208,7 @@ def test_runs_of_dead_processes_are_closed_as_killed(settings: TrackingSettings)
     client.set_terminated(elsewhere.info.run_id)
 
 
-@pytest.mark.parametrize("uri", ["http://127.0.0.1:9", "nonsense://x", "sqlite:////dev/null/db"])
+@pytest.mark.parametrize("uri", ["nonsense://x", "sqlite:////dev/null/db"])
 def test_an_address_that_cannot_be_used_is_named_in_seconds(uri: str) -> None:
     begun = time.monotonic()
     wrong = TrackingSettings("mlflow", uri, "hlp")
@@ -262,7 +263,7 @@ def log_one(settings: TrackingSettings, barrier: Any, number: int) -> None:
     barrier.wait()
     with track_run(settings, f"run {number}", {"number": number}) as tracker:
         tracker.log_metrics({"number": number})
-        tracker.log_epoch_metrics("encoder", 0, {"loss": 0.5})
+        tracker.log_curves("encoder", [{"loss": 0.5}])
 
 
 def test_processes_that_start_together_share_one_new_database(tmp_path: Path) -> None:
@@ -295,14 +296,12 @@ def test_flatten() -> None:
 
 
 def test_browsing_is_told_as_a_command_that_works_from_anywhere(tmp_path: Path) -> None:
-    local = TrackingSettings(
-        name="mlflow", uri=f"sqlite:///{tmp_path / 'my runs'}/mlflow.db", experiment="hlp"
+    tracker = Tracker(LoggedAs(MlflowClient("http://server"), "7", "abc"))
+    command, page = how_to_browse(f"sqlite:///{tmp_path / 'my runs'}/mlflow.db", tracker).split(
+        "\n"
     )
-    tracker = Tracker(MlflowClient("http://server"), "7", "abc")
-    command, page = how_to_browse(local, tracker).splitlines()
-    words = shlex.split(command)
-    assert words[:4] == [sys.executable, "-m", "mlflow", "server"]
-    assert words[-2:] == ["--backend-store-uri", f"sqlite:///{tmp_path / 'my runs'}/mlflow.db"]
-    assert page == "then open http://127.0.0.1:5000/#/experiments/7/runs/abc"
-    remote = TrackingSettings(name="mlflow", uri="http://server:5000/", experiment="hlp")
-    assert how_to_browse(remote, tracker) == "http://server:5000/#/experiments/7/runs/abc"
+    assert shlex.split(command) == ["hlp", "ui", f"uri=sqlite:///{tmp_path / 'my runs'}/mlflow.db"]
+    path = "/#/experiments/7/runs/abc?workflowType=machine_learning"
+    assert page == f"then http://127.0.0.1:5000{path}"
+    assert how_to_browse("http://server:5000/", tracker) == f"http://server:5000{path}"
+    assert how_to_browse("sqlite:///a.db", Tracker(None)) == ""

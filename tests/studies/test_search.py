@@ -71,7 +71,7 @@ def runs_of(tmp_path: Path) -> tuple[Any, list[Any]]:
     from mlflow import MlflowClient
 
     client = MlflowClient(f"sqlite:///{tmp_path / 'work' / 'mlflow.db'}")
-    experiment = client.get_experiment_by_name("hlp")
+    experiment = client.get_experiment_by_name("demo")
     assert experiment is not None
     runs = client.search_runs([experiment.experiment_id], order_by=["start_time ASC"])
     (parent,) = [run for run in runs if "mlflow.parentRunId" not in run.data.tags]

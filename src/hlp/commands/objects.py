@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hlp.commands import composing, own_arguments
+from hlp.commands.tracking_uri import tracking_uri
 from hlp.errors import InputError
 
 
@@ -20,7 +21,8 @@ def command(arguments: Sequence[str]) -> None:
 def _do(arguments: Sequence[str]) -> None:
     from hlp.runs import learnt_cache
 
-    words = [each for each in arguments if not each.startswith("work=")]
+    words = [each for each in arguments if not each.startswith(("work=", "uri="))]
+    uri = next((each[4:] for each in arguments if each.startswith("uri=")), tracking_uri())
     work = next((each[5:] for each in arguments if each.startswith("work=")), None)
     cache = learnt_cache.cache_folder(work)
     match words:
@@ -32,8 +34,19 @@ def _do(arguments: Sequence[str]) -> None:
             print(f"removed {learnt_cache.remove_learnt(name, cache)}")
         case ["export", name, target]:
             print(f"copied to {learnt_cache.export_learnt(name, Path(target).expanduser(), cache)}")
+        case ["register", name, model]:
+            print(_registered(learnt_cache.find_learnt(name, cache), model, uri))
         case _:
             raise InputError(f"cannot use '{' '.join(words)}': see `hlp objects --help`")
+
+
+def _registered(folder: Path, model: str, uri: str) -> str:
+    from hlp.reporting.model_registry import register
+    from hlp.runs.learnt_cache import describe_learnt
+
+    objects = ", ".join(describe_learnt(folder).record.objects)
+    address = register(folder, model, uri, {"objects": objects})
+    return f"registered {address}; in Python: mlflow.pyfunc.load_model('{address}')"
 
 
 def _listed(cache: Path) -> str:
@@ -77,6 +90,7 @@ usage: hlp objects list
        hlp objects show NAME|FOLDER
        hlp objects remove NAME
        hlp objects export NAME FOLDER
+       hlp objects register NAME|FOLDER MODEL [uri=MLFLOW]
 
 What `hlp learn` and `hlp predict model=…` have learnt and keep in the user's cache.
 
@@ -84,6 +98,8 @@ What `hlp learn` and `hlp predict model=…` have learnt and keep in the user's 
   show     size, symmetries, colours and patch sizes of the objects
   remove   delete an entry
   export   copy it into a new folder, to be used on another machine: hlp predict learnt=FOLDER …
+  register copy it into MLflow as a new version of MODEL, for mlflow.pyfunc.load_model
+           (uri: MLFLOW_TRACKING_URI, or sqlite:///work/mlflow.db)
 
 work=FOLDER looks there instead of in the user's cache.
 

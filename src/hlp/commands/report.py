@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hlp.commands import composing
+from hlp.commands.tracking_uri import tracking_uri
 from hlp.errors import HlpError
-
-MLFLOW = "sqlite:///work/mlflow.db"
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -27,7 +26,7 @@ def command(arguments: Sequence[str]) -> None:
     folder = Path(given.get("output") or Path("outputs", given.get("experiment", "")))
     try:
         if "runs" in given:
-            print(compare(given["runs"], given.get("uri", MLFLOW), layout))
+            print(compare(given["runs"], given.get("uri") or tracking_uri(), layout))
         elif "objects" in given:
             print(report_selection(folder, given["objects"], layout))
         else:

@@ -42,15 +42,17 @@ def _run(config: DictConfig, manifest: Path | None = None) -> None:
 
     config.output = HydraConfig.get().runtime.output_dir  # each run of a sweep has its own
 
-    from hlp.config import build
+    from hlp.config import build, chosen
     from hlp.studies import repeat, sweep, tasks
 
     if HydraConfig.get().mode == RunMode.MULTIRUN:
         sweep.run_one(config)
     elif manifest is not None:
-        repeat.run_again(build.build_run(config), manifest, Path(config.output))
+        run = build.build_run(config, chosen.chosen_by_hydra())
+        repeat.run_again(run, manifest, Path(config.output))
     else:
-        tasks.run_task(build.build_run(config), Path(config.output))
+        run = build.build_run(config, chosen.chosen_by_hydra())
+        tasks.run_task(run, Path(config.output))
 
 
 def _repeat(arguments: Sequence[str]) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue
 
+from hlp.config.chosen import Chosen
 from hlp.config.settings import RunSettings
 from hlp.config.symmetric_names import check_symmetric
 from hlp.data.bad_frames import find_bad_frames
@@ -22,7 +23,7 @@ class Run:
     """Everything a run needs, checked: settings, data set, keys of its frames, configuration.
 
     `bad_frames` are those of its frames that cannot be used, with the reasons, as far as their
-    files tell without being decoded.
+    files tell without being decoded. `chosen` is what the command line said.
     """
 
     settings: RunSettings
@@ -30,6 +31,7 @@ class Run:
     keys: tuple[str, ...]
     config: dict[str, Any]
     bad_frames: Mapping[str, str] = field(default_factory=dict)
+    chosen: Chosen = field(default_factory=Chosen)
 
     def require_sound_frames(self) -> None:
         """Raise DataError naming the first bad frame, if there is one."""
@@ -37,7 +39,7 @@ class Run:
             raise DataError(f"frame {key}: {reason}")
 
 
-def build_run(config: DictConfig) -> Run:
+def build_run(config: DictConfig, chosen: Chosen | None = None) -> Run:
     """Check the configuration and build what it names.
 
     Raises ConfigError naming a key that is unknown, missing or of the wrong type,
@@ -60,7 +62,7 @@ def build_run(config: DictConfig) -> Run:
     assert isinstance(plain, dict)
     bad = find_bad_frames(dataset, keys)
     values = {str(key): value for key, value in plain.items()}
-    run = Run(settings, dataset, keys, values, bad)
+    run = Run(settings, dataset, keys, values, bad, chosen or Chosen())
     if settings.on_bad_frame == "fail":
         run.require_sound_frames()
     if len(bad) == len(keys):

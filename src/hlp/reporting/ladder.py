@@ -15,6 +15,7 @@ from hlp.reporting.tables.table import LAYOUTS, Table, format_interval, format_s
 NAME = "ladder"
 """The experiment, the swept config group, and the files of table and figure."""
 _HEADER = ["arm", "change", "ADD(-S)", "95 %", "5cm5deg", "IoU", "ms"]
+_WIDE = ("change", "95 %", "5cm5deg", "IoU")  # columns for which a terminal has no room
 _AGAINST = ["against", "ADD(-S) gained", "95 % of it", "ms more"]
 
 
@@ -53,8 +54,12 @@ def describe_ladders(root: Path, layout: str) -> str:
         if files:
             found = read_results(folder)
             written = ", ".join(str(path) for path in files)
-            table = LAYOUTS[layout](ladder_table(arms_of(found)))
-            parts += [_note(found), table, f"Written: {written}"]
+            table = ladder_table(arms_of(found))
+            if layout == "text":
+                narrow = table.without(*_WIDE)
+                header = [name.removeprefix("ADD(-S) ") for name in narrow.header]
+                table = Table(header, narrow.rows).fitted(0, header.index("against"))
+            parts += [_note(found), LAYOUTS[layout](table), f"Written: {written}"]
     return "\n\n".join(parts)
 
 

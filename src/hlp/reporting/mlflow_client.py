@@ -2,8 +2,10 @@
 
 import logging
 import os
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from filelock import FileLock
 
@@ -15,36 +17,80 @@ if TYPE_CHECKING:
     from mlflow import MlflowClient
 
 
+class Tagged(Protocol):
+    """What has the tags of an experiment."""
+
+    @property
+    def tags(self) -> Mapping[str, str]:
+        """Tags by name."""
+        ...
+
+
+@dataclass(frozen=True)
+class Opened:
+    """MLflow's client and the id of an experiment; `aside` if the server was away."""
+
+    client: "MlflowClient"
+    experiment_id: str
+    aside: bool = False
+
+
 def is_local(uri: str) -> bool:
     """Whether an address is that of a local database."""
     return uri.startswith(SQLITE)
 
 
-def connect(uri: str, experiment: str) -> tuple["MlflowClient", str]:
-    """MLflow's client and the id of the experiment, which is created if need be.
+def connect(uri: str, experiment: str, page: Tagged, unsent: str) -> Opened:
+    """Open an experiment, which is created with the tags of its `page` if need be.
 
-    Processes that create the same SQLite database at the same time destroy it (MLflow 3), so that
-    happens under a lock. Runs that a dead process has left open are closed as KILLED. Raises
-    ConfigError if MLflow cannot be used at this address.
+    If the server is away, that of the local database `unsent`, with a warning. Runs that a dead
+    process has left open are closed as KILLED. Raises ConfigError if MLflow cannot be used at this
+    address.
     """
     import_client()
     from mlflow.exceptions import MlflowException
     from sqlalchemy.exc import SQLAlchemyError  # of a database that is being created
 
     try:
-        if not is_local(uri):
-            return _open(uri, experiment, None)
-        database = database_path(uri)
+        if is_local(uri):
+            return Opened(*_open_local(database_path(uri), experiment, page))
         try:
-            database.parent.mkdir(parents=True, exist_ok=True)
-        except FileExistsError as error:
-            raise ConfigError(f"reporting.uri: {database.parent} is no folder") from error
-        with FileLock(database.with_name(database.name + ".lock")):
-            prepare_database(database)
-            return _open(uri, experiment, artifacts_uri(database))
+            return Opened(*_open(uri, experiment, page, None))
+        except Exception as error:
+            if not is_away(error):
+                raise
+        logging.getLogger(__name__).warning(
+            "MLflow's server %s is away: the run is kept in %s; `hlp upload` sends it later",
+            uri,
+            database_path(unsent),
+        )
+        return Opened(*_open_local(database_path(unsent), experiment, page), aside=True)
     except (MlflowException, SQLAlchemyError) as error:
         why = str(error).partition("\n")[0]
         raise ConfigError(f"reporting.uri: MLflow cannot use {uri}: {why}") from error
+
+
+def is_away(error: BaseException) -> bool:
+    """Whether an error of MLflow's client says that its server did not answer."""
+    import requests
+    from mlflow.exceptions import MlflowException
+
+    if isinstance(error, requests.ConnectionError | requests.Timeout):
+        return True
+    # The client wraps what it gets; an answer of the server is a subclass, RestException.
+    return type(error) is MlflowException and str(error).startswith("API request to")
+
+
+def follow_database(database: Path) -> None:
+    """Prepare a local database for use where it lies now; see `prepare_database`."""
+    import_client()
+    try:
+        database.parent.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        raise ConfigError(f"reporting.uri: {database.parent} is no folder") from error
+    # Processes that create the same SQLite database at the same time destroy it (MLflow 3).
+    with FileLock(database.with_name(database.name + ".lock")):
+        prepare_database(database)
 
 
 def import_client() -> type["MlflowClient"]:
@@ -59,6 +105,7 @@ def import_client() -> type["MlflowClient"]:
         logging.getLogger(name).setLevel(logging.WARNING)
     # It prints the statement that failed, in many lines; the error that follows is said in one.
     logging.getLogger("mlflow.store.db.utils").setLevel(logging.CRITICAL)
+    logging.getLogger("urllib3").setLevel(logging.ERROR)  # a line for each try of a server
     return MlflowClient
 
 
@@ -67,11 +114,25 @@ def database_path(uri: str) -> Path:
     return Path(uri.removeprefix(SQLITE)).absolute()
 
 
-def _open(uri: str, experiment: str, artifacts: str | None) -> tuple["MlflowClient", str]:
+def _open_local(database: Path, experiment: str, page: Tagged) -> tuple["MlflowClient", str]:
+    follow_database(database)
+    with FileLock(database.with_name(database.name + ".lock")):
+        return _open(f"{SQLITE}{database}", experiment, page, artifacts_uri(database))
+
+
+def _open(
+    uri: str, experiment: str, page: Tagged, artifacts: str | None
+) -> tuple["MlflowClient", str]:
     client = import_client()(uri, registry_uri=uri)
     found = client.get_experiment_by_name(experiment)
     if found is None:
-        return client, str(client.create_experiment(experiment, artifact_location=artifacts))
+        created = client.create_experiment(
+            experiment, artifact_location=artifacts, tags=dict(page.tags)
+        )
+        return client, str(created)
+    for name, value in page.tags.items():  # somebody's own description stays
+        if name not in found.tags:
+            client.set_experiment_tag(found.experiment_id, name, value)
     for run in client.search_runs([found.experiment_id], "attributes.status = 'RUNNING'"):
         if owner_is_dead(run.data.tags):
             client.set_terminated(run.info.run_id, "KILLED")

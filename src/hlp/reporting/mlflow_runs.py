@@ -16,7 +16,7 @@ _PER_PAGE = 500
 
 @dataclass(frozen=True)
 class LoggedRun:
-    """One run in MLflow; `params` is its flat configuration."""
+    """One run in MLflow; `params` are its overrides."""
 
     run_id: str
     name: str
@@ -63,7 +63,7 @@ def read_runs(settings: TrackingSettings) -> list[LoggedRun]:
 
 def differences_table(runs: Sequence[LoggedRun], metrics: Sequence[str]) -> Table:
     """A row a run: the settings that differ between the runs, and the named metrics."""
-    keys = sorted({key for run in runs for key in run.params if key != "output"})
+    keys = sorted({key for run in runs for key in run.params})
     differing = [key for key in keys if len({run.params.get(key) for run in runs}) > 1]
     rows = [
         [

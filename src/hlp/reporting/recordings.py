@@ -9,6 +9,7 @@ from hlp.reporting.tables.table import LAYOUTS, Table, format_interval, format_s
 NAME = "recordings"
 """The experiment, and the files that its table is written to."""
 _DATA = "data"
+_WIDE = ("frames", "VSD", "MSSD", "MSPD")  # columns for which a terminal has no room
 _BOP = ("ar", "vsd", "mssd", "mspd")
 
 
@@ -23,7 +24,9 @@ def describe_recordings(root: Path, layout: str) -> str:
         if files:
             found = read_results(folder)
             written = ", ".join(str(path) for path in files)
-            parts += [_note(found), LAYOUTS[layout](recordings_table(found)), f"Written: {written}"]
+            table = recordings_table(found)
+            shown = table.without(*_WIDE).fitted(0) if layout == "text" else table
+            parts += [_note(found), LAYOUTS[layout](shown), f"Written: {written}"]
     return "\n\n".join(parts)
 
 

@@ -33,9 +33,13 @@ def describe_sweep(folder: Path, layout: str) -> str:
     sweep = sweep_of(read_results(folder))
     if not sweep.arms:
         return ""
-    table = LAYOUTS[layout](sweep_table(sweep, whole=layout != "text"))
+    table = sweep_table(sweep, whole=layout != "text")
+    if layout == "text":
+        table = table.fitted(*range(max(1, len(sweep.keys))))
     words = sweep_verdict(sweep)
-    return f"{table}\n\n{textwrap.fill(words, TERMINAL) if layout == 'text' else words}"
+    if layout == "text":
+        words = textwrap.fill(words, TERMINAL)
+    return f"{LAYOUTS[layout](table)}\n\n{words}"
 
 
 def write_sweep_files(folder: Path) -> list[Path]:

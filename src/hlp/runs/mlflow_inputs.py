@@ -1,30 +1,78 @@
-"""What a run logs to MLflow besides its files: name, revision, data sets, tables."""
+"""What a run logs to MLflow besides its files: name, tags, data sets, tables."""
 
-from collections.abc import Mapping
+import logging
+import os
+import platform
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hlp.data.dataset import frames_identity
 from hlp.files import SCORES, read_csv
-from hlp.reporting.mlflow_metrics import MLFLOW_METRICS
-from hlp.reporting.tracking import REVISION, Tracker
+from hlp.reporting.experiment_page import ExperimentPage
+from hlp.reporting.mlflow_metrics import HEADLINES
+from hlp.reporting.mlflow_server import how_to_browse
+from hlp.reporting.run_names import short_name
+from hlp.reporting.tracker import Tracker
+from hlp.reporting.tracking import REVISION, track_run
 from hlp.results.scores_file import SCORE_COLUMNS
 from hlp.stages.provenance import git_revision
 
 if TYPE_CHECKING:
     from hlp.config.build import Run
-    from hlp.config.settings import RunSettings
+
+_UNTAGGED = ("experiment", "reporting", "machine", "executor")  # groups that no result depends on
 
 
-def run_name(settings: "RunSettings", output: Path) -> str:
-    """A name for people: experiment, encoder, voting and output folder."""
-    return f"{settings.name} {settings.encoder.name} {settings.voting.name} {output.name}"
+@contextmanager
+def tracked(run: "Run", output: Path, resume: str | None = None) -> Iterator[Tracker]:
+    """Open the MLflow run of a run whose results go into `output`; see `track_run`."""
+    settings, chosen = run.settings, run.chosen
+    name = short_name(chosen.overrides, chosen.groups, settings.name)
+    data = run.config["data"]
+    page = ExperimentPage(settings.reporting.about, chosen.command, str(data["name"]))
+    with track_run(
+        settings.reporting,
+        name,
+        run.config,
+        {**choice_tags(chosen.groups), **place_tags(output)},
+        resume,
+        params=chosen.overrides,
+        page=page,
+    ) as tracker:
+        if chosen.command:
+            tracker.set_tags({"command": chosen.command})
+        begun = time.process_time()
+        yield tracker
+        tracker.log_metrics(_spent(begun))
 
 
-def revision_tag() -> dict[str, str]:
-    """The commit under the name by which MLflow shows it; empty if there is none."""
+def _spent(begun: float) -> dict[str, float]:
+    """CPU time of this process since then (s), and its largest memory so far (MB)."""
+    spent = {"system/cpu_seconds": time.process_time() - begun}
+    if sys.platform == "win32":
+        return spent
+    import resource
+
+    kilobytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    unit = 1e6 if sys.platform == "darwin" else 1e3
+    return {**spent, "system/peak_memory_megabytes": kilobytes / unit}
+
+
+def choice_tags(groups: Mapping[str, str]) -> dict[str, str]:
+    """The alternative of each config group as a tag, e.g. `refinement: icp`."""
+    return {group: name for group, name in groups.items() if group not in _UNTAGGED}
+
+
+def place_tags(output: Path) -> dict[str, str]:
+    """Where a run happens: commit, machine, folder of the results."""
     revision = git_revision()
-    return {} if revision is None else {REVISION: revision}
+    machine = f"{platform.node()}, {os.cpu_count()} cores, {platform.system()}"
+    tags = {"machine": machine, "output": str(output.absolute())}
+    return tags if revision is None else {**tags, REVISION: revision}
 
 
 def log_inputs(run: "Run", tracker: Tracker) -> None:
@@ -49,10 +97,17 @@ def log_tables(summary: Mapping[str, Any], output: Path, tracker: Tracker) -> No
         "object": list(objects),
         "targets": [scores["targets"] for scores in objects.values()],
     }
-    for key, shown in MLFLOW_METRICS.items():
-        columns[shown] = [scores[key]["recall"] for scores in objects.values()]
+    for key in HEADLINES[:3]:
+        columns[key] = [scores[key]["recall"] for scores in objects.values()]
     tracker.log_table("tables/objects", columns)
     rows = read_csv(output / SCORES, SCORE_COLUMNS)
     tracker.log_table(
         "tables/targets", {name: [row[name] for row in rows] for name in SCORE_COLUMNS}
     )
+
+
+def say_where(run: "Run", tracker: Tracker) -> None:
+    """Tell a person at a terminal how to see the run in MLflow."""
+    browse = how_to_browse(run.settings.reporting.uri, tracker)
+    if browse:
+        logging.getLogger(__name__).info("MLflow    %s", browse.replace("\n", "\n          "))

@@ -19,8 +19,10 @@ from hlp.reporting.figures.calibration_curves import draw_calibration
 from hlp.reporting.figures.waterfall_bars import draw_waterfall
 from hlp.reporting.mlflow_metrics import summary_metrics
 from hlp.reporting.page.run_page import write_page_or_say
+from hlp.reporting.page.verdict import run_verdict
 from hlp.reporting.tables.summary_tables import format_summary
-from hlp.reporting.tracking import Tracker, how_to_browse, track_run
+from hlp.reporting.tracker import Tracker
+from hlp.reporting.trainings import log_training
 from hlp.results.poses_file import read_poses, write_poses
 from hlp.results.scores_file import write_scores
 from hlp.runs.diagnosis import FrameNotes, explain_misses, note_frame
@@ -32,7 +34,8 @@ from hlp.runs.failed_frames import (
     with_failed_frames,
 )
 from hlp.runs.manifest import make_manifest, poses_digest
-from hlp.runs.mlflow_inputs import log_inputs, log_tables, revision_tag, run_name
+from hlp.runs.mlflow_inputs import log_inputs, log_tables, say_where, tracked
+from hlp.runs.mlflow_pictures import log_pictures
 from hlp.runs.page_material import keep_material
 from hlp.runs.run_stages import stages_of
 from hlp.runs.stage_panels import PANELS, draw_frames
@@ -56,8 +59,7 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
     set_compute_threads(settings.machine.threads)
     output.mkdir(parents=True, exist_ok=True)
     (output / MANIFEST).unlink(missing_ok=True)
-    name = run_name(settings, output)
-    with track_run(settings.reporting, name, run.config, revision_tag()) as tracker:
+    with tracked(run, output) as tracker:
         log_inputs(run, tracker)
         report_bad_frames(run)
         store = StageStore(Path(settings.work))
@@ -65,7 +67,7 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         training = detection.training
         render_in_workers(training, settings.executor)
         estimates, notes = _find(run, detection)
-        _log_training(training, tracker)
+        trained = _log_training(training, tracker)
         require_some(detection.failed, len(run.keys))
         timing = measure_times(run, detection, estimates)
         summary = _score(run, detection, estimates, notes, timing, output)
@@ -75,6 +77,8 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         made["poses"] = poses_digest(output / POSES)
         write_json(output / MANIFEST, made)
         write_page_or_say(output)
+        tracker.describe("\n\n".join([run_verdict(summary), *trained]))
+        log_pictures(output, tracker)
         tracker.log_artifacts(output)
     print(format_summary(summary))
     say_failed(detection.failed, len(run.keys))
@@ -133,11 +137,16 @@ def _score(
     return summary
 
 
-def _log_training(training: TrainingStages, tracker: Tracker) -> None:
+def _log_training(training: TrainingStages, tracker: Tracker) -> list[str]:
+    """Log the losses, and say which earlier runs have trained what this one has reused."""
+    said = []
     for stage, output in (("classifier", training.classifier()), ("encoder", training.encoder())):
-        for epoch, row in enumerate(read_history(output.folder)):
-            metrics = {name: value for name, value in row.items() if name != "epoch"}
-            tracker.log_epoch_metrics(stage, epoch, metrics)
+        rows = [
+            {name: value for name, value in row.items() if name != "epoch"}
+            for row in read_history(output.folder)
+        ]
+        said.append(log_training(tracker, stage, output.fingerprint, rows))
+    return [words for words in said if words]
 
 
 def _say_where(run: Run, output: Path, tracker: Tracker) -> None:
@@ -147,5 +156,4 @@ def _say_where(run: Run, output: Path, tracker: Tracker) -> None:
         say("Report    %s (open it in a browser)", output / PAGE)
     if run.settings.panels > 0:
         say("Pictures  %s (what each stage saw)", output / PANELS)
-    browse = how_to_browse(run.settings.reporting, tracker)
-    say("MLflow    %s", browse.replace("\n", "\n          "))
+    say_where(run, tracker)

@@ -20,6 +20,7 @@ from hlp.config.settings import TASKS
 from hlp.errors import InputError, MissingDependencyError, is_expected
 from hlp.files import write_json
 from hlp.method.pose_estimator import derive_seed
+from hlp.reporting.run_names import short_name
 from hlp.reporting.tables.search_table import format_search, write_search
 from hlp.reporting.tracking import ChildRun, as_child_run
 from hlp.runs import runner
@@ -172,7 +173,8 @@ def _try(study: "Study", run: Run, task: SearchSettings, folder: Path, parent: s
     say.info("\nTrial %d  %s", trial.number, words)
     changes = {**nested(trial.params), "task": {"name": "evaluate"}}
     try:
-        with as_child_run(ChildRun(f"{run.settings.name} trial {trial.number}", parent, values)):
+        name = short_name(values, (), f"trial {trial.number}")
+        with as_child_run(ChildRun(name, parent, values, str(trial.number))):
             summary = runner.run_method(with_changed_run(run, changes), folder / str(trial.number))
     except Exception as error:
         if not is_expected(error):  # a bug says nothing about the settings

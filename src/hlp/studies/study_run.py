@@ -8,9 +8,9 @@ from pathlib import Path
 from hlp.config.build import Run, evenly
 from hlp.files import MANIFEST, write_json
 from hlp.method.compute_threads import set_compute_threads
-from hlp.reporting.tracking import Tracker, how_to_browse, track_run
+from hlp.reporting.tracker import Tracker
 from hlp.runs.manifest import make_manifest
-from hlp.runs.mlflow_inputs import log_inputs, revision_tag
+from hlp.runs.mlflow_inputs import log_inputs, say_where, tracked
 from hlp.source_code import Code, code_of
 from hlp.stages.store import StageStore
 
@@ -29,9 +29,7 @@ def study_run(
     set_compute_threads(settings.machine.threads)
     output.mkdir(parents=True, exist_ok=True)
     (output / MANIFEST).unlink(missing_ok=True)
-    name = f"{settings.name} {settings.task.name} {output.name}"
-    tags = revision_tag()
-    with track_run(settings.reporting, name, run.config, tags, resume) as tracker:
+    with tracked(run, output, resume) as tracker:
         log_inputs(run, tracker)
         store = StageStore(Path(settings.work))
         yield store, tracker
@@ -40,8 +38,7 @@ def study_run(
     say = logging.getLogger(__name__).info
     written = sorted(path.name for path in output.iterdir() if not path.name.startswith("."))
     say("\nResults   %s (%s)", output, ", ".join(written))
-    browse = how_to_browse(settings.reporting, tracker)
-    say("MLflow    %s", browse.replace("\n", "\n          "))
+    say_where(run, tracker)
 
 
 def chosen_frames(run: Run, count: int | None) -> tuple[str, ...]:

@@ -21,17 +21,23 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
 
+from hlp.config.chosen import chosen_by_hydra, groups_of, overrides_of
 from hlp.errors import DataError, HlpError, InputError, MissingFileError
 from hlp.files import SWEEP, read_json, write_json
+from hlp.reporting.experiment_page import ExperimentPage
 from hlp.reporting.figures.trade_off import draw_trade_off
 from hlp.reporting.ladder import write_ladder
 from hlp.reporting.page.sweep_page import write_sweep_page_or_say
 from hlp.reporting.recordings import write_recordings
 from hlp.reporting.reproductions import write_reproductions
+from hlp.reporting.run_names import short_name
+from hlp.reporting.sweep_arms import short_key
+from hlp.reporting.sweep_log import log_sweep
 from hlp.reporting.sweep_report import describe_sweep, write_sweep_files
-from hlp.reporting.tracking import ChildRun, Tracker, TrackingSettings, as_child_run, track_run
+from hlp.reporting.tracker import Tracker
+from hlp.reporting.tracking import ChildRun, TrackingSettings, as_child_run, track_run
 from hlp.runs.manifest import is_finished
-from hlp.runs.mlflow_inputs import revision_tag
+from hlp.runs.mlflow_inputs import choice_tags, place_tags
 from hlp.settings import read_settings
 from hlp.stages.worker_end import ends_with
 
@@ -65,13 +71,18 @@ def _open_sweep(config: DictConfig) -> None:
         raise InputError(f"another sweep is writing into {folder}") from error
     overrides = [each for each in config.hydra.overrides.task if not each.startswith("output=")]
     swept = _swept_keys(config)
+    command = " ".join(["hlp -m", *overrides])
+    settings = _tracking(config)
+    data = str(config.hydra.runtime.choices.get("data", ""))
     tracker = _OPEN.enter_context(
         track_run(
-            _tracking(config),
-            f"{config.name} sweep of {', '.join(swept) or 'nothing'} {folder.name}",
+            settings,
+            f"sweep of {', '.join(short_key(key) for key in swept) or 'nothing'}",
             {"sweep": " ".join(overrides), "output": str(folder)},
-            revision_tag(),
+            {**choice_tags(groups_of(config.hydra)), **place_tags(folder), "command": command},
             _read(folder).get("run_id"),
+            params=overrides_of(overrides),
+            page=ExperimentPage(settings.about, command, data),
         )
     )
     record = {
@@ -129,13 +140,18 @@ def run_one(config: DictConfig) -> None:
     if os.getppid() == sweep.get("process"):  # a launcher's worker on this machine
         ends_with(os.getppid())
     swept = _swept_values(config, list(hydra.overrides.task), sweep["swept"])
-    name = f"{config.name} {hydra.job.num}: {' '.join(f'{k}={v}' for k, v in swept.items())}"
-    with as_child_run(ChildRun(name, sweep["run_id"], swept)):
+    chosen = chosen_by_hydra()
+    name = short_name(swept, chosen.groups, config.name)
+    arm = f"{hydra.job.num}: {' '.join(f'{key}={value}' for key, value in swept.items())}"
+    with as_child_run(ChildRun(name, sweep["run_id"], swept, arm)):
         try:
-            run = build.build_run(config)
+            run = build.build_run(config, chosen)
         except Exception:  # recorded, and raised again
             whole = OmegaConf.to_container(config, resolve=False)
-            with track_run(_tracking(config), name, {"config": whole}, revision_tag()):
+            assert isinstance(whole, dict)
+            values = {str(key): value for key, value in whole.items()}
+            tags = {**choice_tags(chosen.groups), **place_tags(output)}
+            with track_run(_tracking(config), name, values, tags):
                 raise
         if is_finished(run, output):
             logging.getLogger(__name__).info("finished already: %s in %s", name, output)
@@ -187,8 +203,7 @@ def _draw(folder: Path, tracker: Tracker) -> None:
     )  # fmt: skip
     written = [path for write in writers for path in write(folder)]
     page = write_sweep_page_or_say(folder)
-    for path in [*written, *([page] if page else [])]:
-        tracker.log_artifact(path)
+    log_sweep(folder, [*written, *([page] if page else [])], tracker)
     print(f"\n{described}\n")
     say("Written   %s (%s)", folder, ", ".join(path.name for path in written))
     if page is not None:

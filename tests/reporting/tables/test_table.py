@@ -38,3 +38,20 @@ def test_numbers_and_layouts() -> None:
     check_layout("markdown")
     with pytest.raises(ValueError, match="format=html: choose one of text, markdown"):
         check_layout("html")
+
+
+def test_a_table_is_cut_to_fit_a_terminal() -> None:
+    rows = [["without_verification", "0.500", "a value of many words"], ["short", "1.000", ""]]
+    table = Table(["arm", "AD", "against"], rows)
+    fitted = table.fitted(0, 2, width=30)
+    assert max(map(len, fitted.text().split("\n"))) == 30
+    assert fitted.rows[0][1] == "0.500"
+    assert fitted.rows[1] == rows[1]
+    assert fitted.rows[0][0].endswith("…") and rows[0][0].startswith(fitted.rows[0][0][:-1])
+    assert table.fitted(0, 2, width=80) == Table([*table.header], rows)
+    assert table.without("AD", "against").rows == [["without_verification"], ["short"]]
+
+
+def test_numbers_are_not_cut_to_fit() -> None:
+    table = Table(["arm", "AD"], [["of a long name", "0.500" * 20]])
+    assert table.fitted(0, width=30).rows[0] == ["of a …", "0.500" * 20]

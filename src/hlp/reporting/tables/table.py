@@ -12,6 +12,8 @@ _LATEX_SIGNS = str.maketrans({"°": r"$^\circ$", "θ": r"$\theta$", "τ": r"$\ta
 
 TERMINAL = 80
 """Columns of a terminal."""
+_GAP = "  "  # between two columns
+_SHORTEST = 6  # characters of a cell that is cut
 
 
 @dataclass(frozen=True)
@@ -21,13 +23,39 @@ class Table:
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
 
+    def without(self, *names: str) -> "Table":
+        """The table without the columns of these names."""
+        kept = [i for i, name in enumerate(self.header) if name not in names]
+        return Table([self.header[i] for i in kept], [[row[i] for i in kept] for row in self.rows])
+
+    def fitted(self, *columns: int, width: int = TERMINAL) -> "Table":
+        """The table with cells of these columns cut, the longest first, until it fits `width`.
+
+        At least a few characters stay, so a table of many columns may still be wider.
+        """
+        lines = [[*self.header], *([*row] for row in self.rows)]
+        widths = self._widths()
+        while sum(widths) + len(_GAP) * (len(widths) - 1) > width:
+            widest = max(columns, key=lambda column: widths[column])
+            if widths[widest] <= _SHORTEST:
+                break
+            widths[widest] -= 1
+        for line in lines:
+            for column in columns:
+                if len(line[column]) > widths[column]:
+                    line[column] = f"{line[column][: widths[column] - 1]}…"
+        return Table(lines[0], lines[1:])
+
+    def _widths(self) -> list[int]:
+        return [max(map(len, each)) for each in zip(self.header, *self.rows, strict=True)]
+
     def text(self) -> str:
         """The table for a terminal: columns padded with spaces, a rule below the header."""
         lines = [[*self.header], *([*row] for row in self.rows)]
-        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        widths = self._widths()
         lines.insert(1, ["-" * width for width in widths])
         return "\n".join(
-            "  ".join(
+            _GAP.join(
                 cell.rjust(width) if place else cell.ljust(width)
                 for place, (cell, width) in enumerate(zip(line, widths, strict=True))
             ).rstrip()

@@ -1,0 +1,48 @@
+"""What MLflow shows first of an experiment: a description, and the columns that one compares."""
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from hlp.reporting.mlflow_metrics import HEADLINES
+from hlp.reporting.tracker import NOTE
+
+VIEW = "hlp"
+"""Name of the shared view, which links to the page ask for."""
+_KIND = "mlflow.experimentKind"  # otherwise MLflow opens its pages for language models
+VIEW_TAG = f"mlflow.sharedViewState.{VIEW}"
+
+
+@dataclass(frozen=True)
+class ExperimentPage:
+    """What an experiment is in words, the command that makes a run of it, and the data set."""
+
+    about: str = ""
+    command: str = ""
+    data: str = ""
+
+    @property
+    def tags(self) -> dict[str, str]:
+        """The tags that MLflow reads when it shows the experiment."""
+        lines = [self.about]
+        if self.command:
+            lines.append(f"Command: `{self.command}`")
+        if self.data:
+            lines.append(f"Data of the first run: {self.data}")
+        description = "\n\n".join(line for line in lines if line)
+        tags = {_KIND: "custom_model_development", VIEW_TAG: view_of(())}
+        return {**tags, NOTE: description} if description else tags
+
+
+def view_of(sweeps: Iterable[str]) -> str:
+    """The shared view: the headline metrics as columns, the sweeps of these ids opened."""
+    columns = [f"metrics.`{name}`" for name in HEADLINES]
+    return json.dumps(
+        {"selectedColumns": columns, "runsExpanded": {run_id: True for run_id in sweeps}}
+    )
+
+
+def experiment_path(experiment_id: str) -> str:
+    """Path of an experiment's list of runs on MLflow's server, with the columns chosen above."""
+    asked = f"workflowType=machine_learning&viewStateShareKey={VIEW}"
+    return f"/#/experiments/{experiment_id}/runs?{asked}"

@@ -1,0 +1,34 @@
+"""A run's pictures as MLflow's images, which can be compared across runs."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from hlp.files import SCORES
+from hlp.reporting.comparison import read_targets
+from hlp.reporting.page.material import FOLDER, read_material
+from hlp.reporting.tracker import Tracker
+
+MOST_MISSES = 12
+"""Missed targets that are logged; the report shows more."""
+
+
+def log_pictures(output: Path, tracker: Tracker) -> None:
+    """Log panels, a step for each frame, and missed targets, each kind of miss by itself.
+
+    The frame's number is the step, so equal steps of two runs show the same frame.
+    """
+    for path in sorted((output / "panels").glob("*.png")):
+        scene, frame, _ = path.stem.split("_", 2)
+        tracker.log_image(path, f"panels of scene {int(scene)}", int(frame))
+    scores = read_targets(output / SCORES)
+    shown = read_material(output).targets
+    missed = [key for key in sorted(shown) if key in scores and not scores[key].correct("add")]
+    counted: dict[str, int] = {}
+    for key in missed[:: max(1, -(-len(missed) // MOST_MISSES))]:
+        cause = (scores[key].score.cause or "unknown").replace("_", " ")
+        counted[cause] = step = counted.get(cause, -1) + 1
+        tracker.log_image(_picture(output, shown[key]), f"missed - {cause}", step)
+
+
+def _picture(output: Path, target: Mapping[str, str]) -> Path:
+    return output / FOLDER / target["picture"]

@@ -1,0 +1,53 @@
+"""What the browser tests do on pages: wait, find by words, take pictures, read the console."""
+
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from selenium.webdriver import Chrome
+
+PATIENCE = 90  # s; a busy machine takes long for MLflow's pages
+# MLflow's own: it asks for users that a server without accounts does not have, and Chromium's note
+# that a size is told in the next frame.
+KNOWN = ("ajax-api/2.0/mlflow/users/current", "ResizeObserver loop")
+LARGEST = 200_000  # bytes of a picture in the documentation
+
+
+def wait(browser: "Chrome", condition: Callable[["Chrome"], Any], what: str) -> Any:
+    from selenium.common.exceptions import StaleElementReferenceException
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    ignored = [StaleElementReferenceException]
+    return WebDriverWait(browser, PATIENCE, ignored_exceptions=ignored).until(condition, what)
+
+
+def has_words(browser: "Chrome", *words: str) -> None:
+    for each in words:
+        wait(browser, lambda page, each=each: each in text_of(page), f"'{each}' on the page")
+
+
+def text_of(browser: "Chrome") -> str:
+    return str(browser.execute_script("return document.body.innerText"))
+
+
+def errors(browser: "Chrome") -> list[str]:
+    """Errors on the console since the last call."""
+    found = browser.get_log("browser")
+    severe = [each["message"] for each in found if each["level"] == "SEVERE"]
+    return [each for each in severe if not any(known in each for known in KNOWN)]
+
+
+def take_picture(browser: "Chrome", folder: Path | None, name: str) -> None:
+    """Write a JPEG for the documentation, if a folder is given."""
+    if folder is None:
+        return
+    from PIL import Image
+
+    picture = Image.open(io.BytesIO(browser.get_screenshot_as_png())).convert("RGB")
+    folder.mkdir(parents=True, exist_ok=True)
+    for quality in range(88, 30, -6):
+        picture.save(folder / f"{name}.jpg", quality=quality, optimize=True)
+        if (folder / f"{name}.jpg").stat().st_size < LARGEST:
+            break

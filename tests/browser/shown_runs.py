@@ -1,0 +1,16 @@
+"""The runs that the browser tests look at."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class ShownRuns:
+    """A run and a sweep with their database; the values of the swept key, the names of the arms."""
+
+    work: Path
+    run: Path
+    sweep: Path
+    values: tuple[str, ...]
+    names: tuple[str, ...]
+    key: str
