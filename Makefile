@@ -91,5 +91,5 @@ ui: $(STAMP) ## browse the runs in MLflow
 	  --backend-store-uri sqlite:///$(WORK)/mlflow.db
 
 clean: ## remove caches and build outputs; runs and .venv stay
-	@rm -rf build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache
+	@rm -rf build dist .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache
 	@find src tests -name __pycache__ -type d -prune -exec rm -rf {} +

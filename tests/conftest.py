@@ -10,11 +10,29 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from hlp.config.typed_defaults import provide_defaults
 from tiny_run import TINY, TinyRun, start_run
 
 Call = Callable[..., tuple[int, str, str]]
+
+# Properties: few examples, the same in every run; HLP_EXAMPLES=2000 tries that many new ones.
+settings.register_profile(
+    "fast",
+    max_examples=20,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+)
+settings.register_profile(
+    "thorough",
+    settings.get_profile("fast"),
+    max_examples=int(os.environ.get("HLP_EXAMPLES", "2000")),
+    derandomize=False,
+    print_blob=True,
+)
+settings.load_profile("thorough" if "HLP_EXAMPLES" in os.environ else "fast")
 
 provide_defaults()  # to every configuration that a test composes
 

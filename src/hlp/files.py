@@ -77,9 +77,13 @@ def write_json(path: Path, content: Any) -> None:
 def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
     """Replace a file's content by a header and rows of comma-separated values."""
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(rows)
+    plain, quoted = (
+        csv.writer(text, lineterminator="\n", quoting=each)
+        for each in (csv.QUOTE_MINIMAL, csv.QUOTE_ALL)
+    )
+    plain.writerow(columns)
+    for row in rows:  # unquoted, a carriage return would end the line when it is read
+        (quoted if any("\r" in str(cell) for cell in row) else plain).writerow(row)
     write_text(path, text.getvalue())
 
 
