@@ -100,15 +100,19 @@ def read_json(path: Path) -> Any:
 def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, Any]]:
     """Rows of a CSV file by column name; the first row is line 2, missing cells are None.
 
-    Raises MissingFileError, or DataError naming a file whose first line is not `columns`.
+    Raises MissingFileError, or DataError naming a file whose first line is not `columns`, or that
+    is no text.
     """
     if not path.is_file():
         raise MissingFileError(f"there is no file {path}")
-    with path.open(encoding="utf-8", newline="") as stream:
-        reader = csv.DictReader(stream)
-        if tuple(reader.fieldnames or ()) != tuple(columns):
-            raise DataError(f"{path}: the first line must be {','.join(columns)}")
-        return list(reader)
+    try:
+        with path.open(encoding="utf-8", newline="") as stream:
+            reader = csv.DictReader(stream)
+            if tuple(reader.fieldnames or ()) != tuple(columns):
+                raise DataError(f"{path}: the first line must be {','.join(columns)}")
+            return list(reader)
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise DataError(f"{path} is damaged, or no table in UTF-8 ({error})") from error
 
 
 def read_npz(path: Path) -> dict[str, np.ndarray]:

@@ -1,9 +1,12 @@
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from hlp.data.bad_frames import find_bad_frames
 from hlp.data.frame_folders import with_frames
 from hlp.data.own_frames import FrameFiles, OwnFrames
 from hlp.data.ycbineoat import YcbineoatFrames, YcbineoatSettings, read_pose
@@ -83,8 +86,9 @@ def test_predicting_needs_only_the_folder(root):
     ("matrix", "message"),
     [
         (np.eye(3), "no 4x4 matrix"),
-        (np.diag([1.0, 1.0, -1.0, 1.0]), "mirrors"),
-        (np.diag([2.0, 2.0, 2.0, 1.0]), "is no pose"),
+        (np.diag([1.0, 1.0, -1.0, 1.0]), "is no rotation but a reflection"),
+        (np.diag([2.0, 2.0, 2.0, 1.0]), "is no rotation: .* scales by 2"),
+        (np.diag([1.0, 1.0, 1.02, 1.0]), "is no rotation: .* scales by 1 to 1.02"),
         (np.full((4, 4), np.nan), "is no pose"),
         (pose(1).T, "is no pose"),
     ],
@@ -95,6 +99,74 @@ def test_what_is_no_pose_is_named(tmp_path, matrix, message):
         read_pose(tmp_path / "p.txt")
 
 
+def at(depth):
+    motion = pose(1)
+    motion[2, 3] = depth
+    return motion
+
+
+def gone(path):
+    return lambda root: (root / path).unlink()
+
+
+def rewritten(path, content):
+    return lambda root: (root / path).write_text(content)
+
+
+def posed(matrix):
+    return lambda root: np.savetxt(root / "annotated_poses/0000001.txt", matrix)
+
+
+def pixels(path, values):
+    return lambda root: cv2.imwrite(str(root / path), values) and None
+
+
+DEPTH, COLOR = f"depth/{STAMPS[1]}.png", f"rgb/{STAMPS[1]}.png"
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (gone(DEPTH), "no image"),
+        (rewritten(DEPTH, "?"), "is truncated or no image"),
+        (rewritten(COLOR, "?"), "is truncated or no image"),
+        (pixels(COLOR, np.zeros((20, 20, 3), np.uint8)), "20x20 but its depth image is 40x30"),
+        (pixels(DEPTH, np.ones((30, 40), np.uint8)), "16-bit"),
+        (rewritten("annotated_poses/0000001.txt", "x y"), "holds no 4x4 matrix"),
+        (rewritten("annotated_poses/0000001.txt", ""), "holds no 4x4 matrix"),
+        (posed(np.diag([1.0, 1.0, -1.0, 1.0])), "reflection"),
+        (posed(pose(1) @ np.diag([1.1, 1.1, 1.1, 1.0])), "is no rotation"),
+        (posed(at(600.0)), "places the object 600 m away"),
+        (posed(at(-0.6)), "behind the camera"),
+        (posed(at(0.001)), "around the camera: translations are in metres"),
+    ],
+)
+def test_a_bad_frame_costs_itself_alone(root, spoil, words):
+    trimesh.creation.box((0.05, 0.1, 0.2)).export(root / "box.ply")
+    dataset = YcbineoatSettings(root=str(root), mesh=str(root / "box.ply")).build()
+    keys, identity = dataset.frames.keys, dataset.frames.identity()
+    assert find_bad_frames(dataset, keys) == {}
+    spoil(root)
+    fresh = replace(dataset, frames=YcbineoatFrames(root))
+    assert fresh.frames.keys == keys
+    found = find_bad_frames(fresh, keys)
+    assert [*found] == [keys[1]]
+    assert words in found[keys[1]]
+    assert [each.object_id for each in fresh.frames.stated_targets(keys[1])] == [1]
+    assert fresh.frames.identity() != identity
+
+
+def test_a_wrong_camera_or_unit_is_said_of_all_frames(root):
+    trimesh.creation.box((0.05, 0.1, 0.2)).export(root / "box.ply")
+    settings = YcbineoatSettings(root=str(root), mesh=str(root / "box.ply"), depth_scale=1000.0)
+    dataset = settings.build()
+    found = find_bad_frames(dataset, dataset.frames.keys)
+    assert len(found) == 3 and all("are these metres" in each for each in found.values())
+    np.savetxt(root / "cam_K.txt", K * [[4, 1, 4], [1, 4, 4], [1, 1, 1]])
+    found = find_bad_frames(dataset, dataset.frames.keys)
+    assert len(found) == 3 and all("cam_K.txt: the principal" in each for each in found.values())
+
+
 def test_missing_parts_are_named(root):
     (root / "annotated_poses" / "0000002.txt").unlink()
     with pytest.raises(DataError, match="has 3 images and 2 poses"):
@@ -102,7 +174,7 @@ def test_missing_parts_are_named(root):
     (root / "depth" / f"{STAMPS[0]}.png").unlink()
     (root / "annotated_poses" / "0000002.txt").write_text("x y")
     with pytest.raises(MissingFileError, match=STAMPS[0]):
-        len(YcbineoatFrames(root))
+        YcbineoatFrames(root).load("000000_000000")
     for path in (root / "rgb").iterdir():
         path.unlink()
     with pytest.raises(MissingFileError, match="rgb has no file"):

@@ -1,13 +1,22 @@
 """Object models on disk."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
 
+from hlp.checksums import sealed
 from hlp.data.synthetic.objects import demo_objects
-from hlp.errors import DataError
-from hlp.method.learnt_folder import read_model, write_model
+from hlp.errors import DamagedError, DataError
+from hlp.method.learnt_folder import (
+    LearntRecord,
+    read_model,
+    read_record,
+    write_model,
+    write_record,
+)
+from hlp.method.settings import MethodSettings
 from hlp.objects.object_model import model_identity
 from hlp.records import Texture
 
@@ -64,3 +73,54 @@ def test_identity_follows_texture_and_siblings(model, part):
     siblings = model.siblings[:0] if part == "siblings" else model.siblings
     other = dataclasses.replace(model, mesh=mesh, siblings=siblings)
     assert model_identity(other) != model_identity(model)
+
+
+RECORD = LearntRecord({"bear": 1, "can": 4}, (1, 3, 4), MethodSettings(), {"a/b": "0"})
+
+
+def test_a_record_comes_back(tmp_path):
+    write_record(tmp_path, RECORD)
+    assert read_record(tmp_path) == RECORD
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"objects": ["bear"]}, "objects is ['bear']: it must be an object"),
+        ({"objects": {"bear": 1.5}}, "objects.bear is 1.5: it must be a whole number"),
+        ({"objects": {"bear": -1}}, "objects.bear is -1: it must be greater than or equal to 0"),
+        ({"classes": {}}, "classes is {}: it must be a list"),
+        ({"classes": ["1"]}, "classes.0 is '1': it must be a whole number"),
+        ({"files": {"a": None}}, "files.a is null: it must be text"),
+        ({"settings": 7}, "settings is 7: it must be an object"),
+        ({"settings": {"seed": "0"}}, "settings: seed is '0': it must be a whole number"),
+    ],
+)
+def test_a_record_that_is_not_as_its_schema_is_named(tmp_path, values, words):
+    write_record(tmp_path, RECORD)
+    path = tmp_path / "learnt.json"
+    content = json.loads(path.read_text()) | values
+    del content["checksum"]
+    path.write_text(json.dumps(sealed(content)))
+    with pytest.raises(DataError) as caught:
+        read_record(tmp_path)
+    assert f"{path}: {words}" in str(caught.value)
+    assert isinstance(caught.value, DamagedError) == ("seed" not in words)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"id": "1"}, "id is '1': it must be a whole number"),
+        ({"colored": 1}, "colored is 1: it must be true or false"),
+        ({"diameter": 0.0}, "diameter is 0.0: it must be greater than 0"),
+        ({"name": None}, "name is null: it must be text"),
+    ],
+)
+def test_an_object_that_is_not_as_its_schema_is_named(tmp_path, model, values, words):
+    write_model(tmp_path, model)
+    path = tmp_path / "object.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | values))
+    with pytest.raises(DataError) as caught:
+        read_model(tmp_path)
+    assert str(caught.value) == f"{path}: {words}"

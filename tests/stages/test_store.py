@@ -160,6 +160,27 @@ def test_what_is_damaged_is_set_aside_and_made_again(
     assert again.events[0].seconds < 1.0
 
 
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"seconds": "1"}, "seconds is '1': it must be a number"),
+        ({"seconds": None}, "seconds is null: it must be a number"),
+        ({"seconds": -1.0}, "seconds is -1.0: it must be greater than or equal to 0"),
+        ({"files": ["data.txt"]}, "files is ['data.txt']: it must be an object"),
+        ({"files": {"data.txt": 1}}, "files.data.txt is 1: it must be text"),
+        ({"stage": 7}, "stage is 7: it must be text"),
+    ],
+)
+def test_a_record_that_is_not_as_its_schema_is_named(
+    tmp_path: Path, values: dict[str, Any], words: str
+) -> None:
+    folder = StageStore(tmp_path).get_or_make("codebook", NAME, write, DESCRIPTION)
+    edit(folder, resealed=True, **values)
+    with pytest.raises(DataError) as caught:
+        StageStore(tmp_path).read_record("codebook", NAME)
+    assert str(caught.value).startswith(f"{folder / 'stage.json'}: {words}")
+
+
 @pytest.mark.parametrize("what", ["empty folder", "file", "link to nowhere"])
 def test_what_no_store_wrote_is_set_aside(tmp_path: Path, what: str) -> None:
     folder = tmp_path / "codebook" / NAME

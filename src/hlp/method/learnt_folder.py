@@ -24,13 +24,15 @@ from jaxtyping import Float
 from hlp.checksums import find_damaged, is_sealed, seal_is_whole, sealed
 from hlp.codebook.entries import load_codebook
 from hlp.errors import ConfigError, DamagedError, DataError, MissingFileError
-from hlp.files import read_json, read_npz, write_json
+from hlp.files import read_npz, write_json
 from hlp.method.networks import load_classifier
 from hlp.method.settings import Device, MethodSettings, settings_from_json, settings_to_json
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
 from hlp.records import Codebook, Mesh, ObjectModel, Texture
 from hlp.refinement.score_model import ScoreModel, load_score_model
+from hlp.schemas.outputs import Learnt, LearntObject
+from hlp.schemas.reading import checked_as, read_as, read_text_json
 
 FORMAT = 3
 RECORD = "learnt.json"
@@ -81,7 +83,7 @@ def read_record(folder: Path) -> LearntRecord:
     if not path.is_file():
         raise MissingFileError(f"{folder} holds no learnt objects: it has no {RECORD}")
     try:
-        content = read_json(path)
+        content = read_text_json(path)
     except DataError as error:
         raise DamagedError(f"{error}: {_AGAIN}") from error
     if isinstance(content, dict) and is_sealed(content) and not seal_is_whole(content):
@@ -95,14 +97,15 @@ def read_record(folder: Path) -> LearntRecord:
     if not is_sealed(content):
         raise DamagedError(f"{path} is damaged: {_AGAIN}")
     try:
-        objects = {_checked_name(name, path): int(i) for name, i in content["objects"].items()}
-        classes = tuple(int(object_id) for object_id in content["classes"])
-        files = {str(name): str(checksum) for name, checksum in content["files"].items()}
-        return LearntRecord(objects, classes, settings_from_json(content["settings"]), files)
+        learnt = checked_as(content, Learnt, str(path))
+    except DataError as error:
+        raise DamagedError(f"{error}: {_AGAIN}") from error
+    objects = {_checked_name(name, path): object_id for name, object_id in learnt.objects.items()}
+    try:
+        settings = settings_from_json(learnt.settings)
     except ConfigError as error:  # a plug-in that is not installed here, or a newer setting
         raise DataError(f"{path}: settings: {error}") from error
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise DamagedError(f"{path} is damaged ({error!r}): {_AGAIN}") from error
+    return LearntRecord(objects, tuple(learnt.classes), settings, learnt.files)
 
 
 def _checked_name(name: str, path: Path) -> str:
@@ -155,28 +158,27 @@ def read_model(folder: Path) -> ObjectModel:
     for name in (_OBJECT, _MODEL):
         if not (folder / name).is_file():
             raise MissingFileError(f"{folder} is no learnt object: it has no {name}")
-    content = read_json(folder / _OBJECT)
+    stated = read_as(folder / _OBJECT, LearntObject)
     stored = read_npz(folder / _MODEL)
     try:
         texture = _read_texture(folder, stored["mesh_uv"]) if "mesh_uv" in stored else None
-        colored = bool(content["colored"])
         mesh, proxy = (
             Mesh(
                 **{field: stored[f"{part}_{field}"] for field in _MESH_FIELDS},
                 texture=image,
-                colored=colored,
+                colored=stated.colored,
             )
             for part, image in (("mesh", texture), ("proxy", None))
         )
         return ObjectModel(
-            int(content["id"]),
-            str(content["name"]),
+            stated.id,
+            stated.name,
             mesh,
             proxy,
-            float(content["diameter"]),
+            stated.diameter,
             stored["symmetries"],
-            float(content["holistic_size"]),
-            float(content["local_size"]),
+            stated.holistic_size,
+            stated.local_size,
             stored["siblings"],
         )
     except (KeyError, TypeError, ValueError) as error:

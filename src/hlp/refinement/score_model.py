@@ -10,14 +10,15 @@ colours agree better than a camera's, so rendered scenes cannot say by how much.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from hlp.errors import DataError, MissingFileError
-from hlp.files import read_json, write_json
+from hlp.files import write_json
 from hlp.refinement.pose_fit import PoseFit
+from hlp.schemas.outputs import ScoreWeights
+from hlp.schemas.reading import read_as
 
 MIN_SCORE = 0.5
 """An answer with a lower score is more likely wrong than right: the object was not found."""
@@ -124,14 +125,11 @@ def load_score_model(folder: Path) -> ScoreModel:
     path = folder / _FILE
     if not path.is_file():
         raise MissingFileError(f"{path} is missing: learn the object again")
-    content: Any = read_json(path)
     try:
-        weights = [float(content[name]) for name in ("bias", "cost", "shape")]
-    except (KeyError, TypeError, ValueError) as error:
-        raise DataError(f"{path} is damaged ({error!r}): learn the object again") from error
-    if not np.isfinite(weights).all():
-        raise DataError(f"{path} is damaged (not finite): learn the object again")
-    return ScoreModel(*weights)
+        stated = read_as(path, ScoreWeights)
+    except DataError as error:
+        raise DataError(f"{path} is damaged ({error}): learn the object again") from error
+    return ScoreModel(stated.bias, stated.cost, stated.shape)
 
 
 def _inputs(fits: Sequence[PoseFit]) -> Float[np.ndarray, "n 2"]:

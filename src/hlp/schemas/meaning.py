@@ -49,7 +49,8 @@ def require_in_front(
             f"{where} places the object behind the camera ({depth:.4g} m): z must be positive"
         )
     if depth < diameter / 4:
-        metres = " (are these metres?)" if depth * 1000 > diameter else ""
+        mistaken = unit != "metres" and depth * 1000 > diameter
+        metres = " (are these metres?)" if mistaken else ""
         raise DataError(
             f"{where} places the object of {diameter:.3g} m at {depth:.3g} m, around the camera: "
             f"translations are in {unit}{metres}"

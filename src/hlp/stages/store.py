@@ -21,7 +21,9 @@ from filelock import FileLock, Timeout
 
 from hlp.checksums import find_damaged, folder_checksums, seal_is_whole, sealed
 from hlp.errors import DataError
-from hlp.files import read_json, remove_unfinished, write_json
+from hlp.files import remove_unfinished, write_json
+from hlp.schemas.outputs import StageRecord
+from hlp.schemas.reading import checked_as, read_text_json
 from hlp.stages.fingerprint import plain
 from hlp.stages.provenance import library_versions
 from hlp.stages.store_use import StoreUse
@@ -235,15 +237,13 @@ def _verify(folder: Path) -> Mapping[str, Any]:
         raise DataError(f"{folder} is no folder")
     if not (folder / RECORD).is_file():
         raise DataError(f"{folder} is no finished output: it has no {RECORD}")
-    record = read_json(folder / RECORD)
+    record = read_text_json(folder / RECORD)
     if not seal_is_whole(record):
         raise DataError(f"{folder / RECORD} is damaged, or from an earlier version of HLP")
-    if (record.get("stage"), record.get("fingerprint")) != (folder.parent.name, folder.name):
+    stated = checked_as(record, StageRecord, str(folder / RECORD))
+    if (stated.stage, stated.fingerprint) != (folder.parent.name, folder.name):
         raise DataError(f"{folder} is an output of another name")
-    files, seconds = record.get("files"), record.get("seconds")
-    if not isinstance(files, dict) or not isinstance(seconds, int | float):
-        raise DataError(f"{folder / RECORD} lacks the checksums of the files, or the seconds")
-    for name in find_damaged(folder, files):
+    for name in find_damaged(folder, stated.files):
         raise DataError(f"{folder / name} is missing or damaged")
     return dict(record)
 

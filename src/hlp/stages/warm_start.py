@@ -88,7 +88,7 @@ def _made(manifest: Path) -> dict[str, str]:
 
 
 def _check_same(of: str, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
-    other = [key for key, value in now.items() if before[key] != plain(value)]
+    other = [key for key, value in now.items() if before.get(key) != plain(value)]
     if other:
         raise ConfigError(f"warm_start.manifest: the {of} has other settings: {', '.join(other)}")
 
