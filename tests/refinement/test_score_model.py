@@ -96,7 +96,9 @@ def test_weights_come_back_from_a_file_and_a_damaged_one_is_named(tmp_path: Path
     assert load_score_model(tmp_path) == model
     path = tmp_path / "score.json"
     path.write_text('{"bias": 1, "cost": null, "shape": 2}')
-    with pytest.raises(DataError, match=r"score\.json is damaged"):
+    with pytest.raises(
+        DataError, match=r"score\.json: cost is None: it must be a number: it is damaged"
+    ):
         load_score_model(tmp_path)
     path.write_text('{"bias": 1, "cost": NaN, "shape": 2}')
     with pytest.raises(DataError, match=r"score\.json"):

@@ -107,7 +107,8 @@ def stated_instances(scene: Scene, frame_id: int) -> list[tuple[int, float]]:
         info = infos[number] if number < len(infos) else None
         fraction = info.get("visib_fract") if isinstance(info, dict) else None
         if type(object_id) is int:
-            stated = float(fraction) if isinstance(fraction, int | float) else float("nan")
+            known = isinstance(fraction, int | float) and 0 <= fraction <= 1
+            stated = float(fraction) if known else float("nan")
             found.append((object_id, stated))
     return found
 

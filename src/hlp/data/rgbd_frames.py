@@ -13,8 +13,9 @@ from hlp.data.images import (
 )
 from hlp.data.sources import content_hash
 from hlp.errors import MissingFileError
-from hlp.files import read_json
 from hlp.records import Frame, frame_key, parse_frame_key
+from hlp.schemas.bop import CameraEntry
+from hlp.schemas.reading import read_as
 
 
 class RgbdFrames:
@@ -55,10 +56,10 @@ class RgbdFrames:
             raise KeyError(f"no frame {key!r} in {self._root}")
         color, depth_path = self._paths[key]
         camera_file = self._root / "camera.json"
-        camera = read_json(camera_file)
-        matrix = camera_matrix(camera.get("cam_K"), camera_file)
+        camera = read_as(camera_file, CameraEntry)
+        matrix = camera_matrix(camera.cam_K, camera_file)
         rgb = read_rgb(color)
-        depth = read_depth(depth_path, float(camera.get("depth_scale", 1.0)))
+        depth = read_depth(depth_path, camera.depth_scale)
         same_size(color, rgb, depth)
         return Frame(*parse_frame_key(key), rgb, depth, matrix)
 

@@ -16,23 +16,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
+from annotated_types import Ge, Gt
 from jaxtyping import Float
 
 from hlp.checksums import find_damaged, is_sealed, seal_is_whole, sealed
 from hlp.codebook.entries import load_codebook
 from hlp.errors import ConfigError, DamagedError, DataError, MissingFileError
-from hlp.files import read_npz, write_json
+from hlp.files import read_json, read_npz, write_json
 from hlp.method.networks import load_classifier
 from hlp.method.settings import Device, MethodSettings, settings_from_json, settings_to_json
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
 from hlp.records import Codebook, Mesh, ObjectModel, Texture
 from hlp.refinement.score_model import ScoreModel, load_score_model
-from hlp.schemas.outputs import Learnt, LearntObject
-from hlp.schemas.reading import checked_as, read_as, read_text_json
+from hlp.settings import Settings, stored_as
 
 FORMAT = 3
 RECORD = "learnt.json"
@@ -65,6 +66,28 @@ class LearntRecord:
         return max(self.classes, default=0) + 1
 
 
+@dataclass(frozen=True)
+class _Learnt(Settings):
+    """What `learnt.json` must say."""
+
+    objects: dict[str, Annotated[int, Ge(0)]]
+    classes: tuple[Annotated[int, Ge(0)], ...]
+    settings: dict[str, Any]
+    files: dict[str, str]
+
+
+@dataclass(frozen=True)
+class _LearntObject(Settings):
+    """What `object.json` must say (metres)."""
+
+    id: Annotated[int, Ge(0)]
+    name: str
+    colored: bool
+    diameter: Annotated[float, Gt(0)]
+    holistic_size: Annotated[float, Gt(0)]
+    local_size: Annotated[float, Gt(0)]
+
+
 def write_record(folder: Path, record: LearntRecord) -> None:
     """Write `learnt.json`. It is written last: a folder with one is complete."""
     content = {
@@ -83,7 +106,7 @@ def read_record(folder: Path) -> LearntRecord:
     if not path.is_file():
         raise MissingFileError(f"{folder} holds no learnt objects: it has no {RECORD}")
     try:
-        content = read_text_json(path)
+        content = read_json(path)
     except DataError as error:
         raise DamagedError(f"{error}: {_AGAIN}") from error
     if isinstance(content, dict) and is_sealed(content) and not seal_is_whole(content):
@@ -97,7 +120,7 @@ def read_record(folder: Path) -> LearntRecord:
     if not is_sealed(content):
         raise DamagedError(f"{path} is damaged: {_AGAIN}")
     try:
-        learnt = checked_as(content, Learnt, str(path))
+        learnt = stored_as(_Learnt, content, str(path))
     except DataError as error:
         raise DamagedError(f"{error}: {_AGAIN}") from error
     objects = {_checked_name(name, path): object_id for name, object_id in learnt.objects.items()}
@@ -105,7 +128,7 @@ def read_record(folder: Path) -> LearntRecord:
         settings = settings_from_json(learnt.settings)
     except ConfigError as error:  # a plug-in that is not installed here, or a newer setting
         raise DataError(f"{path}: settings: {error}") from error
-    return LearntRecord(objects, tuple(learnt.classes), settings, learnt.files)
+    return LearntRecord(objects, learnt.classes, settings, learnt.files)
 
 
 def _checked_name(name: str, path: Path) -> str:
@@ -158,7 +181,7 @@ def read_model(folder: Path) -> ObjectModel:
     for name in (_OBJECT, _MODEL):
         if not (folder / name).is_file():
             raise MissingFileError(f"{folder} is no learnt object: it has no {name}")
-    stated = read_as(folder / _OBJECT, LearntObject)
+    stated = stored_as(_LearntObject, read_json(folder / _OBJECT), str(folder / _OBJECT))
     stored = read_npz(folder / _MODEL)
     try:
         texture = _read_texture(folder, stored["mesh_uv"]) if "mesh_uv" in stored else None

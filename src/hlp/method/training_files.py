@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hlp.errors import DataError
+
 if TYPE_CHECKING:
     from torch import Tensor
 
@@ -36,11 +38,16 @@ def read_weights(folder: Path) -> dict[str, "Tensor"]:
 
 
 def read_history(folder: Path) -> list[dict[str, float]]:
-    """Metrics of every epoch, in order; empty if nothing was trained."""
+    """Metrics of every epoch, in order; empty if nothing was trained. Raises DataError."""
     path = folder / HISTORY
     if not path.exists():
         return []
-    with path.open(newline="") as stream:
-        return [
-            {name: float(value) for name, value in row.items()} for row in csv.DictReader(stream)
-        ]
+    rows: list[dict[str, float]] = []
+    try:
+        with path.open(encoding="utf-8", newline="") as stream:
+            for row in csv.DictReader(stream):
+                rows.append({name: float(value) for name, value in row.items()})
+    except (ValueError, TypeError, csv.Error) as error:
+        where = f"{path}, line {len(rows) + 2}"
+        raise DataError(f"{where}: no metrics of an epoch ({error})") from error
+    return rows

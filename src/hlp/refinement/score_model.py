@@ -15,10 +15,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hlp.errors import DataError, MissingFileError
-from hlp.files import write_json
+from hlp.files import read_json, write_json
 from hlp.refinement.pose_fit import PoseFit
-from hlp.schemas.outputs import ScoreWeights
-from hlp.schemas.reading import read_as
+from hlp.settings import Settings, stored_as
 
 MIN_SCORE = 0.5
 """An answer with a lower score is more likely wrong than right: the object was not found."""
@@ -115,6 +114,15 @@ def fit_score_model(
     return ScoreModel(float(bias), min(float(cost), 0.0), max(float(shape), 0.0))
 
 
+@dataclass(frozen=True)
+class _Weights(Settings):
+    """What score.json must say."""
+
+    bias: float
+    cost: float
+    shape: float
+
+
 def save_score_model(folder: Path, model: ScoreModel) -> None:
     """Write the weights into a folder."""
     write_json(folder / _FILE, {"bias": model.bias, "cost": model.cost, "shape": model.shape})
@@ -126,10 +134,13 @@ def load_score_model(folder: Path) -> ScoreModel:
     if not path.is_file():
         raise MissingFileError(f"{path} is missing: learn the object again")
     try:
-        stated = read_as(path, ScoreWeights)
+        stated = stored_as(_Weights, read_json(path), str(path))
     except DataError as error:
-        raise DataError(f"{path} is damaged ({error}): learn the object again") from error
-    return ScoreModel(stated.bias, stated.cost, stated.shape)
+        raise DataError(f"{error}: it is damaged, learn the object again") from error
+    weights = [stated.bias, stated.cost, stated.shape]
+    if not np.isfinite(weights).all():
+        raise DataError(f"{path} is damaged (not finite): learn the object again")
+    return ScoreModel(*weights)
 
 
 def _inputs(fits: Sequence[PoseFit]) -> Float[np.ndarray, "n 2"]:

@@ -11,7 +11,7 @@ import yaml
 from hlp.errors import DataError
 from hlp.files import MANIFEST, SUMMARY, SWEEP
 from hlp.results.summary_file import read_summary
-from hlp.schemas.reading import read_as
+from hlp.schemas.reading import read_as, shown
 from hlp.schemas.runs import Manifest, Sweep
 
 
@@ -123,7 +123,12 @@ def _is_finished(folder: Path) -> bool:
 
 def _overrides(folder: Path) -> list[str]:
     path = folder / ".hydra" / "overrides.yaml"
-    given = yaml.safe_load(path.read_text()) if path.is_file() else []
+    try:
+        given = yaml.safe_load(path.read_text(encoding="utf-8")) if path.is_file() else []
+    except (yaml.YAMLError, RecursionError) as error:
+        raise DataError(f"{path} is no YAML: {str(error).splitlines()[0]}") from error
+    if not isinstance(given, list) or not all(isinstance(each, str) for each in given):
+        raise DataError(f"{path} is {shown(given)}: it must be a list of overrides")
     return [each for each in given if not each.startswith("output=")]
 
 
