@@ -6,6 +6,11 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 AUDIT := build/audit
+OLDEST := build/oldest
+# What touches every library that HLP calls, and takes seconds.
+OLDEST_TESTS := tests/test_geometry.py tests/test_settings.py tests/results tests/codebook tests/voting/test_cast.py \
+  tests/rendering/test_rasterizer.py tests/objects/test_meshes.py tests/models tests/config/test_build.py \
+  tests/stages/test_store.py tests/reporting/test_tracking.py tests/data/test_bop.py
 DOCS_STAMP := $(VENV)/.docs-installed
 PYTHON ?=
 WORKERS ?= 2
@@ -22,7 +27,7 @@ export MPLBACKEND := Agg
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_ROOT_USER_ACTION := ignore
 
-.PHONY: help env demo test test-slow test-faults check audit docs ui clean
+.PHONY: help env demo test test-slow test-faults test-oldest check audit docs ui clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -60,6 +65,18 @@ test-slow: $(STAMP) ## the tests that take longer
 
 test-faults: $(STAMP) ## runs that are stopped at named places, and damaged work folders
 	@$(BIN)/python -m pytest -q -m slow tests/faults
+
+test-oldest: $(OLDEST)/.installed ## part of the tests, with the lowest versions that pyproject.toml allows
+	@$(OLDEST)/bin/python -m pytest -q -p no:cacheprovider $(OLDEST_TESTS)
+
+# torch comes first here too, and stays: as an override it is taken as it was installed.
+$(OLDEST)/.installed: $(STAMP)
+	@$(BIN)/python -m venv $(OLDEST)
+	@$(OLDEST)/bin/pip install -q uv==0.13.8 "$$(grep '^torch==' constraints.txt)"
+	@$(OLDEST)/bin/pip freeze | grep '^torch==' > $(OLDEST)/torch.txt
+	@$(OLDEST)/bin/uv pip install -q --python $(OLDEST)/bin/python --resolution lowest-direct \
+	  --override $(OLDEST)/torch.txt -e '.[dev]'
+	@touch $@
 
 check: $(STAMP) ## style, types and layers
 	@$(BIN)/ruff check .

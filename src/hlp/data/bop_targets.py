@@ -107,8 +107,9 @@ def stated_instances(scene: Scene, frame_id: int) -> list[tuple[int, float]]:
         info = infos[number] if number < len(infos) else None
         fraction = info.get("visib_fract") if isinstance(info, dict) else None
         if type(object_id) is int:
-            known = isinstance(fraction, int | float) and 0 <= fraction <= 1
-            stated = float(fraction) if known else float("nan")
+            stated = float("nan")
+            if isinstance(fraction, int | float) and 0 <= fraction <= 1:
+                stated = float(fraction)
             found.append((object_id, stated))
     return found
 

@@ -16,6 +16,7 @@ from hlp.schemas.reading import parse_json
 
 FISHEYE = "fisheye"
 _MOST_BYTES = 64 * 1024**2
+_LONGEST_UNIT = 1e6  # mm
 _PLAIN, _PINHOLE = "none", "pinhole"
 # Names of distortion models: ROS's, RealSense's and OpenCV's.
 _MODELS = {
@@ -143,7 +144,7 @@ def _camera(content: Mapping[str, Any], where: str) -> Camera:
             raise InputError(f"{where}: no {_FORMS}")
     distortion, fisheye = _distortion(content, where)
     scale = content.get("depth_scale")
-    if scale is not None and (not isinstance(scale, int | float) or not 0 < scale < np.inf):
+    if scale is not None and (not isinstance(scale, int | float) or not 0 < scale < _LONGEST_UNIT):
         raise InputError(f"{where}: depth_scale must be a positive number, not {scale!r}")
     return Camera(
         _matrix(values, where),
@@ -184,8 +185,10 @@ def _distortion(content: Mapping[str, Any], where: str) -> tuple[tuple[float, ..
     values = next((_data(content[name]) for name in names if name in content), None)
     try:
         coefficients = tuple(float(each) for each in np.ravel([] if values is None else values))
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{where}: the distortion must be numbers, not {values!r}") from error
+    if not np.isfinite(coefficients).all():
+        raise InputError(f"{where}: the distortion must be finite, not {list(coefficients)}")
     if not any(coefficients):
         return (), False
     stated = content.get("distortion_model", content.get("model", ""))

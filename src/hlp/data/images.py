@@ -85,7 +85,7 @@ def camera_matrix(values: Any, path: Path) -> Float[np.ndarray, "3 3"]:
     """Check nine numbers of an intrinsic matrix K (row-major). Raises ValueError naming `path`."""
     try:
         matrix = np.asarray(values, dtype=np.float64).reshape(3, 3)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise DataError(f"{path}: cam_K must hold 9 numbers, not {values!r}") from error
     if not np.isfinite(matrix).all() or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
         raise DataError(f"{path}: cam_K {values!r} needs finite numbers and positive focal lengths")
