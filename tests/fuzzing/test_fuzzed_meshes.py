@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from spoiled_files import is_clean, spoiled
 
+from hlp.errors import DataError
 from hlp.objects.meshes import load_mesh
 
 BOX = trimesh.creation.box((0.06, 0.08, 0.1))
@@ -51,6 +52,16 @@ def test_materials(tmp_path: Path, content: bytes) -> None:
     path.write_bytes(FILES["box.obj"])
     (tmp_path / "box.mtl").write_bytes(content)
     is_clean(lambda: read(path), path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [("box.obj", "v 1\nv 0 0 1\nv 0 1 0\nf 1 2 3\n", "without three coordinates")],
+)
+def test_what_the_fuzzer_found(tmp_path: Path, name: str, content: str, message: str) -> None:
+    (tmp_path / name).write_text(content)
+    with pytest.raises(DataError, match=message):
+        load_mesh(tmp_path / name, None)
 
 
 @pytest.mark.parametrize("name", FILES)

@@ -31,7 +31,7 @@ _FINEST_GRID = 256  # cells along the longest side of a mesh: less than a millim
 # All that trimesh's loaders raise for broken files.
 _PARSE_ERRORS = (
     ValueError, KeyError, IndexError, TypeError, AttributeError, EOFError, NotImplementedError,
-    struct.error, SyntaxError, AssertionError, OSError, RecursionError, MemoryError,
+    struct.error, SyntaxError, AssertionError, OSError, RecursionError, MemoryError, OverflowError,
 )  # fmt: skip
 _logger = logging.getLogger(__name__)
 
@@ -61,15 +61,7 @@ def load_mesh(path: Path, scale: float | None = MILLIMETRE) -> Mesh:
         raise DataError(f"{path} cannot be read as a mesh ({error}): export it again") from error
     if not isinstance(raw, trimesh.Trimesh) or len(raw.vertices) == 0 or len(raw.faces) == 0:
         raise DataError(f"{path} has no triangles: export it as a triangle mesh")
-    vertices = np.array(raw.vertices, dtype=np.float64)
-    if not np.isfinite(vertices).all():
-        raise DataError(f"{path} has NaN or infinite vertices: repair the mesh")
-    faces = np.array(raw.faces, dtype=np.int64)
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        wrong = int(faces.min() if faces.min() < 0 else faces.max())
-        raise DataError(
-            f"{path} has a triangle of vertex {wrong}, of {len(vertices)} vertices: export it again"
-        )
+    vertices, faces = _checked(path, raw)
     diameter = mesh_diameter(vertices)
     if scale is None:
         scale = guess_scale(path, diameter)
@@ -84,6 +76,24 @@ def load_mesh(path: Path, scale: float | None = MILLIMETRE) -> Mesh:
         return mesh
     _logger.info("%s: %d triangles, decimated to %d", path, len(faces), _VERY_LARGE)
     return decimate(mesh, _VERY_LARGE)
+
+
+def _checked(
+    path: Path, raw: trimesh.Trimesh
+) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
+    """Vertices and triangles. Raises DataError where they are none."""
+    vertices = np.array(raw.vertices, dtype=np.float64)
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        raise DataError(f"{path} has vertices without three coordinates: export it again")
+    if not np.isfinite(vertices).all():
+        raise DataError(f"{path} has NaN or infinite vertices: repair the mesh")
+    faces = np.array(raw.faces, dtype=np.int64)
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        wrong = int(faces.min() if faces.min() < 0 else faces.max())
+        raise DataError(
+            f"{path} has a triangle of vertex {wrong}, of {len(vertices)} vertices: export it again"
+        )
+    return vertices, faces
 
 
 def _one_grey(colors: UInt8[np.ndarray, "v 3"]) -> bool:
