@@ -48,7 +48,9 @@ def package(tmp_path: Path) -> Path:
 def call(package: Path, code: str = REPORT, **variables: str) -> Any:
     """What a process of its own prints: the kernel's value for 3, its cache's hits and misses."""
     paths = os.pathsep.join([str(Path(hlp.__file__).parents[1]), str(package.parent)])
-    environment = {**os.environ, "PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1", **variables}
+    environment = {**os.environ, "PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1"}
+    environment.pop("NUMBA_CACHE_DIR", None)
+    environment |= {"XDG_CACHE_HOME": str(package.parent / "cache"), **variables}
     done = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
     )
@@ -78,3 +80,37 @@ def test_a_new_date_of_the_same_source_compiles_nothing(package: Path) -> None:
 def test_kernels_run_uncompiled_where_numba_is_told_so(package: Path) -> None:
     code = "from kernels.caller import doubled_and_one as kernel; print(kernel(3.0))"
     assert call(package, code, NUMBA_DISABLE_JIT="1") == 7.0
+
+
+def kept_in(folder: Path) -> list[str]:
+    return sorted({path.name.partition(".")[0] for path in folder.rglob("*.nbi")})
+
+
+def test_kernels_are_kept_in_the_users_cache_and_the_package_is_not_written(package: Path) -> None:
+    assert call(package) == [7.0, 0, 1]
+    assert kept_in(package.parent / "cache" / "hlp" / "kernels") == ["caller"]
+    assert sorted(path.name for path in package.iterdir()) == [
+        "__init__.py", "callee.py", "caller.py",
+    ]  # fmt: skip
+
+
+def test_without_a_home_kernels_are_kept_among_temporary_files(package: Path) -> None:
+    temporary = package.parent / "temporary"
+    temporary.mkdir()
+    variables = {"XDG_CACHE_HOME": "/proc/nowhere", "TMPDIR": str(temporary)}  # not even root's
+    assert call(package, **variables) == [7.0, 0, 1]
+    assert call(package, **variables) == [7.0, 1, 0]
+    (folder,) = temporary.iterdir()
+    assert kept_in(folder) == ["caller"]
+    assert folder.stat().st_mode & 0o077 == 0
+
+
+def test_kernels_that_others_may_write_are_not_run(package: Path) -> None:
+    temporary = package.parent / "temporary"
+    folder = temporary / f"hlp-kernels-{os.getuid()}"
+    folder.mkdir(parents=True)
+    folder.chmod(0o777)
+    variables = {"XDG_CACHE_HOME": "/proc/nowhere", "TMPDIR": str(temporary)}
+    for _ in range(2):
+        assert call(package, **variables) == [7.0, 0, 1]  # compiled each time, kept nowhere
+    assert not any(folder.iterdir())

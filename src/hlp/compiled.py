@@ -1,11 +1,20 @@
 """Kernels compiled by numba, and recompiled when any source behind them has changed."""
 
-from collections.abc import Callable
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
 from typing import Any, TypeVar
 
-from numba import njit
+import platformdirs
+import numba
 
 from hlp.source_code import source_digest
+
+_config: Any = numba.config
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -17,14 +26,60 @@ def compiled(**options: Any) -> Callable[[Function], Function]:
     the same date and size. It misses edits of other files whose kernels are called or inlined, and
     edits with an old date, as after a checkout. Here a cached kernel is reused only if the source
     of its module and of all that it imports is unchanged.
+
+    Kernels lie in `NUMBA_CACHE_DIR`, or else in the user's cache folder. Where that cannot be
+    written, as without a home, they lie in a folder for temporary files, and where even that is
+    impossible every process compiles them again. The package's own folder is never written.
     """
 
     def compile_later(function: Function) -> Function:
-        kernel: Any = njit(nogil=True, cache=True, **options)(function)
+        with _kept_in(kernel_folder()) as keep:
+            kernel: Any = numba.njit(nogil=True, cache=keep, **options)(function)
         kept = getattr(kernel, "_cache", None)
-        if kept is not None:  # None where NUMBA_DISABLE_JIT is set
+        if hasattr(kept, "_cache_file"):  # not without a cache, nor where NUMBA_DISABLE_JIT is set
             # Numba compares this stamp with the one in its index when it looks for a cached kernel.
             kept._cache_file._source_stamp = source_digest(function.__module__)
         return kernel  # type: ignore[no-any-return]
 
     return compile_later
+
+
+@cache
+def kernel_folder() -> Path | None:
+    """Where compiled kernels are kept; None if no such folder can be written."""
+    if _config.CACHE_DIR:
+        return Path(_config.CACHE_DIR)
+    # Without a home this is a relative path, which begins with "~".
+    users = platformdirs.user_cache_path("hlp", appauthor=False) / "kernels"
+    temporary = Path(tempfile.gettempdir(), f"hlp-kernels-{_user()}")
+    places = [users, temporary] if users.is_absolute() else [temporary]
+    return next((place for place in places if _is_ours(place)), None)
+
+
+def _is_ours(folder: Path) -> bool:
+    """Whether a folder can be written, and by nobody else: kernels are code that will run."""
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        status = folder.stat()
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError:
+        return False
+    return sys.platform == "win32" or (status.st_uid == _user() and not status.st_mode & 0o022)
+
+
+def _user() -> int:
+    return 0 if sys.platform == "win32" else os.getuid()  # there, temporary files are a user's own
+
+
+@contextmanager
+def _kept_in(folder: Path | None) -> Iterator[bool]:
+    """Numba's folder for the kernels that are declared in this block; whether there is one.
+
+    It is put back afterwards: the kernels of other packages are not HLP's to move.
+    """
+    before = _config.CACHE_DIR
+    try:
+        _config.CACHE_DIR = "" if folder is None else str(folder)
+        yield folder is not None
+    finally:
+        _config.CACHE_DIR = before
