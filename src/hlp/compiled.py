@@ -9,8 +9,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-import platformdirs
 import numba
+import platformdirs
 
 from hlp.source_code import source_digest
 
@@ -35,7 +35,7 @@ def compiled(**options: Any) -> Callable[[Function], Function]:
     def compile_later(function: Function) -> Function:
         with _kept_in(kernel_folder()) as keep:
             kernel: Any = numba.njit(nogil=True, cache=keep, **options)(function)
-        kept = getattr(kernel, "_cache", None)
+        kept: Any = getattr(kernel, "_cache", None)
         if hasattr(kept, "_cache_file"):  # not without a cache, nor where NUMBA_DISABLE_JIT is set
             # Numba compares this stamp with the one in its index when it looks for a cached kernel.
             kept._cache_file._source_stamp = source_digest(function.__module__)
