@@ -136,13 +136,18 @@ def test_manifest_says_what_made_the_result(tiny_run: TinyRun) -> None:
 
 
 def test_panels_are_pictures(tiny_run: TinyRun) -> None:
-    (path,) = (tiny_run.output / "panels").iterdir()
-    assert path.name.startswith("000000_000000_")
-    picture = cv2.imread(str(path))
-    assert picture is not None
-    assert picture.shape[0] >= 2 * 240
-    assert picture.shape[1] == 2 * 320
-    assert picture.std() > 10
+    poses, target = sorted(
+        (tiny_run.output / "panels").iterdir(), key=lambda p: "_poses" not in p.name
+    )
+    assert poses.name == "000000_000000_poses.jpg"
+    assert target.name.startswith("000000_000000_")
+    for path, columns, rows in ((poses, 1, 1), (target, 3, 2)):
+        picture = cv2.imread(str(path))
+        assert picture is not None
+        assert picture.shape[0] >= rows * 240
+        assert picture.shape[1] == columns * 320
+        assert picture.std() > 10
+        assert path.stat().st_size < 200_000
 
 
 def test_console_tells_the_stages_and_where_the_results_are(tiny_run: TinyRun) -> None:

@@ -3,8 +3,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hlp.records import Frame, PoseEstimate, Target, TargetScore
-from hlp.runs import page_material
+from hlp.records import TargetScore
 from hlp.runs.page_material import MISSED, RIGHT, choose_targets, keep_material
 
 
@@ -28,20 +27,6 @@ def test_too_many_are_thinned_out_evenly() -> None:
     missed, right = ([f for f in chosen if f % 2 == odd] for odd in (1, 0))
     assert (len(missed), len(right)) == (MISSED, RIGHT)
     assert max(np.diff(missed)) <= 2 * 200 / MISSED and missed[0] < 10 and missed[-1] > 380
-
-
-def test_the_estimate_of_a_target_is_the_nearest_of_its_object() -> None:
-    def at(object_id: int, z: float, pose: bool = True) -> PoseEstimate:
-        moved = np.eye(4)
-        moved[2, 3] = z
-        return PoseEstimate(1, 3, object_id, moved if pose else None, 0.5)
-
-    target = Target(6, at(6, 1.0).pose_cam_obj)  # type: ignore[arg-type]
-    image, depth = np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4))
-    frame = Frame(1, 3, image, depth, np.eye(3), (target,))
-    near = at(6, 1.2)
-    assert page_material._nearest([at(6, 2.0), at(2, 1.0), near], frame, target) is near
-    assert page_material._nearest([at(6, 2.0, pose=False)], frame, target) is None
 
 
 def test_what_goes_wrong_is_logged_and_costs_nothing(

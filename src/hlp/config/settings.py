@@ -84,7 +84,7 @@ class RunSettings(Settings):
             "others are scored; fail: it ends the run"
         ),
     ] = "report"
-    panels: Annotated[int, Ge(0), Doc("number of frames for which the four panels are drawn")] = 6
+    panels: Annotated[int, Ge(0), Doc("number of frames that are drawn; 0: no pictures")] = 6
     timing_frames: Annotated[
         int,
         Ge(1),

@@ -21,7 +21,7 @@ from hlp.errors import HlpError
 from hlp.method.detections import Detection
 from hlp.method.detector import Detector
 from hlp.records import Frame
-from hlp.reporting.figures.panels import draw_detections, write_png
+from hlp.reporting.figures.panels import draw_detections, write_picture
 
 _KEPT = 6  # frames whose content is looked at
 _SEARCHED = 2  # frames in which objects are looked for
@@ -133,7 +133,7 @@ def _draw_truth(output: Path, dataset: Dataset, frame: Frame) -> None:
     known = [each for each in frame.targets if each.object_id in dataset.models]
     poses = [(dataset.models[each.object_id], each.pose_cam_obj) for each in known]
     output.mkdir(parents=True, exist_ok=True)
-    write_png(output / f"truth_{frame.key}.png", draw_detections(frame, poses))
+    write_picture(output / f"truth_{frame.key}.png", draw_detections(frame, poses))
 
 
 def describe(findings: list[Finding]) -> Iterator[str]:

@@ -2,7 +2,7 @@
 
 import logging
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import cv2
@@ -12,17 +12,15 @@ from jaxtyping import Bool, Float, UInt8
 from hlp.config.build import Run
 from hlp.geometry import back_project, transform
 from hlp.objects.meshes import decimate
-from hlp.records import Frame, ObjectModel, PoseEstimate, Target, TargetScore, frame_key
+from hlp.records import Frame, ObjectModel, PoseEstimate, TargetScore, frame_key
 from hlp.reporting.comparison import TargetKey
-from hlp.reporting.figures.panels import draw_panels
 from hlp.reporting.page.material import PageObject, PageTarget, edges_of, write_material
+from hlp.runs.stage_panels import FoundInFrame, in_order_of_scores, picture_of_target
 from hlp.stages.detection import DetectionStages
-from hlp.stages.frame_files import read_arrays
-from hlp.stages.frame_results import regions_of, votes_of
 
 MISSED, RIGHT = 40, 8
 """The largest numbers of missed and of right targets that are shown."""
-_WIDTH = 880  # px of a picture
+_WIDTH = 1280  # px of a picture
 _FACES = 300  # of a model in the 3D view
 _POINTS = 2500  # of a scene in the 3D view
 _AROUND = 1.1  # diameters from the object's true and found places that are in the 3D view
@@ -46,8 +44,11 @@ def keep_material(
     try:
         usable = [each for each in scores if _key(each) not in detection.failed]
         chosen = choose_targets(usable) if run.settings.panels > 0 else []
+        keyed = {key: score for (key, _), score in zip(_keyed(usable), usable, strict=True)}
         targets = [
-            each for group in _by_frame(chosen) for each in _draw(detection, group, estimates)
+            each
+            for group in _by_frame(chosen)
+            for each in _draw(detection, group, estimates, keyed)
         ]
         models = detection.dataset.models
         asked = {score.object_id for score in scores}
@@ -59,18 +60,24 @@ def keep_material(
 
 def choose_targets(scores: Sequence[TargetScore]) -> Chosen:
     """Missed targets, and right ones, each evenly over the run if there are too many."""
+    keyed = list(zip(_keyed(scores), scores, strict=True))
+    missed = [place for place, score in keyed if not score.add_correct]
+    right = [place for place, score in keyed if score.add_correct]
+    return sorted([*_evenly(missed, MISSED), *_evenly(right, RIGHT)])
+
+
+def _keyed(scores: Sequence[TargetScore]) -> Chosen:
+    """Key of each target, and its place among those of its frame."""
     instances: Counter[tuple[int, int, int]] = Counter()
     places: Counter[tuple[int, int]] = Counter()
     keyed = []
     for score in scores:
         frame = (score.scene_id, score.frame_id)
         same = (*frame, score.object_id)
-        keyed.append((((*same, instances[same])), places[frame], score.add_correct))
+        keyed.append(((*same, instances[same]), places[frame]))
         instances[same] += 1
         places[frame] += 1
-    missed = [(key, place) for key, place, right in keyed if not right]
-    right = [(key, place) for key, place, right in keyed if right]
-    return sorted([*_evenly(missed, MISSED), *_evenly(right, RIGHT)])
+    return keyed
 
 
 def _evenly(chosen: Chosen, most: int) -> Chosen:
@@ -91,22 +98,19 @@ def _by_frame(chosen: Chosen) -> list[Chosen]:
 
 
 def _draw(
-    detection: DetectionStages, chosen: Chosen, estimates: Sequence[PoseEstimate]
+    detection: DetectionStages,
+    chosen: Chosen,
+    estimates: Sequence[PoseEstimate],
+    scores: Mapping[TargetKey, TargetScore],
 ) -> list[PageTarget]:
     """The chosen targets of one frame."""
-    scene_id, frame_id = chosen[0][0][:2]
-    key = frame_key(scene_id, frame_id)
-    frame = detection.load(key)
-    size = (frame.depth.shape[0], frame.depth.shape[1])
-    regions = regions_of(read_arrays(detection.regions().folder, key), size)
-    coarse = read_arrays(detection.hypotheses().folder, key)
-    drawn = []
+    found = FoundInFrame.read(detection, frame_key(*chosen[0][0][:2]), estimates)
+    frame, drawn = found.frame, []
     for target_key, place in chosen:
-        target = frame.targets[place]
+        target = in_order_of_scores(frame)[place]
         model = detection.dataset.models[target.object_id]
-        best = _nearest(estimates, frame, target)
-        votes = votes_of(coarse, target.object_id)
-        picture = draw_panels(frame, model, regions[target.object_id], votes, best, target)
+        best = found.nearest(target)
+        picture = picture_of_target(detection, found, target, scores[target_key])
         height = round(picture.shape[0] * _WIDTH / picture.shape[1])
         small = cv2.resize(picture, (_WIDTH, height), interpolation=cv2.INTER_AREA).astype(np.uint8)
         pose = None if best is None else best.pose_cam_obj
@@ -114,25 +118,6 @@ def _draw(
         scene = _scene(frame, near)
         drawn.append(PageTarget(target_key, small, *scene, target.pose_cam_obj, pose))
     return drawn
-
-
-def _nearest(
-    estimates: Sequence[PoseEstimate], frame: Frame, target: Target
-) -> PoseEstimate | None:
-    """The estimate of the target's object that is nearest to its true place."""
-    wanted = (frame.scene_id, frame.frame_id, target.object_id)
-    found = [
-        each
-        for each in estimates
-        if (each.scene_id, each.frame_id, each.object_id) == wanted
-        and each.pose_cam_obj is not None
-    ]
-    return min(found, key=lambda each: _distance(each, target), default=None)
-
-
-def _distance(estimate: PoseEstimate, target: Target) -> float:
-    assert estimate.pose_cam_obj is not None
-    return float(np.linalg.norm(estimate.pose_cam_obj[:3, 3] - target.pose_cam_obj[:3, 3]))
 
 
 def _near(

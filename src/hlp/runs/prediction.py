@@ -225,9 +225,12 @@ def _drawn(keys: Sequence[str], panels: int | None) -> set[str]:
 def _draw(
     output: Path, models: dict[str, ObjectModel], name: str, frame: Frame, found: _Found
 ) -> None:
-    from hlp.reporting.figures.panels import draw_detections, write_png  # not needed for a folder
+    from hlp.reporting.figures.panels import (  # not needed for a folder
+        draw_detections,
+        write_picture,
+    )
 
     poses = [(models[each.object], each.pose_cam_obj) for each in found.detections]
     folder = output / "panels"
     folder.mkdir(exist_ok=True)
-    write_png(folder / f"{name}.png", draw_detections(frame, poses))
+    write_picture(folder / f"{name}.png", draw_detections(frame, poses))

@@ -13,10 +13,9 @@ from hlp.evaluation.vote_quality import vote_quality
 from hlp.files import MANIFEST, PAGE, POSES, SCORES, SUMMARY, write_json
 from hlp.method.compute_threads import set_compute_threads
 from hlp.method.training_files import read_history
-from hlp.records import Frame, PoseEstimate
-from hlp.refinement.score_model import MIN_SCORE, ScoreModel
+from hlp.records import PoseEstimate
+from hlp.refinement.score_model import MIN_SCORE
 from hlp.reporting.figures.calibration_curves import draw_calibration
-from hlp.reporting.figures.panels import write_png
 from hlp.reporting.figures.waterfall_bars import draw_waterfall
 from hlp.reporting.mlflow_metrics import summary_metrics
 from hlp.reporting.page.run_page import write_page_or_say
@@ -36,7 +35,7 @@ from hlp.runs.manifest import make_manifest, poses_digest
 from hlp.runs.mlflow_inputs import log_inputs, log_tables, revision_tag, run_name
 from hlp.runs.page_material import keep_material
 from hlp.runs.run_stages import stages_of
-from hlp.runs.stage_panels import drawn_frames, picture_of_stages
+from hlp.runs.stage_panels import PANELS, draw_frames
 from hlp.runs.timing import Timing, measure_times
 from hlp.stages.detection import DetectionStages
 from hlp.stages.frame_results import Arrays
@@ -65,7 +64,7 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         detection = stages_of(run, store, settings.on_bad_frame)
         training = detection.training
         render_in_workers(training, settings.executor)
-        estimates, notes = _find(run, detection, output / "panels")
+        estimates, notes = _find(run, detection)
         _log_training(training, tracker)
         require_some(detection.failed, len(run.keys))
         timing = measure_times(run, detection, estimates)
@@ -83,17 +82,13 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
     return summary
 
 
-def _find(
-    run: Run, detection: DetectionStages, panels: Path
-) -> tuple[list[PoseEstimate], list[FrameNotes]]:
-    """Find the objects in all frames; what scoring needs of each frame, in order. Draws panels."""
+def _find(run: Run, detection: DetectionStages) -> tuple[list[PoseEstimate], list[FrameNotes]]:
+    """Find the objects in all frames; what scoring needs of each frame, in order."""
     notes: dict[str, FrameNotes] = {}
-    scores = detection.scores()
 
     def look(key: str, found: Mapping[str, Arrays]) -> None:
         frame = detection.load(key)
         notes[key] = note_frame(run.dataset, frame, found, run.settings.evaluation)
-        _draw(run, frame, found, scores, panels)
 
     estimates = detection.estimates(look)
     return estimates, [notes[key] for key in run.keys if key not in detection.failed]
@@ -119,6 +114,7 @@ def _score(
     scores = with_failed_frames(run, detection.failed, scores)
     names = {object_id: model.name for object_id, model in dataset.models.items()}
     write_scores(output / SCORES, scores, names)
+    draw_frames(run, detection, saved, scores, output)
     keep_material(run, detection, saved, scores, output)
     summary = summarise(
         scores,
@@ -144,30 +140,12 @@ def _log_training(training: TrainingStages, tracker: Tracker) -> None:
             tracker.log_epoch_metrics(stage, epoch, metrics)
 
 
-def _draw(
-    run: Run,
-    frame: Frame,
-    found: Mapping[str, Arrays],
-    scores: Mapping[int, ScoreModel],
-    folder: Path,
-) -> None:
-    """The paper's four panels (Fig. 7) for a few frames, each for another object in turn."""
-    drawn = drawn_frames(run)
-    if frame.key not in drawn or not frame.targets:
-        return
-    target = frame.targets[drawn.index(frame.key) % len(frame.targets)]
-    model = run.dataset.models[target.object_id]
-    folder.mkdir(parents=True, exist_ok=True)
-    picture = picture_of_stages(frame, found, model, scores, target)
-    write_png(folder / f"{frame.key}_{model.name}.png", picture)
-
-
 def _say_where(run: Run, output: Path, tracker: Tracker) -> None:
     say = logging.getLogger(__name__).info
     say("\nResults   %s (summary.json, scores.csv, poses.csv, manifest.json)", output)
     if (output / PAGE).is_file():
         say("Report    %s (open it in a browser)", output / PAGE)
     if run.settings.panels > 0:
-        say("Pictures  %s (what each stage saw)", output / "panels")
+        say("Pictures  %s (what each stage saw)", output / PANELS)
     browse = how_to_browse(run.settings.reporting, tracker)
     say("MLflow    %s", browse.replace("\n", "\n          "))

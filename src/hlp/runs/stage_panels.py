@@ -1,42 +1,157 @@
-"""The results of all stages for one object in one frame, as one picture."""
+"""What the stages found in single frames, from their outputs on disk, as pictures."""
 
-from collections.abc import Mapping
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 
 from hlp.config.build import Run, evenly
-from hlp.records import Frame, ObjectModel, Target
-from hlp.refinement.score_model import ScoreModel
-from hlp.reporting.figures.panels import draw_panels
-from hlp.stages.frame_detection import estimates_of
+from hlp.records import Frame, PoseEstimate, Target, TargetScore, frame_key
+from hlp.reporting.figures.overview import ShownPose, draw_overview
+from hlp.reporting.figures.panels import write_picture
+from hlp.reporting.figures.target_panels import SeenTarget, draw_panels
+from hlp.stages.detection import DetectionStages
+from hlp.stages.frame_files import read_arrays
 from hlp.stages.frame_results import Arrays, regions_of, votes_of
 
-
-def drawn_frames(run: Run) -> tuple[str, ...]:
-    """Keys of the frames whose panels are drawn: `panels` of the run's, spread evenly."""
-    return evenly(run.keys, run.settings.panels) if run.settings.panels > 0 else ()
+PANELS = "panels"
+"""Folder of a run's pictures of some frames."""
 
 
-def picture_of_stages(
-    frame: Frame,
-    found: Mapping[str, Arrays],
-    model: ObjectModel,
-    scores: Mapping[int, ScoreModel],
-    truth: Target | None,
+@dataclass(frozen=True)
+class FoundInFrame:
+    """A frame with the arrays of each stage, and the answers in it."""
+
+    frame: Frame
+    arrays: dict[str, Arrays]
+    estimates: tuple[PoseEstimate, ...]
+
+    @classmethod
+    def read(
+        cls, detection: DetectionStages, key: str, estimates: Sequence[PoseEstimate]
+    ) -> "FoundInFrame":
+        """What lies on disk of a frame that did not fail; `estimates` are the run's."""
+        folders = {
+            "regions": detection.regions().folder,
+            "hypotheses": detection.hypotheses().folder,
+            "poses": detection.poses().folder,
+        }
+        arrays = {stage: read_arrays(folder, key) for stage, folder in folders.items()}
+        here = [each for each in estimates if frame_key(each.scene_id, each.frame_id) == key]
+        return cls(detection.load(key), arrays, tuple(here))
+
+    def nearest(self, target: Target) -> PoseEstimate | None:
+        """The answer for the target's object that is nearest to its true place."""
+
+        def distance(estimate: PoseEstimate) -> float:
+            assert estimate.pose_cam_obj is not None
+            apart = estimate.pose_cam_obj[:3, 3] - target.pose_cam_obj[:3, 3]
+            return float(np.linalg.norm(apart))
+
+        same = [each for each in self.estimates if each.object_id == target.object_id]
+        found = [each for each in same if each.pose_cam_obj is not None]
+        return min(found, key=distance, default=None)
+
+    def coarse(
+        self, object_id: int, estimate: PoseEstimate | None
+    ) -> Float[np.ndarray, "4 4"] | None:
+        """The coarse pose that became the estimate; without an estimate the best one.
+
+        None if there is none: a closer look finds poses without any.
+        """
+        name, fine = str(object_id), self.arrays["poses"]
+        poses = self.arrays["hypotheses"][f"{name}/poses"]
+        if estimate is None or estimate.pose_cam_obj is None or f"{name}/poses" not in fine:
+            return poses[0] if len(poses) else None
+        apart = np.abs(fine[f"{name}/poses"] - estimate.pose_cam_obj).max(axis=(1, 2))
+        source = int(fine[f"{name}/sources"][apart.argmin()])
+        return poses[source] if 0 <= source < len(poses) else None
+
+
+def picture_of_target(
+    detection: DetectionStages, found: FoundInFrame, target: Target, score: TargetScore
 ) -> UInt8[np.ndarray, "_ _ 3"]:
-    """The paper's four panels (Fig. 7) of an object: region, accepted patches, votes and pose.
-
-    `found` holds the arrays of each stage in that frame, `scores` the objects' score models.
-    """
-    object_id = model.object_id
-    estimates = estimates_of(frame.key, found["poses"], {}, scores)
-    best = {each.object_id: each for each in sorted(estimates, key=lambda item: item.score)}
-    return draw_panels(
-        frame,
-        model,
-        regions_of(found["regions"], (frame.depth.shape[0], frame.depth.shape[1]))[object_id],
-        votes_of(found["hypotheses"], object_id),
-        best.get(object_id),
-        truth,
+    """The panels of a target with its verdict."""
+    object_id, frame = target.object_id, found.frame
+    best = found.nearest(target)
+    seen = SeenTarget(
+        frame=frame,
+        model=detection.dataset.models[object_id],
+        region=regions_of(found.arrays["regions"], frame.depth.shape[:2])[object_id],
+        votes=votes_of(found.arrays["hypotheses"], object_id),
+        coarse=found.coarse(object_id, best),
+        estimate=best,
+        truth=target,
+        score=score,
     )
+    return draw_panels(seen)
+
+
+def draw_frames(
+    run: Run,
+    detection: DetectionStages,
+    estimates: Sequence[PoseEstimate],
+    scores: Sequence[TargetScore],
+    output: Path,
+) -> None:
+    """Draw some frames into `output`/panels: all poses, and the panels of one target in turn.
+
+    `panels` frames are drawn, spread evenly. Nothing that goes wrong here costs the run its
+    results: it is logged, with its traceback.
+    """
+    if run.settings.panels == 0:
+        return
+    folder = output / PANELS
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for number, key in enumerate(evenly(run.keys, run.settings.panels)):
+            if key not in detection.failed:
+                _draw_frame(detection, key, number, estimates, scores, folder)
+    except Exception:
+        logging.getLogger(__name__).exception("the pictures in %s could not be made", folder)
+
+
+def _draw_frame(
+    detection: DetectionStages,
+    key: str,
+    number: int,
+    estimates: Sequence[PoseEstimate],
+    scores: Sequence[TargetScore],
+    folder: Path,
+) -> None:
+    found = FoundInFrame.read(detection, key, estimates)
+    here = [each for each in scores if frame_key(each.scene_id, each.frame_id) == key]
+    if not here:
+        return
+    write_picture(folder / f"{key}_poses.jpg", _overview(detection, found, here))
+    place = number % len(here)
+    target = in_order_of_scores(found.frame)[place]
+    name = detection.dataset.models[target.object_id].name
+    picture = picture_of_target(detection, found, target, here[place])
+    write_picture(folder / f"{key}_{name}.jpg", picture)
+
+
+def in_order_of_scores(frame: Frame) -> list[Target]:
+    """A frame's targets as they are scored: object by object, in the order of first appearance."""
+    objects = dict.fromkeys(target.object_id for target in frame.targets)
+    return [each for i in objects for each in frame.targets if each.object_id == i]
+
+
+def _overview(
+    detection: DetectionStages, found: FoundInFrame, scores: Sequence[TargetScore]
+) -> UInt8[np.ndarray, "_ _ 3"]:
+    shown = []
+    for target, score in zip(in_order_of_scores(found.frame), scores, strict=True):
+        estimate = found.nearest(target)
+        if estimate is not None and estimate.pose_cam_obj is not None:
+            model = detection.dataset.models[target.object_id]
+            words = f"{model.name} {estimate.score:.2f}"
+            shown.append(ShownPose(model, estimate.pose_cam_obj, words, score.add_correct))
+    right = sum(each.add_correct for each in scores)
+    missing = len(scores) - len(shown)
+    title = f"{found.frame.key}: {right} of {len(scores)} targets right"
+    title += f", {missing} without an answer" if missing else ""
+    return draw_overview(found.frame, shown, title)

@@ -1,63 +1,38 @@
-"""The paper's four pictures of one object in one frame (Fig. 7 and 8)."""
+"""What is drawn over a frame: region, local patches, votes, poses (paper, Fig. 7 and 8).
+
+The colours are told apart by people who see few (Okabe and Ito); the votes' grow in lightness too.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, UInt8
 
 from hlp.files import replaced
 from hlp.geometry import project, transform
-from hlp.records import Frame, ObjectModel, PoseEstimate, Region, Target, Votes
+from hlp.records import Frame, ObjectModel, Votes
 from hlp.rendering.light import FRONTAL_LIGHT
 from hlp.rendering.rasterizer import render_depth, render_rgbd
 
 Image = UInt8[np.ndarray, "h w 3"]
 
 VOTE_CELL = 8  # px, as in the paper
-REGION_COLOR = (80, 220, 120)
-PATCH_COLOR = (255, 200, 40)
-ESTIMATE_COLOR = (60, 230, 90)
-TRUTH_COLOR = (255, 90, 200)
+JPEG_QUALITY = 85
+REGION_COLOR = (0, 200, 150)
+PATCH_COLOR = (240, 228, 66)
+ESTIMATE_COLOR = (86, 180, 233)
+TRUTH_COLOR = (255, 165, 0)
+VOTE_COLORS = cv2.COLORMAP_INFERNO
 AXIS_COLORS = ((240, 60, 60), (70, 220, 70), (80, 130, 255))
-TITLE_HEIGHT = 26
 _SUBPIXEL = 4  # bits of OpenCV's fixed-point coordinates
 
 
-def draw_panels(
-    frame: Frame,
-    model: ObjectModel,
-    region: Region,
-    votes: Votes,
-    estimate: PoseEstimate | None,
-    truth: Target | None,
-) -> UInt8[np.ndarray, "_ _ 3"]:
-    """One RGB picture of four panels: region, accepted local patches, votes, and the pose.
-
-    Accepted are the local patches that voted. The estimated pose is drawn shaded and with its axes,
-    the true pose as an outline in another colour; either may be None.
-    """
-    accepted = np.unique(votes.pixels, axis=0)
-    pose = estimate.pose_cam_obj if estimate is not None else None
-    true_pose = truth.pose_cam_obj if truth is not None else None
-    verdict = f"score {estimate.score:.2f} (green)" if estimate and pose is not None else "no pose"
-    verdict += ", truth (pink)" if truth is not None else ""
-    region_title = f"1 candidate region, of {len(region.centers)} windows"
-    patches_title = f"2 local patches: {len(accepted)} accepted"
-    votes_title = f"3 votes: {len(votes)}, in {VOTE_CELL}x{VOTE_CELL} px cells"
-    panels = [
-        _titled(draw_region(frame.rgb, region.mask), region_title),
-        _titled(draw_patches(frame.rgb, accepted), patches_title),
-        _titled(draw_votes(frame, votes, model, true_pose), votes_title),
-        _titled(draw_poses(frame, model, pose, true_pose), f"4 {model.name}: {verdict}"),
-    ]
-    return np.vstack([np.hstack(panels[:2]), np.hstack(panels[2:])])
-
-
-def write_png(path: Path, image: Image) -> None:
-    """Write an RGB image. Raises OSError naming a path that cannot be written."""
-    _, encoded = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+def write_picture(path: Path, image: Image) -> None:
+    """Write an RGB image, of the format of its name. Raises OSError if the path is not writable."""
+    bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    _, encoded = cv2.imencode(path.suffix, bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     with replaced(path) as stream:
         stream.write(encoded.tobytes())
 
@@ -65,7 +40,7 @@ def write_png(path: Path, image: Image) -> None:
 def draw_region(rgb: Image, mask: Bool[np.ndarray, "h w"]) -> Image:
     """The picture with the region outlined and everything outside it darkened."""
     picture = np.where(mask[..., None], rgb, rgb // 3).astype(np.uint8)
-    return _outline(picture, mask, REGION_COLOR)
+    return outline(picture, mask, REGION_COLOR)
 
 
 def draw_patches(rgb: Image, pixels: Float[np.ndarray, "n 2"]) -> Image:
@@ -76,32 +51,34 @@ def draw_patches(rgb: Image, pixels: Float[np.ndarray, "n 2"]) -> Image:
     return picture
 
 
-def votes_by_cell(
+def weight_by_cell(
     votes: Votes, camera_matrix: Float[np.ndarray, "3 3"], shape: tuple[int, int]
-) -> Int[np.ndarray, "rows columns"]:
-    """Number of votes for the centroid in each cell of 8×8 px of the image.
+) -> Float[np.ndarray, "rows columns"]:
+    """Weight of the votes for the centroid in each cell of 8×8 px of the image.
 
     The last cells may reach beyond the image. Votes outside it or behind the camera do not count.
     """
     rows, columns = (-(-size // VOTE_CELL) for size in shape)
-    points = votes.centroids_cam[votes.centroids_cam[:, 2] > 0]
+    ahead = votes.centroids_cam[:, 2] > 0
+    points, weights = votes.centroids_cam[ahead], votes.weights[ahead]
     # A pixel's centre has integer coordinates, so pixel 0 begins at -0.5.
     cells = np.floor((project(points, camera_matrix) + 0.5) / VOTE_CELL)
     inside = ((cells >= 0) & (cells < (columns, rows))).all(axis=1)
     x, y = cells[inside].astype(int).T
-    return np.bincount(y * columns + x, minlength=rows * columns).reshape(rows, columns)
+    sums = np.bincount(y * columns + x, weights[inside], minlength=rows * columns)
+    return sums.reshape(rows, columns)
 
 
 def draw_votes(
     frame: Frame, votes: Votes, model: ObjectModel, true_pose: Float[np.ndarray, "4 4"] | None
 ) -> Image:
-    """Cells coloured by their number of votes, few (blue) to many (red); a ring marks the truth."""
+    """Cells coloured by the weight of their votes, dark for little; a ring marks the truth."""
     height, width = frame.depth.shape
-    counts = votes_by_cell(votes, frame.camera_matrix, (height, width))
-    scaled = np.rint(counts * (255.0 / max(counts.max(), 1))).astype(np.uint8)
-    colors = cv2.cvtColor(cv2.applyColorMap(scaled, cv2.COLORMAP_TURBO), cv2.COLOR_BGR2RGB)
+    sums = weight_by_cell(votes, frame.camera_matrix, (height, width))
+    scaled = np.rint(sums * (255.0 / max(sums.max(), 1e-9))).astype(np.uint8)
+    colors = cv2.cvtColor(cv2.applyColorMap(scaled, VOTE_COLORS), cv2.COLOR_BGR2RGB)
     cells = np.repeat(np.repeat(colors, VOTE_CELL, axis=0), VOTE_CELL, axis=1)[:height, :width]
-    voted = np.repeat(np.repeat(counts > 0, VOTE_CELL, axis=0), VOTE_CELL, axis=1)[:height, :width]
+    voted = np.repeat(np.repeat(sums > 0, VOTE_CELL, axis=0), VOTE_CELL, axis=1)[:height, :width]
     grey = _grey(frame.rgb, 0.5)
     picture = np.where(voted[..., None], (3 * cells.astype(np.uint16) + grey) // 4, grey)
     picture = picture.astype(np.uint8)
@@ -123,11 +100,11 @@ def draw_poses(
     camera, shape = frame.camera_matrix, frame.depth.shape
     size = (shape[0], shape[1])
     if pose is not None:
-        picture = _posed(picture, model, pose, camera)
+        picture = posed(picture, model, pose, camera)
     if true_pose is not None:
         true_depth = render_depth(model.proxy, true_pose[None], camera, size)[0]
-        picture = _outline(picture, true_depth > 0, TRUTH_COLOR)
-    return picture if pose is None else _axes(picture, model, pose, camera)
+        picture = outline(picture, true_depth > 0, TRUTH_COLOR)
+    return picture if pose is None else axes(picture, model, pose, camera)
 
 
 def draw_detections(
@@ -136,26 +113,27 @@ def draw_detections(
     """Shaded models, outlines and axes of several objects over the grey picture, far ones first."""
     picture = _grey(frame.rgb, 0.8)
     for model, pose in sorted(poses, key=lambda each: -float(each[1][2, 3])):
-        picture = _posed(picture, model, pose, frame.camera_matrix)
-        picture = _axes(picture, model, pose, frame.camera_matrix)
+        picture = posed(picture, model, pose, frame.camera_matrix)
+        picture = axes(picture, model, pose, frame.camera_matrix)
     return picture
 
 
-def _posed(
+def posed(
     picture: Image,
     model: ObjectModel,
     pose: Float[np.ndarray, "4 4"],
     camera_matrix: Float[np.ndarray, "3 3"],
+    color: tuple[int, int, int] = ESTIMATE_COLOR,
 ) -> Image:
-    """The shaded model over a picture, with its outline."""
+    """The shaded model over a picture, with its outline in a colour."""
     size = (picture.shape[0], picture.shape[1])
     shaded, depth = render_rgbd(model.mesh, pose, camera_matrix, size, FRONTAL_LIGHT)
     mixed = (3 * shaded.astype(np.uint16) + picture) // 4
     picture = np.where(depth[..., None] > 0, mixed, picture).astype(np.uint8)
-    return _outline(picture, depth > 0, ESTIMATE_COLOR)
+    return outline(picture, depth > 0, color)
 
 
-def _axes(
+def axes(
     picture: Image,
     model: ObjectModel,
     pose: Float[np.ndarray, "4 4"],
@@ -172,7 +150,8 @@ def _axes(
     return picture
 
 
-def _outline(picture: Image, mask: Bool[np.ndarray, "h w"], color: tuple[int, int, int]) -> Image:
+def outline(picture: Image, mask: Bool[np.ndarray, "h w"], color: tuple[int, int, int]) -> Image:
+    """The picture itself, with the border of a mask drawn into it."""
     contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(picture, contours, -1, color, 1)
     return picture
@@ -181,12 +160,6 @@ def _outline(picture: Image, mask: Bool[np.ndarray, "h w"], color: tuple[int, in
 def _grey(rgb: Image, brightness: float) -> Image:
     grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY) * brightness
     return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
-
-
-def _titled(picture: Image, title: str) -> Image:
-    bar = np.full((TITLE_HEIGHT, picture.shape[1], 3), 24, dtype=np.uint8)
-    cv2.putText(bar, title, (8, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (235, 235, 235), 1, cv2.LINE_AA)
-    return np.vstack([bar, picture])
 
 
 def _fixed_point(pixels: Float[np.ndarray, "n 2"]) -> list[tuple[int, int]]:
