@@ -141,11 +141,11 @@ def test_panels_are_pictures(tiny_run: TinyRun) -> None:
     )
     assert poses.name == "000000_000000_poses.jpg"
     assert target.name.startswith("000000_000000_")
-    for path, columns, rows in ((poses, 1, 1), (target, 3, 2)):
+    for path, across, down in ((poses, 1, 1), (target, 3, 2)):
         picture = cv2.imread(str(path))
         assert picture is not None
-        assert picture.shape[0] >= rows * 240
-        assert picture.shape[1] == columns * 320
+        assert picture.shape[0] >= down * 240
+        assert picture.shape[1] == across * 320
         assert picture.std() > 10
         assert path.stat().st_size < 200_000
 
