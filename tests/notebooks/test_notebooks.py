@@ -65,6 +65,7 @@ def test_committed_without_outputs(path: Path) -> None:
         assert cell.get("execution_count") is None
 
 
+@pytest.mark.slow
 def test_method_shows_every_stage(tiny_run: TinyRun) -> None:
     overrides = [each for each in tiny_run.overrides if not each.startswith("panels")]
     parameters = f"OVERRIDES = {overrides}\nWORK = 'work'\nFRAME = 0"
@@ -79,6 +80,7 @@ def test_method_shows_every_stage(tiny_run: TinyRun) -> None:
     assert set((tiny_run.folder / "work").glob("*/*")) == before  # it found what was learnt
 
 
+@pytest.mark.slow
 def test_runs_are_read_from_outputs_and_mlflow(tiny_run: TinyRun) -> None:
     parameters = "OUTPUTS = '.'\nDATABASE = 'work/mlflow.db'"
     done = execute(NOTEBOOKS / "02_runs.ipynb", parameters, tiny_run.folder)
