@@ -97,24 +97,6 @@ def _checked(
     return vertices, faces
 
 
-def _checked(
-    path: Path, raw: trimesh.Trimesh
-) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-    """Vertices and triangles. Raises DataError where they are none."""
-    vertices = np.array(raw.vertices, dtype=np.float64)
-    if vertices.ndim != 2 or vertices.shape[1] != 3:
-        raise DataError(f"{path} has vertices without three coordinates: export it again")
-    if not np.isfinite(vertices).all():
-        raise DataError(f"{path} has NaN or infinite vertices: repair the mesh")
-    faces = np.array(raw.faces, dtype=np.int64)
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        wrong = int(faces.min() if faces.min() < 0 else faces.max())
-        raise DataError(
-            f"{path} has a triangle of vertex {wrong}, of {len(vertices)} vertices: export it again"
-        )
-    return vertices, faces
-
-
 def _one_grey(colors: UInt8[np.ndarray, "v 3"]) -> bool:
     """Whether all colours are one grey, as modelling programs write it for want of a colour."""
     return bool(np.ptp(colors) == 0)

@@ -7,19 +7,21 @@ from hlp.files import SCORES
 from hlp.reporting.comparison import read_targets
 from hlp.reporting.page.material import FOLDER, read_material
 from hlp.reporting.tracker import Tracker
+from hlp.runs.stage_panels import PANELS
 
 MOST_MISSES = 12
 """Missed targets that are logged; the report shows more."""
 
 
 def log_pictures(output: Path, tracker: Tracker) -> None:
-    """Log panels, a step for each frame, and missed targets, each kind of miss by itself.
+    """Log poses and panels, a step for each frame, and missed targets, each kind by itself.
 
     The frame's number is the step, so equal steps of two runs show the same frame.
     """
-    for path in sorted((output / "panels").glob("*.png")):
-        scene, frame, _ = path.stem.split("_", 2)
-        tracker.log_image(path, f"panels of scene {int(scene)}", int(frame))
+    for path in sorted((output / PANELS).glob("*.jpg")):
+        scene, frame, drawn = path.stem.split("_", 2)
+        what = "poses" if drawn == "poses" else "panels"
+        tracker.log_image(path, f"{what} in scene {int(scene)}", int(frame))
     scores = read_targets(output / SCORES)
     shown = read_material(output).targets
     missed = [key for key in sorted(shown) if key in scores and not scores[key].correct("add")]
