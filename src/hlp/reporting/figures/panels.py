@@ -32,7 +32,8 @@ _SUBPIXEL = 4  # bits of OpenCV's fixed-point coordinates
 def write_picture(path: Path, image: Image) -> None:
     """Write an RGB image, of the format of its name. Raises OSError naming an unwritable path."""
     bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    _, encoded = cv2.imencode(path.suffix, bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    quality = [] if path.suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+    _, encoded = cv2.imencode(path.suffix, bgr, quality)
     with replaced(path) as stream:
         stream.write(encoded.tobytes())
 
