@@ -37,7 +37,7 @@ import json, logging, sys, types
 from pathlib import Path
 import hlp.cli, hlp.config, hlp.studies
 
-def build_run(config):
+def build_run(config, chosen=None):
     from omegaconf import OmegaConf
     from hlp.errors import MissingFileError
     if config.seed == 13:

@@ -324,8 +324,8 @@ IMAGES: dict[str, Case] = {
     "arrays cut": (of_file(read_npz, "a.npz", b"PK\3\4"), "damaged"),
     "arrays of text": (of_file(read_npz, "a.npz", "text"), "damaged"),
     "no arrays": (lambda folder: read_npz(folder / "a.npz"), "there is no file"),
-    "camera.json: no cam_K": (encoder_frames(depth_scale=1.0), "cam_K must hold 9 numbers"),
-    "camera.json: words": (encoder_frames(cam_K=["a"] * 9), "cam_K must hold 9 numbers"),
+    "camera.json: no cam_K": (encoder_frames(depth_scale=1.0), "camera.json: cam_K is missing"),
+    "camera.json: words": (encoder_frames(cam_K=["a"] * 9), "cam_K.0 is 'a': it must be a number"),
     "camera.json: no focal length": (encoder_frames(cam_K=[0] * 9), "positive focal lengths"),
     "rooms: no folders": (lambda folder: RgbdFrames(folder).keys, "has no folders rgb and depth"),
 }

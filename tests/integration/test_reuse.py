@@ -48,9 +48,9 @@ def test_other_refinement_makes_only_poses(tiny_run: TinyRun, call: Call) -> Non
 def test_a_run_decodes_every_frame_once(
     tiny_run: TinyRun, call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Detection, scores, causes of misses and panels share one decode, found or not.
+    """Detection, scores and causes of misses share one decode, found or not.
 
-    Only the report, which shows chosen targets, decodes their frames again.
+    Only the panels and the report, which show chosen frames and targets, decode these again.
     """
     decoded: list[str] = []
     load = SyntheticScenes.load
@@ -66,9 +66,9 @@ def test_a_run_decodes_every_frame_once(
     assert stages(output, reused=False) == {"regions": 1, "hypotheses": 1, "poses": 1}
     waterfall = read_json(output / "summary.json")["waterfall"]["total"]
     assert waterfall["correct"] < sum(waterfall.values())  # there are misses to explain
-    assert len([*(output / "panels").iterdir()]) == 2
+    assert len([*(output / "panels").iterdir()]) == 4  # all poses, and the panels of a target
     assert decoded[:2] == ["000000_000000", "000012_000000"]
-    assert len(decoded) == len({*decoded}) + len({*decoded[2:]})
+    assert max(map(decoded[2:].count, decoded), default=0) <= 2
 
 
 def test_interrupted_stage_goes_on_where_it_stopped(

@@ -33,6 +33,7 @@ _FINEST_GRID = 256  # cells along the longest side of a mesh: less than a millim
 _PARSE_ERRORS = (
     ValueError, KeyError, IndexError, TypeError, AttributeError, EOFError, NotImplementedError,
     struct.error, SyntaxError, AssertionError, OSError, RecursionError, MemoryError, OverflowError,
+    UnboundLocalError,  # of trimesh, for a PLY file that names an element without any
 )  # fmt: skip
 _logger = logging.getLogger(__name__)
 

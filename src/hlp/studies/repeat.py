@@ -23,9 +23,9 @@ def config_of(manifest: Path, overrides: Sequence[str], configuration: Path) -> 
     """A `config.yaml` for Hydra with all of a manifest's values.
 
     `configuration` is the folder of HLP's configuration. Hydra's part and the places where a run is
-    stored (work, output, reporting) come from there. Raises what `read_manifest` and
-    `check_harmless` raise, and ConfigError for an override that chooses another file of a group:
-    the manifest's is fixed.
+    stored (work, output, reporting but for what it is about) come from there. Raises what
+    `read_manifest` and `check_harmless` raise, and ConfigError for an override that chooses another
+    file of a group: the manifest's is fixed.
     """
     config = read_manifest(manifest)["config"]
     check_harmless(config, manifest, overrides)
@@ -37,6 +37,9 @@ def config_of(manifest: Path, overrides: Sequence[str], configuration: Path) -> 
             )
     own = yaml.safe_load((configuration / "config.yaml").read_text())
     reporting = yaml.safe_load((configuration / "reporting" / "mlflow.yaml").read_text())
+    told = config.get("reporting")
+    if isinstance(told, dict) and isinstance(told.get("about"), str):
+        reporting["about"] = told["about"]
     where = {"work": own["work"], "output": own["output"], "reporting": reporting}
     return json.dumps({"defaults": ["_self_"], **config, **where, "hydra": own["hydra"]})
 
