@@ -31,21 +31,20 @@ class PosesOfImages:
         """For each image a list of what was found, the most certain first.
 
         An image has `rgb` (h, w, 3; 0 to 255), `depth` (h, w; m) and `camera_matrix` (3, 3; px), as
-        arrays or nested lists; `params` are the options of `Detector.detect`. A find has `object`,
-        `score`, `pose_cam_obj` (4×4, m), `visible_fraction` and `seconds`, ready for JSON. Raises
-        InputError for an image that lacks something.
+        arrays or nested lists, and may have the options of `Detector.detect`: `objects`,
+        `max_instances`, `min_score`. A find has `object`, `score`, `pose_cam_obj` (4×4, m),
+        `visible_fraction` and `seconds`, ready for JSON. Raises InputError for an image that lacks
+        something or has something unknown. `params` is what MLflow calls with; there are none.
         """
-        options = {key: value for key, value in (params or {}).items() if value is not None}
-        if unknown := set(options) - set(_OPTIONS):
-            raise InputError(f"{min(unknown)} is no parameter: there are {', '.join(_OPTIONS)}")
-        return [self._predict_one(image, options) for image in model_input]
+        return [self._predict_one(image) for image in model_input]
 
-    def _predict_one(
-        self, image: Mapping[str, Any], options: Mapping[str, Any]
-    ) -> list[dict[str, Any]]:
+    def _predict_one(self, image: Mapping[str, Any]) -> list[dict[str, Any]]:
         missing = [key for key in _IMAGE if not isinstance(image, Mapping) or key not in image]
         if missing:
             raise InputError(f"an image has {', '.join(_IMAGE)}: {missing[0]} is missing")
+        options = {key: value for key, value in image.items() if key not in _IMAGE}
+        if unknown := set(options) - set(_OPTIONS):
+            raise InputError(f"{min(unknown)} is no option: there are {', '.join(_OPTIONS)}")
         found = self.detector.detect(
             np.asarray(image["rgb"], dtype=np.uint8),
             np.asarray(image["depth"], dtype=np.float64),
