@@ -44,7 +44,7 @@ def test_two_identical_runs_at_once_make_everything_once(tiny_run: TinyRun, lear
     wanted = read_json(tiny_run.output / "manifest.json")["poses"]
     assert [read_json(path / "manifest.json")["poses"] for path in outputs] == [wanted] * 2
     client = MlflowClient(f"sqlite:///{learnt / 'work' / 'mlflow.db'}")
-    experiment = client.get_experiment_by_name("hlp")
+    experiment = client.get_experiment_by_name("demo")
     assert experiment is not None
     found = client.search_runs([experiment.experiment_id])
     assert [run.info.status for run in found] == ["FINISHED", "FINISHED"]

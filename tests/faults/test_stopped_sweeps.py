@@ -39,7 +39,7 @@ def test_a_sweep_stopped_at_every_place_ends_with_all_its_arms(
     assert first["poses"] == read_json(tiny_run.output / "manifest.json")["poses"]
     assert second["config"]["refinement"]["particles"] == 26
     client = MlflowClient(f"sqlite:///{tmp_path / 'work' / 'mlflow.db'}")
-    experiment = client.get_experiment_by_name("hlp")
+    experiment = client.get_experiment_by_name("swept")
     assert experiment is not None
     runs = client.search_runs([experiment.experiment_id])
     parent = [run for run in runs if run.info.run_id == read_json(record)["run_id"]]

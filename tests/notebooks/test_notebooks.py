@@ -34,7 +34,9 @@ def pictures(notebook: NotebookNode) -> list[np.ndarray]:
     found = []
     for cell in notebook.cells:
         for output in cell.get("outputs", []):
-            data = output.get("data", {}).get("image/png")
+            data = output.get("data", {}).get("image/png") or output.get("data", {}).get(
+                "image/jpeg"
+            )
             if data is not None:
                 buffer = np.frombuffer(base64.b64decode(data), np.uint8)
                 picture = cv2.imdecode(buffer, cv2.IMREAD_COLOR)
@@ -89,4 +91,4 @@ def test_runs_are_read_from_outputs_and_mlflow(tiny_run: TinyRun) -> None:
     assert "| all targets |" in text
     assert "| add |" in text
     assert "FINISHED" in text
-    assert len(pictures(done)) == 3  # recalls, errors, panels
+    assert len(pictures(done)) == 4  # recalls, errors, all poses of a frame, panels
