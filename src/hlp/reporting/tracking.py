@@ -167,7 +167,9 @@ def _close(tracker: Tracker, status: str, error: Exception | None = None) -> Non
 
 
 def _first_line(error: BaseException) -> str:
-    return str(error).partition("\n")[0]
+    """The first line of a message that says why; SQLAlchemy begins with one that does not."""
+    lines = [line for line in str(error).splitlines() if not line.startswith("(raised as a result")]
+    return lines[0] if lines else type(error).__name__
 
 
 def _open_run(
