@@ -61,7 +61,7 @@ test: $(STAMP) ## the tests
 	@$(BIN)/python -m pytest -q -n $(WORKERS)
 
 test-slow: $(STAMP) ## the tests that take longer
-	@$(BIN)/python -m pytest -q -n $(WORKERS) -m slow
+	@$(BIN)/python -m pytest -q -n $(WORKERS) -m slow --ignore=tests/faults
 
 test-faults: $(STAMP) ## runs that are stopped at named places, and damaged work folders
 	@$(BIN)/python -m pytest -q -m slow tests/faults
