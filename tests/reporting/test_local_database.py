@@ -10,7 +10,7 @@ import pytest
 from mlflow import MlflowClient
 
 from hlp.reporting import local_database
-from hlp.reporting.local_database import prepare_database
+from hlp.reporting.local_database import prepare_database, remove_database
 from hlp.reporting.tracking import TrackingSettings, track_run
 
 
@@ -110,3 +110,14 @@ def test_another_programs_database_is_not_touched(tmp_path: Path) -> None:
     before = database.read_bytes()
     prepare_database(database)
     assert database.read_bytes() == before
+
+
+def test_removing_a_database_leaves_what_lies_beside_it(made: Path, tmp_path: Path) -> None:
+    alone, shared = tmp_path / "alone", tmp_path / "shared"
+    for folder in (alone, shared):
+        shutil.copytree(made, folder)
+    (shared / "notes.txt").write_text("mine")
+    for folder in (alone, shared):
+        remove_database(folder / "mlflow.db")
+    assert not alone.exists()
+    assert [each.name for each in shared.iterdir()] == ["notes.txt"]

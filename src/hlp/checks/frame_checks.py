@@ -10,6 +10,7 @@ from hlp.errors import HlpError
 from hlp.records import Frame, ObjectModel
 
 _SHOWN = 3  # findings of one kind
+_ADVICE = {"files": "Copy or download it again", "values": "Mend it, or leave this frame out"}
 
 
 def read_frames(
@@ -35,7 +36,7 @@ def read_frames(
             except HlpError as failure:
                 kind, error = "files", failure
             findings = wrong.setdefault(kind, [])
-            findings.append(Finding(kind, key, str(error), "Other frames can be used"))
+            findings.append(Finding(kind, key, str(error), _ADVICE[kind]))
             if kind == "files":
                 continue
         if number % every == 0:

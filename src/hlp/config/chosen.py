@@ -9,7 +9,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import DictConfig
 
 # Of the run itself rather than of what it does.
-_PLACES = ("output", "work", "experiment", "hydra")
+_PLACES = ("output=", "work=", "experiment=", "hydra")
 
 
 @dataclass(frozen=True)

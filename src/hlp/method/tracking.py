@@ -145,8 +145,8 @@ def part_near(
     """The part of the frame that shows the object in any of some poses, and what is beside it.
 
     Preparing the whole frame would take longer than following one object in it. The part has pixel
-    coordinates of its own; the windows are those of
-    the whole frame, so objects are not to be detected in a part.
+    coordinates of its own; the windows are those of the whole frame, so objects are not to be
+    detected in a part.
     """
     frame = context.frame
     points = transform(poses_cam_obj, model.proxy.vertices).reshape(-1, 3)

@@ -1,16 +1,14 @@
 """What MLflow shows first of an experiment: a description, and the columns that one compares."""
 
 import json
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 from hlp.reporting.mlflow_metrics import HEADLINES
 from hlp.reporting.tracker import NOTE
 
-VIEW = "hlp"
-"""Name of the shared view, which links to the page ask for."""
+_VIEW = "hlp"  # name of the shared view, which links to the page ask for
 _KIND = "mlflow.experimentKind"  # otherwise MLflow opens its pages for language models
-VIEW_TAG = f"mlflow.sharedViewState.{VIEW}"
+_VIEW_TAG = f"mlflow.sharedViewState.{_VIEW}"
 
 
 @dataclass(frozen=True)
@@ -30,19 +28,16 @@ class ExperimentPage:
         if self.data:
             lines.append(f"Data of the first run: {self.data}")
         description = "\n\n".join(line for line in lines if line)
-        tags = {_KIND: "custom_model_development", VIEW_TAG: view_of(())}
+        tags = {_KIND: "custom_model_development", _VIEW_TAG: _headline_columns()}
         return {**tags, NOTE: description} if description else tags
 
 
-def view_of(sweeps: Iterable[str]) -> str:
-    """The shared view: the headline metrics as columns, the sweeps of these ids opened."""
-    columns = [f"metrics.`{name}`" for name in HEADLINES]
-    return json.dumps(
-        {"selectedColumns": columns, "runsExpanded": {run_id: True for run_id in sweeps}}
-    )
+def _headline_columns() -> str:
+    """The shared view: the headline metrics as columns."""
+    return json.dumps({"selectedColumns": [f"metrics.`{name}`" for name in HEADLINES]})
 
 
 def experiment_path(experiment_id: str) -> str:
     """Path of an experiment's list of runs on MLflow's server, with the columns chosen above."""
-    asked = f"workflowType=machine_learning&viewStateShareKey={VIEW}"
+    asked = f"workflowType=machine_learning&viewStateShareKey={_VIEW}"
     return f"/#/experiments/{experiment_id}/runs?{asked}"

@@ -5,7 +5,9 @@ All of this happens under a lock, which the caller holds.
 
 import logging
 import os
+import shutil
 import sqlite3
+from contextlib import suppress
 from pathlib import Path
 
 from hlp.files import write_text
@@ -41,6 +43,15 @@ def prepare_database(database: Path) -> None:
 def artifacts_uri(database: Path) -> str:
     """Where the artifacts of a database lie: in a folder beside it."""
     return (database.parent.resolve() / ARTIFACTS).as_uri()
+
+
+def remove_database(database: Path) -> None:
+    """Delete a database, its artifacts, and its folder unless that holds something else."""
+    for ending in (*_COMPANIONS, ".lock"):
+        Path(f"{database}{ending}").unlink(missing_ok=True)
+    shutil.rmtree(database.parent / ARTIFACTS, ignore_errors=True)
+    with suppress(OSError):
+        database.parent.rmdir()
 
 
 def _create(database: Path) -> None:

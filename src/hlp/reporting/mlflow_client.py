@@ -5,7 +5,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from filelock import FileLock
 
@@ -15,15 +15,6 @@ from hlp.reporting.run_owner import owner_is_dead
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
-
-
-class Tagged(Protocol):
-    """What has the tags of an experiment."""
-
-    @property
-    def tags(self) -> Mapping[str, str]:
-        """Tags by name."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -40,8 +31,8 @@ def is_local(uri: str) -> bool:
     return uri.startswith(SQLITE)
 
 
-def connect(uri: str, experiment: str, page: Tagged, unsent: str) -> Opened:
-    """Open an experiment, which is created with the tags of its `page` if need be.
+def connect(uri: str, experiment: str, tags: Mapping[str, str], unsent: str) -> Opened:
+    """Open an experiment, which is created with these tags if need be.
 
     If the server is away, that of the local database `unsent`, with a warning. Runs that a dead
     process has left open are closed as KILLED. Raises ConfigError if MLflow cannot be used at this
@@ -53,9 +44,9 @@ def connect(uri: str, experiment: str, page: Tagged, unsent: str) -> Opened:
 
     try:
         if is_local(uri):
-            return Opened(*_open_local(database_path(uri), experiment, page))
+            return Opened(*_open_local(database_path(uri), experiment, tags))
         try:
-            return Opened(*_open(uri, experiment, page, None))
+            return Opened(*_open(uri, experiment, tags, None))
         except Exception as error:
             if not is_away(error):
                 raise
@@ -64,10 +55,15 @@ def connect(uri: str, experiment: str, page: Tagged, unsent: str) -> Opened:
             uri,
             database_path(unsent),
         )
-        return Opened(*_open_local(database_path(unsent), experiment, page), aside=True)
+        return Opened(*_open_local(database_path(unsent), experiment, tags), aside=True)
     except (MlflowException, SQLAlchemyError) as error:
-        why = str(error).partition("\n")[0]
-        raise ConfigError(f"reporting.uri: MLflow cannot use {uri}: {why}") from error
+        raise ConfigError(f"reporting.uri: MLflow cannot use {uri}: {reason(error)}") from error
+
+
+def reason(error: BaseException) -> str:
+    """The first line of a message that says why; SQLAlchemy begins with one that does not."""
+    lines = [line for line in str(error).splitlines() if not line.startswith("(raised as a result")]
+    return lines[0] if lines else type(error).__name__
 
 
 def is_away(error: BaseException) -> bool:
@@ -114,23 +110,23 @@ def database_path(uri: str) -> Path:
     return Path(uri.removeprefix(SQLITE)).absolute()
 
 
-def _open_local(database: Path, experiment: str, page: Tagged) -> tuple["MlflowClient", str]:
+def _open_local(
+    database: Path, experiment: str, tags: Mapping[str, str]
+) -> tuple["MlflowClient", str]:
     follow_database(database)
     with FileLock(database.with_name(database.name + ".lock")):
-        return _open(f"{SQLITE}{database}", experiment, page, artifacts_uri(database))
+        return _open(f"{SQLITE}{database}", experiment, tags, artifacts_uri(database))
 
 
 def _open(
-    uri: str, experiment: str, page: Tagged, artifacts: str | None
+    uri: str, experiment: str, tags: Mapping[str, str], artifacts: str | None
 ) -> tuple["MlflowClient", str]:
     client = import_client()(uri, registry_uri=uri)
     found = client.get_experiment_by_name(experiment)
     if found is None:
-        created = client.create_experiment(
-            experiment, artifact_location=artifacts, tags=dict(page.tags)
-        )
+        created = client.create_experiment(experiment, artifact_location=artifacts, tags=dict(tags))
         return client, str(created)
-    for name, value in page.tags.items():  # somebody's own description stays
+    for name, value in tags.items():  # somebody's own description stays
         if name not in found.tags:
             client.set_experiment_tag(found.experiment_id, name, value)
     for run in client.search_runs([found.experiment_id], "attributes.status = 'RUNNING'"):

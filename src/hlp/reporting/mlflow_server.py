@@ -8,23 +8,17 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING
 from urllib.request import urlopen
 
 from hlp.errors import InputError, MissingFileError, NetworkError
-from hlp.reporting.experiment_page import VIEW_TAG, experiment_path, view_of
+from hlp.reporting.experiment_page import experiment_path
 from hlp.reporting.local_database import SQLITE, artifacts_uri
 from hlp.reporting.mlflow_client import database_path, follow_database, import_client, is_local
 from hlp.reporting.tracker import Tracker
-from hlp.reporting.tracking import PARENT
-
-if TYPE_CHECKING:
-    from mlflow import MlflowClient
 
 HOST, PORT = "127.0.0.1", 5000
 _LONGEST_START = 300  # s
 _SHUTDOWN = 10  # s
-_MOST_ARMS = 200  # of the newest sweeps, whose runs are shown below them
 
 
 def how_to_browse(uri: str, tracker: Tracker) -> str:
@@ -55,21 +49,13 @@ def newest_page(uri: str, experiment: str | None = None) -> str:
         if experiment not in experiments:
             known = ", ".join(sorted(experiments))
             raise InputError(f"no experiment '{experiment}' in {uri}: there are {known}")
-        return _path_with_sweeps(client, experiments[experiment])
+        return experiment_path(experiments[experiment])
     newest = client.search_runs(
         list(experiments.values()), order_by=["attributes.start_time DESC"], max_results=1
     )
     if not newest:
         raise MissingFileError(f"no runs in {uri} yet: `hlp run` makes one")
-    return _path_with_sweeps(client, newest[0].info.experiment_id)
-
-
-def _path_with_sweeps(client: "MlflowClient", experiment_id: str) -> str:
-    """Path of an experiment's page, on which the newest sweeps show their runs."""
-    arms = client.search_runs([experiment_id], f"tags.`{PARENT}` LIKE '%'", max_results=_MOST_ARMS)
-    sweeps = dict.fromkeys(run.data.tags[PARENT] for run in arms)
-    client.set_experiment_tag(experiment_id, VIEW_TAG, view_of(sweeps))
-    return experiment_path(experiment_id)
+    return experiment_path(newest[0].info.experiment_id)
 
 
 @contextmanager

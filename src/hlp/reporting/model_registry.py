@@ -7,7 +7,7 @@ from pathlib import Path
 
 from hlp.errors import ConfigError
 from hlp.reporting.experiment_page import ExperimentPage
-from hlp.reporting.mlflow_client import connect, import_client
+from hlp.reporting.mlflow_client import connect, import_client, reason
 from hlp.reporting.tracking import TrackingSettings, track_run
 
 EXPERIMENT = "models"
@@ -26,7 +26,7 @@ def register(learnt: Path, name: str, uri: str, tags: Mapping[str, str]) -> str:
     from mlflow.exceptions import MlflowException
 
     settings = TrackingSettings(uri=uri, experiment=EXPERIMENT, about=_ABOUT)
-    client = connect(uri, EXPERIMENT, ExperimentPage(_ABOUT), settings.unsent).client
+    client = connect(uri, EXPERIMENT, ExperimentPage(_ABOUT).tags, settings.unsent).client
     with (
         tempfile.TemporaryDirectory() as folder,
         track_run(settings, name, {}, tags) as tracker,
@@ -46,6 +46,5 @@ def register(learnt: Path, name: str, uri: str, tags: Mapping[str, str]) -> str:
                 client.create_registered_model(name)
             made = client.create_model_version(name, source, tracker.run_id, tags=dict(tags))
         except MlflowException as error:
-            why = str(error).partition("\n")[0]
-            raise ConfigError(f"MLflow cannot register {name}: {why}") from error
+            raise ConfigError(f"MLflow cannot register {name}: {reason(error)}") from error
     return f"models:/{name}/{made.version}"

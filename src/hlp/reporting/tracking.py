@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from hlp.errors import DataError, is_expected
 from hlp.reporting.experiment_page import ExperimentPage
-from hlp.reporting.mlflow_client import Opened, connect, import_client, is_local
+from hlp.reporting.mlflow_client import Opened, connect, import_client, is_local, reason
 from hlp.reporting.run_owner import owner_tags
 from hlp.reporting.tracker import LoggedAs, Tracker, metric_name
 from hlp.settings import Doc, Settings
@@ -105,8 +105,8 @@ def track_run(
         yield Tracker(None)
         return
     with _errors_named(settings.uri):
-        page = page or ExperimentPage(settings.about)
-        opened = connect(settings.uri, settings.experiment, page, settings.unsent)
+        about = (page or ExperimentPage(settings.about)).tags
+        opened = connect(settings.uri, settings.experiment, about, settings.unsent)
         child = _CHILD.get()
         all_tags = {"mlflow.source.name": "hlp run", **owner_tags(), **(tags or {})}
         if opened.aside:
@@ -118,7 +118,7 @@ def track_run(
         run, logged = _open_run(opened, run_name, all_tags, resume)
 
         def keep_aside() -> LoggedAs:
-            away = connect(settings.unsent, settings.experiment, page, settings.unsent)
+            away = connect(settings.unsent, settings.experiment, about, settings.unsent)
             kept = {**all_tags, SEND_TO: settings.uri, CONTINUES: run.run_id}
             return _open_run(away, run_name, kept, None)[0]
 
@@ -149,7 +149,7 @@ def _errors_named(uri: str) -> Iterator[None]:
     try:
         yield
     except MlflowException as error:
-        raise DataError(f"MLflow at {uri} failed: {_first_line(error)}") from error
+        raise DataError(f"MLflow at {uri} failed: {reason(error)}") from error
 
 
 def _close(tracker: Tracker, status: str, error: Exception | None = None) -> None:
@@ -163,13 +163,7 @@ def _close(tracker: Tracker, status: str, error: Exception | None = None) -> Non
     except Exception as second:
         if error is None and not is_expected(second):
             raise
-        logging.getLogger(__name__).warning("MLflow cannot be told: %s", _first_line(second))
-
-
-def _first_line(error: BaseException) -> str:
-    """The first line of a message that says why; SQLAlchemy begins with one that does not."""
-    lines = [line for line in str(error).splitlines() if not line.startswith("(raised as a result")]
-    return lines[0] if lines else type(error).__name__
+        logging.getLogger(__name__).warning("MLflow cannot be told: %s", reason(second))
 
 
 def _open_run(

@@ -1,14 +1,13 @@
 """Runs that were kept here while MLflow's server was away: send them, with all that they hold."""
 
 import logging
-import shutil
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hlp.errors import MissingFileError, NetworkError
-from hlp.reporting.local_database import SQLITE
+from hlp.reporting.local_database import SQLITE, remove_database
 from hlp.reporting.mlflow_client import database_path, follow_database, import_client, is_away
 from hlp.reporting.run_owner import owner_is_dead
 from hlp.reporting.tracker import METRICS_AT_ONCE, PARAMETERS_AT_ONCE
@@ -26,8 +25,8 @@ _BY_MLFLOW = ("mlflow.user", "mlflow.loggedImages")  # other tags of MLflow's ar
 def send_runs(unsent: str, uri: str | None = None) -> list[str]:
     """Send all ended runs of the database `unsent` to their servers, or to `uri`; their names.
 
-    What is sent is not sent again; when nothing is left, the database's folder is removed. Raises
-    MissingFileError if there is none, NetworkError if a server is still away.
+    What is sent is not sent again; when the database holds nothing else, it is deleted with its
+    artifacts. Raises MissingFileError if there is none, NetworkError if a server is still away.
     """
     database = database_path(unsent)
     if not database.is_file():
@@ -36,7 +35,8 @@ def send_runs(unsent: str, uri: str | None = None) -> list[str]:
     kept = import_client()(f"{SQLITE}{database}")
     experiments = {each.experiment_id: each for each in kept.search_experiments()}
     runs = kept.search_runs(list(experiments), order_by=["attributes.start_time ASC"])
-    waiting = [run for run in runs if _SENT_AS not in run.data.tags]
+    kept_here = [run for run in runs if SEND_TO in run.data.tags]
+    waiting = [run for run in kept_here if _SENT_AS not in run.data.tags]
     ended = [run for run in waiting if run.info.status != "RUNNING" or owner_is_dead(run.data.tags)]
     sent = {r.info.run_id: r.data.tags[_SENT_AS] for r in runs if _SENT_AS in r.data.tags}
     for run in ended:
@@ -48,10 +48,10 @@ def send_runs(unsent: str, uri: str | None = None) -> list[str]:
                 raise
             raise NetworkError(f"MLflow's server is still away: {error}".split("\n")[0]) from error
         kept.set_tag(run.info.run_id, _SENT_AS, sent[run.info.run_id])
-    if len(ended) == len(waiting):
-        shutil.rmtree(database.parent)
-    else:
+    if len(ended) < len(waiting):
         logging.getLogger(__name__).info("%d still run", len(waiting) - len(ended))
+    elif len(kept_here) == len(runs):
+        remove_database(database)
     return [str(run.info.run_name) for run in ended]
 
 
