@@ -22,7 +22,10 @@ def scored(add: float, ms: float, objects: Mapping[str, float]) -> dict[str, Any
             for key, value in recalls.items()
         },
         "per_object": {
-            name: {"targets": 20, **{key: {"recall": value} for key in recalls}}
+            name: {
+                "targets": 20,
+                **{key: {"recall": value, "ci95": [value - 0.2, value + 0.05]} for key in recalls},
+            }
             for name, value in objects.items()
         },
         "timing_ms": {

@@ -1,4 +1,3 @@
-import itertools
 import math
 from pathlib import Path
 
@@ -9,7 +8,6 @@ from hlp.records import TargetScore
 from hlp.reporting.comparison import (
     changes_table,
     compare_runs,
-    difference_interval,
     differences_table,
     mcnemar_exact,
     read_targets,
@@ -41,30 +39,6 @@ def test_mcnemar_is_the_sum_of_binomial_tails(lost: int, gained: int) -> None:
     tail = sum(math.comb(total, i) for i in range(min(lost, gained) + 1)) / 2**total
     assert mcnemar_exact(lost, gained) == pytest.approx(min(1.0, 2.0 * tail), rel=1e-12)
     assert mcnemar_exact(gained, lost) == mcnemar_exact(lost, gained)
-
-
-def test_interval_is_that_of_all_resamples() -> None:
-    """Five frames have 5⁵ resamples: the interval from every one of them, each as likely."""
-    frames = np.array([0, 0, 0, 1, 1, 2, 3, 3, 3, 3, 4])
-    first = np.array([1, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1], dtype=bool)
-    second = np.array([1, 1, 1, 0, 0, 1, 1, 1, 0, 1, 0], dtype=bool)
-    differences = []
-    for drawn in itertools.product(range(5), repeat=5):
-        chosen = np.concatenate([np.flatnonzero(frames == frame) for frame in drawn])
-        differences.append(second[chosen].mean() - first[chosen].mean())
-    exact = np.percentile(differences, [2.5, 97.5])
-    found = difference_interval(first, second, frames, 20_000, seed=1)
-    np.testing.assert_allclose(found, exact, atol=0.02)
-
-
-def test_pairing_narrows_the_interval() -> None:
-    """Runs that agree in all but one target differ by at most that one; unpaired they would not."""
-    rng = np.random.default_rng(0)
-    first = rng.random(60) < 0.5
-    second = first.copy()
-    second[7] = ~first[7]
-    low, high = difference_interval(first, second, np.arange(60), 2000, seed=0)
-    assert max(abs(low), abs(high)) <= 4 / 60
 
 
 def test_tables_say_who_is_right_where(tmp_path: Path) -> None:

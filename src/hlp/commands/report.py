@@ -14,8 +14,8 @@ def command(arguments: Sequence[str]) -> None:
     given = composing.key_values(arguments, keys, REPORT_HELP, switches=("details",))
     if given is None:
         return
-    from hlp.reporting.comparison import compare
     from hlp.reporting.ladder import describe_ladders
+    from hlp.reporting.named_runs import describe_named
     from hlp.reporting.page.pages import write_pages
     from hlp.reporting.recordings import describe_recordings
     from hlp.reporting.report import report_runs
@@ -26,7 +26,7 @@ def command(arguments: Sequence[str]) -> None:
     folder = Path(given.get("output") or Path("outputs", given.get("experiment", "")))
     try:
         if "runs" in given:
-            print(compare(given["runs"], given.get("uri") or tracking_uri(), layout))
+            print(describe_named(given["runs"], given.get("uri") or tracking_uri(), layout))
         elif "objects" in given:
             print(report_selection(folder, given["objects"], layout))
         else:
@@ -44,7 +44,7 @@ def command(arguments: Sequence[str]) -> None:
 REPORT_HELP = """\
 usage: hlp report [experiment=NAME] [output=DIR] [details=true] [format=text|markdown]
        hlp report 'objects=[A,B,…]' [output=DIR]
-       hlp report 'runs=[A,B]' [uri=MLFLOW]
+       hlp report 'runs=[A,B,…]' [uri=MLFLOW]
 
 Reports finished runs: all below outputs/, those of one experiment (outputs/NAME),
 or those in or below any other folder (output=DIR).
@@ -64,9 +64,11 @@ ones, a 3D view, the configuration, and the command that repeats it.
             fraction
   runs      compares two runs target by target: the difference of their recalls
             with its interval, McNemar's test, and the targets whose verdict
-            changed. A and B are output folders or ids of runs in MLflow
-            (default: uri=sqlite:///work/mlflow.db)
+            changed. Of three or more, such as repeats with other seeds: recalls
+            of each, mean and standard deviation. They are output folders or ids
+            of runs in MLflow (default: uri=sqlite:///work/mlflow.db)
 
 hlp report output=outputs/demo/2026-11-21_10-00-00    one run
 hlp report experiment=fig9b                           the paper's Fig. 9b
-hlp report 'runs=[outputs/a,outputs/b]'               is b better than a?"""
+hlp report 'runs=[outputs/a,outputs/b]'               is b better than a?
+hlp report 'runs=[outputs/s0,outputs/s1,outputs/s2]'  three seeds: how far apart?"""

@@ -60,9 +60,7 @@ class EvaluationSettings(Settings):
     translation_cm: Annotated[float, Gt(0), Doc("limit of 5cm5deg (P)")] = 5.0
     rotation_deg: Annotated[float, Gt(0), Doc("limit of 5cm5deg (P)")] = 5.0
     iou: Annotated[float, Gt(0), Doc("smallest overlap of the projected boxes (P)")] = 0.5
-    bootstrap: Annotated[int, Ge(1), Doc("resamplings of the frames for a 95 % interval (D)")] = (
-        1000
-    )
+    bootstrap: Annotated[int, Ge(1), Doc("resamplings for a 95 % interval (D)")] = 1000
     waterfall: WaterfallSettings = field(default_factory=WaterfallSettings)
 
     def is_symmetric(self, model: ObjectModel) -> bool:

@@ -12,6 +12,7 @@ from hlp.evaluation.calibration import summarise_calibration
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.evaluation.waterfall import count_causes
 from hlp.records import TargetScore
+from hlp.results.intervals import blocks_of, recall_interval
 from hlp.results.summary_file import METRICS, Summary
 
 
@@ -39,11 +40,8 @@ def summarise(
         groups.setdefault(names[score.object_id], []).append(score)
     return {
         "targets": len(scores),
-        "metrics": {
-            name: _metric(scores, list(groups.values()), correct, settings.bootstrap, seed)
-            for name, correct in METRICS.items()
-        },
-        "per_object": {name: _object(group) for name, group in groups.items()},
+        "metrics": _metrics(list(groups.values()), settings, seed),
+        "per_object": {name: _object(group, settings, seed) for name, group in groups.items()},
         "median_errors": _median_errors(scores),
         "bop": _bop(scores),
         "calibration": summarise_calibration(scores),
@@ -54,48 +52,42 @@ def summarise(
     }
 
 
-def bootstrap_interval(
+def with_interval(
     scores: Sequence[TargetScore],
     correct: Callable[[TargetScore], bool],
     resamplings: int,
     seed: int,
-) -> tuple[float, float]:
-    """95 % interval of the recall over targets, by the percentile bootstrap over frames.
-
-    Frames are resampled, not targets: targets of one frame share light, blur and clutter.
-    """
-    counts: dict[tuple[int, int], list[int]] = {}
-    for score in scores:
-        count = counts.setdefault((score.scene_id, score.frame_id), [0, 0])
-        count[0] += correct(score)
-        count[1] += 1
-    frames = np.array(list(counts.values()))
-    drawn = np.random.default_rng(seed).integers(len(frames), size=(resamplings, len(frames)))
-    sums = frames[drawn].sum(axis=1)
-    low, high = np.percentile(sums[:, 0] / sums[:, 1], [2.5, 97.5])
-    return float(low), float(high)
+) -> Summary:
+    """The recall over targets by a metric, and its 95 % interval by `recall_interval`."""
+    right = np.array([correct(score) for score in scores], dtype=bool)
+    blocks = blocks_of([(score.scene_id, score.frame_id) for score in scores])
+    interval = recall_interval(right, blocks, resamplings, seed)
+    return {"recall": _recall(scores, correct), "ci95": list(interval)}
 
 
 def _recall(scores: Sequence[TargetScore], correct: Callable[[TargetScore], bool]) -> float:
     return sum(correct(score) for score in scores) / len(scores)
 
 
-def _metric(
-    scores: Sequence[TargetScore],
-    groups: Sequence[Sequence[TargetScore]],
-    correct: Callable[[TargetScore], bool],
-    resamplings: int,
-    seed: int,
+def _metrics(
+    groups: Sequence[Sequence[TargetScore]], settings: EvaluationSettings, seed: int
 ) -> Summary:
+    """Each metric's recall over all targets, its interval, and the mean of the groups' recalls."""
+    scores = [score for group in groups for score in group]
     return {
-        "recall": _recall(scores, correct),
-        "ci95": list(bootstrap_interval(scores, correct, resamplings, seed)),
-        "mean_object": float(np.mean([_recall(group, correct) for group in groups])),
+        name: {
+            **with_interval(scores, correct, settings.bootstrap, seed),
+            "mean_object": float(np.mean([_recall(group, correct) for group in groups])),
+        }
+        for name, correct in METRICS.items()
     }
 
 
-def _object(scores: Sequence[TargetScore]) -> Summary:
-    recalls = {name: {"recall": _recall(scores, correct)} for name, correct in METRICS.items()}
+def _object(scores: Sequence[TargetScore], settings: EvaluationSettings, seed: int) -> Summary:
+    recalls = {
+        name: with_interval(scores, correct, settings.bootstrap, seed)
+        for name, correct in METRICS.items()
+    }
     return {"targets": len(scores), **recalls}
 
 

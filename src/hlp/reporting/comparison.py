@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
-from hlp.errors import DataError, InputError
+from hlp.errors import DataError
 from hlp.records import TargetScore
-from hlp.reporting.mlflow_runs import scores_file
 from hlp.reporting.tables.summary_tables import METRIC_LABELS
 from hlp.reporting.tables.table import LAYOUTS, Table, check_layout
+from hlp.results.intervals import blocks_of, difference_interval
 from hlp.results.scores_file import read_scores
 from hlp.results.summary_file import METRICS
 
@@ -21,8 +20,9 @@ SEED = 0
 CHANGES_SHOWN = 40
 EXPLAINED = """\
 Recall of run B minus recall of run A over the targets that both have, with the 95 % interval of the
-paired bootstrap over frames. p is McNemar's exact two-sided test on the targets that only one run
-has right. It assumes that targets are independent, so the interval is the safer guide."""
+paired bootstrap over blocks of neighbouring frames. p is McNemar's exact two-sided test on the
+targets that only one run has right. It assumes that targets are independent, so the interval is the
+safer guide."""
 
 TargetKey = tuple[int, int, int, int]
 """Scene, image, object, and the instance of the object in the image (from 0)."""
@@ -38,15 +38,6 @@ class ScoredTarget:
     def correct(self, metric: str) -> bool:
         """Verdict of a metric, named as in `summary.json`."""
         return METRICS[metric](self.score)
-
-
-def compare(runs: str, uri: str, layout: str) -> str:
-    """`compare_runs` for `[A,B]`, each an output folder or the id of a run in MLflow at `uri`."""
-    named = [each.strip() for each in runs.removeprefix("[").removesuffix("]").split(",")]
-    if len(named) != 2 or not all(named):
-        raise InputError(f"runs={runs}: name two, as runs=[A,B]")
-    first, second = (scores_file(each, uri) for each in named)
-    return compare_runs(first, second, (named[0], named[1]), layout)
 
 
 def compare_runs(first: Path, second: Path, names: tuple[str, str], layout: str) -> str:
@@ -94,8 +85,8 @@ def differences_table(pairs: Sequence[Pair], metric: str) -> Table:
     for name, group in groups:
         first = np.array([each.correct(metric) for _, each, _ in group])
         second = np.array([each.correct(metric) for _, _, each in group])
-        frames = np.unique([target[:2] for target, _, _ in group], axis=0, return_inverse=True)[1]
-        low, high = difference_interval(first, second, frames, RESAMPLINGS, SEED)
+        blocks = blocks_of([target[:2] for target, _, _ in group])
+        low, high = difference_interval(first, second, blocks, RESAMPLINGS, SEED)
         lost, gained = int((first & ~second).sum()), int((second & ~first).sum())
         rows.append(
             [
@@ -143,26 +134,6 @@ def changes_table(pairs: Sequence[Pair]) -> Table:
     return Table(header, [row(*pair) for pair in ordered])
 
 
-def difference_interval(
-    first: Bool[np.ndarray, "n"],
-    second: Bool[np.ndarray, "n"],
-    frames: Int[np.ndarray, "n"],
-    resamplings: int,
-    seed: int,
-) -> tuple[float, float]:
-    """95 % interval of second's recall minus first's: the percentile bootstrap over frames.
-
-    Frames are resampled with all their targets and both verdicts of each (paired), since targets of
-    one frame share light and clutter. `frames` holds each target's frame, numbered from 0.
-    """
-    gains = np.bincount(frames, weights=second.astype(float) - first.astype(float))
-    counts = np.bincount(frames)
-    drawn = np.random.default_rng(seed).integers(len(counts), size=(resamplings, len(counts)))
-    differences: Float[np.ndarray, "r"] = gains[drawn].sum(axis=1) / counts[drawn].sum(axis=1)
-    low, high = np.percentile(differences, [2.5, 97.5])
-    return float(low), float(high)
-
-
 def paired_difference(
     first: Mapping[TargetKey, ScoredTarget], second: Mapping[TargetKey, ScoredTarget], metric: str
 ) -> tuple[float, tuple[float, float]] | None:
@@ -175,8 +146,8 @@ def paired_difference(
         return None
     before = np.array([first[key].correct(metric) for key in shared])
     after = np.array([second[key].correct(metric) for key in shared])
-    frames = np.unique([key[:2] for key in shared], axis=0, return_inverse=True)[1]
-    interval = difference_interval(before, after, frames, RESAMPLINGS, SEED)
+    blocks = blocks_of([key[:2] for key in shared])
+    interval = difference_interval(before, after, blocks, RESAMPLINGS, SEED)
     return float(after.mean() - before.mean()), interval
 
 

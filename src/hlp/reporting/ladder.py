@@ -150,5 +150,6 @@ def _note(found: ResultSet) -> str:
     return (
         f"Made by `{found.command}`.{missing} Each arm differs by one decision from the arm under"
         " *against*; what it gains is over the targets of both, with the 95 % interval of the"
-        " paired bootstrap over frames. ms: median for one object in one frame."
+        " paired bootstrap over blocks of neighbouring frames. ms: median for one object in one"
+        " frame."
     )

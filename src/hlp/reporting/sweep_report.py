@@ -21,7 +21,8 @@ NAME = "sweep"
 _MOST_VALUES = 10  # beside each other in panels; more are drawn below each other
 _NOTE = (
     "* the highest ADD(-S) recall. Differences are over the targets of both arms, with the 95 %"
-    " interval of the paired bootstrap over frames. ms: median for one object in one frame."
+    " interval of the paired bootstrap over blocks of neighbouring frames. ms: median for one"
+    " object in one frame."
 )
 
 

@@ -15,7 +15,7 @@ from hlp.config.settings import TASKS
 from hlp.data.sources import annotated_mask
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.evaluation.settings import EvaluationSettings
-from hlp.evaluation.summary import bootstrap_interval
+from hlp.evaluation.summary import with_interval
 from hlp.evaluation.visible_mask import measured_mask
 from hlp.files import write_json
 from hlp.method.pose_estimator import FrameContext, derive_seed
@@ -249,7 +249,5 @@ def summarise_oracle(
 def _recall(
     scores: Sequence[TargetScore], evaluation: EvaluationSettings, seed: int
 ) -> dict[str, Any]:
-    right = METRICS["add"]
-    interval = bootstrap_interval(scores, right, evaluation.bootstrap, seed)
-    share = sum(map(right, scores)) / len(scores)
-    return {"targets": len(scores), "recall": share, "ci95": list(interval)}
+    recall = with_interval(scores, METRICS["add"], evaluation.bootstrap, seed)
+    return {"targets": len(scores), **recall}

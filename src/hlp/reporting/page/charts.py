@@ -11,7 +11,7 @@ from hlp.reporting.comparison import ScoredTarget
 from hlp.reporting.figures.waterfall_bars import COLORS
 from hlp.reporting.page.svg import BLUE, GREY, ORANGE, RED, SKY, Chart, ticks
 from hlp.reporting.paper_results import ADD_BY_OBJECT
-from hlp.reporting.tables.paper_tables import wilson
+from hlp.results.intervals import wilson
 from hlp.results.summary_file import CORRECT
 
 _WIDTH = 520
@@ -25,18 +25,20 @@ Targets = Sequence[ScoredTarget]
 
 
 def object_bars(summary: Mapping[str, Any]) -> str:
-    """ADD(-S) recall of each object with Wilson's 95 % interval; the paper's as a diamond."""
+    """ADD(-S) recall of each object with its 95 % interval; the paper's as a diamond."""
     scores = summary["per_object"]
     linemod = all(name in ADD_BY_OBJECT for name in scores)
     chart = _rows(list(scores), (0.0, 1.0), 128)
     chart.axes("ADD(-S) recall, 95 % interval", "", _SHARES)
     for row, (name, score) in enumerate(scores.items()):
         recall, count = score["add"]["recall"], score["targets"]
-        low, high = wilson(recall, count)
-        title = f"{name}: {recall:.3f} ({low:.3f}-{high:.3f}), {count} targets"
+        ends = score["add"].get("ci95")  # older runs have none
+        stated = f" ({ends[0]:.3f}-{ends[1]:.3f})" if ends else ""
+        title = f"{name}: {recall:.3f}{stated}, {count} targets"
         y = len(scores) - row - 0.5
         chart.bar((0, y - 0.32), (recall, y + 0.32), SKY, title)
-        chart.line([(low, y), (high, y)], "#222", 1.5, title=title)
+        if ends:
+            chart.line([(ends[0], y), (ends[1], y)], "#222", 1.5, title=title)
         chart.text((0, y), f"{recall:.3f}", shift=(5, 4))
         if linemod:
             published = ADD_BY_OBJECT[name]

@@ -12,12 +12,12 @@ from hlp.reporting.tables.table import Table, format_interval, format_share
 OBJECTS_NOTE = (
     "Paper: Table 1, LINEMOD's whole sequences (left out if any object is not one of LINEMOD's);"
     f" its mean of 15 objects is {paper_results.ADD_MEAN:.3f}, its standard deviation"
-    f" {paper_results.ADD_STD:.3f}. Ours: an object's 95 % interval is Wilson's, that of all"
-    " targets the bootstrap's over frames."
+    f" {paper_results.ADD_STD:.3f}. Ours: with the 95 % interval of the bootstrap over blocks"
+    " of neighbouring frames; where all are right or none, Wilson's."
 )
 METRICS_NOTE = (
     "Paper, and Brachmann et al. as it quotes them: Table 2, the Occlusion set. Ours: recall over"
-    " all targets, the bootstrap's 95 % interval over frames."
+    " all targets, with the 95 % interval of the bootstrap over blocks of neighbouring frames."
 )
 
 
@@ -57,7 +57,7 @@ def object_columns(runs: Runs) -> list[RecallColumn]:
     for label, run in runs.items():
         scores = [run.summary["per_object"].get(name) for name in names]
         recalls = [each and each["add"]["recall"] for each in scores]
-        ends = [each and wilson(each["add"]["recall"], each["targets"]) for each in scores]
+        ends = [each and each["add"].get("ci95") for each in scores]  # older runs have none
         columns.append(RecallColumn(label, recalls, ends))
     return columns
 
@@ -76,14 +76,6 @@ def metric_columns(runs: Runs) -> list[RecallColumn]:
         ends = [(each["ci95"][0], each["ci95"][1]) for each in scores]
         columns.append(RecallColumn(label, [each["recall"] for each in scores], [*ends]))
     return columns
-
-
-def wilson(recall: float, targets: int) -> tuple[float, float]:
-    """Wilson's 95 % interval of a recall over independent targets (Wilson 1927)."""
-    from scipy.stats import binomtest  # takes half a second to import
-
-    ends = binomtest(round(recall * targets), targets).proportion_ci(0.95, method="wilson")
-    return float(ends.low), float(ends.high)
 
 
 def object_recalls_table(runs: Runs) -> Table:
