@@ -1,8 +1,5 @@
-"""The public API on a small object: learn, load, detect, add, remove, and what it refuses."""
+"""The public API on small learnt objects: detection, and what it refuses."""
 
-import dataclasses
-import json
-import re
 import shutil
 import subprocess
 import sys
@@ -15,47 +12,14 @@ import numpy as np
 import pytest
 
 from hlp import Detector
-from hlp.checksums import sealed
 from hlp.data.synthetic.objects import demo_objects
-from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
-from hlp.errors import ConfigError, DataError, InputError, MissingFileError
+from hlp.errors import InputError
 from hlp.evaluation.errors import add_s
-from hlp.method.learnt_folder import RECORD, read_model
 from hlp.records import Frame
-from hlp.refinement.score_model import PRIOR
-from tiny_method import tiny_method, write_mesh
 
 EVERY: dict[str, Any] = {"max_instances": 1, "min_score": 0.0}  # as if the object were there
+
 MODELS = {model.name: model for model in demo_objects().values()}
-
-
-@pytest.fixture(scope="module")
-def frame() -> Frame:
-    """A demo scene that shows the bear clearly."""
-    scenes = SyntheticScenes(dataclasses.replace(DEMO, scenes=12, width=320, height=240))
-    frames = [scenes.load(key) for key in scenes.keys]
-    bear = MODELS["bear"].object_id
-    return max(frames, key=lambda each: visible(each, bear))
-
-
-DEMO = SyntheticSettings(
-    scenes=12,
-    seed=0,
-    width=320,
-    height=240,
-    noise=0.5,
-    min_visible=0.3,
-    objects=(5, 5),
-    clutter=(1, 3),
-    distance_mm=(600.0, 800.0),
-    elevation_deg=(20.0, 75.0),
-    roll_deg=20.0,
-    tilt_deg=5.0,
-)
-
-
-def visible(frame: Frame, object_id: int) -> float:
-    return max((t.visible_fraction for t in frame.targets if t.object_id == object_id), default=0.0)
 
 
 def test_a_learnt_object_is_found_where_it_is(learnt: Path, frame: Frame) -> None:
@@ -115,113 +79,6 @@ def test_the_same_image_gives_the_same_poses(learnt: Path, frame: Frame, tmp_pat
         np.testing.assert_array_equal(each.pose_cam_obj, expected[each.object].pose_cam_obj)
 
 
-@pytest.mark.slow
-def test_objects_are_added_and_removed(learnt: Path, frame: Frame, tmp_path: Path) -> None:
-    folder = shutil.copytree(learnt, tmp_path / "learnt")
-    detector = Detector.load(folder)
-    before = read_model(folder / "objects" / "bear")
-    detector.add({"duck": write_mesh(tmp_path, MODELS["duck"])})
-    assert detector.objects == ("bear", "can", "duck")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["duck.ply", "learnt"]
-    np.testing.assert_array_equal(
-        read_model(folder / "objects" / "bear").mesh.vertices, before.mesh.vertices
-    )
-    with pytest.raises(InputError, match="knows an object 'duck' already"):
-        detector.add({"duck": write_mesh(tmp_path, MODELS["duck"])})
-    detector.remove("can")
-    assert detector.objects == ("bear", "duck") == Detector.load(folder).objects
-    assert not (folder / "objects" / "can").exists()
-    found = detector.detect(frame.rgb, frame.depth, frame.camera_matrix)
-    assert {each.object for each in found} <= {"bear", "duck"}
-    # A class that nobody asks for any more keeps its place, and a new object gets a new one.
-    assert json.loads((folder / RECORD).read_text())["classes"] == [1, 2, 3]
-    detector.add({"lamp": write_mesh(tmp_path, MODELS["lamp"])})
-    assert json.loads((folder / RECORD).read_text())["classes"] == [1, 3, 4]
-    detector.remove("duck")
-    detector.remove("lamp")
-    with pytest.raises(InputError, match="'bear' is the last object"):
-        detector.remove("bear")
-    with pytest.raises(InputError, match="no object 'cat'; it knows bear"):
-        detector.remove("cat")
-
-
-def test_an_interrupted_call_goes_on_where_it_stopped(
-    learnt: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from hlp.method import learning
-
-    meshes = {name: write_mesh(tmp_path, MODELS[name]) for name in ("bear", "can")}
-    whole = learning.build_codebook
-    monkeypatch.setattr(learning, "build_codebook", lambda *_: 1 / 0)
-    with pytest.raises(ZeroDivisionError):
-        Detector.learn(meshes, tmp_path / "learnt", settings=tiny_method())
-    assert not (tmp_path / "learnt").exists()
-    monkeypatch.setattr(learning, "build_codebook", whole)
-    monkeypatch.setattr(learning, "train_classifier", lambda *_: 1 / 0)  # done already
-    Detector.learn(meshes, tmp_path / "learnt", settings=tiny_method())
-    names = sorted(str(p.relative_to(learnt)) for p in learnt.rglob("*") if p.is_file())
-    again = tmp_path / "learnt"
-    assert names == sorted(str(p.relative_to(again)) for p in again.rglob("*") if p.is_file())
-    one, two = (np.load(each / "objects/bear/codebook.npz") for each in (learnt, again))
-    for name in one.files:
-        np.testing.assert_array_equal(one[name], two[name])
-
-
-def test_an_interrupted_call_with_other_backgrounds_starts_anew(
-    frame: Frame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from hlp.method import learning
-
-    meshes = {"bear": write_mesh(tmp_path, MODELS["bear"])}
-    trained = []
-    monkeypatch.setattr(learning, "train_classifier", lambda *given: trained.append(given[2]))
-    monkeypatch.setattr(learning, "train_encoder", lambda *_: 1 / 0)
-    for frames in ((), (), (frame,)):
-        with pytest.raises(ZeroDivisionError):
-            Detector.learn(
-                meshes, tmp_path / "learnt", settings=tiny_method(), background_frames=frames
-            )
-    assert [each.frames for each in trained] == [(), (frame,)]
-
-
-def test_an_encoder_without_the_frames_it_needs_fails_before_anything_is_trained(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from hlp.method import learning
-
-    monkeypatch.setattr(learning, "train_classifier", lambda *_: 1 / 0)
-    meshes = {"bear": write_mesh(tmp_path, MODELS["bear"])}
-    with pytest.raises(ConfigError, match="encoder=cae trains on RGB-D frames"):
-        Detector.learn(meshes, tmp_path / "learnt", settings=tiny_method("encoder=cae"))
-    assert not (tmp_path / "learnt.partial").exists()
-
-
-def test_objects_are_added_by_way_of_any_path_beside_any_folder(
-    learnt: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A link stays one, `.` has no name, and a copy that the user made is not touched."""
-    from hlp.method import learning
-
-    def train(*given: object) -> None:
-        shutil.copytree(learnt / "classifier", Path(str(given[4])), dirs_exist_ok=True)
-
-    monkeypatch.setattr(learning, "train_classifier", train)
-    # The copied classifier does not know the new objects.
-    monkeypatch.setattr(learning, "calibrate_score", lambda *_: PRIOR)
-    folder = shutil.copytree(learnt, tmp_path / "learnt")
-    kept = shutil.copytree(learnt, tmp_path / "learnt.old")
-    (tmp_path / "link").symlink_to(folder)
-    Detector.load(tmp_path / "link").add({"duck": write_mesh(tmp_path, MODELS["duck"])})
-    assert (tmp_path / "link").is_symlink() and not folder.is_symlink()
-    monkeypatch.chdir(folder)
-    detector = Detector.load(".")
-    detector.add({"lamp": write_mesh(tmp_path, MODELS["lamp"])})
-    assert detector.objects == ("bear", "can", "duck", "lamp") == Detector.load(folder).objects
-    assert Detector.load(kept).objects == ("bear", "can")
-    names = {path.name for path in tmp_path.iterdir()}
-    assert names == {"learnt", "learnt.old", "link", "duck.ply", "lamp.ply"}
-
-
 def test_files_are_found_after_a_change_of_the_working_directory(
     learnt: Path, frame: Frame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -246,11 +103,6 @@ def test_the_shared_part_of_an_image_counts_for_the_first_object(
     found = detector.detect(frame.rgb, frame.depth, frame.camera_matrix, **EVERY)
     seconds = {each.object: each.seconds for each in found}
     assert seconds["bear"] > 2.0 > seconds["can"]
-
-
-def test_a_folder_holds_nothing_that_runs_code(learnt: Path) -> None:
-    kinds = {path.suffix for path in learnt.rglob("*") if path.is_file()}
-    assert kinds <= {".json", ".npz", ".safetensors", ".onnx", ".csv"}, kinds
 
 
 def test_wrong_images_are_refused_by_name(learnt: Path, frame: Frame) -> None:
@@ -299,122 +151,6 @@ def test_missing_depth_may_be_nan(learnt: Path, frame: Frame) -> None:
     assert detector.detect(given[0], nothing, given[1]) == []
 
 
-def test_wrong_folders_are_refused_by_name(learnt: Path, tmp_path: Path) -> None:
-    with pytest.raises(MissingFileError, match="no learnt objects"):
-        Detector.load(tmp_path)
-    mesh = write_mesh(tmp_path, MODELS["bear"])
-    with pytest.raises(InputError, match="holds learnt objects already"):
-        Detector.learn({"bear": mesh}, learnt, settings=tiny_method())
-    with pytest.raises(InputError, match=r"object name '\.\./bear'"):
-        Detector.learn({"../bear": mesh}, tmp_path / "new", settings=tiny_method())
-    with pytest.raises(InputError, match="'bear' and 'Bear' differ only in case"):
-        Detector.learn({"bear": mesh, "Bear": mesh}, tmp_path / "new", settings=tiny_method())
-    with pytest.raises(InputError, match="'bear' and 'Bear' differ only in case"):
-        Detector.load(learnt).add({"Bear": mesh})
-    folder = shutil.copytree(learnt, tmp_path / "damaged")
-    record = json.loads((folder / RECORD).read_text())
-    del record["checksum"]
-    (folder / RECORD).write_text(json.dumps(sealed({**record, "format": 99})))
-    with pytest.raises(DataError, match=r"learnt.json: format is 99"):
-        Detector.load(folder)
-    (folder / RECORD).write_text("{")
-    with pytest.raises(DataError, match="is no JSON"):
-        Detector.load(folder)
-
-
-@pytest.mark.parametrize(
-    "file",
-    [
-        "objects/bear/codebook.npz",
-        "objects/bear/model.npz",
-        "objects/bear/object.json",
-        "classifier/classifier.int8.onnx",
-        "encoder/pca.npz",
-    ],
-)
-def test_damaged_and_missing_files_are_named(
-    learnt: Path, frame: Frame, tmp_path: Path, file: str
-) -> None:
-    given = frame.rgb, frame.depth, frame.camera_matrix
-    path = shutil.copytree(learnt, tmp_path / "learnt") / file
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    with pytest.raises(DataError, match=re.escape(path.name)):
-        Detector.load(tmp_path / "learnt").detect(*given)
-    path.unlink()
-    with pytest.raises(MissingFileError, match=re.escape(path.name)):
-        Detector.load(tmp_path / "learnt").detect(*given)
-
-
-def flip_a_byte(path: Path) -> None:
-    content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 1
-    path.write_bytes(content)
-
-
-FILES = (
-    "learnt.json",
-    "classifier/classifier.int8.onnx",
-    "encoder/pca.npz",
-    "objects/bear/codebook.npz",
-    "objects/bear/model.npz",
-    "objects/bear/object.json",
-    "objects/bear/score.json",
-)
-
-
-@pytest.mark.parametrize("file", FILES)
-def test_a_flipped_byte_is_found_before_anything_is_detected(
-    learnt: Path, frame: Frame, tmp_path: Path, file: str
-) -> None:
-    folder = shutil.copytree(learnt, tmp_path / "learnt")
-    flip_a_byte(folder / file)
-    with pytest.raises(DataError, match=rf"{re.escape(file)} is .*: learn the objects again"):
-        Detector.load(folder).detect(frame.rgb, frame.depth, frame.camera_matrix)
-
-
-@pytest.mark.parametrize("file", ["learnt.json", "classifier/weights.safetensors"])
-def test_learning_into_a_damaged_folder_makes_it_again(
-    learnt: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str
-) -> None:
-    """The damaged one is kept; nothing is added to it."""
-    from hlp.method import learning
-
-    folder = shutil.copytree(learnt, tmp_path / "learnt")
-    flip_a_byte(folder / file)
-    with pytest.raises(DataError, match=re.escape(file)):
-        Detector.load(folder).add({"duck": write_mesh(tmp_path, MODELS["duck"])})
-    meshes = {name: write_mesh(tmp_path, MODELS[name]) for name in ("bear", "can")}
-    monkeypatch.setattr(learning, "train_classifier", lambda *_: 1 / 0)
-    for _ in range(2):
-        with pytest.raises(ZeroDivisionError):
-            Detector.learn(meshes, folder, settings=tiny_method())
-    assert {path.name for path in tmp_path.iterdir() if path.is_dir()} == {
-        "learnt.damaged",
-        "learnt.partial",
-    }
-
-
-@pytest.mark.parametrize("name", ["../../secret", "/etc", ".", "a/b"])
-def test_a_folder_names_no_file_outside_of_it(learnt: Path, tmp_path: Path, name: str) -> None:
-    folder = shutil.copytree(learnt, tmp_path / "learnt")
-    record = json.loads((folder / RECORD).read_text())
-    del record["checksum"]
-    for changed in ({"objects": {name: 1}}, {"files": {f"classifier/../../{name}": "0"}}):
-        (folder / RECORD).write_text(json.dumps(sealed(record | changed)))
-        with pytest.raises(DataError, match=r"cannot name an object|names a file outside"):
-            Detector.load(folder).warm_up()
-
-
-def test_a_plug_in_that_is_not_installed_is_no_damage(learnt: Path, tmp_path: Path) -> None:
-    folder = shutil.copytree(learnt, tmp_path / "learnt")
-    record = json.loads((folder / RECORD).read_text())
-    record["settings"]["encoder"]["name"] = "cells"
-    del record["checksum"]
-    (folder / RECORD).write_text(json.dumps(sealed(record)))
-    with pytest.raises(DataError, match=r"learnt.json: .*encoder.name is 'cells': choose one of"):
-        Detector.load(folder)
-
-
 HEAVY = ("torch", "pytorch_lightning", "mlflow", "hydra", "omegaconf", "matplotlib", "trimesh")
 
 
@@ -434,17 +170,3 @@ def test_detection_imports_no_framework(learnt: Path, frame: Frame, tmp_path: Pa
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) < 78  # what importing the detector took before it had this API
-
-
-def test_two_processes_do_not_learn_into_one_folder(tmp_path: Path) -> None:
-    mesh = write_mesh(tmp_path, MODELS["bear"])
-    fcntl = pytest.importorskip("fcntl")
-    with (tmp_path / ".learnt.lock").open("w") as stream:
-        fcntl.flock(stream, fcntl.LOCK_EX)
-        with pytest.raises(InputError, match="another process is learning into learnt"):
-            Detector.learn({"bear": mesh}, tmp_path / "learnt", settings=tiny_method())
-    (tmp_path / "own.partial").mkdir()
-    (tmp_path / "own.partial" / "thesis.txt").write_text("two years of work")
-    with pytest.raises(InputError, match=r"own\.partial is in the way"):
-        Detector.learn({"bear": mesh}, tmp_path / "own", settings=tiny_method())
-    assert (tmp_path / "own.partial" / "thesis.txt").exists()

@@ -13,6 +13,7 @@ from nbformat import NotebookNode
 
 import hlp
 from table_text import unpadded
+from tiny_method import TINY as TINY_METHOD
 from tiny_run import TinyRun
 
 NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
@@ -26,7 +27,7 @@ def execute(path: Path, parameters: str, folder: Path) -> NotebookNode:
         line.split(" = ")[0] for line in parameters.splitlines()
     }
     cell.source = parameters
-    client = NotebookClient(notebook, timeout=120, resources={"metadata": {"path": str(folder)}})
+    client = NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(folder)}})
     return client.execute()
 
 
@@ -92,3 +93,34 @@ def test_runs_are_read_from_outputs_and_mlflow(tiny_run: TinyRun) -> None:
     assert "| add |" in text
     assert "FINISHED" in text
     assert len(pictures(done)) == 4  # recalls, errors, all poses of a frame, panels
+
+
+@pytest.mark.slow
+def test_own_object_is_learnt_loaded_found_and_drawn(tmp_path: Path) -> None:
+    parameters = f"OVERRIDES = {[*TINY_METHOD, 'machine.threads=1']}\nFOLDER = 'own'"
+    done = execute(NOTEBOOKS / "03_own_object.ipynb", parameters, tmp_path)
+    text = printed(done)
+    assert "bear: score " in text
+    assert "bear: " in text.partition("ADD-S")[2]  # the reason of the rejection, after the answer
+    errors = re.findall(r"ADD-S ([\d.]+) mm of ([\d.]+) mm", text)
+    assert errors and float(errors[0][0]) < float(errors[0][1])
+    assert len(pictures(done)) == 2  # the frame, the answer
+    assert {path.name for path in (tmp_path / "own").iterdir()} >= {"bear.ply", "learnt"}
+
+
+@pytest.mark.slow
+def test_ablations_sweep_and_show_tables_and_figures(tiny_run: TinyRun) -> None:
+    particles = "refinement.particles=5,25"
+    parameters = (
+        f"FIGURE = ['experiment=fig9b', '{particles}']\n"
+        "OWN = ['refinement=pso,none']\n"
+        f"COMMON = {[*tiny_run.overrides, 'machine.threads=2']}\n"
+        "WORK = 'work'\nOUTPUTS = 'ablations'"
+    )
+    done = execute(NOTEBOOKS / "04_ablations.ipynb", parameters, tiny_run.folder)
+    text = unpadded(printed(done))
+    assert "hlp -m experiment=fig9b" in text
+    assert "fig9b.svg" in text and "report.html" in text
+    assert "2 of 2 arms finished" in text
+    assert "| refinement |" in text
+    assert len(pictures(done)) == 2

@@ -1,0 +1,37 @@
+"""A frame for the tests of the detector."""
+
+import dataclasses
+
+import pytest
+
+from hlp.data.synthetic.objects import demo_objects
+from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
+from hlp.records import Frame
+
+DEMO = SyntheticSettings(
+    scenes=12,
+    seed=0,
+    width=320,
+    height=240,
+    noise=0.5,
+    min_visible=0.3,
+    objects=(5, 5),
+    clutter=(1, 3),
+    distance_mm=(600.0, 800.0),
+    elevation_deg=(20.0, 75.0),
+    roll_deg=20.0,
+    tilt_deg=5.0,
+)
+
+
+@pytest.fixture(scope="session")
+def frame() -> Frame:
+    """A demo scene that shows the bear clearly."""
+    scenes = SyntheticScenes(dataclasses.replace(DEMO, scenes=12, width=320, height=240))
+    frames = [scenes.load(key) for key in scenes.keys]
+    bear = next(each.object_id for each in demo_objects().values() if each.name == "bear")
+    return max(frames, key=lambda each: visible(each, bear))
+
+
+def visible(frame: Frame, object_id: int) -> float:
+    return max((t.visible_fraction for t in frame.targets if t.object_id == object_id), default=0.0)
