@@ -22,6 +22,7 @@ from hlp.evaluation.settings import EvaluationSettings
 from hlp.evaluation.visible_mask import unoccluded_mask
 from hlp.evaluation.vote_quality import VoteCounts
 from hlp.evaluation.waterfall import TargetCounts, TargetResults, cause_of
+from hlp.geometry import project, transform
 from hlp.records import Frame, ObjectModel, Region, Target, TargetScore, Votes, frame_key
 from hlp.stages.detection import DetectionStages
 from hlp.stages.frame_files import read_arrays
@@ -35,12 +36,14 @@ class FrameNotes:
     """What scoring and diagnosis need of a frame; no image is kept.
 
     `votes` are counted for each object that is looked for; `targets` holds the targets in the order
-    in which `score_targets` scores them, with what is counted for each.
+    in which `score_targets` scores them, with what is counted for each. `middles` are the pixels
+    (x, y) that show each of them nearest to its centroid; None where it cannot be seen.
     """
 
     truth: FrameTruth
     votes: tuple[VoteCounts, ...]
     targets: tuple[tuple[Target, TargetCounts], ...]
+    middles: tuple[tuple[int, int] | None, ...]
 
 
 def note_frame(
@@ -50,6 +53,7 @@ def note_frame(
     regions = regions_of(found["regions"], (frame.depth.shape[0], frame.depth.shape[1]))
     counted: list[VoteCounts] = []
     targets: list[tuple[Target, TargetCounts]] = []
+    middles: list[tuple[int, int] | None] = []
     for object_id in dict.fromkeys(target.object_id for target in frame.targets):
         model, votes = dataset.models[object_id], votes_of(found["hypotheses"], object_id)
         good, shown = [], []
@@ -58,10 +62,24 @@ def note_frame(
             shown.append(visible_pixels(dataset.frames, frame, target, model))
             counts = _count(frame, shown[-1], regions[object_id], int(good[-1].sum()))
             targets.append((target, counts))
+            middles.append(_middle(frame, shown[-1], target, model))
         x, y = votes.pixels.astype(int).T
         on_object = np.any(shown, axis=0)[y, x]
         counted.append(VoteCounts.of(object_id, np.any(good, axis=0), votes.weights, on_object))
-    return FrameNotes(FrameTruth.of(frame, with_depth=True), tuple(counted), tuple(targets))
+    truth = FrameTruth.of(frame, with_depth=True)
+    return FrameNotes(truth, tuple(counted), tuple(targets), tuple(middles))
+
+
+def _middle(
+    frame: Frame, visible: Mask, target: Target, model: ObjectModel
+) -> tuple[int, int] | None:
+    """The pixel (x, y) with depth that shows a target nearest to its centroid; None without any."""
+    y, x = np.nonzero(visible & (frame.depth > 0))
+    if len(x) == 0:
+        return None
+    center = project(transform(target.pose_cam_obj, model.centroid[None]), frame.camera_matrix)[0]
+    nearest = np.hypot(x - center[0], y - center[1]).argmin()
+    return int(x[nearest]), int(y[nearest])
 
 
 def _count(frame: Frame, visible: Mask, region: Region, good: int) -> TargetCounts:

@@ -16,6 +16,7 @@ from hlp.method.training_files import read_history
 from hlp.records import PoseEstimate
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.reporting.figures.calibration_curves import draw_calibration
+from hlp.reporting.figures.confusion_matrix import draw_confusion
 from hlp.reporting.figures.waterfall_bars import draw_waterfall
 from hlp.reporting.mlflow_metrics import summary_metrics
 from hlp.reporting.page.run_page import write_page_or_say
@@ -40,6 +41,7 @@ from hlp.runs.page_material import keep_material
 from hlp.runs.run_stages import stages_of
 from hlp.runs.stage_panels import PANELS, draw_frames
 from hlp.runs.timing import Timing, measure_times
+from hlp.runs.window_classes import WindowClasses
 from hlp.stages.detection import DetectionStages
 from hlp.stages.frame_results import Arrays
 from hlp.stages.store import StageStore
@@ -66,11 +68,13 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         detection = stages_of(run, store, settings.on_bad_frame)
         training = detection.training
         render_in_workers(training, settings.executor)
-        estimates, notes = _find(run, detection)
+        classes = WindowClasses(training)
+        estimates, notes = _find(run, detection, classes)
         trained = _log_training(training, tracker)
         require_some(detection.failed, len(run.keys))
         timing = measure_times(run, detection, estimates)
-        summary = _score(run, detection, estimates, notes, timing, output)
+        counts = classes.summary()
+        summary = _score(run, detection, estimates, notes, timing, counts, output)
         tracker.log_metrics(summary_metrics(summary))
         log_tables(summary, output, tracker)
         made = make_manifest(run, store)
@@ -86,13 +90,19 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
     return summary
 
 
-def _find(run: Run, detection: DetectionStages) -> tuple[list[PoseEstimate], list[FrameNotes]]:
-    """Find the objects in all frames; what scoring needs of each frame, in order."""
+def _find(
+    run: Run, detection: DetectionStages, classes: WindowClasses
+) -> tuple[list[PoseEstimate], list[FrameNotes]]:
+    """Find the objects in all frames; what scoring needs of each frame, in order.
+
+    Classes of windows are counted meanwhile, while a frame's images are there.
+    """
     notes: dict[str, FrameNotes] = {}
 
     def look(key: str, found: Mapping[str, Arrays]) -> None:
         frame = detection.load(key)
         notes[key] = note_frame(run.dataset, frame, found, run.settings.evaluation)
+        classes.count(frame, notes[key])
 
     estimates = detection.estimates(look)
     return estimates, [notes[key] for key in run.keys if key not in detection.failed]
@@ -104,6 +114,7 @@ def _score(
     estimates: Sequence[PoseEstimate],
     notes: Sequence[FrameNotes],
     timing: Timing,
+    classes: Mapping[str, Mapping[str, int]],
     output: Path,
 ) -> dict[str, Any]:
     """Write poses.csv, then score the poses as read from it."""
@@ -130,10 +141,12 @@ def _score(
     )
     summary["timing"] = timing.summary()
     summary["false_alarms"] = count_false_alarms(truths, estimates, MIN_SCORE)
+    summary["window_classes"] = classes
     summary["frames_failed"] = describe_failed(detection.failed)
     write_json(output / SUMMARY, summary)
     draw_waterfall(output, summary["waterfall"])
     draw_calibration(output, summary["calibration"])
+    draw_confusion(output, classes)
     return summary
 
 

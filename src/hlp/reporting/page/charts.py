@@ -8,6 +8,7 @@ import numpy as np
 
 from hlp.records import MILLIMETRES_PER_METRE
 from hlp.reporting.comparison import ScoredTarget
+from hlp.reporting.figures.confusion_matrix import Confusion
 from hlp.reporting.figures.waterfall_bars import COLORS
 from hlp.reporting.page.svg import BLUE, GREY, ORANGE, RED, SKY, Chart, ticks
 from hlp.reporting.paper_results import ADD_BY_OBJECT
@@ -19,6 +20,8 @@ _ROW = 22  # px of a horizontal bar
 _BINS = 24
 _AD_END, _AD_LIMIT = 0.2, 0.1  # of the diameter
 _SHARES = [(i / 5, f"{i / 5:.1f}") for i in range(6)]
+_LEFT, _CELL, _NAMES = 128, 26, 2.6  # of a matrix: px for names, px of a cell, rows for names
+_DARK = 0.55  # share of a row from which numbers are white
 _STAGE_COLORS = (SKY, BLUE, ORANGE, RED, GREY)
 
 Targets = Sequence[ScoredTarget]
@@ -143,6 +146,32 @@ def waterfall_bars(summary: Mapping[str, Any]) -> str:
     return chart.svg()
 
 
+def confusion(counts: Mapping[str, Mapping[str, int]]) -> str:
+    """Windows at targets by their object (rows) and most likely class; shaded by share of the row.
+
+    `counts` are `window_classes` of `summary.json`; empty without any.
+    """
+    if not counts:
+        return ""
+    found = Confusion.of(counts)
+    rows, columns = found.counts.shape
+    ends = (0.0, float(columns))
+    size = (_LEFT + _CELL * columns + 40, round(_ROW * (rows + _NAMES)) + 50)
+    chart = Chart(*size, ends, (0.0, rows + _NAMES), _LEFT, 40)
+    for column, name in enumerate(found.classes):
+        chart.slanted((column + 0.5, rows + 0.15), _short(name, 12))
+    for (row, column), count in np.ndenumerate(found.counts):
+        share, y = float(found.shares[row, column]), rows - row - 1
+        title = f"{found.objects[row]}, taken for {found.classes[column]}: {count} ({share:.1%})"
+        chart.bar((column, y), (column + 1, y + 1), _shade(share), title)
+        if count:
+            chart.text((column + 0.5, y + 0.5), str(count), "middle", light=share > _DARK)
+    for row, name in enumerate(found.objects):
+        chart.text((0, rows - row - 0.5), _short(name, 20), "end", (-6, 4))
+    chart.axes("most likely class of the window at the target", "")
+    return chart.svg()
+
+
 def timing_bars(summary: Mapping[str, Any]) -> str:
     """Median and 95th percentile of each stage's time for one object in one frame (ms)."""
     times = {k: v for k, v in summary["timing_ms"].items() if v.get("median") is not None}
@@ -187,6 +216,14 @@ def _rows(names: Sequence[str], ends: tuple[float, float], left: int) -> Chart:
     """An empty chart with a named row for each bar, the first at the top."""
     chart = Chart(_WIDTH, _ROW * len(names) + 52, ends, (0.0, float(len(names))), left, 24)
     for row, name in enumerate(names):
-        short = name if len(name) <= 20 else f"{name[:19]}…"
-        chart.text((ends[0], len(names) - row - 0.5), short, "end", (-6, 4))
+        chart.text((ends[0], len(names) - row - 0.5), _short(name, 20), "end", (-6, 4))
     return chart
+
+
+def _short(name: str, most: int) -> str:
+    return name if len(name) <= most else f"{name[: most - 1]}…"
+
+
+def _shade(share: float) -> str:
+    """From white to blue."""
+    return "#" + "".join(f"{round(255 + share * (end - 255)):02x}" for end in (0x00, 0x72, 0xB2))

@@ -104,6 +104,7 @@ def _charts(
         "visibility": charts.visibility_bars(targets),
         "waterfall": charts.waterfall_bars(summary),
         "timing": charts.timing_bars(summary),
+        "confusion": charts.confusion(summary.get("window_classes", {})),
     }
     if calibration["answers"]:
         found["reliability"] = charts.reliability(calibration)

@@ -93,10 +93,22 @@ class Chart:
             f'<path class="d" d="M{x:.1f} {y - 5:.1f}l5 5l-5 5l-5 -5z">{_title(title)}</path>'
         )
 
-    def text(self, at: Point, words: str, anchor: str = "start", shift: Point = (0, 4)) -> None:
-        """Words at a point, shifted by some pixels."""
+    def text(
+        self,
+        at: Point,
+        words: str,
+        anchor: str = "start",
+        shift: Point = (0, 4),
+        light: bool = False,
+    ) -> None:
+        """Words at a point, shifted by some pixels; light ones stand on dark colours."""
         x, y = self.place(*at)
-        self._put(x + shift[0], y + shift[1], words, anchor)
+        self._put(x + shift[0], y + shift[1], words, anchor, "w" if light else "")
+
+    def slanted(self, at: Point, words: str) -> None:
+        """Words that begin at a point and rise to the right."""
+        x, y = self.place(*at)
+        self._put(x, y, words, "start", more=f'transform="rotate(-45 {x:.1f} {y:.1f})"')
 
     def svg(self) -> str:
         """The chart as an SVG element."""
