@@ -136,7 +136,8 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
     if not path.is_file():
         raise MissingFileError(f"there is no file {path}")
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        # numpy leaves a file open that is no archive, unless somebody else opened it.
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             return dict(stored)
     except _NO_ARRAYS as error:
         raise DataError(

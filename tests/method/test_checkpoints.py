@@ -63,6 +63,7 @@ class Attack:
         return os.mkdir, (str(self.touched),)
 
 
+@pytest.mark.filterwarnings("ignore:Detected pickle protocol")  # not torch's own: an attack
 @pytest.mark.parametrize("by", ["torch", "pickle"])
 def test_a_strangers_checkpoint_runs_no_code(tmp_path: Path, by: str) -> None:
     """Its checksum is right: whoever writes code can also compute checksums."""

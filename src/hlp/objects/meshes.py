@@ -55,10 +55,11 @@ def load_mesh(path: Path, scale: float | None = MILLIMETRE) -> Mesh:
     missing = texture_missing(path)
     options: dict[str, Any] = {"skip_materials": True} if missing else {}
     try:
-        # `force="mesh"` would drop the file's normals.
-        raw = trimesh.load(path, process=False, maintain_order=True, **options)
-        if isinstance(raw, trimesh.Scene):
-            raw = with_one_kind_of_color(raw).to_mesh()
+        # Numbers that no index can be are found below. `force="mesh"` would drop the normals.
+        with np.errstate(all="ignore"):
+            raw = trimesh.load(path, process=False, maintain_order=True, **options)
+            if isinstance(raw, trimesh.Scene):
+                raw = with_one_kind_of_color(raw).to_mesh()
     except _PARSE_ERRORS as error:
         raise DataError(f"{path} cannot be read as a mesh ({error}): export it again") from error
     if not isinstance(raw, trimesh.Trimesh) or len(raw.vertices) == 0 or len(raw.faces) == 0:

@@ -1,6 +1,7 @@
 """Whether a run is using a store: a lock that runs share, and that cleaning takes alone."""
 
 import sys
+import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -30,6 +31,7 @@ class StoreUse:
 
         try:
             self._held = (self._root / _NAME).open("ab")
+            weakref.finalize(self, self._held.close)
             fcntl.flock(self._held, fcntl.LOCK_SH)
         except OSError:  # no folder yet, a read-only one, or a file system without locks
             return
