@@ -55,7 +55,9 @@ def test_summary_says_what_the_scores_say(tiny_run: TinyRun) -> None:
         assert found["targets"] == len(own)
         for metric, verdict in VERDICTS.items():
             expected = np.mean([int(row[verdict]) for row in own])
-            assert found[metric] == {"recall": pytest.approx(expected)}
+            assert found[metric]["recall"] == pytest.approx(expected)
+            low, high = found[metric]["ci95"]
+            assert 0.0 <= low <= expected <= high <= 1.0
     lost = Counter(row["cause"] for row in scores if not int(row["add_correct"]))
     total = summary["waterfall"]["total"]
     assert "" not in lost and lost.keys() <= total.keys()

@@ -27,7 +27,7 @@ def written(monkeypatch: pytest.MonkeyPatch, folder: Path, estimates: list[PoseE
     run: Any = SimpleNamespace(dataset=None, settings=None)
     nothing: Any = None
     with pytest.raises(WrittenError):
-        runner._score(run, nothing, estimates, [], nothing, folder)
+        runner._score(run, nothing, estimates, [], nothing, {}, folder)
     return read_poses(folder / "poses.csv")
 
 

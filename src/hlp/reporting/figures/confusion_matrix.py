@@ -47,7 +47,7 @@ class Confusion:
     @property
     def shares(self) -> np.ndarray:
         """The counts as shares of their rows."""
-        return self.counts / np.maximum(self.counts.sum(axis=1, keepdims=True), 1)
+        return np.asarray(self.counts / np.maximum(self.counts.sum(axis=1, keepdims=True), 1))
 
 
 def draw_confusion(folder: Path, counts: Mapping[str, Mapping[str, int]]) -> None:
