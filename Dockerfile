@@ -2,8 +2,9 @@
 FROM python:3.11-slim
 WORKDIR /hlp
 COPY . .
-# torch comes first: named by a dependant, pip would take it with gigabytes of CUDA packages.
-RUN pip install --no-cache-dir -c constraints.txt "$(grep '^torch==' constraints.txt)" && \
+# torch comes first, from PyTorch's index of CPU builds: PyPI's brings gigabytes of CUDA packages.
+RUN pip install --no-cache-dir --extra-index-url https://download.pytorch.org/whl/cpu \
+        -c constraints.txt "$(grep '^torch==' constraints.txt)" && \
     pip install --no-cache-dir -c constraints.txt .
 WORKDIR /out
 ENTRYPOINT ["hlp"]

@@ -7,13 +7,15 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 AUDIT := build/audit
 OLDEST := build/oldest
-# What touches every library that HLP calls, and takes seconds.
-OLDEST_TESTS := tests/test_geometry.py tests/test_settings.py tests/results tests/codebook tests/voting/test_cast.py \
+NEWEST := build/newest
+# What touches every library that HLP calls, and takes a minute or two.
+LIBRARY_TESTS := tests/test_geometry.py tests/test_settings.py tests/results tests/codebook tests/voting/test_cast.py \
   tests/rendering/test_rasterizer.py tests/objects/test_meshes.py tests/models tests/config/test_build.py \
   tests/stages/test_store.py tests/reporting/test_tracking.py tests/data/test_bop.py
 DOCS_STAMP := $(VENV)/.docs-installed
 PYTHON ?=
 WORKERS ?= 2
+MINUTES ?= 10
 PORT ?= 5000
 WORK ?= work
 
@@ -27,7 +29,7 @@ export MPLBACKEND := Agg
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_ROOT_USER_ACTION := ignore
 
-.PHONY: help env demo test test-slow test-faults test-oldest check audit docs ui screenshots clean
+.PHONY: help env demo test test-slow test-faults test-oldest test-newest fuzz check audit docs ui screenshots clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -61,13 +63,37 @@ test: $(STAMP) ## the tests
 	@$(BIN)/python -m pytest -q -n $(WORKERS)
 
 test-slow: $(STAMP) ## the tests that take longer
-	@$(BIN)/python -m pytest -q -n $(WORKERS) -m slow --ignore=tests/faults
+	@$(BIN)/python -m pytest -q -n $(WORKERS) -m slow
 
-test-faults: $(STAMP) ## runs that are stopped at named places, and damaged work folders
+test-faults: $(STAMP) ## those of the slow tests that stop runs at named places and damage work folders
 	@$(BIN)/python -m pytest -q -m slow tests/faults
 
+# Old versions warn of each other; that is no error.
 test-oldest: $(OLDEST)/.installed ## part of the tests, with the lowest versions that pyproject.toml allows
-	@$(OLDEST)/bin/python -m pytest -q -p no:cacheprovider $(OLDEST_TESTS)
+	@$(OLDEST)/bin/python -m pytest -q -W default -p no:cacheprovider $(LIBRARY_TESTS)
+
+test-newest: $(NEWEST)/.installed ## the same part of the tests, with the newest Python that is here
+	@if [ -x $(NEWEST)/bin/python ]; then \
+	  $(NEWEST)/bin/python -m pytest -q -p no:cacheprovider $(LIBRARY_TESTS); fi
+
+$(NEWEST)/.installed: pyproject.toml constraints.txt
+	@mkdir -p $(NEWEST); newest=""; \
+	for each in python3.14 python3.13 python3.12 $(HOME)/.pyenv/versions/3.14.*/bin/python3 \
+	  $(HOME)/.pyenv/versions/3.13.*/bin/python3 $(HOME)/.pyenv/versions/3.12.*/bin/python3; do \
+	  if [ -z "$$newest" ] && "$$each" -c 'import venv, ensurepip' 2>/dev/null; then newest=$$each; fi; \
+	done; \
+	if [ -z "$$newest" ]; then \
+	  echo "No Python after 3.11 is here: nothing was tested with one"; \
+	else \
+	  echo "Testing with $$("$$newest" --version)"; \
+	  "$$newest" -m venv $(NEWEST) && \
+	  $(NEWEST)/bin/pip install -q -c constraints.txt "$$(grep '^torch==' constraints.txt)" && \
+	  $(NEWEST)/bin/pip install -q -c constraints.txt -e '.[dev]'; \
+	fi
+	@touch $@
+
+fuzz: $(STAMP) ## files spoiled at random, MINUTES of CPU time for each kind
+	@$(BIN)/python tests/fuzzing/for_minutes.py $(MINUTES)
 
 # torch comes first here too, and stays: as an override it is taken as it was installed.
 $(OLDEST)/.installed: $(STAMP)
@@ -104,9 +130,9 @@ ui: $(STAMP) ## browse the runs in MLflow
 	@$(BIN)/hlp ui work=$(WORK) port=$(PORT)
 
 SHOWN := build/screenshots
-screenshots: $(STAMP) ## the pictures of the report in docs/assets (needs Chromium and its driver)
+screenshots: $(STAMP) ## the pictures of MLflow and of the report in docs/assets (needs Chromium and its driver)
 	@$(BIN)/hlp run work=$(SHOWN)/work output=$(SHOWN)/run
-	@$(BIN)/hlp -m refinement=pso,icp,none work=$(SHOWN)/work output=$(SHOWN)/sweep
+	@$(BIN)/hlp -m refinement.particles=10,25,50 score.scenes=0 frames=8 panels=1 work=$(SHOWN)/work output=$(SHOWN)/sweep
 	@$(BIN)/python -m pytest -q -m slow tests/browser --shown=$(SHOWN) --screenshots=docs/assets
 
 clean: ## remove caches and build outputs; runs and .venv stay

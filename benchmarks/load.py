@@ -1,18 +1,23 @@
 """Memory and time of detection under load: many frames, many processes, much that is learnt.
 
+    python benchmarks/load.py learn learnt/
     python benchmarks/load.py frames learnt/ --frames 10000
+    python benchmarks/load.py predict learnt/ --frames 10000
     python benchmarks/load.py processes learnt/ --processes 8 --frames 4
     python benchmarks/load.py size learnt/ --entries 1000000 --objects 200
 
-`frames` finds the learnt objects in frame after frame in one process; `processes` runs several
-`hlp predict` at once, and compares their poses; `size` loads a codebook of that many entries, and
-that many copies of a learnt object. Frames are the demo's. Ends with 1 where memory or time grow by
-more than 5 %, or poses differ.
+`learn` learns the demo's can in half a minute, by settings that are fast and find little; any other
+folder of learnt objects will do. `frames` finds the learnt objects in frame after frame by the
+Python API, and `predict` by one call of `hlp predict`; `processes` runs several `hlp predict` at
+once, and compares their poses; `size` loads a codebook of that many entries, and that many copies
+of a learnt object. Frames are the demo's. Ends with 1 where memory or time grow by more than 5 %,
+or poses differ.
 """
 
 import argparse
 import dataclasses
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -23,18 +28,31 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import trimesh
 
 from hlp import Detector
 from hlp.codebook.entries import load_codebook, save_codebook
+from hlp.commands.composing import compose_config
+from hlp.config.build import build_settings
+from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
-from hlp.method.learnt_folder import LearntFolder, read_model, write_model, write_record
-from hlp.records import MILLIMETRES_PER_METRE, Codebook, Frame
+from hlp.method.learnt_folder import LearntFolder, write_record
+from hlp.method.model_files import read_model, write_model
+from hlp.records import MILLIMETRE, MILLIMETRES_PER_METRE, Codebook, Frame
 from hlp.runs.manifest import poses_digest
 
+SMALL = (
+    *("encoder=pca", "codebook=inverted_lists", "classifier.epochs=3", "classifier.min_batches=0"),
+    *("rendering.viewpoints=80", "rendering.in_plane_steps=5", "rendering.size_px=64"),
+    *("patches.pool.per_object=300", "patches.pool.backgrounds=300", "score.scenes=4"),
+    *("patches.pool.distractor_scenes=2", "patches.pairs.per_object=300", "voting.hypotheses=8"),
+    *("refinement.particles=6", "refinement.iterations=4", "refinement.verification.candidates=2"),
+)
 _FIRST = 100  # frames until memory is measured
 _GROWN = 1.05  # memory and time at the end, at most, times those at the beginning
 _MEGABYTE = 1024.0  # kB
 _QUERIES = 1000
+_LAST_BYTES = 20_000  # of a file of answers, to find the last one
 
 
 def main() -> int:
@@ -42,7 +60,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("what", choices=("frames", "processes", "size"))
+    parser.add_argument("what", choices=("learn", "frames", "predict", "processes", "size"))
     parser.add_argument("learnt", type=Path, help="folder of learnt objects (hlp learn)")
     parser.add_argument("--frames", type=int, default=2000, help="in each process")
     parser.add_argument("--processes", type=int, default=8)
@@ -50,13 +68,31 @@ def main() -> int:
     parser.add_argument("--objects", type=int, default=200, help="copies of a learnt object")
     parser.add_argument("--threads", type=int, default=1, help="of each process")
     given = parser.parse_args()
+    if given.what == "learn":
+        return learn_the_can(given.learnt, given.threads)
     if given.what == "frames":
         return many_frames(given.learnt, given.frames, given.threads)
+    if given.what == "predict":
+        return one_long_call(given.learnt, given.frames, given.threads)
     if given.what == "processes":
         return many_processes(given.learnt, given.processes, given.frames, given.threads)
     with tempfile.TemporaryDirectory() as folder:
         large_codebook(given.learnt, Path(folder), given.entries)
         many_objects(given.learnt, Path(folder), given.objects)
+    return 0
+
+
+def learn_the_can(learnt: Path, threads: int) -> int:
+    """Learn one object of the demo into a new folder."""
+    settings = build_settings(compose_config("output=out", *SMALL, f"machine.threads={threads}"))
+    can = next(model for model in demo_objects().values() if model.name == "can")
+    with tempfile.TemporaryDirectory() as folder:
+        mesh = Path(folder) / "can.ply"
+        shown = trimesh.Trimesh(
+            can.mesh.vertices / MILLIMETRE, can.mesh.faces, vertex_colors=can.mesh.colors
+        )
+        shown.export(mesh)
+        Detector.learn({"can": mesh}, learnt, settings=settings.method)
     return 0
 
 
@@ -68,13 +104,45 @@ def many_frames(learnt: Path, count: int, threads: int) -> int:
     early = resident_mb()
     for number, frame in enumerate(islice(cycle(frames), count), start=1):
         begun = time.process_time()
-        detector.detect(frame.rgb, frame.depth, frame.camera_matrix)
+        detector.detect(frame.rgb, frame.depth, frame.camera_matrix, max_instances=1)
         seconds.append(time.process_time() - begun)
         if number == min(_FIRST, count):
             early = resident_mb()
-            print(f"frame {number}: {early:.0f} MB", flush=True)
-    late, part = resident_mb(), max(len(frames), count // 10 // len(frames) * len(frames))
+    part = max(len(frames), count // 10 // len(frames) * len(frames))
     first, last = (float(np.mean(each)) for each in (seconds[part : 2 * part], seconds[-part:]))
+    return _verdict(count, (early, resident_mb()), (first, last))
+
+
+def one_long_call(learnt: Path, count: int, threads: int) -> int:
+    """Watch one `hlp predict` of `count` frames; 0 if memory and time do not grow."""
+    seen: list[tuple[int, float, float]] = []  # frames answered, CPU time (s), memory (MB)
+    with tempfile.TemporaryDirectory() as name:
+        root = Path(name)
+        camera = write_frames(root, demo_frames(12), count)
+        output = root / "out"
+        command = predict_command(learnt, root, camera, threads)
+        process = subprocess.Popen(  # noqa: S603 - HLP itself
+            [*command, f"output={output}"], stdout=subprocess.DEVNULL
+        )
+        while process.poll() is None:
+            time.sleep(0.5)
+            answered = frames_answered(output / "poses.jsonl")
+            if answered and process.poll() is None:
+                seen.append((answered, cpu_seconds(process.pid), resident_mb(process.pid)))
+    if process.returncode or len(seen) < 20:
+        print(f"{len(seen)} looks at it, exit code {process.returncode}")
+        return 1
+    frames, seconds, memory = np.array(seen).T
+    early, late = (np.interp(each, frames, memory) for each in (_FIRST, frames[-1]))
+    times = [np.interp(part * frames[-1], frames, seconds) for part in (0.1, 0.2, 0.9, 1.0)]
+    first, last = ((times[i + 1] - times[i]) / (0.1 * frames[-1]) for i in (0, 2))
+    return _verdict(int(frames[-1]), (float(early), float(late)), (float(first), float(last)))
+
+
+def _verdict(count: int, memory: tuple[float, float], seconds: tuple[float, float]) -> int:
+    """Print memory (MB) and CPU time a frame (s), early and late; 0 if both are about the same."""
+    (early, late), (first, last) = memory, seconds
+    print(f"frame {min(_FIRST, count)}: {early:.0f} MB")
     print(f"frame {count}: {late:.0f} MB ({late / early - 1:+.1%})")
     print(f"CPU time a frame: {first * 1000:.1f} ms early, {last * 1000:.1f} ms at the end")
     return int(late > _GROWN * early or last > _GROWN * first)
@@ -84,12 +152,8 @@ def many_processes(learnt: Path, processes: int, count: int, threads: int) -> in
     """Run `hlp predict` several times at once; 0 if all end well and with the same poses."""
     with tempfile.TemporaryDirectory() as name:
         root = Path(name)
-        camera = write_frames(root, demo_frames(count))
-        command = [
-            *(sys.executable, "-c", "from hlp.cli import main; main()", "predict"),
-            *(f"learnt={learnt.absolute()}", f"rgb={root / 'rgb'}", f"depth={root / 'depth'}"),
-            *(f"intrinsics={camera}", f"threads={threads}", "min_score=0"),
-        ]
+        camera = write_frames(root, demo_frames(count), count)
+        command = predict_command(learnt, root, camera, threads)
         begun = time.perf_counter()
         started = [
             subprocess.Popen(  # noqa: S603 - HLP itself
@@ -166,27 +230,58 @@ def many_objects(learnt: Path, folder: Path, count: int) -> None:
 
 
 def demo_frames(count: int) -> Sequence[Frame]:
-    """Frames of the demo, of 320x240 pixels, decoded."""
-    scenes = SyntheticScenes(SyntheticSettings(scenes=count, width=320, height=240))
+    """Frames of the demo, decoded; small ones, for what may grow does not depend on their size."""
+    scenes = SyntheticScenes(SyntheticSettings(scenes=count, width=160, height=120))
     return [scenes.load(key) for key in scenes.keys]
 
 
-def write_frames(folder: Path, frames: Sequence[Frame]) -> Path:
-    """Write frames as images, and the file of their camera, which is returned."""
+def write_frames(folder: Path, frames: Sequence[Frame], count: int) -> Path:
+    """Write `count` frames as images, these in turn, and the file of their camera (returned)."""
     for name in ("rgb", "depth"):
         (folder / name).mkdir()
-    for number, frame in enumerate(frames):
-        millimetres = np.rint(frame.depth * MILLIMETRES_PER_METRE).astype(np.uint16)
-        cv2.imwrite(str(folder / "rgb" / f"{number:04d}.png"), frame.rgb[..., ::-1])
-        cv2.imwrite(str(folder / "depth" / f"{number:04d}.png"), millimetres)
+    for number in range(count):
+        files = [folder / name / f"{number:06d}.png" for name in ("rgb", "depth")]
+        if number < len(frames):
+            frame = frames[number]
+            millimetres = np.rint(frame.depth * MILLIMETRES_PER_METRE).astype(np.uint16)
+            for file, image in zip(files, (frame.rgb[..., ::-1], millimetres), strict=True):
+                cv2.imwrite(str(file), image)
+        else:
+            for file in files:
+                file.hardlink_to(file.with_name(f"{number % len(frames):06d}.png"))
     camera = folder / "camera.json"
     camera.write_text(json.dumps({"cam_K": frames[0].camera_matrix.ravel().tolist()}))
     return camera
 
 
-def resident_mb() -> float:
-    """Memory (MB) that this process holds."""
-    lines = Path("/proc/self/status").read_text().splitlines()
+def predict_command(learnt: Path, folder: Path, camera: Path, threads: int) -> list[str]:
+    """`hlp predict` of a folder's frames: an answer for each object, however low its score."""
+    return [
+        *(sys.executable, "-c", "from hlp.cli import main; main()", "predict"),
+        *(f"learnt={learnt.absolute()}", f"rgb={folder / 'rgb'}", f"depth={folder / 'depth'}"),
+        *(f"intrinsics={camera}", f"threads={threads}", "min_score=0", "max_instances=1"),
+    ]
+
+
+def frames_answered(answers: Path) -> int:
+    """Number of the frame that the last answer is about, counted from 1; 0 where there is none."""
+    if not answers.is_file():
+        return 0
+    with answers.open("rb") as file:
+        file.seek(max(0, answers.stat().st_size - _LAST_BYTES))
+        lines = file.read().decode().splitlines()[1:-1]
+    return int(json.loads(lines[-1])["im_id"]) + 1 if lines else 0
+
+
+def cpu_seconds(process: int) -> float:
+    """CPU time of another process so far."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def resident_mb(process: int | str = "self") -> float:
+    """Memory (MB) that a process holds."""
+    lines = Path(f"/proc/{process}/status").read_text().splitlines()
     return next(float(line.split()[1]) for line in lines if line.startswith("VmRSS")) / _MEGABYTE
 
 

@@ -4,7 +4,9 @@ import os
 
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # before torch is imported anywhere
 
+import json
 import logging
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -13,6 +15,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from hlp.config.typed_defaults import provide_defaults
+from made_once import made_once
 from tiny_run import TINY, TinyRun, start_run
 
 Call = Callable[..., tuple[int, str, str]]
@@ -49,24 +52,33 @@ def shared_data() -> Path:
 @pytest.fixture(scope="session")
 def tiny_run(tmp_path_factory: pytest.TempPathFactory) -> TinyRun:
     """A tiny run that tests look at, and whose stages they use again."""
-    folder = tmp_path_factory.mktemp("tiny_run")
-    process = start_run(folder, *TINY, "output=first", threads=2)
-    assert process.returncode == 0, process.stderr
-    return TinyRun(folder, folder / "first", TINY, process)
+
+    def make(folder: Path) -> None:
+        process = start_run(folder, *TINY, "output=first", threads=2)
+        assert process.returncode == 0, process.stderr
+        said = [process.stdout, process.stderr, str(folder)]
+        (folder / "said.json").write_text(json.dumps(said))
+
+    folder = made_once(tmp_path_factory, "tiny_run", make)
+    out, err, made_in = json.loads((folder / "said.json").read_text())
+    process = subprocess.CompletedProcess([], 0, out, err)
+    return TinyRun(folder, folder / "first", TINY, process, Path(made_in))
 
 
 @pytest.fixture(scope="session")
 def learnt(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of the demo's bear and can, learnt in seconds."""
-    from hlp import Detector
-    from hlp.data.synthetic.objects import demo_objects
-    from tiny_method import tiny_method, write_mesh
 
-    folder = tmp_path_factory.mktemp("learnt")
-    models = {model.name: model for model in demo_objects().values()}
-    meshes = {name: write_mesh(folder, models[name]) for name in ("bear", "can")}
-    Detector.learn(meshes, folder / "objects", settings=tiny_method())
-    return folder / "objects"
+    def make(folder: Path) -> None:
+        from hlp import Detector
+        from hlp.data.synthetic.objects import demo_objects
+        from tiny_method import tiny_method, write_mesh
+
+        models = {model.name: model for model in demo_objects().values()}
+        meshes = {name: write_mesh(folder, models[name]) for name in ("bear", "can")}
+        Detector.learn(meshes, folder / "objects", settings=tiny_method())
+
+    return made_once(tmp_path_factory, "learnt", make) / "objects"
 
 
 @pytest.fixture
@@ -96,6 +108,8 @@ def call(
         return code, printed.out, printed.err
 
     yield run
+    for handler in set(root.handlers) - set(handlers):
+        handler.close()
     root.handlers[:] = handlers
     root.setLevel(level)
     torch.set_num_threads(threads)

@@ -168,12 +168,14 @@ def test_experiment_wins_over_method_and_loses_to_the_command_line(
     assert seen(tmp_path / "other")["voting"]["size"] == 9
 
 
+@pytest.mark.slow
 def test_arms_of_a_sweep_have_folders_of_their_own(call: Hlp, tmp_path: Path) -> None:
     done = call("-m", "refinement=pso,icp", "output=sweep")
     assert done.returncode == 0
     assert [choices(tmp_path / "sweep" / arm)["refinement"] for arm in "01"] == ["pso", "icp"]
 
 
+@pytest.mark.slow
 def test_failed_arm_stops_no_other(call: Hlp, tmp_path: Path) -> None:
     done = call("run", "-m", "seed=13,1", "output=sweep")
     assert done.returncode == 1

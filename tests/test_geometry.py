@@ -100,3 +100,13 @@ def test_nearest_rotation_undoes_rounding_and_is_no_reflection():
     np.testing.assert_allclose(found @ found.T, np.eye(3), atol=1e-12)
     mirrored = geometry.nearest_rotation(np.diag([1.0, 1.0, -0.2]))
     assert np.linalg.det(mirrored) == pytest.approx(1.0)
+
+
+def test_quaternions_and_matrices_are_scipys_to_the_last_bit():
+    quats = np.random.default_rng(5).normal(size=(3000, 4))
+    quats[:1000] = np.rint(quats[:1000])  # half turns and quarter turns, where components are equal
+    quats = quats[np.linalg.norm(quats, axis=1) > 0.0]
+    matrices = Rotation.from_quat(quats).as_matrix()
+    np.testing.assert_array_equal(geometry.rotation_matrices(quats), matrices)
+    expected = Rotation.from_matrix(matrices, assume_valid=True).as_quat()
+    np.testing.assert_array_equal(geometry.quaternions(matrices), expected)

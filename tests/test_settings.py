@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Annotated, Any, Literal
 
 import pytest
-from annotated_types import Ge, Gt, Interval
+from annotated_types import Ge, Gt, Interval, Le
 
 from hlp.errors import ConfigError
 from hlp.registry import Registry
@@ -138,3 +138,48 @@ def test_defaults_are_plain_and_say_what_must_be_set() -> None:
     found = defaults_of(Bench)
     assert found["place"] == "???" and found["tool"] == {"name": "hammer", "weight": 1.0}
     assert defaults_of(Hammer, "mallet") == {"name": "mallet", "weight": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"height": 10**9}, "height is 1000000000: it must be at most 1e+06"),
+        ({"height": 10**400}, "height is 1000"),
+        ({"limits": [0.0, float("inf")]}, "limits is inf: it must be a finite number"),
+        ({"limits": [0.0, 1e9]}, "limits is 1000000000.0: it must be at most 1e+06"),
+        ({"limits": [0.0, 10**400]}, "limits.1 is 1000"),
+        ({"tool": {"name": "hammer", "weight": float("inf")}}, "tool.weight is inf"),
+    ],
+)
+def test_numbers_are_finite_and_of_a_size_that_fits(values: dict[str, Any], said: str) -> None:
+    with pytest.raises(SettingsError, match=said.replace("+", r"\+")):
+        read_settings(Bench, {"place": "attic", **values})
+
+
+def test_lengths_and_angles_are_bounded_by_their_names() -> None:
+    @dataclass(frozen=True)
+    class Cone(Settings):
+        half_deg: float = 10.0
+        far_mm: Annotated[float, Le(2e5)] = 10.0
+        near_mm: float = 1.0
+
+    assert Cone(-360.0, 2e5, 1e5) == Cone(-360.0, 2e5, 1e5)
+    with pytest.raises(SettingsError, match=r"half_deg is -361\.0: it must be at least -360"):
+        Cone(-361.0)
+    with pytest.raises(SettingsError, match=r"near_mm is 200000\.0: it must be at most 100000"):
+        Cone(10.0, 2e5, 2e5)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"height": 1.5}, "height is 1.5: it must be a whole number or null"),
+        ({"height": True}, "height is True: it must be a whole number or null"),
+        ({"share": "1"}, "share is '1': it must be a number"),
+        ({"used": 1}, "used is 1: it must be true or false"),
+        ({"place": 3}, "place is 3: it must be text"),
+    ],
+)
+def test_types_are_checked_in_python_too(values: dict[str, Any], said: str) -> None:
+    with pytest.raises(SettingsError, match=said):
+        Bench(**{"place": "attic", **values})

@@ -34,13 +34,15 @@ TINY = (
 class TinyRun:
     """A finished run of the demo world, everything as small as it can be.
 
-    `overrides` are what `hlp run` was given beside `output`; stages lie in `folder`/work.
+    `overrides` are what `hlp run` was given beside `output`; stages lie in `folder`/work. It may be
+    a copy of `made_in`, where the run took place.
     """
 
     folder: Path
     output: Path
     overrides: tuple[str, ...]
     process: "subprocess.CompletedProcess[str]"
+    made_in: Path
 
 
 def start_run(folder: Path, *overrides: str, threads: int) -> "subprocess.CompletedProcess[str]":

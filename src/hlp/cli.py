@@ -48,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         completion.command(given, list(COMMANDS))
     elif name in COMMANDS:
         _set_environment()
-        with stops_in_one_line():
+        with stops_in_one_line(COMMANDS[name].continues(given[1:])):
             COMMANDS[name].call(given[1:])
     else:
         hint = nearest(name, COMMANDS)
@@ -56,10 +56,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(2)
 
 
+def _always(arguments: Sequence[str]) -> bool:
+    return True
+
+
+def _never(arguments: Sequence[str]) -> bool:
+    return False
+
+
 @dataclass(frozen=True)
 class _Command:
     call: Callable[[Sequence[str]], None]
     summary: str
+    continues: Callable[[Sequence[str]], bool] = _always
+    """Whether the same command with these arguments, called again, goes on where it was stopped."""
 
 
 def _usage() -> str:
@@ -93,18 +103,22 @@ def _set_environment() -> None:
 COMMANDS = {
     "run": _Command(run.command, "learn, find and score (default: the demo)"),
     "learn": _Command(learn.command, "learn your own objects from their CAD models"),
-    "predict": _Command(predict.command, "poses of learnt objects in your own frames"),
-    "live": _Command(live.command, "poses in the images of a camera, as they come"),
-    "objects": _Command(objects.command, "what is learnt: list, show, remove, export"),
-    "doctor": _Command(doctor.command, "what is wrong with data, learnt objects or this machine"),
-    "report": _Command(
-        report.command, "tables and pages of finished runs, with the paper's numbers"
+    "predict": _Command(
+        predict.command, "poses of learnt objects in your own frames", predict.continues
     ),
-    "runs": _Command(runs.command, "what lies in outputs/, with the main figures"),
-    "ui": _Command(ui.command, "the runs in a browser, by MLflow"),
+    "live": _Command(live.command, "poses in the images of a camera, as they come", _never),
+    "objects": _Command(objects.command, "what is learnt: list, show, remove, export", _never),
+    "doctor": _Command(
+        doctor.command, "what is wrong with data, learnt objects or this machine", _never
+    ),
+    "report": _Command(
+        report.command, "tables and pages of finished runs, with the paper's numbers", _never
+    ),
+    "runs": _Command(runs.command, "what lies in outputs/, with the main figures", _never),
+    "ui": _Command(ui.command, "the runs in a browser, by MLflow", _never),
     "upload": _Command(upload.command, "send runs to MLflow's server that was away"),
     "bench": _Command(bench.command, "time and memory of every stage on this machine"),
     "search": _Command(search.command, "search for the best settings within a time limit"),
     "download": _Command(download.command, "public data sets in a form that HLP reads"),
-    "clean": _Command(clean.command, "outputs of stages that may go, and their sizes"),
+    "clean": _Command(clean.command, "outputs of stages that may go, and their sizes", _never),
 }

@@ -5,27 +5,28 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, cached_property, update_wrapper
 from pathlib import Path
-from typing import Any, TypeVar
+from threading import Lock
+from typing import Any, TypeVar, cast
 
-import numba
 import platformdirs
 
 from hlp.source_code import source_digest
 
-_config: Any = numba.config
-
 Function = TypeVar("Function", bound=Callable[..., Any])
+_lock = Lock()  # numba's folder is a setting of the whole process
 
 
 def compiled(**options: Any) -> Callable[[Function], Function]:
     """Decorator of a kernel that releases the GIL and is cached on disk between processes.
 
-    `options` are numba's. Numba itself reuses a cached kernel as long as the kernel's own file has
-    the same date and size. It misses edits of other files whose kernels are called or inlined, and
-    edits with an old date, as after a checkout. Here a cached kernel is reused only if the source
-    of its module and of all that it imports is unchanged.
+    `options` are numba's, which is imported when a kernel is used for the first time.
+
+    Numba itself reuses a cached kernel as long as the kernel's own file has the same date and size.
+    It misses edits of other files whose kernels are called or inlined, and edits with an old date,
+    as after a checkout. Here a cached kernel is reused only if the source of its module and of all
+    that it imports is unchanged.
 
     Kernels lie in `NUMBA_CACHE_DIR`, or else in the user's cache folder. Where that cannot be
     written, as without a home, they lie in a folder for temporary files, and where even that is
@@ -33,22 +34,50 @@ def compiled(**options: Any) -> Callable[[Function], Function]:
     """
 
     def compile_later(function: Function) -> Function:
-        with _kept_in(kernel_folder()) as keep:
-            kernel: Any = numba.njit(nogil=True, cache=keep, **options)(function)
+        return cast(Function, _Kernel(function, options))
+
+    return compile_later
+
+
+class _Kernel:
+    """A function that numba compiles when it is used for the first time.
+
+    Numba takes 0.3 s to import, for which a command that only shows settings need not wait. Numba
+    takes a kernel in another one for what `_numba_type_` names, its dispatcher, and asks that for
+    the options.
+    """
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+        self._function, self._options = function, options
+        update_wrapper(self, function)
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self._dispatcher(*arguments)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._dispatcher, name)
+
+    @cached_property
+    def _dispatcher(self) -> Any:
+        import numba
+
+        with _lock, _kept_in(kernel_folder(), numba.config) as keep:
+            kernel: Any = numba.njit(nogil=True, cache=keep, **self._options)(self._function)
         kept: Any = getattr(kernel, "_cache", None)
         if hasattr(kept, "_cache_file"):  # not without a cache, nor where NUMBA_DISABLE_JIT is set
             # Numba compares this stamp with the one in its index when it looks for a cached kernel.
-            kept._cache_file._source_stamp = source_digest(function.__module__)
-        return kernel  # type: ignore[no-any-return]
-
-    return compile_later
+            kept._cache_file._source_stamp = source_digest(self._function.__module__)
+        return kernel
 
 
 @cache
 def kernel_folder() -> Path | None:
     """Where compiled kernels are kept; None if no such folder can be written."""
-    if _config.CACHE_DIR:
-        return Path(_config.CACHE_DIR)
+    import numba
+
+    config: Any = numba.config
+    if config.CACHE_DIR:
+        return Path(config.CACHE_DIR)
     # Without a home this is a relative path, which begins with "~".
     users = platformdirs.user_cache_path("hlp", appauthor=False) / "kernels"
     temporary = Path(tempfile.gettempdir(), f"hlp-kernels-{_user()}")
@@ -72,14 +101,14 @@ def _user() -> int:
 
 
 @contextmanager
-def _kept_in(folder: Path | None) -> Iterator[bool]:
+def _kept_in(folder: Path | None, config: Any) -> Iterator[bool]:
     """Numba's folder for the kernels that are declared in this block; whether there is one.
 
     It is put back afterwards: the kernels of other packages are not HLP's to move.
     """
-    before = _config.CACHE_DIR
+    before = config.CACHE_DIR
     try:
-        _config.CACHE_DIR = "" if folder is None else str(folder)
+        config.CACHE_DIR = "" if folder is None else str(folder)
         yield folder is not None
     finally:
-        _config.CACHE_DIR = before
+        config.CACHE_DIR = before

@@ -8,7 +8,8 @@ import errno
 
 _MACHINES = {
     errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.EMFILE, errno.ENFILE,
-    errno.ENAMETOOLONG, errno.ENOTDIR, errno.EIO, errno.EFBIG,
+    errno.ENAMETOOLONG, errno.ENOTDIR, errno.EIO, errno.EFBIG, errno.EEXIST, errno.EISDIR,
+    errno.ELOOP, errno.ENOTEMPTY, errno.ESTALE,
 }  # fmt: skip
 
 

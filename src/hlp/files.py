@@ -13,6 +13,7 @@ import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -33,10 +34,11 @@ SWEEP = "sweep.json"
 """What was swept. The sweep's runs are in the folders 0, 1, … beside it."""
 
 _UNFINISHED = re.compile(r"\..+\.\d+")
-_NO_ARRAYS = (
+NO_ARRAYS = (
     ValueError, TypeError, KeyError, EOFError, OSError, zipfile.BadZipFile, zlib.error,
-    NotImplementedError, RuntimeError, MemoryError,
+    NotImplementedError, RuntimeError, MemoryError, SyntaxError, OverflowError, TokenError,
 )  # fmt: skip
+"""All that numpy raises for broken files, and for headers of arrays that no memory holds."""
 
 
 @contextmanager
@@ -139,7 +141,7 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
         # numpy leaves a file open that is no archive, unless somebody else opened it.
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             return dict(stored)
-    except _NO_ARRAYS as error:
+    except NO_ARRAYS as error:
         raise DataError(
             f"{path} is damaged ({error}): delete its folder to make it again, or copy it anew"
         ) from error

@@ -31,11 +31,24 @@ class Texture:
 
 
 @dataclass(frozen=True, eq=False)
+class ColorGrid:
+    """An object's surface colours in cubic cells of side `cell` (m).
+
+    The first cell has its corner at `corner` (m).
+    """
+
+    colors: UInt8[np.ndarray, "x y z 3"]
+    corner: Float[np.ndarray, "3"]
+    cell: float
+
+
+@dataclass(frozen=True, eq=False)
 class Mesh:
     """A triangle mesh in object coordinates (m). Meshes are compared by identity.
 
     `colors` of a textured mesh are the texture's at the vertices. `colored` is False if the file
-    states no colours, or all are one grey: then `colors` mean nothing.
+    states no colours, or all are one grey: then `colors` mean nothing. `color_grid` are the colours
+    to be read at any point, if they were computed when the object was learnt.
     """
 
     vertices: Float[np.ndarray, "v 3"]
@@ -44,6 +57,7 @@ class Mesh:
     normals: Float[np.ndarray, "v 3"]
     texture: Texture | None = None
     colored: bool = True
+    color_grid: ColorGrid | None = None
 
 
 @dataclass(frozen=True)

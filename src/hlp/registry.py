@@ -56,13 +56,14 @@ class Registry(Generic[T]):
         """The settings class of that name.
 
         It is looked for among the registered classes, then in the package's modules, first in one
-        named like the alternative, then in plug-ins. Raises ConfigError, which names `key`
-        (default: the group) and the known names.
+        named like the alternative or in a package of that name, then in plug-ins. Raises
+        ConfigError, which names `key` (default: the group) and the known names.
         """
-        for load in self._sources(name):
+        sources = iter(()) if name in self._known else self._sources(name)
+        for load in sources:
+            load()
             if name in self._known:
                 break
-            load()
         if name not in self._known:
             known = ", ".join(sorted(self._known))
             raise ConfigError(f"{key or self.group}.name is '{name}': choose one of {known}")
@@ -78,7 +79,7 @@ class Registry(Generic[T]):
         """Imports of modules and plug-ins that may register the name, the most likely first."""
         package = import_module(self.package)
         found = [each.name for each in pkgutil.walk_packages(package.__path__, f"{self.package}.")]
-        for module in sorted(found, key=lambda each: each.rpartition(".")[2] != name):
+        for module in sorted(found, key=lambda each: name not in each.split(".")):
             yield partial(import_module, module)
         from importlib.metadata import entry_points  # takes 20 ms and is rarely needed
 

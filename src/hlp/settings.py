@@ -8,9 +8,8 @@ Ranges are those of `annotated_types`. They are checked whenever settings are ma
 
 import dataclasses
 import math
-import operator
 import types
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache
@@ -26,31 +25,18 @@ from typing import (
     get_type_hints,
 )
 
-from annotated_types import BaseMetadata, GroupedMetadata
 from typing_extensions import Doc
 
 from hlp.errors import ConfigError, DataError
+from hlp.ranges import EXPECTED, either, expected_kinds, fits, most_of, out_of_range
 from hlp.registry import Registry
 
 __all__ = ["Doc", "Settings", "SettingsError", "defaults_of", "read_settings", "stored_as"]
 
 T = TypeVar("T")
 _MISSING = dataclasses.MISSING
+_MOST_INT = 10**300  # more is no floating point number
 _LONGEST = 60  # characters of a value or of a list of keys that a message shows
-_EXPECTED = {
-    bool: "true or false",
-    int: "a whole number",
-    float: "a number",
-    str: "text",
-    dict: "a mapping of keys to values",
-    list: "a list",
-}
-_BOUNDS = (
-    ("ge", "at least", operator.ge),
-    ("gt", "above", operator.gt),
-    ("le", "at most", operator.le),
-    ("lt", "below", operator.lt),
-)
 
 
 class SettingsError(ConfigError):
@@ -66,13 +52,19 @@ class SettingsError(ConfigError):
 
 @dataclass(frozen=True)
 class Settings:
-    """Base of all settings: checks the ranges of its fields when it is made."""
+    """Base of all settings: checks types and ranges of its fields when it is made.
+
+    Numbers must be finite. Those whose field states no upper bound are at most 1e6, angles (`_deg`)
+    360, lengths 100 m.
+    """
 
     def __post_init__(self) -> None:
-        """Raise SettingsError naming the first field that is out of range."""
+        """Raise SettingsError naming the first field of a wrong type or out of range."""
         for name, hint in _hints(cast(Any, type(self))).items():
             value = getattr(self, name)
-            for inner, problem in _out_of_range(hint, value):
+            if not fits(hint, value):
+                raise _wrong(name, value, expected_kinds(hint))
+            for inner, problem in out_of_range(hint, value, most_of(name)):
                 raise SettingsError(name, f"is {_shown(inner)}: it must be {problem}")
 
 
@@ -137,7 +129,7 @@ def _read(hint: Any, values: Any, key: str) -> Any:
     if origin is Literal:
         if values in parts:
             return values
-        raise _wrong(key, values, _either(parts))
+        raise _wrong(key, values, either(parts))
     if origin in (Union, types.UnionType):
         return _read_union(parts, values, key)
     if origin in (tuple, list):
@@ -202,57 +194,14 @@ def _read_list(origin: type, parts: tuple[Any, ...], values: Any, key: str) -> A
 
 def _checked(kind: type, value: Any, key: str) -> Any:
     """The value, if it has that plain type; a whole number becomes a float where expected."""
-    if kind is float and type(value) is int:
+    if kind is float and type(value) is int and abs(value) < _MOST_INT:
         return float(value)
-    fits = type(value) is kind and not (isinstance(value, float) and math.isnan(value))
+    good = type(value) is kind and not (isinstance(value, float) and math.isnan(value))
     if kind in (dict, list):
-        fits = isinstance(value, Mapping if kind is dict else list | tuple)
-    if not fits:
-        raise _wrong(key, value, _EXPECTED[kind])
+        good = isinstance(value, Mapping if kind is dict else list | tuple)
+    if not good:
+        raise _wrong(key, value, EXPECTED[kind])
     return value
-
-
-def _out_of_range(hint: Any, value: Any) -> Iterator[tuple[Any, str]]:
-    """Numbers and choices in a value that its type does not allow, and what they must be."""
-    if get_origin(hint) is Annotated:
-        bare, *facts = get_args(hint)
-        if isinstance(value, int | float):
-            for fact in _single(facts):
-                problem = _problem(fact, value)
-                if problem:
-                    yield value, problem
-        yield from _out_of_range(bare, value)
-    elif get_origin(hint) is Literal and value not in get_args(hint):
-        yield value, _either(get_args(hint))
-    elif isinstance(value, tuple | list):
-        parts = get_args(hint)
-        repeated = len(parts) == 1 or parts[1:] == (Ellipsis,)
-        for part, each in zip([parts[0]] * len(value) if repeated else parts, value, strict=False):
-            yield from _out_of_range(part, each)
-    elif isinstance(value, dict) and len(get_args(hint)) == 2:
-        for each in value.values():
-            yield from _out_of_range(get_args(hint)[1], each)
-    elif isinstance(value, int | float) and get_origin(hint) in (Union, types.UnionType):
-        for part in get_args(hint):
-            yield from _out_of_range(part, value)
-
-
-def _single(facts: list[Any]) -> Iterator[Any]:
-    for fact in facts:
-        yield from fact if isinstance(fact, GroupedMetadata) else (fact,)
-
-
-def _problem(fact: Any, value: float) -> str:
-    """The limit that a number violates, in words; empty if it holds. NaN violates every limit."""
-    for bound, words, holds in _BOUNDS:
-        limit = getattr(fact, bound, None) if isinstance(fact, BaseMetadata) else None
-        if limit is not None and not holds(value, limit):
-            return f"{words} {limit}"
-    return ""
-
-
-def _either(choices: tuple[Any, ...]) -> str:
-    return " or ".join(map(repr, choices))
 
 
 def _wrong(key: str, value: Any, expected: str) -> SettingsError:

@@ -76,6 +76,36 @@ def test_the_detector_is_imported_without_a_framework() -> None:
     assert int(done.stdout) < 80
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["run", "--cfg", "job"],
+        ["run", "--cfg", "job", "data=bop", "data.root=X", "encoder=cae", "refinement=icp"],
+        ["run", "--help"],
+        ["-sc", "query=bash"],
+    ],
+    ids=" ".join,
+)
+def test_what_only_shows_settings_imports_nothing_heavy(arguments: list[str]) -> None:
+    """Hydra and the settings' modules take a second; these libraries would take three more."""
+    code = (
+        "import sys\n"
+        "from hlp.cli import main\n"
+        "try:\n"
+        f"    main({arguments!r})\n"
+        "finally:\n"
+        "    heavy = {'torch', 'pytorch_lightning', 'lightning', 'mlflow', 'matplotlib', 'numba',"
+        " 'scipy', 'trimesh', 'onnxruntime', 'faiss', 'requests', 'sqlalchemy'}\n"
+        "    assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "COMP_LINE": "hlp run refinem"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "refinement" in done.stdout
+
+
 def alternatives() -> list[str]:
     """Files that a group chooses from; the arms of the ladder are whole experiments."""
     found = config_folder().glob("*/*.yaml")

@@ -70,4 +70,5 @@ def shown(request: pytest.FixtureRequest) -> ShownRuns:
     values = tuple(result.chosen[key] for result in found.results)
     last = key.rpartition(".")[2]
     names = tuple(f"{last} {value}" if "." in key else value for value in values)
-    return ShownRuns(folder / "work", run, sweep, values, names, last)
+    recalls = tuple(result.add["recall"] for result in found.results)
+    return ShownRuns(folder / "work", run, sweep, values, names, recalls, last)

@@ -8,18 +8,22 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from selenium.webdriver import Chrome
 
-PATIENCE = 90  # s; a busy machine takes long for MLflow's pages
+PATIENCE = 180  # s; a busy machine takes long for MLflow's pages
 # MLflow's own: it asks for users that a server without accounts does not have, and Chromium's note
 # that a size is told in the next frame.
 KNOWN = ("ajax-api/2.0/mlflow/users/current", "ResizeObserver loop")
-LARGEST = 200_000  # bytes of a picture in the documentation
+LARGEST = 150_000  # bytes of a picture in the documentation
 
 
 def wait(browser: "Chrome", condition: Callable[["Chrome"], Any], what: str) -> Any:
-    from selenium.common.exceptions import StaleElementReferenceException
+    from selenium.common.exceptions import (
+        JavascriptException,
+        NoSuchElementException,
+        StaleElementReferenceException,
+    )
     from selenium.webdriver.support.ui import WebDriverWait
 
-    ignored = [StaleElementReferenceException]
+    ignored = [JavascriptException, NoSuchElementException, StaleElementReferenceException]
     return WebDriverWait(browser, PATIENCE, ignored_exceptions=ignored).until(condition, what)
 
 

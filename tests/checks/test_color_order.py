@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hlp.checks.color_order import all_answers, check_color_order, exchange_gain
-from hlp.method.detections import Detection, Rejection, SearchResult
+from hlp.checks.color_order import check_color_order, exchange_gain
+from hlp.method.detections import Detection
 from hlp.refinement.pose_fit import PoseFit
 
 FITS = PoseFit(cost=0.2, relief=0.95, slope=0.9, residual_mm=1.0, visible_fraction=1.0)
@@ -56,9 +56,3 @@ def test_wrong_poses_and_grey_objects_say_nothing(frames, models, named):
 )  # fmt: skip
 def test_several_frames_must_say_so_clearly(gains, count):
     assert len(check_color_order(gains)) == count
-
-
-def test_answers_that_were_not_good_enough_count_too(frames, models):
-    first, second = answers(frames[0], models)[:2]
-    found = SearchResult([first], [Rejection("a", "low", second), Rejection("b", "none", None)])
-    assert all_answers(found) == [first, second]

@@ -1,9 +1,12 @@
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from hlp.checks.unit_search import check_by_search
+from hlp.checks.unit_search import best_score, check_by_search
+from hlp.errors import InputError
+from hlp.method.detections import SearchResult
 
 
 def finder(truth, size_matters=True):
@@ -25,6 +28,10 @@ def _focal(frame, factor):
     return replace(frame, camera_matrix=matrix)
 
 
+def _exchanged(frame):
+    return replace(frame, rgb=np.ascontiguousarray(frame.rgb[..., ::-1]))
+
+
 @pytest.mark.parametrize(
     ("plant", "kind", "words"),
     [
@@ -33,15 +40,52 @@ def _focal(frame, factor):
         (lambda f: replace(f, depth=f.depth * np.float32(0.9)), "depth scale", "0.909 times"),
         (lambda f: _focal(f, 0.5), "intrinsics", "0.5 times"),
         (lambda f: _focal(f, 1.9), "intrinsics", "1.9 times"),
-        (lambda f: replace(f, rgb=np.ascontiguousarray(f.rgb[..., ::-1])), "colours", "red and"),
+        (lambda f: _exchanged(f), "colours", "red and"),
     ],
 )
 def test_the_fault_that_hides_the_object_is_named(frames, plant, kind, words):
-    (finding,) = check_by_search([plant(frames[0])], finder(frames[0]))
+    planted, find_best = plant(frames[0]), finder(frames[0])
+    (finding,) = check_by_search([planted], find_best(planted), find_best)
     assert finding.kind == kind and words in finding.problem, str(finding)
 
 
 def test_an_object_that_is_found_or_absent_has_no_finding(frames):
-    assert check_by_search(frames[:1], finder(frames[0])) == []
-    assert check_by_search(frames[:1], lambda _: 0.02) == []
-    assert check_by_search([], lambda _: 0.0) == []
+    assert check_by_search(frames[:1], 0.95, finder(frames[0])) == []
+    assert check_by_search(frames[:1], 0.02, lambda _: 0.02) == []
+    assert check_by_search([], 0.0, lambda _: 0.9) == []
+
+
+@pytest.mark.parametrize("fault", [lambda f: _focal(f, 0.5), lambda f: _exchanged(f)])
+def test_the_change_must_find_objects_in_the_next_frame_too(frames, fault):
+    """In the first frame something looks like the object after a change, in the second nothing."""
+    planted, find_best = fault(frames[0]), finder(frames[0])
+    other = replace(planted, depth=planted.depth * np.float32(3))
+    assert len(check_by_search([planted, planted, other], 0.05, find_best)) == 1
+    assert check_by_search([planted, other], 0.05, find_best) == []
+
+
+class Stub:
+    """A detector with one answer, or an error, for a frame."""
+
+    objects = ("bear",)
+
+    def __init__(self, models, score):
+        self.models = {each.name: each for each in models.values()}
+        self.score, self.asked = score, []
+
+    def search(self, rgb, depth, camera_matrix, objects, max_instances, min_score):
+        self.asked.append(objects)
+        if self.score is None:
+            raise InputError("no camera has that focal length")
+        return SearchResult([SimpleNamespace(score=self.score)] if self.score else [], [])
+
+
+def test_the_best_score_of_a_frame(frames, models):
+    stub = Stub(models, 0.7)
+    assert best_score(stub, frames[0]) == 0.7
+    assert best_score(stub, frames[0], ["can"]) == 0.7
+    assert stub.asked == [None, ["can"]]
+    assert best_score(Stub(models, 0.0), frames[0]) == 0.0
+    assert best_score(Stub(models, None), frames[0]) == 0.0
+    far = replace(frames[0], depth=frames[0].depth * np.float32(100))
+    assert best_score(stub, far) == 0.0 and len(stub.asked) == 2

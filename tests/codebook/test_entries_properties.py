@@ -1,4 +1,4 @@
-"""Codebooks on disk: every bit comes back."""
+"""Codebooks on disk: features come back with 16 significant bits, everything else whole."""
 
 from pathlib import Path
 
@@ -14,12 +14,12 @@ from hlp.records import Codebook
 FEATURES = arrays.arrays(
     np.float32,
     st.tuples(st.integers(0, 6), st.integers(1, 5)),
-    elements=st.floats(width=32, allow_nan=True, allow_infinity=True),
+    elements=st.floats(-(2.0**99), 2.0**99, width=32, allow_subnormal=False),
 )
 
 
 @given(FEATURES, st.integers(0, 2**31), st.floats(1e-6, 1e6), SEEDS)
-def test_a_codebook_comes_back_bit_for_bit(tmp_path: Path, features, object_id, scale, seed):
+def test_a_codebook_comes_back_rounded_once(tmp_path: Path, features, object_id, scale, seed):
     rng = np.random.default_rng(seed)
     rotations = rng.normal(size=(len(features), 3, 3)).astype(np.float32)
     points = rng.normal(size=(len(features), 3)).astype(np.float32)
@@ -27,7 +27,11 @@ def test_a_codebook_comes_back_bit_for_bit(tmp_path: Path, features, object_id, 
     save_codebook(tmp_path, sent)
     back = load_codebook(tmp_path)
     assert (back.object_id, back.feature_scale) == (object_id, scale)
-    assert back.features.tobytes() == features.tobytes()
-    assert back.features.shape == features.shape
+    mantissas, exponents = np.frexp(features.astype(np.float64))
+    rounded = np.ldexp(np.rint(mantissas * 2.0**16) / 2.0**16, exponents)
+    np.testing.assert_array_equal(back.features, rounded)
+    assert back.features.dtype == np.float32
+    save_codebook(tmp_path, back)
+    assert load_codebook(tmp_path).features.tobytes() == back.features.tobytes()
     np.testing.assert_array_equal(back.rotations_cam_obj, rotations)
     np.testing.assert_array_equal(back.points_obj, points)

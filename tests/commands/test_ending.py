@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import hlp
+from hlp.commands import own_arguments
 from hlp.commands.ending import stops_in_one_line
 
 
@@ -38,6 +39,19 @@ def test_a_stopped_command_closes_what_is_open_and_says_one_line(
     assert signal.getsignal(signal.SIGTERM) is before
 
 
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_so_do_commands_with_arguments_of_their_own(
+    number: signal.Signals, code: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`hlp learn`, `predict` and others; only some of them go on where they were stopped."""
+    for continues in (True, False):
+        with pytest.raises(SystemExit) as ended, stops_in_one_line(continues):
+            own_arguments.call(lambda: signal.raise_signal(number))
+        assert ended.value.code == code
+        said = capsys.readouterr().err
+        assert said.count("\n") == 1 and ("continues from here" in said) == continues
+
+
 def test_other_threads_are_left_alone() -> None:
     """Only the main thread may set handlers of signals."""
     done = []
@@ -50,6 +64,33 @@ def test_other_threads_are_left_alone() -> None:
     thread.start()
     thread.join()
     assert done == [True]
+
+
+@pytest.mark.parametrize(("task", "code"), [("print('x' * size)", 141), ("raise error", 1)])
+@pytest.mark.parametrize("size", [10, 10**6])
+def test_a_command_ends_without_a_word_where_its_output_is_read_no_more(
+    task: str, code: int, size: int
+) -> None:
+    """Also where the output fits the pipe. Another broken pipe is a bug."""
+    program = f"""
+import sys
+sys.stdin.readline()
+from hlp.commands.ending import stops_in_one_line
+size, error = {size}, BrokenPipeError("of a worker")
+with stops_in_one_line():
+    {task}
+"""
+    pipe = subprocess.PIPE
+    with subprocess.Popen(
+        [sys.executable, "-c", program], stdin=pipe, stdout=pipe, stderr=pipe, text=True
+    ) as process:
+        assert process.stdout is not None
+        if code == 141:
+            process.stdout.close()
+            process.stdout = None
+        _, said = process.communicate("go\n")
+    assert process.returncode == code
+    assert ("of a worker" in said) if code == 1 else (said == "")
 
 
 WORKER = """

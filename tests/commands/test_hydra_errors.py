@@ -1,5 +1,10 @@
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+
 import pytest
 
+from hlp.cli import main
 from hlp.commands.composing import compose_config
 from hlp.commands.hydra_errors import hydra_in_words
 from hlp.commands.nearest import nearest
@@ -11,6 +16,7 @@ from hlp.commands.nearest import nearest
         ("refinement.particels=3", "refinement.particels is no key: did you mean refinement.par"),
         ("refinment=icp", "refinment is no key: did you mean refinement?"),
         ("refinement=icpp", "refinement=icpp is no alternative: did you mean icp? There are icp, "),
+        ("hydra/launcher=core", "hydra/launcher=core is no alternative: did you mean cores?"),
         ("foo", "cannot use 'foo': settings are given as KEY=VALUE"),
         ("a=[1", "cannot read 'a=[1' (no viable alternative at input '[1'): close all brackets"),
     ],
@@ -34,10 +40,82 @@ def test_a_key_of_another_alternative_is_said_to_be_one() -> None:
     assert said.startswith("refinement.particles is no key of the chosen refinement: `hlp run")
 
 
+def test_the_nearest_key_is_looked_for_among_those_of_what_was_chosen(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from hydra.errors import HydraException
+
+    given = ["task=search", "task.trails=3"]
+    monkeypatch.setattr("sys.argv", ["hlp search", *given])
+    with pytest.raises(HydraException) as caught:
+        compose_config(*given)
+    assert hydra_in_words(caught.value).startswith("task.trails is no key: did you mean task.trial")
+
+
 def test_several_values_of_one_key() -> None:
     error = ValueError("Ambiguous value for argument 'seed=1,2'\n1. To use it as a list, use …")
     said = hydra_in_words(error)
     assert "add -m for a sweep" in said and "seed=[1,2]" in said
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("defaults: [pso\nparticles: 3\n", "mine.yaml, line 2 is not YAML: expected ',' or ']'"),
+        ("\tparticles: 3\n", "mine.yaml, line 1 is not YAML: found character '\\t'"),
+        ("defaults: [psso]\n", "refinement/mine.yaml: its defaults name refinement/psso, which is"),
+        (
+            "# @package _global_\ndefaults: [override /voting: joint, override /codebok: exact]\n",
+            "refinement/mine.yaml: codebok is no key: did you mean codebook?",
+        ),
+    ],
+)
+def test_faults_in_a_file_of_ones_own_name_it(text: str, words: str, tmp_path: Path) -> None:
+    from hydra.errors import HydraException
+    from yaml import YAMLError
+
+    (tmp_path / "refinement").mkdir()
+    (tmp_path / "refinement" / "mine.yaml").write_text(text)
+    with pytest.raises((HydraException, YAMLError)) as caught:
+        compose_config(f"hydra.searchpath=[file://{tmp_path}]", "refinement=mine")
+    said = hydra_in_words(caught.value)
+    assert words in said
+    assert "\n" not in said
+
+
+def test_a_broken_file_ends_the_command_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "refinement").mkdir()
+    (tmp_path / "refinement" / "mine.yaml").write_text("particles: [1\n")
+    monkeypatch.setattr("sys.argv", ["hlp"])
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "--config-dir", str(tmp_path), "refinement=mine"])
+    assert ended.value.code == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"hlp: {tmp_path}/refinement/mine.yaml, line 2 is not YAML")
+
+
+@pytest.fixture
+def logging_as_before() -> Iterator[None]:
+    """Hydra's handlers write to streams that are closed after a test."""
+    root = logging.getLogger()
+    handlers, level = root.handlers[:], root.level
+    yield
+    root.handlers[:] = handlers
+    root.setLevel(level)
+
+
+@pytest.mark.usefixtures("logging_as_before")
+def test_a_reference_to_nothing_is_one_line_with_its_key(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "name=${nothing}"])
+    assert ended.value.code == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == "hlp: hydra.run.dir: Interpolation key 'nothing' not found"
 
 
 def test_other_errors_stay_as_they_are() -> None:

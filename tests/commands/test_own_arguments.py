@@ -3,9 +3,11 @@ import sys
 
 import pytest
 
+from hlp.cli import main
 from hlp.commands import own_arguments
 from hlp.commands.learn import learning_request
 from hlp.data.own_frames import FrameFiles
+from hlp.errors import InputError
 from hlp.method.mesh_models import MeshChoices, build_models
 
 
@@ -21,8 +23,10 @@ def test_arguments_are_keys_and_values():
 
 @pytest.mark.parametrize(
     ("text", "value"),
-    [("1e-3", 0.001), ("3", 3), ("true", True), ("null", None), ("a,b (c).png", "a,b (c).png"),
-     ("[1, 2.5]", [1, 2.5]), ("[a,b]", ["a", "b"]), ("'it is'", "it is"), ("a'b", "a'b")],
+    [("1e-3", 0.001), ("3", 3), (".9", 0.9), ("-9.e1", -90.0), (".hidden", ".hidden"),
+     ("true", True), ("null", None), ("a,b (c).png", "a,b (c).png"),
+     ("[1, 2.5]", [1, 2.5]), ("[a,b]", ["a", "b"]),
+     ("'it is'", "it is"), ("a'b", "a'b")],
 )  # fmt: skip
 def test_values_are_read_as_they_look(text, value):
     assert own_arguments.plain_value(text) == value
@@ -34,6 +38,25 @@ def test_lists_of_files_are_separated_by_commas(tmp_path):
     assert own_arguments.text_list(str(odd)) == [str(odd)]
     assert own_arguments.text_list("a.ply,b.obj") == ["a.ply", "b.obj"]
     assert own_arguments.text_list("[a.ply, b.obj]") == ["a.ply", "b.obj"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["predict", "lernt=x", "rgb=a.png"], "lernt is no key of `hlp predict`: did you mean lea"),
+        (["predict", "learnt=x", "rgb=a", "depht=b"], "depht is no key of `hlp predict`: did you"),
+        (["predict", "learnt=x", "rgb=a", "depth_scale=1"], "depth is not set: give depth="),
+        (["learn", "mehs=a.ply"], "mehs is no key of `hlp learn`: did you mean mesh?"),
+        (["learn", "names=a"], "mesh is not set: give mesh=FILE"),
+        (["objects", "lst"], "cannot use 'lst': did you mean list? see `hlp objects --help`"),
+        (["objects", "show"], "cannot use 'show': see `hlp objects --help`"),
+    ],
+)
+def test_a_mistyped_word_is_named_with_what_was_meant(words, said, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 1
+    assert capsys.readouterr().err.startswith(f"hlp: {said}")
 
 
 def test_settings_are_read_from_their_own_keys():
@@ -89,3 +112,18 @@ def test_predicting_imports_no_framework():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("text", ["many", "-1", "1.5", "true", "99999", "[1]", "nan"])
+def test_a_number_of_threads_is_no_word(text: str) -> None:
+    with pytest.raises(InputError, match="it must be a whole number, 0 to 1024"):
+        own_arguments.whole_number({"threads": text}, "threads")
+    assert own_arguments.whole_number({"threads": "4"}, "threads") == 4
+    assert own_arguments.whole_number({}, "threads") is None
+
+
+def test_no_object_is_no_choice() -> None:
+    assert own_arguments.names_of_objects({"objects": "a,b"}) == ["a", "b"]
+    assert own_arguments.names_of_objects({}) is None
+    with pytest.raises(InputError, match="objects names none"):
+        own_arguments.names_of_objects({"objects": "[]"})

@@ -120,6 +120,8 @@ WRONG = [
     ("data.objects", [6, 5], r"^data\.objects is \[6, 5\]: it must be \[least, most\]$"),
     ("data.objects", [5], r"^data\.objects is \[5\]: it must be a list of 2$"),
     ("mesh", "a.ply", r"^mesh is no key: there are name, seed, "),
+    ("output", "", r"^output is empty: name one$"),
+    ("work", " ", r"^work is empty: name one$"),
     ("name", "???", r"^name is not set: set name=VALUE$"),
     ("data.seed", "???", r"^data\.seed is not set: set data\.seed=VALUE$"),
 ]

@@ -121,8 +121,15 @@ MODELS: dict[str, Case] = {
 }
 
 
+def two_folders(folder: Path) -> object:
+    (folder / "6").mkdir()
+    (folder / "000006").mkdir()
+    return list_scenes(folder)
+
+
 SCENES: dict[str, Case] = {
     "no split": (lambda folder: list_scenes(folder / "test"), "no folder"),
+    "two folders of a scene": (two_folders, "two folders of scene 6"),
     "no scene": (list_scenes, "no scene in"),
 }
 for _text, _said in (
@@ -144,6 +151,7 @@ for _text, _said in (
 CASES = {**TARGETS, **MODELS, **SCENES}
 
 
+@pytest.mark.usefixtures("no_near_symmetries")
 @pytest.mark.parametrize("case", CASES)
 def test_what_is_wrong_is_said_by_an_error_of_our_own(tmp_path: Path, case: str) -> None:
     check(CASES[case], tmp_path)

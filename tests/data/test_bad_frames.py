@@ -9,8 +9,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from bop_folder import write_models, write_scene, write_targets
 
+from bop_folder import write_models, write_scene, write_targets
 from hlp.data.bad_frames import find_bad_frames
 from hlp.data.bop import BopFrames
 from hlp.data.bop_models import load_object_models
@@ -156,6 +156,10 @@ CASES = {
     "a visible fraction of 2": (
         edited("scene_gt_info.json", lambda _: [{"visib_fract": 2.0}]),
         "visib_fract is 2.0: it must be less than or equal to 1",
+    ),
+    "visible fractions of more instances": (
+        edited("scene_gt_info.json", lambda e: [*e, *e]),
+        "scene_gt_info.json has 2 instances, but there are 1 poses",
     ),
     "a null visible fraction": (
         edited("scene_gt_info.json", lambda _: [{"visib_fract": None}]),

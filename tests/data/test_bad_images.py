@@ -2,6 +2,7 @@
 
 import json
 import struct
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +80,27 @@ def millimetres(path: Path) -> object:
 
 PNG = cv2.imencode(".png", np.random.default_rng(0).integers(0, 255, (40, 40, 3)))[1].tobytes()
 JPG = cv2.imencode(".jpg", np.random.default_rng(0).integers(0, 255, (40, 40, 3)))[1].tobytes()
+
+
+def stated_size(side: int) -> bytes:
+    """A PNG whose header states that many pixels a side; it has hardly any."""
+    head = struct.pack(">IIBBBBB", side, side, 8, 2, 0, 0, 0)
+    chunks = [b"IHDR" + head, b"IDAT" + zlib.compress(bytes(99)), b"IEND"]
+    framed = (struct.pack(">I", len(c) - 4) + c + struct.pack(">I", zlib.crc32(c)) for c in chunks)
+    return b"\x89PNG\r\n\x1a\n" + b"".join(framed)
+
+
+def npy(shape: str, values: np.ndarray | None = None) -> bytes:
+    """A file of NumPy's whose header states that shape."""
+    head = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}\n".encode()
+    return (
+        b"\x93NUMPY\x01\x00"
+        + struct.pack("<H", len(head))
+        + head
+        + (b"" if values is None else values.tobytes())
+    )
+
+
 GREY, DEPTH = np.full((8, 8), 9, np.uint8), np.full((8, 8), 900, np.uint16)
 IMAGES: dict[str, Case] = {
     "no image": (lambda folder: read_rgb(folder / "a.png"), "no image"),
@@ -106,6 +128,16 @@ IMAGES: dict[str, Case] = {
     "own depth cut": (of_file(raw, "a.npy", b"\x93NUMPY"), "truncated or no array"),
     "own depth text": (of_file(raw, "a.npy", "1 2 3"), "truncated or no array"),
     "own depth tiff": (of_file(raw, "a.tiff", "II*"), "truncated or no image"),
+    "png of 60000 px": (of_file(read_rgb, "a.png", stated_size(60_000)), "too large, or no image"),
+    "depth for colours": (pixels(read_rgb, "a.png", DEPTH), "is it a depth image?"),
+    "own depth of 60000 px": (of_file(raw, "a.png", stated_size(60_000)), "too large, or no image"),
+    "own depth of no shape": (of_file(raw, "a.npy", npy("(10**6, 10**6)")), "no array"),
+    "own depth of 1 TB": (of_file(raw, "a.npy", npy("(1000000, 1000000)")), "no array"),
+    "own depth with a deep header": (of_file(raw, "a.npy", npy("(" * 3000)), "no array"),
+    "own depth out of range": (
+        of_file(raw, "a.npy", npy("(8, 8)", np.full(64, 1e300))),
+        "nearer than inf m",
+    ),
     "arrays cut": (of_file(read_npz, "a.npz", b"PK\3\4"), "damaged"),
     "arrays of text": (of_file(read_npz, "a.npz", "text"), "damaged"),
     "no arrays": (lambda folder: read_npz(folder / "a.npz"), "there is no file"),
@@ -124,4 +156,4 @@ def test_what_is_wrong_is_said_by_an_error_of_our_own(tmp_path: Path, case: str)
 
 
 def test_no_case_is_lost() -> None:
-    assert len(CASES) >= 48
+    assert len(CASES) >= 55

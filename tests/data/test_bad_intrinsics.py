@@ -29,7 +29,7 @@ INTRINSICS: dict[str, Case] = {
     "K: no JSON": (intrinsics("{"), "k.json is no JSON"),
     "K: bytes": (intrinsics(b"\xff\xfe\xfa"), "is no text"),
     "K: deep": (intrinsics(DEEP), "nested deeper"),
-    "K: deep YAML": (intrinsics("K: " + "[" * 5000, "k.yaml"), "k.yaml"),
+    "K: deep YAML": (intrinsics("K: " + "[" * 5000, "k.yaml"), "k.yaml is nested too deeply"),
     "K: an alias": (intrinsics("a: &a [1, 1]\nK: [*a, *a]\n", "k.yaml"), "refers to itself"),
     "K: no keys": (intrinsics({}), "no cam_K"),
     "K: other keys": (intrinsics({"focal": 500}), "no cam_K"),

@@ -4,10 +4,12 @@ import struct
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 import trimesh
 
-from bad_input import Case, check, of_file
+from bad_input import Case, check, of_file, written
 from hlp.objects.meshes import load_mesh
 
 BOX = trimesh.creation.box((70, 80, 90))
@@ -22,6 +24,21 @@ def ply(vertices: str, faces: str, count: int = 3, head: str = "ply\nformat asci
         f"{head}element vertex {count}\nproperty float x\nproperty float y\nproperty float z\n"
         f"element face 1\nproperty list uchar int vertex_indices\nend_header\n{vertices}\n{faces}\n"
     )
+
+
+def textured_mesh(uv: str) -> Any:
+    """A tetrahedron with a texture, one of whose corners has these texture coordinates."""
+
+    def read(folder: Path) -> object:
+        pixels = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
+        written(folder / "a.png", cv2.imencode(".png", pixels)[1].tobytes())
+        written(folder / "a.mtl", "newmtl a\nmap_Kd a.png\n")
+        corners = "v 0 0 0\nv 90 0 0\nv 0 90 0\nv 0 0 70\nvt 0 0\nvt 1 0\nvt 0 1\n"
+        faces = "f 1/1 2/2 3/3\nf 1/1 2/2 4/4\nf 1/1 3/3 4/4\nf 2/2 3/3 4/4\n"
+        text = f"mtllib a.mtl\n{corners}vt {uv}\nusemtl a\n{faces}"
+        return load_mesh(written(folder / "a.obj", text))
+
+    return read
 
 
 BINARY_PLY = bytes(BOX.export(file_type="ply"))
@@ -56,6 +73,15 @@ MESHES: dict[str, Case] = {
     "glb: text": (mesh("a.glb", "glTF"), "cannot be read as a mesh"),
     "gltf: no JSON": (mesh("a.gltf", "{"), "cannot be read as a mesh"),
     "gltf: a list": (mesh("a.gltf", "[]"), "cannot be read as a mesh"),
+    "obj: texture coordinates": (textured_mesh("1e30 -1e30"), "has texture coordinates beyond"),
+    "ply: points for triangles": (mesh("a.ply", ply(CORNERS, "3 1 1 1")), "has no surface"),
+    "ply: lines for triangles": (mesh("a.ply", ply(CORNERS, "3 0 0 1")), "has no surface"),
+    "ply: vertices on a line": (
+        mesh("a.ply", ply("0 0 0\n9 0 0\n90 0 0", "3 0 1 2")),
+        "no surface",
+    ),
+    "dae without its package": (mesh("a.dae", "<COLLADA/>"), "a.dae cannot be read as a mesh"),
+    "3mf without its package": (mesh("a.3mf", b"PK\3\4"), "a.3mf cannot be read as a mesh"),
     "mesh of another kind": (mesh("a.xyz", "1 2 3\n4 5 6\n"), "a.xyz"),
     "mesh without extension": (mesh("a", BINARY_PLY), "cannot be read as a mesh"),
 }
@@ -69,4 +95,4 @@ def test_what_is_wrong_is_said_by_an_error_of_our_own(tmp_path: Path, case: str)
 
 
 def test_no_case_is_lost() -> None:
-    assert len(CASES) >= 28
+    assert len(CASES) >= 34

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bop_folder import make_imagewise, write_scene
 
+from bop_folder import make_imagewise, write_scene
 from hlp.data.bop import BopFrames
 from hlp.data.bop_scenes import list_scenes
 from hlp.errors import DataError, MissingFileError

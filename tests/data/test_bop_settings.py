@@ -8,10 +8,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from bop_folder import write_models, write_scene, write_targets
 
+from bop_folder import write_models, write_scene, write_targets
 from hlp.data.bop import BopSettings
 from hlp.errors import HlpError
+
+pytestmark = pytest.mark.usefixtures("no_near_symmetries")
 
 
 @pytest.fixture

@@ -9,10 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from bop_folder import write_models, write_scene, write_targets
 from filelock import FileLock
 
 import http_file_server
+from bop_folder import write_models, write_scene, write_targets
 from hlp.cli import main
 from hlp.data.bop import BopSettings
 from hlp.data.photographs import list_photographs

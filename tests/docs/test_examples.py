@@ -1,6 +1,7 @@
 """The Python examples of README and the pages run as they stand, on one object in one frame."""
 
 import ast
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -9,11 +10,13 @@ import pytest
 import trimesh
 from markdown_pages import EXAMPLES, blocks
 
+from hlp import Detector
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.evaluation.errors import add
 from hlp.geometry import project, transform
 from hlp.objects.meshes import load_mesh, mesh_diameter
+from tiny_method import tiny_method
 
 SCENES = SyntheticSettings(
     scenes=1,
@@ -28,6 +31,13 @@ SCENES = SyntheticSettings(
     elevation_deg=(30, 50),
     roll_deg=10,
     tilt_deg=0,
+)
+# The examples learn with the default settings, which takes minutes.
+LEARNING = (
+    *("rendering.coverage=hemisphere", "rendering.in_plane_min_deg=-45"),
+    *("rendering.in_plane_max_deg=45", "rendering.in_plane_steps=7"),
+    *("patches.pool.per_object=900", "patches.pairs.per_object=600"),
+    *("patches.pool.distractor_scenes=10", "classifier.epochs=4", "classifier.min_batches=60"),
 )
 PAGES = [path for path in EXAMPLES if any(each.language == "python" for each in blocks(path))]
 
@@ -66,8 +76,10 @@ def run_examples(path: Path, names: dict[str, object]) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
 def test_examples_run_from_first_to_last(path, own_files, monkeypatch):
+    """As they stand, but for the settings of learning."""
     folder, frame, model, true_pose = own_files
     monkeypatch.chdir(folder)
+    monkeypatch.setattr(Detector, "learn", partial(Detector.learn, settings=tiny_method(*LEARNING)))
     names = {"rgb": frame.rgb, "depth": frame.depth, "camera_matrix": frame.camera_matrix}
     run_examples(path, names)
     if "found" in names:

@@ -21,20 +21,25 @@ OBJECTS = 2
 
 
 @pytest.fixture(scope="session")
-def tiny_run(tmp_path_factory: pytest.TempPathFactory) -> TinyRun:
+def scenes() -> SyntheticScenes:
+    """The frames of all tests here."""
+    return SyntheticScenes(SCENES)
+
+
+@pytest.fixture(scope="session")
+def tiny_run(tmp_path_factory: pytest.TempPathFactory, scenes: SyntheticScenes) -> TinyRun:
     """A run of two objects in two frames, which are files."""
     folder = tmp_path_factory.mktemp("faults")
-    write_set(folder / "set")
+    write_set(folder / "set", scenes)
     settings = tuple(each for each in TINY if not each.startswith("data."))
     overrides = ("data=bop", f"data.root={folder / 'set'}", *settings)
     process = start_run(folder, *overrides, "output=first", threads=2)
     assert process.returncode == 0, process.stderr
-    return TinyRun(folder, folder / "first", overrides, process)
+    return TinyRun(folder, folder / "first", overrides, process, folder)
 
 
-def write_set(root: Path) -> None:
+def write_set(root: Path, scenes: SyntheticScenes) -> None:
     """Two of the demo's scenes in BOP's layout, with two of its objects annotated."""
-    scenes = SyntheticScenes(SCENES)
     frames = [scenes.load(key) for key in scenes.keys]
     both = set.intersection(*({each.object_id for each in frame.targets} for frame in frames))
     chosen = sorted(both)[:OBJECTS]

@@ -46,14 +46,54 @@ PLACES = {
 }
 """Module, function, and the number of its calls that still go well, in the order of a run."""
 
+LEARNING_PLACES = {
+    **{
+        name: PLACES[name]
+        for name in (
+            *("views begun", "views half written", "windows", "epoch", "checkpoint", "weights"),
+            *("network half written", "codebook"),
+        )
+    },
+    "scenes of the score": ("hlp.method.score_calibration", "search_scenes", 1),
+    "record": ("hlp.method.unfinished_folder", "write_record", 0),
+    "renaming of the folder": ("hlp.method.unfinished_folder", "_publish", 0),
+    "folder in its place": ("hlp.method.unfinished_folder", "_remove_markers", 0),
+}
+"""Likewise, in the order of `hlp learn` with two objects."""
+
+COMMAND_PLACES = {
+    "copy begun": ("hlp.runs.learnt_cache.shutil", "copystat", 2),
+    "copy made": ("hlp.runs.learnt_cache.Path", "rename", 0),
+    "entry hidden": ("hlp.runs.learnt_cache.shutil", "rmtree", 0),
+    "entry half removed": ("hlp.runs.learnt_cache.shutil.os", "unlink", 2),
+    "first answer": ("hlp.results.answers_file.AnswersFile", "add", 0),
+    "second answer": ("hlp.results.answers_file.AnswersFile", "add", 1),
+    "last answer": ("hlp.results.answers_file.AnswersFile", "_write_json", 0),
+    "first image": ("hlp.runs.live", "_line", 0),
+    "second image": ("hlp.runs.live", "_line", 1),
+    "page half written": ("hlp.files.os", "replace", 0),
+    "run created": ("hlp.reporting.unsent_runs", "_send_values", 0),
+    "artifacts sent": ("hlp.reporting.unsent_runs.tempfile", "TemporaryDirectory", 0),
+    "run sent": ("hlp.reporting.unsent_runs", "remove_database", 0),
+}
+"""Places in other commands."""
+
 SWEEP_PLACES = {
     "sweep opened": ("hlp.studies.sweep", "_recorded", 0),
-    "arm begun": ("hlp.studies.sweep", "is_finished", 0),
+    "arm begun": ("hlp.runs.manifest", "is_finished", 0),
     "arm half done": ("hlp.runs.runner", "write_scores", 0),
-    "second arm begun": ("hlp.studies.sweep", "is_finished", 1),
-    "tables of the sweep": ("hlp.studies.sweep", "describe_sweep", 0),
+    "second arm begun": ("hlp.runs.manifest", "is_finished", 1),
+    "tables of the sweep": ("hlp.reporting.sweep_report", "describe_sweep", 0),
 }
 """Likewise, in the order of a sweep of two arms."""
+
+CODES = {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}
+"""What a process returns after a signal."""
+LINES = {
+    143: "hlp: terminated; the same command continues from here\n",
+    130: "hlp: interrupted; the same command continues from here\n",
+}
+"""What it says, by that number."""
 
 # All but `blinn_phong`, which `opengl` imports once rendering has started.
 _MODULES = [each.name for each in pkgutil.walk_packages(hlp.__path__, "hlp.")]
@@ -77,8 +117,8 @@ class Ended:
 class Limits:
     """What a process gets and what it lacks; without any, it is as any other.
 
-    `place` is a key of PLACES or SWEEP_PLACES, where it gets the signal `number`. A file becomes no
-    longer than `longest_file` bytes. With `rights` false, permissions hold for root too.
+    `place` is a key of one of the tables of places, where it gets the signal `number`. A file
+    becomes no longer than `longest_file` bytes. With `rights` false, permissions hold for root too.
     """
 
     place: str = ""
@@ -144,7 +184,8 @@ def _call(code: str, folder: Path, arguments: tuple[str, ...], limits: Limits, o
     if not limits.rights:
         _obey_permissions()
     if limits.place:
-        _arm({**PLACES, **SWEEP_PLACES}[limits.place], limits.number)
+        places = {**PLACES, **LEARNING_PLACES, **COMMAND_PLACES, **SWEEP_PLACES}
+        _arm(places[limits.place], limits.number)
     from hlp.cli import main
 
     main(arguments)

@@ -43,9 +43,29 @@ def test_two_identical_runs_at_once_make_everything_once(tiny_run: TinyRun, lear
         assert sum(each.get(stage, 0) for each in made) == 1, made
     wanted = read_json(tiny_run.output / "manifest.json")["poses"]
     assert [read_json(path / "manifest.json")["poses"] for path in outputs] == [wanted] * 2
-    client = MlflowClient(f"sqlite:///{learnt / 'work' / 'mlflow.db'}")
+    assert statuses(learnt) == ["FINISHED", "FINISHED"]
+    assert run_hlp(learnt, "report", "output=one").returncode == 0
+
+
+def test_eight_cold_runs_at_once(tiny_run: TinyRun, tmp_path: Path) -> None:
+    """Nothing is there: no database, no views, nothing learnt."""
+    outputs = [tmp_path / str(number) for number in range(8)]
+    command = ("run", *tiny_run.overrides, "machine.threads=1")
+    runs = [Running(tmp_path, *command, f"output={path.name}") for path in outputs]
+    for run in runs:
+        ended = run.wait()
+        assert ended.returncode == 0, ended.stderr
+    wanted = read_json(tiny_run.output / "manifest.json")["poses"]
+    assert [read_json(path / "manifest.json")["poses"] for path in outputs] == [wanted] * 8
+    made = [stages(path, reused=False) for path in outputs]
+    first = stages(tiny_run.output, reused=False)
+    assert {stage: sum(each.get(stage, 0) for each in made) for stage in first} == first
+    assert statuses(tmp_path) == ["FINISHED"] * 8
+
+
+def statuses(folder: Path) -> list[str]:
+    """How the runs of a folder's database ended."""
+    client = MlflowClient(f"sqlite:///{folder / 'work' / 'mlflow.db'}")
     experiment = client.get_experiment_by_name("demo")
     assert experiment is not None
-    found = client.search_runs([experiment.experiment_id])
-    assert [run.info.status for run in found] == ["FINISHED", "FINISHED"]
-    assert run_hlp(learnt, "report", "output=one").returncode == 0
+    return [run.info.status for run in client.search_runs([experiment.experiment_id])]

@@ -6,16 +6,12 @@ from pathlib import Path
 import pytest
 from damage import WAYS, damage
 from mlflow import MlflowClient
-from process import PLACES, run_hlp, wait_until_gone
+from process import CODES, LINES, PLACES, run_hlp, wait_until_gone
 
 from run_files import read_json
 from tiny_run import TinyRun
 
 pytestmark = pytest.mark.slow
-
-CODES = {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}
-LINES = {143: "hlp: terminated; the same command continues from here\n"}
-LINES |= {130: "hlp: interrupted; the same command continues from here\n"}
 
 
 def statuses(folder: Path) -> list[str]:

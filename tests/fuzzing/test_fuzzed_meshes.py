@@ -64,6 +64,13 @@ def test_what_the_fuzzer_found(tmp_path: Path, name: str, content: str, message:
         load_mesh(tmp_path / name, None)
 
 
+@pytest.mark.parametrize("name", ["1" + "0" * 400, "a\0b"])
+def test_a_material_s_name_that_no_file_can_have(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "box.obj"
+    path.write_text(OBJ.replace("box.mtl", name))
+    assert is_clean(lambda: read(path), path)
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_the_files_are_read_unspoiled(tmp_path: Path, name: str) -> None:
     path = tmp_path / name

@@ -20,6 +20,8 @@ from hlp.studies.tasks import run_task
 from table_text import unpadded
 from tiny_run import TinyRun
 
+pytestmark = pytest.mark.slow
+
 ARMS = ("+task.compared.few.refinement.particles=3", "+task.compared.same.seed=0")
 
 

@@ -25,6 +25,8 @@ from hlp.stages.store import StageStore
 from hlp.stages.view_task import render_in_workers
 from tiny_run import TinyRun
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(autouse=True)
 def threads() -> Iterator[None]:
@@ -74,9 +76,9 @@ def made(detection: DetectionStages) -> list[str]:
     [
         ("loky", 2, 1),
         ("threading", 2, 1),
-        pytest.param("loky", 1, 2, marks=pytest.mark.slow),
-        pytest.param("loky", 4, 1, marks=pytest.mark.slow),
-        pytest.param("threading", 1, 2, marks=pytest.mark.slow),
+        ("loky", 1, 2),
+        ("loky", 4, 1),
+        ("threading", 1, 2),
     ],
 )
 def test_workers_of_this_machine_find_the_same_bits(
@@ -96,7 +98,6 @@ def test_workers_of_this_machine_find_the_same_bits(
     assert_same_files(detection, tiny_run)
 
 
-@pytest.mark.slow
 def test_a_dask_cluster_of_two_processes_finds_the_same_bits(
     tiny_run: TinyRun, work: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -128,7 +129,6 @@ def test_a_worker_of_other_data_finds_nothing(
     assert not list(tmp_path.glob("*.npz"))
 
 
-@pytest.mark.slow
 def test_two_processes_train_the_classifier(tiny_run: TinyRun, work: Path) -> None:
     """Lightning's DDP on the tiny run's windows: another classifier, as good as one process's."""
     found_by = [

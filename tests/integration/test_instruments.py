@@ -19,6 +19,8 @@ from hlp.refinement.none import NoneRefiner
 from hlp.studies.tasks import run_task
 from tiny_run import TinyRun
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(autouse=True)
 def threads() -> Iterator[None]:

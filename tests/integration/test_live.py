@@ -19,6 +19,8 @@ from hlp.evaluation.errors import add_s
 from hlp.records import CameraImage
 from moving_scene import CAMERA, SimulatedCamera, path
 
+pytestmark = pytest.mark.slow
+
 BEAR = next(model for model in demo_objects().values() if model.name == "bear")
 POSES = path(BEAR, 4, (-0.05, -0.02, 0.7))
 OWN = """

@@ -8,6 +8,8 @@ import pytest
 from hlp.commands import report
 from tiny_run import TinyRun
 
+pytestmark = pytest.mark.slow
+
 Call = Callable[..., tuple[int, str, str]]
 
 

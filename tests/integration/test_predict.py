@@ -150,6 +150,7 @@ def test_every_form_of_the_answer_says_the_same(own: Own, first: Process) -> Non
     assert "mm, " in first.stdout and "symmetries" in first.stdout  # what was found in the mesh
 
 
+@pytest.mark.slow
 def test_new_frames_are_looked_at_without_learning_again(own: Own, first: Process) -> None:
     """One known frame, one in which nothing is seen, and one that is broken."""
     for kind in ("rgb", "depth"):
@@ -250,6 +251,7 @@ def test_wrong_frames_are_named_before_anything_is_learnt(own: Own) -> None:
     assert not (own.folder / "untouched").exists()
 
 
+@pytest.mark.slow
 def test_the_python_api_finds_the_same_poses(own: Own, first: Process, tmp_path: Path) -> None:
     """One code path: what `hlp predict` learns and finds, `Detector` does, to the last bit."""
     general = ("output=o", "~experiment", "name=learn", "data=bop", "data.root=.")

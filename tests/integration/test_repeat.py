@@ -9,6 +9,8 @@ import pytest
 
 from tiny_run import TinyRun
 
+pytestmark = pytest.mark.slow
+
 Call = Callable[..., tuple[int, str, str]]
 
 

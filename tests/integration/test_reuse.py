@@ -15,6 +15,8 @@ from hlp.records import Frame
 from run_files import Row, read_json, rows, stages
 from tiny_run import TinyRun, start_run
 
+pytestmark = pytest.mark.slow
+
 Call = Callable[..., tuple[int, str, str]]
 
 LEARNT = {"views": 8, "classifier": 1, "encoder": 1, "codebook": 8}
@@ -50,13 +52,15 @@ def test_a_run_decodes_every_frame_once(
 ) -> None:
     """Detection, scores and causes of misses share one decode, found or not.
 
-    Only the panels and the report, which show chosen frames and targets, decode these again.
+    Only panels, report and pictures of the stages, which show chosen frames and targets, decode
+    these again.
     """
     decoded: list[str] = []
     load = SyntheticScenes.load
 
     def counted(self: SyntheticScenes, key: str) -> Frame:
-        decoded.append(key)
+        if self._targets:  # the others are rooms, for training
+            decoded.append(key)
         return load(self, key)
 
     monkeypatch.setattr(SyntheticScenes, "load", counted)
@@ -68,7 +72,7 @@ def test_a_run_decodes_every_frame_once(
     assert waterfall["correct"] < sum(waterfall.values())  # there are misses to explain
     assert len([*(output / "panels").iterdir()]) == 4  # all poses, and the panels of a target
     assert decoded[:2] == ["000000_000000", "000012_000000"]
-    assert max(map(decoded[2:].count, decoded), default=0) <= 2
+    assert max(map(decoded[2:].count, decoded), default=0) <= 3
 
 
 def test_interrupted_stage_goes_on_where_it_stopped(
@@ -131,7 +135,6 @@ def test_crash_leaves_a_failed_run(
     assert not (tiny_run.folder / name / "summary.json").exists()
 
 
-@pytest.mark.slow
 def test_same_seed_same_poses_whatever_the_threads(tiny_run: TinyRun, tmp_path: Path) -> None:
     """Everything is made again in another folder, by one thread instead of two."""
     again = start_run(tmp_path, *tiny_run.overrides, "output=again", threads=1)

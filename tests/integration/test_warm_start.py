@@ -19,6 +19,8 @@ from hlp.stages.training import TrainingStages
 from hlp.stages.warm_start import WarmStartSettings
 from tiny_run import TinyRun
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def run(tiny_run: TinyRun, tmp_path: Path) -> Run:

@@ -148,3 +148,23 @@ def test_the_run_is_listed_and_reported_again(
     again = installed.hlp("report", f"output={OUT}")
     assert again.returncode == 0, again.stderr
     assert (installed.place / OUT / "report.html").is_file()
+
+
+def test_notebooks_run_without_the_checkout(
+    installed: Installed,
+    own_run: "subprocess.CompletedProcess[str]",
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """In the folder of the user's own run, whose stages and results they find."""
+    pytest.importorskip("nbclient", reason="notebooks need the extra 'notebooks'")
+    from notebook_runs import NOTEBOOKS, execute, pictures, printed
+
+    monkeypatch.setenv("PYTHONPATH", str(installed.package))
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
+    monkeypatch.delenv("MPLBACKEND", raising=False)  # the kernel draws into the notebook
+    overrides = [each for each in TINY if not each.startswith("panels")]
+    first = f"OVERRIDES = {overrides}\nWORK = 'work'\nFRAME = 0"
+    assert len(pictures(execute(NOTEBOOKS / "01_method.ipynb", first, installed.place))) == 7
+    second = "OUTPUTS = 'outputs'\nDATABASE = 'work/mlflow.db'\nEXPERIMENT = 'mine'"
+    told = printed(execute(NOTEBOOKS / "02_runs.ipynb", second, installed.place))
+    assert "FINISHED" in told and "mine" in told

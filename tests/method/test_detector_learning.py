@@ -10,7 +10,8 @@ import pytest
 from hlp import Detector
 from hlp.data.synthetic.objects import demo_objects
 from hlp.errors import ConfigError, InputError
-from hlp.method.learnt_folder import RECORD, read_model
+from hlp.method.learnt_folder import RECORD
+from hlp.method.model_files import read_model
 from hlp.records import Frame
 from hlp.refinement.score_model import PRIOR
 from tiny_method import tiny_method, write_mesh
@@ -48,6 +49,7 @@ def test_objects_are_added_and_removed(learnt: Path, frame: Frame, tmp_path: Pat
         detector.remove("cat")
 
 
+@pytest.mark.slow
 def test_an_interrupted_call_goes_on_where_it_stopped(
     learnt: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

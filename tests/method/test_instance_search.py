@@ -106,3 +106,13 @@ def test_one_instance_is_enough_where_their_number_is_not_known() -> None:
     assert search(estimator, 10, min_score=0.5)[0] == [0.6, 0.3]
     strict = Estimator([0.6, 0.3], [0.9, 0.2])
     assert search(strict, 10, min_score=0.7)[0] == [0.9, 0.6, 0.3]
+
+
+@pytest.mark.parametrize("min_score", [0.0, 0.05, 0.3])
+def test_who_wants_improbable_poses_too_finds_no_worse_ones(min_score: float) -> None:
+    """Nor the same instance twice: 0.4 may be a worse pose of what the closer look found."""
+    estimator = Estimator([0.4, 0.1], [0.9, 0.2])
+    assert search(estimator, 10, min_score=min_score)[0] == [0.9, 0.2]
+    assert search(Estimator([0.4], [0.9]), 1, min_score=min_score)[0] == [0.9]
+    assert search(Estimator([0.6, 0.4]), 10, min_score=min_score)[0] == [0.6, 0.4]
+    assert search(Estimator([0.4, 0.1], [0.3]), 10, min_score=min_score)[0] == [0.4, 0.1]

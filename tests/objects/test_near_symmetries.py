@@ -103,6 +103,7 @@ def test_one_colour_breaks_nothing():
     assert len(found.unbroken) == 3 and len(found.broken) == 0
 
 
+@pytest.mark.slow
 def test_print_breaks_a_continuous_axis_and_leaves_its_own_turns():
     can = _fine(CYLINDER, 6.0)
     bands = _find(_mesh(can, lambda points: points[:, 2] > 20))

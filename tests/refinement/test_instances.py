@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hlp.geometry import transform
-from hlp.records import Hypotheses
+from hlp.records import Hypotheses, Refinement
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
 from hlp.refinement.none import NoneSettings
 from hlp.refinement.pso import PsoSettings
@@ -37,7 +37,7 @@ def find(
         scene.model,
         Hypotheses(poses, np.ones(len(poses))),
         candidates=8,
-        max_improvement=0.1,
+        max_improvement=given.get("max_improvement", 0.1),
         seed=3,
         instances=count,
         good_enough=given.get("good_enough"),
@@ -73,6 +73,34 @@ def test_there_are_no_more_instances_than_things_to_stand_on(
     poses = np.stack([disturbed(row[1], 2.0 * k, 2.0 * k, seed=k) for k in range(6)])
     found = find(row, poses, verification, 4)
     assert found is not None and len(found.instances) == 1
+
+
+class Attracted:
+    """Whatever it refines becomes one pose."""
+
+    def __init__(self, pose: np.ndarray) -> None:
+        self._refined = Refinement(pose, 1)
+
+    def build(self, threads: int) -> "Attracted":
+        return self
+
+    def refine(self, _model: Any, _depth: Any, _camera: Any, batch: Hypotheses, *_: Any) -> Any:
+        return [self._refined] * len(batch.poses_cam_obj)
+
+    def polish(self, *_: Any) -> Refinement:
+        return self._refined
+
+
+def test_what_is_refined_onto_a_chosen_instance_is_never_the_cheapest(
+    row: list[Scene], verification: VerificationSettings
+) -> None:
+    """Then no free pose is left, though more were refined; each of them has a cost."""
+    poses = np.stack([row[1].pose, row[1].pose, disturbed(row[0], 2.0, 2.0, seed=1)])
+    attracted = Attracted(row[1].pose)
+    found = find(row, poses, verification, 2, settings=attracted, max_improvement=-1.0)
+    assert found is not None and len(found.instances) == 1 and len(found.refined) == 3
+    assert np.isfinite(found.costs[:2]).all() and np.isinf(found.costs[2:]).all()
+    assert len(found.costs) == len(found.sources) == 3
 
 
 def test_the_first_instance_does_not_depend_on_how_many_are_asked_for(

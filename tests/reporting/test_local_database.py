@@ -121,3 +121,9 @@ def test_removing_a_database_leaves_what_lies_beside_it(made: Path, tmp_path: Pa
         remove_database(folder / "mlflow.db")
     assert not alone.exists()
     assert [each.name for each in shared.iterdir()] == ["notes.txt"]
+
+
+def test_a_folder_of_its_name_is_kept_too(tmp_path: Path) -> None:
+    (tmp_path / "mlflow.db").mkdir()
+    prepare_database(tmp_path / "mlflow.db")
+    assert (tmp_path / "mlflow.db").is_file() and (tmp_path / "mlflow.db.damaged").is_dir()

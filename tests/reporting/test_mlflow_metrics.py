@@ -27,3 +27,12 @@ def test_what_one_compares_first_stands_above_all_groups() -> None:
     flat = summary_metrics(summary())
     first = {name: value for name, value in flat.items() if "/" not in name}
     assert first == {"add": 0.5, "5cm5deg": 0.25, "iou50": 0.75, "ms": 480.0}
+
+
+def test_what_columns_show_is_short() -> None:
+    long = summary()
+    long["metrics"]["add"]["recall"] = 134 / 142
+    long["timing_ms"]["total"]["median"] = 912.3456
+    flat = summary_metrics(long)
+    assert (flat["add"], flat["ms"]) == (0.9437, 912.3)
+    assert flat["time_ms/total"] == 912.3456

@@ -22,7 +22,7 @@ def test_a_process_that_ended_is_dead_also_before_it_is_waited_for() -> None:
         while ") Z " not in Path(f"/proc/{process.pid}/stat").read_text():
             time.sleep(0.01)
         assert owner_is_dead(tags)
-    process.wait()
+    process.communicate()
     assert owner_is_dead(tags)
 
 

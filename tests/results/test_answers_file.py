@@ -1,7 +1,9 @@
 import json
 
 import numpy as np
+import pytest
 
+from hlp.errors import InputError
 from hlp.records import PoseEstimate
 from hlp.results.answers_file import AnswersFile
 from hlp.results.poses_file import read_poses, write_poses
@@ -36,3 +38,20 @@ def test_an_interrupted_call_leaves_the_lines_and_no_old_document(tmp_path):
         pass
     assert not (tmp_path / "poses.json").exists()
     assert (tmp_path / "poses.jsonl").read_text() == '{"im_id": 1}\n'
+
+
+def test_two_processes_do_not_write_into_one_folder(tmp_path):
+    """Nor two calls in one process; what the first one writes stays whole."""
+    with AnswersFile(tmp_path) as file:
+        file.add({"im_id": 1}, None)
+        with pytest.raises(InputError, match="another process writes into"):
+            AnswersFile(tmp_path)
+        file.add({"im_id": 2}, None)
+    assert (tmp_path / "poses.jsonl").read_text() == '{"im_id": 1}\n{"im_id": 2}\n'
+    with AnswersFile(tmp_path):
+        pass
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "poses.csv",
+        "poses.json",
+        "poses.jsonl",
+    ]

@@ -41,7 +41,7 @@ def test_poses_come_back_as_they_were(tmp_path):
 def test_the_file_is_bops(tmp_path):
     path = tmp_path / "poses.csv"
     poses_file.write_poses(path, ESTIMATES)
-    header, *rows = list(csv.reader(path.open()))
+    header, *rows = list(csv.reader(path.read_text().splitlines()))
     assert header == ["scene_id", "im_id", "obj_id", "score", "R", "t", "time"]
     assert len(rows) == 2 and rows[0][:3] == ["6", "12", "1"]
     numbers = [float(word) for word in rows[0][4].split(" ")]

@@ -18,7 +18,7 @@ def _score(found):
 def test_scores_come_back_as_they_were(tmp_path):
     path = tmp_path / "scores.csv"
     write_scores(path, [_score(True), _score(False)], {1: "ape"})
-    rows = list(csv.DictReader(path.open()))
+    rows = list(csv.DictReader(path.read_text().splitlines()))
     assert rows[0]["object"] == "ape" and float(rows[0]["add_mm"]) == pytest.approx(4.0)
     assert float(rows[0]["rotation_deg"]) == pytest.approx(math.degrees(0.1))
     assert rows[1]["add_mm"] == "inf" and rows[1]["add_correct"] == "0"

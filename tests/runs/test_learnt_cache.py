@@ -22,8 +22,16 @@ def test_what_is_learnt_is_found_by_name_and_by_path(cache, tmp_path):
         learnt_cache.find_learnt("nut", cache)
     assert [each.name for each in learnt_cache.list_learnt(cache)] == ["bolt", "two"]
     entry = learnt_cache.describe_learnt(cache / "two")
-    assert entry.size > 1000 and list(entry.record.objects) == ["two"]
+    assert entry.size > 1000 and entry.objects == ("two",)
     assert learnt_cache.list_learnt(tmp_path / "none") == []
+
+
+def test_a_damaged_entry_is_listed_and_can_be_removed(cache):
+    (cache / "bolt" / "learnt.json").write_text("{")
+    bolt, two = learnt_cache.list_learnt(cache)
+    assert bolt.objects == () and str(cache / "bolt" / "learnt.json") in bolt.problem
+    assert two.objects == ("two",) and two.problem == ""
+    assert learnt_cache.remove_learnt("bolt", cache) == cache / "bolt"
 
 
 def test_only_entries_of_the_cache_are_removed(cache, tmp_path):

@@ -2,6 +2,8 @@
 
 import json
 import logging
+import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,28 +13,37 @@ import pytest
 
 from hlp.checks.finding import Finding
 from hlp.data.own_frames import FrameFiles, OwnFrames
-from hlp.errors import DataError
+from hlp.errors import DamagedError, DataError
 from hlp.method.detections import Rejection, SearchResult
+from hlp.records import Frame
 from hlp.reporting import answers
-from hlp.runs import prediction
+from hlp.runs import fault_watch
 from hlp.runs.prediction import PredictionOptions, predict
 
 
 class Nothing:
-    """A detector that finds nothing, of an object that it knows."""
+    """A detector that finds nothing, of an object that it knows; it may be stopped at a call."""
 
-    def __init__(self, models: dict[str, Any]) -> None:
-        self.models = models
+    def __init__(self, models: dict[str, Any], folder: Path) -> None:
+        self.models, self.folder, self.objects = models, folder, tuple(models)
+        self.searched, self.stopped_at = 0, -1
+        self.stop: BaseException = KeyboardInterrupt()
 
     def search(self, *_: Any) -> SearchResult:
+        self.searched += 1
+        if self.searched == self.stopped_at:
+            raise self.stop
         return SearchResult([], [Rejection("bear", "nothing looks like it", None)])
 
 
 @pytest.fixture
-def detector() -> Any:
+def detector(tmp_path: Path) -> Any:
     from hlp.data.synthetic.objects import demo_objects
 
-    return Nothing({m.name: m for m in demo_objects().values() if m.name == "bear"})
+    (tmp_path / "learnt").mkdir()
+    (tmp_path / "learnt" / "learnt.json").write_text("{}")
+    models = {m.name: m for m in demo_objects().values() if m.name == "bear"}
+    return Nothing(models, tmp_path / "learnt")
 
 
 def frames(folder: Path, broken: tuple[int, ...], count: int = 3) -> OwnFrames:
@@ -57,21 +68,33 @@ def test_a_broken_first_frame_keeps_neither_the_header_nor_the_checks_from_the_o
 ) -> None:
     checked = list[str]()
 
-    def check(examined: list[Any], _: object) -> list[Finding]:
-        checked.extend(each.key for each in examined)
-        return [Finding("depth scale", "here", "depth is odd", "Mend it")]
+    def check(examined: Frame, _: object) -> list[Finding]:
+        checked.append(examined.key)
+        return [Finding("intrinsics", "here", "the camera is odd", "Mend it")]
 
-    monkeypatch.setattr(prediction, "check_frames", check)
+    monkeypatch.setattr(fault_watch, "check_first_frame", check)
     with caplog.at_level(logging.INFO):
         used = predict(detector, frames(tmp_path, (0,)), tmp_path / "out", PredictionOptions())
     assert used == 2
     assert checked == ["000000_000001"]
-    assert "depth is odd" in caplog.text and "1 of 3 frames could not be used" in caplog.text
+    assert "the camera is odd" in caplog.text and "1 of 3 frames could not be used" in caplog.text
     printed = capsys.readouterr().out.splitlines()
     assert printed[0] == answers.HEADER and printed.count(answers.HEADER) == 1
     assert len(printed) == 3
     lines = [json.loads(x) for x in (tmp_path / "out" / "poses.jsonl").read_text().splitlines()]
     assert ["error" in each for each in lines] == [True, False, False]
+
+
+def test_what_goes_wrong_in_the_checks_is_not_blamed_on_the_frame(
+    detector: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def check(*_: object) -> list[Finding]:
+        raise DataError("of the checks")
+
+    monkeypatch.setattr(fault_watch, "check_first_frame", check)
+    with pytest.raises(DataError, match="of the checks"):
+        predict(detector, frames(tmp_path, ()), tmp_path / "out", PredictionOptions())
+    assert "error" not in (tmp_path / "out" / "poses.jsonl").read_text()
 
 
 @pytest.mark.parametrize("count", [1, 2])
@@ -82,3 +105,83 @@ def test_without_any_answer_no_header_stands_above_the_error(
     with pytest.raises(DataError):
         predict(detector, all_broken, tmp_path / "out", PredictionOptions())
     assert capsys.readouterr().out == ""
+
+
+def stop(detector: Any, own: OwnFrames, output: Path, at: int) -> None:
+    detector.searched, detector.stopped_at = 0, at
+    with pytest.raises(KeyboardInterrupt):
+        predict(detector, own, output, PredictionOptions())
+    detector.searched, detector.stopped_at = 0, -1
+
+
+def test_a_stopped_call_is_continued_after_its_last_whole_frame(
+    detector: Any, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    own, output = frames(tmp_path, (1,), 6), tmp_path / "out"
+    predict(detector, own, tmp_path / "whole", PredictionOptions())
+    stop(detector, own, output, at=4)  # frames 0, 2 and 3 are answered, and 1 cannot be used
+    with caplog.at_level(logging.INFO):
+        assert predict(detector, own, output, PredictionOptions()) == 5
+    assert "3 of 6 frames are answered already" in caplog.text
+    assert detector.searched == 3  # 3 again, whose answers might not have been complete
+    for name in ("poses.csv", "poses.jsonl", "poses.json"):
+        first, second = ((each / name).read_text() for each in (tmp_path / "whole", output))
+        assert untimed(first) == untimed(second)
+    assert sorted(path.name for path in output.iterdir()) == [
+        *("poses.csv", "poses.json", "poses.jsonl")
+    ]
+
+
+def test_what_is_learnt_is_damaged_and_no_frame_is_to_blame(detector: Any, tmp_path: Path) -> None:
+    own, output = frames(tmp_path, (), 4), tmp_path / "out"
+    detector.stopped_at, detector.stop = 1, DamagedError("classifier.onnx is damaged")
+    with pytest.raises(DamagedError):
+        predict(detector, own, output, PredictionOptions())
+    assert (output / "poses.jsonl").read_text() == ""
+
+
+def untimed(text: str) -> str:
+    return re.sub(r'"seconds": [0-9.e-]+', "", text)
+
+
+def test_another_request_begins_anew(detector: Any, tmp_path: Path) -> None:
+    own, output = frames(tmp_path, (), 4), tmp_path / "out"
+
+    def again(options: PredictionOptions, own: OwnFrames = own) -> int:
+        stop(detector, own, output, at=4)
+        predict(detector, own, output, options)
+        return int(detector.searched)
+
+    assert again(PredictionOptions()) == 2
+    assert again(PredictionOptions(max_instances=1)) == 4
+    assert again(PredictionOptions(objects=["bear"])) == 4
+    stop(detector, own, output, at=4)
+    os.utime(tmp_path / "rgb" / "0.png", ns=(1, 1))
+    predict(detector, own, output, PredictionOptions())
+    assert detector.searched == 4
+    stop(detector, own, output, at=4)
+    (detector.folder / "learnt.json").write_text("{ }")
+    predict(detector, own, output, PredictionOptions())
+    assert detector.searched == 4
+
+
+@pytest.mark.parametrize(
+    ("name", "damage"),
+    [
+        *(("poses.jsonl", each) for each in (b"", b"{", b"[1]\n", b'{"im_id": 1}\n', b"\xff\xfe")),
+        ("poses.jsonl", b'{"scene_id": [1], "im_id": 1}\n{"scene_id": 1, "im_id": 2}\n'),
+        ("poses.csv", b"\xff\xfe"),
+        ("poses.csv", None),
+    ],
+)
+def test_damaged_answers_of_a_stopped_call_are_made_again(
+    detector: Any, tmp_path: Path, name: str, damage: bytes | None
+) -> None:
+    own, output = frames(tmp_path, (), 4), tmp_path / "out"
+    stop(detector, own, output, at=4)
+    (output / name).unlink()
+    if damage is not None:
+        (output / name).write_bytes(damage)
+    assert predict(detector, own, output, PredictionOptions()) == 4
+    assert detector.searched == 4
+    assert len((output / "poses.jsonl").read_text().splitlines()) == 4

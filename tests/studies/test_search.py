@@ -19,6 +19,8 @@ from hlp.studies import search
 from hlp.studies.search import SearchSettings
 from hlp.studies.search_space import Choices, Range, check_within, nested, read_space
 
+pytestmark = pytest.mark.slow
+
 LIMIT = 200.0
 SMALL = ("data.width=320", "data.height=240", "task=search", f"task.limit_ms={LIMIT}")
 Tried = list[dict[str, Any]]

@@ -9,23 +9,16 @@ from dataclasses import replace
 import numpy as np
 
 from hlp.checks.finding import Finding
-from hlp.method.detections import Detection, SearchResult
-from hlp.method.tracking import TrackingResult
+from hlp.checks.known_objects import colored_answers
+from hlp.method.detections import Detection
 from hlp.records import Frame, ObjectModel
 from hlp.refinement.texture import color_agreement
 from hlp.refinement.verification import VerificationSettings, observe
 
-FEWEST = 3
-"""Frames that must show known objects before anything is said."""
-_SHAPE_FITS = 0.8  # correlation of relief and of slope: wrong poses rarely reach it
+_FEWEST = 3  # frames
 # Difference of both correlations. Objects of nearly no colour have one of about 0 either way.
 _CLEAR = 0.4
 _SHARE = 0.75  # of the frames that must say the same
-
-
-def all_answers(found: SearchResult | TrackingResult) -> list[Detection]:
-    """Detections and what was not good enough: colours in the wrong order lower the score."""
-    return [*found.detections, *(each.answer for each in found.rejections if each.answer)]
 
 
 def exchange_gain(
@@ -36,11 +29,7 @@ def exchange_gain(
     The mean difference of the correlations at the poses whose shape fits; None if there is no such
     pose of an object with colours. `models` are by the names of the answers.
     """
-    fitting = [
-        each
-        for each in answers
-        if models[each.object].mesh.colored and min(each.fit.relief, each.fit.slope) >= _SHAPE_FITS
-    ]
+    fitting = colored_answers(models, answers)
     if not fitting:
         return None
     stated = observe(frame.rgb, frame.depth, frame.camera_matrix, VerificationSettings())
@@ -61,7 +50,7 @@ def check_color_order(gains: Sequence[float]) -> list[Finding]:
     `gains` are those of `exchange_gain`, one for each frame.
     """
     agreeing = sum(gain > 0.0 for gain in gains)
-    if len(gains) < FEWEST or np.mean(gains) < _CLEAR or agreeing < _SHARE * len(gains):
+    if len(gains) < _FEWEST or np.mean(gains) < _CLEAR or agreeing < _SHARE * len(gains):
         return []
     return [
         Finding(

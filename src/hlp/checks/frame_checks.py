@@ -63,9 +63,13 @@ def check_frames(frames: Sequence[Frame], models: Sequence[ObjectModel]) -> list
     """The quick checks: a tenth of a second for a frame. `models` are looked for, or none."""
     if not frames:
         return []
+    return [*check_first_frame(frames[0], models), *check_registration(frames)]
+
+
+def check_first_frame(frame: Frame, models: Sequence[ObjectModel]) -> list[Finding]:
+    """What one frame is enough for: intrinsics, and the units of depth and meshes."""
     return [
-        *check_intrinsics(frames[0]),
-        *check_depth_scale(frames[0], models),
+        *check_intrinsics(frame),
+        *check_depth_scale(frame, models),
         *check_object_size(models),
-        *check_registration(frames),
     ]

@@ -3,13 +3,14 @@
 Johnson, Douze & Jégou 2019, with 4-bit product codes compared in registers (André et al. 2017).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-import faiss
 import numpy as np
-from annotated_types import Ge
+from annotated_types import Ge, Le
 from jaxtyping import Float, Float32, Int64, UInt8
 
 from hlp.codebook.neighbours import SEARCHES, ExactNeighbours
@@ -19,6 +20,9 @@ from hlp.files import read_npz
 from hlp.records import Matches
 from hlp.settings import Doc, Settings
 from hlp.thread_team import ThreadTeam
+
+if TYPE_CHECKING:
+    import faiss
 
 FEWEST = 4096
 """Codebooks with fewer entries are searched exactly, which is just as fast."""
@@ -32,7 +36,9 @@ class InvertedListsSettings(Settings):
     """Config group `codebook`: FAISS's inverted lists of short codes (D)."""
 
     name: Literal["inverted_lists"] = "inverted_lists"
-    neighbours: Annotated[int, Ge(1), Doc("nearest entries of each patch that vote (P: k = 3)")] = 3
+    neighbours: Annotated[
+        int, Ge(1), Le(1000), Doc("nearest entries of each patch that vote (P: k = 3)")
+    ] = 3
     lists: Annotated[
         int,
         Ge(1),
@@ -51,7 +57,7 @@ class InvertedListsSettings(Settings):
         seed: int,
         threads: int,
         folder: Path | None = None,
-    ) -> "InvertedLists":
+    ) -> InvertedLists:
         """The lists, read from the folder if it holds them, otherwise trained with the seed."""
         trained = None if folder is None else load_lists(folder, self, seed)
         return InvertedLists(features, self, seed, trained, threads)
@@ -95,6 +101,8 @@ class InvertedLists:
         """The lists as bytes for a file; empty if the codebook is searched exactly."""
         if self._lists is None:
             return np.zeros(0, dtype=np.uint8)
+        import faiss
+
         return np.asarray(faiss.serialize_index(self._lists))
 
     def search(self, queries: Float[np.ndarray, "n d"]) -> Matches:
@@ -109,6 +117,8 @@ class InvertedLists:
         indices = np.zeros((len(single), self.neighbours), dtype=np.int64)
         squared = np.full(indices.shape, np.inf, dtype=np.float32)
         if len(single):
+            import faiss
+
             faiss.omp_set_num_threads(self._threads)
             wanted = self.neighbours * self.settings.candidates
             _, candidates = self._lists.search(single, wanted)
@@ -144,6 +154,8 @@ def load_lists(
 def _train(
     features: Float[np.ndarray, "m d"], settings: InvertedListsSettings, seed: int
 ) -> faiss.IndexIVFPQFastScan:
+    import faiss
+
     faiss.omp_set_num_threads(1)  # more threads would change the order of sums, and so the lists
     dimension = features.shape[1]
     coarse = faiss.IndexFlatL2(dimension)
@@ -162,6 +174,8 @@ def _restore(
     settings: InvertedListsSettings,
 ) -> faiss.Index:
     """Raises DataError if the bytes are not the lists of these features and settings."""
+    import faiss
+
     try:
         lists = faiss.deserialize_index(trained)
     except RuntimeError as error:

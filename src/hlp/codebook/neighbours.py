@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal, Protocol
 
 import cv2
 import numpy as np
-from annotated_types import Ge
+from annotated_types import Ge, Le
 from jaxtyping import Float, Int
 
 from hlp.records import Matches
@@ -67,7 +67,9 @@ class ExactSettings(Settings):
     """Config group `codebook`: exact search."""
 
     name: Literal["exact"] = "exact"
-    neighbours: Annotated[int, Ge(1), Doc("nearest entries of each patch that vote (P: k = 3)")] = 3
+    neighbours: Annotated[
+        int, Ge(1), Le(1000), Doc("nearest entries of each patch that vote (P: k = 3)")
+    ] = 3
 
     dimension_multiple: ClassVar[int] = 1
 
@@ -91,8 +93,10 @@ class KdForestSettings(Settings):
     """Config group `codebook`: randomised kd-trees (FLANN), the paper's."""
 
     name: Literal["kd_forest"] = "kd_forest"
-    neighbours: Annotated[int, Ge(1), Doc("nearest entries of each patch that vote (P: k = 3)")] = 3
-    trees: Annotated[int, Ge(1), Doc("randomised trees (P)")] = 4
+    neighbours: Annotated[
+        int, Ge(1), Le(1000), Doc("nearest entries of each patch that vote (P: k = 3)")
+    ] = 3
+    trees: Annotated[int, Ge(1), Le(100), Doc("randomised trees (P)")] = 4
     checks: Annotated[int, Ge(1), Doc("leaves visited for one query (D)")] = 256
 
     dimension_multiple: ClassVar[int] = 1

@@ -52,18 +52,19 @@ usage: hlp bench [experiment=NAME] [frames=N] [overrides]
        hlp bench compare=A.json
        hlp bench 'compare=[A.json,B.json]'
 
-Measures every stage of detection on the configured data (default: the demo; for LINEMOD,
-experiment=linemod_bop data.root=PATH). It reports the median and 95th percentile of the wall time
-and of the CPU time of all threads, for the first object in a frame and for each further one, the
-time to load a learnt object, and peak memory. Learnt objects are reused from work, or learnt first.
-The same frames are also processed with slower reference settings (task.compared, see
+Measures every stage of detection on the configured data (default: the demo; for
+LINEMOD, experiment=linemod_bop data.root=PATH). It reports the median and 95th
+percentile of the wall time and of the CPU time of all threads, for the first
+object in a frame and for each further one, the time to load a learnt object,
+and peak memory. Learnt objects are reused from work, or learnt first. The same
+frames are also processed with slower reference settings (task.compared, see
 conf/task/bench.yaml), to compare times and poses.
 
 Written into the output folder: bench.json, bench.md and manifest.json.
 
 hlp bench frames=10 refinement.particles=15            with another setting
-hlp bench -m refinement.particles=15,25,50             with each of these settings
+hlp bench -m refinement.particles=15,25,50             with each of these values
 hlp bench +task.compared.few.refinement.particles=10   compare one more setting
 
-compare=A.json compares a saved bench.json with the newest other one below outputs/. Two files are
-compared with each other. Nothing is measured."""
+compare=A.json compares a saved bench.json with the newest other one below
+outputs/. Two files are compared with each other. Nothing is measured."""

@@ -55,19 +55,23 @@ usage: hlp clean [dry=false] [work=DIR] [outputs=DIR,…] [kinds=KIND,…]
 
 Lists outputs of stages that may go, with their sizes:
 
-  partial        begun by a run that crashed or was stopped; the same run would continue them
-  damaged        changed after they were made; set aside, and made again when they were needed
-  unreferenced   finished, but named by no manifest.json below outputs. Runs that were stopped write
-                 none: what they have finished is listed too
+  partial        begun by a run that crashed or was stopped; the same run would
+                 continue them
+  damaged        changed after they were made; set aside, and made again when
+                 they were needed
+  unreferenced   finished, but named by no manifest.json below outputs. Runs
+                 that were stopped write none: what they have finished is listed
+                 too
 
   dry       true: only list them (default); false: remove them
   work      folder of the stages (default: work)
   outputs   folders with the results of finished runs (default: outputs)
   kinds     only these kinds
 
-Objects that `hlp learn` and `hlp predict` have learnt are not listed: see `hlp objects`.
-Nothing is removed while a run uses the folder. Without any manifest, nothing is unreferenced.
-Everything that is removed is made again when a run needs it.
+Objects that `hlp learn` and `hlp predict` have learnt are not listed: see
+`hlp objects`. Nothing is removed while a run uses the folder. Without any
+manifest, nothing is unreferenced. Everything that is removed is made again when
+a run needs it.
 
 hlp clean                                    what may go
 hlp clean kinds=partial,damaged dry=false    remove what no run can use as it is"""

@@ -1,7 +1,8 @@
 """`hlp -sc install=bash`: completion of commands, groups, alternatives and keys in the shell.
 
-Hydra's own scripts ask `hlp -sc query=SHELL` with what was typed so far in `COMP_LINE`. Hydra
-knows groups and keys; commands, and the keys of the commands without a configuration, are ours.
+Hydra's own scripts ask `hlp -sc query=SHELL` with what was typed so far in `COMP_LINE`. The words
+are ours: commands, their keys, groups and keys of the configuration. Hydra is asked, which takes a
+second, for its own settings and where a folder of one's own configuration is named.
 """
 
 import os
@@ -12,6 +13,8 @@ from hlp.commands import composing
 
 OPTIONS = ("-sc", "--shell-completion")
 _CONFIGURED = ("run", "bench", "search")
+_OWN_CONFIGURATION = ("--config", "-cd", "-cn", "-cp")
+_OF_HYDRA = ("hydra", "-", "+", "~")
 
 
 def command(arguments: Sequence[str], commands: Sequence[str]) -> None:
@@ -25,14 +28,34 @@ def command(arguments: Sequence[str], commands: Sequence[str]) -> None:
         print(" ".join(each for each in (*commands, "-m") if each.startswith(begun)))
     elif words[0] in (*_CONFIGURED, *composing.MULTIRUN):
         rest = words if words[0] in composing.MULTIRUN else words[1:]
-        os.environ["COMP_LINE"] = " ".join([program, *rest])
-        _ask_hydra(arguments)
+        own = any(each.startswith(_OWN_CONFIGURATION) for each in words)
+        if own or words[-1].startswith(_OF_HYDRA):
+            os.environ["COMP_LINE"] = " ".join([program, *rest])
+            _ask_hydra(arguments)
+        else:
+            from hlp.commands.completion_words import configuration_words
+
+            print(" ".join(configuration_words(rest, composing.config_folder(), _keys)))
     elif words[0] in commands:
         print(" ".join(each for each in _own_keys(words[0]) if each.startswith(words[-1])))
 
 
 def _ask_hydra(arguments: Sequence[str]) -> None:
     composing.compose_and_call("", arguments, lambda config: None, composing.config_folder())
+
+
+def _keys(choices: Sequence[str]) -> list[str]:
+    """The keys of the values of the configuration with these choices; none if one is wrong."""
+    from hydra.errors import HydraException
+
+    from hlp.commands.hydra_errors import all_keys
+
+    try:
+        keys = all_keys(*choices)
+    except HydraException:
+        return []
+    nodes = {key.rpartition(".")[0] for key in keys}
+    return [key for key in keys if key not in nodes]
 
 
 def _own_keys(name: str) -> list[str]:

@@ -52,13 +52,14 @@ def compose_and_call(
 ) -> None:
     """Compose the configuration in a folder and call the task with it.
 
-    After an error that HLP expects (`hlp.errors`), an error of Hydra's, or an error of the system
-    such as a full disk, the process prints one line and exits with 1. Any other exception is a bug
-    and is raised.
+    After an error that HLP expects (`hlp.errors`), an error of Hydra's, a file that is no YAML, or
+    an error of the system such as a full disk, the process prints one line and exits with 1. Any
+    other exception is a bug and is raised.
     """
     import hydra
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
+    from yaml import YAMLError
 
     from hlp.config.typed_defaults import provide_defaults
     from hlp.studies.sweep import sweep_open
@@ -69,7 +70,7 @@ def compose_and_call(
     try:
         with sweep_open():
             app(lambda config: _job(config, task))()
-    except (HydraException, OmegaConfBaseException, HlpError) as error:
+    except (HydraException, OmegaConfBaseException, YAMLError, HlpError) as error:
         fail(error)
     except OSError as error:
         if not is_expected(error):
@@ -129,8 +130,10 @@ def fail(error: BaseException) -> NoReturn:
 def _in_words(error: BaseException) -> str:
     """The message of an error and its notes; Hydra's in one sentence, with its cause's message."""
     from hydra.errors import HydraException
+    from omegaconf.errors import OmegaConfBaseException
+    from yaml import YAMLError
 
-    if not isinstance(error, HydraException):
+    if not isinstance(error, HydraException | OmegaConfBaseException | YAMLError):
         return "\n".join([str(error), *getattr(error, "__notes__", [])])
     from hlp.commands.hydra_errors import hydra_in_words
 

@@ -68,18 +68,21 @@ def _examine_own(given: Mapping[str, str], detector: Detector | None) -> list[Fi
 
 
 DOCTOR_HELP = """\
-usage: hlp doctor [data=FOLDER] [learnt=FOLDER|NAME] [rgb=… depth=… intrinsics=…]
+usage: hlp doctor [data=FOLDER] [learnt=FOLDER|NAME]
+                  [rgb=… depth=… intrinsics=…]
 
 Says what is wrong, and exits with 1 if anything is.
 
   nothing   this machine: libraries, threads, disk
-  data      a data set in BOP's layout: files, intrinsics, registration of depth, and whether the
-            objects at their true poses agree with the depth; if not, which fault explains it (unit
-            of depth, poses or meshes; transposed or inverted poses; axes; focal length; shift)
+  data      a data set in BOP's layout: files, intrinsics, registration of
+            depth, and whether the objects at their true poses agree with the
+            depth; if not, which fault explains it (unit of depth, poses or
+            meshes; transposed or inverted poses; axes; focal length; shift)
   learnt    what `hlp learn` made
   rgb, depth, intrinsics or frames (and the other keys of `hlp predict`)
-            your own frames; with learnt objects that are in view also faults that keep them from
-            being found: unit of depth or mesh, focal length, exchanged colours
+            your own frames; with learnt objects that are in view also faults
+            that keep them from being found, or from fitting well: unit of
+            depth or mesh, focal length, exchanged colours, shifted depth
 
   output    folder for pictures of the data set's objects at their true poses
 

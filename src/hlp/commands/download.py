@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from hlp.data.public.sets import PublicSet
 
 _KEYS = ("output", "images", "mirror")
+_INDENT = " " * 11
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -56,8 +58,9 @@ def _listed() -> str:
     for public in SETS.values():
         sizes = ", ".join(f"{size} ({images})" for images, size in public.sizes.items())
         licence = public.licence or "not known here, see its page"
-        lines += [f"  {public.name:<8} {public.what}", f"{'':<11}{sizes or 'size: see the server'}"]
-        lines[-1] += f"; licence: {licence}"
+        about = f"{sizes or 'size: see the server'}; licence: {licence}"
+        lines += [f"  {public.name:<8} {public.what}"]
+        lines += textwrap.wrap(about, 80, initial_indent=_INDENT, subsequent_indent=_INDENT)
     return "\n".join(lines)
 
 
@@ -73,10 +76,11 @@ Loads a public data set: models and test images in BOP's layout, or photographs.
   mirror   another server in place of {SETS["lm"].base}
            (voc2012: {SETS["voc2012"].base})
 
-Source and licence are said first. After a cut or Ctrl-C, the same command continues. Files are
-compared with known checksums, or those that the server states, and unpacked only if they are whole
-and nothing in them leads out of the folder. The folder appears when all is there; until then it
-needs room for the archives and what is in them, in .NAME.partial beside it.
+Source and licence are said first. After a cut or Ctrl-C, the same command
+continues. Files are compared with known checksums, or those that the server
+states, and unpacked only if they are whole and nothing in them leads out of the
+folder. The folder appears when all is there; until then it needs room for the
+archives and what is in them, in .NAME.partial beside it.
 
-hlp download lmo                                    then: hlp run data=bop data.root=data/lmo
+hlp download lmo                     then: hlp run data=bop data.root=data/lmo
 hlp download ycbv images=all output=/data/ycbv"""

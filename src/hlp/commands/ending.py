@@ -1,5 +1,7 @@
 """How a command ends when it is stopped: one line, the exit code of shells, no worker left."""
 
+import os
+import select
 import signal
 import sys
 import threading
@@ -8,7 +10,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import NoReturn
 
-INTERRUPTED, TERMINATED = 130, 143
+INTERRUPTED, READER_GONE, TERMINATED = 130, 141, 143
 
 
 class TerminatedError(KeyboardInterrupt):
@@ -16,12 +18,14 @@ class TerminatedError(KeyboardInterrupt):
 
 
 @contextmanager
-def stops_in_one_line() -> Iterator[None]:
+def stops_in_one_line(continues: bool = True) -> Iterator[None]:
     """In the block, SIGTERM ends the process as Ctrl-C does: what is open is closed first.
 
-    The process prints one line and exits with 130 (SIGINT) or 143 (SIGTERM). A second SIGTERM
-    changes nothing; SIGKILL always works, and what it leaves behind is put in order by the next
-    run. Without effect outside the main thread.
+    The process prints one line and exits with 130 (SIGINT) or 143 (SIGTERM); the line says so if
+    the same command `continues` from there. A second SIGTERM changes nothing; SIGKILL always works,
+    and what it leaves behind is put in order by the next run. The process exits with 141 and
+    without a word where nobody reads standard output any more, as in `hlp runs | head`. Without
+    effect outside the main thread.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -29,13 +33,27 @@ def stops_in_one_line() -> Iterator[None]:
     before = signal.signal(signal.SIGTERM, _terminate)
     try:
         yield
+        sys.stdout.flush()
+    except BrokenPipeError:
+        if not _reader_has_gone():
+            raise
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # for what is still to be written
+        sys.exit(READER_GONE)
     except KeyboardInterrupt as error:
         terminated = isinstance(error, TerminatedError)
         what = "terminated" if terminated else "interrupted"
-        print(f"hlp: {what}; the same command continues from here", file=sys.stderr)
+        again = "; the same command continues from here" if continues else ""
+        print(f"hlp: {what}{again}", file=sys.stderr)
         sys.exit(TERMINATED if terminated else INTERRUPTED)
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def _reader_has_gone() -> bool:
+    """Whether standard output is a pipe whose other end is closed."""
+    output = select.poll()
+    output.register(1, 0)
+    return any(event & select.POLLERR for _, event in output.poll(0))
 
 
 def _terminate(number: int, frame: FrameType | None) -> NoReturn:

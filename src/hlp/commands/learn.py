@@ -25,6 +25,7 @@ def command(arguments: Sequence[str]) -> None:
 
 def _learn(arguments: Sequence[str]) -> None:
     given = own_arguments.split_arguments(arguments)
+    own_arguments.check_mistyped(given, _PLACES, ["mesh"], "learn")
     if "mesh" not in given:
         raise InputError("mesh is not set: give mesh=FILE, see `hlp learn --help`")
     if "output" in given and "name" in given:
@@ -98,22 +99,26 @@ def _object_names(given: Mapping[str, str], meshes: Sequence[Path]) -> list[str]
 LEARN_HELP = """\
 usage: hlp learn mesh=FILE[,FILE…] [output=FOLDER] [KEY=VALUE …]
 
-Learns objects from their CAD models alone. This takes minutes and is done once; afterwards
-`hlp predict learnt=FOLDER …` finds all of them in your frames.
+Learns objects from their CAD models alone. This takes minutes and is done once;
+afterwards `hlp predict learnt=FOLDER …` finds all of them in your frames.
 
   mesh         triangle meshes (PLY, OBJ, STL, GLB …), separated by commas
-  output       a new folder, which can be copied to any machine; by default the objects are kept in
-               the user's cache under their names (see `hlp objects`)
+  output       a new folder, which can be copied to any machine; by default the
+               objects are kept in the user's cache under their names
+               (see `hlp objects`)
   names        names of the objects (default: those of the files)
 
-Found in the meshes and said, unless given, for all of them or for one: symmetries.bolt=none
-  mesh_scale   metres per unit of the meshes: 1 for metres, 0.001 for millimetres
-  symmetries   none: every turn of the object counts, though it looks nearly the same
+Found in the meshes and said, unless given, for all of them or for one:
+symmetries.bolt=none
+  mesh_scale   metres per unit of the meshes: 1 for metres, 0.001 for
+               millimetres
+  symmetries   none: every turn of the object counts, though it looks nearly the
+               same
   colors       false: the real objects have other colours than the meshes
   holistic_size_mm, local_size_mm    sides of windows and local patches
 
-Detection works better with pictures of places like yours as training backgrounds, without the
-objects in them:
+Detection works better with pictures of places like yours as training
+backgrounds, without the objects in them:
   photographs  folder of images
   rooms        folder with rgb/, depth/ and camera.json
 
@@ -122,4 +127,5 @@ objects in them:
 
 hlp learn mesh=bracket.ply,bolt.stl output=learnt/
 hlp learn mesh=bracket.ply                 then: hlp predict learnt=bracket …
-All groups and keys of the method can be changed too, as in `hlp run`, e.g. encoder=pca."""
+All groups and keys of the method can be changed too, as in `hlp run`, e.g.
+encoder=pca."""

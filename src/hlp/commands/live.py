@@ -42,16 +42,16 @@ def _live(arguments: Sequence[str]) -> None:
     known = sorted({*_COMMON, *options, *own_arguments.field_names(*settings)})
     own_arguments.check_known(given, known, "live")
     wanted = {key: given[key] for key in options if key in given}
-    objects = own_arguments.text_list(wanted.pop("objects")) if "objects" in wanted else None
+    objects = own_arguments.names_of_objects(wanted)
     chosen = own_arguments.read_group(LiveOptions, wanted, objects=objects)
     folder = find_learnt(given["learnt"], cache_folder(given.get("work")))
 
     from hlp.method.compute_threads import set_compute_threads
     from hlp.method.detector import Detector
 
-    detector = Detector.load(folder, threads=_number(given, "threads"))
+    detector = Detector.load(folder, threads=own_arguments.whole_number(given, "threads"))
     set_compute_threads(detector.threads)
-    overlay, page = given.get("overlay"), _number(given, "page")
+    overlay, page = given.get("overlay"), own_arguments.whole_number(given, "page", most=65535)
     camera = _camera(given, settings)
     pictures, answers = None, _Answers()
     try:
@@ -119,20 +119,14 @@ def _camera(given: Mapping[str, str], settings: tuple[type, ...]) -> Camera:
     return RealSenseCamera(read)
 
 
-def _number(given: Mapping[str, str], key: str) -> int | None:
-    if key not in given:
-        return None
-    if not given[key].isdecimal():
-        raise InputError(f"{key}={given[key]}: it must be a whole number")
-    return int(given[key])
-
-
 LIVE_HELP = """\
-usage: hlp live source=folder|stdin|realsense|FILE.py:CLASS learnt=FOLDER|NAME [KEY=VALUE …]
+usage: hlp live source=folder|stdin|realsense|FILE.py:CLASS
+                learnt=FOLDER|NAME [KEY=VALUE …]
 
-Answers each image of a camera as it comes: objects are tracked from image to image, and detected
-where nothing is tracked. Each answer is a line of JSON on standard output; the first line says that
-everything is loaded. Messages go to standard error. Ctrl-C ends it.
+Answers each image of a camera as it comes: objects are tracked from image to
+image, and detected where nothing is tracked. Each answer is a line of JSON on
+standard output; the first line says that everything is loaded. Messages go to
+standard error. Ctrl-C ends it.
 
   source       folder: follows two folders that another program fills
                stdin: a line {"rgb": FILE, "depth": FILE} for each image
@@ -142,27 +136,33 @@ everything is loaded. Messages go to standard error. Ctrl-C ends it.
 
 folder and stdin (all keys of `hlp predict` that describe images):
   intrinsics   of the colour camera: a file, or [fx,fy,cx,cy] (px)
-  depth_scale  millimetres per unit of the depth images; also depth_intrinsics, depth_resize,
-               undistort
+  depth_scale  millimetres per unit of the depth images; also depth_intrinsics,
+               depth_resize, undistort
 folder:
-  rgb, depth   folders or patterns; images of one name, or one number, belong together
+  rgb, depth   folders or patterns; images of one name, or one number, belong
+               together
   idle_s       end after so many seconds without a new image (default: never)
   newest       true: of several new images answer the last one only
 realsense:
-  serial, width, height, fps    which camera, and its streams (default: the first, 640 × 480, 30)
+  serial, width, height, fps    which camera, and its streams (default: the
+                                first, 640 × 480, 30)
 
   objects        names of those to look for (default: all learnt ones)
   max_instances  of each object (default: 1)
-  min_score      probability below which a tracked object is detected again, and a pose is no
-                 answer (default: 0.5)
-  search_every   images between searches for further instances (default: 30; 0: none)
+  min_score      probability below which a tracked object is detected again, and
+                 a pose is no answer (default: 0.5)
+  search_every   images between searches for further instances (default: 30; 0:
+                 none)
   prediction     false: do not expect objects to move on as before
-  overlay        a .png or .jpg file that is replaced by each image with its poses
-  page           port of a page on this machine that shows the same, e.g. page=8000
+  overlay        a .png or .jpg file that is replaced by each image with its
+                 poses
+  page           port of a page on this machine that shows the same, e.g.
+                 page=8000
   threads        of the computation (default: as when learning)
   work           folder in place of the user's cache
 
-hlp live source=folder learnt=learnt/ rgb=rgb/ depth=depth/ intrinsics=camera.json page=8000
-hlp live source=realsense learnt=bracket objects=bracket overlay=last.jpg | python robot.py
+hlp live source=folder learnt=learnt/ rgb=rgb/ depth=depth/ \\
+    intrinsics=camera.json page=8000
+hlp live source=realsense learnt=bracket overlay=last.jpg | python robot.py
 
 docs/live.md describes the fields of the answers, and how to write a camera."""

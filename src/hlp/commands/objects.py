@@ -6,8 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hlp.commands import composing, own_arguments
+from hlp.commands.nearest import nearest
 from hlp.commands.tracking_uri import tracking_uri
 from hlp.errors import InputError
+
+_WORDS = ("list", "show", "remove", "export", "register")
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -35,16 +38,19 @@ def _do(arguments: Sequence[str]) -> None:
         case ["export", name, target]:
             print(f"copied to {learnt_cache.export_learnt(name, Path(target).expanduser(), cache)}")
         case ["register", name, model]:
-            print(_registered(learnt_cache.find_learnt(name, cache), model, uri))
+            print(_registered(learnt_cache.find_whole(name, cache), model, uri))
         case _:
-            raise InputError(f"cannot use '{' '.join(words)}': see `hlp objects --help`")
+            hint = nearest(words[0], _WORDS) if words and words[0] not in _WORDS else ""
+            raise InputError(
+                f"cannot use '{' '.join(words)}'{hint or ':'} see `hlp objects --help`"
+            )
 
 
 def _registered(folder: Path, model: str, uri: str) -> str:
     from hlp.reporting.model_registry import register
     from hlp.runs.learnt_cache import describe_learnt
 
-    objects = ", ".join(describe_learnt(folder).record.objects)
+    objects = ", ".join(describe_learnt(folder).objects)
     address = register(folder, model, uri, {"objects": objects})
     return f"registered {address}; in Python: mlflow.pyfunc.load_model('{address}')"
 
@@ -56,7 +62,7 @@ def _listed(cache: Path) -> str:
     if not entries:
         return f"nothing is learnt yet in {cache}: hlp learn mesh=FILE"
     lines = [
-        f"{each.name:<28} {each.size / 1e6:6.0f} MB  {', '.join(each.record.objects)}"
+        f"{each.name:<28} {each.size / 1e6:6.0f} MB  {each.problem or ', '.join(each.objects)}"
         for each in entries
     ]
     return "\n".join([*lines, f"in {cache}"])
@@ -92,14 +98,16 @@ usage: hlp objects list
        hlp objects export NAME FOLDER
        hlp objects register NAME|FOLDER MODEL [uri=MLFLOW]
 
-What `hlp learn` and `hlp predict model=…` have learnt and keep in the user's cache.
+What `hlp learn` and `hlp predict model=…` have learnt and keep in the user's
+cache.
 
   list     names, sizes on disk and objects
   show     size, symmetries, colours and patch sizes of the objects
   remove   delete an entry
-  export   copy it into a new folder, to be used on another machine: hlp predict learnt=FOLDER …
-  register copy it into MLflow as a new version of MODEL, for mlflow.pyfunc.load_model
-           (uri: MLFLOW_TRACKING_URI, or sqlite:///work/mlflow.db)
+  export   copy it into a new folder, to be used on another machine: hlp predict
+           learnt=FOLDER …
+  register copy it into MLflow as a new version of MODEL, for
+           mlflow.pyfunc.load_model (uri: MLFLOW_TRACKING_URI, or sqlite:///work/mlflow.db)
 
 work=FOLDER looks there instead of in the user's cache.
 

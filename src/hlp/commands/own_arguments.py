@@ -6,6 +6,7 @@ Hydra takes a second to start and reads a comma as a sweep; these commands take 
 import dataclasses
 import json
 import logging
+import re
 import sys
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -77,7 +78,8 @@ def plain_value(text: str) -> Any:
     try:
         return json.loads(text)
     except ValueError:
-        pass
+        if re.fullmatch(r"[-+]?(\d+\.|\.\d+)([eE][-+]?\d+)?", text):  # .9 and 9., no JSON
+            return float(text)
     if text.startswith("[") and text.endswith("]"):
         return [plain_value(part) for part in text[1:-1].split(",") if part.strip()]
     return str(Path(text).expanduser()) if text.startswith("~") else text
@@ -91,6 +93,26 @@ def text_list(text: str) -> list[str]:
     return [str(each) for each in value]
 
 
+def names_of_objects(given: dict[str, str]) -> list[str] | None:
+    """The names that `objects` gives, which is taken out; None without. InputError for none."""
+    if "objects" not in given:
+        return None
+    names = text_list(given.pop("objects"))
+    if not names:
+        raise InputError("objects names none: leave it out to look for all of them")
+    return names
+
+
+def whole_number(given: Mapping[str, str], key: str, most: int = 1024) -> int | None:
+    """A key's whole number, 0 to `most`; None without. Raises InputError for anything else."""
+    if key not in given:
+        return None
+    value = plain_value(given[key])
+    if type(value) is not int or not 0 <= value <= most:
+        raise InputError(f"{key}={given[key]}: it must be a whole number, 0 to {most}")
+    return value
+
+
 def check_known(given: Mapping[str, str], known: Sequence[str], command: str) -> None:
     """Raise InputError for the first key that a command does not take."""
     for key in given:
@@ -99,6 +121,17 @@ def check_known(given: Mapping[str, str], known: Sequence[str], command: str) ->
             raise InputError(
                 f"{key} is no key of `hlp {command}`{hint or ':'} see `hlp {command} --help`"
             )
+
+
+def check_mistyped(
+    given: Mapping[str, str], known: Collection[str], needed: Sequence[str], command: str
+) -> None:
+    """Raise InputError for a key that is none, but near one that is needed and absent."""
+    absent = [key for key in needed if key not in given]
+    for key in given:
+        hint = "" if key in known else nearest(key, absent)
+        if hint:
+            raise InputError(f"{key} is no key of `hlp {command}`{hint}")
 
 
 def output_folder(given: Mapping[str, str], command: str) -> Path:
@@ -116,9 +149,6 @@ def call(task: Callable[[], None], messages: TextIO | None = None) -> None:
     with _messages_on_terminal(sys.stdout if messages is None else messages):
         try:
             task()
-        except KeyboardInterrupt:
-            print("hlp: interrupted; the same command continues from here", file=sys.stderr)
-            sys.exit(130)  # as in shells
         except Exception as error:
             expected = isinstance(error, HlpError) or is_expected(error)
             if not expected and type(error).__module__.partition(".")[0] not in _FRAMEWORKS:

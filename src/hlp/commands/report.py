@@ -42,23 +42,25 @@ def command(arguments: Sequence[str]) -> None:
 
 
 REPORT_HELP = """\
-usage: hlp report [experiment=NAME] [output=DIR] [details=true] [format=text|markdown]
+usage: hlp report [experiment=NAME] [output=DIR] [details=true]
+                  [format=text|markdown]
        hlp report 'objects=[A,B,…]' [output=DIR]
        hlp report 'runs=[A,B,…]' [uri=MLFLOW]
 
-Reports finished runs: all below outputs/, those of one experiment (outputs/NAME),
-or those in or below any other folder (output=DIR).
+Reports finished runs: all below outputs/, those of one experiment
+(outputs/NAME), or those in or below any other folder (output=DIR).
 
-One run has its tables, with the paper's numbers beside ours for LINEMOD's objects.
-Several have a line each (details=true: also their tables), sweeps a table of their
-arms with differences to the default. For fig9a, fig9b, fig9c, table1, table2 and
-pso_vs_icp, the paper's figure or table is written into the folder of each sweep or
-run, as PNG, SVG, Markdown, CSV and LaTeX; for recordings one table of all data
-sets; for ladder a table and a figure of all arms.
+One run has its tables, with the paper's numbers beside ours for LINEMOD's
+objects. Several have a line each (details=true: also their tables), sweeps a
+table of their arms with differences to the default. For fig9a, fig9b, fig9c,
+table1, table2 and pso_vs_icp, the paper's figure or table is written into the
+folder of each sweep or run, as PNG, SVG, Markdown, CSV and LaTeX; for
+recordings one table of all data sets; for ladder a table and a figure of all
+arms.
 
 Into the folder of every run and sweep goes report.html, one page for a browser,
-without any other file or network: charts, the targets with pictures of the missed
-ones, a 3D view, the configuration, and the command that repeats it.
+without any other file or network: charts, the targets with pictures of the
+missed ones, a 3D view, the configuration, and the command that repeats it.
 
   objects   prints the recall of these objects, over all targets and by visible
             fraction
@@ -71,4 +73,4 @@ ones, a 3D view, the configuration, and the command that repeats it.
 hlp report output=outputs/demo/2026-11-21_10-00-00    one run
 hlp report experiment=fig9b                           the paper's Fig. 9b
 hlp report 'runs=[outputs/a,outputs/b]'               is b better than a?
-hlp report 'runs=[outputs/s0,outputs/s1,outputs/s2]'  three seeds: how far apart?"""
+hlp report 'runs=[outputs/s0,outputs/s1,outputs/s2]'  how far apart?"""

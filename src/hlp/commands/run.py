@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hlp.commands import composing
+from hlp.commands.run_help import run_help
 from hlp.errors import HlpError
 
 if TYPE_CHECKING:
@@ -19,16 +20,20 @@ MANIFEST = "manifest="
 
 def command(arguments: Sequence[str], name: str = "run") -> None:
     """Compose the configuration, build what it names, and run its task."""
-    from hlp.studies.sweep import unfinished_sweep
-
+    if composing.HELP & {*arguments}:
+        print(run_help(arguments, composing.config_folder()))
+        return
     if any(each.startswith(MANIFEST) for each in arguments):
         _repeat(arguments)
         return
     swept = composing.MULTIRUN & {*arguments}
-    folder = unfinished_sweep(arguments, Path("outputs")) if swept else None
-    if folder is not None:
-        print(f"continuing the sweep in {folder}")
-        arguments = [*arguments, f"output='{folder}'"]
+    if swept:
+        from hlp.studies.sweep import unfinished_sweep
+
+        folder = unfinished_sweep(arguments, Path("outputs"))
+        if folder is not None:
+            print(f"continuing the sweep in {folder}")
+            arguments = [*arguments, f"output='{folder}'"]
     composing.compose_and_call(name, arguments, _run, composing.config_folder())
 
 
@@ -40,7 +45,8 @@ def _run(config: DictConfig, manifest: Path | None = None) -> None:
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
 
-    config.output = HydraConfig.get().runtime.output_dir  # each run of a sweep has its own
+    if config.output != "":  # otherwise the settings say that it is empty
+        config.output = HydraConfig.get().runtime.output_dir  # each run of a sweep has its own
 
     from hlp.config import build, chosen
     from hlp.studies import repeat, sweep, tasks

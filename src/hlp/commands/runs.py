@@ -23,9 +23,9 @@ def command(arguments: Sequence[str]) -> None:
 RUNS_HELP = """\
 usage: hlp runs [output=DIR] [format=text|markdown]
 
-Lists the runs and sweeps in or below outputs/ (or DIR), oldest first: whether they
-have finished, their targets, the ADD(-S) recall with its 95 % interval, and the
-time of one object in one frame. Nothing is written.
+Lists the runs and sweeps in or below outputs/ (or DIR), oldest first: whether
+they have finished, their targets, the ADD(-S) recall with its 95 % interval,
+and the time of one object in one frame. Nothing is written.
 
 hlp runs                        all of outputs/
 hlp runs output=outputs/demo    those of one experiment

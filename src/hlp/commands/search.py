@@ -17,20 +17,24 @@ def command(arguments: Sequence[str]) -> None:
 
 
 SEARCH_HELP = """\
-usage: hlp search [space=NAME] [experiment=NAME] [task.trials=N] [task.limit_ms=T] [overrides]
+usage: hlp search [space=NAME] [experiment=NAME] [task.trials=N]
+                  [task.limit_ms=T] [overrides]
 
-Optuna tries settings on the configured frames. It looks for the best ADD(-S) recall among settings
-whose median time per target is within the limit. It needs the extra `search`: pip install
-'hlp[search]'. Spaces are files in conf/task/space that list settings with ranges or choices. The
-first trial is the unchanged configuration. Stages that trials share are computed once. Each trial
-measures its own times.
+Optuna tries settings on the configured frames. It looks for the best ADD(-S)
+recall among settings whose median time per target is within the limit. It needs
+the extra `search`: pip install 'hlp[search]'. Spaces are files in
+conf/task/space that list settings with ranges or choices. The first trial is
+the unchanged configuration. Stages that trials share are computed once. Each
+trial measures its own times.
 
-The study is stored in work/search. The same command continues it; raise task.trials for more
-trials. In MLflow the search is one run, and each trial is a child run of it.
+The study is stored in work/search. The same command continues it; raise
+task.trials for more trials. In MLflow the search is one run, and each trial is
+a child run of it.
 
-Written into the output folder: search.json, search.csv, search.md and manifest.json.
+Written into the output folder: search.json, search.csv, search.md and
+manifest.json.
 
-hlp search                                            refinement of the demo, within 500 ms
-hlp search space=voting task.trials=50 frames=60      voting, on 60 frames
-hlp search experiment=linemod_bop data.root=PATH      on real frames
-hlp search task.space.parameters.refinement.particles.high=100    a wider range"""
+hlp search                                         refinement, within 500 ms
+hlp search space=voting task.trials=50 frames=60   voting, on 60 frames
+hlp search experiment=linemod_bop data.root=PATH   on real frames
+hlp search task.space.parameters.refinement.particles.high=100   a wider range"""

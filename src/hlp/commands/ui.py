@@ -53,9 +53,9 @@ def _show(page: str, given: Mapping[str, str]) -> None:
 UI_HELP = """\
 usage: hlp ui [experiment=NAME] [work=DIR | uri=MLFLOW] [port=5000] [open=false]
 
-Shows the runs in MLflow: the list of runs of the newest experiment, or of the one
-named. For a local database this starts MLflow's server, for this machine alone,
-until Ctrl-C; of a server it prints the page.
+Shows the runs in MLflow: the list of runs of the newest experiment, or of the
+one named. For a local database this starts MLflow's server, for this machine
+alone, until Ctrl-C; of a server it prints the page.
 
   work   folder of the runs, as for `hlp run` (work)
   uri    address of the runs (MLFLOW_TRACKING_URI, or sqlite:///DIR/mlflow.db)

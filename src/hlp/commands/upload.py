@@ -25,8 +25,8 @@ def _send(given: Mapping[str, str]) -> None:
 UPLOAD_HELP = """\
 usage: hlp upload [work=DIR] [unsent=DATABASE] [uri=SERVER]
 
-Sends the runs that `hlp run` has kept in DIR/unsent because MLflow's server was away,
-with all their numbers, files and images. What is sent is removed here.
+Sends the runs that `hlp run` has kept in DIR/unsent because MLflow's server was
+away, with all their numbers, files and images. What is sent is removed here.
 
   work    folder of the runs, as for `hlp run` (work)
   unsent  the database of these runs, if `reporting.unsent` named another

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, Protocol
 
-from annotated_types import Ge
+from annotated_types import Ge, Le
 
 from hlp.codebook.neighbours import SEARCHES, NeighboursSettings
 from hlp.data.dataset import DATASETS, DataSettings
@@ -24,7 +24,7 @@ from hlp.refinement.refiner import REFINERS, RefinementSettings
 from hlp.registry import Registry
 from hlp.rendering.views import ViewsSettings
 from hlp.reporting.tracking import TrackingSettings
-from hlp.settings import Doc, Settings
+from hlp.settings import Doc, Settings, SettingsError
 from hlp.stages.executor_settings import EXECUTORS, ExecutorSettings
 from hlp.stages.warm_start import WarmStartSettings
 from hlp.voting.modes import VOTINGS, VotingSettings
@@ -66,7 +66,7 @@ class RunSettings(Settings):
     """
 
     name: Annotated[str, Doc("name of the experiment")]
-    seed: Annotated[int, Ge(0), Doc("seed of all random numbers")] = 0
+    seed: Annotated[int, Ge(0), Le(2**32 - 1), Doc("seed of all random numbers")] = 0
     work: Annotated[
         str, Doc("folder shared by all runs: finished stages and MLflow's database")
     ] = "work"
@@ -84,7 +84,9 @@ class RunSettings(Settings):
             "others are scored; fail: it ends the run"
         ),
     ] = "report"
-    panels: Annotated[int, Ge(0), Doc("number of frames that are drawn; 0: no pictures")] = 6
+    panels: Annotated[
+        int, Ge(0), Le(100_000), Doc("number of frames that are drawn; 0: no pictures")
+    ] = 6
     timing_frames: Annotated[
         int,
         Ge(1),
@@ -109,8 +111,11 @@ class RunSettings(Settings):
     task: Annotated[TaskSettings, TASKS]
 
     def __post_init__(self) -> None:
-        """Raise SettingsError where alternatives do not go together."""
+        """Raise SettingsError for a folder without a name, and alternatives that do not fit."""
         super().__post_init__()
+        for key in ("name", "work", "output"):
+            if not getattr(self, key).strip():
+                raise SettingsError(key, "is empty: name one")
         _ = self.method
 
     @property

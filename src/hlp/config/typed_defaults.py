@@ -12,6 +12,7 @@ In every group, `base` holds the defaults of the group's settings class. In a gr
 They are not files and are not listed. A module is imported when one of its defaults is used.
 """
 
+from functools import cache
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 from hydra.core.config_search_path import ConfigSearchPath
@@ -36,6 +37,7 @@ def provide_defaults() -> None:
             Plugins.instance().register(plugin)
 
 
+@cache
 def group_kinds() -> dict[str, "type | Registry[Any]"]:
     """The settings class of each config group, or the registry of its alternatives."""
     from hlp.config.settings import RunSettings

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Interval
+from annotated_types import Ge, Interval, Le
 from jaxtyping import Bool, Float
 
 from hlp.data.bad_frames import StatedTarget
@@ -80,7 +80,10 @@ class BopSettings(FolderSettings):
         ),
     ] = "targets"
     symmetry_steps: Annotated[
-        int, Ge(1), Doc("rotations that stand for a continuous symmetry; at most 0.6° off (D)")
+        int,
+        Ge(1),
+        Le(3600),
+        Doc("rotations that stand for a continuous symmetry; at most 0.6° off (D)"),
     ] = 315
 
     def build(self) -> Dataset:

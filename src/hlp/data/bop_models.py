@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from hlp.data.model_checks import check_diameter, check_symmetries
 from hlp.errors import ConfigError, DataError, MissingFileError
@@ -101,8 +100,11 @@ def _discrete(values: Sequence[float], where: str) -> Float[np.ndarray, "4 4"]:
 
 def _turns(entry: bop.ContinuousSymmetry, steps: int, where: str) -> Float[np.ndarray, "s 4 4"]:
     """Rotations about the axis of a continuous symmetry, the identity first."""
+    from scipy.spatial.transform import Rotation
+
     axis = np.asarray(entry.axis, dtype=np.float64)
-    length = float(np.linalg.norm(axis))
+    with np.errstate(over="ignore"):  # of numbers that are no direction: 1e300
+        length = float(np.linalg.norm(axis))
     if not 0 < length < np.inf:
         raise DataError(f"{where} is {entry.axis}: it must be a direction of a positive length")
     angles = np.arange(steps)[:, None] * (2.0 * np.pi / steps)

@@ -71,7 +71,10 @@ class Scene(Protocol):
 
 
 def list_scenes(split: Path) -> dict[int, Scene]:
-    """The scenes of a split by number, in order. Raises MissingFileError if there is none."""
+    """The scenes of a split by number, in order.
+
+    Raises MissingFileError if there is none, DataError if two folders have one number.
+    """
     if not split.is_dir():
         raise MissingFileError(f"no folder {split}: check data.root and data.split")
     scenes: dict[int, Scene] = {}
@@ -79,6 +82,8 @@ def list_scenes(split: Path) -> dict[int, Scene]:
         if folder.name.isdecimal():
             single = next(folder.glob(f"*{_CAMERA}"), None) is not None
             number = int(folder.name)
+            if number in scenes:
+                raise DataError(f"{split} has two folders of scene {number}: leave one out")
             scenes[number] = ImagewiseScene(folder, number) if single else ScenewiseScene(folder)
     for path in split.glob(f"*_*{_CAMERA}"):
         name = path.name.partition("_")[0]

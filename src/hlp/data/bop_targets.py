@@ -54,10 +54,20 @@ def list_targets(
 
 
 def annotated_targets(scene: Scene, frame_id: int, where: str) -> list[Target]:
-    """All annotated instances of a frame. Raises ValueError naming `where` for a broken pose."""
-    entries = scene.truth(frame_id)
-    visible = [info.visib_fract for info in scene.info(frame_id)]
-    visible += [float("nan")] * (len(entries) - len(visible))
+    """All annotated instances of a frame.
+
+    Raises DataError naming `where` for a broken pose, and for visible fractions of another number
+    of instances.
+    """
+    entries, infos = scene.truth(frame_id), scene.info(frame_id)
+    if entries and infos and len(entries) != len(infos):
+        files = scene.text_files([frame_id])
+        about = next(each for each in files if each.name.endswith("gt_info.json"))
+        raise DataError(
+            f"{where}: {about} has {len(infos)} instances, but there are {len(entries)} poses: "
+            "they must be the same ones in the same order"
+        )
+    visible = [info.visib_fract for info in infos] or [float("nan")] * len(entries)
     return [
         Target(entry.obj_id, _pose(entry, where), fraction)
         for entry, fraction in zip(entries, visible, strict=False)

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from hlp.schemas.reading import parse_json
 
 FISHEYE = "fisheye"
 _MOST_BYTES = 64 * 1024**2
+_DEEPEST = 20  # brackets within brackets
 _LONGEST_UNIT = 1e6  # mm
 _PLAIN, _PINHOLE = "none", "pinhole"
 # Names of distortion models: ROS's, RealSense's and OpenCV's.
@@ -88,6 +90,8 @@ def _parsed(path: Path, where: str) -> Any:
             return parse_json(text, where)
         # OpenCV writes a first line and tags that other readers of YAML do not know.
         plain = re.sub(r"^%YAML.*\n", "", text).replace("!!opencv-matrix", "")
+        if _nesting(plain) > _DEEPEST:  # the parser takes 18 s for five thousand brackets
+            raise InputError(f"{where} is nested too deeply: no intrinsics are")
         if any(isinstance(each, yaml.AliasEvent) for each in yaml.parse(plain)):
             raise InputError(f"{where} refers to itself (*name): write the numbers out")
         documents = list(yaml.safe_load_all(plain))  # `rostopic echo` ends with ---
@@ -101,6 +105,12 @@ def _parsed(path: Path, where: str) -> Any:
     except (ValueError, yaml.YAMLError) as error:
         first = str(error).splitlines()[0]
         raise InputError(f"{where} is neither JSON, YAML nor nine numbers: {first}") from error
+
+
+def _nesting(text: str) -> int:
+    """How many brackets are open at once at most, whatever is in quotes."""
+    signs = [1 if each in "[{" else -1 for each in re.findall(r"[\[\]{}]", text)]
+    return max(accumulate(signs), default=0)
 
 
 def _one_camera(content: dict[Any, Any], where: str) -> Mapping[str, Any]:

@@ -7,6 +7,7 @@ import numpy as np
 
 from hlp.data.images import EXTENSIONS, SATURATED, decode_unchanged
 from hlp.errors import DataError, InputError, MissingDependencyError, MissingFileError
+from hlp.files import NO_ARRAYS
 from hlp.records import MILLIMETRES_PER_METRE
 
 DEPTH_EXTENSIONS = (".png", ".tif", ".tiff", ".exr", ".npy", *EXTENSIONS)
@@ -48,7 +49,8 @@ def depth_in_metres(
     median is no distance that a depth camera measures.
     """
     unit = np.float32(millimetres / MILLIMETRES_PER_METRE)
-    metres = np.where(_present(raw), raw, 0).astype(np.float32) * unit
+    with np.errstate(over="ignore"):
+        metres = np.where(_present(raw), raw, 0).astype(np.float32) * unit
     if not metres.any():
         raise DataError(f"{path} has no depth at any pixel: check the sensor or leave it out")
     median = float(np.median(metres[metres > 0]))
@@ -93,7 +95,7 @@ def _present(raw: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 def _read_npy(path: Path) -> np.ndarray[Any, Any]:
     try:
         return np.asarray(np.load(path, allow_pickle=False))
-    except (ValueError, EOFError, OSError) as error:
+    except NO_ARRAYS as error:
         raise DataError(f"{path} is truncated or no array: copy or save it again") from error
 
 

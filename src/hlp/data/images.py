@@ -12,6 +12,7 @@ from hlp.records import MILLIMETRES_PER_METRE
 
 SATURATED = 65535
 """7-Scenes and others write this for missing depth."""
+_PNG_16_BIT_GREY = b"\x10\x00"  # of a PNG's header: depth and kind of its pixels
 EXTENSIONS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 
 
@@ -19,7 +20,10 @@ def _decode(path: Path, flags: int) -> np.ndarray[Any, Any]:
     if not path.is_file():
         raise MissingFileError(f"no image {path}")
     encoded = np.frombuffer(path.read_bytes(), np.uint8)
-    image = cv2.imdecode(encoded, flags) if len(encoded) else None
+    try:
+        image = cv2.imdecode(encoded, flags) if len(encoded) else None
+    except cv2.error as error:  # its header states a size that OpenCV refuses
+        raise DataError(f"{path} is too large, or no image: {error.err}") from error
     if image is None:
         raise DataError(f"{path} is truncated or no image: copy or download it again")
     return np.asarray(image)
@@ -33,8 +37,13 @@ def decode_unchanged(path: Path) -> np.ndarray[Any, Any]:
 def read_rgb(path: Path) -> UInt8[np.ndarray, "h w 3"]:
     """Colour image as RGB; grey becomes three equal channels, EXIF rotation is ignored as in depth.
 
-    Raises FileNotFoundError, and ValueError if the file is truncated or no image.
+    Raises FileNotFoundError, and ValueError if the file is truncated or no image, or looks like a
+    depth image: a PNG of one channel of 16 bits.
     """
+    if path.is_file() and path.suffix.lower() == ".png":
+        with path.open("rb") as stream:
+            if stream.read(26)[24:] == _PNG_16_BIT_GREY:
+                raise DataError(f"{path} has one channel of 16 bits: is it a depth image?")
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
     return np.ascontiguousarray(_decode(path, flags)[..., ::-1])
 
@@ -57,8 +66,9 @@ def depth_metres(
     raw: np.ndarray[Any, Any], millimetres: float, path: Path
 ) -> Float[np.ndarray, "h w"]:
     """Raw 16-bit depth in metres (float32). Raises ValueError if no pixel has depth."""
-    unit = np.float32(millimetres / MILLIMETRES_PER_METRE)
-    metres = np.where(raw == SATURATED, 0, raw).astype(np.float32) * unit
+    with np.errstate(over="ignore"):  # of a depth_scale that is none: the depths say so
+        unit = np.float32(millimetres / MILLIMETRES_PER_METRE)
+        metres = np.where(raw == SATURATED, 0, raw).astype(np.float32) * unit
     if not metres.any():
         raise DataError(f"{path} has no depth at any pixel: check the sensor or leave it out")
     return np.asarray(metres)

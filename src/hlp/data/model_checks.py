@@ -1,7 +1,6 @@
 """Whether what a data set states of an object is true of its mesh."""
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from hlp.errors import DataError
 from hlp.geometry import transform
@@ -30,6 +29,8 @@ def check_diameter(model: ObjectModel, where: str) -> None:
 
 def check_symmetries(model: ObjectModel, where: str) -> None:
     """Raise DataError if a stated symmetry does not map the mesh onto itself."""
+    from scipy.spatial import cKDTree
+
     if len(model.symmetries) == 1:
         return
     points = sample_surface(model.mesh, _SAMPLES).points

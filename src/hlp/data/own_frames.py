@@ -161,6 +161,11 @@ class OwnFrames:
         self._reader = FrameReader(files)
 
     @property
+    def settings(self) -> FrameFiles:
+        """Where the frames are, and how they are read."""
+        return self._files
+
+    @property
     def camera(self) -> Camera:
         """The colour camera. Raises what `read_camera` raises."""
         return self._reader.camera

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from annotated_types import Ge, Gt, Interval
+from annotated_types import Ge, Gt, Interval, Le
 
 from hlp.records import ObjectModel
 from hlp.settings import Doc, Settings
@@ -35,6 +35,7 @@ class WaterfallSettings(Settings):
     flip_fraction: Annotated[
         float,
         Ge(0),
+        Le(1),
         Doc(
             "a pose outside the basin with ADD-S below this fraction of the diameter is right "
             "except for a (near) symmetry (D)"
@@ -55,12 +56,12 @@ class EvaluationSettings(Settings):
         ),
     ] = None
     add_fraction: Annotated[
-        float, Gt(0), Doc("largest mean vertex distance, as a fraction of the diameter (P)")
+        float, Gt(0), Le(1), Doc("largest mean vertex distance, as a fraction of the diameter (P)")
     ] = 0.1
     translation_cm: Annotated[float, Gt(0), Doc("limit of 5cm5deg (P)")] = 5.0
     rotation_deg: Annotated[float, Gt(0), Doc("limit of 5cm5deg (P)")] = 5.0
-    iou: Annotated[float, Gt(0), Doc("smallest overlap of the projected boxes (P)")] = 0.5
-    bootstrap: Annotated[int, Ge(1), Doc("resamplings for a 95 % interval (D)")] = 1000
+    iou: Annotated[float, Gt(0), Le(1), Doc("smallest overlap of the projected boxes (P)")] = 0.5
+    bootstrap: Annotated[int, Ge(1), Le(100_000), Doc("resamplings for a 95 % interval (D)")] = 1000
     waterfall: WaterfallSettings = field(default_factory=WaterfallSettings)
 
     def is_symmetric(self, model: ObjectModel) -> bool:

@@ -1,25 +1,81 @@
 """Checks of what a user gives to a detector; errors name the argument."""
 
+from collections.abc import Iterable, Mapping
+from numbers import Integral, Real
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hlp.errors import InputError
+from hlp.errors import DataError, InputError
 from hlp.records import Frame
+from hlp.schemas.meaning import FOCAL, SKEW, require_rotation
 
-_FARTHEST = 20.0  # m: a larger median depth means another unit
+_NEAREST, _FARTHEST = 0.05, 20.0
+"""All of the depth (m) lies beyond the first, half of it nearer than the last: else another unit"""
+_FEWEST = 8  # pixels of a side
 
 
-def check_limits(max_instances: int, min_score: float) -> None:
+def check_limits(max_instances: Any, min_score: Any) -> None:
     """Raise InputError unless at least one instance is asked for, with a probability."""
-    if max_instances < 1:
-        raise InputError(f"max_instances is {max_instances}: it must be at least 1")
-    if not 0.0 <= min_score <= 1.0:
-        raise InputError(f"min_score is {min_score}: it must be a probability, 0 to 1")
+    whole = isinstance(max_instances, Integral) and not isinstance(max_instances, bool)
+    if not whole or max_instances < 1:
+        raise InputError(f"max_instances is {max_instances!r}: it must be a whole number from 1")
+    number = isinstance(min_score, Real) and not isinstance(min_score, bool)
+    if not number or not 0.0 <= min_score <= 1.0:
+        raise InputError(f"min_score is {min_score!r}: it must be a probability, 0 to 1")
+
+
+def checked_names(given: Iterable[str], known: Iterable[str], folder: Path) -> list[str]:
+    """Names of learnt objects, each once. Raises InputError for what is no name of one."""
+    if isinstance(given, str | bytes) or not isinstance(given, Iterable):
+        raise InputError(f"objects is {given!r}: give a list of names")
+    names = list(given)
+    unknown = [str(name) for name in names if not isinstance(name, str) or name not in {*known}]
+    if unknown:
+        learnt = ", ".join(known)
+        raise InputError(f"objects: {', '.join(unknown)} not learnt; {folder} has {learnt}")
+    return list(dict.fromkeys(map(str, names)))
+
+
+def checked_path(given: object, name: str) -> Path:
+    """The argument as a path. Raises InputError for what is none."""
+    if not isinstance(given, str | PathLike) or "\0" in (path := str(fspath(given))):
+        raise InputError(f"{name} is {given!r}: it must be a path")
+    return Path(path)
+
+
+def checked_meshes(given: object) -> dict[str, Path]:
+    """The files of meshes by name. Raises InputError for another form."""
+    if not isinstance(given, Mapping) or not all(isinstance(name, str) for name in given):
+        raise InputError(
+            f"meshes is {str(given)[:60]!r}: it must map names to files, "
+            "{'bracket': 'bracket.ply'}"
+        )
+    return {name: checked_path(path, f"meshes[{name!r}]") for name, path in given.items()}
+
+
+def checked_backgrounds(given: object) -> tuple[Frame, ...]:
+    """RGB-D frames as backgrounds. Raises InputError for anything else."""
+    frames = tuple(given) if isinstance(given, Iterable) else (given,)
+    if not all(isinstance(frame, Frame) for frame in frames):
+        raise InputError("background_frames: they must be frames, as hlp.records.Frame")
+    return frames
+
+
+def _array(given: object, name: str) -> np.ndarray[Any, Any]:
+    """The argument as an array; what is masked counts as missing."""
+    try:
+        return np.asarray(np.ma.filled(given, 0) if np.ma.isMaskedArray(given) else given)
+    except (TypeError, ValueError, RuntimeError, OverflowError) as error:  # of numpy and torch
+        raise InputError(f"{name} is no array: {error}") from error
 
 
 def checked_mask(given: object, shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
     """The argument as a mask (h, w). Raises InputError for another form, or if it is empty."""
-    mask = np.asarray(given)
+    mask = _array(given, "mask")
     if mask.dtype != np.bool_ or mask.shape != shape:
         raise InputError(f"mask is {mask.dtype} {mask.shape}: it must be bool {shape}, as depth is")
     if not mask.any():
@@ -27,12 +83,26 @@ def checked_mask(given: object, shape: tuple[int, ...]) -> Bool[np.ndarray, "h w
     return mask
 
 
+def checked_pose(given: object) -> Float[np.ndarray, "4 4"]:
+    """The argument as a rigid motion. Raises InputError for anything else."""
+    pose = _array(given, "pose_cam_obj")
+    if pose.dtype.kind not in "uif" or pose.shape != (4, 4) or not np.isfinite(pose).all():
+        raise InputError(f"pose_cam_obj must be 4 × 4 finite numbers, not {str(given)[:60]!r}")
+    if not np.array_equal(pose[3], [0, 0, 0, 1]):
+        raise InputError(f"pose_cam_obj: its last row is {pose[3].tolist()}, it must be 0 0 0 1")
+    try:
+        require_rotation(pose[:3, :3].astype(np.float64), "pose_cam_obj[:3, :3]")
+    except DataError as error:
+        raise InputError(str(error)) from None
+    return pose.astype(np.float64)
+
+
 def checked_frame(rgb: object, depth: object, camera_matrix: object) -> Frame:
     """The arguments of `detect` as a frame. Raises InputError naming what is wrong."""
-    color = np.asarray(rgb)
+    color = _array(rgb, "rgb")
     if color.ndim != 3 or color.shape[2] != 3 or color.dtype != np.uint8:
         raise InputError(f"rgb is {color.dtype} {color.shape}: it must be uint8 (h, w, 3)")
-    distance = np.asarray(depth)
+    distance = _array(depth, "depth")
     if distance.ndim != 2 or distance.dtype.kind != "f":
         raise InputError(
             f"depth is {distance.dtype} {distance.shape}: it must be floating point (h, w), in "
@@ -40,10 +110,16 @@ def checked_frame(rgb: object, depth: object, camera_matrix: object) -> Frame:
         )
     if distance.shape != color.shape[:2]:
         raise InputError(f"depth is {distance.shape}, rgb {color.shape[:2]}: they must be alike")
-    distance = np.where(np.isfinite(distance), distance, 0.0).astype(np.float32)
-    if distance.min(initial=0.0) < 0.0:
+    if min(distance.shape) < _FEWEST:
+        raise InputError(f"rgb is {color.shape}: it must have {_FEWEST} pixels a side at least")
+    with np.errstate(over="ignore"):
+        distance = distance.astype(np.float32, copy=False)
+    distance = np.where(np.isfinite(distance), distance, np.float32(0.0))
+    if distance.min() < 0.0:
         raise InputError("depth has negative values: metres, 0 where missing")
-    if distance.max(initial=0.0) > _FARTHEST:  # the median takes longer than tracking an object
+    if 0.0 < (farthest := distance.max()) < _NEAREST:
+        raise InputError(f"depth is nowhere more than {farthest:.3g} m: it must be in metres")
+    if farthest > _FARTHEST:  # the median takes longer than tracking an object
         median = np.median(distance[distance > 0.0])
         if median > _FARTHEST:
             raise InputError(
@@ -53,13 +129,14 @@ def checked_frame(rgb: object, depth: object, camera_matrix: object) -> Frame:
 
 
 def _checked_camera(given: object, shape: tuple[int, ...]) -> Float[np.ndarray, "3 3"]:
-    try:
-        camera = np.asarray(given, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"camera_matrix must be 3 × 3 numbers, not {given!r}") from error
+    camera = _array(given, "camera_matrix")
+    if camera.dtype.kind not in "uif":
+        raise InputError(f"camera_matrix must be 3 × 3 numbers, not {str(given)[:60]!r}")
+    camera = camera.astype(np.float64)
     if camera.shape != (3, 3) or not np.isfinite(camera).all():
-        raise InputError(f"camera_matrix must be 3 × 3 finite numbers, not {given!r}")
-    if not np.array_equal(camera[[1, 2, 2, 2], [0, 0, 1, 2]], [0.0, 0.0, 0.0, 1.0]):
+        raise InputError(f"camera_matrix must be 3 × 3 finite numbers, not {str(given)[:60]!r}")
+    skewed = abs(camera[0, 1]) > SKEW * abs(camera[0, 0])
+    if skewed or not np.array_equal(camera[[1, 2, 2, 2], [0, 0, 1, 2]], [0.0, 0.0, 0.0, 1.0]):
         raise InputError(
             f"camera_matrix is {camera.tolist()}: its rows must be fx 0 cx, 0 fy cy, 0 0 1"
         )
@@ -70,5 +147,11 @@ def _checked_camera(given: object, shape: tuple[int, ...]) -> Float[np.ndarray, 
         raise InputError(
             f"camera_matrix: the principal point ({camera[0, 2]:g}, {camera[1, 2]:g}) lies outside "
             f"the image ({width} × {height}): it belongs to images of another size"
+        )
+    low, high = (share * max(shape) for share in FOCAL)
+    if not (low <= camera[0, 0] <= high and low <= camera[1, 1] <= high):
+        raise InputError(
+            f"camera_matrix: focal lengths of {camera[0, 0]:g} and {camera[1, 1]:g} px in an image "
+            f"of {width} × {height}: they must be {low:g} to {high:g} px"
         )
     return camera

@@ -42,10 +42,33 @@ def train_classifier(
     the last checkpoint in `folder`.
     """
     logging.getLogger(__name__).info("cutting windows of %d objects", len(models))
+    data = training_windows(models, views_of, backgrounds, settings)
+    torch.manual_seed(settings.seed)
+    module = HolisticClassifier(settings.classifier, _channels(settings), len(models) + 1)
+    epochs = settings.classifier.epochs_for(len(data.pool["label"]))
+    if start is not None:
+        copy_weights(module.network, start.weights, start.labels)
+        epochs = start.epochs
+    fit(module, data, module.network, epochs, settings.trainer, folder)
+    prior = max(settings.classifier.prior_objects, len(models))
+    pool = settings.patches.pool
+    raise_background(module.network, pool.object_odds(len(models)) / pool.object_odds(prior))
+    sample = calibration_images(data, module.images)
+    export_network(module.network.layers, sample, folder / CLASSIFIER, levels=True)
+    del data, module
+    gc.collect()  # trainer, loader and data refer to each other: a gigabyte for 15 objects
+
+
+def training_windows(
+    models: Mapping[int, ObjectModel],
+    views_of: Callable[[int], Views],
+    backgrounds: Backgrounds,
+    settings: MethodSettings,
+) -> HolisticDataModule:
+    """The images that the classifier of all `models` is trained on."""
     patches = settings.patches
-    windows = _windows(models, views_of, settings)
-    data = HolisticDataModule(
-        windows,
+    return HolisticDataModule(
+        _windows(models, views_of, settings),
         _backgrounds(models, backgrounds, settings),
         patches.holistic.channels,
         patches.pool.background_share_for(len(models)),
@@ -53,20 +76,6 @@ def train_classifier(
         settings.seed,
         settings.machine.threads,
     )
-    torch.manual_seed(settings.seed)
-    module = HolisticClassifier(settings.classifier, _channels(settings), len(models) + 1)
-    epochs = settings.classifier.epochs_for(len(windows.labels))
-    if start is not None:
-        copy_weights(module.network, start.weights, start.labels)
-        epochs = start.epochs
-    fit(module, data, module.network, epochs, settings.trainer, folder)
-    prior = max(settings.classifier.prior_objects, len(models))
-    pool = patches.pool
-    raise_background(module.network, pool.object_odds(len(models)) / pool.object_odds(prior))
-    sample = calibration_images(data, module.images)
-    export_network(module.network.layers, sample, folder / CLASSIFIER, levels=True)
-    del data, module, windows
-    gc.collect()  # trainer, loader and data refer to each other: a gigabyte for 15 objects
 
 
 def _channels(settings: MethodSettings) -> int:

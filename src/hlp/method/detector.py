@@ -4,15 +4,24 @@ import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from os import PathLike
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from threadpoolctl import ThreadpoolController
 
 from hlp.errors import InputError
-from hlp.method.arguments import check_limits, checked_frame, checked_mask
+from hlp.method.arguments import (
+    check_limits,
+    checked_backgrounds,
+    checked_frame,
+    checked_mask,
+    checked_meshes,
+    checked_names,
+    checked_path,
+    checked_pose,
+)
 from hlp.method.compute_threads import one_blas_thread
 from hlp.method.detections import Detection, SearchResult, sort_answers
 from hlp.method.frame_search import search_frame
@@ -20,7 +29,7 @@ from hlp.method.learnt_folder import LearntFolder
 from hlp.method.pose_estimator import PoseEstimator
 from hlp.method.settings import Device, MethodSettings
 from hlp.method.tracker import RgbdFrame, Tracker
-from hlp.method.tracking import TrackedDetection, TrackingSettings
+from hlp.method.tracking import Track, TrackedDetection, TrackingSettings, follow
 from hlp.method.unfinished_folder import bring_back
 from hlp.records import Frame, ObjectModel
 from hlp.refinement.score_model import MIN_SCORE
@@ -49,12 +58,17 @@ class Detector:
         device: Device | None = None,
     ) -> None:
         """Open a folder of learnt objects; see `load`."""
-        self.folder = Path(folder).resolve()  # files are read later, from any working directory
+        # Files are read later, from any working directory.
+        self.folder = checked_path(folder, "folder").resolve()
         bring_back(self.folder)
         self._threads, self._device = threads, device
         self._lock = threading.Lock()
         self._blas = ThreadpoolController()
         self._open()
+
+    def __reduce__(self) -> tuple[type["Detector"], tuple[object, ...]]:
+        """Pickled as the name of its folder: another process opens the folder itself."""
+        return Detector, (self.folder, self._threads, self._device)
 
     def _open(self) -> None:
         learnt = LearntFolder(self.folder, self._threads, self._device)
@@ -86,9 +100,13 @@ class Detector:
         from hlp.method.mesh_models import MeshChoices, build_models
 
         choices = MeshChoices(mesh_scale=mesh_scale)
-        models = build_models({n: Path(p) for n, p in meshes.items()}, choices, 1)
-        backgrounds = GivenBackgrounds(tuple(background_frames))
-        learn(models, Path(folder), MethodSettings() if settings is None else settings, backgrounds)
+        settings = MethodSettings() if settings is None else settings
+        if not isinstance(settings, MethodSettings):
+            raise InputError(f"settings is {settings!r}: it must be MethodSettings")
+        target = checked_path(folder, "folder")
+        backgrounds = GivenBackgrounds(checked_backgrounds(background_frames))
+        models = build_models(checked_meshes(meshes), choices, 1)
+        learn(models, target, settings, backgrounds)
         return cls(folder)
 
     @classmethod
@@ -143,8 +161,9 @@ class Detector:
         choices = MeshChoices(mesh_scale=mesh_scale)
         with self._lock:
             first_id = LearntFolder(self.folder).record.next_id
-            models = build_models({n: Path(p) for n, p in meshes.items()}, choices, first_id)
-            add(self.folder, models, GivenBackgrounds(tuple(background_frames)))
+            backgrounds = GivenBackgrounds(checked_backgrounds(background_frames))
+            models = build_models(checked_meshes(meshes), choices, first_id)
+            add(self.folder, models, backgrounds)
             self._open()
 
     def remove(self, name: str) -> None:
@@ -207,6 +226,29 @@ class Detector:
         missing = [name for name in names if self._ids[name] in ids]
         return sort_answers(answers, missing, min_score)
 
+    def refine(
+        self,
+        rgb: UInt8[np.ndarray, "h w 3"],
+        depth: Float[np.ndarray, "h w"],
+        camera_matrix: Float[np.ndarray, "3 3"],
+        object: str,
+        pose_cam_obj: Float[np.ndarray, "4 4"],
+    ) -> Detection | None:
+        """The best pose of an object about a given one, by the refiner alone (stage 3).
+
+        For a pose that is roughly known: from another detector, or from a moment before. `object`
+        is a learnt name, `pose_cam_obj` (4, 4) maps its coordinates to the camera's (m); the other
+        arguments are those of `detect`. None if it is not in front of the camera. Raises InputError
+        naming the argument that is wrong.
+        """
+        frame = checked_frame(rgb, depth, camera_matrix)
+        (name,) = self._checked_names([object])
+        track = Track(0, self._ids[name], 0.0, checked_pose(pose_cam_obj))
+        with self._alone() as estimator:
+            begun = time.perf_counter()
+            found = follow(estimator, estimator.prepare(frame), track, None, TrackingSettings())
+            return found and replace(found, seconds=time.perf_counter() - begun)
+
     def tracker(
         self,
         objects: Sequence[str] | None = None,
@@ -218,6 +260,8 @@ class Detector:
         Raises InputError naming the argument that is wrong.
         """
         settings = TrackingSettings() if settings is None else settings
+        if not isinstance(settings, TrackingSettings):
+            raise InputError(f"settings is {settings!r}: it must be TrackingSettings")
         check_limits(max_instances, settings.min_score)
         ids = [self._ids[name] for name in self._checked_names(objects)]
         return Tracker(self._alone, ids, max_instances, settings)
@@ -237,6 +281,8 @@ class Detector:
         it is reached, a frame.
         """
         tracker = self.tracker(objects, max_instances, settings)
+        if not isinstance(frames, Iterable):
+            raise InputError(f"frames is {frames!r}: give frames one after another")
         return (tracker.update(frame) for frame in frames)
 
     @contextmanager
@@ -248,11 +294,4 @@ class Detector:
     def _checked_names(self, objects: Sequence[str] | None) -> Sequence[str]:
         if objects is None:
             return self.objects
-        if isinstance(objects, str):
-            raise InputError(f"objects is the text {objects!r}: give a list of names")
-        names = list(dict.fromkeys(objects))
-        unknown = [str(name) for name in names if name not in self._ids]
-        if unknown:
-            known = ", ".join(self.objects)
-            raise InputError(f"objects: {', '.join(unknown)} not learnt; {self.folder} has {known}")
-        return names
+        return checked_names(objects, self.objects, self.folder)

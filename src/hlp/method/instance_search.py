@@ -1,5 +1,6 @@
 """Stages 2 and 3 of one object, until its instances are found: the region first, then closer."""
 
+import itertools
 from dataclasses import replace
 from functools import partial
 
@@ -26,12 +27,14 @@ def find_instances(
 
     `hypotheses` are those of the `region`. While fewer than `instances` poses are right with a
     probability of a half, the likeliest places of the region are searched, a few at a time. With
-    `min_score` the number of instances is not known: then one pose with that score is enough. A
-    pose from a closer look has no coarse hypothesis: its source is -1.
+    `min_score` the number of instances is not known: then one pose with that score, and of a half
+    at least, is enough. A pose from a closer look has no coarse hypothesis: its source is -1.
     """
     object_id = region.object_id
-    enough = MIN_SCORE if min_score is None else min_score
+    # Whoever wants to see improbable poses too does not want to find worse ones.
+    enough = max(MIN_SCORE, min_score or 0.0)
     looks = _Looks(estimator, context, object_id, enough)
+    improbable = min_score is not None and min_score < enough
     looks.add(estimator.refine(context, object_id, hypotheses, instances, unexplained, min_score))
     for closer in estimator.closer_regions(context, region):
         right = looks.right()
@@ -44,7 +47,7 @@ def find_instances(
         coarse = estimator.find_hypotheses(context, closer)
         missing = instances - len(right)
         looks.add(estimator.refine(context, object_id, coarse.hypotheses, missing, left, min_score))
-    return looks.together(instances)
+    return looks.together(instances, improbable)
 
 
 class _Looks:
@@ -76,8 +79,12 @@ class _Looks:
             if score >= self._enough
         ]
 
-    def together(self, instances: int) -> RefinedHypotheses | None:
-        """All looks as one: the probably right instances, then the best others of one look."""
+    def together(self, instances: int, improbable: bool) -> RefinedHypotheses | None:
+        """All looks as one: the probably right instances, then the best others of one look.
+
+        Where `improbable` poses are answers too, the others are from a look that found a right one,
+        if any did: from another look, they might be worse poses of the same instance.
+        """
         if len(self._found) < 2:
             return self._found[0] if self._found else None
         starts = np.cumsum([0, *(len(found.refined) for found in self._found)])
@@ -87,6 +94,9 @@ class _Looks:
             ranked = sorted(zip(scores, rows, strict=True), key=lambda each: -each[0])
             right += [row for score, row in ranked if score >= self._enough]
             others.append([each for each in ranked if each[0] < self._enough])
+        if improbable and right:
+            found_right = [any(each >= self._enough for each in scores) for scores in self._scores]
+            others = list(itertools.compress(others, found_right))
         best = max(others, key=lambda each: each[0][0] if each else -1.0)
         chosen = (right + [row for _, row in best])[: max(instances, len(right))]
         return RefinedHypotheses(

@@ -24,10 +24,10 @@ from hlp.method.learnt_folder import (
     LearntRecord,
     check_files,
     read_record,
-    write_model,
     write_record,
 )
 from hlp.method.mesh_models import check_told_apart
+from hlp.method.model_files import write_model
 from hlp.method.pose_estimator import PoseEstimator
 from hlp.method.score_calibration import calibrate_score
 from hlp.method.settings import MethodSettings, settings_to_json

@@ -4,7 +4,8 @@
                                 all files
 <folder>/classifier/, encoder/  the networks
 <folder>/objects/NAME/          object.json, model.npz (meshes, symmetries, siblings),
-                                texture.png if the mesh has one, codebook.npz
+                                colors.npz if the mesh has colours, texture.png if it has a texture,
+                                codebook.npz
 
 Nothing in it is pickled, so reading it runs no code of whoever wrote it, and no file outside of it
 is read. Checksums find damage, not intent: the libraries that read networks and search indices are
@@ -18,31 +19,27 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
-import cv2
-import numpy as np
-from annotated_types import Ge, Gt
-from jaxtyping import Float
+from annotated_types import Ge
 
 from hlp.checksums import find_damaged, is_sealed, seal_is_whole, sealed
 from hlp.codebook.entries import load_codebook
 from hlp.errors import ConfigError, DamagedError, DataError, MissingFileError
-from hlp.files import read_json, read_npz, write_json
+from hlp.files import read_json, write_json
+from hlp.method.model_files import read_model
 from hlp.method.networks import load_classifier
 from hlp.method.settings import Device, MethodSettings, settings_from_json, settings_to_json
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
-from hlp.records import Codebook, Mesh, ObjectModel, Texture
+from hlp.records import Codebook, ObjectModel
 from hlp.refinement.score_model import ScoreModel, load_score_model
 from hlp.settings import Settings, stored_as
 
-FORMAT = 3
+FORMAT = 4
 RECORD = "learnt.json"
 CLASSIFIER, ENCODER, OBJECTS = "classifier", "encoder", "objects"
-_OBJECT, _MODEL, _TEXTURE = "object.json", "model.npz", "texture.png"
-NAME = re.compile(r"[\w][\w .+-]*")
-"""What an object may be called: the name is that of its folder."""
+NAME = re.compile(r"[\w][\w .+-]{0,79}")
+"""What an object may be called: the name is that of its folder. At most 80 characters."""
 _AGAIN = "learn the objects again, or copy the folder anew"
-_MESH_FIELDS = ("vertices", "faces", "colors", "normals")
 
 
 @dataclass(frozen=True)
@@ -76,18 +73,6 @@ class _Learnt(Settings):
     files: dict[str, str]
 
 
-@dataclass(frozen=True)
-class _LearntObject(Settings):
-    """What `object.json` must say (metres)."""
-
-    id: Annotated[int, Ge(0)]
-    name: str
-    colored: bool
-    diameter: Annotated[float, Gt(0)]
-    holistic_size: Annotated[float, Gt(0)]
-    local_size: Annotated[float, Gt(0)]
-
-
 def write_record(folder: Path, record: LearntRecord) -> None:
     """Write `learnt.json`. It is written last: a folder with one is complete."""
     content = {
@@ -114,8 +99,8 @@ def read_record(folder: Path) -> LearntRecord:
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         given = content.get("format") if isinstance(content, dict) else content
         raise DataError(
-            f"{path}: format is {given!r}, this version of HLP reads {FORMAT}: learn the objects "
-            "again, or install the version that wrote it"
+            f"{path}: format is {str(given)[:60]}, this version of HLP reads {FORMAT}: learn the "
+            "objects again, or install the version that wrote it"
         )
     if not is_sealed(content):
         raise DamagedError(f"{path} is damaged: {_AGAIN}")
@@ -148,73 +133,6 @@ def check_files(folder: Path, record: LearntRecord, part: str = "") -> None:
         if not (folder / name).is_file():
             raise MissingFileError(f"{folder / name} is missing: {_AGAIN}")
         raise DamagedError(f"{folder / name} is damaged: {_AGAIN}")
-
-
-def write_model(folder: Path, model: ObjectModel) -> None:
-    """Write an object's model into `folder`, which is made if missing."""
-    folder.mkdir(parents=True, exist_ok=True)
-    arrays = {
-        f"{part}_{field}": getattr(mesh, field)
-        for part, mesh in (("mesh", model.mesh), ("proxy", model.proxy))
-        for field in _MESH_FIELDS
-    }
-    arrays |= {"symmetries": model.symmetries, "siblings": model.siblings}
-    texture = model.mesh.texture
-    if texture is not None:
-        arrays["mesh_uv"] = texture.uv
-        _, encoded = cv2.imencode(".png", texture.image[..., ::-1])
-        (folder / _TEXTURE).write_bytes(encoded.tobytes())
-    np.savez(folder / _MODEL, **arrays)
-    content = {
-        "id": model.object_id,
-        "name": model.name,
-        "colored": model.mesh.colored,
-        "diameter": model.diameter,
-        "holistic_size": model.holistic_size,
-        "local_size": model.local_size,
-    }
-    write_json(folder / _OBJECT, content)
-
-
-def read_model(folder: Path) -> ObjectModel:
-    """Read what `write_model` wrote. Raises MissingFileError, DataError naming a damaged file."""
-    for name in (_OBJECT, _MODEL):
-        if not (folder / name).is_file():
-            raise MissingFileError(f"{folder} is no learnt object: it has no {name}")
-    stated = stored_as(_LearntObject, read_json(folder / _OBJECT), str(folder / _OBJECT))
-    stored = read_npz(folder / _MODEL)
-    try:
-        texture = _read_texture(folder, stored["mesh_uv"]) if "mesh_uv" in stored else None
-        mesh, proxy = (
-            Mesh(
-                **{field: stored[f"{part}_{field}"] for field in _MESH_FIELDS},
-                texture=image,
-                colored=stated.colored,
-            )
-            for part, image in (("mesh", texture), ("proxy", None))
-        )
-        return ObjectModel(
-            stated.id,
-            stated.name,
-            mesh,
-            proxy,
-            stated.diameter,
-            stored["symmetries"],
-            stated.holistic_size,
-            stated.local_size,
-            stored["siblings"],
-        )
-    except (KeyError, TypeError, ValueError) as error:
-        raise DataError(f"{folder} is damaged ({error}): learn the object again") from error
-
-
-def _read_texture(folder: Path, uv: Float[np.ndarray, "v 2"]) -> Texture:
-    image = cv2.imread(str(folder / _TEXTURE), cv2.IMREAD_COLOR)
-    if image is None:
-        raise DataError(
-            f"{folder / _TEXTURE} is missing or damaged: learn the object again, or copy it anew"
-        )
-    return Texture(np.ascontiguousarray(image[..., ::-1]), uv)
 
 
 class LearntFolder:

@@ -59,7 +59,9 @@ def build_models(
     models = {}
     for object_id, (name, path) in enumerate(meshes.items(), first_id):
         if not NAME.fullmatch(name):
-            raise InputError(f"object name {name!r}: use letters, digits, blanks and _ . + -")
+            raise InputError(
+                f"object name {name!r}: use up to 80 letters, digits, blanks and _ . + -"
+            )
         own = (own_choices or {}).get(name, choices)
         models[object_id] = _build(object_id, name, Path(path), own)
     return models

@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass, field
 from typing import Annotated, Any, Literal
 
-from annotated_types import Ge
+from annotated_types import Ge, Le
 
 from hlp.codebook.entries import EntrySettings
 from hlp.codebook.inverted_lists import InvertedListsSettings
@@ -49,7 +49,7 @@ class TrainerSettings(Settings):
 
     name: Annotated[str, Doc("of the choice")] = "cpu"
     accelerator: Annotated[Literal["cpu", "gpu"], Doc("gpu needs torch built with CUDA")] = "cpu"
-    devices: Annotated[int, Ge(1), Doc("processes; with gpu, one on each GPU")] = 1
+    devices: Annotated[int, Ge(1), Le(1024), Doc("processes; with gpu, one on each GPU")] = 1
     strategy: Annotated[str, Doc("Lightning's strategy for several processes")] = "auto"
     precision: Annotated[
         Precision,
@@ -58,6 +58,7 @@ class TrainerSettings(Settings):
     torch_threads: Annotated[
         int,
         Ge(1),
+        Le(1024),
         Doc("threads of torch in training; they change the last bits of the weights (D)"),
     ] = 2
 
@@ -71,7 +72,10 @@ class MachineSettings(Settings):
 
     name: Annotated[str, Doc("of the choice")] = "local"
     threads: Annotated[
-        int, Ge(1), Doc("threads of networks, renderer, refiner, search and OpenCV each (D)")
+        int,
+        Ge(1),
+        Le(1024),
+        Doc("threads of networks, renderer, refiner, search and OpenCV each (D)"),
     ] = 2
     device: Annotated[
         Device,
@@ -87,6 +91,7 @@ class ScoreSettings(Settings):
     scenes: Annotated[
         int,
         Ge(0),
+        Le(100_000),
         Doc(
             "rendered scenes on which each object is searched while it is learnt, some of them "
             "without it; 0: one score for all objects (D)"
@@ -102,7 +107,7 @@ class MethodSettings(Settings):
     time; its device changes the last bits of the networks' outputs.
     """
 
-    seed: Annotated[int, Ge(0), Doc("every random number follows from it")] = 0
+    seed: Annotated[int, Ge(0), Le(2**32 - 1), Doc("every random number follows from it")] = 0
     rendering: ViewsSettings = field(default_factory=ViewsSettings)
     patches: PatchesSettings = field(default_factory=PatchesSettings)
     classifier: ClassifierSettings = field(default_factory=ClassifierSettings)

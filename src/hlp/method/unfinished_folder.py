@@ -7,7 +7,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -52,8 +52,11 @@ def bring_back(folder: Path) -> None:
 
     That process had renamed the old folder, but not yet the new one: the latter is still there as
     `.partial`, and the call that was killed continues with it. Raises InputError while another
-    process is replacing the folder.
+    process is replacing the folder. What a process that was killed after that has left in the
+    folder is removed.
     """
+    if (folder / RECORD).is_file() and (folder / _REQUEST).is_file():
+        _remove_markers(folder)
     partial = folder.with_name(folder.name + ".partial")
     if folder.exists() or not (partial / _REQUEST).is_file():
         return
@@ -120,12 +123,18 @@ def _publish(partial: Path, folder: Path, replaces: bool) -> None:
         old = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
         folder.rename(old / folder.name)
     partial.rename(folder)
-    for each in (old, folder / VIEWS):
-        if each is not None:
-            shutil.rmtree(each, ignore_errors=True)
+    if old is not None:
+        shutil.rmtree(old, ignore_errors=True)
+    _remove_markers(folder)
+
+
+def _remove_markers(folder: Path) -> None:
+    """Remove what only an interrupted call would need; the request last, which shows the rest."""
+    shutil.rmtree(folder / VIEWS, ignore_errors=True)
     for name in (_DONE, SCORED, _REQUEST):
         for path in folder.rglob(name):
-            path.unlink()
+            with suppress(OSError):  # another process does the same, or it may only be read
+                path.unlink()
 
 
 def _read_request(partial: Path) -> object:

@@ -4,7 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from annotated_types import Ge
+import numpy as np
+from annotated_types import Ge, Le
+from jaxtyping import Float
 
 from hlp.models.encoder import Encoder, NetworkEncoder
 from hlp.models.encoders import ENCODERS, STEM, EncoderTraining
@@ -22,15 +24,15 @@ class AutoencoderSettings(Settings):
         "rgbd"
     )
     dimension: Annotated[
-        int, Ge(1), Doc("length of the feature (P: 100, 200, 400, 600 in Fig. 9a)")
+        int, Ge(1), Le(4096), Doc("length of the feature (P: 100, 200, 400, 600 in Fig. 9a)")
     ] = 200
     widths: Annotated[
         tuple[Annotated[int, Ge(1)], ...],
         Doc("channels of the strided convolutions (D: the text does not give Fig. 6's sizes)"),
     ] = (32, 64, 96, 128)
-    learning_rate: Annotated[float, Ge(0), Doc("constant rate (D)")] = 1.0e-3
-    weight_decay: Annotated[float, Ge(0), Doc("of AdamW (D)")] = 0.0
-    epochs: Annotated[int, Ge(1), Doc("passes over the patches (D)")] = 20
+    learning_rate: Annotated[float, Ge(0), Le(1), Doc("constant rate (D)")] = 1.0e-3
+    weight_decay: Annotated[float, Ge(0), Le(1), Doc("of AdamW (D)")] = 0.0
+    epochs: Annotated[int, Ge(1), Le(10_000), Doc("passes over the patches (D)")] = 20
     batch_size: Annotated[int, Ge(1), Doc("patches in a batch (D)")] = 256
     per_frame: Annotated[int, Ge(1), Doc("patches taken from each RGB-D frame (D)")] = 4000
     rooms: Annotated[
@@ -49,14 +51,24 @@ class AutoencoderSettings(Settings):
     def train(self, training: EncoderTraining) -> None:
         """See `EncoderSettings.train`."""
         from hlp.models.autoencoder_training import Autoencoder
+        from hlp.models.patch_decoder import save_decoder
 
         data = training.frame_batches(
             self.per_frame, self.batch_size, self.rooms, self.varied_light
         )
         module = Autoencoder(self)
         training.fit(module, data, self.epochs)
+        save_decoder(module.decoder, training.folder)
 
     def load(self, folder: Path, threads: int, device: str) -> Encoder:
         """See `EncoderSettings.load`."""
         network = load_network(folder / STEM, threads, device)
         return NetworkEncoder(network, self.input, False)
+
+    def decode(
+        self, folder: Path, features: Float[np.ndarray, "n d"]
+    ) -> Float[np.ndarray, "n p p 4"] | None:
+        """See `FeatureDecoder.decode`."""
+        from hlp.models.patch_decoder import decode
+
+        return decode(folder, self.widths, features)

@@ -2,10 +2,11 @@
 
 import pytorch_lightning as pl
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn import functional
 
 from hlp.models.autoencoder import AutoencoderSettings
+from hlp.models.patch_decoder import PatchDecoder
 from hlp.models.patch_encoder import PatchEncoder
 from hlp.models.training_input import encoder_input
 
@@ -17,19 +18,11 @@ class Autoencoder(pl.LightningModule):
         super().__init__()
         self.settings = settings
         self.network = PatchEncoder(settings.widths, settings.dimension)
-        widths = settings.widths[::-1]
-        self.expand = nn.Linear(settings.dimension, widths[0] * self.network.side**2)
-        layers: list[nn.Module] = []
-        for width, following in zip(widths, (*widths[1:], 4), strict=True):
-            layers += [nn.ConvTranspose2d(width, following, 4, stride=2, padding=1)]
-            layers += [nn.LeakyReLU(0.1, inplace=True)]
-        self.decoder = nn.Sequential(*layers[:-1], nn.Tanh())
+        self.decoder = PatchDecoder(settings.widths, settings.dimension)
 
     def forward(self, images: Tensor) -> Tensor:
         """Reconstruction (n, 4, 32, 32) in [-1, 1]."""
-        side = self.network.side
-        start = self.expand(self.network(images)).unflatten(1, (-1, side, side))
-        return torch.as_tensor(self.decoder(start))
+        return torch.as_tensor(self.decoder(self.network(images)))
 
     def images(self, batch: dict[str, Tensor]) -> Tensor:
         """The network's input (n, 4, p, p) for a batch, as the patches were cut."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Interval
+from annotated_types import Ge, Interval, Le
 from jaxtyping import Float, UInt8
 
 from hlp.models.network import Network
@@ -26,13 +26,13 @@ class ClassifierSettings(Settings):
     widths: Annotated[
         tuple[Annotated[int, Ge(1)], ...], Doc("channels of the strided convolutions (D)")
     ] = (16, 32, 64, 128)
-    hidden: Annotated[int, Ge(1), Doc("units of the dense layer (D)")] = 128
+    hidden: Annotated[int, Ge(1), Le(65_536), Doc("units of the dense layer (D)")] = 128
     dropout: Annotated[
         float, Interval(ge=0, lt=1), Doc("dropout rate before each dense layer (D)")
     ] = 0.2
-    learning_rate: Annotated[float, Ge(0), Doc("highest rate of the schedule (D)")] = 2.0e-3
-    weight_decay: Annotated[float, Ge(0), Doc("of AdamW (D)")] = 1.0e-3
-    epochs: Annotated[int, Ge(1), Doc("passes over the pool of windows (D)")] = 12
+    learning_rate: Annotated[float, Ge(0), Le(1), Doc("highest rate of the schedule (D)")] = 2.0e-3
+    weight_decay: Annotated[float, Ge(0), Le(1), Doc("of AdamW (D)")] = 1.0e-3
+    epochs: Annotated[int, Ge(1), Le(10_000), Doc("passes over the pool of windows (D)")] = 12
     batch_size: Annotated[int, Ge(1), Doc("windows in a batch (D)")] = 256
     min_batches: Annotated[
         int, Ge(0), Doc("few objects have few windows: further epochs until so many batches (D)")

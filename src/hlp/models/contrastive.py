@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from annotated_types import Ge, Gt
+from annotated_types import Ge, Gt, Le
 
 from hlp.models.encoder import Encoder, NetworkEncoder
 from hlp.models.encoders import ENCODERS, STEM, EncoderTraining
@@ -22,22 +22,22 @@ class ContrastiveSettings(Settings):
         "normals_depth"
     )
     dimension: Annotated[
-        int, Ge(1), Doc("length of the feature (P: 100, 200, 400, 600 in Fig. 9a)")
+        int, Ge(1), Le(4096), Doc("length of the feature (P: 100, 200, 400, 600 in Fig. 9a)")
     ] = 200
     widths: Annotated[
         tuple[Annotated[int, Ge(1)], ...],
         Doc("channels of the strided convolutions (D: the text does not give Fig. 6's sizes)"),
     ] = (32, 64, 96, 128)
-    temperature: Annotated[float, Gt(0), Doc("temperature of InfoNCE (D)")] = 0.07
+    temperature: Annotated[float, Gt(0), Le(100), Doc("temperature of InfoNCE (D)")] = 0.07
     exclude_mm: Annotated[
         float, Ge(0), Doc("pairs of one object at most this far apart are no negatives … (D)")
     ] = 15.0
     exclude_deg: Annotated[float, Ge(0), Doc("… if their views differ by at most this (D)")] = 20.0
-    learning_rate: Annotated[float, Ge(0), Doc("highest rate of the one-cycle schedule (D)")] = (
-        2.0e-3
-    )
-    weight_decay: Annotated[float, Ge(0), Doc("of AdamW (D)")] = 1.0e-3
-    epochs: Annotated[int, Ge(1), Doc("passes over the pairs (D)")] = 4
+    learning_rate: Annotated[
+        float, Ge(0), Le(1), Doc("highest rate of the one-cycle schedule (D)")
+    ] = 2.0e-3
+    weight_decay: Annotated[float, Ge(0), Le(1), Doc("of AdamW (D)")] = 1.0e-3
+    epochs: Annotated[int, Ge(1), Le(10_000), Doc("passes over the pairs (D)")] = 4
     batch_size: Annotated[int, Ge(1), Doc("pairs in a batch (D)")] = 512
 
     needs_frames: ClassVar[bool] = False

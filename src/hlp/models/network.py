@@ -3,14 +3,11 @@
 from pathlib import Path
 
 import numpy as np
-import onnxruntime
 from jaxtyping import Float, Shaped
-from onnxruntime.capi.onnxruntime_pybind11_state import Fail, InvalidGraph, InvalidProtobuf
 
 from hlp.errors import DataError, MissingDependencyError, MissingFileError
 
 SINGLE, INTEGER = ".onnx", ".int8.onnx"
-_UNREADABLE = (InvalidProtobuf, InvalidGraph, Fail)
 _PROVIDERS = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider"}
 
 
@@ -22,6 +19,13 @@ class Network:
     """
 
     def __init__(self, path: Path, threads: int, device: str = "cpu") -> None:
+        import onnxruntime
+        from onnxruntime.capi.onnxruntime_pybind11_state import (
+            Fail,
+            InvalidGraph,
+            InvalidProtobuf,
+        )
+
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
         options.inter_op_num_threads = 1
@@ -35,7 +39,7 @@ class Network:
             self._session = onnxruntime.InferenceSession(
                 str(path), options, providers=[_PROVIDERS[device]]
             )
-        except _UNREADABLE as error:
+        except (InvalidProtobuf, InvalidGraph, Fail) as error:
             raise DataError(f"{path} is damaged ({error}): train again, or copy it anew") from error
         if self._session.get_providers()[0] != _PROVIDERS[device]:
             # It would go on on the CPU, which the results' fingerprint would not say.
@@ -62,6 +66,8 @@ def _has_vnni(flags_file: Path = Path("/proc/cpuinfo")) -> bool:
 
 def require_device(device: str) -> None:
     """Raise MissingDependencyError if the installed ONNX Runtime does not support the device."""
+    import onnxruntime
+
     if _PROVIDERS[device] not in onnxruntime.get_available_providers():
         raise MissingDependencyError(
             f"machine.device is {device}: the installed ONNX Runtime does not support it. "

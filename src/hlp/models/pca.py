@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from annotated_types import Ge
+from annotated_types import Ge, Le
 from jaxtyping import Bool, Float, Float32
 
 from hlp.files import read_npz
@@ -23,8 +23,10 @@ class PcaSettings(Settings):
     """Config group `encoder`: principal components of surface normals, a fast baseline (D)."""
 
     name: Literal["pca"] = "pca"
-    dimension: Annotated[int, Ge(1), Doc("length of the feature (P: 200)")] = 200
-    cells: Annotated[int, Ge(1), Doc("normals are averaged to cells × cells first (D)")] = 12
+    dimension: Annotated[int, Ge(1), Le(4096), Doc("length of the feature (P: 200)")] = 200
+    cells: Annotated[int, Ge(1), Le(32), Doc("normals are averaged to cells × cells first (D)")] = (
+        12
+    )
 
     needs_frames: ClassVar[bool] = False
 

@@ -1,20 +1,28 @@
 """Colours and textures of mesh files, as trimesh reads them."""
 
+from __future__ import annotations
+
 import json
 import logging
+import os
+import os.path
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
 import numpy as np
-import trimesh
 from jaxtyping import Float, UInt8
 
+from hlp.errors import DataError
 from hlp.records import Texture
+
+if TYPE_CHECKING:
+    import trimesh
 
 PLAIN_COLOR = (210, 210, 210)
 """Colour of meshes whose files state none."""
 _HEADER_BYTES = 4096  # of a PLY file, more than its header
+_MOST_REPEATS = 1e6  # of a texture; beyond, coordinates are no numbers of texels
 _logger = logging.getLogger(__name__)
 
 
@@ -68,6 +76,8 @@ def _textured(path: Path, raw: trimesh.Trimesh) -> tuple[Colors, Texture | None,
         _logger.warning("%s: its texture cannot be read (%s): the object is grey", path, error)
         return plain_colors(raw)
     coordinates = np.nan_to_num(np.array(uv, dtype=np.float64))
+    if np.abs(coordinates).max() > _MOST_REPEATS:
+        raise DataError(f"{path} has texture coordinates beyond {_MOST_REPEATS:g}: export it again")
     colors = texture_colors(image, coordinates)
     if np.ptp(image, axis=(0, 1)).max() == 0:  # also what trimesh puts where no image is named
         return colors, None, True
@@ -80,6 +90,8 @@ def with_one_kind_of_color(scene: trimesh.Scene) -> trimesh.Scene:
     Joined with parts coloured in another way, a texture would be lost: then every part gets colours
     of its vertices.
     """
+    import trimesh
+
     visuals: list[Any] = [
         each.visual for each in scene.geometry.values() if isinstance(each, trimesh.Trimesh)
     ]
@@ -94,7 +106,10 @@ def with_one_kind_of_color(scene: trimesh.Scene) -> trimesh.Scene:
 
 
 def texture_missing(path: Path) -> bool:
-    """Whether a PLY, OBJ or glTF file names an image that is not beside it, which is logged."""
+    """Whether a PLY, OBJ or glTF file names an image that is not beside it, which is logged.
+
+    An image outside of the mesh's folder counts as missing.
+    """
     name = _missing_texture(path)
     if name is not None:
         _logger.warning("%s: its texture %s is missing: the object is grey", path, name)
@@ -111,7 +126,7 @@ def _missing_texture(path: Path) -> str | None:
         named = [
             (library.parent, line.split()[-1])
             for each in _lines(path.read_text("utf-8", "replace"), "mtllib")
-            if (library := path.parent / each[6:].strip()).is_file()
+            if _is_file(library := path.parent / each[6:].strip())
             for line in _lines(library.read_text("utf-8", "replace"), "map_kd")
         ]
     elif kind == ".gltf":
@@ -119,9 +134,16 @@ def _missing_texture(path: Path) -> str | None:
     else:
         return None
     for folder, name in named:
-        if not (folder / name.strip()).is_file():
+        image = Path(os.path.normpath(folder / name.strip()))
+        # trimesh reads nothing from outside of the mesh's folder
+        if not _is_file(image) or not image.is_relative_to(os.path.normpath(path.parent)):
             return name.strip()
     return None
+
+
+def _is_file(path: Path) -> bool:
+    """False for a name that no file can have (too long, a zero byte); `Path.is_file` raises."""
+    return os.path.isfile(path)
 
 
 def _gltf_images(path: Path) -> list[str]:

@@ -1,16 +1,16 @@
 """CAD models: loading with checks, decimation, diameter."""
 
+from __future__ import annotations
+
 import logging
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import fast_simplification
 import numpy as np
-import trimesh
 from jaxtyping import Float, Int, UInt8
-from scipy.spatial import ConvexHull, QhullError, cKDTree
-from scipy.spatial.distance import cdist
 
 from hlp.errors import ConfigError, DataError, MissingFileError
 from hlp.objects.mesh_colors import (
@@ -21,6 +21,9 @@ from hlp.objects.mesh_colors import (
 )
 from hlp.objects.mesh_units import check_scale, guess_scale
 from hlp.records import MILLIMETRE, MILLIMETRES_PER_METRE, Mesh
+
+if TYPE_CHECKING:
+    import trimesh
 
 _MOST_PAIRS = 4_000_000  # distances at a time: 32 MB
 _MANY = 20_000  # corners of a convex hull; above, comparing all pairs takes minutes
@@ -33,8 +36,10 @@ _FINEST_GRID = 256  # cells along the longest side of a mesh: less than a millim
 _PARSE_ERRORS = (
     ValueError, KeyError, IndexError, TypeError, AttributeError, EOFError, NotImplementedError,
     struct.error, SyntaxError, AssertionError, OSError, RecursionError, MemoryError, OverflowError,
+    ImportError,  # of the package that this kind of file needs
     UnboundLocalError,  # of trimesh, for a PLY file that names an element without any
 )  # fmt: skip
+_LEAST_SURFACE = 1e-4  # of a mesh, in squares of its diameter; a rod of 1 : 1000 has 3e-3
 _logger = logging.getLogger(__name__)
 
 
@@ -49,6 +54,8 @@ def load_mesh(path: Path, scale: float | None = MILLIMETRE) -> Mesh:
     parsed, has no triangles, NaN vertices or triangles of vertices that it lacks, or whose diameter
     is not 1 cm … 2 m (wrong unit).
     """
+    import trimesh
+
     if not path.is_file():
         raise MissingFileError(f"no mesh {path}")
     # Without its image trimesh would put up a stand-in.
@@ -56,12 +63,14 @@ def load_mesh(path: Path, scale: float | None = MILLIMETRE) -> Mesh:
     options: dict[str, Any] = {"skip_materials": True} if missing else {}
     try:
         # Numbers that no index can be are found below. `force="mesh"` would drop the normals.
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"), _quiet(trimesh.util.log):
             raw = trimesh.load(path, process=False, maintain_order=True, **options)
             if isinstance(raw, trimesh.Scene):
                 raw = with_one_kind_of_color(raw).to_mesh()
     except _PARSE_ERRORS as error:
-        raise DataError(f"{path} cannot be read as a mesh ({error}): export it again") from error
+        raise DataError(
+            f"{path} cannot be read as a mesh ({str(error)[:200]}): export it again, as PLY or GLB"
+        ) from error
     if not isinstance(raw, trimesh.Trimesh) or len(raw.vertices) == 0 or len(raw.faces) == 0:
         raise DataError(f"{path} has no triangles: export it as a triangle mesh")
     vertices, faces = _checked(path, raw)
@@ -69,6 +78,7 @@ def load_mesh(path: Path, scale: float | None = MILLIMETRE) -> Mesh:
     if scale is None:
         scale = guess_scale(path, diameter)
     check_scale(path, diameter, scale)
+    _check_surface(path, vertices, faces, diameter)
     vertices *= scale
     colors, texture, stated = mesh_colors(path, raw) if not missing else plain_colors(raw)
     colored = stated and not _one_grey(colors)
@@ -99,6 +109,30 @@ def _checked(
     return vertices, faces
 
 
+@contextmanager
+def _quiet(logger: logging.Logger) -> Iterator[None]:
+    """The logger says nothing in the block: trimesh's prints the tracebacks of errors raised."""
+    before = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
+
+
+def _check_surface(
+    path: Path, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], diameter: float
+) -> None:
+    """Raise DataError where triangles are points or lines: such a mesh shows nothing."""
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2.0
+    if area < _LEAST_SURFACE * diameter**2:
+        raise DataError(
+            f"{path} has no surface: its {len(faces)} triangles are points or lines: repair the "
+            "mesh, or export it again"
+        )
+
+
 def _one_grey(colors: UInt8[np.ndarray, "v 3"]) -> bool:
     """Whether all colours are one grey, as modelling programs write it for want of a colour."""
     return bool(np.ptp(colors) == 0)
@@ -111,6 +145,8 @@ def decimate(mesh: Mesh, faces: int) -> Mesh:
     computed from the new triangles, because the nearest vertex may be on the other side of a thin
     wall. Raises ValueError for fewer than 4 faces, or if no triangle is left.
     """
+    from scipy.spatial import cKDTree
+
     if faces < 4:
         raise ConfigError(f"a decimated mesh needs at least 4 faces, not {faces}")
     if len(mesh.faces) <= faces:
@@ -131,6 +167,8 @@ def _simplified(mesh: Mesh, faces: int) -> tuple[Float[np.ndarray, "w 3"], Int[n
     The library stops early at many open edges or coplanar triangles. Then, and where a mesh is very
     large, vertices are merged beforehand in the cells of a grid, as fine as possible.
     """
+    import fast_simplification
+
     # In millimetres, because in metres details are as small as the library's tolerances.
     if len(mesh.faces) <= _VERY_LARGE:
         # Meshes without shared vertices (STL, textured OBJ) would fall apart: merge equal ones.
@@ -180,6 +218,9 @@ def mesh_diameter(vertices: Float[np.ndarray, "v 3"]) -> float:
     Of a hull of more than 20 000 corners, those farthest in 1024 directions are compared: the
     result is at most 0.1 % too small.
     """
+    from scipy.spatial import ConvexHull, QhullError
+    from scipy.spatial.distance import cdist
+
     if len(vertices) > _VERY_LARGE:
         vertices = _farthest(vertices)
     try:

@@ -13,7 +13,6 @@ from jaxtyping import Float
 
 from hlp.errors import ConfigError
 from hlp.objects.meshes import decimate, load_mesh, mesh_diameter
-from hlp.objects.near_symmetries import find_near_symmetries, without
 from hlp.objects.patch_sizes import holistic_size, local_size
 from hlp.records import MILLIMETRE, MILLIMETRES_PER_METRE, Mesh, ObjectModel
 from hlp.settings import Doc, Settings
@@ -53,6 +52,8 @@ def build_object_model(
     A mesh without colours has no siblings.
     Raises what `load_mesh` raises.
     """
+    from hlp.objects.near_symmetries import find_near_symmetries, without
+
     mesh = load_mesh(mesh_path, scale)
     if not mesh.colored:
         _logger.info(

@@ -10,9 +10,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-import trimesh
 from jaxtyping import Bool, Float, Int
-from scipy.spatial.transform import Rotation
 
 from hlp.geometry import rigid, transform
 from hlp.records import Mesh
@@ -24,6 +22,8 @@ Points = Float[np.ndarray, "n 3"]
 
 def solid(vertices: Points, faces: Int[np.ndarray, "f 3"], color: Color) -> Mesh:
     """A closed surface of one colour; equal vertices become one, normals point outwards."""
+    import trimesh
+
     surface = trimesh.Trimesh(vertices, faces, process=True)
     surface.update_faces(surface.nondegenerate_faces())
     surface.remove_unreferenced_vertices()
@@ -54,6 +54,8 @@ def moved(
     euler_deg: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> Mesh:
     """Turn about the fixed x, then y, then z axis (degrees), then shift (m)."""
+    from scipy.spatial.transform import Rotation
+
     turn = Rotation.from_euler("xyz", euler_deg, degrees=True).as_matrix()
     return moved_by(mesh, rigid(turn, np.asarray(translation, dtype=np.float64)))
 

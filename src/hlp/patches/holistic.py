@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Interval, Unit
+from annotated_types import Ge, Interval, Le, Unit
 from jaxtyping import Bool, Float, Int, UInt8
 
 from hlp.patches.sampling import sample_squares
@@ -35,6 +35,7 @@ class RegionSettings(Settings):
     step: Annotated[
         int,
         Ge(1),
+        Le(1000),
         Unit("px"),
         Doc("step between windows; 16 makes a quarter of the paper's (D; P: 8)"),
     ] = 16

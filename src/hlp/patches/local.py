@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Gt, Interval, Unit
+from annotated_types import Ge, Gt, Interval, Le, Unit
 from jaxtyping import Bool, Float, Int, UInt8
 
 from hlp.compiled import compiled
@@ -44,7 +44,9 @@ class LocalSettings(Settings):
 class GridSettings(Settings):
     """Where a scene's local patches lie."""
 
-    step: Annotated[int, Ge(1), Unit("px"), Doc("step between local patches in the region (P)")] = 8
+    step: Annotated[
+        int, Ge(1), Le(1000), Unit("px"), Doc("step between local patches in the region (P)")
+    ] = 8
     min_valid: Annotated[
         float, Interval(ge=0, le=1), Doc("smallest fraction of a patch within the metric cube (D)")
     ] = 0.2

@@ -25,9 +25,9 @@ class RefinedHypotheses:
     """The refined hypotheses of one object, and which of them were chosen.
 
     `refined[i]` was refined from the coarse hypothesis of index `sources[i]` and has the
-    verification cost `costs[i]`; a source of -1 means that the hypothesis is not among those that
-    the region gave. `instances` are the rows of the chosen ones, in the order of choice; there is
-    at least one.
+    verification cost `costs[i]`, infinite if it stood on pixels of chosen instances only; a source
+    of -1 means that the hypothesis is not among those that the region gave. `instances` are the
+    rows of the chosen ones, in the order of choice; there is at least one.
     """
 
     refined: list[Refinement]
@@ -120,11 +120,12 @@ class _InstanceSearch:
         if self._instances:
             self._explain(self._refined[self._instances[-1]].pose_cam_obj)
         self._refine(candidates, max_improvement)
+        added = np.full(len(self._refined) - len(self._costs), np.inf)
+        self._costs = np.append(self._costs, added)
         rows = np.flatnonzero(self._free_refined())
         if len(rows) == 0:
             return None
         costs = self._competing_costs(rows)
-        self._costs = np.append(self._costs, np.zeros(len(self._refined) - len(self._costs)))
         self._costs[rows] = costs
         chosen = int(np.argmin(costs))
         if len(self._model.siblings) > 0:

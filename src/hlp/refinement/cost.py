@@ -10,7 +10,7 @@ from typing import Annotated
 
 import cv2
 import numpy as np
-from annotated_types import Ge, Gt, Unit
+from annotated_types import Ge, Gt, Le, Unit
 from jaxtyping import Bool, Float
 
 from hlp.geometry import project, transform
@@ -60,7 +60,11 @@ class CostSettings(Settings):
         float, Ge(0), Doc("the coarse pose explains pixels whose depth differs by at most this (D)")
     ] = 30.0
     roi_size: Annotated[
-        int, Ge(1), Unit("px"), Doc("long side of the compared region, which is never enlarged (D)")
+        int,
+        Ge(1),
+        Le(2048),
+        Unit("px"),
+        Doc("long side of the compared region, which is never enlarged (D)"),
     ] = 48
     roi_margin_mm: Annotated[float, Ge(0), Doc("margin around the coarse pose (D)")] = 30.0
 

@@ -8,10 +8,8 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Interval
+from annotated_types import Ge, Gt, Interval, Le
 from jaxtyping import Float
-from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
 from hlp.geometry import back_project, rigid, transform
 from hlp.records import MILLIMETRES_PER_METRE, Hypotheses, ObjectModel, Refinement
@@ -29,7 +27,7 @@ class IcpSettings(Settings):
     name: Literal["icp"] = "icp"
     cost: CostSettings = field(default_factory=CostSettings)
     verification: VerificationSettings = field(default_factory=VerificationSettings)
-    iterations: Annotated[int, Ge(1), Doc("largest number of iterations (D)")] = 20
+    iterations: Annotated[int, Ge(1), Le(10_000), Doc("largest number of iterations (D)")] = 20
     points: Annotated[
         int, Ge(1), Doc("approximate number of points on the rendered surface (D)")
     ] = 500
@@ -82,6 +80,8 @@ def align(
     `max_correspondence_mm` to `final_max_correspondence_mm`. Of the remaining correspondences the
     closest share `trim` is used.
     """
+    from scipy.spatial import cKDTree
+
     pose = np.array(pose_cam_obj, dtype=np.float64)
     observed = _points(cost.observed, cost.camera_matrix)[cost.observed > 0.0]
     if len(observed) == 0:
@@ -136,6 +136,8 @@ def _step(
 
     Motions that the surface does not constrain, such as a sphere's rotations, are left out.
     """
+    from scipy.spatial.transform import Rotation
+
     middle = points.mean(axis=0)
     jacobian = np.concatenate([np.cross(points - middle, normals), normals], axis=1)
     residual = np.einsum("ij,ij->i", normals, targets - points)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge
+from annotated_types import Ge, Le
 from jaxtyping import Float
 
 from hlp.records import Hypotheses, ObjectModel, Refinement
@@ -37,7 +37,7 @@ class FollowSettings(Settings):
     up to 20 mm and 10° a frame.
     """
 
-    particles: Annotated[int, Ge(1), Doc("number of particles (D)")] = 15
+    particles: Annotated[int, Ge(1), Le(10_000), Doc("number of particles (D)")] = 15
     theta_deg: Annotated[float, Ge(0), Doc("half the side of the box in rotation (D)")] = 3.0
     tau_mm: Annotated[float, Ge(0), Doc("half the side of the box in translation (D)")] = 3.0
     patience: Annotated[int, Ge(0), Doc("iterations without gain before stopping (D)")] = 6
@@ -51,7 +51,7 @@ class PsoSettings(Settings):
     name: Literal["pso"] = "pso"
     cost: CostSettings = field(default_factory=CostSettings)
     verification: VerificationSettings = field(default_factory=VerificationSettings)
-    particles: Annotated[int, Ge(1), Doc("number of particles (P: N = 25)")] = 25
+    particles: Annotated[int, Ge(1), Le(10_000), Doc("number of particles (P: N = 25)")] = 25
     theta_deg: Annotated[float, Ge(0), Doc("θ, half the box in rotation (D; P: 5)")] = 10.0
     tau_mm: Annotated[float, Ge(0), Doc("τ, half the box in translation (D; P: 5)")] = 10.0
     phi_1: Annotated[
@@ -62,7 +62,7 @@ class PsoSettings(Settings):
     phi_2: Annotated[
         float, Ge(0), Doc("pull to the global best; phi_1 + phi_2 must be above 4 (D)")
     ] = 1.3
-    iterations: Annotated[int, Ge(0), Doc("largest number of iterations (D)")] = 30
+    iterations: Annotated[int, Ge(0), Le(10_000), Doc("largest number of iterations (D)")] = 30
     patience: Annotated[int, Ge(0), Doc("iterations without gain before stopping (D; P: 1)")] = 6
     recentre: Annotated[
         bool, Doc("the box follows the best pose, up to 30° away (D; P: not said, false)")

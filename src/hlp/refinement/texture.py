@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
-from scipy.spatial.transform import Rotation
 
 from hlp.geometry import inverse, project, rigid, rotation_distance, transform
 from hlp.records import Mesh, ObjectModel
@@ -96,7 +95,8 @@ def choose_near_sibling(
     if len(near.siblings) == 0:
         return SiblingChoice(pose_cam_obj, np.inf, np.inf)
     # The decimated mesh is 0.4 mm off and drawn in no time.
-    return _choose(_seen_surface(observation, model.proxy, model, pose_cam_obj), near, pose_cam_obj)
+    seen = _seen_surface(observation, model.proxy, model, pose_cam_obj, every_other=True)
+    return _choose(seen, near, pose_cam_obj)
 
 
 def _choose(
@@ -150,6 +150,8 @@ def _between_neighbours(
     motions: Float[np.ndarray, "n 4 4"], apart: Float[np.ndarray, "n"], best: int
 ) -> Float[np.ndarray, "m 4 4"]:
     """The best motion and, where others are a step of an axis away, turns by parts of the step."""
+    from scipy.spatial.transform import Rotation  # slow to import, and few objects need it
+
     beside = int(np.argmin(np.where(apart > 1e-6, apart, np.inf)))
     if not 1e-6 < apart[beside] < _STEP:
         return motions[best : best + 1]
@@ -189,8 +191,12 @@ def _seen_surface(
     mesh: Mesh,
     model: ObjectModel,
     pose_cam_obj: Float[np.ndarray, "4 4"],
+    every_other: bool = False,
 ) -> _SeenSurface | None:
-    """What the image shows of the object, drawn from a mesh; None if that is too little."""
+    """What the image shows of the object, drawn from a mesh; None if that is too little.
+
+    With `every_other` pixel, like the white squares of a chessboard, it takes half the time.
+    """
     crop = _crop(observation, model, pose_cam_obj)
     if crop is None:
         return None
@@ -199,6 +205,8 @@ def _seen_surface(
     drawn = rendered > 0.0
     inner = cv2.erode(drawn.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
     used = inner & (depth > 0.0) & (np.abs(depth - rendered) < _TOLERANCE)
+    if every_other:
+        used[::2, ::2] = used[1::2, 1::2] = False
     count = int(np.count_nonzero(used))
     if count < _MIN_PIXELS:
         return None

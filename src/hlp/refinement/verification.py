@@ -10,7 +10,7 @@ from typing import Annotated
 
 import cv2
 import numpy as np
-from annotated_types import Ge, Gt, Unit
+from annotated_types import Ge, Gt, Le, Unit
 from jaxtyping import Bool, Float, Float32, Int, UInt8
 
 from hlp.geometry import transform
@@ -32,7 +32,10 @@ class VerificationSettings(Settings):
     """
 
     candidates: Annotated[
-        int, Ge(1), Doc("largest number of coarse poses that are refined, those of least cost (D)")
+        int,
+        Ge(1),
+        Le(10_000),
+        Doc("largest number of coarse poses that are refined, those of least cost (D)"),
     ] = 16
     max_improvement: Annotated[
         float,
@@ -89,7 +92,9 @@ class VerificationSettings(Settings):
     support_cost: Annotated[
         float, Ge(0), Doc("weight of ln(largest support by votes / own support) (D; P: 0)")
     ] = 0.01
-    roi_size: Annotated[int, Ge(1), Unit("px"), Doc("long side of the compared region (D)")] = 64
+    roi_size: Annotated[
+        int, Ge(1), Le(2048), Unit("px"), Doc("long side of the compared region (D)")
+    ] = 64
 
 
 @dataclass(frozen=True)

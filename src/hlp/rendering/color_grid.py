@@ -1,12 +1,10 @@
 """An object's surface colours in a grid of cells, to be read at any point near the surface."""
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float, UInt8
 
-from hlp.records import Mesh
+from hlp.records import ColorGrid, Mesh
 from hlp.rendering.surface_samples import sample_surface
 
 _CELLS = 160  # along the bounding box's diagonal: 1.2 mm for 20 cm, a pixel's width at 0.7 m
@@ -15,22 +13,17 @@ _BLUR = 1.2  # cells
 _MARGIN = 4  # cells around the bounding box
 
 
-@dataclass(frozen=True, eq=False)
-class ColorGrid:
-    """Colours of cubic cells of side `cell` (m), the first with its corner at `corner` (m).
+def color_grid(mesh: Mesh) -> ColorGrid:
+    """The colours of a mesh, from its texture if it has one, in cells.
 
     A cell has the mean colour of the surface in it and beside it (a Gaussian of 1.2 cells), or the
-    colour of the nearest cell with a surface.
+    colour of the nearest cell with a surface. The grid is made once for each mesh.
     """
-
-    colors: UInt8[np.ndarray, "x y z 3"]
-    corner: Float[np.ndarray, "3"]
-    cell: float
+    return _made(mesh) if mesh.color_grid is None else mesh.color_grid
 
 
 @lru_cache(maxsize=64)
-def color_grid(mesh: Mesh) -> ColorGrid:
-    """The colours of a mesh, from its texture if it has one; made once for each mesh."""
+def _made(mesh: Mesh) -> ColorGrid:
     from scipy.ndimage import distance_transform_edt, gaussian_filter  # slow to import
 
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)

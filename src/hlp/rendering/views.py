@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt
+from annotated_types import Ge, Gt, Le
 from jaxtyping import Float, UInt8
 from tqdm import tqdm
 
@@ -46,7 +46,7 @@ class ViewsSettings(Settings):
     name: Annotated[
         Literal["auto", "numba", "pyrender"], Doc("the renderer; auto is numba, see auto.yaml (D)")
     ] = "auto"
-    viewpoints: Annotated[int, Ge(1), Doc("number of viewing directions (D)")] = 240
+    viewpoints: Annotated[int, Ge(1), Le(20_000), Doc("number of viewing directions (D)")] = 240
     coverage: Annotated[
         Literal["hemisphere", "sphere"],
         Doc("where the viewpoints are; hemisphere: objects are seen from above only (D)"),
@@ -54,7 +54,7 @@ class ViewsSettings(Settings):
     in_plane_min_deg: Annotated[float, Doc("smallest in-plane angle (D)")] = -180.0
     in_plane_max_deg: Annotated[float, Doc("largest in-plane angle (D)")] = 156.0
     in_plane_steps: Annotated[
-        int, Ge(1), Doc("number of in-plane angles, 24° apart by default (D)")
+        int, Ge(1), Le(3600), Doc("number of in-plane angles, 24° apart by default (D)")
     ] = 15
     distance_mm: Annotated[
         float, Gt(0), Doc("from camera to object centroid; typical of LINEMOD (D)")
@@ -64,7 +64,9 @@ class ViewsSettings(Settings):
         Gt(0),
         Doc("LINEMOD's focal length; reduced if the object does not fit in the crop (D)"),
     ] = 572.0
-    size_px: Annotated[int, Ge(8), Doc("side of the square crop around the object (D)")] = 128
+    size_px: Annotated[
+        int, Ge(8), Le(1024), Doc("side of the square crop around the object (D)")
+    ] = 128
 
     def __post_init__(self) -> None:
         """Raise SettingsError naming the key that is out of range."""

@@ -70,6 +70,8 @@ def _create(database: Path) -> None:
 
 def _problem(database: Path) -> str | None:
     """What SQLite finds damaged in a database."""
+    if database.is_dir():
+        return "it is a folder"
     connection = sqlite3.connect(database)
     try:
         (found,) = connection.execute("pragma integrity_check(1)").fetchone()

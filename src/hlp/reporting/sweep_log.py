@@ -14,19 +14,24 @@ _PICTURE = ".png"
 
 
 def log_sweep(folder: Path, written: Sequence[Path], tracker: Tracker) -> None:
-    """Log a sweep's arms and its files, the figures also as images."""
+    """Log a sweep's arms and its files, the figures also as images.
+
+    The sweep's own run has the numbers of its best arm.
+    """
     sweep = sweep_of(read_results(folder))
     tracker.describe(describe_sweep(folder, "markdown"))
     for step, summary in zip(sweep_steps(sweep), sweep.finished, strict=True):
         metrics = headline_metrics(summary[1].summary)
         tracker.log_metrics({f"{GROUP}/{name}": value for name, value in metrics.items()}, step)
-    if sweep.best is not None:
-        tracker.set_tags({"best_arm": sweep.best.label})
+    best = sweep.best
+    if best is not None and best.result is not None:
+        tracker.set_tags({"best_arm": best.label})
+        tracker.log_metrics(headline_metrics(best.result.summary))
     for path in written:
         tracker.log_artifact(path)
     for path in written:
         if path.suffix == _PICTURE:
-            tracker.log_image(path, f"figure {path.stem}", 0)
+            tracker.log_image(path, f"figures/{path.stem}", 0)
 
 
 def sweep_steps(sweep: Sweep) -> list[int]:

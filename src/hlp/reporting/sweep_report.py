@@ -29,7 +29,8 @@ _NOTE = (
 def describe_sweep(folder: Path, layout: str) -> str:
     """The arms of a sweep for people: what came out in a sentence, and a table; empty for studies.
 
-    `layout` is `text`, then the table fits a terminal if the values do, or `markdown`.
+    `layout` is `text`, then the table fits a terminal if the values do, or `markdown`. A terminal
+    shows the end first, a page the beginning: the sentence stands there.
     """
     sweep = sweep_of(read_results(folder))
     if not sweep.arms:
@@ -37,10 +38,10 @@ def describe_sweep(folder: Path, layout: str) -> str:
     table = sweep_table(sweep, whole=layout != "text")
     if layout == "text":
         table = table.fitted(*range(max(1, len(sweep.keys))))
-    words = sweep_verdict(sweep)
+    words, rows = sweep_verdict(sweep), LAYOUTS[layout](table)
     if layout == "text":
-        words = textwrap.fill(words, TERMINAL)
-    return f"{LAYOUTS[layout](table)}\n\n{words}"
+        return f"{rows}\n\n{textwrap.fill(words, TERMINAL)}"
+    return f"{words}\n\n{rows}"
 
 
 def write_sweep_files(folder: Path) -> list[Path]:

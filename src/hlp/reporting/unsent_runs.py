@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from mlflow.entities import Run
 
 _SENT_AS = "hlp.sent_as"
+_SENT_FROM = "hlp.sent_from"  # there: its id here, by which a call that was killed is continued
 _OWN = {SEND_TO, CONTINUES, _SENT_AS, PARENT}
 _BY_MLFLOW = ("mlflow.user", "mlflow.loggedImages")  # other tags of MLflow's are sent
 
@@ -75,8 +76,10 @@ def _send(
     there = _experiment(target, experiment.name, experiment.tags)
     run_id = run.data.tags.get(CONTINUES)
     if run_id is None:
-        created = target.create_run(there, run.info.start_time, tags, run.info.run_name)
-        run_id = str(created.info.run_id)
+        begun = target.search_runs([there], f"tags.`{_SENT_FROM}` = '{run.info.run_id}'")
+        tags[_SENT_FROM] = run.info.run_id
+        created = begun or [target.create_run(there, run.info.start_time, tags, run.info.run_name)]
+        run_id = str(created[0].info.run_id)
     else:
         for name, value in tags.items():
             target.set_tag(run_id, name, value)

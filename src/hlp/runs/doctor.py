@@ -1,24 +1,22 @@
 """`hlp doctor`: what is wrong with a data set, frames, learnt objects or this machine."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from hlp.checks import camera, machine
-from hlp.checks.color_order import all_answers, check_color_order, exchange_gain
-from hlp.checks.depth_ratio import check_depth_ratio, ratio_gains
+from hlp.checks.evidence import Evidence
 from hlp.checks.finding import Finding
 from hlp.checks.frame_checks import check_frames, read_frames
+from hlp.checks.known_objects import all_answers
 from hlp.checks.true_poses import check_true_poses
-from hlp.checks.unit_search import check_by_search
+from hlp.checks.unit_search import best_score, check_by_search
 from hlp.data.bop import BopFrames, BopSettings
 from hlp.data.dataset import Dataset
 from hlp.data.own_frames import OwnFrames
 from hlp.errors import HlpError
-from hlp.method.detections import Detection
 from hlp.method.detector import Detector
 from hlp.records import Frame
 from hlp.reporting.figures.panels import draw_detections, write_picture
@@ -79,54 +77,26 @@ def examine_own(frames: OwnFrames, detector: Detector | None) -> list[Finding]:
     read, findings = read_frames(frames.load, keys, _KEPT)
     models = [] if detector is None else list(detector.models.values())
     findings += check_frames(read, models)
-    if detector is not None and not findings:
-        findings += check_by_search(read[:_SEARCHED], lambda frame: _best(detector, frame))
-    if detector is not None and not findings:
-        findings += _examine_fits(detector, read)
+    if detector is not None and read and not findings:
+        findings += _examine_by_objects(detector, read)
     return findings
 
 
-def _examine_fits(detector: Detector, frames: Sequence[Frame]) -> list[Finding]:
-    """Faults with which objects are found all the same, but fit worse in most frames."""
-    exchanges: list[float] = []
-    ratios: list[dict[float, float]] = []
+def _examine_by_objects(detector: Detector, frames: Sequence[Frame]) -> list[Finding]:
+    """Faults that keep objects from being found, or with which they fit worse in most frames."""
+    scores = [best_score(detector, frame) for frame in frames[:_SEARCHED]]
+    best = int(np.argmax(scores))
+    searched = [frames[best], *(each for each in frames[:_SEARCHED] if each is not frames[best])]
+    findings = check_by_search(searched, scores[best], partial(best_score, detector))
+    if findings:
+        return findings
+    evidence = Evidence(detector)
     for frame in frames:
-        answers = _answers(detector, frame)
-        exchanges += _exchange_gains(detector, frame, answers)
-        ratios.append(ratio_gains(frame, answers, partial(_answers, detector)))
-    return [*check_color_order(exchanges), *check_depth_ratio(ratios)]
-
-
-def _exchange_gains(
-    detector: Detector, frame: Frame, answers: Sequence[Detection]
-) -> Iterator[float]:
-    """How much better known objects fit with red and blue exchanged, found either way."""
-    exchanged = replace(frame, rgb=np.ascontiguousarray(frame.rgb[..., ::-1]))
-    stated = exchange_gain(frame, detector.models, answers)
-    other = exchange_gain(exchanged, detector.models, _answers(detector, exchanged))
-    gains = [gain for gain in (stated, None if other is None else -other) if gain is not None]
-    if gains:
-        yield float(np.mean(gains))
-
-
-def _answers(detector: Detector, frame: Frame) -> list[Detection]:
-    """The best answer for each object, whatever its score."""
-    found = detector.search(
-        frame.rgb, frame.depth, frame.camera_matrix, max_instances=1, min_score=0.0
-    )
-    return all_answers(found)
-
-
-def _best(detector: Detector, frame: Frame) -> float:
-    if camera.check_depth_scale(frame, list(detector.models.values())):
-        return 0.0  # objects of no size that could be found, and slow to look for
-    try:
         found = detector.search(
             frame.rgb, frame.depth, frame.camera_matrix, max_instances=1, min_score=0.0
         )
-    except HlpError:  # a change that makes no sense for this frame
-        return 0.0
-    return max((each.score for each in found.detections), default=0.0)
+        evidence.add(frame, all_answers(found))
+    return evidence.findings()
 
 
 def _draw_truth(output: Path, dataset: Dataset, frame: Frame) -> None:

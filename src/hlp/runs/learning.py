@@ -89,5 +89,5 @@ def learn_once(cache: Path, request: LearningRequest) -> Path:
 
 def _say_what(folder: Path) -> None:
     entry = describe_learnt(folder)
-    names = ", ".join(entry.record.objects)
+    names = ", ".join(entry.objects)
     _logger.info("%s: %s, %.0f MB", names, folder, entry.size / 1e6)

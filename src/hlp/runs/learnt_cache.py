@@ -1,24 +1,31 @@
 """Where what is learnt lies: folders with names in the user's cache."""
 
 import shutil
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import platformdirs
 
-from hlp.errors import InputError, MissingFileError
-from hlp.method.learnt_folder import RECORD, LearntRecord, read_record
+from hlp.errors import DataError, InputError, MissingFileError
+from hlp.method.learnt_folder import RECORD, check_files, read_record
 from hlp.method.unfinished_folder import bring_back
+
+_REMOVED = ".removed-"
 
 
 @dataclass(frozen=True)
 class LearntEntry:
-    """A folder of learnt objects: its name, its place, its size on disk (bytes)."""
+    """A folder of learnt objects: its name, its place, its size on disk (bytes), its content.
+
+    Of a folder that cannot be used, there is a `problem` in place of the names of `objects`.
+    """
 
     name: str
     folder: Path
     size: int
-    record: LearntRecord
+    objects: tuple[str, ...]
+    problem: str = ""
 
 
 def cache_folder(work: str | None) -> Path:
@@ -49,18 +56,34 @@ def find_learnt(given: str, cache: Path) -> Path:
     )
 
 
+def find_whole(given: str, cache: Path) -> Path:
+    """As `find_learnt`, for a copy. Raises DamagedError naming a file that is damaged, too."""
+    folder = find_learnt(given, cache)
+    check_files(folder, read_record(folder))
+    return folder
+
+
 def list_learnt(cache: Path) -> list[LearntEntry]:
-    """Everything in the cache, by name. Raises DataError for a damaged record."""
+    """Everything in the cache, by name, also what is damaged."""
     if not cache.is_dir():
         return []
-    folders = sorted(path.parent for path in cache.glob(f"*/{RECORD}"))
-    return [describe_learnt(folder) for folder in folders]
+    return [_listed(path.parent) for path in sorted(cache.glob(f"*/{RECORD}"))]
+
+
+def _listed(folder: Path) -> LearntEntry:
+    try:
+        return describe_learnt(folder)
+    except DataError as error:
+        return LearntEntry(folder.name, folder, _size(folder), (), str(error))
 
 
 def describe_learnt(folder: Path) -> LearntEntry:
-    """Name, size and content of a folder of learnt objects."""
-    size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-    return LearntEntry(folder.name, folder, size, read_record(folder))
+    """Name, size and content of a folder of learnt objects. Raises DataError if it is damaged."""
+    return LearntEntry(folder.name, folder, _size(folder), tuple(read_record(folder).objects))
+
+
+def _size(folder: Path) -> int:
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
 def remove_learnt(name: str, cache: Path) -> Path:
@@ -75,14 +98,24 @@ def remove_learnt(name: str, cache: Path) -> Path:
     if folder is None or folder.parent != cache:
         known = ", ".join(each.name for each in list_learnt(cache)) or "nothing"
         raise MissingFileError(f"{cache} holds no {name}; it holds {known}")
-    shutil.rmtree(folder)
+    hidden = tempfile.mkdtemp(prefix=_REMOVED, dir=cache)  # a killed call leaves no half of it
+    folder.rename(Path(hidden, name))
+    shutil.rmtree(hidden)
+    for left in cache.glob(f"{_REMOVED}*"):  # by calls that were killed
+        shutil.rmtree(left, ignore_errors=True)
     return folder
 
 
 def export_learnt(name: str, target: Path, cache: Path) -> Path:
-    """Copy learnt objects into a new folder. Raises InputError if it is there already."""
-    source = find_learnt(name, cache)
+    """Copy learnt objects into a new folder, which appears when it is complete.
+
+    Raises InputError if it is there already, and DamagedError naming a file that is damaged.
+    """
+    source = find_whole(name, cache)
     if target.exists():
         raise InputError(f"{target} is there already: name a new folder")
-    shutil.copytree(source, target)
+    partial = target.absolute().with_name(f".{target.name}.partial")
+    shutil.rmtree(partial, ignore_errors=True)  # left by a call that was killed
+    shutil.copytree(source, partial)
+    partial.rename(target)
     return target

@@ -1,5 +1,6 @@
 """`hlp predict`: all instances of learnt objects in a user's own frames, written as they come."""
 
+import hashlib
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -11,18 +12,19 @@ import numpy as np
 from annotated_types import Ge, Interval
 from jaxtyping import Bool
 
-from hlp.checks.color_order import FEWEST, all_answers, check_color_order, exchange_gain
-from hlp.checks.frame_checks import check_frames
+import hlp
 from hlp.data.own_frames import OwnFrames
 from hlp.data.search_masks import SearchMasks
-from hlp.errors import DataError, HlpError
+from hlp.errors import DamagedError, DataError, HlpError, MissingFileError
 from hlp.method.detections import Detection, SearchResult
 from hlp.method.detector import MOST_INSTANCES, Detector
+from hlp.method.learnt_folder import RECORD
 from hlp.method.tracking import TrackedDetection, TrackingResult, TrackingSettings
 from hlp.records import Frame, ObjectModel, PoseEstimate, parse_frame_key
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.reporting import answers
 from hlp.results.answers_file import LINES, AnswersFile
+from hlp.runs.fault_watch import FaultWatch
 from hlp.settings import Doc, Settings
 
 _AHEAD = 2  # frames decoded beside detection
@@ -58,16 +60,22 @@ def predict(
     """Find objects in every frame; the number of frames that could be processed.
 
     Writes poses.csv, poses.jsonl and, last, poses.json into `output`, and prints a line for each
-    answer. The next frames are decoded beside detection. A frame that cannot be used costs itself
-    alone: it is logged, and a line of poses.jsonl names its error. Raises DataError if there is no
-    other.
+    answer. A call that was stopped is continued by the same one, but for tracking. The next frames
+    are decoded beside detection. A frame that cannot be used costs itself alone: it is logged, and
+    a line of poses.jsonl names its error. Raises DataError if there is no other, and DamagedError
+    or MissingFileError for a file of what is learnt.
     """
     drawn = _drawn(frames.keys, options.panels)
     search = _tracking(detector, options) if options.track else _detection(detector, options)
-    answered, failed = 0, 0
-    gains: list[float] = []
-    with AnswersFile(output) as file:
-        for key, frame, mask, error in _decoded(frames, masks):
+    request = "" if options.track else _request(detector, frames, options, masks)
+    answered = 0
+    watch = FaultWatch(detector, options.objects)
+    with AnswersFile(output, request) as file:
+        failed = sum(not used for used in file.answered.values())
+        left = [key for key in frames.keys if parse_frame_key(key) not in file.answered]
+        if file.answered:
+            _logger.info("%d of %d frames are answered already", len(file.answered), len(frames))
+        for key, frame, mask, error in _decoded(frames, left, masks):
             problem = error
             if frame is not None:
                 try:
@@ -75,20 +83,22 @@ def predict(
                     if answered == 0:  # after what decoding and loading had to say
                         print(answers.HEADER)
                     _write(file, detector, frames, frame, found)
-                    if answered == 0:  # after the first answer, which is not to wait
-                        _warn(frame, detector)
                     answered += 1
-                    _watch_colors(frame, detector, found, gains)
                     if key in drawn:
                         _draw(output, detector.models, frames.paths(key).name, frame, found)
+                except (DamagedError, MissingFileError):  # of what is learnt, not of the frame
+                    raise
                 except HlpError as wrong:
                     problem = wrong
+                else:  # what goes wrong in there is no fault of the frame, which has its answers
+                    watch.add(frame, found)
             if problem is not None:
                 if len(frames) == 1:
                     raise problem
                 failed += 1
                 _logger.warning("%s", problem)
                 file.add(_failure(frames, key, problem), None)
+        watch.end()
     if failed == len(frames):
         raise DataError(f"none of the {failed} frames can be used; see {output / LINES}")
     if failed:
@@ -96,9 +106,22 @@ def predict(
     return len(frames) - failed
 
 
-def _warn(frame: Frame, detector: Detector) -> None:
-    for finding in check_frames([frame], list(detector.models.values())):
-        _logger.warning("warning: %s", finding)
+def _request(
+    detector: Detector,
+    frames: OwnFrames,
+    options: PredictionOptions,
+    masks: SearchMasks | None,
+) -> str:
+    """Identifies all that decides the answers: version, learnt objects, options, and files."""
+    digest = hashlib.blake2b((detector.folder / RECORD).read_bytes(), digest_size=16)
+    digest.update(f"{hlp.__version__} {options} {frames.settings} {masks}\n".encode())
+    named = [frames.settings.intrinsics, frames.settings.depth_intrinsics, masks and masks.masks]
+    paths = [frames.paths(key) for key in frames.keys]
+    files = [path for each in paths for path in (each.color, each.depth)]
+    for path in dict.fromkeys([*(Path(str(each)) for each in named), *files]):
+        about = path.stat() if path.exists() else None  # intrinsics may be numbers
+        digest.update(f"{path} {about and (about.st_size, about.st_mtime_ns)}\n".encode())
+    return digest.hexdigest()
 
 
 _Found = SearchResult | TrackingResult
@@ -125,22 +148,13 @@ def _tracking(detector: Detector, options: PredictionOptions) -> _Search:
     return detector.tracker(options.objects, options.max_instances, settings).search
 
 
-def _watch_colors(frame: Frame, detector: Detector, found: _Found, gains: list[float]) -> None:
-    """Add what a frame says of the order of its colours; warn once enough have."""
-    if len(gains) >= FEWEST:
-        return
-    gain = exchange_gain(frame, detector.models, all_answers(found))
-    if gain is not None:
-        gains.append(gain)
-        for finding in check_color_order(gains):
-            _logger.warning("warning: %s", finding)
-
-
 Decoded = tuple[str, Frame | None, Bool[np.ndarray, "h w"] | None, HlpError | None]
 
 
-def _decoded(frames: OwnFrames, masks: SearchMasks | None) -> Iterator[Decoded]:
-    """Every frame or its error, in order; a few of the next ones are decoded meanwhile."""
+def _decoded(
+    frames: OwnFrames, keys: Sequence[str], masks: SearchMasks | None
+) -> Iterator[Decoded]:
+    """Each frame or its error, in order; a few of the next ones are decoded meanwhile."""
 
     def decode(key: str) -> Decoded:
         try:
@@ -152,7 +166,7 @@ def _decoded(frames: OwnFrames, masks: SearchMasks | None) -> Iterator[Decoded]:
 
     waiting: list[Future[Decoded]] = []
     with ThreadPoolExecutor(1) as decoder:
-        for key in frames.keys:
+        for key in keys:
             waiting.append(decoder.submit(decode, key))
             if len(waiting) > _AHEAD:
                 yield waiting.pop(0).result()

@@ -21,6 +21,7 @@ from hlp.reporting.figures.waterfall_bars import draw_waterfall
 from hlp.reporting.mlflow_metrics import summary_metrics
 from hlp.reporting.page.run_page import write_page_or_say
 from hlp.reporting.page.verdict import run_verdict
+from hlp.reporting.stage_captions import STAGES
 from hlp.reporting.tables.summary_tables import format_summary
 from hlp.reporting.tracker import Tracker
 from hlp.reporting.trainings import log_training
@@ -40,6 +41,7 @@ from hlp.runs.mlflow_pictures import log_pictures
 from hlp.runs.page_material import keep_material
 from hlp.runs.run_stages import stages_of
 from hlp.runs.stage_panels import PANELS, draw_frames
+from hlp.runs.stage_pictures import draw_stages
 from hlp.runs.timing import Timing, measure_times
 from hlp.runs.window_classes import WindowClasses
 from hlp.stages.detection import DetectionStages
@@ -52,10 +54,10 @@ from hlp.stages.view_task import render_in_workers
 def run_method(run: Run, output: Path) -> dict[str, Any]:
     """Run every stage that is not on disk, write the results into `output`, return the summary.
 
-    `output` receives summary.json, scores.csv, poses.csv, panels/, report/, manifest.json and,
-    drawn from these, report.html. Everything is logged as one MLflow run. It is opened first, so a
-    crash leaves it FAILED. Raises DataError if no frame can be used; single ones cost themselves
-    alone, unless `on_bad_frame` says otherwise.
+    `output` receives summary.json, scores.csv, poses.csv, panels/, stages/, report/, manifest.json
+    and, drawn from these, report.html. Everything is logged as one MLflow run. It is opened first,
+    so a crash leaves it FAILED. Raises DataError if no frame can be used; single ones cost
+    themselves alone, unless `on_bad_frame` says otherwise.
     """
     settings = run.settings
     set_compute_threads(settings.machine.threads)
@@ -130,6 +132,7 @@ def _score(
     names = {object_id: model.name for object_id, model in dataset.models.items()}
     write_scores(output / SCORES, scores, names)
     draw_frames(run, detection, saved, scores, output)
+    draw_stages(run, detection, saved, scores, output)
     keep_material(run, detection, saved, scores, output)
     summary = summarise(
         scores,
@@ -168,5 +171,5 @@ def _say_where(run: Run, output: Path, tracker: Tracker) -> None:
     if (output / PAGE).is_file():
         say("Report    %s (open it in a browser)", output / PAGE)
     if run.settings.panels > 0:
-        say("Pictures  %s (what each stage saw)", output / PANELS)
+        say("Pictures  %s, %s (what each stage saw)", output / PANELS, output / STAGES)
     say_where(run, tracker)

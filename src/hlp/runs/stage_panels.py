@@ -62,13 +62,19 @@ class FoundInFrame:
 
         None if there is none: a closer look finds poses without any.
         """
-        name, fine = str(object_id), self.arrays["poses"]
-        poses = self.arrays["hypotheses"][f"{name}/poses"]
-        if estimate is None or estimate.pose_cam_obj is None or f"{name}/poses" not in fine:
+        poses = self.arrays["hypotheses"][f"{object_id}/poses"]
+        row = self.row(object_id, estimate)
+        if row is None:
             return poses[0] if len(poses) else None
-        apart = np.abs(fine[f"{name}/poses"] - estimate.pose_cam_obj).max(axis=(1, 2))
-        source = int(fine[f"{name}/sources"][apart.argmin()])
+        source = int(self.arrays["poses"][f"{object_id}/sources"][row])
         return poses[source] if 0 <= source < len(poses) else None
+
+    def row(self, object_id: int, estimate: PoseEstimate | None) -> int | None:
+        """Which of the object's refined poses is the estimate; None without one."""
+        refined = self.arrays["poses"].get(f"{object_id}/poses", np.zeros((0, 4, 4)))
+        if estimate is None or estimate.pose_cam_obj is None or len(refined) == 0:
+            return None
+        return int(np.abs(refined - estimate.pose_cam_obj).max(axis=(1, 2)).argmin())
 
 
 def picture_of_target(

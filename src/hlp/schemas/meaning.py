@@ -15,7 +15,10 @@ Sets that write three digits differ by 0.0017."""
 NEAREST, FARTHEST = 0.05, 20.0
 """Distances (m) between which half of a depth image lies."""
 _FARTHEST_OBJECT = 100.0  # m
-_FOCAL = (0.1, 20.0)  # times the longer side of the image
+FOCAL = (0.1, 20.0)
+"""Focal lengths, in longer sides of the image."""
+SKEW = 0.01
+"""Largest skew of a camera, in focal lengths: with more it is another matrix."""
 _BEYOND_DEPTH = 10.0  # a pose may be that many times nearer or farther than any depth
 
 
@@ -68,7 +71,10 @@ def require_camera(
     """Intrinsics of images of that size (width, height; None: not known)."""
     if not np.isfinite(matrix).all() or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
         raise DataError(f"{where}: focal lengths must be finite and positive, in pixels")
-    if not np.allclose(matrix[[1, 2, 2, 2], [0, 0, 1, 2]], [0, 0, 0, 1]):
+    if not (
+        np.allclose(matrix[[1, 2, 2, 2], [0, 0, 1, 2]], [0, 0, 0, 1])
+        and abs(matrix[0, 1]) <= SKEW * matrix[0, 0]
+    ):
         raise DataError(
             f"{where} is {matrix.ravel().tolist()}: it must be fx 0 cx 0 fy cy 0 0 1, row by row"
         )
@@ -81,7 +87,7 @@ def require_camera(
             f"{where}: the principal point ({x:.6g}, {y:.6g}) lies outside the image of "
             f"{width}x{height}: are these the intrinsics of images of another size?"
         )
-    low, high = (share * max(size) for share in _FOCAL)
+    low, high = (share * max(size) for share in FOCAL)
     for name, focal in (("fx", float(matrix[0, 0])), ("fy", float(matrix[1, 1]))):
         if not low <= focal <= high:
             raise DataError(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Annotated, ClassVar, Literal, Protocol, TypeVar
 
-from annotated_types import Ge
+from annotated_types import Ge, Le
 
 from hlp.errors import MissingDependencyError
 from hlp.registry import Registry
@@ -78,8 +78,8 @@ class PoolSettings(Settings):
     """
 
     name: Literal["loky", "threading"] = "loky"
-    workers: Annotated[int, Ge(1), Doc("number of processes or threads (D)")] = 2
-    threads: Annotated[int, Ge(1), Doc(_THREADS)] = 1
+    workers: Annotated[int, Ge(1), Le(1024), Doc("number of processes or threads (D)")] = 2
+    threads: Annotated[int, Ge(1), Le(1024), Doc(_THREADS)] = 1
 
     parallel: ClassVar[bool] = True
 
@@ -101,7 +101,7 @@ class ClusterSettings(Settings):
 
     name: Literal["dask", "ray"]
     address: Annotated[str, Doc("tcp://HOST:8786 (dask); auto: the cluster of this machine (ray)")]
-    threads: Annotated[int, Ge(1), Doc(_THREADS)] = 1
+    threads: Annotated[int, Ge(1), Le(1024), Doc(_THREADS)] = 1
 
     parallel: ClassVar[bool] = True
 

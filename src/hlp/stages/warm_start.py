@@ -1,18 +1,22 @@
 """Warm start: learning more objects from the classifier and encoder of an earlier run."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from annotated_types import Ge
+from annotated_types import Ge, Le
 
 from hlp.errors import ConfigError, DataError, MissingFileError
-from hlp.method.settings import MethodSettings
 from hlp.settings import Doc, Settings
 from hlp.stages.fingerprint import is_fingerprint, plain
 from hlp.stages.manifest import read_manifest
-from hlp.stages.store import Output, StageStore
+
+if TYPE_CHECKING:
+    from hlp.method.settings import MethodSettings
+    from hlp.stages.store import Output, StageStore
 
 
 @dataclass(frozen=True)
@@ -26,7 +30,9 @@ class WarmStartSettings(Settings):
             "is and its classifier is trained further; null: everything is learnt from scratch"
         ),
     ] = None
-    epochs: Annotated[int, Ge(1), Doc("epochs of the classifier's further training (D)")] = 4
+    epochs: Annotated[
+        int, Ge(1), Le(10_000), Doc("epochs of the classifier's further training (D)")
+    ] = 4
 
 
 @dataclass(frozen=True)
@@ -48,6 +54,8 @@ def read_warm_start(
     manifest or what it names is missing, DataError if that is damaged, ConfigError if it cannot be
     the start: it has other settings, or an object that this run does not have.
     """
+    from hlp.stages.store import Output
+
     patches = settings.patches
     made = _made(manifest)
     shared = {"trainer": settings.trainer}

@@ -1,6 +1,7 @@
 """Sweeps (`-m`): one run per combination of values, all children of one parent run in MLflow.
 
-A sweep that was interrupted is continued by the same command.
+A sweep that was interrupted is continued by the same command. Every `hlp run` imports this module,
+so what only sweeps need is imported by its functions.
 
 <sweep's folder>/sweep.json   overrides, ids of the parent run and of the process, status
 <sweep's folder>/sweep.lock   held while the sweep runs; released by the system if it dies
@@ -25,19 +26,9 @@ from hlp.config.chosen import chosen_by_hydra, groups_of, overrides_of
 from hlp.errors import DataError, HlpError, InputError, MissingFileError
 from hlp.files import SWEEP, read_json, write_json
 from hlp.reporting.experiment_page import ExperimentPage
-from hlp.reporting.figures.trade_off import draw_trade_off
-from hlp.reporting.ladder import write_ladder
-from hlp.reporting.page.sweep_page import write_sweep_page_or_say
-from hlp.reporting.recordings import write_recordings
-from hlp.reporting.reproductions import write_reproductions
 from hlp.reporting.run_names import short_name
-from hlp.reporting.sweep_arms import short_key
-from hlp.reporting.sweep_log import log_sweep
-from hlp.reporting.sweep_report import describe_sweep, write_sweep_files
 from hlp.reporting.tracker import Tracker
 from hlp.reporting.tracking import ChildRun, TrackingSettings, as_child_run, track_run
-from hlp.runs.manifest import is_finished
-from hlp.runs.mlflow_inputs import choice_tags, place_tags
 from hlp.settings import read_settings
 from hlp.stages.worker_end import ends_with
 
@@ -63,6 +54,9 @@ class SweepCallback(Callback):
 
 
 def _open_sweep(config: DictConfig) -> None:
+    from hlp.reporting.sweep_arms import short_key
+    from hlp.runs.mlflow_inputs import choice_tags, place_tags
+
     folder = Path(config.hydra.sweep.dir).absolute()
     folder.mkdir(parents=True, exist_ok=True)
     try:
@@ -127,6 +121,8 @@ def run_one(config: DictConfig) -> None:
     configuration, leaves a FAILED run and is raised.
     """
     from hlp.config import build
+    from hlp.runs.manifest import is_finished
+    from hlp.runs.mlflow_inputs import choice_tags, place_tags
     from hlp.studies import tasks
 
     hydra = HydraConfig.get()
@@ -194,6 +190,14 @@ def _drawn(folder: Path, tracker: Tracker) -> Iterator[None]:
 
 
 def _draw(folder: Path, tracker: Tracker) -> None:
+    from hlp.reporting.figures.trade_off import draw_trade_off
+    from hlp.reporting.ladder import write_ladder
+    from hlp.reporting.page.sweep_page import write_sweep_page_or_say
+    from hlp.reporting.recordings import write_recordings
+    from hlp.reporting.reproductions import write_reproductions
+    from hlp.reporting.sweep_log import log_sweep
+    from hlp.reporting.sweep_report import describe_sweep, write_sweep_files
+
     say = logging.getLogger(__name__).info
     described = describe_sweep(folder, "text")
     if not described:  # of studies, which have no recall

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal, Protocol
 
 import numpy as np
-from annotated_types import Ge, Gt
+from annotated_types import Ge, Gt, Le
 from jaxtyping import Bool, Float
 
 from hlp.geometry import quaternions, rigid, rotation_matrices
@@ -77,7 +77,9 @@ class PaperVotingSettings(Settings):
     translation_mm: Annotated[float, Gt(0), Doc("kernel radius for centroids (P)")] = 10.0
     rotation_deg: Annotated[float, Gt(0), Doc("kernel radius for rotations (P)")] = 5.0
     max_votes: Annotated[int, Ge(1), Doc(MAX_VOTES)] = 3000
-    mean_shift_iterations: Annotated[int, Ge(0), Doc("largest number of mean shift steps (D)")] = 10
+    mean_shift_iterations: Annotated[
+        int, Ge(0), Le(1000), Doc("largest number of mean shift steps (D)")
+    ] = 10
 
     def build(self, threads: int) -> "PaperModes":
         """The mode finder; it uses one thread."""
@@ -104,7 +106,9 @@ class JointVotingSettings(Settings):
     translation_mm: Annotated[float, Gt(0), Doc("kernel radius for centroids (D; P: 10)")] = 20.0
     rotation_deg: Annotated[float, Gt(0), Doc("kernel radius for rotations (D; P: 5)")] = 18.0
     max_votes: Annotated[int, Ge(1), Doc(MAX_VOTES)] = 1500
-    mean_shift_iterations: Annotated[int, Ge(0), Doc("mean shift steps from each seed (D)")] = 3
+    mean_shift_iterations: Annotated[
+        int, Ge(0), Le(1000), Doc("mean shift steps from each seed (D)")
+    ] = 3
     hypotheses: Annotated[
         int,
         Ge(1),

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt
+from annotated_types import Ge, Gt, Le
 from jaxtyping import Float
 
 from hlp.records import Hypotheses, Votes
@@ -42,7 +42,9 @@ class SequentialVotingSettings(Settings):
     translation_mm: Annotated[float, Gt(0), Doc("kernel radius for centroids (P)")] = 10.0
     rotation_deg: Annotated[float, Gt(0), Doc("kernel radius for rotations (P)")] = 5.0
     max_votes: Annotated[int, Ge(1), Doc(MAX_VOTES)] = 3000
-    mean_shift_iterations: Annotated[int, Ge(0), Doc("mean shift steps from each seed (D)")] = 10
+    mean_shift_iterations: Annotated[
+        int, Ge(0), Le(1000), Doc("mean shift steps from each seed (D)")
+    ] = 10
     hypotheses: Annotated[
         int,
         Ge(1),

@@ -110,3 +110,14 @@ def test_a_page_that_cannot_be_written_costs_nothing(
     write_page_or_say(run)
     assert not (run / "report.html").exists()
     assert "could not be written" in caplog.text and "scores.csv" in caplog.text
+
+
+def test_pictures_of_the_stages_are_shown_in_their_order(run: Path) -> None:
+    assert "What each stage works with" not in Page(write_run_page(run)).text
+    (run / "stages").mkdir()
+    for name in ("swarm_costs", "views", "of_another_version"):
+        (run / "stages" / f"{name}.jpg").write_bytes(name.encode())
+    page = Page(write_run_page(run))
+    drawn = [base64.b64encode(name.encode()).decode() for name in ("views", "swarm_costs")]
+    assert page.addresses == [f"data:image/jpeg;base64,{each}" for each in drawn]
+    assert "What each stage works with" in page.text

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from annotated_types import Ge
+from annotated_types import Ge, Le
 
 from hlp.errors import DataError, MissingDependencyError
 from hlp.records import CameraImage
@@ -23,9 +23,9 @@ class RealSenseSettings(Settings):
     """Which RealSense camera, and its streams."""
 
     serial: Annotated[str | None, Doc("serial number; null: the first camera")] = None
-    width: Annotated[int, Ge(1), Doc("of both images (px)")] = 640
-    height: Annotated[int, Ge(1), Doc("of both images (px)")] = 480
-    fps: Annotated[int, Ge(1), Doc("images per second")] = 30
+    width: Annotated[int, Ge(1), Le(8192), Doc("of both images (px)")] = 640
+    height: Annotated[int, Ge(1), Le(8192), Doc("of both images (px)")] = 480
+    fps: Annotated[int, Ge(1), Le(1000), Doc("images per second")] = 30
 
 
 class RealSenseCamera:

@@ -100,7 +100,7 @@ def _bop(
 
 _VOC = PublicSet(
     "voc2012",
-    "PASCAL VOC 2012: photographs, the backgrounds of training in the paper",
+    "PASCAL VOC 2012: photographs, backgrounds of training in the paper",
     VOC_SERVER,
     "http://host.robots.ox.ac.uk/pascal/VOC/voc2012/",
     "none of its own: photographs from flickr, under flickr's terms of use",

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from hlp.geometry import inverse, rigid
 from hlp.objects.random_shapes import random_shape, toy_tree
@@ -57,6 +56,8 @@ def set_upright(
     object_id: int, mesh: Mesh, coarse: Mesh, tilt: float, rng: np.random.Generator
 ) -> UprightShape:
     """Rotate a mesh by a random yaw and tilt it by up to `tilt` (rad) in a random direction."""
+    from scipy.spatial.transform import Rotation
+
     lean = rng.uniform(0.0, tilt)
     direction = rng.uniform(0.0, 2 * np.pi)
     axis = np.array([np.cos(direction), np.sin(direction), 0.0])
@@ -177,6 +178,8 @@ def look_at(
     roll: float,
 ) -> Float[np.ndarray, "4 4"]:
     """pose_cam_world of a camera at a distance (m) and angles (rad), looking at a point (m)."""
+    from scipy.spatial.transform import Rotation
+
     flat = np.cos(elevation)
     back = np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])

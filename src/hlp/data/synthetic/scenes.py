@@ -43,16 +43,21 @@ class SyntheticSettings(Settings):
     """
 
     name: Literal["synthetic"] = "synthetic"
-    scenes: Annotated[int, Ge(0), Doc("number of scenes, with one frame each (D)")] = 24
-    seed: Annotated[int, Ge(0), Doc("seed of the scenes (D)")] = 0
+    scenes: Annotated[int, Ge(0), Le(100_000), Doc("number of scenes, with one frame each (D)")] = (
+        24
+    )
+    seed: Annotated[int, Ge(0), Le(2**32 - 1), Doc("seed of the scenes (D)")] = 0
     width: Annotated[
         int,
         Ge(32),
+        Le(8192),
         Unit("px"),
         Doc("image width; LINEMOD's intrinsics scale with it (P: 640 × 480)"),
     ] = 640
-    height: Annotated[int, Ge(32), Unit("px"), Doc("image height (P)")] = 480
-    noise: Annotated[float, Ge(0), Doc("sensor noise: 1 = a Kinect, 0 = an ideal camera (D)")] = 1.0
+    height: Annotated[int, Ge(32), Le(8192), Unit("px"), Doc("image height (P)")] = 480
+    noise: Annotated[
+        float, Ge(0), Le(100), Doc("sensor noise: 1 = a Kinect, 0 = an ideal camera (D)")
+    ] = 1.0
     min_visible: Annotated[
         float,
         Interval(gt=0, le=1),

@@ -7,6 +7,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+def save_jpeg(figure: "Figure", path: Path) -> None:
+    """Write a figure as a JPEG. Raises OSError for a path that cannot be written."""
+    figure.savefig(path, dpi=110, pil_kwargs={"quality": 88, "optimize": True})
+
+
 def save_figure(figure: "Figure", path: Path) -> list[Path]:
     """Write `path`.png and `path`.svg; those files. Equal figures give equal files."""
     import matplotlib

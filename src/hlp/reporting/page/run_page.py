@@ -18,6 +18,7 @@ from hlp.reporting.page.layout import render
 from hlp.reporting.page.material import FOLDER, PageMaterial, read_material
 from hlp.reporting.page.verdict import run_verdict
 from hlp.reporting.results import run_command
+from hlp.reporting.stage_captions import drawn_stages
 from hlp.reporting.tables.summary_tables import (
     METRIC_LABELS,
     calibration_words,
@@ -51,7 +52,9 @@ def write_run_page(folder: Path) -> Path:
     """
     summary, manifest = read_summary(folder / SUMMARY), read_json(folder / MANIFEST)
     targets, material = read_targets(folder / SCORES), read_material(folder)
-    pictures = _pictures(folder, material)
+    stages = drawn_stages(folder)
+    room = _MOST_BYTES - sum(path.stat().st_size for path in stages.values())
+    pictures = _pictures(folder, material, room)
     config: Mapping[str, Any] = manifest.get("config", {})
     page = render(
         "run.html",
@@ -66,6 +69,7 @@ def write_run_page(folder: Path) -> Path:
         digits=_DIGITS,
         rows=_rows(targets, pictures),
         pictures=pictures,
+        stages={words: _jpeg(path) for words, path in stages.items()},
         scenes=_scenes(material, targets),
         left_out=len(material.targets) - len(pictures),
         command=run_command(folder),
@@ -145,15 +149,19 @@ def _numbers(*values: float) -> list[float | None]:
     return [round(value, 3) if math.isfinite(value) else None for value in values]
 
 
-def _pictures(folder: Path, material: PageMaterial) -> dict[str, str]:
-    """JPEGs in base64 by the targets' names, as many as the page has room for."""
-    pictures, room = {}, _MOST_BYTES
+def _pictures(folder: Path, material: PageMaterial, room: int) -> dict[str, str]:
+    """JPEGs in base64 by the targets' names, as many as there is room (bytes) for."""
+    pictures = {}
     for key, target in material.targets.items():
         path = folder / FOLDER / target["picture"]
         room -= path.stat().st_size if path.is_file() else 0
         if path.is_file() and room >= 0:
-            pictures[_name(key)] = base64.b64encode(path.read_bytes()).decode("ascii")
+            pictures[_name(key)] = _jpeg(path)
     return pictures
+
+
+def _jpeg(path: Path) -> str:
+    return base64.b64encode(path.read_bytes()).decode("ascii")
 
 
 def _scenes(

@@ -1,0 +1,68 @@
+"""Whether colour is shifted against depth: known objects show it, at the poses that fit depth.
+
+The object's colours are compared with the image's, which are moved by every one of some shifts.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from hlp.checks.finding import Finding
+from hlp.checks.known_objects import colored_answers
+from hlp.method.detections import Detection
+from hlp.records import Frame, ObjectModel
+from hlp.refinement.score_model import MIN_SCORE
+from hlp.refinement.texture import color_agreement
+from hlp.refinement.verification import VerificationSettings, observe
+
+_SHIFTS = (-10, -5, 0, 5, 10)  # px, in both directions
+_FEWEST = 3  # frames
+_CLEAR = 0.04  # correlation that the best shift must bring
+_TOLERATED = 6.0  # px; cameras that claim to be registered are up to 5 off
+
+
+def shift_agreements(
+    frame: Frame, models: Mapping[str, ObjectModel], answers: Sequence[Detection]
+) -> Float[np.ndarray, "s s"] | None:
+    """How well the colours of the most certain object agree with the image's, by their shift.
+
+    Rows are shifts of depth downwards, columns to the right. None if no object with colours is
+    found. `models` are by the names of the answers.
+    """
+    best = max(colored_answers(models, answers), key=lambda each: each.score, default=None)
+    if best is None or best.score < MIN_SCORE:
+        return None
+    seen = observe(frame.rgb, frame.depth, frame.camera_matrix, VerificationSettings())
+
+    def agreement(down: int, right: int) -> float:
+        moved = replace(seen, rgb=np.roll(frame.rgb, (-down, -right), axis=(0, 1)))
+        return color_agreement(moved, models[best.object], best.pose_cam_obj).correlation
+
+    return np.array([[agreement(down, right) for right in _SHIFTS] for down in _SHIFTS])
+
+
+def check_color_shift(agreements: Sequence[Float[np.ndarray, "s s"]]) -> list[Finding]:
+    """Colour shifted against depth, if known objects in at least three frames say so clearly.
+
+    `agreements` are those of `shift_agreements`, one for each frame.
+    """
+    if len(agreements) < _FEWEST:
+        return []
+    mean = np.mean(agreements, axis=0)
+    row, column = np.unravel_index(int(mean.argmax()), mean.shape)
+    right, down = _SHIFTS[column], _SHIFTS[row]
+    middle = len(_SHIFTS) // 2
+    gain = mean[row, column] - mean[middle, middle]
+    if np.hypot(right, down) < _TOLERATED or gain < _CLEAR:
+        return []
+    return [
+        Finding(
+            "registration",
+            f"{len(agreements)} frames",
+            f"the colours of known objects agree better when depth is moved by about ({right}, "
+            f"{down}) px (correlation higher by {gain:.2f})",
+            "Register depth to colour: take the camera's aligned depth stream",
+        )
+    ]

@@ -1,0 +1,93 @@
+"""What `hlp predict` notices in its first frames: faults of the files that cost right poses."""
+
+import logging
+from collections.abc import Sequence
+from functools import partial
+
+from hlp.checks.evidence import Evidence
+from hlp.checks.finding import Finding
+from hlp.checks.frame_checks import check_first_frame
+from hlp.checks.known_objects import all_answers
+from hlp.checks.registration import check_registration
+from hlp.checks.unit_search import best_score, check_by_search
+from hlp.method.detections import Detection, SearchResult
+from hlp.method.detector import Detector
+from hlp.method.tracking import TrackingResult
+from hlp.records import Frame
+from hlp.refinement.score_model import MIN_SCORE
+
+_EXAMINED = 6  # frames
+_FEWEST = 3  # frames in which nothing is found, before it is searched for the reason
+_logger = logging.getLogger(__name__)
+
+
+class FaultWatch:
+    """Examines the first frames of a call, each after its answers were written.
+
+    Says one fault at most. Units and intrinsics are looked at in the first frame; what needs known
+    objects in the first six. Where none is found in them, one frame is searched with other units,
+    focal lengths and colours.
+    """
+
+    def __init__(self, detector: Detector, objects: Sequence[str] | None) -> None:
+        """`objects` are the names that are looked for, None: all learnt ones."""
+        self._detector, self._objects = detector, objects
+        self._evidence = Evidence(detector)
+        self._frames: list[Frame] = []
+        self._answers: list[list[Detection]] = []
+        self._done = False
+
+    def add(self, frame: Frame, found: SearchResult | TrackingResult) -> None:
+        """Take in the next frame and what was found in it; warn of what is noticed."""
+        if self._done:
+            return
+        self._frames.append(frame)
+        self._answers.append(all_answers(found))
+        count = len(self._frames)
+        if count == 1:
+            models = self._detector.models
+            names = self._objects or self._detector.objects
+            self._say(check_first_frame(frame, [models[each] for each in names]))
+            return  # one frame says too little, and a call with one frame takes no longer
+        for each in (0, 1) if count == 2 else (count - 1,):
+            self._evidence.add(self._frames[each], self._answers[each])
+        self._say(self._evidence.findings())
+        if count == _EXAMINED:
+            self.end()
+
+    def end(self) -> None:
+        """Say what the frames tell after the last one."""
+        if self._done or not self._frames:
+            return
+        scores = [max((each.score for each in found), default=0.0) for found in self._answers]
+        missed = [each for each, score in enumerate(scores) if score < MIN_SCORE]
+        if len(missed) >= max(_FEWEST, (len(scores) + 1) // 2):
+            missed.sort(key=lambda each: -scores[each])
+            self._search(missed, scores[missed[0]])
+        if len(self._frames) >= _FEWEST:
+            self._say(check_registration(self._frames))
+        if not self._done and len(missed) == len(scores):
+            _logger.info(
+                "nothing was found; `hlp doctor` with the same learnt, rgb, depth and intrinsics "
+                "looks for the reason"
+            )
+        self._done = True
+        self._frames.clear()
+
+    def _search(self, missed: Sequence[int], stated: float) -> None:
+        """What change of frames lets the object be found that fits the first of them best."""
+        answers = self._answers[missed[0]]
+        names = self._objects or self._detector.objects
+        name = max(answers, key=lambda each: each.score).object if answers else names[0]
+        _logger.info(
+            "%s is not found in most frames: trying other units, focal lengths and colours", name
+        )
+        find = partial(best_score, self._detector, objects=[name])
+        self._say(check_by_search([self._frames[each] for each in missed], stated, find))
+
+    def _say(self, findings: Sequence[Finding]) -> None:
+        if self._done:
+            return
+        for finding in findings:
+            _logger.warning("warning: %s", finding)
+        self._done = bool(findings)

@@ -1,0 +1,96 @@
+"""Codebook entries that are nearest to patches of a frame, with the views they were cut from."""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from hlp.codebook.neighbours import ExactNeighbours
+from hlp.geometry import allocentric_to_egocentric, inverse, project, transform
+from hlp.models.encoder import Encoder
+from hlp.patches.local import LocalSettings, cut_local_patches
+from hlp.patches.local_pool import cut_view_patches, join_patches, take_patches
+from hlp.records import Codebook, Frame, LocalPatches, ObjectModel, Target, Views
+from hlp.reporting.figures.nearest_entries import PatchEntries
+from hlp.runs.diagnosis import visible_pixels
+from hlp.runs.stage_panels import FoundInFrame
+from hlp.stages.frame_results import votes_of
+from hlp.stages.training import TrainingStages
+
+_ENTRIES = 5
+
+
+def patches_on_target(
+    training: TrainingStages, found: FoundInFrame, target: Target, count: int
+) -> LocalPatches:
+    """Up to `count` of the patches, with colour, that lie on a target and voted for its object."""
+    model, frame = training.models[target.object_id], found.frame
+    local = training.settings.patches.local
+    voted = votes_of(found.arrays["hypotheses"], target.object_id).pixels
+    pixels = np.unique(voted, axis=0).astype(np.int64).reshape(-1, 2)
+    visible = visible_pixels(training.dataset.frames, frame, target, model)
+    pixels = pixels[visible[pixels[:, 1], pixels[:, 0]]]
+    count = min(count, len(pixels))
+    chosen = [(2 * i + 1) * len(pixels) // (2 * count) for i in range(count)]
+    size = model.local_size * local.size_scale
+    return cut_local_patches(
+        frame.rgb, frame.depth, frame.camera_matrix, pixels[chosen], size, local, 0.0
+    )
+
+
+def entries_of_patches(
+    training: TrainingStages, frame: Frame, target: Target, patches: LocalPatches
+) -> list[PatchEntries]:
+    """The patches of a target, each with the entries of its object that are nearest to it."""
+    if len(patches) == 0:
+        return []
+    model, local = training.models[target.object_id], training.settings.patches.local
+    codebook, views = training.load_codebook(model.object_id), training.load_views(model.object_id)
+    features = encode(training.load_encoder(), patches)
+    matches = ExactNeighbours(codebook.features, _ENTRIES).search(features)
+    true_places = transform(inverse(target.pose_cam_obj), patches.points_cam)
+    size = model.local_size * local.size_scale
+    shown = []
+    for row, entries in enumerate(matches.indices):
+        cut = [take_patches(patches, np.array([row]))]
+        cut += [entry_patch(views, codebook, int(each), size, local) for each in entries]
+        shown.append(
+            PatchEntries(
+                f"{model.name} {frame.key}",
+                join_patches(cut),
+                matches.distances[row],
+                distances_on_object(codebook.points_obj[entries], true_places[row], model),
+            )
+        )
+    return shown
+
+
+def encode(encoder: Encoder, patches: LocalPatches) -> Float[np.ndarray, "n d"]:
+    """Features of patches that have colour, whether or not the encoder takes it."""
+    seen = patches if encoder.sees_color else replace(patches, color=patches.color[..., :0])
+    return encoder.encode(seen)
+
+
+def distances_on_object(
+    points_obj: Float[np.ndarray, "k 3"], place_obj: Float[np.ndarray, "3"], model: ObjectModel
+) -> Float[np.ndarray, "k"]:
+    """How far points are from a place on the object (m), or from one that looks the same."""
+    places = transform(model.symmetries, place_obj[None])[:, 0]
+    apart = np.linalg.norm(points_obj[:, None] - places, axis=-1)
+    return np.asarray(apart.min(axis=1))
+
+
+def entry_patch(
+    views: Views, codebook: Codebook, entry: int, size: float, local: LocalSettings
+) -> LocalPatches:
+    """The patch of metric `size` (m) that an entry was made from, with colour.
+
+    A codebook keeps the place and the rotation of an entry, but not its view: it is the one whose
+    rotation, seen along the ray through that place, is the entry's.
+    """
+    points = transform(views.poses_cam_obj, codebook.points_obj[entry][None])[:, 0]
+    along = np.swapaxes(allocentric_to_egocentric(points), -1, -2) @ views.poses_cam_obj[:, :3, :3]
+    apart = np.abs(along - codebook.rotations_cam_obj[entry]).max(axis=(1, 2))
+    view = int(apart.argmin())
+    pixel = np.rint(project(points[view][None], views.camera_matrix)).astype(np.int64)
+    return cut_view_patches(views, view, pixel, size, local, True)

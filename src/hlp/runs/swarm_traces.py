@@ -1,0 +1,116 @@
+"""The particle swarm's searches for a target once more, this time with all costs kept."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from hlp.method.pose_estimator import derive_seed
+from hlp.records import ObjectModel, Refinement, Target
+from hlp.refinement.cost import DepthCost
+from hlp.refinement.pso import PsoSettings, search
+from hlp.refinement.texture import choose_sibling
+from hlp.refinement.verification import Observation, observe
+from hlp.reporting.figures.swarm_costs import Swarm, SwarmsOfTarget
+from hlp.runs.stage_panels import FoundInFrame
+from hlp.stages.detection import DetectionStages
+
+_MOST = 5  # hypotheses of a target
+
+
+class RecordedCost(DepthCost):
+    """A cost that keeps what it has said of every swarm, in `rounds`."""
+
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self.rounds: list[Float[np.ndarray, "particles"]] = []
+
+    def evaluate(self, poses_cam_obj: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n"]:
+        """See `DepthCost.evaluate`."""
+        costs = super().evaluate(poses_cam_obj)
+        # A copy: the search goes on to write the particles' best costs into the first ones.
+        self.rounds.append(costs.copy())
+        return costs
+
+
+def swarms_of_target(
+    detection: DetectionStages, found: FoundInFrame, target: Target, verdict: str
+) -> SwarmsOfTarget | None:
+    """The first searches for a target's object; None where none can be repeated.
+
+    The chosen one led to the answer that is nearest to the target. The title tells the `verdict` on
+    the answer.
+    """
+    object_id, answer = target.object_id, found.nearest(target)
+    chosen, count = found.row(object_id, answer), _refined_count(found, object_id)
+    shown = [*range(min(_MOST, count)), *([] if chosen is None else [chosen])]
+    swarms = []
+    for row in dict.fromkeys(shown):
+        rounds = search_again(detection, found, object_id, row)
+        if rounds is not None:
+            swarms.append(Swarm(rounds, row == chosen))
+    if not swarms:
+        return None
+    model = detection.dataset.models[object_id]
+    pose = None if answer is None else answer.pose_cam_obj
+    return SwarmsOfTarget(
+        f"{model.name} {found.frame.key}: {verdict}",
+        swarms,
+        _own_cost(detection, found, model, target.pose_cam_obj),
+        None if pose is None else _own_cost(detection, found, model, pose),
+    )
+
+
+def search_again(
+    detection: DetectionStages, found: FoundInFrame, object_id: int, row: int
+) -> Float[np.ndarray, "rounds particles"] | None:
+    """Costs of all particles in the search that one of an object's refined poses comes from.
+
+    None if the search cannot be repeated with the same pose as end: it had another refiner or a
+    time budget, or comes from a closer look, whose coarse poses are not kept.
+    """
+    settings, frame = detection.settings.refinement, found.frame
+    source = int(found.arrays["poses"][f"{object_id}/sources"][row])
+    if not isinstance(settings, PsoSettings) or source < 0:
+        return None
+    model = detection.dataset.models[object_id]
+    start = found.arrays["hypotheses"][f"{object_id}/poses"][source]
+    stored = found.arrays["poses"][f"{object_id}/poses"][row]
+    seen = _observation(settings, found)
+    cost = RecordedCost(model.proxy, seen.depth, seen.camera_matrix, start, settings.cost)
+    seed = derive_seed(detection.settings.seed, frame.scene_id, frame.frame_id, object_id)
+    # Hypotheses are refined two at a time, each pair with a seed of its own.
+    rng = np.random.default_rng([seed + row - row % 2, row % 2])
+    pose, iterations = search(cost, start, model.centroid, settings, rng)
+    if not np.array_equal(pose, stored):  # it was chosen, so that it was moved further
+        pose = choose_sibling(seen, model, pose).pose_cam_obj
+        refined = Refinement(pose, iterations)
+        refiner = settings.build(threads=1)
+        polished = refiner.polish(model, seen.depth, seen.camera_matrix, refined, seed)
+        ends = (pose, polished.pose_cam_obj)
+        if not any(np.array_equal(end, stored) for end in ends):
+            return None
+    return np.stack(cost.rounds)
+
+
+def _refined_count(found: FoundInFrame, object_id: int) -> int:
+    return len(found.arrays["poses"].get(f"{object_id}/sources", ()))
+
+
+def _own_cost(
+    detection: DetectionStages,
+    found: FoundInFrame,
+    model: ObjectModel,
+    pose_cam_obj: Float[np.ndarray, "4 4"],
+) -> float:
+    """Cost of a pose in a search that starts from it: others may look at another place."""
+    settings = detection.settings.refinement
+    assert isinstance(settings, PsoSettings)
+    seen = _observation(settings, found)
+    cost = DepthCost(model.proxy, seen.depth, seen.camera_matrix, pose_cam_obj, settings.cost)
+    return float(cost.evaluate(pose_cam_obj[None])[0])
+
+
+def _observation(settings: PsoSettings, found: FoundInFrame) -> Observation:
+    frame = found.frame
+    return observe(frame.rgb, frame.depth, frame.camera_matrix, settings.verification)

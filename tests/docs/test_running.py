@@ -1,0 +1,277 @@
+"""Every `hlp` command of README and the pages runs as it is written, in one folder, made small.
+
+The folder holds what the commands name: meshes, frames, finished runs, a data set. Settings that
+make learning tiny are appended. What cannot run is listed with the reason; test_commands.py
+composes it, as all others.
+"""
+
+import json
+import shutil
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+import yaml
+from forked_processes import ForkedProcesses
+from markdown_pages import EXAMPLES, ROOT, blocks, commands
+from sequence_folders import write_linemod, write_mesh, write_ycbineoat
+
+from bop_folder import write_models, write_scene
+from hlp.data.synthetic.objects import demo_objects
+from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
+from tiny_run import TINY, TinyRun
+
+REAL = "real recordings, which not every machine has; minutes to hours"
+NETWORK = "gigabytes from a server; tests/data/test_public_download.py has one of its own"
+CAMERA = "a camera of Intel's; tests/integration/test_live.py has a simulated one"
+NOT_RUN = {
+    REAL: [
+        "learn mesh=../shared/data/lm/models/obj_000006.ply rooms=../shared/data/rooms "
+        "output=learnt/cat",
+        "run experiment=linemod_bop data.root=../shared/data/lm",
+        "run experiment=linemod_bop data.root=/path/to/lm",
+        "run experiment=linemod_bop data.root=../shared/data/lm output=outputs/linemod_bop/hlp",
+        "run experiment=linemod_bop data.root=../shared/data/lm output=outputs/linemod_bop/paper "
+        "method=paper_literal frames=66",
+        "run experiment=linemod_bop data.root=../shared/data/lm "
+        "output=outputs/linemod_bop/reference patches.region.scan=exact "
+        "patches.grid.max_patches=600 codebook=exact refinement.verification.max_improvement=1.0",
+        "bench experiment=linemod_bop data.root=… "
+        "+task.compared.p50.refinement.particles=50 "
+        "+task.compared.e4.patches.entries.patches_per_view=4",
+        "-m experiment=recordings data_folder=../shared/data",
+        "-m experiment=recordings data_folder=/path/to/sets",
+        "-m experiment=fig9a data=linemod_bop data.root=../shared/data/lm frames=40",
+        "-m experiment=fig9b data=linemod_bop data.root=../shared/data/lm frames=40",
+        "-m experiment=fig9b data=linemod_bop data.root=/path/to/lm frames=40",
+        "-m experiment=fig9c data=linemod_bop data.root=../shared/data/lm frames=40",
+        *(
+            f"-m experiment={figure} method=paper data=linemod_bop data.root=../shared/data/lm "
+            "frames=40 ~data.objects.benchvise ~data.objects.bowl ~data.objects.cam "
+            "~data.objects.driller ~data.objects.eggbox ~data.objects.iron ~data.objects.lamp "
+            "~data.objects.phone patches.pool.per_object=3000 encoder.epochs=4"
+            for figure in ("fig9b", "fig9c")
+        ),
+        "-m experiment=anytime data=linemod_bop data.root=../shared/data/lm frames=40 "
+        "voting.hypotheses=10,60",
+        "-m experiment=ladder ladder=literal,sequential,best data=linemod_bop "
+        "data.root=/path/to/lm frames=40",
+        "-m experiment=ladder data=linemod_bop data.root=../shared/data/lm frames=12 "
+        "~data.objects.benchvise ~data.objects.bowl ~data.objects.cam ~data.objects.driller "
+        "~data.objects.eggbox ~data.objects.iron ~data.objects.lamp ~data.objects.phone "
+        "patches.pool.per_object=3000 encoder.epochs=4 machine.threads=1 trainer.torch_threads=1 "
+        "ladder=kernels,relief,mask,cae,hypotheses,screening,joint,weights,verification,cost,polish,"
+        "classifier,region,size",
+    ],
+    NETWORK: ["download lmo", "download voc2012 output=/data/voc"],
+    CAMERA: [
+        "live source=realsense learnt=learnt/ objects=bracket overlay=last.jpg",
+    ],
+    "a server of MLflow's; tests/reporting/test_unsent_runs.py has one that is away": [
+        "run reporting.uri=http://mlflow.example.org:5000 reporting.experiment=brackets"
+    ],
+    "serves until it is stopped": ["ui"],
+    "a cluster; tests/integration/test_launchers.py looks at what it would be told": [
+        "-m hydra/launcher=slurm hydra.launcher.partition=NAME seed=0,1"
+    ],
+    "processes of its own, which a forked one cannot begin; tests/integration does": [
+        "-m hydra/launcher=cores machine.threads=1 seed=0,1",
+        "run executor=loky executor.workers=4",
+    ],
+    "two minutes together; tests/integration has smaller ones": [
+        "-m refinement=pso,icp seed=0,1",
+        "run warm_start.manifest=outputs/a/manifest.json",
+        "run experiment=basin",
+        "bench",
+        "bench data.width=320 data.height=240",
+    ],
+    "a study of minutes; tests/studies/test_search.py has smaller ones": [
+        "search task.limit_ms=300",
+        "search space=voting task.trials=50 frames=60",
+    ],
+    "everything is learnt again for each of 39 arms": ["-m experiment=ladder"],
+    "the report of a sweep that is not run here; tests/reporting writes one by hand": [
+        "report experiment=fig9b",
+        "report experiment=recordings",
+        "report experiment=ladder",
+    ],
+}
+"""Commands that are not run, by what they need. test_commands.py composes them."""
+
+LINEMOD = ROOT / "conf" / "data" / "objects" / "linemod.yaml"
+PLACEHOLDERS = {
+    "data.root=/path/to/set": "data.root=set",
+    "data=/path/to/set": "data=set",
+    "data.root=data/lmo": "data.root=set",
+    "data.photographs=/data/voc/VOCdevkit/VOC2012/JPEGImages": "data.photographs=photos",
+    "data.root=/path/to/linemod": "data.root=linemod",
+    "data.root=/path/to/mustard0": "data.root=mustard0",
+    "data.mesh=/path/to/mustard.obj": "data.mesh=model.ply",
+    "objects=[ape,can,duck]": "objects=[bowl,drill,duck]",
+    "objects=[ape,can,duck,glue,holepuncher]": "objects=[bowl,drill,duck]",
+    "page=8000": "page=0",
+}
+"""Words of commands that stand for the reader's own, and what stands here."""
+
+ORDER = ("learn", "run", "-m", "objects", "predict", "doctor", "live", "upload")
+"""Commands of which others show or use what they leave; the others come last."""
+
+TINY_METHOD = tuple(each for each in TINY if not each.startswith(("data.", "frames", "panels")))
+ONCE = ("frames=1", "timing_frames=1", "panels=0")
+ALSO = {
+    "learn": [*TINY_METHOD],
+    "learn mesh=bracket.ply photographs=photos/ rooms=rooms/": [*TINY_METHOD, "work=cache"],
+    "live source=folder learnt=learnt/ rgb=rgb/ depth=depth/ intrinsics=camera.json page=8000": [
+        "idle_s=1"
+    ],
+    "-m experiment=fig9a": ["encoder.dimension=100,200"],
+    "-m experiment=anytime": ["refinement.budget_ms=0,5"],
+    "run data=linemod data.root=/path/to/linemod": [
+        f"~data.objects.{name}" for name in yaml.safe_load(LINEMOD.read_text()) if name != "ape"
+    ],
+}
+"""What is appended to a command, or to all of one name, beside the tiny settings."""
+
+
+VENDOR = """
+import cv2
+import numpy as np
+
+class Device:
+    def __init__(self):
+        self.left = 2
+
+    def read(self):
+        if self.left == 0:
+            raise KeyboardInterrupt  # the reader presses Ctrl-C
+        self.left -= 1
+        depth = np.full((480, 640), 900, np.uint16)
+        return np.zeros((480, 640, 3), np.uint8), depth
+
+    def stop(self):
+        pass
+"""
+"""What the page's own camera takes its images from."""
+
+ENDS = {
+    "upload": (1, "nothing is waiting"),
+    "live source=my_camera.py:MyCamera learnt=learnt/": (130, "stopped after 2 images"),
+    "doctor data=/path/to/set output=look/": (1, "no single known fault explains it"),  # noise
+}
+"""Commands that end with another code than 0 here, and what they say."""
+
+
+def written_commands() -> list[list[str]]:
+    """Each command once, those that others need first."""
+    found = {" ".join(words): words for path in EXAMPLES for words in commands(path)}
+    rank = {name: place for place, name in enumerate(ORDER)}
+    return sorted(found.values(), key=lambda words: rank.get(words[0], len(ORDER)))
+
+
+def as_run(words: list[str], folder: Path) -> list[str]:
+    """The command with the folder's own names, and with what is appended."""
+    given = [PLACEHOLDERS.get(word, word) for word in words]
+    if "runs=[RUN_A,RUN_B]" in given:
+        given[given.index("runs=[RUN_A,RUN_B]")] = f"runs=[{','.join(logged_runs(folder))}]"
+    also = ALSO.get(" ".join(words), []) or ALSO.get(words[0], [])
+    if words[0] not in ("run", "-m") or words[1].startswith("manifest="):
+        return [*given, *also]
+    own_data = any(word.startswith("data=") for word in words)
+    size = [] if own_data else [each for each in TINY if each.startswith("data.")]
+    chosen = {word.partition("=")[0] for word in words}
+    own = [each for each in [*size, *TINY_METHOD, *ONCE] if each.partition("=")[0] not in chosen]
+    return [*given, *dict.fromkeys(own), *also]
+
+
+def logged_runs(folder: Path) -> list[str]:
+    """Ids of the first and the last of the demo's runs in MLflow's database."""
+    query = (
+        "select run_uuid from runs join experiments using (experiment_id) "
+        "where experiments.name = 'demo' and runs.name not like 'sweep%' order by start_time"
+    )
+    with closing(sqlite3.connect(folder / "work" / "mlflow.db")) as database:
+        found = [str(row[0]) for row in database.execute(query)]
+    return [found[0], found[-1]]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, tiny_run: TinyRun) -> Path:
+    """A reader's folder."""
+    made = tmp_path_factory.mktemp("reader")
+    shutil.copytree(tiny_run.folder / "work", made / "work")
+    for name in ("a", "b", "linemod_bop/hlp", "linemod_bop/paper", "linemod_bop/reference"):
+        shutil.copytree(tiny_run.output, made / "outputs" / name)
+    write_models(made / "set" / "models", (1, 6))
+    write_scene(made / "set" / "test")
+    write_own_files(made)
+    for path in EXAMPLES:
+        for block in blocks(path):
+            if block.title and block.language in ("yaml", "python"):
+                file = made / block.title
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_text(block.text)
+    return made
+
+
+def write_own_files(made: Path) -> None:
+    """Meshes of two objects, frames of a camera, photographs and a room without the objects."""
+    scenes = SyntheticScenes(SyntheticSettings(scenes=2, seed=3, objects=(5, 5), clutter=(2, 2)))
+    for name, model in zip(("bracket.ply", "bolt.stl"), demo_objects().values(), strict=False):
+        mesh = model.mesh
+        trimesh.Trimesh(mesh.vertices * 1000, mesh.faces, process=False).export(made / name)
+    frames = [scenes.load(key) for key in scenes.keys]
+    model = demo_objects()[frames[0].targets[0].object_id]
+    write_linemod(made / "linemod", model, frames[:1])
+    write_ycbineoat(made / "mustard0", model, frames[:1])
+    write_mesh(made / "model.ply", model)
+    (made / "vendor.py").write_text(VENDOR)
+    camera = {"cam_K": frames[0].camera_matrix.ravel().tolist(), "depth_scale": 1.0}
+    for room in (made, made / "rooms"):
+        for kind in ("rgb", "depth"):
+            (room / kind).mkdir(parents=True)
+        (room / "camera.json").write_text(json.dumps(camera))
+        for number, frame in enumerate(frames):
+            write_frame(room / "rgb" / f"{number}.png", room / "depth" / f"{number}.png", frame)
+    write_frame(made / "frame.png", made / "frame_depth.png", frames[0])
+    shutil.copytree(made / "rgb", made / "photos")
+
+
+def write_frame(rgb: Path, depth: Path, frame) -> None:
+    cv2.imwrite(str(rgb), frame.rgb[:, :, ::-1])
+    cv2.imwrite(str(depth), np.rint(frame.depth * 1000).astype(np.uint16))
+
+
+@pytest.mark.slow
+def test_commands_run_as_they_are_written(folder: Path) -> None:
+    processes = ForkedProcesses(folder)
+    line = json.dumps({"rgb": "rgb/0.png", "depth": "depth/0.png"}) + "\n"
+    left_out = {text for texts in NOT_RUN.values() for text in texts}
+    failed = {}
+    for words in written_commands():
+        text = " ".join(words)
+        if text not in left_out:
+            ended = processes.call(as_run(words, folder), line)
+            code, said = ENDS.get(text, (0, ""))
+            if ended.code != code or said not in ended.out + ended.err:
+                failed[text] = (ended.err or ended.out)[-1000:]
+    assert not failed
+    assert (folder / "learnt" / "learnt.json").is_file()
+    assert (folder / "look").is_dir()
+
+
+def test_every_exception_stands_in_the_documentation() -> None:
+    written = {" ".join(words) for words in written_commands()}
+    left_out = [text for texts in NOT_RUN.values() for text in texts]
+    assert len(left_out) == len({*left_out})
+    assert not {*left_out} - written
+    run = written - {*left_out}
+    assert not {*ENDS} - run
+    assert not {key for key in ALSO if " " in key} - run
+    assert not {*PLACEHOLDERS} - {word for text in run for word in text.split()}
+    assert len(run) >= 30
+    elsewhere = {text for text in run if "../" in text}
+    assert not elsewhere, "what lies outside of the reader's folder is not on every machine"

@@ -1,0 +1,73 @@
+"""Files of a folder of learnt objects are damaged: each command says which, in one line."""
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from damage import WAYS, damage
+from process import run_hlp
+
+from hlp import Detector
+from hlp.data.synthetic.objects import demo_objects
+from hlp.errors import DataError
+from tiny_method import write_mesh
+
+pytestmark = pytest.mark.slow
+
+FRAMES = ("rgb=rgb", "depth=depth", "intrinsics=[60,60,31.5,23.5]", "depth_scale=1")
+
+
+@pytest.fixture
+def copy(learnt: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(learnt, tmp_path / "learnt"))
+
+
+def files(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.rglob("*") if path.is_file())
+
+
+def test_every_file_damaged_in_every_way_is_named(learnt: Path, copy: Path) -> None:
+    for path in files(copy):
+        for way in WAYS:
+            assert damage([path], way) == 1
+            with pytest.raises(DataError, match=rf"{path.name}\b.*(damaged|format|valid|JSON)"):
+                Detector.load(copy).warm_up()
+            shutil.copyfile(learnt / path.relative_to(copy), path)
+    Detector.load(copy).warm_up()
+
+
+@pytest.mark.parametrize("name", ["learnt.json", "classifier/classifier.onnx"])
+def test_no_command_uses_damaged_objects(copy: Path, name: str) -> None:
+    damage([copy / name], "flipped")
+    (copy.parent / "rgb").mkdir()
+    (copy.parent / "depth").mkdir()
+    for number in range(2):  # several, so that a frame that fails would cost itself alone
+        cv2.imwrite(str(copy.parent / "rgb" / f"{number}.png"), np.full((48, 64, 3), 90, np.uint8))
+        depth = np.full((48, 64), 700, np.uint16)
+        cv2.imwrite(str(copy.parent / "depth" / f"{number}.png"), depth)
+    commands: tuple[tuple[str, ...], ...] = (
+        ("live", "source=folder", "learnt=learnt", "idle_s=1", *FRAMES),
+        ("objects", "register", "learnt", "model", "uri=sqlite:///mlflow.db"),
+        ("objects", "export", "learnt", "copy"),
+        ("predict", "learnt=learnt", "output=out", *FRAMES),
+    )
+    if name == "learnt.json":
+        commands += (("objects", "show", "learnt"),)
+    for command in commands:
+        ended = run_hlp(copy.parent, *command)
+        assert ended.returncode == 1, command
+        assert ended.stderr.startswith("hlp: "), (command, ended.stderr)
+        assert str(Path("learnt", name)) in ended.stderr, (command, ended.stderr)
+        assert ended.stderr.count("\n") == 1, command
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_nothing_is_added_to_damaged_objects(copy: Path, tmp_path: Path, way: str) -> None:
+    camera = next(model for model in demo_objects().values() if model.name == "camera")
+    damage([copy / "objects" / "bear" / "codebook.npz"], way)
+    before = {path: path.read_bytes() for path in files(copy)}
+    with pytest.raises(DataError, match=r"codebook\.npz is damaged"):
+        Detector.load(copy).add({"camera": write_mesh(tmp_path, camera)})
+    assert {path: path.read_bytes() for path in files(copy)} == before

@@ -1,0 +1,143 @@
+"""The commands for users of learnt objects, and others that write, killed at named places."""
+
+import json
+import shutil
+import signal
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from mlflow import MlflowClient
+from process import run_hlp, wait_until_gone
+
+from hlp.data.synthetic.scenes import SyntheticScenes
+from hlp.runs.manifest import poses_digest
+from tiny_run import TinyRun
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def folder(learnt: Path, scenes: SyntheticScenes, tmp_path: Path) -> Path:
+    """Learnt objects in `work`, two frames, and nothing else."""
+    shutil.copytree(learnt, tmp_path / "work" / "objects" / "both")
+    for kind in ("rgb", "depth"):
+        (tmp_path / kind).mkdir()
+    for key, name in zip(scenes.keys, ("a.png", "b.png"), strict=True):
+        frame = scenes.load(key)
+        cv2.imwrite(str(tmp_path / "rgb" / name), frame.rgb[..., ::-1])
+        depth = np.rint(frame.depth * 1000.0).astype(np.uint16)
+        cv2.imwrite(str(tmp_path / "depth" / name), depth)
+    (tmp_path / "camera.txt").write_text(
+        "\n".join(" ".join(map(str, row)) for row in frame.camera_matrix.tolist())
+    )
+    return tmp_path
+
+
+def kill(folder: Path, place: str, *arguments: str) -> str:
+    stopped = run_hlp(folder, *arguments, place=place, number=signal.SIGKILL)
+    assert stopped.returncode == -9, (place, stopped.stderr)
+    assert wait_until_gone(folder), place
+    return stopped.stdout
+
+
+def succeed(folder: Path, *arguments: str) -> str:
+    ended = run_hlp(folder, *arguments)
+    assert ended.returncode == 0, ended.stderr
+    return ended.stdout
+
+
+@pytest.mark.parametrize("place", ["copy begun", "copy made"])
+def test_objects_export(folder: Path, place: str) -> None:
+    export = ("objects", "export", "both", "copy", "work=work")
+    kill(folder, place, *export)
+    assert not (folder / "copy").exists()
+    succeed(folder, *export)
+    source = folder / "work" / "objects" / "both"
+    for path in source.rglob("*"):
+        copied = folder / "copy" / path.relative_to(source)
+        assert path.is_dir() or copied.read_bytes() == path.read_bytes()
+    assert not (folder / ".copy.partial").exists()
+
+
+@pytest.mark.parametrize("place", ["entry hidden", "entry half removed"])
+def test_objects_remove(folder: Path, place: str) -> None:
+    cache = folder / "work" / "objects"
+    shutil.copytree(cache / "both", cache / "other")
+    kill(folder, place, "objects", "remove", "both", "work=work")
+    listed = succeed(folder, "objects", "list", "work=work").splitlines()
+    assert [line.split()[0] for line in listed[:-1]] == ["other"]
+    succeed(folder, "objects", "remove", "other", "work=work")
+    assert list(cache.iterdir()) == []
+
+
+PREDICT = ("predict", "learnt=both", "rgb=rgb", "depth=depth", "intrinsics=camera.txt", "work=work")
+
+
+def test_predict(folder: Path) -> None:
+    """The same command continues after what was answered, to the poses of an undisturbed one.
+
+    The document of all answers is there only when they are all in it.
+    """
+    succeed(folder, *PREDICT, "output=whole")
+    for place, answered in (("first answer", 0), ("second answer", 1), ("last answer", 2)):
+        kill(folder, place, *PREDICT, "output=last")
+        lines = (folder / "last" / "poses.jsonl").read_text().splitlines()
+        assert len([json.loads(line) for line in lines]) >= answered
+        assert not (folder / "last" / "poses.json").exists()
+    succeed(folder, *PREDICT, "output=last")
+    first, second = (poses_digest(folder / name / "poses.csv") for name in ("whole", "last"))
+    assert first == second
+    assert (folder / "last" / "poses.json").is_file()
+
+
+def untimed(line: str) -> Mapping[str, Any]:
+    return {key: value for key, value in json.loads(line).items() if key not in ("ms", "captured")}
+
+
+def test_live(folder: Path) -> None:
+    """Killed, it has answered what it had seen; started again, it answers everything."""
+    live = ("live", "source=folder", "learnt=both", "rgb=rgb", "depth=depth", "work=work")
+    live = (*live, "intrinsics=camera.txt", "idle_s=2")
+    whole = [untimed(line) for line in succeed(folder, *live).splitlines()]
+    assert len(whole) == 3
+    for place, answered in (("first image", 1), ("second image", 2)):
+        lines = kill(folder, place, *live).splitlines()
+        assert [untimed(line) for line in lines] == whole[:answered]
+    assert [untimed(line) for line in succeed(folder, *live).splitlines()] == whole
+
+
+def test_report(tiny_run: TinyRun, tmp_path: Path) -> None:
+    shutil.copytree(tiny_run.output, tmp_path / "run")
+    before = (tmp_path / "run" / "report.html").read_bytes()
+    kill(tmp_path, "page half written", "report", "output=run")
+    assert (tmp_path / "run" / "report.html").read_bytes() == before
+    (half,) = (path.name for path in (tmp_path / "run").glob(".*.[0-9]*"))
+    assert half.startswith(".report.html.")
+    succeed(tmp_path, "report", "output=run")
+    assert {path.name for path in (tmp_path / "run").iterdir()} - {half} == {
+        path.name for path in tiny_run.output.iterdir()
+    }
+
+
+@pytest.mark.parametrize(
+    ("place", "left"), [("run created", 1), ("artifacts sent", 1), ("run sent", 0)]
+)
+def test_upload(tiny_run: TinyRun, tmp_path: Path, place: str, left: int) -> None:
+    """No run reaches the server twice, and each reaches it whole."""
+    shutil.copytree(tiny_run.folder / "work", tmp_path / "work")
+    away = "reporting.uri=http://127.0.0.1:9"
+    succeed(tmp_path, "run", *tiny_run.overrides, "output=run", away)
+    upload = ("upload", "uri=sqlite:///server/mlflow.db")
+    (tmp_path / "server").mkdir()
+    kill(tmp_path, place, *upload)
+    assert f"{left} runs sent" in succeed(tmp_path, *upload)
+    client = MlflowClient(f"sqlite:///{tmp_path / 'server' / 'mlflow.db'}")
+    (run,) = client.search_runs([each.experiment_id for each in client.search_experiments()])
+    assert run.info.status == "FINISHED"
+    assert "config.yaml" in {each.path for each in client.list_artifacts(run.info.run_id)}
+    assert "add" in run.data.metrics
+    assert not (tmp_path / "work" / "unsent").exists()

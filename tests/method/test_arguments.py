@@ -1,0 +1,135 @@
+"""What a caller may give to a detector wrongly: an error that names the argument, no traceback."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from hlp.errors import InputError
+from hlp.method.arguments import (
+    check_limits,
+    checked_backgrounds,
+    checked_frame,
+    checked_mask,
+    checked_meshes,
+    checked_names,
+    checked_path,
+    checked_pose,
+)
+
+RGB = np.full((24, 32, 3), 90, np.uint8)
+DEPTH = np.full((24, 32), 0.8, np.float32)
+K = np.array([[30.0, 0.0, 15.5], [0.0, 30.0, 11.5], [0.0, 0.0, 1.0]])
+
+
+def camera(**changes: float) -> np.ndarray:
+    places = {"fx": (0, 0), "fy": (1, 1), "skew": (0, 1), "cx": (0, 2)}
+    changed = K.copy()
+    for name, value in changes.items():
+        changed[places[name]] = value
+    return changed
+
+
+def frame(rgb: Any = RGB, depth: Any = DEPTH, camera_matrix: Any = K) -> Callable[[], object]:
+    return lambda: checked_frame(rgb, depth, camera_matrix)
+
+
+def limits(most: Any = 1, score: Any = 0.5) -> Callable[[], object]:
+    return lambda: check_limits(most, score)
+
+
+def mask(given: Any) -> Callable[[], object]:
+    return lambda: checked_mask(given, (24, 32))
+
+
+def names(given: Any) -> Callable[[], object]:
+    return lambda: checked_names(given, ["bear"], Path("learnt"))
+
+
+def pose(given: Any) -> Callable[[], object]:
+    return lambda: checked_pose(given)
+
+
+GRADIENT = torch.full((24, 32), 0.8, requires_grad=True)
+CASES: dict[str, tuple[Callable[[], object], str]] = {
+    "ragged rgb": (frame([[1, 2], [3]]), "rgb is no array"),
+    "rgb on no device": (frame(torch.zeros(24, 32, 3, device="meta")), "rgb is no array"),
+    "depth with gradients": (frame(depth=GRADIENT), "depth is no array"),
+    "depth of a kind that numpy lacks": (frame(depth=GRADIENT.detach().bfloat16()), "no array"),
+    "sparse depth": (frame(depth=GRADIENT.detach().to_sparse()), "depth is no array"),
+    "depth in kilometres": (frame(depth=DEPTH / 1000), "nowhere more than 0.0008 m"),
+    "one pixel": (frame(RGB[:1, :1], DEPTH[:1, :1], np.eye(3)), "8 pixels a side"),
+    "camera of text": (frame(camera_matrix=K.astype(str)), "camera_matrix must be 3 × 3 numbers"),
+    "complex camera": (frame(camera_matrix=K.astype(complex)), "camera_matrix must be 3 × 3 num"),
+    "camera of a huge number": (frame(camera_matrix=[[10**400] * 3] * 3), "camera_matrix must"),
+    "camera with gradients": (frame(camera_matrix=GRADIENT), "camera_matrix is no array"),
+    "ragged camera": (frame(camera_matrix=[[1], [2, 3]]), "camera_matrix is no array"),
+    "skewed camera": (frame(camera_matrix=camera(skew=5)), "its rows must be fx 0 cx"),
+    "focal length of a pixel": (frame(camera_matrix=camera(fx=1, fy=1)), "focal lengths of 1"),
+    "huge focal length": (frame(camera_matrix=camera(fx=1e9, fy=1e9)), "must be 3.2 to 640 px"),
+    "one wrong focal length": (frame(camera_matrix=camera(fy=1)), "focal lengths of 30 and 1 px"),
+    "half an instance": (limits(1.5), "max_instances is 1.5"),
+    "instances in words": (limits("3"), "max_instances is '3'"),
+    "instances: null": (limits(None), "max_instances is None"),
+    "instances: true": (limits(True), "max_instances is True"),
+    "instances: NaN": (limits(float("nan")), "max_instances is nan"),
+    "score in words": (limits(score="0.5"), "min_score is '0.5'"),
+    "score: null": (limits(score=None), "min_score is None"),
+    "score: a list": (limits(score=[0.5]), "min_score is [0.5]"),
+    "score: NaN": (limits(score=float("nan")), "min_score is nan"),
+    "ragged mask": (mask([[True], [False, True]]), "mask is no array"),
+    "mask with gradients": (mask(GRADIENT), "mask is no array"),
+    "pose of text": (pose(np.eye(4).astype(str)), "pose_cam_obj must be 4 × 4 finite numbers"),
+    "pose without its last row": (pose(np.eye(4)[:3]), "pose_cam_obj must be 4 × 4"),
+    "pose: NaN": (pose(np.full((4, 4), np.nan)), "pose_cam_obj must be 4 × 4 finite"),
+    "transposed pose": (pose([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 1, 1]]), "last row"),
+    "scaled pose": (pose(np.diag([2.0, 2.0, 2.0, 1.0])), "is no rotation: its rows"),
+    "mirrored pose": (pose(np.diag([-1.0, 1.0, 1.0, 1.0])), "is no rotation but a reflection"),
+    "names: a number": (names(5), "objects is 5: give a list"),
+    "names: bytes": (names(b"bear"), "objects is b'bear': give a list"),
+    "names: lists": (names([["bear"]]), "objects: ['bear'] not learnt; learnt has bear"),
+    "meshes: a list": (lambda: checked_meshes(["a.ply"]), "it must map names to files"),
+    "meshes: a path": (lambda: checked_meshes("a.ply"), "it must map names to files"),
+    "meshes: a number as name": (lambda: checked_meshes({1: "a.ply"}), "it must map names"),
+    "meshes: no path": (lambda: checked_meshes({"a": None}), "meshes['a'] is None: it must be a"),
+    "folder: null": (lambda: checked_path(None, "folder"), "folder is None: it must be a path"),
+    "folder: bytes": (lambda: checked_path(b"a", "folder"), "folder is b'a': it must be a path"),
+    "folder: zero byte": (lambda: checked_path("a\0b", "folder"), "it must be a path"),
+    "backgrounds: images": (lambda: checked_backgrounds([RGB]), "background_frames: they must be"),
+    "backgrounds: a number": (lambda: checked_backgrounds(5), "background_frames: they must be"),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_wrong_argument_is_named(case: str) -> None:
+    call, words = CASES[case]
+    with pytest.raises(InputError) as caught:
+        call()
+    assert words in str(caught.value)
+    assert len(str(caught.value)) < 400
+
+
+@pytest.mark.parametrize(
+    "depth",
+    [
+        np.asfortranarray(DEPTH),
+        DEPTH.astype(">f4"),
+        np.repeat(DEPTH, 2, axis=1)[:, ::2],
+        torch.from_numpy(DEPTH),
+    ],
+)
+def test_the_layout_of_an_array_does_not_matter(depth: Any) -> None:
+    given = checked_frame(np.asfortranarray(RGB), depth, K.tolist())
+    assert given.depth.dtype == np.float32 and np.array_equal(given.depth, DEPTH)
+    assert np.array_equal(given.rgb, RGB) and np.array_equal(given.camera_matrix, K)
+
+
+def test_what_is_masked_or_no_distance_is_missing() -> None:
+    marked = np.ma.masked_array(DEPTH.astype(np.float64), mask=np.zeros(DEPTH.shape, bool))
+    marked[3, 4] = np.ma.masked
+    marked[5, 6] = 1e300  # infinite in single precision
+    missing = np.argwhere(checked_frame(RGB, marked, K).depth == 0.0).tolist()
+    assert missing == [[3, 4], [5, 6]]

@@ -1,0 +1,46 @@
+"""The project's notebooks, run from first cell to last with other values; what they show."""
+
+import base64
+from pathlib import Path
+
+import cv2
+import nbformat
+import numpy as np
+from nbclient import NotebookClient
+from nbformat import NotebookNode
+
+NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
+
+
+def execute(path: Path, parameters: str, folder: Path) -> NotebookNode:
+    """Run a notebook with other values in its parameters cell."""
+    notebook = nbformat.read(path, as_version=4)
+    (cell,) = [each for each in notebook.cells if "parameters" in each.metadata.get("tags", [])]
+    assert {line.split(" = ")[0] for line in cell.source.splitlines()} == {
+        line.split(" = ")[0] for line in parameters.splitlines()
+    }
+    cell.source = parameters
+    client = NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(folder)}})
+    return client.execute()
+
+
+def pictures(notebook: NotebookNode) -> list[np.ndarray]:
+    found = []
+    for cell in notebook.cells:
+        for output in cell.get("outputs", []):
+            data = output.get("data", {}).get("image/png") or output.get("data", {}).get(
+                "image/jpeg"
+            )
+            if data is not None:
+                buffer = np.frombuffer(base64.b64decode(data), np.uint8)
+                picture = cv2.imdecode(buffer, cv2.IMREAD_COLOR)
+                assert picture is not None
+                found.append(picture)
+    return found
+
+
+def printed(notebook: NotebookNode) -> str:
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    texts = [output.get("text", "") for output in outputs]
+    shown = [output.get("data", {}).get("text/markdown", "") for output in outputs]
+    return "\n".join([*texts, *shown])
