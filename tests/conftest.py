@@ -13,6 +13,12 @@ from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+from jaxtyping import install_import_hook
+
+# Shapes and types of the records that stages hand to each other are checked while tests run.
+# jaxtyping's own option of pytest comes too late where a call names a folder with a conftest.py
+# that imports them.
+install_import_hook(["hlp.records", "hlp.geometry"], "beartype.beartype")
 
 from hlp.config.typed_defaults import provide_defaults
 from made_once import made_once

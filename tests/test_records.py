@@ -1,6 +1,7 @@
+import numpy as np
 import pytest
 
-from hlp.records import frame_key, parse_frame_key
+from hlp.records import Texture, frame_key, parse_frame_key
 
 
 @pytest.mark.parametrize(
@@ -17,3 +18,8 @@ def test_frame_keys_hold_scene_and_frame(ids: tuple[int, int], key: str) -> None
 def test_other_texts_are_refused(text: str) -> None:
     with pytest.raises(ValueError, match="is no frame key"):
         parse_frame_key(text)
+
+
+def test_shapes_of_records_are_checked_while_tests_run() -> None:
+    with pytest.raises(Exception, match="uv"):
+        Texture(np.zeros((2, 2, 3), np.uint8), np.zeros((4, 3)))
