@@ -52,8 +52,16 @@ def test_registered_images_have_no_finding(frames, models, named):
 def test_few_frames_small_gains_and_uncertain_answers_say_nothing(frames, models, named):
     one = np.full((5, 5), 0.5)
     far, near = one.copy(), one.copy()
-    far[0, 0], near[2, 3] = 0.6, 0.9
-    assert check_color_shift([far] * 2) == []
+    far[0, 0], near[2, 3] = 0.545, 0.9
+    diagonal = one.copy()
+    diagonal[1, 1] = 0.9
+    assert check_color_shift([far] * 2) == check_color_shift([far]) == []
+    assert [each.where for each in check_color_shift([far + 2 * (far - one)])] == [
+        "this frame alone"
+    ]
+    assert check_color_shift([far + 2 * (far - one), None]) == []
+    assert check_color_shift([diagonal]) == []
+    assert len(check_color_shift([diagonal] * 3)) == 1
     assert len(check_color_shift([far] * 3)) == 1
     assert check_color_shift([near] * 3) == []  # 5 px: cameras are that far off
     assert check_color_shift([far, one, one, one]) == []

@@ -3,7 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hlp.checks.depth_and_focal import Correction, check_corrections, correction_gains
+from hlp.checks.depth_and_focal import (
+    CorrectedFits,
+    Correction,
+    check_corrections,
+    correction_gains,
+)
 from hlp.geometry import project, transform
 from hlp.method.detections import Detection
 from hlp.refinement.pose_fit import PoseFit
@@ -59,25 +64,29 @@ def test_a_wrong_unit_or_focal_length_is_named(frames, models, depth, focal, kin
 
 def test_healthy_frames_have_no_finding(frames, models):
     measured = gains(frames, models)
-    assert all(len(each) == 8 and max(each.values()) < -0.03 for each in measured)
+    assert all(len(each.gains) == 8 and max(each.gains.values()) < -0.03 for each in measured)
     assert check_corrections(measured) == []
     assert check_corrections([]) == []
 
 
 def test_small_gains_and_uncertain_answers_say_nothing(frames, models):
     assert check_corrections(gains(frames, models, 0.9, cost_of_a_tenth=0.01)) == []
-    assert gains(frames, models, 0.9, score=0.7) == [{}] * 3
-    assert correction_gains(frames[0], {}, [], refiner(frames[0])) == {}
+    assert gains(frames, models, 0.9, score=0.7) == [CorrectedFits(False, {})] * 3
+    assert correction_gains(frames[0], {}, [], refiner(frames[0])).gains == {}
 
 
-def test_three_frames_or_two_clearly():
+def test_three_frames_must_say_so_and_fewer_more_clearly():
     deeper = Correction(depth=0.9)
 
-    def count(*found):
-        return len(check_corrections([{deeper: gain} for gain in found]))
+    def count(*found, certain=True):
+        gains = [{} if gain is None else {deeper: gain} for gain in found]
+        return len(check_corrections([CorrectedFits(certain, each) for each in gains]))
 
-    assert [count(0.02), count(0.02, 0.03), count(0.02, 0.03, 0.02)] == [0, 0, 1]
-    assert [count(0.05), count(0.05, 0.04), count(0.05, 0.03)] == [0, 1, 0]
+    assert [count(0.016), count(0.016, 0.03), count(0.016, 0.03, 0.016)] == [0, 0, 1]
+    assert [count(0.02), count(0.05, 0.02), count(0.05, None), count(0.05, 0.05, None)] == [
+        1, 1, 0, 1,
+    ]  # fmt: skip
+    assert [count(0.05, certain=False), count(0.06, certain=False)] == [0, 1]
     assert [count(0.1, 0.1, -0.01, 0.1, -0.01), count(0.1, 0.1, -0.01, 0.1)] == [0, 1]
 
 
@@ -92,8 +101,10 @@ def test_a_larger_correction_is_tried_only_where_the_smaller_one_helps(frames, m
     given = answer(model.name, frames[0].targets[0].pose_cam_obj)
     found = correction_gains(frames[0], {model.name: model}, [given], refine)
     np.testing.assert_allclose(sorted(tried), [0.53, 0.67, 0.77, 1.0, 1.0, 1.33])
-    assert found[Correction(focal=2.0)] == found[Correction(focal=1.33)] < 0
-    assert correction_gains(frames[0], {model.name: model}, [given], lambda *_: None) == {}
+    assert found.certain
+    assert found.gains[Correction(focal=2.0)] == found.gains[Correction(focal=1.33)] < 0
+    nowhere = correction_gains(frames[0], {model.name: model}, [given], lambda *_: None)
+    assert nowhere.gains == {}
 
 
 @pytest.mark.parametrize(("depth", "focal"), [(0.9, 1.0), (1.0, 1.5), (1.0, 0.53)])

@@ -17,7 +17,7 @@ def finder(truth, size_matters=True):
         focal = frame.camera_matrix[0, 0] / truth.camera_matrix[0, 0]
         off = max(abs(np.log(depth)), abs(np.log(focal)))
         red = (frame.rgb[..., 0] == truth.rgb[..., 0]).all()
-        return float(np.exp(-8 * off)) * (0.95 if red else 0.7)
+        return float(np.exp(-6 * off)) * (0.98 if red else 0.7)
 
     return find_best
 
@@ -53,6 +53,14 @@ def test_an_object_that_is_found_or_absent_has_no_finding(frames):
     assert check_by_search(frames[:1], 0.95, finder(frames[0])) == []
     assert check_by_search(frames[:1], 0.02, lambda _: 0.02) == []
     assert check_by_search([], 0.0, lambda _: 0.9) == []
+
+
+def test_the_only_frame_must_show_it_more_clearly(frames):
+    def find_best(frame):
+        return 0.85 if frame.camera_matrix[0, 0] > frames[0].camera_matrix[0, 0] else 0.05
+
+    assert check_by_search(frames[:1], 0.05, find_best) == []
+    assert len(check_by_search([frames[0], frames[0]], 0.05, find_best)) == 1
 
 
 @pytest.mark.parametrize("fault", [lambda f: _focal(f, 0.5), lambda f: _exchanged(f)])

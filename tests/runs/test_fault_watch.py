@@ -81,10 +81,17 @@ def test_healthy_frames_say_nothing_and_six_are_examined(frames, said):
     assert detector.refined == 6 * 4 and detector.searched == 0
 
 
-def test_a_single_frame_is_not_examined(frames, said):
-    detector = Stub(lambda *_: 0.1)
-    watched(detector, frames[:1], [found(frames[0])])
-    assert said() == [] and detector.refined == 0
+def test_the_only_frame_of_a_call_is_examined_at_the_end(frames, said):
+    true = np.median(frames[0].depth)
+    detector = Stub(lambda depth, _: 0.17 if np.median(depth) > 1.05 * true else 0.3)
+    watch = FaultWatch(detector, None)
+    watch.add(frames[0], found(frames[0]))
+    assert detector.refined == 0
+    watch.end()
+    (line,) = said()
+    assert line.startswith("warning: depth scale: this frame alone: depth may be 0.9 times")
+    watched(Stub(), frames[:1], [found(frames[0])])
+    assert len(said()) == 1
 
 
 def test_a_camera_of_other_images_is_said_at_the_first_frame(frames, said):
@@ -125,14 +132,23 @@ def test_nothing_found_in_most_frames_is_searched_for_the_reason(frames, said, v
     assert 8 < detector.searched < 15
 
 
-def test_few_frames_without_answers_are_not_searched(frames, said):
+NOTHING = SearchResult([], [Rejection("bear", "nothing looks like it", None)])
+
+
+def test_the_reason_is_searched_for_in_one_frame_too(frames, said):
     detector = Stub()
-    nothing = SearchResult([], [Rejection("bear", "nothing looks like it", None)])
-    watched(detector, frames[:2], [nothing] * 2)
-    (line,) = said()
-    assert line.startswith("nothing was found") and detector.searched == 0
-    watched(detector, frames[:5], [found(each) for each in frames[:3]] + [nothing] * 2)
-    assert detector.searched == 0 and len(said()) == 1
+    watched(detector, frames[:1], [NOTHING])
+    first, last = said()
+    assert "is not found in this frame: trying other units" in first
+    assert last.startswith("nothing was found") and 8 < detector.searched < 15
+
+
+@pytest.mark.parametrize(("answered", "missed"), [(1, 1), (2, 1), (3, 2)])
+def test_few_frames_without_answers_are_not_searched(frames, said, answered, missed):
+    detector = Stub()
+    answers = [found(each) for each in frames[:answered]] + [NOTHING] * missed
+    watched(detector, frames[: answered + missed], answers)
+    assert detector.searched == 0 and said() == []
 
 
 def test_unregistered_depth_is_said_without_colours(frames, said, monkeypatch):

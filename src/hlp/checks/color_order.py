@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hlp.checks.finding import Finding
+from hlp.checks.finding import Finding, counted
 from hlp.checks.known_objects import colored_answers
 from hlp.method.detections import Detection
 from hlp.records import Frame, ObjectModel
@@ -19,6 +19,7 @@ _FEWEST = 3  # frames
 # Difference of both correlations. Objects of nearly no colour have one of about 0 either way.
 _CLEAR = 0.4
 _SHARE = 0.75  # of the frames that must say the same
+_CLEAR_ALONE = 0.8  # of one or two frames; objects of much colour have differences above 1
 
 
 def exchange_gain(
@@ -44,20 +45,28 @@ def exchange_gain(
     return float(np.mean(gains))
 
 
-def check_color_order(gains: Sequence[float]) -> list[Finding]:
+def check_color_order(gains: Sequence[float | None]) -> list[Finding]:
     """Exchanged red and blue, if most of at least three frames say so clearly.
 
-    `gains` are those of `exchange_gain`, one for each frame.
+    Two frames, or the only one, must say so more clearly. `gains` are those of `exchange_gain`, one
+    for each frame.
     """
-    agreeing = sum(gain > 0.0 for gain in gains)
-    if len(gains) < _FEWEST or np.mean(gains) < _CLEAR or agreeing < _SHARE * len(gains):
+    told = [each for each in gains if each is not None]
+    if not told or len(told) < min(len(gains), 2):
+        return []
+    agreeing = sum(gain > 0.0 for gain in told)
+    if len(told) < _FEWEST:
+        exchanged = min(told) >= _CLEAR_ALONE
+    else:
+        exchanged = float(np.mean(told)) >= _CLEAR and agreeing >= _SHARE * len(told)
+    if not exchanged:
         return []
     return [
         Finding(
             "colours",
-            f"{agreeing} of {len(gains)} frames",
+            counted(agreeing),
             "known objects agree better with red and blue exchanged (correlation of colours "
-            f"higher by {np.mean(gains):.2f})",
+            f"higher by {np.mean(told):.2f})",
             "OpenCV reads blue first: write RGB",
         )
     ]

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from hlp.checks.finding import Finding
+from hlp.checks.finding import Finding, counted
 from hlp.checks.known_objects import colored_answers
 from hlp.method.detections import Detection
 from hlp.records import Frame, ObjectModel
@@ -21,6 +21,9 @@ _SHIFTS = (-10, -5, 0, 5, 10)  # px, in both directions
 _FEWEST = 3  # frames
 _CLEAR = 0.04  # correlation that the best shift must bring
 _TOLERATED = 6.0  # px; cameras that claim to be registered are up to 5 off
+# The same where there are only one or two frames:
+_CLEAR_ALONE = 0.05
+_TOLERATED_ALONE = 8.0
 
 
 def shift_agreements(
@@ -43,24 +46,28 @@ def shift_agreements(
     return np.array([[agreement(down, right) for right in _SHIFTS] for down in _SHIFTS])
 
 
-def check_color_shift(agreements: Sequence[Float[np.ndarray, "s s"]]) -> list[Finding]:
+def check_color_shift(agreements: Sequence[Float[np.ndarray, "s s"] | None]) -> list[Finding]:
     """Colour shifted against depth, if known objects in at least three frames say so clearly.
 
-    `agreements` are those of `shift_agreements`, one for each frame.
+    Two frames, or the only one, must say so more clearly. `agreements` are those of
+    `shift_agreements`, one for each frame.
     """
-    if len(agreements) < _FEWEST:
+    told = [each for each in agreements if each is not None]
+    if not told or len(told) < min(len(agreements), 2):
         return []
-    mean = np.mean(agreements, axis=0)
+    mean = np.mean(told, axis=0)
     row, column = np.unravel_index(int(mean.argmax()), mean.shape)
     right, down = _SHIFTS[column], _SHIFTS[row]
     middle = len(_SHIFTS) // 2
     gain = mean[row, column] - mean[middle, middle]
-    if np.hypot(right, down) < _TOLERATED or gain < _CLEAR:
+    few = len(told) < _FEWEST
+    tolerated, clear = (_TOLERATED_ALONE, _CLEAR_ALONE) if few else (_TOLERATED, _CLEAR)
+    if np.hypot(right, down) < tolerated or gain < clear:
         return []
     return [
         Finding(
             "registration",
-            f"{len(agreements)} frames",
+            counted(len(told)),
             f"the colours of known objects agree better when depth is moved by about ({right}, "
             f"{down}) px (correlation higher by {gain:.2f})",
             "Register depth to colour: take the camera's aligned depth stream",

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from hlp.checks.finding import Finding
+from hlp.checks.finding import Finding, counted
 from hlp.geometry import transform
 from hlp.method.detections import Detection
 from hlp.records import Frame, ObjectModel
@@ -22,8 +22,22 @@ Refine = Callable[[Frame, Detection], Detection | None]
 _CERTAIN = 0.8  # score of the answer, or of that after the correction
 _CLEAR = 0.015  # of the verification cost, which a correction raises in most healthy frames
 _FEWEST = 3  # frames that must say the same
-_STRONG = 0.04  # of the cost: two frames are enough if both say so
 _SHARE = 0.75  # of the frames that must say the same
+# Of one or two frames each must say it more clearly: where the object is mostly hidden, or is no
+# such object, a pose may fit better by chance.
+_CLEAR_ALONE = 0.02  # where the answer is certain
+_CLEAR_UNCERTAIN = 0.06  # where it is only after the correction
+
+
+@dataclass(frozen=True)
+class CorrectedFits:
+    """How much less the best answer to a frame costs after corrections that say something.
+
+    `certain`: the answer has a high score without any.
+    """
+
+    certain: bool
+    gains: Mapping["Correction", float]
 
 
 @dataclass(frozen=True)
@@ -65,7 +79,7 @@ def correction_gains(
     models: Mapping[str, ObjectModel],
     answers: Sequence[Detection],
     refine: Refine,
-) -> dict[Correction, float]:
+) -> CorrectedFits:
     """How much less the most certain answer to a frame costs after each correction.
 
     A correction is left out if the pose is uncertain before and after it: the cost of a wrong pose
@@ -74,7 +88,7 @@ def correction_gains(
     best = max(answers, key=lambda each: each.score, default=None)
     gains = dict[Correction, float]()
     if best is None:
-        return gains
+        return CorrectedFits(False, gains)
     for row in _CORRECTIONS:
         gain, score = np.inf, 0.0
         for correction in row:
@@ -86,27 +100,35 @@ def correction_gains(
                 gain, score = best.fit.cost - found.fit.cost, found.score
             if max(score, best.score) >= _CERTAIN:
                 gains[correction] = gain
-    return gains
+    return CorrectedFits(best.score >= _CERTAIN, gains)
 
 
-def check_corrections(gains: Sequence[Mapping[Correction, float]]) -> list[Finding]:
+def check_corrections(fits: Sequence[CorrectedFits]) -> list[Finding]:
     """The fault whose correction helps most.
 
-    Most of at least three frames must say so, or both of two, clearly: one frame of an object that
-    is mostly hidden may fit better by chance. `gains` are those of `correction_gains`.
+    Most of at least three frames must say so; both of two, or the only one, more clearly. `fits`
+    are those of `correction_gains`, one for each frame.
     """
     clear = dict[Correction, float]()
     for correction in (each for row in _CORRECTIONS for each in row):
-        found = [each[correction] for each in gains if correction in each]
-        agreeing = sum(gain > 0.0 for gain in found)
-        many = len(found) >= _FEWEST and agreeing >= _SHARE * len(found)
-        if many or (len(found) == _FEWEST - 1 and min(found) >= _STRONG):
-            clear[correction] = float(np.median(found))
+        told = [each for each in fits if correction in each.gains]
+        if told and len(told) >= min(len(fits), 2) and _helps(correction, told):
+            clear[correction] = float(np.median([each.gains[correction] for each in told]))
     best = max(clear, key=lambda each: clear[each], default=None)
     if best is None or clear[best] < _CLEAR:
         return []
-    count = sum(best in each for each in gains)
-    return [_finding(best, f"{count} frames", f"cost lower by {clear[best]:.3f}")]
+    count = sum(best in each.gains for each in fits)
+    return [_finding(best, counted(count), f"cost lower by {clear[best]:.3f}")]
+
+
+def _helps(correction: Correction, fits: Sequence[CorrectedFits]) -> bool:
+    if len(fits) < _FEWEST:
+        return all(
+            each.gains[correction] >= (_CLEAR_ALONE if each.certain else _CLEAR_UNCERTAIN)
+            for each in fits
+        )
+    agreeing = sum(each.gains[correction] > 0.0 for each in fits)
+    return agreeing >= _SHARE * len(fits)
 
 
 def _finding(correction: Correction, where: str, gain: str) -> Finding:

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from hlp.checks.color_order import check_color_order, exchange_gain
 from hlp.checks.color_shift import check_color_shift, shift_agreements
-from hlp.checks.depth_and_focal import Correction, check_corrections, correction_gains
+from hlp.checks.depth_and_focal import CorrectedFits, check_corrections, correction_gains
 from hlp.checks.finding import Finding
 from hlp.errors import InputError
 from hlp.method.detections import Detection
@@ -20,25 +20,23 @@ class Evidence:
 
     def __init__(self, detector: Detector) -> None:
         self._detector = detector
-        self._exchanges: list[float] = []
-        self._shifts: list[Float[np.ndarray, "s s"]] = []
-        self._gains: list[dict[Correction, float]] = []
+        self._exchanges: list[float | None] = []
+        self._shifts: list[Float[np.ndarray, "s s"] | None] = []
+        self._fits: list[CorrectedFits] = []
 
     def add(self, frame: Frame, answers: Sequence[Detection]) -> None:
         """Take in a frame and the answers to it, whatever their score."""
         models = self._detector.models
-        exchange = exchange_gain(frame, models, answers)
-        shift = shift_agreements(frame, models, answers)
-        self._exchanges += [] if exchange is None else [exchange]
-        self._shifts += [] if shift is None else [shift]
-        self._gains.append(correction_gains(frame, models, answers, self._refine))
+        self._exchanges.append(exchange_gain(frame, models, answers))
+        self._shifts.append(shift_agreements(frame, models, answers))
+        self._fits.append(correction_gains(frame, models, answers, self._refine))
 
     def findings(self) -> list[Finding]:
         """What is wrong with these frames, one fault at most: one disturbs the signs of others."""
         checks = (
             check_color_order(self._exchanges),
             check_color_shift(self._shifts),
-            check_corrections(self._gains),
+            check_corrections(self._fits),
         )
         return next((found for found in checks if found), [])
 

@@ -21,6 +21,7 @@ FindBest = Callable[[Frame], float]
 
 _FOUND = 0.6  # a score that needs no explanation
 _CERTAIN = 0.8  # a score that explains why there was none: absent objects seldom reach it
+_CERTAIN_ALONE = 0.9  # the same where there is no second frame
 _GAIN = 0.3  # that undoing a fault must bring
 _COLOR_GAIN = 0.15  # colours are a small part of the score
 _CHANGES = tuple(
@@ -49,12 +50,14 @@ def best_score(detector: Detector, frame: Frame, objects: Sequence[str] | None =
 def check_by_search(frames: Sequence[Frame], stated: float, find_best: FindBest) -> list[Finding]:
     """The fault that keeps objects from being found in the first of some frames.
 
-    `stated` is the best score there. Objects must then be found in the next frame too, if there is
-    one: something may look like an absent object after some change. It takes about 14 searches.
+    `stated` is the best score there. Objects must then be found in the next frame too, and more
+    certainly if there is none: something may look like an absent object after some change. It takes
+    about 14 searches.
     """
     if not frames:
         return []
     frame, others = frames[0], frames[1:2]
+    certain = _CERTAIN if others else _CERTAIN_ALONE
 
     def confirmed(changes: Sequence[Callable[[Frame], Frame]]) -> bool:
         return all(
@@ -62,7 +65,7 @@ def check_by_search(frames: Sequence[Frame], stated: float, find_best: FindBest)
         )
 
     swapped = find_best(_swapped(frame))
-    if swapped >= max(_CERTAIN, stated + _COLOR_GAIN) and confirmed([_swapped]):
+    if swapped >= max(certain, stated + _COLOR_GAIN) and confirmed([_swapped]):
         problem = "red and blue may be exchanged"
         advice = "OpenCV reads blue first: write RGB"
         return [_finding("colours", problem, advice, frame, swapped, stated)]
@@ -73,7 +76,7 @@ def check_by_search(frames: Sequence[Frame], stated: float, find_best: FindBest)
     (row,) = [row for row in _CHANGES if best in row]
     # The fault lies between two of the factors: another of them may suit the other frame better.
     alike = [each.frame for each in sorted(row, key=lambda each: each != best)]
-    if tried[best] < max(_CERTAIN, stated + _GAIN) or not confirmed(alike):
+    if tried[best] < max(certain, stated + _GAIN) or not confirmed(alike):
         return []
     kind, problem, advice = _described(best)
     return [_finding(kind, problem, advice, frame, tried[best], stated)]

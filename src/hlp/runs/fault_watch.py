@@ -17,16 +17,16 @@ from hlp.records import Frame
 from hlp.refinement.score_model import MIN_SCORE
 
 _EXAMINED = 6  # frames
-_FEWEST = 3  # frames in which nothing is found, before it is searched for the reason
+_FEWEST = 3  # frames in which nothing is found, of more, before the reason is searched for
 _logger = logging.getLogger(__name__)
 
 
 class FaultWatch:
     """Examines the first frames of a call, each after its answers were written.
 
-    Says one fault at most. Units and intrinsics are looked at in the first frame; what needs known
-    objects in the first six. Where none is found in them, one frame is searched with other units,
-    focal lengths and colours.
+    Says one fault at most. Units and intrinsics are looked at in the first frame, what needs known
+    objects in the first six; the only frame of a call must show it more clearly. Where none is
+    found in them, one frame is searched with other units, focal lengths and colours.
     """
 
     def __init__(self, detector: Detector, objects: Sequence[str] | None) -> None:
@@ -48,7 +48,7 @@ class FaultWatch:
             models = self._detector.models
             names = self._objects or self._detector.objects
             self._say(check_first_frame(frame, [models[each] for each in names]))
-            return  # one frame says too little, and a call with one frame takes no longer
+            return  # a second frame makes it surer
         for each in (0, 1) if count == 2 else (count - 1,):
             self._evidence.add(self._frames[each], self._answers[each])
         self._say(self._evidence.findings())
@@ -59,9 +59,13 @@ class FaultWatch:
         """Say what the frames tell after the last one."""
         if self._done or not self._frames:
             return
+        if len(self._frames) == 1:
+            self._evidence.add(self._frames[0], self._answers[0])
+            self._say(self._evidence.findings())
         scores = [max((each.score for each in found), default=0.0) for found in self._answers]
         missed = [each for each, score in enumerate(scores) if score < MIN_SCORE]
-        if len(missed) >= max(_FEWEST, (len(scores) + 1) // 2):
+        enough = max(min(_FEWEST, len(scores)), (len(scores) + 1) // 2)
+        if not self._done and len(missed) >= enough:
             missed.sort(key=lambda each: -scores[each])
             self._search(missed, scores[missed[0]])
         if len(self._frames) >= _FEWEST:
@@ -79,8 +83,9 @@ class FaultWatch:
         answers = self._answers[missed[0]]
         names = self._objects or self._detector.objects
         name = max(answers, key=lambda each: each.score).object if answers else names[0]
+        where = "in most frames" if len(self._frames) > 1 else "in this frame"
         _logger.info(
-            "%s is not found in most frames: trying other units, focal lengths and colours", name
+            "%s is not found %s: trying other units, focal lengths and colours", name, where
         )
         find = partial(best_score, self._detector, objects=[name])
         self._say(check_by_search([self._frames[each] for each in missed], stated, find))
