@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hlp.checks.finding import Finding
+from hlp.objects.mesh_units import SMALL
 from hlp.records import Frame, ObjectModel
 
 _OFF_CENTER = 0.15  # of the image's width or height
@@ -12,7 +13,6 @@ _FOCAL = (0.3, 4.0)  # times the image's width: 118° to 14° of view
 _RATIO = 1.5  # of both focal lengths
 _SMALLEST, _LARGEST = 24.0, 3.0  # px of an object that can be found; times the image's width
 _USUAL = (0.15, 8.0)  # m: where half of the depth of an indoor scene begins
-_TINY = 0.035  # m
 
 
 def check_intrinsics(frame: Frame) -> list[Finding]:
@@ -95,5 +95,5 @@ def check_object_size(models: Sequence[ObjectModel]) -> list[Finding]:
             "it with mesh_scale=0.01",
         )
         for model in models
-        if model.diameter < _TINY
+        if model.diameter < SMALL
     ]

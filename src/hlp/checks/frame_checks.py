@@ -70,6 +70,6 @@ def check_first_frame(frame: Frame, models: Sequence[ObjectModel]) -> list[Findi
     """What one frame is enough for: intrinsics, and the units of depth and meshes."""
     return [
         *check_intrinsics(frame),
-        *check_depth_scale(frame, models),
         *check_object_size(models),
+        *check_depth_scale(frame, models),
     ]

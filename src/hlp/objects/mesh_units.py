@@ -5,6 +5,7 @@ from pathlib import Path
 
 from hlp.errors import DataError
 
+SMALL = 0.035  # m: a mesh that seems to be smaller may be in centimetres
 _SIZES = (0.01, 2.0)  # m: diameters of objects that can be found
 _UNITS = ((1.0, "metres"), (0.001, "millimetres"))
 _IN_METRES = (".glb", ".gltf")
@@ -15,8 +16,8 @@ def guess_scale(path: Path, diameter: float) -> float:
     """Metres per unit of a mesh file whose largest distance between vertices is `diameter` units.
 
     glTF is in metres by its specification. Other files are taken for metres or millimetres,
-    whichever makes the object 1 cm to 2 m large. The guess is logged. Raises DataError if neither
-    does.
+    whichever makes the object 1 cm to 2 m large. The guess is logged, as a warning if it makes the
+    object so small that the file may be in centimetres. Raises DataError if neither does.
     """
     possible = [(scale, name) for scale, name in _UNITS if _is_possible(diameter * scale)]
     if not possible:
@@ -35,6 +36,14 @@ def guess_scale(path: Path, diameter: float) -> float:
         name,
         scale,
     )
+    if diameter * scale < SMALL:
+        _logger.warning(
+            "%s: warning: an object of %.0f mm; if it is %.0f mm large in truth, the mesh is in "
+            "centimetres: give mesh_scale=0.01",
+            path.name,
+            diameter * scale * 1000.0,
+            diameter * 10.0,
+        )
     return scale
 
 
