@@ -29,7 +29,7 @@ export MPLBACKEND := Agg
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_ROOT_USER_ACTION := ignore
 
-.PHONY: help env demo test test-slow test-faults test-oldest test-newest fuzz check audit docs ui screenshots clean
+.PHONY: help env demo test test-slow test-commands test-faults test-oldest test-newest fuzz check audit docs ui screenshots clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -64,6 +64,9 @@ test: $(STAMP) ## the tests
 
 test-slow: $(STAMP) ## the tests that take longer
 	@$(BIN)/python -m pytest -q -n $(WORKERS) -m slow
+
+test-commands: $(STAMP) ## the longest commands of README and docs, made small
+	@$(BIN)/python -m pytest -q -m minutes tests/docs
 
 test-faults: $(STAMP) ## those of the slow tests that stop runs at named places and damage work folders
 	@$(BIN)/python -m pytest -q -m slow tests/faults

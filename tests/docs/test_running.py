@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
-import yaml
 from forked_processes import ForkedProcesses
-from markdown_pages import EXAMPLES, ROOT, blocks, commands
+from markdown_pages import EXAMPLES, blocks, commands
+from recording_folders import ALL_OBJECTS, left_out, write_recordings
 from sequence_folders import write_linemod, write_mesh, write_ycbineoat
 
 from bop_folder import write_models, write_scene
@@ -25,48 +25,9 @@ from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from tiny_run import TINY, TinyRun
 
-REAL = "real recordings, which not every machine has; minutes to hours"
 NETWORK = "gigabytes from a server; tests/data/test_public_download.py has one of its own"
 CAMERA = "a camera of Intel's; tests/integration/test_live.py has a simulated one"
 NOT_RUN = {
-    REAL: [
-        "learn mesh=../shared/data/lm/models/obj_000006.ply rooms=../shared/data/rooms "
-        "output=learnt/cat",
-        "run experiment=linemod_bop data.root=../shared/data/lm",
-        "run experiment=linemod_bop data.root=/path/to/lm",
-        "run experiment=linemod_bop data.root=../shared/data/lm output=outputs/linemod_bop/hlp",
-        "run experiment=linemod_bop data.root=../shared/data/lm output=outputs/linemod_bop/paper "
-        "method=paper_literal frames=66",
-        "run experiment=linemod_bop data.root=../shared/data/lm "
-        "output=outputs/linemod_bop/reference patches.region.scan=exact "
-        "patches.grid.max_patches=600 codebook=exact refinement.verification.max_improvement=1.0",
-        "bench experiment=linemod_bop data.root=… "
-        "+task.compared.p50.refinement.particles=50 "
-        "+task.compared.e4.patches.entries.patches_per_view=4",
-        "-m experiment=recordings data_folder=../shared/data",
-        "-m experiment=recordings data_folder=/path/to/sets",
-        "-m experiment=fig9a data=linemod_bop data.root=../shared/data/lm frames=40",
-        "-m experiment=fig9b data=linemod_bop data.root=../shared/data/lm frames=40",
-        "-m experiment=fig9b data=linemod_bop data.root=/path/to/lm frames=40",
-        "-m experiment=fig9c data=linemod_bop data.root=../shared/data/lm frames=40",
-        *(
-            f"-m experiment={figure} method=paper data=linemod_bop data.root=../shared/data/lm "
-            "frames=40 ~data.objects.benchvise ~data.objects.bowl ~data.objects.cam "
-            "~data.objects.driller ~data.objects.eggbox ~data.objects.iron ~data.objects.lamp "
-            "~data.objects.phone patches.pool.per_object=3000 encoder.epochs=4"
-            for figure in ("fig9b", "fig9c")
-        ),
-        "-m experiment=anytime data=linemod_bop data.root=../shared/data/lm frames=40 "
-        "voting.hypotheses=10,60",
-        "-m experiment=ladder ladder=literal,sequential,best data=linemod_bop "
-        "data.root=/path/to/lm frames=40",
-        "-m experiment=ladder data=linemod_bop data.root=../shared/data/lm frames=12 "
-        "~data.objects.benchvise ~data.objects.bowl ~data.objects.cam ~data.objects.driller "
-        "~data.objects.eggbox ~data.objects.iron ~data.objects.lamp ~data.objects.phone "
-        "patches.pool.per_object=3000 encoder.epochs=4 machine.threads=1 trainer.torch_threads=1 "
-        "ladder=kernels,relief,mask,cae,hypotheses,screening,joint,weights,verification,cost,polish,"
-        "classifier,region,size",
-    ],
     NETWORK: ["download lmo", "download voc2012 output=/data/voc"],
     CAMERA: [
         "live source=realsense learnt=learnt/ objects=bracket overlay=last.jpg",
@@ -82,27 +43,26 @@ NOT_RUN = {
         "-m hydra/launcher=cores machine.threads=1 seed=0,1",
         "run executor=loky executor.workers=4",
     ],
-    "two minutes together; tests/integration has smaller ones": [
-        "-m refinement=pso,icp seed=0,1",
-        "run warm_start.manifest=outputs/a/manifest.json",
-        "run experiment=basin",
-        "bench",
-        "bench data.width=320 data.height=240",
-    ],
-    "a study of minutes; tests/studies/test_search.py has smaller ones": [
-        "search task.limit_ms=300",
-        "search space=voting task.trials=50 frames=60",
-    ],
     "everything is learnt again for each of 39 arms": ["-m experiment=ladder"],
-    "the report of a sweep that is not run here; tests/reporting writes one by hand": [
-        "report experiment=fig9b",
-        "report experiment=recordings",
-        "report experiment=ladder",
-    ],
 }
 """Commands that are not run, by what they need. test_commands.py composes them."""
 
-LINEMOD = ROOT / "conf" / "data" / "objects" / "linemod.yaml"
+MINUTES = (
+    "bench",
+    "search",
+    "run experiment=basin",
+    "run warm_start.manifest=",
+    "-m refinement=pso,icp",
+    "-m experiment=recordings",
+    "-m experiment=fig9a data=",
+    "-m experiment=fig9b ",
+    "-m experiment=fig9c ",
+    "-m experiment=anytime data=",
+    "-m experiment=ladder ",
+    "report experiment=",
+)
+"""How commands begin that take half a minute or more each, even when they are made small."""
+
 PLACEHOLDERS = {
     "data.root=/path/to/set": "data.root=set",
     "data=/path/to/set": "data=set",
@@ -114,6 +74,13 @@ PLACEHOLDERS = {
     "objects=[ape,can,duck]": "objects=[bowl,drill,duck]",
     "objects=[ape,can,duck,glue,holepuncher]": "objects=[bowl,drill,duck]",
     "page=8000": "page=0",
+    "data.root=../shared/data/lm": "data.root=recordings/lm",
+    "data.root=/path/to/lm": "data.root=recordings/lm",
+    "data.root=…": "data.root=recordings/lm",
+    "data_folder=../shared/data": "data_folder=recordings",
+    "data_folder=/path/to/sets": "data_folder=recordings",
+    "mesh=../shared/data/lm/models/obj_000006.ply": "mesh=recordings/lm/models/obj_000006.ply",
+    "rooms=../shared/data/rooms": "rooms=rooms",
 }
 """Words of commands that stand for the reader's own, and what stands here."""
 
@@ -122,6 +89,13 @@ ORDER = ("learn", "run", "-m", "objects", "predict", "doctor", "live", "upload")
 
 TINY_METHOD = tuple(each for each in TINY if not each.startswith(("data.", "frames", "panels")))
 ONCE = ("frames=1", "timing_frames=1", "panels=0")
+SMALLER = {
+    "encoder.epochs": "1",
+    "frames": "2",
+    "patches.pool.per_object": "60",
+    "task.trials": "2",
+}
+"""Values of keys that a command gives, in place of its own."""
 ALSO = {
     "learn": [*TINY_METHOD],
     "learn mesh=bracket.ply photographs=photos/ rooms=rooms/": [*TINY_METHOD, "work=cache"],
@@ -129,9 +103,13 @@ ALSO = {
         "idle_s=1"
     ],
     "-m experiment=fig9a": ["encoder.dimension=100,200"],
+    "-m experiment=fig9a data=linemod_bop data.root=../shared/data/lm frames=40": [
+        "encoder.dimension=100,200"
+    ],
+    "search task.limit_ms=300": ["task.trials=2"],
     "-m experiment=anytime": ["refinement.budget_ms=0,5"],
     "run data=linemod data.root=/path/to/linemod": [
-        f"~data.objects.{name}" for name in yaml.safe_load(LINEMOD.read_text()) if name != "ape"
+        f"~data.objects.{name}" for name in ALL_OBJECTS if name != "ape"
     ],
 }
 """What is appended to a command, or to all of one name, beside the tiny settings."""
@@ -178,13 +156,20 @@ def as_run(words: list[str], folder: Path) -> list[str]:
     if "runs=[RUN_A,RUN_B]" in given:
         given[given.index("runs=[RUN_A,RUN_B]")] = f"runs=[{','.join(logged_runs(folder))}]"
     also = ALSO.get(" ".join(words), []) or ALSO.get(words[0], [])
-    if words[0] not in ("run", "-m") or words[1].startswith("manifest="):
+    if words[0] not in ("run", "-m", "bench", "search") or words[-1].startswith("manifest="):
         return [*given, *also]
-    own_data = any(word.startswith("data=") for word in words)
+    own_data = any(word.startswith(("data=", "data.root=", "data_folder=")) for word in words)
+    if "data.root=recordings/lm" in given:
+        given += left_out(words)
     size = [] if own_data else [each for each in TINY if each.startswith("data.")]
     chosen = {word.partition("=")[0] for word in words}
+    if "encoder.epochs" in chosen:
+        chosen.add("encoder")
+    if {"experiment=ladder", "method=paper_literal"} & {*words}:  # voting with one hypothesis
+        chosen.add("voting.hypotheses")
     own = [each for each in [*size, *TINY_METHOD, *ONCE] if each.partition("=")[0] not in chosen]
-    return [*given, *dict.fromkeys(own), *also]
+    smaller = [f"{key}={SMALLER[key]}" for key in chosen if key in SMALLER]
+    return [*given, *dict.fromkeys(own), *smaller, *also]
 
 
 def logged_runs(folder: Path) -> list[str]:
@@ -208,6 +193,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, tiny_run: TinyRun) -> Path:
     write_models(made / "set" / "models", (1, 6))
     write_scene(made / "set" / "test")
     write_own_files(made)
+    write_recordings(made / "recordings", photographs=made / "photos", room=made / "rooms")
     for path in EXAMPLES:
         for block in blocks(path):
             if block.title and block.language in ("yaml", "python"):
@@ -245,20 +231,33 @@ def write_frame(rgb: Path, depth: Path, frame) -> None:
     cv2.imwrite(str(depth), np.rint(frame.depth * 1000).astype(np.uint16))
 
 
-@pytest.mark.slow
-def test_commands_run_as_they_are_written(folder: Path) -> None:
+def failures(folder: Path, *, long: bool) -> dict[str, str]:
+    """The commands that do not end as they should, and what they say: the long or the short ones.
+
+    A test with long ones would make CI half as long again.
+    """
     processes = ForkedProcesses(folder)
     line = json.dumps({"rgb": "rgb/0.png", "depth": "depth/0.png"}) + "\n"
     left_out = {text for texts in NOT_RUN.values() for text in texts}
     failed = {}
     for words in written_commands():
         text = " ".join(words)
-        if text not in left_out:
-            ended = processes.call(as_run(words, folder), line)
+        if text not in left_out and text.startswith(MINUTES) == long:
+            ended = processes.call(as_run(words, folder), line, 900.0 if long else 300.0)
             code, said = ENDS.get(text, (0, ""))
             if ended.code != code or said not in ended.out + ended.err:
                 failed[text] = (ended.err or ended.out)[-1000:]
-    assert not failed
+    return failed
+
+
+@pytest.mark.minutes
+def test_long_commands_run_as_they_are_written(folder: Path) -> None:
+    assert failures(folder, long=True) == {}
+
+
+@pytest.mark.slow
+def test_commands_run_as_they_are_written(folder: Path) -> None:
+    assert failures(folder, long=False) == {}
     assert (folder / "learnt" / "learnt.json").is_file()
     assert (folder / "look").is_dir()
 
@@ -272,6 +271,9 @@ def test_every_exception_stands_in_the_documentation() -> None:
     assert not {*ENDS} - run
     assert not {key for key in ALSO if " " in key} - run
     assert not {*PLACEHOLDERS} - {word for text in run for word in text.split()}
-    assert len(run) >= 30
-    elsewhere = {text for text in run if "../" in text}
+    assert len(run) >= 60
+    assert all(any(text.startswith(each) for text in run) for each in MINUTES)
+    elsewhere = {
+        word for text in run for word in text.split() if "../" in PLACEHOLDERS.get(word, word)
+    }
     assert not elsewhere, "what lies outside of the reader's folder is not on every machine"

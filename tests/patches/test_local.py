@@ -179,6 +179,10 @@ def test_patches_without_colour_are_the_same_but_for_it():
         np.testing.assert_array_equal(getattr(full, name), getattr(plain, name))
 
 
+def test_no_patches_have_no_relief():
+    assert depth_relief(np.empty((0, 8, 8), np.float32)).shape == (0,)
+
+
 def test_relief_is_the_distance_from_the_best_plane():
     rng = np.random.default_rng(0)
     axis = np.linspace(-1, 1, 16)

@@ -13,11 +13,11 @@ from hlp.checks.finding import Finding, counted
 from hlp.checks.known_objects import colored_answers
 from hlp.method.detections import Detection
 from hlp.records import Frame, ObjectModel
-from hlp.refinement.score_model import MIN_SCORE
 from hlp.refinement.texture import color_agreement
 from hlp.refinement.verification import VerificationSettings, observe
 
 _SHIFTS = (-10, -5, 0, 5, 10)  # px, in both directions
+_CERTAIN = 0.8  # score: at a wrong pose some shift always agrees better
 _FEWEST = 3  # frames
 _CLEAR = 0.04  # correlation that the best shift must bring
 _TOLERATED = 6.0  # px; cameras that claim to be registered are up to 5 off
@@ -32,10 +32,10 @@ def shift_agreements(
     """How well the colours of the most certain object agree with the image's, by their shift.
 
     Rows are shifts of depth downwards, columns to the right. None if no object with colours is
-    found. `models` are by the names of the answers.
+    certain. `models` are by the names of the answers.
     """
     best = max(colored_answers(models, answers), key=lambda each: each.score, default=None)
-    if best is None or best.score < MIN_SCORE:
+    if best is None or best.score < _CERTAIN:
         return None
     seen = observe(frame.rgb, frame.depth, frame.camera_matrix, VerificationSettings())
 

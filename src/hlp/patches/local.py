@@ -117,7 +117,7 @@ def depth_relief(depth: Float[np.ndarray, "n p p"]) -> Float[np.ndarray, "n"]:
     It is in the depth's unit, 0 for a plane however it is tilted. Silhouettes have relief, too.
     """
     axis = np.linspace(-1.0, 1.0, depth.shape[1])
-    flat = depth.reshape(len(depth), -1).astype(np.float64)
+    flat = depth.reshape(len(depth), len(axis) ** 2).astype(np.float64)
     flat -= flat.mean(axis=1, keepdims=True)
     # On a square grid the plane's two slopes are fitted independently of each other.
     slopes = np.stack([np.tile(axis, len(axis)), np.repeat(axis, len(axis))], axis=1)
