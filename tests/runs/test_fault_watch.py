@@ -112,8 +112,8 @@ def test_a_fault_is_said_once_and_ends_the_watch(frames, said):
     alike = [replace(each, depth=frames[0].depth) for each in frames]
     watched(detector, alike, [found(each) for each in alike])
     (line,) = said()
-    assert line.startswith("warning: depth scale: 2 frames: depth may be 0.9 times")
-    assert detector.refined == 2 * 4
+    assert line.startswith("warning: depth scale: 3 frames: depth may be 0.9 times")
+    assert detector.refined == 3 * 4
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from hlp.records import Frame
 from hlp.refinement.score_model import MIN_SCORE
 
 _EXAMINED = 6  # frames
-_FEWEST = 3  # frames in which nothing is found, of more, before the reason is searched for
+_FEWEST = 3  # frames before the first examination, and without answers before the search
 _logger = logging.getLogger(__name__)
 
 
@@ -25,8 +25,8 @@ class FaultWatch:
     """Examines the first frames of a call, each after its answers were written.
 
     Says one fault at most. Units and intrinsics are looked at in the first frame, what needs known
-    objects in the first six; the only frame of a call must show it more clearly. Where none is
-    found in them, one frame is searched with other units, focal lengths and colours.
+    objects in the first six; one or two frames must show it more clearly. Where none is found in
+    them, one frame is searched with other units, focal lengths and colours.
     """
 
     def __init__(self, detector: Detector, objects: Sequence[str] | None) -> None:
@@ -48,10 +48,8 @@ class FaultWatch:
             models = self._detector.models
             names = self._objects or self._detector.objects
             self._say(check_first_frame(frame, [models[each] for each in names]))
-            return  # a second frame makes it surer
-        for each in (0, 1) if count == 2 else (count - 1,):
-            self._evidence.add(self._frames[each], self._answers[each])
-        self._say(self._evidence.findings())
+        if count >= _FEWEST:  # fewer are examined at the end: more frames make it surer
+            self._examine(0 if count == _FEWEST else count - 1)
         if count == _EXAMINED:
             self.end()
 
@@ -59,9 +57,8 @@ class FaultWatch:
         """Say what the frames tell after the last one."""
         if self._done or not self._frames:
             return
-        if len(self._frames) == 1:
-            self._evidence.add(self._frames[0], self._answers[0])
-            self._say(self._evidence.findings())
+        if len(self._frames) < _FEWEST:
+            self._examine(0)
         scores = [max((each.score for each in found), default=0.0) for found in self._answers]
         missed = [each for each, score in enumerate(scores) if score < MIN_SCORE]
         enough = max(min(_FEWEST, len(scores)), (len(scores) + 1) // 2)
@@ -77,6 +74,11 @@ class FaultWatch:
             )
         self._done = True
         self._frames.clear()
+
+    def _examine(self, first: int) -> None:
+        for frame, answers in zip(self._frames[first:], self._answers[first:], strict=True):
+            self._evidence.add(frame, answers)
+        self._say(self._evidence.findings())
 
     def _search(self, missed: Sequence[int], stated: float) -> None:
         """What change of frames lets the object be found that fits the first of them best."""
