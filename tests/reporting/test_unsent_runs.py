@@ -12,6 +12,7 @@ from mlflow import MlflowClient
 from hlp.errors import HlpError
 from hlp.reporting.mlflow_server import newest_page, server
 from hlp.reporting.tracking import PARENT, ChildRun, TrackingSettings, as_child_run, track_run
+from hlp.reporting.trainings import log_training
 from hlp.reporting.unsent_runs import send_runs, unsent_database
 
 
@@ -58,6 +59,7 @@ def test_what_a_dead_server_misses_is_sent_later(tmp_path: Path) -> None:
             begun_as = arm.run_id
             arm.log_metrics({"add": 0.5})
             first_server.close()
+            assert log_training(arm, "encoder", "1f2e", [{"loss": 0.25}]) == ""  # the first to ask
             arm.log_metrics({"ms": 40.0})
             arm.log_artifact(picture)
 
@@ -75,7 +77,7 @@ def test_what_a_dead_server_misses_is_sent_later(tmp_path: Path) -> None:
         assert [each.dataset.name for each in sent.inputs.dataset_inputs] == ["frames"]
         assert files(client, sent.info.run_id) == {"config.yaml", "images"}
         assert continued.info.run_id == begun_as
-        assert continued.data.metrics == {"add": 0.5, "ms": 40.0}
+        assert continued.data.metrics == {"add": 0.5, "ms": 40.0, "encoder/loss": 0.25}
         assert continued.data.tags[PARENT] == sent.info.run_id
         assert files(client, begun_as) == {"config.yaml", "figure.png"}
         page = f"/#/experiments/{experiment.experiment_id}/runs?workflowType=machine_learning"

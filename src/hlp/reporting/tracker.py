@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from hlp.errors import MissingFileError
 from hlp.reporting.mlflow_client import is_away
@@ -22,6 +22,7 @@ PARAMETERS_AT_ONCE = 100
 METRICS_AT_ONCE = 1000
 WIDEST_IMAGE = 800  # px
 LONGEST_DIGEST = 36
+_Answer = TypeVar("_Answer")
 NOTE = "mlflow.note.content"  # tag of what MLflow shows as the description, in Markdown
 
 
@@ -61,15 +62,15 @@ class Tracker:
         """Path of the run's page, to be appended to the address of MLflow's server."""
         return "" if self._run is None else run_page(self._run.experiment_id, self._run.run_id)
 
-    def send(self, call: Callable[["MlflowClient", str], object]) -> None:
-        """Let something be done to the run by its client and id.
+    def send(self, call: Callable[["MlflowClient", str], _Answer]) -> _Answer | None:
+        """Let something be done or asked by the run's client and id; None without MLflow.
 
         If its server is away, the run goes on aside. Without one aside, raises MLflow's error.
         """
         if self._run is None:
-            return
+            return None
         try:
-            call(self._run.client, self._run.run_id)
+            return call(self._run.client, self._run.run_id)
         except Exception as error:
             if self._keep_aside is None or not is_away(error):
                 raise
@@ -77,7 +78,7 @@ class Tracker:
             logging.getLogger(__name__).warning(
                 "MLflow's server is away: the run goes on here; `hlp upload` sends it later"
             )
-            call(self._run.client, self._run.run_id)
+            return call(self._run.client, self._run.run_id)
 
     def log_metrics(self, metrics: Mapping[str, float | None], step: int = 0) -> None:
         """Log several numbers in one call, e.g. `add`; None (not measured) is left out."""

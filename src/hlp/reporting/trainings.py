@@ -1,8 +1,12 @@
 """Loss curves in MLflow: in the run that has trained a network; later ones point to that run."""
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
-from hlp.reporting.tracker import LoggedAs, Tracker, run_page
+from hlp.reporting.tracker import Tracker, run_page
+
+if TYPE_CHECKING:
+    from mlflow import MlflowClient
 
 
 def log_training(
@@ -15,7 +19,7 @@ def log_training(
     if tracker.run is None or not rows:
         return ""
     name = f"trained.{stage}"
-    found = _run_with(tracker.run, name, fingerprint)
+    found = tracker.send(lambda client, _: _run_with(client, name, fingerprint))
     if found is None:
         tracker.log_curves(stage, rows)
         tracker.set_tags({name: fingerprint})
@@ -27,10 +31,10 @@ def log_training(
     return f"{stage} trained by [{run_name}]({run_page(experiment_id, run_id)[1:]})"
 
 
-def _run_with(run: LoggedAs, tag: str, value: str) -> tuple[str, str, str] | None:
+def _run_with(client: "MlflowClient", tag: str, value: str) -> tuple[str, str, str] | None:
     """Experiment, id and name of the first run with this tag."""
-    experiments = [each.experiment_id for each in run.client.search_experiments()]
-    found = run.client.search_runs(
+    experiments = [each.experiment_id for each in client.search_experiments()]
+    found = client.search_runs(
         experiments,
         f"tags.`{tag}` = '{value}'",
         order_by=["attributes.start_time ASC"],
