@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import cv2
+import threadpoolctl
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
 
@@ -13,8 +14,20 @@ def set_compute_threads(threads: int) -> None:
 
     The number of BLAS threads changes the last bits of sums. BLAS has little to do and gets one.
     """
+    _take_blas()
     threadpool_limits(1, user_api="blas")
     cv2.setNumThreads(threads)
+
+
+def _take_blas() -> None:
+    """Let this thread of Python set BLAS's threads, whichever has set them before.
+
+    Since threadpoolctl 3.8 only the first thread that does may do so again, and what others ask for
+    is passed over in silence.
+    """
+    controller = threadpoolctl.OpenBLASController
+    if hasattr(controller, "clear_controlling_thread"):
+        controller.clear_controlling_thread(force=True)
 
 
 class OneBlasThread:
@@ -32,6 +45,7 @@ class OneBlasThread:
         """The block; `libraries` are those that are limited."""
         with self._guard:
             if self._inside == 0:
+                _take_blas()
                 self._limit = libraries.limit(limits=1, user_api="blas")
             self._inside += 1
         try:
@@ -40,6 +54,7 @@ class OneBlasThread:
             with self._guard:
                 self._inside -= 1
                 if self._inside == 0:
+                    _take_blas()
                     self._limit.restore_original_limits()
 
 

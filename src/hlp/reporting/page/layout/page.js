@@ -101,8 +101,9 @@
         pen.fillRect(x, y, side, side);
       }
     }
-    wires(scene.truth, "rgba(255,110,200,.75)", place);
-    if (scene.found) wires(scene.found, "rgba(60,235,150,.75)", place);
+    // The colours of the pictures (figures/panels.py), which colour-blind readers can tell apart.
+    wires(scene.truth, "rgba(255,165,0,.75)", place);
+    if (scene.found) wires(scene.found, "rgba(86,180,233,.75)", place);
   }
   function wires(vertices, color, place) {
     const placed = vertices.map(v => place(...v));
