@@ -30,17 +30,6 @@ _CLEAR_UNCERTAIN = 0.06  # where it is only after the correction
 
 
 @dataclass(frozen=True)
-class CorrectedFits:
-    """How much less the best answer to a frame costs after corrections that say something.
-
-    `certain`: the answer has a high score without any.
-    """
-
-    certain: bool
-    gains: Mapping["Correction", float]
-
-
-@dataclass(frozen=True)
 class Correction:
     """Factors of the depth image and of both focal lengths."""
 
@@ -63,6 +52,17 @@ class Correction:
         corrected = pose_cam_obj.copy()
         corrected[:3, 3] += moved - seen
         return corrected
+
+
+@dataclass(frozen=True)
+class CorrectedFits:
+    """How much less the best answer to a frame costs after corrections that say something.
+
+    `certain`: the answer has a high score without any.
+    """
+
+    certain: bool
+    gains: Mapping[Correction, float]
 
 
 # Each row from small to large: a larger one is tried only where the smaller one helps.
