@@ -72,7 +72,7 @@ PLACEHOLDERS = {
     "data.root=/path/to/mustard0": "data.root=mustard0",
     "data.mesh=/path/to/mustard.obj": "data.mesh=model.ply",
     "objects=[ape,can,duck]": "objects=[bowl,drill,duck]",
-    "objects=[ape,can,duck,glue,holepuncher]": "objects=[bowl,drill,duck]",
+    "objects=[ape,can,duck,glue,holepuncher]": "objects=[ape,cat]",
     "page=8000": "page=0",
     "data.root=../shared/data/lm": "data.root=recordings/lm",
     "data.root=/path/to/lm": "data.root=recordings/lm",
