@@ -9,7 +9,13 @@ from omegaconf import OmegaConf
 from hlp.commands.composing import config_folder
 from hlp.config.build import build_settings
 from hlp.reporting.figures.trends import TRENDS
-from hlp.reporting.reproductions import TABLES, describe_reproductions, write_reproductions
+from hlp.reporting.reproductions import (
+    TABLES,
+    describe_reproductions,
+    describe_table,
+    write_reproductions,
+)
+from hlp.reporting.tables.table import TERMINAL
 from table_text import unpadded
 from written_results import scored, write_run, write_sweep
 
@@ -70,6 +76,24 @@ def test_a_single_run_is_a_table(tmp_path: Path, name: str) -> None:
         name
     ] in told
     assert all((folder / f"{name}.{ending}").stat().st_size for ending in ENDINGS)
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_a_table_is_told_at_the_end_of_its_run(tmp_path: Path, name: str) -> None:
+    folder = write_run(tmp_path / "run", name, scored(0.7, 100.0, OBJECTS))
+    told = describe_table(folder)
+    lines = told.splitlines()
+    assert TABLES[name] in lines[0]
+    assert any(line.split() == {
+        "table1": ["cat", "20", "0.979", "0.900", "0.700-0.950"],
+        "table2": ["ADD(-S)", "0.632", "0.566", "0.700", "0.600-0.740"],
+    }[name] for line in lines), told  # fmt: skip
+    assert max(map(len, lines)) <= TERMINAL
+
+
+def test_other_runs_end_without_a_table_of_the_papers(tmp_path: Path) -> None:
+    boxes(tmp_path / "sweep")
+    assert describe_table(tmp_path / "sweep") == ""
 
 
 def test_two_methods_of_a_table_stand_side_by_side(tmp_path: Path) -> None:

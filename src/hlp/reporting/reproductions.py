@@ -1,5 +1,6 @@
 """The paper's figures and tables from finished runs, with its numbers beside ours."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +21,7 @@ from hlp.reporting.tables.paper_tables import (
     objects_of,
 )
 from hlp.reporting.tables.summary_tables import METRIC_LABELS
-from hlp.reporting.tables.table import LAYOUTS, Table
+from hlp.reporting.tables.table import LAYOUTS, TERMINAL, Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -57,6 +58,17 @@ def write_reproductions(folder: Path) -> list[Path]:
     """Reproduce the paper's figure or table that a sweep or run belongs to; the files written."""
     made = reproduce(read_results(folder))
     return [path for each in made for path in write_reproduction(folder, each)]
+
+
+def describe_table(folder: Path) -> str:
+    """The paper's table that a sweep or run belongs to, for a terminal; empty if to none."""
+    made = [each for each in reproduce(read_results(folder)) if each.name in TABLES]
+    words = [
+        part
+        for each in made
+        for part in (each.notes[0], each.table.text(), textwrap.fill(each.notes[-1], TERMINAL))
+    ]
+    return "\n\n".join(words)
 
 
 def reproduce(found: ResultSet) -> list[Reproduction]:

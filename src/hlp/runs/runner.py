@@ -21,6 +21,7 @@ from hlp.reporting.figures.waterfall_bars import draw_waterfall
 from hlp.reporting.mlflow_metrics import summary_metrics
 from hlp.reporting.page.run_page import write_page_or_say
 from hlp.reporting.page.verdict import run_verdict
+from hlp.reporting.reproductions import TABLES, describe_table, write_reproductions
 from hlp.reporting.stage_captions import STAGES
 from hlp.reporting.tables.summary_tables import format_summary
 from hlp.reporting.tracker import Tracker
@@ -55,9 +56,10 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
     """Run every stage that is not on disk, write the results into `output`, return the summary.
 
     `output` receives summary.json, scores.csv, poses.csv, panels/, stages/, report/, manifest.json
-    and, drawn from these, report.html. Everything is logged as one MLflow run. It is opened first,
-    so a crash leaves it FAILED. Raises DataError if no frame can be used; single ones cost
-    themselves alone, unless `on_bad_frame` says otherwise.
+    and, drawn from these, report.html; experiments of the paper's tables also the table.
+    Everything is logged as one MLflow run. It is opened first, so a crash leaves it FAILED. Raises
+    DataError if no frame can be used; single ones cost themselves alone, unless `on_bad_frame` says
+    otherwise.
     """
     settings = run.settings
     set_compute_threads(settings.machine.threads)
@@ -82,11 +84,13 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         made = make_manifest(run, store)
         made["poses"] = poses_digest(output / POSES)
         write_json(output / MANIFEST, made)
+        if settings.name in TABLES:
+            write_reproductions(output)
         write_page_or_say(output)
         tracker.describe("\n\n".join([run_verdict(summary), *trained]))
         log_pictures(output, tracker)
         tracker.log_artifacts(output)
-    print(format_summary(summary))
+    print("\n\n".join(filter(None, (format_summary(summary), describe_table(output)))))
     say_failed(detection.failed, len(run.keys))
     _say_where(run, output, tracker)
     return summary

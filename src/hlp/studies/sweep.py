@@ -194,7 +194,7 @@ def _draw(folder: Path, tracker: Tracker) -> None:
     from hlp.reporting.ladder import write_ladder
     from hlp.reporting.page.sweep_page import write_sweep_page_or_say
     from hlp.reporting.recordings import write_recordings
-    from hlp.reporting.reproductions import write_reproductions
+    from hlp.reporting.reproductions import describe_table, write_reproductions
     from hlp.reporting.sweep_log import log_sweep
     from hlp.reporting.sweep_report import describe_sweep, write_sweep_files
 
@@ -208,7 +208,7 @@ def _draw(folder: Path, tracker: Tracker) -> None:
     written = [path for write in writers for path in write(folder)]
     page = write_sweep_page_or_say(folder)
     log_sweep(folder, [*written, *([page] if page else [])], tracker)
-    print(f"\n{described}\n")
+    print("\n\n".join(filter(None, (f"\n{described}", describe_table(folder)))) + "\n")
     say("Written   %s (%s)", folder, ", ".join(path.name for path in written))
     if page is not None:
         say("Report    %s (open it in a browser)", page)
