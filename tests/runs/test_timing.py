@@ -1,5 +1,6 @@
 """A run's times are its own: those of a run before it are never reported."""
 
+import os
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -64,7 +65,43 @@ def test_a_run_that_made_all_reports_its_own_times(
         "objects": 6,
         "reused_stages": [],
         "first_use_seconds": stages.first_use_seconds,
+        "cpu_ms": pytest.approx(1000 * stages.cpu_seconds / 6),
+        "wall_ms": pytest.approx(sum(own["total"]) / 6),
+        "load": timing.load,
+        "cores": os.cpu_count(),
     }
+
+
+class Busy(FakeEstimator):
+    """Computes for 50 ms of CPU time to refine."""
+
+    def refine(self, *given: Any) -> Any:
+        end = time.process_time() + 0.05
+        while time.process_time() < end:
+            pass
+        return super().refine(*given)
+
+
+@pytest.mark.parametrize("found_on_disk", [False, True])
+def test_cpu_time_is_what_the_process_computed_not_what_it_waited(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, found_on_disk: bool
+) -> None:
+    spent = {}
+    for estimator in (Slow, Busy):
+        run, stages = run_of(tmp_path / estimator.__name__, estimator, monkeypatch)
+        if found_on_disk:
+            stages.poses()
+            run, stages = run_of(tmp_path / estimator.__name__, estimator, monkeypatch)
+        spent[estimator] = measure_times(run, stages, stages.estimates()).summary()
+    assert spent[Busy]["cpu_ms"] >= 50.0
+    assert spent[Slow]["cpu_ms"] < 50.0 <= spent[Slow]["wall_ms"]
+
+
+def test_cpu_time_of_workers_is_not_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run, stages = run_of(tmp_path, Fast, monkeypatch)
+    estimates = stages.estimates()
+    stages.cpu_seconds = 0.0  # as where others have processed all frames
+    assert measure_times(run, stages, estimates).summary()["cpu_ms"] is None
 
 
 def test_a_run_that_found_its_poses_on_disk_measures_anew_and_says_so(

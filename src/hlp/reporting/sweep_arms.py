@@ -12,6 +12,7 @@ from hlp.reporting.tables.table import Table, format_interval, format_share
 
 _LONGEST = 24  # characters of a value in a table
 _LOG = "hlp.log"
+_TIMES = ["ms 95 %", "CPU ms", "load"]
 
 Difference = tuple[float, tuple[float, float]]
 """A difference of recalls, and its 95 % interval."""
@@ -113,9 +114,10 @@ def short_key(key: str) -> str:
 def sweep_table(sweep: Sweep, *, whole: bool = True) -> Table:
     """A row an arm: values, recalls, time, difference to the reference with its 95 % interval.
 
-    `whole`: also what does not fit a terminal, the targets, IoU and the 95th percentile of time.
+    `whole`: also what does not fit a terminal: targets, IoU, the 95th percentile of time, mean CPU
+    time, and the load of the machine while times were measured.
     """
-    extra = (["targets"], ["IoU.5"], ["ms 95 %"]) if whole else ([], [], [])
+    extra = (["targets"], ["IoU.5"], _TIMES) if whole else ([], [], [])
     names = [short_key(key) for key in sweep.keys] or ["run"]
     against = "to default" if sweep.is_default else "to first"
     header = [*names, *extra[0], "ADD(-S)", "95 %", "5cm5deg", *extra[1], "ms", *extra[2]]
@@ -128,7 +130,7 @@ def _row(sweep: Sweep, arm: SweepArm, whole: bool) -> list[str]:
         named[-1] += " *"
     result = arm.result
     if result is None:
-        return [*named, *[""] * whole, "no result", *[""] * (5 + 2 * whole)]
+        return [*named, *[""] * whole, "no result", *[""] * (5 + (1 + len(_TIMES)) * whole)]
     metrics, times = result.summary["metrics"], result.total_ms
     recalls = [
         format_share(result.add["recall"]),
@@ -136,9 +138,19 @@ def _row(sweep: Sweep, arm: SweepArm, whole: bool) -> list[str]:
         format_share(metrics["5cm5deg"]["recall"]),
         *([format_share(metrics["iou50"]["recall"])] if whole else []),
     ]
-    spent = [f"{times['median']:.0f}", *([f"{times['p95']:.0f}"] if whole else [])]
+    spent = [f"{times['median']:.0f}", *(_more_times(result) if whole else [])]
     return [*named, *([str(result.targets)] if whole else []), *recalls, *spent,
             *_against(sweep, arm)]  # fmt: skip
+
+
+def _more_times(result: Result) -> list[str]:
+    timing = result.summary.get("timing", {})
+    cpu, load = timing.get("cpu_ms"), timing.get("load")
+    return [
+        f"{result.total_ms['p95']:.0f}",
+        "" if cpu is None else f"{cpu:.0f}",
+        "" if load is None else f"{load:.1f}",
+    ]
 
 
 def _against(sweep: Sweep, arm: SweepArm) -> list[str]:

@@ -1,5 +1,6 @@
 """Time of detection, always measured by the run that reports it."""
 
+import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,14 +20,17 @@ class Timing:
 
     `reused` names the stages whose results were found on disk; then these frames were processed
     again to measure the time. `first_use_seconds` is the time of the first frame, with everything
-    that was loaded and compiled for it. It is not part of any other time. None: not known, because
-    workers processed the frames.
+    that was loaded and compiled for it. It is not part of any other time. `cpu_seconds` is the CPU
+    time of all threads in these frames. None: not known, because workers processed the frames.
+    `load` is the machine's average load in the minute before the last frame was done.
     """
 
     seconds: Sequence[Mapping[str, float]]
     frames: int
     reused: tuple[str, ...]
     first_use_seconds: float | None
+    cpu_seconds: float | None
+    load: float
 
     def milliseconds(self) -> dict[str, list[float]]:
         """Milliseconds of one object in one frame, in all (`total`) and for each step."""
@@ -41,7 +45,15 @@ class Timing:
             "objects": len(self.seconds),
             "reused_stages": list(self.reused),
             "first_use_seconds": self.first_use_seconds,
+            "cpu_ms": self._mean_ms(self.cpu_seconds),
+            "wall_ms": self._mean_ms(sum(sum(each.values()) for each in self.seconds)),
+            "load": self.load,
+            "cores": os.cpu_count(),
         }
+
+    def _mean_ms(self, seconds: float | None) -> float | None:
+        """Mean of one object in one frame; CPU time cannot be told apart by object."""
+        return None if seconds is None or not self.seconds else 1000 * seconds / len(self.seconds)
 
 
 def measure_times(
@@ -55,23 +67,33 @@ def measure_times(
     if not detection.reused:
         measured = [each.seconds for each in estimates]
         frames = len(run.keys) - len(detection.failed)
-        return Timing(measured, frames, (), detection.first_use_seconds)
+        cpu = detection.cpu_seconds or None
+        return Timing(measured, frames, (), detection.first_use_seconds, cpu, _load())
     sound = tuple(key for key in run.keys if key not in detection.failed)
     keys = evenly(sound, run.settings.timing_frames)
     begun = time.perf_counter()
     _look(run, detection, keys[0])  # loads and compiles
     first_use = time.perf_counter() - begun
     seconds: list[Mapping[str, float]] = []
+    cpu = 0.0
     for key in tqdm(keys, desc="times", unit="frame", disable=None):
-        seconds += _look(run, detection, key).values()
+        found, spent = _look(run, detection, key)
+        seconds += found.values()
+        cpu += spent
     reused = tuple(stage for stage in STAGES if stage in detection.reused)
     if detection.first_use_seconds is not None:  # an interrupted run's, which loaded before
         first_use = detection.first_use_seconds
-    return Timing(seconds, len(keys), reused, first_use)
+    return Timing(seconds, len(keys), reused, first_use, cpu, _load())
 
 
-def _look(run: Run, detection: DetectionStages, key: str) -> Seconds:
-    """Find every object of one frame; the seconds of its steps, by object."""
+def _look(run: Run, detection: DetectionStages, key: str) -> tuple[Seconds, float]:
+    """Find every object of one frame; the seconds of its steps, by object, and CPU seconds."""
     frame = detection.load(key)
     wanted = run.dataset.wanted(frame)
-    return find_in_frame(detection.estimator, frame, wanted, STAGES, {})[1]
+    begun = time.process_time()
+    _, seconds = find_in_frame(detection.estimator, frame, wanted, STAGES, {})
+    return seconds, time.process_time() - begun
+
+
+def _load() -> float:
+    return round(os.getloadavg()[0], 2)

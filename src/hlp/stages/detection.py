@@ -47,6 +47,8 @@ class DetectionStages:
     stages for which at least one frame was found on disk; that frame has no time.
     `first_use_seconds` is the time of the first frame, with everything that is loaded and compiled
     for it (None: this process has processed no frame). It is not part of any frame's time.
+    `cpu_seconds` is the CPU time of all threads for the frames that `seconds` holds, as far as no
+    workers have processed them.
 
     `bad_frames` are known to be unusable, with the reasons; they are not decoded. With
     `on_bad_frame` "report", a frame whose files turn out to be broken joins them (`failed`), and
@@ -77,6 +79,7 @@ class DetectionStages:
         self.estimator = PoseEstimator(training, settings, dataset.target_ids)
         self.seconds: dict[str, Seconds] = {}
         self.first_use_seconds: float | None = None
+        self.cpu_seconds = 0.0
         self.reused: set[str] = set()
         self._made: dict[str, Output] = {}
 
@@ -256,7 +259,9 @@ class DetectionStages:
             self.estimator.load(self.dataset.target_ids)
             find_in_frame(self.estimator, frame, wanted, missing, given)
             self.first_use_seconds = time.perf_counter() - begun
+        begun = time.process_time()
         found, seconds = find_in_frame(self.estimator, frame, wanted, missing, given)
+        self.cpu_seconds += time.process_time() - begun
         for stage in missing:
             write_arrays(folders[stage], key, found[stage])
         return seconds

@@ -80,5 +80,12 @@ def test_a_line_says_how_the_times_were_measured() -> None:
         "Times: the results of regions, poses were reused; measured again on 1 frame."
     )
     assert timing_words({}) == ""
+    busy = again | {"cpu_ms": 190.4, "wall_ms": 131.0, "load": 2.34, "cores": 2}
+    assert timing_words({"timing": busy}).endswith(
+        " Mean of an object: 190 ms of CPU time in 131 ms of wall time. Load of the machine"
+        " meanwhile: 2.3 on 2 cores."
+    )
+    workers = timing_words({"timing": busy | {"cpu_ms": None}})
+    assert "CPU" not in workers and "2.3 on 2 cores" in workers
     shown = format_summary(summary() | {"timing": again})
     assert shown.index("ms per target") < shown.index("on 1 frame") < shown.index("targets ended")

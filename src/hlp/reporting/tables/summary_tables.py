@@ -104,7 +104,19 @@ def timing_words(summary: Mapping[str, Any]) -> str:
     first = timing["first_use_seconds"]
     if first is not None:
         words += f" The first frame, with loading and compiling, took {first:.1f} s (not included)."
-    return words
+    return f"{words} {_machine_words(timing)}".strip()
+
+
+def _machine_words(timing: Mapping[str, Any]) -> str:
+    """CPU time beside wall time, and how busy the machine was; older summaries do not say."""
+    cpu, words = timing.get("cpu_ms"), []
+    if cpu is not None:
+        wall = timing["wall_ms"]
+        words = [f"Mean of an object: {cpu:.0f} ms of CPU time in {wall:.0f} ms of wall time."]
+    if "load" in timing:
+        cores = timing["cores"]
+        words.append(f"Load of the machine meanwhile: {timing['load']:.1f} on {cores} cores.")
+    return " ".join(words)
 
 
 def total_table(summary: Mapping[str, Any]) -> Table:
