@@ -1,4 +1,6 @@
+import base64
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -130,3 +132,13 @@ def test_the_pages_of_a_sweep_and_of_its_arms(sweep: Path) -> None:
     assert 'href="0/report.html"' in text and 'href="2/report.html"' not in text
     assert "best by ADD(-S): particles 25" in text
     assert "<script src" not in text and "http://www.w3.org/2000/svg" in text
+
+
+def test_the_page_shows_the_figure_and_the_front(sweep: Path) -> None:
+    write_sweep_files(sweep)
+    text = write_pages(sweep)[-1].read_text()
+    (picture,) = re.findall(r'src="data:image/svg\+xml;base64,([^"]+)"', text)
+    assert base64.b64decode(picture) == (sweep / "sweep.svg").read_bytes()
+    # Both arms are on the front: 12 of 20 in 30 ms, 18 of 20 in 50 ms.
+    (front,) = re.findall(r"<[^>]*stroke-dasharray[^>]*>(?:<title>Pareto front</title>)?", text)
+    assert "Pareto front" in front and front.count(" ") >= 6

@@ -22,11 +22,11 @@ def test_missed_targets_and_some_right_ones_are_chosen_with_their_places() -> No
 
 
 def test_too_many_are_thinned_out_evenly() -> None:
-    many = [score(frame, 1, frame % 2 == 0) for frame in range(400)]
+    many = [score(frame, 1, frame % 2 == 0) for frame in range(4 * MISSED)]
     chosen = [key[1] for key, _ in choose_targets(many)]
     missed, right = ([f for f in chosen if f % 2 == odd] for odd in (1, 0))
     assert (len(missed), len(right)) == (MISSED, RIGHT)
-    assert max(np.diff(missed)) <= 2 * 200 / MISSED and missed[0] < 10 and missed[-1] > 380
+    assert max(np.diff(missed)) <= 4 and missed[0] < 10 and missed[-1] > 4 * MISSED - 10
 
 
 def test_what_goes_wrong_is_logged_and_costs_nothing(

@@ -31,8 +31,9 @@ The study is stored in work/search. The same command continues it; raise
 task.trials for more trials. In MLflow the search is one run, and each trial is
 a child run of it.
 
-Written into the output folder: search.json, search.csv, search.md and
-manifest.json.
+Written into the output folder: search.json, search.csv, search.md,
+manifest.json, and search.png and search.svg, which show recall against time of
+all trials with the Pareto front.
 
 hlp search                                         refinement, within 500 ms
 hlp search space=voting task.trials=50 frames=60   voting, on 60 frames

@@ -84,8 +84,7 @@ def _panels(sweep: Sweep) -> "Figure":
     key = sweep.keys[0]
     points = [SweepPoint.of(arm.values[key], result.summary) for arm, result in sweep.finished]
     default = [sweep.reference.values[key]] if sweep.is_default and sweep.reference else []
-    amounts = all(point.value.replace(".", "", 1).isdecimal() for point in points)
-    words = SweepFigure(_title(sweep), key, default, "default", joined=amounts)
+    words = SweepFigure(_title(sweep), key, default, "default")
     return draw_sweep(words, {"": points})
 
 

@@ -1,4 +1,4 @@
-"""Pictures and scenes for the page of a run: all missed targets, up to a number, and some right."""
+"""Pictures and scenes for the page of a run: of missed targets, up to a limit, and some right."""
 
 import logging
 from collections import Counter
@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
+from tqdm import tqdm
 
 from hlp.config.build import Run
 from hlp.geometry import back_project, transform
@@ -18,8 +19,9 @@ from hlp.reporting.page.material import PageObject, PageTarget, edges_of, write_
 from hlp.runs.stage_panels import FoundInFrame, in_order_of_scores, picture_of_target
 from hlp.stages.detection import DetectionStages
 
-MISSED, RIGHT = 40, 8
-"""The largest numbers of missed and of right targets that are shown."""
+MISSED, RIGHT = 300, 8
+"""The largest numbers of missed and of right targets that are drawn: each takes some tenths of a
+second and 0.2 MB."""
 _WIDTH = 1280  # px of a picture
 _FACES = 300  # of a model in the 3D view
 _POINTS = 2500  # of a scene in the 3D view
@@ -45,11 +47,8 @@ def keep_material(
         usable = [each for each in scores if _key(each) not in detection.failed]
         chosen = choose_targets(usable) if run.settings.panels > 0 else []
         keyed = {key: score for (key, _), score in zip(_keyed(usable), usable, strict=True)}
-        targets = [
-            each
-            for group in _by_frame(chosen)
-            for each in _draw(detection, group, estimates, keyed)
-        ]
+        groups = tqdm(_by_frame(chosen), "pictures of misses", unit="frame", disable=None)
+        targets = [each for group in groups for each in _draw(detection, group, estimates, keyed)]
         models = detection.dataset.models
         asked = {score.object_id for score in scores}
         objects = {models[i].name: _object(models[i]) for i in sorted(asked)}

@@ -20,6 +20,7 @@ from hlp.config.settings import TASKS
 from hlp.errors import InputError, MissingDependencyError, is_expected
 from hlp.files import write_json
 from hlp.method.pose_estimator import derive_seed
+from hlp.reporting.figures.search_points import write_search_figure
 from hlp.reporting.run_names import short_name
 from hlp.reporting.tables.search_table import format_search, write_search
 from hlp.reporting.tracking import ChildRun, as_child_run
@@ -70,7 +71,9 @@ class SearchSettings(Settings):
 
 
 def run_search(run: Run, task: SearchSettings, output: Path) -> dict[str, Any]:
-    """Run trials until the study has `task.trials`; write search.json and search.csv; return it.
+    """Run trials until the study has `task.trials`; return what search.json holds.
+
+    Written are search.json, .csv, .md, and, if a trial succeeded, .png and .svg.
 
     Each trial is a run. The first one is the unchanged configuration. A trial that fails (HlpError,
     OSError) is a FAILED run, and the search continues; a trial that was interrupted is repeated
@@ -99,6 +102,7 @@ def run_search(run: Run, task: SearchSettings, output: Path) -> dict[str, Any]:
             result = _result(study, task, folder)
             write_json(output / "search.json", result)
             write_search(output, result)
+            write_search_figure(output, result)
             if result["best"] is not None:
                 found = {name: result["best"][name] for name in ("recall", _TIME)}
                 tracker.log_metrics({f"search/{name}": value for name, value in found.items()})

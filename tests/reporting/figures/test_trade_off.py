@@ -4,7 +4,7 @@ from typing import Any
 
 import cv2
 
-from hlp.reporting.figures.trade_off import draw_trade_off, recall_by_time
+from hlp.reporting.figures.trade_off import FRONT, draw_trade_off, recall_by_time
 from hlp.reporting.report import report_runs
 from hlp.reporting.results import read_results
 from written_results import write_run, write_sweep
@@ -50,7 +50,26 @@ def test_budgets_are_one_line_in_the_order_of_their_time(tmp_path: Path) -> None
     assert list(line.get_xdata()) == [120.0, 180.0, 300.0]
     assert list(line.get_ydata()) == [0.7, 0.8, 0.9]
     assert [text.get_text() for text in ax.texts] == ["20 ms", "80 ms", "no limit"]
-    assert ax.get_legend() is None
+    assert legend(ax) == [FRONT]
+
+
+def legend(ax: Any) -> list[str]:
+    return [text.get_text() for text in ax.get_legend().get_texts()]
+
+
+def test_the_front_is_a_step_and_what_it_beats_is_hollow(tmp_path: Path) -> None:
+    beaten = (["refinement.budget_ms=40"], 0.75, 200.0)  # slower than 80 ms, and worse
+    folder = sweep(tmp_path, ["refinement.budget_ms"], [*BUDGETS, beaten])
+    ax = drawn(folder)
+    (front,) = [each for each in ax.get_lines() if each.get_label() == FRONT]
+    assert list(front.get_xdata())[:3] == [120.0, 180.0, 300.0]
+    assert list(front.get_ydata()) == [0.7, 0.8, 0.9, 0.9]
+    assert front.get_drawstyle() == "steps-post"
+    hollow = [each for each in ax.get_lines() if each.get_markerfacecolor() == "white"]
+    assert [(*each.get_xdata(), *each.get_ydata()) for each in hollow] == [(200.0, 0.75)]
+    draw_trade_off(folder)
+    with (folder / "recall_by_time.csv").open(newline="") as stream:
+        assert [row["pareto"] for row in csv.DictReader(stream)] == ["1", "1", "1", "0"]
 
 
 def test_labels_of_runs_that_nearly_coincide_are_stacked(tmp_path: Path) -> None:
@@ -73,8 +92,7 @@ def test_what_else_was_swept_makes_lines_of_its_own(tmp_path: Path) -> None:
     ]
     keys = ["refinement.budget_ms", "voting.hypotheses"]
     ax = drawn(sweep(tmp_path, keys, runs))
-    names = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert names == ["hypotheses 4", "hypotheses 24"]
+    assert sorted(legend(ax)) == sorted([FRONT, "hypotheses 4", "hypotheses 24"])
     assert len(ax.containers) == 2
 
 

@@ -103,6 +103,22 @@ def test_too_many_pictures_are_left_out(run: Path, monkeypatch: pytest.MonkeyPat
     assert "1 more pictures lie in report/" in page.text
 
 
+def test_misses_come_first_where_there_is_no_room_for_all(
+    run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_material(run, {}, [picture(7), picture(9)])  # 7 is right
+    size = (run / "report" / "000001_000007_6_0.jpg").stat().st_size
+    monkeypatch.setattr("hlp.reporting.page.run_page._MOST_BYTES", size)
+    assert list(Page(write_run_page(run)).data["pictures"]) == ["1_9_6_0"]
+
+
+def test_misses_are_counted_by_object_and_by_visible_fraction(run: Path) -> None:
+    text = Page(write_run_page(run)).text
+    begun = text.index("by object and by visible fraction")
+    shown = re.sub(r"<[^>]+>", " ", text[begun : text.index("</details>", begun)]).split()
+    assert shown[:3] and "0.6-1" in shown and shown.count("all") == 2
+
+
 def test_a_page_that_cannot_be_written_costs_nothing(
     run: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -1,4 +1,4 @@
-"""A sweep of one setting as three panels: ADD(-S), 5cm5deg, and time by stage."""
+"""A sweep of one setting as bars in three panels: ADD(-S), 5cm5deg, and time by stage."""
 
 import math
 import textwrap
@@ -60,8 +60,7 @@ class SweepFigure:
     """What a figure of a sweep says beside its points.
 
     `marked` are values to be marked, with the words `mark`. `published` is a recall and its
-    source, drawn beside ours at these values. Points of a series are `joined` by a line if the
-    values are amounts.
+    source, drawn beside ours at these values.
     """
 
     title: str
@@ -69,7 +68,6 @@ class SweepFigure:
     marked: Sequence[str] = ()
     mark: str = ""
     published: tuple[str, float] | None = None
-    joined: bool = True
     note: str = ""
 
 
@@ -100,9 +98,11 @@ def draw_sweep(words: SweepFigure, series: Series) -> "Figure":
             ax.axvspan(place - 0.46, place + 0.46, color=_BAND, zorder=0)
             ax.text(place, 0.995, words.mark, transform=ax.get_xaxis_transform(), ha="center",
                     va="top", fontsize=7.5, color="#6b5500")  # fmt: skip
-    if left.get_legend_handles_labels()[1]:
-        left.legend(loc="lower right", frameon=False, fontsize=7.5)
-    figure.suptitle(words.title, fontsize=10.5)
+    handles, labels = left.get_legend_handles_labels()
+    if labels:  # beside the panels: bars fill them
+        figure.legend(handles, labels, loc="outside upper right", ncols=4, frameon=False,
+                      fontsize=7.5)  # fmt: skip
+    figure.suptitle(words.title, fontsize=10.5, x=0.01, ha="left")
     if words.note:
         figure.supxlabel(textwrap.fill(words.note, 150), fontsize=7, x=0.01, ha="left")
     return figure
@@ -125,13 +125,18 @@ def _draw_recalls(
         places = [values.index(point.value) + _shift(number, len(series)) for point in points]
         below = [max(recall - low, 0.0) for recall, (low, _) in zip(recalls, ends, strict=True)]
         above = [max(high - recall, 0.0) for recall, (_, high) in zip(recalls, ends, strict=True)]
-        style = "o-" if words.joined else "o"
-        ax.errorbar(places, recalls, (below, above), fmt=style, capsize=3, linewidth=1.3,
-                    color=COLORS[number % len(COLORS)], label=name or None)  # fmt: skip
+        ax.bar(places, recalls, 0.9 * _PLACE / len(series), label=name or None,
+               color=COLORS[number % len(COLORS)])  # fmt: skip
+        ax.errorbar(places, recalls, (below, above), fmt="none", capsize=3, linewidth=1.3,
+                    color="#222222")  # fmt: skip
         seen += [end for each in ends for end in each]
-        if len(series) == 1:
-            for place, recall, (_, high) in zip(places, recalls, ends, strict=True):
+        for place, recall, (_, high) in zip(places, recalls, ends, strict=True):
+            if len(series) == 1:
                 _write(ax, place, high, f"{recall:.3f}")
+            else:  # within the bar, at its foot: there is no room beside the interval
+                foot = ax.get_xaxis_transform()
+                ax.text(place, 0.02, f"{recall:.3f}", transform=foot, rotation=90, ha="center",
+                        va="bottom", fontsize=7, color="white")  # fmt: skip
     marked = [i + 0.25 for i, value in enumerate(values) if value in words.marked]
     if published is not None and marked:
         source, value = published

@@ -20,7 +20,7 @@ class Trend:
 
     `keys` are the configuration keys that change along the axis, and `value` gives a run's value as
     text. `paper_values` are the values that the paper chose. `note` says how far the figure can be
-    compared with the paper. Points are `joined` by lines if the values are amounts.
+    compared with the paper.
     """
 
     title: str
@@ -29,7 +29,6 @@ class Trend:
     value: Callable[[Result], str]
     paper_values: tuple[str, ...]
     note: str
-    joined: bool = True
 
 
 def _feature_length(result: Result) -> str:
@@ -73,7 +72,6 @@ TRENDS = {
         _refinement,
         ("pso", "paper"),
         "The paper discusses it in words.",
-        joined=False,
     ),
 }
 """The figures by the name of their experiment."""
@@ -141,7 +139,6 @@ def draw_trend(trend: Trend, series: Series, data: str) -> "Figure":
         marked=trend.paper_values,
         mark="paper's choice",
         published=("paper, Table 1", ADD_MEAN),
-        joined=trend.joined,
         note=trend_note(trend),
     )
     return draw_sweep(words, points)

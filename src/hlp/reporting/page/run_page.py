@@ -25,6 +25,7 @@ from hlp.reporting.tables.summary_tables import (
     false_alarm_words,
     objects_table,
     timing_words,
+    waterfall_tables,
 )
 from hlp.results.summary_file import read_summary
 
@@ -54,7 +55,7 @@ def write_run_page(folder: Path) -> Path:
     targets, material = read_targets(folder / SCORES), read_material(folder)
     stages = drawn_stages(folder)
     room = _MOST_BYTES - sum(path.stat().st_size for path in stages.values())
-    pictures = _pictures(folder, material, room)
+    pictures = _pictures(folder, material, targets, room)
     config: Mapping[str, Any] = manifest.get("config", {})
     page = render(
         "run.html",
@@ -62,6 +63,7 @@ def write_run_page(folder: Path) -> Path:
         verdict=run_verdict(summary),
         metrics=_metrics(summary),
         objects=objects_table(summary),
+        lost=waterfall_tables(summary),
         charts=_charts(summary, list(targets.values()), material),
         times=timing_words(summary),
         scores=" ".join(filter(None, (calibration_words(summary), false_alarm_words(summary)))),
@@ -149,10 +151,19 @@ def _numbers(*values: float) -> list[float | None]:
     return [round(value, 3) if math.isfinite(value) else None for value in values]
 
 
-def _pictures(folder: Path, material: PageMaterial, room: int) -> dict[str, str]:
-    """JPEGs in base64 by the targets' names, as many as there is room (bytes) for."""
+def _pictures(
+    folder: Path,
+    material: PageMaterial,
+    scores: Mapping[TargetKey, ScoredTarget],
+    room: int,
+) -> dict[str, str]:
+    """JPEGs in base64 by the targets' names, as many as there is room (bytes) for, misses first."""
+
+    def right(given: tuple[TargetKey, Mapping[str, Any]]) -> bool:
+        return given[0] in scores and scores[given[0]].correct("add")
+
     pictures = {}
-    for key, target in material.targets.items():
+    for key, target in sorted(material.targets.items(), key=right):
         path = folder / FOLDER / target["picture"]
         room -= path.stat().st_size if path.is_file() else 0
         if path.is_file() and room >= 0:

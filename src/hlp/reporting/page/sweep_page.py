@@ -1,5 +1,6 @@
 """`report.html` of a sweep: all arms, what differs between them, and what each gains."""
 
+import base64
 import logging
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,8 +8,10 @@ from pathlib import Path
 from hlp.files import PAGE, write_text
 from hlp.reporting.page.layout import render
 from hlp.reporting.page.svg import BLUE, GREY, ORANGE, SKY, Chart, ticks
+from hlp.reporting.pareto import pareto_front
 from hlp.reporting.results import Result, read_results
 from hlp.reporting.sweep_arms import Sweep, SweepArm, sweep_of, sweep_table, sweep_verdict
+from hlp.reporting.sweep_report import NAME as SWEEP_FIGURE
 from hlp.reporting.tables.summary_tables import METRIC_LABELS
 from hlp.reporting.tables.table import Table, format_share
 
@@ -41,10 +44,23 @@ def write_sweep_page(folder: Path) -> Path:
         differences=difference_bars(sweep),
         times=recall_by_time(sweep),
         objects=objects_by_arm(sweep),
+        figures=_figures(folder, sweep),
         command=sweep.command,
     )
     write_text(folder / PAGE, page)
     return folder / PAGE
+
+
+def _figures(folder: Path, sweep: Sweep) -> dict[str, str]:
+    """The SVG files of the sweep, and of the paper's figure that it repeats: base64 by caption."""
+    experiments = dict.fromkeys(result.experiment for _, result in sweep.finished)
+    captions = {SWEEP_FIGURE: "Arms by what differs", **{name: name for name in experiments}}
+    found = {words: folder / f"{name}.svg" for name, words in captions.items()}
+    return {
+        words: base64.b64encode(path.read_bytes()).decode("ascii")
+        for words, path in found.items()
+        if path.is_file()
+    }
 
 
 def recall_bars(sweep: Sweep) -> str:
@@ -83,7 +99,10 @@ def difference_bars(sweep: Sweep) -> str:
 
 
 def recall_by_time(sweep: Sweep) -> str:
-    """ADD(-S) recall against the median time of an object; empty for fewer than two arms."""
+    """ADD(-S) recall against the median time of an object, with the Pareto front.
+
+    Empty for fewer than two arms.
+    """
     found = sweep.finished
     if len(found) < 2:
         return ""
@@ -93,6 +112,12 @@ def recall_by_time(sweep: Sweep) -> str:
     y_ticks = ticks(max(0.0, lowest - 0.05), 1.0)
     chart.axes("ms for one object in one frame (median)", "ADD(-S) recall",
                ticks(0, longest), y_ticks)  # fmt: skip
+    times = [result.total_ms["median"] for _, result in found]
+    front = pareto_front(times, [result.add["recall"] for _, result in found])
+    steps = [(times[i], found[i][1].add["recall"]) for i in front]
+    ends = [*steps[1:], (longest, steps[-1][1])]
+    stairs = [p for step, end in zip(steps, ends, strict=True) for p in (step, (end[0], step[1]))]
+    chart.line(stairs, GREY, 1, "4 3", "Pareto front")
     for arm, result in found:
         time, (low, high) = result.total_ms["median"], result.add["ci95"]
         color = ORANGE if arm is sweep.reference else BLUE
