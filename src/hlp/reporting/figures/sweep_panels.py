@@ -127,8 +127,9 @@ def _draw_recalls(
         above = [max(high - recall, 0.0) for recall, (_, high) in zip(recalls, ends, strict=True)]
         ax.bar(places, recalls, 0.9 * _PLACE / len(series), label=name or None,
                color=COLORS[number % len(COLORS)])  # fmt: skip
-        ax.errorbar(places, recalls, (below, above), fmt="none", capsize=3, linewidth=1.3,
-                    color="#222222")  # fmt: skip
+        if any(known):
+            ax.errorbar(places, recalls, (below, above), fmt="none", capsize=3, linewidth=1.3,
+                        color="#222222")  # fmt: skip
         seen += [end for each in ends for end in each]
         for place, recall, (_, high) in zip(places, recalls, ends, strict=True):
             if len(series) == 1:
@@ -140,7 +141,7 @@ def _draw_recalls(
     marked = [i + 0.25 for i, value in enumerate(values) if value in words.marked]
     if published is not None and marked:
         source, value = published
-        ax.plot(marked, [value] * len(marked), "kD", fillstyle="none", label=source)
+        ax.plot(marked, [value] * len(marked), "kD", markerfacecolor="white", label=source)
         seen.append(value)
     low, high = _ends(seen)
     ax.set_ylim(low, high)
