@@ -1,46 +1,80 @@
 """Learnt objects in MLflow's registry, loaded from there as any user of MLflow would."""
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from mlflow.exceptions import MlflowException
 
 from hlp import Detector
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
-from hlp.errors import ConfigError, InputError
+from hlp.errors import ConfigError
 from hlp.reporting.mlflow_client import import_client
-from hlp.reporting.model_registry import register
+from hlp.runs.model_registration import register_learnt
+
+if TYPE_CHECKING:
+    from mlflow.pyfunc import PyFuncModel
+
+
+@pytest.fixture(scope="module")
+def model(learnt: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator["PyFuncModel"]:
+    """The first of two versions."""
+    folder = tmp_path_factory.mktemp("registry")
+    uri = f"sqlite:///{folder / 'work' / 'mlflow.db'}"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert register_learnt(learnt, "shapes", uri) == "models:/shapes/1"
+        assert register_learnt(learnt, "shapes", uri) == "models:/shapes/2"
+        import_client()
+        import mlflow
+
+        patch.setenv("MLFLOW_TRACKING_URI", uri)
+        patch.setattr(mlflow.tracking._tracking_service.utils, "_tracking_uri", uri)
+        yield mlflow.pyfunc.load_model("models:/shapes/1")
 
 
 def test_a_registered_model_finds_what_the_detector_finds(
-    learnt: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    learnt: Path, model: "PyFuncModel"
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    uri = f"sqlite:///{tmp_path / 'work' / 'mlflow.db'}"
-    assert register(learnt, "shapes", uri, {"objects": "bear, can"}) == "models:/shapes/1"
-    assert register(learnt, "shapes", uri, {}) == "models:/shapes/2"
-    import_client()
-    import mlflow
-
-    monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
-    monkeypatch.setattr(mlflow.tracking._tracking_service.utils, "_tracking_uri", uri)
-    model = mlflow.pyfunc.load_model("models:/shapes/1")
     settings = SyntheticSettings(scenes=1, width=320, height=240, objects=(5, 5), clutter=(1, 3))
     frame = SyntheticScenes(settings).load("000000_000000")
     image = {"rgb": frame.rgb, "depth": frame.depth, "camera_matrix": frame.camera_matrix}
     options = {"max_instances": 1, "min_score": 0.0}
-    (found,) = model.predict([image | options])
-    detector = Detector.load(learnt)
-    expected = detector.detect(*image.values(), **options)
-    assert [each["object"] for each in found] == [each.object for each in expected] != []
+    found = model.predict({key: np.stack([each] * 2) for key, each in image.items()}, options)
+    expected = Detector.load(learnt).detect(*image.values(), **options)
+    assert [each["object"] for each in found] == 2 * [each.object for each in expected] != []
+    assert [each["image"] for each in found] == [0] * len(expected) + [1] * len(expected)
     np.testing.assert_array_equal(found[0]["pose_cam_obj"], expected[0].pose_cam_obj)
-    with pytest.raises(InputError, match="min_scores is no option"):
-        model.predict([image | {"min_scores": 0.0}])
-    with pytest.raises(InputError, match="depth is missing"):
-        model.predict([{"rgb": frame.rgb}])
+    bear = model.predict({key: each[None] for key, each in image.items()}, {"objects": ["bear"]})
+    assert {each["object"] for each in bear} <= {"bear"}
+
+
+def test_mlflow_knows_what_the_model_takes_and_returns(model: "PyFuncModel") -> None:
+    """And the example that is shown with it is one that the model can be called with."""
+    signature = model.metadata.signature
+    takes = {each.name: (str(each.type), each.shape) for each in signature.inputs}
+    assert takes == {
+        "rgb": ("uint8", (-1, -1, -1, 3)),
+        "depth": ("float32", (-1, -1, -1)),
+        "camera_matrix": ("float64", (-1, 3, 3)),
+    }
+    options = {each.name: each.default for each in signature.params}
+    assert list(options["objects"]) == ["bear", "can"]
+    assert options["max_instances"] == 10
+    example = model.input_example
+    assert {key: each.dtype.name for key, each in example.items()} == {
+        name: dtype for name, (dtype, _) in takes.items()
+    }
+    rows = model.predict(example, {"min_score": 0.0, "max_instances": 1})
+    assert rows[0].keys() == set(signature.outputs.input_names())
+    assert np.shape(rows[0]["pose_cam_obj"]) == (4, 4)
+    with pytest.raises(MlflowException, match="depth"):
+        model.predict({key: each for key, each in example.items() if key != "depth"})
 
 
 def test_a_name_that_mlflow_refuses_is_named(learnt: Path, tmp_path: Path) -> None:
     uri = f"sqlite:///{tmp_path / 'mlflow.db'}"
     with pytest.raises(ConfigError, match="a/b"):
-        register(learnt, "a/b", uri, {})
+        register_learnt(learnt, "a/b", uri)

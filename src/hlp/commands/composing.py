@@ -30,17 +30,18 @@ def config_folder() -> Path:
     raise MissingFileError(f"no config.yaml in {' or '.join(map(str, folders))}: reinstall hlp")
 
 
-def compose_config(*overrides: str) -> DictConfig:
+def compose_config(*overrides: str, folder: Path | None = None) -> DictConfig:
     """The configuration of `hlp run` with these overrides, for notebooks and scripts.
 
-    Raises Hydra's errors for an override of an unknown key or group.
+    `folder` holds another `config.yaml` than HLP's own. Raises Hydra's errors for an override of an
+    unknown key or group.
     """
     from hydra import compose, initialize_config_dir
 
     from hlp.config.typed_defaults import provide_defaults
 
     provide_defaults()
-    with initialize_config_dir(str(config_folder().absolute()), version_base="1.3"):
+    with initialize_config_dir(str((folder or config_folder()).absolute()), version_base="1.3"):
         return compose("config", overrides=list(overrides))
 
 

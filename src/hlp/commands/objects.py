@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from hlp.commands import composing, own_arguments
 from hlp.commands.nearest import nearest
 from hlp.commands.tracking_uri import tracking_uri
 from hlp.errors import InputError
+from hlp.files import MANIFEST
 
 _WORDS = ("list", "show", "remove", "export", "register")
 
@@ -36,9 +39,12 @@ def _do(arguments: Sequence[str]) -> None:
         case ["remove", name]:
             print(f"removed {learnt_cache.remove_learnt(name, cache)}")
         case ["export", name, target]:
-            print(f"copied to {learnt_cache.export_learnt(name, Path(target).expanduser(), cache)}")
+            with _whole(name, cache, work) as folder:
+                made = learnt_cache.export_learnt(str(folder), Path(target).expanduser(), cache)
+            print(f"copied to {made}")
         case ["register", name, model]:
-            print(_registered(learnt_cache.find_whole(name, cache), model, uri))
+            with _whole(name, cache, work) as folder:
+                print(_registered(folder, model, uri))
         case _:
             hint = nearest(words[0], _WORDS) if words and words[0] not in _WORDS else ""
             raise InputError(
@@ -46,12 +52,37 @@ def _do(arguments: Sequence[str]) -> None:
             )
 
 
-def _registered(folder: Path, model: str, uri: str) -> str:
-    from hlp.reporting.model_registry import register
-    from hlp.runs.learnt_cache import describe_learnt
+@contextmanager
+def _whole(given: str, cache: Path, work: str | None) -> Iterator[Path]:
+    """An undamaged folder of learnt objects: one by path or name, or of what a run has learnt."""
+    from hlp.runs.learnt_cache import find_whole
 
-    objects = ", ".join(describe_learnt(folder).objects)
-    address = register(folder, model, uri, {"objects": objects})
+    manifest = Path(given).expanduser() / MANIFEST
+    if not manifest.is_file():
+        yield find_whole(given, cache)
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        _take_from_run(manifest, work or "work", Path(folder, "learnt"))
+        yield Path(folder, "learnt")
+
+
+def _take_from_run(manifest: Path, work: str, target: Path) -> None:
+    from hlp.config.build import build_run
+    from hlp.runs.learnt_of_run import learnt_of_run
+    from hlp.studies.repeat import check_manifest, config_of
+
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder, "config.yaml").write_text(config_of(manifest, (), composing.config_folder()))
+        places = (f"work='{work}'", "output=none")
+        run = build_run(composing.compose_config(*places, folder=Path(folder)))
+    check_manifest(run, manifest)
+    learnt_of_run(run, manifest, target)
+
+
+def _registered(folder: Path, model: str, uri: str) -> str:
+    from hlp.runs.model_registration import register_learnt
+
+    address = register_learnt(folder, model, uri)
     return f"registered {address}; in Python: mlflow.pyfunc.load_model('{address}')"
 
 
@@ -95,8 +126,8 @@ OBJECTS_HELP = """\
 usage: hlp objects list
        hlp objects show NAME|FOLDER
        hlp objects remove NAME
-       hlp objects export NAME FOLDER
-       hlp objects register NAME|FOLDER MODEL [uri=MLFLOW]
+       hlp objects export NAME|RUN FOLDER
+       hlp objects register NAME|FOLDER|RUN MODEL [uri=MLFLOW]
 
 What `hlp learn` and `hlp predict model=…` have learnt and keep in the user's
 cache.
@@ -107,9 +138,14 @@ cache.
   export   copy it into a new folder, to be used on another machine: hlp predict
            learnt=FOLDER …
   register copy it into MLflow as a new version of MODEL, for
-           mlflow.pyfunc.load_model (uri: MLFLOW_TRACKING_URI, or sqlite:///work/mlflow.db)
+           mlflow.pyfunc.load_model (uri: MLFLOW_TRACKING_URI, or
+           sqlite:///work/mlflow.db)
 
-work=FOLDER looks there instead of in the user's cache.
+RUN is the output folder of a finished `hlp run`: what it has learnt is taken
+from its folder `work`, and nothing is learnt again.
+
+work=FOLDER looks there instead of in the user's cache, and in ./work of a run.
 
 hlp objects show bracket              what is known of it
-hlp objects export bracket learnt/    a folder for another machine"""
+hlp objects export bracket learnt/    a folder for another machine
+hlp objects register outputs/a lm     what a run has learnt, as a model in MLflow"""

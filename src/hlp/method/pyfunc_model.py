@@ -1,12 +1,12 @@
 """Learnt objects behind MLflow's interface for models of any kind, `mlflow.pyfunc`.
 
     model = mlflow.pyfunc.load_model("models:/brackets/1")
-    poses = model.predict([{"rgb": rgb, "depth": depth, "camera_matrix": camera_matrix}])
+    poses = model.predict({"rgb": rgb, "depth": depth, "camera_matrix": camera_matrix})
 
 MLflow calls `_load_pyfunc` of the module that a model names; nothing here imports MLflow.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,8 +15,7 @@ from hlp.errors import InputError
 from hlp.method.detections import Detection
 from hlp.method.detector import Detector
 
-_IMAGE = ("rgb", "depth", "camera_matrix")
-_OPTIONS = ("objects", "max_instances", "min_score")
+_IMAGES = ("rgb", "depth", "camera_matrix")
 
 
 class PosesOfImages:
@@ -26,32 +25,28 @@ class PosesOfImages:
         self.detector = detector
 
     def predict(
-        self, model_input: Sequence[Mapping[str, Any]], params: Mapping[str, Any] | None = None
-    ) -> list[list[dict[str, Any]]]:
-        """For each image a list of what was found, the most certain first.
+        self, model_input: Mapping[str, np.ndarray], params: Mapping[str, Any] | None = None
+    ) -> list[dict[str, Any]]:
+        """A table of what was found: a row for each find, the most certain of an image first.
 
-        An image has `rgb` (h, w, 3; 0 to 255), `depth` (h, w; m) and `camera_matrix` (3, 3; px), as
-        arrays or nested lists, and may have the options of `Detector.detect`: `objects`,
-        `max_instances`, `min_score`. A find has `object`, `score`, `pose_cam_obj` (4×4, m),
-        `visible_fraction` and `seconds`, ready for JSON. Raises InputError for an image that lacks
-        something or has something unknown. `params` is what MLflow calls with; there are none.
+        `model_input` holds n images of one size: `rgb` (n, h, w, 3) uint8, `depth` (n, h, w) in
+        metres, `camera_matrix` (n, 3, 3) in pixels. `params` are the options `objects`,
+        `max_instances` and `min_score` of `Detector.detect`. A row has `image` (its index),
+        `object`, `score`, `pose_cam_obj` (4×4, m), `visible_fraction` and `seconds`, ready for
+        JSON. Raises InputError naming what is missing or wrong.
         """
-        return [self._predict_one(image) for image in model_input]
-
-    def _predict_one(self, image: Mapping[str, Any]) -> list[dict[str, Any]]:
-        missing = [key for key in _IMAGE if not isinstance(image, Mapping) or key not in image]
-        if missing:
-            raise InputError(f"an image has {', '.join(_IMAGE)}: {missing[0]} is missing")
-        options = {key: value for key, value in image.items() if key not in _IMAGE}
-        if unknown := set(options) - set(_OPTIONS):
-            raise InputError(f"{min(unknown)} is no option: there are {', '.join(_OPTIONS)}")
-        found = self.detector.detect(
-            np.asarray(image["rgb"], dtype=np.uint8),
-            np.asarray(image["depth"], dtype=np.float64),
-            np.asarray(image["camera_matrix"], dtype=np.float64),
-            **options,
-        )
-        return [_plain(each) for each in found]
+        for key in _IMAGES:
+            if key not in model_input:
+                raise InputError(f"images have {', '.join(_IMAGES)}: {key} is missing")
+        counts = {key: len(model_input[key]) for key in _IMAGES}
+        if len(set(counts.values())) > 1:
+            raise InputError(f"each image has {', '.join(_IMAGES)}: there are {counts}")
+        images = zip(*(model_input[key] for key in _IMAGES), strict=True)
+        return [
+            {"image": number, **_plain(found)}
+            for number, image in enumerate(images)
+            for found in self.detector.detect(*image, **(params or {}))
+        ]
 
 
 def _plain(detection: Detection) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from hlp.errors import ConfigError
 from hlp.reporting.experiment_page import ExperimentPage
 from hlp.reporting.mlflow_client import connect, import_client, reason
+from hlp.reporting.model_signature import ModelInput, model_signature
 from hlp.reporting.tracking import TrackingSettings, track_run
 
 EXPERIMENT = "models"
@@ -15,11 +16,14 @@ _ABOUT = "Learnt objects, registered by `hlp objects register`."
 _LOADER = "hlp.method.pyfunc_model"  # named, not imported: MLflow imports it when it loads a model
 
 
-def register(learnt: Path, name: str, uri: str, tags: Mapping[str, str]) -> str:
+def register(
+    learnt: Path, name: str, uri: str, tags: Mapping[str, str], model_input: ModelInput
+) -> str:
     """Copy a folder of learnt objects into MLflow as a new version of a model; its address.
 
-    The address, e.g. `models:/brackets/2`, is for `mlflow.pyfunc.load_model`. Raises ConfigError if
-    MLflow cannot be used or refuses the name.
+    MLflow shows what the model takes and returns, with an example. The address, e.g.
+    `models:/brackets/2`, is for `mlflow.pyfunc.load_model`. Raises ConfigError if MLflow cannot be
+    used or refuses the name.
     """
     import_client()
     from mlflow import pyfunc
@@ -36,6 +40,8 @@ def register(learnt: Path, name: str, uri: str, tags: Mapping[str, str]) -> str:
             saved,
             loader_module=_LOADER,
             data_path=str(learnt),
+            signature=model_signature(model_input),
+            input_example=model_input.images,
             pip_requirements=[f"hlp=={version('hlp')}"],
         )
         tracker.log_artifacts(saved, "model")

@@ -11,8 +11,8 @@ from annotated_types import Ge, Le
 
 from hlp.errors import ConfigError, DataError, MissingFileError
 from hlp.settings import Doc, Settings
-from hlp.stages.fingerprint import is_fingerprint, plain
-from hlp.stages.manifest import read_manifest
+from hlp.stages.fingerprint import plain
+from hlp.stages.manifest import made_outputs
 
 if TYPE_CHECKING:
     from hlp.method.settings import MethodSettings
@@ -57,7 +57,7 @@ def read_warm_start(
     from hlp.stages.store import Output
 
     patches = settings.patches
-    made = _made(manifest)
+    made = made_outputs(manifest)
     shared = {"trainer": settings.trainer}
     wanted: dict[str, dict[str, Any]] = {
         "classifier": {"holistic": patches.holistic, "classifier": settings.classifier, **shared},
@@ -65,7 +65,7 @@ def read_warm_start(
     }
     found = {}
     for stage, own in wanted.items():
-        name = made.get(stage, "")
+        name = made.get((stage, ""), "")
         folder = store.root / stage / name
         if not name or not folder.is_dir():
             raise MissingFileError(
@@ -80,19 +80,6 @@ def read_warm_start(
         found[stage] = Output(name, folder), record["upstream"]
     (classifier, upstream), (encoder, _) = found["classifier"], found["encoder"]
     return WarmStart(classifier, encoder, _labels(manifest, upstream, views))
-
-
-def _made(manifest: Path) -> dict[str, str]:
-    """Fingerprint of the output of each stage that a manifest names."""
-    stages = read_manifest(manifest).get("stages")
-    try:
-        made = {str(each["stage"]): str(each["fingerprint"]) for each in stages or ()}
-    except (TypeError, KeyError) as error:
-        raise DataError(f"{manifest} is damaged: stages are {stages!r}") from error
-    for stage, name in made.items():
-        if not is_fingerprint(name):
-            raise DataError(f"{manifest}: {name!r} is no fingerprint of a stage '{stage}'")
-    return made
 
 
 def _check_same(of: str, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:

@@ -1,0 +1,46 @@
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hlp.errors import InputError
+from hlp.method.pyfunc_model import PosesOfImages
+
+
+class OnePerImage:
+    """In place of a detector: an object whose score is the first pixel's red."""
+
+    def detect(self, rgb: Any, depth: Any, camera_matrix: Any, **options: Any) -> list[Any]:
+        assert rgb.shape == (2, 3, 3) and depth.shape == (2, 3) and camera_matrix.shape == (3, 3)
+        assert options == {"max_instances": 1}
+        found = {"score": float(rgb[0, 0, 0]), "visible_fraction": 0.5, "seconds": 0.25}
+        return [SimpleNamespace(object="cat", pose_cam_obj=np.eye(4), **found)]
+
+
+def images(count: int) -> dict[str, np.ndarray]:
+    rgb = np.zeros((count, 2, 3, 3), np.uint8)
+    rgb[:, 0, 0, 0] = np.arange(count)
+    return {
+        "rgb": rgb,
+        "depth": np.ones((count, 2, 3), np.float32),
+        "camera_matrix": np.stack([np.eye(3)] * count),
+    }
+
+
+def test_rows_name_their_image() -> None:
+    model = PosesOfImages(OnePerImage())  # type: ignore[arg-type]
+    rows = model.predict(images(2), {"max_instances": 1})
+    assert [(row["image"], row["object"], row["score"]) for row in rows] == [
+        (0, "cat", 0.0),
+        (1, "cat", 1.0),
+    ]
+    assert rows[0]["pose_cam_obj"] == np.eye(4).tolist()
+
+
+def test_what_is_missing_or_too_few_is_named() -> None:
+    model = PosesOfImages(OnePerImage())  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="depth is missing"):
+        model.predict({"rgb": images(1)["rgb"]})
+    with pytest.raises(InputError, match="'depth': 1"):
+        model.predict({**images(2), "depth": images(1)["depth"]})

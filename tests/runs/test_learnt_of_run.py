@@ -1,0 +1,53 @@
+"""What a run has learnt, as a folder that detectors and MLflow's models are made of."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hlp import Detector
+from hlp.codebook.entries import load_codebook
+from hlp.commands import objects
+from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
+from hlp.method.learnt_folder import LearntFolder, check_files
+from hlp.stages.manifest import made_outputs
+from tiny_run import TinyRun
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def exported(tiny_run: TinyRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tiny_run.folder)
+    objects.command(["export", "first", str(tmp_path / "learnt")])
+    return tmp_path / "learnt"
+
+
+def test_a_folder_holds_what_the_run_has_learnt(tiny_run: TinyRun, exported: Path) -> None:
+    learnt = LearntFolder(exported)
+    check_files(exported, learnt.record)
+    made = made_outputs(tiny_run.output / "manifest.json")
+    assert {("codebook", name) for name in learnt.record.objects} <= made.keys()
+    for name, object_id in learnt.record.objects.items():
+        stage = tiny_run.folder / "work" / "codebook" / made["codebook", name]
+        own, copied = load_codebook(stage), learnt.load_codebook(object_id)
+        np.testing.assert_array_equal(own.features, copied.features)
+    assert learnt.load_encoder() is not None
+    settings = SyntheticSettings(width=320, height=240, objects=(5, 5), clutter=(1, 3))
+    frame = SyntheticScenes(settings).load("000000_000000")
+    found = Detector.load(exported).detect(
+        frame.rgb, frame.depth, frame.camera_matrix, max_instances=1, min_score=0.0
+    )
+    assert {each.object for each in found} <= set(learnt.record.objects) and found
+
+
+def test_a_run_whose_outputs_are_elsewhere_is_named(
+    tiny_run: TinyRun, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        words = ["export", str(tiny_run.output), str(tmp_path / "learnt"), f"work={tmp_path}"]
+        objects.command(words)
+    assert caught.value.code == 1
+    error = capsys.readouterr().err
+    assert f"{tmp_path} has no classifier that {tiny_run.output}" in error
+    assert not (tmp_path / "learnt").exists()
