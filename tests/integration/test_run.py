@@ -184,6 +184,8 @@ def test_mlflow_has_the_run_with_all_of_it(tiny_run: TinyRun) -> None:
     assert run.data.metrics["add"] == round(summary["metrics"]["add"]["recall"], 4)
     assert run.data.metrics["ms"] == round(summary["timing_ms"]["total"]["median"], 1)
     assert len(client.get_metric_history(run.info.run_id, "classifier/loss")) == 1
+    for name in ("cpu_cores", "memory_megabytes"):
+        assert client.get_metric_history(run.info.run_id, f"system/{name}") != []
     artifacts = {item.path for item in client.list_artifacts(run.info.run_id)}
     wanted = {"summary.json", "scores.csv", "poses.csv", "manifest.json", "panels", "config.yaml"}
     assert artifacts >= wanted | {"stages"}

@@ -3,6 +3,7 @@
 import json
 import logging
 import re
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -38,7 +39,8 @@ class LoggedAs:
 class Tracker:
     """One MLflow run, or none. In names, characters that MLflow refuses are replaced by `_`.
 
-    `keep_aside` opens a run elsewhere that goes on when the server of this one is away.
+    Several threads may use it: their calls are sent one after another. `keep_aside` opens a run
+    elsewhere that goes on when the server of this one is away.
     """
 
     def __init__(
@@ -46,6 +48,7 @@ class Tracker:
     ) -> None:
         self._run = run
         self._keep_aside = keep_aside
+        self._lock = threading.Lock()
 
     @property
     def run(self) -> LoggedAs | None:
@@ -69,16 +72,17 @@ class Tracker:
         """
         if self._run is None:
             return None
-        try:
-            return call(self._run.client, self._run.run_id)
-        except Exception as error:
-            if self._keep_aside is None or not is_away(error):
-                raise
-            self._run, self._keep_aside = self._keep_aside(), None
-            logging.getLogger(__name__).warning(
-                "MLflow's server is away: the run goes on here; `hlp upload` sends it later"
-            )
-            return call(self._run.client, self._run.run_id)
+        with self._lock:
+            try:
+                return call(self._run.client, self._run.run_id)
+            except Exception as error:
+                if self._keep_aside is None or not is_away(error):
+                    raise
+                self._run, self._keep_aside = self._keep_aside(), None
+                logging.getLogger(__name__).warning(
+                    "MLflow's server is away: the run goes on here; `hlp upload` sends it later"
+                )
+                return call(self._run.client, self._run.run_id)
 
     def log_metrics(self, metrics: Mapping[str, float | None], step: int = 0) -> None:
         """Log several numbers in one call, e.g. `add`; None (not measured) is left out."""

@@ -3,8 +3,6 @@
 import logging
 import os
 import platform
-import sys
-import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +14,7 @@ from hlp.reporting.experiment_page import ExperimentPage
 from hlp.reporting.mlflow_metrics import HEADLINES
 from hlp.reporting.mlflow_server import how_to_browse
 from hlp.reporting.run_names import short_name
+from hlp.reporting.system_metrics import system_metrics
 from hlp.reporting.tracker import Tracker
 from hlp.reporting.tracking import REVISION, track_run
 from hlp.results.scores_file import SCORE_COLUMNS
@@ -45,21 +44,8 @@ def tracked(run: "Run", output: Path, resume: str | None = None) -> Iterator[Tra
     ) as tracker:
         if chosen.command:
             tracker.set_tags({"command": chosen.command})
-        begun = time.process_time()
-        yield tracker
-        tracker.log_metrics(_spent(begun))
-
-
-def _spent(begun: float) -> dict[str, float]:
-    """CPU time of this process since then (s), and its largest memory so far (MB)."""
-    spent = {"system/cpu_seconds": time.process_time() - begun}
-    if sys.platform == "win32":
-        return spent
-    import resource
-
-    kilobytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    unit = 1e6 if sys.platform == "darwin" else 1e3
-    return {**spent, "system/peak_memory_megabytes": kilobytes / unit}
+        with system_metrics(tracker):
+            yield tracker
 
 
 def choice_tags(groups: Mapping[str, str]) -> dict[str, str]:
