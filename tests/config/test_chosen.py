@@ -14,6 +14,12 @@ def test_overrides_as_text_by_key() -> None:
     }
 
 
+def test_where_a_run_is_stored_is_nothing_that_it_was_given() -> None:
+    places = ["work=there", "output=here", "experiment=fig9b", "data_folder=../data"]
+    groups = ["hydra/launcher=cores", "hydra.sweep.dir=x", "reporting=none", "reporting.uri=y"]
+    assert overrides_of([*places, *groups, "seed=1", "workers=2"]) == {"seed": "1", "workers": "2"}
+
+
 def test_groups_without_hydras_own() -> None:
     choices = {"refinement": "icp", "hydra/launcher": "basic", "data/sizes@_global_": "demo"}
     hydra = OmegaConf.create({"runtime": {"choices": choices}})

@@ -49,6 +49,7 @@ def test_failed_arm_is_a_failed_run_and_the_others_go_on(tiny_run: TinyRun, call
     client, parent, arms = family(tiny_run.folder, output)
     assert parent.info.status == "FAILED"
     assert parent.info.run_name == "sweep of particles"
+    assert set(parent.data.params) == {each.partition("=")[0] for each in tiny_run.overrides}
     named = [(arm.info.run_name, arm.info.status) for arm in arms]
     assert named == [
         ("particles 0", "FAILED"),
