@@ -1,5 +1,6 @@
 """What a run finds on disk: reused stages, interrupted ones, crashes, the same poses again."""
 
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -45,6 +46,24 @@ def test_other_refinement_makes_only_poses(tiny_run: TinyRun, call: Call) -> Non
     assert poses_without_times(output / "poses.csv") != poses_without_times(
         tiny_run.output / "poses.csv"
     )
+
+
+def test_a_run_links_to_the_one_that_trained_its_networks(tiny_run: TinyRun, call: Call) -> None:
+    assert call(*tiny_run.overrides, "refinement.particles=14", "output=linked")[0] == 0
+    client = MlflowClient(f"sqlite:///{tiny_run.folder / 'work' / 'mlflow.db'}")
+    experiment = client.get_experiment_by_name("demo")
+    assert experiment is not None
+    found = client.search_runs([experiment.experiment_id])
+    (run,) = [each for each in found if Path(each.data.tags["output"]).name == "linked"]
+    words = run.data.tags["mlflow.note.content"]
+    (link,) = re.findall(r"classifier trained by \[(.+)\]\(#/experiments/(\d+)/runs/(\w+)\?", words)
+    name, experiment_id, run_id = link
+    first = client.get_run(run_id)
+    assert (first.info.run_name, first.info.experiment_id) == (name, experiment_id)
+    assert first.data.tags["output"] == str(tiny_run.made_in / "first")
+    assert run.data.tags["classifier_of_run"] == run_id
+    assert len(client.get_metric_history(run_id, "classifier/loss")) == 1
+    assert "classifier/loss" not in run.data.metrics
 
 
 def test_a_run_decodes_every_frame_once(
