@@ -16,6 +16,7 @@ DOCS_STAMP := $(VENV)/.docs-installed
 PYTHON ?=
 WORKERS ?= 2
 MINUTES ?= 10
+BROWSER ?=
 PORT ?= 5000
 WORK ?= work
 
@@ -62,8 +63,8 @@ demo: $(STAMP) ## poses of synthetic objects: train, recover, score, log to MLfl
 test: $(STAMP) ## the tests
 	@$(BIN)/python -m pytest -q -n $(WORKERS)
 
-test-slow: $(STAMP) ## the tests that take longer
-	@$(BIN)/python -m pytest -q -n $(WORKERS) -m slow
+test-slow: $(STAMP) ## the tests that take longer; those that need a browser fail without one if BROWSER=required
+	@HLP_BROWSER=$(BROWSER) $(BIN)/python -m pytest -q -n $(WORKERS) -m slow
 
 test-commands: $(STAMP) ## the longest commands of README and docs, made small
 	@$(BIN)/python -m pytest -q -m minutes tests/docs

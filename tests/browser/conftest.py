@@ -1,4 +1,4 @@
-"""A real browser. Where there is none, the tests are skipped."""
+"""A real browser. Where there is none, the tests are skipped, or fail with HLP_BROWSER=required."""
 
 import os
 import shutil
@@ -30,7 +30,10 @@ def browser() -> Iterator["Chrome"]:
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
     driver = shutil.which("chromedriver")
     if chromium is None or driver is None:
-        pytest.skip("no Chromium with its driver here (Debian: chromium and chromium-driver)")
+        missing = "no Chromium with its driver here (Debian: chromium and chromium-driver)"
+        if os.environ.get("HLP_BROWSER") == "required":
+            pytest.fail(missing)
+        pytest.skip(missing)
     options = ChromeOptions()
     options.binary_location = chromium
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})

@@ -1,11 +1,5 @@
 """MLflow as README says to open it, in a real browser: runs, columns, numbers, images."""
 
-import os
-import socket
-import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +7,7 @@ import pytest
 from page import errors, has_words, take_picture, wait
 from shown_runs import ShownRuns
 
-import hlp
+from served_ui import served_ui
 
 if TYPE_CHECKING:
     from selenium.webdriver import Chrome
@@ -21,36 +15,12 @@ if TYPE_CHECKING:
 COLUMNS = ["add", "5cm5deg", "iou50", "ms"]
 
 
-@contextmanager
-def served(work: Path) -> Iterator[str]:
-    """`hlp ui` of this folder while the block runs; the address that it prints."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    words = ("ui", f"work={work}", f"port={port}", "open=false")
-    process = subprocess.Popen(
-        [sys.executable, "-c", "from hlp.cli import main; main()", *words],
-        env={**os.environ, "PYTHONPATH": str(Path(hlp.__file__).parents[1])},
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdout is not None
-    try:
-        line = process.stdout.readline()
-        assert line.startswith("Runs: http://127.0.0.1:"), line
-        yield line.removeprefix("Runs: ").strip()
-    finally:
-        process.terminate()  # as Ctrl-C, which is ignored below the background of a shell
-        process.stdout.close()
-        assert process.wait(60) == 0
-
-
 @pytest.mark.slow
 def test_runs_numbers_and_images_are_seen_in_mlflow(
     shown: ShownRuns, browser: "Chrome", screenshots: Path | None
 ) -> None:
     sweep, arm = f"sweep of {shown.key}", shown.names[0]
-    with served(shown.work) as address:
+    with served_ui(shown.work) as address:
         browser.get(address.partition("#")[0])
         choose_menu(browser)
         browser.get(address)

@@ -1,8 +1,13 @@
+from pathlib import Path
+
 import pytest
+import requests
 
 from hlp.cli import main
 from hlp.commands.tracking_uri import tracking_uri
 from hlp.commands.ui import UI_HELP
+from hlp.reporting.tracking import TrackingSettings, track_run
+from served_ui import served_ui
 
 Captured = pytest.CaptureFixture[str]
 
@@ -32,3 +37,16 @@ def test_mlflows_own_variable_is_honoured(monkeypatch: pytest.MonkeyPatch) -> No
     assert tracking_uri("here") == "sqlite:///here/mlflow.db"
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "http://server:5000")
     assert tracking_uri("here") == "http://server:5000"
+
+
+@pytest.mark.slow
+def test_the_server_answers_on_this_machine_until_it_is_stopped(tmp_path: Path) -> None:
+    settings = TrackingSettings(uri=f"sqlite:///{tmp_path / 'mlflow.db'}", experiment="shown")
+    with track_run(settings, "a run", {}) as tracker:
+        experiment = tracker.run.experiment_id if tracker.run else ""
+    with served_ui(tmp_path) as page:
+        address, _, path = page.partition("#")
+        assert path.startswith(f"/experiments/{experiment}/runs?")
+        assert "MLflow" in requests.get(address, timeout=60).text
+    with pytest.raises(requests.ConnectionError):
+        requests.get(address, timeout=5)
