@@ -9,6 +9,7 @@ import pytest
 from hlp.reporting.system_metrics import system_metrics
 from hlp.reporting.tracker import LoggedAs, Tracker
 
+PATIENCE = 300.0  # s; a busy machine takes long to import MLflow
 THREAD = "system metrics"
 
 
@@ -36,7 +37,7 @@ def is_sampled() -> bool:
 
 
 def work_until(condition: Any) -> None:
-    end = time.monotonic() + 60.0
+    end = time.monotonic() + PATIENCE
     while not condition() and time.monotonic() < end:
         sum(range(10_000))
 
@@ -54,7 +55,7 @@ def test_what_a_run_uses_is_logged_while_it_runs_and_at_its_end() -> None:
     assert steps == sorted(steps) and 99 <= steps[0] < 200
     memory = [value for _, value in client.logged["system/memory_megabytes"]]
     (peak,) = client.logged["system/peak_memory_megabytes"]
-    assert 10.0 < max(memory) <= peak[1]
+    assert 10.0 < max(memory) < peak[1] * 1.05  # Linux counts both in batches
     assert client.logged["system/cpu_seconds"][0][1] > 0.0
 
 

@@ -148,4 +148,4 @@ work=FOLDER looks there instead of in the user's cache, and in ./work of a run.
 
 hlp objects show bracket              what is known of it
 hlp objects export bracket learnt/    a folder for another machine
-hlp objects register outputs/a lm     what a run has learnt, as a model in MLflow"""
+hlp objects register outputs/a lm     what a run has learnt, in MLflow"""
