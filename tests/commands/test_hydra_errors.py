@@ -1,9 +1,13 @@
 import logging
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+import hlp
 from hlp.cli import main
 from hlp.commands.composing import compose_config
 from hlp.commands.hydra_errors import hydra_in_words
@@ -50,6 +54,32 @@ def test_the_nearest_key_is_looked_for_among_those_of_what_was_chosen(
     with pytest.raises(HydraException) as caught:
         compose_config(*given)
     assert hydra_in_words(caught.value).startswith("task.trails is no key: did you mean task.trial")
+
+
+@pytest.mark.parametrize(
+    ("launcher", "extra"),
+    [("cores", "joblib"), ("slurm", "slurm"), ("joblib", "joblib"), ("submitit_local", "slurm")],
+)
+def test_a_launcher_without_its_plugin_says_what_to_install(
+    launcher: str, extra: str, tmp_path: Path
+) -> None:
+    code = (
+        "import sys\n"
+        "sys.modules['hydra_plugins'] = None\n"  # importing it raises ImportError
+        "from hlp.cli import main\n"
+        f"main(['-m', 'hydra/launcher={launcher}', 'seed=0,1'])\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(Path(hlp.__file__).parents[1])},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    needs = f"hydra/launcher={launcher} needs the extra '{extra}': pip install 'hlp[{extra}]'"
+    assert done.returncode == 1
+    assert done.stderr == f"hlp: {needs}\n"
 
 
 def test_several_values_of_one_key() -> None:

@@ -18,6 +18,9 @@ _NO_DEFAULT = re.compile(r"In '([^']+)': Could not load '([^']+)'")
 _WITHIN = re.compile(r"^In '(?!config')([^']+)': ")
 _SEVERAL = re.compile(r"Ambiguous value for argument '([^'=]+)=(.+)'")
 _OPTIONS = re.compile(r"Available options in '[^']+':\n((?:\t.+\n)+)")
+# Launchers that come with a plugin of Hydra's, and the extra that installs it.
+_LAUNCHERS = "hydra/launcher"
+_EXTRAS = {"joblib": "joblib", "submitit_slurm": "slurm", "submitit_local": "slurm"}
 
 
 def hydra_in_words(error: BaseException) -> str:
@@ -73,7 +76,10 @@ def _no_yaml(error: MarkedYAMLError) -> str:
 
 
 def _no_default(file: str, named: str) -> str:
-    group = named.rpartition("/")[0]
+    group, _, name = named.rpartition("/")
+    if group == _LAUNCHERS and name in _EXTRAS:
+        chosen_group, _, chosen = file.rpartition("/")
+        return _no_launcher(chosen if chosen_group == _LAUNCHERS else name, _EXTRAS[name])
     folder = composing.config_folder() / group
     known = sorted(f"{group}/{path.stem}".lstrip("/") for path in folder.glob("*.yaml"))
     return f"{file}.yaml: its defaults name {named}, which is no file{nearest(named, known)}"
@@ -81,10 +87,16 @@ def _no_default(file: str, named: str) -> str:
 
 def _no_alternative(named: str, text: str) -> str:
     group, _, name = named.rpartition("/")
+    if group == _LAUNCHERS and name in _EXTRAS:
+        return _no_launcher(name, _EXTRAS[name])
     options = _OPTIONS.search(text)
     known = options[1].split() if options else []
     listed = f" There are {', '.join(known)}" if known else ""
     return f"{group}={name} is no alternative{nearest(name, known) or '.'}{listed}"
+
+
+def _no_launcher(name: str, extra: str) -> str:
+    return f"{_LAUNCHERS}={name} needs the extra '{extra}': pip install 'hlp[{extra}]'"
 
 
 def _keys_of_choices() -> list[str]:
