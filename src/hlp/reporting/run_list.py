@@ -1,20 +1,24 @@
 """A line for every run and sweep in a folder of outputs."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from hlp.errors import DataError, MissingFileError
 from hlp.files import MANIFEST, SUMMARY, SWEEP, read_json
-from hlp.reporting.tables.table import LAYOUTS, Table, check_layout, format_interval, format_share
+from hlp.reporting.results import read_results
+from hlp.reporting.sweep_arms import sweep_of
+from hlp.reporting.tables.table import LAYOUTS, TERMINAL, Table, check_layout, format_share
 from hlp.results.summary_file import read_summary
 
-_HEADER = ["folder", "state", "targets", "ADD(-S)", "95 %", "ms"]
-_LONGEST = 28  # characters of a folder
-_SWEEP_STATES = {"FINISHED": "sweep", "STOPPED": "sweep, stopped", "RUNNING": "sweep, begun"}
+_HEADER = ["folder", "state", "targets", "ADD(-S)", "95 %", "5cm5deg", "ms"]
+_SWEEP_STATES = {"FINISHED": "arms", "STOPPED": "stopped", "RUNNING": "begun"}
 _HYDRA = ".hydra"  # Hydra writes it before anything else
+_UNKNOWN = [""] * (len(_HEADER) - 2)
 
 
 def describe_outputs(folder: Path, layout: str) -> str:
-    """The table of `run_list`, with the folder's name.
+    """The table of `run_list`, with the folder's name; names are cut to fit a terminal.
 
     `layout` is `text` or `markdown`. Raises MissingFileError where there is no run.
     """
@@ -22,7 +26,16 @@ def describe_outputs(folder: Path, layout: str) -> str:
     table = run_list(folder)
     if not table.rows:
         raise MissingFileError(f"no run in or below {folder}: `hlp run` makes one")
-    return f"{LAYOUTS[layout](table)}\n\n{len(table.rows)} runs below {folder}"
+    shown = _narrow(table) if layout == "text" else table
+    note = "The figures of a sweep are those of its best arm. " if any(folder.rglob(SWEEP)) else ""
+    return f"{LAYOUTS[layout](shown)}\n\n{note}{len(table.rows)} runs below {folder}"
+
+
+def _narrow(table: Table) -> Table:
+    """The table with the beginnings of long names cut, since their ends tell runs apart."""
+    backwards = [[row[0][::-1], *row[1:]] for row in table.rows]
+    cut = Table(table.header, backwards).fitted(0, width=TERMINAL).rows
+    return Table(table.header, [[row[0][::-1], *row[1:]] for row in cut])
 
 
 def run_list(folder: Path) -> Table:
@@ -40,16 +53,35 @@ def _age(folder: Path) -> float:
 
 def _row(run: Path, root: Path) -> list[str]:
     name = str(run.relative_to(root))
-    shown = name if len(name) <= _LONGEST else f"…{name[-_LONGEST + 1 :]}"
     try:
         if (run / SWEEP).is_file():
-            return [shown, _SWEEP_STATES.get(read_json(run / SWEEP)["status"], "broken"), *[""] * 4]
+            return [name, *_sweep_cells(run)]
+        finished = (run / MANIFEST).is_file()
         if not (run / SUMMARY).is_file():
-            return [shown, "study" if (run / MANIFEST).is_file() else "not finished", *[""] * 4]
-        summary = read_summary(run / SUMMARY)
-        add, time = summary["metrics"]["add"], summary["timing_ms"]["total"]["median"]
-        state = "finished" if (run / MANIFEST).is_file() else "not finished"
-        recall, ends = format_share(add["recall"]), format_interval(add["ci95"])
-        return [shown, state, str(summary["targets"]), recall, ends, f"{time:.0f}"]
+            return [name, "study" if finished else "unfinished", *_UNKNOWN]
+        figures = _figures(read_summary(run / SUMMARY))
+        return [name, "finished" if finished else "unfinished", *figures]
     except (DataError, KeyError, TypeError, ValueError):
-        return [shown, "broken", *[""] * 4]
+        return [name, "broken", *_UNKNOWN]
+
+
+def _sweep_cells(folder: Path) -> list[str]:
+    """How many of the arms that have begun are finished, and the best arm's figures."""
+    state = _SWEEP_STATES[read_json(folder / SWEEP)["status"]]
+    arms = [path for path in folder.iterdir() if path.is_dir() and path.name.isdigit()]
+    finished = sum((arm / MANIFEST).is_file() for arm in arms)
+    best = sweep_of(read_results(folder)).best
+    figures = _UNKNOWN if best is None or best.result is None else _figures(best.result.summary)
+    return [f"{finished}/{len(arms)} {state}", *figures]
+
+
+def _figures(summary: Mapping[str, Any]) -> list[str]:
+    metrics, time = summary["metrics"], summary["timing_ms"]["total"]["median"]
+    low, high = metrics["add"]["ci95"]
+    return [
+        str(summary["targets"]),
+        format_share(metrics["add"]["recall"]),
+        f"{low:.2f}-{high:.2f}",  # two decimals leave room for the folder
+        format_share(metrics["5cm5deg"]["recall"]),
+        f"{time:.0f}",
+    ]
