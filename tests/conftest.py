@@ -4,6 +4,7 @@ import os
 
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # before torch is imported anywhere
 
+import io
 import json
 import logging
 import subprocess
@@ -69,6 +70,19 @@ def tiny_run(tmp_path_factory: pytest.TempPathFactory) -> TinyRun:
     out, err, made_in = json.loads((folder / "said.json").read_text())
     process = subprocess.CompletedProcess([], 0, out, err)
     return TinyRun(folder, folder / "first", TINY, process, Path(made_in))
+
+
+class _Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def terminal(monkeypatch: pytest.MonkeyPatch) -> io.StringIO:
+    """Standard error as a terminal: what is drawn there."""
+    stream = _Terminal()
+    monkeypatch.setattr(sys, "stderr", stream)
+    return stream
 
 
 @pytest.fixture(scope="session")

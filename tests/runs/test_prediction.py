@@ -1,5 +1,6 @@
 """`predict` around a detector that stands in for the real one: what is said, and when."""
 
+import io
 import json
 import logging
 import os
@@ -57,6 +58,21 @@ def frames(folder: Path, broken: tuple[int, ...], count: int = 3) -> OwnFrames:
     rgb, depth = str(folder / "rgb"), str(folder / "depth")
     camera = [30.0, 30.0, 15.5, 11.5]
     return OwnFrames(FrameFiles(rgb=rgb, depth=depth, intrinsics=camera, depth_scale=1.0))
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_several_frames_are_counted_on_a_terminal_between_the_answers(
+    count: int,
+    detector: Any,
+    tmp_path: Path,
+    terminal: io.StringIO,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    predict(detector, frames(tmp_path, (), count), tmp_path / "out", PredictionOptions())
+    said = terminal.getvalue()
+    assert bool(said) == (count > 1)
+    assert count == 1 or ("poses: 100%" in said and "3/3" in said and "frame/s" in said)
+    assert capsys.readouterr().out.count("\n") == 1 + count
 
 
 def test_a_broken_first_frame_keeps_neither_the_header_nor_the_checks_from_the_others(

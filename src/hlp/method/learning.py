@@ -28,7 +28,7 @@ from hlp.method.learnt_folder import (
 )
 from hlp.method.mesh_models import check_told_apart
 from hlp.method.model_files import write_model
-from hlp.method.pose_estimator import PoseEstimator
+from hlp.method.progress import CountingEstimator, counting_objects
 from hlp.method.score_calibration import calibrate_score
 from hlp.method.settings import MethodSettings, settings_to_json
 from hlp.method.training_files import StartingWeights, read_weights
@@ -66,7 +66,8 @@ def learn(
                 train_classifier(models, views_of, backgrounds, settings, partial / CLASSIFIER)
         with once(partial / ENCODER) as missing:
             if missing:
-                train_encoder(models, views_of, backgrounds, settings, partial / ENCODER)
+                counted = counting_objects(views_of, "pairs cut", len(models))
+                train_encoder(models, counted, backgrounds, settings, partial / ENCODER)
         _write_objects(models, views_of, partial, settings)
         _calibrate_scores(models, backgrounds, partial, record)
         finish(partial, record)
@@ -160,13 +161,13 @@ def _calibrate_scores(
 ) -> None:
     settings = record.settings
     frames = backgrounds.load_background_frames()
-    estimator = PoseEstimator(LearntFolder(partial, record=record), settings, tuple(models))
+    estimator = CountingEstimator(LearntFolder(partial, record=record), settings, tuple(models))
     for object_id, model in models.items():
         with once(partial / OBJECTS / model.name, SCORED) as missing:
             if missing:
-                score = calibrate_score(
-                    estimator, object_id, frames, settings.score.scenes, settings.seed
-                )
+                scenes = settings.score.scenes
+                with estimator.counting(model.name, scenes):
+                    score = calibrate_score(estimator, object_id, frames, scenes, settings.seed)
                 save_score_model(partial / OBJECTS / model.name, score)
 
 

@@ -12,6 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Bool
+from tqdm import tqdm
 
 from hlp.data.dataset import Dataset
 from hlp.data.sources import FrameSource, annotated_mask
@@ -109,7 +110,8 @@ def explain_misses(
     coarse, fine = detection.hypotheses().folder, detection.poses().folder
     targets = [each for frame in notes for each in frame.targets]
     explained = []
-    for score, (target, counts) in zip(scores, targets, strict=True):
+    pairs = list(zip(scores, targets, strict=True))
+    for score, (target, counts) in tqdm(pairs, "causes of misses", unit="target", disable=None):
         if not score.add_correct:
             key = frame_key(score.scene_id, score.frame_id)
             model = detection.dataset.models[target.object_id]

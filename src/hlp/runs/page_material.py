@@ -47,8 +47,8 @@ def keep_material(
         usable = [each for each in scores if _key(each) not in detection.failed]
         chosen = choose_targets(usable) if run.settings.panels > 0 else []
         keyed = {key: score for (key, _), score in zip(_keyed(usable), usable, strict=True)}
-        groups = tqdm(_by_frame(chosen), "pictures of misses", unit="frame", disable=None)
-        targets = [each for group in groups for each in _draw(detection, group, estimates, keyed)]
+        frames = tqdm(_by_frame(chosen), desc="pictures of targets", unit="frame", disable=None)
+        targets = [each for group in frames for each in _draw(detection, group, estimates, keyed)]
         models = detection.dataset.models
         asked = {score.object_id for score in scores}
         objects = {models[i].name: _object(models[i]) for i in sorted(asked)}

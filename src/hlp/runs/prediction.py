@@ -11,6 +11,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge, Interval
 from jaxtyping import Bool
+from tqdm import tqdm
 
 import hlp
 from hlp.data.own_frames import OwnFrames
@@ -75,13 +76,13 @@ def predict(
         left = [key for key in frames.keys if parse_frame_key(key) not in file.answered]
         if file.answered:
             _logger.info("%d of %d frames are answered already", len(file.answered), len(frames))
-        for key, frame, mask, error in _decoded(frames, left, masks):
+        for key, frame, mask, error in _counted(_decoded(frames, left, masks), len(left)):
             problem = error
             if frame is not None:
                 try:
                     found = search(frame, mask)
                     if answered == 0:  # after what decoding and loading had to say
-                        print(answers.HEADER)
+                        _say(answers.HEADER)
                     _write(file, detector, frames, frame, found)
                     answered += 1
                     if key in drawn:
@@ -91,12 +92,14 @@ def predict(
                 except HlpError as wrong:
                     problem = wrong
                 else:  # what goes wrong in there is no fault of the frame, which has its answers
-                    watch.add(frame, found)
+                    with tqdm.external_write_mode():
+                        watch.add(frame, found)
             if problem is not None:
                 if len(frames) == 1:
                     raise problem
                 failed += 1
-                _logger.warning("%s", problem)
+                with tqdm.external_write_mode():
+                    _logger.warning("%s", problem)
                 file.add(_failure(frames, key, problem), None)
         watch.end()
     if failed == len(frames):
@@ -174,6 +177,18 @@ def _decoded(
             yield future.result()
 
 
+def _counted(decoded: Iterator[Decoded], frames: int) -> Iterator[Decoded]:
+    """The same, counted on a line of the terminal if there are several."""
+    hidden = None if frames > 1 else True
+    yield from tqdm(decoded, "poses", frames, unit="frame", disable=hidden)
+
+
+def _say(line: str) -> None:
+    """Print a line of the results above the line that counts frames."""
+    with tqdm.external_write_mode():
+        print(line, flush=True)
+
+
 def _write(
     file: AnswersFile, detector: Detector, frames: OwnFrames, frame: Frame, found: _Found
 ) -> None:
@@ -193,7 +208,7 @@ def _write(
         )
         values = _values(str(image.color), frame, model, True, seconds) | _described(each)
         file.add(values, estimate)
-        print(answers.pose_line(image.name, each.object, each.score, each.pose_cam_obj), flush=True)
+        _say(answers.pose_line(image.name, each.object, each.score, each.pose_cam_obj))
     named = {each.object for each in found.detections}
     for rejection in found.rejections:
         if rejection.object in named:  # one more instance that was looked for in vain
@@ -202,7 +217,7 @@ def _write(
         values = _values(str(image.color), frame, model, False, seconds)
         best = {"score": 0.0} if rejection.answer is None else _described(rejection.answer)
         file.add(values | best | {"reason": rejection.reason}, None)
-        print(answers.missing_line(image.name, rejection.object, rejection.reason), flush=True)
+        _say(answers.missing_line(image.name, rejection.object, rejection.reason))
         named.add(rejection.object)
 
 

@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from tqdm import tqdm
+
 from hlp.config.build import Run
 from hlp.evaluation.evaluator import score_targets
 from hlp.evaluation.false_alarms import count_false_alarms
@@ -129,7 +131,11 @@ def _score(
     saved = read_poses(output / POSES)
     truths = [each.truth for each in notes]
     scores = score_targets(
-        truths, dataset.models, saved, settings.evaluation, dataset.evaluation_meshes
+        tqdm(truths, desc="scoring", unit="frame", disable=None),
+        dataset.models,
+        saved,
+        settings.evaluation,
+        dataset.evaluation_meshes,
     )
     scores = explain_misses(detection, notes, scores, settings.evaluation)
     scores = with_failed_frames(run, detection.failed, scores)

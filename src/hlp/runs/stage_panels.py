@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, UInt8
+from tqdm import tqdm
 
 from hlp.config.build import Run, evenly
 from hlp.records import Frame, PoseEstimate, Target, TargetScore, frame_key
@@ -113,7 +114,8 @@ def draw_frames(
     folder = output / PANELS
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for number, key in enumerate(evenly(run.keys, run.settings.panels)):
+        keys = evenly(run.keys, run.settings.panels)
+        for number, key in enumerate(tqdm(keys, desc="pictures", unit="frame", disable=None)):
             if key not in detection.failed:
                 _draw_frame(detection, key, number, estimates, scores, folder)
     except Exception:

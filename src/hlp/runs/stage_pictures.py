@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
+from tqdm import tqdm
+
 from hlp.config.build import Run, evenly
 from hlp.models.encoders import FeatureDecoder
 from hlp.records import PoseEstimate, Target, TargetScore, frame_key
@@ -51,7 +53,7 @@ def draw_stages(
     if run.settings.panels == 0:
         return
     pictures = _Pictures(run, detection, estimates, scores, folder)
-    for draw in (
+    draws = (
         pictures.remove_old,
         pictures.draw_viewpoints,
         pictures.draw_views,
@@ -60,7 +62,8 @@ def draw_stages(
         pictures.draw_reconstructions,
         pictures.draw_swarms,
         pictures.draw_swarms_of_missed,
-    ):
+    )
+    for draw in tqdm(draws, desc="pictures of stages", unit="picture", disable=None):
         try:
             draw()
         except Exception:

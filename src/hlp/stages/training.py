@@ -11,7 +11,7 @@ from typing import Any
 from hlp.codebook.entries import load_codebook, save_codebook
 from hlp.data.dataset import Dataset, frames_identity
 from hlp.method.networks import load_classifier
-from hlp.method.pose_estimator import PoseEstimator
+from hlp.method.progress import CountingEstimator, counting_objects
 from hlp.method.score_calibration import calibrate_score
 from hlp.method.settings import MethodSettings
 from hlp.method.training_files import StartingWeights, read_weights
@@ -132,9 +132,8 @@ class TrainingStages:
         def make(folder: Path) -> None:
             from hlp.method.classifier_training import train_classifier
 
-            train_classifier(
-                self.models, self.load_views, self.dataset, self.settings, folder, start
-            )
+            views_of = counting_objects(self.load_views, "windows cut", len(self.models))
+            train_classifier(self.models, views_of, self.dataset, self.settings, folder, start)
 
         return self._stage("classifier", 0, settings, upstream, make)
 
@@ -179,7 +178,8 @@ class TrainingStages:
         def make(folder: Path) -> None:
             from hlp.method.encoder_training import train_encoder
 
-            train_encoder(self.models, self.load_views, self.dataset, self.settings, folder)
+            views_of = counting_objects(self.load_views, "pairs cut", len(self.models))
+            train_encoder(self.models, views_of, self.dataset, self.settings, folder)
 
         return self._stage("encoder", 0, settings, upstream, make)
 
@@ -237,10 +237,11 @@ class TrainingStages:
         }
 
         def make(folder: Path) -> None:
-            estimator = PoseEstimator(self, given, (object_id,))
+            estimator = CountingEstimator(self, given, (object_id,))
             frames = self.dataset.load_background_frames()
             scenes, seed = given.score.scenes, given.seed
-            made = calibrate_score(estimator, object_id, frames, scenes, seed)
+            with estimator.counting(model.name, scenes):
+                made = calibrate_score(estimator, object_id, frames, scenes, seed)
             save_score_model(folder, made)
 
         return self._stage("score", object_id, settings, upstream, make)
