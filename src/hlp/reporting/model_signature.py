@@ -44,12 +44,12 @@ def model_signature(given: ModelInput) -> "ModelSignature":
     from mlflow.types import ColSpec, DataType, ParamSchema, ParamSpec, Schema, TensorSpec
     from mlflow.types.schema import Array
 
-    images = [
+    images: list[ColSpec | TensorSpec] = [
         TensorSpec(np.dtype(np.uint8), (-1, -1, -1, 3), "rgb"),
         TensorSpec(np.dtype(np.float32), (-1, -1, -1), "depth"),
         TensorSpec(np.dtype(np.float64), (-1, 3, 3), "camera_matrix"),
     ]
-    poses = [
+    poses: list[ColSpec | TensorSpec] = [
         ColSpec(DataType.long, "image"),
         ColSpec(DataType.string, "object"),
         ColSpec(DataType.double, "score"),
