@@ -4,7 +4,7 @@ import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import pytest
 from shown_runs import ShownRuns
@@ -24,16 +24,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 @pytest.fixture
 def browser() -> Iterator["Chrome"]:
     pytest.importorskip("selenium", reason="selenium is not installed (extra 'dev')")
+    from selenium.common.exceptions import WebDriverException
     from selenium.webdriver import Chrome, ChromeOptions
     from selenium.webdriver.chrome.service import Service
 
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
     driver = shutil.which("chromedriver")
     if chromium is None or driver is None:
-        missing = "no Chromium with its driver here (Debian: chromium and chromium-driver)"
-        if os.environ.get("HLP_BROWSER") == "required":
-            pytest.fail(missing)
-        pytest.skip(missing)
+        _lacking("no Chromium with its driver here (Debian: chromium and chromium-driver)")
     options = ChromeOptions()
     options.binary_location = chromium
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
@@ -41,12 +39,22 @@ def browser() -> Iterator["Chrome"]:
         options.add_argument(each)
     if hasattr(os, "geteuid") and os.geteuid() == 0:
         options.add_argument("--no-sandbox")  # Chromium refuses to start as root with it
-    started = Chrome(options, Service(driver))
+    try:
+        started = Chrome(options, Service(driver))
+    except WebDriverException as error:
+        _lacking(f"{chromium} does not start: {error.msg}")
     started.set_page_load_timeout(120)
     try:
         yield started
     finally:
         started.quit()
+
+
+def _lacking(what: str) -> NoReturn:
+    """Skip what needs a browser, or fail where one is demanded (`make test-slow`)."""
+    if os.environ.get("HLP_BROWSER") == "required":
+        pytest.fail(what)
+    pytest.skip(what)
 
 
 @pytest.fixture(scope="session")
