@@ -14,6 +14,7 @@ from hlp.commands import (
     download,
     learn,
     live,
+    notebooks,
     objects,
     predict,
     report,
@@ -73,7 +74,7 @@ class _Command:
 
 
 def _usage() -> str:
-    lines = [f"  {name:<8} {command.summary}" for name, command in COMMANDS.items()]
+    lines = [f"  {name:<9} {command.summary}" for name, command in COMMANDS.items()]
     return "\n".join(
         [
             "usage: hlp COMMAND [overrides]",
@@ -120,5 +121,6 @@ COMMANDS = {
     "bench": _Command(bench.command, "time and memory of every stage on this machine"),
     "search": _Command(search.command, "search for the best settings within a time limit"),
     "download": _Command(download.command, "public data sets in a form that HLP reads"),
+    "notebooks": _Command(notebooks.command, "copy the notebooks that teach into a folder", _never),
     "clean": _Command(clean.command, "outputs of stages that may go, and their sizes", _never),
 }
