@@ -9,18 +9,17 @@ import numpy as np
 from nbclient import NotebookClient
 from nbformat import NotebookNode
 
-NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
 
-
-def execute(path: Path, parameters: str, folder: Path) -> NotebookNode:
-    """Run a notebook with other values in its parameters cell."""
+def execute(path: Path, parameters: str) -> NotebookNode:
+    """Run a notebook in its folder, with other values in its parameters cell."""
     notebook = nbformat.read(path, as_version=4)
     (cell,) = [each for each in notebook.cells if "parameters" in each.metadata.get("tags", [])]
     assert {line.split(" = ")[0] for line in cell.source.splitlines()} == {
         line.split(" = ")[0] for line in parameters.splitlines()
     }
     cell.source = parameters
-    client = NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(folder)}})
+    resources = {"metadata": {"path": str(path.parent)}}
+    client = NotebookClient(notebook, timeout=600, resources=resources)
     return client.execute()
 
 

@@ -1,170 +1,169 @@
 """The wheel, installed without the checkout, used from an empty folder by someone with no home."""
 
-import os
-import subprocess
+import json
+import re
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+import yaml
 
 from hlp.files import read_json
+from made_once import made_once
+from notebook_runs import execute, pictures, printed
+from table_text import unpadded
+from tiny_method import TINY as TINY_METHOD
 from tiny_run import TINY
+from wheel_folder import CHECKOUT, WheelFolder, as_nobody, install_wheel, nested
 
 pytestmark = pytest.mark.slow
 
-CHECKOUT = Path(__file__).parents[2]
 OUT = "outputs/mine"
 
 
-@dataclass(frozen=True)
-class Installed:
-    """A folder that pip installed the wheel into, and an empty one to work in."""
-
-    package: Path
-    place: Path
-
-    def hlp(self, *arguments: str, **variables: str) -> "subprocess.CompletedProcess[str]":
-        command = [sys.executable, str(self.package / "bin" / "hlp"), *arguments]
-        environment = {**os.environ, "PYTHONPATH": str(self.package), **variables}
-        environment |= {"PYTHONDONTWRITEBYTECODE": "1", "OMP_NUM_THREADS": "1"}
-        return subprocess.run(
-            command, cwd=self.place, env=environment, capture_output=True, text=True, check=False
-        )
-
-    def files(self) -> set[Path]:
-        return {path for path in self.package.rglob("*") if path.is_file()}
-
-
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> Installed:
-    pytest.importorskip("hatchling", reason="the wheel is built with hatchling (extra: dev)")
-    folder = tmp_path_factory.mktemp("wheel")
-    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
-    offline = ["--no-deps", "--no-index"]
-    build = [*pip, "wheel", *offline, "--no-build-isolation", "-w", str(folder), str(CHECKOUT)]
-    subprocess.run(build, check=True, cwd=folder)
-    (wheel,) = folder.glob("hlp-*.whl")
-    package, place = folder / "installed", folder / "place"
-    install = [*pip, "install", *offline, "--no-compile", "--target", str(package), str(wheel)]
-    subprocess.run(install, check=True, cwd=folder)
-    place.mkdir()
-    return Installed(package, place)
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> WheelFolder:
+    """The installed wheel, and a run of the user's own experiment in the empty folder."""
+    return WheelFolder(made_once(tmp_path_factory, "wheel", _install_and_run))
 
 
-def test_it_holds_the_configuration_and_nothing_of_the_checkout_but_the_package(
-    installed: Installed,
+def _install_and_run(folder: Path) -> None:
+    wheel = install_wheel(folder)
+    _write_experiment(wheel.place / "my_conf" / "experiment" / "mine.yaml")
+    own = ("--config-dir", "my_conf", "experiment=mine", f"output={OUT}", "machine.threads=1")
+    ran = wheel.hlp("run", *own)
+    copied = wheel.hlp("notebooks")
+    said = {"run": (ran.returncode, ran.stderr), "notebooks": (copied.returncode, copied.stderr)}
+    (folder / "said.json").write_text(json.dumps(said))
+
+
+def _write_experiment(path: Path) -> None:
+    path.parent.mkdir(parents=True)
+    pairs = [each.split("=") for each in TINY]
+    chosen = [{f"override /{key}": value} for key, value in pairs if key == "encoder"]
+    values = {key: yaml.safe_load(value) for key, value in pairs if key != "encoder"}
+    content = {"defaults": [*chosen, "_self_"], "name": "mine", **nested(values)}
+    path.write_text("# @package _global_\n" + yaml.safe_dump(content, sort_keys=False))
+
+
+def test_it_holds_configuration_and_notebooks_and_nothing_else_of_the_checkout(
+    wheel: WheelFolder,
 ) -> None:
-    inside = {path.name for path in installed.package.iterdir()}
+    inside = {path.name for path in wheel.package.iterdir()}
     assert {each for each in inside if not each.endswith(".dist-info")} == {"hlp", "bin"}
-    shipped = {path.relative_to(installed.package / "hlp" / "conf")
-               for path in (installed.package / "hlp" / "conf").rglob("*.yaml")}  # fmt: skip
-    assert shipped == {path.relative_to(CHECKOUT / "conf")
-                       for path in (CHECKOUT / "conf").rglob("*.yaml")}  # fmt: skip
-    where = "import hlp; print(hlp.__file__)"
-    done = subprocess.run(
-        [sys.executable, "-c", where],
-        cwd=installed.place,
-        env={**os.environ, "PYTHONPATH": str(installed.package)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert Path(done.stdout.strip()).is_relative_to(installed.package)
+    for folder, files in (("conf", "*.yaml"), ("notebooks", "*.ipynb")):
+        shipped, ours = wheel.package / "hlp" / folder, CHECKOUT / folder
+        assert {path.relative_to(shipped) for path in shipped.rglob(files)} == {
+            path.relative_to(ours) for path in ours.rglob(files)
+        }
+    done = wheel.call(sys.executable, "-c", "import hlp; print(hlp.__file__)")
+    assert Path(done.stdout.strip()).is_relative_to(wheel.package)
 
 
-def test_help_and_configuration(installed: Installed) -> None:
-    helped = installed.hlp("--help")
+def test_help_and_configuration(wheel: WheelFolder) -> None:
+    helped = wheel.hlp("--help")
     assert helped.returncode == 0, helped.stderr
     assert "usage: hlp COMMAND" in helped.stdout
-    shown = installed.hlp("run", "--cfg", "job")
+    shown = wheel.hlp("run", "--cfg", "job")
     assert shown.returncode == 0, shown.stderr
     assert "\nrefinement:\n" in shown.stdout
 
 
-@pytest.fixture(scope="module")
-def own_run(installed: Installed) -> "subprocess.CompletedProcess[str]":
-    """A run of the user's own experiment, where neither home nor package can be written."""
-    own = installed.place / "my_conf" / "experiment" / "mine.yaml"
-    own.parent.mkdir(parents=True)
-    groups = [each.split("=") for each in TINY if each.startswith("encoder=")]
-    values = [each.split("=") for each in TINY if not each.startswith("encoder=")]
-    lines = ["# @package _global_", "defaults:"]
-    lines += [f"  - override /{group}: {choice}" for group, choice in groups]
-    lines += ["  - _self_", "name: mine"]
-    own.write_text("\n".join([*lines, _nested(values)]) + "\n")
-    temporary = installed.place.parent / "temporary"
-    temporary.mkdir()
-    nowhere = {"HOME": "/proc/nowhere", "XDG_CACHE_HOME": "/proc/nowhere/cache"}
-    return installed.hlp(
-        "run",
-        *("--config-dir", "my_conf", "experiment=mine", f"output={OUT}", "machine.threads=1"),
-        **nowhere,
-        TMPDIR=str(temporary),
-    )
-
-
-def _nested(values: list[list[str]]) -> str:
-    """Dotted keys as YAML. Keys that share a beginning are merged."""
-    import yaml
-
-    tree: dict[str, object] = {}
-    for key, value in values:
-        *parents, last = key.split(".")
-        branch = tree
-        for parent in parents:
-            branch = branch.setdefault(parent, {})  # type: ignore[assignment]
-        branch[last] = yaml.safe_load(value)
-    return yaml.safe_dump(tree)
-
-
-def test_a_users_own_experiment_runs_without_a_home(
-    installed: Installed, own_run: "subprocess.CompletedProcess[str]"
-) -> None:
-    assert own_run.returncode == 0, own_run.stderr
-    out = installed.place / OUT
+def test_a_users_own_experiment_runs_without_a_home(wheel: WheelFolder) -> None:
+    code, said = read_json(wheel.folder / "said.json")["run"]
+    assert code == 0, said
+    out = wheel.place / OUT
     assert read_json(out / "manifest.json")["config"]["name"] == "mine"
     assert read_json(out / "summary.json")["targets"] > 0
     assert "<html" in (out / "report.html").read_text()
-    assert {path.name for path in installed.place.iterdir()} <= {"my_conf", "outputs", "work"}
+    made = {path.name for path in wheel.place.iterdir()}
+    assert made <= {"my_conf", "outputs", "work", "notebooks"}
 
 
-def test_nothing_is_written_into_the_package(
-    installed: Installed, own_run: "subprocess.CompletedProcess[str]"
-) -> None:
-    record = next(installed.package.glob("hlp-*.dist-info")) / "RECORD"
+def test_nothing_is_written_into_the_package(wheel: WheelFolder) -> None:
+    record = next(wheel.package.glob("hlp-*.dist-info")) / "RECORD"
     listed = {line.split(",")[0].removeprefix("../../") for line in record.read_text().split("\n")}
-    present = {str(path.relative_to(installed.package)) for path in installed.files()}
-    assert present <= listed
+    assert {str(path.relative_to(wheel.package)) for path in wheel.files()} <= listed
 
 
-def test_the_run_is_listed_and_reported_again(
-    installed: Installed, own_run: "subprocess.CompletedProcess[str]"
-) -> None:
-    listed = installed.hlp("runs")
+@pytest.mark.skipif(not as_nobody(), reason="no name spaces of users on this machine")
+def test_its_user_has_no_name_and_cannot_write_into_the_package(wheel: WheelFolder) -> None:
+    """What the other tests rely on."""
+    asked = wheel.call(sys.executable, "-c", "import getpass; getpass.getuser()")
+    assert "uid not found: 54321" in asked.stderr
+    refused = wheel.call("touch", str(wheel.package / "hlp" / "__pycache__"))
+    assert "denied" in refused.stderr.lower()
+
+
+def test_the_run_is_listed_and_reported_again(wheel: WheelFolder) -> None:
+    listed = wheel.hlp("runs")
     assert listed.returncode == 0, listed.stderr
     assert "mine" in listed.stdout
-    (installed.place / OUT / "report.html").unlink()
-    again = installed.hlp("report", f"output={OUT}")
+    (wheel.place / OUT / "report.html").unlink()
+    again = wheel.hlp("report", f"output={OUT}")
     assert again.returncode == 0, again.stderr
-    assert (installed.place / OUT / "report.html").is_file()
+    assert (wheel.place / OUT / "report.html").is_file()
 
 
-def test_notebooks_run_without_the_checkout(
-    installed: Installed,
-    own_run: "subprocess.CompletedProcess[str]",
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """In the folder of the user's own run, whose stages and results they find."""
-    pytest.importorskip("nbclient", reason="notebooks need the extra 'notebooks'")
-    from notebook_runs import NOTEBOOKS, execute, pictures, printed
-
-    monkeypatch.setenv("PYTHONPATH", str(installed.package))
+@pytest.fixture
+def notebooks(wheel: WheelFolder, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of the user's copies, beside the work and the outputs of the run."""
+    code, said = read_json(wheel.folder / "said.json")["notebooks"]
+    assert code == 0, said
+    monkeypatch.setenv("PYTHONPATH", str(wheel.package))
     monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
     monkeypatch.delenv("MPLBACKEND", raising=False)  # the kernel draws into the notebook
+    return wheel.place / "notebooks"
+
+
+def test_the_method_is_shown_stage_by_stage(notebooks: Path) -> None:
     overrides = [each for each in TINY if not each.startswith("panels")]
-    first = f"OVERRIDES = {overrides}\nWORK = 'work'\nFRAME = 0"
-    assert len(pictures(execute(NOTEBOOKS / "01_method.ipynb", first, installed.place))) == 7
-    second = "OUTPUTS = 'outputs'\nDATABASE = 'work/mlflow.db'\nEXPERIMENT = 'mine'"
-    told = printed(execute(NOTEBOOKS / "02_runs.ipynb", second, installed.place))
-    assert "FINISHED" in told and "mine" in told
+    parameters = f"OVERRIDES = {overrides}\nWORK = '../work'\nFRAME = 0"
+    before = set((notebooks.parent / "work").glob("*/*"))
+    done = execute(notebooks / "01_method.ipynb", parameters)
+    shown = pictures(done)
+    assert len(shown) == 7  # frame, views, region, patches, distances, votes, panels
+    assert all(picture.std() > 10 for picture in shown)
+    text = printed(done)
+    assert re.search(r"hypothesis \d+: coarse cost ", text)
+    assert "fine   cost " in text
+    assert set((notebooks.parent / "work").glob("*/*")) == before  # it found what was learnt
+
+
+def test_runs_are_read_from_outputs_and_mlflow(notebooks: Path) -> None:
+    parameters = "OUTPUTS = '../outputs'\nDATABASE = '../work/mlflow.db'\nEXPERIMENT = 'mine'"
+    done = execute(notebooks / "02_runs.ipynb", parameters)
+    text = unpadded(printed(done))
+    assert "| mine |" in text
+    assert "| all targets |" in text
+    assert "| add |" in text
+    assert "FINISHED" in text
+    assert len(pictures(done)) == 5  # recalls, misses, calibration, all poses of a frame, panels
+
+
+def test_an_own_object_is_learnt_loaded_found_and_drawn(notebooks: Path) -> None:
+    parameters = f"OVERRIDES = {[*TINY_METHOD, 'machine.threads=1']}\nFOLDER = 'own'"
+    done = execute(notebooks / "03_own_object.ipynb", parameters)
+    text = printed(done)
+    assert "bear: score " in text
+    assert "bear: " in text.partition("ADD-S")[2]  # the reason of the rejection, after the answer
+    errors = re.findall(r"ADD-S ([\d.]+) mm of ([\d.]+) mm", text)
+    assert errors and float(errors[0][0]) < float(errors[0][1])
+    assert len(pictures(done)) == 2  # the frame, the answer
+    assert {path.name for path in (notebooks / "own").iterdir()} >= {"bear.ply", "learnt"}
+
+
+def test_ablations_sweep_and_show_tables_and_figures(notebooks: Path) -> None:
+    parameters = (
+        "FIGURE = ['experiment=fig9b', 'refinement.particles=5,25']\n"
+        "OWN = ['refinement=pso,none']\n"
+        f"COMMON = {[*TINY, 'machine.threads=2']}\n"
+        "WORK = '../work'\nOUTPUTS = 'ablations'"
+    )
+    done = execute(notebooks / "04_ablations.ipynb", parameters)
+    text = unpadded(printed(done))
+    assert "hlp -m experiment=fig9b" in text
+    assert "fig9b.svg" in text and "report.html" in text
+    assert "2 of 2 arms finished" in text
+    assert "| refinement |" in text
+    assert len(pictures(done)) == 2
