@@ -10,6 +10,7 @@ from multiprocessing.context import ForkServerContext
 from pathlib import Path
 
 _PRELOADED = ["mlflow", "pytorch_lightning", "onnx", "trimesh", "matplotlib.pyplot"]
+_PRELOADED += ["mlflow.store.tracking.sqlalchemy_store"]  # takes a second, in each process
 _PRELOADED += ["hlp.cli", "hlp.runs.runner", "hlp.studies.sweep", "hlp.method.detector"]
 
 

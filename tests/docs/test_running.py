@@ -1,13 +1,14 @@
-"""Every `hlp` command of README and the pages runs as it is written, in one folder, made small.
+"""Every `hlp` command of README and the pages runs as it is written, in a reader's folder, small.
 
 The folder holds what the commands name: meshes, frames, finished runs, a data set. Settings that
 make learning tiny are appended. What cannot run is listed with the reason; test_commands.py
-composes it, as all others.
+composes it, as all others. Commands that use each other's output are one group, with one folder.
 """
 
 import json
 import shutil
 import sqlite3
+from collections.abc import Iterable
 from contextlib import closing
 from pathlib import Path
 
@@ -29,9 +30,7 @@ NETWORK = "gigabytes from a server; tests/data/test_public_download.py has one o
 CAMERA = "a camera of Intel's; tests/integration/test_live.py has a simulated one"
 NOT_RUN = {
     NETWORK: ["download lmo", "download voc2012 output=/data/voc"],
-    CAMERA: [
-        "live source=realsense learnt=learnt/ objects=bracket overlay=last.jpg",
-    ],
+    CAMERA: ["live source=realsense learnt=learnt/ objects=bracket overlay=last.jpg"],
     "a server of MLflow's; tests/reporting/test_unsent_runs.py has one that is away": [
         "run reporting.uri=http://mlflow.example.org:5000 reporting.experiment=brackets"
     ],
@@ -62,7 +61,6 @@ MINUTES = (
     "report experiment=",
 )
 """How commands begin that take half a minute or more each, even when they are made small."""
-
 PLACEHOLDERS = {
     "data.root=/path/to/set": "data.root=set",
     "data=/path/to/set": "data=set",
@@ -87,7 +85,11 @@ PLACEHOLDERS = {
 ORDER = ("learn", "run", "-m", "objects", "predict", "doctor", "live", "upload")
 """Commands of which others show or use what they leave; the others come last."""
 
+GROUPS = ("data sets", "demo", "own objects")
+"""Commands of different groups need nothing of each other: each group is a test of its own."""
+OWN_OBJECTS = ("learn", "objects", "predict", "doctor", "live")
 TINY_METHOD = tuple(each for each in TINY if not each.startswith(("data.", "frames", "panels")))
+OWN_DATA = ("data=", "data.root=", "data_folder=")
 ONCE = ("frames=1", "timing_frames=1", "panels=0")
 SMALLER = {
     "encoder.epochs": "1",
@@ -150,6 +152,14 @@ def written_commands() -> list[list[str]]:
     return sorted(found.values(), key=lambda words: rank.get(words[0], len(ORDER)))
 
 
+def group(words: list[str]) -> str:
+    """Which of `GROUPS` a command belongs to."""
+    if words[0] in OWN_OBJECTS:
+        return "own objects"
+    named = any(word.startswith(OWN_DATA) or "linemod_bop" in word for word in words)
+    return "data sets" if named else "demo"
+
+
 def as_run(words: list[str], folder: Path) -> list[str]:
     """The command with the folder's own names, and with what is appended."""
     given = [PLACEHOLDERS.get(word, word) for word in words]
@@ -158,7 +168,7 @@ def as_run(words: list[str], folder: Path) -> list[str]:
     also = ALSO.get(" ".join(words), []) or ALSO.get(words[0], [])
     if words[0] not in ("run", "-m", "bench", "search") or words[-1].startswith("manifest="):
         return [*given, *also]
-    own_data = any(word.startswith(("data=", "data.root=", "data_folder=")) for word in words)
+    own_data = any(word.startswith(OWN_DATA) for word in words)
     if "data.root=recordings/lm" in given:
         given += left_out(words)
     size = [] if own_data else [each for each in TINY if each.startswith("data.")]
@@ -183,7 +193,7 @@ def logged_runs(folder: Path) -> list[str]:
     return [found[0], found[-1]]
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def folder(tmp_path_factory: pytest.TempPathFactory, tiny_run: TinyRun) -> Path:
     """A reader's folder."""
     made = tmp_path_factory.mktemp("reader")
@@ -231,35 +241,48 @@ def write_frame(rgb: Path, depth: Path, frame) -> None:
     cv2.imwrite(str(depth), np.rint(frame.depth * 1000).astype(np.uint16))
 
 
-def failures(folder: Path, *, long: bool) -> dict[str, str]:
-    """The commands that do not end as they should, and what they say: the long or the short ones.
+def failures(folder: Path, written: Iterable[list[str]], limit: float) -> dict[str, str]:
+    """The commands that do not end as they should within seconds, and what they say.
 
-    A test with long ones would make CI half as long again.
+    Commands that are the same where they run, in a reader's own words, run once.
     """
     processes = ForkedProcesses(folder)
     line = json.dumps({"rgb": "rgb/0.png", "depth": "depth/0.png"}) + "\n"
-    left_out = {text for texts in NOT_RUN.values() for text in texts}
-    failed = {}
-    for words in written_commands():
+    failed, seen = {}, set()
+    for words in written:
+        given = as_run(words, folder)
+        if tuple(given) in seen:
+            continue
+        seen.add(tuple(given))
+        ended = processes.call(given, line, limit)
         text = " ".join(words)
-        if text not in left_out and text.startswith(MINUTES) == long:
-            ended = processes.call(as_run(words, folder), line, 900.0 if long else 300.0)
-            code, said = ENDS.get(text, (0, ""))
-            if ended.code != code or said not in ended.out + ended.err:
-                failed[text] = (ended.err or ended.out)[-1000:]
+        code, said = ENDS.get(text, (0, ""))
+        if ended.code != code or said not in ended.out + ended.err:
+            failed[text] = (ended.err or ended.out)[-1000:]
     return failed
+
+
+def commands_that_run(*, long: bool) -> list[list[str]]:
+    """The long or the short ones: a test with both would make CI half as long again."""
+    left_out = {text for texts in NOT_RUN.values() for text in texts}
+    found = {" ".join(words): words for words in written_commands()}
+    return [found[text] for text in found if text not in left_out
+            and text.startswith(MINUTES) == long]  # fmt: skip
 
 
 @pytest.mark.minutes
 def test_long_commands_run_as_they_are_written(folder: Path) -> None:
-    assert failures(folder, long=True) == {}
+    assert failures(folder, commands_that_run(long=True), 900.0) == {}
 
 
 @pytest.mark.slow
-def test_commands_run_as_they_are_written(folder: Path) -> None:
-    assert failures(folder, long=False) == {}
-    assert (folder / "learnt" / "learnt.json").is_file()
-    assert (folder / "look").is_dir()
+@pytest.mark.parametrize("name", GROUPS)
+def test_commands_run_as_they_are_written(folder: Path, name: str) -> None:
+    written = (words for words in commands_that_run(long=False) if group(words) == name)
+    assert failures(folder, written, 300.0) == {}
+    if name == "own objects":
+        assert (folder / "learnt" / "learnt.json").is_file()
+        assert (folder / "look").is_dir()
 
 
 def test_every_exception_stands_in_the_documentation() -> None:
