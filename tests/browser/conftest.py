@@ -21,17 +21,24 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--shown", help="folder of finished runs to show, with work/ and outputs/")
 
 
-@pytest.fixture
-def browser() -> Iterator["Chrome"]:
+@pytest.fixture(scope="session")
+def programs() -> tuple[str, str]:
+    """The browser and its driver. For the whole session, so that without them no run is made."""
     pytest.importorskip("selenium", reason="selenium is not installed (extra 'dev')")
-    from selenium.common.exceptions import WebDriverException
-    from selenium.webdriver import Chrome, ChromeOptions
-    from selenium.webdriver.chrome.service import Service
-
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
     driver = shutil.which("chromedriver")
     if chromium is None or driver is None:
         _lacking("no Chromium with its driver here (Debian: chromium and chromium-driver)")
+    return chromium, driver
+
+
+@pytest.fixture
+def browser(programs: tuple[str, str]) -> Iterator["Chrome"]:
+    from selenium.common.exceptions import WebDriverException
+    from selenium.webdriver import Chrome, ChromeOptions
+    from selenium.webdriver.chrome.service import Service
+
+    chromium, driver = programs
     options = ChromeOptions()
     options.binary_location = chromium
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
@@ -64,7 +71,7 @@ def screenshots(request: pytest.FixtureRequest) -> Path | None:
 
 
 @pytest.fixture(scope="session")
-def shown(request: pytest.FixtureRequest) -> ShownRuns:
+def shown(request: pytest.FixtureRequest, programs: tuple[str, str]) -> ShownRuns:
     """The tiny run and a sweep of it; or, for pictures, what `make screenshots` has made."""
     given = request.config.getoption("--shown", default=None)
     if given is None:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import subprocess
 from pathlib import Path
 
 import cv2
@@ -12,6 +13,7 @@ import trimesh
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.records import Frame
+from made_once import made_once
 from tiny_run import TINY, TinyRun, start_run
 
 os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")  # it is imported before HLP could say so
@@ -29,13 +31,25 @@ def scenes() -> SyntheticScenes:
 @pytest.fixture(scope="session")
 def tiny_run(tmp_path_factory: pytest.TempPathFactory, scenes: SyntheticScenes) -> TinyRun:
     """A run of two objects in two frames, which are files."""
-    folder = tmp_path_factory.mktemp("faults")
-    write_set(folder / "set", scenes)
-    settings = tuple(each for each in TINY if not each.startswith("data."))
-    overrides = ("data=bop", f"data.root={folder / 'set'}", *settings)
-    process = start_run(folder, *overrides, "output=first", threads=2)
-    assert process.returncode == 0, process.stderr
-    return TinyRun(folder, folder / "first", overrides, process, folder)
+
+    def make(folder: Path) -> None:
+        write_set(folder / "set", scenes)
+        process = start_run(folder, *overrides_in(folder), "output=first", threads=2)
+        assert process.returncode == 0, process.stderr
+        said = [process.stdout, process.stderr, str(folder)]
+        (folder / "said.json").write_text(json.dumps(said))
+
+    folder = made_once(tmp_path_factory, "faults", make)
+    out, err, made_in = json.loads((folder / "said.json").read_text())
+    process = subprocess.CompletedProcess([], 0, out, err)
+    overrides = overrides_in(Path(made_in))
+    return TinyRun(folder, folder / "first", overrides, process, Path(made_in))
+
+
+def overrides_in(folder: Path) -> tuple[str, ...]:
+    """The run's settings, with the data set in a folder."""
+    settings = (each for each in TINY if not each.startswith("data."))
+    return ("data=bop", f"data.root={folder / 'set'}", *settings)
 
 
 def write_set(root: Path, scenes: SyntheticScenes) -> None:

@@ -123,14 +123,22 @@ def test_report(tiny_run: TinyRun, tmp_path: Path) -> None:
     }
 
 
+@pytest.fixture(scope="module")
+def unsent(tiny_run: TinyRun, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a run that its server has missed."""
+    folder = tmp_path_factory.mktemp("unsent")
+    shutil.copytree(tiny_run.folder / "work", folder / "work")
+    away = "reporting.uri=http://127.0.0.1:9"
+    succeed(folder, "run", *tiny_run.overrides, "output=run", away)
+    return folder
+
+
 @pytest.mark.parametrize(
     ("place", "left"), [("run created", 1), ("artifacts sent", 1), ("run sent", 0)]
 )
-def test_upload(tiny_run: TinyRun, tmp_path: Path, place: str, left: int) -> None:
+def test_upload(unsent: Path, tmp_path: Path, place: str, left: int) -> None:
     """No run reaches the server twice, and each reaches it whole."""
-    shutil.copytree(tiny_run.folder / "work", tmp_path / "work")
-    away = "reporting.uri=http://127.0.0.1:9"
-    succeed(tmp_path, "run", *tiny_run.overrides, "output=run", away)
+    shutil.copytree(unsent / "work" / "unsent", tmp_path / "work" / "unsent")
     upload = ("upload", "uri=sqlite:///server/mlflow.db")
     (tmp_path / "server").mkdir()
     kill(tmp_path, place, *upload)
