@@ -86,7 +86,8 @@ def _usage() -> str:
             "hlp -m refinement=pso,icp                 a sweep of two refiners",
             "",
             "See `hlp COMMAND --help` for the options of a command.",
-            'Completion of commands and keys:  eval "$(hlp -sc install=bash)"  (or zsh, fish)',
+            'Completion of commands and keys:  eval "$(hlp -sc install=bash)"  (or zsh);',
+            "in fish:  hlp -sc install=fish | source",
         ]
     )
 

@@ -1,3 +1,4 @@
+import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -10,12 +11,26 @@ from hlp.commands import completion
 from hlp.commands.completion_words import configuration_words
 
 COMMANDS = ["run", "report", "runs", "predict", "doctor"]
-SHELL = """
+SHELLS = {
+    "bash": """
 eval "$(hlp -sc install=bash)"
-COMP_LINE="hlp run refinement=i"; COMP_POINT=${#COMP_LINE}; COMP_CWORD=2
+COMP_LINE="hlp run executor="; COMP_POINT=${#COMP_LINE}; COMP_CWORD=2
 hydra_bash_completion
 echo "${COMPREPLY[@]}"
-"""
+""",
+    "zsh": """
+autoload -Uz compinit && compinit -u -D
+eval "$(hlp -sc install=zsh)"
+[[ $_comps[hlp] == _hlp ]] || exit 1
+compadd() { while [[ $1 != -- ]]; do shift; done; shift; print -- $@ }
+words=(hlp run executor=); CURRENT=3
+_hlp
+""",
+    "fish": """
+hlp -sc install=fish | source
+complete -C "hlp run executor="
+""",
+}
 
 
 @pytest.mark.parametrize(
@@ -92,19 +107,48 @@ def test_keys_are_composed_again_for_another_code_or_choice_or_a_damaged_file(
     assert ask("s") == ask("s") == ["seed="] and len(asked) == 4
 
 
+@pytest.mark.parametrize("shell", ["zsh", "fish"])
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("hlp r", ["run", "report", "runs"]),
+        ("hlp doctor x", [""]),
+        ("hlp run refinement/", ["refinement/cost=", "refinement/verification="]),
+        ("hlp run hydra/launcher=", ["hydra/launcher=basic", "hydra/launcher=cores"]),
+    ],
+)
+def test_other_shells_than_bash_read_a_word_a_line(
+    shell: str,
+    line: str,
+    words: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("COMP_LINE", line)
+    monkeypatch.setattr("sys.argv", ["hlp"])
+    completion.command(["-sc", f"query={shell}"], COMMANDS)
+    assert capsys.readouterr().out.split("\n")[: len(words)] == words
+
+
 @pytest.mark.slow
-def test_bash_completes_the_alternatives_of_a_group(tmp_path: Path) -> None:
+@pytest.mark.parametrize("shell", SHELLS)
+def test_shells_complete_the_alternatives_of_a_group(shell: str, tmp_path: Path) -> None:
+    if shutil.which(shell) is None:
+        pytest.skip(f"{shell} is not installed")
     program = tmp_path / "hlp"
     main = "import sys; sys.argv[0] = 'hlp'; from hlp.cli import main; main()"
     program.write_text(f'#!/bin/sh\nexec {sys.executable} -c "{main}" "$@"\n')
     program.chmod(0o755)
     path = f"{tmp_path}:/usr/bin:/bin"
     done = subprocess.run(
-        ["bash", "-c", SHELL],
+        [shell, "-c", SHELLS[shell]],
         cwd=tmp_path,
         env={"PATH": path, "PYTHONPATH": str(Path(hlp.__file__).parents[1])},
         capture_output=True,
         text=True,
         check=True,
     )
-    assert done.stdout.strip() == "refinement=icp"
+    alternatives = ("dask", "loky", "ray", "serial", "threading")
+    assert done.stdout.split() == [f"executor={each}" for each in alternatives]

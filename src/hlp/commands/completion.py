@@ -1,8 +1,9 @@
 """`hlp -sc install=bash`: completion of commands, groups, alternatives and keys in the shell.
 
-Hydra's own scripts ask `hlp -sc query=SHELL` with what was typed so far in `COMP_LINE`. The words
-are ours: commands, their keys, groups and keys of the configuration. Hydra is asked, which takes a
-second, for its own settings and where a folder of one's own configuration is named.
+A script in the shell asks `hlp -sc query=SHELL` with what was typed so far in `COMP_LINE`; those
+for bash and fish are Hydra's. The words are ours: commands, their keys, groups and keys of the
+configuration. Hydra is asked, which takes a second, for its own settings and where a folder of
+one's own configuration is named.
 """
 
 import os
@@ -15,17 +16,45 @@ OPTIONS = ("-sc", "--shell-completion")
 _CONFIGURED = ("run", "bench", "search")
 _OWN_CONFIGURATION = ("--config", "-cd", "-cn", "-cp")
 _OF_HYDRA = ("hydra", "-", "+", "~")
+# Hydra's script for zsh is that for bash, which zsh runs only after `bashcompinit`.
+_ZSH = {
+    "install=zsh": """\
+(( $+functions[compdef] )) || { autoload -Uz compinit && compinit }
+_hlp() {
+    local -a found
+    found=(${(f)"$(COMP_LINE="${(j: :)words[1,CURRENT]}" $words[1] -sc query=zsh)"})
+    if (( $#found )); then
+        compadd -Q -S '' -- $found
+    else
+        compset -P '*='
+        _files
+    fi
+}
+compdef _hlp hlp""",
+    "uninstall=zsh": "compdef -d hlp; unfunction _hlp",
+}
+_BY_LINE = "query=fish"  # Hydra's words one below the other, as zsh wants them too
 
 
 def command(arguments: Sequence[str], commands: Sequence[str]) -> None:
     """Print the script (`install=SHELL`, `uninstall=SHELL`), or the words that fit (`query`)."""
-    if not arguments[1:] or not arguments[1].startswith("query="):
+    wanted = arguments[1] if arguments[1:] else ""
+    if wanted in _ZSH:
+        print(_ZSH[wanted])
+    elif not wanted.startswith("query="):
         _ask_hydra(arguments)
-        return
+    elif wanted == "query=bash":
+        _answer(arguments, commands, " ")
+    else:
+        _answer([arguments[0], _BY_LINE], commands, "\n")
+
+
+def _answer(arguments: Sequence[str], commands: Sequence[str], separator: str) -> None:
+    """Print the words that may stand for the last one of `COMP_LINE`."""
     program, *words = os.environ.get("COMP_LINE", "hlp ").split(" ")
     if len(words) < 2:
         begun = words[0] if words else ""
-        print(" ".join(each for each in (*commands, "-m") if each.startswith(begun)))
+        print(separator.join(each for each in (*commands, "-m") if each.startswith(begun)))
     elif words[0] in (*_CONFIGURED, *composing.MULTIRUN):
         rest = words if words[0] in composing.MULTIRUN else words[1:]
         own = any(each.startswith(_OWN_CONFIGURATION) for each in words)
@@ -35,9 +64,10 @@ def command(arguments: Sequence[str], commands: Sequence[str]) -> None:
         else:
             from hlp.commands.completion_words import configuration_words
 
-            print(" ".join(configuration_words(rest, composing.config_folder(), _keys)))
+            found = configuration_words(rest, composing.config_folder(), _keys)
+            print(separator.join(found))
     elif words[0] in commands:
-        print(" ".join(each for each in _own_keys(words[0]) if each.startswith(words[-1])))
+        print(separator.join(each for each in _own_keys(words[0]) if each.startswith(words[-1])))
 
 
 def _ask_hydra(arguments: Sequence[str]) -> None:
