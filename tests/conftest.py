@@ -4,7 +4,6 @@ import os
 
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # before torch is imported anywhere
 
-import io
 import json
 import logging
 import subprocess
@@ -72,17 +71,14 @@ def tiny_run(tmp_path_factory: pytest.TempPathFactory) -> TinyRun:
     return TinyRun(folder, folder / "first", TINY, process, Path(made_in))
 
 
-class _Terminal(io.StringIO):
-    def isatty(self) -> bool:
-        return True
-
-
 @pytest.fixture
-def terminal(monkeypatch: pytest.MonkeyPatch) -> io.StringIO:
-    """Standard error as a terminal: what is drawn there."""
-    stream = _Terminal()
-    monkeypatch.setattr(sys, "stderr", stream)
-    return stream
+def terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> pytest.CaptureFixture[str]:
+    """`capsys`, with streams that say that they are a terminal."""
+    # Of the class, since the test itself has other streams than its fixtures.
+    monkeypatch.setattr(type(sys.stderr), "isatty", lambda self: True)
+    return capsys
 
 
 @pytest.fixture(scope="session")

@@ -62,7 +62,7 @@ def test_the_same_results_give_the_same_files(tmp_path: Path) -> None:
 def test_unfinished_arms_are_counted(tmp_path: Path) -> None:
     folder = boxes(tmp_path / "sweep")
     (folder / "2" / "manifest.json").unlink()
-    told = describe_reproductions(tmp_path, "text")
+    told = describe_reproductions(tmp_path, "markdown")
     assert "left out: 1." in told
     assert told.count("{2°, 2 mm}") == 1
 

@@ -60,7 +60,8 @@ and peak memory. Learnt objects are reused from work, or learnt first. The same
 frames are also processed with slower reference settings (task.compared, see
 conf/task/bench.yaml), to compare times and poses.
 
-Written into the output folder: bench.json, bench.md and manifest.json.
+Written into the output folder: bench.json, bench.md and manifest.json. A sweep
+ends with a table of its runs, which its folder holds as bench.md and bench.csv.
 
 hlp bench frames=10 refinement.particles=15            with another setting
 hlp bench -m refinement.particles=15,25,50             with each of these values

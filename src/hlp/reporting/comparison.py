@@ -10,7 +10,7 @@ import numpy as np
 from hlp.errors import DataError
 from hlp.records import TargetScore
 from hlp.reporting.tables.summary_tables import METRIC_LABELS
-from hlp.reporting.tables.table import LAYOUTS, Table, check_layout
+from hlp.reporting.tables.table import Table, check_layout, lay_out, prose
 from hlp.results.intervals import blocks_of, difference_interval
 from hlp.results.scores_file import read_scores
 from hlp.results.summary_file import METRICS
@@ -18,11 +18,13 @@ from hlp.results.summary_file import METRICS
 RESAMPLINGS = 10_000
 SEED = 0
 CHANGES_SHOWN = 40
-EXPLAINED = """\
-Recall of run B minus recall of run A over the targets that both have, with the 95 % interval of the
-paired bootstrap over blocks of neighbouring frames. p is McNemar's exact two-sided test on the
-targets that only one run has right. It assumes that targets are independent, so the interval is the
-safer guide."""
+_WIDE = ("targets",)  # columns for which a terminal has no room
+EXPLAINED = (
+    "Recall of run B minus recall of run A over the targets that both have, with the 95 % interval"
+    " of the paired bootstrap over blocks of neighbouring frames. p is McNemar's exact two-sided"
+    " test on the targets that only one run has right. It assumes that targets are independent, so"
+    " the interval is the safer guide."
+)
 
 TargetKey = tuple[int, int, int, int]
 """Scene, image, object, and the instance of the object in the image (from 0)."""
@@ -52,20 +54,22 @@ def compare_runs(first: Path, second: Path, names: tuple[str, str], layout: str)
     if not shared:
         raise DataError(f"{names[0]} and {names[1]} have no target in common")
     alone = [len(each) - len(shared) for each in scores]
-    parts = [f"A = {names[0]}\nB = {names[1]}", EXPLAINED]
-    if any(alone):
-        only = f"left out: {alone[0]} targets that only A has, {alone[1]} that only B has"
-        parts.append(f"{len(shared)} targets in common; {only}")
+    parts = [f"A = {names[0]}\nB = {names[1]}", prose(EXPLAINED, layout)]
+    only = f"; left out: {alone[0]} targets that only A has, {alone[1]} that only B has"
+    counted = f"{len(shared)} targets in common{only if any(alone) else ''}"
+    parts.append(prose(counted, layout))
     pairs = [(target, scores[0][target], scores[1][target]) for target in shared]
     for metric, label in METRIC_LABELS.items():
-        parts.append(f"{label}\n\n{LAYOUTS[layout](differences_table(pairs, metric))}")
+        table = differences_table(pairs, metric)
+        shown = table.without(*_WIDE).fitted(0) if layout == "text" else table
+        parts.append(f"{label}\n\n{lay_out(shown, layout)}")
     changes = changes_table(pairs)
     if changes.rows:
         few = Table(changes.header, changes.rows[:CHANGES_SHOWN])
         left = len(changes.rows) - len(few.rows)
         more = f"\n… and {left} more" if left else ""
         parts.append(
-            f"Changed verdicts of ADD(-S): {len(changes.rows)}\n\n{LAYOUTS[layout](few)}{more}"
+            f"Changed verdicts of ADD(-S): {len(changes.rows)}\n\n{lay_out(few, layout)}{more}"
         )
     else:
         parts.append("No verdict of ADD(-S) changed.")
@@ -126,8 +130,8 @@ def changes_table(pairs: Sequence[Pair]) -> Table:
         "scene/image",
         "object",
         "visible",
-        "A: ADD(-S) mm",
-        "B: ADD(-S) mm",
+        "A: mm",
+        "B: mm",
         "A: deg",
         "B: deg",
     ]

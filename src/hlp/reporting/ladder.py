@@ -10,7 +10,7 @@ from hlp.reporting.comparison import ScoredTarget, TargetKey, paired_difference,
 from hlp.reporting.figures.saving import save_figure
 from hlp.reporting.figures.steps import Step, draw_steps
 from hlp.reporting.results import Result, ResultSet, read_results, result_folders
-from hlp.reporting.tables.table import LAYOUTS, Table, format_interval, format_share
+from hlp.reporting.tables.table import Table, format_interval, format_share, lay_out, prose
 
 NAME = "ladder"
 """The experiment, the swept config group, and the files of table and figure."""
@@ -59,7 +59,8 @@ def describe_ladders(root: Path, layout: str) -> str:
                 narrow = table.without(*_WIDE)
                 header = [name.removeprefix("ADD(-S) ") for name in narrow.header]
                 table = Table(header, narrow.rows).fitted(0, header.index("against"))
-            parts += [_note(found), LAYOUTS[layout](table), f"Written: {written}"]
+            said = [prose(words, layout) for words in (_note(found), f"Written: {written}")]
+            parts += [said[0], lay_out(table, layout), said[1]]
     return "\n\n".join(parts)
 
 

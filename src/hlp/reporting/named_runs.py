@@ -8,7 +8,7 @@ from hlp.errors import InputError
 from hlp.reporting.comparison import compare_runs, read_targets
 from hlp.reporting.mlflow_runs import scores_file
 from hlp.reporting.tables.summary_tables import METRIC_LABELS
-from hlp.reporting.tables.table import LAYOUTS, Table, check_layout, format_share
+from hlp.reporting.tables.table import Table, check_layout, format_share, lay_out
 
 
 def describe_named(runs: str, uri: str, layout: str) -> str:
@@ -47,6 +47,7 @@ def describe_repeats(files: Sequence[Path], names: Sequence[str], layout: str) -
     columns = list(zip(*recalls, strict=True))
     rows.append(["mean", "", *(format_share(fmean(each)) for each in columns)])
     rows.append(["standard deviation", "", *(f"{stdev(each):.4f}" for each in columns)])
-    table = LAYOUTS[layout](Table(["run", "targets", *METRIC_LABELS.values()], rows))
+    whole = Table(["run", "targets", *METRIC_LABELS.values()], rows)
+    table = lay_out(whole.fitted(0, ends=True) if layout == "text" else whole, layout)
     same = all(each == targets[0] for each in targets)
     return table if same else f"{table}\n\nThe runs were not asked for the same targets."

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from hlp.files import write_csv, write_text
 from hlp.reporting.results import Result, ResultSet, read_results, result_folders
-from hlp.reporting.tables.table import LAYOUTS, Table, format_interval, format_share
+from hlp.reporting.tables.table import Table, format_interval, format_share, lay_out, prose
 
 NAME = "recordings"
 """The experiment, and the files that its table is written to."""
@@ -26,7 +26,8 @@ def describe_recordings(root: Path, layout: str) -> str:
             written = ", ".join(str(path) for path in files)
             table = recordings_table(found)
             shown = table.without(*_WIDE).fitted(0) if layout == "text" else table
-            parts += [_note(found), LAYOUTS[layout](shown), f"Written: {written}"]
+            said = [prose(words, layout) for words in (_note(found), f"Written: {written}")]
+            parts += [said[0], lay_out(shown, layout), said[1]]
     return "\n\n".join(parts)
 
 

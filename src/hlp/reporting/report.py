@@ -4,6 +4,7 @@ from pathlib import Path
 
 from hlp.errors import MissingFileError
 from hlp.files import SUMMARY, SWEEP
+from hlp.reporting.bench_sweep import describe_benches, write_benches
 from hlp.reporting.figures.trade_off import draw_trade_off
 from hlp.reporting.figures.waterfall_bars import draw_waterfall
 from hlp.reporting.sweep_report import describe_sweep, write_sweep_files
@@ -13,7 +14,7 @@ from hlp.reporting.tables.summary_tables import (
     votes_table,
     waterfall_tables,
 )
-from hlp.reporting.tables.table import LAYOUTS, check_layout
+from hlp.reporting.tables.table import check_layout, lay_out, prose
 from hlp.results.summary_file import Summary, read_summary
 
 
@@ -38,20 +39,30 @@ def report_runs(folder: Path, layout: str, details: bool = False) -> str:
         if details or len(summaries) == 1:
             parts.append(f"{heading}{run}\n\n{format_summary(summary, layout)}")
             tables = (*waterfall_tables(summary), votes_table(summary))
-            parts += [LAYOUTS[layout](table) for table in tables if table.rows]
+            parts += [lay_out(table, layout) for table in tables if table.rows]
             parts += [f"Drawn: {path}" for path in drawn]
     for sweep in sweeps:
-        written = [*write_sweep_files(sweep), *draw_trade_off(sweep)]
-        if not written:  # a sweep of studies, which have no recall
-            continue
-        parts.append(f"{heading}{sweep}\n\n{describe_sweep(sweep, layout)}")
-        parts.append(f"Written: {sweep} ({', '.join(path.name for path in written)})")
+        parts += _sweep_parts(sweep, layout, heading)
     if len(summaries) > 1:
-        names = {str(run.relative_to(folder)): each for run, each in summaries.items()}
-        parts.append(f"{heading}All runs below {folder}\n\n{LAYOUTS[layout](runs_table(names))}")
+        table = runs_table({str(run.relative_to(folder)): s for run, s in summaries.items()})
+        shown = table.fitted(0, ends=True) if layout == "text" else table
+        parts.append(f"{heading}All runs below {folder}\n\n{lay_out(shown, layout)}")
         if not details:
             parts.append("details=true prints the tables of every run.")
     return "\n\n".join(parts)
+
+
+def _sweep_parts(sweep: Path, layout: str, heading: str) -> list[str]:
+    """The table of a sweep, and the files written; nothing for studies other than benches."""
+    if described := describe_benches(sweep, layout):
+        written = write_benches(sweep)
+    else:
+        described = describe_sweep(sweep, layout)
+        written = [*write_sweep_files(sweep), *draw_trade_off(sweep)]
+    if not written:
+        return []
+    names = ", ".join(path.name for path in written)
+    return [f"{heading}{sweep}\n\n{described}", prose(f"Written: {sweep} ({names})", layout)]
 
 
 def _draw(run: Path, summary: Summary) -> list[Path]:

@@ -1,6 +1,5 @@
 """The paper's figures and tables from finished runs, with its numbers beside ours."""
 
-import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +20,7 @@ from hlp.reporting.tables.paper_tables import (
     objects_of,
 )
 from hlp.reporting.tables.summary_tables import METRIC_LABELS
-from hlp.reporting.tables.table import LAYOUTS, TERMINAL, Table
+from hlp.reporting.tables.table import Table, lay_out, prose
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,7 +49,8 @@ def describe_reproductions(root: Path, layout: str) -> str:
     for folder in result_folders(root):
         for made in reproduce(read_results(folder)):
             files = ", ".join(str(path) for path in write_reproduction(folder, made))
-            parts += [*made.notes, LAYOUTS[layout](made.table), f"Written: {files}"]
+            said = [prose(words, layout) for words in (*made.notes, f"Written: {files}")]
+            parts += [*said[:-1], lay_out(made.table, layout), said[-1]]
     return "\n\n".join(parts)
 
 
@@ -66,7 +66,11 @@ def describe_table(folder: Path) -> str:
     words = [
         part
         for each in made
-        for part in (each.notes[0], each.table.text(), textwrap.fill(each.notes[-1], TERMINAL))
+        for part in (
+            prose(each.notes[0], "text"),
+            lay_out(each.table, "text"),
+            prose(each.notes[-1], "text"),
+        )
     ]
     return "\n\n".join(words)
 

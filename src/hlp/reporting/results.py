@@ -100,7 +100,7 @@ def _read_sweep(folder: Path) -> ResultSet:
     finished = [run for run in runs if _is_finished(run)]
     command = " ".join(["hlp -m", *sweep.overrides])
     results = [_read_run(run) for run in finished]
-    unfinished = {run: _chosen(run) for run in runs if not (run / MANIFEST).is_file()}
+    unfinished = {run: chosen_values(run) for run in runs if not (run / MANIFEST).is_file()}
     return ResultSet(results, sweep.swept, command, unfinished, sweep.defaults)
 
 
@@ -108,11 +108,11 @@ def _read_run(folder: Path) -> Result:
     manifest = read_as(folder / MANIFEST, Manifest)
     summary = read_summary(folder / SUMMARY)
     frames, identity = len(manifest.data.keys), manifest.data.frames
-    return Result(manifest.config, summary, frames, _chosen(folder), folder, identity)
+    return Result(manifest.config, summary, frames, chosen_values(folder), folder, identity)
 
 
-def _chosen(folder: Path) -> dict[str, str]:
-    """The overrides of a run as text by key."""
+def chosen_values(folder: Path) -> dict[str, str]:
+    """The overrides of a run as text by key. Raises DataError for a broken file of them."""
     pairs = (each.lstrip("+").split("=", 1) for each in _overrides(folder) if "=" in each)
     return {key: value for key, value in pairs}
 

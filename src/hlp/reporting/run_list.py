@@ -8,7 +8,7 @@ from hlp.errors import DataError, MissingFileError
 from hlp.files import MANIFEST, SUMMARY, SWEEP, read_json
 from hlp.reporting.results import read_results
 from hlp.reporting.sweep_arms import sweep_of
-from hlp.reporting.tables.table import LAYOUTS, TERMINAL, Table, check_layout, format_share
+from hlp.reporting.tables.table import LAYOUTS, Table, check_layout, format_share
 from hlp.results.summary_file import read_summary
 
 _HEADER = ["folder", "state", "targets", "ADD(-S)", "95 %", "5cm5deg", "ms"]
@@ -26,16 +26,9 @@ def describe_outputs(folder: Path, layout: str) -> str:
     table = run_list(folder)
     if not table.rows:
         raise MissingFileError(f"no run in or below {folder}: `hlp run` makes one")
-    shown = _narrow(table) if layout == "text" else table
+    shown = table.fitted(0, ends=True) if layout == "text" else table
     note = "The figures of a sweep are those of its best arm. " if any(folder.rglob(SWEEP)) else ""
     return f"{LAYOUTS[layout](shown)}\n\n{note}{len(table.rows)} runs below {folder}"
-
-
-def _narrow(table: Table) -> Table:
-    """The table with the beginnings of long names cut, since their ends tell runs apart."""
-    backwards = [[row[0][::-1], *row[1:]] for row in table.rows]
-    cut = Table(table.header, backwards).fitted(0, width=TERMINAL).rows
-    return Table(table.header, [[row[0][::-1], *row[1:]] for row in cut])
 
 
 def run_list(folder: Path) -> Table:

@@ -9,7 +9,7 @@ from hlp.errors import InputError, MissingFileError
 from hlp.files import SCORES
 from hlp.reporting.comparison import ScoredTarget, read_targets
 from hlp.reporting.tables.summary_tables import METRIC_LABELS
-from hlp.reporting.tables.table import LAYOUTS, Table, check_layout
+from hlp.reporting.tables.table import Table, check_layout, lay_out
 
 _WELL_VISIBLE = 0.6  # visible fraction from which a target counts as well visible
 
@@ -28,7 +28,7 @@ def report_selection(folder: Path, objects: str, layout: str) -> str:
     parts = [f"Recall of {', '.join(names)}"]
     for path in found:
         table = selection_table(list(read_targets(path).values()), names)
-        parts += [str(path.parent), LAYOUTS[layout](table)]
+        parts += [str(path.parent), lay_out(table, layout)]
     return "\n\n".join(parts)
 
 

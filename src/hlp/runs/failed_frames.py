@@ -8,6 +8,7 @@ from hlp.data.bad_frames import CheckedFrames
 from hlp.errors import DataError
 from hlp.evaluation.missed_targets import bad_frame_scores
 from hlp.records import TargetScore, frame_key, parse_frame_key
+from hlp.reporting.tables.table import prose
 
 _NAMED = 10  # frames that the last message names
 _logger = logging.getLogger(__name__)
@@ -57,11 +58,8 @@ def say_failed(failed: Mapping[str, str], frames: int) -> None:
         return
     named = ", ".join(sorted(failed)[:_NAMED])
     more = ", …" if len(failed) > _NAMED else ""
-    _logger.warning(
-        "\n%d of %d frames could not be used; their targets count as wrong: %s%s (the reasons are "
-        "in summary.json)",
-        len(failed),
-        frames,
-        named,
-        more,
+    words = (
+        f"{len(failed)} of {frames} frames could not be used; their targets count as wrong: "
+        f"{named}{more} (the reasons are in summary.json)"
     )
+    _logger.warning("\n%s", prose(words, "text"))

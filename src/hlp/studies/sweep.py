@@ -190,6 +190,7 @@ def _drawn(folder: Path, tracker: Tracker) -> Iterator[None]:
 
 
 def _draw(folder: Path, tracker: Tracker) -> None:
+    from hlp.reporting.bench_sweep import describe_benches, write_benches
     from hlp.reporting.figures.trade_off import draw_trade_off
     from hlp.reporting.ladder import write_ladder
     from hlp.reporting.page.sweep_page import write_sweep_page_or_say
@@ -199,8 +200,15 @@ def _draw(folder: Path, tracker: Tracker) -> None:
     from hlp.reporting.sweep_report import describe_sweep, write_sweep_files
 
     say = logging.getLogger(__name__).info
+    if benches := describe_benches(folder, "text"):
+        files = write_benches(folder)
+        for path in files:
+            tracker.log_artifact(path)
+        print(f"\n{benches}\n")
+        say("Written   %s (%s)", folder, ", ".join(path.name for path in files))
+        return
     described = describe_sweep(folder, "text")
-    if not described:  # of studies, which have no recall
+    if not described:  # of other studies
         return
     writers = (
         write_sweep_files, draw_trade_off, write_reproductions, write_recordings, write_ladder,

@@ -1,6 +1,13 @@
 import pytest
 
-from hlp.reporting.tables.table import Table, check_layout, format_interval, format_share
+from hlp.reporting.tables.table import (
+    Table,
+    check_layout,
+    format_interval,
+    format_share,
+    lay_out,
+    prose,
+)
 
 
 def test_text_is_aligned_and_markdown_is_a_table() -> None:
@@ -50,6 +57,35 @@ def test_a_table_is_cut_to_fit_a_terminal() -> None:
     assert fitted.rows[0][0].endswith("…") and rows[0][0].startswith(fitted.rows[0][0][:-1])
     assert table.fitted(0, 2, width=80) == Table([*table.header], rows)
     assert table.without("AD", "against").rows == [["without_verification"], ["short"]]
+
+
+def test_the_ends_of_paths_are_kept() -> None:
+    fitted = Table(["run", "AD"], [["outputs/demo/2026", "1.000"]]).fitted(0, width=16, ends=True)
+    assert fitted.text().split("\n")[-1] == "…emo/2026  1.000"
+
+
+def test_a_table_for_a_narrow_terminal_is_in_parts() -> None:
+    table = Table(["object", "a", "b", "c"], [["cat", "1.000", "2.000", "3.000"]])
+    parts = [([*part.header], [[*row] for row in part.rows]) for part in table.parts(width=20)]
+    assert parts == [
+        (["object", "a", "b"], [["cat", "1.000", "2.000"]]),
+        (["object", "c"], [["cat", "3.000"]]),
+    ]
+    assert [part.header for part in table.parts(width=5)] == [["object", each] for each in "abc"]
+    assert table.parts(width=80) == [table]
+    (named,) = Table(["object"], [["a_name_that_is_far_too_long"]]).parts(width=24)
+    assert named.rows == [["a_name_…"]]
+    wide = Table(["object", "a", "b"], [["cat", "1" * 50, "2" * 50]])
+    assert lay_out(wide, "text").count("object") == 2
+    assert lay_out(wide, "markdown") == wide.markdown()
+    assert lay_out(table, "text") == table.text()
+
+
+def test_prose_is_in_lines_on_a_terminal_alone() -> None:
+    words = " ".join(["well-known"] * 20)
+    assert prose(words, "markdown") == words
+    lines = prose(words, "text").splitlines()
+    assert max(map(len, lines)) <= 80 and " ".join(lines) == words
 
 
 def test_numbers_are_not_cut_to_fit() -> None:

@@ -44,7 +44,9 @@ def times_table(path: Result) -> Table:
     rows = []
     for part in path["first"]:
         cells = [path[unit][part] for unit in units]
-        numbers = [_ms(cell[key]) for cell in cells for key in ("median_ms", "p95_ms", "cpu_ms")]
+        numbers = [
+            format_ms(cell[key]) for cell in cells for key in ("median_ms", "p95_ms", "cpu_ms")
+        ]
         rows.append([part, *numbers])
     return Table(["part", *header], rows)
 
@@ -52,7 +54,7 @@ def times_table(path: Result) -> Table:
 def objects_table(path: Result) -> Table:
     """Median time of a frame, by the number of objects looked for in it."""
     rows = [
-        [count, str(each["frames"]), _ms(each["median_ms"])]
+        [count, str(each["frames"]), format_ms(each["median_ms"])]
         for count, each in path["by_objects"].items()
     ]
     return Table(["objects", "frames", "ms"], rows)
@@ -128,7 +130,7 @@ def ratio_table(first: Result, second: Result) -> Table:
         cells = []
         for unit in units:
             one, other = (each[unit][part]["median_ms"] for each in (first, second))
-            cells += [_ms(one), _ms(other), _times(other / one if one else None)]
+            cells += [format_ms(one), format_ms(other), _times(other / one if one else None)]
         rows.append([part, *cells])
     recalls = (format_share(first["add_recall"]), format_share(second["add_recall"]))
     rows.append(["ADD(-S) recall", *recalls, *[""] * (3 * len(units) - 2)])
@@ -227,5 +229,6 @@ def _describe_loading(result: Result) -> str:
     )
 
 
-def _ms(value: float) -> str:
+def format_ms(value: float) -> str:
+    """Milliseconds, with a decimal below 100."""
     return f"{value:.1f}" if value < 100 else f"{value:.0f}"

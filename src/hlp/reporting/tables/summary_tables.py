@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from hlp.reporting.paper_results import ADD_BY_OBJECT
-from hlp.reporting.tables.table import LAYOUTS, Table, format_interval, format_share
+from hlp.reporting.tables.table import Table, format_interval, format_share, lay_out, prose
 from hlp.results.summary_file import CORRECT
 
 METRIC_LABELS = {"add": "ADD(-S)", "5cm5deg": "5cm5deg", "iou50": "IoU.5"}
@@ -24,9 +24,10 @@ RECALL = "Recall: the share of targets (objects to be found in a frame) with a c
 def format_summary(summary: Mapping[str, Any], layout: str = "text") -> str:
     """The three main tables of a run: recall per object, time per stage, causes of misses."""
     tables = (objects_table(summary), time_table(summary), total_table(summary))
-    objects, times, total = (LAYOUTS[layout](table) if table.rows else "" for table in tables)
-    parts = [RECALL, objects, times, timing_words(summary), total]
-    parts[2:2] = [calibration_words(summary), false_alarm_words(summary)]
+    objects, times, total = (lay_out(table, layout) if table.rows else "" for table in tables)
+    said = (RECALL, calibration_words(summary), false_alarm_words(summary), timing_words(summary))
+    recall, calibration, alarms, timing = (prose(words, layout) for words in said)
+    parts = [recall, objects, calibration, alarms, times, timing, total]
     return "\n\n".join(part for part in parts if part)
 
 

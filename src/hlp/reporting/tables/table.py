@@ -1,5 +1,6 @@
 """A table of text in the layouts that people and papers need."""
 
+import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -28,10 +29,11 @@ class Table:
         kept = [i for i, name in enumerate(self.header) if name not in names]
         return Table([self.header[i] for i in kept], [[row[i] for i in kept] for row in self.rows])
 
-    def fitted(self, *columns: int, width: int = TERMINAL) -> "Table":
+    def fitted(self, *columns: int, width: int = TERMINAL, ends: bool = False) -> "Table":
         """The table with cells of these columns cut, the longest first, until it fits `width`.
 
-        At least a few characters stay, so a table of many columns may still be wider.
+        Of paths, the `ends` are kept, which tell them apart. At least a few characters stay, so a
+        table of many columns may still be wider.
         """
         lines = [[*self.header], *([*row] for row in self.rows)]
         widths = self._widths()
@@ -42,9 +44,33 @@ class Table:
             widths[widest] -= 1
         for line in lines:
             for column in columns:
-                if len(line[column]) > widths[column]:
-                    line[column] = f"{line[column][: widths[column] - 1]}…"
+                cell, kept = line[column], widths[column] - 1
+                if len(cell) > widths[column]:
+                    line[column] = f"…{cell[-kept:]}" if ends else f"{cell[:kept]}…"
         return Table(lines[0], lines[1:])
+
+    def parts(self, width: int = TERMINAL) -> list["Table"]:
+        """The table, or if it is wider than `width` several: the first column with some others.
+
+        Then names that would take more than a third of the width are cut.
+        """
+        widths, room, groups = self._widths(), width, list[list[int]]()
+        if sum(widths) + len(_GAP) * (len(widths) - 1) <= width:
+            return [self]
+        first = min(widths[0], max(width // 3, _SHORTEST))
+        for column in range(1, len(widths)):
+            needed = len(_GAP) + widths[column]
+            if not groups or needed > room:
+                groups.append([])
+                room = width - first
+            groups[-1].append(column)
+            room -= needed
+        lines = [[line[0], *line[1:]] for line in (self.header, *self.rows)]
+        for line in lines:
+            if len(line[0]) > first:
+                line[0] = f"{line[0][: first - 1]}…"
+        picked = [[[line[i] for i in (0, *group)] for line in lines] for group in groups or [[]]]
+        return [Table(part[0], part[1:]) for part in picked]
 
     def _widths(self) -> list[int]:
         return [max(map(len, each)) for each in zip(self.header, *self.rows, strict=True)]
@@ -79,6 +105,19 @@ class Table:
 
 LAYOUTS: dict[str, Callable[[Table], str]] = {"text": Table.text, "markdown": Table.markdown}
 """What the user may choose as `format`."""
+
+
+def lay_out(table: Table, layout: str) -> str:
+    """The table in a layout of `LAYOUTS`; in parts below each other if a terminal is too narrow."""
+    tables = table.parts() if layout == "text" else [table]
+    return "\n\n".join(map(LAYOUTS[layout], tables))
+
+
+def prose(words: str, layout: str) -> str:
+    """A paragraph in a layout of `LAYOUTS`: in lines for a terminal; Markdown needs none."""
+    if layout != "text":
+        return words
+    return textwrap.fill(words, TERMINAL, break_long_words=False, break_on_hyphens=False)
 
 
 def check_layout(layout: str) -> None:

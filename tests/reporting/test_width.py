@@ -1,0 +1,120 @@
+"""What is printed fits a terminal of 80 columns, but for lines that name a path."""
+
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hlp.commands import report
+from hlp.data.synthetic.objects import demo_objects
+from hlp.records import TargetScore
+from hlp.reporting.paper_results import ADD_BY_OBJECT
+from hlp.reporting.tables.summary_tables import format_summary
+from hlp.results.scores_file import write_scores
+from written_results import scored, write_run, write_sweep
+from written_summary import quality
+
+CAUSES = (
+    "correct",
+    "no_depth",
+    "too_few_pixels",
+    "no_window",
+    "few_votes",
+    "ranking",
+    "refinement",
+)
+
+
+def whole_summary(names: Sequence[str] = tuple(ADD_BY_OBJECT)) -> dict[str, Any]:
+    """A summary with all that a run may have to say."""
+    causes = {cause: 20 for cause in CAUSES}
+    return {
+        **scored(0.75, 1234.5, dict.fromkeys(names, 0.75)),
+        "calibration": {
+            "answers": 12345,
+            "ece": 0.0123,
+            "aurc": 0.0123,
+            "reliability": [[12, 0.5, 0.5]],
+            "risk_coverage": [[0.5, 0.1], [1.0, 0.2]],
+        },
+        "false_alarms": {"alarms": 123, "searched": 12345, "min_score": 0.55, "rate": 0.0123},
+        "timing": {
+            "frames": 30,
+            "reused_stages": ["regions", "hypotheses", "poses"],
+            "first_use_seconds": 12.3,
+        },
+        "waterfall": {
+            "total": causes,
+            "per_object": dict.fromkeys(names, causes),
+            "per_visibility": {"0.6-1": causes},
+        },
+        "votes": {
+            "total": quality(0.25, 1200.0),
+            "per_object": dict.fromkeys(names, quality(0.125, 1000.4)),
+        },
+    }
+
+
+def wider(printed: str) -> list[str]:
+    """The lines of more than 80 columns; a word that names a path does not count."""
+    lines = printed.splitlines()
+    return [each for each in lines if len(each) > 80 and "/" not in max(each.split(), key=len)]
+
+
+def write_verdicts(folder: Path, wrong: int) -> None:
+    names = {5: "can", 6: "holepuncher_of_steel"}
+    scores = [
+        TargetScore(1, i, number, True, 0.75, 0.1234, 3.1, 0.1234, 0.9, i != wrong, True, True)
+        for number in names
+        for i in range(20)
+    ]
+    write_scores(folder / "scores.csv", scores, names)
+
+
+def test_the_end_of_a_run() -> None:
+    assert not wider(format_summary(whole_summary()))
+    assert not wider(format_summary(whole_summary([each.name for each in demo_objects().values()])))
+    assert not wider(format_summary(whole_summary(["a_very_long_name_of_an_object_" * 3])))
+    assert max(map(len, format_summary(whole_summary(), "markdown").splitlines())) > 80
+
+
+def test_the_report_of_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_run(tmp_path / "run", "demo", whole_summary())
+    report.command([f"output={tmp_path / 'run'}"])
+    printed = capsys.readouterr().out
+    assert "targets ended as" in printed and "good of these" in printed
+    assert not wider(printed)
+
+
+@pytest.mark.parametrize("name", ["demo", "table1", "table2", "fig9b", "recordings"])
+def test_the_report_of_a_sweep(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    swept = ["refinement.particles", "seed"]
+    sweep = write_sweep(tmp_path / "sweep", swept, [f"experiment={name}", "refinement.particles=5"])
+    for arm, particles in enumerate((15, 25, 50)):
+        given = [f"refinement.particles={particles}", "seed=0"]
+        write_run(
+            sweep / str(arm), name, whole_summary(), given, refinement={"particles": particles}
+        )
+        write_verdicts(sweep / str(arm), arm)
+    report.command([f"output={tmp_path}"])
+    printed = capsys.readouterr().out
+    assert "3 of 3 arms finished" in printed and "All runs below" in printed
+    assert not wider(printed)
+
+
+@pytest.mark.parametrize("runs", ["ab", "abc"])
+def test_the_comparison_of_runs(
+    runs: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folders = []
+    for wrong, name in enumerate(runs):
+        folders.append(write_run(tmp_path / ("x" * 60) / name, "demo", whole_summary()))
+        write_verdicts(folders[-1], wrong)
+    report.command([f"runs=[{','.join(map(str, folders))}]"])
+    printed = capsys.readouterr().out
+    assert ("p is McNemar's" in textwrap.fill(printed, 10_000)) == (len(runs) == 2)
+    assert not wider(printed)
