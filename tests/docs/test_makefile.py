@@ -1,5 +1,6 @@
 """What the targets of the Makefile that README names would run."""
 
+import os
 import shutil
 import subprocess
 
@@ -8,12 +9,21 @@ from markdown_pages import ROOT
 
 pytestmark = pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
 
+_VARIABLES = ("BROWSER", "PORT", "WORK", "WORKERS")
+
 
 def commands(*words: str) -> list[str]:
-    """The lines that `make` would run where .venv is made already."""
+    """The lines that `make` would run where .venv is made already.
+
+    The `make` that runs this test, perhaps with variables of its own, passes nothing on to it.
+    """
+    own = {
+        key: value for key, value in os.environ.items() if not key.startswith(("MAKE", "MFLAGS"))
+    }
     done = subprocess.run(
         ["make", "--dry-run", "--assume-old=.venv/.installed", *words],
         cwd=ROOT,
+        env={key: value for key, value in own.items() if key not in _VARIABLES},
         capture_output=True,
         text=True,
         check=True,

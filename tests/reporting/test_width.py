@@ -44,6 +44,10 @@ def whole_summary(names: Sequence[str] = tuple(ADD_BY_OBJECT)) -> dict[str, Any]
             "frames": 30,
             "reused_stages": ["regions", "hypotheses", "poses"],
             "first_use_seconds": 12.3,
+            "cpu_ms": 1234.5,
+            "wall_ms": 1234.5,
+            "load": 12.3,
+            "cores": 128,
         },
         "waterfall": {
             "total": causes,
