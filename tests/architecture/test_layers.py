@@ -106,6 +106,24 @@ def test_what_only_shows_settings_imports_nothing_heavy(arguments: list[str]) ->
     assert "refinement" in done.stdout
 
 
+@pytest.mark.parametrize("arguments", [["--help"], ["runs", "--help"], ["-sc", "query=bash"]])
+def test_what_answers_at_once_imports_no_library_but_the_small_ones(arguments: list[str]) -> None:
+    code = (
+        "import sys\n"
+        "from hlp.cli import main\n"
+        f"main({arguments!r})\n"
+        "heavy = {'numpy', 'cv2', 'hydra', 'omegaconf', 'pydantic', 'yaml', 'jaxtyping', 'torch',"
+        " 'mlflow', 'numba', 'scipy', 'matplotlib'}\n"
+        "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "COMP_LINE": "hlp ru"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "run" in done.stdout
+
+
 def alternatives() -> list[str]:
     """Files that a group chooses from; the arms of the ladder are whole experiments."""
     found = config_folder().glob("*/*.yaml")

@@ -3,7 +3,6 @@
 import os
 import sys
 import time
-import webbrowser
 from collections.abc import Mapping, Sequence
 
 from hlp.commands import composing, own_arguments
@@ -47,6 +46,8 @@ def _show(page: str, given: Mapping[str, str]) -> None:
     # Without a screen, some systems would open a browser made of text in this terminal.
     screen = sys.platform in ("darwin", "win32") or {"DISPLAY", "WAYLAND_DISPLAY"} & {*os.environ}
     if screen and given.get("open", "true") == "true":
+        import webbrowser  # a tenth of the time of `hlp --help`
+
         webbrowser.open(page)
 
 
