@@ -11,7 +11,6 @@ from hlp.commands import composing, own_arguments
 from hlp.commands.nearest import nearest
 from hlp.commands.tracking_uri import tracking_uri
 from hlp.errors import InputError
-from hlp.files import MANIFEST
 
 _WORDS = ("list", "show", "remove", "export", "register")
 
@@ -55,6 +54,7 @@ def _do(arguments: Sequence[str]) -> None:
 @contextmanager
 def _whole(given: str, cache: Path, work: str | None) -> Iterator[Path]:
     """An undamaged folder of learnt objects: one by path or name, or of what a run has learnt."""
+    from hlp.files import MANIFEST
     from hlp.runs.learnt_cache import find_whole
 
     manifest = Path(given).expanduser() / MANIFEST
