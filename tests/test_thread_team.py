@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 
-from hlp.thread_team import ThreadTeam
+from hlp.thread_team import ThreadTeam, threads_here
 
 
 @pytest.mark.parametrize("threads", [1, 2, 5])
@@ -69,3 +69,42 @@ def test_errors_reach_the_caller_and_the_team_goes_on(bad: int) -> None:
     with pytest.raises(ValueError, match="item is bad"):
         team.map(work, 2)
     assert team.map(abs, 3) == [0, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("threads", "count", "share"), [(4, 4, 1), (4, 9, 1), (4, 2, 2), (4, 1, 4)]
+)
+def test_threads_do_not_multiply_where_a_team_works_for_another(
+    threads: int, count: int, share: int
+) -> None:
+    """A team in a function of another team has that one's threads, divided by its workers."""
+    inner = ThreadTeam(threads)
+
+    def work(_: int) -> tuple[int, int]:
+        return threads_here(threads), len(set(inner.map(lambda _: threading.get_ident(), 50)))
+
+    for left, used in ThreadTeam(threads).map(work, count):
+        assert left == share and used <= share
+    assert threads_here(threads) == threads
+
+
+def test_a_smaller_team_takes_no_share_that_it_was_not_given() -> None:
+    assert ThreadTeam(8).map(lambda _: threads_here(2), 2) == [2, 2]
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_after_an_error_no_other_item_begins(threads: int) -> None:
+    begun: list[int] = []
+    barrier = threading.Barrier(threads, timeout=10)
+
+    def work(index: int) -> None:
+        begun.append(index)
+        barrier.wait()
+        if index == 0:
+            raise KeyboardInterrupt
+        time.sleep(0.2)
+
+    with pytest.raises(KeyboardInterrupt):
+        ThreadTeam(threads).map(work, 100)
+    assert len(begun) == threads
+    assert threads_here(7) == 7

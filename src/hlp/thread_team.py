@@ -1,7 +1,9 @@
 """A pool of threads in which the caller also works, for kernels that release the GIL."""
 
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from itertools import pairwise
 from typing import TypeVar
 
@@ -11,6 +13,27 @@ _RANGES_PER_THREAD = 4  # short ranges balance threads that start late or run sl
 
 Result = TypeVar("Result")
 
+_own = threading.local()
+
+
+def threads_here(threads: int) -> int:
+    """How many of `threads` the calling thread may use: its share while it works for a team."""
+    return min(threads, getattr(_own, "share", threads))
+
+
+@contextmanager
+def _limited_to(share: int) -> Iterator[None]:
+    """The calling thread may use `share` threads in the block."""
+    before = getattr(_own, "share", None)
+    _own.share = share
+    try:
+        yield
+    finally:
+        if before is None:
+            del _own.share
+        else:
+            _own.share = before
+
 
 class ThreadTeam:
     """The calling thread and `threads` - 1 helper threads.
@@ -18,6 +41,9 @@ class ThreadTeam:
     A thread that finishes an item takes the next one. The caller also works, because a helper may
     start milliseconds late on a busy machine. A helper that has not started when all items are
     taken is cancelled. Results do not depend on which thread processes which item.
+
+    A team that is used by a function which another team calls takes no more threads than that
+    other team leaves it, so that threads do not multiply.
     """
 
     def __init__(self, threads: int) -> None:
@@ -27,17 +53,26 @@ class ThreadTeam:
     def map(self, function: Callable[[int], Result], count: int) -> list[Result]:
         """Results of `function(index)` for index 0 to `count` - 1, in order.
 
-        Raises what `function` raises, once all running calls have ended.
+        Raises what `function` raises, once all running calls have ended; no other one begins.
         """
         results: dict[int, Result] = {}
         pending = iter(range(count))
+        failed = threading.Event()
+        threads = threads_here(self.threads)
+        workers = max(min(threads, count), 1)
 
         def run() -> None:
-            for index in pending:
-                results[index] = function(index)
+            with _limited_to(threads // workers):
+                for index in pending:
+                    if failed.is_set():
+                        break
+                    try:
+                        results[index] = function(index)
+                    except BaseException:
+                        failed.set()
+                        raise
 
-        helpers = min(self.threads, count) - 1
-        futures = [self._helpers.submit(run) for _ in range(helpers)] if self._helpers else []
+        futures = [self._helpers.submit(run) for _ in range(workers - 1)] if self._helpers else []
         try:
             run()
         finally:
@@ -49,6 +84,7 @@ class ThreadTeam:
 
     def map_ranges(self, function: Callable[[int, int], None], count: int) -> None:
         """Call `function(start, stop)` for consecutive ranges that cover 0 to `count` - 1."""
-        pieces = min(_RANGES_PER_THREAD * self.threads, count) if self._helpers else 1
+        threads = threads_here(self.threads)
+        pieces = min(_RANGES_PER_THREAD * threads, count) if threads > 1 else 1
         bounds = list(pairwise(np.linspace(0, count, pieces + 1).astype(int).tolist()))
         self.map(lambda piece: function(*bounds[piece]), len(bounds))

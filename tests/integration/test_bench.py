@@ -62,6 +62,8 @@ def test_bench_states_every_part_of_every_path(bench: Path) -> None:
         assert counts == [2] * 5
     every = result["regions_of_all"]
     assert every["objects"] == 8 and every["median_ms"] > 0
+    at_once = result["objects_at_once"]
+    assert 0 < at_once["median_ms"] <= at_once["p95_ms"] and at_once["cpu_ms"] > 0
     workload, loading = result["workload"], result["loading_s"]
     assert (workload["frames"], workload["image"], workload["particles"]) == (2, [320, 240], 25)
     assert set(workload["objects"]) == set(loading["objects"]) and len(loading["objects"]) == 8

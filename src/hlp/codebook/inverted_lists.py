@@ -19,7 +19,7 @@ from hlp.errors import DataError
 from hlp.files import read_npz
 from hlp.records import Matches
 from hlp.settings import Doc, Settings
-from hlp.thread_team import ThreadTeam
+from hlp.thread_team import ThreadTeam, threads_here
 
 if TYPE_CHECKING:
     import faiss
@@ -119,7 +119,7 @@ class InvertedLists:
         if len(single):
             import faiss
 
-            faiss.omp_set_num_threads(self._threads)
+            faiss.omp_set_num_threads(threads_here(self._threads))
             wanted = self.neighbours * self.settings.candidates
             _, candidates = self._lists.search(single, wanted)
 

@@ -7,6 +7,8 @@ from hlp.method.conflicts import Found, resolve_conflicts
 from hlp.method.detections import Detection, describe
 from hlp.method.instance_search import find_instances
 from hlp.method.pose_estimator import FrameContext, PoseEstimator
+from hlp.records import Hypotheses, Region
+from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.verification import Observation
 
 
@@ -43,20 +45,37 @@ def _find(
     begun: float,
     unexplained: Observation | None,
 ) -> tuple[Found, dict[int, float]]:
-    """What stage 3 found of the wanted objects, and the time (s) of each."""
-    found: Found = {}
-    regions, hypotheses, seconds = {}, {}, {}
-    for object_id, count in wanted.items():
+    """What stage 3 found of the wanted objects, and the time (s) of each.
+
+    The threads search different objects: that divides the work better than several threads do which
+    search the same one.
+    """
+    ids = list(wanted)
+    estimator.share_work(context, ids)
+    shared = time.perf_counter() - begun
+
+    def search(number: int) -> tuple[Region, Hypotheses, RefinedHypotheses | None, float]:
+        object_id = ids[number]
+        count, begun = wanted[object_id], time.perf_counter()
         region = estimator.find_region(context, object_id, count)
         coarse = estimator.find_hypotheses(context, region).hypotheses
-        found[object_id] = find_instances(
-            estimator, context, region, coarse, count, unexplained, min_score
-        )
-        regions[object_id], hypotheses[object_id] = region, coarse
-        seconds[object_id] = time.perf_counter() - begun
-        begun = time.perf_counter()
+        refined = find_instances(estimator, context, region, coarse, count, unexplained, min_score)
+        return region, coarse, refined, time.perf_counter() - begun
+
+    searched = dict(zip(ids, estimator.team.map(search, len(ids)), strict=True))
+    begun = time.perf_counter()
     found = resolve_conflicts(
-        estimator, context, found, regions, hypotheses, wanted, min_score, unexplained
+        estimator,
+        context,
+        {i: each[2] for i, each in searched.items()},
+        {i: each[0] for i, each in searched.items()},
+        {i: each[1] for i, each in searched.items()},
+        wanted,
+        min_score,
+        unexplained,
     )
-    shared = (time.perf_counter() - begun) / max(len(wanted), 1)
-    return found, {object_id: spent + shared for object_id, spent in seconds.items()}
+    each_last = (time.perf_counter() - begun) / max(len(ids), 1)
+    seconds = {i: each[3] + each_last for i, each in searched.items()}
+    for object_id in ids[:1]:
+        seconds[object_id] += shared
+    return found, seconds

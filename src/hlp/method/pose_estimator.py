@@ -1,7 +1,7 @@
 """The method on one frame: windows → region → votes → coarse poses → refined pose."""
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -23,6 +23,7 @@ from hlp.refinement.score_model import ScoreModel
 from hlp.refinement.texture import choose_near_sibling
 from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
 from hlp.rendering.color_grid import color_grid
+from hlp.thread_team import ThreadTeam
 from hlp.voting.cast import cast_votes
 
 _NEAREST = 0.1  # m: where depth is missing or less, a window is as large as there
@@ -70,7 +71,8 @@ class PoseEstimator:
     """The three stages for one object in one frame.
 
     Networks and codebooks are loaded when first needed, or by `load`. `object_ids` are the objects
-    that may be requested (default: all learnt ones). Not safe for use by several threads at once.
+    that may be requested (default: all learnt ones). Not safe for use by several threads at once,
+    but for the stages of different objects in a frame whose shared work is done (`share_work`).
     """
 
     def __init__(
@@ -86,6 +88,8 @@ class PoseEstimator:
         self._searches: dict[int, tuple[Codebook, Neighbours]] = {}
         self._verifiers: dict[int, Verifier] = {}
         self._scores: dict[int, ScoreModel] = {}
+        self.team = ThreadTeam(settings.machine.threads)
+        """For work on several objects at once."""
         self._modes = settings.voting.build(settings.machine.threads)
         self._refiner = settings.refinement.build(settings.machine.threads)
 
@@ -113,6 +117,12 @@ class PoseEstimator:
         """The context of a frame, which is passed to the stages of every object in it."""
         windows = self._scan.start(frame)
         return FrameContext(frame, windows, self.settings.refinement.verification, mask)
+
+    def share_work(self, context: FrameContext, object_ids: Iterable[int]) -> None:
+        """Do what these objects share in a frame now, and not when the first one needs it."""
+        for object_id in object_ids:
+            context.windows.classify(object_id)
+        _ = context.observation, self._encoder
 
     def find_region(self, context: FrameContext, object_id: int, instances: int = 1) -> Region:
         """Stage 1: the candidate region of an object (paper, section 3.1), its likeliest part.

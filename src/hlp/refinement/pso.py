@@ -14,7 +14,7 @@ from hlp.refinement.refiner import REFINERS, Refiner, checked_poses
 from hlp.refinement.swarm_kernel import apply_offsets, update_personal_bests, update_swarm
 from hlp.refinement.verification import VerificationSettings
 from hlp.settings import Doc, Settings, SettingsError
-from hlp.thread_team import ThreadTeam
+from hlp.thread_team import ThreadTeam, threads_here
 
 # Random streams of the polish and of tracking; hypotheses use streams 0, 1, …
 _POLISH_STREAM, _FOLLOW_STREAM = 1 << 16, 1 << 17
@@ -131,7 +131,7 @@ class PsoRefiner(Refiner):
         poses = checked_poses(hypotheses, model)
         settings = self._settings
         # Threads refine whole hypotheses: one iteration is too short to be divided.
-        at_once = min(self._threads, len(poses))
+        at_once = min(threads_here(self._threads), len(poses))
         end = time.perf_counter() + self._remaining(spent)
 
         def refine_one(index: int) -> Refinement:

@@ -14,8 +14,9 @@ from hlp.config.build import Run, with_changes
 from hlp.config.settings import TASKS, RunSettings
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.files import write_json
+from hlp.method.frame_search import search_frame
 from hlp.method.instance_search import find_instances
-from hlp.method.pose_estimator import FrameContext
+from hlp.method.pose_estimator import FrameContext, PoseEstimator
 from hlp.records import Frame, LocalPatches, PoseEstimate, TargetScore
 from hlp.reporting.tables.bench_table import (
     CONFIGURED,
@@ -36,7 +37,7 @@ from hlp.studies.bench_summary import (
     summarise_whole,
 )
 from hlp.studies.machine import describe_machine, peak_mib
-from hlp.studies.stopwatch import SearchComparison, TimedEstimator
+from hlp.studies.stopwatch import SearchComparison, Spent, TimedEstimator
 from hlp.studies.study_run import chosen_frames, study_run
 
 FILE = "bench.json"
@@ -88,6 +89,7 @@ def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
         estimators, loaded, peak = _make_estimators(run, paths, store, frame)
         detections, searches = _measure(run, estimators, keys)
         everything = _regions_of_all(run, store, keys)
+        at_once = _objects_at_once(run, store, keys)
         memory = {"peak_mib": peak, "all_paths_mib": peak_mib(), "learnt_too": made}
         result = {
             "machine": machine,
@@ -97,6 +99,7 @@ def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
             **_summary(run, task, keys, detections),
             "search": summarise_search(searches),
             "regions_of_all": everything,
+            "objects_at_once": at_once,
         }
         write_json(output / FILE, result)
         write_bench(output, result)
@@ -178,6 +181,24 @@ def _regions_of_all(run: Run, store: StageStore, keys: Sequence[str]) -> dict[st
             estimator.find_region(context, object_id)
         spent.append(estimator.clock.stop())
     return {"objects": len(object_ids), **summarise_whole(spent)}
+
+
+def _objects_at_once(run: Run, store: StageStore, keys: Sequence[str]) -> dict[str, float]:
+    """Times of whole frames whose objects are searched at once by several threads.
+
+    So do `Detector` and `hlp predict`. The paths search one after another, to measure the parts.
+    """
+    training = TrainingStages(run.dataset, run.settings.method, store)
+    estimator = PoseEstimator(training, run.settings.method, run.dataset.target_ids)
+    estimator.load(run.dataset.target_ids)
+    spent = []
+    for key in tqdm(keys, desc="objects at once", unit="frame", disable=None):
+        frame = run.dataset.frames.load(key)
+        begun, busy = time.perf_counter(), time.process_time()
+        wanted = run.dataset.wanted(frame)
+        search_frame(estimator, estimator.prepare(frame), wanted, 0.0, begun)
+        spent.append(Spent(time.perf_counter() - begun, time.process_time() - busy))
+    return summarise_whole([{"frame": each} for each in spent])
 
 
 def _rotated(values: Sequence[Any], turn: int) -> list[Any]:

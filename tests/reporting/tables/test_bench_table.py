@@ -66,6 +66,7 @@ def result() -> dict[str, Any]:
         "compared": {"reference": {"changes": {}, "ratio": ratio, **agreed}},
         "tolerance": {"mm": 1.0, "deg": 0.5},
         "regions_of_all": {"objects": 15, "median_ms": 111.0, "p95_ms": 130.0, "cpu_ms": 200.0},
+        "objects_at_once": {"median_ms": 17.0, "p95_ms": 30.0, "cpu_ms": 31.0},
         "search": {
             "queries": 170.0,
             "recall": 0.987,
@@ -97,6 +98,7 @@ def test_tables_state_the_machine_and_every_unit() -> None:
         "0.500",
     ]
     assert "all 15 objects" in text and "111.0 ms" in text
+    assert "17.0 ms (95 %: 30.0; CPU 31.0); one after another: 20.0 ms" in text
     assert "recall 0.987" in text and "each object 0.40" in text and "900 MiB" in text
 
 

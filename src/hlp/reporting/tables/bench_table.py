@@ -33,7 +33,8 @@ def format_bench(result: Result, layout: str = "text") -> str:
         parts += [_describe_comparison(result["tolerance"]), table(comparison_table(result))]
     if result["search"] is not None:
         parts.append(_describe_search(result["search"]))
-    parts += [_describe_regions(result["regions_of_all"]), _describe_loading(result)]
+    parts += [_describe_at_once(result), _describe_regions(result["regions_of_all"])]
+    parts.append(_describe_loading(result))
     return "\n\n".join(parts)
 
 
@@ -204,6 +205,18 @@ def _describe_search(search: Result) -> str:
         f" (median): recall {search['recall']:.3f}, of the nearest"
         f" {search['recall_of_nearest']:.3f}; {search['median_ms']:.1f} ms and"
         f" {search['exact_ms']:.1f} ms, x{search['ratio']:.1f}"
+    )
+
+
+def _describe_at_once(result: Result) -> str:
+    one_by_one = result["paths"][CONFIGURED]["frame"][TOTAL]["median_ms"]
+    found = result["objects_at_once"]
+    times = (found["median_ms"], found["p95_ms"], found["cpu_ms"], one_by_one)
+    return (
+        "A whole frame, its objects searched at once by several threads as by the Python API and"
+        " hlp predict: {:.1f} ms (95 %: {:.1f}; CPU {:.1f}); one after another: {:.1f} ms".format(
+            *times
+        )
     )
 
 

@@ -1,0 +1,58 @@
+"""The objects of a frame are searched by several threads at once."""
+
+import threading
+import time
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hlp.method.frame_search import search_frame
+from hlp.records import Hypotheses, Region
+from hlp.thread_team import ThreadTeam
+
+
+class Estimator:
+    """Finds nothing of any object; waits in stage 2 until `together` objects are searched."""
+
+    def __init__(self, threads: int, together: int) -> None:
+        self.team = ThreadTeam(threads)
+        self.done: list[Any] = []
+        self._barrier = threading.Barrier(together, timeout=10)
+
+    def share_work(self, context: Any, object_ids: list[int]) -> None:
+        self.done.append(("shared", object_ids))
+
+    def find_region(self, context: Any, object_id: int, instances: int) -> Region:
+        self.done.append((object_id, instances))
+        return Region(object_id, np.zeros((0, 2)), np.zeros(0), np.zeros((4, 4), dtype=bool))
+
+    def find_hypotheses(self, context: Any, region: Region) -> Any:
+        self._barrier.wait()
+        time.sleep(0.01)
+        return SimpleNamespace(hypotheses=Hypotheses(np.zeros((0, 4, 4)), np.zeros(0)))
+
+    def refine(self, *_: Any) -> None:
+        return None
+
+    def score(self, *_: Any) -> float:
+        return 0.0
+
+    def closer_regions(self, *_: Any) -> Any:
+        return iter(())
+
+
+@pytest.mark.parametrize(("threads", "together"), [(1, 1), (2, 2), (3, 3)])
+def test_threads_search_different_objects(threads: int, together: int) -> None:
+    estimator: Any = Estimator(threads, together)
+    wanted = {5: 1, 3: 2, 9: 1, 4: 1, 8: 1, 2: 1}
+    answers, missing = search_frame(estimator, None, wanted, 0.5, time.perf_counter())  # type: ignore[arg-type]
+    assert answers == [] and missing == list(wanted)
+    assert estimator.done[0] == ("shared", list(wanted))
+    assert dict(estimator.done[1:]) == wanted
+
+
+def test_nothing_is_wanted() -> None:
+    estimator: Any = Estimator(2, 1)
+    assert search_frame(estimator, None, {}, 0.5, time.perf_counter()) == ([], [])  # type: ignore[arg-type]
