@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from hlp.records import TargetScore
-from hlp.reporting.figures.steps import Step, draw_steps
 from hlp.reporting.ladder import arms_of, describe_ladders, gain_of, write_ladder
 from hlp.reporting.results import read_results
 from hlp.results.intervals import difference_interval
@@ -94,17 +93,3 @@ def test_an_arm_whose_predecessor_was_not_run_stands_alone(tmp_path: Path) -> No
 def test_other_experiments_have_no_ladder(tmp_path: Path) -> None:
     write_run(tmp_path / "run", "demo", scored(0.7, 100.0, {"cat": 0.7}))
     assert write_ladder(tmp_path / "run") == [] and describe_ladders(tmp_path, "text") == ""
-
-
-def test_the_figure_has_a_row_for_each_arm_from_top_to_bottom() -> None:
-    steps = [
-        Step("first", (0.2, (0.1, 0.3)), None),
-        Step("second", (0.6, (0.5, 0.7)), (0.4, (0.3, 0.5))),
-    ]
-    left, right = draw_steps(steps, "4 targets").axes
-    assert [label.get_text() for label in left.get_yticklabels()] == ["first", "second"]
-    bottom, top = left.get_ylim()
-    assert bottom > top
-    recalls, gains = (ax.containers[0].lines[0].get_xydata() for ax in (left, right))
-    np.testing.assert_array_equal(recalls, [[0.2, 0], [0.6, 1]])
-    np.testing.assert_array_equal(gains, [[0.4, 1]])

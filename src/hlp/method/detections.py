@@ -32,10 +32,10 @@ class Detection:
     ADD-S is below a tenth of the diameter. `visible_fraction` is the fraction of its silhouette
     that lies in the image and that nothing nearer covers. `seconds` is the wall time, divided
     equally among an object's instances; work shared by all objects of an image counts for the
-    first. Several threads search different objects at once, so the times of objects overlap. `residual_mm` is the median difference in depth where model and image agree.
-    `equivalent_poses` (n, 4, 4) are those that the object's symmetries do not tell apart,
-    `pose_cam_obj` first. `runner_up` is None if there was no other pose. `fit` is what the score is
-    computed from.
+    first. Several threads search different objects at once, so the times of objects overlap.
+    `residual_mm` is the median difference in depth where model and image agree. `equivalent_poses`
+    (n, 4, 4) are those that the object's symmetries do not tell apart, `pose_cam_obj` first.
+    `runner_up` is None if there was no other pose. `fit` is what the score is computed from.
     """
 
     object: str
