@@ -33,6 +33,7 @@ from hlp.objects.shapes import merge, moved_by
 from hlp.records import MILLIMETRE, Frame, Mesh, ObjectModel, Target
 from hlp.rendering.rasterizer import render_scene
 from hlp.rendering.sensor import kinect, noisy_depth, noisy_rgb
+from hlp.studies.machine import peak_mib
 
 SETTINGS = ("score.scenes=0", "patches.pool.per_object=500", "patches.pairs.per_object=500")
 THERE = 7  # objects on the table
@@ -79,7 +80,7 @@ def learn(folder: Path, count: int, threads: int) -> None:
     print(
         f"{count} objects: {spent:.0f} s, {spent / count:.1f} s an object "
         f"(CPU {cpu / count:.1f} s), {size / count:.1f} MB an object on disk, "
-        f"{memory_mb('VmHWM'):.0f} MB of memory at most"
+        f"{peak_mib():.0f} MiB of memory at most"
     )
 
 
@@ -96,9 +97,9 @@ def find(folder: Path, numbers: Sequence[int], count: int, threads: int) -> None
     """Find as many objects as each of the `numbers` says in `count` frames, and print a table."""
     detector = Detector.load(folder, threads=threads)
     detector.warm_up()
-    loaded, models = memory_mb("VmRSS"), list(detector.models.values())
+    models = list(detector.models.values())
     frames = [render_frame(models, number) for number in range(count)]
-    print(f"{len(models)} objects known, {loaded:.0f} MB; {count} frames of {THERE} objects")
+    print(f"{len(models)} objects known; {count} frames of {THERE} objects")
     first = None
     for asked in numbers:
         found = [find_in(detector, frame, asked) for frame in frames]
@@ -109,7 +110,7 @@ def find(folder: Path, numbers: Sequence[int], count: int, threads: int) -> None
             f"asked for {asked}: {wall:.0f} ms a frame (CPU {cpu:.0f}), {wall / first:.1f} times "
             f"the first; right {right} of {targets}, false alarms {alarms}"
         )
-    print(f"{memory_mb('VmHWM'):.0f} MB of memory at most")
+    print(f"{peak_mib():.0f} MiB of memory at most")
 
 
 def find_in(detector: Detector, frame: Frame, asked: int) -> tuple[float, float, int, int, int]:
@@ -171,12 +172,6 @@ def render_frame(models: Sequence[ObjectModel], number: int) -> Frame:
             Target(item.object_id, pose, 1.0) for item, (_, pose) in zip(items, parts, strict=True)
         ),
     )
-
-
-def memory_mb(line: str) -> float:
-    """Memory (MB) of this process by the name of its line in /proc."""
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return next(float(each.split()[1]) for each in lines if each.startswith(line)) / 1024.0
 
 
 if __name__ == "__main__":

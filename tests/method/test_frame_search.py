@@ -30,7 +30,6 @@ class Estimator:
 
     def find_hypotheses(self, context: Any, region: Region) -> Any:
         self._barrier.wait()
-        time.sleep(0.01)
         return SimpleNamespace(hypotheses=Hypotheses(np.zeros((0, 4, 4)), np.zeros(0)))
 
     def refine(self, *_: Any) -> None:

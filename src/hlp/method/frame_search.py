@@ -76,6 +76,6 @@ def _find(
     )
     each_last = (time.perf_counter() - begun) / max(len(ids), 1)
     seconds = {i: each[3] + each_last for i, each in searched.items()}
-    for object_id in ids[:1]:
-        seconds[object_id] += shared
+    if ids:
+        seconds[ids[0]] += shared
     return found, seconds

@@ -88,9 +88,9 @@ def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
         frame = run.dataset.frames.load(keys[0])
         estimators, loaded, peak = _make_estimators(run, paths, store, frame)
         detections, searches = _measure(run, estimators, keys)
+        memory = {"peak_mib": peak, "all_paths_mib": peak_mib(), "learnt_too": made}
         everything = _regions_of_all(run, store, keys)
         at_once = _objects_at_once(run, store, keys)
-        memory = {"peak_mib": peak, "all_paths_mib": peak_mib(), "learnt_too": made}
         result = {
             "machine": machine,
             "workload": _workload(run, estimators[CONFIGURED], frame, len(keys)),
