@@ -11,6 +11,7 @@ are right (ADD-S below a tenth of the diameter), false alarms, and the memory of
 """
 
 import argparse
+import resource
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
@@ -33,7 +34,6 @@ from hlp.objects.shapes import merge, moved_by
 from hlp.records import MILLIMETRE, Frame, Mesh, ObjectModel, Target
 from hlp.rendering.rasterizer import render_scene
 from hlp.rendering.sensor import kinect, noisy_depth, noisy_rgb
-from hlp.studies.machine import peak_mib
 
 SETTINGS = ("score.scenes=0", "patches.pool.per_object=500", "patches.pairs.per_object=500")
 THERE = 7  # objects on the table
@@ -172,6 +172,11 @@ def render_frame(models: Sequence[ObjectModel], number: int) -> Frame:
             Target(item.object_id, pose, 1.0) for item, (_, pose) in zip(items, parts, strict=True)
         ),
     )
+
+
+def peak_mib() -> float:
+    """The most memory (MiB) that this process has held; `hlp.studies.machine` would load torch."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
 
 
 if __name__ == "__main__":
