@@ -1,16 +1,11 @@
 """Kernels compiled by numba, and recompiled when any source behind them has changed."""
 
-import os
-import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, cached_property, update_wrapper
 from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar, cast
-
-import platformdirs
 
 from hlp.source_code import source_digest
 
@@ -75,29 +70,10 @@ def kernel_folder() -> Path | None:
     """Where compiled kernels are kept; None if no such folder can be written."""
     import numba
 
+    from hlp.user_cache import writable_folder
+
     config: Any = numba.config
-    if config.CACHE_DIR:
-        return Path(config.CACHE_DIR)
-    # Without a home this is a relative path, which begins with "~".
-    users = platformdirs.user_cache_path("hlp", appauthor=False) / "kernels"
-    temporary = Path(tempfile.gettempdir(), f"hlp-kernels-{_user()}")
-    places = [users, temporary] if users.is_absolute() else [temporary]
-    return next((place for place in places if _is_ours(place)), None)
-
-
-def _is_ours(folder: Path) -> bool:
-    """Whether a folder can be written, and by nobody else: kernels are code that will run."""
-    try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        status = folder.stat()
-        tempfile.TemporaryFile(dir=folder).close()
-    except OSError:
-        return False
-    return sys.platform == "win32" or (status.st_uid == _user() and not status.st_mode & 0o022)
-
-
-def _user() -> int:
-    return 0 if sys.platform == "win32" else os.getuid()  # there, temporary files are a user's own
+    return Path(config.CACHE_DIR) if config.CACHE_DIR else writable_folder("kernels")
 
 
 @contextmanager

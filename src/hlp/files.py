@@ -3,6 +3,8 @@
 Also the names of the files in a run's output folder, for writers and readers.
 """
 
+from __future__ import annotations
+
 import csv
 import io
 import json
@@ -14,11 +16,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tokenize import TokenError
-from typing import Any, BinaryIO
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from hlp.errors import DataError, MissingFileError
+
+if TYPE_CHECKING:
+    import numpy as np  # takes 0.1 s to import, and a command that shows settings needs no array
 
 MANIFEST = "manifest.json"
 """What the result was made from. It is written last: a folder with one holds a complete result."""
@@ -98,6 +101,8 @@ def write_array(path: Path, array: np.ndarray) -> None:
 
     Raises OSError with the system's reason. `np.save` loses it: on a full disk it counts bytes.
     """
+    import numpy as np
+
     array = np.ascontiguousarray(array)
     with replaced(path) as stream:
         header = np.lib.format.header_data_from_array_1_0(array)
@@ -135,6 +140,8 @@ def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, Any]]:
 
 def read_npz(path: Path) -> dict[str, np.ndarray]:
     """All arrays of an .npz file. Raises MissingFileError, or DataError naming a damaged file."""
+    import numpy as np
+
     if not path.is_file():
         raise MissingFileError(f"there is no file {path}")
     try:

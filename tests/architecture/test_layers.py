@@ -106,6 +106,30 @@ def test_what_only_shows_settings_imports_nothing_heavy(arguments: list[str]) ->
     assert "refinement" in done.stdout
 
 
+def test_a_configuration_whose_defaults_are_kept_is_shown_without_arrays(tmp_path: Path) -> None:
+    """NumPy and the settings' classes would take a third of a second."""
+    code = (
+        "import sys\n"
+        "from hlp.cli import main\n"
+        "main(['run', '--cfg', 'job', 'data=bop', 'data.root=X'])\n"
+        "print('imported', 'numpy' in sys.modules)\n"
+    )
+    environment = {
+        **os.environ, "PYTHONPATH": str(ROOT / "src"), "XDG_CACHE_HOME": str(tmp_path)
+    }  # fmt: skip
+    first, second = (
+        subprocess.run(
+            [sys.executable, "-c", code],
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for _ in range(2)
+    )
+    assert first == second.replace("imported False", "imported True") != second
+
+
 @pytest.mark.parametrize("arguments", [["--help"], ["runs", "--help"], ["-sc", "query=bash"]])
 def test_what_answers_at_once_imports_none_of_the_libraries(arguments: list[str]) -> None:
     code = (

@@ -93,7 +93,7 @@ def test_keys_are_composed_again_for_another_code_or_choice_or_a_damaged_file(
     (folder / "refinement").mkdir(parents=True)
     (folder / "refinement" / "icp.yaml").write_text("a: 1\n")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    kept = tmp_path / "cache" / "hlp" / "completion.json"
+    kept = tmp_path / "cache" / "hlp" / "completion" / "keys.json"
 
     def ask(*words: str) -> list[str]:
         return configuration_words(words, folder, compose)

@@ -5,15 +5,11 @@ each choice of alternatives, and kept in the user's cache until configuration or
 """
 
 import hashlib
-import json
-import os
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from pathlib import Path
 
-import platformdirs
-
 import hlp
+from hlp.user_cache import KeptValues, writable_folder
 
 _KEPT = 50  # choices of alternatives
 
@@ -64,30 +60,13 @@ def _kept(
     chosen: Sequence[str], folder: Path, compose: Callable[[Sequence[str]], Sequence[str]]
 ) -> list[str]:
     """The keys for these choices, from the cache if they are in it."""
-    file = platformdirs.user_cache_path("hlp", appauthor=False) / "completion.json"
-    state, choice = _state(folder), " ".join(chosen)
-    known = _read(file, state)
+    kept = KeptValues(writable_folder("completion"), "keys.json", _state(folder))
+    known, choice = kept.read(), " ".join(chosen)
     if choice in known:
-        return known[choice]
+        return list(known[choice])
     keys = list(compose(chosen))
-    known = dict(list(known.items())[-_KEPT + 1 :]) | {choice: keys}
-    with suppress(OSError):  # then it takes a second each time
-        file.parent.mkdir(parents=True, exist_ok=True)
-        partial = file.with_name(f".{file.name}.{os.getpid()}")
-        partial.write_text(json.dumps({"state": state, "keys": known}))
-        partial.replace(file)
+    kept.write(dict(list(known.items())[-_KEPT + 1 :]) | {choice: keys})
     return keys
-
-
-# Not by `hlp.files`, which takes longer to import than everything here.
-def _read(file: Path, state: str) -> dict[str, list[str]]:
-    """The keys of each choice that is kept; none if they are of another state or damaged."""
-    with suppress(OSError, ValueError, TypeError, KeyError, AttributeError):
-        content = json.loads(file.read_text())
-        if content["state"] == state:
-            kept = content["keys"].items()
-            return {str(choice): [str(each) for each in keys] for choice, keys in kept}
-    return {}
 
 
 def _state(folder: Path) -> str:

@@ -9,7 +9,8 @@ In every group, `base` holds the defaults of the group's settings class. In a gr
       - _self_
     theta_deg: 5.0
 
-They are not files and are not listed. A module is imported when one of its defaults is used.
+They are not files and are not listed. A module is imported when one of its defaults is used, unless
+an earlier process has kept it (`kept_defaults`).
 """
 
 from functools import cache
@@ -22,6 +23,7 @@ from hydra.plugins.config_source import ConfigResult, ConfigSource
 from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import OmegaConf
 
+from hlp.config.kept_defaults import keep_defaults, kept_defaults
 from hlp.errors import ConfigError
 from hlp.registry import Registry
 from hlp.settings import defaults_of
@@ -63,18 +65,18 @@ class TypedDefaults(ConfigSource):
 
     def load_config(self, config_path: str) -> ConfigResult:
         """The defaults as a configuration."""
-        found = _find(config_path)
-        assert found is not None, config_path
+        defaults = _defaults(config_path.removesuffix(".yaml"))
+        assert defaults is not None, config_path
         return ConfigResult(
             provider=self.provider,
             path=self.full_path(),
-            config=OmegaConf.create(defaults_of(*found)),
+            config=OmegaConf.create(defaults),
             header={"package": None},
         )
 
     def is_config(self, config_path: str) -> bool:
         """Whether the path is a group's `base` or `base_NAME`."""
-        return _find(config_path) is not None
+        return _defaults(config_path.removesuffix(".yaml")) is not None
 
     def is_group(self, config_path: str) -> bool:
         """Always false: the groups are those of the files."""
@@ -97,9 +99,22 @@ class TypedDefaultsPath(SearchPathPlugin):
         search_path.append("hlp", f"{_SCHEME}://")
 
 
+def _defaults(config_path: str) -> dict[str, Any] | None:
+    """The defaults at a path such as `refinement/base_pso`; None if there are none."""
+    if config_path in kept_defaults():
+        return kept_defaults()[config_path]
+    found = _find(config_path)
+    if found is None:
+        return None
+    defaults = defaults_of(*found)
+    if found[0].__module__.partition(".")[0] == "hlp":  # a change of a plug-in would not be seen
+        keep_defaults(config_path, defaults)
+    return defaults
+
+
 def _find(config_path: str) -> tuple[type, str | None] | None:
-    """The settings class of a path such as `refinement/base_pso`, and its name; None if unknown."""
-    group, _, file = config_path.removesuffix(".yaml").rpartition("/")
+    """The settings class of such a path, and its name; None if unknown."""
+    group, _, file = config_path.rpartition("/")
     base, _, name = file.partition("_")
     if base != _BASE or not group:
         return None
