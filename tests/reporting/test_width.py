@@ -5,14 +5,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hlp.commands import report
 from hlp.data.synthetic.objects import demo_objects
 from hlp.records import TargetScore
+from hlp.reporting.figures.basin_maps import Basins, format_basins
 from hlp.reporting.paper_results import ADD_BY_OBJECT
+from hlp.reporting.tables.bench_table import format_bench
+from hlp.reporting.tables.oracle_table import format_oracle
+from hlp.reporting.tables.search_table import format_search
 from hlp.reporting.tables.summary_tables import format_summary
 from hlp.results.scores_file import write_scores
+from written_bench import bench_result
 from written_results import scored, write_run, write_sweep
 from written_summary import quality
 
@@ -108,6 +114,42 @@ def test_the_report_of_a_sweep(
     printed = capsys.readouterr().out
     assert "3 of 3 arms finished" in printed and "All runs below" in printed
     assert not wider(printed)
+
+
+def test_the_ends_of_studies() -> None:
+    names, parts = list(ADD_BY_OBJECT), [*map("stage {}".format, (1, 2, 3)), "total"]
+    recall = {"targets": 1234, "recall": 0.987, "ci95": [0.98, 0.99]}
+    cells = [
+        {
+            "region": region,
+            "coarse": coarse,
+            "add": recall,
+            "per_object": dict.fromkeys(names, recall),
+        }
+        for region in ("estimated", "true")
+        for coarse in ("estimated", "true", "noisy")
+    ]
+    lost = dict.fromkeys(["region", "coarse pose", "fine pose"], -0.012)
+    oracle = {"frames": 30, "noise_deg": 10.0, "noise_mm": 12.5, "cells": cells, "lost": lost}
+    assert not wider(format_oracle(oracle))
+
+    errors = tuple(float(each) for each in range(0, 70, 5))
+    right = dict.fromkeys(names, np.ones((20, len(errors), len(errors)), bool))
+    refiners = {name: right for name in ("pso", "icp", "none", "a_refiner_of_ones_own")}
+    assert not wider(format_basins(Basins(errors, errors, refiners)))
+
+    values = {f"refinement.verification.a_long_key_{i}": 0.123456 for i in range(6)}
+    trial = {"trial": 12, "values": values, "recall": 0.9, "time_ms": 1234.5, "error": None}
+    search = {"space": "refinement", "limit_ms": 300.0, "best": trial, "trials": [trial] * 12}
+    assert not wider(format_search(search))
+
+    times = {key: {"median_ms": 1234.5, "p95_ms": 12345.6, "cpu_ms": 1234.5} for key in parts}
+    ratio = dict.fromkeys(("first", "frame"), dict.fromkeys(parts, 12.34))
+    bench = bench_result()
+    for path in bench["paths"].values():
+        path |= {"first": times, "further": times, "frame": times}
+    bench["compared"]["reference"]["ratio"] = ratio
+    assert not wider(format_bench(bench))
 
 
 @pytest.mark.parametrize("runs", ["ab", "abc"])

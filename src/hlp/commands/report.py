@@ -60,7 +60,8 @@ arms.
 
 Into the folder of every run and sweep goes report.html, one page for a browser,
 without any other file or network: charts, the targets with pictures of the
-missed ones, a 3D view, the configuration, and the command that repeats it.
+missed ones, a 3D view, the configuration, and the command that repeats it. The
+page of a study (oracle, basin, bench, search) has its tables and figures.
 
   objects   prints the recall of these objects, over all targets and by visible
             fraction

@@ -7,6 +7,7 @@ from hlp.files import SUMMARY, SWEEP
 from hlp.reporting.bench_sweep import describe_benches, write_benches
 from hlp.reporting.figures.trade_off import draw_trade_off
 from hlp.reporting.figures.waterfall_bars import draw_waterfall
+from hlp.reporting.page.study_page import study_folders
 from hlp.reporting.sweep_report import describe_sweep, write_sweep_files
 from hlp.reporting.tables.summary_tables import (
     format_summary,
@@ -22,14 +23,15 @@ def report_runs(folder: Path, layout: str, details: bool = False) -> str:
     """A line for each run in or below a folder, oldest first, and a table for each sweep.
 
     `layout` is `text` or `markdown`. The tables of a run follow if it is the only one, or with
-    `details`. Draws each run's waterfall into its folder, and figures into each sweep's. Raises
-    ValueError for another layout or a broken summary, and MissingFileError where no finished run is
-    found.
+    `details`. Of studies (oracle, basin, bench, search) there are the tables or their names. Draws
+    each run's waterfall into its folder, and figures into each sweep's. Raises ValueError for
+    another layout or a broken summary, and MissingFileError where no finished run is found.
     """
     check_layout(layout)
     sweeps = sorted(path.parent for path in folder.rglob(SWEEP))
     paths = sorted(folder.rglob(SUMMARY), key=lambda path: path.stat().st_mtime)
-    if not paths and not sweeps:
+    studies = study_folders(folder)
+    if not paths and not sweeps and not studies:
         raise MissingFileError(f"no finished run ({SUMMARY}) in or below {folder}")
     summaries = {path.parent: read_summary(path) for path in paths}
     heading = "## " if layout == "markdown" else ""
@@ -43,6 +45,7 @@ def report_runs(folder: Path, layout: str, details: bool = False) -> str:
             parts += [f"Drawn: {path}" for path in drawn]
     for sweep in sweeps:
         parts += _sweep_parts(sweep, layout, heading)
+    parts += [_study_part(each, layout, heading) for each in studies if each.parent not in sweeps]
     if len(summaries) > 1:
         table = runs_table({str(run.relative_to(folder)): s for run, s in summaries.items()})
         shown = table.fitted(0, ends=True) if layout == "text" else table
@@ -50,6 +53,14 @@ def report_runs(folder: Path, layout: str, details: bool = False) -> str:
         if not details:
             parts.append("details=true prints the tables of every run.")
     return "\n\n".join(parts)
+
+
+def _study_part(study: Path, layout: str, heading: str) -> str:
+    """A study's tables as Markdown; for a terminal, which they are too wide for, their names."""
+    tables = sorted(study.glob("*.md"))
+    if layout == "markdown":
+        return "\n\n".join([f"{heading}{study}", *(each.read_text("utf-8") for each in tables)])
+    return prose(f"Study: {study} ({', '.join(each.name for each in tables)})", layout)
 
 
 def _sweep_parts(sweep: Path, layout: str, heading: str) -> list[str]:

@@ -84,9 +84,9 @@ class BasinSettings(Settings):
 def run_basin(run: Run, task: BasinSettings, output: Path) -> Basins:
     """Refine the same perturbed poses with every refiner; return the recalls.
 
-    Writes basin.csv, heatmaps/ and manifest.json. Nothing is learnt. The refined poses of each
-    refiner are a stage, so an interrupted run continues where it stopped. Everything is logged as
-    one MLflow run.
+    Writes basin.md, basin.csv, heatmaps/, report.html and manifest.json. Nothing is learnt. The
+    refined poses of each refiner are a stage, so an interrupted run continues where it stopped.
+    Everything is logged as one MLflow run.
     """
     with study_run(run, output) as (store, tracker):
         keys = chosen_frames(run, task.frames)

@@ -8,6 +8,7 @@ from pathlib import Path
 from hlp.config.build import Run, evenly
 from hlp.files import MANIFEST, write_json
 from hlp.method.compute_threads import set_compute_threads
+from hlp.reporting.page.study_page import write_page_or_say
 from hlp.reporting.tracker import Tracker
 from hlp.runs.manifest import make_manifest
 from hlp.runs.mlflow_inputs import log_inputs, say_where, tracked
@@ -21,9 +22,9 @@ def study_run(
 ) -> Iterator[tuple[StageStore, Tracker]]:
     """The store and the MLflow run of one study.
 
-    When the block ends, manifest.json is written into `output`, all that is in it is logged, and a
-    message says where it is. A folder with a manifest holds a complete result. With `resume` the
-    MLflow run of that id is continued.
+    When the block ends, manifest.json and report.html are written into `output`, all that is in it
+    is logged, and a message says where it is. A folder with a manifest holds a complete result.
+    With `resume` the MLflow run of that id is continued.
     """
     settings = run.settings
     set_compute_threads(settings.machine.threads)
@@ -34,6 +35,7 @@ def study_run(
         store = StageStore(Path(settings.work))
         yield store, tracker
         write_json(output / MANIFEST, make_manifest(run, store))
+        write_page_or_say(output)
         tracker.log_artifacts(output)
     say = logging.getLogger(__name__).info
     written = sorted(path.name for path in output.iterdir() if not path.name.startswith("."))

@@ -20,7 +20,7 @@ RESULT = {"space": "refinement", "limit_ms": 100.0, "best": TRIALS[3], "trials":
 
 
 def test_trials_are_ranked_within_the_limit_first():
-    table = unpadded(format_search(RESULT)).splitlines()
+    table = unpadded(format_search(RESULT, "markdown")).splitlines()
     assert table[0].startswith("4 trials of refinement, 3 of them with a result")
     assert table[4:7] == [
         "| 3 | 0.800 | 70 | 20 | 6 |",
@@ -42,4 +42,4 @@ def test_the_csv_holds_every_trial(tmp_path):
     assert [row["add_recall"] for row in rows] == ["0.8", "0.9", "", "0.8"]
     assert [row["error"] for row in rows] == ["", "", "no depth", ""]
     assert float(rows[1]["refinement.theta_deg"]) == 5.0 + 1 / 3.0
-    assert (tmp_path / "search.md").read_text() == format_search(RESULT) + "\n"
+    assert (tmp_path / "search.md").read_text() == format_search(RESULT, "markdown") + "\n"

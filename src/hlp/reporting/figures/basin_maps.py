@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hlp.files import write_csv
+from hlp.files import write_csv, write_text
 from hlp.reporting.figures.saving import save_figure
-from hlp.reporting.tables.table import Table
+from hlp.reporting.tables.table import Table, lay_out, prose
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,7 +51,8 @@ class Basins:
 
 
 def write_basins(folder: Path, basins: Basins) -> None:
-    """Write basin.csv: one row for each refiner, object and pair of starting errors."""
+    """Write basin.md, and basin.csv: a row a refiner, object and pair of starting errors."""
+    write_text(folder / "basin.md", format_basins(basins, "markdown") + "\n")
     rows = []
     for refiner in basins.right:
         for name, verdicts in basins.with_all(refiner).items():
@@ -63,26 +64,28 @@ def write_basins(folder: Path, basins: Basins) -> None:
     write_csv(folder / "basin.csv", _COLUMNS, rows)
 
 
-def format_basins(basins: Basins) -> str:
-    """Tables for people: recall over all objects for each pair of errors, and means per object."""
-    parts = [
+def format_basins(basins: Basins, layout: str = "text") -> str:
+    """Tables for people (`text` or `markdown`): recall by pair of errors, and means per object."""
+    caption = (
         "ADD(-S) recall after refinement, by the error of the start: a row for each rotation"
         " (degrees), a column for each translation (mm)."
-    ]
+    )
+    parts = [prose(caption, layout)]
     for refiner in basins.right:
         recalls = basins.with_all(refiner)[ALL].mean(axis=0)
         rows = [
             [f"{degrees:g}", *(f"{value:.2f}" for value in row)]
             for degrees, row in zip(basins.rotation_deg, recalls, strict=True)
         ]
-        parts.append(Table([refiner, *(f"{mm:g}" for mm in basins.translation_mm)], rows).text())
+        table = Table([refiner, *(f"{mm:g}" for mm in basins.translation_mm)], rows)
+        parts.append(lay_out(table, layout))
     means = {refiner: basins.with_all(refiner) for refiner in basins.right}
     rows = [
         [name, str(len(verdicts)), *(f"{means[refiner][name].mean():.3f}" for refiner in means)]
         for name, verdicts in next(iter(means.values())).items()
     ]
     parts.append("Mean over all starting errors:")
-    parts.append(Table(["object", "perturbations each", *means], rows).text())
+    parts.append(lay_out(Table(["object", "perturbations each", *means], rows), layout))
     return "\n\n".join(parts)
 
 

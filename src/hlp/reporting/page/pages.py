@@ -4,12 +4,13 @@ from pathlib import Path
 
 from hlp.files import MANIFEST, SCORES, SWEEP
 from hlp.reporting.page.run_page import write_run_page
+from hlp.reporting.page.study_page import study_folders, write_study_page
 from hlp.reporting.page.sweep_page import write_sweep_page
 from hlp.reporting.results import read_results, result_folders
 
 
 def write_pages(folder: Path) -> list[Path]:
-    """Write the page of the run or sweep in a folder; those of all in it if there are several.
+    """Write the page of the run, sweep or study in a folder; of all in it if there are several.
 
     The runs of a sweep have pages of their own too. Raises what the pages raise.
     """
@@ -22,4 +23,4 @@ def write_pages(folder: Path) -> list[Path]:
                 written.append(write_sweep_page(found))
         elif (found / SCORES).is_file():
             written.append(write_run_page(found))
-    return written
+    return written + [write_study_page(found) for found in study_folders(folder)]

@@ -6,11 +6,11 @@ from typing import Any
 
 from hlp.errors import DataError
 from hlp.files import read_json, write_text
-from hlp.reporting.tables.table import LAYOUTS, Table, format_share
+from hlp.reporting.tables.table import Table, format_share, lay_out, prose
 
 CONFIGURED = "configured"
 """Name of the path that the configuration itself describes; the others are compared with it."""
-TIMED = {"first": "first object", "further": "each further", "frame": "whole frame"}
+TIMED = {"first": "first", "further": "further", "frame": "frame"}
 """Units that are timed, and what people call them."""
 AGREEMENT = {
     "same_pose": "same pose",
@@ -24,18 +24,24 @@ Result = Mapping[str, Any]
 
 def format_bench(result: Result, layout: str = "text") -> str:
     """All tables of a bench (`text` or `markdown`), and what it was measured on."""
-    table = LAYOUTS[layout]
-    parts = [_describe_machine(result["machine"]), _describe_workload(result["workload"])]
+    words = [_describe_machine(result["machine"]), _describe_workload(result["workload"])]
+    parts = [prose(each, layout) for each in words]
     for name, path in result["paths"].items():
-        heading = f"Path '{name}': ms, decoding the images not counted; CPU of all threads."
-        parts += [heading, table(times_table(path)), table(objects_table(path))]
+        heading = (
+            f"Path '{name}': median ms of a frame's first object, of each further one and of whole"
+            " frames, with the 95th percentile and the CPU time of all threads. Decoding the"
+            " images is not counted."
+        )
+        parts += [prose(heading, layout), lay_out(times_table(path), layout)]
+        parts += [prose("By the objects of a frame:", layout), lay_out(objects_table(path), layout)]
     if result["compared"]:
-        parts += [_describe_comparison(result["tolerance"]), table(comparison_table(result))]
-    if result["search"] is not None:
-        parts.append(_describe_search(result["search"]))
-    parts += [_describe_at_once(result), _describe_regions(result["regions_of_all"])]
-    parts.append(_describe_loading(result))
-    return "\n\n".join(parts)
+        parts.append(prose(_describe_comparison(result["tolerance"]), layout))
+        parts.append(lay_out(comparison_table(result), layout))
+    words = [] if result["search"] is None else [_describe_search(result["search"])]
+    words += [_describe_at_once(result), _describe_regions(result["regions_of_all"])]
+    return "\n\n".join(
+        [*parts, *(prose(each, layout) for each in (*words, _describe_loading(result)))]
+    )
 
 
 def times_table(path: Result) -> Table:
@@ -108,15 +114,16 @@ def compare_benches(before: Path, after: Path) -> str:
     bench, and MissingFileError where there is none.
     """
     first, second = read_bench(before), read_bench(after)
-    parts = [f"A  {before}: {_describe_machine(first['machine'])}"]
-    parts += [f"B  {after}: {_describe_machine(second['machine'])}"]
+    parts = [prose(f"A  {before}: {_describe_machine(first['machine'])}", "text")]
+    parts += [prose(f"B  {after}: {_describe_machine(second['machine'])}", "text")]
     differing = _differing(first["workload"], second["workload"])
     if differing:
-        parts.append(f"The two did not measure the same: {'; '.join(differing)}.")
+        words = f"The two did not measure the same: {'; '.join(differing)}."
+        parts.append(prose(words, "text"))
     for name in first["paths"]:
         if name in second["paths"]:
             table = ratio_table(first["paths"][name], second["paths"][name])
-            parts += [f"Path '{name}': median ms of A and B, and B/A.", table.text()]
+            parts += [f"Path '{name}': median ms of A and B, and B/A.", lay_out(table, "text")]
     peaks = [each["memory"]["peak_mib"] for each in (first, second)]
     parts.append(f"Peak memory: {peaks[0]:.0f} and {peaks[1]:.0f} MiB.")
     return "\n\n".join(parts)
@@ -180,11 +187,12 @@ def _describe_machine(machine: Result) -> str:
 def _describe_workload(workload: Result) -> str:
     objects = workload["objects"]
     entries = [each["codebook_entries"] for each in objects.values()]
+    few, most = min(entries), max(entries)
     width, height = workload["image"]
     particles = workload["particles"]
     return (
         f"{workload['experiment']}: {workload['frames']} frames of {width} x {height} px,"
-        f" {len(objects)} objects, {min(entries)}-{max(entries)} codebook entries each,"
+        f" {len(objects)} objects, {few if few == most else f'{few}-{most}'} codebook entries each,"
         f" scan {workload['scan']}, codebook {workload['codebook']}, {workload['refinement']}"
         + (f" with {particles} particles" if particles else "")
         + f", at most {workload['refined']} hypotheses refined"

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from hlp.files import write_csv, write_text
-from hlp.reporting.tables.table import LAYOUTS, Table
+from hlp.reporting.tables.table import Table, lay_out, prose
 
 _SHORT = {"estimated": "est", "true": "true", "noisy": "true±"}
 _ALL = "all targets"
@@ -30,18 +30,19 @@ def oracle_table(result: Mapping[str, Any]) -> Table:
 def format_oracle(result: Mapping[str, Any], layout: str = "text") -> str:
     """The table (`text` or `markdown`) with its caption, and the recall that each stage lost."""
     lost = ", ".join(f"{stage} {share:+.3f}" for stage, share in result["lost"].items())
-    return "\n\n".join(
-        [
-            f"ADD(-S) recall (95 % interval) of {result['frames']} frames. Columns are region and"
-            " coarse pose: est = estimated, true = replaced by the truth, true± = the true pose"
-            f" turned by {result['noise_deg']:g} degrees and shifted by {result['noise_mm']:g} mm."
-            " The fine pose is always estimated. The true coarse pose is given only if the region"
-            " shows any part of the target.",
-            LAYOUTS[layout](oracle_table(result)),
-            f"Recall lost by each stage: {lost}. A wrong choice among the hypotheses counts as a"
-            " loss of the coarse pose.",
-        ]
+    caption = (
+        f"ADD(-S) recall (95 % interval) of {result['frames']} frames. Columns are region and"
+        " coarse pose: est = estimated, true = replaced by the truth, true± = the true pose"
+        f" turned by {result['noise_deg']:g} degrees and shifted by {result['noise_mm']:g} mm."
+        " The fine pose is always estimated. The true coarse pose is given only if the region"
+        " shows any part of the target."
     )
+    conclusion = (
+        f"Recall lost by each stage: {lost}. A wrong choice among the hypotheses counts as a"
+        " loss of the coarse pose."
+    )
+    parts = [prose(caption, layout), lay_out(oracle_table(result), layout)]
+    return "\n\n".join([*parts, prose(conclusion, layout)])
 
 
 def write_oracle(folder: Path, result: Mapping[str, Any]) -> None:

@@ -5,15 +5,15 @@ from pathlib import Path
 from typing import Any
 
 from hlp.files import write_csv, write_text
-from hlp.reporting.tables.table import Table
+from hlp.reporting.tables.table import Table, lay_out, prose
 
 _ROWS = 10
 
 
-def format_search(result: Mapping[str, Any]) -> str:
-    """The best trials within the time limit as Markdown, and the overrides of the best one.
+def format_search(result: Mapping[str, Any], layout: str = "text") -> str:
+    """The best trials within the time limit, and the overrides of the best one.
 
-    `result` is what `search.json` holds.
+    `result` is what `search.json` holds, `layout` is `text` or `markdown`.
     """
     limit = result["limit_ms"]
     succeeded = [each for each in result["trials"] if each["error"] is None]
@@ -27,8 +27,8 @@ def format_search(result: Mapping[str, Any]) -> str:
     else:
         overrides = " ".join(f"{key}={value}" for key, value in best["values"].items())
         conclusion = f"Best within the limit: {overrides}"
-    table = [trials_table(result).markdown()] if succeeded else []
-    return "\n\n".join([heading, *table, conclusion])
+    table = [lay_out(trials_table(result), layout)] if succeeded else []
+    return "\n\n".join([prose(heading, layout), *table, prose(conclusion, layout)])
 
 
 def trials_table(result: Mapping[str, Any]) -> Table:
@@ -47,7 +47,7 @@ def trials_table(result: Mapping[str, Any]) -> Table:
 
 def write_search(folder: Path, result: Mapping[str, Any]) -> None:
     """Write search.csv, one row a trial, and search.md."""
-    write_text(folder / "search.md", format_search(result) + "\n")
+    write_text(folder / "search.md", format_search(result, "markdown") + "\n")
     keys = list(result["trials"][0]["values"])
     rows = []
     for each in result["trials"]:

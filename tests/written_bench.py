@@ -1,0 +1,67 @@
+"""What a bench has found, as it is in bench.json."""
+
+from typing import Any
+
+
+def spreads(scale: float) -> dict[str, dict[str, float]]:
+    times = {"network": 10.0, "stage 1": 10.0, "total": 10.0}
+    return {
+        part: {"median_ms": ms * scale, "p95_ms": 2 * ms * scale, "cpu_ms": 1.5 * ms * scale}
+        for part, ms in times.items()
+    }
+
+
+def bench_path(scale: float, recall: float) -> dict[str, Any]:
+    views = {"first": spreads(scale), "further": spreads(scale / 4), "frame": spreads(2 * scale)}
+    by_objects = {"1": {"median_ms": 10.0 * scale, "frames": 3}}
+    return {"add_recall": recall, **views, "by_objects": by_objects}
+
+
+def bench_result() -> dict[str, Any]:
+    """The configured path and one that takes three times as long."""
+    ratio = {view: {"stage 1": 3.0, "total": 3.0} for view in ("first", "further", "frame")}
+    agreed = {"same_pose": 0.9, "same_verdict": 0.95, "region_iou": 0.5}
+    versions = {"python": "3", "torch": "2", "numba": "0", "numpy": "2"}
+    return {
+        "machine": {
+            "cpu": "Quick 9000",
+            "cores": 2,
+            "memory_mib": 8192,
+            "gpu": None,
+            "load": 0.1,
+            "threads": {"machine": 2, "torch": 2, "opencv": 2},
+            "versions": versions,
+        },
+        "workload": {
+            "experiment": "demo",
+            "frames": 3,
+            "image": [640, 480],
+            "objects": {"cat": {"codebook_entries": 57600, "proxy_faces": 900}},
+            "scan": "fast",
+            "codebook": "inverted_lists",
+            "refinement": "pso",
+            "particles": 25,
+            "refined": 8,
+        },
+        "loading_s": {
+            "models": 1.0,
+            "finding": 0.5,
+            "classifier": 0.1,
+            "encoder": 0.1,
+            "objects": {"cat": 0.4},
+        },
+        "memory": {"peak_mib": 900.0, "all_paths_mib": 1000.0, "learnt_too": []},
+        "paths": {"configured": bench_path(1.0, 0.8), "reference": bench_path(3.0, 0.7)},
+        "compared": {"reference": {"changes": {}, "ratio": ratio, **agreed}},
+        "tolerance": {"mm": 1.0, "deg": 0.5},
+        "regions_of_all": {"objects": 15, "median_ms": 111.0, "p95_ms": 130.0, "cpu_ms": 200.0},
+        "objects_at_once": {"median_ms": 17.0, "p95_ms": 30.0, "cpu_ms": 31.0},
+        "search": {
+            "queries": 170.0,
+            "recall": 0.987,
+            "recall_of_nearest": 0.99,
+            "median_ms": 2.0,
+            "exact_ms": 20.0,
+            "ratio": 10.0,
+        },
+    }
