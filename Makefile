@@ -19,6 +19,7 @@ MINUTES ?= 10
 BROWSER ?=
 PORT ?= 5000
 WORK ?= work
+REPOSITORY ?=
 
 # Spinning threads on shared cores cost twenty times their worth; no telemetry, no windows.
 export OMP_WAIT_POLICY := PASSIVE
@@ -30,7 +31,7 @@ export MPLBACKEND := Agg
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_ROOT_USER_ACTION := ignore
 
-.PHONY: help env demo test test-slow test-commands test-faults test-oldest test-newest fuzz check audit docs ui screenshots clean
+.PHONY: help env demo test test-slow test-commands test-faults test-oldest test-newest fuzz check audit docs dist ui screenshots clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -129,6 +130,9 @@ docs: $(DOCS_STAMP) ## the documentation as a site in build/docs; warnings are e
 $(DOCS_STAMP): $(STAMP)
 	@$(BIN)/pip install -q -c constraints.txt -e '.[docs]'
 	@touch $@
+
+dist: $(STAMP) ## wheel and source archive in dist/; with REPOSITORY=https://HOST/OWNER/NAME, README's links lead there
+	@HLP_REPOSITORY=$(REPOSITORY) $(BIN)/python -m hatchling build
 
 ui: $(STAMP) ## browse the runs in MLflow
 	@$(BIN)/hlp ui work=$(WORK) port=$(PORT)
