@@ -1,14 +1,16 @@
 import shutil
 
 import numpy as np
+import onnxruntime
 import pytest
 import torch
 from torch import nn
 
-from hlp.errors import MissingDependencyError, MissingFileError
+from hlp.errors import DataError, MissingDependencyError, MissingFileError
 from hlp.models import network
 from hlp.models.network import INTEGER, SINGLE, Network, _has_vnni, load_network, require_device
 from hlp.models.onnx_export import export_network
+from hlp.thread_team import ThreadTeam
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +35,30 @@ def test_threads_and_company_change_nothing(stem):
     np.testing.assert_array_equal(three.run(images()[7:9]), together[7:9])
 
 
+def test_a_thread_of_a_team_computes_alone_whatever_becomes_of_the_file(
+    stem, tmp_path, monkeypatch
+):
+    opened = []
+    session = onnxruntime.InferenceSession
+
+    def open_session(content, options, **how):
+        opened.append(options.intra_op_num_threads)
+        return session(content, options, **how)
+
+    monkeypatch.setattr("onnxruntime.InferenceSession", open_session)
+    shutil.copy(stem.with_name(stem.name + INTEGER), tmp_path)
+    two = load_network(tmp_path / stem.name, threads=2)
+    (tmp_path / (stem.name + INTEGER)).write_bytes(b"")
+    expected = two.run(images())
+    assert opened == [2]
+    team = ThreadTeam(2)
+    for _ in range(2):
+        for found in team.map(lambda _: two.run(images()), 2):
+            np.testing.assert_array_equal(found, expected)
+    assert opened == [2, 1]
+    assert team.map(lambda _: len(two.run(images(4))), 1) == [4] and opened == [2, 1]
+
+
 def test_a_cpu_computes_in_integers(stem):
     single, integer = (Network(stem.with_name(stem.name + e), 1) for e in (SINGLE, INTEGER))
     found = load_network(stem, threads=1).run(images())
@@ -46,6 +72,14 @@ def test_a_network_that_is_not_there_is_named(stem, tmp_path):
     shutil.copy(stem.with_name("net.work.onnx"), tmp_path)
     with pytest.raises(MissingFileError, match=r"no net\.work\.int8\.onnx"):
         load_network(tmp_path / "net.work", threads=1)
+
+
+@pytest.mark.parametrize("kept", [0, 5, 1000])
+def test_a_damaged_file_is_named(kept, stem, tmp_path):
+    damaged = tmp_path / "net.onnx"
+    damaged.write_bytes(stem.with_name(stem.name + INTEGER).read_bytes()[:kept])
+    with pytest.raises(DataError, match=r"net\.onnx is damaged"):
+        Network(damaged, 1)
 
 
 def test_a_device_that_onnx_runtime_lacks_is_named(monkeypatch):

@@ -1,11 +1,17 @@
 """Trained networks in detection: ONNX files run by ONNX Runtime, arrays in, arrays out."""
 
+from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, Shaped
 
 from hlp.errors import DataError, MissingDependencyError, MissingFileError
+from hlp.thread_team import threads_here
+
+if TYPE_CHECKING:
+    from onnxruntime import InferenceSession
 
 SINGLE, INTEGER = ".onnx", ".int8.onnx"
 _PROVIDERS = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider"}
@@ -15,17 +21,32 @@ class Network:
     """A network that takes images (n, p, p, c), channels last, and gives (n, d) float32.
 
     On a CPU it computes with integers, so the result for one image depends neither on `threads` nor
-    on the other images. Safe for use by several threads at once.
+    on the other images. Safe for use by several threads at once. A thread of a `ThreadTeam` that
+    shares the processor with others computes alone.
     """
 
     def __init__(self, path: Path, threads: int, device: str = "cpu") -> None:
+        self._path, self._threads, self._device = path, threads, device
+        self._content = path.read_bytes()  # later the file may be another one
+        self._session = self._open_session(threads)
+        self.outputs = int(self._session.get_outputs()[0].shape[1])
+        """Numbers per image, d."""
+
+    @cached_property
+    def _session_of_one_thread(self) -> "InferenceSession":
+        """ONNX Runtime would not let a call take fewer threads than its session has."""
+        return self._open_session(1)
+
+    def _open_session(self, threads: int) -> "InferenceSession":
         import onnxruntime
         from onnxruntime.capi.onnxruntime_pybind11_state import (
             Fail,
+            InvalidArgument,
             InvalidGraph,
             InvalidProtobuf,
         )
 
+        provider = _PROVIDERS[self._device]
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
         options.inter_op_num_threads = 1
@@ -36,23 +57,24 @@ class Network:
             options.add_session_config_entry("session.x64quantprecision", "1")
         options.log_severity_level = 3
         try:
-            self._session = onnxruntime.InferenceSession(
-                str(path), options, providers=[_PROVIDERS[device]]
-            )
-        except (InvalidProtobuf, InvalidGraph, Fail) as error:
-            raise DataError(f"{path} is damaged ({error}): train again, or copy it anew") from error
-        if self._session.get_providers()[0] != _PROVIDERS[device]:
+            session = onnxruntime.InferenceSession(self._content, options, providers=[provider])
+        except (InvalidProtobuf, InvalidGraph, InvalidArgument, Fail) as error:
+            raise DataError(
+                f"{self._path} is damaged ({error}): train again, or copy it anew"
+            ) from error
+        if session.get_providers()[0] != provider:
             # It would go on on the CPU, which the results' fingerprint would not say.
             raise MissingDependencyError(
-                f"machine.device is {device}, but ONNX Runtime cannot use it: its CUDA libraries "
-                "do not load. Install them, or set machine.device to cpu"
+                f"machine.device is {self._device}, but ONNX Runtime cannot use it: its CUDA "
+                "libraries do not load. Install them, or set machine.device to cpu"
             )
-        self.outputs = int(self._session.get_outputs()[0].shape[1])
-        """Numbers per image, d."""
+        return session
 
     def run(self, images: Shaped[np.ndarray, "n p p c"]) -> Float[np.ndarray, "n d"]:
         """The network's output for each image."""
-        return np.asarray(self._session.run(None, {"images": images})[0])
+        alone = self._device == "cpu" and threads_here(self._threads) < self._threads
+        session = self._session_of_one_thread if alone else self._session
+        return np.asarray(session.run(None, {"images": images})[0])
 
 
 def _has_vnni(flags_file: Path = Path("/proc/cpuinfo")) -> bool:
