@@ -23,7 +23,8 @@ ROOT = Path(hlp.__file__).parents[2]
 
 @pytest.fixture
 def empty_cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Path]:
-    """The user's cache as the first process finds it."""
+    """The user's cache as the first process finds it; it has not imported the classes yet."""
+    monkeypatch.setattr(module, "_has_classes", lambda: False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     forget()
     yield tmp_path / "hlp" / "defaults"
@@ -66,6 +67,19 @@ def test_the_defaults_of_a_plug_in_are_not_kept(empty_cache: Path) -> None:
     finally:
         del registry._known["theirs"]
     assert not any(empty_cache.glob("*.json"))
+
+
+def test_a_process_that_has_the_classes_neither_reads_nor_keeps_others(
+    empty_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keep_defaults("score/base", {"a": 1})
+    monkeypatch.undo()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(empty_cache.parents[1]))
+    forget()
+    assert kept_defaults() == {}
+    before = next(empty_cache.glob("*.json")).read_bytes()
+    assert TypedDefaults("hlp", "hlp-defaults://").is_config("score/base")
+    assert [path.read_bytes() for path in empty_cache.glob("*.json")] == [before]
 
 
 def test_a_cache_that_cannot_be_written_costs_no_more_than_time(

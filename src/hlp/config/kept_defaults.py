@@ -2,10 +2,12 @@
 
 A command that only composes a configuration, as `hlp run --cfg job`, reads them from there and
 imports neither the settings' classes nor NumPy, which would take a third of its time. They are made
-again when any Python file of the package has changed.
+again when any Python file of the package has changed. A process that has imported the classes
+before neither reads nor writes them: a file may have been edited since.
 """
 
 import hashlib
+import sys
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -31,7 +33,12 @@ def _kept() -> KeptValues:
     """One file for each place where the package is installed."""
     package = Path(hlp.__file__).parent
     place = hashlib.blake2b(str(package).encode(), digest_size=8).hexdigest()
-    return KeptValues(writable_folder("defaults"), f"{place}.json", _digest(package))
+    folder = None if _has_classes() else writable_folder("defaults")
+    return KeptValues(folder, f"{place}.json", _digest(package))
+
+
+def _has_classes() -> bool:
+    return "hlp.config.settings" in sys.modules
 
 
 def _digest(package: Path) -> str:
