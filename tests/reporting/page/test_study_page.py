@@ -48,6 +48,11 @@ def test_pages_of_all_studies_in_a_folder_are_written(tmp_path: Path) -> None:
     whole = write_study(tmp_path / "run")
     (whole / "summary.json").write_text("{}")  # a run of the whole method is no study
     (write_study(tmp_path / "none") / "basin.md").unlink()
+    for number, content in enumerate(("[]", "{}", '{"config": {"task": 1}}')):  # somebody else's
+        other = write_study(tmp_path / "others" / str(number))
+        (other / "manifest.json").write_text(content)
+        with pytest.raises(DataError, match=r"names no config\.task"):
+            write_study_page(other)
     assert study_folders(tmp_path) == [first, second]
     (whole / "summary.json").unlink()
     (whole / "manifest.json").unlink()

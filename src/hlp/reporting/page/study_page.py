@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 from markdown_it import MarkdownIt
 
+from hlp.errors import DataError
 from hlp.files import MANIFEST, PAGE, SUMMARY, read_json, write_text
 from hlp.reporting.page.layout import render
 from hlp.reporting.results import run_command
@@ -21,10 +22,19 @@ _MARKDOWN = MarkdownIt("commonmark", {"html": False}).enable("table")
 def study_folders(root: Path) -> list[Path]:
     """Folders of finished studies in or below `root`.
 
-    They have a manifest and tables in Markdown; runs of the whole method have a summary instead.
+    They have a manifest that names their task, and tables in Markdown; runs of the whole method
+    have a summary instead. Raises DataError for a manifest beside tables that is no JSON.
     """
     found = {path.parent for path in root.rglob(MANIFEST) if not (path.parent / SUMMARY).exists()}
-    return sorted(folder for folder in found if any(folder.glob("*.md")))
+    return sorted(each for each in found if any(each.glob("*.md")) and _task_of(each) is not None)
+
+
+def _task_of(folder: Path) -> str | None:
+    """The name of the task in the manifest; None if it is not one of HLP's."""
+    try:
+        return str(read_json(folder / MANIFEST)["config"]["task"]["name"])
+    except (KeyError, TypeError, IndexError):
+        return None
 
 
 def write_page_or_say(folder: Path) -> None:
@@ -40,9 +50,10 @@ def write_study_page(folder: Path) -> Path:
 
     Raises MissingFileError and DataError for a manifest that is absent or broken.
     """
-    manifest = read_json(folder / MANIFEST)
-    config: Mapping[str, Any] = manifest.get("config", {})
-    study = config.get("task", {}).get("name", "study")
+    manifest, study = read_json(folder / MANIFEST), _task_of(folder)
+    if study is None:
+        raise DataError(f"{folder / MANIFEST} is not that of a study: it names no config.task")
+    config: Mapping[str, Any] = manifest["config"]
     page = render(
         "study.html",
         title=f"{study} · {folder.absolute().name}",
