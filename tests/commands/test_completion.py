@@ -79,7 +79,7 @@ def test_groups_alternatives_and_keys_of_the_configuration(
         assert capsys.readouterr().out == f"{words}\n"
 
 
-@pytest.mark.parametrize("damage", ["", "{", "[]", '{"state": 1}', '{"keys": {"": [1]}}'])
+@pytest.mark.parametrize("damage", ["", "{", "[]", '{"state": 1}', '{"values": {"": [1]}}'])
 def test_keys_are_composed_again_for_another_code_or_choice_or_a_damaged_file(
     damage: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -21,7 +21,8 @@ from hlp.reporting.figures.calibration_curves import draw_calibration
 from hlp.reporting.figures.confusion_matrix import draw_confusion
 from hlp.reporting.figures.waterfall_bars import draw_waterfall
 from hlp.reporting.mlflow_metrics import summary_metrics
-from hlp.reporting.page.run_page import write_page_or_say
+from hlp.reporting.page.parts import page_or_log
+from hlp.reporting.page.run_page import write_run_page
 from hlp.reporting.page.verdict import run_verdict
 from hlp.reporting.reproductions import TABLES, describe_table, write_reproductions
 from hlp.reporting.stage_captions import STAGES
@@ -88,7 +89,7 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         write_json(output / MANIFEST, made)
         if settings.name in TABLES:
             write_reproductions(output)
-        write_page_or_say(output)
+        page_or_log(write_run_page, output)
         tracker.describe("\n\n".join([run_verdict(summary), *trained]))
         log_pictures(output, tracker)
         tracker.log_artifacts(output)

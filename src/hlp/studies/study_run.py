@@ -8,7 +8,8 @@ from pathlib import Path
 from hlp.config.build import Run, evenly
 from hlp.files import MANIFEST, write_json
 from hlp.method.compute_threads import set_compute_threads
-from hlp.reporting.page.study_page import write_page_or_say
+from hlp.reporting.page.parts import page_or_log
+from hlp.reporting.page.study_page import write_study_page
 from hlp.reporting.tracker import Tracker
 from hlp.runs.manifest import make_manifest
 from hlp.runs.mlflow_inputs import log_inputs, say_where, tracked
@@ -35,7 +36,7 @@ def study_run(
         store = StageStore(Path(settings.work))
         yield store, tracker
         write_json(output / MANIFEST, make_manifest(run, store))
-        write_page_or_say(output)
+        page_or_log(write_study_page, output)
         tracker.log_artifacts(output)
     say = logging.getLogger(__name__).info
     written = sorted(path.name for path in output.iterdir() if not path.name.startswith("."))

@@ -193,7 +193,8 @@ def _draw(folder: Path, tracker: Tracker) -> None:
     from hlp.reporting.bench_sweep import describe_benches, write_benches
     from hlp.reporting.figures.trade_off import draw_trade_off
     from hlp.reporting.ladder import write_ladder
-    from hlp.reporting.page.sweep_page import write_sweep_page_or_say
+    from hlp.reporting.page.parts import page_or_log
+    from hlp.reporting.page.sweep_page import write_sweep_page
     from hlp.reporting.recordings import write_recordings
     from hlp.reporting.reproductions import describe_table, write_reproductions
     from hlp.reporting.sweep_log import log_sweep
@@ -214,7 +215,7 @@ def _draw(folder: Path, tracker: Tracker) -> None:
         write_sweep_files, draw_trade_off, write_reproductions, write_recordings, write_ladder,
     )  # fmt: skip
     written = [path for write in writers for path in write(folder)]
-    page = write_sweep_page_or_say(folder)
+    page = page_or_log(write_sweep_page, folder)
     log_sweep(folder, [*written, *([page] if page else [])], tracker)
     print("\n\n".join(filter(None, (f"\n{described}", describe_table(folder)))) + "\n")
     say("Written   %s (%s)", folder, ", ".join(path.name for path in written))

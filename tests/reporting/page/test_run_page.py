@@ -10,7 +10,8 @@ import pytest
 
 from hlp.records import TargetScore
 from hlp.reporting.page.material import PageObject, PageTarget, edges_of, write_material
-from hlp.reporting.page.run_page import write_page_or_say, write_run_page
+from hlp.reporting.page.parts import page_or_log
+from hlp.reporting.page.run_page import write_run_page
 from hlp.results.scores_file import write_scores
 from written_results import write_run
 from written_summary import summary
@@ -123,7 +124,7 @@ def test_a_page_that_cannot_be_written_costs_nothing(
     run: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     (run / "scores.csv").write_text("nothing")
-    write_page_or_say(run)
+    assert page_or_log(write_run_page, run) is None
     assert not (run / "report.html").exists()
     assert "could not be written" in caplog.text and "scores.csv" in caplog.text
 

@@ -7,7 +7,8 @@ import pytest
 
 from hlp.errors import DataError, MissingFileError
 from hlp.reporting.page.pages import write_pages
-from hlp.reporting.page.study_page import study_folders, write_page_or_say, write_study_page
+from hlp.reporting.page.parts import page_or_log
+from hlp.reporting.page.study_page import study_folders, write_study_page
 from hlp.reporting.report import report_runs
 
 TABLE = """\
@@ -79,6 +80,6 @@ def test_a_broken_manifest_costs_the_page_alone(
     (folder / "manifest.json").write_text("{")
     with pytest.raises(DataError, match=r"manifest\.json"):
         write_study_page(folder)
-    write_page_or_say(folder)
+    assert page_or_log(write_study_page, folder) is None
     assert f"the report of {folder} could not be written" in caplog.text
     assert not (folder / "report.html").exists()

@@ -1,14 +1,9 @@
 """`report.html` of one run: verdict, charts, targets with their pictures, configuration."""
 
-import base64
-import json
-import logging
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
-
-import yaml
 
 from hlp.files import MANIFEST, PAGE, SCORES, SUMMARY, read_json, write_text
 from hlp.records import MILLIMETRES_PER_METRE
@@ -16,8 +11,8 @@ from hlp.reporting.comparison import ScoredTarget, TargetKey, read_targets
 from hlp.reporting.page import charts
 from hlp.reporting.page.layout import render
 from hlp.reporting.page.material import FOLDER, PageMaterial, read_material
+from hlp.reporting.page.parts import how_to_repeat, in_base64
 from hlp.reporting.page.verdict import run_verdict
-from hlp.reporting.results import run_command
 from hlp.reporting.stage_captions import drawn_stages
 from hlp.reporting.tables.summary_tables import (
     METRIC_LABELS,
@@ -35,14 +30,6 @@ _COLUMNS = (
     "shift mm", "score",
 )  # fmt: skip
 _DIGITS = (0, 0, 0, 0, 0, 0, 2, 1, 1, 1, 3)
-
-
-def write_page_or_say(folder: Path) -> None:
-    """Write a run's page. An error is only logged: the run's results do not depend on the page."""
-    try:
-        write_run_page(folder)
-    except Exception:
-        logging.getLogger(__name__).exception("the report of %s could not be written", folder)
 
 
 def write_run_page(folder: Path) -> Path:
@@ -71,12 +58,10 @@ def write_run_page(folder: Path) -> Path:
         digits=_DIGITS,
         rows=_rows(targets, pictures),
         pictures=pictures,
-        stages={words: _jpeg(path) for words, path in stages.items()},
+        stages={words: in_base64(path) for words, path in stages.items()},
         scenes=_scenes(material, targets),
         left_out=len(material.targets) - len(pictures),
-        command=run_command(folder),
-        config=yaml.safe_dump(dict(config), sort_keys=False),
-        manifest=json.dumps({k: v for k, v in manifest.items() if k != "config"}, indent=1),
+        **how_to_repeat(folder, manifest),
     )
     write_text(folder / PAGE, page)
     return folder / PAGE
@@ -167,12 +152,8 @@ def _pictures(
         path = folder / FOLDER / target["picture"]
         room -= path.stat().st_size if path.is_file() else 0
         if path.is_file() and room >= 0:
-            pictures[_name(key)] = _jpeg(path)
+            pictures[_name(key)] = in_base64(path)
     return pictures
-
-
-def _jpeg(path: Path) -> str:
-    return base64.b64encode(path.read_bytes()).decode("ascii")
 
 
 def _scenes(

@@ -1,19 +1,14 @@
 """`report.html` of a study (oracle, basin, bench, search): its tables and figures."""
 
-import base64
-import json
-import logging
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
 from markdown_it import MarkdownIt
 
 from hlp.errors import DataError
 from hlp.files import MANIFEST, PAGE, SUMMARY, read_json, write_text
 from hlp.reporting.page.layout import render
-from hlp.reporting.results import run_command
+from hlp.reporting.page.parts import how_to_repeat, in_base64
 
 # Without HTML: what stands in a text, as an object's name, is shown and not run.
 _MARKDOWN = MarkdownIt("commonmark", {"html": False}).enable("table")
@@ -26,23 +21,16 @@ def study_folders(root: Path) -> list[Path]:
     have a summary instead. Raises DataError for a manifest beside tables that is no JSON.
     """
     found = {path.parent for path in root.rglob(MANIFEST) if not (path.parent / SUMMARY).exists()}
-    return sorted(each for each in found if any(each.glob("*.md")) and _task_of(each) is not None)
+    tabled = [folder for folder in sorted(found) if any(folder.glob("*.md"))]
+    return [folder for folder in tabled if _task_in(read_json(folder / MANIFEST)) is not None]
 
 
-def _task_of(folder: Path) -> str | None:
-    """The name of the task in the manifest; None if it is not one of HLP's."""
+def _task_in(manifest: Any) -> str | None:
+    """The name of a manifest's task; None if the manifest is not one of HLP's."""
     try:
-        return str(read_json(folder / MANIFEST)["config"]["task"]["name"])
-    except (KeyError, TypeError, IndexError):
+        return str(manifest["config"]["task"]["name"])
+    except (KeyError, TypeError):
         return None
-
-
-def write_page_or_say(folder: Path) -> None:
-    """Write a study's page. An error is only logged: its results do not depend on the page."""
-    try:
-        write_study_page(folder)
-    except Exception:
-        logging.getLogger(__name__).exception("the report of %s could not be written", folder)
 
 
 def write_study_page(folder: Path) -> Path:
@@ -50,19 +38,18 @@ def write_study_page(folder: Path) -> Path:
 
     Raises MissingFileError and DataError for a manifest that is absent or broken.
     """
-    manifest, study = read_json(folder / MANIFEST), _task_of(folder)
+    manifest = read_json(folder / MANIFEST)
+    study = _task_in(manifest)
     if study is None:
         raise DataError(f"{folder / MANIFEST} is not that of a study: it names no config.task")
-    config: Mapping[str, Any] = manifest["config"]
+    data = manifest["config"].get("data", {}).get("name", "unknown")
     page = render(
         "study.html",
         title=f"{study} · {folder.absolute().name}",
-        verdict=f"{study} study on data={config.get('data', {}).get('name', 'unknown')}",
+        verdict=f"{study} study on data={data}",
         texts=[_MARKDOWN.render(path.read_text("utf-8")) for path in sorted(folder.glob("*.md"))],
         figures=_figures(folder),
-        command=run_command(folder),
-        config=yaml.safe_dump(dict(config), sort_keys=False),
-        manifest=json.dumps({k: v for k, v in manifest.items() if k != "config"}, indent=1),
+        **how_to_repeat(folder, manifest),
     )
     write_text(folder / PAGE, page)
     return folder / PAGE
@@ -71,7 +58,4 @@ def write_study_page(folder: Path) -> Path:
 def _figures(folder: Path) -> dict[str, str]:
     """All SVG files in base64 by name, those of single objects after that of all."""
     paths = sorted(folder.rglob("*.svg"), key=lambda path: (path.stem != "all", path))
-    return {
-        path.stem.replace("_", " "): base64.b64encode(path.read_bytes()).decode("ascii")
-        for path in paths
-    }
+    return {path.stem.replace("_", " "): in_base64(path) for path in paths}

@@ -1,12 +1,11 @@
 """`report.html` of a sweep: all arms, what differs between them, and what each gains."""
 
-import base64
-import logging
 from collections.abc import Sequence
 from pathlib import Path
 
 from hlp.files import PAGE, write_text
 from hlp.reporting.page.layout import render
+from hlp.reporting.page.parts import in_base64
 from hlp.reporting.page.svg import BLUE, GREY, ORANGE, SKY, Chart, ticks
 from hlp.reporting.pareto import pareto_front
 from hlp.reporting.results import Result, read_results
@@ -16,15 +15,6 @@ from hlp.reporting.tables.summary_tables import METRIC_LABELS
 from hlp.reporting.tables.table import Table, format_share
 
 _WIDTH, _ROW, _LEFT = 520, 24, 170
-
-
-def write_sweep_page_or_say(folder: Path) -> Path | None:
-    """Write a sweep's page, the file. An error is only logged, and None returned."""
-    try:
-        return write_sweep_page(folder)
-    except Exception:
-        logging.getLogger(__name__).exception("the report of %s could not be written", folder)
-        return None
 
 
 def write_sweep_page(folder: Path) -> Path:
@@ -56,11 +46,7 @@ def _figures(folder: Path, sweep: Sweep) -> dict[str, str]:
     experiments = dict.fromkeys(result.experiment for _, result in sweep.finished)
     captions = {SWEEP_FIGURE: "Arms by what differs", **{name: name for name in experiments}}
     found = {words: folder / f"{name}.svg" for name, words in captions.items()}
-    return {
-        words: base64.b64encode(path.read_bytes()).decode("ascii")
-        for words, path in found.items()
-        if path.is_file()
-    }
+    return {words: in_base64(path) for words, path in found.items() if path.is_file()}
 
 
 def recall_bars(sweep: Sweep) -> str:
