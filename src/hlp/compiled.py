@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache, cached_property, update_wrapper
+from functools import cache, update_wrapper
 from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar, cast
@@ -44,6 +44,7 @@ class _Kernel:
 
     def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
         self._function, self._options = function, options
+        self._kernel: Any = None
         update_wrapper(self, function)
 
     def __call__(self, *arguments: Any) -> Any:
@@ -52,11 +53,18 @@ class _Kernel:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._dispatcher, name)
 
-    @cached_property
+    @property
     def _dispatcher(self) -> Any:
+        if self._kernel is None:
+            with _lock:  # of several threads, one makes it
+                if self._kernel is None:
+                    self._kernel = self._make_kernel()
+        return self._kernel
+
+    def _make_kernel(self) -> Any:
         import numba
 
-        with _lock, _kept_in(kernel_folder(), numba.config) as keep:
+        with _kept_in(kernel_folder(), numba.config) as keep:
             kernel: Any = numba.njit(nogil=True, cache=keep, **self._options)(self._function)
         kept: Any = getattr(kernel, "_cache", None)
         if hasattr(kept, "_cache_file"):  # not without a cache, nor where NUMBA_DISABLE_JIT is set

@@ -1,4 +1,5 @@
 import shutil
+import time
 
 import numpy as np
 import onnxruntime
@@ -43,6 +44,7 @@ def test_a_thread_of_a_team_computes_alone_whatever_becomes_of_the_file(
 
     def open_session(content, options, **how):
         opened.append(options.intra_op_num_threads)
+        time.sleep(0.05)  # a second thread would open another one meanwhile
         return session(content, options, **how)
 
     monkeypatch.setattr("onnxruntime.InferenceSession", open_session)

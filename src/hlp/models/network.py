@@ -1,7 +1,7 @@
 """Trained networks in detection: ONNX files run by ONNX Runtime, arrays in, arrays out."""
 
-from functools import cached_property
 from pathlib import Path
+from threading import Lock
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,13 +29,22 @@ class Network:
         self._path, self._threads, self._device = path, threads, device
         self._content = path.read_bytes()  # later the file may be another one
         self._session = self._open_session(threads)
+        self._session_of_one_thread: InferenceSession | None = None
+        self._opening = Lock()
         self.outputs = int(self._session.get_outputs()[0].shape[1])
         """Numbers per image, d."""
 
-    @cached_property
-    def _session_of_one_thread(self) -> "InferenceSession":
-        """ONNX Runtime would not let a call take fewer threads than its session has."""
-        return self._open_session(1)
+    def _session_here(self) -> "InferenceSession":
+        """That of one thread in a team's share: a call cannot take fewer threads than its session.
+
+        Several threads may ask for it at once: one opens it, the others wait.
+        """
+        if self._device != "cpu" or threads_here(self._threads) == self._threads:
+            return self._session
+        with self._opening:
+            if self._session_of_one_thread is None:
+                self._session_of_one_thread = self._open_session(1)
+        return self._session_of_one_thread
 
     def _open_session(self, threads: int) -> "InferenceSession":
         import onnxruntime
@@ -72,9 +81,7 @@ class Network:
 
     def run(self, images: Shaped[np.ndarray, "n p p c"]) -> Float[np.ndarray, "n d"]:
         """The network's output for each image."""
-        alone = self._device == "cpu" and threads_here(self._threads) < self._threads
-        session = self._session_of_one_thread if alone else self._session
-        return np.asarray(session.run(None, {"images": images})[0])
+        return np.asarray(self._session_here().run(None, {"images": images})[0])
 
 
 def _has_vnni(flags_file: Path = Path("/proc/cpuinfo")) -> bool:
