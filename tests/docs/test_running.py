@@ -50,6 +50,7 @@ MINUTES = (
     "bench",
     "search",
     "run experiment=basin",
+    "-m experiment=basin",
     "run warm_start.manifest=",
     "-m refinement=pso,icp",
     "-m experiment=recordings",

@@ -118,3 +118,22 @@ def test_anytime_draws_recall_against_the_time_of_each_budget(
     client, parent, _ = family(tiny_run.folder, folder)
     logged_files = {each.path for each in client.list_artifacts(parent.info.run_id)}
     assert {"recall_by_time.png", "recall_by_time.svg"} <= logged_files
+
+
+def test_a_sweep_of_studies_ends_with_table_figure_and_page(tiny_run: TinyRun, call: Call) -> None:
+    """Also if an arm failed: no particles."""
+    given = ("task=oracle", "task.frames=1", "refinement.particles=0,5,6", "output=oracles")
+    code, said, error = call("-m", *tiny_run.overrides, *given)
+    assert code == 1 and "refinement.particles is 0" in error
+    folder = tiny_run.folder / "oracles"
+    sentence = "oracle by particles: 2 of 3 arms finished; without a result: 0 (see 0/hlp.log)."
+    assert sentence in " ".join(said.split())
+    endings = ("md", "csv", "png", "svg")
+    written = {"report.html", *(f"oracle.{ending}" for ending in endings)}
+    assert written <= {path.name for path in folder.iterdir()}
+    assert '<a href="2/report.html">' in (folder / "report.html").read_text()
+    client, parent, _ = family(tiny_run.folder, folder)
+    assert written <= {each.path for each in client.list_artifacts(parent.info.run_id)}
+    assert "2 of 3 arms finished" in parent.data.tags["mlflow.note.content"]
+    history = client.get_metric_history(parent.info.run_id, "sweep/oracle/est/est")
+    assert [each.step for each in history] == [5, 6]

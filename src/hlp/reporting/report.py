@@ -4,10 +4,14 @@ from pathlib import Path
 
 from hlp.errors import MissingFileError
 from hlp.files import SUMMARY, SWEEP
-from hlp.reporting.bench_sweep import describe_benches, write_benches
 from hlp.reporting.figures.trade_off import draw_trade_off
 from hlp.reporting.figures.waterfall_bars import draw_waterfall
 from hlp.reporting.page.study_page import study_folders
+from hlp.reporting.study_sweep import (
+    describe_study_sweep,
+    read_study_sweeps,
+    write_study_sweep,
+)
 from hlp.reporting.sweep_report import describe_sweep, write_sweep_files
 from hlp.reporting.tables.summary_tables import (
     format_summary,
@@ -64,9 +68,10 @@ def _study_part(study: Path, layout: str, heading: str) -> str:
 
 
 def _sweep_parts(sweep: Path, layout: str, heading: str) -> list[str]:
-    """The table of a sweep, and the files written; nothing for studies other than benches."""
-    if described := describe_benches(sweep, layout):
-        written = write_benches(sweep)
+    """The tables of a sweep of runs or studies, and the files written."""
+    if studies := read_study_sweeps(sweep):
+        described = "\n\n".join(describe_study_sweep(each, layout) for each in studies)
+        written = [path for each in studies for path in write_study_sweep(sweep, each)]
     else:
         described = describe_sweep(sweep, layout)
         written = [*write_sweep_files(sweep), *draw_trade_off(sweep)]

@@ -111,6 +111,11 @@ def short_key(key: str) -> str:
     return key.rpartition(".")[2].rpartition("/")[2]
 
 
+def log_of(arm: Path) -> str:
+    """Where in the sweep's folder the log of an arm lies."""
+    return str(Path(arm.name, _LOG))
+
+
 def sweep_table(sweep: Sweep, *, whole: bool = True) -> Table:
     """A row an arm: values, recalls, time, difference to the reference with its 95 % interval.
 
@@ -177,7 +182,7 @@ def sweep_verdict(sweep: Sweep) -> str:
         words.append(f"best by ADD(-S): {best.label} ({add:.3f}, {time:.0f} ms)")
         words.append(_sure(sweep, best))
     if failed:
-        logs = ", ".join(str(Path(arm.folder.name, _LOG)) for arm in failed)
+        logs = ", ".join(log_of(arm.folder) for arm in failed)
         words.append(f"without a result: {'; '.join(arm.label for arm in failed)} (see {logs})")
     return "; ".join(words) + "."
 

@@ -14,7 +14,7 @@ import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from filelock import FileLock, Timeout
 from hydra.core.hydra_config import HydraConfig
@@ -31,6 +31,9 @@ from hlp.reporting.tracker import Tracker
 from hlp.reporting.tracking import ChildRun, TrackingSettings, as_child_run, track_run
 from hlp.settings import read_settings
 from hlp.stages.worker_end import ends_with
+
+if TYPE_CHECKING:
+    from hlp.reporting.study_sweep import StudySweep
 
 LOCK = "sweep.lock"
 FINISHED = "FINISHED"
@@ -190,26 +193,21 @@ def _drawn(folder: Path, tracker: Tracker) -> Iterator[None]:
 
 
 def _draw(folder: Path, tracker: Tracker) -> None:
-    from hlp.reporting.bench_sweep import describe_benches, write_benches
     from hlp.reporting.figures.trade_off import draw_trade_off
     from hlp.reporting.ladder import write_ladder
     from hlp.reporting.page.parts import page_or_log
     from hlp.reporting.page.sweep_page import write_sweep_page
     from hlp.reporting.recordings import write_recordings
     from hlp.reporting.reproductions import describe_table, write_reproductions
+    from hlp.reporting.study_sweep import read_study_sweeps
     from hlp.reporting.sweep_log import log_sweep
     from hlp.reporting.sweep_report import describe_sweep, write_sweep_files
 
-    say = logging.getLogger(__name__).info
-    if benches := describe_benches(folder, "text"):
-        files = write_benches(folder)
-        for path in files:
-            tracker.log_artifact(path)
-        print(f"\n{benches}\n")
-        say("Written   %s (%s)", folder, ", ".join(path.name for path in files))
+    if studies := read_study_sweeps(folder):
+        _draw_studies(folder, studies, tracker)
         return
     described = describe_sweep(folder, "text")
-    if not described:  # of other studies
+    if not described:  # no arm has begun
         return
     writers = (
         write_sweep_files, draw_trade_off, write_reproductions, write_recordings, write_ladder,
@@ -218,6 +216,24 @@ def _draw(folder: Path, tracker: Tracker) -> None:
     page = page_or_log(write_sweep_page, folder)
     log_sweep(folder, [*written, *([page] if page else [])], tracker)
     print("\n\n".join(filter(None, (f"\n{described}", describe_table(folder)))) + "\n")
+    _say_written(folder, written, page)
+
+
+def _draw_studies(folder: Path, studies: Sequence["StudySweep"], tracker: Tracker) -> None:
+    from hlp.reporting.page.parts import page_or_log
+    from hlp.reporting.page.study_sweep_page import write_study_sweep_page
+    from hlp.reporting.study_sweep import describe_study_sweep, write_study_sweep
+    from hlp.reporting.sweep_log import log_study_sweeps
+
+    written = [path for each in studies for path in write_study_sweep(folder, each)]
+    page = page_or_log(write_study_sweep_page, folder)
+    log_study_sweeps(studies, [*written, *([page] if page else [])], tracker)
+    print("\n" + "\n\n".join(describe_study_sweep(each, "text") for each in studies) + "\n")
+    _say_written(folder, written, page)
+
+
+def _say_written(folder: Path, written: Sequence[Path], page: Path | None) -> None:
+    say = logging.getLogger(__name__).info
     say("Written   %s (%s)", folder, ", ".join(path.name for path in written))
     if page is not None:
         say("Report    %s (open it in a browser)", page)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hlp.files import write_csv, write_text
+from hlp.files import read_csv, write_csv, write_text
 from hlp.reporting.figures.saving import save_figure
 from hlp.reporting.tables.table import Table, lay_out, prose
 
@@ -62,6 +62,19 @@ def write_basins(folder: Path, basins: Basins) -> None:
                     cell = (refiner, name, degrees, millimetres)
                     rows.append([*cell, tried, right, right / tried])
     write_csv(folder / "basin.csv", _COLUMNS, rows)
+
+
+def read_mean_recalls(path: Path) -> dict[str, float]:
+    """Recall of all objects by refiner, the mean over all starting errors, from basin.csv.
+
+    Raises MissingFileError, DataError for another file, and ValueError for a cell that is no
+    number.
+    """
+    recalls: dict[str, list[float]] = {}
+    for row in read_csv(path, _COLUMNS):
+        if row["object"] == ALL:
+            recalls.setdefault(row["refiner"], []).append(float(row["add_recall"]))
+    return {refiner: sum(each) / len(each) for refiner, each in recalls.items()}
 
 
 def format_basins(basins: Basins, layout: str = "text") -> str:

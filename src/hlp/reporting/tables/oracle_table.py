@@ -16,7 +16,7 @@ _COLUMNS = ("object", *_STAGES, "targets", "add_recall", "ci95_low", "ci95_high"
 def oracle_table(result: Mapping[str, Any]) -> Table:
     """A row an object and one for all targets, a column for each pair of region and coarse pose."""
     cells = result["cells"]
-    heads = [f"{_SHORT[cell['region']]}/{_SHORT[cell['coarse']]}" for cell in cells]
+    heads = [head_of(cell) for cell in cells]
     per_object = [cell["per_object"] for cell in cells]
     rows = [
         [name, str(first["targets"]), *(_recall(each[name]) for each in per_object)]
@@ -25,6 +25,11 @@ def oracle_table(result: Mapping[str, Any]) -> Table:
     adds = [cell["add"] for cell in cells]
     rows.append([_ALL, str(adds[0]["targets"]), *map(_recall, adds)])
     return Table(["region/coarse", "targets", *heads], rows)
+
+
+def head_of(cell: Mapping[str, Any]) -> str:
+    """The short name of a cell of the matrix: its region and its coarse pose."""
+    return f"{_SHORT[cell['region']]}/{_SHORT[cell['coarse']]}"
 
 
 def format_oracle(result: Mapping[str, Any], layout: str = "text") -> str:
