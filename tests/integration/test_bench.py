@@ -88,6 +88,7 @@ def test_bench_compares_results_and_times_of_paths(bench: Path) -> None:
     assert few["ratio"]["frame"]["total"] == pytest.approx(ratio)
     assert "| 3" not in (bench / "bench.md").read_text().split("\n")[0]
     assert "| refine |" in unpadded((bench / "bench.md").read_text())
+    assert {"bench.png", "bench.svg"} <= {path.name for path in bench.iterdir()}
 
 
 def test_a_timed_estimator_answers_as_a_plain_one_does(tiny_run: TinyRun) -> None:

@@ -69,6 +69,7 @@ def test_oracle_fills_the_matrix_from_the_runs_own_stages(
     assert found["true", "true"] >= 0.8  # the refiner starts where it should end
     assert found["true", "true"] >= found["estimated", "true"]
     assert (output / "oracle.md").read_text().strip()
+    assert {"oracle.png", "oracle.svg"} <= {path.name for path in output.iterdir()}
     with (output / "oracle.csv").open(newline="") as stream:
         rows = [row for row in csv.DictReader(stream) if row["object"] == "all"]
     shown = {(row["region"], row["coarse"]): float(row["add_recall"]) for row in rows}

@@ -18,6 +18,7 @@ from hlp.method.frame_search import search_frame
 from hlp.method.instance_search import find_instances
 from hlp.method.pose_estimator import FrameContext, PoseEstimator
 from hlp.records import Frame, LocalPatches, PoseEstimate, TargetScore
+from hlp.reporting.figures.bench_bars import draw_bench
 from hlp.reporting.tables.bench_table import (
     CONFIGURED,
     TIMED,
@@ -70,7 +71,7 @@ class BenchSettings(Settings):
 
 
 def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
-    """Time every path on the same frames; write bench.json, bench.md and manifest.json.
+    """Time every path on the same frames; write bench.json, .md, .png, .svg and manifest.json.
 
     A path is one set of settings: the configured one, and those of `task.compared`. Outputs of
     training are reused, or made first. Each path is run once before the measurement. Raises
@@ -103,6 +104,7 @@ def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
         }
         write_json(output / FILE, result)
         write_bench(output, result)
+        draw_bench(output, result)
         tracker.log_metrics(bench_metrics(result))
     print(format_bench(result))
     return result

@@ -28,6 +28,7 @@ from hlp.records import (
     TargetScore,
     parse_frame_key,
 )
+from hlp.reporting.figures.oracle_map import draw_oracle
 from hlp.reporting.tables.oracle_table import format_oracle, oracle_metrics, write_oracle
 from hlp.results.summary_file import METRICS
 from hlp.runs.run_stages import stages_of
@@ -82,7 +83,7 @@ class OracleSettings(Settings):
 
 
 def run_oracle(run: Run, task: OracleSettings, output: Path) -> dict[str, Any]:
-    """Compute the matrix; write oracle.md, oracle.csv, oracle.json and manifest.json; return it.
+    """Compute the matrix; write oracle.md, .csv, .json, .png, .svg and manifest.json; return it.
 
     Regions and hypotheses are those of the run's stages. The poses found here are a stage too, so
     an interrupted run continues where it stopped. Everything is logged as one MLflow run.
@@ -106,6 +107,7 @@ def run_oracle(run: Run, task: OracleSettings, output: Path) -> dict[str, Any]:
         result |= summarise_oracle(scores, names, settings.evaluation, settings.seed)
         write_json(output / "oracle.json", result)
         write_oracle(output, result)
+        draw_oracle(output, result)
         tracker.log_metrics(oracle_metrics(result))
     print(format_oracle(result))
     return result

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Float
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,7 +35,7 @@ def draw_grid(
         values = np.full((len(down), len(across)), np.nan)
         for (x, y), cell in cells.items():
             values[down.index(y), across.index(x)] = cell[number]
-        _draw(
+        draw_cells(
             ax,
             values,
             "viridis" if number == 0 else "viridis_r",
@@ -51,8 +52,18 @@ def draw_grid(
     return figure
 
 
-def _draw(ax: "Axes", values: np.ndarray, colors: str, form: str) -> None:
-    image = ax.imshow(values, cmap=colors, aspect="auto")
+def draw_cells(
+    ax: "Axes",
+    values: Float[np.ndarray, "rows columns"],
+    colors: str,
+    form: str,
+    ends: tuple[float | None, float | None] = (None, None),
+) -> None:
+    """A heat map with its numbers, written by `form`; NaN is said to be no result.
+
+    `ends` are the values of the darkest and the brightest colour (None: those of the data).
+    """
+    image = ax.imshow(values, cmap=colors, aspect="auto", vmin=ends[0], vmax=ends[1])
     for (row, column), value in np.ndenumerate(values):
         if np.isnan(value):
             ax.text(column, row, "no result", ha="center", va="center", fontsize=8, color="0.5")

@@ -8,7 +8,7 @@ from hlp.files import write_csv, write_text
 from hlp.reporting.tables.table import Table, lay_out, prose
 
 _SHORT = {"estimated": "est", "true": "true", "noisy": "true±"}
-_ALL = "all targets"
+ALL_TARGETS = "all targets"
 _STAGES = ("region", "coarse", "fine")
 _COLUMNS = ("object", *_STAGES, "targets", "add_recall", "ci95_low", "ci95_high")
 
@@ -23,7 +23,7 @@ def oracle_table(result: Mapping[str, Any]) -> Table:
         for name, first in per_object[0].items()
     ]
     adds = [cell["add"] for cell in cells]
-    rows.append([_ALL, str(adds[0]["targets"]), *map(_recall, adds)])
+    rows.append([ALL_TARGETS, str(adds[0]["targets"]), *map(_recall, adds)])
     return Table(["region/coarse", "targets", *heads], rows)
 
 
