@@ -273,14 +273,16 @@ def commands_that_run(*, long: bool) -> list[list[str]]:
 
 @pytest.mark.minutes
 def test_long_commands_run_as_they_are_written(folder: Path) -> None:
-    assert failures(folder, commands_that_run(long=True), 900.0) == {}
+    failed = failures(folder, commands_that_run(long=True), 900.0)
+    assert not failed, "\n\n".join(f"hlp {words}\n{said}" for words, said in failed.items())
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", GROUPS)
 def test_commands_run_as_they_are_written(folder: Path, name: str) -> None:
     written = (words for words in commands_that_run(long=False) if group(words) == name)
-    assert failures(folder, written, 300.0) == {}
+    failed = failures(folder, written, 300.0)
+    assert not failed, "\n\n".join(f"hlp {words}\n{said}" for words, said in failed.items())
     if name == "own objects":
         assert (folder / "learnt" / "learnt.json").is_file()
         assert (folder / "look").is_dir()

@@ -46,7 +46,10 @@ def find_instances(
             left = estimator.verifier(object_id).without_explained(before, pose)
         coarse = estimator.find_hypotheses(context, closer)
         missing = instances - len(right)
-        looks.add(estimator.refine(context, object_id, coarse.hypotheses, missing, left, min_score))
+        looks.add(
+            estimator.refine(context, object_id, coarse.hypotheses, missing, left, min_score),
+            closer=True,
+        )
     return looks.together(instances, improbable)
 
 
@@ -61,11 +64,11 @@ class _Looks:
         self._found: list[RefinedHypotheses] = []
         self._scores: list[list[float]] = []
 
-    def add(self, found: RefinedHypotheses | None) -> None:
-        """Add what the next look found."""
+    def add(self, found: RefinedHypotheses | None, closer: bool = False) -> None:
+        """Add what the next look found; a `closer` one has hypotheses of its own."""
         if found is None:
             return
-        if self._found:
+        if closer:
             found = replace(found, sources=np.full_like(found.sources, -1))
         self._found.append(found)
         self._scores.append([self._score(found.refined[i].pose_cam_obj) for i in found.instances])
