@@ -123,7 +123,7 @@ def test_anytime_draws_recall_against_the_time_of_each_budget(
 def test_a_sweep_of_studies_ends_with_table_figure_and_page(tiny_run: TinyRun, call: Call) -> None:
     """Also if an arm failed: no particles."""
     given = ("task=oracle", "task.frames=1", "refinement.particles=0,5,6", "output=oracles")
-    code, said, error = call("-m", *tiny_run.overrides, *given)
+    code, said, error = call(*tiny_run.overrides, "-m", *given)
     assert code == 1 and "refinement.particles is 0" in error
     folder = tiny_run.folder / "oracles"
     sentence = "oracle by particles: 2 of 3 arms finished; without a result: 0 (see 0/hlp.log)."

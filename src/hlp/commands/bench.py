@@ -60,8 +60,9 @@ and peak memory. Learnt objects are reused from work, or learnt first. The same
 frames are also processed with slower reference settings (task.compared, see
 conf/task/bench.yaml), to compare times and poses.
 
-Written into the output folder: bench.json, bench.md and manifest.json. A sweep
-ends with a table of its runs, which its folder holds as bench.md and bench.csv.
+Written into the output folder: bench.json, bench.md, bench.png, bench.svg,
+report.html and manifest.json. A sweep ends with a table and a figure of its
+runs, which its folder holds as bench.md, bench.csv, bench.png and bench.svg.
 
 hlp bench frames=10 refinement.particles=15            with another setting
 hlp bench -m refinement.particles=15,25,50             with each of these values

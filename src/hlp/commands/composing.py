@@ -11,13 +11,18 @@ from typing import TYPE_CHECKING, NoReturn
 
 import hlp
 from hlp.commands.nearest import nearest
-from hlp.errors import HlpError, MissingFileError, is_expected
+from hlp.errors import HlpError, InputError, MissingFileError, is_expected
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
 MULTIRUN = {"-m", "--multirun"}
 HELP = {"-h", "--help"}
+_ALONE = (MULTIRUN, {"-c", "--cfg"}, {"-i", "--info"}, {"-r", "--run"})
+_OPTIONS_WITH_VALUE = {
+    "--cfg", "-c", "--info", "-i", "--package", "-p", "--config-dir", "-cd", "--config-name", "-cn",
+    "--config-path", "-cp", "--experimental-rerun",
+}  # fmt: skip
 
 
 def config_folder() -> Path:
@@ -66,7 +71,11 @@ def compose_and_call(
     from hlp.studies.sweep import sweep_open
 
     provide_defaults()
-    sys.argv = [f"hlp {command}".strip(), *arguments]  # the only way to pass arguments to Hydra
+    try:
+        # The only way to pass arguments to Hydra.
+        sys.argv = [f"hlp {command}".strip(), *_overrides_first(arguments)]
+    except InputError as error:
+        fail(error)
     app = hydra.main(version_base="1.3", config_path=str(folder), config_name="config")
     try:
         with sweep_open():
@@ -77,6 +86,21 @@ def compose_and_call(
         if not is_expected(error):
             raise
         fail(error)
+
+
+def _overrides_first(arguments: Sequence[str]) -> list[str]:
+    """The arguments in an order that Hydra takes: it refuses options among overrides.
+
+    Raises InputError for options that exclude each other.
+    """
+    given = [sorted(names & {*arguments})[0] for names in _ALONE if names & {*arguments}]
+    if len(given) > 1:
+        raise InputError(f"{' and '.join(given)} exclude each other: leave one out")
+    overrides, options = list[str](), list[str]()
+    for before, each in zip(["", *arguments], arguments, strict=False):
+        is_option = each.startswith("-") or before in _OPTIONS_WITH_VALUE
+        (options if is_option else overrides).append(each)
+    return [*overrides, *options]
 
 
 def _job(config: DictConfig, task: Callable[[DictConfig], None]) -> None:
