@@ -55,6 +55,7 @@ MINUTES = (
     "-m refinement=pso,icp",
     "-m experiment=recordings",
     "-m experiment=fig9a data=",
+    "-m experiment=fig9a method=",
     "-m experiment=fig9b ",
     "-m experiment=fig9c ",
     "-m experiment=anytime data=",

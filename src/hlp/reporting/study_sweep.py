@@ -51,8 +51,8 @@ class StudySweep:
     @property
     def verdict(self) -> str:
         """What was swept, how many arms finished, and where to look for why one has not."""
-        keys = ", ".join(map(short_key, self.keys)) or "nothing"
-        words = [f"{self.study} by {keys}: {len(self.finished)} of {len(self.arms)} arms finished"]
+        swept = f" by {', '.join(map(short_key, self.keys))}" if self.keys else ""
+        words = [f"{self.study}{swept}: {len(self.finished)} of {len(self.arms)} arms finished"]
         if failed := [arm for arm in self.arms if arm.numbers is None]:
             logs = ", ".join(log_of(arm.folder) for arm in failed)
             words.append(f"without a result: {'; '.join(a.label for a in failed)} (see {logs})")
