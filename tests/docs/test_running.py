@@ -106,10 +106,6 @@ ALSO = {
     "live source=folder learnt=learnt/ rgb=rgb/ depth=depth/ intrinsics=camera.json page=8000": [
         "idle_s=1"
     ],
-    "-m experiment=fig9a": ["encoder.dimension=100,200"],
-    "-m experiment=fig9a data=linemod_bop data.root=../shared/data/lm frames=40": [
-        "encoder.dimension=100,200"
-    ],
     "search task.limit_ms=300": ["task.trials=2"],
     "-m experiment=anytime": ["refinement.budget_ms=0,5"],
     "run data=linemod data.root=/path/to/linemod": [
@@ -168,6 +164,8 @@ def as_run(words: list[str], folder: Path) -> list[str]:
     if "runs=[RUN_A,RUN_B]" in given:
         given[given.index("runs=[RUN_A,RUN_B]")] = f"runs=[{','.join(logged_runs(folder))}]"
     also = ALSO.get(" ".join(words), []) or ALSO.get(words[0], [])
+    if "experiment=fig9a" in words and words[0] == "-m":
+        also = ["encoder.dimension=100,200"]  # the tiny encoder has no 600 components
     if words[0] not in ("run", "-m", "bench", "search") or words[-1].startswith("manifest="):
         return [*given, *also]
     own_data = any(word.startswith(OWN_DATA) for word in words)
