@@ -71,13 +71,10 @@ def compose_and_call(
     from hlp.studies.sweep import sweep_open
 
     provide_defaults()
+    app = hydra.main(version_base="1.3", config_path=str(folder), config_name="config")
     try:
         # The only way to pass arguments to Hydra.
         sys.argv = [f"hlp {command}".strip(), *_overrides_first(arguments)]
-    except InputError as error:
-        fail(error)
-    app = hydra.main(version_base="1.3", config_path=str(folder), config_name="config")
-    try:
         with sweep_open():
             app(lambda config: _job(config, task))()
     except (HydraException, OmegaConfBaseException, YAMLError, HlpError) as error:

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 
 from hlp.files import read_csv, write_csv, write_text
 from hlp.reporting.figures.saving import save_figure
+from hlp.reporting.figures.sweep_grid import draw_cells
 from hlp.reporting.tables.table import Table, lay_out, prose
 
 if TYPE_CHECKING:
@@ -139,11 +140,9 @@ def heat_maps(name: str, basins: Basins, verdicts: Mapping[str, Verdicts]) -> "F
 
 
 def _heat_map(ax: "Axes", basins: Basins, recalls: Recalls) -> "AxesImage":
-    image = ax.imshow(recalls, cmap="viridis", vmin=0.0, vmax=1.0, origin="lower", aspect="auto")
+    image = draw_cells(ax, recalls, "viridis", "{:.2f}", (0.0, 1.0))
+    ax.set_ylim(-0.5, len(recalls) - 0.5)  # the smallest error at the bottom
     ax.set_xticks(range(recalls.shape[1]), [f"{mm:g}" for mm in basins.translation_mm])
     ax.set_yticks(range(recalls.shape[0]), [f"{degrees:g}" for degrees in basins.rotation_deg])
     ax.set_xlabel("translation error (mm)")
-    for (i, j), recall in np.ndenumerate(recalls):
-        color = "black" if recall > 0.6 else "white"  # viridis is bright above
-        ax.text(j, i, f"{recall:.2f}", ha="center", va="center", color=color, fontsize=8)
     return image

@@ -9,6 +9,7 @@ from jaxtyping import Float
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
 Cell = tuple[float, float]
 """ADD(-S) recall, and the median time of an object in a frame (ms)."""
@@ -58,7 +59,7 @@ def draw_cells(
     colors: str,
     form: str,
     ends: tuple[float | None, float | None] = (None, None),
-) -> None:
+) -> "AxesImage":
     """A heat map with its numbers, written by `form`; NaN is said to be no result.
 
     `ends` are the values of the darkest and the brightest colour (None: those of the data).
@@ -72,6 +73,7 @@ def draw_cells(
         bright = 0.299 * red + 0.587 * green + 0.114 * blue > 0.55
         ax.text(column, row, form.format(value), ha="center", va="center", fontsize=9,
                 color="black" if bright else "white")  # fmt: skip
+    return image
 
 
 def _frame(ax: "Axes", x: int, y: int) -> None:
