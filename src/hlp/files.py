@@ -126,14 +126,23 @@ def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, Any]]:
     Raises MissingFileError, or DataError naming a file whose first line is not `columns`, or that
     is no text.
     """
+    more, rows = read_table(path, columns)
+    if more:
+        raise DataError(f"{path}: the first line must be {','.join(columns)}")
+    return rows
+
+
+def read_table(path: Path, columns: Sequence[str]) -> tuple[list[str], list[dict[str, Any]]]:
+    """As `read_csv`, of a file that may have further columns after these; also their names."""
     if not path.is_file():
         raise MissingFileError(f"there is no file {path}")
     try:
         with path.open(encoding="utf-8", newline="") as stream:
             reader = csv.DictReader(stream)
-            if tuple(reader.fieldnames or ()) != tuple(columns):
+            names = tuple(reader.fieldnames or ())
+            if names[: len(columns)] != tuple(columns):
                 raise DataError(f"{path}: the first line must be {','.join(columns)}")
-            return list(reader)
+            return [*names[len(columns) :]], list(reader)
     except (UnicodeDecodeError, csv.Error) as error:
         raise DataError(f"{path} is damaged, or no table in UTF-8 ({error})") from error
 

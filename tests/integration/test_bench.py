@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 import pytest
 import torch
 from hydra import compose, initialize_config_dir
@@ -13,6 +14,8 @@ from hydra import compose, initialize_config_dir
 from hlp.commands.composing import config_folder
 from hlp.config.build import Run, build_run
 from hlp.method.pose_estimator import PoseEstimator
+from hlp.reporting.study_numbers import STUDIES, read_study
+from hlp.results.target_values import read_target_values
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
 from hlp.studies.stopwatch import PARTS, TimedEstimator
@@ -73,6 +76,17 @@ def test_bench_states_every_part_of_every_path(bench: Path) -> None:
     assert result["search"]["recall"] == 1.0  # the tiny run's search is exact
     stages = json.loads((bench / "manifest.json").read_text())["stages"]
     assert stages and all(event["reused"] for event in stages)
+
+
+def test_times_by_target_have_the_medians_of_the_study(bench: Path) -> None:
+    numbers = read_study(bench, STUDIES["bench"])
+    assert numbers is not None
+    values = {each.name: each.value for each in numbers}
+    targets = read_target_values(bench)
+    assert values["ADD(-S)"] == pytest.approx(np.mean([*targets.pop("ADD(-S)").values()]))
+    assert set(targets) == {"ms first", "ms further", "CPU first", "CPU further"}
+    for name, found in targets.items():
+        assert values[name] == pytest.approx(np.median([*found.values()]))
 
 
 def test_bench_compares_results_and_times_of_paths(bench: Path) -> None:

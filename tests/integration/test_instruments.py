@@ -16,6 +16,8 @@ from hlp.commands.composing import config_folder
 from hlp.config.build import Run, build_run
 from hlp.method.pose_estimator import FrameContext, PoseEstimator
 from hlp.refinement.none import NoneRefiner
+from hlp.reporting.study_numbers import STUDIES, read_study
+from hlp.results.target_values import read_target_values
 from hlp.studies.tasks import run_task
 from tiny_run import TinyRun
 
@@ -55,6 +57,14 @@ def recalls(result: dict[str, Any]) -> dict[tuple[str, str], float]:
     return {(c["region"], c["coarse"]): c["add"]["recall"] for c in result["cells"]}
 
 
+def assert_targets_have_the_means_of_the_study(output: Path, study: str) -> None:
+    numbers = read_study(output, STUDIES[study])
+    assert numbers is not None
+    targets = read_target_values(output)
+    means = {name: sum(each.values()) / len(each) for name, each in targets.items()}
+    assert means == pytest.approx({each.name: each.value for each in numbers})
+
+
 def test_oracle_fills_the_matrix_from_the_runs_own_stages(
     tiny_run: TinyRun, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -68,6 +78,7 @@ def test_oracle_fills_the_matrix_from_the_runs_own_stages(
     assert abs(found["estimated", "estimated"] - summary["metrics"]["add"]["recall"]) < 0.21
     assert found["true", "true"] >= 0.8  # the refiner starts where it should end
     assert found["true", "true"] >= found["estimated", "true"]
+    assert_targets_have_the_means_of_the_study(output, "oracle")
     assert (output / "oracle.md").read_text().strip()
     assert {"oracle.png", "oracle.svg"} <= {path.name for path in output.iterdir()}
     with (output / "oracle.csv").open(newline="") as stream:
@@ -126,6 +137,7 @@ def test_basin_maps_every_refiner_from_the_same_starts(
         (r["refiner"], r["object"], float(r["rotation_deg"]), float(r["translation_mm"])): r
         for r in rows
     }
+    assert_targets_have_the_means_of_the_study(output, "basin")
     objects = {row["object"] for row in rows} - {"all"}
     targets = int(cells["pso", "all", 0.0, 0.0]["perturbations"]) // 2
     assert targets == len(objects) == 5

@@ -11,6 +11,7 @@ from hlp.results.intervals import (
     BLOCK,
     blocks_of,
     difference_interval,
+    median_difference_interval,
     recall_interval,
     wilson,
 )
@@ -99,6 +100,28 @@ def test_a_differences_interval_is_that_of_all_resamples() -> None:
     exact = np.percentile(differences, [2.5, 97.5])
     found = difference_interval(first, second, blocks, 20_000, seed=1)
     np.testing.assert_allclose(found, exact, atol=0.02)
+
+
+def test_a_difference_of_medians_has_the_interval_of_all_resamples() -> None:
+    blocks = np.array([3, 0, 0, 1, 1, 2, 3, 3, 0, 3, 4])  # in any order
+    rng = np.random.default_rng(0)
+    first, second = rng.gamma(3.0, 10.0, (2, 11))
+    differences = []
+    for drawn in itertools.product(range(5), repeat=5):
+        chosen = np.concatenate([np.flatnonzero(blocks == block) for block in drawn])
+        differences.append(np.median(second[chosen]) - np.median(first[chosen]))
+    exact = np.percentile(differences, [2.5, 97.5])
+    found = median_difference_interval(first, second, blocks, 20_000, seed=1)
+    np.testing.assert_allclose(found, exact, atol=0.05 * np.ptp(exact))
+
+
+def test_medians_of_many_targets_are_drawn_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(0)
+    first, second = rng.gamma(3.0, 10.0, (2, 90))
+    blocks = np.repeat(np.arange(30), 3)
+    whole = median_difference_interval(first, second, blocks, 500, seed=0)
+    monkeypatch.setattr("hlp.results.intervals._AT_ONCE", 900)
+    assert median_difference_interval(first, second, blocks, 500, seed=0) == whole
 
 
 def test_pairing_narrows_the_differences_interval() -> None:

@@ -7,6 +7,7 @@ from hlp.geometry import rigid
 from hlp.records import PoseEstimate
 from hlp.studies.bench_summary import (
     TimedDetection,
+    bench_targets,
     compare_paths,
     ratios,
     summarise_path,
@@ -53,6 +54,22 @@ def test_times_of_first_and_further_objects_and_of_whole_frames():
     assert path["frame"]["refine"]["median_ms"] == pytest.approx((12 + 9) / 2)
     assert path["by_objects"]["1"] == {"median_ms": pytest.approx(57), "frames": 2}
     assert path["by_objects"]["2"] == {"median_ms": pytest.approx(42), "frames": 1}
+
+
+def test_times_and_verdicts_by_target():
+    looks = [
+        look(1, 0, {"windows": 10, "refine": 5}),
+        look(2, 1, {"refine": 7}),
+    ]
+    scores = [
+        SimpleNamespace(scene_id=1, frame_id=1, object_id=1, add_correct=True),
+        SimpleNamespace(scene_id=1, frame_id=1, object_id=1, add_correct=False),
+    ]
+    found = bench_targets(looks, scores)
+    assert list(found) == ["ms first", "CPU first", "ms further", "CPU further", "ADD(-S)"]
+    assert found["ms first"] == {(1, 1, 1, 0): pytest.approx(15)}
+    assert found["CPU further"] == {(1, 2, 1, 0): pytest.approx(14)}
+    assert found["ADD(-S)"] == {(1, 1, 1, 0): 1.0, (1, 1, 1, 1): 0.0}
 
 
 def test_ratios_are_of_medians_and_absent_where_there_is_no_time():

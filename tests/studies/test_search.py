@@ -2,7 +2,9 @@
 
 import csv
 import json
+import shutil
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,10 @@ from hydra import compose, initialize_config_dir
 from hlp.commands.composing import config_folder
 from hlp.config.build import Run, build_run
 from hlp.errors import DataError
+from hlp.records import TargetScore
 from hlp.reporting.tracking import track_run
+from hlp.results.scores_file import write_scores
+from hlp.results.target_values import read_target_values
 from hlp.studies import search
 from hlp.studies.search import SearchSettings
 from hlp.studies.search_space import Choices, Range, check_within, nested, read_space
@@ -23,6 +28,7 @@ pytestmark = pytest.mark.slow
 
 LIMIT = 200.0
 SMALL = ("data.width=320", "data.height=240", "task=search", f"task.limit_ms={LIMIT}")
+TARGET = TargetScore(1, 1, 1, True, 1.0, 0.0, 0.0, 0.0, 1.0, True, True, True)
 Tried = list[dict[str, Any]]
 
 
@@ -62,6 +68,9 @@ def tried(monkeypatch: pytest.MonkeyPatch) -> Tried:
             if len(begun) == begun[0].get("stop_at"):
                 raise begun[0]["stop_by"]
         recall, time = settings.particles / 100.0, 10.0 * settings.particles
+        output.mkdir(parents=True, exist_ok=True)
+        found = [replace(TARGET, frame_id=i, add_correct=i < 100 * recall) for i in range(100)]
+        write_scores(output / "scores.csv", found, {1: "cat"})
         return {"metrics": {"add": {"recall": recall}}, "timing_ms": {"total": {"median": time}}}
 
     monkeypatch.setattr(search.runner, "run_method", run_method)
@@ -97,6 +106,8 @@ def test_the_best_trial_is_the_best_within_the_limit(
     with (tmp_path / "out" / "search.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert [int(row["refinement.particles"]) for row in rows] == [t["particles"] for t in tried]
+    verdicts = read_target_values(tmp_path / "out")["best ADD(-S)"]
+    assert sum(verdicts.values()) == max(fast) and len(verdicts) == 100
     parent, trials = runs_of(tmp_path)
     assert parent.data.metrics["search/recall"] == max(fast) / 100.0
     logged = [run.data.params["refinement.particles"] for run in trials]
@@ -126,6 +137,8 @@ def test_a_search_goes_on_where_it_stopped(
     assert parent.info.status == "FINISHED"
     assert [run.info.status for run in trials] == statuses
     count = len(tried)
+    for trial in result["trials"]:
+        shutil.rmtree(trial["folder"], ignore_errors=True)
     assert start("again", f"task.trials={len(result['trials'])}") == result
     assert len(tried) == count  # nothing is left to try
 

@@ -1,9 +1,9 @@
 """Two runs compared target by target, with interval and test of the difference."""
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,9 +11,10 @@ from hlp.errors import DataError
 from hlp.records import TargetScore
 from hlp.reporting.tables.summary_tables import METRIC_LABELS
 from hlp.reporting.tables.table import Table, check_layout, lay_out, prose
-from hlp.results.intervals import blocks_of, difference_interval
+from hlp.results.intervals import blocks_of, difference_interval, median_difference_interval
 from hlp.results.scores_file import read_scores
 from hlp.results.summary_file import METRICS
+from hlp.results.target_values import TargetKey, numbered_targets
 
 RESAMPLINGS = 10_000
 SEED = 0
@@ -25,9 +26,8 @@ EXPLAINED = (
     " test on the targets that only one run has right. It assumes that targets are independent, so"
     " the interval is the safer guide."
 )
-
-TargetKey = tuple[int, int, int, int]
-"""Scene, image, object, and the instance of the object in the image (from 0)."""
+Difference = tuple[float, tuple[float, float]]
+"""A difference of two means or medians, and its 95 % interval."""
 
 
 @dataclass(frozen=True)
@@ -140,19 +140,51 @@ def changes_table(pairs: Sequence[Pair]) -> Table:
 
 def paired_difference(
     first: Mapping[TargetKey, ScoredTarget], second: Mapping[TargetKey, ScoredTarget], metric: str
-) -> tuple[float, tuple[float, float]] | None:
+) -> Difference | None:
     """Second's recall minus first's over the targets of both, with its 95 % interval.
 
     None if they have no target in common. The interval is that of `difference_interval`.
     """
+    before, after = (
+        {key: float(each.correct(metric)) for key, each in targets.items()}
+        for targets in (first, second)
+    )
+    return mean_difference(before, after)
+
+
+def mean_difference(
+    first: Mapping[TargetKey, float], second: Mapping[TargetKey, float]
+) -> Difference | None:
+    """Second's mean minus first's over the targets of both, with its 95 % interval.
+
+    None if they have no target in common. The interval is that of `difference_interval`.
+    """
+    return _difference(first, second, np.mean, difference_interval)
+
+
+def median_difference(
+    first: Mapping[TargetKey, float], second: Mapping[TargetKey, float]
+) -> Difference | None:
+    """Second's median minus first's over the targets of both, with its 95 % interval.
+
+    None if they have no target in common. The interval is that of `median_difference_interval`.
+    """
+    return _difference(first, second, np.median, median_difference_interval)
+
+
+def _difference(
+    first: Mapping[TargetKey, float],
+    second: Mapping[TargetKey, float],
+    statistic: Callable[[np.ndarray], Any],
+    interval_of: Callable[..., tuple[float, float]],
+) -> Difference | None:
     shared = sorted(first.keys() & second.keys())
     if not shared:
         return None
-    before = np.array([first[key].correct(metric) for key in shared])
-    after = np.array([second[key].correct(metric) for key in shared])
+    before, after = (np.array([each[key] for key in shared]) for each in (first, second))
     blocks = blocks_of([key[:2] for key in shared])
-    interval = difference_interval(before, after, blocks, RESAMPLINGS, SEED)
-    return float(after.mean() - before.mean()), interval
+    ends = interval_of(before, after, blocks, RESAMPLINGS, SEED)
+    return float(statistic(after) - statistic(before)), ends
 
 
 def mcnemar_exact(lost: int, gained: int) -> float:
@@ -174,10 +206,8 @@ def read_targets(path: Path) -> dict[TargetKey, ScoredTarget]:
     data set. Raises what `read_scores` raises.
     """
     scores, names = read_scores(path)
-    targets: dict[TargetKey, ScoredTarget] = {}
-    instances: Counter[tuple[int, int, int]] = Counter()
-    for score in scores:
-        key = (score.scene_id, score.frame_id, score.object_id)
-        targets[*key, instances[key]] = ScoredTarget(names[score.object_id], score)
-        instances[key] += 1
-    return targets
+    keys = numbered_targets((each.scene_id, each.frame_id, each.object_id) for each in scores)
+    return {
+        key: ScoredTarget(names[score.object_id], score)
+        for key, score in zip(keys, scores, strict=True)
+    }

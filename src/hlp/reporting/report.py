@@ -7,11 +7,8 @@ from hlp.files import SUMMARY, SWEEP
 from hlp.reporting.figures.trade_off import draw_trade_off
 from hlp.reporting.figures.waterfall_bars import draw_waterfall
 from hlp.reporting.page.study_page import study_folders
-from hlp.reporting.study_sweep import (
-    describe_study_sweep,
-    read_study_sweeps,
-    write_study_sweep,
-)
+from hlp.reporting.study_arms import read_study_sweeps
+from hlp.reporting.study_sweep import describe_study_sweep, write_study_sweep
 from hlp.reporting.sweep_report import describe_sweep, write_sweep_files
 from hlp.reporting.tables.summary_tables import (
     format_summary,

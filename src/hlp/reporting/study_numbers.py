@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from hlp.errors import DataError
 from hlp.files import read_json
@@ -13,20 +13,25 @@ from hlp.reporting.tables.oracle_table import head_of
 from hlp.reporting.tables.table import format_share
 
 Interval = tuple[float, float]
+Quantity = Literal["recall", "lost recall", "time", "other"]
 
 
 @dataclass(frozen=True)
 class StudyNumber:
     """A number of a study: its column in tables, and the panel of the figure that it stands in.
 
-    `interval` is its 95 % interval, None where it has none; `text` is how people read it.
+    Without a panel it is in no figure, and in tables only where there is room. `text` is how people
+    read it; `interval` is its 95 % interval, None where it has none. Arms are compared by the
+    `main` numbers, and the arm that is best by the first of them is called the best.
     """
 
     name: str
     panel: str
     value: float
     text: str
+    quantity: Quantity = "other"
     interval: Interval | None = None
+    main: bool = False
 
 
 @dataclass(frozen=True)
@@ -62,30 +67,34 @@ def _read_bench(path: Path) -> list[StudyNumber]:
         for unit in ("first", "further"):
             total = configured[unit].get(TOTAL)
             if total is not None:  # frames of a single object have no further one
-                time = total[kind]
-                numbers.append(StudyNumber(f"{name} {unit}", panel, time, format_ms(time)))
+                is_main = name == "ms"
+                numbers.append(_time(f"{name} {unit}", panel, total[kind], main=is_main))
     peak, recall = result["memory"]["peak_mib"], configured["add_recall"]
     numbers.append(StudyNumber("MiB", "peak memory, MiB", peak, f"{peak:.0f}"))
     if recall is not None:
-        numbers.append(_share("ADD(-S)", "ADD(-S) recall", recall))
-    return numbers
+        numbers.append(_recall("ADD(-S)", "ADD(-S) recall", recall, main=True))
+    load = result["machine"]["load"]
+    return [*numbers, StudyNumber("load before", "", load, f"{load:.1f}")]
 
 
 def _read_oracle(path: Path) -> list[StudyNumber]:
     result = read_json(path)
     numbers = []
-    for cell in result["cells"]:
+    for place, cell in enumerate(result["cells"]):
         low, high = map(float, cell["add"]["ci95"])
-        recall = cell["add"]["recall"]
-        numbers.append(_share(head_of(cell), "ADD(-S) recall", recall, (low, high)))
+        name, recall = head_of(cell), cell["add"]["recall"]
+        numbers.append(_recall(name, "ADD(-S) recall", recall, (low, high), main=place == 0))
     for stage, lost in result["lost"].items():
-        numbers.append(StudyNumber(f"lost {stage}", "recall lost", lost, f"{lost:+.3f}"))
+        name, text = f"lost {stage}", f"{lost:+.3f}"
+        numbers.append(StudyNumber(name, "recall lost", lost, text, "lost recall", main=True))
     return numbers
 
 
 def _read_basin(path: Path) -> list[StudyNumber]:
     panel = "ADD(-S) recall, mean over all starting errors"
-    return [_share(name, panel, recall) for name, recall in read_mean_recalls(path).items()]
+    return [
+        _recall(name, panel, recall, main=True) for name, recall in read_mean_recalls(path).items()
+    ]
 
 
 def _read_search(path: Path) -> list[StudyNumber]:
@@ -94,14 +103,20 @@ def _read_search(path: Path) -> list[StudyNumber]:
     numbers = [StudyNumber("trials", "trials", tried, str(tried))]
     best: Mapping[str, Any] | None = result["best"]
     if best is not None:
-        numbers.append(_share("best ADD(-S)", "ADD(-S) recall of the best trial", best["recall"]))
-        time = best["time_ms"]
-        numbers.append(StudyNumber("its ms", "ms of the best trial", time, format_ms(time)))
+        panel = "ADD(-S) recall of the best trial"
+        numbers.append(_recall("best ADD(-S)", panel, best["recall"], main=True))
+        numbers.append(_time("its ms", "ms of the best trial", best["time_ms"]))
     return numbers
 
 
-def _share(name: str, panel: str, value: float, interval: Interval | None = None) -> StudyNumber:
-    return StudyNumber(name, panel, value, format_share(value), interval)
+def _recall(
+    name: str, panel: str, value: float, interval: Interval | None = None, *, main: bool
+) -> StudyNumber:
+    return StudyNumber(name, panel, value, format_share(value), "recall", interval, main)
+
+
+def _time(name: str, panel: str, value: float, *, main: bool = False) -> StudyNumber:
+    return StudyNumber(name, panel, value, format_ms(value), "time", None, main)
 
 
 STUDIES: Mapping[str, StudyKind] = {
@@ -110,7 +125,7 @@ STUDIES: Mapping[str, StudyKind] = {
         _read_bench,
         "ms: median time to find the first object of a frame, and each further one; CPU: ms of all"
         " threads. MiB: peak memory of the process, which arms of one process share with those"
-        " before them.",
+        " before them; load before: of the machine in the minute before the measurement.",
     ),
     "oracle": StudyKind(
         "oracle.json",

@@ -6,16 +6,14 @@ from functools import cached_property
 from pathlib import Path
 
 from hlp.files import SCORES
-from hlp.reporting.comparison import ScoredTarget, TargetKey, paired_difference, read_targets
+from hlp.reporting.comparison import Difference, ScoredTarget, paired_difference, read_targets
 from hlp.reporting.results import Result, ResultSet
 from hlp.reporting.tables.table import Table, format_interval, format_share
+from hlp.results.target_values import TargetKey
 
 _LONGEST = 24  # characters of a value in a table
 _LOG = "hlp.log"
 _TIMES = ["ms 95 %", "CPU ms", "load"]
-
-Difference = tuple[float, tuple[float, float]]
-"""A difference of recalls, and its 95 % interval."""
 
 
 @dataclass(frozen=True)
@@ -89,13 +87,15 @@ def sweep_of(found: ResultSet) -> Sweep:
         for folder in folders
     ]
     finished = [arm for arm in arms if arm.result is not None]
-    default = [arm for arm in finished if found.defaults and _is_default(arm, found.defaults)]
+    default = [arm for arm in finished if holds_defaults(arm.values, found.defaults)]
     reference = next(iter(default or finished), None)
     return Sweep(arms, found.swept, reference, bool(default), found.command)
 
 
-def _is_default(arm: SweepArm, defaults: Mapping[str, str]) -> bool:
-    return all(_value(arm.values.get(key, each)) == _value(each) for key, each in defaults.items())
+def holds_defaults(values: Mapping[str, str], defaults: Mapping[str, str]) -> bool:
+    """Whether an arm's values of the swept keys are the defaults; not where none are known."""
+    pairs = [(values.get(key, each), each) for key, each in defaults.items()]
+    return bool(pairs) and all(_value(given) == _value(each) for given, each in pairs)
 
 
 def _value(text: str) -> float | str:
@@ -111,9 +111,13 @@ def short_key(key: str) -> str:
     return key.rpartition(".")[2].rpartition("/")[2]
 
 
-def log_of(arm: Path) -> str:
-    """Where in the sweep's folder the log of an arm lies."""
-    return str(Path(arm.name, _LOG))
+def without_result(failed: Sequence[tuple[str, Path]]) -> list[str]:
+    """Which arms failed, given in words and by folder, and where their logs lie; or nothing."""
+    if not failed:
+        return []
+    names = "; ".join(name for name, _ in failed)
+    logs = ", ".join(str(Path(folder.name, _LOG)) for _, folder in failed)
+    return [f"without a result: {names} (see {logs})"]
 
 
 def sweep_table(sweep: Sweep, *, whole: bool = True) -> Table:
@@ -174,17 +178,14 @@ def _cut(value: str) -> str:
 
 def sweep_verdict(sweep: Sweep) -> str:
     """The best arm, whether it is surely better than the reference, and what failed."""
-    failed = [arm for arm in sweep.arms if arm.result is None]
+    failed = [(arm.label, arm.folder) for arm in sweep.arms if arm.result is None]
     words = [f"{len(sweep.finished)} of {len(sweep.arms)} arms finished"]
     best = sweep.best
     if best is not None and best.result is not None and sweep.reference is not None:
         add, time = best.result.add["recall"], best.result.total_ms["median"]
         words.append(f"best by ADD(-S): {best.label} ({add:.3f}, {time:.0f} ms)")
         words.append(_sure(sweep, best))
-    if failed:
-        logs = ", ".join(log_of(arm.folder) for arm in failed)
-        words.append(f"without a result: {'; '.join(arm.label for arm in failed)} (see {logs})")
-    return "; ".join(words) + "."
+    return "; ".join([*words, *without_result(failed)]) + "."
 
 
 def _sure(sweep: Sweep, best: SweepArm) -> str:

@@ -5,7 +5,8 @@ from pathlib import Path
 
 from hlp.reporting.mlflow_metrics import headline_metrics
 from hlp.reporting.results import read_results
-from hlp.reporting.study_sweep import StudySweep, describe_study_sweep
+from hlp.reporting.study_arms import StudySweep
+from hlp.reporting.study_sweep import describe_study_sweep
 from hlp.reporting.sweep_arms import sweep_of
 from hlp.reporting.sweep_report import describe_sweep
 from hlp.reporting.tracker import Tracker
@@ -35,13 +36,15 @@ def log_sweep(folder: Path, written: Sequence[Path], tracker: Tracker) -> None:
 def log_study_sweeps(
     sweeps: Sequence[StudySweep], written: Sequence[Path], tracker: Tracker
 ) -> None:
-    """Log the arms of sweeps of studies and their files, the figures also as images."""
+    """Log the arms of sweeps of studies, the best one, and their files, figures also as images."""
     tracker.describe("\n\n".join(describe_study_sweep(each, "markdown") for each in sweeps))
     for sweep in sweeps:
         steps = steps_of(sweep.keys, [arm.values for arm, _ in sweep.finished])
         for step, (_, numbers) in zip(steps, sweep.finished, strict=True):
             group = f"{GROUP}/{sweep.study}"
             tracker.log_metrics({f"{group}/{each.name}": each.value for each in numbers}, step)
+        if sweep.best is not None:
+            tracker.set_tags({"best_arm": sweep.best.label})
     _log_files(written, tracker)
 
 

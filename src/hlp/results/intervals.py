@@ -8,6 +8,8 @@ from jaxtyping import Bool, Float, Int
 BLOCK = 20
 """Frames that are drawn together, at most (D)."""
 _BLOCKS = 10  # at least, of which the resamples are made
+_AT_ONCE = 1_000_000  # values of resamples in memory
+Values = Bool[np.ndarray, "n"] | Float[np.ndarray, "n"]
 
 
 def blocks_of(frames: Sequence[tuple[int, int]]) -> Int[np.ndarray, "n"]:
@@ -38,17 +40,32 @@ def recall_interval(
 
 
 def difference_interval(
-    first: Bool[np.ndarray, "n"],
-    second: Bool[np.ndarray, "n"],
-    blocks: Int[np.ndarray, "n"],
-    resamplings: int,
-    seed: int,
+    first: Values, second: Values, blocks: Int[np.ndarray, "n"], resamplings: int, seed: int
 ) -> tuple[float, float]:
-    """95 % interval of second's recall minus first's: the percentile bootstrap over blocks.
+    """95 % interval of second's mean minus first's: the percentile bootstrap over blocks.
 
-    Blocks are resampled with all their targets and both verdicts of each (paired).
+    Of verdicts, the mean is the recall. Blocks are resampled with all their targets and both values
+    of each (paired).
     """
     return _bootstrap(second.astype(float) - first.astype(float), blocks, resamplings, seed)
+
+
+def median_difference_interval(
+    first: Values, second: Values, blocks: Int[np.ndarray, "n"], resamplings: int, seed: int
+) -> tuple[float, float]:
+    """As `difference_interval`, of medians."""
+    order, counts = np.argsort(blocks, kind="stable"), np.bincount(blocks)
+    place = np.arange(len(blocks)) - np.repeat(np.cumsum(counts) - counts, counts)
+    padded = np.full((2, len(counts), counts.max()), np.nan)
+    padded[:, blocks[order], place] = np.stack([first, second])[:, order]
+    rng = np.random.default_rng(seed)
+    drawn = rng.integers(len(counts), size=(resamplings, len(counts)))
+    differences = []
+    for some in np.array_split(drawn, max(1, padded[0].size * resamplings // _AT_ONCE)):
+        medians = np.nanmedian(padded[:, some].reshape(2, len(some), -1), axis=-1)
+        differences.append(medians[1] - medians[0])
+    low, high = np.percentile(np.concatenate(differences), [2.5, 97.5])
+    return float(low), float(high)
 
 
 def wilson(recall: float, targets: int) -> tuple[float, float]:

@@ -14,8 +14,8 @@ from hlp.config.build import Run
 from hlp.geometry import back_project, transform
 from hlp.objects.meshes import decimate
 from hlp.records import Frame, ObjectModel, PoseEstimate, TargetScore, frame_key
-from hlp.reporting.comparison import TargetKey
 from hlp.reporting.page.material import PageObject, PageTarget, edges_of, write_material
+from hlp.results.target_values import TargetKey
 from hlp.runs.stage_panels import FoundInFrame, in_order_of_scores, picture_of_target
 from hlp.stages.detection import DetectionStages
 

@@ -1,6 +1,6 @@
 """Basin map: from which errors of the coarse pose each refiner still reaches the true pose."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
@@ -14,7 +14,7 @@ from hlp.config.build import Run
 from hlp.config.settings import TASKS
 from hlp.evaluation.evaluator import add_correct
 from hlp.method.pose_estimator import derive_seed
-from hlp.records import Frame, Hypotheses
+from hlp.records import Frame, Hypotheses, parse_frame_key
 from hlp.refinement.refiner import REFINERS, RefinementSettings, Refiner
 from hlp.reporting.figures.basin_maps import (
     Basins,
@@ -23,6 +23,7 @@ from hlp.reporting.figures.basin_maps import (
     format_basins,
     write_basins,
 )
+from hlp.results.target_values import TargetKey, numbered_targets, write_target_values
 from hlp.settings import Doc, Settings, SettingsError
 from hlp.stages.fingerprint import fingerprint
 from hlp.stages.frame_files import has_arrays, read_arrays, write_arrays
@@ -84,17 +85,24 @@ class BasinSettings(Settings):
 def run_basin(run: Run, task: BasinSettings, output: Path) -> Basins:
     """Refine the same perturbed poses with every refiner; return the recalls.
 
-    Writes basin.md, basin.csv, heatmaps/, report.html and manifest.json. Nothing is learnt. The
-    refined poses of each refiner are a stage, so an interrupted run continues where it stopped.
-    Everything is logged as one MLflow run.
+    Writes basin.md, basin.csv, targets.csv, heatmaps/, report.html and manifest.json. Nothing is
+    learnt. The refined poses of each refiner are a stage, so an interrupted run continues where it
+    stopped. Everything is logged as one MLflow run.
     """
     with study_run(run, output) as (store, tracker):
         keys = chosen_frames(run, task.frames)
-        right = {
+        verdicts = {
             name: _score(run, keys, _stage(run, task, name, keys, store)) for name in task.compared
         }
+        names = {object_id: model.name for object_id, model in run.dataset.models.items()}
+        right = {name: _by_object(found, names) for name, found in verdicts.items()}
         basins = Basins(task.rotation_deg, task.translation_mm, right)
         write_basins(output, basins)
+        recalls = {
+            name: {target: float(each.mean()) for target, each in found.items()}
+            for name, found in verdicts.items()
+        }
+        write_target_values(output, recalls, names)
         draw_basins(output / "heatmaps", basins)
         tracker.log_metrics(basin_metrics(basins))
     print(format_basins(basins))
@@ -175,17 +183,29 @@ def perturbation_grid(
     return perturbations.reshape(*shape, 4, 4)
 
 
-def _score(run: Run, keys: Sequence[str], folder: Path) -> dict[str, Verdicts]:
-    """By object, which poses are right by ADD(-S) (targets and perturbations, degrees, mm)."""
+def _score(run: Run, keys: Sequence[str], folder: Path) -> dict[TargetKey, Verdicts]:
+    """By target, which poses are right by ADD(-S) (perturbations, degrees, mm)."""
     models, evaluation = run.dataset.models, run.settings.evaluation
-    right: dict[int, list[Verdicts]] = {}
+    targets: list[tuple[int, int, int]] = []
+    right: list[Verdicts] = []
     for key in keys:
         stored = read_arrays(folder, key)
-        for name in [each for each in stored if each.endswith("/poses")]:
-            number, object_id, _ = name.split("/")
-            poses, truth = stored[name], stored[f"{number}/{object_id}/truth"]
+        names = [each.split("/") for each in stored if each.endswith("/poses")]
+        for number, object_id, _ in sorted(names, key=lambda each: int(each[0])):
+            name = f"{number}/{object_id}"
+            poses, truth = stored[f"{name}/poses"], stored[f"{name}/truth"]
             model = models[int(object_id)]
             verdicts = add_correct(poses.reshape(-1, 4, 4), truth, model, evaluation)
-            found = verdicts.reshape(poses.shape[:3])
-            right.setdefault(int(object_id), []).append(np.moveaxis(found, 2, 0))
-    return {models[i].name: np.concatenate(right[i]) for i in sorted(right)}
+            targets.append((*parse_frame_key(key), int(object_id)))
+            right.append(np.moveaxis(verdicts.reshape(poses.shape[:3]), 2, 0))
+    return dict(zip(numbered_targets(targets), right, strict=True))
+
+
+def _by_object(
+    verdicts: Mapping[TargetKey, Verdicts], names: Mapping[int, str]
+) -> dict[str, Verdicts]:
+    """Verdicts of all targets of each object (targets and perturbations, degrees, mm)."""
+    groups: dict[int, list[Verdicts]] = {}
+    for target, found in sorted(verdicts.items(), key=lambda each: each[0][2]):
+        groups.setdefault(target[2], []).append(found)
+    return {names[object_id]: np.concatenate(found) for object_id, found in groups.items()}

@@ -26,11 +26,13 @@ from hlp.reporting.tables.bench_table import (
     format_bench,
     write_bench,
 )
+from hlp.results.target_values import write_target_values
 from hlp.settings import Doc, Settings
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
 from hlp.studies.bench_summary import (
     TimedDetection,
+    bench_targets,
     compare_paths,
     ratios,
     summarise_path,
@@ -44,6 +46,7 @@ from hlp.studies.study_run import chosen_frames, study_run
 FILE = "bench.json"
 Estimators = Mapping[str, TimedEstimator]
 Detections = dict[str, list[TimedDetection]]
+Scores = dict[str, list[TargetScore]]
 
 
 @TASKS.register
@@ -71,7 +74,7 @@ class BenchSettings(Settings):
 
 
 def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
-    """Time every path on the same frames; write bench.json, .md, .png, .svg and manifest.json.
+    """Time every path on the same frames; write bench.json, .md, .png, .svg and targets.csv.
 
     A path is one set of settings: the configured one, and those of `task.compared`. Outputs of
     training are reused, or made first. Each path is run once before the measurement. Raises
@@ -92,17 +95,21 @@ def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
         memory = {"peak_mib": peak, "all_paths_mib": peak_mib(), "learnt_too": made}
         everything = _regions_of_all(run, store, keys)
         at_once = _objects_at_once(run, store, keys)
+        scores = _score(run, keys, detections)
         result = {
             "machine": machine,
             "workload": _workload(run, estimators[CONFIGURED], frame, len(keys)),
             "loading_s": {**found, **loaded},
             "memory": memory,
-            **_summary(run, task, keys, detections),
+            **_summary(run, task, detections, scores),
             "search": summarise_search(searches),
             "regions_of_all": everything,
             "objects_at_once": at_once,
         }
         write_json(output / FILE, result)
+        names = {object_id: model.name for object_id, model in run.dataset.models.items()}
+        own = bench_targets(detections[CONFIGURED], scores[CONFIGURED])
+        write_target_values(output, own, names)
         write_bench(output, result)
         draw_bench(output, result)
         tracker.log_metrics(bench_metrics(result))
@@ -228,18 +235,21 @@ def _detect_all(
     return found
 
 
+def _score(run: Run, keys: Sequence[str], detections: Detections) -> Scores:
+    """Scores of the targets on every path."""
+    truths = [FrameTruth.of(run.dataset.frames.load(key)) for key in keys]
+    models, evaluation = run.dataset.models, run.settings.evaluation
+    return {
+        name: score_targets(truths, models, [each.estimate for each in own], evaluation)
+        for name, own in detections.items()
+    }
+
+
 def _summary(
-    run: Run, task: BenchSettings, keys: Sequence[str], detections: Detections
+    run: Run, task: BenchSettings, detections: Detections, scores: Scores
 ) -> dict[str, Any]:
     """Times and recall of every path, and its comparison with the configured one."""
     models = run.dataset.models
-    truths = [FrameTruth.of(run.dataset.frames.load(key)) for key in keys]
-    scores: dict[str, list[TargetScore]] = {
-        name: score_targets(
-            truths, models, [each.estimate for each in own], run.settings.evaluation
-        )
-        for name, own in detections.items()
-    }
     paths = {name: summarise_path(own, scores[name]) for name, own in detections.items()}
     compared = {}
     for name, changes in task.compared.items():

@@ -9,6 +9,7 @@ from jaxtyping import UInt8
 
 from hlp.evaluation.errors import nearest_symmetric_pose, rotation_error, translation_error
 from hlp.records import ObjectModel, PoseEstimate, TargetScore
+from hlp.results.target_values import TargetKey, numbered_targets
 from hlp.studies.stopwatch import PARTS, SearchComparison, Spent
 
 NOTHING = Spent(0.0, 0.0)
@@ -55,6 +56,25 @@ def summarise_path(
         "frame": _spreads(whole),
         "by_objects": _by_objects(list(frames.values())),
     }
+
+
+def bench_targets(
+    detections: Sequence[TimedDetection], scores: Sequence[TargetScore]
+) -> dict[str, dict[TargetKey, float]]:
+    """Wall and CPU time (ms) of each search for an object, and each target's verdict by ADD(-S).
+
+    A frame's first object is timed apart from its further ones. An object that is searched once for
+    several instances has the time at the first of them.
+    """
+    keys = numbered_targets((each.scene_id, each.frame_id, each.object_id) for each in scores)
+    values: dict[str, dict[TargetKey, float]] = {}
+    for each in detections:
+        unit = "further" if each.place else "first"
+        key, spent = (*each.frame, each.estimate.object_id, 0), _sum(list(each.spent.values()))
+        values.setdefault(f"ms {unit}", {})[key] = 1e3 * spent.wall
+        values.setdefault(f"CPU {unit}", {})[key] = 1e3 * spent.cpu
+    right = [float(score.add_correct) for score in scores]
+    return {**values, "ADD(-S)": dict(zip(keys, right, strict=True))}
 
 
 def summarise_whole(spent: Sequence[Mapping[str, Spent]]) -> dict[str, float]:

@@ -29,8 +29,9 @@ from hlp.records import (
     parse_frame_key,
 )
 from hlp.reporting.figures.oracle_map import draw_oracle
-from hlp.reporting.tables.oracle_table import format_oracle, oracle_metrics, write_oracle
+from hlp.reporting.tables.oracle_table import format_oracle, head_of, oracle_metrics, write_oracle
 from hlp.results.summary_file import METRICS
+from hlp.results.target_values import TargetKey, numbered_targets, write_target_values
 from hlp.runs.run_stages import stages_of
 from hlp.settings import Doc, Settings
 from hlp.stages.detection import DetectionStages
@@ -83,7 +84,9 @@ class OracleSettings(Settings):
 
 
 def run_oracle(run: Run, task: OracleSettings, output: Path) -> dict[str, Any]:
-    """Compute the matrix; write oracle.md, .csv, .json, .png, .svg and manifest.json; return it.
+    """Compute the matrix and return it.
+
+    Writes oracle.md, .csv, .json, .png and .svg, targets.csv and manifest.json.
 
     Regions and hypotheses are those of the run's stages. The poses found here are a stage too, so
     an interrupted run continues where it stopped. Everything is logged as one MLflow run.
@@ -106,6 +109,7 @@ def run_oracle(run: Run, task: OracleSettings, output: Path) -> dict[str, Any]:
         result = {"frames": len(keys), **noise}
         result |= summarise_oracle(scores, names, settings.evaluation, settings.seed)
         write_json(output / "oracle.json", result)
+        write_target_values(output, oracle_targets(scores), names)
         write_oracle(output, result)
         draw_oracle(output, result)
         tracker.log_metrics(oracle_metrics(result))
@@ -240,12 +244,33 @@ def summarise_oracle(
         stages = {"region": region, "coarse": coarse, "fine": "estimated"}
         cells.append({**stages, "add": add, "per_object": per_object})
         recalls[region, coarse] = add["recall"]
-    lost = {
-        "region": recalls["true", "estimated"] - recalls["estimated", "estimated"],
-        "coarse pose": recalls["true", "true"] - recalls["true", "estimated"],
-        "fine pose": 1.0 - recalls["true", "true"],
+    return {"cells": cells, "lost": _lost(recalls)}
+
+
+def oracle_targets(
+    scores: Mapping[Cell, Sequence[TargetScore]],
+) -> dict[str, dict[TargetKey, float]]:
+    """Verdict by ADD(-S) of each target in each cell, and what each stage lost of it (-1, 0, 1)."""
+    verdicts = {
+        cell: np.array([each.add_correct for each in found], dtype=float)
+        for cell, found in scores.items()
     }
-    return {"cells": cells, "lost": lost}
+    targets = next(iter(scores.values()))
+    keys = numbered_targets((each.scene_id, each.frame_id, each.object_id) for each in targets)
+    named = {head_of({"region": cell[0], "coarse": cell[1]}): verdicts[cell] for cell in verdicts}
+    named |= {f"lost {stage}": lost for stage, lost in _lost(verdicts).items()}
+    return {
+        name: dict(zip(keys, map(float, values), strict=True)) for name, values in named.items()
+    }
+
+
+def _lost(right: Mapping[Cell, Any]) -> dict[str, Any]:
+    """What each stage lost: of recalls, or of the verdicts of many targets."""
+    return {
+        "region": right["true", "estimated"] - right["estimated", "estimated"],
+        "coarse pose": right["true", "true"] - right["true", "estimated"],
+        "fine pose": 1.0 - right["true", "true"],
+    }
 
 
 def _recall(

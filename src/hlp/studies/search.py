@@ -18,12 +18,14 @@ from filelock import FileLock, Timeout
 from hlp.config.build import Run, with_changed_run
 from hlp.config.settings import TASKS
 from hlp.errors import InputError, MissingDependencyError, is_expected
-from hlp.files import write_json
+from hlp.files import SCORES, write_json
 from hlp.method.pose_estimator import derive_seed
+from hlp.reporting.comparison import read_targets
 from hlp.reporting.figures.search_points import write_search_figure
 from hlp.reporting.run_names import short_name
 from hlp.reporting.tables.search_table import format_search, write_search
 from hlp.reporting.tracking import ChildRun, as_child_run
+from hlp.results.target_values import write_target_values
 from hlp.runs import runner
 from hlp.settings import Doc, Settings
 from hlp.stages.fingerprint import fingerprint
@@ -73,7 +75,7 @@ class SearchSettings(Settings):
 def run_search(run: Run, task: SearchSettings, output: Path) -> dict[str, Any]:
     """Run trials until the study has `task.trials`; return what search.json holds.
 
-    Written are search.json, .csv, .md, and, if a trial succeeded, .png and .svg.
+    Written are search.json, .csv, .md, and, if a trial succeeded, .png, .svg and targets.csv.
 
     Each trial is a run. The first one is the unchanged configuration. A trial that fails (HlpError,
     OSError) is a FAILED run, and the search continues; a trial that was interrupted is repeated
@@ -106,8 +108,22 @@ def run_search(run: Run, task: SearchSettings, output: Path) -> dict[str, Any]:
             if result["best"] is not None:
                 found = {name: result["best"][name] for name in ("recall", _TIME)}
                 tracker.log_metrics({f"search/{name}": value for name, value in found.items()})
+                _write_targets(output, Path(result["best"]["folder"]) / SCORES)
     print(format_search(result))
     return result
+
+
+def _write_targets(output: Path, scores: Path) -> None:
+    """Write targets.csv: the verdict by ADD(-S) of each target in the best trial.
+
+    Not for a trial of an earlier call whose files were removed.
+    """
+    if not scores.is_file():
+        return
+    targets = read_targets(scores)
+    right = {key: float(each.correct("add")) for key, each in targets.items()}
+    names = {key[2]: each.name for key, each in targets.items()}
+    write_target_values(output, {"best ADD(-S)": right}, names)
 
 
 def _study_name(run: Run, task: SearchSettings) -> str:

@@ -33,7 +33,7 @@ from hlp.settings import read_settings
 from hlp.stages.worker_end import ends_with
 
 if TYPE_CHECKING:
-    from hlp.reporting.study_sweep import StudySweep
+    from hlp.reporting.study_arms import StudySweep
 
 LOCK = "sweep.lock"
 FINISHED = "FINISHED"
@@ -199,7 +199,7 @@ def _draw(folder: Path, tracker: Tracker) -> None:
     from hlp.reporting.page.sweep_page import write_sweep_page
     from hlp.reporting.recordings import write_recordings
     from hlp.reporting.reproductions import describe_table, write_reproductions
-    from hlp.reporting.study_sweep import read_study_sweeps
+    from hlp.reporting.study_arms import read_study_sweeps
     from hlp.reporting.sweep_log import log_sweep
     from hlp.reporting.sweep_report import describe_sweep, write_sweep_files
 

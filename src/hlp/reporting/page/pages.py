@@ -8,7 +8,7 @@ from hlp.reporting.page.study_page import study_folders, write_study_page
 from hlp.reporting.page.study_sweep_page import write_study_sweep_page
 from hlp.reporting.page.sweep_page import write_sweep_page
 from hlp.reporting.results import read_results, result_folders
-from hlp.reporting.study_sweep import read_study_sweeps
+from hlp.reporting.study_arms import read_study_sweeps
 
 
 def write_pages(folder: Path) -> list[Path]:

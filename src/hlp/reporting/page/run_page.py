@@ -7,7 +7,7 @@ from typing import Any
 
 from hlp.files import MANIFEST, PAGE, SCORES, SUMMARY, read_json, write_text
 from hlp.records import MILLIMETRES_PER_METRE
-from hlp.reporting.comparison import ScoredTarget, TargetKey, read_targets
+from hlp.reporting.comparison import ScoredTarget, read_targets
 from hlp.reporting.page import charts
 from hlp.reporting.page.layout import render
 from hlp.reporting.page.material import FOLDER, PageMaterial, read_material
@@ -23,6 +23,7 @@ from hlp.reporting.tables.summary_tables import (
     waterfall_tables,
 )
 from hlp.results.summary_file import read_summary
+from hlp.results.target_values import TargetKey
 
 _MOST_BYTES = 10_500_000  # of pictures: in base64 about 14 MB
 _COLUMNS = (

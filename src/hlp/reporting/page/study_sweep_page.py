@@ -6,8 +6,8 @@ from hlp.errors import DataError
 from hlp.files import PAGE, write_text
 from hlp.reporting.page.layout import render
 from hlp.reporting.page.parts import in_base64
-from hlp.reporting.study_numbers import STUDIES
-from hlp.reporting.study_sweep import read_study_sweeps, study_table
+from hlp.reporting.study_arms import read_study_sweeps
+from hlp.reporting.study_sweep import differences_table, note_of, study_table
 
 
 def write_study_sweep_page(folder: Path) -> Path:
@@ -26,8 +26,10 @@ def write_study_sweep_page(folder: Path) -> Path:
             {
                 "study": sweep.study,
                 "table": study_table(sweep),
+                "best": next((i for i, arm in enumerate(sweep.arms) if arm is sweep.best), None),
+                "differences": differences_table(sweep),
                 "links": [f"{page.parent.name}/{PAGE}" if page.is_file() else "" for page in pages],
-                "note": STUDIES[sweep.study].note,
+                "note": note_of(sweep),
                 "figure": in_base64(figure) if figure.is_file() else "",
             }
         )
