@@ -107,7 +107,7 @@ class StudySweep:
         swept = f" by {', '.join(map(short_key, self.keys))}" if self.keys else ""
         words = [f"{self.study}{swept}: {len(self.finished)} of {len(self.arms)} arms finished"]
         if self.best is not None:
-            words += [*self._describe_best(self.best)]
+            words += self._describe_best(self.best)
         failed = [(arm.label, arm.folder) for arm in self.arms if arm.numbers is None]
         return "; ".join([*words, *without_result(failed)]) + "."
 

@@ -12,7 +12,7 @@ from hlp.reporting.sweep_arms import short_key
 from hlp.reporting.tables.table import Table, format_interval, lay_out, prose
 
 _PAIRED = (
-    "Differences are over the targets of both arms, of times those of the medians, with the 95 %"
+    "Differences are over the targets of both arms (of times: between their medians), with the 95 %"
     " interval of the paired bootstrap over blocks of neighbouring frames."
 )
 
