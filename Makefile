@@ -17,6 +17,7 @@ PYTHON ?=
 WORKERS ?= 2
 MINUTES ?= 10
 BROWSER ?=
+SLOW ?= slow
 PORT ?= 5000
 WORK ?= work
 REPOSITORY ?=
@@ -65,7 +66,7 @@ test: $(STAMP) ## the tests
 	@$(BIN)/python -m pytest -q -n $(WORKERS)
 
 test-slow: $(STAMP) ## the tests that take longer; those that need a browser fail without one if BROWSER=required
-	@HLP_BROWSER=$(BROWSER) $(BIN)/python -m pytest -q -n $(WORKERS) -m slow
+	@HLP_BROWSER=$(BROWSER) $(BIN)/python -m pytest -q -n $(WORKERS) -m "$(SLOW)"
 
 test-commands: $(STAMP) ## the longest commands of README and docs, made small
 	@$(BIN)/python -m pytest -q -m minutes tests/docs
@@ -92,8 +93,8 @@ $(NEWEST)/.installed: pyproject.toml constraints.txt
 	else \
 	  echo "Testing with $$("$$newest" --version)"; \
 	  "$$newest" -m venv $(NEWEST) && \
-	  $(NEWEST)/bin/pip install -q -c constraints.txt "$$(grep '^torch==' constraints.txt)" && \
-	  $(NEWEST)/bin/pip install -q -c constraints.txt -e '.[dev]'; \
+	  $(NEWEST)/bin/pip install -q uv==0.13.8 "$$(grep '^torch==' constraints.txt)" && \
+	  $(NEWEST)/bin/uv pip install -q --python $(NEWEST)/bin/python -c constraints.txt -e '.[dev]'; \
 	fi
 	@touch $@
 

@@ -277,6 +277,7 @@ def test_long_commands_run_as_they_are_written(folder: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", GROUPS)
 def test_commands_run_as_they_are_written(folder: Path, name: str) -> None:
     written = (words for words in commands_that_run(long=False) if group(words) == name)

@@ -10,7 +10,7 @@ from process import Running, run_hlp
 from run_files import read_json, stages
 from tiny_run import TinyRun
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from hlp.data.synthetic.scenes import SyntheticScenes
 from hlp.runs.manifest import poses_digest
 from tiny_run import TinyRun
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from hlp.data.synthetic.objects import demo_objects
 from run_files import read_json
 from tiny_method import write_mesh
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 
 SETTINGS = (
     *("encoder=pca", "rendering.viewpoints=24", "rendering.in_plane_steps=3"),

@@ -11,7 +11,7 @@ from process import CODES, LINES, PLACES, run_hlp, wait_until_gone
 from run_files import read_json
 from tiny_run import TinyRun
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 
 
 def statuses(folder: Path) -> list[str]:

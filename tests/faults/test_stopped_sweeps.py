@@ -12,7 +12,7 @@ from process import SWEEP_PLACES, run_hlp, wait_until_gone
 from run_files import read_json
 from tiny_run import TinyRun
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 
 CODES = {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}
 

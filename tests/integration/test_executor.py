@@ -25,7 +25,7 @@ from hlp.stages.store import StageStore
 from hlp.stages.view_task import render_in_workers
 from tiny_run import TinyRun
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 
 
 @pytest.fixture(autouse=True)

@@ -29,6 +29,7 @@ def test_slurm_is_told_what_an_arm_needs() -> None:
 
 @needs("hydra_joblib_launcher")
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_arms_side_by_side_leave_what_arms_in_turn_leave(tiny_run: TinyRun) -> None:
     """Four processes at once, of which one has a wrong value: that one is a FAILED run."""
     swept = ("-m", *tiny_run.overrides, "panels=0", "refinement.particles=0,5,6,7", "output=cores")

@@ -8,7 +8,7 @@ import pytest
 from hlp.commands import report
 from tiny_run import TinyRun
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 
 Call = Callable[..., tuple[int, str, str]]
 

@@ -33,6 +33,7 @@ def plug_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_the_example_is_found_by_its_name_and_runs(plug_in: Path) -> None:
     chosen = ("--config-dir", str(plug_in / "conf"), "encoder=cells", "encoder.cells=4")
     tiny = [each for each in TINY if not each.startswith("encoder=")]

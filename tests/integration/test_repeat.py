@@ -9,7 +9,7 @@ import pytest
 
 from tiny_run import TinyRun
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 
 Call = Callable[..., tuple[int, str, str]]
 

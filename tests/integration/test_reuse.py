@@ -154,6 +154,7 @@ def test_crash_leaves_a_failed_run(
     assert not (tiny_run.folder / name / "summary.json").exists()
 
 
+@pytest.mark.thorough
 def test_same_seed_same_poses_whatever_the_threads(tiny_run: TinyRun, tmp_path: Path) -> None:
     """Everything is made again in another folder, by one thread instead of two."""
     again = start_run(tmp_path, *tiny_run.overrides, "output=again", threads=1)

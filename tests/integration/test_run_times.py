@@ -23,6 +23,7 @@ def test_the_first_run_reports_its_own_times_and_the_first_use_apart(tiny_run: T
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_a_sweep_over_threads_measures_each_of_its_runs(tiny_run: TinyRun, call: Call) -> None:
     """All stages are on disk, since threads change no result; the times are not."""
     own = ("timing_frames=1", "output=threads")

@@ -126,8 +126,10 @@ def test_a_sweep_of_studies_ends_with_table_figure_and_page(tiny_run: TinyRun, c
     code, said, error = call(*tiny_run.overrides, "-m", *given)
     assert code == 1 and "refinement.particles is 0" in error
     folder = tiny_run.folder / "oracles"
-    sentence = "oracle by particles: 2 of 3 arms finished; without a result: 0 (see 0/hlp.log)."
-    assert sentence in " ".join(said.split())
+    words = " ".join(said.split())
+    assert "oracle by particles: 2 of 3 arms finished; highest est/est: " in words
+    assert "without a result: 0 (see 0/hlp.log)." in words
+    assert "est/est to first" in words  # the default was not among the finished arms
     endings = ("md", "csv", "png", "svg")
     written = {"report.html", *(f"oracle.{ending}" for ending in endings)}
     assert written <= {path.name for path in folder.iterdir()}
@@ -135,5 +137,6 @@ def test_a_sweep_of_studies_ends_with_table_figure_and_page(tiny_run: TinyRun, c
     client, parent, _ = family(tiny_run.folder, folder)
     assert written <= {each.path for each in client.list_artifacts(parent.info.run_id)}
     assert "2 of 3 arms finished" in parent.data.tags["mlflow.note.content"]
+    assert parent.data.tags["best_arm"] in ("5", "6")
     history = client.get_metric_history(parent.info.run_id, "sweep/oracle/est/est")
     assert [each.step for each in history] == [5, 6]

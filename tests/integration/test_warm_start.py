@@ -19,7 +19,7 @@ from hlp.stages.training import TrainingStages
 from hlp.stages.warm_start import WarmStartSettings
 from tiny_run import TinyRun
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 
 
 @pytest.fixture

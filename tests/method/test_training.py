@@ -144,6 +144,7 @@ class Plain(Net):
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_two_processes_learn_what_one_learns_from_the_same_batches(tmp_path):
     """Their mean gradient is that of the whole batch, so the weights agree but for rounding."""
     two = TrainerSettings("ddp", "cpu", 2, "ddp_spawn", "32-true", 1)

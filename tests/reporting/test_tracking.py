@@ -267,6 +267,7 @@ def log_one(settings: TrackingSettings, barrier: Any, number: int) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_processes_that_start_together_share_one_new_database(tmp_path: Path) -> None:
     settings = TrackingSettings("mlflow", f"sqlite:///{tmp_path / 'mlflow.db'}", "race")
     context = multiprocessing.get_context("spawn")

@@ -24,7 +24,7 @@ from hlp.studies import search
 from hlp.studies.search import SearchSettings
 from hlp.studies.search_space import Choices, Range, check_within, nested, read_space
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 
 LIMIT = 200.0
 SMALL = ("data.width=320", "data.height=240", "task=search", f"task.limit_ms={LIMIT}")
