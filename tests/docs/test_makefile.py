@@ -9,7 +9,7 @@ from markdown_pages import ROOT
 
 pytestmark = pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
 
-_VARIABLES = ("BROWSER", "PORT", "WORK", "WORKERS")
+_VARIABLES = ("BROWSER", "PORT", "SLOW", "WORK", "WORKERS")
 
 
 def commands(*words: str) -> list[str]:
@@ -39,7 +39,12 @@ def test_demo_is_a_run_and_ui_shows_it() -> None:
 def test_a_browser_can_be_demanded() -> None:
     (line,) = commands("test-slow", "BROWSER=required")
     assert line.startswith("HLP_BROWSER=required .venv/bin/python -m pytest ")
-    assert line.endswith("-m slow")
+    assert line.endswith('-m "slow"')
+
+
+def test_a_part_of_the_slow_tests_can_be_chosen() -> None:
+    (line,) = commands("test-slow", "SLOW=slow and not thorough")
+    assert line.endswith('-m "slow and not thorough"')
 
 
 def test_screenshots_show_a_run_and_a_sweep_of_their_own() -> None:
