@@ -76,11 +76,11 @@ test-faults: $(STAMP) ## those of the slow tests that stop runs at named places 
 
 # Old versions warn of each other; that is no error.
 test-oldest: $(OLDEST)/.installed ## part of the tests, with the lowest versions that pyproject.toml allows
-	@$(OLDEST)/bin/python -m pytest -q -W default -p no:cacheprovider $(LIBRARY_TESTS)
+	@$(OLDEST)/bin/python -m pytest -q -n $(WORKERS) -W default -p no:cacheprovider $(LIBRARY_TESTS)
 
 test-newest: $(NEWEST)/.installed ## the same part of the tests, with the newest Python that is here
 	@if [ -x $(NEWEST)/bin/python ]; then \
-	  $(NEWEST)/bin/python -m pytest -q -p no:cacheprovider $(LIBRARY_TESTS); fi
+	  $(NEWEST)/bin/python -m pytest -q -n $(WORKERS) -p no:cacheprovider $(LIBRARY_TESTS); fi
 
 $(NEWEST)/.installed: pyproject.toml constraints.txt
 	@mkdir -p $(NEWEST); newest=""; \

@@ -169,6 +169,7 @@ def test_experiment_wins_over_method_and_loses_to_the_command_line(
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_arms_of_a_sweep_have_folders_of_their_own(call: Hlp, tmp_path: Path) -> None:
     done = call("-m", "refinement=pso,icp", "output=sweep")
     assert done.returncode == 0
@@ -176,6 +177,7 @@ def test_arms_of_a_sweep_have_folders_of_their_own(call: Hlp, tmp_path: Path) ->
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_failed_arm_stops_no_other(call: Hlp, tmp_path: Path) -> None:
     done = call("run", "-m", "seed=13,1", "output=sweep")
     assert done.returncode == 1
@@ -251,6 +253,7 @@ def test_bench_says_what_it_cannot_compare(call: Hlp, arguments: list[str], word
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_anytime_is_a_sweep_of_budgets(call: Hlp, tmp_path: Path) -> None:
     (tmp_path / "conf" / "refinement" / "pso.yaml").write_text("name: pso\nbudget_ms: 0.0\n")
     done = call("run", "experiment=anytime", "output=sweep")

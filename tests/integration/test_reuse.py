@@ -94,6 +94,7 @@ def test_a_run_decodes_every_frame_once(
     assert max(map(decoded[2:].count, decoded), default=0) <= 3
 
 
+@pytest.mark.thorough
 def test_interrupted_stage_goes_on_where_it_stopped(
     tiny_run: TinyRun, call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -64,6 +64,7 @@ def test_failed_arm_is_a_failed_run_and_the_others_go_on(tiny_run: TinyRun, call
     assert arms[1].data.metrics["add"] == round(summary["metrics"]["add"]["recall"], 4)
 
 
+@pytest.mark.thorough
 def test_interrupted_sweep_goes_on_without_repeating_arms(
     tiny_run: TinyRun, call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -104,6 +105,7 @@ def test_interrupted_sweep_goes_on_without_repeating_arms(
     assert shown[0] == best
 
 
+@pytest.mark.thorough
 def test_anytime_draws_recall_against_the_time_of_each_budget(
     tiny_run: TinyRun, call: Call
 ) -> None:

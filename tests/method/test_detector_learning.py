@@ -50,6 +50,7 @@ def test_objects_are_added_and_removed(learnt: Path, frame: Frame, tmp_path: Pat
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_an_interrupted_call_goes_on_where_it_stopped(
     learnt: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -31,6 +31,7 @@ def history(client: MlflowClient, run_id: str, name: str) -> list[tuple[int, flo
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_what_a_dead_server_misses_is_sent_later(tmp_path: Path) -> None:
     """A sweep's parent before the server starts, its arm while it runs, and ends while it is away.
 
