@@ -94,10 +94,12 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 def test_every_arm_has_a_row_with_what_differs(benches: Path) -> None:
     said = describe_study_sweep(only_study(benches), "text")
     header, _, *rows = (line.split() for line in said.split("\n\n")[0].splitlines())
-    assert " ".join(header) == "particles ms first ms further CPU first CPU further MiB ADD(-S)"
+    assert (
+        " ".join(header) == "particles ms first ms further CPU first CPU further MiB ADD(-S) load"
+    )
     assert rows == [
-        ["15", "*", "15.0", "3.8", "30.0", "7.5", "912", "0.750"],
-        ["150", "150", "300", "912", "0.750"],
+        ["15", "*", "15.0", "3.8", "30.0", "7.5", "912", "0.750", "1.2"],
+        ["150", "150", "300", "912", "0.750", "1.2"],
         ["50", "no", "result"],
     ]
     assert max(map(len, said.splitlines())) <= 80
@@ -114,7 +116,7 @@ def test_table_and_figure_are_written_and_reported(benches: Path) -> None:
     assert "Made by `hlp -m task=bench a=1,2`." in written[0].read_text()
     rows = rows_of(written[1])
     assert [row["MiB"] for row in rows] == ["912.3", "912.3", ""]
-    assert [row["load before"] for row in rows] == ["1.25", "1.25", ""]
+    assert [row["load"] for row in rows] == ["1.25", "1.25", ""]
     assert [row["refinement.particles"] for row in rows] == ["15", "150", "50"]
     drawn = written[3].read_text()
     assert drawn.count("<!-- 0.750 -->") == 2  # the bars of the finished arms

@@ -20,9 +20,9 @@ Quantity = Literal["recall", "lost recall", "time", "other"]
 class StudyNumber:
     """A number of a study: its column in tables, and the panel of the figure that it stands in.
 
-    Without a panel it is in no figure, and in tables only where there is room. `text` is how people
-    read it; `interval` is its 95 % interval, None where it has none. Arms are compared by the
-    `main` numbers, and the arm that is best by the first of them is called the best.
+    Without a panel it is in no figure. `text` is how people read it; `interval` is its 95 %
+    interval, None where it has none. Arms are compared by the `main` numbers, and the arm that is
+    best by the first of them is called the best.
     """
 
     name: str
@@ -74,7 +74,7 @@ def _read_bench(path: Path) -> list[StudyNumber]:
     if recall is not None:
         numbers.append(_recall("ADD(-S)", "ADD(-S) recall", recall, main=True))
     load = result["machine"]["load"]
-    return [*numbers, StudyNumber("load before", "", load, f"{load:.1f}")]
+    return [*numbers, StudyNumber("load", "", load, f"{load:.1f}")]
 
 
 def _read_oracle(path: Path) -> list[StudyNumber]:
@@ -125,7 +125,7 @@ STUDIES: Mapping[str, StudyKind] = {
         _read_bench,
         "ms: median time to find the first object of a frame, and each further one; CPU: ms of all"
         " threads. MiB: peak memory of the process, which arms of one process share with those"
-        " before them; load before: of the machine in the minute before the measurement.",
+        " before them; load: of the machine in the minute before the measurement.",
     ),
     "oracle": StudyKind(
         "oracle.json",

@@ -20,15 +20,14 @@ _PAIRED = (
 def study_table(sweep: StudySweep, *, whole: bool = True) -> Table:
     """A row an arm: its values and its numbers; the best arm has a `*`.
 
-    `whole`: with 95 % intervals, and also the numbers that are in no figure.
+    `whole`: with 95 % intervals.
     """
-    names = [name for name, each in sweep.numbers.items() if whole or each.panel]
     rows = []
     for arm in sweep.arms:
         found = {each.name: _cell(each, whole) for each in arm.numbers or ()}
-        cells = [found.get(name, "") for name in names]
+        cells = [found.get(name, "") for name in sweep.numbers]
         rows.append([_label(sweep, arm), *(cells if found else ["no result", *cells[1:]])])
-    return Table([_keys(sweep), *names], rows)
+    return Table([_keys(sweep), *sweep.numbers], rows)
 
 
 def differences_table(sweep: StudySweep) -> Table | None:
