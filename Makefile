@@ -12,6 +12,7 @@ NEWEST := build/newest
 LIBRARY_TESTS := tests/test_geometry.py tests/test_settings.py tests/results tests/codebook tests/voting/test_cast.py \
   tests/rendering/test_rasterizer.py tests/objects/test_meshes.py tests/models tests/config/test_build.py \
   tests/stages/test_store.py tests/reporting/test_tracking.py tests/data/test_bop.py
+UV := uv==0.13.8
 DOCS_STAMP := $(VENV)/.docs-installed
 PYTHON ?=
 WORKERS ?= 2
@@ -93,7 +94,7 @@ $(NEWEST)/.installed: pyproject.toml constraints.txt
 	else \
 	  echo "Testing with $$("$$newest" --version)"; \
 	  "$$newest" -m venv $(NEWEST) && \
-	  $(NEWEST)/bin/pip install -q uv==0.13.8 "$$(grep '^torch==' constraints.txt)" && \
+	  $(NEWEST)/bin/pip install -q $(UV) "$$(grep '^torch==' constraints.txt)" && \
 	  $(NEWEST)/bin/uv pip install -q --python $(NEWEST)/bin/python -c constraints.txt -e '.[dev]'; \
 	fi
 	@touch $@
@@ -104,7 +105,7 @@ fuzz: $(STAMP) ## files spoiled at random, MINUTES of CPU time for each kind
 # torch comes first here too, and stays: as an override it is taken as it was installed.
 $(OLDEST)/.installed: $(STAMP)
 	@$(BIN)/python -m venv $(OLDEST)
-	@$(OLDEST)/bin/pip install -q uv==0.13.8 "$$(grep '^torch==' constraints.txt)"
+	@$(OLDEST)/bin/pip install -q $(UV) "$$(grep '^torch==' constraints.txt)"
 	@$(OLDEST)/bin/pip freeze | grep '^torch==' > $(OLDEST)/torch.txt
 	@$(OLDEST)/bin/uv pip install -q --python $(OLDEST)/bin/python --resolution lowest-direct \
 	  --override $(OLDEST)/torch.txt -e '.[dev]'

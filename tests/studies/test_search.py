@@ -139,8 +139,10 @@ def test_a_search_goes_on_where_it_stopped(
     count = len(tried)
     for trial in result["trials"]:
         shutil.rmtree(trial["folder"], ignore_errors=True)
-    assert start("again", f"task.trials={len(result['trials'])}") == result
+    last = "second" if isinstance(error, KeyboardInterrupt) else "first"
+    assert start(last, f"task.trials={len(result['trials'])}") == result
     assert len(tried) == count  # nothing is left to try
+    assert read_target_values(tmp_path / last) == {"best ADD(-S)": {}}  # none of the call before
 
 
 def test_a_bug_is_raised_and_no_failed_trial(

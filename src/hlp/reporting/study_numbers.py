@@ -13,7 +13,7 @@ from hlp.reporting.tables.oracle_table import head_of
 from hlp.reporting.tables.table import format_share
 
 Interval = tuple[float, float]
-Quantity = Literal["recall", "lost recall", "time", "other"]
+Quantity = Literal["recall", "time", "other"]
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def _read_oracle(path: Path) -> list[StudyNumber]:
         numbers.append(_recall(name, "ADD(-S) recall", recall, (low, high), main=place == 0))
     for stage, lost in result["lost"].items():
         name, text = f"lost {stage}", f"{lost:+.3f}"
-        numbers.append(StudyNumber(name, "recall lost", lost, text, "lost recall", main=True))
+        numbers.append(StudyNumber(name, "recall lost", lost, text, main=True))
     return numbers
 
 

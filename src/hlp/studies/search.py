@@ -75,7 +75,7 @@ class SearchSettings(Settings):
 def run_search(run: Run, task: SearchSettings, output: Path) -> dict[str, Any]:
     """Run trials until the study has `task.trials`; return what search.json holds.
 
-    Written are search.json, .csv, .md, and, if a trial succeeded, .png, .svg and targets.csv.
+    Written are search.json, .csv, .md, targets.csv, and, if a trial succeeded, .png and .svg.
 
     Each trial is a run. The first one is the unchanged configuration. A trial that fails (HlpError,
     OSError) is a FAILED run, and the search continues; a trial that was interrupted is repeated
@@ -105,22 +105,21 @@ def run_search(run: Run, task: SearchSettings, output: Path) -> dict[str, Any]:
             write_json(output / "search.json", result)
             write_search(output, result)
             write_search_figure(output, result)
+            _write_targets(output, result["best"])
             if result["best"] is not None:
                 found = {name: result["best"][name] for name in ("recall", _TIME)}
                 tracker.log_metrics({f"search/{name}": value for name, value in found.items()})
-                _write_targets(output, Path(result["best"]["folder"]) / SCORES)
     print(format_search(result))
     return result
 
 
-def _write_targets(output: Path, scores: Path) -> None:
+def _write_targets(output: Path, best: Mapping[str, Any] | None) -> None:
     """Write targets.csv: the verdict by ADD(-S) of each target in the best trial.
 
-    Not for a trial of an earlier call whose files were removed.
+    Without any target, if there is no such trial or its files were removed since.
     """
-    if not scores.is_file():
-        return
-    targets = read_targets(scores)
+    scores = None if best is None else Path(best["folder"], SCORES)
+    targets = read_targets(scores) if scores is not None and scores.is_file() else {}
     right = {key: float(each.correct("add")) for key, each in targets.items()}
     names = {key[2]: each.name for key, each in targets.items()}
     write_target_values(output, {"best ADD(-S)": right}, names)
