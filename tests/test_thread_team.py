@@ -88,6 +88,21 @@ def test_threads_do_not_multiply_where_a_team_works_for_another(
     assert threads_here(threads) == threads
 
 
+def test_who_is_left_at_work_takes_the_threads_of_those_who_are_done() -> None:
+    others_done = threading.Barrier(2, timeout=10)
+
+    def work(index: int) -> tuple[int, int]:
+        before = threads_here(4)
+        others_done.wait()
+        deadline = time.perf_counter() + 10.0
+        while index == 0 and threads_here(4) == before and time.perf_counter() < deadline:
+            time.sleep(0.001)
+        return before, threads_here(4)
+
+    assert ThreadTeam(4).map(work, 2)[0] == (2, 4)
+    assert threads_here(4) == 4
+
+
 def test_a_smaller_team_takes_no_share_that_it_was_not_given() -> None:
     assert ThreadTeam(8).map(lambda _: threads_here(2), 2) == [2, 2]
 

@@ -17,22 +17,36 @@ _own = threading.local()
 
 
 def threads_here(threads: int) -> int:
-    """How many of `threads` the calling thread may use: its share while it works for a team."""
-    return min(threads, getattr(_own, "share", threads))
+    """How many of `threads` the calling thread may use: its share while it works for a team.
+
+    The share grows when others of the team run out of items.
+    """
+    shares: _Shares | None = getattr(_own, "shares", None)
+    return threads if shares is None else min(threads, shares.each())
 
 
-@contextmanager
-def _limited_to(share: int) -> Iterator[None]:
-    """The calling thread may use `share` threads in the block."""
-    before = getattr(_own, "share", None)
-    _own.share = share
-    try:
-        yield
-    finally:
-        if before is None:
-            del _own.share
-        else:
-            _own.share = before
+class _Shares:
+    """Threads that the workers of one `ThreadTeam.map` divide among those still at work."""
+
+    def __init__(self, threads: int, workers: int) -> None:
+        self._threads, self._working = threads, workers
+        self._guard = threading.Lock()
+
+    def each(self) -> int:
+        """How many threads each of the workers may use now."""
+        return self._threads // max(self._working, 1)
+
+    @contextmanager
+    def taken(self) -> Iterator[None]:
+        """The calling thread is one of the workers in the block, and has ended after it."""
+        before = getattr(_own, "shares", None)
+        _own.shares = self
+        try:
+            yield
+        finally:
+            _own.shares = before
+            with self._guard:
+                self._working -= 1
 
 
 class ThreadTeam:
@@ -43,7 +57,8 @@ class ThreadTeam:
     taken is cancelled. Results do not depend on which thread processes which item.
 
     A team that is used by a function which another team calls takes no more threads than that
-    other team leaves it, so that threads do not multiply.
+    other team leaves it, so that threads do not multiply. Those of a worker that has run out of
+    items go to the others.
     """
 
     def __init__(self, threads: int) -> None:
@@ -60,9 +75,10 @@ class ThreadTeam:
         failed = threading.Event()
         threads = threads_here(self.threads)
         workers = max(min(threads, count), 1)
+        shares = _Shares(threads, workers)
 
         def run() -> None:
-            with _limited_to(threads // workers):
+            with shares.taken():
                 for index in pending:
                     if failed.is_set():
                         break

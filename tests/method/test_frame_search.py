@@ -16,9 +16,13 @@ from hlp.thread_team import ThreadTeam
 class Estimator:
     """Finds nothing of any object; waits in stage 2 until `together` objects are searched."""
 
-    def __init__(self, threads: int, together: int) -> None:
+    def __init__(
+        self, threads: int, together: int, probability: dict[int, float] | None = None
+    ) -> None:
         self.team = ThreadTeam(threads)
         self.done: list[Any] = []
+        self.searched: list[int] = []
+        self._probability = probability or {}
         self._barrier = threading.Barrier(together, timeout=10)
 
     def share_work(self, context: Any, object_ids: list[int]) -> None:
@@ -26,9 +30,12 @@ class Estimator:
 
     def find_region(self, context: Any, object_id: int, instances: int) -> Region:
         self.done.append((object_id, instances))
-        return Region(object_id, np.zeros((0, 2)), np.zeros(0), np.zeros((4, 4), dtype=bool))
+        seen = [self._probability[object_id]] if object_id in self._probability else []
+        centers, nowhere = np.zeros((len(seen), 2)), np.zeros((4, 4), dtype=bool)
+        return Region(object_id, centers, np.array(seen), nowhere)
 
     def find_hypotheses(self, context: Any, region: Region) -> Any:
+        self.searched.append(region.object_id)
         self._barrier.wait()
         return SimpleNamespace(hypotheses=Hypotheses(np.zeros((0, 4, 4)), np.zeros(0)))
 
@@ -50,6 +57,15 @@ def test_threads_search_different_objects(threads: int, together: int) -> None:
     assert answers == [] and missing == list(wanted)
     assert estimator.done[0] == ("shared", list(wanted))
     assert dict(estimator.done[1:]) == wanted
+
+
+def test_what_the_classifier_is_least_sure_of_is_searched_first() -> None:
+    """Answers stay in the order in which objects were asked for."""
+    estimator: Any = Estimator(1, 1, {5: 0.9, 3: 0.2, 9: 1.0, 4: 0.5})
+    wanted = dict.fromkeys((5, 3, 9, 7, 4), 1)
+    _, missing = search_frame(estimator, None, wanted, 0.5, time.perf_counter())  # type: ignore[arg-type]
+    assert estimator.searched == [7, 3, 4, 5, 9]
+    assert missing == [5, 3, 9, 7, 4]
 
 
 def test_nothing_is_wanted() -> None:

@@ -1,5 +1,6 @@
 """What a run has learnt, as a folder that detectors and MLflow's models are made of."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +9,11 @@ import pytest
 from hlp import Detector
 from hlp.codebook.entries import load_codebook
 from hlp.commands import objects
+from hlp.commands.composing import compose_config
+from hlp.config.build import build_run
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.method.learnt_folder import LearntFolder, check_files
+from hlp.runs.learnt_of_run import learnt_of_run
 from hlp.stages.manifest import made_outputs
 from tiny_run import TinyRun
 
@@ -39,6 +43,25 @@ def test_a_folder_holds_what_the_run_has_learnt(tiny_run: TinyRun, exported: Pat
         frame.rgb, frame.depth, frame.camera_matrix, max_instances=1, min_score=0.0
     )
     assert {each.object for each in found} <= set(learnt.record.objects) and found
+
+
+def test_objects_that_the_run_did_not_look_for_are_classes_only(
+    tiny_run: TinyRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on LINEMOD's board: the classifier tells fifteen objects apart, eight are targets."""
+    monkeypatch.chdir(tiny_run.folder)
+    run = build_run(compose_config(*tiny_run.overrides, f"output={tiny_run.output}"))
+    known = run.dataset.target_ids
+    asked = replace(run, dataset=replace(run.dataset, target_ids=known[1:3]))
+    (tmp_path / "learnt").mkdir()
+    learnt_of_run(asked, tiny_run.output / "manifest.json", tmp_path / "learnt")
+    learnt = LearntFolder(tmp_path / "learnt")
+    assert sorted(learnt.record.objects.values()) == list(known[1:3])
+    assert learnt.classes == known
+    detector = Detector.load(tmp_path / "learnt")
+    assert len(detector.objects) == 2
+    frame = run.dataset.frames.load(run.keys[0])
+    detector.detect(frame.rgb, frame.depth, frame.camera_matrix, max_instances=1)
 
 
 def test_a_run_whose_outputs_are_elsewhere_is_named(

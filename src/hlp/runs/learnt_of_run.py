@@ -17,10 +17,12 @@ from hlp.stages.store import RECORD, StageStore
 def learnt_of_run(run: Run, manifest: Path, folder: Path) -> None:
     """Copy the networks, codebooks and scores that a manifest names into a new `folder`.
 
-    They are those of the run itself, in its folder `work`; nothing is learnt again. Raises
-    MissingFileError for an output that is no longer there, DataError for one that is damaged.
+    They are those of the run itself, in its folder `work`; nothing is learnt again. Objects that the
+    run did not look for have no codebook: the classifier alone knows them. Raises MissingFileError
+    for an output that is no longer there, DataError for one that is damaged.
     """
-    settings, models = run.settings.method, run.dataset.models
+    settings, known = run.settings.method, run.dataset.models
+    models = {object_id: known[object_id] for object_id in run.dataset.target_ids}
     outputs = _Outputs(manifest, StageStore(Path(run.settings.work)))
     outputs.copy("classifier", "", folder / CLASSIFIER)
     outputs.copy("encoder", "", folder / ENCODER)
@@ -34,7 +36,7 @@ def learnt_of_run(run: Run, manifest: Path, folder: Path) -> None:
         else:
             outputs.copy("score", model.name, own)
     ids = {model.name: object_id for object_id, model in models.items()}
-    finish(folder, LearntRecord(ids, tuple(sorted(models)), settings))
+    finish(folder, LearntRecord(ids, tuple(sorted(known)), settings))
 
 
 class _Outputs:
