@@ -17,9 +17,9 @@ from hlp.stages.store import RECORD, StageStore
 def learnt_of_run(run: Run, manifest: Path, folder: Path) -> None:
     """Copy the networks, codebooks and scores that a manifest names into a new `folder`.
 
-    They are those of the run itself, in its folder `work`; nothing is learnt again. Objects that the
-    run did not look for have no codebook: the classifier alone knows them. Raises MissingFileError
-    for an output that is no longer there, DataError for one that is damaged.
+    They are those of the run itself, in its folder `work`; nothing is learnt again. Objects that
+    the run did not look for have no codebook: the classifier alone knows them. Raises
+    MissingFileError for an output that is no longer there, DataError for one that is damaged.
     """
     settings, known = run.settings.method, run.dataset.models
     models = {object_id: known[object_id] for object_id in run.dataset.target_ids}
