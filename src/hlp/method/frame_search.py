@@ -60,16 +60,16 @@ def _find(
     shared = time.perf_counter() - begun
 
     def find_region(number: int) -> tuple[Region, float]:
-        begun = time.perf_counter()
-        region = estimator.find_region(context, ids[number], wanted[ids[number]])
+        object_id, begun = ids[number], time.perf_counter()
+        region = estimator.find_region(context, object_id, wanted[object_id])
         return region, time.perf_counter() - begun
 
-    looked = estimator.team.map(find_region, len(ids))
-    regions = [region for region, _ in looked]
-    order = np.argsort([_evidence(region) for region in regions], kind="stable").tolist()
+    looked = dict(zip(ids, estimator.team.map(find_region, len(ids)), strict=True))
+    regions = {object_id: region for object_id, (region, _) in looked.items()}
+    order = sorted(ids, key=lambda object_id: _evidence(regions[object_id]))
 
     def search(place: int) -> tuple[Hypotheses, RefinedHypotheses | None, float]:
-        begun, region = time.perf_counter(), regions[order[place]]
+        region, begun = regions[order[place]], time.perf_counter()
         count = wanted[region.object_id]
         coarse = estimator.find_hypotheses(context, region).hypotheses
         refined = find_instances(estimator, context, region, coarse, count, unexplained, min_score)
@@ -80,15 +80,15 @@ def _find(
     found = resolve_conflicts(
         estimator,
         context,
-        {ids[i]: searched[i][1] for i in range(len(ids))},
-        {region.object_id: region for region in regions},
-        {ids[i]: searched[i][0] for i in range(len(ids))},
+        {i: searched[i][1] for i in ids},
+        regions,
+        {i: searched[i][0] for i in ids},
         wanted,
         min_score,
         unexplained,
     )
     each_last = (time.perf_counter() - begun) / max(len(ids), 1)
-    seconds = {ids[i]: looked[i][1] + searched[i][2] + each_last for i in range(len(ids))}
+    seconds = {i: looked[i][1] + searched[i][2] + each_last for i in ids}
     if ids:
         seconds[ids[0]] += shared
     return found, seconds
