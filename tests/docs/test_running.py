@@ -198,7 +198,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory, tiny_run: TinyRun) -> Path:
     """A reader's folder."""
     made = tmp_path_factory.mktemp("reader")
     shutil.copytree(tiny_run.folder / "work", made / "work")
-    for name in ("a", "b", "linemod_bop/hlp", "linemod_bop/paper", "linemod_bop/reference"):
+    for name in ("hlp", "seed1", "seed2", "paper", "reference"):
+        shutil.copytree(tiny_run.output, made / "outputs" / "linemod_bop" / name)
+    for name in ("a", "b"):
         shutil.copytree(tiny_run.output, made / "outputs" / name)
     write_models(made / "set" / "models", (1, 6))
     write_scene(made / "set" / "test")
