@@ -36,6 +36,29 @@ def test_all_data_sets_stand_in_one_table(tmp_path: Path) -> None:
     assert len(narrow) == 1 and len(narrow[0]) <= 80
 
 
+def test_of_several_seeds_mean_and_standard_deviation_follow(tmp_path: Path) -> None:
+    folder = write_sweep(tmp_path / "sweep", ["seed", "data"], ["experiment=recordings"])
+    arms = [(0, "board", 0.9), (0, "demo", 0.7), (1, "board", 0.8), (1, "demo", 0.7)]
+    for number, (seed, name, recall) in enumerate(arms):
+        summary = {**scored(recall, 40.0 + 10 * seed, {"cat": recall}), "bop": BOP}
+        write_run(folder / str(number), "recordings", summary, [f"seed={seed}", f"data={name}"])
+    with write_recordings(folder)[1].open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [(row["data"], row["seed"], row["ADD(-S)"], row["ms"]) for row in rows[:5]] == [
+        ("board", "0", "0.900", "40"),
+        ("board", "1", "0.800", "50"),
+        ("board", "mean", "0.850", "45"),
+        ("board", "spread", "0.0707", "7"),
+        ("demo", "0", "0.700", "40"),
+    ]
+    assert [row["AR"] for row in rows[4:]] == ["0.700", "0.700", "0.700", "0.0000"]
+    assert [row["ECE"] for row in rows] == [""] * 8
+    assert "spread: standard deviation between seeds." in (folder / "recordings.md").read_text()
+    lines = describe_recordings(tmp_path, "text").split("\n")
+    table = [each for each in lines if each.startswith(("board", "demo"))]
+    assert len(table) == 8 and max(map(len, table)) <= 80
+
+
 def test_summaries_without_bops_recalls_leave_the_cells_empty(tmp_path: Path) -> None:
     folder = write_run(tmp_path / "run", "recordings", scored(0.5, 9.0, {"cat": 0.5}))
     (_, table) = write_recordings(folder)

@@ -1,6 +1,8 @@
 """One table of the data sets of `experiment=recordings`, all run by one configuration."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from statistics import fmean, stdev
 
 from hlp.files import write_csv, write_text
 from hlp.reporting.results import Result, ResultSet, read_results, result_folders
@@ -9,7 +11,9 @@ from hlp.reporting.tables.table import Table, format_interval, format_share, lay
 NAME = "recordings"
 """The experiment, and the files that its table is written to."""
 _DATA = "data"
+_SEED = "seed"
 _WIDE = ("frames", "VSD", "MSSD", "MSPD")  # columns for which a terminal has no room
+_OVER_SEEDS = (("mean", fmean, "{:.3f}".format), ("spread", stdev, "{:.4f}".format))
 _BOP = ("ar", "vsd", "mssd", "mspd")
 
 
@@ -44,40 +48,60 @@ def write_recordings(folder: Path) -> list[Path]:
 
 
 def recordings_table(found: ResultSet) -> Table:
-    """A row a data set: its size, recalls, BOP's average recalls, time of one object (ms)."""
-    header = [
-        "data",
-        "frames",
-        "targets",
-        "ADD(-S)",
-        "95 %",
-        "5cm5deg",
-        "AR",
-        *map(str.upper, _BOP[1:]),
-        "ECE",
-    ]
-    return Table([*header, "ms"], [_row(each) for each in found.results])
+    """A row a data set: its size, recalls, BOP's average recalls, time of one object (ms).
+
+    Further keys that were swept have a column each. Of several seeds, their mean and their spread
+    (standard deviation) follow.
+    """
+    further = [key for key in found.swept if key != _DATA]
+    header = [_DATA, *further, "frames", "targets", "ADD(-S)", "95 %", "5cm5deg", "AR"]
+    header += [*map(str.upper, _BOP[1:]), "ECE", "ms"]
+    repeats: dict[tuple[str, ...], list[Result]] = {}
+    for each in found.results:
+        same = tuple(_chosen(each, [key for key in further if key != _SEED]))
+        repeats.setdefault(same, []).append(each)
+    return Table(header, [row for each in repeats.values() for row in _rows(each, further)])
 
 
-def _row(result: Result) -> list[str]:
+def _chosen(result: Result, further: Sequence[str]) -> list[str]:
+    """Name of the data set, and the values of the further swept keys."""
+    data = result.chosen.get(_DATA, str(result.config[_DATA]["name"]))
+    return [data, *(result.chosen.get(key, "") for key in further)]
+
+
+def _rows(repeats: Sequence[Result], further: Sequence[str]) -> list[list[str]]:
+    """A row a result; of several, which differ by their seeds, also their mean and spread."""
+    rows = [_row(each, further) for each in repeats]
+    if _SEED in further and len(repeats) > 1:
+        columns = list(zip(*map(_shares, repeats), strict=True))
+        times = [each.total_ms["median"] for each in repeats]
+        for name, statistic, form in _OVER_SEEDS:
+            row = _chosen(repeats[0], further)
+            row[1 + further.index(_SEED)] = name
+            add, *others = ["" if None in each else form(statistic(each)) for each in columns]
+            rows.append([*row, "", "", add, "", *others, f"{statistic(times):.0f}"])
+    return rows
+
+
+def _row(result: Result, further: Sequence[str]) -> list[str]:
+    add, *others = map(format_share, _shares(result))
+    size = [str(result.frames), str(result.targets)]
+    interval, time = format_interval(result.add["ci95"]), f"{result.total_ms['median']:.0f}"
+    return [*_chosen(result, further), *size, add, interval, *others, time]
+
+
+def _shares(result: Result) -> list[float | None]:
+    """Recalls by ADD(-S) and 5cm5deg, BOP's, and the error of the scores; None if not known."""
     metrics, bop = result.summary["metrics"], result.summary.get("bop", {})
-    return [
-        result.chosen.get(_DATA, str(result.config[_DATA]["name"])),
-        str(result.frames),
-        str(result.targets),
-        format_share(result.add["recall"]),
-        format_interval(result.add["ci95"]),
-        format_share(metrics["5cm5deg"]["recall"]),
-        *(format_share(bop.get(key)) for key in _BOP),
-        format_share(result.summary.get("calibration", {}).get("ece")),
-        f"{result.total_ms['median']:.0f}",
-    ]
+    error = result.summary.get("calibration", {}).get("ece")
+    return [result.add["recall"], metrics["5cm5deg"]["recall"], *map(bop.get, _BOP), error]
 
 
 def _note(found: ResultSet) -> str:
     missing = f" Left out or unfinished: {len(found.unfinished)}." if found.unfinished else ""
+    spread = " spread: standard deviation between seeds." if _SEED in found.swept else ""
     return (
         f"Made by `{found.command}`.{missing} ADD(-S): ADD-S for objects with a symmetry, ADD for"
         " the others. AR: mean of BOP's average recalls VSD, MSSD and MSPD. ECE: expected"
-        " calibration error of the score. ms: median for one object in one frame."
+        f" calibration error of the score. ms: median for one object in one frame.{spread}"
     )
