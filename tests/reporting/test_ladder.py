@@ -26,6 +26,7 @@ def swept(folder: Path, arms: tuple[str, ...] = ("literal", "modes", "best")) ->
     write_sweep(folder, ["ladder"], ["experiment=ladder"])
     for number, name in enumerate(arms):
         summary = scored(float(np.mean(RIGHT[name])), 100.0 - 20.0 * number, {"ape": 0.5})
+        summary["bop"] = {"ar": 0.5 + 0.125 * number}
         arm = {"change": f"what {name} is", "before": BEFORE[name]}
         run = folder / str(number)
         write_run(run, "ladder", summary, [f"ladder={name}"])
@@ -51,6 +52,7 @@ def test_a_row_an_arm_with_what_it_gains_against_the_arm_before_it(tmp_path: Pat
         ("modes", "0.750", "literal", "+0.500", "-20"),
         ("best", "0.750", "modes", "+0.000", "-20"),
     ]
+    assert [row["AR"] for row in rows] == ["0.500", "0.625", "0.750"]
     # Both frames of `modes` gain one target of two: whichever are drawn, the gain is .5 or more.
     assert rows[1]["95 % of it"] == "+0.500 to +0.500"
     text = files[2].read_text()

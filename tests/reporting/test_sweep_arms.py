@@ -55,14 +55,16 @@ def test_arms_are_compared_with_the_default_target_by_target(sweep: Path) -> Non
     assert found.difference(found.arms[1]) is None
 
 
-def test_the_whole_table_has_cpu_time_and_load_beside_the_time(sweep: Path) -> None:
+def test_the_whole_table_has_bops_recall_and_cpu_time_and_load_beside_the_time(sweep: Path) -> None:
     summary = sweep / "1" / "summary.json"
     timing = {"cpu_ms": 71.6, "wall_ms": 50.0, "load": 1.26, "cores": 2}
-    summary.write_text(json.dumps({**json.loads(summary.read_text()), "timing": timing}))
+    more = {"timing": timing, "bop": {"ar": 0.654}}
+    summary.write_text(json.dumps({**json.loads(summary.read_text()), **more}))
     table = sweep_table(sweep_of(read_results(sweep)))
     rows = [dict(zip(table.header, row, strict=True)) for row in table.rows]
     shown = [[row[name] for name in ("ms", "ms 95 %", "CPU ms", "load")] for row in rows]
     assert shown == [["30", "60", "", ""], ["50", "100", "72", "1.3"], ["", "", "", ""]]
+    assert [row["AR"] for row in rows] == ["", "0.654", ""]
 
 
 def test_the_table_has_the_best_and_the_failed_arm_and_fits_a_terminal(sweep: Path) -> None:

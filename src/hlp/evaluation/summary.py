@@ -12,6 +12,7 @@ from hlp.evaluation.calibration import summarise_calibration
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.evaluation.waterfall import count_causes
 from hlp.records import TargetScore
+from hlp.results.average_recalls import average_recalls
 from hlp.results.intervals import blocks_of, recall_interval
 from hlp.results.summary_file import METRICS, Summary
 
@@ -43,7 +44,7 @@ def summarise(
         "metrics": _metrics(list(groups.values()), settings, seed),
         "per_object": {name: _object(group, settings, seed) for name, group in groups.items()},
         "median_errors": _median_errors(scores),
-        "bop": _bop(scores),
+        "bop": average_recalls(scores),
         "calibration": summarise_calibration(scores),
         "policy": settings.name,
         "timing_ms": {stage: _times(values) for stage, values in timings_ms.items()},
@@ -109,26 +110,6 @@ def _median_errors(scores: Sequence[TargetScore]) -> Summary:
         "translation_mm": float(np.median([score.translation_error for score in found]) * 1e3),
         "box_iou": float(np.median([score.box_iou for score in found])),
     }
-
-
-def _bop(scores: Sequence[TargetScore]) -> Summary:
-    """BOP's average recalls and `ar`, their mean; None where they were not computed.
-
-    VSD was not computed where some target's frame had no depth image.
-    """
-    recalls = {
-        "vsd": _mean_or_none([score.vsd_recall for score in scores]),
-        "mssd": _mean_or_none([score.mssd_recall for score in scores]),
-        "mspd": _mean_or_none([score.mspd_recall for score in scores]),
-    }
-    known = [value for value in recalls.values() if value is not None]
-    complete = len(known) == len(recalls)
-    return {"ar": float(np.mean(known)) if complete else None, **recalls}
-
-
-def _mean_or_none(values: Sequence[float]) -> float | None:
-    mean = float(np.mean(values))
-    return None if np.isnan(mean) else mean
 
 
 def _times(values: Sequence[float]) -> Summary:

@@ -10,13 +10,14 @@ from hlp.reporting.comparison import ScoredTarget, paired_difference, read_targe
 from hlp.reporting.figures.saving import save_figure
 from hlp.reporting.figures.steps import Step, draw_steps
 from hlp.reporting.results import Result, ResultSet, read_results, result_folders
+from hlp.reporting.tables.summary_tables import average_recall
 from hlp.reporting.tables.table import Table, format_interval, format_share, lay_out, prose
 from hlp.results.target_values import TargetKey
 
 NAME = "ladder"
 """The experiment, the swept config group, and the files of table and figure."""
-_HEADER = ["arm", "change", "ADD(-S)", "95 %", "5cm5deg", "IoU", "ms"]
-_WIDE = ("change", "95 %", "5cm5deg", "IoU")  # columns for which a terminal has no room
+_HEADER = ["arm", "change", "ADD(-S)", "95 %", "5cm5deg", "IoU", "AR", "ms"]
+_WIDE = ("change", "95 %", "5cm5deg", "IoU", "AR")  # columns for which a terminal has no room
 _AGAINST = ["against", "ADD(-S) gained", "95 % of it", "ms more"]
 
 
@@ -127,6 +128,7 @@ def _row(arm: Arm, known: Mapping[str, Arm]) -> list[str]:
         format_interval(result.add["ci95"]),
         format_share(metrics["5cm5deg"]["recall"]),
         format_share(metrics["iou50"]["recall"]),
+        average_recall(result.summary),
         f"{result.total_ms['median']:.0f}",
         *against,
     ]
@@ -152,6 +154,6 @@ def _note(found: ResultSet) -> str:
     return (
         f"Made by `{found.command}`.{missing} Each arm differs by one decision from the arm under"
         " *against*; what it gains is over the targets of both, with the 95 % interval of the"
-        " paired bootstrap over blocks of neighbouring frames. ms: median for one object in one"
-        " frame."
+        " paired bootstrap over blocks of neighbouring frames. AR: BOP's average recall. ms: median"
+        " for one object in one frame."
     )

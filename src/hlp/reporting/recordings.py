@@ -6,6 +6,7 @@ from statistics import fmean, stdev
 
 from hlp.files import write_csv, write_text
 from hlp.reporting.results import Result, ResultSet, read_results, result_folders
+from hlp.reporting.tables.summary_tables import BOP_RECALLS
 from hlp.reporting.tables.table import Table, format_interval, format_share, lay_out, prose
 
 NAME = "recordings"
@@ -14,7 +15,7 @@ _DATA = "data"
 _SEED = "seed"
 _WIDE = ("frames", "VSD", "MSSD", "MSPD")  # columns for which a terminal has no room
 _OVER_SEEDS = (("mean", fmean, "{:.3f}".format), ("spread", stdev, "{:.4f}".format))
-_BOP = ("ar", "vsd", "mssd", "mspd")
+_BOP = ("ar", *BOP_RECALLS)
 
 
 def describe_recordings(root: Path, layout: str) -> str:
@@ -55,7 +56,7 @@ def recordings_table(found: ResultSet) -> Table:
     """
     further = [key for key in found.swept if key != _DATA]
     header = [_DATA, *further, "frames", "targets", "ADD(-S)", "95 %", "5cm5deg", "AR"]
-    header += [*map(str.upper, _BOP[1:]), "ECE", "ms"]
+    header += [*map(str.upper, BOP_RECALLS), "ECE", "ms"]
     repeats: dict[tuple[str, ...], list[Result]] = {}
     for each in found.results:
         same = tuple(_chosen(each, [key for key in further if key != _SEED]))

@@ -8,6 +8,7 @@ from pathlib import Path
 from hlp.files import SCORES
 from hlp.reporting.comparison import Difference, ScoredTarget, paired_difference, read_targets
 from hlp.reporting.results import Result, ResultSet
+from hlp.reporting.tables.summary_tables import average_recall
 from hlp.reporting.tables.table import Table, format_interval, format_share
 from hlp.results.target_values import TargetKey
 
@@ -123,10 +124,10 @@ def without_result(failed: Sequence[tuple[str, Path]]) -> list[str]:
 def sweep_table(sweep: Sweep, *, whole: bool = True) -> Table:
     """A row an arm: values, recalls, time, difference to the reference with its 95 % interval.
 
-    `whole`: also what does not fit a terminal: targets, IoU, the 95th percentile of time, mean CPU
-    time, and the load of the machine while times were measured.
+    `whole`: also what does not fit a terminal: targets, IoU, BOP's average recall, the 95th
+    percentile of time, mean CPU time, and the load of the machine while times were measured.
     """
-    extra = (["targets"], ["IoU.5"], _TIMES) if whole else ([], [], [])
+    extra = (["targets"], ["IoU.5", "AR"], _TIMES) if whole else ([], [], [])
     names = [short_key(key) for key in sweep.keys] or ["run"]
     against = "to default" if sweep.is_default else "to first"
     header = [*names, *extra[0], "ADD(-S)", "95 %", "5cm5deg", *extra[1], "ms", *extra[2]]
@@ -139,14 +140,15 @@ def _row(sweep: Sweep, arm: SweepArm, whole: bool) -> list[str]:
         named[-1] += " *"
     result = arm.result
     if result is None:
-        return [*named, *[""] * whole, "no result", *[""] * (5 + (1 + len(_TIMES)) * whole)]
+        return [*named, *[""] * whole, "no result", *[""] * (5 + (2 + len(_TIMES)) * whole)]
     metrics, times = result.summary["metrics"], result.total_ms
     recalls = [
         format_share(result.add["recall"]),
         format_interval(result.add["ci95"]),
         format_share(metrics["5cm5deg"]["recall"]),
-        *([format_share(metrics["iou50"]["recall"])] if whole else []),
     ]
+    if whole:
+        recalls += [format_share(metrics["iou50"]["recall"]), average_recall(result.summary)]
     spent = [f"{times['median']:.0f}", *(_more_times(result) if whole else [])]
     return [*named, *([str(result.targets)] if whole else []), *recalls, *spent,
             *_against(sweep, arm)]  # fmt: skip

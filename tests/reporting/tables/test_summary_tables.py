@@ -4,6 +4,7 @@ from hlp.reporting.paper_results import ADD_BY_OBJECT, ADD_MEAN, ADD_STD
 from hlp.reporting.tables.summary_tables import (
     format_summary,
     objects_table,
+    runs_table,
     time_table,
     timing_words,
     total_table,
@@ -32,6 +33,17 @@ def test_objects_table_has_the_papers_figures_beside_ours() -> None:
         ["mean of objects", "8", "0.250", "0.125", "0.375", "0.974"],
         ["all targets", "8", "0.500", "0.250", "0.750", ""],
         ["95 % interval", "", "0.400-0.600", "0.150-0.350", "0.650-0.850", ""],
+    ]
+
+
+def test_bops_average_recall_is_told_where_it_was_computed() -> None:
+    known = {**summary(), "bop": {"ar": 0.7, "vsd": 0.5, "mssd": 0.7, "mspd": 0.9}}
+    words = "BOP's average recall: 0.700, the mean of VSD 0.500, MSSD 0.700, MSPD 0.900."
+    assert words in format_summary(known) and words in format_summary(known, "markdown")
+    assert "BOP" not in format_summary(summary())
+    assert runs_table({"a": known, "b": summary()}).without("ADD(-S)", "5cm5deg", "IoU.5").rows == [
+        ["a", "8", "0.700", "480"],
+        ["b", "8", "", "480"],
     ]
 
 

@@ -18,6 +18,8 @@ VOTE_LABELS = {
 """What people call the shares of votes in `summary.json`."""
 WATERFALL_GROUPS = {"per_object": "object", "per_visibility": "visible fraction"}
 """How the waterfall of `summary.json` is divided, and what people call it."""
+BOP_RECALLS = ("vsd", "mssd", "mspd")
+"""BOP's recalls in `summary.json`, of which `ar` is the mean."""
 RECALL = "Recall: the share of targets (objects to be found in a frame) with a correct pose."
 
 
@@ -25,9 +27,9 @@ def format_summary(summary: Mapping[str, Any], layout: str = "text") -> str:
     """The three main tables of a run: recall per object, time per stage, causes of misses."""
     tables = (objects_table(summary), time_table(summary), total_table(summary))
     objects, times, total = (lay_out(table, layout) if table.rows else "" for table in tables)
-    said = (RECALL, calibration_words(summary), false_alarm_words(summary), timing_words(summary))
-    recall, calibration, alarms, timing = (prose(words, layout) for words in said)
-    parts = [recall, objects, calibration, alarms, times, timing, total]
+    said = (RECALL, bop_words(summary), calibration_words(summary), false_alarm_words(summary))
+    recall, *words = (prose(each, layout) for each in (*said, timing_words(summary)))
+    parts = [recall, objects, *words[:-1], times, words[-1], total]
     return "\n\n".join(part for part in parts if part)
 
 
@@ -59,6 +61,19 @@ def objects_table(summary: Mapping[str, Any]) -> Table:
     rows.append(["95 % interval", "", *intervals, ""])
     table = Table(["object", "targets", *METRIC_LABELS.values(), "paper ADD(-S)"], rows)
     return table if linemod else Table(table.header[:-1], [row[:-1] for row in rows])
+
+
+def average_recall(summary: Mapping[str, Any]) -> str:
+    """BOP's average recall; empty where it was not computed."""
+    return format_share(summary.get("bop", {}).get("ar"))
+
+
+def bop_words(summary: Mapping[str, Any]) -> str:
+    """BOP's average recall and the three of which it is the mean; empty if one is missing."""
+    if not average_recall(summary):
+        return ""
+    parts = ", ".join(f"{key.upper()} {summary['bop'][key]:.3f}" for key in BOP_RECALLS)
+    return f"BOP's average recall: {average_recall(summary)}, the mean of {parts}."
 
 
 def calibration_words(summary: Mapping[str, Any]) -> str:
@@ -168,17 +183,18 @@ def votes_table(summary: Mapping[str, Any]) -> Table:
 
 
 def runs_table(summaries: Mapping[str, Mapping[str, Any]]) -> Table:
-    """A row a run: recall over its targets, and the median time of one object in one frame."""
+    """A row a run: recalls over its targets, BOP's average recall, median time of one object."""
     rows = [
         [
             name,
             str(summary["targets"]),
             *(format_share(summary["metrics"][key]["recall"]) for key in METRIC_LABELS),
+            average_recall(summary),
             _ms(summary["timing_ms"].get("total", {}).get("median")),
         ]
         for name, summary in summaries.items()
     ]
-    return Table(["run", "targets", *METRIC_LABELS.values(), "ms"], rows)
+    return Table(["run", "targets", *METRIC_LABELS.values(), "AR", "ms"], rows)
 
 
 def _words(name: str) -> str:
