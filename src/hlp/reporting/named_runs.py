@@ -1,12 +1,13 @@
 """Runs that somebody names: two are compared; of more, repeats, mean and spread are told."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from statistics import fmean, stdev
+from statistics import fmean
 
 from hlp.errors import InputError
 from hlp.reporting.comparison import compare_runs, read_targets
 from hlp.reporting.mlflow_runs import scores_file
+from hlp.reporting.tables.repeats import mean_and_spread
 from hlp.reporting.tables.summary_tables import METRIC_LABELS
 from hlp.reporting.tables.table import Table, check_layout, format_share, lay_out
 from hlp.results.average_recalls import average_recalls
@@ -30,9 +31,9 @@ def describe_named(runs: str, uri: str, layout: str) -> str:
 def describe_repeats(files: Sequence[Path], names: Sequence[str], layout: str) -> str:
     """Recalls of repeats, such as one configuration with several seeds: each, mean and spread.
 
-    AR is BOP's average recall, empty where it was not computed.
-    `files` are their `scores.csv`. Raises FileNotFoundError without one, ValueError for a broken
-    one and for a `layout` that is not `text` or `markdown`.
+    `files` are their `scores.csv`; AR is BOP's average recall, empty where it was not computed.
+    Raises FileNotFoundError without a file, ValueError for a broken one and for a `layout` that is
+    not `text` or `markdown`.
     """
     check_layout(layout)
     recalls, targets = [], []
@@ -45,20 +46,9 @@ def describe_repeats(files: Sequence[Path], names: Sequence[str], layout: str) -
         [name, str(len(asked)), *map(format_share, found)]
         for name, asked, found in zip(names, targets, recalls, strict=True)
     ]
-    columns = list(zip(*recalls, strict=True))
-    rows.append(["mean", "", *(_over_runs(each, fmean, "{:.3f}") for each in columns)])
-    rows.append(
-        ["standard deviation", "", *(_over_runs(each, stdev, "{:.4f}") for each in columns)]
-    )
+    means, deviations = mean_and_spread(recalls)
+    rows += [["mean", "", *means], ["standard deviation", "", *deviations]]
     whole = Table(["run", "targets", *METRIC_LABELS.values(), "AR"], rows)
     table = lay_out(whole.fitted(0, ends=True) if layout == "text" else whole, layout)
     same = all(each == targets[0] for each in targets)
     return table if same else f"{table}\n\nThe runs were not asked for the same targets."
-
-
-def _over_runs(
-    shares: Sequence[float | None], statistic: Callable[[list[float]], float], form: str
-) -> str:
-    """A statistic of the runs' shares; empty if one was not computed."""
-    known = [each for each in shares if each is not None]
-    return form.format(statistic(known)) if len(known) == len(shares) else ""

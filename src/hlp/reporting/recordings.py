@@ -6,6 +6,7 @@ from statistics import fmean, stdev
 
 from hlp.files import write_csv, write_text
 from hlp.reporting.results import Result, ResultSet, read_results, result_folders
+from hlp.reporting.tables.repeats import mean_and_spread
 from hlp.reporting.tables.summary_tables import BOP_RECALLS
 from hlp.reporting.tables.table import Table, format_interval, format_share, lay_out, prose
 
@@ -14,7 +15,6 @@ NAME = "recordings"
 _DATA = "data"
 _SEED = "seed"
 _WIDE = ("frames", "VSD", "MSSD", "MSPD")  # columns for which a terminal has no room
-_OVER_SEEDS = (("mean", fmean, "{:.3f}".format), ("spread", stdev, "{:.4f}".format))
 _BOP = ("ar", *BOP_RECALLS)
 
 
@@ -74,13 +74,15 @@ def _rows(repeats: Sequence[Result], further: Sequence[str]) -> list[list[str]]:
     """A row a result; of several, which differ by their seeds, also their mean and spread."""
     rows = [_row(each, further) for each in repeats]
     if _SEED in further and len(repeats) > 1:
-        columns = list(zip(*map(_shares, repeats), strict=True))
+        means, spreads = mean_and_spread([_shares(each) for each in repeats])
         times = [each.total_ms["median"] for each in repeats]
-        for name, statistic, form in _OVER_SEEDS:
+        for name, shares, time in (
+            ("mean", means, fmean(times)),
+            ("spread", spreads, stdev(times)),
+        ):
             row = _chosen(repeats[0], further)
             row[1 + further.index(_SEED)] = name
-            add, *others = ["" if None in each else form(statistic(each)) for each in columns]
-            rows.append([*row, "", "", add, "", *others, f"{statistic(times):.0f}"])
+            rows.append([*row, "", "", shares[0], "", *shares[1:], f"{time:.0f}"])
     return rows
 
 
