@@ -1,6 +1,6 @@
 """Time and memory of a frame when many objects are known and asked for.
 
-    python benchmarks/many_objects.py learn learnt/fifteen --objects 15
+    python benchmarks/many_objects.py learn learnt/fifteen --objects 15 --method many_objects
     python benchmarks/many_objects.py find learnt/fifteen --asked 1 7 15 --frames 6
 
 `learn` learns that many random shapes that stand upright (960 views of each, no score of their
@@ -49,20 +49,21 @@ def main() -> None:
     parser.add_argument("what", choices=("learn", "find"))
     parser.add_argument("learnt", type=Path, help="folder of learnt objects, written by `learn`")
     parser.add_argument("--objects", type=int, default=15, help="to learn")
+    parser.add_argument("--method", default="hlp", help="to learn by: a file of conf/method")
     parser.add_argument("--asked", type=int, nargs="+", default=[1, 7, 15])
     parser.add_argument("--frames", type=int, default=6)
     parser.add_argument("--threads", type=int, default=2)
     given = parser.parse_args()
     if given.what == "learn":
-        learn(given.learnt, given.objects, given.threads)
+        learn(given.learnt, given.objects, given.method, given.threads)
     else:
         find(given.learnt, given.asked, given.frames, given.threads)
 
 
-def learn(folder: Path, count: int, threads: int) -> None:
+def learn(folder: Path, count: int, method: str, threads: int) -> None:
     """Learn `count` random objects into a new folder."""
     wanted = (f"machine.threads={threads}", f"trainer.torch_threads={threads}", *SETTINGS)
-    settings = build_settings(compose_config("output=out", *wanted)).method
+    settings = build_settings(compose_config("output=out", f"method={method}", *wanted)).method
     begun, cpu = time.perf_counter(), time.process_time()
     with tempfile.TemporaryDirectory() as name:
         meshes = {}

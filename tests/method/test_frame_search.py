@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections.abc import Iterable
 from types import SimpleNamespace
 from typing import Any
 
@@ -34,6 +35,9 @@ class Estimator:
         centers, nowhere = np.zeros((len(seen), 2)), np.zeros((4, 4), dtype=bool)
         return Region(object_id, centers, np.array(seen), nowhere)
 
+    def share_patches(self, context: Any, regions: Iterable[Region]) -> None:
+        self.done.append(("shared patches", sorted(each.object_id for each in regions)))
+
     def find_hypotheses(self, context: Any, region: Region) -> Any:
         self.searched.append(region.object_id)
         self._barrier.wait()
@@ -56,7 +60,8 @@ def test_threads_search_different_objects(threads: int, together: int) -> None:
     answers, missing = search_frame(estimator, None, wanted, 0.5, time.perf_counter())  # type: ignore[arg-type]
     assert answers == [] and missing == list(wanted)
     assert estimator.done[0] == ("shared", list(wanted))
-    assert dict(estimator.done[1:]) == wanted
+    assert dict(estimator.done[1:-1]) == wanted
+    assert estimator.done[-1] == ("shared patches", sorted(wanted))
 
 
 def test_what_the_classifier_is_least_sure_of_is_searched_first() -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge
+from annotated_types import Ge, Interval
 from jaxtyping import Float, UInt32
 
 from hlp.errors import DataError
@@ -21,6 +21,14 @@ class EntrySettings(Settings):
     """Entries of an object's codebook."""
 
     patches_per_view: Annotated[int, Ge(1), Doc("local patches drawn from every view (D)")] = 16
+    min_relief: Annotated[
+        float,
+        Interval(ge=0, le=1),
+        Doc(
+            "smallest relief of an entry's patch, in halves of its size: entries of flat patches "
+            "match nothing where those of scenes do not vote (D; P: not said, 0)"
+        ),
+    ] = 0.0
 
 
 def make_codebook(

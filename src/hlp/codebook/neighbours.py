@@ -17,7 +17,7 @@ _ROWS = 512  # queries in a block: bounds the distance matrix
 
 
 class Neighbours(Protocol):
-    """Searches one object's features."""
+    """Searches the features of one object, or of several at once."""
 
     def search(self, queries: Float[np.ndarray, "n d"]) -> Matches:
         """The k nearest features of each query, nearest first, with Euclidean distances."""
@@ -28,6 +28,9 @@ class NeighboursSettings(Protocol):
 
     dimension_multiple: ClassVar[int]
     """The length of features must be a multiple of this."""
+
+    joint: ClassVar[bool]
+    """Whether all objects whose patches have one size are searched at once."""
 
     @property
     def name(self) -> str:
@@ -72,6 +75,7 @@ class ExactSettings(Settings):
     ] = 3
 
     dimension_multiple: ClassVar[int] = 1
+    joint: ClassVar[bool] = False
 
     def build(
         self,
@@ -100,6 +104,7 @@ class KdForestSettings(Settings):
     checks: Annotated[int, Ge(1), Doc("leaves visited for one query (D)")] = 256
 
     dimension_multiple: ClassVar[int] = 1
+    joint: ClassVar[bool] = False
 
     def build(
         self,

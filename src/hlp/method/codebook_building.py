@@ -7,7 +7,7 @@ from jaxtyping import Int
 
 from hlp.codebook.entries import make_codebook
 from hlp.codebook.neighbours import ExactNeighbours
-from hlp.method.settings import MethodSettings
+from hlp.method.settings import MethodSettings, PatchesSettings
 from hlp.models.encoder import Encoder
 from hlp.patches.local import surface_pixels
 from hlp.patches.local_data import degrade_patches
@@ -18,6 +18,8 @@ _SCALE_SAMPLE = 1024
 # Views whose patches are held at once. This bounds the memory, whatever the number of views, and is
 # large enough to fill the encoder's chunks.
 _BLOCK = 512
+# Times as many pixels are drawn where flat patches are left out: three of four may be flat.
+_DRAWN = 4
 
 
 def build_codebook(
@@ -29,10 +31,9 @@ def build_codebook(
     and its match, over a sample.
     """
     patches = settings.patches
-    size = model.local_size * patches.local.size_scale
+    size = patches.local.size_of(model.local_size) * patches.local.size_scale
     rng = np.random.default_rng([settings.seed, model.object_id])
-    per_view = patches.entries.patches_per_view
-    pixels = [surface_pixels(views.depth[view], per_view, rng) for view in range(len(views))]
+    pixels = [_draw_pixels(views, view, size, patches, rng) for view in range(len(views))]
     first = np.cumsum([0] + [len(each) for each in pixels])  # first entry of each view
     total = int(first[-1])
     sample = np.sort(rng.choice(total, min(_SCALE_SAMPLE, total), replace=False))
@@ -57,6 +58,22 @@ def build_codebook(
         np.repeat(views.poses_cam_obj, np.diff(first), axis=0),
         float(np.median(nearest)),
     )
+
+
+def _draw_pixels(
+    views: Views, view: int, size: float, patches: PatchesSettings, rng: np.random.Generator
+) -> Int[np.ndarray, "n 2"]:
+    """Random surface pixels (x, y) of a view, whose patches have the relief that entries need.
+
+    Any, where none of the view's patches has it.
+    """
+    entries = patches.entries
+    if entries.min_relief == 0.0:
+        return surface_pixels(views.depth[view], entries.patches_per_view, rng)
+    pixels = surface_pixels(views.depth[view], _DRAWN * entries.patches_per_view, rng)
+    cut = cut_view_patches(views, view, pixels, size, patches.local, False, entries.min_relief)
+    chosen = np.rint(cut.pixels).astype(np.int64) if len(cut) else pixels
+    return chosen[: entries.patches_per_view]
 
 
 def _rows_in(block: LocalPatches, rows: Int[np.ndarray, "n"]) -> LocalPatches:

@@ -66,6 +66,9 @@ def _find(
 
     looked = dict(zip(ids, estimator.team.map(find_region, len(ids)), strict=True))
     regions = {object_id: region for object_id, (region, _) in looked.items()}
+    began = time.perf_counter()
+    estimator.share_patches(context, regions.values())
+    shared += time.perf_counter() - began
     order = sorted(ids, key=lambda object_id: _evidence(regions[object_id]))
 
     def search(place: int) -> tuple[Hypotheses, RefinedHypotheses | None, float]:

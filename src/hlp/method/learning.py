@@ -20,12 +20,14 @@ from hlp.method.learnt_folder import (
     CLASSIFIER,
     ENCODER,
     OBJECTS,
+    SEARCHES,
     LearntFolder,
     LearntRecord,
     check_files,
     read_record,
     write_record,
 )
+from hlp.method.learnt_searches import remove_stale_searches, write_searches
 from hlp.method.mesh_models import check_told_apart
 from hlp.method.model_files import write_model
 from hlp.method.progress import CountingEstimator, counting_objects
@@ -69,6 +71,7 @@ def learn(
                 counted = counting_objects(views_of, "pairs cut", len(models))
                 train_encoder(models, counted, backgrounds, settings, partial / ENCODER)
         _write_objects(models, views_of, partial, settings)
+        write_searches(partial, record)
         _calibrate_scores(models, backgrounds, partial, record)
         finish(partial, record)
 
@@ -113,6 +116,7 @@ def add(folder: Path, models: Mapping[int, ObjectModel], backgrounds: Background
             shutil.copytree(source, partial / OBJECTS / name, dirs_exist_ok=True)
         _write_objects(models, views_of, partial, settings)
         record = LearntRecord(objects, tuple(ids), settings)
+        write_searches(partial, record)
         _calibrate_scores(models, backgrounds, partial, record)
         finish(partial, record)
 
@@ -129,10 +133,13 @@ def remove(folder: Path, name: str) -> None:
     left = {each: i for each, i in record.objects.items() if each != name}
     if not left:
         raise InputError(f"{name!r} is the last object in {folder}: delete the folder instead")
-    gone = f"{OBJECTS}/{name}/"
+    gone = (f"{OBJECTS}/{name}/", f"{SEARCHES}/")
     files = {path: each for path, each in record.files.items() if not path.startswith(gone)}
-    write_record(folder, replace(record, objects=left, files=files))
+    kept = replace(record, objects=left, files=files)
+    kept = replace(kept, files={**files, **write_searches(folder, kept)})
+    write_record(folder, kept)
     shutil.rmtree(folder / OBJECTS / name)
+    remove_stale_searches(folder, kept)
 
 
 def _write_objects(
@@ -150,7 +157,8 @@ def _write_objects(
                 write_model(folder, model)
                 codebook = build_codebook(model, views_of(object_id), encoder, settings)
                 save_codebook(folder, codebook)
-                settings.codebook.prepare(codebook.features, settings.seed, folder)
+                if not settings.codebook.joint:
+                    settings.codebook.prepare(codebook.features, settings.seed, folder)
 
 
 def _calibrate_scores(

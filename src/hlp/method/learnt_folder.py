@@ -5,7 +5,8 @@
 <folder>/classifier/, encoder/  the networks
 <folder>/objects/NAME/          object.json, model.npz (meshes, symmetries, siblings),
                                 colors.npz if the mesh has colours, texture.png if it has a texture,
-                                codebook.npz
+                                codebook.npz, lists.npz of its search
+<folder>/searches/NAME/         lists.npz of the search in several codebooks at once (joint_lists)
 
 Nothing in it is pickled, so reading it runs no code of whoever wrote it, and no file outside of it
 is read. Checksums find damage, not intent: the libraries that read networks and search indices are
@@ -21,7 +22,7 @@ from typing import Annotated, Any
 
 from annotated_types import Ge
 
-from hlp.checksums import find_damaged, is_sealed, seal_is_whole, sealed
+from hlp.checksums import content_checksum, find_damaged, is_sealed, seal_is_whole, sealed
 from hlp.codebook.entries import load_codebook
 from hlp.errors import ConfigError, DamagedError, DataError, MissingFileError
 from hlp.files import read_json, write_json
@@ -36,7 +37,7 @@ from hlp.settings import Settings, stored_as
 
 FORMAT = 4
 RECORD = "learnt.json"
-CLASSIFIER, ENCODER, OBJECTS = "classifier", "encoder", "objects"
+CLASSIFIER, ENCODER, OBJECTS, SEARCHES = "classifier", "encoder", "objects", "searches"
 NAME = re.compile(r"[\w][\w .+-]{0,79}")
 """What an object may be called: the name is that of its folder. At most 80 characters."""
 _AGAIN = "learn the objects again, or copy the folder anew"
@@ -199,6 +200,14 @@ class LearntFolder:
         """The score of one object's poses."""
         return load_score_model(self.object_folder(object_id))
 
-    def search_folder(self, object_id: int) -> Path:
-        """The folder in which the search in its codebook was prepared."""
+    def search_folder(self, object_ids: Sequence[int]) -> Path:
+        """The folder for the search in the codebooks of these objects; it may hold nothing."""
+        if self.settings.codebook.joint:
+            return self._part(searches_part(object_ids))
+        (object_id,) = object_ids
         return self.object_folder(object_id)
+
+
+def searches_part(object_ids: Sequence[int]) -> str:
+    """Where in a folder the search in the codebooks of several objects lies."""
+    return f"{SEARCHES}/{content_checksum(repr(list(object_ids)).encode())[:8]}"

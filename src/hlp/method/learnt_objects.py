@@ -39,6 +39,9 @@ class LearntObjects(Protocol):
         """The score of one object's poses."""
         ...
 
-    def search_folder(self, object_id: int) -> Path | None:
-        """The folder in which the search in its codebook was prepared; None if it was not."""
+    def search_folder(self, object_ids: Sequence[int]) -> Path | None:
+        """The folder in which the search in the codebooks of these objects was prepared.
+
+        None if it was not.
+        """
         ...

@@ -8,15 +8,15 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hlp.codebook.neighbours import Neighbours
 from hlp.method.holistic_scan import FrameWindows, HolisticScan
 from hlp.method.learnt_objects import LearntObjects
+from hlp.method.patch_matching import FrameMatches, PatchMatching
 from hlp.method.settings import MethodSettings
 from hlp.models.encoder import Encoder
 from hlp.patches.holistic import candidate_region, center_depths, region_weights
 from hlp.patches.likely_places import first_region, likely_regions
-from hlp.patches.local import cut_local_patches, region_pixels, thin_out
-from hlp.records import Codebook, Frame, Hypotheses, LocalPatches, ObjectModel, Region, Votes
+from hlp.patches.local import region_pixels, thin_out
+from hlp.records import Frame, Hypotheses, LocalPatches, ObjectModel, Region, Votes
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
 from hlp.refinement.pose_fit import PoseFit, measure_fit
 from hlp.refinement.score_model import ScoreModel
@@ -51,11 +51,13 @@ class FrameContext:
         self,
         frame: Frame,
         windows: FrameWindows,
+        matches: FrameMatches,
         verification: VerificationSettings,
         mask: Bool[np.ndarray, "h w"] | None = None,
     ) -> None:
         self.frame = frame
         self.windows = windows
+        self.matches = matches
         self.mask = mask
         self._verification = verification
         self.fits: dict[tuple[int, bytes], PoseFit] = {}
@@ -85,7 +87,8 @@ class PoseEstimator:
         self.settings = settings
         self.object_ids = tuple(learnt.models if object_ids is None else object_ids)
         self._labels = {object_id: i for i, object_id in enumerate(learnt.classes, 1)}
-        self._searches: dict[int, tuple[Codebook, Neighbours]] = {}
+        self.matching = PatchMatching(learnt, settings, self.object_ids, lambda: self._encoder)
+        """The codebooks."""
         self._verifiers: dict[int, Verifier] = {}
         self._scores: dict[int, ScoreModel] = {}
         self.team = ThreadTeam(settings.machine.threads)
@@ -108,15 +111,15 @@ class PoseEstimator:
         """Load the networks and the codebooks of these objects now instead of at first use."""
         _ = self._scan, self._encoder
         for object_id in object_ids:
-            self._codebook(object_id)
+            self.matching.group(object_id)
             self.verifier(object_id)
             if self.learnt.models[object_id].mesh.colored:
                 color_grid(self.learnt.models[object_id].mesh)
 
     def prepare(self, frame: Frame, mask: Bool[np.ndarray, "h w"] | None = None) -> FrameContext:
         """The context of a frame, which is passed to the stages of every object in it."""
-        windows = self._scan.start(frame)
-        return FrameContext(frame, windows, self.settings.refinement.verification, mask)
+        windows, matches = self._scan.start(frame), FrameMatches(self.matching, frame)
+        return FrameContext(frame, windows, matches, self.settings.refinement.verification, mask)
 
     def share_work(self, context: FrameContext, object_ids: Iterable[int]) -> None:
         """Do what these objects share in a frame now, and not when the first one needs it."""
@@ -157,24 +160,25 @@ class PoseEstimator:
         parts = (replace(each, mask=each.mask & context.mask) for each in found)
         return (each for each in parts if each.mask.any())
 
+    def share_patches(self, context: FrameContext, regions: Iterable[Region]) -> None:
+        """Match the regions' local patches now, each once, if objects share them."""
+        if not self.settings.codebook.joint:
+            return
+        pixels = {
+            region.object_id: self._patch_pixels(
+                context.frame, region, self.learnt.models[region.object_id]
+            )
+            for region in regions
+        }
+        context.matches.share(pixels)
+
     def find_hypotheses(self, context: FrameContext, region: Region) -> CoarseResult:
         """Stage 2: votes of the region's local patches, and their modes (paper, section 3.2)."""
         begun = time.perf_counter()
-        frame, patches = context.frame, self.settings.patches
-        model = self.learnt.models[region.object_id]
-        codebook, search = self._codebook(region.object_id)
-        cut = cut_local_patches(
-            frame.rgb,
-            frame.depth,
-            frame.camera_matrix,
-            self._patch_pixels(frame, region, model),
-            model.local_size * patches.local.size_scale,
-            patches.local,
-            patches.grid.min_valid,
-            self._encoder.sees_color,
-            patches.grid.min_relief,
-        )
-        matches = search.search(self._encoder.encode(cut))
+        frame, model = context.frame, self.learnt.models[region.object_id]
+        codebook = self.matching.group(region.object_id).codebooks[region.object_id]
+        pixels = self._patch_pixels(frame, region, model)
+        cut, matches = context.matches.match(region.object_id, pixels)
         matched = time.perf_counter()
         voting, weights = self.settings.voting, None
         if voting.weighted_by_region:
@@ -282,18 +286,6 @@ class PoseEstimator:
             verification = self.settings.refinement.verification
             self._verifiers[object_id] = Verifier(model, verification)
         return self._verifiers[object_id]
-
-    def _codebook(self, object_id: int) -> tuple[Codebook, Neighbours]:
-        if object_id not in self._searches:
-            codebook = self.learnt.load_codebook(object_id)
-            search = self.settings.codebook.build(
-                codebook.features,
-                self.settings.seed,
-                self.settings.machine.threads,
-                self.learnt.search_folder(object_id),
-            )
-            self._searches[object_id] = (codebook, search)
-        return self._searches[object_id]
 
 
 def _narrowed(region: Region, mask: Bool[np.ndarray, "h w"]) -> Region:

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from hlp.geometry import nearest_rotation, project, rigid, transform
 from hlp.method.detections import Detection, Rejection, describe
+from hlp.method.patch_matching import FrameMatches
 from hlp.method.pose_estimator import FrameContext, PoseEstimator
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.choice import RefinedHypotheses
@@ -163,7 +164,8 @@ def part_near(
     camera_matrix = frame.camera_matrix.copy()
     camera_matrix[:2, 2] -= low
     part = replace(frame, rgb=frame.rgb[area], depth=frame.depth[area], camera_matrix=camera_matrix)
-    return FrameContext(part, context.windows, estimator.settings.refinement.verification)
+    matches = FrameMatches(estimator.matching, part)
+    return FrameContext(part, context.windows, matches, estimator.settings.refinement.verification)
 
 
 def numbered(detection: Detection, number: int, tracked: bool) -> TrackedDetection:

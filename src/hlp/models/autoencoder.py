@@ -30,7 +30,7 @@ class AutoencoderSettings(Settings):
         tuple[Annotated[int, Ge(1)], ...],
         Doc("channels of the strided convolutions (D: the text does not give Fig. 6's sizes)"),
     ] = (32, 64, 96, 128)
-    learning_rate: Annotated[float, Ge(0), Le(1), Doc("constant rate (D)")] = 1.0e-3
+    learning_rate: Annotated[float, Ge(0), Le(1), Doc("the highest rate (D)")] = 1.0e-3
     weight_decay: Annotated[float, Ge(0), Le(1), Doc("of AdamW (D)")] = 0.0
     epochs: Annotated[int, Ge(1), Le(10_000), Doc("passes over the patches (D)")] = 20
     batch_size: Annotated[int, Ge(1), Doc("patches in a batch (D)")] = 256
@@ -43,6 +43,13 @@ class AutoencoderSettings(Settings):
         Doc(
             "patches under random light are to become the patches as they were, so that light "
             "matters less in the feature (D; P: not said)"
+        ),
+    ] = False
+    one_cycle: Annotated[
+        bool,
+        Doc(
+            "the rate rises during the first tenth of the training and falls to nothing (D); "
+            "otherwise it is constant"
         ),
     ] = False
 

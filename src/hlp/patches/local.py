@@ -11,7 +11,7 @@ from hlp.compiled import compiled
 from hlp.geometry import back_project
 from hlp.patches.holistic import center_depths, pixel_grid
 from hlp.patches.sampling import sample_squares
-from hlp.records import LocalPatches
+from hlp.records import MILLIMETRE, LocalPatches
 from hlp.settings import Doc, Settings
 
 _FILL_COLOR = 128  # grey
@@ -38,6 +38,19 @@ class LocalSettings(Settings):
             "the feature (D); otherwise depth is clamped and colour is kept (P)"
         ),
     ] = True
+    size_mm: Annotated[
+        float | None,
+        Gt(0),
+        Unit("mm"),
+        Doc(
+            "side of the local patches of all objects, times `size_scale`: objects of a frame then "
+            "share patches (D); null: each object's own (P)"
+        ),
+    ] = None
+
+    def size_of(self, own_size: float) -> float:
+        """Side (m), before `size_scale`, of the patches of an object whose own have `own_size`."""
+        return own_size if self.size_mm is None else self.size_mm * MILLIMETRE
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from hlp.codebook.entries import load_codebook
 from hlp.config.build import Run
 from hlp.errors import DataError, MissingFileError
 from hlp.method.learnt_folder import CLASSIFIER, ENCODER, OBJECTS, LearntRecord
+from hlp.method.learnt_searches import write_searches
 from hlp.method.model_files import write_model
 from hlp.method.unfinished_folder import finish
 from hlp.refinement.score_model import PRIOR, save_score_model
@@ -30,13 +31,16 @@ def learnt_of_run(run: Run, manifest: Path, folder: Path) -> None:
         own = folder / OBJECTS / model.name
         outputs.copy("codebook", model.name, own)
         write_model(own, model)
-        settings.codebook.prepare(load_codebook(own).features, settings.seed, own)
+        if not settings.codebook.joint:
+            settings.codebook.prepare(load_codebook(own).features, settings.seed, own)
         if settings.score.scenes == 0:
             save_score_model(own, PRIOR)
         else:
             outputs.copy("score", model.name, own)
     ids = {model.name: object_id for object_id, model in models.items()}
-    finish(folder, LearntRecord(ids, tuple(sorted(known)), settings))
+    record = LearntRecord(ids, tuple(sorted(known)), settings)
+    write_searches(folder, record)
+    finish(folder, record)
 
 
 class _Outputs:

@@ -32,7 +32,7 @@ def patches_on_target(
     pixels = pixels[visible[pixels[:, 1], pixels[:, 0]]]
     count = min(count, len(pixels))
     chosen = [(2 * i + 1) * len(pixels) // (2 * count) for i in range(count)]
-    size = model.local_size * local.size_scale
+    size = local.size_of(model.local_size) * local.size_scale
     return cut_local_patches(
         frame.rgb, frame.depth, frame.camera_matrix, pixels[chosen], size, local, 0.0
     )
@@ -49,7 +49,7 @@ def entries_of_patches(
     features = encode(training.load_encoder(), patches)
     matches = ExactNeighbours(codebook.features, _ENTRIES).search(features)
     true_places = transform(inverse(target.pose_cam_obj), patches.points_cam)
-    size = model.local_size * local.size_scale
+    size = local.size_of(model.local_size) * local.size_scale
     shown = []
     for row, entries in enumerate(matches.indices):
         cut = [take_patches(patches, np.array([row]))]

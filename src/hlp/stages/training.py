@@ -252,7 +252,7 @@ class TrainingStages:
             return PRIOR
         return load_score_model(self.score(object_id).folder)
 
-    def search_folder(self, object_id: int) -> None:
+    def search_folder(self, object_ids: Sequence[int]) -> None:
         """None: a codebook's fingerprint excludes the search's settings, so none is stored."""
 
     def load_codebook(self, object_id: int) -> Codebook:

@@ -106,15 +106,15 @@ class TimedEstimator(PoseEstimator):
         objects = {each: _seconds(partial(self._load_object, each)) for each in object_ids}
         self._charge(self._scan.network, "run", "network", "windows")
         self._charge(self._encoder, "encode", "encode", "search")
-        for object_id in object_ids:
-            self._charge(self._codebook(object_id)[1], "search", "search", "vote")
+        for search in {self.matching.group(each).search for each in object_ids}:
+            self._charge(search, "search", "search", "vote")
         self._charge(self._modes, "find", "modes", "modes")
         self._charge(self._refiner, "refine", "refine", "verify")
         self._charge(self._refiner, "polish", "polish", "verify")
         return Loading(classifier, encoder, objects)
 
     def _load_object(self, object_id: int) -> None:
-        self._codebook(object_id)
+        self.matching.group(object_id)
         self.verifier(object_id)
 
     def _charge(self, owner: Any, method: str, during: str, after: str) -> None:
@@ -162,17 +162,17 @@ class TimedEstimator(PoseEstimator):
 
     def entries(self, object_id: int) -> int:
         """Number of the codebook's entries."""
-        return len(self._codebook(object_id)[0].features)
+        return len(self.matching.group(object_id).codebooks[object_id].features)
 
     def compare_search(self, object_id: int, patches: LocalPatches) -> SearchComparison | None:
         """Search for the patches by the configured index and exactly; None without patches."""
         if len(patches) == 0:
             return None
-        codebook, search = self._codebook(object_id)
-        exact = ExactNeighbours(codebook.features, self.settings.codebook.neighbours)
+        group = self.matching.group(object_id)
+        exact = ExactNeighbours(group.features, self.settings.codebook.neighbours)
         queries = self._encoder.encode(patches)
         begun = time.perf_counter()
-        found = search.search(queries).indices
+        found = group.search.search(queries).indices
         middle = time.perf_counter()
         nearest = exact.search(queries).indices
         ended = time.perf_counter()
