@@ -39,7 +39,7 @@ def test_the_sweep_runs_every_arm_once_after_the_one_it_is_compared_with(
 def test_it_goes_from_the_paper_to_the_letter_over_what_was_meant_to_our_best(
     arms: dict[str, RunSettings],
 ) -> None:
-    ways = (("literal", "paper_literal"), ("relief", "paper"), ("best", "hlp"))
+    ways = (("literal", "paper_literal"), ("entries", "paper"), ("best", "hlp"))
     for name, method in ways:
         expected = composed(f"method={method}", "score.scenes=0").method
         assert arms[name].method == expected, name

@@ -12,7 +12,7 @@ from hlp.data.synthetic.objects import demo_objects
 from hlp.geometry import allocentric_to_egocentric
 from hlp.method import codebook_building as codebooks
 from hlp.method.codebook_building import build_codebook
-from hlp.patches.local import LocalSettings
+from hlp.patches.local import LocalSettings, depth_relief
 from hlp.records import Codebook, LocalPatches, ObjectModel, Views
 from hlp.rendering.views import ViewsSettings, render_views
 
@@ -81,6 +81,19 @@ def test_blocks_leave_no_trace(
     again = build_codebook(model, views, Depths(), SETTINGS)
     for field in fields(Codebook):
         np.testing.assert_array_equal(getattr(again, field.name), getattr(whole, field.name))
+
+
+def test_entries_of_flat_patches_are_left_out(model: ObjectModel, views: Views) -> None:
+    """Unless a view has no others."""
+    wanted = 0.15
+    for least, expected in ((wanted, wanted), (1.0, 0.0)):
+        entries = EntrySettings(patches_per_view=PER_VIEW, min_relief=least)
+        patches = SimpleNamespace(local=SETTINGS.patches.local, entries=entries)
+        settings = SimpleNamespace(seed=3, patches=patches)
+        found = build_codebook(model, views, Depths(), settings)  # type: ignore[arg-type]
+        relief = depth_relief(found.features.reshape(-1, 8, 8))
+        assert relief.min() >= expected - 1e-4  # features are rounded
+        assert PER_VIEW * len(views) * 0.7 < len(found.features) <= PER_VIEW * len(views)
 
 
 def test_the_scale_is_the_distance_to_a_degraded_self(codebook: Codebook) -> None:

@@ -1,5 +1,9 @@
+from dataclasses import replace
+
 import pytest
+import pytorch_lightning as pl
 import torch
+from torch.utils.data import DataLoader
 
 from hlp.models.autoencoder import AutoencoderSettings
 from hlp.models.autoencoder_training import Autoencoder
@@ -76,3 +80,17 @@ def test_patches_under_another_light_are_to_become_the_patches_as_they_were():
     wanted = torch.cat([batch["color"].permute(0, 3, 1, 2) / 127.5 - 1, depth], dim=1)
     expected = ((module(given) - wanted) ** 2).mean()
     torch.testing.assert_close(module.training_step({**batch, "seen": seen}, 0), expected)
+
+
+@pytest.mark.parametrize("one_cycle", [False, True])
+def test_the_rate_is_constant_or_falls_to_nothing(one_cycle):
+    settings = replace(SETTINGS, one_cycle=one_cycle)
+    module = Autoencoder(settings)
+    trainer = pl.Trainer(
+        accelerator="cpu", max_epochs=10, logger=False, enable_checkpointing=False,
+        enable_progress_bar=False, enable_model_summary=False,
+    )  # fmt: skip
+    trainer.fit(module, DataLoader([make_batch()], batch_size=None))
+    (optimizer,) = trainer.optimizers
+    rate = optimizer.param_groups[0]["lr"]
+    assert rate < 1e-3 * settings.learning_rate if one_cycle else rate == settings.learning_rate
