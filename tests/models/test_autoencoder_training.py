@@ -87,7 +87,7 @@ def test_the_rate_is_constant_or_falls_to_nothing(one_cycle):
     settings = replace(SETTINGS, one_cycle=one_cycle)
     module = Autoencoder(settings)
     trainer = pl.Trainer(
-        accelerator="cpu", max_epochs=10, logger=False, enable_checkpointing=False,
+        accelerator="cpu", max_epochs=20, logger=False, enable_checkpointing=False,
         enable_progress_bar=False, enable_model_summary=False,
     )  # fmt: skip
     trainer.fit(module, DataLoader([make_batch()], batch_size=None))
