@@ -36,10 +36,10 @@ class JointListsSettings(Settings):
         Ge(1),
         Doc(f"largest number of lists; with fewer entries there is one for {_ENTRIES} (D)"),
     ] = 1024
-    probes: Annotated[int, Ge(1), Doc("number of nearest lists that are searched (D)")] = 32
+    probes: Annotated[int, Ge(1), Doc("number of nearest lists that are searched (D)")] = 8
     candidates: Annotated[
         int, Ge(1), Doc("entries compared by their whole features, for each neighbour (D)")
-    ] = 16
+    ] = 8
 
     dimension_multiple: ClassVar[int] = InvertedListsSettings.dimension_multiple
     joint: ClassVar[bool] = True

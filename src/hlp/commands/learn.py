@@ -128,4 +128,4 @@ backgrounds, without the objects in them:
 hlp learn mesh=bracket.ply,bolt.stl output=learnt/
 hlp learn mesh=bracket.ply                 then: hlp predict learnt=bracket …
 All groups and keys of the method can be changed too, as in `hlp run`, e.g.
-encoder=pca."""
+encoder=pca; method=many_objects is for many objects in one image."""

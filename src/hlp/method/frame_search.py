@@ -31,14 +31,14 @@ def search_frame(
     known to be there (None: nothing is).
     """
     found, seconds = _find(estimator, context, wanted, min_score, begun, unexplained)
-    answers, missing = list[Detection](), list[int]()
-    for object_id in wanted:
-        refined = found[object_id]
-        if refined is None:
-            missing.append(object_id)
-        else:
-            answers += describe(estimator, context, object_id, refined, seconds[object_id])
-    return answers, missing
+    there = [(i, refined) for i in wanted if (refined := found[i]) is not None]
+
+    def describe_one(number: int) -> list[Detection]:
+        object_id, refined = there[number]
+        return describe(estimator, context, object_id, refined, seconds[object_id])
+
+    answers = [each for own in estimator.team.map(describe_one, len(there)) for each in own]
+    return answers, [i for i in wanted if found[i] is None]
 
 
 def _find(
