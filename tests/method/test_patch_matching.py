@@ -11,6 +11,7 @@ from hlp.data.synthetic.objects import demo_objects
 from hlp.method.patch_matching import FrameMatches, PatchMatching, SearchGroup, search_groups
 from hlp.patches.local import region_pixels
 from hlp.records import Codebook, Frame, LocalPatches
+from hlp.thread_team import ThreadTeam
 from tiny_method import tiny_method
 
 OWN, JOINT = tiny_method("codebook=exact"), tiny_method("codebook=joint_lists")
@@ -26,9 +27,11 @@ class Encoder:
 
     def __init__(self) -> None:
         self.seen = 0
+        self._lock = threading.Lock()
 
     def encode(self, patches: LocalPatches) -> np.ndarray:
-        self.seen += len(patches)
+        with self._lock:
+            self.seen += len(patches)
         size = patches.depth.shape[1] ** 2
         projections = np.random.default_rng(5).normal(size=(size, DIMENSION))
         flat = patches.depth.reshape(len(patches), size).astype(np.float64)
@@ -53,7 +56,7 @@ class Learnt:
 
 def matching(settings: Any, encoder: Encoder) -> PatchMatching:
     learnt: Any = Learnt()
-    return PatchMatching(learnt, settings, tuple(MODELS), lambda: encoder)
+    return PatchMatching(learnt, settings, tuple(MODELS), lambda: encoder, ThreadTeam(2))
 
 
 def wanted(frame: Frame) -> list[np.ndarray]:

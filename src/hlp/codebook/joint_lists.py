@@ -36,7 +36,7 @@ class JointListsSettings(Settings):
         Ge(1),
         Doc(f"largest number of lists; with fewer entries there is one for {_ENTRIES} (D)"),
     ] = 1024
-    probes: Annotated[int, Ge(1), Doc("number of nearest lists that are searched (D)")] = 8
+    probes: Annotated[int, Ge(1), Doc("number of nearest lists that are searched (D)")] = 16
     candidates: Annotated[
         int, Ge(1), Doc("entries compared by their whole features, for each neighbour (D)")
     ] = 8

@@ -14,7 +14,9 @@ from hlp.models.encoder import Encoder
 from hlp.patches.local import cut_local_patches
 from hlp.patches.local_pool import join_patches, take_patches
 from hlp.records import Codebook, Frame, LocalPatches, Matches, ObjectModel
+from hlp.thread_team import ThreadTeam
 
+_FEWEST = 128  # patches that are worth a thread of their own
 _UNKNOWN, _NO_PATCH = -2, -1  # in place of the row of a pixel's patch
 
 
@@ -74,8 +76,10 @@ class PatchMatching:
         settings: MethodSettings,
         object_ids: Sequence[int],
         encoder: Callable[[], Encoder],
+        team: ThreadTeam,
     ) -> None:
         self.settings = settings
+        self.team = team
         self.encoder = encoder
         self._learnt = learnt
         groups = search_groups(learnt.models, object_ids, settings)
@@ -140,6 +144,18 @@ class FrameMatches:
         )
         return cut, group.search.search(encoder.encode(cut))
 
+    def _look_up_by_threads(
+        self, group: SearchGroup, pixels: Int[np.ndarray, "n 2"]
+    ) -> tuple[LocalPatches, Matches]:
+        """What `_look_up` finds, each thread with a part of the pixels."""
+        team = self._matching.team
+        count = max(min(team.threads, len(pixels) // _FEWEST), 1)
+        parts = np.array_split(pixels, count)
+        found = team.map(lambda number: self._look_up(group, parts[number]), count)
+        indices = np.concatenate([matches.indices for _, matches in found])
+        distances = np.concatenate([matches.distances for _, matches in found])
+        return join_patches([cut for cut, _ in found]), Matches(indices, distances)
+
     def _matched(
         self, group: SearchGroup, pixels: Int[np.ndarray, "n 2"]
     ) -> tuple["_Matched", Int[np.ndarray, "m"]]:
@@ -150,7 +166,7 @@ class FrameMatches:
             missing = known.rows[y, x] == _UNKNOWN
             if missing.any() or group not in self._known:
                 new = pixels[missing]
-                known = known.with_more(new, *self._look_up(group, new))
+                known = known.with_more(new, *self._look_up_by_threads(group, new))
                 self._known[group] = known
             rows = known.rows[y, x]
         return known, rows[rows != _NO_PATCH]

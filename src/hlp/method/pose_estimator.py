@@ -87,12 +87,14 @@ class PoseEstimator:
         self.settings = settings
         self.object_ids = tuple(learnt.models if object_ids is None else object_ids)
         self._labels = {object_id: i for i, object_id in enumerate(learnt.classes, 1)}
-        self.matching = PatchMatching(learnt, settings, self.object_ids, lambda: self._encoder)
-        """The codebooks."""
         self._verifiers: dict[int, Verifier] = {}
         self._scores: dict[int, ScoreModel] = {}
         self.team = ThreadTeam(settings.machine.threads)
         """For work on several objects at once."""
+        self.matching = PatchMatching(
+            learnt, settings, self.object_ids, lambda: self._encoder, self.team
+        )
+        """The codebooks."""
         self._modes = settings.voting.build(settings.machine.threads)
         self._refiner = settings.refinement.build(settings.machine.threads)
 
