@@ -203,3 +203,10 @@ def test_flat_patches_are_left_out(scene):
     stepped = cut_local_patches(rgb, depth, CAMERA, pixels, SIZE, MASKED, 0.2, min_relief=0.1)
     np.testing.assert_array_equal(stepped.pixels, [[50, 30]])
     np.testing.assert_array_equal(stepped.depth[0], every.depth[0])
+
+
+def test_patches_have_the_objects_own_size_or_one_for_all():
+    own = LocalSettings()
+    assert [own.size_of(size) for size in (0.03, 0.08)] == [0.03, 0.08]
+    same = LocalSettings(size_mm=45.0)
+    assert [same.size_of(size) for size in (0.03, 0.08)] == [0.045, 0.045]

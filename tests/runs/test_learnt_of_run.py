@@ -8,6 +8,7 @@ import pytest
 
 from hlp import Detector
 from hlp.codebook.entries import load_codebook
+from hlp.codebook.joint_lists import JointListsSettings
 from hlp.commands import objects
 from hlp.commands.composing import compose_config
 from hlp.config.build import build_run
@@ -74,3 +75,20 @@ def test_a_run_whose_outputs_are_elsewhere_is_named(
     error = capsys.readouterr().err
     assert f"{tmp_path} has no classifier that {tiny_run.output}" in error
     assert not (tmp_path / "learnt").exists()
+
+
+def test_the_index_that_objects_share_is_made(
+    tiny_run: TinyRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tiny_run.folder)
+    run = build_run(compose_config(*tiny_run.overrides, f"output={tiny_run.output}"))
+    patches = run.settings.patches
+    patches = replace(patches, local=replace(patches.local, size_mm=45.0))
+    settings = replace(run.settings, codebook=JointListsSettings(), patches=patches)
+    (tmp_path / "learnt").mkdir()
+    manifest = tiny_run.output / "manifest.json"
+    learnt_of_run(replace(run, settings=settings), manifest, tmp_path / "learnt")
+    learnt = LearntFolder(tmp_path / "learnt")
+    prepared = learnt.search_folder(run.dataset.target_ids)
+    assert (prepared / "lists.npz").is_file()
+    check_files(tmp_path / "learnt", learnt.record)

@@ -105,7 +105,9 @@ def _shown(folder: Path) -> str:
 
     entry = describe_learnt(folder)
     lines = [f"{folder}: {entry.size / 1e6:.0f} MB"]
-    for model in LearntFolder(folder).models.values():
+    learnt = LearntFolder(folder)
+    local = learnt.settings.patches.local
+    for model in learnt.models.values():
         low, high = model.mesh.vertices.min(axis=0), model.mesh.vertices.max(axis=0)
         size = " × ".join(f"{side * 1000:.0f}" for side in high - low)
         color = "texture" if model.mesh.texture is not None else "colours"
@@ -117,7 +119,7 @@ def _shown(folder: Path) -> str:
             f"  symmetries  {len(model.symmetries) - 1}; {len(model.siblings)} more that only "
             "colours tell apart",
             f"  patches     windows {model.holistic_size * 1000:.0f} mm, "
-            f"local {model.local_size * 1000:.0f} mm",
+            f"local {local.size_of(model.local_size) * 1000:.0f} mm",
         ]
     return "\n".join(lines)
 
