@@ -7,6 +7,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from hlp.models.autoencoder import AutoencoderSettings
+from hlp.models.one_cycle import one_cycle
 from hlp.models.patch_decoder import PatchDecoder
 from hlp.models.patch_encoder import PatchEncoder
 from hlp.models.training_input import encoder_input
@@ -50,8 +51,5 @@ class Autoencoder(pl.LightningModule):
         )
         if not settings.one_cycle:
             return optimizer
-        steps = int(self.trainer.estimated_stepping_batches)
-        schedule = torch.optim.lr_scheduler.OneCycleLR(
-            optimizer, settings.learning_rate, total_steps=steps, pct_start=0.1
-        )
-        return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+        steps = self.trainer.estimated_stepping_batches
+        return one_cycle(optimizer, settings.learning_rate, steps, 0.1)

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from hlp.models.classifier import RESOLUTION, ClassifierSettings
+from hlp.models.one_cycle import one_cycle
 
 
 class HolisticCNN(nn.Module):
@@ -81,14 +82,8 @@ class HolisticClassifier(pl.LightningModule):
             lr=self.settings.learning_rate,
             weight_decay=self.settings.weight_decay,
         )
-        steps = int(self.trainer.estimated_stepping_batches)
-        schedule = torch.optim.lr_scheduler.OneCycleLR(
-            optimizer, self.settings.learning_rate, total_steps=steps, pct_start=0.2
-        )
-        return {
-            "optimizer": optimizer,
-            "lr_scheduler": {"scheduler": schedule, "interval": "step"},
-        }
+        steps = self.trainer.estimated_stepping_batches
+        return one_cycle(optimizer, self.settings.learning_rate, steps, 0.2)
 
 
 def raise_background(network: HolisticCNN, odds: float) -> None:

@@ -14,6 +14,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from hlp.models.contrastive import ContrastiveSettings
+from hlp.models.one_cycle import one_cycle
 from hlp.models.patch_encoder import PatchEncoder
 from hlp.models.training_input import encoder_input
 
@@ -70,8 +71,5 @@ class ContrastiveEncoder(pl.LightningModule):
         optimizer = torch.optim.AdamW(
             self.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
         )
-        steps = int(self.trainer.estimated_stepping_batches)
-        schedule = torch.optim.lr_scheduler.OneCycleLR(
-            optimizer, settings.learning_rate, total_steps=steps, pct_start=0.1
-        )
-        return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+        steps = self.trainer.estimated_stepping_batches
+        return one_cycle(optimizer, settings.learning_rate, steps, 0.1)
