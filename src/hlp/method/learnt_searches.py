@@ -3,11 +3,9 @@
 import shutil
 from pathlib import Path
 
-import numpy as np
-
 from hlp.checksums import folder_checksums
 from hlp.method.learnt_folder import SEARCHES, LearntFolder, LearntRecord, searches_part
-from hlp.method.patch_matching import search_groups
+from hlp.method.patch_matching import load_together, search_groups
 
 
 def write_searches(folder: Path, record: LearntRecord) -> dict[str, str]:
@@ -21,7 +19,7 @@ def write_searches(folder: Path, record: LearntRecord) -> dict[str, str]:
     learnt = LearntFolder(folder, record=record)
     files: dict[str, str] = {}
     for members in search_groups(learnt.models, learnt.models, settings):
-        features = np.concatenate([learnt.load_codebook(each).features for each in members])
+        _, features = load_together(learnt, members)
         part = searches_part(members)
         (folder / part).mkdir(parents=True, exist_ok=True)
         settings.codebook.prepare(features, settings.seed, folder / part)

@@ -3,9 +3,10 @@
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from hlp.codebook.neighbours import Neighbours
 from hlp.method.learnt_objects import LearntObjects
@@ -32,6 +33,34 @@ def search_groups(
     return [tuple(i for i in ids if sizes[i] == size) for size in dict.fromkeys(sizes.values())]
 
 
+def load_together(
+    learnt: LearntObjects, object_ids: Sequence[int]
+) -> tuple[list[Codebook], Float[np.ndarray, "m d"]]:
+    """The codebooks of some objects, and the features of all, of which each codebook's are a part.
+
+    No more than one codebook's features are held twice.
+    """
+    codebooks: list[Codebook] = []
+    bounds = [0]
+    together = np.zeros((0, 0), dtype=np.float32)
+    for number, object_id in enumerate(object_ids):
+        codebook = learnt.load_codebook(object_id)
+        start, count = bounds[-1], len(codebook.features)
+        if start + count > len(together):
+            # Room for all others, if they are as large; what is not written takes no memory.
+            rows = start + (len(object_ids) - number) * count
+            room = np.empty((rows, codebook.features.shape[1]), dtype=np.float32)
+            if start > 0:
+                room[:start] = together[:start]
+            together = room
+        together[start : start + count] = codebook.features
+        bounds.append(start + count)
+        codebooks.append(replace(codebook, features=together[start : start + count]))
+    parts = zip(codebooks, pairwise(bounds), strict=True)
+    whole = together[: bounds[-1]]
+    return [replace(each, features=whole[a:b]) for each, (a, b) in parts], whole
+
+
 class SearchGroup:
     """The codebooks of some objects and the search among the entries of all of them.
 
@@ -44,17 +73,10 @@ class SearchGroup:
         local = settings.patches.local
         own_size = learnt.models[object_ids[0]].local_size
         self.side = local.size_of(own_size) * local.size_scale
-        self.codebooks: dict[int, Codebook] = {}
-        self._first: dict[int, int] = {}
-        loaded = [learnt.load_codebook(object_id) for object_id in object_ids]
-        self.features = np.concatenate([each.features for each in loaded])
-        first = 0
-        for codebook in loaded:
-            self._first[codebook.object_id] = first
-            # A part of the features of all, so that none is held twice.
-            own = self.features[first : first + len(codebook.features)]
-            self.codebooks[codebook.object_id] = replace(codebook, features=own)
-            first += len(own)
+        loaded, self.features = load_together(learnt, object_ids)
+        self.codebooks = {each.object_id: each for each in loaded}
+        counts = [len(each.features) for each in loaded]
+        self._first = dict(zip(self.codebooks, np.cumsum([0, *counts]).tolist(), strict=False))
         folder = learnt.search_folder(object_ids)
         threads, seed = settings.machine.threads, settings.seed
         self.search: Neighbours = settings.codebook.build(self.features, seed, threads, folder)
