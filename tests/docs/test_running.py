@@ -52,6 +52,7 @@ MINUTES = (
     "run experiment=basin",
     "-m experiment=basin",
     "run warm_start.manifest=",
+    "-m method=paper ",
     "-m refinement=pso,icp",
     "-m experiment=recordings",
     "-m experiment=fig9a data=",
