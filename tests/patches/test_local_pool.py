@@ -3,7 +3,7 @@ import pytest
 
 from hlp.geometry import rotation_distance
 from hlp.patches import local_pool
-from hlp.patches.local import LocalSettings
+from hlp.patches.local import LocalSettings, join_patches, take_patches
 from hlp.patches.local_data import degrade_patches
 from hlp.patches.local_pool import (
     PairSettings,
@@ -11,8 +11,6 @@ from hlp.patches.local_pool import (
     bake_pairs,
     cut_view_patches,
     join_pairs,
-    join_patches,
-    take_patches,
 )
 
 LOCAL = LocalSettings(16, 1.5, True)

@@ -9,9 +9,9 @@ from hlp.codebook.entries import make_codebook
 from hlp.codebook.neighbours import ExactNeighbours
 from hlp.method.settings import MethodSettings, PatchesSettings
 from hlp.models.encoder import Encoder
-from hlp.patches.local import surface_pixels
+from hlp.patches.local import join_patches, surface_pixels, take_patches
 from hlp.patches.local_data import degrade_patches
-from hlp.patches.local_pool import cut_view_patches, join_patches, take_patches
+from hlp.patches.local_pool import cut_view_patches
 from hlp.records import Codebook, LocalPatches, ObjectModel, Views
 
 _SCALE_SAMPLE = 1024

@@ -16,13 +16,13 @@ from hlp.method.settings import MethodSettings
 from hlp.method.training import calibration_images, fit
 from hlp.models.encoders import STEM, EncoderModule
 from hlp.models.onnx_export import export_network
+from hlp.patches.local import join_patches
 from hlp.patches.local_data import PairDataModule, PatchDataModule
 from hlp.patches.local_pool import (
     PairPool,
     bake_frame_patches,
     bake_pairs,
     join_pairs,
-    join_patches,
 )
 from hlp.records import ObjectModel, Views
 

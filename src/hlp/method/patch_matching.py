@@ -12,8 +12,7 @@ from hlp.codebook.neighbours import Neighbours
 from hlp.method.learnt_objects import LearntObjects
 from hlp.method.settings import MethodSettings
 from hlp.models.encoder import Encoder
-from hlp.patches.local import cut_local_patches
-from hlp.patches.local_pool import join_patches, take_patches
+from hlp.patches.local import cut_local_patches, join_patches, take_patches
 from hlp.records import Codebook, Frame, LocalPatches, Matches, ObjectModel
 from hlp.thread_team import ThreadTeam
 

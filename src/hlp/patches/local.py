@@ -1,5 +1,6 @@
 """Local RGB-D patches of metric size (paper, section 3.2)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -17,6 +18,7 @@ from hlp.settings import Doc, Settings
 _FILL_COLOR = 128  # grey
 _ROUNDS = 8
 _FILL_DEPTH = 1.0  # the far end of the clamped range
+_FIELDS = tuple(LocalPatches.__dataclass_fields__)
 
 
 @dataclass(frozen=True)
@@ -194,6 +196,18 @@ def _normalise_depth(
                     depth[i, y, x] = fill
                     for channel in range(color.shape[3]):
                         color[i, y, x, channel] = _FILL_COLOR
+
+
+def join_patches(parts: Sequence[LocalPatches]) -> LocalPatches:
+    """One record with the patches of several."""
+    return LocalPatches(
+        *(np.concatenate([getattr(part, name) for part in parts]) for name in _FIELDS)
+    )
+
+
+def take_patches(patches: LocalPatches, rows: Int[np.ndarray, "m"]) -> LocalPatches:
+    """The patches of some rows, in their order."""
+    return LocalPatches(*(getattr(patches, name)[rows] for name in _FIELDS))
 
 
 def region_pixels(mask: Bool[np.ndarray, "h w"], step: int) -> Int[np.ndarray, "n 2"]:

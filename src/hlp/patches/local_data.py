@@ -9,7 +9,8 @@ from torch.nn import functional
 from torch.utils.data import DataLoader
 
 from hlp.patches import augmentation as aug
-from hlp.patches.local_pool import PairPool, take_patches
+from hlp.patches.local import take_patches
+from hlp.patches.local_pool import PairPool
 from hlp.patches.pool_loader import batch_number, pool_loader
 from hlp.records import LocalPatches
 

@@ -10,13 +10,12 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from hlp.geometry import back_project, project, transform
 from hlp.patches.holistic import pixel_grid
-from hlp.patches.local import LocalSettings, cut_local_patches
+from hlp.patches.local import LocalSettings, cut_local_patches, join_patches, take_patches
 from hlp.patches.sampling import bleed_color
 from hlp.records import Frame, LocalPatches, Views
 from hlp.settings import Doc, Settings
 
 _FRAME_MIN_VALID = 0.2
-_FIELDS = tuple(LocalPatches.__dataclass_fields__)
 _SAME_SURFACE = 0.005  # m: a point is visible in a view whose depth agrees this well
 
 
@@ -177,18 +176,6 @@ def _cut_by_view(
         for rows in np.split(order, bounds)
     ]
     return take_patches(join_patches(parts), np.argsort(order, kind="stable"))
-
-
-def join_patches(parts: Sequence[LocalPatches]) -> LocalPatches:
-    """One record with the patches of several."""
-    return LocalPatches(
-        *(np.concatenate([getattr(part, name) for part in parts]) for name in _FIELDS)
-    )
-
-
-def take_patches(patches: LocalPatches, rows: Int[np.ndarray, "m"]) -> LocalPatches:
-    """The patches of some rows, in their order."""
-    return LocalPatches(*(getattr(patches, name)[rows] for name in _FIELDS))
 
 
 def cut_view_patches(

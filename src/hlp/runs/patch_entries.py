@@ -8,8 +8,8 @@ from jaxtyping import Float
 from hlp.codebook.neighbours import ExactNeighbours
 from hlp.geometry import allocentric_to_egocentric, inverse, project, transform
 from hlp.models.encoder import Encoder
-from hlp.patches.local import LocalSettings, cut_local_patches
-from hlp.patches.local_pool import cut_view_patches, join_patches, take_patches
+from hlp.patches.local import LocalSettings, cut_local_patches, join_patches, take_patches
+from hlp.patches.local_pool import cut_view_patches
 from hlp.records import Codebook, Frame, LocalPatches, ObjectModel, Target, Views
 from hlp.reporting.figures.nearest_entries import PatchEntries
 from hlp.runs.diagnosis import visible_pixels
