@@ -109,8 +109,7 @@ class PatchMatching:
 
     def group(self, object_id: int) -> SearchGroup:
         """The group of an object."""
-        # An object that nobody said would be looked for is searched alone.
-        members = self._members.get(object_id, (object_id,))
+        members = self._members[object_id]
         if members not in self._groups:
             self._groups[members] = SearchGroup(self._learnt, members, self.settings)
         return self._groups[members]
