@@ -127,6 +127,27 @@ def test_a_timed_estimator_answers_as_a_plain_one_does(tiny_run: TinyRun) -> Non
     assert set(timed.clock.stop()) == set(PARTS)
 
 
+@pytest.mark.parametrize(
+    ("overrides", "indices"),
+    [(("codebook=inverted_lists",), 2), (("codebook=joint_lists", "patches.local.size_mm=45"), 1)],
+)
+def test_each_index_is_compared_with_an_exact_search_once_a_frame(
+    tiny_run: TinyRun, overrides: tuple[str, ...], indices: int
+) -> None:
+    run = build(tiny_run, *overrides)
+    method, wanted = run.settings.method, run.dataset.target_ids[:2]
+    training = TrainingStages(run.dataset, method, StageStore(tiny_run.folder / "work"))
+    training.make_for(run.dataset.target_ids)
+    estimator = TimedEstimator(training, method, run.dataset.target_ids)
+    estimator.load_timed(wanted)
+    context = estimator.prepare(run.dataset.frames.load(run.keys[0]))
+    regions = [estimator.find_region(context, object_id) for object_id in wanted]
+    patches = [estimator.find_hypotheses(context, region).patches for region in regions]
+    compared = estimator.compare_searches(dict(zip(wanted, patches, strict=True)))
+    assert [each.queries for each in compared] == [len(own) for own in patches[:indices]]
+    assert all(0.5 < each.recall <= 1.0 for each in compared)
+
+
 def test_a_wrong_path_is_named_before_anything_is_learnt(tiny_run: TinyRun, tmp_path: Path) -> None:
     wrong = build(tiny_run, "+task.compared.odd.refinement.particels=3", f"work={tmp_path / 'w'}")
     with pytest.raises(ValueError, match=r"^refinement\.particels is no key: did you"):

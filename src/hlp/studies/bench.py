@@ -165,12 +165,11 @@ def _measure(
         frame = run.dataset.frames.load(key)
         objects = _rotated(tuple(run.dataset.wanted(frame)), turn)
         for name in _rotated(names, turn):
-            for detection, patches in _detect_all(estimators[name], frame, objects):
-                detections[name].append(detection)
-                if name == CONFIGURED:
-                    object_id = detection.estimate.object_id
-                    tried = estimators[name].compare_search(object_id, patches)
-                    searches += [] if tried is None else [tried]
+            found = _detect_all(estimators[name], frame, objects)
+            detections[name] += [detection for detection, _ in found]
+            if name == CONFIGURED:
+                patches = {each.estimate.object_id: own for each, own in found}
+                searches += estimators[name].compare_searches(patches)
     return detections, searches
 
 

@@ -1,7 +1,7 @@
 """Measures the wall time and CPU time of each part of a detection."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from hlp.codebook.neighbours import ExactNeighbours
+from hlp.method.patch_matching import SearchGroup
 from hlp.method.pose_estimator import CoarseResult, FrameContext, PoseEstimator
 from hlp.records import Frame, Hypotheses, LocalPatches, Region
 from hlp.refinement.choice import RefinedHypotheses
@@ -79,7 +80,7 @@ class Loading:
 
 @dataclass(frozen=True)
 class SearchComparison:
-    """Search of one target's features by the configured index and by an exact one; times in s.
+    """Search of one object's features in its index and by an exact search; times in s.
 
     `recall` is the share of the exact k nearest entries that were found, `first` the share of the
     queries whose nearest entry was found.
@@ -164,11 +165,15 @@ class TimedEstimator(PoseEstimator):
         """Number of the codebook's entries."""
         return len(self.matching.group(object_id).codebooks[object_id].features)
 
-    def compare_search(self, object_id: int, patches: LocalPatches) -> SearchComparison | None:
-        """Search for the patches by the configured index and exactly; None without patches."""
-        if len(patches) == 0:
-            return None
-        group = self.matching.group(object_id)
+    def compare_searches(self, patches: Mapping[int, LocalPatches]) -> list[SearchComparison]:
+        """Compare each index with an exact search, by the first object that has patches."""
+        first: dict[SearchGroup, LocalPatches] = {}
+        for object_id, own in patches.items():
+            if len(own) > 0:
+                first.setdefault(self.matching.group(object_id), own)
+        return [self._compare_search(group, own) for group, own in first.items()]
+
+    def _compare_search(self, group: SearchGroup, patches: LocalPatches) -> SearchComparison:
         exact = ExactNeighbours(group.features, self.settings.codebook.neighbours)
         queries = self._encoder.encode(patches)
         begun = time.perf_counter()
