@@ -44,9 +44,10 @@ def try_to_choose(
     poses: np.ndarray,
     candidates: int = 8,
     max_improvement: float = 0.1,
+    support: np.ndarray | None = None,
 ) -> RefinedHypotheses | None:
-    # All have the same support, which therefore adds nothing to the cost.
-    hypotheses = Hypotheses(poses, np.ones(len(poses)))
+    # By default all have the same support, which therefore adds nothing to the cost.
+    hypotheses = Hypotheses(poses, np.ones(len(poses)) if support is None else support)
     return refine_and_choose(
         refiner,
         Verifier(scene.model, verification),
@@ -106,6 +107,24 @@ def test_hypotheses_that_cost_far_more_are_not_refined(
     few = choose(scene, verification, Recorder(), poses, max_improvement=apart * 0.9)
     more = choose(scene, verification, Recorder(), poses, max_improvement=apart * 1.1)
     assert len(few.refined) == 2 < len(more.refined)
+
+
+def test_costly_hypotheses_of_little_support_are_not_refined(
+    scene: Scene, verification: VerificationSettings, poses: np.ndarray
+) -> None:
+    observation = observe(scene.rgb, scene.depth, CAMERA, verification)
+    costs = Verifier(scene.model, verification).costs(observation, poses)
+    limit = float(np.sort(costs)[1:3].mean())
+    strict = replace(verification, unlikely_cost=limit, little_support=0.5)
+    worst = int(costs.argmax())
+    supported = np.full(len(poses), 0.4)
+    supported[worst] = 0.5
+    result = choose(scene, strict, Recorder(), poses, max_improvement=1.0, support=supported)
+    assert sorted(result.sources) == sorted([*np.flatnonzero(costs < limit), worst])
+    hopeless = poses[costs > limit]
+    few = np.full(len(hopeless), 0.4)
+    assert try_to_choose(scene, strict, Recorder(), hopeless, support=few) is None
+    assert try_to_choose(scene, verification, Recorder(), hopeless, support=few) is not None
 
 
 def test_one_hypothesis_is_enough(

@@ -56,12 +56,13 @@ def refine_and_choose(
 ) -> RefinedHypotheses | None:
     """Refine the most promising hypotheses, choose those of lowest verification cost, polish them.
 
-    Hypotheses that are not finite or lie behind the camera are dropped; None if no other is left.
-    The rest is refined in order of verification cost, two at a time and at most `candidates`, until
-    the next one costs more than the best refined pose by `max_improvement`: refinement hardly ever
-    lowers a cost by that much. The chosen pose gives way to that of its siblings whose colours
-    agree best with the image. Then it is polished; the polished pose is kept unless its cost, among
-    the refined poses, is higher than before.
+    Hypotheses that are not finite or lie behind the camera are dropped, and those that are not
+    likely (`Verifier.are_likely`); None if no other is left. The rest is refined in order of
+    verification cost, two at a time and at most `candidates`, until the next one costs more than
+    the best refined pose by `max_improvement`: refinement hardly ever lowers a cost by that much.
+    The chosen pose gives way to that of its siblings whose colours agree best with the image. Then
+    it is polished; the polished pose is kept unless its cost, among the refined poses, is higher
+    than before.
 
     This is repeated for every further one of up to `instances`, with the hypotheses for which more
     than half of the agreeing pixels are not explained by an instance that was chosen before.
@@ -98,7 +99,9 @@ class _InstanceSearch:
         poses = np.asarray(hypotheses.poses_cam_obj, dtype=np.float64)
         usable = np.flatnonzero(refinable(poses, model.centroid))
         found = verifier.evidence(observation, poses[usable])
-        ranking = np.argsort(verifier.weigh(found), kind="stable")
+        costs = verifier.weigh(found)
+        ranking = np.argsort(costs, kind="stable")
+        ranking = ranking[verifier.are_likely(costs, hypotheses.support[usable])[ranking]]
         self._order, self._evidence = usable[ranking], found.rows(ranking)
         self._poses, self._support = poses, hypotheses.support
         self._refined: list[Refinement] = []

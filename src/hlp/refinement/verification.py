@@ -45,6 +45,17 @@ class VerificationSettings(Settings):
             "not refined (D)"
         ),
     ] = 0.1
+    unlikely_cost: Annotated[
+        float | None,
+        Ge(0),
+        Doc(
+            "a coarse pose that costs more than this and has little support by votes is not "
+            "refined; null: it is (D)"
+        ),
+    ] = None
+    little_support: Annotated[
+        float, Ge(0), Doc("votes of less weight than this in all are little support (D)")
+    ] = 0.25
     weight_depth: Annotated[
         float,
         Ge(0),
@@ -228,6 +239,18 @@ class Verifier:
         """
         left = self.evidence(unexplained, poses_cam_obj)
         return np.asarray(2.0 * left.area > evidence.area)
+
+    def are_likely(
+        self, costs: Float[np.ndarray, "n"], support: Float[np.ndarray, "n"]
+    ) -> Bool[np.ndarray, "n"]:
+        """Whether coarse poses of these costs are worth refining, by the support of their votes.
+
+        Most poses of an object that is not in the image have both a high cost and little support.
+        """
+        settings = self._settings
+        if settings.unlikely_cost is None:
+            return np.ones(len(costs), dtype=bool)
+        return np.asarray((costs <= settings.unlikely_cost) | (support >= settings.little_support))
 
     def weigh(self, evidence: Evidence) -> Float[np.ndarray, "n"]:
         """Cost in [0, 1] of the evidence for each pose; `WORST` if there is no depth at all.
