@@ -1,6 +1,7 @@
 """Local patches of a frame that several objects share, and the entries nearest to them."""
 
 import threading
+import time
 from dataclasses import replace
 from typing import Any
 
@@ -120,6 +121,19 @@ def test_each_patch_is_cut_once_and_is_what_it_would_be_alone(
         np.testing.assert_array_equal(found[object_id][1].distances, matches.distances)
     places = [found[each][0].pixels for each in MODELS]
     assert seen == len(np.unique(np.concatenate(places), axis=0)) < sum(map(len, places))
+
+
+def test_a_group_is_loaded_once_for_all_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    shared = matching(SHARED, Encoder())
+    load = Learnt.load_codebook
+
+    def load_slowly(self: Learnt, object_id: int) -> Codebook:
+        time.sleep(0.02)
+        return load(self, object_id)
+
+    monkeypatch.setattr(Learnt, "load_codebook", load_slowly)
+    groups = ThreadTeam(6).map(lambda number: shared.group(list(MODELS)[number % 3]), 6)
+    assert all(each is groups[0] for each in groups)
 
 
 def test_threads_may_ask_at_once(frame: Frame) -> None:

@@ -106,13 +106,15 @@ class PatchMatching:
         groups = search_groups(learnt.models, object_ids, settings)
         self._members = {object_id: group for group in groups for object_id in group}
         self._groups: dict[tuple[int, ...], SearchGroup] = {}
+        self._lock = threading.Lock()
 
     def group(self, object_id: int) -> SearchGroup:
-        """The group of an object."""
+        """The group of an object. Several threads may ask for it at once."""
         members = self._members[object_id]
-        if members not in self._groups:
-            self._groups[members] = SearchGroup(self._learnt, members, self.settings)
-        return self._groups[members]
+        with self._lock:
+            if members not in self._groups:
+                self._groups[members] = SearchGroup(self._learnt, members, self.settings)
+            return self._groups[members]
 
 
 class FrameMatches:
