@@ -11,8 +11,8 @@ from markdown_it.token import Token
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-"""Everything with examples. tried.md and what `hlp report` wrote name commands of their time."""
-EXAMPLES = [path for path in PAGES if path.name != "tried.md" and not path.stem.startswith("fig9")]
+"""Everything with examples. Pages of what was tried name settings of their time."""
+EXAMPLES = [path for path in PAGES if path.name != "tried.md"]
 _PARSER = MarkdownIt().enable("table")
 _NOT_RUN = re.compile(r"<!--\s*not run: (.+?)\s*-->")
 _TITLE = re.compile(r'title="([^"]+)"')
