@@ -36,8 +36,8 @@ from hlp.commands.composing import compose_config
 from hlp.config.build import build_settings
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
-from hlp.method.learnt_folder import LearntFolder, write_record
-from hlp.method.model_files import read_model, write_model
+from hlp.method.learn.learnt_folder import LearntFolder, write_record
+from hlp.method.learn.model_files import read_model, write_model
 from hlp.records import MILLIMETRE, MILLIMETRES_PER_METRE, Codebook, Frame
 from hlp.runs.manifest import poses_digest
 

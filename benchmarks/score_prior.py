@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hlp.method.learnt_folder import LearntFolder
-from hlp.method.pose_estimator import PoseEstimator
-from hlp.method.score_calibration import search_scenes
+from hlp.method.find.estimator import PoseEstimator
+from hlp.method.learn.learnt_folder import LearntFolder
+from hlp.method.learn.score_calibration import search_scenes
 from hlp.refinement.score_model import ScoreModel, fit_score_model
 
 _SEED = 1  # not that of learning

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hlp.config.build import build_settings
-from hlp.method.pose_estimator import CoarseResult
+from hlp.method.find.estimator import CoarseResult
 from hlp.method.settings import MethodSettings
 from hlp.records import (
     Frame,

@@ -8,10 +8,10 @@ method without the framework: learn objects from CAD models, find them in RGB-D 
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hlp.method.detections import Detection
     from hlp.method.detector import Detector
-    from hlp.method.tracker import Tracker
-    from hlp.method.tracking import TrackedDetection, TrackingSettings
+    from hlp.method.find.detections import Detection
+    from hlp.method.track.tracker import Tracker
+    from hlp.method.track.tracking import TrackedDetection, TrackingSettings
     from hlp.records import CameraImage
 
 __version__ = "0.1.0"

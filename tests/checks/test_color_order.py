@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hlp.checks.color_order import check_color_order, exchange_gain
-from hlp.method.detections import Detection
+from hlp.method.find.detections import Detection
 from hlp.refinement.pose_fit import PoseFit
 
 FITS = PoseFit(cost=0.2, relief=0.95, slope=0.9, residual_mm=1.0, visible_fraction=1.0)

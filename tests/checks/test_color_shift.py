@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hlp.checks.color_shift import check_color_shift, shift_agreements
-from hlp.method.detections import Detection
+from hlp.method.find.detections import Detection
 from hlp.refinement.pose_fit import PoseFit
 
 

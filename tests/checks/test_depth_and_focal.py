@@ -10,7 +10,7 @@ from hlp.checks.depth_and_focal import (
     correction_gains,
 )
 from hlp.geometry import project, transform
-from hlp.method.detections import Detection
+from hlp.method.find.detections import Detection
 from hlp.refinement.pose_fit import PoseFit
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from hlp.checks.known_objects import all_answers, colored_answers
 from hlp.data.synthetic.objects import demo_objects
-from hlp.method.detections import Detection, Rejection, SearchResult
+from hlp.method.find.detections import Detection, Rejection, SearchResult
 from hlp.refinement.pose_fit import PoseFit
 
 BEAR = next(each for each in demo_objects().values() if each.name == "bear")

@@ -6,7 +6,7 @@ import pytest
 
 from hlp.checks.unit_search import best_score, check_by_search
 from hlp.errors import InputError
-from hlp.method.detections import SearchResult
+from hlp.method.find.detections import SearchResult
 
 
 def finder(truth, size_matters=True):

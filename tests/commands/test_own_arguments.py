@@ -8,7 +8,7 @@ from hlp.commands import own_arguments
 from hlp.commands.learn import learning_request
 from hlp.data.own_frames import FrameFiles
 from hlp.errors import InputError
-from hlp.method.mesh_models import MeshChoices, build_models
+from hlp.method.learn.mesh_models import MeshChoices, build_models
 
 
 def test_arguments_are_keys_and_values():

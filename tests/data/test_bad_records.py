@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from bad_input import DEEP, Case, check, of_file, written
-from hlp.method.learnt_folder import read_record
+from hlp.method.learn.learnt_folder import read_record
 from hlp.refinement.score_model import load_score_model
 from hlp.reporting.results import read_results
 from hlp.results.poses_file import read_poses

@@ -28,10 +28,10 @@ PLACES = {
     "run opened": ("hlp.runs.runner", "log_inputs", 0),
     "views begun": ("hlp.rendering.views", "_poses", 1),
     "views half written": ("hlp.rendering.views", "write_array", 2),
-    "windows": ("hlp.method.classifier_training", "bake_windows", 1),
-    "epoch": ("hlp.method.training", "write_csv", 0),
-    "checkpoint": ("hlp.method.checkpoints", "content_checksum", 0),
-    "weights": ("hlp.method.training", "save", 0),
+    "windows": ("hlp.method.learn.classifier_training", "bake_windows", 1),
+    "epoch": ("hlp.method.learn.training", "write_csv", 0),
+    "checkpoint": ("hlp.method.learn.checkpoints", "content_checksum", 0),
+    "weights": ("hlp.method.learn.training", "save", 0),
     "network half written": ("hlp.models.onnx_export.onnx", "save", 1),
     "checksums": ("hlp.stages.store", "folder_checksums", 0),
     "renaming": ("hlp.stages.store", "_flush", 0),
@@ -54,10 +54,10 @@ LEARNING_PLACES = {
             *("network half written", "codebook"),
         )
     },
-    "scenes of the score": ("hlp.method.score_calibration", "search_scenes", 1),
-    "record": ("hlp.method.unfinished_folder", "write_record", 0),
-    "renaming of the folder": ("hlp.method.unfinished_folder", "_publish", 0),
-    "folder in its place": ("hlp.method.unfinished_folder", "_remove_markers", 0),
+    "scenes of the score": ("hlp.method.learn.score_calibration", "search_scenes", 1),
+    "record": ("hlp.method.learn.unfinished_folder", "write_record", 0),
+    "renaming of the folder": ("hlp.method.learn.unfinished_folder", "_publish", 0),
+    "folder in its place": ("hlp.method.learn.unfinished_folder", "_remove_markers", 0),
 }
 """Likewise, in the order of `hlp learn` with two objects."""
 

@@ -13,9 +13,9 @@ from spoiled_files import is_clean, spoiled
 from hlp.checksums import sealed
 from hlp.errors import DataError
 from hlp.geometry import rigid
-from hlp.method.learnt_folder import LearntRecord, read_record, write_record
+from hlp.method.learn.learnt_folder import LearntRecord, read_record, write_record
+from hlp.method.learn.training_files import read_history
 from hlp.method.settings import MethodSettings
-from hlp.method.training_files import read_history
 from hlp.records import PoseEstimate, TargetScore
 from hlp.refinement.score_model import PRIOR, load_score_model, save_score_model
 from hlp.reporting.results import read_results

@@ -13,7 +13,7 @@ from hydra import compose, initialize_config_dir
 
 from hlp.commands.composing import config_folder
 from hlp.config.build import Run, build_run
-from hlp.method.pose_estimator import PoseEstimator
+from hlp.method.find.estimator import PoseEstimator
 from hlp.reporting.study_numbers import STUDIES, read_study
 from hlp.results.target_values import read_target_values
 from hlp.stages.store import StageStore

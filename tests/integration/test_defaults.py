@@ -10,7 +10,7 @@ import pytest
 from hlp import Detector
 from hlp.data.rgbd_frames import RgbdFrames
 from hlp.evaluation.errors import add
-from hlp.method.model_files import read_model
+from hlp.method.learn.model_files import read_model
 from tiny_run import start_run
 
 INTRINSICS = np.array([[572.4114, 0, 325.2611], [0, 573.57043, 242.04899], [0, 0, 1.0]])

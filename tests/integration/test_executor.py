@@ -15,7 +15,7 @@ import hlp
 from hlp.commands.composing import config_folder
 from hlp.config.build import Run, build_run
 from hlp.errors import DataError
-from hlp.method.training_files import read_history, read_weights
+from hlp.method.learn.training_files import read_history, read_weights
 from hlp.runs.run_stages import stages_of
 from hlp.stages.detection import DetectionStages
 from hlp.stages.frame_detection import STAGES

@@ -14,7 +14,7 @@ from mlflow import MlflowClient
 
 from hlp.commands.composing import config_folder
 from hlp.config.build import Run, build_run
-from hlp.method.pose_estimator import FrameContext, PoseEstimator
+from hlp.method.find.estimator import FrameContext, PoseEstimator
 from hlp.refinement.none import NoneRefiner
 from hlp.reporting.study_numbers import STUDIES, read_study
 from hlp.results.target_values import read_target_values

@@ -11,7 +11,7 @@ from mlflow import MlflowClient
 
 from hlp.data.synthetic.scenes import SyntheticScenes
 from hlp.errors import DataError, HlpError
-from hlp.method.pose_estimator import FrameContext, PoseEstimator
+from hlp.method.find.estimator import FrameContext, PoseEstimator
 from hlp.records import Frame
 from run_files import Row, read_json, rows, stages
 from tiny_run import TinyRun, start_run

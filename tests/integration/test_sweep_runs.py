@@ -10,7 +10,7 @@ import pytest
 from mlflow import MlflowClient
 from mlflow.entities import Run
 
-from hlp.method.pose_estimator import PoseEstimator
+from hlp.method.find.estimator import PoseEstimator
 from hlp.reporting.mlflow_metrics import HEADLINES
 from tiny_run import TinyRun
 

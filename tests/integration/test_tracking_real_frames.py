@@ -13,7 +13,7 @@ import hlp
 from hlp import Detector
 from hlp.data.bop import BopSettings
 from hlp.evaluation.errors import add, add_s
-from hlp.method.tracking import Track
+from hlp.method.track.tracking import Track
 from hlp.records import Frame, ObjectModel
 from tiny_method import tiny_method
 

@@ -11,7 +11,7 @@ from hlp import Detector
 from hlp.checksums import sealed
 from hlp.data.synthetic.objects import demo_objects
 from hlp.errors import DataError, InputError, MissingFileError
-from hlp.method.learnt_folder import RECORD
+from hlp.method.learn.learnt_folder import RECORD
 from hlp.records import Frame
 from tiny_method import tiny_method, write_mesh
 
@@ -101,7 +101,7 @@ def test_learning_into_a_damaged_folder_makes_it_again(
     learnt: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str
 ) -> None:
     """The damaged one is kept; nothing is added to it."""
-    from hlp.method import learning
+    from hlp.method.learn import learning
 
     folder = shutil.copytree(learnt, tmp_path / "learnt")
     flip_a_byte(folder / file)

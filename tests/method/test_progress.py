@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from hlp.method.pose_estimator import PoseEstimator
+from hlp.method.find.estimator import PoseEstimator
 from hlp.method.progress import CountingEstimator, counting_objects
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
-from hlp.method.detections import Detection, Rejection, SearchResult
+from hlp.method.find.detections import Detection, Rejection, SearchResult
 from hlp.refinement.pose_fit import PoseFit
 from hlp.runs import fault_watch
 from hlp.runs.fault_watch import FaultWatch

@@ -1,6 +1,6 @@
 import pytest
 
-from hlp.method.learnt_folder import LearntRecord, write_record
+from hlp.method.learn.learnt_folder import LearntRecord, write_record
 from hlp.method.settings import MethodSettings
 from hlp.runs import learnt_cache
 

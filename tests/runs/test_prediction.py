@@ -14,7 +14,7 @@ import pytest
 from hlp.checks.finding import Finding
 from hlp.data.own_frames import FrameFiles, OwnFrames
 from hlp.errors import DamagedError, DataError
-from hlp.method.detections import Rejection, SearchResult
+from hlp.method.find.detections import Rejection, SearchResult
 from hlp.records import Frame
 from hlp.reporting import answers
 from hlp.runs import fault_watch

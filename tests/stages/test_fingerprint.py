@@ -106,12 +106,14 @@ def test_what_has_no_plain_form_is_refused(value: object) -> None:
 
 def test_a_stages_code_is_what_its_modules_import_and_not_the_settings_of_other_stages() -> None:
     """A change of the refiner renders no views and trains no classifier."""
-    names, _ = source_code._closure(("hlp.method.classifier_training",), ("hlp.method.settings",))
+    names, _ = source_code._closure(
+        ("hlp.method.learn.classifier_training",), ("hlp.method.settings",)
+    )
     assert not [name for name in names if name.startswith(("hlp.refinement", "hlp.voting"))]
     assert {
         "hlp.patches.holistic_pool",
         "hlp.models.classifier_training",
-        "hlp.method.training",
+        "hlp.method.learn.training",
     } <= {*names}
-    whole = source_code.code_of("hlp.method.classifier_training")
-    assert stage_code("hlp.method.classifier_training").source != whole.source
+    whole = source_code.code_of("hlp.method.learn.classifier_training")
+    assert stage_code("hlp.method.learn.classifier_training").source != whole.source

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fake_detection import OBJECTS, SHAPE, CountedFrames, FakeEstimator
-from hlp.method.pose_estimator import CoarseResult
+from hlp.method.find.estimator import CoarseResult
 from hlp.records import Hypotheses, Votes
 from hlp.refinement.pose_fit import PoseFit
 from hlp.stages.frame_files import read_arrays, write_arrays

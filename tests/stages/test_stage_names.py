@@ -232,7 +232,7 @@ FOUND = {"regions", "hypotheses", "poses"}
         ("hlp.data.photographs", {"classifier", "score", *FOUND}),
         ("hlp.rendering.sensor", {"classifier", "score", *FOUND}),
         ("hlp.patches.local_pool", {"encoder", "codebook", "score", "hypotheses", "poses"}),
-        ("hlp.method.training", ALL - {"views"}),
+        ("hlp.method.learn.training", ALL - {"views"}),
         ("hlp.codebook.entries", {"codebook", "score", "hypotheses", "poses"}),
         ("hlp.voting.modes_kernel", {"score", "hypotheses", "poses"}),
         ("hlp.refinement.pso", {"score", "poses"}),

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from hlp.checks.finding import Finding, counted
 from hlp.checks.known_objects import colored_answers
-from hlp.method.detections import Detection
+from hlp.method.find.detections import Detection
 from hlp.records import Frame, ObjectModel
 from hlp.refinement.texture import color_agreement
 from hlp.refinement.verification import VerificationSettings, observe

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from hlp.checks.finding import Finding, counted
 from hlp.geometry import transform
-from hlp.method.detections import Detection
+from hlp.method.find.detections import Detection
 from hlp.records import Frame, ObjectModel
 
 Refine = Callable[[Frame, Detection], Detection | None]

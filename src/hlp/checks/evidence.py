@@ -10,8 +10,8 @@ from hlp.checks.color_shift import check_color_shift, shift_agreements
 from hlp.checks.depth_and_focal import CorrectedFits, check_corrections, correction_gains
 from hlp.checks.finding import Finding
 from hlp.errors import InputError
-from hlp.method.detections import Detection
 from hlp.method.detector import Detector
+from hlp.method.find.detections import Detection
 from hlp.records import Frame
 
 

@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
-from hlp.method.detections import Detection, SearchResult
-from hlp.method.tracking import TrackingResult
+from hlp.method.find.detections import Detection, SearchResult
+from hlp.method.track.tracking import TrackingResult
 from hlp.records import ObjectModel
 
 _SHAPE_FITS = 0.8  # correlation of relief and of slope: wrong poses rarely reach it

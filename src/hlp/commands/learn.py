@@ -56,7 +56,7 @@ def learning_request(
     from hlp.config.build import build_settings
     from hlp.data.training_images import FolderSettings
     from hlp.errors import MissingFileError
-    from hlp.method.mesh_models import MeshChoices
+    from hlp.method.learn.mesh_models import MeshChoices
     from hlp.runs.learning import LearningRequest
 
     paths = [Path(mesh) for mesh in meshes]

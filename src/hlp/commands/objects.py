@@ -100,7 +100,7 @@ def _listed(cache: Path) -> str:
 
 
 def _shown(folder: Path) -> str:
-    from hlp.method.learnt_folder import LearntFolder
+    from hlp.method.learn.learnt_folder import LearntFolder
     from hlp.runs.learnt_cache import describe_learnt
 
     entry = describe_learnt(folder)

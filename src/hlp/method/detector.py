@@ -23,14 +23,14 @@ from hlp.method.arguments import (
     checked_pose,
 )
 from hlp.method.compute_threads import one_blas_thread
-from hlp.method.detections import Detection, SearchResult, sort_answers
-from hlp.method.frame_search import search_frame
-from hlp.method.learnt_folder import LearntFolder
-from hlp.method.pose_estimator import PoseEstimator
+from hlp.method.find.detections import Detection, SearchResult, sort_answers
+from hlp.method.find.estimator import PoseEstimator
+from hlp.method.find.search import search_frame
+from hlp.method.learn.learnt_folder import LearntFolder
+from hlp.method.learn.unfinished_folder import bring_back
 from hlp.method.settings import Device, MethodSettings
-from hlp.method.tracker import RgbdFrame, Tracker
-from hlp.method.tracking import Track, TrackedDetection, TrackingSettings, follow
-from hlp.method.unfinished_folder import bring_back
+from hlp.method.track.tracker import RgbdFrame, Tracker
+from hlp.method.track.tracking import Track, TrackedDetection, TrackingSettings, follow
 from hlp.records import Frame, ObjectModel
 from hlp.refinement.score_model import MIN_SCORE
 
@@ -95,9 +95,9 @@ class Detector:
 
         Raises InputError for a bad name or mesh, and for a folder that already exists.
         """
-        from hlp.method.backgrounds import GivenBackgrounds
-        from hlp.method.learning import learn
-        from hlp.method.mesh_models import MeshChoices, build_models
+        from hlp.method.learn.backgrounds import GivenBackgrounds
+        from hlp.method.learn.learning import learn
+        from hlp.method.learn.mesh_models import MeshChoices, build_models
 
         choices = MeshChoices(mesh_scale=mesh_scale)
         settings = MethodSettings() if settings is None else settings
@@ -154,9 +154,9 @@ class Detector:
         The encoder stays as it is and the classifier is trained further. Arguments and errors are
         those of `learn`; also InputError for a name that is already used.
         """
-        from hlp.method.backgrounds import GivenBackgrounds
-        from hlp.method.learning import add
-        from hlp.method.mesh_models import MeshChoices, build_models
+        from hlp.method.learn.backgrounds import GivenBackgrounds
+        from hlp.method.learn.learning import add
+        from hlp.method.learn.mesh_models import MeshChoices, build_models
 
         choices = MeshChoices(mesh_scale=mesh_scale)
         with self._lock:
@@ -168,7 +168,7 @@ class Detector:
 
     def remove(self, name: str) -> None:
         """Take an object out of the folder. Raises InputError for an unknown or the last one."""
-        from hlp.method.learning import remove
+        from hlp.method.learn.learning import remove
 
         with self._lock:
             remove(self.folder, name)

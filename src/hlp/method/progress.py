@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool
 from tqdm import tqdm
 
-from hlp.method.pose_estimator import FrameContext, PoseEstimator
+from hlp.method.find.estimator import FrameContext, PoseEstimator
 from hlp.records import Frame, Views
 
 

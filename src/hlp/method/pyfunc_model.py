@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from hlp.errors import InputError
-from hlp.method.detections import Detection
 from hlp.method.detector import Detector
+from hlp.method.find.detections import Detection
 
 _IMAGES = ("rgb", "depth", "camera_matrix")
 

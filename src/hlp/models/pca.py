@@ -69,7 +69,10 @@ class PcaEncoder:
         if len(patches) == 0:
             return empty_features(len(self.components))
         flat = _averaged_normals(patches.depth, patches.valid, self.cells)
-        return np.asarray((flat - self.mean) @ self.components.T, dtype=np.float32)
+        # Not a product of matrices, whose sums BLAS orders by the number of patches: a feature must
+        # not depend on the patches beside it.
+        products = np.einsum("nf,df->nd", flat - self.mean, self.components)
+        return np.asarray(products, dtype=np.float32)
 
 
 def pca_components(cells: int) -> int:

@@ -10,9 +10,9 @@ from hlp.checks.frame_checks import check_first_frame
 from hlp.checks.known_objects import all_answers
 from hlp.checks.registration import check_registration
 from hlp.checks.unit_search import best_score, check_by_search
-from hlp.method.detections import Detection, SearchResult
 from hlp.method.detector import Detector
-from hlp.method.tracking import TrackingResult
+from hlp.method.find.detections import Detection, SearchResult
+from hlp.method.track.tracking import TrackingResult
 from hlp.records import Frame
 from hlp.refinement.score_model import MIN_SCORE
 

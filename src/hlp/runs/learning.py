@@ -11,9 +11,9 @@ from jaxtyping import UInt8
 from hlp.data.photographs import photograph_crops
 from hlp.data.training_images import FolderSettings, TrainingImages
 from hlp.errors import ConfigError
-from hlp.method import learning
-from hlp.method.learnt_folder import RECORD, read_record
-from hlp.method.mesh_models import MeshChoices, build_models
+from hlp.method.learn import learning
+from hlp.method.learn.learnt_folder import RECORD, read_record
+from hlp.method.learn.mesh_models import MeshChoices, build_models
 from hlp.method.settings import MethodSettings
 from hlp.patches.procedural_backgrounds import procedural_backgrounds
 from hlp.records import Frame

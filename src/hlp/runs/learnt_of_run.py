@@ -6,10 +6,10 @@ from pathlib import Path
 from hlp.codebook.entries import load_codebook
 from hlp.config.build import Run
 from hlp.errors import DataError, MissingFileError
-from hlp.method.learnt_folder import CLASSIFIER, ENCODER, OBJECTS, LearntRecord
-from hlp.method.learnt_searches import write_searches
-from hlp.method.model_files import write_model
-from hlp.method.unfinished_folder import finish
+from hlp.method.learn.learnt_folder import CLASSIFIER, ENCODER, OBJECTS, LearntRecord
+from hlp.method.learn.learnt_searches import write_searches
+from hlp.method.learn.model_files import write_model
+from hlp.method.learn.unfinished_folder import finish
 from hlp.refinement.score_model import PRIOR, save_score_model
 from hlp.stages.manifest import made_outputs
 from hlp.stages.store import RECORD, StageStore

@@ -10,10 +10,10 @@ from annotated_types import Ge
 
 from hlp.data.cameras.camera import BrokenImage, Camera
 from hlp.errors import HlpError
-from hlp.method.detections import Rejection
 from hlp.method.detector import Detector
-from hlp.method.tracker import Tracker
-from hlp.method.tracking import TrackedDetection, TrackingResult, TrackingSettings
+from hlp.method.find.detections import Rejection
+from hlp.method.track.tracker import Tracker
+from hlp.method.track.tracking import TrackedDetection, TrackingResult, TrackingSettings
 from hlp.records import CameraImage
 from hlp.rendering.light import FRONTAL_LIGHT
 from hlp.rendering.rasterizer import render_rgbd

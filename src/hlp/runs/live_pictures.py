@@ -9,7 +9,7 @@ import numpy as np
 
 from hlp.errors import InputError
 from hlp.files import replaced
-from hlp.method.detections import Detection
+from hlp.method.find.detections import Detection
 from hlp.records import CameraImage, Frame, ObjectModel
 from hlp.reporting.picture_stream import PictureStream
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from hlp.method.detector import MOST_INSTANCES
 from hlp.method.example_image import example_image
-from hlp.method.learnt_folder import LearntFolder
+from hlp.method.learn.learnt_folder import LearntFolder
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.reporting.model_registry import register
 from hlp.reporting.model_signature import ModelInput

@@ -17,10 +17,10 @@ import hlp
 from hlp.data.own_frames import OwnFrames
 from hlp.data.search_masks import SearchMasks
 from hlp.errors import DamagedError, DataError, HlpError, MissingFileError
-from hlp.method.detections import Detection, SearchResult
 from hlp.method.detector import MOST_INSTANCES, Detector
-from hlp.method.learnt_folder import RECORD
-from hlp.method.tracking import TrackedDetection, TrackingResult, TrackingSettings
+from hlp.method.find.detections import Detection, SearchResult
+from hlp.method.learn.learnt_folder import RECORD
+from hlp.method.track.tracking import TrackedDetection, TrackingResult, TrackingSettings
 from hlp.records import Frame, ObjectModel, PoseEstimate, parse_frame_key
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.reporting import answers

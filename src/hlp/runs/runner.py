@@ -14,7 +14,7 @@ from hlp.evaluation.summary import summarise
 from hlp.evaluation.vote_quality import vote_quality
 from hlp.files import MANIFEST, PAGE, POSES, SCORES, SUMMARY, write_json
 from hlp.method.compute_threads import set_compute_threads
-from hlp.method.training_files import read_history
+from hlp.method.learn.training_files import read_history
 from hlp.records import PoseEstimate
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.reporting.figures.calibration_curves import draw_calibration

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from hlp.method.pose_estimator import derive_seed
+from hlp.method.find.estimator import derive_seed
 from hlp.records import ObjectModel, Refinement, Target
 from hlp.refinement.cost import DepthCost
 from hlp.refinement.pso import PsoSettings, search

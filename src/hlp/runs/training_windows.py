@@ -40,7 +40,7 @@ def sample_windows(
 
     They are composed by the code that composes the training's batches, from smaller pools.
     """
-    from hlp.method.classifier_training import training_windows  # takes seconds to import
+    from hlp.method.learn.classifier_training import training_windows  # takes seconds to import
 
     pool = training.settings.patches.pool
     small = replace(

@@ -14,8 +14,8 @@ from hlp.codebook.entries import load_codebook
 from hlp.data.bad_frames import CheckedFrames
 from hlp.data.dataset import Dataset
 from hlp.errors import DataError, InputError
-from hlp.method.networks import load_classifier
-from hlp.method.pose_estimator import PoseEstimator
+from hlp.method.find.estimator import PoseEstimator
+from hlp.method.learn.networks import load_classifier
 from hlp.method.settings import MethodSettings
 from hlp.records import PoseEstimate
 from hlp.refinement.score_model import ScoreModel

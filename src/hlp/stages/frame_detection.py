@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from hlp.method.conflicts import Found, resolve_conflicts
-from hlp.method.instance_search import find_instances
-from hlp.method.pose_estimator import FrameContext, PoseEstimator
+from hlp.method.find.conflicts import Found, resolve_conflicts
+from hlp.method.find.estimator import FrameContext, PoseEstimator
+from hlp.method.find.instances import find_instances
 from hlp.records import Frame, PoseEstimate
 from hlp.refinement.pose_fit import PoseFit
 from hlp.refinement.score_model import ScoreModel

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from hlp.geometry import quaternions, rotation_matrices
-from hlp.method.pose_estimator import CoarseResult
+from hlp.method.find.estimator import CoarseResult
 from hlp.records import Frame, Hypotheses, Region, Votes
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.pose_fit import PoseFit

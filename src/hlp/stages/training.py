@@ -10,11 +10,11 @@ from typing import Any
 
 from hlp.codebook.entries import load_codebook, save_codebook
 from hlp.data.dataset import Dataset, frames_identity
-from hlp.method.networks import load_classifier
+from hlp.method.learn.networks import load_classifier
+from hlp.method.learn.score_calibration import calibrate_score
+from hlp.method.learn.training_files import StartingWeights, read_weights
 from hlp.method.progress import CountingEstimator, counting_objects
-from hlp.method.score_calibration import calibrate_score
 from hlp.method.settings import MethodSettings
-from hlp.method.training_files import StartingWeights, read_weights
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
 from hlp.records import Codebook, ObjectModel, Views
@@ -27,9 +27,9 @@ from hlp.stages.store import Output, StageStore
 from hlp.stages.warm_start import WarmStart, WarmStartSettings, read_warm_start
 
 # By name, since importing them takes seconds.
-_CLASSIFIER_TRAINING = "hlp.method.classifier_training"
-_ENCODER_TRAINING = "hlp.method.encoder_training"
-_CODEBOOK_BUILDING = "hlp.method.codebook_building"
+_CLASSIFIER_TRAINING = "hlp.method.learn.classifier_training"
+_ENCODER_TRAINING = "hlp.method.learn.encoder_training"
+_CODEBOOK_BUILDING = "hlp.method.learn.codebook_building"
 
 
 class TrainingStages:
@@ -130,7 +130,7 @@ class TrainingStages:
             start = StartingWeights(weights, self._warm_start.labels, epochs)
 
         def make(folder: Path) -> None:
-            from hlp.method.classifier_training import train_classifier
+            from hlp.method.learn.classifier_training import train_classifier
 
             views_of = counting_objects(self.load_views, "windows cut", len(self.models))
             train_classifier(self.models, views_of, self.dataset, self.settings, folder, start)
@@ -176,7 +176,7 @@ class TrainingStages:
             upstream = {f"views_{i}": self.views(i).fingerprint for i in self.models}
 
         def make(folder: Path) -> None:
-            from hlp.method.encoder_training import train_encoder
+            from hlp.method.learn.encoder_training import train_encoder
 
             views_of = counting_objects(self.load_views, "pairs cut", len(self.models))
             train_encoder(self.models, views_of, self.dataset, self.settings, folder)
@@ -204,7 +204,7 @@ class TrainingStages:
         }
 
         def make(folder: Path) -> None:
-            from hlp.method.codebook_building import build_codebook
+            from hlp.method.learn.codebook_building import build_codebook
 
             views, model = self.load_views(object_id), self.models[object_id]
             made = build_codebook(model, views, self.load_encoder(), self.settings)

@@ -13,7 +13,7 @@ from tqdm import tqdm
 from hlp.config.build import Run
 from hlp.config.settings import TASKS
 from hlp.evaluation.evaluator import add_correct
-from hlp.method.pose_estimator import derive_seed
+from hlp.method.find.estimator import derive_seed
 from hlp.records import Frame, Hypotheses, parse_frame_key
 from hlp.refinement.refiner import REFINERS, RefinementSettings, Refiner
 from hlp.reporting.figures.basin_maps import (

@@ -14,9 +14,9 @@ from hlp.config.build import Run, with_changes
 from hlp.config.settings import TASKS, RunSettings
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.files import write_json
-from hlp.method.frame_search import search_frame
-from hlp.method.instance_search import find_instances
-from hlp.method.pose_estimator import FrameContext, PoseEstimator
+from hlp.method.find.estimator import FrameContext, PoseEstimator
+from hlp.method.find.instances import find_instances
+from hlp.method.find.search import search_frame
 from hlp.records import Frame, LocalPatches, PoseEstimate, TargetScore
 from hlp.reporting.figures.bench_bars import draw_bench
 from hlp.reporting.tables.bench_table import (

@@ -18,7 +18,7 @@ from hlp.evaluation.settings import EvaluationSettings
 from hlp.evaluation.summary import with_interval
 from hlp.evaluation.visible_mask import measured_mask
 from hlp.files import write_json
-from hlp.method.pose_estimator import FrameContext, derive_seed
+from hlp.method.find.estimator import FrameContext, derive_seed
 from hlp.records import (
     Frame,
     Hypotheses,

@@ -19,7 +19,7 @@ from hlp.config.build import Run, with_changed_run
 from hlp.config.settings import TASKS
 from hlp.errors import InputError, MissingDependencyError, is_expected
 from hlp.files import SCORES, write_json
-from hlp.method.pose_estimator import derive_seed
+from hlp.method.find.estimator import derive_seed
 from hlp.reporting.comparison import read_targets
 from hlp.reporting.figures.search_points import write_search_figure
 from hlp.reporting.run_names import short_name

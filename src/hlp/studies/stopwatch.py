@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Bool
 
 from hlp.codebook.neighbours import ExactNeighbours
-from hlp.method.patch_matching import SearchGroup
-from hlp.method.pose_estimator import CoarseResult, FrameContext, PoseEstimator
+from hlp.method.find.estimator import CoarseResult, FrameContext, PoseEstimator
+from hlp.method.find.patch_matching import SearchGroup
 from hlp.records import Frame, Hypotheses, LocalPatches, Region
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.verification import Observation

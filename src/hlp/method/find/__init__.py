@@ -1,0 +1,1 @@
+"""Finds learnt objects in one frame: windows, votes, hypotheses, refined poses."""

@@ -1,0 +1,141 @@
+"""What a detector says about an image: what it found, and why it did not find the rest."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from hlp.geometry import rotation_distance, transform
+from hlp.method.find.estimator import FrameContext, PoseEstimator
+from hlp.refinement.choice import RefinedHypotheses
+from hlp.refinement.pose_fit import PoseFit
+
+_SAME_TURN = np.deg2rad(15.0)
+_SAME_SHIFT = 0.1  # of the diameter
+
+
+@dataclass(frozen=True)
+class RunnerUp:
+    """The best other pose of an object that is no equivalent of the one that was chosen."""
+
+    pose_cam_obj: Float[np.ndarray, "4 4"]
+    score: float
+
+
+@dataclass(frozen=True)
+class Detection:
+    """One object found in one image.
+
+    `object` is its name. `pose_cam_obj` (4, 4) maps its coordinates to the camera's (metres; x
+    right, y down, z forward). `score` is the probability that the pose is right, that is that its
+    ADD-S is below a tenth of the diameter. `visible_fraction` is the fraction of its silhouette
+    that lies in the image and that nothing nearer covers. `seconds` is the wall time, divided
+    equally among an object's instances; work shared by all objects of an image counts for the
+    first. Several threads search different objects at once, so the times of objects overlap.
+    `residual_mm` is the median difference in depth where model and image agree. `equivalent_poses`
+    (n, 4, 4) are those that the object's symmetries do not tell apart, `pose_cam_obj` first.
+    `runner_up` is None if there was no other pose. `fit` is what the score is computed from.
+    """
+
+    object: str
+    score: float
+    pose_cam_obj: Float[np.ndarray, "4 4"]
+    visible_fraction: float
+    seconds: float
+    residual_mm: float
+    equivalent_poses: Float[np.ndarray, "n 4 4"]
+    runner_up: RunnerUp | None
+    fit: PoseFit
+
+
+@dataclass(frozen=True)
+class Rejection:
+    """Why an object has no (other) detection: a sentence, and the best answer if there is one."""
+
+    object: str
+    reason: str
+    answer: Detection | None
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """Detections, the most certain first, and the answers that were not good enough."""
+
+    detections: list[Detection]
+    rejections: list[Rejection]
+
+
+def sort_answers(
+    answers: Sequence[Detection], missing: Sequence[str], min_score: float
+) -> SearchResult:
+    """Divide answers by their score. `missing` are the objects without an answer."""
+    ranked = sorted(answers, key=lambda each: -each.score)
+    rejections = [
+        Rejection(
+            each.object, f"the score {each.score:.2f} of the best pose is below {min_score:g}", each
+        )
+        for each in ranked
+        if each.score < min_score
+    ]
+    rejections += [
+        Rejection(
+            name,
+            "nothing looks like the object where the image has depth and no other object is found",
+            None,
+        )
+        for name in missing
+    ]
+    return SearchResult([each for each in ranked if each.score >= min_score], rejections)
+
+
+def describe(
+    estimator: PoseEstimator,
+    context: FrameContext,
+    object_id: int,
+    refined: RefinedHypotheses,
+    seconds: float,
+) -> list[Detection]:
+    """The instances that stage 3 chose, with all that is known of them."""
+    model = estimator.learnt.models[object_id]
+    score = estimator.score_model(object_id)
+    answers = []
+    for row in refined.instances:
+        pose = refined.refined[row].pose_cam_obj
+        fit = estimator.measure_fit(context, object_id, pose)
+        answers.append(
+            Detection(
+                model.name,
+                score.score(fit),
+                pose,
+                fit.visible_fraction,
+                seconds / len(refined.instances),
+                fit.residual_mm,
+                pose @ model.symmetries,
+                _runner_up(estimator, context, object_id, refined, row),
+                fit,
+            )
+        )
+    return answers
+
+
+def _runner_up(
+    estimator: PoseEstimator,
+    context: FrameContext,
+    object_id: int,
+    refined: RefinedHypotheses,
+    chosen: int,
+) -> RunnerUp | None:
+    model = estimator.learnt.models[object_id]
+    poses = np.stack([each.pose_cam_obj for each in refined.refined])
+    alike = poses[chosen] @ model.symmetries
+    centers = transform(poses, model.centroid[None])[:, 0]
+    far = np.linalg.norm(centers - centers[chosen], axis=1) > _SAME_SHIFT * model.diameter
+    angles = rotation_distance(poses[:, None, :3, :3], alike[None, :, :3, :3]).min(axis=1)
+    other = np.flatnonzero(far | (angles > _SAME_TURN))
+    other = other[~np.isin(other, refined.instances)]
+    if len(other) == 0:
+        return None
+    pose = poses[other[np.argmin(refined.costs[other])]]
+    fit = estimator.measure_fit(context, object_id, pose)
+    return RunnerUp(pose, estimator.score_model(object_id).score(fit))

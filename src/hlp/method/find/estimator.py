@@ -1,0 +1,301 @@
+"""The method on one frame: windows → region → votes → coarse poses → refined pose."""
+
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from hlp.method.find.holistic_scan import FrameWindows, HolisticScan
+from hlp.method.find.learnt_objects import LearntObjects
+from hlp.method.find.patch_matching import FrameMatches, PatchMatching
+from hlp.method.settings import MethodSettings
+from hlp.models.encoder import Encoder
+from hlp.patches.holistic import candidate_region, center_depths, region_weights
+from hlp.patches.likely_places import first_region, likely_regions
+from hlp.patches.local import region_pixels, thin_out
+from hlp.records import Frame, Hypotheses, LocalPatches, ObjectModel, Region, Votes
+from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
+from hlp.refinement.pose_fit import PoseFit, measure_fit
+from hlp.refinement.score_model import ScoreModel
+from hlp.refinement.texture import choose_near_sibling
+from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
+from hlp.rendering.color_grid import color_grid
+from hlp.thread_team import ThreadTeam
+from hlp.voting.cast import cast_votes
+
+_NEAREST = 0.1  # m: where depth is missing or less, a window is as large as there
+
+
+@dataclass(frozen=True)
+class CoarseResult:
+    """Patches, votes and hypotheses of one object in a frame, and the times (s) of both steps."""
+
+    patches: LocalPatches
+    votes: Votes
+    hypotheses: Hypotheses
+    local_seconds: float
+    voting_seconds: float
+
+
+class FrameContext:
+    """One frame and the work on it that its objects share. Made by `PoseEstimator.prepare`.
+
+    `mask` is where objects are looked for, None: everywhere. `fits` are those of the poses that
+    were measured so far, by object and the pose's bytes.
+    """
+
+    def __init__(
+        self,
+        frame: Frame,
+        windows: FrameWindows,
+        matches: FrameMatches,
+        verification: VerificationSettings,
+        mask: Bool[np.ndarray, "h w"] | None = None,
+    ) -> None:
+        self.frame = frame
+        self.windows = windows
+        self.matches = matches
+        self.mask = mask
+        self._verification = verification
+        self.fits: dict[tuple[int, bytes], PoseFit] = {}
+
+    @cached_property
+    def observation(self) -> Observation:
+        """The frame in the form that the verification compares poses with."""
+        frame = self.frame
+        return observe(frame.rgb, frame.depth, frame.camera_matrix, self._verification)
+
+
+class PoseEstimator:
+    """The three stages for one object in one frame.
+
+    Networks and codebooks are loaded when first needed, or by `load`. `object_ids` are the objects
+    that may be requested (default: all learnt ones). Not safe for use by several threads at once,
+    but for the stages of different objects in a frame whose shared work is done (`share_work`).
+    """
+
+    def __init__(
+        self,
+        learnt: LearntObjects,
+        settings: MethodSettings,
+        object_ids: Sequence[int] | None = None,
+    ) -> None:
+        self.learnt = learnt
+        self.settings = settings
+        self.object_ids = tuple(learnt.models if object_ids is None else object_ids)
+        self._labels = {object_id: i for i, object_id in enumerate(learnt.classes, 1)}
+        self._verifiers: dict[int, Verifier] = {}
+        self._scores: dict[int, ScoreModel] = {}
+        self.team = ThreadTeam(settings.machine.threads)
+        """For work on several objects at once."""
+        self.matching = PatchMatching(
+            learnt, settings, self.object_ids, lambda: self._encoder, self.team
+        )
+        """The codebooks."""
+        self._modes = settings.voting.build(settings.machine.threads)
+        self._refiner = settings.refinement.build(settings.machine.threads)
+
+    @cached_property
+    def _scan(self) -> HolisticScan:
+        objects = {each: self.learnt.models[each] for each in self.object_ids}
+        patches, machine = self.settings.patches, self.settings.machine
+        network = self.learnt.load_classifier()
+        return HolisticScan(network, objects, patches.holistic, patches.region, machine.threads)
+
+    @cached_property
+    def _encoder(self) -> Encoder:
+        return self.learnt.load_encoder()
+
+    def load(self, object_ids: Sequence[int]) -> None:
+        """Load the networks and the codebooks of these objects now instead of at first use."""
+        _ = self._scan, self._encoder
+        for object_id in object_ids:
+            self.matching.group(object_id)
+            self.verifier(object_id)
+            if self.learnt.models[object_id].mesh.colored:
+                color_grid(self.learnt.models[object_id].mesh)
+
+    def prepare(self, frame: Frame, mask: Bool[np.ndarray, "h w"] | None = None) -> FrameContext:
+        """The context of a frame, which is passed to the stages of every object in it."""
+        windows, matches = self._scan.start(frame), FrameMatches(self.matching, frame)
+        return FrameContext(frame, windows, matches, self.settings.refinement.verification, mask)
+
+    def share_work(self, context: FrameContext, object_ids: Iterable[int]) -> None:
+        """Do what these objects share in a frame now, and not when the first one needs it."""
+        for object_id in object_ids:
+            context.windows.classify(object_id)
+        _ = context.observation, self._encoder
+
+    def find_region(self, context: FrameContext, object_id: int, instances: int = 1) -> Region:
+        """Stage 1: the candidate region of an object (paper, section 3.1), its likeliest part.
+
+        The part grows with the number of `instances` that are to be found by one look at it.
+        """
+        patches, model = self.settings.patches, self.learnt.models[object_id]
+        windows, classes = context.windows.classify(object_id)
+        label = self._labels[object_id]
+        height, width = context.frame.depth.shape
+        region = candidate_region(
+            object_id,
+            windows,
+            classes[:, label],
+            classes.argmax(axis=1) == label,
+            (height, width),
+            model.diameter / model.holistic_size,
+            patches.region,
+        )
+        if context.mask is not None:
+            return _narrowed(region, context.mask)
+        radii = self._radii(context.frame, region.centers, model)
+        return first_region(region, radii, patches.region.square_side, patches.closer, instances)
+
+    def closer_regions(self, context: FrameContext, region: Region) -> Iterator[Region]:
+        """Parts of the frame to search where an object's region gave no right pose."""
+        frame, patches = context.frame, self.settings.patches
+        radii = self._radii(frame, region.centers, self.learnt.models[region.object_id])
+        found = likely_regions(region, radii, patches.closer)
+        if context.mask is None:
+            return found
+        parts = (replace(each, mask=each.mask & context.mask) for each in found)
+        return (each for each in parts if each.mask.any())
+
+    def share_patches(self, context: FrameContext, regions: Iterable[Region]) -> None:
+        """Match the regions' local patches now, each once, if objects share them."""
+        if not self.settings.codebook.joint:
+            return
+        pixels = {
+            region.object_id: self._patch_pixels(
+                context.frame, region, self.learnt.models[region.object_id]
+            )
+            for region in regions
+        }
+        context.matches.share(pixels)
+
+    def find_hypotheses(self, context: FrameContext, region: Region) -> CoarseResult:
+        """Stage 2: votes of the region's local patches, and their modes (paper, section 3.2)."""
+        begun = time.perf_counter()
+        frame, model = context.frame, self.learnt.models[region.object_id]
+        codebook = self.matching.group(region.object_id).codebooks[region.object_id]
+        pixels = self._patch_pixels(frame, region, model)
+        cut, matches = context.matches.match(region.object_id, pixels)
+        matched = time.perf_counter()
+        voting, weights = self.settings.voting, None
+        if voting.weighted_by_region:
+            half = frame.camera_matrix[0, 0] * model.diameter / cut.points_cam[:, 2] / 2.0
+            weights = region_weights(region, cut.pixels, half)
+        votes = cast_votes(
+            cut, matches, codebook, model, voting.max_distance, voting.weighted_by_distance, weights
+        )
+        found = self._modes.find(votes, model.centroid)
+        return CoarseResult(cut, votes, found, matched - begun, time.perf_counter() - matched)
+
+    def _patch_pixels(
+        self, frame: Frame, region: Region, model: ObjectModel
+    ) -> Int[np.ndarray, "n 2"]:
+        """Centres of the region's patches; of too many, more of those at likely windows."""
+        grid = self.settings.patches.grid
+        pixels = region_pixels(region.mask, grid.step)
+        if len(pixels) <= grid.max_patches:
+            return pixels
+        radii = self._radii(frame, pixels, model)
+        weights = region_weights(region, pixels.astype(np.float64), radii)
+        return np.asarray(pixels[thin_out(weights, grid.max_patches)])
+
+    def _radii(
+        self, frame: Frame, pixels: Float[np.ndarray, "n 2"], model: ObjectModel
+    ) -> Float[np.ndarray, "n"]:
+        """Half the object's diameter in pixels, at the depth of each of the pixels."""
+        depths = center_depths(frame.depth, np.rint(pixels).astype(np.int64))
+        focal = frame.camera_matrix[0, 0]
+        return np.asarray(focal * model.diameter / np.maximum(depths, _NEAREST) / 2.0)
+
+    def refine(
+        self,
+        context: FrameContext,
+        object_id: int,
+        hypotheses: Hypotheses,
+        instances: int = 1,
+        unexplained: Observation | None = None,
+        min_score: float | None = None,
+    ) -> RefinedHypotheses | None:
+        """Stage 3: refine the promising hypotheses and choose the best (paper, section 3.3).
+
+        At most as many `instances` are chosen as there are things that look like the object, which
+        other objects do not explain (`unexplained`: the rest of the image; None: all of it). The
+        first one with a score below `min_score` is the last. None if there is no hypothesis.
+        """
+        if len(hypotheses) == 0:
+            return None
+        frame, verification = context.frame, self.settings.refinement.verification
+
+        def good_enough(pose_cam_obj: Float[np.ndarray, "4 4"]) -> bool:
+            return self.score(context, object_id, pose_cam_obj) >= (min_score or 0.0)
+
+        return refine_and_choose(
+            self._refiner,
+            self.verifier(object_id),
+            context.observation,
+            self.learnt.models[object_id],
+            hypotheses,
+            verification.candidates,
+            verification.max_improvement,
+            derive_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id),
+            instances,
+            unexplained,
+            None if min_score is None else good_enough,
+        )
+
+    def follow(
+        self, context: FrameContext, object_id: int, pose_cam_obj: Float[np.ndarray, "4 4"]
+    ) -> Float[np.ndarray, "4 4"]:
+        """The pose of an instance that was at `pose_cam_obj` a moment before the frame."""
+        frame, seen = context.frame, context.observation
+        model = self.learnt.models[object_id]
+        seed = derive_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id)
+        pose = self._refiner.follow(model, seen.depth, seen.camera_matrix, pose_cam_obj, seed)
+        return choose_near_sibling(seen, model, pose.pose_cam_obj).pose_cam_obj
+
+    def measure_fit(
+        self, context: FrameContext, object_id: int, pose_cam_obj: Float[np.ndarray, "4 4"]
+    ) -> PoseFit:
+        """How well a pose fits the frame; measured once for every pose."""
+        key = object_id, pose_cam_obj.tobytes()
+        if key not in context.fits:
+            verifier = self.verifier(object_id)
+            context.fits[key] = measure_fit(verifier, context.observation, pose_cam_obj)
+        return context.fits[key]
+
+    def score(
+        self, context: FrameContext, object_id: int, pose_cam_obj: Float[np.ndarray, "4 4"]
+    ) -> float:
+        """The probability that a pose of an object is right."""
+        fit = self.measure_fit(context, object_id, pose_cam_obj)
+        return self.score_model(object_id).score(fit)
+
+    def score_model(self, object_id: int) -> ScoreModel:
+        """The score of an object's poses."""
+        if object_id not in self._scores:
+            self._scores[object_id] = self.learnt.load_score_model(object_id)
+        return self._scores[object_id]
+
+    def verifier(self, object_id: int) -> Verifier:
+        """The cost that compares poses of an object."""
+        if object_id not in self._verifiers:
+            model = self.learnt.models[object_id]
+            verification = self.settings.refinement.verification
+            self._verifiers[object_id] = Verifier(model, verification)
+        return self._verifiers[object_id]
+
+
+def _narrowed(region: Region, mask: Bool[np.ndarray, "h w"]) -> Region:
+    """The region within a mask; where it has nothing there, the mask, which knows better."""
+    both = region.mask & mask
+    return replace(region, mask=both if both.any() else mask)
+
+
+def derive_seed(*parts: int) -> int:
+    """One seed from several numbers: frames and objects have independent random numbers."""
+    return int(np.random.SeedSequence(parts).generate_state(1)[0])

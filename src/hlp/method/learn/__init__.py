@@ -1,0 +1,1 @@
+"""Learns objects from their CAD models: views, networks, codebooks, scores, one folder."""

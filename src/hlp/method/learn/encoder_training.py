@@ -1,0 +1,90 @@
+"""Trains the encoder that the settings name."""
+
+import gc
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+import pytorch_lightning as pl
+import torch
+from jaxtyping import Bool, Float
+
+from hlp.method.learn.backgrounds import Backgrounds
+from hlp.method.learn.training import calibration_images, fit
+from hlp.method.settings import MethodSettings
+from hlp.models.encoders import STEM, EncoderModule
+from hlp.models.onnx_export import export_network
+from hlp.patches.local import join_patches
+from hlp.patches.local_data import PairDataModule, PatchDataModule
+from hlp.patches.local_pool import (
+    PairPool,
+    bake_frame_patches,
+    bake_pairs,
+    join_pairs,
+)
+from hlp.records import ObjectModel, Views
+
+
+def train_encoder(
+    models: Mapping[int, ObjectModel],
+    views_of: Callable[[int], Views],
+    backgrounds: Backgrounds,
+    settings: MethodSettings,
+    folder: Path,
+) -> None:
+    """Train the encoder that the settings name into `folder`.
+
+    The CAE is trained on RGB-D frames without the objects (paper, section 3.2), the others on
+    rendered patches. Raises ValueError if an encoder needs frames and there are none.
+    """
+    torch.manual_seed(settings.seed)
+    settings.encoder.train(_Training(models, views_of, backgrounds, settings, folder))
+    gc.collect()  # as after the classifier
+
+
+@dataclass(frozen=True)
+class _Training:
+    """What encoders train with (`hlp.models.encoders.EncoderTraining`)."""
+
+    models: Mapping[int, ObjectModel]
+    views_of: Callable[[int], Views]
+    backgrounds: Backgrounds
+    settings: MethodSettings
+    folder: Path
+
+    def pair_batches(self, with_color: bool, batch_size: int) -> pl.LightningDataModule:
+        return PairDataModule(self._pairs(with_color), with_color, batch_size, self.settings.seed)
+
+    def pair_patches(self) -> tuple[Float[np.ndarray, "n p p"], Bool[np.ndarray, "n p p"]]:
+        pairs = self._pairs(with_color=False)
+        return pairs.depth[:, 0], pairs.valid[:, 0]
+
+    def frame_batches(
+        self, per_frame: int, batch_size: int, rooms: bool, varied_light: bool
+    ) -> pl.LightningDataModule:
+        frames = list(self.backgrounds.load_encoder_frames())
+        if rooms:
+            frames += self.backgrounds.load_background_frames()
+        local = self.settings.patches.local
+        sizes = sorted({local.size_of(model.local_size) for model in self.models.values()})
+        rng = np.random.default_rng(self.settings.seed)
+        patches = join_patches(bake_frame_patches(frames, sizes, per_frame, local, rng))
+        return PatchDataModule(patches, batch_size, self.settings.seed, varied_light)
+
+    def fit(self, module: EncoderModule, data: pl.LightningDataModule, epochs: int) -> None:
+        network = module.network
+        trained = cast(pl.LightningModule, module)
+        fit(trained, data, network, epochs, self.settings.trainer, self.folder)
+        sample = calibration_images(data, module.images)
+        export_network(network.layers, sample, self.folder / STEM, levels=False)
+
+    def _pairs(self, with_color: bool) -> PairPool:
+        pools = []
+        for object_id, model in sorted(self.models.items()):
+            rng = np.random.default_rng([self.settings.seed, object_id])
+            patches, views = self.settings.patches, self.views_of(object_id)
+            size = patches.local.size_of(model.local_size)
+            pools.append(bake_pairs(views, size, patches.local, patches.pairs, rng, with_color))
+        return join_pairs(pools)

@@ -1,0 +1,213 @@
+"""A folder of learnt objects: everything that detection needs, to be copied to any machine.
+
+<folder>/learnt.json            format, objects, the classifier's classes, settings, checksums of
+                                all files
+<folder>/classifier/, encoder/  the networks
+<folder>/objects/NAME/          object.json, model.npz (meshes, symmetries, siblings),
+                                colors.npz if the mesh has colours, texture.png if it has a texture,
+                                codebook.npz, lists.npz of its search
+<folder>/searches/NAME/         lists.npz of the search in several codebooks at once (joint_lists)
+
+Nothing in it is pickled, so reading it runs no code of whoever wrote it, and no file outside of it
+is read. Checksums find damage, not intent: the libraries that read networks and search indices are
+not made for hostile files, so load folders from people you trust.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any
+
+from annotated_types import Ge
+
+from hlp.checksums import content_checksum, find_damaged, is_sealed, seal_is_whole, sealed
+from hlp.codebook.entries import load_codebook
+from hlp.errors import ConfigError, DamagedError, DataError, MissingFileError
+from hlp.files import read_json, write_json
+from hlp.method.learn.model_files import read_model
+from hlp.method.learn.networks import load_classifier
+from hlp.method.settings import Device, MethodSettings, settings_from_json, settings_to_json
+from hlp.models.encoder import Encoder
+from hlp.models.network import Network
+from hlp.records import Codebook, ObjectModel
+from hlp.refinement.score_model import ScoreModel, load_score_model
+from hlp.settings import Settings, stored_as
+
+FORMAT = 4
+RECORD = "learnt.json"
+CLASSIFIER, ENCODER, OBJECTS, SEARCHES = "classifier", "encoder", "objects", "searches"
+NAME = re.compile(r"[\w][\w .+-]{0,79}")
+"""What an object may be called: the name is that of its folder. At most 80 characters."""
+_AGAIN = "learn the objects again, or copy the folder anew"
+
+
+@dataclass(frozen=True)
+class LearntRecord:
+    """The content of `learnt.json`.
+
+    `classes` are the ids of the objects that the classifier was trained on: class i + 1 is
+    `classes[i]`, class 0 background. A removed object keeps its class, so that things that look
+    like it are not taken for another object. `objects` maps the names of the present ones to ids.
+    `files` are the checksums of all files by path; a folder that is being made has none yet.
+    """
+
+    objects: Mapping[str, int]
+    classes: tuple[int, ...]
+    settings: MethodSettings
+    files: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def next_id(self) -> int:
+        """An id that no object has or had before."""
+        return max(self.classes, default=0) + 1
+
+
+@dataclass(frozen=True)
+class _Learnt(Settings):
+    """What `learnt.json` must say."""
+
+    objects: dict[str, Annotated[int, Ge(0)]]
+    classes: tuple[Annotated[int, Ge(0)], ...]
+    settings: dict[str, Any]
+    files: dict[str, str]
+
+
+def write_record(folder: Path, record: LearntRecord) -> None:
+    """Write `learnt.json`. It is written last: a folder with one is complete."""
+    content = {
+        "format": FORMAT,
+        "objects": dict(record.objects),
+        "classes": list(record.classes),
+        "settings": settings_to_json(record.settings),
+        "files": dict(record.files),
+    }
+    write_json(folder / RECORD, sealed(content))
+
+
+def read_record(folder: Path) -> LearntRecord:
+    """Read `learnt.json`. Raises MissingFileError and DataError that name what is wrong."""
+    path = folder / RECORD
+    if not path.is_file():
+        raise MissingFileError(f"{folder} holds no learnt objects: it has no {RECORD}")
+    try:
+        content = read_json(path)
+    except DataError as error:
+        raise DamagedError(f"{error}: {_AGAIN}") from error
+    if isinstance(content, dict) and is_sealed(content) and not seal_is_whole(content):
+        raise DamagedError(f"{path} is damaged: {_AGAIN}")
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        given = content.get("format") if isinstance(content, dict) else content
+        raise DataError(
+            f"{path}: format is {str(given)[:60]}, this version of HLP reads {FORMAT}: learn the "
+            "objects again, or install the version that wrote it"
+        )
+    if not is_sealed(content):
+        raise DamagedError(f"{path} is damaged: {_AGAIN}")
+    try:
+        learnt = stored_as(_Learnt, content, str(path))
+    except DataError as error:
+        raise DamagedError(f"{error}: {_AGAIN}") from error
+    objects = {_checked_name(name, path): object_id for name, object_id in learnt.objects.items()}
+    try:
+        settings = settings_from_json(learnt.settings)
+    except ConfigError as error:  # a plug-in that is not installed here, or a newer setting
+        raise DataError(f"{path}: settings: {error}") from error
+    return LearntRecord(objects, learnt.classes, settings, learnt.files)
+
+
+def _checked_name(name: str, path: Path) -> str:
+    if not NAME.fullmatch(name):
+        raise DataError(f"{path}: {name!r} cannot name an object")
+    return name
+
+
+def check_files(folder: Path, record: LearntRecord, part: str = "") -> None:
+    """Compare the files below a part of the folder with their checksums.
+
+    Raises MissingFileError and DamagedError naming the file.
+    """
+    below = f"{part}/" if part else ""
+    checksums = {name: each for name, each in record.files.items() if name.startswith(below)}
+    for name in find_damaged(folder, checksums):
+        if not (folder / name).is_file():
+            raise MissingFileError(f"{folder / name} is missing: {_AGAIN}")
+        raise DamagedError(f"{folder / name} is damaged: {_AGAIN}")
+
+
+class LearntFolder:
+    """Learnt objects on disk as `LearntObjects` for detection; files are read when first needed.
+
+    Before that they are compared with their checksums, once: the loaders raise MissingFileError or
+    DamagedError naming a file. `settings` are those of learning, except for `threads` and `device`
+    if given. `record` is that of a folder which is not complete yet.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        threads: int | None = None,
+        device: Device | None = None,
+        record: LearntRecord | None = None,
+    ) -> None:
+        self.folder = folder
+        self.record = read_record(folder) if record is None else record
+        learnt = self.record.settings
+        machine = replace(
+            learnt.machine,
+            threads=learnt.machine.threads if threads is None else threads,
+            device=learnt.machine.device if device is None else device,
+        )
+        self.settings = replace(learnt, machine=machine)
+        self._names = {object_id: name for name, object_id in self.record.objects.items()}
+        self._checked: set[str] = set()
+
+    @cached_property
+    def models(self) -> dict[int, ObjectModel]:
+        """Object models by id."""
+        return {each: read_model(self.object_folder(each)) for each in sorted(self._names)}
+
+    @property
+    def classes(self) -> Sequence[int]:
+        """Object id of each class of the classifier, from class 1 on."""
+        return self.record.classes
+
+    def object_folder(self, object_id: int) -> Path:
+        """The folder of an object."""
+        return self._part(f"{OBJECTS}/{self._names[object_id]}")
+
+    def _part(self, name: str) -> Path:
+        if name not in self._checked:
+            check_files(self.folder, self.record, name)
+            self._checked.add(name)
+        return self.folder / name
+
+    def load_classifier(self) -> Network:
+        """The classifier of holistic patches."""
+        return load_classifier(self._part(CLASSIFIER), self.settings.machine)
+
+    def load_encoder(self) -> Encoder:
+        """The encoder of local patches."""
+        machine = self.settings.machine
+        return self.settings.encoder.load(self._part(ENCODER), machine.threads, machine.device)
+
+    def load_codebook(self, object_id: int) -> Codebook:
+        """The codebook of one object."""
+        return load_codebook(self.object_folder(object_id))
+
+    def load_score_model(self, object_id: int) -> ScoreModel:
+        """The score of one object's poses."""
+        return load_score_model(self.object_folder(object_id))
+
+    def search_folder(self, object_ids: Sequence[int]) -> Path:
+        """The folder for the search in the codebooks of these objects; it may hold nothing."""
+        if self.settings.codebook.joint:
+            return self._part(searches_part(object_ids))
+        (object_id,) = object_ids
+        return self.object_folder(object_id)
+
+
+def searches_part(object_ids: Sequence[int]) -> str:
+    """Where in a folder the search in the codebooks of several objects lies."""
+    return f"{SEARCHES}/{content_checksum(repr(list(object_ids)).encode())[:8]}"

@@ -1,0 +1,88 @@
+"""Object models of CAD files, named and numbered, as learning takes them."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Gt
+
+from hlp.errors import InputError
+from hlp.method.learn.learnt_folder import NAME
+from hlp.objects.object_model import ObjectSettings, build_object_model
+from hlp.records import ObjectModel
+from hlp.settings import Doc, Settings
+
+_PROXY_FACES = 500  # triangles of the mesh that the refiner renders
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeshChoices(Settings):
+    """What is known of the objects beside their meshes. Otherwise it is found and logged."""
+
+    mesh_scale: Annotated[
+        float | None,
+        Gt(0),
+        Doc("metres per unit of the meshes: 0.001 for millimetres; null: guessed from the size"),
+    ] = None
+    symmetries: Annotated[
+        Literal["found", "none"],
+        Doc("found: turns that leave shape and colours nearly alike; none: every turn counts"),
+    ] = "found"
+    colors: Annotated[
+        bool, Doc("false: the colours of the meshes are not those of the real objects")
+    ] = True
+    holistic_size_mm: Annotated[
+        float | None, Gt(0), Doc("side of the windows; null: computed from the mesh")
+    ] = None
+    local_size_mm: Annotated[
+        float | None, Gt(0), Doc("side of the local patches; null: computed from the mesh")
+    ] = None
+
+
+def build_models(
+    meshes: Mapping[str, Path],
+    choices: MeshChoices,
+    first_id: int,
+    own_choices: Mapping[str, MeshChoices] | None = None,
+) -> dict[int, ObjectModel]:
+    """Object models of mesh files by id, numbered from `first_id` in the order given.
+
+    `own_choices` are those of single meshes by name, in place of `choices`.
+
+    Raises InputError for a name that cannot name a folder, and the errors of loading a mesh.
+    """
+    if not meshes:
+        raise InputError("no mesh is given: name one at least, {'bracket': 'bracket.ply'}")
+    check_told_apart(meshes)
+    models = {}
+    for object_id, (name, path) in enumerate(meshes.items(), first_id):
+        if not NAME.fullmatch(name):
+            raise InputError(
+                f"object name {name!r}: use up to 80 letters, digits, blanks and _ . + -"
+            )
+        own = (own_choices or {}).get(name, choices)
+        models[object_id] = _build(object_id, name, Path(path), own)
+    return models
+
+
+def check_told_apart(names: Iterable[str]) -> None:
+    """Raise InputError for names whose folders are one where case does not count."""
+    found: dict[str, str] = {}
+    for name in names:
+        other = found.setdefault(name.casefold(), name)
+        if other != name:
+            raise InputError(f"object names {other!r} and {name!r} differ only in case")
+
+
+def _build(object_id: int, name: str, path: Path, choices: MeshChoices) -> ObjectModel:
+    sizes = ObjectSettings(object_id, choices.holistic_size_mm, choices.local_size_mm)
+    stated = np.eye(4)[None] if choices.symmetries == "none" else None
+    model = build_object_model(
+        name, sizes, path, choices.mesh_scale, _PROXY_FACES, symmetries=stated
+    )
+    if choices.colors:
+        return model
+    mesh, proxy = (replace(each, colored=False) for each in (model.mesh, model.proxy))
+    return replace(model, mesh=mesh, proxy=proxy)

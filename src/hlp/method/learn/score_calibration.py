@@ -1,0 +1,77 @@
+"""Calibrates the score of an object's poses on rendered scenes, where the truth is known."""
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import cKDTree
+
+from hlp.geometry import inverse, transform
+from hlp.method.find.estimator import PoseEstimator
+from hlp.method.learn.calibration_scenes import calibration_scene
+from hlp.records import Frame, ObjectModel
+from hlp.refinement.pose_fit import PoseFit
+from hlp.refinement.score_model import PRIOR, ScoreModel, fit_score_model
+
+_RIGHT = 0.1  # of the diameter: ADD-S of a right pose is less
+_VERTICES = 1000  # of a mesh, about as many are compared
+_ABSENT = 3  # every third scene is without the object
+_BATCH = 8  # scenes held at a time
+_INSTANCES = 2  # answers a scene; the second one is wrong, and looks like the object
+
+
+def calibrate_score(
+    estimator: PoseEstimator, object_id: int, backgrounds: Sequence[Frame], scenes: int, seed: int
+) -> ScoreModel:
+    """Search an object in `scenes` rendered ones, and fit the score to what is right there.
+
+    Some scenes are without the object. The estimator must have learnt it. Without scenes the score
+    is that of an object of which nothing is known.
+    """
+    fits, right = [], []
+    for fit, is_right in search_scenes(estimator, object_id, backgrounds, scenes, seed):
+        fits.append(fit)
+        right.append(is_right)
+    return fit_score_model(fits, np.array(right, dtype=bool)) if fits else PRIOR
+
+
+def search_scenes(
+    estimator: PoseEstimator, object_id: int, backgrounds: Sequence[Frame], scenes: int, seed: int
+) -> Iterator[tuple[PoseFit, bool]]:
+    """How each answer to an object in rendered scenes fits, and whether it is right."""
+    model, views = estimator.learnt.models[object_id], estimator.settings.rendering
+    compare = _Comparison(model)
+
+    def draw(number: int) -> Frame:
+        present = number % _ABSENT != _ABSENT - 1
+        return calibration_scene(model, present, views, backgrounds, number, seed)
+
+    with ThreadPoolExecutor(estimator.settings.machine.threads) as pool:
+        for start in range(0, scenes, _BATCH):
+            for frame in pool.map(draw, range(start, min(start + _BATCH, scenes))):
+                context = estimator.prepare(frame)
+                region = estimator.find_region(context, object_id)
+                hypotheses = estimator.find_hypotheses(context, region).hypotheses
+                refined = estimator.refine(context, object_id, hypotheses, _INSTANCES)
+                if refined is None:
+                    continue
+                for row in refined.instances:
+                    pose = refined.refined[row].pose_cam_obj
+                    is_right = any(compare.right(pose, t.pose_cam_obj) for t in frame.targets)
+                    yield estimator.measure_fit(context, object_id, pose), is_right
+
+
+class _Comparison:
+    """Whether poses of an object are right."""
+
+    def __init__(self, model: ObjectModel) -> None:
+        vertices = np.asarray(model.mesh.vertices, dtype=np.float64)
+        self._vertices = vertices[:: max(1, len(vertices) // _VERTICES)]
+        self._tree = cKDTree(self._vertices)
+        self._limit = _RIGHT * model.diameter
+
+    def right(self, pose: Float[np.ndarray, "4 4"], true: Float[np.ndarray, "4 4"]) -> bool:
+        """Whether ADD-S is below the limit."""
+        moved = transform(inverse(pose) @ true, self._vertices)
+        return float(self._tree.query(moved)[0].mean()) < self._limit

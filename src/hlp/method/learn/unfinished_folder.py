@@ -1,0 +1,178 @@
+"""A folder of learnt objects in the making: continued after an interruption, published whole."""
+
+import glob
+import itertools
+import logging
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+
+from hlp.checksums import find_damaged, folder_checksums, seal_is_whole, sealed
+from hlp.errors import DamagedError, DataError, InputError, MissingFileError
+from hlp.files import read_json, remove_unfinished, write_json
+from hlp.method.learn.learnt_folder import (
+    RECORD,
+    LearntRecord,
+    check_files,
+    read_record,
+    write_record,
+)
+
+# Their names begin with a dot, so that they are no part of what is learnt.
+VIEWS, SCORED = ".views", ".scored.json"
+_DONE, _REQUEST = ".done.json", ".request.json"
+
+
+@contextmanager
+def folder_in_the_making(
+    folder: Path, request: Mapping[str, str], replaces: bool = False
+) -> Iterator[Path]:
+    """A folder beside `folder` that replaces it when the block ends without an error.
+
+    A folder left by an interrupted call is continued if it is for the same `request`.
+    """
+    folder = folder.resolve()  # "." has no name, and a link is to stay one
+    bring_back(folder)
+    if folder.exists() and not replaces and not _set_aside_damaged(folder):
+        what = "holds learnt objects" if (folder / RECORD).is_file() else "is there"
+        raise InputError(f"{folder} {what} already: load it, or name another folder")
+    partial = folder.with_name(folder.name + ".partial")
+    if partial.exists() and any(partial.iterdir()) and not (partial / _REQUEST).exists():
+        raise InputError(f"{partial} is in the way: rename it, or name another folder")
+    with _locked(folder.with_name(f".{folder.name}.lock")):
+        if partial.exists() and _read_request(partial) != request:
+            shutil.rmtree(partial)
+        partial.mkdir(parents=True, exist_ok=True)
+        write_json(partial / _REQUEST, request)
+        yield partial
+        _publish(partial, folder, replaces)
+    logging.getLogger(__name__).info("learnt %s", folder)
+
+
+def bring_back(folder: Path) -> None:
+    """Put a folder back that a killed process was replacing and left under a hidden name.
+
+    That process had renamed the old folder, but not yet the new one: the latter is still there as
+    `.partial`, and the call that was killed continues with it. Raises InputError while another
+    process is replacing the folder. What a process that was killed after that has left in the
+    folder is removed.
+    """
+    if (folder / RECORD).is_file() and (folder / _REQUEST).is_file():
+        _remove_markers(folder)
+    partial = folder.with_name(folder.name + ".partial")
+    if folder.exists() or not (partial / _REQUEST).is_file():
+        return
+    hidden = folder.parent.glob(f".{glob.escape(folder.name)}.*")
+    left = [each / folder.name for each in hidden if (each / folder.name / RECORD).is_file()]
+    if not left:
+        return
+    with _locked(folder.with_name(f".{folder.name}.lock")):
+        if not folder.exists():
+            latest = max(left, key=lambda each: (each / RECORD).stat().st_mtime)
+            latest.rename(folder)
+            latest.parent.rmdir()
+            text = "%s is back: a process was killed while replacing it"
+            logging.getLogger(__name__).warning(text, folder)
+
+
+def _set_aside_damaged(folder: Path) -> bool:
+    """Rename a folder of learnt objects that is damaged, and say why; False for any other."""
+    if not (folder / RECORD).is_file():
+        return False
+    try:
+        check_files(folder, read_record(folder))
+    except (DamagedError, MissingFileError) as error:
+        aside = folder.with_name(f"{folder.name}.damaged")
+        for number in itertools.count(2):
+            if not aside.exists():
+                break
+            aside = folder.with_name(f"{folder.name}.damaged-{number}")
+        folder.rename(aside)
+        logging.getLogger(__name__).warning("%s: kept as %s", error, aside.name)
+        return True
+    except DataError:  # of another version: not ours to judge
+        return False
+    return False
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Keep other processes from learning into the same folder; the system frees a dead one's lock.
+
+    Raises InputError while another process holds it. Without effect on Windows.
+    """
+    if sys.platform == "win32":
+        yield
+        return
+    import fcntl
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            folder = path.name.removeprefix(".").removesuffix(".lock")
+            raise InputError(f"another process is learning into {folder}: wait for it") from error
+        yield
+        path.unlink(missing_ok=True)
+
+
+def _publish(partial: Path, folder: Path, replaces: bool) -> None:
+    """Put a finished folder in its place; then remove what only an interrupted call would need."""
+    old = None
+    if replaces:
+        # A name that nothing has: not what an interrupted call left, nor a copy of the user's.
+        old = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+        folder.rename(old / folder.name)
+    partial.rename(folder)
+    if old is not None:
+        shutil.rmtree(old, ignore_errors=True)
+    _remove_markers(folder)
+
+
+def _remove_markers(folder: Path) -> None:
+    """Remove what only an interrupted call would need; the request last, which shows the rest."""
+    shutil.rmtree(folder / VIEWS, ignore_errors=True)
+    for name in (_DONE, SCORED, _REQUEST):
+        for path in folder.rglob(name):
+            with suppress(OSError):  # another process does the same, or it may only be read
+                path.unlink()
+
+
+def _read_request(partial: Path) -> object:
+    try:
+        return read_json(partial / _REQUEST)
+    except (OSError, DataError):
+        return None
+
+
+def finish(partial: Path, record: LearntRecord) -> None:
+    """Write `learnt.json`, with the checksums of all files. It is written last."""
+    remove_unfinished(partial)
+    write_record(partial, replace(record, files=folder_checksums(partial, leaving_out=(RECORD,))))
+
+
+@contextmanager
+def once(folder: Path, marker: str = _DONE) -> Iterator[bool]:
+    """Whether a folder's content must still be made. The end of the block marks it as made.
+
+    The marker holds the checksums of the files: if one is damaged, the content is made again.
+    """
+    if _is_made(folder, marker):
+        yield False
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    yield True
+    write_json(folder / marker, sealed({"files": folder_checksums(folder)}))
+
+
+def _is_made(folder: Path, marker: str) -> bool:
+    try:
+        record = read_json(folder / marker)
+        return seal_is_whole(record) and not any(find_damaged(folder, record["files"]))
+    except (MissingFileError, DataError):
+        return False

@@ -1,0 +1,78 @@
+"""The objects of a frame are searched by several threads at once."""
+
+import threading
+import time
+from collections.abc import Iterable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hlp.method.find.search import search_frame
+from hlp.records import Hypotheses, Region
+from hlp.thread_team import ThreadTeam
+
+
+class Estimator:
+    """Finds nothing of any object; waits in stage 2 until `together` objects are searched."""
+
+    def __init__(
+        self, threads: int, together: int, probability: dict[int, float] | None = None
+    ) -> None:
+        self.team = ThreadTeam(threads)
+        self.done: list[Any] = []
+        self.searched: list[int] = []
+        self._probability = probability or {}
+        self._barrier = threading.Barrier(together, timeout=10)
+
+    def share_work(self, context: Any, object_ids: list[int]) -> None:
+        self.done.append(("shared", object_ids))
+
+    def find_region(self, context: Any, object_id: int, instances: int) -> Region:
+        self.done.append((object_id, instances))
+        seen = [self._probability[object_id]] if object_id in self._probability else []
+        centers, nowhere = np.zeros((len(seen), 2)), np.zeros((4, 4), dtype=bool)
+        return Region(object_id, centers, np.array(seen), nowhere)
+
+    def share_patches(self, context: Any, regions: Iterable[Region]) -> None:
+        self.done.append(("shared patches", sorted(each.object_id for each in regions)))
+
+    def find_hypotheses(self, context: Any, region: Region) -> Any:
+        self.searched.append(region.object_id)
+        self._barrier.wait()
+        return SimpleNamespace(hypotheses=Hypotheses(np.zeros((0, 4, 4)), np.zeros(0)))
+
+    def refine(self, *_: Any) -> None:
+        return None
+
+    def score(self, *_: Any) -> float:
+        return 0.0
+
+    def closer_regions(self, *_: Any) -> Any:
+        return iter(())
+
+
+@pytest.mark.parametrize(("threads", "together"), [(1, 1), (2, 2), (3, 3)])
+def test_threads_search_different_objects(threads: int, together: int) -> None:
+    estimator: Any = Estimator(threads, together)
+    wanted = {5: 1, 3: 2, 9: 1, 4: 1, 8: 1, 2: 1}
+    answers, missing = search_frame(estimator, None, wanted, 0.5, time.perf_counter())  # type: ignore[arg-type]
+    assert answers == [] and missing == list(wanted)
+    assert estimator.done[0] == ("shared", list(wanted))
+    assert dict(estimator.done[1:-1]) == wanted
+    assert estimator.done[-1] == ("shared patches", sorted(wanted))
+
+
+def test_what_the_classifier_is_least_sure_of_is_searched_first() -> None:
+    """Answers stay in the order in which objects were asked for."""
+    estimator: Any = Estimator(1, 1, {5: 0.9, 3: 0.2, 9: 1.0, 4: 0.5})
+    wanted = dict.fromkeys((5, 3, 9, 7, 4), 1)
+    _, missing = search_frame(estimator, None, wanted, 0.5, time.perf_counter())  # type: ignore[arg-type]
+    assert estimator.searched == [7, 3, 4, 5, 9]
+    assert missing == [5, 3, 9, 7, 4]
+
+
+def test_nothing_is_wanted() -> None:
+    estimator: Any = Estimator(2, 1)
+    assert search_frame(estimator, None, {}, 0.5, time.perf_counter()) == ([], [])  # type: ignore[arg-type]

@@ -1,0 +1,81 @@
+"""Objects whose patches are looked up in one index: learnt, found, added, removed."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hlp import Detector
+from hlp.data.synthetic.objects import demo_objects
+from hlp.method.learn.learnt_folder import SEARCHES
+from hlp.records import Frame
+from made_once import made_once
+from tiny_method import tiny_method, write_mesh
+
+MODELS = {model.name: model for model in demo_objects().values()}
+JOINT = ("codebook=joint_lists", "patches.local.size_mm=45")
+
+
+@pytest.fixture(scope="module")
+def together(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of the demo's bear and can that share an index."""
+
+    def make(folder: Path) -> None:
+        meshes = {name: write_mesh(folder, MODELS[name]) for name in ("bear", "can")}
+        Detector.learn(meshes, folder / "objects", settings=tiny_method(*JOINT))
+
+    return made_once(tmp_path_factory, "together", make) / "objects"
+
+
+def no_training(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hlp.codebook.inverted_lists._train", lambda *_: 1 / 0)
+
+
+def searches(folder: Path) -> list[str]:
+    return sorted(
+        path.relative_to(folder / SEARCHES).name for path in (folder / SEARCHES).iterdir()
+    )
+
+
+def test_the_bear_is_found_by_any_number_of_threads_and_whoever_else_is_looked_for(
+    together: Path, frame: Frame, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    no_training(monkeypatch)
+    image = frame.rgb, frame.depth, frame.camera_matrix
+    one, two = (Detector.load(together, threads=threads) for threads in (1, 2))
+    alone = one.detect(*image, objects=["bear"], max_instances=1)
+    both = two.detect(*image, max_instances=1)
+    assert len(alone) == 1
+    (bear,) = (each for each in both if each.object == "bear")
+    np.testing.assert_array_equal(bear.pose_cam_obj, alone[0].pose_cam_obj)
+    true = next(t for t in frame.targets if t.object_id == MODELS["bear"].object_id)
+    apart = bear.pose_cam_obj[:3, 3] - true.pose_cam_obj[:3, 3]
+    assert np.linalg.norm(apart) < 0.1 * MODELS["bear"].diameter
+
+
+def test_removing_an_object_leaves_an_index_of_the_others(
+    together: Path, frame: Frame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = shutil.copytree(together, tmp_path / "learnt")
+    (before,) = searches(folder)
+    detector = Detector.load(folder)
+    detector.remove("can")
+    (after,) = searches(folder)
+    assert after != before
+    no_training(monkeypatch)
+    for each in (detector, Detector.load(folder)):
+        found = each.detect(frame.rgb, frame.depth, frame.camera_matrix, max_instances=1)
+        assert [one.object for one in found] == ["bear"]
+
+
+@pytest.mark.slow
+def test_adding_an_object_makes_an_index_of_all(
+    together: Path, frame: Frame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = shutil.copytree(together, tmp_path / "learnt")
+    before = searches(folder)
+    Detector.load(folder).add({"duck": write_mesh(tmp_path, MODELS["duck"])})
+    assert len(searches(folder)) == 1 and searches(folder) != before
+    no_training(monkeypatch)
+    Detector.load(folder).detect(frame.rgb, frame.depth, frame.camera_matrix)

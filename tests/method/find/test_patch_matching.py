@@ -1,0 +1,176 @@
+"""Local patches of a frame that several objects share, and the entries nearest to them."""
+
+import threading
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hlp.data.synthetic.objects import demo_objects
+from hlp.method.find.patch_matching import FrameMatches, PatchMatching, SearchGroup, search_groups
+from hlp.patches.local import region_pixels
+from hlp.records import Codebook, Frame, LocalPatches
+from hlp.thread_team import ThreadTeam
+from tiny_method import tiny_method
+
+OWN, JOINT = tiny_method("codebook=exact"), tiny_method("codebook=joint_lists")
+SHARED = tiny_method("codebook=joint_lists", "patches.local.size_mm=45")
+MODELS = dict(list(demo_objects().items())[:3])
+DIMENSION = 16
+
+
+class Encoder:
+    """Random projections of the depth; counts the patches that it has seen."""
+
+    sees_color = False
+
+    def __init__(self) -> None:
+        self.seen = 0
+        self._lock = threading.Lock()
+
+    def encode(self, patches: LocalPatches) -> np.ndarray:
+        with self._lock:
+            self.seen += len(patches)
+        size = patches.depth.shape[1] ** 2
+        projections = np.random.default_rng(5).normal(size=(DIMENSION, size))
+        flat = patches.depth.reshape(len(patches), size).astype(np.float64)
+        # BLAS orders sums by the number of patches.
+        return np.asarray(np.einsum("ns,ds->nd", flat, projections), dtype=np.float32)
+
+
+class Learnt:
+    """Codebooks of 40 entries and more, at the features of nothing in particular."""
+
+    models = MODELS
+
+    def load_codebook(self, object_id: int) -> Codebook:
+        rng = np.random.default_rng(object_id)
+        count = 40 + object_id
+        features = rng.normal(scale=20.0, size=(count, DIMENSION)).astype(np.float32)
+        rotations = np.tile(np.eye(3, dtype=np.float32), (count, 1, 1))
+        return Codebook(object_id, features, rotations, np.zeros((count, 3), np.float32), 1.0)
+
+    def search_folder(self, object_ids: Any) -> None:
+        return None
+
+
+def matching(settings: Any, encoder: Encoder) -> PatchMatching:
+    learnt: Any = Learnt()
+    return PatchMatching(learnt, settings, tuple(MODELS), lambda: encoder, ThreadTeam(2))
+
+
+def wanted(frame: Frame) -> list[np.ndarray]:
+    """Pixels of three regions that overlap, in no order."""
+    rng = np.random.default_rng(1)
+    parts = []
+    for left in (60, 100, 130):
+        mask = np.zeros(frame.depth.shape, dtype=bool)
+        mask[60:180, left : left + 120] = True
+        parts.append(rng.permutation(region_pixels(mask, 8)))
+    return parts
+
+
+def test_each_object_is_searched_alone_or_with_those_of_the_same_patch_size() -> None:
+    ids = list(MODELS)
+    assert search_groups(MODELS, reversed(ids), OWN) == [(each,) for each in ids]
+    assert search_groups(MODELS, reversed(ids), SHARED) == [tuple(ids)]
+    sizes = dict(zip(ids, (0.03, 0.04, 0.03), strict=True))
+    models = {each: replace(MODELS[each], local_size=sizes[each]) for each in ids}
+    assert search_groups(models, ids, JOINT) == [(ids[0], ids[2]), (ids[1],)]
+
+
+def test_a_patch_votes_for_the_objects_of_its_nearest_entries_alone(frame: Frame) -> None:
+    """Beside the distances to all entries of all objects, by NumPy."""
+    encoder = Encoder()
+    frame_matches = FrameMatches(matching(SHARED, encoder), frame)
+    (pixels, *_) = wanted(frame)
+    codebooks = {each: Learnt().load_codebook(each).features for each in MODELS}
+    voters = 0
+    for object_id, features in codebooks.items():
+        patches, found = frame_matches.match(object_id, pixels)
+        queries = encoder.encode(patches)
+        everything = np.concatenate(list(codebooks.values()))
+        nearest = np.sort(np.linalg.norm(everything - queries[:, None], axis=2), axis=1)[:, :3]
+        own = np.linalg.norm(features[found.indices] - queries[:, None], axis=2)
+        votes = np.isfinite(found.distances)
+        np.testing.assert_allclose(found.distances[votes], own[votes], rtol=1e-3)
+        np.testing.assert_allclose(found.distances[votes], nearest[votes], rtol=1e-3)
+        voters += np.count_nonzero(votes)
+    assert voters == 3 * len(patches)
+
+
+@pytest.mark.parametrize("shared_first", [False, True])
+def test_each_patch_is_cut_once_and_is_what_it_would_be_alone(
+    shared_first: bool, frame: Frame
+) -> None:
+    encoder = Encoder()
+    together = FrameMatches(matching(SHARED, encoder), frame)
+    asked = dict(zip(MODELS, wanted(frame), strict=True))
+    if shared_first:
+        together.share(asked)
+    found = {each: together.match(each, pixels) for each, pixels in asked.items()}
+    seen = encoder.seen
+    for object_id, pixels in asked.items():
+        patches, matches = FrameMatches(matching(SHARED, Encoder()), frame).match(object_id, pixels)
+        for name in vars(patches):
+            np.testing.assert_array_equal(
+                getattr(found[object_id][0], name), getattr(patches, name)
+            )
+        np.testing.assert_array_equal(found[object_id][1].indices, matches.indices)
+        np.testing.assert_array_equal(found[object_id][1].distances, matches.distances)
+    places = [found[each][0].pixels for each in MODELS]
+    assert seen == len(np.unique(np.concatenate(places), axis=0)) < sum(map(len, places))
+
+
+def test_a_group_is_loaded_once_for_all_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    shared = matching(SHARED, Encoder())
+    load = Learnt.load_codebook
+
+    def load_slowly(self: Learnt, object_id: int) -> Codebook:
+        time.sleep(0.02)
+        return load(self, object_id)
+
+    monkeypatch.setattr(Learnt, "load_codebook", load_slowly)
+    groups = ThreadTeam(6).map(lambda number: shared.group(list(MODELS)[number % 3]), 6)
+    assert all(each is groups[0] for each in groups)
+
+
+def test_threads_may_ask_at_once(frame: Frame) -> None:
+    encoder = Encoder()
+    together = FrameMatches(matching(SHARED, encoder), frame)
+    parts = wanted(frame)
+    alone = [FrameMatches(matching(SHARED, Encoder()), frame).match(1, each) for each in parts]
+    found: dict[int, Any] = {}
+
+    def ask(number: int) -> None:
+        found[number] = together.match(1, parts[number % 3])
+
+    threads = [threading.Thread(target=ask, args=(number,)) for number in range(12)]
+    for each in threads:
+        each.start()
+    for each in threads:
+        each.join()
+    for number, (patches, matches) in found.items():
+        np.testing.assert_array_equal(patches.pixels, alone[number % 3][0].pixels)
+        np.testing.assert_array_equal(matches.distances, alone[number % 3][1].distances)
+    places = np.concatenate([patches.pixels for patches, _ in alone])
+    assert encoder.seen == len(np.unique(places, axis=0))
+
+
+def test_no_pixels_and_pixels_without_depth_have_no_patches(frame: Frame) -> None:
+    empty = FrameMatches(matching(SHARED, Encoder()), replace(frame, depth=0.0 * frame.depth))
+    for pixels in (np.zeros((0, 2), dtype=np.int64), np.array([[50, 60], [58, 60]])):
+        patches, matches = empty.match(1, pixels)
+        assert len(patches) == len(matches.indices) == 0
+
+
+def test_features_are_held_once() -> None:
+    learnt: Any = Learnt()
+    settings: Any = SHARED
+    group = SearchGroup(learnt, tuple(MODELS), settings)
+    for object_id, codebook in group.codebooks.items():
+        assert np.shares_memory(codebook.features, group.features)
+        np.testing.assert_array_equal(codebook.features, Learnt().load_codebook(object_id).features)
+    assert len(group.features) == sum(len(each.features) for each in group.codebooks.values())

@@ -1,0 +1,164 @@
+import pytest
+import pytorch_lightning as pl
+import torch
+from torch import nn
+from torch.nn import functional
+
+from hlp.method.learn.training import fit
+from hlp.method.learn.training_files import HISTORY, WEIGHTS, read_history, read_weights
+from hlp.method.settings import TrainerSettings
+from hlp.patches.pool_loader import pool_loader
+
+CPU = TrainerSettings("cpu", "cpu", 1, "auto", "32-true", 2)
+EPOCHS = 4
+
+
+class StopError(RuntimeError):
+    pass
+
+
+class Data(pl.LightningDataModule):
+    """Batches with noise drawn from the trainer's step, as the real ones have."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__()
+        gen = torch.Generator().manual_seed(7)
+        images = torch.randn((48, 2, 8, 8), generator=gen)
+        self.pool = {"image": images, "label": (images.mean(dim=(1, 2, 3)) > 0).long()}
+        self.seed = seed
+
+    def train_dataloader(self):
+        return pool_loader(self.pool, 16, self.seed)
+
+    def on_before_batch_transfer(self, batch, dataloader_idx):
+        gen = torch.Generator().manual_seed(self.trainer.global_step)
+        noise = torch.randn(batch["image"].shape, generator=gen)
+        return batch["image"] + 0.1 * noise, batch["label"]
+
+
+class Net(pl.LightningModule):
+    """Batch norm, dropout, momentum and a schedule: all the state that a resumed run needs."""
+
+    def __init__(self, stop_at: int | None = None) -> None:
+        super().__init__()
+        self.network = nn.Sequential(
+            nn.Conv2d(2, 4, 3, stride=2),
+            nn.BatchNorm2d(4),
+            nn.ReLU(),
+            nn.Flatten(),
+            nn.Dropout(0.5),
+            nn.Linear(36, 2),
+        )
+        self.stop_at = stop_at
+        self.seen: list[float] = []
+
+    def training_step(self, batch, _):
+        if self.global_step == self.stop_at:
+            raise StopError
+        images, labels = batch
+        self.seen.append(float(images.sum()))
+        loss = functional.cross_entropy(self.network(images), labels)
+        self.log("loss", loss, on_step=False, on_epoch=True)
+        return loss
+
+    def configure_optimizers(self):
+        optimizer = torch.optim.AdamW(self.parameters(), lr=0.01)
+        steps = int(self.trainer.estimated_stepping_batches)
+        schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, 0.01, total_steps=steps)
+        return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+
+def train(folder, stop_at=None, seed=0):
+    torch.manual_seed(3)
+    module = Net(stop_at)
+    fit(module, Data(seed), module.network, EPOCHS, CPU, folder)
+    return module
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole")
+    return folder, train(folder)
+
+
+@pytest.mark.parametrize("stops", [(4,), (3, 8), (11,)])
+def test_resumed_training_equals_an_uninterrupted_one_bit_for_bit(uninterrupted, tmp_path, stops):
+    whole, module = uninterrupted
+    for stop in stops:
+        with pytest.raises(StopError):
+            train(tmp_path, stop)
+        assert not (tmp_path / WEIGHTS).exists()
+        torch.rand(17)  # whatever else draws in between
+    resumed = train(tmp_path)
+    assert resumed.seen == module.seen[-len(resumed.seen) :]  # the same batches, in order
+    expected = torch.load(whole / WEIGHTS, weights_only=True)
+    for name, value in torch.load(tmp_path / WEIGHTS, weights_only=True).items():
+        assert torch.equal(value, expected[name]), name
+    assert (tmp_path / HISTORY).read_bytes() == (whole / HISTORY).read_bytes()
+
+
+def test_resuming_repeats_no_finished_epoch(tmp_path):
+    with pytest.raises(StopError):
+        train(tmp_path, 8)  # within the third epoch of 3 steps each
+    assert len(train(tmp_path).seen) == 6
+
+
+def test_seed_decides_the_order_of_batches(uninterrupted, tmp_path):
+    assert train(tmp_path, seed=1).seen != uninterrupted[1].seen
+
+
+def test_history_holds_every_epoch_and_weights_load(uninterrupted):
+    folder, module = uninterrupted
+    history = read_history(folder)
+    assert [row["epoch"] for row in history] == [0, 1, 2, 3]
+    assert history[-1]["loss"] < history[0]["loss"]
+    found, expected = read_weights(folder), module.network.state_dict()
+    assert found.keys() == expected.keys()
+    for name, value in expected.items():
+        assert torch.equal(found[name], value)
+
+
+def test_only_weights_and_history_remain(uninterrupted):
+    assert sorted(path.name for path in uninterrupted[0].iterdir()) == [HISTORY, WEIGHTS]
+
+
+def test_a_stage_without_training_has_no_history(tmp_path):
+    assert read_history(tmp_path) == []
+    with pytest.raises(FileNotFoundError, match=WEIGHTS):
+        read_weights(tmp_path)
+
+
+class Alone(Data):
+    """Batches as they are: the noise is drawn anew in every process."""
+
+    def on_before_batch_transfer(self, batch, dataloader_idx):
+        return batch["image"], batch["label"]
+
+
+class Plain(Net):
+    """Without batch norm and dropout, which know one process's share only."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.network = nn.Sequential(nn.Conv2d(2, 4, 3), nn.ReLU(), nn.Flatten(), nn.Linear(144, 2))
+
+
+@pytest.mark.slow
+@pytest.mark.thorough
+def test_two_processes_learn_what_one_learns_from_the_same_batches(tmp_path):
+    """Their mean gradient is that of the whole batch, so the weights agree but for rounding."""
+    two = TrainerSettings("ddp", "cpu", 2, "ddp_spawn", "32-true", 1)
+    weights = []
+    for trainer, folder in ((CPU, tmp_path / "one"), (two, tmp_path / "two")):
+        folder.mkdir()
+        torch.manual_seed(3)
+        module = Plain()
+        before = module.network[0].weight.clone()
+        fit(module, Alone(0), module.network, EPOCHS, trainer, folder)
+        assert not torch.allclose(module.network[0].weight, before, atol=1e-2)
+        assert sorted(path.name for path in folder.iterdir()) == [HISTORY, WEIGHTS]
+        assert [row["epoch"] for row in read_history(folder)] == [0, 1, 2, 3]
+        weights.append(torch.load(folder / WEIGHTS, weights_only=True))
+    for name, value in weights[0].items():
+        torch.testing.assert_close(weights[1][name], value, atol=1e-4, rtol=0.0)
+    assert torch.get_num_threads() == CPU.torch_threads  # theirs are not this process's

@@ -1,0 +1,187 @@
+"""Tracking through sequences of a simulated camera, whose poses are known."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from hlp import CameraImage, Detector, TrackingSettings
+from hlp.data.synthetic.objects import demo_objects
+from hlp.errors import InputError
+from hlp.evaluation.errors import add_s
+from hlp.geometry import project, rigid, rotation_distance, transform
+from hlp.method.track.tracking import Track, part_near
+from hlp.records import Frame, ObjectModel
+from moving_scene import SimulatedCamera, path
+
+MODELS = {model.name: model for model in demo_objects().values()}
+BEAR, CAN = MODELS["bear"], MODELS["can"]
+NEAR = (-0.05, -0.02, 0.7)
+
+
+@pytest.fixture(scope="module")
+def detector(learnt: Path) -> Detector:
+    return Detector.load(learnt)
+
+
+def is_right(pose: np.ndarray, true: np.ndarray, model: ObjectModel) -> bool:
+    return add_s(pose, true, model.mesh.vertices) < 0.1 * model.diameter
+
+
+def hidden(poses: np.ndarray, first: int, last: int) -> np.ndarray:
+    poses = poses.copy()
+    poses[first:last] = np.nan
+    return poses
+
+
+def test_an_object_is_detected_once_and_then_tracked(detector: Detector) -> None:
+    poses = path(BEAR, 6, NEAR)
+    images = list(SimulatedCamera({"bear": poses}, MODELS))
+    answers = list(detector.track(images, ["bear"], 1))
+    assert [[each.tracked for each in found] for found in answers] == [[False]] + [[True]] * 5
+    assert {found[0].track for found in answers} == {0}
+    for (found,), true in zip(answers, poses, strict=True):
+        assert found.object == "bear" and found.score >= 0.5 and found.seconds > 0.0
+        assert is_right(found.pose_cam_obj, true, BEAR)
+    first = images[0]
+    (alone,) = detector.detect(first.rgb, first.depth, first.camera_matrix, ["bear"], 1)
+    np.testing.assert_array_equal(answers[0][0].pose_cam_obj, alone.pose_cam_obj)
+    assert answers[0][0].score == alone.score
+
+
+def test_frame_by_frame_gives_the_same_as_the_generator(detector: Detector) -> None:
+    images = list(SimulatedCamera({"bear": path(BEAR, 3, NEAR)}, MODELS))
+    at_once = list(detector.track(images, ["bear"], 1))
+    tracker = detector.tracker(["bear"], 1)
+    for image, (expected,) in zip(images, at_once, strict=True):
+        (found,) = tracker.update(image)
+        np.testing.assert_array_equal(found.pose_cam_obj, expected.pose_cam_obj)
+    tracker.reset()
+    assert [each.tracked for each in tracker.update(images[2])] == [False]
+
+
+def test_a_lost_object_is_detected_again_in_the_same_frame(detector: Detector) -> None:
+    """It jumps by 10 cm and half a turn: no refiner gets there, and one number stays."""
+    here = path(BEAR, 2, NEAR)
+    there = path(BEAR, 2, (0.06, 0.03, 0.75)) @ trimesh.transformations.rotation_matrix(
+        2.0, [0, 0, 1], BEAR.centroid
+    )
+    poses = np.concatenate([here, there])
+    answers = list(detector.track(SimulatedCamera({"bear": poses}, MODELS), ["bear"], 1))
+    for found, true in zip(answers, poses, strict=True):
+        assert len(found) == 1 and is_right(found[0].pose_cam_obj, true, BEAR)
+    assert [found[0].tracked for found in answers] == [False, True, False, True]
+    assert {found[0].track for found in answers} == {0}
+
+
+def test_an_object_that_is_gone_is_not_found_and_why_is_said(detector: Detector) -> None:
+    poses = hidden(path(BEAR, 4, NEAR), 2, 3)
+    tracker = detector.tracker(["bear"], 1)
+    results = [tracker.search(each) for each in SimulatedCamera({"bear": poses}, MODELS)]
+    assert [len(each.detections) for each in results] == [1, 1, 0, 1]
+    (rejection,) = results[2].rejections
+    assert rejection.object == "bear" and rejection.reason
+    assert not any(each.rejections for each in (results[0], results[1], results[3]))
+    assert not results[3].detections[0].tracked
+
+
+def test_objects_and_instances_keep_their_numbers(detector: Detector) -> None:
+    """Two bears and a can, which move past each other."""
+    paths = {
+        "bear#1": path(BEAR, 5, (-0.12, -0.02, 0.7)),
+        "bear#2": path(BEAR, 5, (0.02, -0.05, 0.75)),
+        "can": path(CAN, 5, (0.12, 0.06, 0.65), step_mm=-3.0),
+    }
+    answers = list(detector.track(SimulatedCamera(paths, MODELS), None, 2))
+    owners: dict[int, str] = {}
+    for index, found in enumerate(answers):
+        for name, poses in paths.items():
+            model = MODELS[name.split("#")[0]]
+            (match,) = [e for e in found if is_right(e.pose_cam_obj, poses[index], model)]
+            assert match.object == model.name
+            assert owners.setdefault(match.track, name) == name
+        assert all(each.tracked for each in found if each.track in owners) or index == 0
+
+
+def test_further_instances_are_searched_every_so_many_frames(detector: Detector) -> None:
+    late = hidden(path(BEAR, 6, (0.05, -0.05, 0.75)), 0, 2)
+    paths = {"bear#1": path(BEAR, 6, (-0.12, -0.02, 0.7)), "bear#2": late}
+    for every, expected in ((3, [1, 1, 1, 2, 2, 2]), (0, [1] * 6)):
+        settings = TrackingSettings(search_every=every)
+        camera = SimulatedCamera(paths, MODELS)
+        answers = list(detector.track(camera, ["bear"], 2, settings))
+        assert [len(found) for found in answers] == expected
+
+
+def test_a_wrong_frame_is_refused_and_forgets_nothing(detector: Detector) -> None:
+    one, two = SimulatedCamera({"bear": path(BEAR, 2, NEAR)}, MODELS)
+    tracker = detector.tracker(["bear"], 1)
+    tracker.update(one)
+    with pytest.raises(InputError, match="depth has negative"):
+        tracker.update(CameraImage(two.rgb, -two.depth, two.camera_matrix))
+    with pytest.raises(InputError, match="rgb, depth and camera_matrix"):
+        tracker.update(two.rgb)  # type: ignore[arg-type]
+    assert [each.tracked for each in tracker.update(two)] == [True]
+    with pytest.raises(InputError, match="max_instances"):
+        detector.tracker(max_instances=0)
+    with pytest.raises(InputError, match="cat not learnt"):
+        detector.tracker(["cat"])
+    with pytest.raises(ValueError, match="min_score is 2"):
+        TrackingSettings(min_score=2.0)
+
+
+def test_the_predicted_pose_moves_on_by_one_more_step() -> None:
+    """On a path of constant velocity the prediction is the next pose."""
+    poses = path(BEAR, 3, NEAR, step_mm=12.0, turn_deg=7.0)
+    track = Track(0, BEAR.object_id, 1.0, poses[1], poses[0])
+    last, predicted = track.start_poses(BEAR.centroid, prediction=True)
+    np.testing.assert_allclose(last, poses[1], atol=1e-12)
+    np.testing.assert_allclose(predicted, poses[2], atol=1e-9)
+    (only,) = track.start_poses(BEAR.centroid, prediction=False)
+    np.testing.assert_array_equal(only, last)
+    sheared = poses[1].copy()
+    sheared[:3, :3] *= 1.01  # what thousands of products would come to
+    (start,) = Track(0, BEAR.object_id, 1.0, sheared).start_poses(BEAR.centroid, True)
+    np.testing.assert_allclose(start[:3, :3] @ start[:3, :3].T, np.eye(3), atol=1e-12)
+    assert rotation_distance(start[:3, :3], poses[1][:3, :3]) < 1e-6
+
+
+def test_a_part_of_a_frame_judges_a_pose_as_the_whole_does(detector: Detector) -> None:
+    """The part is a window of the image, with the camera that sees the same points in it."""
+    poses = path(BEAR, 2, NEAR)
+    (image, _) = SimulatedCamera({"bear": poses}, MODELS)
+    tracker = detector.tracker(["bear"], 1)
+    with tracker._estimator() as estimator:
+        object_id = detector.models["bear"].object_id
+        model = estimator.learnt.models[object_id]
+        frame = Frame(0, 0, image.rgb, image.depth.astype(np.float32), image.camera_matrix)
+        whole = estimator.prepare(frame)
+        part = part_near(estimator, whole, model, poses)
+        rows, columns = part.frame.depth.shape
+        assert 0 < rows * columns < 0.6 * frame.depth.size
+        low = (image.camera_matrix - part.frame.camera_matrix)[:2, 2].astype(int)
+        window = slice(low[1], low[1] + rows), slice(low[0], low[0] + columns)
+        np.testing.assert_array_equal(part.frame.depth, frame.depth[window])
+        np.testing.assert_array_equal(part.frame.rgb, frame.rgb[window])
+        seen = project(transform(poses[0], model.mesh.vertices), part.frame.camera_matrix)
+        beside = 0.4 * model.diameter * image.camera_matrix[0, 0] / poses[0, 2, 3]
+        assert np.ptp(seen, axis=0).max() > 20
+        assert seen.min() > beside or (low == 0).any()
+        assert ((columns, rows) - seen.max(axis=0) > beside).all()
+        expected = estimator.measure_fit(whole, object_id, poses[0]).as_array()
+        found = estimator.measure_fit(part, object_id, poses[0]).as_array()
+        np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-3)
+
+
+def test_where_an_object_is_not_in_the_image_the_part_is_the_whole(detector: Detector) -> None:
+    (image, _) = SimulatedCamera({"bear": path(BEAR, 2, NEAR)}, MODELS)
+    tracker = detector.tracker(["bear"], 1)
+    with tracker._estimator() as estimator:
+        model = estimator.learnt.models[detector.models["bear"].object_id]
+        frame = Frame(0, 0, image.rgb, image.depth.astype(np.float32), image.camera_matrix)
+        whole = estimator.prepare(frame)
+        for place in ((9.0, 0.0, 0.7), (0.0, 0.0, 0.0)):
+            pose = rigid(np.eye(3), np.array(place))
+            assert part_near(estimator, whole, model, pose[None]) is whole
+        assert part_near(estimator, whole, model, np.zeros((0, 4, 4))) is whole
