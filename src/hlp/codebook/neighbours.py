@@ -140,9 +140,9 @@ class ExactNeighbours:
             partial *= np.float32(-2.0)
             partial += self.squares
             indices[rows] = _least(partial, self.neighbours)
-            least = np.take_along_axis(partial, indices[rows], axis=1)
-            squared = least + np.einsum("nd,nd->n", block, block)[:, None]
-            distances[rows] = np.sqrt(np.maximum(squared, 0.0))
+            # Once more, exactly: the sums of BLAS depend on the queries beside this one.
+            apart = block[:, None] - self.features[indices[rows]]
+            distances[rows] = np.sqrt(np.einsum("nkd,nkd->nk", apart, apart))
         return Matches(indices, distances)
 
 
