@@ -119,7 +119,7 @@ def _shown(folder: Path) -> str:
             f"  symmetries  {len(model.symmetries) - 1}; {len(model.siblings)} more that only "
             "colours tell apart",
             f"  patches     windows {model.holistic_size * 1000:.0f} mm, "
-            f"local {local.size_of(model.local_size) * 1000:.0f} mm",
+            f"local {local.side_of(model.local_size) * 1000:.0f} mm",
         ]
     return "\n".join(lines)
 

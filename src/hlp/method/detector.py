@@ -23,7 +23,7 @@ from hlp.method.arguments import (
     checked_pose,
 )
 from hlp.method.compute_threads import one_blas_thread
-from hlp.method.find.detections import Detection, SearchResult, sort_answers
+from hlp.method.find.detections import Detection, SearchResult, describe_all, sort_answers
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.find.search import search_frame
 from hlp.method.learn.learnt_folder import LearntFolder
@@ -69,6 +69,14 @@ class Detector:
     def __reduce__(self) -> tuple[type["Detector"], tuple[object, ...]]:
         """Pickled as the name of its folder: another process opens the folder itself."""
         return Detector, (self.folder, self._threads, self._device)
+
+    def __repr__(self) -> str:
+        settings = self._estimator.settings
+        return (
+            f"Detector({str(self.folder)!r}, objects={list(self.objects)}, "
+            f"encoder={settings.encoder.name}, codebook={settings.codebook.name}, "
+            f"refinement={settings.refinement.name}, threads={self.threads})"
+        )
 
     def _open(self) -> None:
         learnt = LearntFolder(self.folder, self._threads, self._device)
@@ -221,9 +229,10 @@ class Detector:
         with self._alone() as estimator:
             begun = time.perf_counter()
             context = estimator.prepare(frame, within)
-            wanted = {self._ids[name]: max_instances for name in names}
-            answers, ids = search_frame(estimator, context, wanted, min_score, begun)
-        missing = [name for name in names if self._ids[name] in ids]
+            counts = {self._ids[name]: max_instances for name in names}
+            trace = search_frame(estimator, context, counts, min_score=min_score, begun=begun)
+            answers = describe_all(estimator, context, trace)
+        missing = [name for name in names if trace[self._ids[name]].refined is None]
         return sort_answers(answers, missing, min_score)
 
     def refine(

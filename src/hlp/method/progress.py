@@ -4,15 +4,11 @@ The fingerprint of what is learnt holds the source of the code that learns it. L
 change nothing of it, so that code does not draw them.
 """
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 
-import numpy as np
-from jaxtyping import Bool
 from tqdm import tqdm
 
-from hlp.method.find.estimator import FrameContext, PoseEstimator
-from hlp.records import Frame, Views
+from hlp.records import Views
 
 
 def counting_objects(
@@ -34,23 +30,3 @@ def counting_objects(
         return views
 
     return counted
-
-
-class CountingEstimator(PoseEstimator):
-    """A pose estimator that counts the scenes in which an object's score is calibrated."""
-
-    _bar: tqdm | None = None
-
-    @contextmanager
-    def counting(self, name: str, scenes: int) -> Iterator[None]:
-        """In the block, every frame that is prepared counts as one of the `scenes` of an object."""
-        hidden = None if scenes else True
-        with tqdm(desc=f"score of {name}", total=scenes, unit="scene", disable=hidden) as self._bar:
-            yield
-        self._bar = None
-
-    def prepare(self, frame: Frame, mask: Bool[np.ndarray, "h w"] | None = None) -> FrameContext:
-        """See `PoseEstimator.prepare`."""
-        if self._bar is not None:
-            self._bar.update()
-        return super().prepare(frame, mask)

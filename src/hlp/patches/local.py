@@ -50,9 +50,10 @@ class LocalSettings(Settings):
         ),
     ] = None
 
-    def size_of(self, own_size: float) -> float:
-        """Side (m), before `size_scale`, of the patches of an object whose own have `own_size`."""
-        return own_size if self.size_mm is None else self.size_mm * MILLIMETRE
+    def side_of(self, own_size: float) -> float:
+        """Side (m) at which the patches of an object are cut whose own size is `own_size` (m)."""
+        size = own_size if self.size_mm is None else self.size_mm * MILLIMETRE
+        return size * self.size_scale
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,7 @@ class PairPool:
 
 def bake_pairs(
     views: Views,
-    metric_size: float,
+    side: float,
     local: LocalSettings,
     pairs: PairSettings,
     rng: np.random.Generator,
@@ -62,15 +62,14 @@ def bake_pairs(
     # Where the point is not visible in the second view, the pair is the first patch twice.
     second = np.where(visible, second, first)
     partner_pixels = np.where(visible[:, None], partner_pixels, pixels)
-    size = metric_size * local.size_scale
-    a = _cut_by_view(views, first, pixels, size, local, with_color)
-    b = _cut_by_view(views, second, partner_pixels, size, local, with_color)
+    a = _cut_by_view(views, first, pixels, side, local, with_color)
+    b = _cut_by_view(views, second, partner_pixels, side, local, with_color)
     count = len(first)
     return PairPool(
         np.stack([a.color, b.color], axis=1),
         np.stack([a.depth, b.depth], axis=1).astype(np.float16),
         np.stack([a.valid, b.valid], axis=1),
-        np.full(count, size, dtype=np.float32),
+        np.full(count, side, dtype=np.float32),
         np.full(count, views.object_id),
         points_obj.astype(np.float32),
         views.poses_cam_obj[first, :3, :3].astype(np.float32),
@@ -89,28 +88,28 @@ def join_pairs(pools: Sequence[PairPool]) -> PairPool:
 
 def bake_frame_patches(
     frames: Sequence[Frame],
-    metric_sizes: Sequence[float],
+    sides: Sequence[float],
     per_frame: int,
     local: LocalSettings,
     rng: np.random.Generator,
 ) -> list[LocalPatches]:
     """About `per_frame` local patches of each RGB-D frame, for the autoencoder.
 
-    They are divided evenly among the `metric_sizes` (m).
+    They are divided evenly among the `sides` (m).
     """
     found = []
     for frame in frames:
         shape = (frame.depth.shape[0], frame.depth.shape[1])
         grid = pixel_grid(shape, 2)
-        for size in metric_sizes:
-            count = min(per_frame // len(metric_sizes), len(grid))
+        for side in sides:
+            count = min(per_frame // len(sides), len(grid))
             chosen = rng.choice(len(grid), count, replace=False)
             patches = cut_local_patches(
                 frame.rgb,
                 frame.depth,
                 frame.camera_matrix,
                 grid[chosen],
-                size * local.size_scale,
+                side,
                 local,
                 _FRAME_MIN_VALID,
             )

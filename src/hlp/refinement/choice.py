@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from hlp.observer import NOBODY, Observer
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.refiner import Refiner, refinable
 from hlp.refinement.texture import choose_sibling
@@ -26,19 +27,26 @@ class RefinedHypotheses:
 
     `refined[i]` was refined from the coarse hypothesis of index `sources[i]` and has the
     verification cost `costs[i]`, infinite if it stood on pixels of chosen instances only; a source
-    of -1 means that the hypothesis is not among those that the region gave. `instances` are the
-    rows of the chosen ones, in the order of choice; there is at least one.
+    of -1 means that the hypothesis is not among those that the region gave. `seeds[i]` is the seed
+    of the refiner's call and the hypothesis' number in it, by which the search can be repeated.
+    `instances` are the rows of the chosen ones, in the order of choice; there is at least one.
     """
 
     refined: list[Refinement]
     costs: Float[np.ndarray, "c"]
     sources: Int[np.ndarray, "c"]
+    seeds: Int[np.ndarray, "c 2"]
     instances: tuple[int, ...]
 
     @property
     def best(self) -> int:
         """The row of the instance that was chosen first."""
         return self.instances[0]
+
+    @property
+    def chosen_poses(self) -> list[Float[np.ndarray, "4 4"]]:
+        """The poses of the instances, in the order of choice."""
+        return [self.refined[row].pose_cam_obj for row in self.instances]
 
 
 def refine_and_choose(
@@ -53,6 +61,7 @@ def refine_and_choose(
     instances: int = 1,
     unexplained: Observation | None = None,
     good_enough: Callable[[Float[np.ndarray, "4 4"]], bool] | None = None,
+    observer: Observer = NOBODY,
 ) -> RefinedHypotheses | None:
     """Refine the most promising hypotheses, choose those of lowest verification cost, polish them.
 
@@ -69,7 +78,9 @@ def refine_and_choose(
     `unexplained` is the observation without what other objects explain already (None: they explain
     nothing). An instance whose pose is not `good_enough` is the last one.
     """
-    search = _InstanceSearch(refiner, verifier, observation, model, hypotheses, seed, unexplained)
+    search = _InstanceSearch(
+        refiner, verifier, observation, model, hypotheses, seed, unexplained, observer
+    )
     for number in range(instances):
         # Most searches for one more instance find none: they are kept short.
         tried = min(candidates, _FURTHER) if number > 0 and good_enough is not None else candidates
@@ -91,7 +102,9 @@ class _InstanceSearch:
         hypotheses: Hypotheses,
         seed: int,
         unexplained: Observation | None,
+        observer: Observer,
     ) -> None:
+        self._observer = observer
         self._begun = time.perf_counter()
         self._refiner, self._verifier, self._model = refiner, verifier, model
         self._observation, self._seed = observation, seed
@@ -106,6 +119,7 @@ class _InstanceSearch:
         self._poses, self._support = poses, hypotheses.support
         self._refined: list[Refinement] = []
         self._sources: list[int] = []
+        self._seeds: list[tuple[int, int]] = []
         self._costs = np.zeros(0)
         self._instances: list[int] = []
 
@@ -113,8 +127,9 @@ class _InstanceSearch:
         """What was refined and chosen so far; None if nothing was chosen."""
         if not self._instances:
             return None
-        sources = np.array(self._sources)
-        return RefinedHypotheses(self._refined, self._costs, sources, tuple(self._instances))
+        sources, seeds = np.array(self._sources), np.array(self._seeds)
+        chosen = tuple(self._instances)
+        return RefinedHypotheses(self._refined, self._costs, sources, seeds, chosen)
 
     def choose_next(
         self, candidates: int, max_improvement: float
@@ -153,6 +168,7 @@ class _InstanceSearch:
             batch = Hypotheses(self._poses[rows], self._support[rows])
             # The refiner numbers each batch's hypotheses from 0.
             batch_seed = self._seed + len(self._refined)
+            self._observer.enter("refine")
             found = self._refiner.refine(
                 self._model,
                 self._observation.depth,
@@ -161,8 +177,10 @@ class _InstanceSearch:
                 batch_seed,
                 self._spent(),
             )
+            self._observer.enter("verify")
             self._refined += found
             self._sources += rows.tolist()
+            self._seeds += [(batch_seed, number) for number in range(len(rows))]
             poses = np.stack([each.pose_cam_obj for each in found])
             lowest = min(lowest, self._verifier.costs(self._observation, poses).min())
 
@@ -181,9 +199,11 @@ class _InstanceSearch:
         row = int(rows[chosen])
         depth, camera = self._observation.depth, self._observation.camera_matrix
         before = self._refined[row]
+        self._observer.enter("polish")
         self._refined[row] = self._refiner.polish(
             self._model, depth, camera, before, self._seed, self._spent()
         )
+        self._observer.enter("verify")
         cost = self._competing_costs(rows)[chosen]
         if cost > self._costs[row]:
             self._refined[row] = before

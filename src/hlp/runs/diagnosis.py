@@ -6,9 +6,10 @@ The rest is found out afterwards, for missed targets alone (`explain_misses`).
 
 import dataclasses
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool
@@ -24,10 +25,10 @@ from hlp.evaluation.visible_mask import unoccluded_mask
 from hlp.evaluation.vote_quality import VoteCounts
 from hlp.evaluation.waterfall import TargetCounts, TargetResults, cause_of
 from hlp.geometry import project, transform
+from hlp.method.find.trace import ObjectTrace, Stage, Trace
 from hlp.records import Frame, ObjectModel, Region, Target, TargetScore, Votes, frame_key
 from hlp.stages.detection import DetectionStages
-from hlp.stages.frame_files import read_arrays
-from hlp.stages.frame_results import Arrays, regions_of, votes_of
+from hlp.stages.trace_files import read_trace
 
 Mask = Bool[np.ndarray, "h w"]
 
@@ -48,20 +49,21 @@ class FrameNotes:
 
 
 def note_frame(
-    dataset: Dataset, frame: Frame, found: Mapping[str, Arrays], settings: EvaluationSettings
+    dataset: Dataset, frame: Frame, trace: Trace, settings: EvaluationSettings
 ) -> FrameNotes:
-    """Count what the stages `found` in a frame; a vote is good near the true pose of any target."""
-    regions = regions_of(found["regions"], (frame.depth.shape[0], frame.depth.shape[1]))
+    """Count what the stages found in a frame; a vote is good near the true pose of any target."""
     counted: list[VoteCounts] = []
     targets: list[tuple[Target, TargetCounts]] = []
     middles: list[tuple[int, int] | None] = []
     for object_id in dict.fromkeys(target.object_id for target in frame.targets):
-        model, votes = dataset.models[object_id], votes_of(found["hypotheses"], object_id)
+        model, found = dataset.models[object_id], trace[object_id]
+        votes, region = found.votes, found.region
+        assert votes is not None and region is not None
         good, shown = [], []
         for target in (each for each in frame.targets if each.object_id == object_id):
             good.append(good_votes(votes, target, model, settings))
             shown.append(visible_pixels(dataset.frames, frame, target, model))
-            counts = _count(frame, shown[-1], regions[object_id], int(good[-1].sum()))
+            counts = _count(frame, shown[-1], region, int(good[-1].sum()))
             targets.append((target, counts))
             middles.append(_middle(frame, shown[-1], target, model))
         x, y = votes.pixels.astype(int).T
@@ -106,8 +108,11 @@ def explain_misses(
     notes.
     """
     # The targets of a frame follow each other, so its two files are read once.
-    read = lru_cache(maxsize=2)(read_arrays)
-    coarse, fine = detection.hypotheses().folder, detection.poses().folder
+    folders: dict[Stage, Path] = {
+        "hypotheses": detection.hypotheses().folder,
+        "poses": detection.poses().folder,
+    }
+    read = lru_cache(maxsize=1)(partial(read_trace, folders))
     targets = [each for frame in notes for each in frame.targets]
     explained = []
     pairs = list(zip(scores, targets, strict=True))
@@ -115,32 +120,35 @@ def explain_misses(
         if not score.add_correct:
             key = frame_key(score.scene_id, score.frame_id)
             model = detection.dataset.models[target.object_id]
-            found = {"hypotheses": read(coarse, key), "poses": read(fine, key)}
-            results = _results(found, target, counts, model, settings)
+            trace = read(key)
+            assert not isinstance(trace, str)  # what has failed has no notes
+            results = _results(trace[target.object_id], target, counts, model, settings)
             score = dataclasses.replace(score, cause=cause_of(results, settings.waterfall))
         explained.append(score)
     return explained
 
 
 def _results(
-    found: Mapping[str, Arrays],
+    found: ObjectTrace,
     target: Target,
     counts: TargetCounts,
     model: ObjectModel,
     settings: EvaluationSettings,
 ) -> TargetResults:
-    name, true, fine = str(target.object_id), target.pose_cam_obj, found["poses"]
-    coarse = found["hypotheses"][f"{name}/poses"]
-    refined = fine.get(f"{name}/poses", np.zeros((0, 4, 4)))
-    instances = refined[fine[f"{name}/instances"]] if len(refined) else refined
-    sources = fine.get(f"{name}/sources", np.zeros(0, dtype=int))
+    true, fine, coarse = target.pose_cam_obj, found.refined, found.hypotheses
+    assert coarse is not None
+    refined = [] if fine is None else [pose.pose_cam_obj for pose in fine.refined]
+    sources = np.zeros(0, dtype=int) if fine is None else fine.sources
     basin = (settings.waterfall.basin_deg, settings.waterfall.basin_mm)
     return TargetResults(
         counts,
-        near_basin=poses_near_truth(coarse, true, model, settings, basin),
-        refined=sources[sources >= 0],  # the others come from a closer look
-        right=add_correct(refined, true, model, settings),
-        flipped=any(is_symmetric_flip(each, true, model, settings) for each in instances),
+        near_basin=poses_near_truth(coarse.poses_cam_obj, true, model, settings, basin),
+        refined=sources[sources >= 0],  # the others come from the fallback
+        right=add_correct(np.reshape(refined, (-1, 4, 4)), true, model, settings),
+        flipped=any(
+            is_symmetric_flip(pose, true, model, settings)
+            for pose in ([] if fine is None else fine.chosen_poses)
+        ),
     )
 
 

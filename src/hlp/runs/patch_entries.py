@@ -14,7 +14,6 @@ from hlp.records import Codebook, Frame, LocalPatches, ObjectModel, Target, View
 from hlp.reporting.figures.nearest_entries import PatchEntries
 from hlp.runs.diagnosis import visible_pixels
 from hlp.runs.stage_panels import FoundInFrame
-from hlp.stages.frame_results import votes_of
 from hlp.stages.training import TrainingStages
 
 _ENTRIES = 5
@@ -26,13 +25,14 @@ def patches_on_target(
     """Up to `count` of the patches, with colour, that lie on a target and voted for its object."""
     model, frame = training.models[target.object_id], found.frame
     local = training.settings.patches.local
-    voted = votes_of(found.arrays["hypotheses"], target.object_id).pixels
+    votes = found.trace[target.object_id].votes
+    voted = np.zeros((0, 2)) if votes is None else votes.pixels
     pixels = np.unique(voted, axis=0).astype(np.int64).reshape(-1, 2)
     visible = visible_pixels(training.dataset.frames, frame, target, model)
     pixels = pixels[visible[pixels[:, 1], pixels[:, 0]]]
     count = min(count, len(pixels))
     chosen = [(2 * i + 1) * len(pixels) // (2 * count) for i in range(count)]
-    size = local.size_of(model.local_size) * local.size_scale
+    size = local.side_of(model.local_size)
     return cut_local_patches(
         frame.rgb, frame.depth, frame.camera_matrix, pixels[chosen], size, local, 0.0
     )
@@ -49,7 +49,7 @@ def entries_of_patches(
     features = encode(training.load_encoder(), patches)
     matches = ExactNeighbours(codebook.features, _ENTRIES).search(features)
     true_places = transform(inverse(target.pose_cam_obj), patches.points_cam)
-    size = local.size_of(model.local_size) * local.size_scale
+    size = local.side_of(model.local_size)
     shown = []
     for row, entries in enumerate(matches.indices):
         cut = [take_patches(patches, np.array([row]))]

@@ -14,6 +14,7 @@ from hlp.evaluation.summary import summarise
 from hlp.evaluation.vote_quality import vote_quality
 from hlp.files import MANIFEST, PAGE, POSES, SCORES, SUMMARY, write_json
 from hlp.method.compute_threads import set_compute_threads
+from hlp.method.find.trace import Trace
 from hlp.method.learn.training_files import read_history
 from hlp.records import PoseEstimate
 from hlp.refinement.score_model import MIN_SCORE
@@ -49,7 +50,6 @@ from hlp.runs.stage_pictures import draw_stages
 from hlp.runs.timing import Timing, measure_times
 from hlp.runs.window_classes import WindowClasses
 from hlp.stages.detection import DetectionStages
-from hlp.stages.frame_results import Arrays
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
 from hlp.stages.view_task import render_in_workers
@@ -108,7 +108,7 @@ def _find(
     """
     notes: dict[str, FrameNotes] = {}
 
-    def look(key: str, found: Mapping[str, Arrays]) -> None:
+    def look(key: str, found: Trace) -> None:
         frame = detection.load(key)
         notes[key] = note_frame(run.dataset, frame, found, run.settings.evaluation)
         classes.count(frame, notes[key])

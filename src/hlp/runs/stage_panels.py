@@ -10,13 +10,12 @@ from jaxtyping import Float, UInt8
 from tqdm import tqdm
 
 from hlp.config.build import Run, evenly
+from hlp.method.find.trace import Trace
 from hlp.records import Frame, PoseEstimate, Target, TargetScore, frame_key
 from hlp.reporting.figures.overview import ShownPose, draw_overview
 from hlp.reporting.figures.panels import write_picture
 from hlp.reporting.figures.target_panels import SeenTarget, draw_panels
 from hlp.stages.detection import DetectionStages
-from hlp.stages.frame_files import read_arrays
-from hlp.stages.frame_results import Arrays, regions_of, votes_of
 
 PANELS = "panels"
 """Folder of a run's pictures of some frames."""
@@ -24,10 +23,10 @@ PANELS = "panels"
 
 @dataclass(frozen=True)
 class FoundInFrame:
-    """A frame with the arrays of each stage, and the answers in it."""
+    """A frame with what the stages found in it, and the answers."""
 
     frame: Frame
-    arrays: dict[str, Arrays]
+    trace: Trace
     estimates: tuple[PoseEstimate, ...]
 
     @classmethod
@@ -35,14 +34,9 @@ class FoundInFrame:
         cls, detection: DetectionStages, key: str, estimates: Sequence[PoseEstimate]
     ) -> "FoundInFrame":
         """What lies on disk of a frame that did not fail; `estimates` are the run's."""
-        folders = {
-            "regions": detection.regions().folder,
-            "hypotheses": detection.hypotheses().folder,
-            "poses": detection.poses().folder,
-        }
-        arrays = {stage: read_arrays(folder, key) for stage, folder in folders.items()}
+        trace = detection.read(key)
         here = [each for each in estimates if frame_key(each.scene_id, each.frame_id) == key]
-        return cls(detection.load(key), arrays, tuple(here))
+        return cls(detection.load(key), trace, tuple(here))
 
     def nearest(self, target: Target) -> PoseEstimate | None:
         """The answer for the target's object that is nearest to its true place."""
@@ -61,21 +55,23 @@ class FoundInFrame:
     ) -> Float[np.ndarray, "4 4"] | None:
         """The coarse pose that became the estimate; without an estimate the best one.
 
-        None if there is none: a closer look finds poses without any.
+        None if there is none: the fallback finds poses without any.
         """
-        poses = self.arrays["hypotheses"][f"{object_id}/poses"]
+        found = self.trace[object_id]
+        poses = np.zeros((0, 4, 4)) if found.hypotheses is None else found.hypotheses.poses_cam_obj
         row = self.row(object_id, estimate)
-        if row is None:
+        if row is None or found.refined is None:
             return poses[0] if len(poses) else None
-        source = int(self.arrays["poses"][f"{object_id}/sources"][row])
+        source = int(found.refined.sources[row])
         return poses[source] if 0 <= source < len(poses) else None
 
     def row(self, object_id: int, estimate: PoseEstimate | None) -> int | None:
         """Which of the object's refined poses is the estimate; None without one."""
-        refined = self.arrays["poses"].get(f"{object_id}/poses", np.zeros((0, 4, 4)))
-        if estimate is None or estimate.pose_cam_obj is None or len(refined) == 0:
+        refined = self.trace[object_id].refined
+        if estimate is None or estimate.pose_cam_obj is None or refined is None:
             return None
-        return int(np.abs(refined - estimate.pose_cam_obj).max(axis=(1, 2)).argmin())
+        poses = np.stack([found.pose_cam_obj for found in refined.refined])
+        return int(np.abs(poses - estimate.pose_cam_obj).max(axis=(1, 2)).argmin())
 
 
 def picture_of_target(
@@ -83,12 +79,13 @@ def picture_of_target(
 ) -> UInt8[np.ndarray, "_ _ 3"]:
     """The panels of a target with its verdict."""
     object_id, frame = target.object_id, found.frame
-    best = found.nearest(target)
+    best, trace = found.nearest(target), found.trace[object_id]
+    assert trace.region is not None and trace.votes is not None
     seen = SeenTarget(
         frame=frame,
         model=detection.dataset.models[object_id],
-        region=regions_of(found.arrays["regions"], frame.depth.shape[:2])[object_id],
-        votes=votes_of(found.arrays["hypotheses"], object_id),
+        region=trace.region,
+        votes=trace.votes,
         coarse=found.coarse(object_id, best),
         estimate=best,
         truth=target,

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from hlp.method.find.estimator import derive_seed
 from hlp.records import ObjectModel, Refinement, Target
 from hlp.refinement.cost import DepthCost
 from hlp.refinement.pso import PsoSettings, search
@@ -67,26 +66,25 @@ def search_again(
     """Costs of all particles in the search that one of an object's refined poses comes from.
 
     None if the search cannot be repeated with the same pose as end: it had another refiner or a
-    time budget, or comes from a closer look, whose coarse poses are not kept.
+    time budget, or comes from the fallback, whose coarse poses are not kept.
     """
-    settings, frame = detection.settings.refinement, found.frame
-    source = int(found.arrays["poses"][f"{object_id}/sources"][row])
+    settings = detection.settings.refinement
+    refined, coarse = found.trace[object_id].refined, found.trace[object_id].hypotheses
+    assert refined is not None and coarse is not None
+    source = int(refined.sources[row])
     if not isinstance(settings, PsoSettings) or source < 0:
         return None
     model = detection.dataset.models[object_id]
-    start = found.arrays["hypotheses"][f"{object_id}/poses"][source]
-    stored = found.arrays["poses"][f"{object_id}/poses"][row]
+    start, stored = coarse.poses_cam_obj[source], refined.refined[row].pose_cam_obj
     seen = _observation(settings, found)
     cost = RecordedCost(model.proxy, seen.depth, seen.camera_matrix, start, settings.cost)
-    seed = derive_seed(detection.settings.seed, frame.scene_id, frame.frame_id, object_id)
-    # Hypotheses are refined two at a time, each pair with a seed of its own.
-    rng = np.random.default_rng([seed + row - row % 2, row % 2])
+    rng = np.random.default_rng(refined.seeds[row])
     pose, iterations = search(cost, start, model.centroid, settings, rng)
     if not np.array_equal(pose, stored):  # it was chosen, so that it was moved further
         pose = choose_sibling(seen, model, pose).pose_cam_obj
-        refined = Refinement(pose, iterations)
-        refiner = settings.build(threads=1)
-        polished = refiner.polish(model, seen.depth, seen.camera_matrix, refined, seed)
+        refiner, seed = settings.build(threads=1), int(refined.seeds[0][0])
+        before = Refinement(pose, iterations)
+        polished = refiner.polish(model, seen.depth, seen.camera_matrix, before, seed)
         ends = (pose, polished.pose_cam_obj)
         if not any(np.array_equal(end, stored) for end in ends):
             return None
@@ -94,7 +92,8 @@ def search_again(
 
 
 def _refined_count(found: FoundInFrame, object_id: int) -> int:
-    return len(found.arrays["poses"].get(f"{object_id}/sources", ()))
+    refined = found.trace[object_id].refined
+    return 0 if refined is None else len(refined.refined)
 
 
 def _own_cost(

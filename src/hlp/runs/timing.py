@@ -9,9 +9,10 @@ from typing import Any
 from tqdm import tqdm
 
 from hlp.config.build import Run, evenly
+from hlp.method.find.search import search_frame
+from hlp.method.find.trace import STAGES, STEPS
 from hlp.records import PoseEstimate
-from hlp.stages.detection import DetectionStages
-from hlp.stages.frame_detection import STAGES, STEPS, Seconds, find_in_frame
+from hlp.stages.detection import DetectionStages, Seconds, seconds_of
 
 
 @dataclass(frozen=True)
@@ -89,10 +90,11 @@ def measure_times(
 def _look(run: Run, detection: DetectionStages, key: str) -> tuple[Seconds, float]:
     """Find every object of one frame; the seconds of its steps, by object, and CPU seconds."""
     frame = detection.load(key)
-    wanted = run.dataset.wanted(frame)
-    begun = time.process_time()
-    _, seconds = find_in_frame(detection.estimator, frame, wanted, STAGES, {})
-    return seconds, time.process_time() - begun
+    begun, busy = time.perf_counter(), time.process_time()
+    estimator, counts = detection.estimator, run.dataset.wanted(frame)
+    context = estimator.prepare(frame)
+    found = search_frame(estimator, context, counts, by_threads=False, begun=begun)
+    return seconds_of(found), time.process_time() - busy
 
 
 def _load() -> float:

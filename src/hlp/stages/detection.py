@@ -8,6 +8,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 from tqdm import tqdm
 
 from hlp.codebook.entries import load_codebook
@@ -15,22 +16,24 @@ from hlp.data.bad_frames import CheckedFrames
 from hlp.data.dataset import Dataset
 from hlp.errors import DataError, InputError
 from hlp.method.find.estimator import PoseEstimator
+from hlp.method.find.search import search_frame
+from hlp.method.find.trace import STAGES, STEPS, Stage, Trace
 from hlp.method.learn.networks import load_classifier
 from hlp.method.settings import MethodSettings
-from hlp.records import PoseEstimate
+from hlp.records import Frame, PoseEstimate, parse_frame_key
 from hlp.refinement.score_model import ScoreModel
 from hlp.source_code import Code
 from hlp.stages.device import device_name
 from hlp.stages.executor_settings import ExecutorSettings
 from hlp.stages.fingerprint import fingerprint, stage_code
-from hlp.stages.frame_detection import STAGES, Seconds, estimates_of, find_in_frame
-from hlp.stages.frame_files import has_arrays, read_arrays, write_arrays
-from hlp.stages.frame_results import Arrays, failure_arrays, failure_of
 from hlp.stages.store import Output, StageStore
+from hlp.stages.trace_files import has_arrays, read_trace, write_failure, write_trace
 from hlp.stages.training import TrainingStages
 
-Visit = Callable[[str, Mapping[str, Arrays]], None]
-"""Is given a frame's key and the arrays that each stage has written of it."""
+Visit = Callable[[str, Trace], None]
+"""Is given a frame's key and what the stages have written of it."""
+Seconds = dict[int, dict[str, float]]
+"""Wall time (s) by object and step in one frame."""
 OnBadFrame = Literal["report", "fail"]
 """Whether a frame that cannot be used costs itself alone, or ends the run."""
 
@@ -95,7 +98,7 @@ class DetectionStages:
         """Stage 3: the refined hypotheses of every target, and which of them was chosen."""
         return self._make_up_to("poses")
 
-    def _make_up_to(self, last: str, visit: Visit | None = None) -> Output:
+    def _make_up_to(self, last: Stage, visit: Visit | None = None) -> Output:
         """The output of a stage; those before it that are missing are made in the same pass."""
         if last in self._made and visit is None:
             return self._made[last]
@@ -115,30 +118,29 @@ class DetectionStages:
             keys = self._process(folders, missing)
             for key in tqdm(keys, bar, len(self.keys), unit="frame", disable=None):
                 if visit is not None:
-                    self._visit(key, {s: read_arrays(folders[s], key) for s in folders}, visit)
+                    self._visit(key, read_trace(folders, key), visit)
             for each in stacks.values():
                 each.close()  # publishes what was made, in the order of the stages
         for stage, (name, _) in described.items():
             self._made[stage] = Output(name, self.store.root / stage / name)
         return self._made[last]
 
-    def _visit(self, key: str, found: Mapping[str, Arrays], visit: Visit) -> None:
-        """Show a frame to a visitor, or note that it could not be used."""
-        reason = next(filter(None, map(failure_of, found.values())), None)
-        if reason is None:
+    def _visit(self, key: str, found: Trace | str, visit: Visit) -> None:
+        """Show a frame to a visitor, or note why it could not be used."""
+        if not isinstance(found, str):
             visit(key, found)
             return
         if self.on_bad_frame == "fail":
-            raise DataError(reason)
+            raise DataError(found)
         if key not in self.failed:
-            logging.getLogger(__name__).warning("frame %s cannot be used: %s", key, reason)
-        self.failed[key] = reason
+            logging.getLogger(__name__).warning("frame %s cannot be used: %s", key, found)
+        self.failed[key] = found
 
-    def _descriptions(self, stages: Sequence[str]) -> dict[str, tuple[str, Mapping[str, Any]]]:
+    def _descriptions(self, stages: Sequence[Stage]) -> dict[Stage, tuple[str, Mapping[str, Any]]]:
         """Fingerprint of each stage, and everything that it depends on."""
         seed = self.settings.seed
         before: dict[str, str] = {}
-        described: dict[str, tuple[str, Mapping[str, Any]]] = {}
+        described: dict[Stage, tuple[str, Mapping[str, Any]]] = {}
         for stage in stages:
             settings = {
                 **self._settings_of(stage),
@@ -153,7 +155,7 @@ class DetectionStages:
             before = {stage: name}
         return described
 
-    def _settings_of(self, stage: str) -> dict[str, Any]:
+    def _settings_of(self, stage: Stage) -> dict[str, Any]:
         settings, patches = self.settings, self.settings.patches
         models, device = self.dataset.models, device_name(settings.machine.device)
         if stage == "regions":
@@ -199,7 +201,7 @@ class DetectionStages:
             "poses": [type(settings.refinement).__module__],
         }
         reader = type(self.dataset.frames).__module__
-        return stage_code(find_in_frame.__module__, reader, *modules[stage])
+        return stage_code(search_frame.__module__, write_trace.__module__, reader, *modules[stage])
 
     @property
     def made(self) -> Mapping[str, Output]:
@@ -210,7 +212,7 @@ class DetectionStages:
         """Use outputs that other stages with the same settings have made or found."""
         self._made |= made
 
-    def _process(self, folders: Mapping[str, Path], missing: Sequence[str]) -> Iterator[str]:
+    def _process(self, folders: Mapping[Stage, Path], missing: Sequence[Stage]) -> Iterator[str]:
         """Process the frames of which a stage is missing; yields all keys, each when it is done."""
         for key, reason in self.bad_frames.items():
             self._write_failure(key, reason, folders, missing)
@@ -227,7 +229,7 @@ class DetectionStages:
             yield key
 
     def _each(
-        self, folders: Mapping[str, Path], missing: Sequence[str], keys: Sequence[str]
+        self, folders: Mapping[Stage, Path], missing: Sequence[Stage], keys: Sequence[str]
     ) -> Iterator[tuple[str, Seconds]]:
         """Process all frames, here or in workers, with the same results. Yields finished keys."""
         if self.executor is None or not self.executor.parallel:
@@ -239,7 +241,7 @@ class DetectionStages:
             task = FrameTask.of(self, folders, tuple(missing))
             yield from self.executor.each(task, keys)
 
-    def find(self, key: str, folders: Mapping[str, Path], missing: Sequence[str]) -> Seconds:
+    def find(self, key: str, folders: Mapping[Stage, Path], missing: Sequence[Stage]) -> Seconds:
         """Write one frame's files of the missing stages; return the time of each object's steps.
 
         The first frame is processed twice, so that its time excludes loading and compiling. Of a
@@ -252,25 +254,46 @@ class DetectionStages:
                 raise
             self._write_failure(key, str(error), folders, missing)
             return {}
-        wanted = self.dataset.wanted(frame)
-        given = {s: read_arrays(folders[s], key) for s in folders if s not in missing}
+        counts = self.dataset.wanted(frame)
+        given = read_trace(folders, key, [stage for stage in folders if stage not in missing])
+        assert not isinstance(given, str)  # a frame that failed has failed in all stages
         if self.first_use_seconds is None:
             begun = time.perf_counter()
             self.estimator.load(self.dataset.target_ids)
-            find_in_frame(self.estimator, frame, wanted, missing, given)
+            self._search(frame, counts, given, missing)
             self.first_use_seconds = time.perf_counter() - begun
         begun = time.process_time()
-        found, seconds = find_in_frame(self.estimator, frame, wanted, missing, given)
+        found = self._search(frame, counts, given, missing)
         self.cpu_seconds += time.process_time() - begun
         for stage in missing:
-            write_arrays(folders[stage], key, found[stage])
-        return seconds
+            write_trace(folders[stage], key, stage, found)
+        return seconds_of(found)
+
+    def _search(
+        self, frame: Frame, counts: Mapping[int, int], given: Trace, missing: Sequence[Stage]
+    ) -> Trace:
+        """Search a frame up to the last missing stage; one object at a time, to time each."""
+        begun = time.perf_counter()
+        context = self.estimator.prepare(frame)
+        return search_frame(
+            self.estimator,
+            context,
+            counts,
+            given=given,
+            stop_after=missing[-1],
+            by_threads=False,
+            begun=begun,
+        )
 
     def _write_failure(
-        self, key: str, reason: str, folders: Mapping[str, Path], missing: Sequence[str]
+        self, key: str, reason: str, folders: Mapping[Stage, Path], missing: Sequence[Stage]
     ) -> None:
         for stage in missing:
-            write_arrays(folders[stage], key, failure_arrays(reason))
+            write_failure(folders[stage], key, reason)
+
+    def read(self, key: str) -> Trace:
+        """What all stages have found in a frame that did not fail, from disk."""
+        return _read({stage: self._make_up_to(stage).folder for stage in STAGES}, key)
 
     def scores(self) -> dict[int, ScoreModel]:
         """The score models of the objects that are looked for."""
@@ -295,6 +318,40 @@ class DetectionStages:
             for key in self.keys
             if key not in self.failed
             for estimate in estimates_of(
-                key, read_arrays(folder, key), self.seconds.get(key, {}), scores
+                key, _read({"poses": folder}, key), self.seconds.get(key, {}), scores
             )
         ]
+
+
+def _read(folders: Mapping[Stage, Path], key: str) -> Trace:
+    found = read_trace(folders, key)
+    assert not isinstance(found, str), f"frame {key} has failed: {found}"
+    return found
+
+
+def seconds_of(trace: Trace) -> Seconds:
+    """The wall time of each object's steps in one frame."""
+    return {object_id: dict(found.seconds) for object_id, found in trace.items()}
+
+
+def estimates_of(
+    key: str, trace: Trace, seconds: Seconds, scores: Mapping[int, ScoreModel]
+) -> list[PoseEstimate]:
+    """The instances of every object looked for in a frame, from the trace of the stage `poses`.
+
+    `scores` are the objects' score models by id. There is one estimate, without a pose, of an
+    object that was not found. `seconds` are the times measured in that frame; the instances of an
+    object share its time equally. An estimate has a time only if every step was measured.
+    """
+    scene_id, frame_id = parse_frame_key(key)
+    estimates = []
+    for object_id, found in sorted(trace.items()):
+        answers: list[tuple[np.ndarray | None, float]] = [(None, 0.0)]
+        if found.refined is not None:
+            fits = [scores[object_id].score(fit) for fit in found.fits]
+            answers = list(zip(found.refined.chosen_poses, fits, strict=True))
+        spent = seconds.get(object_id, {})
+        timed = spent if set(STEPS) <= spent.keys() else {}
+        shared = {step: each / len(answers) for step, each in timed.items()}
+        estimates += [PoseEstimate(scene_id, frame_id, object_id, *a, shared) for a in answers]
+    return estimates

@@ -9,9 +9,9 @@ from typing import Any
 from hlp.data.dataset import Dataset, DataSettings
 from hlp.errors import DataError
 from hlp.method.compute_threads import set_compute_threads
+from hlp.method.find.trace import Stage
 from hlp.method.settings import MethodSettings
-from hlp.stages.detection import DetectionStages, OnBadFrame
-from hlp.stages.frame_detection import Seconds
+from hlp.stages.detection import DetectionStages, OnBadFrame, Seconds
 from hlp.stages.provenance import code_digest, library_versions
 from hlp.stages.store import Output, StageStore
 from hlp.stages.training import TrainingStages
@@ -34,13 +34,13 @@ class FrameTask:
     made_from: Mapping[str, Any]
     learnt: Mapping[tuple[str, int], Output]
     found: Mapping[str, Output]
-    folders: Mapping[str, Path]
-    missing: tuple[str, ...]
+    folders: Mapping[Stage, Path]
+    missing: tuple[Stage, ...]
     on_bad_frame: OnBadFrame = "fail"
 
     @classmethod
     def of(
-        cls, detection: DetectionStages, folders: Mapping[str, Path], missing: tuple[str, ...]
+        cls, detection: DetectionStages, folders: Mapping[Stage, Path], missing: tuple[Stage, ...]
     ) -> "FrameTask":
         """The task of writing the missing stages' files into their folders."""
         executor = detection.executor

@@ -10,10 +10,11 @@ from typing import Any
 
 from hlp.codebook.entries import load_codebook, save_codebook
 from hlp.data.dataset import Dataset, frames_identity
+from hlp.method.find.estimator import PoseEstimator
 from hlp.method.learn.networks import load_classifier
 from hlp.method.learn.score_calibration import calibrate_score
 from hlp.method.learn.training_files import StartingWeights, read_weights
-from hlp.method.progress import CountingEstimator, counting_objects
+from hlp.method.progress import counting_objects
 from hlp.method.settings import MethodSettings
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
@@ -237,11 +238,10 @@ class TrainingStages:
         }
 
         def make(folder: Path) -> None:
-            estimator = CountingEstimator(self, given, (object_id,))
+            estimator = PoseEstimator(self, given, (object_id,))
             frames = self.dataset.load_background_frames()
             scenes, seed = given.score.scenes, given.seed
-            with estimator.counting(model.name, scenes):
-                made = calibrate_score(estimator, object_id, frames, scenes, seed)
+            made = calibrate_score(estimator, object_id, frames, scenes, seed)
             save_score_model(folder, made)
 
         return self._stage("score", object_id, settings, upstream, make)

@@ -26,8 +26,8 @@ from hlp.reporting.figures.basin_maps import (
 from hlp.results.target_values import TargetKey, numbered_targets, write_target_values
 from hlp.settings import Doc, Settings, SettingsError
 from hlp.stages.fingerprint import fingerprint
-from hlp.stages.frame_files import has_arrays, read_arrays, write_arrays
 from hlp.stages.store import StageStore
+from hlp.stages.trace_files import has_arrays, read_arrays, write_arrays
 from hlp.studies.perturbations import perturbed_poses
 from hlp.studies.study_run import chosen_frames, study_code, study_run
 

@@ -14,8 +14,7 @@ from hlp.config.build import Run, with_changes
 from hlp.config.settings import TASKS, RunSettings
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.files import write_json
-from hlp.method.find.estimator import FrameContext, PoseEstimator
-from hlp.method.find.instances import find_instances
+from hlp.method.find.estimator import PoseEstimator
 from hlp.method.find.search import search_frame
 from hlp.records import Frame, LocalPatches, PoseEstimate, TargetScore
 from hlp.reporting.figures.bench_bars import draw_bench
@@ -40,11 +39,17 @@ from hlp.studies.bench_summary import (
     summarise_whole,
 )
 from hlp.studies.machine import describe_machine, peak_mib
-from hlp.studies.stopwatch import SearchComparison, Spent, TimedEstimator
+from hlp.studies.stopwatch import (
+    PartClock,
+    SearchComparison,
+    Spent,
+    compare_searches,
+    load_timed,
+)
 from hlp.studies.study_run import chosen_frames, study_run
 
 FILE = "bench.json"
-Estimators = Mapping[str, TimedEstimator]
+Estimators = Mapping[str, PoseEstimator]
 Detections = dict[str, list[TimedDetection]]
 Scores = dict[str, list[TargetScore]]
 
@@ -136,12 +141,12 @@ def _make_estimators(
     (MiB).
     """
     dataset = run.dataset
-    estimators: dict[str, TimedEstimator] = {}
+    estimators: dict[str, PoseEstimator] = {}
     for name, settings in paths.items():
-        estimators[name] = TimedEstimator(
+        estimators[name] = PoseEstimator(
             TrainingStages(dataset, settings.method, store), settings.method, dataset.target_ids
         )
-        loading = estimators[name].load_timed(dataset.target_ids)
+        loading = load_timed(estimators[name], dataset.target_ids)
         _detect_all(estimators[name], frame, tuple(dataset.wanted(frame)))
         if name == CONFIGURED:
             shared = {"classifier": loading.classifier, "encoder": loading.encoder}
@@ -169,7 +174,7 @@ def _measure(
             detections[name] += [detection for detection, _ in found]
             if name == CONFIGURED:
                 patches = {each.estimate.object_id: own for each, own in found}
-                searches += estimators[name].compare_searches(patches)
+                searches += compare_searches(estimators[name], patches)
     return detections, searches
 
 
@@ -178,16 +183,15 @@ def _regions_of_all(run: Run, store: StageStore, keys: Sequence[str]) -> dict[st
     object_ids = tuple(run.dataset.models)
     dataset = replace(run.dataset, target_ids=object_ids)
     training = TrainingStages(run.dataset, run.settings.method, store)
-    estimator = TimedEstimator(training, run.settings.method, object_ids)
-    estimator.load_timed(())
-    spent = []
+    estimator = PoseEstimator(training, run.settings.method, object_ids)
+    estimator.load(())
+    counts, clock, spent = dict.fromkeys(object_ids, 1), PartClock(), []
     for key in tqdm(keys, desc="regions of all objects", unit="frame", disable=None):
         frame = dataset.frames.load(key)
-        estimator.clock.start()
-        context = estimator.prepare(frame)
-        for object_id in object_ids:
-            estimator.find_region(context, object_id)
-        spent.append(estimator.clock.stop())
+        clock.start()
+        context = estimator.prepare(frame, observer=clock)
+        search_frame(estimator, context, counts, stop_after="regions", by_threads=False)
+        spent.append(clock.stop())
     return {"objects": len(object_ids), **summarise_whole(spent)}
 
 
@@ -204,7 +208,7 @@ def _objects_at_once(run: Run, store: StageStore, keys: Sequence[str]) -> dict[s
         frame = run.dataset.frames.load(key)
         begun, busy = time.perf_counter(), time.process_time()
         wanted = run.dataset.wanted(frame)
-        search_frame(estimator, estimator.prepare(frame), wanted, 0.0, begun)
+        search_frame(estimator, estimator.prepare(frame), wanted, min_score=0.0, begun=begun)
         spent.append(Spent(time.perf_counter() - begun, time.process_time() - busy))
     return summarise_whole([{"frame": each} for each in spent])
 
@@ -215,22 +219,21 @@ def _rotated(values: Sequence[Any], turn: int) -> list[Any]:
 
 
 def _detect_all(
-    estimator: TimedEstimator, frame: Frame, object_ids: Sequence[int]
+    estimator: PoseEstimator, frame: Frame, object_ids: Sequence[int]
 ) -> list[tuple[TimedDetection, LocalPatches]]:
     """Find every object in one frame; what they share is part of the first one's time."""
     found = []
-    context: FrameContext | None = None
+    clock, context = PartClock(), None
     for place, object_id in enumerate(object_ids):
-        estimator.clock.start()
-        context = estimator.prepare(frame) if context is None else context
-        region = estimator.find_region(context, object_id)
-        coarse = estimator.find_hypotheses(context, region)
-        refined = find_instances(estimator, context, region, coarse.hypotheses)
-        spent = estimator.clock.stop()
+        clock.start()
+        context = estimator.prepare(frame, observer=clock) if context is None else context
+        trace = search_frame(estimator, context, {object_id: 1}, by_threads=False)[object_id]
+        spent, refined = clock.stop(), trace.refined
+        assert trace.region is not None and trace.patches is not None
         pose = None if refined is None else refined.refined[refined.best].pose_cam_obj
         estimate = PoseEstimate(frame.scene_id, frame.frame_id, object_id, pose, 1.0)
-        timed = TimedDetection(estimate, place, spent, np.packbits(region.mask))
-        found.append((timed, coarse.patches))
+        timed = TimedDetection(estimate, place, spent, np.packbits(trace.region.mask))
+        found.append((timed, trace.patches))
     return found
 
 
@@ -261,7 +264,7 @@ def _summary(
     return {"paths": paths, "compared": compared, "tolerance": tolerance}
 
 
-def _workload(run: Run, estimator: TimedEstimator, frame: Frame, frames: int) -> dict[str, Any]:
+def _workload(run: Run, estimator: PoseEstimator, frame: Frame, frames: int) -> dict[str, Any]:
     """What decides the time of the measured detections."""
     settings, dataset = run.settings, run.dataset
     refinement = settings.refinement
@@ -273,7 +276,7 @@ def _workload(run: Run, estimator: TimedEstimator, frame: Frame, frames: int) ->
         "image": [width, height],
         "objects": {
             dataset.models[i].name: {
-                "codebook_entries": estimator.entries(i),
+                "codebook_entries": len(estimator.matching.group(i).codebooks[i].features),
                 "proxy_faces": len(dataset.models[i].proxy.faces),
             }
             for i in dataset.target_ids

@@ -1,7 +1,7 @@
 """Oracle matrix: what each stage loses, found by replacing its output by the truth."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -19,6 +19,8 @@ from hlp.evaluation.summary import with_interval
 from hlp.evaluation.visible_mask import measured_mask
 from hlp.files import write_json
 from hlp.method.find.estimator import FrameContext, derive_seed
+from hlp.method.find.search import search_frame
+from hlp.method.find.trace import ObjectTrace
 from hlp.records import (
     Frame,
     Hypotheses,
@@ -36,9 +38,8 @@ from hlp.runs.run_stages import stages_of
 from hlp.settings import Doc, Settings
 from hlp.stages.detection import DetectionStages
 from hlp.stages.fingerprint import fingerprint
-from hlp.stages.frame_files import has_arrays, read_arrays, write_arrays
-from hlp.stages.frame_results import read_regions
 from hlp.stages.store import StageStore
+from hlp.stages.trace_files import has_arrays, read_arrays, write_arrays
 from hlp.studies.perturbations import perturbed_poses
 from hlp.studies.study_run import chosen_frames, study_code, study_run
 
@@ -150,16 +151,22 @@ def _find(detection: DetectionStages, frame: Frame, task: OracleSettings) -> dic
     Every object is looked for once, as by the method: of several instances the first one counts.
     """
     arrays = {}
-    context = detection.estimator.prepare(frame)
+    context, stored = detection.estimator.prepare(frame), detection.read(frame.key)
     for object_id in detection.dataset.wanted(frame):
         target = next(each for each in frame.targets if each.object_id == object_id)
-        for (region, coarse), pose in _poses_by_cell(detection, context, target, task).items():
+        for (region, coarse), pose in _poses_by_cell(
+            detection, context, target, stored[object_id], task
+        ).items():
             arrays[f"{object_id}/{region}/{coarse}"] = pose
     return arrays
 
 
 def _poses_by_cell(
-    detection: DetectionStages, context: FrameContext, target: Target, task: OracleSettings
+    detection: DetectionStages,
+    context: FrameContext,
+    target: Target,
+    stored: ObjectTrace,
+    task: OracleSettings,
 ) -> dict[Cell, Pose]:
     """Refined pose of a target in every cell that has one.
 
@@ -168,28 +175,28 @@ def _poses_by_cell(
     """
     frame, object_id = context.frame, target.object_id
     model = detection.dataset.models[object_id]
-    stored = read_arrays(detection.hypotheses().folder, frame.key)
     visible = annotated_mask(detection.dataset.frames, frame, target)
     if visible is None:
         visible = measured_mask(frame, target, model, task.agree_mm / 1e3)
-    shown = Region(object_id, np.zeros((0, 2)), np.zeros(0), visible)
-    masks = {
-        "estimated": read_regions(detection.regions().folder, frame)[object_id].mask,
-        "true": visible,
-    }
-    voted = {
-        "estimated": Hypotheses(stored[f"{object_id}/poses"], stored[f"{object_id}/support"]),
-        "true": detection.estimator.find_hypotheses(context, shown).hypotheses,
+    assert stored.region is not None
+    starts = {
+        "estimated": stored,
+        "true": ObjectTrace(Region(object_id, np.zeros((0, 2)), np.zeros(0), visible)),
     }
     given = {"true": target.pose_cam_obj, "noisy": _noisy(detection, frame, target, task)}
     refined = {
-        coarse: _refined(detection, context, object_id, Hypotheses(pose[None], np.ones(1)))
+        coarse: _refined(
+            detection,
+            context,
+            object_id,
+            replace(stored, hypotheses=Hypotheses(pose[None], np.ones(1))),
+        )
         for coarse, pose in given.items()
     }
     found: dict[Cell, Pose | None] = {}
-    for region, mask in masks.items():
-        found[region, "estimated"] = _refined(detection, context, object_id, voted[region])
-        if (mask & visible).any():
+    for region, start in starts.items():
+        found[region, "estimated"] = _refined(detection, context, object_id, start)
+        if start.region is not None and (start.region.mask & visible).any():
             found |= {(region, coarse): pose for coarse, pose in refined.items()}
     return {cell: pose for cell, pose in found.items() if pose is not None}
 
@@ -203,9 +210,18 @@ def _noisy(detection: DetectionStages, frame: Frame, target: Target, task: Oracl
 
 
 def _refined(
-    detection: DetectionStages, context: FrameContext, object_id: int, coarse: Hypotheses
+    detection: DetectionStages, context: FrameContext, object_id: int, given: ObjectTrace
 ) -> Pose | None:
-    refined = detection.estimator.refine(context, object_id, coarse)
+    """The first answer of a search from a region, or from coarse poses, without the fallback."""
+    found = search_frame(
+        detection.estimator,
+        context,
+        {object_id: 1},
+        given={object_id: given},
+        fallback=False,
+        by_threads=False,
+    )
+    refined = found[object_id].refined
     return None if refined is None else refined.refined[refined.best].pose_cam_obj
 
 

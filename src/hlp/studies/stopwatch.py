@@ -4,17 +4,13 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
-from jaxtyping import Bool
 
 from hlp.codebook.neighbours import ExactNeighbours
-from hlp.method.find.estimator import CoarseResult, FrameContext, PoseEstimator
+from hlp.method.find.estimator import PoseEstimator
 from hlp.method.find.patch_matching import SearchGroup
-from hlp.records import Frame, Hypotheses, LocalPatches, Region
-from hlp.refinement.choice import RefinedHypotheses
-from hlp.refinement.verification import Observation
+from hlp.records import LocalPatches
 
 PARTS = {
     "windows": 1,
@@ -42,7 +38,10 @@ class Spent:
 
 
 class PartClock:
-    """Adds up the time of each part, from `start` to `stop`; none is lost or counted twice."""
+    """An observer of a search that adds up the time of each part, from `start` to `stop`.
+
+    No time is lost or counted twice, as long as one thread searches.
+    """
 
     def __init__(self) -> None:
         self._part: str | None = None
@@ -93,102 +92,48 @@ class SearchComparison:
     first: float
 
 
-class TimedEstimator(PoseEstimator):
-    """A pose estimator with a clock that measures its parts. Its results are the same."""
+def load_timed(estimator: PoseEstimator, object_ids: Sequence[int]) -> Loading:
+    """Load networks and objects of an estimator that has not been used yet; the time of each."""
 
-    clock: PartClock
+    def load_object(object_id: int) -> None:
+        estimator.matching.group(object_id)
+        estimator.verifier(object_id)
 
-    def load_timed(self, object_ids: Sequence[int]) -> Loading:
-        """Load networks and objects, and connect their parts to the clock. To be called first."""
-        self.clock = PartClock()
-        self.clock.start()
-        classifier = _seconds(lambda: self._scan)
-        encoder = _seconds(lambda: self._encoder)
-        objects = {each: _seconds(partial(self._load_object, each)) for each in object_ids}
-        self._charge(self._scan.network, "run", "network", "windows")
-        self._charge(self._encoder, "encode", "encode", "search")
-        for search in {self.matching.group(each).search for each in object_ids}:
-            self._charge(search, "search", "search", "vote")
-        self._charge(self._modes, "find", "modes", "modes")
-        self._charge(self._refiner, "refine", "refine", "verify")
-        self._charge(self._refiner, "polish", "polish", "verify")
-        return Loading(classifier, encoder, objects)
+    classifier = _seconds(lambda: estimator.scan)
+    encoder = _seconds(lambda: estimator.encoder)
+    objects = {object_id: _seconds(partial(load_object, object_id)) for object_id in object_ids}
+    return Loading(classifier, encoder, objects)
 
-    def _load_object(self, object_id: int) -> None:
-        self.matching.group(object_id)
-        self.verifier(object_id)
 
-    def _charge(self, owner: Any, method: str, during: str, after: str) -> None:
-        """Make the clock enter `during` as a method of `owner` begins, and `after` as it ends."""
-        call = getattr(owner, method)
+def compare_searches(
+    estimator: PoseEstimator, patches: Mapping[int, LocalPatches]
+) -> list[SearchComparison]:
+    """Compare each index with an exact search, by the first object that has patches."""
+    first: dict[SearchGroup, LocalPatches] = {}
+    for object_id, own in patches.items():
+        if len(own) > 0:
+            first.setdefault(estimator.matching.group(object_id), own)
+    return [_compare_search(estimator, group, own) for group, own in first.items()]
 
-        def timed(*given: Any, **named: Any) -> Any:
-            self.clock.enter(during)
-            try:
-                return call(*given, **named)
-            finally:
-                self.clock.enter(after)
 
-        setattr(owner, method, timed)
-
-    def prepare(self, frame: Frame, mask: Bool[np.ndarray, "h w"] | None = None) -> FrameContext:
-        """The context of a frame, its windows connected to the clock; see PoseEstimator.prepare."""
-        self.clock.enter("windows")
-        context = super().prepare(frame, mask)
-        self._charge(context.windows, "classify", "windows", "region")
-        return context
-
-    def find_region(self, context: FrameContext, object_id: int, instances: int = 1) -> Region:
-        """Stage 1; see PoseEstimator.find_region."""
-        self.clock.enter("windows")
-        return super().find_region(context, object_id, instances)
-
-    def find_hypotheses(self, context: FrameContext, region: Region) -> CoarseResult:
-        """Stage 2; see PoseEstimator.find_hypotheses."""
-        self.clock.enter("cut")
-        return super().find_hypotheses(context, region)
-
-    def refine(
-        self,
-        context: FrameContext,
-        object_id: int,
-        hypotheses: Hypotheses,
-        instances: int = 1,
-        unexplained: Observation | None = None,
-        min_score: float | None = None,
-    ) -> RefinedHypotheses | None:
-        """Stage 3; see PoseEstimator.refine."""
-        self.clock.enter("screen")
-        return super().refine(context, object_id, hypotheses, instances, unexplained, min_score)
-
-    def entries(self, object_id: int) -> int:
-        """Number of the codebook's entries."""
-        return len(self.matching.group(object_id).codebooks[object_id].features)
-
-    def compare_searches(self, patches: Mapping[int, LocalPatches]) -> list[SearchComparison]:
-        """Compare each index with an exact search, by the first object that has patches."""
-        first: dict[SearchGroup, LocalPatches] = {}
-        for object_id, own in patches.items():
-            if len(own) > 0:
-                first.setdefault(self.matching.group(object_id), own)
-        return [self._compare_search(group, own) for group, own in first.items()]
-
-    def _compare_search(self, group: SearchGroup, patches: LocalPatches) -> SearchComparison:
-        exact = ExactNeighbours(group.features, self.settings.codebook.neighbours)
-        queries = self._encoder.encode(patches)
-        begun = time.perf_counter()
-        found = group.search.search(queries).indices
-        middle = time.perf_counter()
-        nearest = exact.search(queries).indices
-        ended = time.perf_counter()
-        right = (found[:, :, None] == nearest[:, None, :]).any(axis=1)
-        return SearchComparison(
-            len(queries),
-            middle - begun,
-            ended - middle,
-            float(right.mean()),
-            float(np.mean(right[:, 0])),
-        )
+def _compare_search(
+    estimator: PoseEstimator, group: SearchGroup, patches: LocalPatches
+) -> SearchComparison:
+    exact = ExactNeighbours(group.features, estimator.settings.codebook.neighbours)
+    queries = estimator.encoder.encode(patches)
+    begun = time.perf_counter()
+    found = group.search.search(queries).indices
+    middle = time.perf_counter()
+    nearest = exact.search(queries).indices
+    ended = time.perf_counter()
+    right = (found[:, :, None] == nearest[:, None, :]).any(axis=1)
+    return SearchComparison(
+        len(queries),
+        middle - begun,
+        ended - middle,
+        float(right.mean()),
+        float(np.mean(right[:, 0])),
+    )
 
 
 def _seconds(make: Callable[[], object]) -> float:

@@ -1,38 +1,33 @@
 """Objects of one frame compete for its pixels: what one pose explains supports no other."""
 
-from collections.abc import Mapping
-
-import numpy as np
-from jaxtyping import Float
+from collections.abc import Callable, Mapping
 
 from hlp.method.find.estimator import FrameContext, PoseEstimator
-from hlp.method.find.instances import find_instances
-from hlp.records import Hypotheses, Region
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.verification import Observation
 
 Found = dict[int, RefinedHypotheses | None]
 """What stage 3 found, by object id; None where there was no hypothesis."""
+SearchAgain = Callable[[int, Observation], RefinedHypotheses | None]
+"""Searches an object once more in the pixels that others leave."""
 
 
 def resolve_conflicts(
     estimator: PoseEstimator,
     context: FrameContext,
     found: Found,
-    regions: Mapping[int, Region],
-    hypotheses: Mapping[int, Hypotheses],
-    wanted: Mapping[int, int],
+    search_again: SearchAgain,
     min_score: float | None = None,
     unexplained: Observation | None = None,
 ) -> Found:
-    """What `find_instances` found for the objects of a frame, without double claims.
+    """What was found of each object of a frame, without double claims.
 
-    In order of cost, the instances of all objects that have at least `min_score` take the pixels
-    that they explain. If more than half of the pixels that agree with an instance are taken by
-    other objects, its object is searched once more in the pixels that the others leave. `wanted`
-    and `min_score` are `instances` and `min_score` of `find_instances`, `unexplained` is too.
+    In order of cost, the instances of all objects that have at least `min_score` (None: all) take
+    the pixels that they explain. If more than half of the pixels that agree with an instance are
+    taken by other objects, its object is searched once more in the pixels that the others leave.
+    `unexplained` is the frame without what is known to be there (None: nothing is).
     """
-    if sum(each is not None for each in found.values()) < 2:
+    if sum(refined is not None for refined in found.values()) < 2:
         return found
     claims: dict[int, list[int]] = {}
     free = context.observation if unexplained is None else unexplained
@@ -41,7 +36,8 @@ def resolve_conflicts(
         refined = found[object_id]
         assert refined is not None
         pose = refined.refined[row].pose_cam_obj
-        if object_id in losers or not _counts(estimator, context, object_id, pose, min_score):
+        counts = min_score is None or estimator.score(context, object_id, pose) >= min_score
+        if object_id in losers or not counts:
             continue
         verifier = estimator.verifier(object_id)
         evidence = verifier.evidence(context.observation, pose[None])
@@ -53,25 +49,10 @@ def resolve_conflicts(
     resolved = dict(found)
     for object_id in losers:
         others = {i: rows for i, rows in claims.items() if i != object_id}
-        left = _left_by(estimator, free, resolved, others)
-        own = regions[object_id], hypotheses[object_id], wanted[object_id]
-        again = find_instances(estimator, context, *own, left, min_score)
+        again = search_again(object_id, _left_by(estimator, free, resolved, others))
         resolved[object_id] = again
         claims[object_id] = [] if again is None else list(again.instances)
     return resolved
-
-
-def _counts(
-    estimator: PoseEstimator,
-    context: FrameContext,
-    object_id: int,
-    pose_cam_obj: Float[np.ndarray, "4 4"],
-    min_score: float | None,
-) -> bool:
-    """Whether an instance takes pixels: any does if no score is asked for."""
-    if min_score is None:
-        return True
-    return estimator.score(context, object_id, pose_cam_obj) >= min_score
 
 
 def _by_cost(found: Found) -> list[tuple[int, int]]:
@@ -86,16 +67,13 @@ def _by_cost(found: Found) -> list[tuple[int, int]]:
 
 
 def _left_by(
-    estimator: PoseEstimator,
-    left: Observation,
-    found: Found,
-    claims: Mapping[int, list[int]],
+    estimator: PoseEstimator, left: Observation, found: Found, claims: Mapping[int, list[int]]
 ) -> Observation:
     """An image without what the instances in `claims` (rows by object) explain."""
     for object_id, rows in claims.items():
+        refined = found[object_id]
+        assert refined is not None
         for row in rows:
-            refined = found[object_id]
-            assert refined is not None
             pose = refined.refined[row].pose_cam_obj
             left = estimator.verifier(object_id).without_explained(left, pose)
     return left

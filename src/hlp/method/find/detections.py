@@ -1,18 +1,29 @@
 """What a detector says about an image: what it found, and why it did not find the rest."""
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from hlp.geometry import rotation_distance, transform
 from hlp.method.find.estimator import FrameContext, PoseEstimator
+from hlp.method.find.trace import Trace
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.pose_fit import PoseFit
 
 _SAME_TURN = np.deg2rad(15.0)
 _SAME_SHIFT = 0.1  # of the diameter
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if not dataclasses.is_dataclass(value):
+        return value
+    return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
 
 
 @dataclass(frozen=True)
@@ -48,6 +59,18 @@ class Detection:
     runner_up: RunnerUp | None
     fit: PoseFit
 
+    def __str__(self) -> str:
+        """One line: object, score, position in the camera's coordinates and what is visible."""
+        x, y, z = 1e3 * self.pose_cam_obj[:3, 3]
+        return (
+            f"{self.object}: score {self.score:.2f} at ({x:.1f}, {y:.1f}, {z:.1f}) mm, "
+            f"{self.visible_fraction:.0%} visible"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as values for JSON: arrays as lists, `runner_up` and `fit` as dictionaries."""
+        return {field.name: _plain(getattr(self, field.name)) for field in dataclasses.fields(self)}
+
 
 @dataclass(frozen=True)
 class Rejection:
@@ -70,13 +93,15 @@ def sort_answers(
     answers: Sequence[Detection], missing: Sequence[str], min_score: float
 ) -> SearchResult:
     """Divide answers by their score. `missing` are the objects without an answer."""
-    ranked = sorted(answers, key=lambda each: -each.score)
+    ranked = sorted(answers, key=lambda answer: -answer.score)
     rejections = [
         Rejection(
-            each.object, f"the score {each.score:.2f} of the best pose is below {min_score:g}", each
+            answer.object,
+            f"the score {answer.score:.2f} of the best pose is below {min_score:g}",
+            answer,
         )
-        for each in ranked
-        if each.score < min_score
+        for answer in ranked
+        if answer.score < min_score
     ]
     rejections += [
         Rejection(
@@ -86,7 +111,19 @@ def sort_answers(
         )
         for name in missing
     ]
-    return SearchResult([each for each in ranked if each.score >= min_score], rejections)
+    return SearchResult([answer for answer in ranked if answer.score >= min_score], rejections)
+
+
+def describe_all(estimator: PoseEstimator, context: FrameContext, trace: Trace) -> list[Detection]:
+    """The instances that a search chose, object by object, with all that is known of them."""
+    there = [(i, found.refined, found) for i, found in trace.items() if found.refined is not None]
+
+    def describe_object(number: int) -> list[Detection]:
+        object_id, refined, found = there[number]
+        return describe(estimator, context, object_id, refined, sum(found.seconds.values()))
+
+    described = estimator.team.map(describe_object, len(there))
+    return [detection for of_object in described for detection in of_object]
 
 
 def describe(
@@ -127,7 +164,7 @@ def _runner_up(
     chosen: int,
 ) -> RunnerUp | None:
     model = estimator.learnt.models[object_id]
-    poses = np.stack([each.pose_cam_obj for each in refined.refined])
+    poses = np.stack([found.pose_cam_obj for found in refined.refined])
     alike = poses[chosen] @ model.symmetries
     centers = transform(poses, model.centroid[None])[:, 0]
     far = np.linalg.norm(centers - centers[chosen], axis=1) > _SAME_SHIFT * model.diameter

@@ -13,8 +13,9 @@ from hlp.method.find.learnt_objects import LearntObjects
 from hlp.method.find.patch_matching import FrameMatches, PatchMatching
 from hlp.method.settings import MethodSettings
 from hlp.models.encoder import Encoder
+from hlp.observer import NOBODY, Observer
+from hlp.patches import likely_places
 from hlp.patches.holistic import candidate_region, center_depths, region_weights
-from hlp.patches.likely_places import first_region, likely_regions
 from hlp.patches.local import region_pixels, thin_out
 from hlp.records import Frame, Hypotheses, LocalPatches, ObjectModel, Region, Votes
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
@@ -43,8 +44,9 @@ class CoarseResult:
 class FrameContext:
     """One frame and the work on it that its objects share. Made by `PoseEstimator.prepare`.
 
-    `mask` is where objects are looked for, None: everywhere. `fits` are those of the poses that
-    were measured so far, by object and the pose's bytes.
+    `mask` is where objects are looked for, None: everywhere. `observer` is told which part of a
+    search begins. `fits` are those of the poses that were measured so far, by object and the pose's
+    bytes.
     """
 
     def __init__(
@@ -54,7 +56,9 @@ class FrameContext:
         matches: FrameMatches,
         verification: VerificationSettings,
         mask: Bool[np.ndarray, "h w"] | None = None,
+        observer: Observer = NOBODY,
     ) -> None:
+        self.observer = observer
         self.frame = frame
         self.windows = windows
         self.matches = matches
@@ -92,42 +96,52 @@ class PoseEstimator:
         self.team = ThreadTeam(settings.machine.threads)
         """For work on several objects at once."""
         self.matching = PatchMatching(
-            learnt, settings, self.object_ids, lambda: self._encoder, self.team
+            learnt, settings, self.object_ids, lambda: self.encoder, self.team
         )
         """The codebooks."""
         self._modes = settings.voting.build(settings.machine.threads)
         self._refiner = settings.refinement.build(settings.machine.threads)
 
     @cached_property
-    def _scan(self) -> HolisticScan:
+    def scan(self) -> HolisticScan:
+        """The classifier of windows."""
         objects = {each: self.learnt.models[each] for each in self.object_ids}
         patches, machine = self.settings.patches, self.settings.machine
         network = self.learnt.load_classifier()
         return HolisticScan(network, objects, patches.holistic, patches.region, machine.threads)
 
     @cached_property
-    def _encoder(self) -> Encoder:
+    def encoder(self) -> Encoder:
+        """The encoder of local patches."""
         return self.learnt.load_encoder()
 
     def load(self, object_ids: Sequence[int]) -> None:
         """Load the networks and the codebooks of these objects now instead of at first use."""
-        _ = self._scan, self._encoder
+        _ = self.scan, self.encoder
         for object_id in object_ids:
             self.matching.group(object_id)
             self.verifier(object_id)
             if self.learnt.models[object_id].mesh.colored:
                 color_grid(self.learnt.models[object_id].mesh)
 
-    def prepare(self, frame: Frame, mask: Bool[np.ndarray, "h w"] | None = None) -> FrameContext:
+    def prepare(
+        self,
+        frame: Frame,
+        mask: Bool[np.ndarray, "h w"] | None = None,
+        observer: Observer = NOBODY,
+    ) -> FrameContext:
         """The context of a frame, which is passed to the stages of every object in it."""
-        windows, matches = self._scan.start(frame), FrameMatches(self.matching, frame)
-        return FrameContext(frame, windows, matches, self.settings.refinement.verification, mask)
+        observer.enter("windows")
+        windows = self.scan.start(frame, observer)
+        matches = FrameMatches(self.matching, frame, observer)
+        verification = self.settings.refinement.verification
+        return FrameContext(frame, windows, matches, verification, mask, observer)
 
     def share_work(self, context: FrameContext, object_ids: Iterable[int]) -> None:
         """Do what these objects share in a frame now, and not when the first one needs it."""
         for object_id in object_ids:
             context.windows.classify(object_id)
-        _ = context.observation, self._encoder
+        _ = context.observation, self.encoder
 
     def find_region(self, context: FrameContext, object_id: int, instances: int = 1) -> Region:
         """Stage 1: the candidate region of an object (paper, section 3.1), its likeliest part.
@@ -136,6 +150,7 @@ class PoseEstimator:
         """
         patches, model = self.settings.patches, self.learnt.models[object_id]
         windows, classes = context.windows.classify(object_id)
+        context.observer.enter("region")
         label = self._labels[object_id]
         height, width = context.frame.depth.shape
         region = candidate_region(
@@ -150,17 +165,18 @@ class PoseEstimator:
         if context.mask is not None:
             return _narrowed(region, context.mask)
         radii = self._radii(context.frame, region.centers, model)
-        return first_region(region, radii, patches.region.square_side, patches.closer, instances)
+        side = patches.region.square_side
+        return likely_places.first_region(region, radii, side, patches.closer, instances)
 
-    def closer_regions(self, context: FrameContext, region: Region) -> Iterator[Region]:
+    def likely_regions(self, context: FrameContext, region: Region) -> Iterator[Region]:
         """Parts of the frame to search where an object's region gave no right pose."""
         frame, patches = context.frame, self.settings.patches
         radii = self._radii(frame, region.centers, self.learnt.models[region.object_id])
-        found = likely_regions(region, radii, patches.closer)
+        found = likely_places.likely_regions(region, radii, patches.closer)
         if context.mask is None:
             return found
-        parts = (replace(each, mask=each.mask & context.mask) for each in found)
-        return (each for each in parts if each.mask.any())
+        parts = (replace(part, mask=part.mask & context.mask) for part in found)
+        return (part for part in parts if part.mask.any())
 
     def share_patches(self, context: FrameContext, regions: Iterable[Region]) -> None:
         """Match the regions' local patches now, each once, if objects share them."""
@@ -177,11 +193,13 @@ class PoseEstimator:
     def find_hypotheses(self, context: FrameContext, region: Region) -> CoarseResult:
         """Stage 2: votes of the region's local patches, and their modes (paper, section 3.2)."""
         begun = time.perf_counter()
+        context.observer.enter("cut")
         frame, model = context.frame, self.learnt.models[region.object_id]
         codebook = self.matching.group(region.object_id).codebooks[region.object_id]
         pixels = self._patch_pixels(frame, region, model)
         cut, matches = context.matches.match(region.object_id, pixels)
         matched = time.perf_counter()
+        context.observer.enter("vote")
         voting, weights = self.settings.voting, None
         if voting.weighted_by_region:
             half = frame.camera_matrix[0, 0] * model.diameter / cut.points_cam[:, 2] / 2.0
@@ -189,6 +207,7 @@ class PoseEstimator:
         votes = cast_votes(
             cut, matches, codebook, model, voting.max_distance, voting.weighted_by_distance, weights
         )
+        context.observer.enter("modes")
         found = self._modes.find(votes, model.centroid)
         return CoarseResult(cut, votes, found, matched - begun, time.perf_counter() - matched)
 
@@ -229,6 +248,7 @@ class PoseEstimator:
         """
         if len(hypotheses) == 0:
             return None
+        context.observer.enter("screen")
         frame, verification = context.frame, self.settings.refinement.verification
 
         def good_enough(pose_cam_obj: Float[np.ndarray, "4 4"]) -> bool:
@@ -246,6 +266,7 @@ class PoseEstimator:
             instances,
             unexplained,
             None if min_score is None else good_enough,
+            context.observer,
         )
 
     def follow(

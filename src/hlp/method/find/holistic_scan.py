@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from hlp.models.classifier import CHUNK, class_probabilities
 from hlp.models.network import Network
+from hlp.observer import NOBODY, Observer
 from hlp.patches.holistic import HolisticSettings, RegionSettings, Windows, metric_windows
 from hlp.patches.window_choice import (
     Plane,
@@ -49,15 +50,16 @@ class HolisticScan:
         self.sizes = {i: (model.holistic_size, model.diameter) for i, model in objects.items()}
         self.groups = group_sizes(self.sizes, _SHARED_SCALE if self.fast else 1.0)
 
-    def start(self, frame: Frame) -> "FrameWindows":
+    def start(self, frame: Frame, observer: Observer = NOBODY) -> "FrameWindows":
         """The windows of one frame; nothing is classified yet."""
-        return FrameWindows(self, frame)
+        return FrameWindows(self, frame, observer)
 
 
 class FrameWindows:
     """The windows of one frame, classified when an object of their size is first requested."""
 
-    def __init__(self, scan: HolisticScan, frame: Frame) -> None:
+    def __init__(self, scan: HolisticScan, frame: Frame, observer: Observer) -> None:
+        self._observer = observer
         self._scan = scan
         self._frame = frame
         self._images = WindowImages(frame.rgb, frame.depth, scan.holistic, scan.team)
@@ -66,6 +68,7 @@ class FrameWindows:
 
     def classify(self, object_id: int) -> tuple[Windows, Classes]:
         """An object's windows and the probabilities of all classes at each."""
+        self._observer.enter("windows")
         group = self._scan.groups[object_id]
         if group not in self._classified:
             windows = self._windows(group)
@@ -88,6 +91,10 @@ class FrameWindows:
         # Each chunk is cut and then classified while it is still in the processor's cache.
         starts = range(0, max(len(windows.sides), 1), CHUNK)
         parts = [windows.at(slice(start, start + CHUNK)) for start in starts]
-        images = (self._images.cut(part, metric_size) for part in parts)
-        network = self._scan.network
-        return np.concatenate([class_probabilities(network, each) for each in images])
+        classes = []
+        for part in parts:
+            self._observer.enter("windows")
+            images = self._images.cut(part, metric_size)
+            self._observer.enter("network")
+            classes.append(class_probabilities(self._scan.network, images))
+        return np.concatenate(classes)

@@ -12,11 +12,12 @@ from hlp.codebook.neighbours import Neighbours
 from hlp.method.find.learnt_objects import LearntObjects
 from hlp.method.settings import MethodSettings
 from hlp.models.encoder import Encoder
+from hlp.observer import NOBODY, Observer
 from hlp.patches.local import cut_local_patches, join_patches, take_patches
 from hlp.records import Codebook, Frame, LocalPatches, Matches, ObjectModel
 from hlp.thread_team import ThreadTeam
 
-_FEWEST = 128  # patches that are worth a thread of their own
+_PER_THREAD = 128  # patches that are worth a thread of their own
 _UNKNOWN, _NO_PATCH = -2, -1  # in place of the row of a pixel's patch
 
 
@@ -28,7 +29,7 @@ def search_groups(
     if not settings.codebook.joint:
         return [(object_id,) for object_id in ids]
     local = settings.patches.local
-    sizes = {each: local.size_of(models[each].local_size) for each in ids}
+    sizes = {each: local.side_of(models[each].local_size) for each in ids}
     return [tuple(i for i in ids if sizes[i] == size) for size in dict.fromkeys(sizes.values())]
 
 
@@ -71,7 +72,7 @@ class SearchGroup:
     ) -> None:
         local = settings.patches.local
         own_size = learnt.models[object_ids[0]].local_size
-        self.side = local.size_of(own_size) * local.size_scale
+        self.side = local.side_of(own_size)
         loaded, self.features = load_together(learnt, object_ids)
         self.codebooks = {each.object_id: each for each in loaded}
         counts = [len(each.features) for each in loaded]
@@ -124,7 +125,8 @@ class FrameMatches:
     object first needs it. Several threads may ask for patches at once.
     """
 
-    def __init__(self, matching: PatchMatching, frame: Frame) -> None:
+    def __init__(self, matching: PatchMatching, frame: Frame, observer: Observer = NOBODY) -> None:
+        self._observer = observer
         self._matching = matching
         self._frame = frame
         self._known: dict[SearchGroup, _Matched] = {}
@@ -153,6 +155,7 @@ class FrameMatches:
     ) -> tuple[LocalPatches, Matches]:
         frame, patches = self._frame, self._matching.settings.patches
         encoder = self._matching.encoder()
+        self._observer.enter("cut")
         cut = cut_local_patches(
             frame.rgb,
             frame.depth,
@@ -164,14 +167,17 @@ class FrameMatches:
             encoder.sees_color,
             patches.grid.min_relief,
         )
-        return cut, group.search.search(encoder.encode(cut))
+        self._observer.enter("encode")
+        features = encoder.encode(cut)
+        self._observer.enter("search")
+        return cut, group.search.search(features)
 
     def _look_up_by_threads(
         self, group: SearchGroup, pixels: Int[np.ndarray, "n 2"]
     ) -> tuple[LocalPatches, Matches]:
         """What `_look_up` finds, each thread with a part of the pixels."""
         team = self._matching.team
-        count = max(min(team.threads, len(pixels) // _FEWEST), 1)
+        count = max(min(team.threads, len(pixels) // _PER_THREAD), 1)
         parts = np.array_split(pixels, count)
         found = team.map(lambda number: self._look_up(group, parts[number]), count)
         indices = np.concatenate([matches.indices for _, matches in found])

@@ -1,100 +1,184 @@
-"""The search for several objects in one frame: what detection and tracking share."""
+"""The search for objects in one frame, stage by stage: everything that finds objects uses it."""
 
 import time
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hlp.method.find.conflicts import Found, resolve_conflicts
-from hlp.method.find.detections import Detection, describe
+from hlp.method.find.conflicts import resolve_conflicts
 from hlp.method.find.estimator import FrameContext, PoseEstimator
 from hlp.method.find.instances import find_instances
-from hlp.records import Hypotheses, Region
+from hlp.method.find.trace import ObjectTrace, Stage, Trace
+from hlp.records import Region
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.verification import Observation
+from hlp.thread_team import ThreadTeam
 
 _LIKELIEST = 8  # windows by which it is judged whether an object is there
+_CALLER = ThreadTeam(1)
 
 
 def search_frame(
     estimator: PoseEstimator,
     context: FrameContext,
-    wanted: Mapping[int, int],
-    min_score: float,
-    begun: float,
+    counts: Mapping[int, int],
+    *,
+    min_score: float | None = None,
     unexplained: Observation | None = None,
-) -> tuple[list[Detection], list[int]]:
-    """The answers to the wanted objects, and the ids of those without any.
+    fallback: bool = True,
+    given: Trace | None = None,
+    stop_after: Stage = "poses",
+    by_threads: bool = True,
+    begun: float | None = None,
+) -> Trace:
+    """Search for objects in the frame of a context; what was found of each, stage by stage.
 
-    `wanted` maps object ids to the number of instances that are looked for. Work since `begun`
-    (`time.perf_counter`) counts for the first object. `unexplained` is the frame without what is
-    known to be there (None: nothing is).
+    `counts` maps object ids to numbers of instances. They are known to be there; with `min_score`
+    they are the most that are looked for, as long as answers have that score. `unexplained` is the
+    frame without what is known to be there (None: nothing is). Without `fallback` the first look at
+    an object is the only one, and no score is needed. `given` regions and hypotheses, true ones or
+    those of an earlier search, are not searched again. `stop_after` is the last stage.
+
+    The threads of the estimator search different objects. With `by_threads` off, one object is
+    searched after another, so that the seconds of each are its own; poses are the same. Work since
+    `begun` (`time.perf_counter`), and what objects share, counts for the first one.
     """
-    found, seconds = _find(estimator, context, wanted, min_score, begun, unexplained)
-    there = [(i, refined) for i in wanted if (refined := found[i]) is not None]
+    begun = time.perf_counter() if begun is None else begun
+    search = _FrameSearch(estimator, context, counts, min_score, unexplained, fallback, by_threads)
+    if by_threads:
+        estimator.share_work(context, counts)
+    traces = search.find_regions(given or {}, time.perf_counter() - begun)
+    if stop_after == "regions":
+        return traces
+    traces = search.find_poses(traces, stop_after)
+    if stop_after == "hypotheses":
+        return traces
+    return search.settle(traces)
 
-    def describe_one(number: int) -> list[Detection]:
-        object_id, refined = there[number]
-        return describe(estimator, context, object_id, refined, seconds[object_id])
 
-    answers = [each for own in estimator.team.map(describe_one, len(there)) for each in own]
-    return answers, [i for i in wanted if found[i] is None]
+@dataclass(frozen=True)
+class _FrameSearch:
+    """A search in one frame: what `search_frame` was given."""
+
+    estimator: PoseEstimator
+    context: FrameContext
+    counts: Mapping[int, int]
+    min_score: float | None
+    unexplained: Observation | None
+    fallback: bool
+    by_threads: bool
+
+    @property
+    def team(self) -> ThreadTeam:
+        return self.estimator.team if self.by_threads else _CALLER
+
+    def find_regions(self, given: Trace, shared: float) -> dict[int, ObjectTrace]:
+        """Stage 1 (paper, section 3.1). `shared` seconds were spent for all objects before."""
+        ids = list(self.counts)
+
+        def find(number: int) -> ObjectTrace:
+            begun, object_id = time.perf_counter(), ids[number]
+            if object_id in given:
+                return given[object_id]
+            # Where their number is known, instances that one look has missed are looked for anew.
+            instances = 1 if self.min_score is None else self.counts[object_id]
+            region = self.estimator.find_region(self.context, object_id, instances)
+            return ObjectTrace(region, seconds={"holistic": time.perf_counter() - begun})
+
+        traces = dict(zip(ids, self.team.map(find, len(ids)), strict=True))
+        return _with_seconds(traces, ids[:1], "holistic", shared)
+
+    def find_poses(self, traces: dict[int, ObjectTrace], last: Stage) -> dict[int, ObjectTrace]:
+        """Stages 2 and 3 of each object, as if it were alone; stage 2 alone if that is the last."""
+        ids = order = list(traces)
+        if self.by_threads:
+            begun = time.perf_counter()
+            self.estimator.share_patches(self.context, map(_region, traces.values()))
+            traces = _with_seconds(traces, ids[:1], "holistic", time.perf_counter() - begun)
+            # Objects that the classifier is least sure of take longest: no thread then waits long
+            # for the others at the end of the frame.
+            order = sorted(ids, key=lambda object_id: _evidence(_region(traces[object_id])))
+
+        def find(place: int) -> ObjectTrace:
+            trace = self._with_hypotheses(traces[order[place]])
+            if last == "hypotheses":
+                return trace
+            begun = time.perf_counter()
+            refined = self._find_instances(order[place], trace, self.unexplained)
+            spent = {**trace.seconds, "refinement": time.perf_counter() - begun}
+            return replace(trace, refined=refined, seconds=spent)
+
+        found = dict(zip(order, self.team.map(find, len(ids)), strict=True))
+        return {object_id: found[object_id] for object_id in ids}
+
+    def _with_hypotheses(self, trace: ObjectTrace) -> ObjectTrace:
+        """Stage 2 (section 3.2): votes of the region's local patches, and coarse poses."""
+        if trace.hypotheses is not None:
+            return trace
+        found = self.estimator.find_hypotheses(self.context, _region(trace))
+        return replace(
+            trace,
+            patches=found.patches,
+            votes=found.votes,
+            hypotheses=found.hypotheses,
+            seconds={**trace.seconds, "local": found.local_seconds, "voting": found.voting_seconds},
+        )
+
+    def _find_instances(
+        self, object_id: int, trace: ObjectTrace, unexplained: Observation | None
+    ) -> RefinedHypotheses | None:
+        """Stage 3 (section 3.3): fine poses, and which of them are instances."""
+        assert trace.hypotheses is not None
+        of = self.estimator, self.context, _region(trace), trace.hypotheses
+        count = self.counts[object_id]
+        return find_instances(*of, count, unexplained, self.min_score, fallback=self.fallback)
+
+    def settle(self, traces: dict[int, ObjectTrace]) -> dict[int, ObjectTrace]:
+        """Objects compete for pixels; then the fit of each instance that is left is measured."""
+        begun, ids = time.perf_counter(), list(traces)
+
+        def search_again(object_id: int, left: Observation) -> RefinedHypotheses | None:
+            return self._find_instances(object_id, traces[object_id], left)
+
+        found = resolve_conflicts(
+            self.estimator,
+            self.context,
+            {object_id: trace.refined for object_id, trace in traces.items()},
+            search_again,
+            self.min_score,
+            self.unexplained,
+        )
+        share = (time.perf_counter() - begun) / max(len(ids), 1)
+
+        def measure(number: int) -> ObjectTrace:
+            begun, object_id = time.perf_counter(), ids[number]
+            refined, spent = found[object_id], traces[object_id].seconds
+            poses = () if refined is None else refined.chosen_poses
+            fits = (self.estimator.measure_fit(self.context, object_id, pose) for pose in poses)
+            measured = replace(traces[object_id], refined=refined, fits=tuple(fits))
+            more = spent["refinement"] + share + time.perf_counter() - begun
+            return replace(measured, seconds={**spent, "refinement": more})
+
+        return dict(zip(ids, self.team.map(measure, len(ids)), strict=True))
 
 
-def _find(
-    estimator: PoseEstimator,
-    context: FrameContext,
-    wanted: Mapping[int, int],
-    min_score: float,
-    begun: float,
-    unexplained: Observation | None,
-) -> tuple[Found, dict[int, float]]:
-    """What stage 3 found of the wanted objects, and the time (s) of each.
+def _region(trace: ObjectTrace) -> Region:
+    assert trace.region is not None
+    return trace.region
 
-    The threads search different objects: that divides the work better than several threads do which
-    search the same one. Objects that the classifier is least sure of come first, because they take
-    longest: at the end of the frame, no thread then waits long for the others.
-    """
-    ids = list(wanted)
-    estimator.share_work(context, ids)
-    shared = time.perf_counter() - begun
 
-    def find_region(number: int) -> tuple[Region, float]:
-        object_id, begun = ids[number], time.perf_counter()
-        region = estimator.find_region(context, object_id, wanted[object_id])
-        return region, time.perf_counter() - begun
-
-    looked = dict(zip(ids, estimator.team.map(find_region, len(ids)), strict=True))
-    regions = {object_id: region for object_id, (region, _) in looked.items()}
-    began = time.perf_counter()
-    estimator.share_patches(context, regions.values())
-    shared += time.perf_counter() - began
-    order = sorted(ids, key=lambda object_id: _evidence(regions[object_id]))
-
-    def search(place: int) -> tuple[Hypotheses, RefinedHypotheses | None, float]:
-        region, begun = regions[order[place]], time.perf_counter()
-        count = wanted[region.object_id]
-        coarse = estimator.find_hypotheses(context, region).hypotheses
-        refined = find_instances(estimator, context, region, coarse, count, unexplained, min_score)
-        return coarse, refined, time.perf_counter() - begun
-
-    searched = dict(zip(order, estimator.team.map(search, len(ids)), strict=True))
-    begun = time.perf_counter()
-    found = resolve_conflicts(
-        estimator,
-        context,
-        {i: searched[i][1] for i in ids},
-        regions,
-        {i: searched[i][0] for i in ids},
-        wanted,
-        min_score,
-        unexplained,
-    )
-    each_last = (time.perf_counter() - begun) / max(len(ids), 1)
-    seconds = {i: looked[i][1] + searched[i][2] + each_last for i in ids}
-    if ids:
-        seconds[ids[0]] += shared
-    return found, seconds
+def _with_seconds(
+    traces: dict[int, ObjectTrace], ids: list[int], step: str, seconds: float
+) -> dict[int, ObjectTrace]:
+    """Traces with more time of a step for some of the objects, if they spent any on it."""
+    changed = dict(traces)
+    for object_id in ids:
+        spent = traces[object_id].seconds
+        if step in spent:
+            more = {**spent, step: spent[step] + seconds}
+            changed[object_id] = replace(traces[object_id], seconds=more)
+    return changed
 
 
 def _evidence(region: Region) -> float:

@@ -31,7 +31,7 @@ def build_codebook(
     and its match, over a sample.
     """
     patches = settings.patches
-    size = patches.local.size_of(model.local_size) * patches.local.size_scale
+    size = patches.local.side_of(model.local_size)
     rng = np.random.default_rng([settings.seed, model.object_id])
     pixels = [_draw_pixels(views, view, size, patches, rng) for view in range(len(views))]
     first = np.cumsum([0] + [len(each) for each in pixels])  # first entry of each view

@@ -68,7 +68,7 @@ class _Training:
         if rooms:
             frames += self.backgrounds.load_background_frames()
         local = self.settings.patches.local
-        sizes = sorted({local.size_of(model.local_size) for model in self.models.values()})
+        sizes = sorted({local.side_of(model.local_size) for model in self.models.values()})
         rng = np.random.default_rng(self.settings.seed)
         patches = join_patches(bake_frame_patches(frames, sizes, per_frame, local, rng))
         return PatchDataModule(patches, batch_size, self.settings.seed, varied_light)
@@ -85,6 +85,6 @@ class _Training:
         for object_id, model in sorted(self.models.items()):
             rng = np.random.default_rng([self.settings.seed, object_id])
             patches, views = self.settings.patches, self.views_of(object_id)
-            size = patches.local.size_of(model.local_size)
+            size = patches.local.side_of(model.local_size)
             pools.append(bake_pairs(views, size, patches.local, patches.pairs, rng, with_color))
         return join_pairs(pools)

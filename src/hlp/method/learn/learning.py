@@ -12,6 +12,7 @@ import numpy as np
 from hlp.codebook.entries import save_codebook
 from hlp.errors import InputError
 from hlp.method.compute_threads import set_compute_threads
+from hlp.method.find.estimator import PoseEstimator
 from hlp.method.learn.backgrounds import Backgrounds
 from hlp.method.learn.classifier_training import train_classifier
 from hlp.method.learn.codebook_building import build_codebook
@@ -33,7 +34,7 @@ from hlp.method.learn.model_files import write_model
 from hlp.method.learn.score_calibration import calibrate_score
 from hlp.method.learn.training_files import StartingWeights, read_weights
 from hlp.method.learn.unfinished_folder import SCORED, VIEWS, finish, folder_in_the_making, once
-from hlp.method.progress import CountingEstimator, counting_objects
+from hlp.method.progress import counting_objects
 from hlp.method.settings import MethodSettings, settings_to_json
 from hlp.objects.object_model import mesh_identity
 from hlp.records import ObjectModel, Views
@@ -169,13 +170,12 @@ def _calibrate_scores(
 ) -> None:
     settings = record.settings
     frames = backgrounds.load_background_frames()
-    estimator = CountingEstimator(LearntFolder(partial, record=record), settings, tuple(models))
+    estimator = PoseEstimator(LearntFolder(partial, record=record), settings, tuple(models))
     for object_id, model in models.items():
         with once(partial / OBJECTS / model.name, SCORED) as missing:
             if missing:
                 scenes = settings.score.scenes
-                with estimator.counting(model.name, scenes):
-                    score = calibrate_score(estimator, object_id, frames, scenes, settings.seed)
+                score = calibrate_score(estimator, object_id, frames, scenes, settings.seed)
                 save_score_model(partial / OBJECTS / model.name, score)
 
 

@@ -6,9 +6,11 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial import cKDTree
+from tqdm import tqdm
 
 from hlp.geometry import inverse, transform
 from hlp.method.find.estimator import PoseEstimator
+from hlp.method.find.search import search_frame
 from hlp.method.learn.calibration_scenes import calibration_scene
 from hlp.records import Frame, ObjectModel
 from hlp.refinement.pose_fit import PoseFit
@@ -47,19 +49,18 @@ def search_scenes(
         present = number % _ABSENT != _ABSENT - 1
         return calibration_scene(model, present, views, backgrounds, number, seed)
 
-    with ThreadPoolExecutor(estimator.settings.machine.threads) as pool:
+    bar = tqdm(desc=f"score of {model.name}", total=scenes, unit="scene", disable=None)
+    with bar, ThreadPoolExecutor(estimator.settings.machine.threads) as pool:
         for start in range(0, scenes, _BATCH):
             for frame in pool.map(draw, range(start, min(start + _BATCH, scenes))):
-                context = estimator.prepare(frame)
-                region = estimator.find_region(context, object_id)
-                hypotheses = estimator.find_hypotheses(context, region).hypotheses
-                refined = estimator.refine(context, object_id, hypotheses, _INSTANCES)
-                if refined is None:
-                    continue
-                for row in refined.instances:
-                    pose = refined.refined[row].pose_cam_obj
-                    is_right = any(compare.right(pose, t.pose_cam_obj) for t in frame.targets)
-                    yield estimator.measure_fit(context, object_id, pose), is_right
+                bar.update()
+                context, counts = estimator.prepare(frame), {object_id: _INSTANCES}
+                # The fallback would need the score that is about to be calibrated.
+                trace = search_frame(estimator, context, counts, fallback=False, by_threads=False)
+                found = trace[object_id]
+                poses = [] if found.refined is None else found.refined.chosen_poses
+                for pose, fit in zip(poses, found.fits, strict=True):
+                    yield fit, any(compare.right(pose, t.pose_cam_obj) for t in frame.targets)
 
 
 class _Comparison:

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from hlp.errors import InputError
 from hlp.method.arguments import checked_frame, checked_mask
-from hlp.method.find.detections import Detection, Rejection, sort_answers
+from hlp.method.find.detections import Detection, Rejection, describe_all, sort_answers
 from hlp.method.find.estimator import FrameContext, PoseEstimator
 from hlp.method.find.search import search_frame
 from hlp.method.track.tracking import (
@@ -157,11 +157,18 @@ class _Step:
         if not wanted:
             return []
         estimator = self.estimator
-        answers, missing = search_frame(
-            estimator, self.context, wanted, min_score, self._begun, self._unexplained()
+        trace = search_frame(
+            estimator,
+            self.context,
+            wanted,
+            min_score=min_score,
+            unexplained=self._unexplained(),
+            begun=self._begun,
         )
+        answers = describe_all(estimator, self.context, trace)
         names = {i: estimator.learnt.models[i].name for i in wanted}
-        result = sort_answers(answers, [names[i] for i in missing], min_score)
+        missing = [names[i] for i, found in trace.items() if found.refined is None]
+        result = sort_answers(answers, missing, min_score)
         for object_id, name in names.items():
             of_object = [each for each in result.detections if each.object == name]
             places = [each for each in lost if each.object_id == object_id]

@@ -126,7 +126,8 @@ def follow(
             evidence = verifier.evidence(near.observation, pose[None])
             if not verifier.is_free(unexplained, pose[None], evidence)[0]:
                 continue
-        one = RefinedHypotheses([Refinement(pose, 0)], np.zeros(1), np.zeros(1, dtype=int), (0,))
+        no_source, no_seed = np.zeros(1, dtype=int), np.zeros((1, 2), dtype=int)
+        one = RefinedHypotheses([Refinement(pose, 0)], np.zeros(1), no_source, no_seed, (0,))
         answers += describe(estimator, near, object_id, one, 0.0)
         if answers[-1].score >= settings.min_score:
             return answers[-1]
