@@ -133,7 +133,7 @@ class FakeEstimator:
     def score(self, *_: Any) -> float:
         return 1.0
 
-    def closer_regions(self, context: Any, region: Region) -> Iterator[Region]:
+    def likely_regions(self, context: Any, region: Region) -> Iterator[Region]:
         return iter(())
 
     def measure_fit(self, context: Any, object_id: int, pose: np.ndarray) -> PoseFit:
@@ -147,10 +147,11 @@ class FakeEstimator:
         self.asked.append(step)
         return np.random.default_rng([context.frame.scene_id, context.frame.frame_id, object_id])
 
-    def find_region(self, context: Any, object_id: int) -> Region:
+    def find_region(self, context: Any, object_id: int, instances: int = 1) -> Region:
         rng = self._step("region", context, object_id)
         centers = rng.integers(0, 12, (5, 2)).astype(np.float64)
-        return Region(object_id, centers, rng.random(5), rng.random(SHAPE) < 0.5)
+        probabilities = rng.random(5).astype(np.float32)
+        return Region(object_id, centers, probabilities, rng.random(SHAPE) < 0.5)
 
     def find_hypotheses(self, context: Any, region: Region) -> CoarseResult:
         """Hypotheses that lie at the sum of the region's mask: it must have come through."""
@@ -190,4 +191,5 @@ class FakeEstimator:
         moved = hypotheses.poses_cam_obj.copy()
         moved[:, 0, 3] += [1.0, 2.0]
         refined = [Refinement(each, 3) for each in moved]
-        return RefinedHypotheses(refined, np.array([0.5, 0.25]), np.array([1, 0]), (1,))
+        seeds = np.array([[0, 0], [0, 1]])
+        return RefinedHypotheses(refined, np.array([0.5, 0.25]), np.array([1, 0]), seeds, (1,))

@@ -5,31 +5,56 @@ A re-implementation of "Combined Holistic and Local Patches for Recovering 6D Ob
 method without the framework: learn objects from CAD models, find them in RGB-D images.
 """
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from hlp.method.detector import Detector
-    from hlp.method.find.detections import Detection
+    from hlp.method.find.detections import Detection, Rejection, RunnerUp, SearchResult
+    from hlp.method.settings import MethodSettings
     from hlp.method.track.tracker import Tracker
-    from hlp.method.track.tracking import TrackedDetection, TrackingSettings
-    from hlp.records import CameraImage
+    from hlp.method.track.tracking import TrackedDetection, TrackingResult, TrackingSettings
+    from hlp.records import CameraImage, Frame, ObjectModel
+    from hlp.refinement.pose_fit import PoseFit
 
-__version__ = "0.1.0"
+__version__ = "0.3.0"
+_HOMES = {
+    "CameraImage": "hlp.records",
+    "Detection": "hlp.method.find.detections",
+    "Detector": "hlp.method.detector",
+    "Frame": "hlp.records",
+    "MethodSettings": "hlp.method.settings",
+    "ObjectModel": "hlp.records",
+    "PoseFit": "hlp.refinement.pose_fit",
+    "Rejection": "hlp.method.find.detections",
+    "RunnerUp": "hlp.method.find.detections",
+    "SearchResult": "hlp.method.find.detections",
+    "TrackedDetection": "hlp.method.track.tracking",
+    "Tracker": "hlp.method.track.tracker",
+    "TrackingResult": "hlp.method.track.tracking",
+    "TrackingSettings": "hlp.method.track.tracking",
+}
+"""Everything that stands in a public signature, and the module that it is in."""
 __all__ = [
     "CameraImage",
     "Detection",
     "Detector",
+    "Frame",
+    "MethodSettings",
+    "ObjectModel",
+    "PoseFit",
+    "Rejection",
+    "RunnerUp",
+    "SearchResult",
     "TrackedDetection",
     "Tracker",
+    "TrackingResult",
     "TrackingSettings",
 ]
 
 
 def __getattr__(name: str) -> Any:
     # Imported at first use, so that `import hlp` alone, as in the command line, stays fast.
-    if name in __all__:
-        from hlp.method import detector
-        from hlp.records import CameraImage
-
-        return CameraImage if name == "CameraImage" else getattr(detector, name)
+    if name in _HOMES:
+        return getattr(import_module(_HOMES[name]), name)
     raise AttributeError(f"module 'hlp' has no attribute {name!r}")

@@ -36,7 +36,7 @@ PLACES = {
     "checksums": ("hlp.stages.store", "folder_checksums", 0),
     "renaming": ("hlp.stages.store", "_flush", 0),
     "codebook": ("hlp.codebook.entries.np", "savez", 1),
-    "frame": ("hlp.stages.detection", "find_in_frame", 2),
+    "frame": ("hlp.stages.detection", "search_frame", 2),
     "frame half written": ("hlp.stages.detection", "write_arrays", 1),
     "frame of a worker": ("hlp.runs.runner", "note_frame", 0),
     "one of three stages": ("hlp.stages.store", "_flush", 1),

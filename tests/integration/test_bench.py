@@ -14,11 +14,13 @@ from hydra import compose, initialize_config_dir
 from hlp.commands.composing import config_folder
 from hlp.config.build import Run, build_run
 from hlp.method.find.estimator import PoseEstimator
+from hlp.method.find.search import search_frame
+from hlp.observer import NOBODY
 from hlp.reporting.study_numbers import STUDIES, read_study
 from hlp.results.target_values import read_target_values
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
-from hlp.studies.stopwatch import PARTS, TimedEstimator
+from hlp.studies.stopwatch import PARTS
 from hlp.studies.tasks import run_task
 from table_text import unpadded
 from tiny_run import TinyRun
@@ -105,26 +107,23 @@ def test_bench_compares_results_and_times_of_paths(bench: Path) -> None:
     assert {"bench.png", "bench.svg"} <= {path.name for path in bench.iterdir()}
 
 
-def test_a_timed_estimator_answers_as_a_plain_one_does(tiny_run: TinyRun) -> None:
+def test_a_search_that_is_timed_has_the_same_answers(tiny_run: TinyRun) -> None:
     run = build(tiny_run)
     method = run.settings.method
     training = TrainingStages(run.dataset, method, StageStore(tiny_run.folder / "work"))
-    timed = TimedEstimator(training, method, run.dataset.target_ids)
-    timed.load_timed(run.dataset.target_ids)
-    plain = PoseEstimator(training, method, run.dataset.target_ids)
+    estimator = PoseEstimator(training, method, run.dataset.target_ids)
     frame = run.dataset.frames.load(run.keys[0])
     object_id = next(iter(run.dataset.wanted(frame)))
-    found = []
-    for estimator in (timed, plain):
-        if estimator is timed:
-            timed.clock.start()
-        context = estimator.prepare(frame)
-        coarse = estimator.find_hypotheses(context, estimator.find_region(context, object_id))
-        refined = estimator.refine(context, object_id, coarse.hypotheses)
-        assert refined is not None
-        found.append(refined.refined[refined.best].pose_cam_obj.tolist())
+    found, clock = [], PartClock()
+    clock.start()
+    for observer in (clock, NOBODY):
+        context = estimator.prepare(frame, observer=observer)
+        trace = search_frame(estimator, context, {object_id: 1}, by_threads=False)[object_id]
+        assert trace.refined is not None
+        found.append([pose.tolist() for pose in trace.refined.chosen_poses])
+        if observer is clock:
+            assert set(clock.stop()) == set(PARTS)
     assert found[0] == found[1]
-    assert set(timed.clock.stop()) == set(PARTS)
 
 
 @pytest.mark.parametrize(
@@ -138,12 +137,12 @@ def test_each_index_is_compared_with_an_exact_search_once_a_frame(
     method, wanted = run.settings.method, run.dataset.target_ids[:2]
     training = TrainingStages(run.dataset, method, StageStore(tiny_run.folder / "work"))
     training.make_for(run.dataset.target_ids)
-    estimator = TimedEstimator(training, method, run.dataset.target_ids)
-    estimator.load_timed(wanted)
+    estimator = PoseEstimator(training, method, run.dataset.target_ids)
+    load_timed(estimator, wanted)
     context = estimator.prepare(run.dataset.frames.load(run.keys[0]))
     regions = [estimator.find_region(context, object_id) for object_id in wanted]
     patches = [estimator.find_hypotheses(context, region).patches for region in regions]
-    compared = estimator.compare_searches(dict(zip(wanted, patches, strict=True)))
+    compared = compare_searches(estimator, dict(zip(wanted, patches, strict=True)))
     assert [each.queries for each in compared] == [len(own) for own in patches[:indices]]
     assert all(0.5 < each.recall <= 1.0 for each in compared)
 

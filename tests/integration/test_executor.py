@@ -15,13 +15,13 @@ import hlp
 from hlp.commands.composing import config_folder
 from hlp.config.build import Run, build_run
 from hlp.errors import DataError
+from hlp.method.find.trace import STAGES
 from hlp.method.learn.training_files import read_history, read_weights
 from hlp.runs.run_stages import stages_of
 from hlp.stages.detection import DetectionStages
-from hlp.stages.frame_detection import STAGES
-from hlp.stages.frame_files import read_arrays
 from hlp.stages.frame_task import FrameTask
 from hlp.stages.store import StageStore
+from hlp.stages.trace_files import read_arrays
 from hlp.stages.view_task import render_in_workers
 from tiny_run import TinyRun
 
@@ -175,7 +175,7 @@ def test_an_error_in_a_worker_is_the_runs(
         raise FileNotFoundError("the frame has gone")
 
     detection = detection_of(build(tiny_run, work, "executor=threading"), work)
-    monkeypatch.setattr("hlp.stages.detection.find_in_frame", fail)
+    monkeypatch.setattr("hlp.stages.detection.search_frame", fail)
     with pytest.raises(FileNotFoundError, match="the frame has gone"):
         detection.regions()
     assert made(detection) == []

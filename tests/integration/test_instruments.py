@@ -96,14 +96,14 @@ def test_interrupted_oracle_goes_on_where_it_stopped(
     refine = PoseEstimator.refine
     asked: set[int] = set()
 
-    def interrupted(self: PoseEstimator, context: FrameContext, object_id: int, coarse: Any) -> Any:
+    def interrupted(self: PoseEstimator, context: FrameContext, *given: Any) -> Any:
         if context.frame.scene_id == 12:
             raise KeyboardInterrupt
-        return refine(self, context, object_id, coarse)
+        return refine(self, context, *given)
 
-    def noted(self: PoseEstimator, context: FrameContext, object_id: int, coarse: Any) -> Any:
+    def noted(self: PoseEstimator, context: FrameContext, *given: Any) -> Any:
         asked.add(context.frame.scene_id)
-        return refine(self, context, object_id, coarse)
+        return refine(self, context, *given)
 
     short = ("refinement.particles=5", "refinement.iterations=3", "task.noise_deg=5.0")
     monkeypatch.setattr(PoseEstimator, "refine", interrupted)

@@ -192,7 +192,7 @@ def test_detection_imports_no_framework(learnt: Path, frame: Frame, tmp_path: Pa
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert int(done.stdout) < 87  # more modules of HLP make the first answer later
+    assert int(done.stdout) < 90  # more modules of HLP make the first answer later
 
 
 def test_a_detector_is_pickled_as_its_folder(learnt: Path) -> None:

@@ -206,8 +206,8 @@ def test_flat_patches_are_left_out(scene):
 
 
 def test_patches_have_the_objects_own_size_or_one_for_all():
-    own = LocalSettings()
+    own = LocalSettings(size_scale=1.0)
     assert [own.side_of(size) for size in (0.03, 0.08)] == [0.03, 0.08]
-    same = LocalSettings(size_mm=45.0)
+    same = LocalSettings(size_mm=45.0, size_scale=1.0)
     assert [same.side_of(size) for size in (0.03, 0.08)] == [0.045, 0.045]
     assert LocalSettings(size_scale=1.5).side_of(0.04) == 0.04 * 1.5

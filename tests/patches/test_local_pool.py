@@ -66,7 +66,7 @@ def test_partners_are_neighbouring_views(baked, views):
 
 def test_patches_lie_in_the_order_of_their_pairs(baked, views, model):
     pool, cuts = baked
-    size = model.local_size * 1.5
+    size = model.local_size
     for side, (chosen, pixels) in enumerate(cuts):
         for i in range(0, COUNT, 17):
             alone = cut_view_patches(views, int(chosen[i]), pixels[i : i + 1], size, LOCAL, True)
@@ -78,7 +78,7 @@ def test_patches_lie_in_the_order_of_their_pairs(baked, views, model):
 def test_a_pool_holds_object_point_and_rotation_of_its_pairs(baked, model):
     pool, _ = baked
     assert (pool.object_ids == model.object_id).all()
-    np.testing.assert_allclose(pool.sizes, model.local_size * 1.5)
+    np.testing.assert_allclose(pool.sizes, model.local_size)
     assert pool.depth.dtype == np.float16
 
 

@@ -10,11 +10,24 @@ from scipy.spatial.transform import Rotation
 
 from hlp.evaluation.settings import EvaluationSettings, WaterfallSettings
 from hlp.evaluation.vote_quality import VoteCounts
-from hlp.geometry import project, quaternions, rigid, transform
-from hlp.records import Frame, Mesh, ObjectModel, Target, TargetScore
+from hlp.geometry import project, rigid, transform
+from hlp.method.find.trace import STAGES, ObjectTrace
+from hlp.records import (
+    Frame,
+    Hypotheses,
+    Mesh,
+    ObjectModel,
+    Refinement,
+    Region,
+    Target,
+    TargetScore,
+    Votes,
+)
+from hlp.refinement.choice import RefinedHypotheses
+from hlp.refinement.pose_fit import PoseFit
 from hlp.rendering.rasterizer import render_depth
 from hlp.runs.diagnosis import explain_misses, note_frame, visible_pixels
-from hlp.stages.frame_files import read_arrays, write_arrays
+from hlp.stages.trace_files import read_trace, write_trace
 
 K = np.array([[570.0, 0.0, 80.0], [0.0, 570.0, 60.0], [0.0, 0.0, 1.0]])
 SETTINGS = EvaluationSettings(
@@ -66,32 +79,32 @@ def _detection(folder, frame, mask, coarse, refined, sources, votes):
     """A detection whose stages have left these: `refined` poses, the first of them the answer."""
     grid = np.stack(np.meshgrid(np.arange(0, 160, 8), np.arange(0, 120, 8)), -1).reshape(-1, 2)
     kept = frame.depth[grid[:, 1], grid[:, 0]] > 0
-    stages = {
-        "regions": {
-            "1/centers": grid[kept].astype(np.float32),
-            "1/probabilities": np.ones(kept.sum(), np.float32),
-            "1/mask": np.packbits(mask),
-        },
-        "hypotheses": {
-            "1/poses": np.reshape(coarse, (-1, 4, 4)),
-            "1/vote_centroids": transform(votes, MODEL.centroid[None])[:, 0].astype(np.float32),
-            "1/vote_quaternions": quaternions(votes[:, :3, :3]).astype(np.float32),
-            "1/vote_weights": np.linspace(1.0, 2.0, len(votes)).astype(np.float32),
-            "1/vote_pixels": PIXELS[: len(votes)],
-        },
-        "poses": {
-            "1/poses": np.stack(refined),
-            "1/sources": np.array(sources),
-            "1/instances": np.array([0]),
-        }
-        if refined
-        else {},
-    }
-    for stage, arrays in stages.items():
+    poses, count = np.reshape(coarse, (-1, 4, 4)), len(refined)
+    fine = RefinedHypotheses(
+        [Refinement(pose, 0) for pose in refined],
+        np.zeros(count),
+        np.array(sources),
+        np.zeros((count, 2), dtype=int),
+        (0,),
+    )
+    found = ObjectTrace(
+        Region(1, grid[kept].astype(float), np.ones(kept.sum(), np.float32), mask),
+        votes=Votes(
+            transform(votes, MODEL.centroid[None])[:, 0],
+            votes[:, :3, :3],
+            np.linspace(1.0, 2.0, len(votes)),
+            np.arange(len(votes)),
+            PIXELS[: len(votes)].astype(float),
+        ),
+        hypotheses=Hypotheses(poses, np.ones(len(poses))),
+        refined=fine if refined else None,
+        fits=(PoseFit(0.1, 0.9, 0.9, 3.0, 1.0),),
+    )
+    for stage in STAGES:
         (folder / stage).mkdir()
-        write_arrays(folder / stage, frame.key, arrays)
+        write_trace(folder / stage, frame.key, stage, {1: found})
     outputs = {
-        stage: (lambda folder=folder / stage: SimpleNamespace(folder=folder)) for stage in stages
+        stage: (lambda folder=folder / stage: SimpleNamespace(folder=folder)) for stage in STAGES
     }
     dataset = SimpleNamespace(models={1: MODEL}, frames=SOURCE, wanted=lambda frame: {1: 1})
     return SimpleNamespace(dataset=dataset, **outputs)
@@ -99,9 +112,8 @@ def _detection(folder, frame, mask, coarse, refined, sources, votes):
 
 def _notes(detection, frame=FRAME):
     """What is counted in the frame, from what the stages have left on disk."""
-    stages = ("regions", "hypotheses")
-    found = {name: read_arrays(getattr(detection, name)().folder, frame.key) for name in stages}
-    return note_frame(detection.dataset, frame, found, SETTINGS)
+    folders = {stage: getattr(detection, stage)().folder for stage in STAGES}
+    return note_frame(detection.dataset, frame, read_trace(folders, frame.key), SETTINGS)
 
 
 def _explained(detection, scores, frame=FRAME):

@@ -1,7 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from hlp.records import Frame, PoseEstimate, Target
+from hlp.method.find.trace import ObjectTrace
+from hlp.records import Frame, Hypotheses, PoseEstimate, Refinement, Target
+from hlp.refinement.choice import RefinedHypotheses
 from hlp.runs.stage_panels import FoundInFrame, in_order_of_scores
 
 IMAGE, DEPTH = np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4))
@@ -19,11 +23,14 @@ def answer(object_id: int, pose: np.ndarray | None) -> PoseEstimate:
 
 def found(*estimates: PoseEstimate, **poses: list[float]) -> FoundInFrame:
     """Object 6 with coarse poses 1 and 2 m away; the fine ones and their sources as given."""
-    arrays = {"hypotheses": {"6/poses": np.stack([at(1.0), at(2.0)])}, "poses": {}}
+    trace = ObjectTrace(hypotheses=Hypotheses(np.stack([at(1.0), at(2.0)]), np.ones(2)))
     if poses:
-        fine = np.stack([at(z) for z in poses["fine"]])
-        arrays["poses"] = {"6/poses": fine, "6/sources": np.array(poses["sources"], dtype=int)}
-    return FoundInFrame(Frame(1, 3, IMAGE, DEPTH, np.eye(3)), arrays, estimates)
+        fine = [Refinement(at(z), 0) for z in poses["fine"]]
+        sources, count = np.array(poses["sources"], dtype=int), len(fine)
+        seeds = np.zeros((count, 2), dtype=int)
+        refined = RefinedHypotheses(fine, np.zeros(count), sources, seeds, (0,))
+        trace = replace(trace, refined=refined)
+    return FoundInFrame(Frame(1, 3, IMAGE, DEPTH, np.eye(3)), {6: trace}, estimates)
 
 
 def test_the_answer_for_a_target_is_the_nearest_of_its_object() -> None:
@@ -34,7 +41,7 @@ def test_the_answer_for_a_target_is_the_nearest_of_its_object() -> None:
 
 @pytest.mark.parametrize(("fine", "coarse"), [(1.9, 2.0), (0.9, 1.0), (3.0, None)])
 def test_the_coarse_pose_is_the_one_that_was_refined(fine: float, coarse: float | None) -> None:
-    # The pose at 3 m comes from a closer look, which has no coarse pose.
+    # The pose at 3 m comes from the fallback, which has no coarse pose.
     seen = found(fine=[0.9, 1.9, 3.0], sources=[0, 1, -1]).coarse(6, answer(6, at(fine)))
     assert (None if seen is None else seen[2, 3]) == coarse
 

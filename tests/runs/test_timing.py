@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 
 from fake_detection import KEYS, OBJECTS, FakeEstimator, FakeTraining, fake_dataset, method_settings
+from hlp.method.find.trace import STAGES
 from hlp.results.poses_file import read_poses, write_poses
 from hlp.runs.timing import measure_times
 from hlp.stages import detection
 from hlp.stages.detection import DetectionStages
-from hlp.stages.frame_detection import STAGES
 from hlp.stages.store import StageStore
 
 SETTINGS = method_settings()

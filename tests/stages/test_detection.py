@@ -15,12 +15,12 @@ from fake_detection import (
     fake_dataset,
     method_settings,
 )
+from hlp.method.find.trace import STAGES, STEPS
 from hlp.refinement.score_model import PRIOR
 from hlp.stages import detection
 from hlp.stages.detection import DetectionStages
-from hlp.stages.frame_detection import STAGES, STEPS
-from hlp.stages.frame_files import read_arrays
 from hlp.stages.store import StageStore
+from hlp.stages.trace_files import read_trace
 
 SETTINGS = method_settings()
 FIRST = KEYS[0]
@@ -59,9 +59,9 @@ def visited(stages: Any) -> dict[str, Any]:
     """What a visitor that looks at every frame is given."""
     found = {}
 
-    def visit(key: str, arrays: Any) -> None:
+    def visit(key: str, trace: Any) -> None:
         assert key not in found and stages.load(key).key == key
-        found[key] = arrays
+        found[key] = trace
 
     stages.estimates(visit)
     return found
@@ -71,12 +71,10 @@ def test_who_visits_the_frames_has_them_decoded_once_and_what_is_on_disk(tmp_pat
     stages = stages_in(tmp_path)
     found = visited(stages)
     assert stages.dataset.frames.loads == [*KEYS] == [*found]
-    for stage, output in stages.made.items():
-        for key in KEYS:
-            stored = read_arrays(output.folder, key)
-            assert found[key][stage].keys() == stored.keys()
-            for name in stored:
-                np.testing.assert_array_equal(found[key][stage][name], stored[name])
+    folders = {stage: output.folder for stage, output in stages.made.items()}
+    for key in KEYS:
+        stored = read_trace(folders, key)
+        assert repr(found[key]) == repr(stored) and set(stored) == {*OBJECTS}
     visited(stages)  # once more, though all is made
     assert stages.dataset.frames.loads == [*KEYS] * 2
 
@@ -102,9 +100,10 @@ def test_every_object_goes_through_every_step_once_and_the_first_frame_twice(
 ) -> None:
     stages = stages_in(tmp_path)
     stages.poses()
-    steps = ("region", "hypotheses", "refine")
-    wanted = [(step, FIRST, each) for step in steps for each in OBJECTS]
-    wanted += [(step, key, each) for key in KEYS for step in steps for each in OBJECTS]
+    wanted = []
+    for key in (FIRST, *KEYS):
+        wanted += [("region", key, each) for each in OBJECTS]
+        wanted += [(step, key, each) for each in OBJECTS for step in ("hypotheses", "refine")]
     assert stages.estimator.asked == wanted
     assert stages.estimator.loaded == 1
 

@@ -20,9 +20,8 @@ from hlp.errors import DataError, MissingFileError
 from hlp.records import Frame
 from hlp.stages import detection
 from hlp.stages.detection import DetectionStages
-from hlp.stages.frame_files import read_arrays
-from hlp.stages.frame_results import failure_of
 from hlp.stages.store import StageStore
+from hlp.stages.trace_files import read_arrays, read_trace
 
 SETTINGS = method_settings()
 BAD = KEYS[1]
@@ -79,8 +78,8 @@ def test_the_others_are_found_bit_for_bit(tmp_path: Path, caplog: pytest.LogCapt
     sound = stages_in(tmp_path / "sound", CountedFrames())
     sound.estimates()
     assert_same(stages, sound)
-    stored = read_arrays(stages.made["poses"].folder, BAD)
-    assert failure_of(stored) == "depth/000002.png is truncated"
+    stored = read_trace({"poses": stages.made["poses"].folder}, BAD)
+    assert stored == "depth/000002.png is truncated"
 
 
 def test_another_run_reads_of_the_failure_on_disk(tmp_path: Path) -> None:

@@ -236,7 +236,7 @@ FOUND = {"regions", "hypotheses", "poses"}
         ("hlp.codebook.entries", {"codebook", "score", "hypotheses", "poses"}),
         ("hlp.voting.modes_kernel", {"score", "hypotheses", "poses"}),
         ("hlp.refinement.pso", {"score", "poses"}),
-        ("hlp.stages.frame_results", FOUND),
+        ("hlp.stages.trace_files", FOUND),
         ("hlp.method.settings", set()),
         ("hlp.reporting.tables", set()),
         ("hlp.runs.runner", set()),

@@ -12,9 +12,9 @@ from hlp.codebook.entries import load_codebook, save_codebook
 from hlp.data.dataset import Dataset, frames_identity
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.learn.networks import load_classifier
+from hlp.method.learn.progress import counting_objects
 from hlp.method.learn.score_calibration import calibrate_score
 from hlp.method.learn.training_files import StartingWeights, read_weights
-from hlp.method.progress import counting_objects
 from hlp.method.settings import MethodSettings
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network

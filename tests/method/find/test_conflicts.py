@@ -1,14 +1,13 @@
 """Two objects in one frame that claim the same pixels."""
 
-from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hlp.method.find.conflicts import resolve_conflicts
-from hlp.records import Hypotheses, Region
+from hlp.method.find.conflicts import SearchAgain, resolve_conflicts
+from hlp.records import Hypotheses
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
 from hlp.refinement.none import NoneSettings
 from hlp.refinement.verification import VerificationSettings, Verifier, observe
@@ -29,8 +28,9 @@ class Estimator:
     def score(self, *_: Any) -> float:
         return 1.0
 
-    def closer_regions(self, *_: Any) -> Iterator[Region]:
-        return iter(())
+    def search_again(self, context: Any, given: dict[int, Hypotheses]) -> SearchAgain:
+        """Refines what was given of an object once more, in what is left."""
+        return lambda object_id, left: self.refine(context, object_id, given[object_id], 1, left)
 
     def refine(
         self, context: Any, object_id: int, hypotheses: Hypotheses, instances: int = 1,
@@ -66,11 +66,6 @@ def context(scene: Scene) -> Any:
     return SimpleNamespace(observation=observe(scene.rgb, scene.depth, CAMERA, settings))
 
 
-REGIONS = {
-    i: Region(i, np.zeros((0, 2)), np.zeros(0), np.zeros((0, 0), dtype=bool)) for i in (1, 2, 3)
-}
-
-
 def hypotheses(*poses: np.ndarray) -> Hypotheses:
     return Hypotheses(np.stack(poses), np.ones(len(poses)))
 
@@ -83,10 +78,9 @@ def test_what_stands_on_anothers_pixels_is_chosen_anew(
         1: hypotheses(scene.pose),
         2: hypotheses(disturbed(scene, 4.0, 4.0, seed=1), elsewhere),
     }
-    wanted = {1: 1, 2: 1}
     found = {i: estimator.refine(context, i, each) for i, each in given.items()}
     assert found[2] is not None and found[2].sources[found[2].best] == 0
-    resolved = resolve_conflicts(estimator, context, found, REGIONS, given, wanted)
+    resolved = resolve_conflicts(estimator, context, found, estimator.search_again(context, given))
     assert resolved[1] is found[1] and estimator.asked == [1, 2, 2]
     assert resolved[2] is not None and resolved[2].sources[resolved[2].best] == 1
 
@@ -95,7 +89,8 @@ def test_an_object_that_has_nothing_of_its_own_is_not_found(scene: Scene, contex
     estimator = Estimator(scene)
     given = {1: hypotheses(disturbed(scene, 4.0, 4.0, seed=1)), 2: hypotheses(scene.pose)}
     found = {i: estimator.refine(context, i, each) for i, each in given.items()}
-    resolved = resolve_conflicts(estimator, context, found, REGIONS, given, {1: 1, 2: 1})
+    again = estimator.search_again(context, given)
+    resolved = resolve_conflicts(estimator, context, found, again)
     assert resolved[1] is None and resolved[2] is found[2]
 
 
@@ -105,6 +100,7 @@ def test_objects_beside_each_other_keep_their_poses(
     estimator = Estimator(scene)
     given = {1: hypotheses(scene.pose), 2: hypotheses(elsewhere), 3: hypotheses(scene.pose)}
     found = {i: estimator.refine(context, i, each) for i, each in given.items() if i < 3}
-    assert resolve_conflicts(estimator, context, found, REGIONS, given, {1: 1, 2: 1}) == found
+    again = estimator.search_again(context, given)
+    assert resolve_conflicts(estimator, context, found, again) == found
     alone = {1: found[1], 2: None}
-    assert resolve_conflicts(estimator, context, alone, REGIONS, given, {1: 1, 2: 1}) is alone
+    assert resolve_conflicts(estimator, context, alone, again) is alone

@@ -1,17 +1,20 @@
 """The objects of a frame are searched by several threads at once."""
 
 import threading
-import time
 from collections.abc import Iterable
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from hlp.method.find.estimator import CoarseResult
 from hlp.method.find.search import search_frame
 from hlp.records import Hypotheses, Region
 from hlp.thread_team import ThreadTeam
+
+CONTEXT: Any = None
+NO_PATCHES: Any = None
+NO_VOTES: Any = None
 
 
 class Estimator:
@@ -41,7 +44,8 @@ class Estimator:
     def find_hypotheses(self, context: Any, region: Region) -> Any:
         self.searched.append(region.object_id)
         self._barrier.wait()
-        return SimpleNamespace(hypotheses=Hypotheses(np.zeros((0, 4, 4)), np.zeros(0)))
+        none = Hypotheses(np.zeros((0, 4, 4)), np.zeros(0))
+        return CoarseResult(NO_PATCHES, NO_VOTES, none, 0.0, 0.0)
 
     def refine(self, *_: Any) -> None:
         return None
@@ -49,7 +53,7 @@ class Estimator:
     def score(self, *_: Any) -> float:
         return 0.0
 
-    def closer_regions(self, *_: Any) -> Any:
+    def likely_regions(self, *_: Any) -> Any:
         return iter(())
 
 
@@ -57,9 +61,9 @@ class Estimator:
 def test_threads_search_different_objects(threads: int, together: int) -> None:
     estimator: Any = Estimator(threads, together)
     wanted = {5: 1, 3: 2, 9: 1, 4: 1, 8: 1, 2: 1}
-    answers, missing = search_frame(estimator, None, wanted, 0.5, time.perf_counter())  # type: ignore[arg-type]
-    assert answers == [] and missing == list(wanted)
-    assert estimator.done[0] == ("shared", list(wanted))
+    trace = search_frame(estimator, CONTEXT, wanted, min_score=0.5)
+    assert list(trace) == list(wanted) and all(found.refined is None for found in trace.values())
+    assert estimator.done[0] == ("shared", wanted)
     assert dict(estimator.done[1:-1]) == wanted
     assert estimator.done[-1] == ("shared patches", sorted(wanted))
 
@@ -68,11 +72,32 @@ def test_what_the_classifier_is_least_sure_of_is_searched_first() -> None:
     """Answers stay in the order in which objects were asked for."""
     estimator: Any = Estimator(1, 1, {5: 0.9, 3: 0.2, 9: 1.0, 4: 0.5})
     wanted = dict.fromkeys((5, 3, 9, 7, 4), 1)
-    _, missing = search_frame(estimator, None, wanted, 0.5, time.perf_counter())  # type: ignore[arg-type]
+    trace = search_frame(estimator, CONTEXT, wanted, min_score=0.5)
     assert estimator.searched == [7, 3, 4, 5, 9]
-    assert missing == [5, 3, 9, 7, 4]
+    assert [*trace] == [5, 3, 9, 7, 4]
 
 
 def test_nothing_is_wanted() -> None:
     estimator: Any = Estimator(2, 1)
-    assert search_frame(estimator, None, {}, 0.5, time.perf_counter()) == ([], [])  # type: ignore[arg-type]
+    assert search_frame(estimator, CONTEXT, {}, min_score=0.5) == {}
+
+
+def test_a_search_stops_after_a_stage_and_takes_what_is_given() -> None:
+    estimator: Any = Estimator(1, 1)
+    counts = {5: 2, 3: 1}
+    alone = {"by_threads": False}
+    regions = search_frame(estimator, CONTEXT, counts, stop_after="regions", **alone)
+    assert estimator.done == [(5, 1), (3, 1)] and estimator.searched == []
+    assert all(found.hypotheses is None for found in regions.values())
+    given = {5: regions[5]}
+    coarse = search_frame(estimator, CONTEXT, counts, given=given, stop_after="hypotheses", **alone)
+    assert estimator.done[2:] == [(3, 1)] and estimator.searched == [5, 3]
+    assert coarse[5].region is regions[5].region and coarse[5].refined is None
+    fine = search_frame(estimator, CONTEXT, counts, given=coarse, **alone)
+    assert estimator.done[3:] == [] and estimator.searched == [5, 3]
+    assert [*fine] == [5, 3] and set(fine[5].seconds) == {
+        "holistic",
+        "local",
+        "voting",
+        "refinement",
+    }

@@ -29,7 +29,7 @@ class Estimator:
         self.looks = [*looks]
         self.asked: list[tuple[int, Any]] = []
 
-    def closer_regions(self, context: Any, region: Region) -> Iterator[Region]:
+    def likely_regions(self, context: Any, region: Region) -> Iterator[Region]:
         return (region for _ in range(len(self.looks)))
 
     def find_hypotheses(self, context: Any, region: Region) -> Any:
@@ -45,7 +45,8 @@ class Estimator:
             return None
         found = [Refinement(pose(score), 1) for score in [-1.0, *scores]]  # the first is not chosen
         rows = tuple(range(1, 1 + len(scores)))
-        return RefinedHypotheses(found, np.zeros(len(found)), np.arange(len(found)), rows)
+        seeds = np.zeros((len(found), 2), dtype=int)
+        return RefinedHypotheses(found, np.zeros(len(found)), np.arange(len(found)), seeds, rows)
 
     def score(self, context: Any, object_id: int, found: np.ndarray) -> float:
         return float(found[0, 3])
@@ -69,14 +70,14 @@ def search(
     return chosen, [int(found.sources[row]) for row in found.instances]
 
 
-def test_what_is_probably_right_needs_no_closer_look() -> None:
+def test_what_is_probably_right_needs_no_fallback() -> None:
     estimator = Estimator([0.8])
     assert search(estimator) == ([0.8], [1])
     assert estimator.asked == [(1, None)]
 
 
 @pytest.mark.parametrize("first", [[0.2], None])
-def test_the_first_right_pose_of_a_closer_look_is_taken(first: list[float] | None) -> None:
+def test_the_first_right_pose_of_the_fallback_is_taken(first: list[float] | None) -> None:
     estimator = Estimator(first, [0.1], [0.9], [0.95])
     scores, sources = search(estimator)
     assert scores == [0.9] and sources == [-1]
@@ -110,10 +111,19 @@ def test_one_instance_is_enough_where_their_number_is_not_known() -> None:
 
 
 @pytest.mark.parametrize("min_score", [0.0, 0.05, 0.3])
-def test_who_wants_improbable_poses_too_finds_no_worse_ones(min_score: float) -> None:
-    """Nor the same instance twice: 0.4 may be a worse pose of what the closer look found."""
+def test_a_low_min_score_does_not_skip_the_fallback(min_score: float) -> None:
+    """Nor the same instance twice: 0.4 may be a worse pose of what the fallback found."""
     estimator = Estimator([0.4, 0.1], [0.9, 0.2])
     assert search(estimator, 10, min_score=min_score)[0] == [0.9, 0.2]
     assert search(Estimator([0.4], [0.9]), 1, min_score=min_score)[0] == [0.9]
     assert search(Estimator([0.6, 0.4]), 10, min_score=min_score)[0] == [0.6, 0.4]
     assert search(Estimator([0.4, 0.1], [0.3]), 10, min_score=min_score)[0] == [0.4, 0.1]
+
+
+def test_without_the_fallback_the_first_look_is_the_only_one_and_needs_no_score() -> None:
+    estimator: Any = Estimator([0.2], [0.9])
+    estimator.score = None
+    none = Hypotheses(np.zeros((0, 4, 4)), np.zeros(0))
+    found = find_instances(estimator, CONTEXT, REGION, none, fallback=False)
+    assert found is not None and found.refined[found.best].pose_cam_obj[0, 3] == 0.2
+    assert len(estimator.asked) == 1

@@ -31,10 +31,10 @@ from hlp.method.learn.learnt_folder import (
 from hlp.method.learn.learnt_searches import remove_stale_searches, write_searches
 from hlp.method.learn.mesh_models import check_told_apart
 from hlp.method.learn.model_files import write_model
+from hlp.method.learn.progress import counting_objects
 from hlp.method.learn.score_calibration import calibrate_score
 from hlp.method.learn.training_files import StartingWeights, read_weights
 from hlp.method.learn.unfinished_folder import SCORED, VIEWS, finish, folder_in_the_making, once
-from hlp.method.progress import counting_objects
 from hlp.method.settings import MethodSettings, settings_to_json
 from hlp.objects.object_model import mesh_identity
 from hlp.records import ObjectModel, Views
