@@ -7,6 +7,7 @@ the weights for all of them, and those of each object by itself.
 """
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.learn.learnt_folder import LearntFolder
 from hlp.method.learn.score_calibration import search_scenes
+from hlp.method.stage_settings import FindSettings
 from hlp.refinement.score_model import ScoreModel, fit_score_model
 
 _SEED = 1  # not that of learning
@@ -29,9 +31,11 @@ def main() -> None:
     everything = []
     for folder in given.folders:
         learnt = LearntFolder(folder)
-        estimator = PoseEstimator(learnt, learnt.settings)
+        estimator = PoseEstimator(learnt, FindSettings.of(replace(learnt.settings, seed=_SEED)))
         for object_id, model in learnt.models.items():
-            answers = list(search_scenes(estimator, object_id, (), given.scenes, _SEED))
+            answers = list(
+                search_scenes(estimator, object_id, (), given.scenes, learnt.settings.rendering)
+            )
             everything += answers
             _print(f"{folder.name} {model.name}", answers)
     _print("all", everything)

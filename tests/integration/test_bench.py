@@ -15,6 +15,7 @@ from hlp.commands.composing import config_folder
 from hlp.config.build import Run, build_run
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.find.search import search_frame
+from hlp.method.stage_settings import FindSettings
 from hlp.observer import NOBODY
 from hlp.reporting.study_numbers import STUDIES, read_study
 from hlp.results.target_values import read_target_values
@@ -111,7 +112,7 @@ def test_a_search_that_is_timed_has_the_same_answers(tiny_run: TinyRun) -> None:
     run = build(tiny_run)
     method = run.settings.method
     training = TrainingStages(run.dataset, method, StageStore(tiny_run.folder / "work"))
-    estimator = PoseEstimator(training, method, run.dataset.target_ids)
+    estimator = PoseEstimator(training, FindSettings.of(method), run.dataset.target_ids)
     frame = run.dataset.frames.load(run.keys[0])
     object_id = next(iter(run.dataset.wanted(frame)))
     found, clock = [], PartClock()
@@ -137,7 +138,7 @@ def test_each_index_is_compared_with_an_exact_search_once_a_frame(
     method, wanted = run.settings.method, run.dataset.target_ids[:2]
     training = TrainingStages(run.dataset, method, StageStore(tiny_run.folder / "work"))
     training.make_for(run.dataset.target_ids)
-    estimator = PoseEstimator(training, method, run.dataset.target_ids)
+    estimator = PoseEstimator(training, FindSettings.of(method), run.dataset.target_ids)
     load_timed(estimator, wanted)
     context = estimator.prepare(run.dataset.frames.load(run.keys[0]))
     regions = [estimator.find_region(context, object_id) for object_id in wanted]

@@ -107,7 +107,8 @@ def test_what_has_no_plain_form_is_refused(value: object) -> None:
 def test_a_stages_code_is_what_its_modules_import_and_not_the_settings_of_other_stages() -> None:
     """A change of the refiner renders no views and trains no classifier."""
     names, _ = source_code._closure(
-        ("hlp.method.learn.classifier_training",), ("hlp.method.settings",)
+        ("hlp.method.learn.classifier_training",),
+        ("hlp.method.settings", "hlp.method.stage_settings"),
     )
     assert not [name for name in names if name.startswith(("hlp.refinement", "hlp.voting"))]
     assert {

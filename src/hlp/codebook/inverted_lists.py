@@ -50,7 +50,6 @@ class InvertedListsSettings(Settings):
     ] = 16
 
     dimension_multiple: ClassVar[int] = _NUMBERS_PER_CODE
-    joint: ClassVar[bool] = False
 
     def build(
         self,

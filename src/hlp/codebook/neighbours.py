@@ -29,9 +29,6 @@ class NeighboursSettings(Protocol):
     dimension_multiple: ClassVar[int]
     """The length of features must be a multiple of this."""
 
-    joint: ClassVar[bool]
-    """Whether all objects whose patches have one size are searched at once."""
-
     @property
     def name(self) -> str:
         """The alternative's name."""
@@ -60,6 +57,11 @@ class NeighboursSettings(Protocol):
         ...
 
 
+def is_joint(settings: NeighboursSettings) -> bool:
+    """Whether objects whose patches have one size are searched at once: `joint`, if it is set."""
+    return bool(getattr(settings, "joint", False))
+
+
 SEARCHES: Registry[NeighboursSettings] = Registry("codebook", "hlp.codebook")
 """Alternatives of config group `codebook`."""
 
@@ -75,7 +77,6 @@ class ExactSettings(Settings):
     ] = 3
 
     dimension_multiple: ClassVar[int] = 1
-    joint: ClassVar[bool] = False
 
     def build(
         self,
@@ -104,7 +105,6 @@ class KdForestSettings(Settings):
     checks: Annotated[int, Ge(1), Doc("leaves visited for one query (D)")] = 256
 
     dimension_multiple: ClassVar[int] = 1
-    joint: ClassVar[bool] = False
 
     def build(
         self,
@@ -135,15 +135,27 @@ class ExactNeighbours:
         distances = np.empty(indices.shape, dtype=np.float32)
         for start in range(0, len(single), _ROWS):
             block, rows = single[start : start + _ROWS], slice(start, start + _ROWS)
-            # |q − f|² = |q|² + |f|² − 2 q·f; |q|² does not change the order.
-            partial = block @ self.features.T
-            partial *= np.float32(-2.0)
-            partial += self.squares
-            indices[rows] = _least(partial, self.neighbours)
+            indices[rows] = _least(self._partial_squares(block), self.neighbours)
             # Once more, exactly: the sums of BLAS depend on the queries beside this one.
             apart = block[:, None] - self.features[indices[rows]]
             distances[rows] = np.sqrt(np.einsum("nkd,nkd->nk", apart, apart))
         return Matches(indices, distances)
+
+    def nearest_distances(self, queries: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n"]:
+        """The distance of each query to its nearest feature, to single precision of the squares."""
+        distances = np.empty(len(queries), dtype=np.float32)
+        for start in range(0, len(queries), _ROWS):
+            block, rows = queries[start : start + _ROWS], slice(start, start + _ROWS)
+            squared = self._partial_squares(block).min(axis=1) + np.einsum("nd,nd->n", block, block)
+            distances[rows] = np.sqrt(np.maximum(squared, 0.0))
+        return distances
+
+    def _partial_squares(self, block: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n m"]:
+        """|q − f|² = |q|² + |f|² − 2 q·f without |q|², which does not change a query's order."""
+        partial = block @ self.features.T
+        partial *= np.float32(-2.0)
+        partial += self.squares
+        return np.asarray(partial)
 
 
 class KdForest:

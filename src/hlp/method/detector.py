@@ -29,6 +29,7 @@ from hlp.method.find.search import search_frame
 from hlp.method.learn.learnt_folder import LearntFolder
 from hlp.method.learn.unfinished_folder import bring_back
 from hlp.method.settings import Device, MethodSettings
+from hlp.method.stage_settings import FindSettings
 from hlp.method.track.tracker import RgbdFrame, Tracker
 from hlp.method.track.tracking import Track, TrackedDetection, TrackingSettings, follow
 from hlp.records import Frame, ObjectModel
@@ -71,7 +72,7 @@ class Detector:
         return Detector, (self.folder, self._threads, self._device)
 
     def __repr__(self) -> str:
-        settings = self._estimator.settings
+        settings = self._settings
         return (
             f"Detector({str(self.folder)!r}, objects={list(self.objects)}, "
             f"encoder={settings.encoder.name}, codebook={settings.codebook.name}, "
@@ -81,7 +82,10 @@ class Detector:
     def _open(self) -> None:
         learnt = LearntFolder(self.folder, self._threads, self._device)
         self._ids = dict(learnt.record.objects)
-        self._estimator = PoseEstimator(learnt, learnt.settings, tuple(self._ids.values()))
+        self._estimator = PoseEstimator(
+            learnt, FindSettings.of(learnt.settings), tuple(self._ids.values())
+        )
+        self._settings = learnt.settings
 
     @classmethod
     def learn(

@@ -4,6 +4,7 @@ import shutil
 from pathlib import Path
 
 from hlp.codebook.entries import load_codebook
+from hlp.codebook.neighbours import is_joint
 from hlp.config.build import Run
 from hlp.errors import DataError, MissingFileError
 from hlp.method.learn.learnt_folder import CLASSIFIER, ENCODER, OBJECTS, LearntRecord
@@ -31,7 +32,7 @@ def learnt_of_run(run: Run, manifest: Path, folder: Path) -> None:
         own = folder / OBJECTS / model.name
         outputs.copy("codebook", model.name, own)
         write_model(own, model)
-        if not settings.codebook.joint:
+        if not is_joint(settings.codebook):
             settings.codebook.prepare(load_codebook(own).features, settings.seed, own)
         if settings.score.scenes == 0:
             save_score_model(own, PRIOR)

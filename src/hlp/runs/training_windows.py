@@ -7,6 +7,7 @@ from jaxtyping import Float, Int, UInt8
 
 from hlp.config.build import evenly
 from hlp.data.dataset import Dataset
+from hlp.method.stage_settings import ClassifierStage
 from hlp.records import Frame
 from hlp.stages.training import TrainingStages
 
@@ -42,16 +43,15 @@ def sample_windows(
     """
     from hlp.method.learn.classifier_training import training_windows  # takes seconds to import
 
-    pool = training.settings.patches.pool
+    stage = ClassifierStage.of(training.settings)
+    pool = stage.pool
     small = replace(
         pool,
         per_object=min(pool.per_object, _WINDOWS),
         backgrounds=min(pool.backgrounds, _BACKGROUNDS),
         distractor_scenes=min(pool.distractor_scenes, _SCENES),
     )
-    patches = replace(training.settings.patches, pool=small)
-    settings = replace(training.settings, patches=patches)
     few = _FewBackgrounds(training.dataset)
-    data = training_windows(training.models, training.load_views, few, settings)
-    images, labels = data.compose(data.pool, np.random.default_rng(settings.seed))
+    data = training_windows(training.models, training.load_views, few, replace(stage, pool=small))
+    images, labels = data.compose(data.pool, np.random.default_rng(stage.seed))
     return images.numpy(), labels.numpy()

@@ -20,6 +20,7 @@ from hlp.method.find.search import search_frame
 from hlp.method.find.trace import STAGES, STEPS, Stage, Trace
 from hlp.method.learn.networks import load_classifier
 from hlp.method.settings import MethodSettings
+from hlp.method.stage_settings import FindSettings
 from hlp.records import Frame, PoseEstimate, parse_frame_key
 from hlp.refinement.score_model import ScoreModel
 from hlp.source_code import Code
@@ -71,6 +72,7 @@ class DetectionStages:
     ) -> None:
         self.dataset = dataset
         self.settings = settings
+        self.find_settings = FindSettings.of(settings)
         self.training = training
         self.store = store
         self.keys = keys
@@ -79,7 +81,7 @@ class DetectionStages:
         self.bad_frames = dict(bad_frames or {})
         self.failed = dict(self.bad_frames)
         self.load = lru_cache(maxsize=1)(dataset.frames.load)
-        self.estimator = PoseEstimator(training, settings, dataset.target_ids)
+        self.estimator = PoseEstimator(training, self.find_settings, dataset.target_ids)
         self.seconds: dict[str, Seconds] = {}
         self.first_use_seconds: float | None = None
         self.cpu_seconds = 0.0
@@ -156,25 +158,17 @@ class DetectionStages:
         return described
 
     def _settings_of(self, stage: Stage) -> dict[str, Any]:
-        settings, patches = self.settings, self.settings.patches
-        models, device = self.dataset.models, device_name(settings.machine.device)
+        """What the estimator is handed for a stage, and what it reads of the objects."""
+        part = {
+            "regions": self.find_settings.regions,
+            "hypotheses": self.find_settings.coarse,
+            "poses": self.find_settings.fine,
+        }[stage]
+        settings = {**part.named(), "device": device_name(self.find_settings.machine.device)}
         if stage == "regions":
-            wanted = {i: models[i] for i in self.dataset.target_ids}
-            return {
-                "holistic": patches.holistic,
-                "region": patches.region,
-                "closer": patches.closer,
-                "sizes": {str(i): [m.holistic_size, m.diameter] for i, m in wanted.items()},
-                "device": device,
-            }
-        if stage == "hypotheses":
-            return {
-                "grid": patches.grid,
-                "neighbours": settings.codebook,
-                "voting": settings.voting,
-                "device": device,
-            }
-        return {"closer": patches.closer, "refinement": settings.refinement, "device": device}
+            models = {i: self.dataset.models[i] for i in self.dataset.target_ids}
+            settings["sizes"] = {str(i): [m.holistic_size, m.diameter] for i, m in models.items()}
+        return settings
 
     def _inputs_of(self, stage: str) -> dict[str, str]:
         training, objects = self.training, self.dataset.target_ids

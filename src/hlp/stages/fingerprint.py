@@ -14,9 +14,9 @@ import numpy as np
 
 from hlp.source_code import Code, code_of
 
-# It collects the settings of the whole method. Their values are in each fingerprint already, and
+# They collect the settings of the whole method. Their values are in each fingerprint already, and
 # the code that a stage runs is imported by the stage itself.
-_COLLECTS = ("hlp.method.settings",)
+_COLLECTS = ("hlp.method.settings", "hlp.method.stage_settings")
 _FINGERPRINT = re.compile(r"[0-9a-f]{16}")
 
 

@@ -16,6 +16,13 @@ from hlp.method.learn.progress import counting_objects
 from hlp.method.learn.score_calibration import calibrate_score
 from hlp.method.learn.training_files import StartingWeights, read_weights
 from hlp.method.settings import MethodSettings
+from hlp.method.stage_settings import (
+    ClassifierStage,
+    CodebookStage,
+    EncoderStage,
+    ScoreStage,
+    ViewsStage,
+)
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
 from hlp.records import Codebook, ObjectModel, Views
@@ -80,18 +87,18 @@ class TrainingStages:
 
     def views(self, object_id: int) -> Output:
         """Stage 0: RGB-D views of one object."""
-        settings, seed = self.settings.rendering, self.settings.seed
-        threads, model = self.settings.machine.threads, self.models[object_id]
+        stage, model = ViewsStage.of(self.settings), self.models[object_id]
 
         def make(folder: Path) -> None:
-            save_views(folder, render_views(model, settings, seed, threads=threads))
+            views = render_views(model, stage.rendering, stage.seed, threads=stage.machine.threads)
+            save_views(folder, views)
 
         return self._stage("views", object_id, *self._views_inputs(object_id), make)
 
     def _views_inputs(self, object_id: int) -> tuple[Mapping[str, Any], Mapping[str, str]]:
         """Settings and upstream of an object's views."""
         upstream = {"mesh": self.dataset.mesh_identities[object_id]}
-        return {"rendering": self.settings.rendering}, upstream
+        return ViewsStage.of(self.settings).named(), upstream
 
     def missing_views(self) -> list[int]:
         """Objects whose views are not on disk."""
@@ -110,16 +117,13 @@ class TrainingStages:
 
     def classifier(self) -> Output:
         """Stage 1: the holistic classifier of all objects."""
-        patches = self.settings.patches
+        stage = ClassifierStage.of(self.settings)
         upstream = {f"views_{i}": self.views(i).fingerprint for i in self.models}
         upstream["photographs"] = self.dataset.photographs_identity
         upstream["background_frames"] = frames_identity(self.dataset.background_frames)
         settings = {
-            "holistic": patches.holistic,
-            "pool": patches.pool,
-            "classifier": self.settings.classifier,
-            "trainer": self.settings.trainer,
-            "device": device_name(self.settings.trainer.accelerator),
+            **stage.named(),
+            "device": device_name(stage.trainer.accelerator),
             "sizes": {str(i): m.holistic_size for i, m in sorted(self.models.items())},
         }
         start = None
@@ -134,7 +138,7 @@ class TrainingStages:
             from hlp.method.learn.classifier_training import train_classifier
 
             views_of = counting_objects(self.load_views, "windows cut", len(self.models))
-            train_classifier(self.models, views_of, self.dataset, self.settings, folder, start)
+            train_classifier(self.models, views_of, self.dataset, stage, folder, start)
 
         return self._stage("classifier", 0, settings, upstream, make)
 
@@ -159,28 +163,25 @@ class TrainingStages:
             self._made["encoder", 0] = kept
         if ("encoder", 0) in self._made:
             return self._made["encoder", 0]
-        patches = self.settings.patches
+        stage = EncoderStage.of(self.settings)
         settings = {
-            "encoder": self.settings.encoder,
-            "local": patches.local,
-            "trainer": self.settings.trainer,
-            "device": device_name(self.settings.trainer.accelerator),
+            **stage.named(),
+            "device": device_name(stage.trainer.accelerator),
             "sizes": {str(i): m.local_size for i, m in sorted(self.models.items())},
         }
-        if self.settings.encoder.needs_frames:
+        if stage.encoder.needs_frames:
             upstream = {
                 "encoder_frames": frames_identity(self.dataset.encoder_frames),
                 "background_frames": frames_identity(self.dataset.background_frames),
             }
         else:
-            settings["pairs"] = patches.pairs
             upstream = {f"views_{i}": self.views(i).fingerprint for i in self.models}
 
         def make(folder: Path) -> None:
             from hlp.method.learn.encoder_training import train_encoder
 
             views_of = counting_objects(self.load_views, "pairs cut", len(self.models))
-            train_encoder(self.models, views_of, self.dataset, self.settings, folder)
+            train_encoder(self.models, views_of, self.dataset, stage, folder)
 
         return self._stage("encoder", 0, settings, upstream, make)
 
@@ -191,10 +192,9 @@ class TrainingStages:
 
     def codebook(self, object_id: int) -> Output:
         """Stage 2: the codebook of one object."""
-        patches = self.settings.patches
+        stage = CodebookStage.of(self.settings)
         settings = {
-            "local": patches.local,
-            "entries": patches.entries,
+            **stage.named(),
             "size": self.models[object_id].local_size,
             "object_id": object_id,
             "device": device_name(self.settings.machine.device),
@@ -208,26 +208,18 @@ class TrainingStages:
             from hlp.method.learn.codebook_building import build_codebook
 
             views, model = self.load_views(object_id), self.models[object_id]
-            made = build_codebook(model, views, self.load_encoder(), self.settings)
+            made = build_codebook(model, views, self.load_encoder(), stage)
             save_codebook(folder, made)
 
         return self._stage("codebook", object_id, settings, upstream, make)
 
     def score(self, object_id: int) -> Output:
         """The score of one object's poses, calibrated on rendered scenes."""
-        given, patches, model = self.settings, self.settings.patches, self.models[object_id]
+        stage, model = ScoreStage.of(self.settings), self.models[object_id]
         settings = {
-            "scenes": given.score.scenes,
-            "rendering": given.rendering,
-            "holistic": patches.holistic,
-            "region": patches.region,
-            "local": patches.local,
-            "grid": patches.grid,
-            "neighbours": given.codebook,
-            "voting": given.voting,
-            "refinement": given.refinement,
+            **stage.named(),
             "sizes": [model.holistic_size, model.local_size],
-            "device": device_name(given.machine.device),
+            "device": device_name(stage.find.machine.device),
         }
         upstream = {
             "model": self.dataset.model_identities[object_id],
@@ -238,11 +230,12 @@ class TrainingStages:
         }
 
         def make(folder: Path) -> None:
-            estimator = PoseEstimator(self, given, (object_id,))
+            estimator = PoseEstimator(self, stage.find, (object_id,))
             frames = self.dataset.load_background_frames()
-            scenes, seed = given.score.scenes, given.seed
-            made = calibrate_score(estimator, object_id, frames, scenes, seed)
-            save_score_model(folder, made)
+            scenes, rendering = stage.score.scenes, stage.rendering
+            save_score_model(
+                folder, calibrate_score(estimator, object_id, frames, scenes, rendering)
+            )
 
         return self._stage("score", object_id, settings, upstream, make)
 

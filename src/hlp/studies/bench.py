@@ -16,6 +16,7 @@ from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.files import write_json
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.find.search import search_frame
+from hlp.method.stage_settings import FindSettings
 from hlp.records import Frame, LocalPatches, PoseEstimate, TargetScore
 from hlp.reporting.figures.bench_bars import draw_bench
 from hlp.reporting.tables.bench_table import (
@@ -144,7 +145,9 @@ def _make_estimators(
     estimators: dict[str, PoseEstimator] = {}
     for name, settings in paths.items():
         estimators[name] = PoseEstimator(
-            TrainingStages(dataset, settings.method, store), settings.method, dataset.target_ids
+            TrainingStages(dataset, settings.method, store),
+            FindSettings.of(settings.method),
+            dataset.target_ids,
         )
         loading = load_timed(estimators[name], dataset.target_ids)
         _detect_all(estimators[name], frame, tuple(dataset.wanted(frame)))
@@ -183,7 +186,7 @@ def _regions_of_all(run: Run, store: StageStore, keys: Sequence[str]) -> dict[st
     object_ids = tuple(run.dataset.models)
     dataset = replace(run.dataset, target_ids=object_ids)
     training = TrainingStages(run.dataset, run.settings.method, store)
-    estimator = PoseEstimator(training, run.settings.method, object_ids)
+    estimator = PoseEstimator(training, FindSettings.of(run.settings.method), object_ids)
     estimator.load(())
     counts, clock, spent = dict.fromkeys(object_ids, 1), PartClock(), []
     for key in tqdm(keys, desc="regions of all objects", unit="frame", disable=None):
@@ -201,7 +204,9 @@ def _objects_at_once(run: Run, store: StageStore, keys: Sequence[str]) -> dict[s
     So do `Detector` and `hlp predict`. The paths search one after another, to measure the parts.
     """
     training = TrainingStages(run.dataset, run.settings.method, store)
-    estimator = PoseEstimator(training, run.settings.method, run.dataset.target_ids)
+    estimator = PoseEstimator(
+        training, FindSettings.of(run.settings.method), run.dataset.target_ids
+    )
     estimator.load(run.dataset.target_ids)
     spent = []
     for key in tqdm(keys, desc="objects at once", unit="frame", disable=None):

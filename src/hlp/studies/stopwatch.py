@@ -119,7 +119,7 @@ def compare_searches(
 def _compare_search(
     estimator: PoseEstimator, group: SearchGroup, patches: LocalPatches
 ) -> SearchComparison:
-    exact = ExactNeighbours(group.features, estimator.settings.codebook.neighbours)
+    exact = ExactNeighbours(group.features, estimator.settings.coarse.codebook.neighbours)
     queries = estimator.encoder.encode(patches)
     begun = time.perf_counter()
     found = group.search.search(queries).indices

@@ -10,13 +10,20 @@ import pytest
 
 from hlp.data.synthetic.objects import demo_objects
 from hlp.method.find.patch_matching import FrameMatches, PatchMatching, SearchGroup, search_groups
+from hlp.method.stage_settings import FindSettings
 from hlp.patches.local import region_pixels
 from hlp.records import Codebook, Frame, LocalPatches
 from hlp.thread_team import ThreadTeam
 from tiny_method import tiny_method
 
-OWN, JOINT = tiny_method("codebook=exact"), tiny_method("codebook=joint_lists")
-SHARED = tiny_method("codebook=joint_lists", "patches.local.size_mm=45")
+OWN, JOINT, SHARED = (
+    FindSettings.of(tiny_method(*overrides))
+    for overrides in (
+        ("codebook=exact",),
+        ("codebook=joint_lists",),
+        ("codebook=joint_lists", "patches.local.size_mm=45"),
+    )
+)
 MODELS = dict(list(demo_objects().items())[:3])
 DIMENSION = 16
 
@@ -74,11 +81,11 @@ def wanted(frame: Frame) -> list[np.ndarray]:
 
 def test_each_object_is_searched_alone_or_with_those_of_the_same_patch_size() -> None:
     ids = list(MODELS)
-    assert search_groups(MODELS, reversed(ids), OWN) == [(each,) for each in ids]
-    assert search_groups(MODELS, reversed(ids), SHARED) == [tuple(ids)]
+    assert search_groups(MODELS, reversed(ids), OWN.coarse) == [(each,) for each in ids]
+    assert search_groups(MODELS, reversed(ids), SHARED.coarse) == [tuple(ids)]
     sizes = dict(zip(ids, (0.03, 0.04, 0.03), strict=True))
     models = {each: replace(MODELS[each], local_size=sizes[each]) for each in ids}
-    assert search_groups(models, ids, JOINT) == [(ids[0], ids[2]), (ids[1],)]
+    assert search_groups(models, ids, JOINT.coarse) == [(ids[0], ids[2]), (ids[1],)]
 
 
 def test_a_patch_votes_for_the_objects_of_its_nearest_entries_alone(frame: Frame) -> None:

@@ -1,7 +1,6 @@
 """One object's codebook: what its entries hold, and that blocks of views leave no trace."""
 
 from dataclasses import fields, replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,17 +11,13 @@ from hlp.data.synthetic.objects import demo_objects
 from hlp.geometry import allocentric_to_egocentric
 from hlp.method.learn import codebook_building as codebooks
 from hlp.method.learn.codebook_building import build_codebook
+from hlp.method.stage_settings import CodebookStage
 from hlp.patches.local import LocalSettings, depth_relief
 from hlp.records import Codebook, LocalPatches, ObjectModel, Views
 from hlp.rendering.views import ViewsSettings, render_views
 
 PER_VIEW = 9
-SETTINGS = SimpleNamespace(
-    seed=3,
-    patches=SimpleNamespace(
-        local=LocalSettings(8, 1.5, True), entries=EntrySettings(patches_per_view=PER_VIEW)
-    ),
-)
+SETTINGS = CodebookStage(3, LocalSettings(8, 1.5, True), EntrySettings(patches_per_view=PER_VIEW))
 
 
 class Depths:
@@ -88,9 +83,8 @@ def test_entries_of_flat_patches_are_left_out(model: ObjectModel, views: Views) 
     wanted = 0.15
     for least, expected in ((wanted, wanted), (1.0, 0.0)):
         entries = EntrySettings(patches_per_view=PER_VIEW, min_relief=least)
-        patches = SimpleNamespace(local=SETTINGS.patches.local, entries=entries)
-        settings = SimpleNamespace(seed=3, patches=patches)
-        found = build_codebook(model, views, Depths(), settings)  # type: ignore[arg-type]
+        settings = CodebookStage(3, SETTINGS.local, entries)
+        found = build_codebook(model, views, Depths(), settings)
         relief = depth_relief(found.features.reshape(-1, 8, 8))
         assert relief.min() >= expected - 1e-4  # features are rounded
         assert PER_VIEW * len(views) * 0.7 < len(found.features) <= PER_VIEW * len(views)

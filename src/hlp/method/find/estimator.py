@@ -8,10 +8,11 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from hlp.codebook.neighbours import is_joint
 from hlp.method.find.holistic_scan import FrameWindows, HolisticScan
 from hlp.method.find.learnt_objects import LearntObjects
 from hlp.method.find.patch_matching import FrameMatches, PatchMatching
-from hlp.method.settings import MethodSettings
+from hlp.method.stage_settings import FindSettings
 from hlp.models.encoder import Encoder
 from hlp.observer import NOBODY, Observer
 from hlp.patches import likely_places
@@ -84,7 +85,7 @@ class PoseEstimator:
     def __init__(
         self,
         learnt: LearntObjects,
-        settings: MethodSettings,
+        settings: FindSettings,
         object_ids: Sequence[int] | None = None,
     ) -> None:
         self.learnt = learnt
@@ -99,16 +100,16 @@ class PoseEstimator:
             learnt, settings, self.object_ids, lambda: self.encoder, self.team
         )
         """The codebooks."""
-        self._modes = settings.voting.build(settings.machine.threads)
-        self._refiner = settings.refinement.build(settings.machine.threads)
+        self._modes = settings.coarse.voting.build(settings.machine.threads)
+        self._refiner = settings.fine.refinement.build(settings.machine.threads)
 
     @cached_property
     def scan(self) -> HolisticScan:
         """The classifier of windows."""
         objects = {each: self.learnt.models[each] for each in self.object_ids}
-        patches, machine = self.settings.patches, self.settings.machine
+        settings, threads = self.settings.regions, self.settings.machine.threads
         network = self.learnt.load_classifier()
-        return HolisticScan(network, objects, patches.holistic, patches.region, machine.threads)
+        return HolisticScan(network, objects, settings.holistic, settings.region, threads)
 
     @cached_property
     def encoder(self) -> Encoder:
@@ -134,7 +135,7 @@ class PoseEstimator:
         observer.enter("windows")
         windows = self.scan.start(frame, observer)
         matches = FrameMatches(self.matching, frame, observer)
-        verification = self.settings.refinement.verification
+        verification = self.settings.fine.refinement.verification
         return FrameContext(frame, windows, matches, verification, mask, observer)
 
     def share_work(self, context: FrameContext, object_ids: Iterable[int]) -> None:
@@ -148,7 +149,7 @@ class PoseEstimator:
 
         The part grows with the number of `instances` that are to be found by one look at it.
         """
-        patches, model = self.settings.patches, self.learnt.models[object_id]
+        settings, model = self.settings.regions, self.learnt.models[object_id]
         windows, classes = context.windows.classify(object_id)
         context.observer.enter("region")
         label = self._labels[object_id]
@@ -160,19 +161,19 @@ class PoseEstimator:
             classes.argmax(axis=1) == label,
             (height, width),
             model.diameter / model.holistic_size,
-            patches.region,
+            settings.region,
         )
         if context.mask is not None:
             return _narrowed(region, context.mask)
         radii = self._radii(context.frame, region.centers, model)
-        side = patches.region.square_side
-        return likely_places.first_region(region, radii, side, patches.closer, instances)
+        side = settings.region.square_side
+        return likely_places.first_region(region, radii, side, settings.closer, instances)
 
     def likely_regions(self, context: FrameContext, region: Region) -> Iterator[Region]:
         """Parts of the frame to search where an object's region gave no right pose."""
-        frame, patches = context.frame, self.settings.patches
+        frame = context.frame
         radii = self._radii(frame, region.centers, self.learnt.models[region.object_id])
-        found = likely_places.likely_regions(region, radii, patches.closer)
+        found = likely_places.likely_regions(region, radii, self.settings.regions.closer)
         if context.mask is None:
             return found
         parts = (replace(part, mask=part.mask & context.mask) for part in found)
@@ -180,7 +181,7 @@ class PoseEstimator:
 
     def share_patches(self, context: FrameContext, regions: Iterable[Region]) -> None:
         """Match the regions' local patches now, each once, if objects share them."""
-        if not self.settings.codebook.joint:
+        if not is_joint(self.settings.coarse.codebook):
             return
         pixels = {
             region.object_id: self._patch_pixels(
@@ -200,7 +201,7 @@ class PoseEstimator:
         cut, matches = context.matches.match(region.object_id, pixels)
         matched = time.perf_counter()
         context.observer.enter("vote")
-        voting, weights = self.settings.voting, None
+        voting, weights = self.settings.coarse.voting, None
         if voting.weighted_by_region:
             half = frame.camera_matrix[0, 0] * model.diameter / cut.points_cam[:, 2] / 2.0
             weights = region_weights(region, cut.pixels, half)
@@ -215,7 +216,7 @@ class PoseEstimator:
         self, frame: Frame, region: Region, model: ObjectModel
     ) -> Int[np.ndarray, "n 2"]:
         """Centres of the region's patches; of too many, more of those at likely windows."""
-        grid = self.settings.patches.grid
+        grid = self.settings.coarse.grid
         pixels = region_pixels(region.mask, grid.step)
         if len(pixels) <= grid.max_patches:
             return pixels
@@ -249,7 +250,7 @@ class PoseEstimator:
         if len(hypotheses) == 0:
             return None
         context.observer.enter("screen")
-        frame, verification = context.frame, self.settings.refinement.verification
+        frame, verification = context.frame, self.settings.fine.refinement.verification
 
         def good_enough(pose_cam_obj: Float[np.ndarray, "4 4"]) -> bool:
             return self.score(context, object_id, pose_cam_obj) >= (min_score or 0.0)
@@ -306,7 +307,7 @@ class PoseEstimator:
         """The cost that compares poses of an object."""
         if object_id not in self._verifiers:
             model = self.learnt.models[object_id]
-            verification = self.settings.refinement.verification
+            verification = self.settings.fine.refinement.verification
             self._verifiers[object_id] = Verifier(model, verification)
         return self._verifiers[object_id]
 

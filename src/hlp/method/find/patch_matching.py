@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float, Int
 
-from hlp.codebook.neighbours import Neighbours
+from hlp.codebook.neighbours import Neighbours, is_joint
 from hlp.method.find.learnt_objects import LearntObjects
-from hlp.method.settings import MethodSettings
+from hlp.method.stage_settings import CoarseStage, FindSettings
 from hlp.models.encoder import Encoder
 from hlp.observer import NOBODY, Observer
 from hlp.patches.local import cut_local_patches, join_patches, take_patches
@@ -22,13 +22,13 @@ _UNKNOWN, _NO_PATCH = -2, -1  # in place of the row of a pixel's patch
 
 
 def search_groups(
-    models: Mapping[int, ObjectModel], object_ids: Iterable[int], settings: MethodSettings
+    models: Mapping[int, ObjectModel], object_ids: Iterable[int], settings: CoarseStage
 ) -> list[tuple[int, ...]]:
     """Objects that are searched in one index: each alone or, jointly, those of one patch size."""
     ids = sorted(object_ids)
-    if not settings.codebook.joint:
+    if not is_joint(settings.codebook):
         return [(object_id,) for object_id in ids]
-    local = settings.patches.local
+    local = settings.local
     sizes = {each: local.side_of(models[each].local_size) for each in ids}
     return [tuple(i for i in ids if sizes[i] == size) for size in dict.fromkeys(sizes.values())]
 
@@ -68,9 +68,9 @@ class SearchGroup:
     """
 
     def __init__(
-        self, learnt: LearntObjects, object_ids: Sequence[int], settings: MethodSettings
+        self, learnt: LearntObjects, object_ids: Sequence[int], settings: FindSettings
     ) -> None:
-        local = settings.patches.local
+        local = settings.coarse.local
         own_size = learnt.models[object_ids[0]].local_size
         self.side = local.side_of(own_size)
         loaded, self.features = load_together(learnt, object_ids)
@@ -79,7 +79,9 @@ class SearchGroup:
         self._first = dict(zip(self.codebooks, np.cumsum([0, *counts]).tolist(), strict=False))
         folder = learnt.search_folder(object_ids)
         threads, seed = settings.machine.threads, settings.seed
-        self.search: Neighbours = settings.codebook.build(self.features, seed, threads, folder)
+        self.search: Neighbours = settings.coarse.codebook.build(
+            self.features, seed, threads, folder
+        )
 
     def of_object(self, object_id: int, matches: Matches) -> Matches:
         """The matches with an object's own entries; those with others' are infinitely far."""
@@ -95,7 +97,7 @@ class PatchMatching:
     def __init__(
         self,
         learnt: LearntObjects,
-        settings: MethodSettings,
+        settings: FindSettings,
         object_ids: Sequence[int],
         encoder: Callable[[], Encoder],
         team: ThreadTeam,
@@ -104,7 +106,7 @@ class PatchMatching:
         self.team = team
         self.encoder = encoder
         self._learnt = learnt
-        groups = search_groups(learnt.models, object_ids, settings)
+        groups = search_groups(learnt.models, object_ids, settings.coarse)
         self._members = {object_id: group for group in groups for object_id in group}
         self._groups: dict[tuple[int, ...], SearchGroup] = {}
         self._lock = threading.Lock()
@@ -143,7 +145,7 @@ class FrameMatches:
     def match(self, object_id: int, pixels: Int[np.ndarray, "n 2"]) -> tuple[LocalPatches, Matches]:
         """The patches at those of the pixels (x, y) that have one, and their nearest entries."""
         group = self._matching.group(object_id)
-        if not self._matching.settings.codebook.joint:
+        if not is_joint(self._matching.settings.coarse.codebook):
             return self._look_up(group, pixels)
         known, rows = self._matched(group, pixels)
         assert known.patches is not None and known.matches is not None
@@ -153,7 +155,7 @@ class FrameMatches:
     def _look_up(
         self, group: SearchGroup, pixels: Int[np.ndarray, "n 2"]
     ) -> tuple[LocalPatches, Matches]:
-        frame, patches = self._frame, self._matching.settings.patches
+        frame, settings = self._frame, self._matching.settings.coarse
         encoder = self._matching.encoder()
         self._observer.enter("cut")
         cut = cut_local_patches(
@@ -162,10 +164,10 @@ class FrameMatches:
             frame.camera_matrix,
             pixels,
             group.side,
-            patches.local,
-            patches.grid.min_valid,
+            settings.local,
+            settings.grid.min_valid,
             encoder.sees_color,
-            patches.grid.min_relief,
+            settings.grid.min_relief,
         )
         self._observer.enter("encode")
         features = encoder.encode(cut)

@@ -13,7 +13,7 @@ from hlp.method.learn.backgrounds import Backgrounds
 from hlp.method.learn.networks import CLASSIFIER
 from hlp.method.learn.training import calibration_images, fit
 from hlp.method.learn.training_files import StartingWeights
-from hlp.method.settings import MethodSettings
+from hlp.method.stage_settings import ClassifierStage
 from hlp.models.classifier_training import HolisticClassifier, copy_weights, raise_background
 from hlp.models.onnx_export import export_network
 from hlp.objects.distractors import distractor_scenes
@@ -32,7 +32,7 @@ def train_classifier(
     models: Mapping[int, ObjectModel],
     views_of: Callable[[int], Views],
     backgrounds: Backgrounds,
-    settings: MethodSettings,
+    settings: ClassifierStage,
     folder: Path,
     start: StartingWeights | None = None,
 ) -> None:
@@ -51,7 +51,7 @@ def train_classifier(
         epochs = start.epochs
     fit(module, data, module.network, epochs, settings.trainer, folder)
     prior = max(settings.classifier.prior_objects, len(models))
-    pool = settings.patches.pool
+    pool = settings.pool
     raise_background(module.network, pool.object_odds(len(models)) / pool.object_odds(prior))
     sample = calibration_images(data, module.images)
     export_network(module.network.layers, sample, folder / CLASSIFIER, levels=True)
@@ -63,23 +63,22 @@ def training_windows(
     models: Mapping[int, ObjectModel],
     views_of: Callable[[int], Views],
     backgrounds: Backgrounds,
-    settings: MethodSettings,
+    settings: ClassifierStage,
 ) -> HolisticDataModule:
     """The images that the classifier of all `models` is trained on."""
-    patches = settings.patches
     return HolisticDataModule(
         _windows(models, views_of, settings),
         _backgrounds(models, backgrounds, settings),
-        patches.holistic.channels,
-        patches.pool.background_share_for(len(models)),
+        settings.holistic.channels,
+        settings.pool.background_share_for(len(models)),
         settings.classifier.batch_size,
         settings.seed,
         settings.machine.threads,
     )
 
 
-def _channels(settings: MethodSettings) -> int:
-    return 4 if settings.patches.holistic.channels == "rgbd" else 3
+def _channels(settings: ClassifierStage) -> int:
+    return 4 if settings.holistic.channels == "rgbd" else 3
 
 
 def _sizes(models: Mapping[int, ObjectModel]) -> list[float]:
@@ -89,9 +88,8 @@ def _sizes(models: Mapping[int, ObjectModel]) -> list[float]:
 def _windows(
     models: Mapping[int, ObjectModel],
     views_of: Callable[[int], Views],
-    settings: MethodSettings,
+    settings: ClassifierStage,
 ) -> HolisticPool:
-    patches = settings.patches
     pools = []
     for label, (object_id, model) in enumerate(sorted(models.items()), start=1):
         pool = bake_windows(
@@ -100,8 +98,8 @@ def _windows(
             model.holistic_size,
             _sizes(models),
             model.centroid,
-            patches.holistic.resolution,
-            patches.pool,
+            settings.holistic.resolution,
+            settings.pool,
             np.random.default_rng([settings.seed, object_id]),
             model.mesh.colored,
         )
@@ -110,9 +108,9 @@ def _windows(
 
 
 def _backgrounds(
-    models: Mapping[int, ObjectModel], backgrounds: Backgrounds, settings: MethodSettings
+    models: Mapping[int, ObjectModel], backgrounds: Backgrounds, settings: ClassifierStage
 ) -> BackgroundPool:
-    resolution, pool = settings.patches.holistic.resolution, settings.patches.pool
+    resolution, pool = settings.holistic.resolution, settings.pool
     rng = np.random.default_rng([settings.seed, 0])
     meshes = [model.mesh for _, model in sorted(models.items())]
     # The scenes are rendered while this thread makes or reads photographs.

@@ -7,7 +7,7 @@ from jaxtyping import Int
 
 from hlp.codebook.entries import make_codebook
 from hlp.codebook.neighbours import ExactNeighbours
-from hlp.method.settings import MethodSettings, PatchesSettings
+from hlp.method.stage_settings import CodebookStage
 from hlp.models.encoder import Encoder
 from hlp.patches.local import join_patches, surface_pixels, take_patches
 from hlp.patches.local_data import degrade_patches
@@ -23,24 +23,24 @@ _DRAWN = 4
 
 
 def build_codebook(
-    model: ObjectModel, views: Views, encoder: Encoder, settings: MethodSettings
+    model: ObjectModel, views: Views, encoder: Encoder, settings: CodebookStage
 ) -> Codebook:
     """Codebook of an object: local patches around pixels drawn from each view's surface.
 
     Its feature scale is the median distance between a patch, degraded as by a camera and clutter,
     and its match, over a sample.
     """
-    patches = settings.patches
-    size = patches.local.side_of(model.local_size)
+    local = settings.local
+    size = local.side_of(model.local_size)
     rng = np.random.default_rng([settings.seed, model.object_id])
-    pixels = [_draw_pixels(views, view, size, patches, rng) for view in range(len(views))]
+    pixels = [_draw_pixels(views, view, size, settings, rng) for view in range(len(views))]
     first = np.cumsum([0] + [len(each) for each in pixels])  # first entry of each view
     total = int(first[-1])
     sample = np.sort(rng.choice(total, min(_SCALE_SAMPLE, total), replace=False))
     features, points, sampled = [], [], []
     for start, stop in pairwise([*range(0, len(views), _BLOCK), len(views)]):
         cut = [
-            cut_view_patches(views, view, pixels[view], size, patches.local, encoder.sees_color)
+            cut_view_patches(views, view, pixels[view], size, local, encoder.sees_color)
             for view in range(start, stop)
         ]
         block = join_patches(cut)
@@ -50,7 +50,7 @@ def build_codebook(
     entries = np.concatenate(features)
     some = join_patches(sampled)
     seen = degrade_patches(some, np.arange(len(some)), size, settings.seed)
-    nearest = ExactNeighbours(entries, 1).search(encoder.encode(seen)).distances
+    nearest = ExactNeighbours(entries, 1).nearest_distances(encoder.encode(seen))
     return make_codebook(
         model.object_id,
         entries,
@@ -61,17 +61,17 @@ def build_codebook(
 
 
 def _draw_pixels(
-    views: Views, view: int, size: float, patches: PatchesSettings, rng: np.random.Generator
+    views: Views, view: int, size: float, settings: CodebookStage, rng: np.random.Generator
 ) -> Int[np.ndarray, "n 2"]:
     """Random surface pixels (x, y) of a view, whose patches have the relief that entries need.
 
     Any, where none of the view's patches has it.
     """
-    entries = patches.entries
+    entries = settings.entries
     if entries.min_relief == 0.0:
         return surface_pixels(views.depth[view], entries.patches_per_view, rng)
     pixels = surface_pixels(views.depth[view], _DRAWN * entries.patches_per_view, rng)
-    cut = cut_view_patches(views, view, pixels, size, patches.local, False, entries.min_relief)
+    cut = cut_view_patches(views, view, pixels, size, settings.local, False, entries.min_relief)
     chosen = np.rint(cut.pixels).astype(np.int64) if len(cut) else pixels
     return chosen[: entries.patches_per_view]
 

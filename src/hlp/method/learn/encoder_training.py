@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 
 from hlp.method.learn.backgrounds import Backgrounds
 from hlp.method.learn.training import calibration_images, fit
-from hlp.method.settings import MethodSettings
+from hlp.method.stage_settings import EncoderStage
 from hlp.models.encoders import STEM, EncoderModule
 from hlp.models.onnx_export import export_network
 from hlp.patches.local import join_patches
@@ -31,7 +31,7 @@ def train_encoder(
     models: Mapping[int, ObjectModel],
     views_of: Callable[[int], Views],
     backgrounds: Backgrounds,
-    settings: MethodSettings,
+    settings: EncoderStage,
     folder: Path,
 ) -> None:
     """Train the encoder that the settings name into `folder`.
@@ -51,7 +51,7 @@ class _Training:
     models: Mapping[int, ObjectModel]
     views_of: Callable[[int], Views]
     backgrounds: Backgrounds
-    settings: MethodSettings
+    settings: EncoderStage
     folder: Path
 
     def pair_batches(self, with_color: bool, batch_size: int) -> pl.LightningDataModule:
@@ -67,7 +67,7 @@ class _Training:
         frames = list(self.backgrounds.load_encoder_frames())
         if rooms:
             frames += self.backgrounds.load_background_frames()
-        local = self.settings.patches.local
+        local = self.settings.local
         sizes = sorted({local.side_of(model.local_size) for model in self.models.values()})
         rng = np.random.default_rng(self.settings.seed)
         patches = join_patches(bake_frame_patches(frames, sizes, per_frame, local, rng))
@@ -84,7 +84,7 @@ class _Training:
         pools = []
         for object_id, model in sorted(self.models.items()):
             rng = np.random.default_rng([self.settings.seed, object_id])
-            patches, views = self.settings.patches, self.views_of(object_id)
-            size = patches.local.side_of(model.local_size)
-            pools.append(bake_pairs(views, size, patches.local, patches.pairs, rng, with_color))
+            settings, views = self.settings, self.views_of(object_id)
+            size = settings.local.side_of(model.local_size)
+            pools.append(bake_pairs(views, size, settings.local, settings.pairs, rng, with_color))
         return join_pairs(pools)

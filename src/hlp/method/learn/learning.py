@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from hlp.codebook.entries import save_codebook
+from hlp.codebook.neighbours import is_joint
 from hlp.errors import InputError
 from hlp.method.compute_threads import set_compute_threads
 from hlp.method.find.estimator import PoseEstimator
@@ -36,6 +37,7 @@ from hlp.method.learn.score_calibration import calibrate_score
 from hlp.method.learn.training_files import StartingWeights, read_weights
 from hlp.method.learn.unfinished_folder import SCORED, VIEWS, finish, folder_in_the_making, once
 from hlp.method.settings import MethodSettings, settings_to_json
+from hlp.method.stage_settings import ClassifierStage, CodebookStage, EncoderStage, FindSettings
 from hlp.objects.object_model import mesh_identity
 from hlp.records import ObjectModel, Views
 from hlp.refinement.score_model import save_score_model
@@ -66,11 +68,18 @@ def learn(
         views_of = _views(models, partial, settings)
         with once(partial / CLASSIFIER) as missing:
             if missing:
-                train_classifier(models, views_of, backgrounds, settings, partial / CLASSIFIER)
+                train_classifier(
+                    models,
+                    views_of,
+                    backgrounds,
+                    ClassifierStage.of(settings),
+                    partial / CLASSIFIER,
+                )
         with once(partial / ENCODER) as missing:
             if missing:
                 counted = counting_objects(views_of, "pairs cut", len(models))
-                train_encoder(models, counted, backgrounds, settings, partial / ENCODER)
+                stage = EncoderStage.of(settings)
+                train_encoder(models, counted, backgrounds, stage, partial / ENCODER)
         _write_objects(models, views_of, partial, settings)
         write_searches(partial, record)
         _calibrate_scores(models, backgrounds, partial, record)
@@ -109,7 +118,12 @@ def add(folder: Path, models: Mapping[int, ObjectModel], backgrounds: Background
         with once(partial / CLASSIFIER) as missing:
             if missing:
                 train_classifier(
-                    known, views_of, backgrounds, settings, partial / CLASSIFIER, start
+                    known,
+                    views_of,
+                    backgrounds,
+                    ClassifierStage.of(settings),
+                    partial / CLASSIFIER,
+                    start,
                 )
         shutil.copytree(folder / ENCODER, partial / ENCODER, dirs_exist_ok=True)
         for name in old.objects:
@@ -156,9 +170,11 @@ def _write_objects(
             if missing:
                 folder = partial / OBJECTS / model.name
                 write_model(folder, model)
-                codebook = build_codebook(model, views_of(object_id), encoder, settings)
+                codebook = build_codebook(
+                    model, views_of(object_id), encoder, CodebookStage.of(settings)
+                )
                 save_codebook(folder, codebook)
-                if not settings.codebook.joint:
+                if not is_joint(settings.codebook):
                     settings.codebook.prepare(codebook.features, settings.seed, folder)
 
 
@@ -170,12 +186,13 @@ def _calibrate_scores(
 ) -> None:
     settings = record.settings
     frames = backgrounds.load_background_frames()
-    estimator = PoseEstimator(LearntFolder(partial, record=record), settings, tuple(models))
+    learnt, find = LearntFolder(partial, record=record), FindSettings.of(settings)
+    estimator = PoseEstimator(learnt, find, tuple(models))
     for object_id, model in models.items():
         with once(partial / OBJECTS / model.name, SCORED) as missing:
             if missing:
                 scenes = settings.score.scenes
-                score = calibrate_score(estimator, object_id, frames, scenes, settings.seed)
+                score = calibrate_score(estimator, object_id, frames, scenes, settings.rendering)
                 save_score_model(partial / OBJECTS / model.name, score)
 
 

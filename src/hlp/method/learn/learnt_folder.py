@@ -24,6 +24,7 @@ from annotated_types import Ge
 
 from hlp.checksums import content_checksum, find_damaged, is_sealed, seal_is_whole, sealed
 from hlp.codebook.entries import load_codebook
+from hlp.codebook.neighbours import is_joint
 from hlp.errors import ConfigError, DamagedError, DataError, MissingFileError
 from hlp.files import read_json, write_json
 from hlp.method.learn.model_files import read_model
@@ -202,7 +203,7 @@ class LearntFolder:
 
     def search_folder(self, object_ids: Sequence[int]) -> Path:
         """The folder for the search in the codebooks of these objects; it may hold nothing."""
-        if self.settings.codebook.joint:
+        if is_joint(self.settings.codebook):
             return self._part(searches_part(object_ids))
         (object_id,) = object_ids
         return self.object_folder(object_id)

@@ -4,8 +4,10 @@ import shutil
 from pathlib import Path
 
 from hlp.checksums import folder_checksums
+from hlp.codebook.neighbours import is_joint
 from hlp.method.find.patch_matching import load_together, search_groups
 from hlp.method.learn.learnt_folder import SEARCHES, LearntFolder, LearntRecord, searches_part
+from hlp.method.stage_settings import CoarseStage
 
 
 def write_searches(folder: Path, record: LearntRecord) -> dict[str, str]:
@@ -14,11 +16,11 @@ def write_searches(folder: Path, record: LearntRecord) -> dict[str, str]:
     Returns the checksums of the files by their paths in the folder.
     """
     settings = record.settings
-    if not settings.codebook.joint:
+    if not is_joint(settings.codebook):
         return {}
     learnt = LearntFolder(folder, record=record)
     files: dict[str, str] = {}
-    for members in search_groups(learnt.models, learnt.models, settings):
+    for members in search_groups(learnt.models, learnt.models, CoarseStage.of(settings)):
         _, features = load_together(learnt, members)
         part = searches_part(members)
         (folder / part).mkdir(parents=True, exist_ok=True)

@@ -15,6 +15,7 @@ from hlp.method.learn.calibration_scenes import calibration_scene
 from hlp.records import Frame, ObjectModel
 from hlp.refinement.pose_fit import PoseFit
 from hlp.refinement.score_model import PRIOR, ScoreModel, fit_score_model
+from hlp.rendering.views import ViewsSettings
 
 _RIGHT = 0.1  # of the diameter: ADD-S of a right pose is less
 _VERTICES = 1000  # of a mesh, about as many are compared
@@ -24,7 +25,11 @@ _INSTANCES = 2  # answers a scene; the second one is wrong, and looks like the o
 
 
 def calibrate_score(
-    estimator: PoseEstimator, object_id: int, backgrounds: Sequence[Frame], scenes: int, seed: int
+    estimator: PoseEstimator,
+    object_id: int,
+    backgrounds: Sequence[Frame],
+    scenes: int,
+    rendering: ViewsSettings,
 ) -> ScoreModel:
     """Search an object in `scenes` rendered ones, and fit the score to what is right there.
 
@@ -32,22 +37,26 @@ def calibrate_score(
     is that of an object of which nothing is known.
     """
     fits, right = [], []
-    for fit, is_right in search_scenes(estimator, object_id, backgrounds, scenes, seed):
+    for fit, is_right in search_scenes(estimator, object_id, backgrounds, scenes, rendering):
         fits.append(fit)
         right.append(is_right)
     return fit_score_model(fits, np.array(right, dtype=bool)) if fits else PRIOR
 
 
 def search_scenes(
-    estimator: PoseEstimator, object_id: int, backgrounds: Sequence[Frame], scenes: int, seed: int
+    estimator: PoseEstimator,
+    object_id: int,
+    backgrounds: Sequence[Frame],
+    scenes: int,
+    rendering: ViewsSettings,
 ) -> Iterator[tuple[PoseFit, bool]]:
     """How each answer to an object in rendered scenes fits, and whether it is right."""
-    model, views = estimator.learnt.models[object_id], estimator.settings.rendering
+    model, seed = estimator.learnt.models[object_id], estimator.settings.seed
     compare = _Comparison(model)
 
     def draw(number: int) -> Frame:
         present = number % _ABSENT != _ABSENT - 1
-        return calibration_scene(model, present, views, backgrounds, number, seed)
+        return calibration_scene(model, present, rendering, backgrounds, number, seed)
 
     bar = tqdm(desc=f"score of {model.name}", total=scenes, unit="scene", disable=None)
     with bar, ThreadPoolExecutor(estimator.settings.machine.threads) as pool:

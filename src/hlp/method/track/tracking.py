@@ -166,7 +166,9 @@ def part_near(
     camera_matrix[:2, 2] -= low
     part = replace(frame, rgb=frame.rgb[area], depth=frame.depth[area], camera_matrix=camera_matrix)
     matches = FrameMatches(estimator.matching, part)
-    return FrameContext(part, context.windows, matches, estimator.settings.refinement.verification)
+    return FrameContext(
+        part, context.windows, matches, estimator.settings.fine.refinement.verification
+    )
 
 
 def numbered(detection: Detection, number: int, tracked: bool) -> TrackedDetection:
