@@ -176,7 +176,7 @@ def render_frame(models: Sequence[ObjectModel], number: int) -> Frame:
 
 
 def peak_mib() -> float:
-    """The most memory (MiB) that this process has held; `hlp.studies.machine` would load torch."""
+    """The most memory (MiB) that this process has held; `hlp.studies` would load torch."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
 
 

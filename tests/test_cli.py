@@ -13,7 +13,7 @@ import pytest
 import hlp
 from hlp.commands.composing import config_folder
 from hlp.records import TargetScore
-from hlp.results.scores_file import write_scores
+from hlp.results.poses_file import write_scores
 
 STAND_INS = {
     "data": ("demo", "linemod_bop"),

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hlp.checks.camera import check_depth_scale, check_intrinsics, check_object_size
+from hlp.checks.frame_checks import check_depth_scale, check_intrinsics, check_object_size
 
 
 def _with_matrix(frame, change):

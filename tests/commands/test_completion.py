@@ -8,7 +8,7 @@ import pytest
 
 import hlp
 from hlp.commands import completion
-from hlp.commands.completion_words import configuration_words
+from hlp.commands.completion import configuration_words
 
 COMMANDS = ["run", "report", "runs", "predict", "doctor"]
 SHELLS = {

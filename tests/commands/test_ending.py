@@ -95,7 +95,7 @@ with stops_in_one_line():
 
 WORKER = """
 import os, sys, time
-from hlp.stages.worker_end import ends_with
+from hlp.stages.executor_settings import ends_with
 parent = os.getpid()
 if os.fork() == 0:
     ends_with(parent)

@@ -6,7 +6,7 @@ import pytest
 
 from hlp.cli import COMMANDS, main
 from hlp.commands import composing
-from hlp.commands.run_help import run_help
+from hlp.commands.run import run_help
 
 Out = pytest.CaptureFixture[str]
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from bop_folder import write_models, write_scene, write_targets
-from hlp.data.bad_frames import find_bad_frames
 from hlp.data.bop import BopFrames
 from hlp.data.bop_models import load_object_models
+from hlp.data.dataset import find_bad_frames
 from hlp.objects.object_model import ObjectSettings
 
 SOUND, BROKEN = "000006_000000", "000006_000012"

@@ -11,9 +11,15 @@ import numpy as np
 import pytest
 
 from bad_input import Case, check, of_file, pixels, written
-from hlp.data.depth_files import depth_in_metres, guess_unit, read_raw_depth
-from hlp.data.image_headers import depth_image_size, image_size
-from hlp.data.images import read_depth, read_rgb
+from hlp.data.images import (
+    depth_image_size,
+    depth_in_metres,
+    guess_unit,
+    image_size,
+    read_depth,
+    read_raw_depth,
+    read_rgb,
+)
 from hlp.data.linemod import read_dpt, read_matrix
 from hlp.data.rgbd_frames import RgbdFrames
 from hlp.files import read_npz

@@ -9,8 +9,7 @@ from bad_input import DEEP, Case, check, of_file, written
 from hlp.method.learn.learnt_folder import read_record
 from hlp.refinement.score_model import load_score_model
 from hlp.reporting.results import read_results
-from hlp.results.poses_file import read_poses
-from hlp.results.scores_file import read_scores
+from hlp.results.poses_file import read_poses, read_scores
 from hlp.results.summary_file import read_summary
 from hlp.schemas.reading import read_text_json
 from hlp.stages.manifest import read_manifest

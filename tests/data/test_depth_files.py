@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from hlp.data.depth_files import depth_in_metres, guess_unit, read_raw_depth
+from hlp.data.images import depth_in_metres, guess_unit, read_raw_depth
 from hlp.errors import DataError, InputError, MissingDependencyError
 
 METRES = np.array([[0.0, 0.8, 0.9], [1.25, 2.0, 0.5]], np.float32)

@@ -1,6 +1,6 @@
 import pytest
 
-from hlp.data.frame_folders import with_frames
+from hlp.data.frame_paths import with_frames
 from hlp.errors import InputError, MissingFileError
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from hlp.data.frame_paths import FramePaths
-from hlp.data.search_masks import SearchMasks
+from hlp.data.own_frames import SearchMasks
 
 FRAME = FramePaths(Path("rgb/a.png"), Path("depth/a.png"))
 

@@ -2,7 +2,7 @@ import os
 
 import pytest
 
-from hlp.data.sources import annotated_mask, content_hash
+from hlp.data.dataset import annotated_mask, content_hash
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from hlp.data.bad_frames import find_bad_frames
-from hlp.data.frame_folders import with_frames
+from hlp.data.dataset import find_bad_frames
+from hlp.data.frame_paths import with_frames
 from hlp.data.own_frames import FrameFiles, OwnFrames
 from hlp.data.ycbineoat import YcbineoatFrames, YcbineoatSettings, read_pose
 from hlp.errors import DataError, MissingFileError

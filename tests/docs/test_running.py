@@ -52,14 +52,10 @@ MINUTES = (
     "run experiment=basin",
     "-m experiment=basin",
     "run warm_start.manifest=",
-    "-m method=paper ",
     "-m refinement=pso,icp",
     "-m experiment=recordings",
-    "-m experiment=fig9a data=",
     "-m experiment=fig9a method=",
     "-m experiment=fig9b ",
-    "-m experiment=fig9c ",
-    "-m experiment=anytime data=",
     "-m experiment=ladder ",
     "report experiment=",
 )
@@ -73,15 +69,11 @@ PLACEHOLDERS = {
     "data.root=/path/to/mustard0": "data.root=mustard0",
     "data.mesh=/path/to/mustard.obj": "data.mesh=model.ply",
     "objects=[ape,can,duck]": "objects=[bowl,drill,duck]",
-    "objects=[ape,can,duck,glue,holepuncher]": "objects=[ape,cat]",
     "page=8000": "page=0",
     "data.root=../shared/data/lm": "data.root=recordings/lm",
     "data.root=/path/to/lm": "data.root=recordings/lm",
-    "data.root=…": "data.root=recordings/lm",
     "data_folder=../shared/data": "data_folder=recordings",
     "data_folder=/path/to/sets": "data_folder=recordings",
-    "mesh=../shared/data/lm/models/obj_000006.ply": "mesh=recordings/lm/models/obj_000006.ply",
-    "rooms=../shared/data/rooms": "rooms=rooms",
 }
 """Words of commands that stand for the reader's own, and what stands here."""
 
@@ -300,7 +292,7 @@ def test_every_exception_stands_in_the_documentation() -> None:
     assert not {*ENDS} - run
     assert not {key for key in ALSO if " " in key} - run
     assert not {*PLACEHOLDERS} - {word for text in run for word in text.split()}
-    assert len(run) >= 60
+    assert len(run) >= 55
     assert all(any(text.startswith(each) for text in run) for each in MINUTES)
     elsewhere = {
         word for text in run for word in text.split() if "../" in PLACEHOLDERS.get(word, word)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hlp.evaluation.calibration import (
+from hlp.evaluation.summary import (
     area_under_risk_coverage,
     expected_calibration_error,
     reliability,

@@ -3,7 +3,7 @@
 import numpy as np
 
 from hlp.evaluation.evaluator import FrameTruth
-from hlp.evaluation.false_alarms import count_false_alarms
+from hlp.evaluation.summary import count_false_alarms
 from hlp.records import PoseEstimate, Target
 
 TRUTHS = [

@@ -6,7 +6,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 from waterfall_bounds import BOUNDS
 
-from hlp.evaluation.pose_distance import is_symmetric_flip, near_truth, poses_near_truth
+from hlp.evaluation.errors import is_symmetric_flip, near_truth, poses_near_truth
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.geometry import rigid
 from hlp.records import Mesh, ObjectModel

@@ -1,7 +1,7 @@
 import numpy as np
 
+from hlp.evaluation.bop_recalls import measured_mask, unoccluded_mask
 from hlp.evaluation.errors import VSD_DELTA
-from hlp.evaluation.visible_mask import measured_mask, unoccluded_mask
 from hlp.geometry import rigid
 from hlp.records import Frame, Mesh, ObjectModel, Target
 

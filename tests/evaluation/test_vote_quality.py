@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from hlp.evaluation.vote_quality import VoteCounts, vote_quality
+from hlp.evaluation.waterfall import VoteCounts, vote_quality
 
 
 def test_votes_are_counted_with_their_weight_and_by_who_cast_them():

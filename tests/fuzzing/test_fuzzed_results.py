@@ -13,14 +13,13 @@ from spoiled_files import is_clean, spoiled
 from hlp.checksums import sealed
 from hlp.errors import DataError
 from hlp.geometry import rigid
+from hlp.method.learn.checkpoints import read_history
 from hlp.method.learn.learnt_folder import LearntRecord, read_record, write_record
-from hlp.method.learn.training_files import read_history
 from hlp.method.settings import MethodSettings
 from hlp.records import PoseEstimate, TargetScore
 from hlp.refinement.score_model import PRIOR, load_score_model, save_score_model
 from hlp.reporting.results import read_results
-from hlp.results.poses_file import read_poses, write_poses
-from hlp.results.scores_file import read_scores, write_scores
+from hlp.results.poses_file import read_poses, read_scores, write_poses, write_scores
 from hlp.results.summary_file import read_summary
 from hlp.stages.manifest import read_manifest
 from hlp.stages.store import StageStore

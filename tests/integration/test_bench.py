@@ -18,7 +18,7 @@ from hlp.method.find.search import search_frame
 from hlp.method.stage_settings import FindSettings
 from hlp.observer import NOBODY
 from hlp.reporting.study_numbers import STUDIES, read_study
-from hlp.results.target_values import read_target_values
+from hlp.results.summary_file import read_target_values
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
 from hlp.studies.stopwatch import PARTS

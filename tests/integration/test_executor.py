@@ -16,13 +16,12 @@ from hlp.commands.composing import config_folder
 from hlp.config.build import Run, build_run
 from hlp.errors import DataError
 from hlp.method.find.trace import STAGES
-from hlp.method.learn.training_files import read_history, read_weights
+from hlp.method.learn.checkpoints import read_history, read_weights
 from hlp.runs.run_stages import stages_of
 from hlp.stages.detection import DetectionStages
-from hlp.stages.frame_task import FrameTask
+from hlp.stages.frame_task import FrameTask, render_in_workers
 from hlp.stages.store import StageStore
 from hlp.stages.trace_files import read_arrays
-from hlp.stages.view_task import render_in_workers
 from tiny_run import TinyRun
 
 pytestmark = [pytest.mark.slow, pytest.mark.thorough]

@@ -17,7 +17,7 @@ from hlp.config.build import Run, build_run
 from hlp.method.find.estimator import FrameContext, PoseEstimator
 from hlp.refinement.none import NoneRefiner
 from hlp.reporting.study_numbers import STUDIES, read_study
-from hlp.results.target_values import read_target_values
+from hlp.results.summary_file import read_target_values
 from hlp.studies.tasks import run_task
 from tiny_run import TinyRun
 

@@ -10,7 +10,7 @@ from mlflow import MlflowClient
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.records import Target
-from hlp.stages.provenance import library_builds, processor
+from hlp.stages.manifest import library_builds, processor
 from run_files import Row, read_json, rows, stages
 from tiny_run import TinyRun
 

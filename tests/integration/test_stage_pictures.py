@@ -43,11 +43,11 @@ def test_searches_are_repeated_to_the_poses_that_the_run_has_found(
     compared = 0
     for key in detection.keys:
         found = FoundInFrame.read(detection, key, [])
-        fine = found.arrays["poses"]
         for object_id in {target.object_id for target in found.frame.targets}:
-            for row, source in enumerate(fine.get(f"{object_id}/sources", ())):
+            refined = found.trace[object_id].refined
+            for row, source in enumerate([] if refined is None else refined.sources):
                 rounds = search_again(detection, found, object_id, row)
-                if source < 0:  # from a closer look
+                if source < 0:  # from the fallback
                     assert rounds is None
                     continue
                 assert rounds is not None

@@ -12,7 +12,7 @@ from hydra import compose, initialize_config_dir
 
 from hlp.commands.composing import config_folder
 from hlp.config.build import Run, build_run
-from hlp.method.learn.training_files import read_history, read_weights
+from hlp.method.learn.checkpoints import read_history, read_weights
 from hlp.models.classifier_training import HolisticCNN
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages

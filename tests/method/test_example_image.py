@@ -2,7 +2,7 @@ import numpy as np
 
 from hlp.data.synthetic.objects import demo_objects
 from hlp.method.arguments import checked_frame
-from hlp.method.example_image import example_image
+from hlp.method.pyfunc_model import example_image
 
 
 def test_the_example_shows_the_whole_object_in_the_middle() -> None:

@@ -6,7 +6,7 @@ import torch
 from torch.utils.data import DataLoader
 
 from hlp.models.autoencoder import AutoencoderSettings
-from hlp.models.autoencoder_training import Autoencoder
+from hlp.models.contrastive_training import Autoencoder
 
 # Steps are called without a trainer: their logging has nowhere to go, and says so.
 pytestmark = pytest.mark.filterwarnings("ignore:.*self.trainer.*:UserWarning")

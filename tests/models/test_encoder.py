@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from hlp.models.encoder import NetworkEncoder
-from hlp.models.encoder_input import patch_input
+from hlp.models.encoder import NetworkEncoder, patch_input
 from hlp.models.network import load_network
 from hlp.models.onnx_export import export_network
 from hlp.models.patch_encoder import PatchEncoder

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter
 
-from hlp.models.encoder_input import (
+from hlp.models.encoder import (
     patch_input,
     sees_color,
     surface_normals,

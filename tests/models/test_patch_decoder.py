@@ -7,10 +7,10 @@ import torch
 
 from hlp.errors import DataError
 from hlp.models.autoencoder import AutoencoderSettings
-from hlp.models.autoencoder_training import Autoencoder
 from hlp.models.contrastive import ContrastiveSettings
+from hlp.models.contrastive_training import Autoencoder
 from hlp.models.encoders import FeatureDecoder
-from hlp.models.patch_decoder import DECODER, decode, save_decoder
+from hlp.models.patch_encoder import DECODER, decode, save_decoder
 from hlp.models.pca import PcaSettings
 
 SETTINGS = AutoencoderSettings(dimension=16, widths=(8, 16))

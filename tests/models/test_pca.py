@@ -3,7 +3,7 @@ import pytest
 import torch
 from torch.nn import functional
 
-from hlp.models.encoder_input import surface_normals
+from hlp.models.encoder import surface_normals
 from hlp.models.pca import PcaSettings, fit_pca
 from hlp.records import LocalPatches
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from hlp.models.encoder_input import patch_input
+from hlp.models.encoder import patch_input
 from hlp.models.training_input import encoder_input
 from hlp.records import LocalPatches
 

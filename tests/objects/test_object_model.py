@@ -9,9 +9,10 @@ from hlp.objects.object_model import (
     ObjectSettings,
     build_object_model,
     check_unique,
+    holistic_size,
+    local_size,
     model_identity,
 )
-from hlp.objects.patch_sizes import holistic_size, local_size
 
 
 @pytest.fixture

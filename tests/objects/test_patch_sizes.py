@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from hlp.objects.meshes import load_mesh
-from hlp.objects.patch_sizes import holistic_size, local_size
+from hlp.objects.object_model import holistic_size, local_size
 
 OBJECTS = Path(__file__).parents[2] / "conf" / "data" / "objects" / "linemod.yaml"
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hlp.patches.holistic import union_of_squares
-from hlp.patches.likely_places import (
+from hlp.patches.window_choice import (
     CloserSettings,
     first_region,
     likely_places,

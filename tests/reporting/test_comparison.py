@@ -12,7 +12,7 @@ from hlp.reporting.comparison import (
     mcnemar_exact,
     read_targets,
 )
-from hlp.results.scores_file import write_scores
+from hlp.results.poses_file import write_scores
 from table_text import unpadded
 
 NAMES = {5: "can", 6: "cat"}

@@ -8,7 +8,7 @@ from hlp.records import TargetScore
 from hlp.reporting.ladder import arms_of, describe_ladders, gain_of, write_ladder
 from hlp.reporting.results import read_results
 from hlp.results.intervals import difference_interval
-from hlp.results.scores_file import write_scores
+from hlp.results.poses_file import write_scores
 from table_text import unpadded
 from written_results import scored, write_run, write_sweep
 

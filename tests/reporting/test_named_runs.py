@@ -4,8 +4,8 @@ import pytest
 
 from hlp.errors import InputError
 from hlp.records import TargetScore
-from hlp.reporting.named_runs import describe_named
-from hlp.results.scores_file import write_scores
+from hlp.reporting.mlflow_runs import describe_named
+from hlp.results.poses_file import write_scores
 from table_text import unpadded
 
 

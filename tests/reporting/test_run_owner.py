@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from hlp.reporting.run_owner import owner_is_dead, owner_tags
+from hlp.reporting.local_database import owner_is_dead, owner_tags
 
 
 def test_this_process_lives() -> None:
@@ -14,7 +14,8 @@ def test_this_process_lives() -> None:
 
 
 def test_a_process_that_ended_is_dead_also_before_it_is_waited_for() -> None:
-    code = "import json; from hlp.reporting.run_owner import *; print(json.dumps(owner_tags()))"
+    code = "import json; from hlp.reporting.local_database import owner_tags as tags"
+    code += "; print(json.dumps(tags()))"
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     tags = json.loads(process.stdout.read())

@@ -6,7 +6,7 @@ import pytest
 
 from hlp.records import TargetScore
 from hlp.reporting.comparison import ScoredTarget
-from hlp.reporting.selection import report_selection, selection_table
+from hlp.reporting.run_list import report_selection, selection_table
 
 
 def scored(name: str, visible: float, right: bool, box: bool = True) -> ScoredTarget:

@@ -11,7 +11,7 @@ import pytest
 from hlp.errors import DataError
 from hlp.reporting.figures.basin_maps import Basins, write_basins
 from hlp.reporting.page.pages import write_pages
-from hlp.reporting.page.study_sweep_page import write_study_sweep_page
+from hlp.reporting.page.study_page import write_study_sweep_page
 from hlp.reporting.report import report_runs
 from hlp.reporting.study_arms import StudySweep, read_study_sweeps
 from hlp.reporting.study_sweep import (
@@ -21,7 +21,7 @@ from hlp.reporting.study_sweep import (
     write_study_sweep,
 )
 from hlp.results.intervals import blocks_of, difference_interval
-from hlp.results.target_values import write_target_values
+from hlp.results.summary_file import write_target_values
 from written_results import scored, write_run, write_sweep
 
 

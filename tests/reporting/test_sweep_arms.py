@@ -11,7 +11,7 @@ from hlp.reporting.page.pages import write_pages
 from hlp.reporting.results import read_results
 from hlp.reporting.sweep_arms import sweep_of, sweep_table, sweep_verdict
 from hlp.reporting.sweep_report import describe_sweep, sweep_figure, write_sweep_files
-from hlp.results.scores_file import write_scores
+from hlp.results.poses_file import write_scores
 from written_results import scored, write_run, write_sweep
 
 PARTICLES = "refinement.particles"

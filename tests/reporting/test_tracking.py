@@ -15,8 +15,8 @@ from mlflow.exceptions import MlflowException
 
 import hlp
 from hlp.errors import ConfigError, DataError, is_expected
+from hlp.reporting.local_database import owner_tags
 from hlp.reporting.mlflow_server import how_to_browse
-from hlp.reporting.run_owner import owner_tags
 from hlp.reporting.tracker import LoggedAs, Tracker, flatten, metric_name
 from hlp.reporting.tracking import (
     REVISION,

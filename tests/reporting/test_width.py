@@ -14,10 +14,9 @@ from hlp.records import TargetScore
 from hlp.reporting.figures.basin_maps import Basins, format_basins
 from hlp.reporting.paper_results import ADD_BY_OBJECT
 from hlp.reporting.tables.bench_table import format_bench
-from hlp.reporting.tables.oracle_table import format_oracle
-from hlp.reporting.tables.search_table import format_search
+from hlp.reporting.tables.repeats import format_oracle, format_search
 from hlp.reporting.tables.summary_tables import format_summary
-from hlp.results.scores_file import write_scores
+from hlp.results.poses_file import write_scores
 from written_bench import bench_result
 from written_results import scored, write_run, write_sweep
 from written_summary import quality

@@ -12,10 +12,9 @@ from generated_values import SEEDS, json_values, motions, texts
 from hlp.files import read_json, write_json
 from hlp.records import PoseEstimate, TargetScore
 from hlp.results.answers_file import AnswersFile
-from hlp.results.poses_file import read_poses, write_poses
-from hlp.results.scores_file import read_scores, write_scores
+from hlp.results.poses_file import read_poses, read_scores, write_poses, write_scores
+from hlp.schemas.outputs import Manifest
 from hlp.schemas.reading import read_as
-from hlp.schemas.runs import Manifest
 
 IDS = st.integers(0, 10**6)
 SECONDS = st.dictionaries(texts(), st.floats(0.0, 1e3), max_size=3)

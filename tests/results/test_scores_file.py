@@ -4,7 +4,7 @@ import math
 import pytest
 
 from hlp.records import TargetScore
-from hlp.results.scores_file import read_scores, write_scores
+from hlp.results.poses_file import read_scores, write_scores
 
 
 def _score(found):

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from hlp.errors import DataError
-from hlp.results.target_values import (
+from hlp.results.summary_file import (
     numbered_targets,
     read_target_values,
     write_target_values,

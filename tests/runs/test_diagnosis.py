@@ -9,7 +9,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from hlp.evaluation.settings import EvaluationSettings, WaterfallSettings
-from hlp.evaluation.vote_quality import VoteCounts
+from hlp.evaluation.waterfall import VoteCounts
 from hlp.geometry import project, rigid, transform
 from hlp.method.find.trace import STAGES, ObjectTrace
 from hlp.records import (

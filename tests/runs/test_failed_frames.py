@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hlp.data.bad_frames import StatedTarget
+from hlp.data.dataset import StatedTarget
 from hlp.errors import DataError
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.evaluation.summary import summarise
 from hlp.objects.shapes import rounded_box
 from hlp.records import ObjectModel, PoseEstimate, Target
-from hlp.runs.failed_frames import describe_failed, require_some, say_failed, with_failed_frames
+from hlp.runs.diagnosis import describe_failed, require_some, say_failed, with_failed_frames
 
 KEYS = ("000006_000001", "000006_000002", "000007_000001")
 REASONS = {KEYS[1]: "rgb/000002.png is truncated"}

@@ -3,8 +3,8 @@ from typing import Any
 
 import pytest
 
-from hlp.runs import mlflow_pictures
-from hlp.runs.mlflow_pictures import log_pictures
+from hlp.runs import page_material as mlflow_pictures
+from hlp.runs.page_material import log_pictures
 
 
 def test_panels_are_logged_by_frame_and_pictures_of_stages_by_name(

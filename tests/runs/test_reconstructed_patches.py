@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from hlp.models.encoder_input import patch_input
+from hlp.models.encoder import patch_input
 from hlp.records import LocalPatches
-from hlp.runs.reconstructed_patches import reconstruct
+from hlp.runs.patch_entries import reconstruct
 
 
 class MeanColor:

@@ -6,7 +6,7 @@ import numpy as np
 
 from hlp.patches.holistic import HolisticSettings
 from hlp.records import Frame, Target
-from hlp.runs.window_classes import WindowClasses
+from hlp.runs.training_windows import WindowClasses
 
 
 class ByBrightness:

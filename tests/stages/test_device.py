@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from hlp.stages.device import device_name
+from hlp.stages.manifest import device_name
 
 
 def test_the_name_is_the_gpus_model_where_a_gpu_computes(monkeypatch: pytest.MonkeyPatch) -> None:

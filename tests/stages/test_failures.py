@@ -15,7 +15,7 @@ from fake_detection import (
     fake_dataset,
     method_settings,
 )
-from hlp.data.bad_frames import StatedTarget
+from hlp.data.dataset import StatedTarget
 from hlp.errors import DataError, MissingFileError
 from hlp.records import Frame
 from hlp.stages import detection

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 import hlp
-from hlp.stages import provenance
-from hlp.stages.provenance import code_digest, git_revision, library_builds, processor
+from hlp.stages import manifest as provenance
+from hlp.stages.manifest import code_digest, git_revision, library_builds, processor
 
 
 def git(folder: Path, *words: str) -> str:

@@ -18,8 +18,8 @@ from hlp.config.build import Run, build_run
 from hlp.errors import DataError
 from hlp.records import TargetScore
 from hlp.reporting.tracking import track_run
-from hlp.results.scores_file import write_scores
-from hlp.results.target_values import read_target_values
+from hlp.results.poses_file import write_scores
+from hlp.results.summary_file import read_target_values
 from hlp.studies import search
 from hlp.studies.search import SearchSettings
 from hlp.studies.search_space import Choices, Range, check_within, nested, read_space

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from hlp.checks.finding import Finding, counted
-from hlp.checks.known_objects import colored_answers
+from hlp.checks.registration import colored_answers
 from hlp.method.find.detections import Detection
 from hlp.records import Frame, ObjectModel
 from hlp.refinement.texture import color_agreement

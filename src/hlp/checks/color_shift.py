@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hlp.checks.finding import Finding, counted
-from hlp.checks.known_objects import colored_answers
+from hlp.checks.registration import colored_answers
 from hlp.method.find.detections import Detection
 from hlp.records import Frame, ObjectModel
 from hlp.refinement.texture import color_agreement

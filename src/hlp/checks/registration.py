@@ -1,13 +1,15 @@
 """Whether the depth image lies on the colour image: edges of both should coincide."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from hlp.checks.finding import Finding
-from hlp.records import Frame
+from hlp.method.find.detections import Detection, SearchResult
+from hlp.method.track.tracking import TrackingResult
+from hlp.records import Frame, ObjectModel
 
 _REACH = 16  # px: shifts that are tried in both directions
 _FEWEST = 300  # depth edge pixels of an image; fewer say nothing
@@ -80,3 +82,22 @@ def _depth_edges(depth: Float[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
             jump = (np.abs(far - near) > limit) & (second - first <= _GAP)
             marked[np.where(near < far, first, second)[jump]] = True
     return edges
+
+
+_SHAPE_FITS = 0.8  # correlation of relief and of slope: wrong poses rarely reach it
+
+
+def all_answers(found: SearchResult | TrackingResult) -> list[Detection]:
+    """Detections and what was not good enough: a fault of the frame lowers the score."""
+    return [*found.detections, *(each.answer for each in found.rejections if each.answer)]
+
+
+def colored_answers(
+    models: Mapping[str, ObjectModel], answers: Sequence[Detection]
+) -> list[Detection]:
+    """Poses of objects with colours whose shape fits. `models` are by the names of the answers."""
+    return [
+        each
+        for each in answers
+        if models[each.object].mesh.colored and min(each.fit.relief, each.fit.slope) >= _SHAPE_FITS
+    ]

@@ -9,9 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from hlp.checks.camera import check_depth_scale
 from hlp.checks.depth_and_focal import Correction
 from hlp.checks.finding import Finding
+from hlp.checks.frame_checks import check_depth_scale
 from hlp.errors import InputError
 from hlp.method.detector import Detector
 from hlp.records import Frame

@@ -25,7 +25,7 @@ def command(arguments: Sequence[str]) -> None:
 
 
 def _examine(arguments: Sequence[str]) -> None:
-    from hlp.data.frame_folders import with_frames
+    from hlp.data.frame_paths import with_frames
 
     given = with_frames(own_arguments.split_arguments(arguments))
     from hlp.data.own_frames import FrameFiles

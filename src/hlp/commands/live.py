@@ -34,8 +34,7 @@ def _live(arguments: Sequence[str]) -> None:
         if key not in given:
             raise InputError(f"{key} is not set: give {key}=…, see `hlp live --help`")
     from hlp.runs.learnt_cache import cache_folder, find_learnt
-    from hlp.runs.live import LiveOptions, live
-    from hlp.runs.live_pictures import LivePictures
+    from hlp.runs.live import LiveOptions, LivePictures, live
 
     settings = _settings_of(given["source"])
     options = own_arguments.field_names(LiveOptions)
@@ -86,7 +85,7 @@ class _Answers:
 
 def _settings_of(source: str) -> tuple[type, ...]:
     """The settings that a source takes as keys."""
-    from hlp.data.cameras.folder import FolderSettings
+    from hlp.data.cameras.camera import FolderSettings
     from hlp.data.cameras.realsense import RealSenseSettings
     from hlp.data.own_frames import CameraSettings
 
@@ -104,9 +103,7 @@ def _settings_of(source: str) -> tuple[type, ...]:
 
 
 def _camera(given: Mapping[str, str], settings: tuple[type, ...]) -> Camera:
-    from hlp.data.cameras.camera import load_camera
-    from hlp.data.cameras.folder import FolderCamera
-    from hlp.data.cameras.lines import LinesCamera
+    from hlp.data.cameras.camera import FolderCamera, LinesCamera, load_camera
     from hlp.data.cameras.realsense import RealSenseCamera
 
     if not settings:

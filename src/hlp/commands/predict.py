@@ -10,8 +10,7 @@ from hlp.commands import composing, own_arguments
 from hlp.errors import InputError
 
 if TYPE_CHECKING:
-    from hlp.data.own_frames import OwnFrames
-    from hlp.data.search_masks import SearchMasks
+    from hlp.data.own_frames import OwnFrames, SearchMasks
     from hlp.runs.prediction import PredictionOptions
 
 _NEEDED = ("rgb", "depth", "intrinsics")
@@ -34,7 +33,7 @@ def continues(arguments: Sequence[str]) -> bool:
 
 
 def _predict(arguments: Sequence[str]) -> None:
-    from hlp.data.frame_folders import with_frames
+    from hlp.data.frame_paths import with_frames
     from hlp.data.own_frames import FrameFiles, OwnFrames
 
     given = with_frames(own_arguments.split_arguments(arguments))
@@ -94,7 +93,7 @@ def _options(given: Mapping[str, str]) -> PredictionOptions:
 def _masks(given: Mapping[str, str]) -> SearchMasks | None:
     if "mask" not in given and "box" not in given:
         return None
-    from hlp.data.search_masks import SearchMasks
+    from hlp.data.own_frames import SearchMasks
 
     if "mask" in given and "box" in given:
         raise InputError("mask and box: give one of them")

@@ -11,8 +11,7 @@ from omegaconf.errors import MissingMandatoryValue
 from hlp.config.chosen import Chosen
 from hlp.config.settings import RunSettings
 from hlp.config.symmetric_names import check_symmetric
-from hlp.data.bad_frames import find_bad_frames
-from hlp.data.dataset import Dataset
+from hlp.data.dataset import Dataset, find_bad_frames
 from hlp.errors import ConfigError, DataError
 from hlp.models.network import require_device
 from hlp.settings import read_settings

@@ -16,9 +16,14 @@ import numpy as np
 from annotated_types import Ge, Interval, Le
 from jaxtyping import Bool, Float
 
-from hlp.data.bad_frames import StatedTarget
-from hlp.data.bop_layout import AUTO, find_split, find_targets_file
-from hlp.data.bop_models import evaluation_meshes, load_object_models, name_objects
+from hlp.data.bop_models import (
+    AUTO,
+    evaluation_meshes,
+    find_split,
+    find_targets_file,
+    load_object_models,
+    name_objects,
+)
 from hlp.data.bop_scenes import COLOR, Scene, list_scenes
 from hlp.data.bop_targets import (
     FrameId,
@@ -28,10 +33,15 @@ from hlp.data.bop_targets import (
     most_visible,
     stated_instances,
 )
-from hlp.data.dataset import DATASETS, Dataset
-from hlp.data.image_headers import depth_image_size, image_size, require_same_size
-from hlp.data.images import read_depth, read_rgb, same_size
-from hlp.data.sources import content_hash
+from hlp.data.dataset import DATASETS, Dataset, StatedTarget, content_hash
+from hlp.data.images import (
+    depth_image_size,
+    image_size,
+    read_depth,
+    read_rgb,
+    require_same_size,
+    same_size,
+)
 from hlp.data.training_images import MAX_MEGAPIXELS, FolderSettings, existing_folder
 from hlp.errors import DataError, MissingFileError
 from hlp.geometry import transform

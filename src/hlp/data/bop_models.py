@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from hlp.data.model_checks import check_diameter, check_symmetries
+from hlp.data.bop_scenes import list_scenes
 from hlp.errors import ConfigError, DataError, MissingFileError
-from hlp.geometry import nearest_rotation, rigid
+from hlp.geometry import nearest_rotation, rigid, transform
+from hlp.objects.meshes import mesh_diameter
 from hlp.objects.object_model import ObjectSettings, build_object_model, check_unique
-from hlp.records import MILLIMETRE, ObjectModel
+from hlp.records import MILLIMETRE, MILLIMETRES_PER_METRE, ObjectModel
+from hlp.rendering.surface_samples import sample_surface
 from hlp.schemas import bop
 from hlp.schemas.meaning import require_rotation
 from hlp.schemas.reading import read_as
@@ -156,3 +158,78 @@ def _model_infos(folder: Path) -> dict[str, bop.ModelInfo]:
     """The entries of `models_info.json`; none if there is no such file."""
     path = folder / _INFO
     return dict(read_as(path, bop.ModelInfos)) if path.is_file() else {}
+
+
+AUTO = "auto"
+"""The value of a setting that is to be found in the folder."""
+_KINDS = ("test", "val")
+
+
+def find_split(root: Path) -> str:
+    """The folder with the images to evaluate: `test`, `test_*`, `val` or `val_*`.
+
+    The first with true poses, or the first at all if none has them: BOP keeps the true poses of
+    some of its test images private. Raises MissingFileError if there is no such folder.
+    """
+    found = [
+        folder.name
+        for kind in _KINDS
+        for folder in sorted(root.glob(f"{kind}*"))
+        if folder.is_dir() and folder.name.partition("_")[0] == kind
+    ]
+    if not found:
+        raise MissingFileError(f"{root} has no folder test, test_* or val: set data.split=NAME")
+    scenes = {name: list_scenes(root / name).values() for name in found}
+    with_poses = [name for name in found if any(each.annotated for each in scenes[name])]
+    return (with_poses or found)[0]
+
+
+def find_targets_file(root: Path, split: str) -> str | None:
+    """BOP's list of targets for a split, if there is one.
+
+    The list of 2019 states the objects and their numbers, that of 2024 only the frames.
+    """
+    kind = split.partition("_")[0]
+    names = [f"{kind}_targets_bop{year}.json" for year in (19, 24)]
+    return next((name for name in names if (root / name).is_file()), None)
+
+
+DIAMETER_TOLERANCE = 1.25
+"""A stated diameter may be that many times larger or smaller than the mesh's."""
+SYMMETRY_TOLERANCE = 0.05
+"""A stated symmetry may take the surface from itself by this share of the diameter, on average."""
+_SAMPLES, _MOVED = 5_000, 500
+_MOST_CHECKED = 24  # motions, spread over all that are stated
+
+
+def check_diameter(model: ObjectModel, where: str) -> None:
+    """Raise DataError if the stated diameter is not that of the mesh, as in another unit."""
+    measured = mesh_diameter(model.mesh.vertices)
+    ratio = model.diameter / measured
+    if not 1 / DIAMETER_TOLERANCE <= ratio <= DIAMETER_TOLERANCE:
+        raise DataError(
+            f"{where}: diameter is {model.diameter * MILLIMETRES_PER_METRE:.6g}, the mesh's is "
+            f"{measured * MILLIMETRES_PER_METRE:.6g}: it must be in millimetres, and of this mesh"
+        )
+
+
+def check_symmetries(model: ObjectModel, where: str) -> None:
+    """Raise DataError if a stated symmetry does not map the mesh onto itself."""
+    from scipy.spatial import cKDTree
+
+    if len(model.symmetries) == 1:
+        return
+    points = sample_surface(model.mesh, _SAMPLES).points
+    tree, moving = cKDTree(points), points[:: _SAMPLES // _MOVED]
+    limit = SYMMETRY_TOLERANCE * model.diameter
+    step = max(1, len(model.symmetries) // _MOST_CHECKED)
+    for motion in model.symmetries[1::step]:
+        apart = float(tree.query(transform(motion, moving))[0].mean())
+        if apart > limit:
+            millimetres = apart * MILLIMETRES_PER_METRE
+            turn = np.degrees(np.arccos(np.clip((np.trace(motion[:3, :3]) - 1) / 2, -1, 1)))
+            raise DataError(
+                f"{where}: a stated symmetry (a turn by {turn:.0f}°) takes the surface "
+                f"{millimetres:.3g} mm from itself on average, at most "
+                f"{limit * MILLIMETRES_PER_METRE:.3g} mm are possible: check its axis and offset"
+            )

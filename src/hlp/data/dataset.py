@@ -1,24 +1,81 @@
 """A data set: objects, frames to find them in, and images to train with."""
 
+import hashlib
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Bool, UInt8
 
 from hlp.data.photographs import list_photographs, photograph_crops
-from hlp.data.sources import FrameSource, content_hash
-from hlp.errors import ConfigError
+from hlp.errors import ConfigError, HlpError
 from hlp.objects.meshes import load_mesh
 from hlp.objects.object_model import mesh_identity, model_identity
 from hlp.patches.procedural_backgrounds import procedural_backgrounds
-from hlp.records import Frame, Mesh, ObjectModel
+from hlp.records import Frame, Mesh, ObjectModel, Target
 from hlp.registry import Registry
 from hlp.source_code import source_digest
+
+_CHUNK = 1 << 20
+
+
+class FrameSource(Protocol):
+    """An ordered set of RGB-D frames, loaded one at a time.
+
+    `keys` are the frames' `Frame.key`, in order and unique; they are known without decoding images.
+    """
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Names of the frames, in order."""
+        ...
+
+    def load(self, key: str) -> Frame:
+        """Decode one frame. Raises KeyError for an unknown key, ValueError for a broken file."""
+        ...
+
+    def identity(self) -> str:
+        """Hash of all content that the frames are made from."""
+        ...
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        ...
+
+
+@runtime_checkable
+class VisibleMasks(Protocol):
+    """Frames with masks of the targets' visible pixels."""
+
+    def visible_mask(self, frame: Frame, target: Target) -> Bool[np.ndarray, "h w"] | None:
+        """Pixels that show the target, which is one of the frame's; None if not known."""
+        ...
+
+
+def annotated_mask(
+    source: FrameSource, frame: Frame, target: Target
+) -> Bool[np.ndarray, "h w"] | None:
+    """The data set's own mask of the pixels that show a target; None where it has none."""
+    return source.visible_mask(frame, target) if isinstance(source, VisibleMasks) else None
+
+
+def content_hash(files: Iterable[Path], extra: str = "") -> str:
+    """BLAKE2b over the bytes of the files in the given order, and `extra` (32 hex digits).
+
+    File names are hashed without their folders, so that a data set can be moved. Raises OSError
+    for a file that cannot be read.
+    """
+    digest = hashlib.blake2b(extra.encode(), digest_size=16)
+    for file in files:
+        digest.update(f"\0{file.name}\0{file.stat().st_size}\0".encode())
+        with file.open("rb") as stream:
+            while chunk := stream.read(_CHUNK):
+                digest.update(chunk)
+    return digest.hexdigest()
 
 
 @dataclass(frozen=True)
@@ -131,3 +188,57 @@ DATASETS: Registry[DataSettings] = Registry("data", "hlp.data")
 def frames_identity(source: FrameSource | None) -> str:
     """Content hash of optional frames."""
     return "none" if source is None else source.identity()
+
+
+@dataclass(frozen=True)
+class StatedTarget:
+    """A target that a frame should have; its visible fraction is nan where it is not stated."""
+
+    object_id: int
+    visible_fraction: float = float("nan")
+
+
+@runtime_checkable
+class CheckedFrames(Protocol):
+    """Frames read from files, which can be broken.
+
+    A bad frame of such a source costs itself alone, because its targets are known without it.
+    """
+
+    def check(self, key: str, models: Mapping[int, ObjectModel]) -> None:
+        """Raise an `HlpError` that names the file and says what is wrong with a frame.
+
+        Only what its text files and the beginnings of its images tell is checked. `models` are the
+        data set's objects by id.
+        """
+        ...
+
+    def stated_targets(self, key: str) -> tuple[StatedTarget, ...]:
+        """The targets of a frame, as many as would have to be found in it if it were sound."""
+        ...
+
+
+def find_bad_frames(dataset: Dataset, keys: Sequence[str]) -> dict[str, str]:
+    """The frames that cannot be used, and why.
+
+    Frames are decoded up to the first sound one, so that what is wrong with all of them, as a unit
+    of depth, is said at once.
+    """
+    source = dataset.frames
+    if not isinstance(source, CheckedFrames):
+        return {}
+    reasons: dict[str, str] = {}
+    for key in keys:
+        try:
+            source.check(key, dataset.models)
+        except HlpError as error:
+            reasons[key] = str(error)
+    for key in keys:
+        if key in reasons:
+            continue
+        try:
+            source.load(key)
+            break
+        except HlpError as error:
+            reasons[key] = str(error)
+    return reasons

@@ -16,11 +16,15 @@ import numpy as np
 from annotated_types import Gt, Unit
 from jaxtyping import Float, UInt16
 
-from hlp.data.bad_frames import StatedTarget
-from hlp.data.dataset import DATASETS, Dataset
-from hlp.data.image_headers import image_size, require_same_size
-from hlp.data.images import camera_matrix, depth_metres, read_rgb, same_size
-from hlp.data.sources import content_hash
+from hlp.data.dataset import DATASETS, Dataset, StatedTarget, content_hash
+from hlp.data.images import (
+    camera_matrix,
+    depth_metres,
+    image_size,
+    read_rgb,
+    require_same_size,
+    same_size,
+)
 from hlp.data.training_images import MAX_MEGAPIXELS, FolderSettings, existing_folder
 from hlp.errors import DataError, MissingFileError
 from hlp.geometry import nearest_rotation, rigid, transform

@@ -3,6 +3,7 @@
 from functools import cached_property
 from pathlib import Path
 
+from hlp.data.dataset import content_hash
 from hlp.data.images import (
     EXTENSIONS,
     camera_matrix,
@@ -11,7 +12,6 @@ from hlp.data.images import (
     read_rgb,
     same_size,
 )
-from hlp.data.sources import content_hash
 from hlp.errors import MissingFileError
 from hlp.records import Frame, frame_key, parse_frame_key
 from hlp.schemas.bop import CameraEntry

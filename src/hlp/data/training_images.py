@@ -7,10 +7,9 @@ from typing import Annotated
 
 from annotated_types import Ge, Gt
 
-from hlp.data.dataset import Dataset, DataSettings
+from hlp.data.dataset import Dataset, DataSettings, FrameSource
 from hlp.data.photographs import list_photographs
 from hlp.data.rgbd_frames import RgbdFrames
-from hlp.data.sources import FrameSource
 from hlp.errors import MissingFileError
 from hlp.records import ObjectModel
 from hlp.settings import Doc, Settings

@@ -15,13 +15,19 @@ import numpy as np
 from annotated_types import Gt
 from jaxtyping import Float
 
-from hlp.data.bad_frames import StatedTarget
 from hlp.data.camera_files import read_camera
-from hlp.data.dataset import DATASETS, Dataset
+from hlp.data.dataset import DATASETS, Dataset, StatedTarget, content_hash
 from hlp.data.frame_paths import natural
-from hlp.data.image_headers import depth_image_size, image_size, require_same_size
-from hlp.data.images import EXTENSIONS, find_image, read_depth, read_rgb, same_size
-from hlp.data.sources import content_hash
+from hlp.data.images import (
+    EXTENSIONS,
+    depth_image_size,
+    find_image,
+    image_size,
+    read_depth,
+    read_rgb,
+    require_same_size,
+    same_size,
+)
 from hlp.data.training_images import MAX_MEGAPIXELS, FolderSettings, existing_folder
 from hlp.errors import DataError, MissingFileError
 from hlp.geometry import nearest_rotation, rigid, transform

@@ -17,8 +17,8 @@ from scipy.spatial import cKDTree
 from hlp.errors import DataError
 from hlp.evaluation import errors
 from hlp.evaluation.bop_recalls import BopRecalls
-from hlp.evaluation.missed_targets import missed_score
 from hlp.evaluation.settings import EvaluationSettings
+from hlp.evaluation.waterfall import missed_score
 from hlp.records import Frame, Mesh, ObjectModel, PoseEstimate, Target, TargetScore
 
 Pose = Float[np.ndarray, "4 4"]

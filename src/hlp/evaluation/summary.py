@@ -7,14 +7,14 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float
 
-from hlp.evaluation.calibration import summarise_calibration
+from hlp.evaluation.evaluator import FrameTruth
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.evaluation.waterfall import count_causes
-from hlp.records import TargetScore
-from hlp.results.average_recalls import average_recalls
+from hlp.records import PoseEstimate, TargetScore
 from hlp.results.intervals import blocks_of, recall_interval
-from hlp.results.summary_file import METRICS, Summary
+from hlp.results.summary_file import METRICS, Summary, average_recalls
 
 
 def summarise(
@@ -116,3 +116,114 @@ def _times(values: Sequence[float]) -> Summary:
     if not len(values):
         return {"median": None, "p95": None}
     return {"median": float(np.median(values)), "p95": float(np.percentile(values, 95))}
+
+
+def count_false_alarms(
+    truths: Sequence[FrameTruth], estimates: Sequence[PoseEstimate], min_score: float
+) -> dict[str, Any]:
+    """How often an object that is no target of a frame was said to be there.
+
+    `estimates` include those without a pose, since they tell what was looked for. `searched` counts
+    pairs of object and frame without a target, `alarms` those with an answer of at least
+    `min_score`; `rate` is their ratio, None if nothing was searched in vain.
+    """
+    present = {
+        (truth.scene_id, truth.frame_id, target.object_id)
+        for truth in truths
+        for target in truth.targets
+    }
+    best: dict[tuple[int, int, int], float] = {}
+    for each in estimates:
+        key = (each.scene_id, each.frame_id, each.object_id)
+        if key not in present:
+            score = 0.0 if each.pose_cam_obj is None else each.score
+            best[key] = max(best.get(key, 0.0), score)
+    alarms = sum(score >= min_score for score in best.values())
+    rate = alarms / len(best) if best else None
+    return {"searched": len(best), "alarms": alarms, "min_score": min_score, "rate": rate}
+
+
+_BINS = 10
+
+
+def expected_calibration_error(
+    scores: Float[np.ndarray, "n"], right: Bool[np.ndarray, "n"], bins: int = _BINS
+) -> float:
+    """Mean of |share of right answers − mean score| over bins of equal width, by their answers.
+
+    Guo et al., On Calibration of Modern Neural Networks (ICML 2017), Eq. 3. Raises ValueError
+    without answers, or for a score outside [0, 1].
+    """
+    table = reliability(scores, right, bins)
+    gaps = np.abs(table[:, 1] - table[:, 2])
+    return float((table[:, 0] * gaps).sum() / table[:, 0].sum())
+
+
+def reliability(
+    scores: Float[np.ndarray, "n"], right: Bool[np.ndarray, "n"], bins: int = _BINS
+) -> Float[np.ndarray, "b 3"]:
+    """Number of answers, mean score and share of right ones of each bin that has any."""
+    if len(scores) == 0:
+        raise ValueError("no answer to calibrate")
+    if not ((scores >= 0.0) & (scores <= 1.0)).all():
+        raise ValueError("scores must be probabilities, from 0 to 1")
+    place = np.minimum((scores * bins).astype(int), bins - 1)
+    count, total, hits = (
+        np.bincount(place, weights, bins) for weights in (None, scores, right.astype(float))
+    )
+    used = count > 0
+    return np.column_stack([count[used], total[used] / count[used], hits[used] / count[used]])
+
+
+def risk_coverage(
+    scores: Float[np.ndarray, "n"], right: Bool[np.ndarray, "n"]
+) -> tuple[Float[np.ndarray, "t"], Float[np.ndarray, "t"]]:
+    """Coverage and risk at every threshold, the highest score first; equal scores come together.
+
+    Raises ValueError without answers.
+    """
+    if len(scores) == 0:
+        raise ValueError("no answer, no risk")
+    order = np.argsort(-scores, kind="stable")
+    count = np.arange(1, len(scores) + 1)
+    risk = np.cumsum(~right[order]) / count
+    last = np.append(np.diff(scores[order]) != 0, True)
+    return count[last] / len(scores), risk[last]
+
+
+def area_under_risk_coverage(scores: Float[np.ndarray, "n"], right: Bool[np.ndarray, "n"]) -> float:
+    """Mean risk over all coverages (Geifman et al., ICLR 2019); 0 is best.
+
+    Answers with equal scores are in random order: each has their expected risk. Raises ValueError
+    without answers.
+    """
+    coverage, risk = risk_coverage(scores, right)
+    count = np.rint(coverage * len(scores))
+    wrong = count * risk
+    ends = np.concatenate([[0.0], count]).astype(int)
+    lost = np.concatenate([[0.0], wrong])
+    steps = np.arange(1, len(scores) + 1)
+    # Within equal scores the expected number of wrong answers grows linearly.
+    return float((np.interp(steps, ends, lost) / steps).mean())
+
+
+def summarise_calibration(targets: Sequence[TargetScore]) -> dict[str, Any]:
+    """What `summary.json` holds under `calibration`; numbers are None without any answer.
+
+    `reliability` has a row [answers, mean score, share of right ones] for each used bin,
+    `risk_coverage` up to 101 points [coverage, risk].
+    """
+    found = [target for target in targets if target.found and np.isfinite(target.score)]
+    if not found:
+        return {"answers": 0, "ece": None, "aurc": None, "reliability": [], "risk_coverage": []}
+    scores = np.array([target.score for target in found], dtype=np.float64)
+    right = np.array([target.add_s_correct for target in found], dtype=bool)
+    curve = np.column_stack(risk_coverage(scores, right))
+    shown = np.unique(np.linspace(0, len(curve) - 1, 101).round().astype(int))
+    return {
+        "answers": len(found),
+        "ece": expected_calibration_error(scores, right),
+        "aurc": area_under_risk_coverage(scores, right),
+        "reliability": reliability(scores, right).tolist(),
+        "risk_coverage": curve[shown].tolist(),
+    }

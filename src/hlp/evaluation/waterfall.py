@@ -17,12 +17,12 @@ outside_basin     there are enough good votes, but no coarse pose is within the 
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from hlp.evaluation.settings import WaterfallSettings
 from hlp.records import TargetScore
@@ -129,3 +129,113 @@ def visibility_class(fraction: float) -> str:
 def _count(scores: Sequence[TargetScore]) -> dict[str, int]:
     counts = Counter(CORRECT if score.add_correct else score.cause for score in scores)
     return {name: counts[name] for name in (CORRECT, *CAUSES)}
+
+
+def missed_score(
+    scene_id: int,
+    frame_id: int,
+    target: tuple[int, float],
+    bop_recalls: tuple[float, float, float],
+    cause: str = "",
+) -> TargetScore:
+    """The score of a target (object id, visible fraction) without a pose.
+
+    `bop_recalls` are those of VSD, MSSD and MSPD.
+    """
+    infinite = float("inf")
+    vsd, mssd, mspd = bop_recalls
+    return TargetScore(
+        scene_id,
+        frame_id,
+        target[0],
+        found=False,
+        visible_fraction=target[1],
+        add_error=infinite,
+        rotation_error=infinite,
+        translation_error=infinite,
+        box_iou=0.0,
+        add_correct=False,
+        pose_correct=False,
+        box_correct=False,
+        vsd_recall=vsd,
+        mssd_recall=mssd,
+        mspd_recall=mspd,
+        cause=cause,
+    )
+
+
+def bad_frame_scores(
+    scene_id: int, frame_id: int, targets: Iterable[tuple[int, float]]
+) -> list[TargetScore]:
+    """One score for each target (object id, visible fraction) of a frame that cannot be used."""
+    nothing = (0.0, 0.0, 0.0)
+    return [missed_score(scene_id, frame_id, each, nothing, BAD_FRAME) for each in targets]
+
+
+@dataclass(frozen=True)
+class VoteCounts:
+    """Numbers of votes for one object in one frame: all, good ones, and the weight of both.
+
+    `cast_by_object` counts the votes of patches that lie on the visible object, `good_by_object`
+    the good ones among these.
+    """
+
+    object_id: int
+    votes: int
+    good: int
+    weight: float
+    good_weight: float
+    cast_by_object: int
+    good_by_object: int
+
+    @classmethod
+    def of(
+        cls,
+        object_id: int,
+        good: Bool[np.ndarray, "v"],
+        weights: Float[np.ndarray, "v"],
+        on_object: Bool[np.ndarray, "v"],
+    ) -> "VoteCounts":
+        """Count votes, given which are good and which were cast by patches on the object."""
+        return cls(
+            object_id,
+            len(good),
+            int(good.sum()),
+            float(weights.sum()),
+            float(weights[good].sum()),
+            int(on_object.sum()),
+            int((good & on_object).sum()),
+        )
+
+
+def vote_quality(counts: Iterable[VoteCounts], names: Mapping[int, str]) -> dict[str, Any]:
+    """Shares of good votes over all objects (`total`) and per object; None where nobody voted.
+
+    `good` is the share of the votes and `good_weight` of their weight. `by_object` is the share
+    that patches on the object cast (a low one is the region's fault), `good_by_object` the share of
+    good votes among those (a low one is the features' fault). `votes` is the mean number of votes
+    for one object in one frame.
+    """
+    groups: dict[str, list[VoteCounts]] = {}
+    for each in sorted(counts, key=lambda item: item.object_id):
+        groups.setdefault(names[each.object_id], []).append(each)
+    everything = [each for group in groups.values() for each in group]
+    per_object = {name: _quality(group) for name, group in groups.items()}
+    return {"total": _quality(everything), "per_object": per_object}
+
+
+def _quality(counts: list[VoteCounts]) -> dict[str, float | None]:
+    votes = sum(each.votes for each in counts)
+    weight = sum(each.weight for each in counts)
+    cast = sum(each.cast_by_object for each in counts)
+    return {
+        "good": _ratio(sum(each.good for each in counts), votes),
+        "good_weight": _ratio(sum(each.good_weight for each in counts), weight),
+        "by_object": _ratio(cast, votes),
+        "good_by_object": _ratio(sum(each.good_by_object for each in counts), cast),
+        "votes": _ratio(votes, len(counts)),
+    }
+
+
+def _ratio(part: float, whole: float) -> float | None:
+    return part / whole if whole else None

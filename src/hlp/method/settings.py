@@ -14,9 +14,9 @@ from hlp.models.contrastive import ContrastiveSettings
 from hlp.models.encoders import ENCODERS, EncoderSettings
 from hlp.patches.holistic import HolisticSettings, RegionSettings
 from hlp.patches.holistic_pool import HolisticPoolSettings
-from hlp.patches.likely_places import CloserSettings
 from hlp.patches.local import GridSettings, LocalSettings
 from hlp.patches.local_pool import PairSettings
+from hlp.patches.window_choice import CloserSettings
 from hlp.refinement.pso import PsoSettings
 from hlp.refinement.refiner import REFINERS, RefinementSettings
 from hlp.rendering.views import ViewsSettings

@@ -14,9 +14,9 @@ from hlp.models.classifier import ClassifierSettings
 from hlp.models.encoders import EncoderSettings
 from hlp.patches.holistic import HolisticSettings, RegionSettings
 from hlp.patches.holistic_pool import HolisticPoolSettings
-from hlp.patches.likely_places import CloserSettings
 from hlp.patches.local import GridSettings, LocalSettings
 from hlp.patches.local_pool import PairSettings
+from hlp.patches.window_choice import CloserSettings
 from hlp.refinement.refiner import RefinementSettings
 from hlp.rendering.views import ViewsSettings
 from hlp.voting.modes import VotingSettings

@@ -57,8 +57,8 @@ class AutoencoderSettings(Settings):
 
     def train(self, training: EncoderTraining) -> None:
         """See `EncoderSettings.train`."""
-        from hlp.models.autoencoder_training import Autoencoder
-        from hlp.models.patch_decoder import save_decoder
+        from hlp.models.contrastive_training import Autoencoder
+        from hlp.models.patch_encoder import save_decoder
 
         data = training.frame_batches(
             self.per_frame, self.batch_size, self.rooms, self.varied_light
@@ -76,6 +76,6 @@ class AutoencoderSettings(Settings):
         self, folder: Path, features: Float[np.ndarray, "n d"]
     ) -> Float[np.ndarray, "n p p 4"] | None:
         """See `FeatureDecoder.decode`."""
-        from hlp.models.patch_decoder import decode
+        from hlp.models.patch_encoder import decode
 
         return decode(folder, self.widths, features)

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from hlp.models.classifier import RESOLUTION, ClassifierSettings
-from hlp.models.one_cycle import one_cycle
+from hlp.models.patch_encoder import one_cycle
 
 
 class HolisticCNN(nn.Module):

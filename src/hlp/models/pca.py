@@ -9,7 +9,7 @@ from annotated_types import Ge, Le
 from jaxtyping import Bool, Float, Float32
 
 from hlp.files import read_npz
-from hlp.models.encoder_input import empty_features, surface_normals
+from hlp.models.encoder import empty_features, surface_normals
 from hlp.models.encoders import ENCODERS, EncoderTraining
 from hlp.records import LocalPatches
 from hlp.settings import Doc, Settings, SettingsError

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from hlp.models.encoder_input import normals_with_depth, sees_color
+from hlp.models.encoder import normals_with_depth, sees_color
 
 
 def encoder_input(color: Tensor | None, depth: Tensor, valid: Tensor, kind: str) -> Tensor:

@@ -14,12 +14,13 @@ from jaxtyping import Float, Int, UInt8
 
 from hlp.errors import ConfigError, DataError, MissingFileError
 from hlp.objects.mesh_colors import (
+    check_scale,
+    guess_scale,
     mesh_colors,
     plain_colors,
     texture_missing,
     with_one_kind_of_color,
 )
-from hlp.objects.mesh_units import check_scale, guess_scale
 from hlp.records import MILLIMETRE, MILLIMETRES_PER_METRE, Mesh
 
 if TYPE_CHECKING:

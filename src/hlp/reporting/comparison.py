@@ -12,9 +12,8 @@ from hlp.records import TargetScore
 from hlp.reporting.tables.summary_tables import METRIC_LABELS
 from hlp.reporting.tables.table import Table, check_layout, lay_out, prose
 from hlp.results.intervals import blocks_of, difference_interval, median_difference_interval
-from hlp.results.scores_file import read_scores
-from hlp.results.summary_file import METRICS
-from hlp.results.target_values import TargetKey, numbered_targets
+from hlp.results.poses_file import read_scores
+from hlp.results.summary_file import METRICS, TargetKey, numbered_targets
 
 RESAMPLINGS = 10_000
 SEED = 0

@@ -8,11 +8,11 @@ from pathlib import Path
 from hlp.files import SCORES, write_csv, write_text
 from hlp.reporting.comparison import ScoredTarget, paired_difference, read_targets
 from hlp.reporting.figures.saving import save_figure
-from hlp.reporting.figures.steps import Step, draw_steps
+from hlp.reporting.figures.swarm_costs import Step, draw_steps
 from hlp.reporting.results import Result, ResultSet, read_results, result_folders
 from hlp.reporting.tables.summary_tables import average_recall
 from hlp.reporting.tables.table import Table, format_interval, format_share, lay_out, prose
-from hlp.results.target_values import TargetKey
+from hlp.results.summary_file import TargetKey
 
 NAME = "ladder"
 """The experiment, the swept config group, and the files of table and figure."""

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 from filelock import FileLock
 
 from hlp.errors import ConfigError
-from hlp.reporting.local_database import SQLITE, artifacts_uri, prepare_database
-from hlp.reporting.run_owner import owner_is_dead
+from hlp.reporting.local_database import SQLITE, artifacts_uri, owner_is_dead, prepare_database
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient

@@ -4,8 +4,8 @@ from pathlib import Path
 
 from hlp.errors import MissingFileError
 from hlp.files import SUMMARY, SWEEP
+from hlp.reporting.figures.bench_bars import draw_waterfall
 from hlp.reporting.figures.trade_off import draw_trade_off
-from hlp.reporting.figures.waterfall_bars import draw_waterfall
 from hlp.reporting.page.study_page import study_folders
 from hlp.reporting.study_arms import read_study_sweeps
 from hlp.reporting.study_sweep import describe_study_sweep, write_study_sweep

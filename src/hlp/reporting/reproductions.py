@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hlp.files import write_csv, write_text
-from hlp.reporting.figures.recall_points import draw_recalls
 from hlp.reporting.figures.saving import save_figure
+from hlp.reporting.figures.trade_off import draw_recalls
 from hlp.reporting.figures.trends import TRENDS, draw_trend, trend_note, trend_table
 from hlp.reporting.results import Result, ResultSet, read_results, result_folders
 from hlp.reporting.tables.paper_tables import (

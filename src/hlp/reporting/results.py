@@ -11,8 +11,8 @@ import yaml
 from hlp.errors import DataError
 from hlp.files import MANIFEST, SUMMARY, SWEEP
 from hlp.results.summary_file import read_summary
+from hlp.schemas.outputs import Manifest, Sweep
 from hlp.schemas.reading import read_as, shown
-from hlp.schemas.runs import Manifest, Sweep
 
 
 @dataclass(frozen=True)

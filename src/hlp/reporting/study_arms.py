@@ -10,9 +10,9 @@ from hlp.reporting.comparison import Difference, mean_difference, median_differe
 from hlp.reporting.results import chosen_values
 from hlp.reporting.study_numbers import STUDIES, StudyKind, StudyNumber, read_study
 from hlp.reporting.sweep_arms import holds_defaults, short_key, without_result
-from hlp.results.target_values import TargetKey, read_target_values
+from hlp.results.summary_file import TargetKey, read_target_values
+from hlp.schemas.outputs import Manifest, Sweep
 from hlp.schemas.reading import read_as
-from hlp.schemas.runs import Manifest, Sweep
 
 
 @dataclass(frozen=True)

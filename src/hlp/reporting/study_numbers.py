@@ -9,7 +9,7 @@ from hlp.errors import DataError
 from hlp.files import read_json
 from hlp.reporting.figures.basin_maps import read_mean_recalls
 from hlp.reporting.tables.bench_table import CONFIGURED, TOTAL, format_ms, read_bench
-from hlp.reporting.tables.oracle_table import head_of
+from hlp.reporting.tables.repeats import head_of
 from hlp.reporting.tables.table import format_share
 
 Interval = tuple[float, float]

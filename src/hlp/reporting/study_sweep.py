@@ -5,7 +5,7 @@ from pathlib import Path
 
 from hlp.files import write_csv, write_text
 from hlp.reporting.figures.saving import save_figure
-from hlp.reporting.figures.study_panels import draw_study_arms
+from hlp.reporting.figures.sweep_panels import draw_study_arms
 from hlp.reporting.study_arms import StudyArm, StudySweep, say_difference
 from hlp.reporting.study_numbers import STUDIES, StudyNumber
 from hlp.reporting.sweep_arms import short_key

@@ -10,7 +10,7 @@ from hlp.reporting.comparison import Difference, ScoredTarget, paired_difference
 from hlp.reporting.results import Result, ResultSet
 from hlp.reporting.tables.summary_tables import average_recall
 from hlp.reporting.tables.table import Table, format_interval, format_share
-from hlp.results.target_values import TargetKey
+from hlp.results.summary_file import TargetKey
 
 _LONGEST = 24  # characters of a value in a table
 _LOG = "hlp.log"

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from hlp.files import write_csv, write_text
 from hlp.reporting.figures.saving import save_figure
-from hlp.reporting.figures.steps import Step, draw_steps
+from hlp.reporting.figures.swarm_costs import Step, draw_steps
 from hlp.reporting.figures.sweep_grid import draw_grid
 from hlp.reporting.figures.sweep_panels import SweepFigure, SweepPoint, draw_sweep
 from hlp.reporting.results import read_results

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from hlp.errors import DataError, is_expected
 from hlp.reporting.experiment_page import ExperimentPage
+from hlp.reporting.local_database import owner_tags
 from hlp.reporting.mlflow_client import Opened, connect, import_client, is_local, reason
-from hlp.reporting.run_owner import owner_tags
 from hlp.reporting.tracker import LoggedAs, Tracker, metric_name
 from hlp.settings import Doc, Settings
 

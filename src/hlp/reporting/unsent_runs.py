@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hlp.errors import MissingFileError, NetworkError
-from hlp.reporting.local_database import SQLITE, remove_database
+from hlp.reporting.local_database import SQLITE, owner_is_dead, remove_database
 from hlp.reporting.mlflow_client import database_path, follow_database, import_client, is_away
-from hlp.reporting.run_owner import owner_is_dead
 from hlp.reporting.tracker import METRICS_AT_ONCE, PARAMETERS_AT_ONCE
 from hlp.reporting.tracking import CONTINUES, PARENT, SEND_TO
 

@@ -6,7 +6,7 @@ The rest is found out afterwards, for missed targets alone (`explain_misses`).
 
 import dataclasses
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
@@ -15,18 +15,33 @@ import numpy as np
 from jaxtyping import Bool
 from tqdm import tqdm
 
-from hlp.data.dataset import Dataset
-from hlp.data.sources import FrameSource, annotated_mask
+from hlp.config.build import Run
+from hlp.data.dataset import CheckedFrames, Dataset, FrameSource, annotated_mask
 from hlp.errors import DataError
+from hlp.evaluation.bop_recalls import unoccluded_mask
+from hlp.evaluation.errors import is_symmetric_flip, near_truth, poses_near_truth
 from hlp.evaluation.evaluator import FrameTruth, add_correct
-from hlp.evaluation.pose_distance import is_symmetric_flip, near_truth, poses_near_truth
 from hlp.evaluation.settings import EvaluationSettings
-from hlp.evaluation.visible_mask import unoccluded_mask
-from hlp.evaluation.vote_quality import VoteCounts
-from hlp.evaluation.waterfall import TargetCounts, TargetResults, cause_of
+from hlp.evaluation.waterfall import (
+    TargetCounts,
+    TargetResults,
+    VoteCounts,
+    bad_frame_scores,
+    cause_of,
+)
 from hlp.geometry import project, transform
 from hlp.method.find.trace import ObjectTrace, Stage, Trace
-from hlp.records import Frame, ObjectModel, Region, Target, TargetScore, Votes, frame_key
+from hlp.records import (
+    Frame,
+    ObjectModel,
+    Region,
+    Target,
+    TargetScore,
+    Votes,
+    frame_key,
+    parse_frame_key,
+)
+from hlp.reporting.tables.table import prose
 from hlp.stages.detection import DetectionStages
 from hlp.stages.trace_files import read_trace
 
@@ -173,3 +188,58 @@ def visible_pixels(source: FrameSource, frame: Frame, target: Target, model: Obj
         logging.getLogger(__name__).warning("frame %s: its mask is not used: %s", frame.key, error)
         annotated = None
     return unoccluded_mask(frame, target, model) if annotated is None else annotated
+
+
+_NAMED = 10  # frames that the last message names
+_logger = logging.getLogger(__name__)
+
+
+def require_some(failed: Mapping[str, str], frames: int) -> None:
+    """Raise DataError if all of a run's frames have failed."""
+    if len(failed) == frames:
+        first = next(iter(failed.values()))
+        raise DataError(f"none of the {frames} frames can be used; the first: {first}")
+
+
+def with_failed_frames(
+    run: Run, failed: Mapping[str, str], scores: Sequence[TargetScore]
+) -> list[TargetScore]:
+    """The scores and those of the frames that failed, in the order of the run's frames."""
+    if not failed:
+        return list(scores)
+    source = run.dataset.frames
+    assert isinstance(source, CheckedFrames)  # of others, a bad frame ends the run
+    lost = []
+    for key in failed:
+        targets = [(each.object_id, each.visible_fraction) for each in source.stated_targets(key)]
+        lost += bad_frame_scores(*parse_frame_key(key), targets)
+    place = {key: number for number, key in enumerate(run.keys)}
+    return sorted([*scores, *lost], key=lambda each: place[frame_key(each.scene_id, each.frame_id)])
+
+
+def describe_failed(failed: Mapping[str, str]) -> list[dict[str, object]]:
+    """`frames_failed` of `summary.json`: the frames and the reasons."""
+    described: list[dict[str, object]] = []
+    for key, reason in sorted(failed.items()):
+        scene_id, frame_id = parse_frame_key(key)
+        described.append({"scene_id": scene_id, "im_id": frame_id, "reason": reason})
+    return described
+
+
+def report_bad_frames(run: Run) -> None:
+    """One line for each frame that is known to be bad before the first stage."""
+    for key, reason in run.bad_frames.items():
+        _logger.warning("frame %s cannot be used: %s", key, reason)
+
+
+def say_failed(failed: Mapping[str, str], frames: int) -> None:
+    """What a run says of them at its end; nothing if there is none."""
+    if not failed:
+        return
+    named = ", ".join(sorted(failed)[:_NAMED])
+    more = ", …" if len(failed) > _NAMED else ""
+    words = (
+        f"{len(failed)} of {frames} frames could not be used; their targets count as wrong: "
+        f"{named}{more} (the reasons are in summary.json)"
+    )
+    _logger.warning("\n%s", prose(words, "text"))

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from hlp.checks import camera, machine
+from hlp.checks import frame_checks, machine
 from hlp.checks.evidence import Evidence
 from hlp.checks.finding import Finding
 from hlp.checks.frame_checks import check_frames, read_frames
-from hlp.checks.known_objects import all_answers
+from hlp.checks.registration import all_answers
 from hlp.checks.true_poses import check_true_poses
 from hlp.checks.unit_search import best_score, check_by_search
 from hlp.data.bop import BopFrames, BopSettings
@@ -39,7 +39,7 @@ def examine_learnt(folder: Path) -> tuple[Detector | None, list[Finding]]:
     try:
         detector = Detector.load(folder)
         detector.warm_up()
-        return detector, camera.check_object_size(list(detector.models.values()))
+        return detector, frame_checks.check_object_size(list(detector.models.values()))
     except HlpError as error:
         return None, [Finding("learnt objects", str(folder), str(error), "Learn them again")]
 

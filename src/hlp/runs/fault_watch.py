@@ -7,8 +7,7 @@ from functools import partial
 from hlp.checks.evidence import Evidence
 from hlp.checks.finding import Finding
 from hlp.checks.frame_checks import check_first_frame
-from hlp.checks.known_objects import all_answers
-from hlp.checks.registration import check_registration
+from hlp.checks.registration import all_answers, check_registration
 from hlp.checks.unit_search import best_score, check_by_search
 from hlp.method.detector import Detector
 from hlp.method.find.detections import Detection, SearchResult

@@ -8,7 +8,11 @@ from pathlib import Path
 import platformdirs
 
 from hlp.errors import DataError, InputError, MissingFileError
-from hlp.method.learn.learnt_folder import RECORD, check_files, read_record
+from hlp.method.learn.learnt_folder import (
+    RECORD,
+    check_files,
+    read_record,
+)
 from hlp.method.learn.unfinished_folder import bring_back
 
 _REMOVED = ".removed-"

@@ -7,8 +7,13 @@ from hlp.codebook.entries import load_codebook
 from hlp.codebook.neighbours import is_joint
 from hlp.config.build import Run
 from hlp.errors import DataError, MissingFileError
-from hlp.method.learn.learnt_folder import CLASSIFIER, ENCODER, OBJECTS, LearntRecord
-from hlp.method.learn.learnt_searches import write_searches
+from hlp.method.learn.learnt_folder import (
+    CLASSIFIER,
+    ENCODER,
+    OBJECTS,
+    LearntRecord,
+    write_searches,
+)
 from hlp.method.learn.model_files import write_model
 from hlp.method.learn.unfinished_folder import finish
 from hlp.refinement.score_model import PRIOR, save_score_model

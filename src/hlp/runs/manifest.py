@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 from hlp.data.dataset import frames_identity
 from hlp.files import MANIFEST, read_csv
 from hlp.results.poses_file import POSE_COLUMNS
-from hlp.stages.manifest import read_manifest
-from hlp.stages.provenance import (
+from hlp.stages.manifest import (
     code_digest,
     git_revision,
     library_builds,
     library_versions,
     processor,
+    read_manifest,
 )
 from hlp.stages.store import StageStore
 

@@ -10,15 +10,20 @@ from typing import TYPE_CHECKING, Any
 
 from hlp.data.dataset import frames_identity
 from hlp.files import SCORES, read_csv
+from hlp.method.detector import MOST_INSTANCES
+from hlp.method.learn.learnt_folder import LearntFolder
+from hlp.method.pyfunc_model import example_image
+from hlp.refinement.score_model import MIN_SCORE
 from hlp.reporting.experiment_page import ExperimentPage
 from hlp.reporting.mlflow_metrics import HEADLINES
 from hlp.reporting.mlflow_server import how_to_browse
+from hlp.reporting.model_registry import ModelInput, register
 from hlp.reporting.run_names import short_name
 from hlp.reporting.system_metrics import system_metrics
 from hlp.reporting.tracker import Tracker
 from hlp.reporting.tracking import REVISION, track_run
-from hlp.results.scores_file import SCORE_COLUMNS
-from hlp.stages.provenance import git_revision
+from hlp.results.poses_file import SCORE_COLUMNS
+from hlp.stages.manifest import git_revision
 
 if TYPE_CHECKING:
     from hlp.config.build import Run
@@ -97,3 +102,15 @@ def say_where(run: "Run", tracker: Tracker) -> None:
     browse = how_to_browse(run.settings.reporting.uri, tracker)
     if browse:
         logging.getLogger(__name__).info("MLflow    %s", browse.replace("\n", "\n          "))
+
+
+def register_learnt(folder: Path, model: str, uri: str) -> str:
+    """Copy a folder of learnt objects into MLflow as a new version of `model`; its address.
+
+    Raises what `register` raises, and DataError if the folder is damaged.
+    """
+    learnt = LearntFolder(folder)
+    objects = tuple(learnt.record.objects)
+    first = next(iter(learnt.models.values()))
+    given = ModelInput(objects, MOST_INSTANCES, MIN_SCORE, example_image(first))
+    return register(folder, model, uri, {"objects": ", ".join(objects)}, given)

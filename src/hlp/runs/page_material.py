@@ -11,12 +11,23 @@ from jaxtyping import Bool, Float, UInt8
 from tqdm import tqdm
 
 from hlp.config.build import Run
+from hlp.files import SCORES
 from hlp.geometry import back_project, transform
 from hlp.objects.meshes import decimate
 from hlp.records import Frame, ObjectModel, PoseEstimate, TargetScore, frame_key
-from hlp.reporting.page.material import PageObject, PageTarget, edges_of, write_material
-from hlp.results.target_values import TargetKey
-from hlp.runs.stage_panels import FoundInFrame, in_order_of_scores, picture_of_target
+from hlp.reporting.comparison import read_targets
+from hlp.reporting.page.material import (
+    FOLDER,
+    PageObject,
+    PageTarget,
+    edges_of,
+    read_material,
+    write_material,
+)
+from hlp.reporting.sweep_log import drawn_stages
+from hlp.reporting.tracker import Tracker
+from hlp.results.summary_file import TargetKey
+from hlp.runs.stage_panels import PANELS, FoundInFrame, in_order_of_scores, picture_of_target
 from hlp.stages.detection import DetectionStages
 
 MISSED, RIGHT = 300, 8
@@ -153,3 +164,33 @@ def _points(frame: Frame) -> Float[np.ndarray, "h w 3"]:
 def _object(model: ObjectModel) -> PageObject:
     mesh = decimate(model.proxy, _FACES)
     return PageObject(model.diameter, mesh.vertices, edges_of(mesh.faces))
+
+
+MOST_MISSES = 12
+"""Missed targets that are logged; the report shows more."""
+_GROUP = "1. Pictures"  # MLflow sorts the groups on a run's page by name
+
+
+def log_pictures(output: Path, tracker: Tracker) -> None:
+    """Log poses and panels, a step for each frame; missed targets by cause; those of stages.
+
+    The frame's number is the step, so equal steps of two runs show the same frame.
+    """
+    for path in sorted((output / PANELS).glob("*.jpg")):
+        scene, frame, drawn = path.stem.split("_", 2)
+        what = "poses" if drawn == "poses" else "panels"
+        tracker.log_image(path, f"{_GROUP}/{what} in scene {int(scene)}", int(frame))
+    for path in drawn_stages(output).values():
+        tracker.log_image(path, f"{_GROUP}/stages - {path.stem.replace('_', ' ')}", 0)
+    scores = read_targets(output / SCORES)
+    shown = read_material(output).targets
+    missed = [key for key in sorted(shown) if key in scores and not scores[key].correct("add")]
+    counted: dict[str, int] = {}
+    for key in missed[:: max(1, -(-len(missed) // MOST_MISSES))]:
+        cause = (scores[key].score.cause or "unknown").replace("_", " ")
+        counted[cause] = step = counted.get(cause, -1) + 1
+        tracker.log_image(_picture(output, shown[key]), f"{_GROUP}/missed - {cause}", step)
+
+
+def _picture(output: Path, target: Mapping[str, str]) -> Path:
+    return output / FOLDER / target["picture"]

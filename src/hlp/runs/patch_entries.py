@@ -7,11 +7,12 @@ from jaxtyping import Float
 
 from hlp.codebook.neighbours import ExactNeighbours
 from hlp.geometry import allocentric_to_egocentric, inverse, project, transform
-from hlp.models.encoder import Encoder
+from hlp.models.encoder import Encoder, patch_input
+from hlp.models.encoders import FeatureDecoder
 from hlp.patches.local import LocalSettings, cut_local_patches, join_patches, take_patches
 from hlp.patches.local_pool import cut_view_patches
 from hlp.records import Codebook, Frame, LocalPatches, ObjectModel, Target, Views
-from hlp.reporting.figures.nearest_entries import PatchEntries
+from hlp.reporting.figures.viewpoints import PatchEntries, ReconstructedPatches
 from hlp.runs.diagnosis import visible_pixels
 from hlp.runs.stage_panels import FoundInFrame
 from hlp.stages.training import TrainingStages
@@ -94,3 +95,20 @@ def entry_patch(
     view = int(apart.argmin())
     pixel = np.rint(project(points[view][None], views.camera_matrix)).astype(np.int64)
     return cut_view_patches(views, view, pixel, size, local, True)
+
+
+def reconstruct(
+    training: TrainingStages, name: str, patches: LocalPatches
+) -> ReconstructedPatches | None:
+    """Patches with colour as the encoder takes and rebuilds them, from the features of detection.
+
+    None if there are none, if the encoder has no decoder, or if its training kept none.
+    """
+    settings = training.settings.encoder
+    if len(patches) == 0 or not isinstance(settings, FeatureDecoder):
+        return None
+    features = encode(training.load_encoder(), patches)
+    rebuilt = settings.decode(training.encoder().folder, features)
+    if rebuilt is None:
+        return None
+    return ReconstructedPatches(name, patch_input(patches, settings.input), rebuilt)

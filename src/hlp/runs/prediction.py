@@ -14,8 +14,7 @@ from jaxtyping import Bool
 from tqdm import tqdm
 
 import hlp
-from hlp.data.own_frames import OwnFrames
-from hlp.data.search_masks import SearchMasks
+from hlp.data.own_frames import OwnFrames, SearchMasks
 from hlp.errors import DamagedError, DataError, HlpError, MissingFileError
 from hlp.method.detector import MOST_INSTANCES, Detector
 from hlp.method.find.detections import Detection, SearchResult

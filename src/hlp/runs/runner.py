@@ -9,32 +9,30 @@ from tqdm import tqdm
 
 from hlp.config.build import Run
 from hlp.evaluation.evaluator import score_targets
-from hlp.evaluation.false_alarms import count_false_alarms
-from hlp.evaluation.summary import summarise
-from hlp.evaluation.vote_quality import vote_quality
+from hlp.evaluation.summary import count_false_alarms, summarise
+from hlp.evaluation.waterfall import vote_quality
 from hlp.files import MANIFEST, PAGE, POSES, SCORES, SUMMARY, write_json
 from hlp.method.compute_threads import set_compute_threads
 from hlp.method.find.trace import Trace
-from hlp.method.learn.training_files import read_history
+from hlp.method.learn.checkpoints import read_history
 from hlp.records import PoseEstimate
 from hlp.refinement.score_model import MIN_SCORE
-from hlp.reporting.figures.calibration_curves import draw_calibration
-from hlp.reporting.figures.confusion_matrix import draw_confusion
-from hlp.reporting.figures.waterfall_bars import draw_waterfall
+from hlp.reporting.figures.bench_bars import draw_confusion, draw_waterfall
+from hlp.reporting.figures.trade_off import draw_calibration
 from hlp.reporting.mlflow_metrics import summary_metrics
-from hlp.reporting.page.parts import page_or_log
+from hlp.reporting.page.parts import page_or_log, run_verdict
 from hlp.reporting.page.run_page import write_run_page
-from hlp.reporting.page.verdict import run_verdict
 from hlp.reporting.reproductions import TABLES, describe_table, write_reproductions
-from hlp.reporting.stage_captions import STAGES
+from hlp.reporting.sweep_log import STAGES
 from hlp.reporting.tables.summary_tables import format_summary
 from hlp.reporting.tracker import Tracker
 from hlp.reporting.trainings import log_training
-from hlp.results.poses_file import read_poses, write_poses
-from hlp.results.scores_file import write_scores
-from hlp.runs.diagnosis import FrameNotes, explain_misses, note_frame
-from hlp.runs.failed_frames import (
+from hlp.results.poses_file import read_poses, write_poses, write_scores
+from hlp.runs.diagnosis import (
+    FrameNotes,
     describe_failed,
+    explain_misses,
+    note_frame,
     report_bad_frames,
     require_some,
     say_failed,
@@ -42,17 +40,16 @@ from hlp.runs.failed_frames import (
 )
 from hlp.runs.manifest import make_manifest, poses_digest
 from hlp.runs.mlflow_inputs import log_inputs, log_tables, say_where, tracked
-from hlp.runs.mlflow_pictures import log_pictures
-from hlp.runs.page_material import keep_material
+from hlp.runs.page_material import keep_material, log_pictures
 from hlp.runs.run_stages import stages_of
 from hlp.runs.stage_panels import PANELS, draw_frames
 from hlp.runs.stage_pictures import draw_stages
 from hlp.runs.timing import Timing, measure_times
-from hlp.runs.window_classes import WindowClasses
+from hlp.runs.training_windows import WindowClasses
 from hlp.stages.detection import DetectionStages
+from hlp.stages.frame_task import render_in_workers
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
-from hlp.stages.view_task import render_in_workers
 
 
 def run_method(run: Run, output: Path) -> dict[str, Any]:

@@ -12,9 +12,9 @@ from tqdm import tqdm
 from hlp.config.build import Run, evenly
 from hlp.method.find.trace import Trace
 from hlp.records import Frame, PoseEstimate, Target, TargetScore, frame_key
-from hlp.reporting.figures.overview import ShownPose, draw_overview
 from hlp.reporting.figures.panels import write_picture
 from hlp.reporting.figures.target_panels import SeenTarget, draw_panels
+from hlp.reporting.figures.tiles import ShownPose, draw_overview
 from hlp.stages.detection import DetectionStages
 
 PANELS = "panels"

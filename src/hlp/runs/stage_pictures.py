@@ -16,17 +16,18 @@ from tqdm import tqdm
 from hlp.config.build import Run, evenly
 from hlp.models.encoders import FeatureDecoder
 from hlp.records import PoseEstimate, Target, TargetScore, frame_key
-from hlp.reporting.figures.nearest_entries import draw_nearest_entries
 from hlp.reporting.figures.panels import write_picture
-from hlp.reporting.figures.reconstructions import draw_reconstructions
 from hlp.reporting.figures.saving import save_jpeg
 from hlp.reporting.figures.swarm_costs import swarm_figure
-from hlp.reporting.figures.training_samples import draw_training_samples
-from hlp.reporting.figures.view_sheet import draw_view_sheet
-from hlp.reporting.figures.viewpoints import viewpoint_figure
-from hlp.reporting.stage_captions import CAPTIONS, STAGES
-from hlp.runs.patch_entries import entries_of_patches, patches_on_target
-from hlp.runs.reconstructed_patches import reconstruct
+from hlp.reporting.figures.viewpoints import (
+    draw_nearest_entries,
+    draw_reconstructions,
+    draw_training_samples,
+    draw_view_sheet,
+    viewpoint_figure,
+)
+from hlp.reporting.sweep_log import CAPTIONS, STAGES
+from hlp.runs.patch_entries import entries_of_patches, patches_on_target, reconstruct
 from hlp.runs.stage_panels import FoundInFrame, in_order_of_scores
 from hlp.runs.swarm_traces import swarms_of_target
 from hlp.runs.training_windows import sample_windows

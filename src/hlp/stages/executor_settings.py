@@ -1,8 +1,14 @@
 """Executors: they distribute frames, and views of objects, to workers."""
 
+import os
+import signal
+import threading
+import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache, partial
 from importlib.util import find_spec
 from typing import Annotated, ClassVar, Literal, Protocol, TypeVar
 
@@ -11,7 +17,6 @@ from annotated_types import Ge, Le
 from hlp.errors import MissingDependencyError
 from hlp.registry import Registry
 from hlp.settings import Doc, Settings
-from hlp.stages.joblib_workers import each_by_joblib
 
 Result = TypeVar("Result")
 
@@ -134,3 +139,54 @@ def _connected(cluster: str, address: str) -> Iterator[None]:
         with ray.init(address):
             register_ray()
             yield
+
+
+def each_by_joblib(
+    backend: str, workers: int, work: Callable[[str], Result], keys: Sequence[str]
+) -> Iterator[Result]:
+    """Do the work once for each key, in any order; yields what it returns, as it comes.
+
+    `backend` is joblib's name for the kind of workers, `workers` their number (-1: all).
+    """
+    from joblib import Parallel, delayed, parallel_config
+
+    # Ray's backend returns nothing before everything is done.
+    returned = "list" if backend == "ray" else "generator_unordered"
+    with parallel_config(backend=backend, n_jobs=workers), warnings.catch_warnings():
+        # When the run is stopped.
+        warnings.filterwarnings("ignore", message=".*by the workers have been cancelled.*")
+        parallel = Parallel(batch_size=1, return_as=returned)
+        do = partial(_do_in_process, os.getpid()) if backend == "loky" else _do
+        yield from parallel(delayed(do)(work, key) for key in keys)
+
+
+def _do(work: Callable[[str], Result], key: str) -> Result:
+    # Joblib's dask backend hangs with functions that cannot be hashed, so it is given this one.
+    return work(key)
+
+
+def _do_in_process(parent: int, work: Callable[[str], Result], key: str) -> Result:
+    if os.getpid() != parent:  # one worker is the run's own process
+        ends_with(parent)
+    return work(key)
+
+
+_EVERY = 0.2  # s
+
+
+@cache
+def ends_with(parent: int) -> None:
+    """End this process soon after its parent, however that ends; leave Ctrl-C to the parent.
+
+    Otherwise a worker would finish its work, writing into folders whose locks are free already.
+    `parent` is the parent's process id. A second call has no effect.
+    """
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_watch, args=(parent,), name="parent", daemon=True).start()
+
+
+def _watch(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_EVERY)
+    os._exit(1)

@@ -6,13 +6,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from tqdm import tqdm
+
 from hlp.data.dataset import Dataset, DataSettings
 from hlp.errors import DataError
 from hlp.method.compute_threads import set_compute_threads
 from hlp.method.find.trace import Stage
 from hlp.method.settings import MethodSettings
 from hlp.stages.detection import DetectionStages, OnBadFrame, Seconds
-from hlp.stages.provenance import code_digest, library_versions
+from hlp.stages.executor_settings import ExecutorSettings
+from hlp.stages.manifest import code_digest, library_versions
 from hlp.stages.store import Output, StageStore
 from hlp.stages.training import TrainingStages
 
@@ -110,3 +113,38 @@ def check_same(made_from: Mapping[str, Any], dataset: Dataset) -> None:
     other = [name for name, value in made_from.items() if here[name] != value]
     if other:
         raise DataError(f"a worker does not have the same {', '.join(other)} as the run")
+
+
+@dataclass(frozen=True)
+class ViewTask:
+    """Everything that a worker needs to render views like the run's own process."""
+
+    data: DataSettings
+    settings: MethodSettings
+    work: Path
+    made_from: Mapping[str, Any]
+
+    def __call__(self, key: str) -> str:
+        """Put the views of the object with this id into the store; return the id.
+
+        Raises DataError if the worker's code or data are not those of the run.
+        """
+        set_compute_threads(self.settings.machine.threads)
+        dataset = self.data.build()
+        check_same(self.made_from, dataset)
+        TrainingStages(dataset, self.settings, StageStore(self.work)).views(int(key))
+        return key
+
+
+def render_in_workers(training: TrainingStages, executor: ExecutorSettings) -> None:
+    """Have missing views rendered by the executor's workers. The serial executor has none."""
+    missing = [str(object_id) for object_id in training.missing_views()]
+    if not executor.parallel or not missing:
+        return
+    dataset = training.dataset
+    settings = with_threads(training.settings, executor.threads)
+    assert dataset.settings is not None
+    task = ViewTask(dataset.settings, settings, training.store.root, what_makes(dataset))
+    done = executor.each(task, missing)
+    for key in tqdm(done, desc="views", unit="object", total=len(missing), disable=None):
+        training.take_views(int(key))

@@ -1,8 +1,14 @@
 """Reads `manifest.json`, which says what a run's result was made from."""
 
+import hashlib
+import platform
+import re
+import subprocess
+from importlib.metadata import distribution, version
 from pathlib import Path
 from typing import Any
 
+import hlp
 from hlp.errors import DataError
 from hlp.schemas.reading import read_text_json
 from hlp.stages.fingerprint import is_fingerprint
@@ -33,3 +39,109 @@ def made_outputs(path: Path) -> dict[tuple[str, str], str]:
         if not is_fingerprint(name):
             raise DataError(f"{path}: {name!r} is no fingerprint of a stage '{stage}'")
     return made
+
+
+def device_name(wanted: str) -> str:
+    """The device that torch or Lightning takes for `wanted`: `cpu`, or the GPU's model.
+
+    `wanted` is a device of torch or an accelerator of Lightning, whose `auto` depends on the
+    machine. If a GPU is wanted and there is none, the name is `wanted` itself.
+    """
+    if wanted == "cpu":
+        return wanted
+    import torch  # slow to import, and not needed for the CPU
+
+    if torch.cuda.is_available():
+        return str(torch.cuda.get_device_name())
+    if wanted == "auto":
+        return "mps" if torch.backends.mps.is_available() else "cpu"
+    return wanted
+
+
+LIBRARIES = (
+    "numpy",
+    "scipy",
+    "numba",
+    "onnxruntime",
+    "torch",
+    "pytorch-lightning",
+    "opencv-python-headless",
+    "trimesh",
+    "pyrender",
+    "hydra-core",
+    "mlflow",
+)
+
+
+_COMPILED = re.compile(r"\.(so|dylib|pyd|dll)(\.[\d.]+)?$")
+
+
+def library_versions() -> dict[str, str]:
+    """Versions of Python, of HLP and of the libraries that affect its results."""
+    own = {"python": platform.python_version(), "hlp": hlp.__version__}
+    return own | {name: version(name) for name in LIBRARIES}
+
+
+def library_builds() -> dict[str, str]:
+    """A digest (16 hex digits) of the compiled files of each library that has some.
+
+    Two builds of one version, as for other processors or with other options, may differ in the last
+    bits of their results. The digests are those that installers have recorded; a library that was
+    installed without a record is left out.
+    """
+    builds = {}
+    for name in (*LIBRARIES, "llvmlite"):
+        files = distribution(name).files or []
+        hashes = [f"{f} {f.hash.value}" for f in files if f.hash and _COMPILED.search(f.name)]
+        if hashes:
+            text = "\n".join(sorted(hashes)).encode()
+            builds[name] = hashlib.blake2b(text, digest_size=8).hexdigest()
+    return builds
+
+
+def processor() -> dict[str, str]:
+    """The system, the processor's type and its instruction sets, for which kernels are compiled."""
+    from llvmlite import binding
+
+    features = binding.get_host_cpu_features()
+    return {
+        "system": f"{platform.system()} {platform.machine()}",
+        "type": str(binding.get_host_cpu_name()),
+        "features": " ".join(sorted(name for name, there in features.items() if there)),
+    }
+
+
+def code_digest() -> str:
+    """Digest (16 hex digits) of all of HLP's Python files as they are on disk now."""
+    package = Path(hlp.__file__).parent
+    digest = hashlib.blake2b(digest_size=8)
+    for source in sorted(package.rglob("*.py")):
+        digest.update(source.relative_to(package).as_posix().encode() + b"\0")
+        digest.update(source.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+def git_revision() -> str | None:
+    """Commit of the checkout that HLP runs from, followed by `+` if files have been changed since.
+
+    None for an installed package, even inside another checkout, and without git.
+    """
+    package = Path(hlp.__file__).parent
+
+    def git(*words: str) -> str | None:
+        try:
+            # All words stand below; git is wherever the user's PATH has it.
+            done = subprocess.run(  # noqa: S603
+                ["git", *words],  # noqa: S607
+                cwd=package,
+                capture_output=True,
+                text=True,
+            )
+        except OSError:
+            return None
+        return done.stdout.strip() if done.returncode == 0 else None
+
+    if git("ls-files", "--error-unmatch", "__init__.py") is None:
+        return None
+    changed = git("status", "--porcelain", "--untracked-files=no", "--", ".")
+    return f"{git('rev-parse', 'HEAD')}{'+' if changed else ''}"

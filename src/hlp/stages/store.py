@@ -25,7 +25,7 @@ from hlp.files import remove_unfinished, write_json
 from hlp.schemas.outputs import StageRecord
 from hlp.schemas.reading import checked_as, read_text_json
 from hlp.stages.fingerprint import plain
-from hlp.stages.provenance import library_versions
+from hlp.stages.manifest import library_versions
 from hlp.stages.store_use import StoreUse
 
 RECORD = "stage.json"

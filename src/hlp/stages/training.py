@@ -11,10 +11,10 @@ from typing import Any
 from hlp.codebook.entries import load_codebook, save_codebook
 from hlp.data.dataset import Dataset, frames_identity
 from hlp.method.find.estimator import PoseEstimator
-from hlp.method.learn.networks import load_classifier
+from hlp.method.learn.checkpoints import StartingWeights, read_weights
+from hlp.method.learn.model_files import load_classifier
 from hlp.method.learn.progress import counting_objects
 from hlp.method.learn.score_calibration import calibrate_score
-from hlp.method.learn.training_files import StartingWeights, read_weights
 from hlp.method.settings import MethodSettings
 from hlp.method.stage_settings import (
     ClassifierStage,
@@ -29,8 +29,8 @@ from hlp.records import Codebook, ObjectModel, Views
 from hlp.refinement.score_model import PRIOR, ScoreModel, load_score_model, save_score_model
 from hlp.rendering.views import load_views, render_views, save_views
 from hlp.source_code import Code
-from hlp.stages.device import device_name
 from hlp.stages.fingerprint import fingerprint, stage_code
+from hlp.stages.manifest import device_name
 from hlp.stages.store import Output, StageStore
 from hlp.stages.warm_start import WarmStart, WarmStartSettings, read_warm_start
 

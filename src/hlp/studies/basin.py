@@ -23,7 +23,7 @@ from hlp.reporting.figures.basin_maps import (
     format_basins,
     write_basins,
 )
-from hlp.results.target_values import TargetKey, numbered_targets, write_target_values
+from hlp.results.summary_file import TargetKey, numbered_targets, write_target_values
 from hlp.settings import Doc, Settings, SettingsError
 from hlp.stages.fingerprint import fingerprint
 from hlp.stages.store import StageStore

@@ -26,7 +26,7 @@ from hlp.reporting.tables.bench_table import (
     format_bench,
     write_bench,
 )
-from hlp.results.target_values import write_target_values
+from hlp.results.summary_file import write_target_values
 from hlp.settings import Doc, Settings
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
@@ -34,12 +34,13 @@ from hlp.studies.bench_summary import (
     TimedDetection,
     bench_targets,
     compare_paths,
+    describe_machine,
+    peak_mib,
     ratios,
     summarise_path,
     summarise_search,
     summarise_whole,
 )
-from hlp.studies.machine import describe_machine, peak_mib
 from hlp.studies.stopwatch import (
     PartClock,
     SearchComparison,

@@ -12,11 +12,11 @@ from tqdm import tqdm
 
 from hlp.config.build import Run
 from hlp.config.settings import TASKS
-from hlp.data.sources import annotated_mask
+from hlp.data.dataset import annotated_mask
+from hlp.evaluation.bop_recalls import measured_mask
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.evaluation.summary import with_interval
-from hlp.evaluation.visible_mask import measured_mask
 from hlp.files import write_json
 from hlp.method.find.estimator import FrameContext, derive_seed
 from hlp.method.find.search import search_frame
@@ -30,10 +30,9 @@ from hlp.records import (
     TargetScore,
     parse_frame_key,
 )
-from hlp.reporting.figures.oracle_map import draw_oracle
-from hlp.reporting.tables.oracle_table import format_oracle, head_of, oracle_metrics, write_oracle
-from hlp.results.summary_file import METRICS
-from hlp.results.target_values import TargetKey, numbered_targets, write_target_values
+from hlp.reporting.figures.basin_maps import draw_oracle
+from hlp.reporting.tables.repeats import format_oracle, head_of, oracle_metrics, write_oracle
+from hlp.results.summary_file import METRICS, TargetKey, numbered_targets, write_target_values
 from hlp.runs.run_stages import stages_of
 from hlp.settings import Doc, Settings
 from hlp.stages.detection import DetectionStages

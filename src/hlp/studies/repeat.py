@@ -11,9 +11,8 @@ import yaml
 from hlp.errors import ConfigError, DataError
 from hlp.files import POSES
 from hlp.runs.manifest import made_from, poses_digest
-from hlp.stages.manifest import read_manifest
-from hlp.stages.provenance import library_builds, processor
-from hlp.studies.foreign_config import check_harmless
+from hlp.stages.manifest import library_builds, processor, read_manifest
+from hlp.studies.search_space import check_harmless
 
 if TYPE_CHECKING:
     from hlp.config.build import Run

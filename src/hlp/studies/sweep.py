@@ -30,7 +30,7 @@ from hlp.reporting.run_names import short_name
 from hlp.reporting.tracker import Tracker
 from hlp.reporting.tracking import ChildRun, TrackingSettings, as_child_run, track_run
 from hlp.settings import read_settings
-from hlp.stages.worker_end import ends_with
+from hlp.stages.executor_settings import ends_with
 
 if TYPE_CHECKING:
     from hlp.reporting.study_arms import StudySweep
@@ -221,7 +221,7 @@ def _draw(folder: Path, tracker: Tracker) -> None:
 
 def _draw_studies(folder: Path, studies: Sequence["StudySweep"], tracker: Tracker) -> None:
     from hlp.reporting.page.parts import page_or_log
-    from hlp.reporting.page.study_sweep_page import write_study_sweep_page
+    from hlp.reporting.page.study_page import write_study_sweep_page
     from hlp.reporting.study_sweep import describe_study_sweep, write_study_sweep
     from hlp.reporting.sweep_log import log_study_sweeps
 

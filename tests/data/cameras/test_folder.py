@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from hlp.data.cameras.camera import BrokenImage
-from hlp.data.cameras.folder import FolderCamera, FolderSettings
+from hlp.data.cameras.camera import BrokenImage, FolderCamera, FolderSettings
 from hlp.errors import DataError, MissingFileError
 from hlp.records import CameraImage
 
@@ -80,7 +79,7 @@ def test_what_is_half_written_is_waited_for(folder: Path) -> None:
 def test_a_file_that_stays_broken_costs_its_own_image(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hlp.data.cameras.folder._PATIENCE", 0.05)
+    monkeypatch.setattr("hlp.data.cameras.camera._PATIENCE", 0.05)
     put(folder, 1)
     put(folder, 2)
     (folder / "rgb" / "1.png").write_bytes(b"no image")

@@ -7,8 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from hlp.data.cameras.camera import BrokenImage
-from hlp.data.cameras.lines import LinesCamera
+from hlp.data.cameras.camera import BrokenImage, LinesCamera
 from hlp.data.own_frames import CameraSettings
 from hlp.records import CameraImage
 

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hlp.data.sources import VisibleMasks
+from hlp.data.dataset import VisibleMasks
 from hlp.data.synthetic import scenes as synthetic_scenes
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import (

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from hlp.method.learn.networks import load_classifier
+from hlp.method.learn.model_files import load_classifier
 from hlp.method.settings import MachineSettings
 from hlp.models.autoencoder import AutoencoderSettings
 from hlp.models.classifier_training import HolisticCNN
@@ -62,7 +62,7 @@ def test_the_classifier_has_a_class_for_each_object_and_background(tmp_path):
 def test_detection_imports_nothing_that_only_training_needs():
     code = (
         "import sys\n"
-        "import hlp.method.detector, hlp.method.learn.networks\n"
+        "import hlp.method.detector, hlp.method.learn.model_files\n"
         "heavy = {'torch', 'pytorch_lightning', 'onnx', 'mlflow', 'hydra', 'matplotlib'}\n"
         "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
     )

@@ -5,7 +5,7 @@ from box_scene import CAMERA, SHAPE, at
 from hlp.geometry import project
 from hlp.records import Frame, ObjectModel
 from hlp.rendering.rasterizer import render_depth
-from hlp.reporting.figures.close_ups import LIMIT_MM, color_differences, draw_outlines, enlarge
+from hlp.reporting.figures.tiles import LIMIT_MM, color_differences, draw_outlines, enlarge
 
 
 def test_what_is_enlarged_fits_its_camera(shot: Frame, box: ObjectModel) -> None:

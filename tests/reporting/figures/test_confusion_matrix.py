@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hlp.reporting.figures.confusion_matrix import Confusion, draw_confusion
+from hlp.reporting.figures.bench_bars import Confusion, draw_confusion
 from hlp.reporting.page import charts
 
 COUNTS = {"cat": {"cat": 7, "background": 3}, "duck": {"lamp": 1, "duck": 1}}

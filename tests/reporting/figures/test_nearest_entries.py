@@ -1,7 +1,7 @@
 import numpy as np
 
 from hlp.records import LocalPatches
-from hlp.reporting.figures.nearest_entries import PatchEntries, draw_nearest_entries
+from hlp.reporting.figures.viewpoints import PatchEntries, draw_nearest_entries
 
 
 def patches(*greys: int) -> LocalPatches:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hlp.reporting.figures.oracle_map import oracle_map
+from hlp.reporting.figures.basin_maps import oracle_map
 
 
 def test_every_cell_has_its_recall() -> None:

@@ -2,7 +2,7 @@ import numpy as np
 
 from box_scene import SHAPE, at
 from hlp.records import Frame, ObjectModel
-from hlp.reporting.figures.overview import RIGHT_COLOR, WRONG_COLOR, ShownPose, draw_overview
+from hlp.reporting.figures.tiles import RIGHT_COLOR, WRONG_COLOR, ShownPose, draw_overview
 
 
 def test_right_and_wrong_poses_are_outlined_in_their_colours(shot: Frame, box: ObjectModel) -> None:

@@ -1,4 +1,4 @@
-from hlp.reporting.figures.recall_points import draw_recalls
+from hlp.reporting.figures.trade_off import draw_recalls
 from hlp.reporting.results import Result
 from hlp.reporting.tables.paper_tables import RecallColumn, object_columns
 from written_results import scored

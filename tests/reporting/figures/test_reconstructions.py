@@ -1,6 +1,6 @@
 import numpy as np
 
-from hlp.reporting.figures.reconstructions import ReconstructedPatches, draw_reconstructions
+from hlp.reporting.figures.viewpoints import ReconstructedPatches, draw_reconstructions
 
 
 def channels(*levels: float) -> np.ndarray:

@@ -3,8 +3,7 @@ from typing import Any
 
 import cv2
 
-from hlp.reporting.figures.search_points import search_points, write_search_figure
-from hlp.reporting.figures.trade_off import FRONT
+from hlp.reporting.figures.trade_off import FRONT, search_points, write_search_figure
 
 
 def trial(number: int, recall: float | None, ms: float | None) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hlp.reporting.figures.steps import Step, draw_steps
+from hlp.reporting.figures.swarm_costs import Step, draw_steps
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,8 @@ import pytest
 
 from box_scene import SHAPE, at
 from hlp.records import Frame, ObjectModel, PoseEstimate, Region, Target, TargetScore, Votes
-from hlp.reporting.figures.captions import LEGEND_HEIGHT, TITLE_HEIGHT
 from hlp.reporting.figures.panels import ESTIMATE_COLOR, TRUTH_COLOR
+from hlp.reporting.figures.saving import LEGEND_HEIGHT, TITLE_HEIGHT
 from hlp.reporting.figures.target_panels import SeenTarget, describe_target, draw_panels
 
 

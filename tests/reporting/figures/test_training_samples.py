@@ -1,7 +1,7 @@
 import numpy as np
 
 from hlp.reporting.figures.tiles import NOTHING
-from hlp.reporting.figures.training_samples import draw_training_samples
+from hlp.reporting.figures.viewpoints import draw_training_samples
 
 RED, BLACK = (255, 0, 0), (0, 0, 0)
 

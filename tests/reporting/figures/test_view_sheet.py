@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from hlp.reporting.figures.view_sheet import draw_view_sheet
+from hlp.reporting.figures.viewpoints import draw_view_sheet
 from view_records import square_views
 
 

@@ -4,7 +4,7 @@ from typing import Any
 import cv2
 import pytest
 
-from hlp.reporting.figures.waterfall_bars import draw_waterfall, stacked_bars
+from hlp.reporting.figures.bench_bars import draw_waterfall, stacked_bars
 
 
 def waterfall() -> dict[str, Any]:

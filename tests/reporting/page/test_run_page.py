@@ -12,7 +12,7 @@ from hlp.records import TargetScore
 from hlp.reporting.page.material import PageObject, PageTarget, edges_of, write_material
 from hlp.reporting.page.parts import page_or_log
 from hlp.reporting.page.run_page import write_run_page
-from hlp.results.scores_file import write_scores
+from hlp.results.poses_file import write_scores
 from written_results import write_run
 from written_summary import summary
 

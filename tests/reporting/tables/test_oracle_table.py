@@ -1,6 +1,6 @@
 import csv
 
-from hlp.reporting.tables.oracle_table import (
+from hlp.reporting.tables.repeats import (
     format_oracle,
     oracle_metrics,
     oracle_table,

@@ -1,6 +1,6 @@
 import csv
 
-from hlp.reporting.tables.search_table import format_search, write_search
+from hlp.reporting.tables.repeats import format_search, write_search
 from table_text import unpadded
 
 

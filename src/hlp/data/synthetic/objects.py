@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from hlp.geometry import rigid
 from hlp.objects.meshes import decimate, mesh_diameter
-from hlp.objects.patch_sizes import holistic_size, local_size
+from hlp.objects.object_model import holistic_size, local_size
 from hlp.objects.shapes import (
     cylinder,
     ellipsoid,

@@ -8,8 +8,7 @@ import numpy as np
 from annotated_types import Ge, Interval, Le, Unit
 from jaxtyping import Bool, Float, Int, UInt8
 
-from hlp.data.dataset import DATASETS, Dataset
-from hlp.data.sources import content_hash
+from hlp.data.dataset import DATASETS, Dataset, content_hash
 from hlp.data.synthetic.layout import (
     Item,
     light_from_above,

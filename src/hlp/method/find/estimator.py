@@ -15,7 +15,7 @@ from hlp.method.find.patch_matching import FrameMatches, PatchMatching
 from hlp.method.stage_settings import FindSettings
 from hlp.models.encoder import Encoder
 from hlp.observer import NOBODY, Observer
-from hlp.patches import likely_places
+from hlp.patches import window_choice
 from hlp.patches.holistic import candidate_region, center_depths, region_weights
 from hlp.patches.local import region_pixels, thin_out
 from hlp.records import Frame, Hypotheses, LocalPatches, ObjectModel, Region, Votes
@@ -167,13 +167,13 @@ class PoseEstimator:
             return _narrowed(region, context.mask)
         radii = self._radii(context.frame, region.centers, model)
         side = settings.region.square_side
-        return likely_places.first_region(region, radii, side, settings.closer, instances)
+        return window_choice.first_region(region, radii, side, settings.closer, instances)
 
     def likely_regions(self, context: FrameContext, region: Region) -> Iterator[Region]:
         """Parts of the frame to search where an object's region gave no right pose."""
         frame = context.frame
         radii = self._radii(frame, region.centers, self.learnt.models[region.object_id])
-        found = likely_places.likely_regions(region, radii, self.settings.regions.closer)
+        found = window_choice.likely_regions(region, radii, self.settings.regions.closer)
         if context.mask is None:
             return found
         parts = (replace(part, mask=part.mask & context.mask) for part in found)

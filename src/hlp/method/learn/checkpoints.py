@@ -1,10 +1,13 @@
 """Checkpoints of a training: written whole, verified before use, and read as tensors alone."""
 
+import csv
 import io
 import logging
 import pickle
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytorch_lightning as pl
 import torch
@@ -14,6 +17,9 @@ from pytorch_lightning.callbacks import Checkpoint
 from hlp.checksums import content_checksum
 from hlp.errors import DataError
 from hlp.files import replaced
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 _KEPT = 2
 _ENDING = ".ckpt"
@@ -92,3 +98,42 @@ def last_checkpoint(folder: Path) -> Path | None:
 
 def _checkpoints(folder: Path) -> list[Path]:
     return sorted(folder.glob(f"epoch-*{_ENDING}"))
+
+
+HISTORY = "history.csv"
+WEIGHTS = "weights.safetensors"
+
+
+@dataclass(frozen=True)
+class StartingWeights:
+    """A classifier of fewer objects to start from: its weights, and the new labels of its classes.
+
+    It is trained further for `epochs`.
+    """
+
+    weights: Mapping[str, "Tensor"]
+    labels: Mapping[int, int]
+    epochs: int
+
+
+def read_weights(folder: Path) -> dict[str, "Tensor"]:
+    """A network's weights by name. Raises FileNotFoundError if there are none."""
+    from safetensors.torch import load_file
+
+    return load_file(folder / WEIGHTS)
+
+
+def read_history(folder: Path) -> list[dict[str, float]]:
+    """Metrics of every epoch, in order; empty if nothing was trained. Raises DataError."""
+    path = folder / HISTORY
+    if not path.exists():
+        return []
+    rows: list[dict[str, float]] = []
+    try:
+        with path.open(encoding="utf-8", newline="") as stream:
+            for row in csv.DictReader(stream):
+                rows.append({name: float(value) for name, value in row.items()})
+    except (ValueError, TypeError, csv.Error) as error:
+        where = f"{path}, line {len(rows) + 2}"
+        raise DataError(f"{where}: no metrics of an epoch ({error})") from error
+    return rows

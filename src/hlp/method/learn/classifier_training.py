@@ -10,9 +10,9 @@ import numpy as np
 import torch
 
 from hlp.method.learn.backgrounds import Backgrounds
-from hlp.method.learn.networks import CLASSIFIER
+from hlp.method.learn.checkpoints import StartingWeights
+from hlp.method.learn.model_files import CLASSIFIER
 from hlp.method.learn.training import calibration_images, fit
-from hlp.method.learn.training_files import StartingWeights
 from hlp.method.stage_settings import ClassifierStage
 from hlp.models.classifier_training import HolisticClassifier, copy_weights, raise_background
 from hlp.models.onnx_export import export_network

@@ -15,6 +15,7 @@ from hlp.errors import InputError
 from hlp.method.compute_threads import set_compute_threads
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.learn.backgrounds import Backgrounds
+from hlp.method.learn.checkpoints import StartingWeights, read_weights
 from hlp.method.learn.classifier_training import train_classifier
 from hlp.method.learn.codebook_building import build_codebook
 from hlp.method.learn.encoder_training import train_encoder
@@ -27,14 +28,14 @@ from hlp.method.learn.learnt_folder import (
     LearntRecord,
     check_files,
     read_record,
+    remove_stale_searches,
     write_record,
+    write_searches,
 )
-from hlp.method.learn.learnt_searches import remove_stale_searches, write_searches
 from hlp.method.learn.mesh_models import check_told_apart
 from hlp.method.learn.model_files import write_model
 from hlp.method.learn.progress import counting_objects
 from hlp.method.learn.score_calibration import calibrate_score
-from hlp.method.learn.training_files import StartingWeights, read_weights
 from hlp.method.learn.unfinished_folder import SCORED, VIEWS, finish, folder_in_the_making, once
 from hlp.method.settings import MethodSettings, settings_to_json
 from hlp.method.stage_settings import ClassifierStage, CodebookStage, EncoderStage, FindSettings

@@ -14,6 +14,7 @@ not made for hostile files, so load folders from people you trust.
 """
 
 import re
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -22,14 +23,22 @@ from typing import Annotated, Any
 
 from annotated_types import Ge
 
-from hlp.checksums import content_checksum, find_damaged, is_sealed, seal_is_whole, sealed
+from hlp.checksums import (
+    content_checksum,
+    find_damaged,
+    folder_checksums,
+    is_sealed,
+    seal_is_whole,
+    sealed,
+)
 from hlp.codebook.entries import load_codebook
 from hlp.codebook.neighbours import is_joint
 from hlp.errors import ConfigError, DamagedError, DataError, MissingFileError
 from hlp.files import read_json, write_json
-from hlp.method.learn.model_files import read_model
-from hlp.method.learn.networks import load_classifier
+from hlp.method.find.patch_matching import load_together, search_groups
+from hlp.method.learn.model_files import load_classifier, read_model
 from hlp.method.settings import Device, MethodSettings, settings_from_json, settings_to_json
+from hlp.method.stage_settings import CoarseStage
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
 from hlp.records import Codebook, ObjectModel
@@ -212,3 +221,31 @@ class LearntFolder:
 def searches_part(object_ids: Sequence[int]) -> str:
     """Where in a folder the search in the codebooks of several objects lies."""
     return f"{SEARCHES}/{content_checksum(repr(list(object_ids)).encode())[:8]}"
+
+
+def write_searches(folder: Path, record: LearntRecord) -> dict[str, str]:
+    """Prepare the search in several codebooks at once, if the settings of a folder ask for it.
+
+    Returns the checksums of the files by their paths in the folder.
+    """
+    settings = record.settings
+    if not is_joint(settings.codebook):
+        return {}
+    learnt = LearntFolder(folder, record=record)
+    files: dict[str, str] = {}
+    for members in search_groups(learnt.models, learnt.models, CoarseStage.of(settings)):
+        _, features = load_together(learnt, members)
+        part = searches_part(members)
+        (folder / part).mkdir(parents=True, exist_ok=True)
+        settings.codebook.prepare(features, settings.seed, folder / part)
+        written = folder_checksums(folder / part)
+        files |= {f"{part}/{name}": checksum for name, checksum in written.items()}
+    return files
+
+
+def remove_stale_searches(folder: Path, record: LearntRecord) -> None:
+    """Remove searches that no file of the record belongs to."""
+    if (folder / SEARCHES).is_dir():
+        for part in (folder / SEARCHES).iterdir():
+            if not any(name.startswith(f"{SEARCHES}/{part.name}/") for name in record.files):
+                shutil.rmtree(part)

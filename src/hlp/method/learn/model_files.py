@@ -11,6 +11,8 @@ from jaxtyping import Float
 
 from hlp.errors import DataError, MissingFileError
 from hlp.files import read_json, read_npz, write_json
+from hlp.method.settings import MachineSettings
+from hlp.models.network import Network, load_network
 from hlp.records import ColorGrid, Mesh, ObjectModel, Texture
 from hlp.rendering.color_grid import color_grid
 from hlp.settings import Settings, stored_as
@@ -113,3 +115,11 @@ def _read_texture(folder: Path, uv: Float[np.ndarray, "v 2"]) -> Texture:
             f"{folder / _TEXTURE} is missing or damaged: learn the object again, or copy it anew"
         )
     return Texture(np.ascontiguousarray(image[..., ::-1]), uv)
+
+
+CLASSIFIER = "classifier"
+
+
+def load_classifier(folder: Path, machine: MachineSettings) -> Network:
+    """The classifier that `train_classifier` wrote into `folder`."""
+    return load_network(folder / CLASSIFIER, machine.threads, machine.device)

@@ -17,8 +17,13 @@ from safetensors.torch import save
 from torch import Tensor, nn
 
 from hlp.files import replaced, write_csv
-from hlp.method.learn.checkpoints import CheckpointFiles, EpochCheckpoints, last_checkpoint
-from hlp.method.learn.training_files import HISTORY, WEIGHTS
+from hlp.method.learn.checkpoints import (
+    HISTORY,
+    WEIGHTS,
+    CheckpointFiles,
+    EpochCheckpoints,
+    last_checkpoint,
+)
 from hlp.method.settings import TrainerSettings
 
 _CHECKPOINTS = "checkpoints"

@@ -1,7 +1,12 @@
 """Figures as files."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,3 +26,50 @@ def save_figure(figure: "Figure", path: Path) -> list[Path]:
         figure.savefig(files[0], dpi=150)
         figure.savefig(files[1], metadata={"Date": None})
     return files
+
+
+Image = UInt8[np.ndarray, "h w 3"]
+Color = tuple[int, int, int]
+
+TITLE_HEIGHT, LEGEND_HEIGHT = 26, 20
+_DARK, _LIGHT = 24, (235, 235, 235)
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
+_PAD, _SMALL = 8, 0.42
+
+
+def titled(picture: Image, title: str, scale: float = 0.5) -> Image:
+    """The picture below a bar with its title (ASCII), which is made narrower if it is too long."""
+    width = picture.shape[1]
+    (long, _), _ = cv2.getTextSize(title, _FONT, scale, 1)
+    bar = np.full((round(TITLE_HEIGHT / 0.5 * scale), width, 3), _DARK, dtype=np.uint8)
+    scale = min(scale, scale * (width - 2 * _PAD) / max(long, 1))
+    place = (_PAD, len(bar) - _PAD)
+    cv2.putText(bar, title, place, _FONT, scale, _LIGHT, 1, cv2.LINE_AA)
+    return np.vstack([bar, picture])
+
+
+def with_legend(picture: Image, entries: Sequence[tuple[str, Color]]) -> Image:
+    """The picture above a bar with coloured squares and their meanings."""
+    bar = np.full((LEGEND_HEIGHT, picture.shape[1], 3), _DARK, dtype=np.uint8)
+    x = _PAD
+    for words, color in entries:
+        cv2.rectangle(bar, (x, 5), (x + 10, 15), color, -1)
+        x = _write(bar, words, x + 15) + 14
+    return np.vstack([picture, bar])
+
+
+def with_scale(picture: Image, color_map: int, high: str) -> Image:
+    """The picture above a bar with a colour map's colours, from 0 to `high`."""
+    bar = np.full((LEGEND_HEIGHT, picture.shape[1], 3), _DARK, dtype=np.uint8)
+    left, length = _write(bar, "0", _PAD) + 8, picture.shape[1] // 4
+    ramp = np.linspace(0, 255, length).astype(np.uint8)[None]
+    colors = cv2.cvtColor(cv2.applyColorMap(ramp, color_map), cv2.COLOR_BGR2RGB)
+    bar[5:15, left : left + length] = colors
+    _write(bar, high, left + length + 8)
+    return np.vstack([picture, bar])
+
+
+def _write(bar: Image, words: str, x: int) -> int:
+    """Write words into a bar; where they end."""
+    cv2.putText(bar, words, (x, 14), _FONT, _SMALL, _LIGHT, 1, cv2.LINE_AA)
+    return x + int(cv2.getTextSize(words, _FONT, _SMALL, 1)[0][0])

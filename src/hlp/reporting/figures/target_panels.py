@@ -17,8 +17,6 @@ from hlp.records import (
     TargetScore,
     Votes,
 )
-from hlp.reporting.figures.captions import titled, with_legend, with_scale
-from hlp.reporting.figures.close_ups import LIMIT_MM, draw_depths, draw_outlines, enlarge
 from hlp.reporting.figures.panels import (
     ESTIMATE_COLOR,
     PATCH_COLOR,
@@ -32,6 +30,8 @@ from hlp.reporting.figures.panels import (
     draw_votes,
     weight_by_cell,
 )
+from hlp.reporting.figures.saving import titled, with_legend, with_scale
+from hlp.reporting.figures.tiles import LIMIT_MM, draw_depths, draw_outlines, enlarge
 
 COARSE_COLOR = (255, 255, 255)
 _RED, _BLUE = (178, 24, 43), (33, 102, 172)

@@ -1,13 +1,15 @@
 """Recall against time for the runs of a sweep."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hlp.files import write_csv
 from hlp.reporting.figures.saving import save_figure
 from hlp.reporting.pareto import pareto_front
 from hlp.reporting.results import Result, read_results
+from hlp.reporting.tables.paper_tables import RecallColumn
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -113,3 +115,118 @@ def _budget_labels(runs: Sequence[Result], longest: float) -> list[tuple[str, fl
 
 def _describe(values: Mapping[str, str]) -> str:
     return ", ".join(f"{key.rpartition('.')[2]} {value}" for key, value in values.items())
+
+
+def draw_calibration(folder: Path, calibration: Mapping[str, Any]) -> None:
+    """Write calibration.png and calibration.svg; nothing without any answer.
+
+    `calibration` is the part of that name in `summary.json`.
+    """
+    if calibration["answers"]:
+        save_figure(calibration_figure(calibration), folder / "calibration")
+
+
+def calibration_figure(calibration: Mapping[str, Any]) -> "Figure":
+    """Left: how often answers of about one score are right. Right: risk by coverage."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 3.8), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    most = max(row[0] for row in calibration["reliability"])
+    left.plot([0, 1], [0, 1], color="0.6", linewidth=1)
+    for count, score, share in calibration["reliability"]:
+        left.plot(score, share, "o", color="tab:blue", markersize=3 + 9 * (count / most) ** 0.5)
+    left.set(xlabel="mean score", ylabel="share of right answers", xlim=(0, 1), ylim=(0, 1.02))
+    left.set_title(f"expected calibration error {calibration['ece']:.3f}")
+    coverage, risk = zip(*calibration["risk_coverage"], strict=True)
+    right.step(coverage, risk, where="post", color="tab:red")
+    right.set(xlabel="coverage", ylabel="risk: share of wrong answers", xlim=(0, 1))
+    right.set_ylim(0, max(0.05, 1.1 * max(risk)))
+    right.set_title(f"area under the curve {calibration['aurc']:.4f}")
+    figure.suptitle(f"{calibration['answers']} answers; right: ADD-S < 10 % of the diameter")
+    return figure
+
+
+_SPREAD = 0.15
+_SHADES = ("black", "0.6")
+
+
+def draw_recalls(
+    rows: Sequence[str], columns: Sequence[RecallColumn], title: str, note: str
+) -> "Figure":
+    """A point for each row and column; ours are round and have 95 % intervals."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(max(0.6 * len(rows) + 2.0, 6.5), 4.6), layout="constrained")
+    ax = figure.subplots()
+    for i, column in enumerate(columns):
+        shift = _SPREAD * (i - (len(columns) - 1) / 2)
+        if column.measured:
+            _draw_measured(ax, column, shift)
+        else:
+            places = [place + shift for place in range(len(rows))]
+            recalls = [each for each in column.recalls if each is not None]
+            ax.plot(places, recalls, "D", color=_SHADES[i], label=column.label)
+    ax.set_xticks(range(len(rows)), rows, rotation=30 if len(rows) > 6 else 0)
+    ax.set_xlim(-0.6, len(rows) - 0.4)
+    ax.set_ylim(0.0, 1.03)
+    ax.set_ylabel("recall (ours with 95 % interval)")
+    ax.grid(axis="y", alpha=0.3)
+    ax.spines[["top", "right"]].set_visible(False)
+    figure.legend(loc="outside right upper", frameon=False, fontsize=8)
+    ax.set_title(title, fontsize=10)
+    figure.supxlabel(textwrap.fill(note, 110), fontsize=7, x=0.01, ha="left")
+    return figure
+
+
+def _draw_measured(ax: "Axes", column: RecallColumn, shift: float) -> None:
+    found = [
+        (place + shift, recall, recall - ends[0], ends[1] - recall)
+        for place, (recall, ends) in enumerate(zip(column.recalls, column.intervals, strict=True))
+        if recall is not None and ends is not None
+    ]
+    places, recalls, below, above = zip(*found, strict=True)
+    ax.errorbar(places, recalls, (below, above), fmt="o", capsize=3, label=column.label)
+
+
+_WITHIN, _OVER, _BEST = "#0072b2", "#999999", "#d55e00"
+
+
+def write_search_figure(folder: Path, result: Mapping[str, Any]) -> list[Path]:
+    """Write search.png and search.svg of what `search.json` holds; none without any result."""
+    if all(each["error"] is not None for each in result["trials"]):
+        return []
+    return save_figure(search_points(result), folder / "search")
+
+
+def search_points(result: Mapping[str, Any]) -> "Figure":
+    """A point for each trial that has a result; the first is the unchanged configuration."""
+    from matplotlib.figure import Figure
+
+    limit, best = result["limit_ms"], result["best"]
+    trials = [each for each in result["trials"] if each["error"] is None]
+    times, recalls = [t["time_ms"] for t in trials], [t["recall"] for t in trials]
+    end = 1.1 * max(*times, limit)
+    figure = Figure(figsize=(7.0, 4.6), layout="constrained")
+    ax = figure.subplots()
+    ax.axvline(limit, color="0.2", linewidth=1, linestyle=":", label=f"limit {limit:g} ms")
+    draw_front(ax, [(times[i], recalls[i]) for i in pareto_front(times, recalls)], end)
+    colors = [_WITHIN if time <= limit else _OVER for time in times]
+    ax.scatter(times, recalls, 26, colors, zorder=3)
+    if best is not None:
+        words = f"best within the limit: trial {best['trial']}"
+        ax.plot(best["time_ms"], best["recall"], "*", color=_BEST, markersize=14, zorder=4,
+                label=words)  # fmt: skip
+    first = next((each for each in trials if each["trial"] == 0), None)
+    if first is not None:
+        ax.annotate("unchanged configuration", (first["time_ms"], first["recall"]), (8, -12),
+                    textcoords="offset points", fontsize=8)  # fmt: skip
+    ax.set_xlim(0, end)
+    ax.set_xlabel("ms for one object in one frame, all stages (median)")
+    ax.set_ylabel("ADD(-S) recall")
+    ax.grid(alpha=0.3)
+    ax.spines[["top", "right"]].set_visible(False)
+    figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=8)
+    ax.margins(y=0.12)
+    ax.set_title(f"{len(trials)} trials of {result['space']}")
+    return figure

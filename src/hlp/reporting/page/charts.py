@@ -8,8 +8,7 @@ import numpy as np
 
 from hlp.records import MILLIMETRES_PER_METRE
 from hlp.reporting.comparison import ScoredTarget
-from hlp.reporting.figures.confusion_matrix import Confusion
-from hlp.reporting.figures.waterfall_bars import COLORS
+from hlp.reporting.figures.bench_bars import CAUSE_COLORS, Confusion
 from hlp.reporting.page.svg import BLUE, GREY, ORANGE, RED, SKY, Chart, ticks
 from hlp.reporting.paper_results import ADD_BY_OBJECT
 from hlp.results.intervals import wilson
@@ -22,7 +21,7 @@ _AD_END, _AD_LIMIT = 0.2, 0.1  # of the diameter
 _SHARES = [(i / 5, f"{i / 5:.1f}") for i in range(6)]
 _LEFT, _CELL, _NAMES = 128, 26, 2.6  # of a matrix: px for names, px of a cell, rows for names
 _DARK = 0.55  # share of a row from which numbers are white
-_STAGE_COLORS = (SKY, BLUE, ORANGE, RED, GREY)
+_STAGE_CAUSE_COLORS = (SKY, BLUE, ORANGE, RED, GREY)
 
 Targets = Sequence[ScoredTarget]
 
@@ -141,7 +140,7 @@ def waterfall_bars(summary: Mapping[str, Any]) -> str:
     chart.axes("missed targets", "", ticks(0, 1.25 * max(most, 4)))
     for row, (name, count) in enumerate(lost.items()):
         y, share = len(lost) - row - 0.5, count / max(summary["targets"], 1)
-        chart.bar((0, y - 0.32), (count, y + 0.32), COLORS.get(name, GREY))
+        chart.bar((0, y - 0.32), (count, y + 0.32), CAUSE_COLORS.get(name, GREY))
         chart.text((count, y), f"{count} ({share:.1%})", shift=(5, 4))
     return chart.svg()
 
@@ -183,7 +182,7 @@ def timing_bars(summary: Mapping[str, Any]) -> str:
                ticks(0, 1.45 * longest))  # fmt: skip
     for row, (name, each) in enumerate(times.items()):
         y = len(times) - row - 0.5
-        color = "#444" if name == "total" else _STAGE_COLORS[row % len(_STAGE_COLORS)]
+        color = "#444" if name == "total" else _STAGE_CAUSE_COLORS[row % len(_STAGE_CAUSE_COLORS)]
         chart.bar((0, y - 0.32), (each["median"], y + 0.32), color)
         high = "" if each["p95"] is None else f" ({each['p95']:.0f})"
         chart.text((each["median"], y), f"{each['median']:.3g}{high}", shift=(5, 4))

@@ -17,7 +17,7 @@ from jaxtyping import Float, Int, UInt8
 from hlp.errors import DataError
 from hlp.files import read_json, replaced, write_json
 from hlp.records import MILLIMETRES_PER_METRE
-from hlp.results.target_values import TargetKey
+from hlp.results.summary_file import TargetKey
 
 FOLDER = "report"
 _INDEX = "index.json"

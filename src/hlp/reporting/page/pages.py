@@ -4,8 +4,7 @@ from pathlib import Path
 
 from hlp.files import MANIFEST, SCORES, SWEEP
 from hlp.reporting.page.run_page import write_run_page
-from hlp.reporting.page.study_page import study_folders, write_study_page
-from hlp.reporting.page.study_sweep_page import write_study_sweep_page
+from hlp.reporting.page.study_page import study_folders, write_study_page, write_study_sweep_page
 from hlp.reporting.page.sweep_page import write_sweep_page
 from hlp.reporting.results import read_results, result_folders
 from hlp.reporting.study_arms import read_study_sweeps

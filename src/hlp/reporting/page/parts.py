@@ -9,7 +9,9 @@ from typing import Any
 
 import yaml
 
+from hlp.reporting.paper_results import ADD_BY_OBJECT, MS_PER_FRAME
 from hlp.reporting.results import run_command
+from hlp.results.summary_file import CORRECT
 
 
 def page_or_log(write: Callable[[Path], Path], folder: Path) -> Path | None:
@@ -37,3 +39,33 @@ def how_to_repeat(folder: Path, manifest: Mapping[str, Any]) -> dict[str, str]:
 def in_base64(path: Path) -> str:
     """A picture's file as it stands in a page."""
     return base64.b64encode(path.read_bytes()).decode("ascii")
+
+
+def run_verdict(summary: Mapping[str, Any]) -> str:
+    """How many targets were found, how sure that is, what most misses come from, and the time.
+
+    The paper's numbers follow if all objects are LINEMOD's.
+    """
+    add, targets = summary["metrics"]["add"], summary["targets"]
+    right = round(add["recall"] * targets)
+    low, high = add["ci95"]
+    words = f"{right} of {targets} targets have a right pose: ADD(-S) {add['recall']:.3f}"
+    words += f" (95 % interval {low:.3f} to {high:.3f})"
+    total = summary["waterfall"].get("total", summary["waterfall"])
+    lost = {name: count for name, count in total.items() if name != CORRECT and count}
+    if lost:
+        cause = max(lost, key=lambda name: lost[name])
+        share = f"{lost[cause]} of {sum(lost.values())}"
+        words += f"; most misses come from “{cause.replace('_', ' ')}” ({share})"
+    time = summary["timing_ms"].get("total", {}).get("median")
+    if time is not None:
+        words += f"; an object takes {time:.0f} ms"
+    names = list(summary["per_object"])
+    if names and all(name in ADD_BY_OBJECT for name in names):
+        paper = sum(ADD_BY_OBJECT[name] for name in names) / len(names)
+        words += (
+            f". The paper: {paper:.3f} on the mean of these objects (LINEMOD's whole sequences),"
+            f" about {MS_PER_FRAME:.0f} ms a frame; ours is"
+            f" {summary['metrics']['add']['mean_object']:.3f} on that mean"
+        )
+    return words + "."

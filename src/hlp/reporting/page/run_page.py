@@ -11,9 +11,8 @@ from hlp.reporting.comparison import ScoredTarget, read_targets
 from hlp.reporting.page import charts
 from hlp.reporting.page.layout import render
 from hlp.reporting.page.material import FOLDER, PageMaterial, read_material
-from hlp.reporting.page.parts import how_to_repeat, in_base64
-from hlp.reporting.page.verdict import run_verdict
-from hlp.reporting.stage_captions import drawn_stages
+from hlp.reporting.page.parts import how_to_repeat, in_base64, run_verdict
+from hlp.reporting.sweep_log import drawn_stages
 from hlp.reporting.tables.summary_tables import (
     METRIC_LABELS,
     calibration_words,
@@ -22,8 +21,7 @@ from hlp.reporting.tables.summary_tables import (
     timing_words,
     waterfall_tables,
 )
-from hlp.results.summary_file import read_summary
-from hlp.results.target_values import TargetKey
+from hlp.results.summary_file import TargetKey, read_summary
 
 _MOST_BYTES = 10_500_000  # of pictures: in base64 about 14 MB
 _COLUMNS = (
