@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from hlp.method.detector import Detector
     from hlp.method.find.detections import Detection, Rejection, RunnerUp, SearchResult
     from hlp.method.settings import MethodSettings
-    from hlp.method.track.tracker import Tracker
+    from hlp.method.track.tracker import RgbdFrame, Tracker
     from hlp.method.track.tracking import TrackedDetection, TrackingResult, TrackingSettings
     from hlp.records import CameraImage, Frame, ObjectModel
     from hlp.refinement.pose_fit import PoseFit
@@ -27,6 +27,7 @@ _HOMES = {
     "ObjectModel": "hlp.records",
     "PoseFit": "hlp.refinement.pose_fit",
     "Rejection": "hlp.method.find.detections",
+    "RgbdFrame": "hlp.method.track.tracker",
     "RunnerUp": "hlp.method.find.detections",
     "SearchResult": "hlp.method.find.detections",
     "TrackedDetection": "hlp.method.track.tracking",
@@ -44,6 +45,7 @@ __all__ = [
     "ObjectModel",
     "PoseFit",
     "Rejection",
+    "RgbdFrame",
     "RunnerUp",
     "SearchResult",
     "TrackedDetection",

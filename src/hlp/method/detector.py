@@ -42,14 +42,17 @@ MOST_INSTANCES = 10
 class Detector:
     """Finds learnt objects in RGB-D images: arrays in, poses out.
 
-        detector = Detector.learn({"bracket": "bracket.ply"}, "learnt/")   # minutes, once
-        detector = Detector.load("learnt/")                                # afterwards
-        for found in detector.detect(rgb, depth, camera_matrix):
-            print(found.object, found.score, found.pose_cam_obj)
-
     Only `learn`, `add` and `remove` write files. Several threads may use one detector; their calls
     are executed one after another. The same image gives the same poses, whichever images came
     before and whatever the number of `threads`.
+
+    Example:
+        `Detector.learn` makes a folder once, which takes minutes. Afterwards:
+
+        >>> detector = Detector.load("learnt")
+        >>> for found in detector.detect(rgb, depth, camera_matrix, ["bear"]):
+        ...     print(found)
+        bear: score ... at (...) mm, ...% visible
     """
 
     def __init__(
@@ -99,13 +102,27 @@ class Detector:
     ) -> "Detector":
         """Learn objects from their CAD models into a new folder. This takes minutes on two cores.
 
-        `meshes` maps names to files (PLY, OBJ, STL, …); `mesh_scale` is metres per unit of the
-        files (0.001: millimetres; None: guessed from the size, and logged). RGB-D frames of places
-        without the objects are better backgrounds than the procedural ones. Repeat an interrupted
-        call to continue it. Progress is shown on a terminal. Sets the threads of torch, OpenCV and
-        BLAS in this process.
+        Repeat an interrupted call to continue it. Progress is shown on a terminal. Sets the threads
+        of torch, OpenCV and BLAS in this process.
 
-        Raises InputError for a bad name or mesh, and for a folder that already exists.
+        Args:
+            meshes: names and files (PLY, OBJ, STL, …).
+            folder: must not exist yet.
+            settings: None: the defaults.
+            mesh_scale: metres per unit of the files (0.001: millimetres); None: guessed from the
+                size, and logged.
+            background_frames: RGB-D frames of places without the objects, which are better
+                backgrounds than the procedural ones.
+
+        Returns:
+            The detector of the new folder.
+
+        Raises:
+            InputError: a name or mesh is wrong, or the folder already exists.
+
+        Example:
+            >>> meshes = {"bear": "bear.ply", "can": "can.ply"}
+            >>> detector = Detector.learn(meshes, "learnt", mesh_scale=0.001)  # doctest: +SKIP
         """
         from hlp.method.learn.backgrounds import GivenBackgrounds
         from hlp.method.learn.learning import learn
@@ -131,10 +148,23 @@ class Detector:
     ) -> "Detector":
         """Open a folder that `learn` wrote, here or on another machine.
 
-        Networks and codebooks are read when first needed, or by `warm_up`. `threads` is the number
-        of threads of kernels and networks, `device` runs the networks (None: as when learning).
-        Raises MissingFileError if the
-        folder holds no learnt objects, DataError if they are damaged or of another version.
+        Networks and codebooks are read when first needed, or by `warm_up`.
+
+        Args:
+            folder: the folder.
+            threads: number of threads of kernels and networks; None: as when learning.
+            device: runs the networks, "cpu" or "cuda"; None: as when learning.
+
+        Returns:
+            A detector of the objects in the folder.
+
+        Raises:
+            MissingFileError: the folder holds no learnt objects.
+            DataError: they are damaged or of another version.
+
+        Example:
+            >>> Detector.load("learnt", threads=1).objects
+            ('bear', 'can')
         """
         return cls(folder, threads, device)
 
@@ -150,7 +180,12 @@ class Detector:
 
     @property
     def models(self) -> dict[str, ObjectModel]:
-        """The learnt objects' models by name: mesh, diameter, symmetries, id."""
+        """The learnt objects' models by name: mesh, diameter, symmetries, id.
+
+        Example:
+            >>> detector.models["bear"].symmetries.shape  # the identity alone
+            (1, 4, 4)
+        """
         learnt = self._estimator.learnt.models
         return {name: learnt[object_id] for name, object_id in self._ids.items()}
 
@@ -163,8 +198,18 @@ class Detector:
     ) -> None:
         """Learn more objects into the folder.
 
-        The encoder stays as it is and the classifier is trained further. Arguments and errors are
-        those of `learn`; also InputError for a name that is already used.
+        The encoder stays as it is and the classifier is trained further.
+
+        Args:
+            meshes: as in `learn`.
+            mesh_scale: as in `learn`.
+            background_frames: as in `learn`.
+
+        Raises:
+            InputError: a name or mesh is wrong, or a name is already used.
+
+        Example:
+            >>> detector.add({"cat": "cat.ply"}, mesh_scale=0.001)  # doctest: +SKIP
         """
         from hlp.method.learn.backgrounds import GivenBackgrounds
         from hlp.method.learn.learning import add
@@ -179,7 +224,19 @@ class Detector:
             self._open()
 
     def remove(self, name: str) -> None:
-        """Take an object out of the folder. Raises InputError for an unknown or the last one."""
+        """Take an object out of the folder.
+
+        Args:
+            name: a learnt object.
+
+        Raises:
+            InputError: it is not learnt, or there is no other object.
+
+        Example:
+            >>> detector.remove("can")
+            >>> detector.objects
+            ('bear',)
+        """
         from hlp.method.learn.learning import remove
 
         with self._lock:
@@ -201,16 +258,28 @@ class Detector:
         min_score: float = MIN_SCORE,
         mask: Bool[np.ndarray, "h w"] | None = None,
     ) -> list[Detection]:
-        """Find the objects (names; None: all learnt ones) in one RGB-D image.
+        """Find objects in one RGB-D image.
 
-        `rgb` (h, w, 3) uint8, red first. `depth` (h, w) floating point in metres along the optical
-        axis, registered to `rgb`, 0 or NaN where missing. `camera_matrix` (3, 3) in pixels, with
-        pixel centres at integers. All instances of each object are returned, at most
-        `max_instances`, if their poses are right with a probability of at least `min_score`. The
-        most certain detection comes first. `search` also tells why an object is not among them.
-        `mask` (h, w) bool narrows the search: only what it covers votes for poses.
+        Args:
+            rgb: (h, w, 3) uint8, red first.
+            depth: (h, w) floating point, metres along the optical axis, registered to `rgb`; 0 or
+                NaN where missing.
+            camera_matrix: (3, 3), pixels, with pixel centres at integers.
+            objects: their names; None: all learnt ones.
+            max_instances: how many instances of one object are looked for.
+            min_score: the least probability that a pose is right.
+            mask: (h, w) bool; only what it covers votes for poses.
 
-        Raises InputError naming the argument that is wrong.
+        Returns:
+            All instances of the objects, the most certain first.
+
+        Raises:
+            InputError: an argument, which it names, is wrong.
+
+        Example:
+            >>> (found,) = detector.detect(rgb, depth, camera_matrix, ["bear"], max_instances=1)
+            >>> found.object, found.pose_cam_obj.shape
+            ('bear', (4, 4))
         """
         found = self.search(rgb, depth, camera_matrix, objects, max_instances, min_score, mask)
         return found.detections
@@ -225,7 +294,28 @@ class Detector:
         min_score: float = MIN_SCORE,
         mask: Bool[np.ndarray, "h w"] | None = None,
     ) -> SearchResult:
-        """What `detect` returns, and for each object why it has no other detection."""
+        """Find objects as `detect` does, and say for each why it has no other detection.
+
+        Args:
+            rgb: as in `detect`, like all arguments.
+            depth: see above.
+            camera_matrix: see above.
+            objects: see above.
+            max_instances: see above.
+            min_score: see above.
+            mask: see above.
+
+        Returns:
+            Detections, and the rejected answers with the reasons.
+
+        Raises:
+            InputError: an argument, which it names, is wrong.
+
+        Example:
+            >>> result = detector.search(rgb, 0 * depth, camera_matrix, ["bear"])
+            >>> result.detections, result.rejections[0].reason
+            ([], 'nothing looks like the object where the image has depth and ...')
+        """
         frame = checked_frame(rgb, depth, camera_matrix)
         names = self._checked_names(objects)
         check_limits(max_instances, min_score)
@@ -249,10 +339,27 @@ class Detector:
     ) -> Detection | None:
         """The best pose of an object about a given one, by the refiner alone (stage 3).
 
-        For a pose that is roughly known: from another detector, or from a moment before. `object`
-        is a learnt name, `pose_cam_obj` (4, 4) maps its coordinates to the camera's (m); the other
-        arguments are those of `detect`. None if it is not in front of the camera. Raises InputError
-        naming the argument that is wrong.
+        For a pose that is roughly known: from another detector, or from a moment before.
+
+        Args:
+            rgb: as in `detect`.
+            depth: as in `detect`.
+            camera_matrix: as in `detect`.
+            object: name of a learnt object.
+            pose_cam_obj: (4, 4), maps its coordinates to the camera's (metres).
+
+        Returns:
+            The refined pose, with its score; None if it is not in front of the camera.
+
+        Raises:
+            InputError: an argument, which it names, is wrong.
+
+        Example:
+            >>> (found,) = detector.detect(rgb, depth, camera_matrix, ["bear"], max_instances=1)
+            >>> rough = found.pose_cam_obj.copy()
+            >>> rough[:3, 3] += 0.005
+            >>> detector.refine(rgb, depth, camera_matrix, "bear", rough).object
+            'bear'
         """
         frame = checked_frame(rgb, depth, camera_matrix)
         (name,) = self._checked_names([object])
@@ -268,9 +375,23 @@ class Detector:
         max_instances: int = MOST_INSTANCES,
         settings: TrackingSettings | None = None,
     ) -> Tracker:
-        """What follows objects (names; None: all learnt ones) through one sequence of frames.
+        """What follows objects through one sequence of frames.
 
-        Raises InputError naming the argument that is wrong.
+        Args:
+            objects: their names; None: all learnt ones.
+            max_instances: how many instances of one object are looked for.
+            settings: None: the defaults.
+
+        Returns:
+            A tracker that has seen no frame yet.
+
+        Raises:
+            InputError: an argument, which it names, is wrong.
+
+        Example:
+            >>> tracker = detector.tracker(["bear"], max_instances=1)
+            >>> [found.tracked for found in tracker.update(image)]
+            [False]
         """
         settings = TrackingSettings() if settings is None else settings
         if not isinstance(settings, TrackingSettings):
@@ -288,10 +409,26 @@ class Detector:
     ) -> Iterator[list[TrackedDetection]]:
         """The objects in each frame of a sequence; the same as `Tracker.update` frame by frame.
 
-        `frames` have `rgb`, `depth` and `camera_matrix` as in `detect`, e.g. `hlp.CameraImage`. An
-        object is searched where it was last seen, which takes a tenth of the time of detection, and
-        detected where that fails. Raises InputError naming what is wrong with an argument or, when
-        it is reached, a frame.
+        An object is searched where it was last seen, which takes a tenth of the time of detection,
+        and detected where that fails.
+
+        Args:
+            frames: have `rgb`, `depth` and `camera_matrix` as in `detect`, e.g. `hlp.CameraImage`.
+            objects: their names; None: all learnt ones.
+            max_instances: how many instances of one object are looked for.
+            settings: None: the defaults.
+
+        Returns:
+            What is found in each frame, the most certain first, as soon as the frame is there.
+
+        Raises:
+            InputError: an argument or, when it is reached, a frame is wrong.
+
+        Example:
+            >>> for found in detector.track([image, image], ["bear"], max_instances=1):
+            ...     print([(one.object, one.track, one.tracked) for one in found])
+            [('bear', 0, False)]
+            [('bear', 0, True)]
         """
         tracker = self.tracker(objects, max_instances, settings)
         if not isinstance(frames, Iterable):

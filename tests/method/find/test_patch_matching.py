@@ -2,13 +2,16 @@
 
 import threading
 import time
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
+from hlp.codebook.neighbours import ExactNeighbours, Neighbours
 from hlp.data.synthetic.objects import demo_objects
+from hlp.method.find import patch_matching
 from hlp.method.find.patch_matching import FrameMatches, PatchMatching, SearchGroup, search_groups
 from hlp.method.stage_settings import FindSettings
 from hlp.patches.local import region_pixels
@@ -171,6 +174,56 @@ def test_no_pixels_and_pixels_without_depth_have_no_patches(frame: Frame) -> Non
     for pixels in (np.zeros((0, 2), dtype=np.int64), np.array([[50, 60], [58, 60]])):
         patches, matches = empty.match(1, pixels)
         assert len(patches) == len(matches.indices) == 0
+
+
+@dataclass(frozen=True)
+class DocumentedCodebook:
+    """What the protocol `NeighboursSettings` asks for, and nothing else."""
+
+    name: str = "documented"
+    neighbours: int = 3
+    dimension_multiple: ClassVar[int] = 1
+
+    def build(
+        self, features: np.ndarray, seed: int, threads: int, folder: Path | None = None
+    ) -> Neighbours:
+        return ExactNeighbours(features, self.neighbours)
+
+    def prepare(self, features: np.ndarray, seed: int, folder: Path) -> None:
+        raise AssertionError("nothing is prepared")
+
+
+def test_a_codebook_of_ones_own_needs_the_documented_protocol_alone(frame: Frame) -> None:
+    own = replace(OWN, coarse=replace(OWN.coarse, codebook=DocumentedCodebook()))
+    (pixels, *_) = wanted(frame)
+    found, expected = (
+        FrameMatches(matching(settings, Encoder()), frame).match(1, pixels)[1]
+        for settings in (own, OWN)
+    )
+    assert len(found.indices) > 0
+    np.testing.assert_array_equal(found.indices, expected.indices)
+    np.testing.assert_array_equal(found.distances, expected.distances)
+
+
+@pytest.mark.parametrize(("size_mm", "side"), [(None, 0.038 * 1.5), (45.0, 0.045 * 1.5)])
+def test_patches_are_cut_at_the_side_that_settings_tell(
+    size_mm: float | None, side: float, frame: Frame, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An object's own size of 38 mm makes patches of 57 mm."""
+    cut_at: list[float] = []
+    cut = patch_matching.cut_local_patches
+
+    def noted(*given: Any) -> LocalPatches:
+        cut_at.append(given[4])
+        return cut(*given)
+
+    monkeypatch.setattr(patch_matching, "cut_local_patches", noted)
+    models = {each: replace(model, local_size=0.038) for each, model in MODELS.items()}
+    monkeypatch.setattr(Learnt, "models", models)
+    local = replace(OWN.coarse.local, size_mm=size_mm)
+    settings = replace(OWN, coarse=replace(OWN.coarse, local=local))
+    FrameMatches(matching(settings, Encoder()), frame).match(1, wanted(frame)[0])
+    assert cut_at == [local.side_of(0.038)] == [pytest.approx(side)]
 
 
 def test_features_are_held_once() -> None:

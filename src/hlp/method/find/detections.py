@@ -1,6 +1,7 @@
 """What a detector says about an image: what it found, and why it did not find the rest."""
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -21,6 +22,8 @@ _SAME_SHIFT = 0.1  # of the diameter
 def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value.tolist()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
     if not dataclasses.is_dataclass(value):
         return value
     return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
@@ -38,15 +41,26 @@ class RunnerUp:
 class Detection:
     """One object found in one image.
 
-    `object` is its name. `pose_cam_obj` (4, 4) maps its coordinates to the camera's (metres; x
-    right, y down, z forward). `score` is the probability that the pose is right, that is that its
-    ADD-S is below a tenth of the diameter. `visible_fraction` is the fraction of its silhouette
-    that lies in the image and that nothing nearer covers. `seconds` is the wall time, divided
-    equally among an object's instances; work shared by all objects of an image counts for the
-    first. Several threads search different objects at once, so the times of objects overlap.
-    `residual_mm` is the median difference in depth where model and image agree. `equivalent_poses`
-    (n, 4, 4) are those that the object's symmetries do not tell apart, `pose_cam_obj` first.
-    `runner_up` is None if there was no other pose. `fit` is what the score is computed from.
+    Attributes:
+        object: its name.
+        score: probability that the pose is right: that its ADD-S is below a tenth of the diameter.
+        pose_cam_obj: (4, 4) float64, maps the object's coordinates to the camera's (metres; x
+            right, y down, z forward).
+        visible_fraction: part of the silhouette that is in the image and that nothing covers.
+        seconds: wall time, divided equally among an object's instances; work shared by all objects
+            of an image counts for the first. Threads search different objects at once, so that the
+            times of objects overlap.
+        residual_mm: median difference in depth (mm) where model and image agree.
+        equivalent_poses: (n, 4, 4), the poses that the object's symmetries do not tell apart,
+            `pose_cam_obj` first.
+        runner_up: None if there was no other pose.
+        fit: what the score is computed from.
+
+    Example:
+        >>> (found,) = detector.detect(rgb, depth, camera_matrix, ["bear"], max_instances=1)
+        >>> print(found)
+        bear: score ... at (...) mm, ...% visible
+        >>> text = json.dumps(found.to_dict())
     """
 
     object: str
@@ -68,7 +82,11 @@ class Detection:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything as values for JSON: arrays as lists, `runner_up` and `fit` as dictionaries."""
+        """Everything as values for JSON.
+
+        Returns:
+            Arrays as lists, `runner_up` and `fit` as dictionaries, what is not finite as None.
+        """
         return {field.name: _plain(getattr(self, field.name)) for field in dataclasses.fields(self)}
 
 

@@ -48,15 +48,18 @@ class RgbdFrame(Protocol):
 class Tracker:
     """Follows objects from frame to frame. Made by `Detector.tracker`.
 
-        tracker = detector.tracker()
-        for frame in camera:
-            for found in tracker.update(frame):
-                print(found.object, found.track, found.tracked, found.pose_cam_obj)
-
     An instance that was found in the last frame is looked for where it was, by the refiner alone.
     If its score is then too low, its object is detected again in the same frame. Frames are taken
     to be equally far apart in time. A tracker belongs to one sequence; several trackers may use one
     detector.
+
+    Example:
+        >>> tracker = detector.tracker(["bear"], max_instances=1)
+        >>> for frame in [image, image]:
+        ...     for found in tracker.update(frame):
+        ...         print(found.track, found.tracked, found)
+        0 False bear: score ... visible
+        0 True bear: score ... visible
     """
 
     def __init__(
@@ -80,18 +83,35 @@ class Tracker:
     def update(
         self, frame: RgbdFrame, mask: Bool[np.ndarray, "h w"] | None = None
     ) -> list[TrackedDetection]:
-        """The objects in the next frame, the most certain first.
+        """Find the objects in the next frame.
 
-        In the first frame they are those that `Detector.detect` finds. `mask` (h, w) narrows the
-        search of objects that are not tracked. Raises InputError naming what is wrong with a frame;
-        the tracker then is as it was before.
+        Args:
+            frame: has `rgb`, `depth` and `camera_matrix` as in `Detector.detect`.
+            mask: (h, w) bool, narrows the search for objects that are not tracked.
+
+        Returns:
+            What is found, the most certain first; in the first frame as by `Detector.detect`.
+
+        Raises:
+            InputError: the frame is wrong. The tracker then is as it was before.
         """
         return self.search(frame, mask).detections
 
     def search(
         self, frame: RgbdFrame, mask: Bool[np.ndarray, "h w"] | None = None
     ) -> TrackingResult:
-        """What `update` returns, and for each object that is not found, why."""
+        """Find objects as `update` does, and say of each that is not found, why.
+
+        Args:
+            frame: as in `update`.
+            mask: as in `update`.
+
+        Returns:
+            Detections, and the rejected answers with the reasons.
+
+        Raises:
+            InputError: as in `update`.
+        """
         for name in ("rgb", "depth", "camera_matrix"):
             if not hasattr(frame, name):
                 raise InputError(f"a frame must have rgb, depth and camera_matrix: {name} is not")

@@ -1,0 +1,92 @@
+"""What `hlp` exports: examples in its docstrings, and what it prints."""
+
+import doctest
+import json
+import shutil
+import typing
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hlp
+from hlp.records import Frame
+
+GIVEN = ("Detection", "Detector", "Tracker")
+
+
+def examples() -> dict[str, doctest.DocTest]:
+    finder = doctest.DocTestFinder(exclude_empty=True)
+    found = [test for name in GIVEN for test in finder.find(getattr(hlp, name), name)]
+    return {test.name: test for test in found if test.examples}
+
+
+@pytest.mark.parametrize("name", examples())
+def test_examples_of_docstrings_run(
+    name: str, learnt: Path, frame: Frame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(learnt, "learnt")
+    image = hlp.CameraImage(frame.rgb, frame.depth, frame.camera_matrix)
+    test = examples()[name]
+    test.globs = vars(image) | {
+        "Detector": hlp.Detector,
+        "detector": hlp.Detector.load("learnt"),
+        "image": image,
+        "json": json,
+    }
+    options = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+    report = list[str]()
+    doctest.DocTestRunner(optionflags=options).run(test, out=report.append)
+    assert not report, "".join(report)
+
+
+def test_public_methods_have_examples() -> None:
+    methods = {
+        f"Detector.{name}"
+        for name, value in vars(hlp.Detector).items()
+        if not name.startswith("_") and isinstance(value, FunctionType | classmethod)
+    }
+    assert methods - examples().keys() == {"Detector.warm_up"}
+
+
+def test_all_of_a_public_signature_is_exported() -> None:
+    exported = [getattr(hlp, name) for name in hlp.__all__]
+    classes = [value for value in exported if isinstance(value, type)]
+    signatures = [
+        typing.get_type_hints(method)
+        for of in (hlp.Detector, hlp.Tracker)
+        for name, method in vars(of).items()
+        if isinstance(method, FunctionType) and not name.startswith("_")
+    ]
+    fields = [typing.get_type_hints(of) for of in (hlp.Detection, hlp.SearchResult)]
+    named = {one for hints in signatures + fields for hint in hints.values() for one in parts(hint)}
+    assert named and named <= {*classes}
+
+
+def parts(hint: Any) -> set[type]:
+    """HLP's classes in a type hint."""
+    own = isinstance(hint, type) and getattr(hint, "__module__", "").startswith("hlp.")
+    inner = [parts(part) for part in typing.get_args(hint)]
+    return set().union(*inner, {hint} if own else set())
+
+
+def test_what_is_printed_and_what_goes_to_json(learnt: Path, frame: Frame) -> None:
+    detector = hlp.Detector.load(learnt, threads=1)
+    assert repr(detector) == (
+        f"Detector({str(learnt)!r}, objects=['bear', 'can'], encoder=pca, codebook=exact, "
+        "refinement=pso, threads=1)"
+    )
+    fit = hlp.PoseFit(0.1, 0.5, 0.5, np.inf, 0.9)
+    pose = np.diag([1.0, 1.0, 1.0, 1.0])
+    pose[:3, 3] = 0.0123, -0.05, 0.7
+    other = hlp.RunnerUp(pose, 0.25)
+    found = hlp.Detection("bear", 0.875, pose, 0.9, 1.0, np.inf, pose[None], other, fit)
+    assert str(found) == "bear: score 0.88 at (12.3, -50.0, 700.0) mm, 90% visible"
+    read = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    assert read["object"] == "bear"
+    assert read["residual_mm"] is None and read["fit"]["residual_mm"] is None
+    assert read["runner_up"] == {"pose_cam_obj": pose.tolist(), "score": 0.25}
+    assert read["equivalent_poses"] == [pose.tolist()]
