@@ -161,3 +161,13 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
         raise DataError(
             f"{path} is damaged ({error}): delete its folder to make it again, or copy it anew"
         ) from error
+
+
+def config_folder() -> Path:
+    """Folder of the configuration: inside an installed package, or the checkout's own `conf/`."""
+    package = Path(__file__).parent
+    folders = (package / "conf", package.parents[1] / "conf")
+    for folder in folders:
+        if (folder / "config.yaml").is_file():
+            return folder
+    raise MissingFileError(f"no config.yaml in {' or '.join(map(str, folders))}: reinstall hlp")

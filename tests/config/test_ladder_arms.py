@@ -11,7 +11,7 @@ from hlp.config.build import build_settings
 from hlp.config.settings import RunSettings
 
 CONF = Path(__file__).parents[2] / "conf"
-ARMS = sorted(path.stem for path in (CONF / "ladder").glob("*.yaml"))
+ARMS = sorted(yaml.safe_load((CONF / "ladder.yaml").read_text()))
 BOARD = ("data=bop", "data.root=folder", "output=out", "hydra.mode=RUN")
 
 

@@ -9,9 +9,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-import hlp
 from hlp.commands.nearest import nearest
-from hlp.errors import HlpError, InputError, MissingFileError, is_expected
+from hlp.errors import HlpError, InputError, is_expected
+from hlp.files import config_folder as config_folder
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
@@ -23,16 +23,6 @@ _OPTIONS_WITH_VALUE = {
     "--cfg", "-c", "--info", "-i", "--package", "-p", "--config-dir", "-cd", "--config-name", "-cn",
     "--config-path", "-cp", "--experimental-rerun",
 }  # fmt: skip
-
-
-def config_folder() -> Path:
-    """Folder of the configuration: inside an installed package, or the checkout's own `conf/`."""
-    package = Path(hlp.__file__).parent
-    folders = (package / "conf", package.parents[1] / "conf")
-    for folder in folders:
-        if (folder / "config.yaml").is_file():
-            return folder
-    raise MissingFileError(f"no config.yaml in {' or '.join(map(str, folders))}: reinstall hlp")
 
 
 def compose_config(*overrides: str, folder: Path | None = None) -> DictConfig:

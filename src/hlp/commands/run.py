@@ -87,6 +87,9 @@ def run_help(arguments: Sequence[str], folder: Path) -> str:
     from hydra import initialize_config_dir
     from hydra.core.global_hydra import GlobalHydra
 
+    from hlp.config.typed_defaults import provide_defaults
+
+    provide_defaults()
     with initialize_config_dir(str(folder.absolute()), version_base="1.3"):
         loader = GlobalHydra.instance().config_loader()
         searched, lines, groups = _searched(arguments), [], loader.list_groups("")

@@ -52,7 +52,7 @@ TASKS: Registry[TaskSettings] = Registry("task", "hlp.studies")
 
 @dataclass(frozen=True)
 class ArmSettings(Settings):
-    """What an arm of experiment=ladder changes, for its table; see conf/ladder."""
+    """What an arm of experiment=ladder changes, for its table; see conf/ladder.yaml."""
 
     change: Annotated[str, Doc("the change, in words")] = ""
     before: Annotated[str | None, Doc("the arm that it is compared with; null: none")] = None

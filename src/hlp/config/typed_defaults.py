@@ -25,11 +25,14 @@ from omegaconf import OmegaConf
 
 from hlp.config.kept_defaults import keep_defaults, kept_defaults
 from hlp.errors import ConfigError
+from hlp.files import config_folder
 from hlp.registry import Registry
 from hlp.settings import defaults_of
 
 _BASE = "base"
 _SCHEME = "hlp-defaults"
+LADDER = "ladder"
+"""The config group whose alternatives are rows of one file."""
 
 
 def provide_defaults() -> None:
@@ -56,7 +59,7 @@ def group_kinds() -> dict[str, "type | Registry[Any]"]:
 
 
 class TypedDefaults(ConfigSource):
-    """The source from which Hydra reads `GROUP/base` and `GROUP/base_NAME`."""
+    """The source from which Hydra reads `GROUP/base`, `GROUP/base_NAME` and rows of the ladder."""
 
     @staticmethod
     def scheme() -> str:
@@ -65,30 +68,49 @@ class TypedDefaults(ConfigSource):
 
     def load_config(self, config_path: str) -> ConfigResult:
         """The defaults as a configuration."""
-        defaults = _defaults(config_path.removesuffix(".yaml"))
+        path = config_path.removesuffix(".yaml")
+        row = _ladder_row(path)
+        defaults = _defaults(path) if row is None else row
         assert defaults is not None, config_path
         return ConfigResult(
             provider=self.provider,
             path=self.full_path(),
             config=OmegaConf.create(defaults),
-            header={"package": None},
+            header={"package": None if row is None else "_global_"},
         )
 
     def is_config(self, config_path: str) -> bool:
-        """Whether the path is a group's `base` or `base_NAME`."""
-        return _defaults(config_path.removesuffix(".yaml")) is not None
+        """Whether the path is a group's `base` or `base_NAME`, or a row of the ladder."""
+        path = config_path.removesuffix(".yaml")
+        return _ladder_row(path) is not None or _defaults(path) is not None
 
     def is_group(self, config_path: str) -> bool:
-        """Always false: the groups are those of the files."""
-        return False
+        """Whether it is the ladder; the other groups are those of the files."""
+        return config_path.strip("/") == LADDER
 
     def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
-        """Nothing: the defaults are for other configurations and are not choices."""
-        return []
+        """The rows of the ladder; defaults are for other configurations and are not choices."""
+        if self.is_group(config_path) and results_filter != ObjectType.GROUP:
+            return sorted(ladder_rows())
+        is_root = not config_path.strip("/") and results_filter == ObjectType.GROUP
+        return [LADDER] if is_root else []
 
     def available(self) -> bool:
         """Always."""
         return True
+
+
+@cache
+def ladder_rows() -> dict[str, Any]:
+    """The configurations of the group `ladder`, which are rows of one file: `conf/ladder.yaml`."""
+    rows = OmegaConf.to_container(OmegaConf.load(config_folder() / f"{LADDER}.yaml"), resolve=False)
+    assert isinstance(rows, dict)
+    return {str(name): row for name, row in rows.items()}
+
+
+def _ladder_row(path: str) -> dict[str, Any] | None:
+    group, _, name = path.strip("/").rpartition("/")
+    return ladder_rows().get(name) if group == LADDER else None
 
 
 class TypedDefaultsPath(SearchPathPlugin):

@@ -82,6 +82,7 @@ def search_again(
     pose, iterations = search(cost, start, model.centroid, settings, rng)
     if not np.array_equal(pose, stored):  # it was chosen, so that it was moved further
         pose = choose_sibling(seen, model, pose).pose_cam_obj
+        # The first refinement of a look has the seed of the look, as its last one has.
         refiner, seed = settings.build(threads=1), int(refined.seeds[0][0])
         before = Refinement(pose, iterations)
         polished = refiner.polish(model, seen.depth, seen.camera_matrix, before, seed)

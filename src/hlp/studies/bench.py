@@ -14,6 +14,7 @@ from hlp.config.build import Run, with_changes
 from hlp.config.settings import TASKS, RunSettings
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.files import write_json
+from hlp.method.find.detections import describe_all
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.find.search import search_frame
 from hlp.method.stage_settings import FindSettings
@@ -213,8 +214,9 @@ def _objects_at_once(run: Run, store: StageStore, keys: Sequence[str]) -> dict[s
     for key in tqdm(keys, desc="objects at once", unit="frame", disable=None):
         frame = run.dataset.frames.load(key)
         begun, busy = time.perf_counter(), time.process_time()
-        wanted = run.dataset.wanted(frame)
-        search_frame(estimator, estimator.prepare(frame), wanted, min_score=0.0, begun=begun)
+        context, counts = estimator.prepare(frame), run.dataset.wanted(frame)
+        trace = search_frame(estimator, context, counts, min_score=0.0, begun=begun)
+        describe_all(estimator, context, trace)
         spent.append(Spent(time.perf_counter() - begun, time.process_time() - busy))
     return summarise_whole([{"frame": each} for each in spent])
 
