@@ -85,15 +85,15 @@ class TypedDefaults(ConfigSource):
         return _ladder_row(path) is not None or _defaults(path) is not None
 
     def is_group(self, config_path: str) -> bool:
-        """Whether it is the ladder; the other groups are those of the files."""
-        return config_path.strip("/") == LADDER
+        """Whether it is the ladder, or what holds it; the other groups are those of the files."""
+        return config_path.strip("/") in {"", LADDER}
 
     def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
         """The rows of the ladder; defaults are for other configurations and are not choices."""
-        if self.is_group(config_path) and results_filter != ObjectType.GROUP:
-            return sorted(ladder_rows())
-        is_root = not config_path.strip("/") and results_filter == ObjectType.GROUP
-        return [LADDER] if is_root else []
+        groups = results_filter == ObjectType.GROUP
+        if not config_path.strip("/"):
+            return [LADDER] if groups else []
+        return [] if groups else sorted(ladder_rows())
 
     def available(self) -> bool:
         """Always."""
