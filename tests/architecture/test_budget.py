@@ -1,0 +1,65 @@
+"""The size of the project has limits: what a change adds, it pays for, or says why a limit moves."""
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+LIMITS = {
+    "lines of src": 41_600,  # aim: 24,000
+    "modules of src": 319,  # aim: 220
+    "lines of tests": 35_500,  # aim: 22,000
+    "files of conf": 86,  # aim: 60
+    "words of docs": 12_000,
+    "words of README": 600,
+    "words of CHANGELOG": 800,
+}
+"""Where we are still above our aim, the limit is today's size: it may only fall."""
+
+
+def files(folder: str, ending: str) -> list[Path]:
+    """The files below a folder that git tracks, or would track."""
+    listed = subprocess.run(
+        ["git", "ls-files", "-co", "--exclude-standard", "-z", "--", folder],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.split("\0")
+    paths = (ROOT / name for name in listed if name.endswith(ending))
+    return [path for path in paths if path.is_file()]
+
+
+def lines(paths: list[Path]) -> int:
+    """Lines of all files."""
+    return sum(len(path.read_text().splitlines()) for path in paths)
+
+
+def words(paths: list[Path]) -> int:
+    """Words of all files, as `wc -w` counts them."""
+    return sum(len(path.read_text().split()) for path in paths)
+
+
+def sizes() -> dict[str, int]:
+    """What the limits are for, counted."""
+    return {
+        "lines of src": lines(files("src", ".py")),
+        "modules of src": len(files("src", ".py")),
+        "lines of tests": lines(files("tests", ".py")),
+        "files of conf": len(files("conf", ".yaml")),
+        "words of docs": words(files("docs", ".md")),
+        "words of README": words([ROOT / "README.md"]),
+        "words of CHANGELOG": words([ROOT / "CHANGELOG.md"]),
+    }
+
+
+@pytest.mark.skipif(not (ROOT / ".git").exists(), reason="only a checkout is counted")
+@pytest.mark.parametrize("what", LIMITS)
+def test_the_budget_is_kept(what):
+    assert sizes()[what] <= LIMITS[what]
+
+
+if __name__ == "__main__":
+    for name, size in sizes().items():
+        print(f"{name:<20}{size:>8}  of {LIMITS[name]}")
