@@ -1,4 +1,4 @@
-"""The size of the project has limits: what a change adds, it pays for, or says why a limit moves."""
+"""The size of the project has limits: what a change adds, it pays for, or says why one moves."""
 
 import subprocess
 from pathlib import Path
