@@ -118,7 +118,7 @@ COMMANDS = {
     ),
     "runs": _Command(runs.command, "what lies in outputs/, with the main figures", _never),
     "ui": _Command(ui.command, "the runs in a browser, by MLflow", _never),
-    "upload": _Command(upload.command, "send runs to MLflow's server that was away"),
+    "upload": _Command(upload.command, "send runs to an MLflow server that was unreachable"),
     "bench": _Command(bench.command, "time and memory of every stage on this machine"),
     "search": _Command(search.command, "search for the best settings within a time limit"),
     "download": _Command(download.command, "public data sets in a form that HLP reads"),

@@ -108,12 +108,11 @@ afterwards `hlp predict learnt=FOLDER …` finds all of them in your frames.
                (see `hlp objects`)
   names        names of the objects (default: those of the files)
 
-Found in the meshes and said, unless given, for all of them or for one:
+Detected in the meshes; override for all of them or for one:
 symmetries.bolt=none
   mesh_scale   metres per unit of the meshes: 1 for metres, 0.001 for
                millimetres
-  symmetries   none: every turn of the object counts, though it looks nearly the
-               same
+  symmetries   none: treat the object as asymmetric
   colors       false: the real objects have other colours than the meshes
   holistic_size_mm, local_size_mm    sides of windows and local patches
 

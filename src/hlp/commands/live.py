@@ -64,7 +64,7 @@ def _live(arguments: Sequence[str]) -> None:
         terminated = isinstance(error, TerminatedError)
         print(f"hlp: stopped after {answers.images} images", file=sys.stderr)
         sys.exit(TERMINATED if terminated else INTERRUPTED)
-    except BrokenPipeError:  # whoever read the answers has gone
+    except BrokenPipeError:  # the reader of the answers has gone
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     finally:
         camera.close()

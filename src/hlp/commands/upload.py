@@ -1,4 +1,4 @@
-"""`hlp upload`: sends the runs that were kept here while MLflow's server was away."""
+"""`hlp upload`: sends the runs that were kept here while MLflow's server was unreachable."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -26,7 +26,7 @@ UPLOAD_HELP = """\
 usage: hlp upload [work=DIR] [unsent=DATABASE] [uri=SERVER]
 
 Sends the runs that `hlp run` has kept in DIR/unsent because MLflow's server was
-away, with all their numbers, files and images. What is sent is removed here.
+unreachable, with all their numbers, files and images. What is sent is removed here.
 
   work    folder of the runs, as for `hlp run` (work)
   unsent  the database of these runs, if `reporting.unsent` named another

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Opened:
-    """MLflow's client and the id of an experiment; `aside` if the server was away."""
+    """MLflow's client and the id of an experiment; `aside` if the server was unreachable."""
 
     client: "MlflowClient"
     experiment_id: str

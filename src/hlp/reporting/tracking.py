@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 PARENT = "mlflow.parentRunId"  # tag of the runs of a sweep
 REVISION = "mlflow.source.git.commit"
 ARM = "hlp.arm"  # tag that tells the runs of a sweep apart
-SEND_TO = "hlp.send_to"  # tags of a run that was kept here while its server was away
+SEND_TO = "hlp.send_to"  # tags of a run that was kept here while its server was unreachable
 CONTINUES = "hlp.continues"
 
 

@@ -1,4 +1,4 @@
-"""Runs that were kept here while MLflow's server was away: send them, with all that they hold."""
+"""Runs that were kept here while MLflow's server was unreachable: send them, with all they hold."""
 
 import logging
 import tempfile

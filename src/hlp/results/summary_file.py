@@ -79,7 +79,7 @@ def numbered_targets(targets: Iterable[tuple[int, int, int]]) -> list[TargetKey]
 
 
 def write_target_values(folder: Path, values: TargetValues, names: Mapping[int, str]) -> None:
-    """Write targets.csv: a row a target, a column for each number, empty where it has none.
+    """Write targets.csv: one row per target, one column per number, empty where it has none.
 
     `names` are the objects' names by id; raises KeyError for an object that has none.
     """
