@@ -119,7 +119,7 @@ WRONG = [
     ("data.objects", [4, 9], r"^data\.objects is 9: it must be at most 8$"),
     ("data.objects", [6, 5], r"^data\.objects is \[6, 5\]: it must be \[least, most\]$"),
     ("data.objects", [5], r"^data\.objects is \[5\]: it must be a list of 2$"),
-    ("mesh", "a.ply", r"^mesh is no key: there are name, seed, "),
+    ("mesh", "a.ply", r"^mesh is no key: there are seed, rendering, "),
     ("output", "", r"^output is empty: name one$"),
     ("work", " ", r"^work is empty: name one$"),
     ("name", "???", r"^name is not set: set name=VALUE$"),

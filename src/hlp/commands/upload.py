@@ -26,7 +26,8 @@ UPLOAD_HELP = """\
 usage: hlp upload [work=DIR] [unsent=DATABASE] [uri=SERVER]
 
 Sends the runs that `hlp run` has kept in DIR/unsent because MLflow's server was
-unreachable, with all their numbers, files and images. What is sent is removed here.
+unreachable, with all their numbers, files and images. What is sent is removed
+here.
 
   work    folder of the runs, as for `hlp run` (work)
   unsent  the database of these runs, if `reporting.unsent` named another

@@ -2,32 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, Protocol
 
 from annotated_types import Ge, Le
 
-from hlp.codebook.neighbours import SEARCHES, NeighboursSettings
 from hlp.data.dataset import DATASETS, DataSettings
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.method.settings import (
-    MachineSettings,
     MethodSettings,
-    PatchesSettings,
-    ScoreSettings,
-    TrainerSettings,
 )
-from hlp.models.classifier import ClassifierSettings
-from hlp.models.encoders import ENCODERS, EncoderSettings
-from hlp.refinement.refiner import REFINERS, RefinementSettings
 from hlp.registry import Registry
-from hlp.rendering.views import ViewsSettings
 from hlp.reporting.tracking import TrackingSettings
 from hlp.settings import Doc, Settings, SettingsError
 from hlp.stages.executor_settings import EXECUTORS, ExecutorSettings
 from hlp.stages.warm_start import WarmStartSettings
-from hlp.voting.modes import VOTINGS, VotingSettings
 
 if TYPE_CHECKING:
     from hlp.config.build import Run
@@ -59,14 +49,13 @@ class ArmSettings(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunSettings(Settings):
-    """The whole configuration, one typed record per group.
+class RunSettings(MethodSettings):
+    """The whole configuration: the method's groups, and those of a run around it.
 
     A group of alternatives names its registry; the others have one class.
     """
 
     name: Annotated[str, Doc("name of the experiment")]
-    seed: Annotated[int, Ge(0), Le(2**32 - 1), Doc("seed of all random numbers")] = 0
     work: Annotated[
         str, Doc("folder shared by all runs: finished stages and MLflow's database")
     ] = "work"
@@ -95,18 +84,8 @@ class RunSettings(Settings):
     warm_start: WarmStartSettings = field(default_factory=WarmStartSettings)
     arm: ArmSettings = field(default_factory=ArmSettings)
     data: Annotated[DataSettings, DATASETS]
-    rendering: ViewsSettings
-    patches: PatchesSettings
-    classifier: ClassifierSettings
-    encoder: Annotated[EncoderSettings, ENCODERS]
-    codebook: Annotated[NeighboursSettings, SEARCHES]
-    voting: Annotated[VotingSettings, VOTINGS]
-    refinement: Annotated[RefinementSettings, REFINERS]
-    score: ScoreSettings
     evaluation: EvaluationSettings
     reporting: TrackingSettings
-    trainer: TrainerSettings
-    machine: MachineSettings
     executor: Annotated[ExecutorSettings, EXECUTORS]
     task: Annotated[TaskSettings, TASKS]
 
@@ -116,21 +95,10 @@ class RunSettings(Settings):
         for key in ("name", "work", "output"):
             if not getattr(self, key).strip():
                 raise SettingsError(key, "is empty: name one")
-        _ = self.method
 
     @property
     def method(self) -> MethodSettings:
         """The settings of the method alone, without data set, evaluation and reporting."""
         return MethodSettings(
-            seed=self.seed,
-            rendering=self.rendering,
-            patches=self.patches,
-            classifier=self.classifier,
-            encoder=self.encoder,
-            codebook=self.codebook,
-            voting=self.voting,
-            refinement=self.refinement,
-            score=self.score,
-            trainer=self.trainer,
-            machine=self.machine,
+            **{one.name: getattr(self, one.name) for one in fields(MethodSettings)}
         )
