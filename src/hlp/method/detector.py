@@ -46,7 +46,7 @@ class Detector:
     are executed one after another. The same image gives the same poses, whichever images came
     before and whatever the number of `threads`.
 
-    Example:
+    Examples:
         `Detector.learn` makes a folder once, which takes minutes. Afterwards:
 
         >>> detector = Detector.load("learnt")
@@ -120,7 +120,7 @@ class Detector:
         Raises:
             InputError: a name or mesh is wrong, or the folder already exists.
 
-        Example:
+        Examples:
             >>> meshes = {"bear": "bear.ply", "can": "can.ply"}
             >>> detector = Detector.learn(meshes, "learnt", mesh_scale=0.001)  # doctest: +SKIP
         """
@@ -162,7 +162,7 @@ class Detector:
             MissingFileError: the folder holds no learnt objects.
             DataError: they are damaged or of another version.
 
-        Example:
+        Examples:
             >>> Detector.load("learnt", threads=1).objects
             ('bear', 'can')
         """
@@ -182,7 +182,7 @@ class Detector:
     def models(self) -> dict[str, ObjectModel]:
         """The learnt objects' models by name: mesh, diameter, symmetries, id.
 
-        Example:
+        Examples:
             >>> detector.models["bear"].symmetries.shape  # the identity alone
             (1, 4, 4)
         """
@@ -208,7 +208,7 @@ class Detector:
         Raises:
             InputError: a name or mesh is wrong, or a name is already used.
 
-        Example:
+        Examples:
             >>> detector.add({"cat": "cat.ply"}, mesh_scale=0.001)  # doctest: +SKIP
         """
         from hlp.method.learn.backgrounds import GivenBackgrounds
@@ -232,7 +232,7 @@ class Detector:
         Raises:
             InputError: it is not learnt, or there is no other object.
 
-        Example:
+        Examples:
             >>> detector.remove("can")
             >>> detector.objects
             ('bear',)
@@ -276,7 +276,7 @@ class Detector:
         Raises:
             InputError: an argument, which it names, is wrong.
 
-        Example:
+        Examples:
             >>> (found,) = detector.detect(rgb, depth, camera_matrix, ["bear"], max_instances=1)
             >>> found.object, found.pose_cam_obj.shape
             ('bear', (4, 4))
@@ -311,7 +311,7 @@ class Detector:
         Raises:
             InputError: an argument, which it names, is wrong.
 
-        Example:
+        Examples:
             >>> result = detector.search(rgb, 0 * depth, camera_matrix, ["bear"])
             >>> result.detections, result.rejections[0].reason
             ([], 'nothing looks like the object where the image has depth and ...')
@@ -354,7 +354,7 @@ class Detector:
         Raises:
             InputError: an argument, which it names, is wrong.
 
-        Example:
+        Examples:
             >>> (found,) = detector.detect(rgb, depth, camera_matrix, ["bear"], max_instances=1)
             >>> rough = found.pose_cam_obj.copy()
             >>> rough[:3, 3] += 0.005
@@ -388,7 +388,7 @@ class Detector:
         Raises:
             InputError: an argument, which it names, is wrong.
 
-        Example:
+        Examples:
             >>> tracker = detector.tracker(["bear"], max_instances=1)
             >>> [found.tracked for found in tracker.update(image)]
             [False]
@@ -424,7 +424,7 @@ class Detector:
         Raises:
             InputError: an argument or, when it is reached, a frame is wrong.
 
-        Example:
+        Examples:
             >>> for found in detector.track([image, image], ["bear"], max_instances=1):
             ...     print([(one.object, one.track, one.tracked) for one in found])
             [('bear', 0, False)]

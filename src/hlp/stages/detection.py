@@ -284,9 +284,9 @@ class DetectionStages:
         for stage in missing:
             write_failure(folders[stage], key, reason)
 
-    def read(self, key: str) -> Trace:
-        """What all stages have found in a frame that did not fail, from disk."""
-        return _read({stage: self._make_up_to(stage).folder for stage in STAGES}, key)
+    def read(self, key: str, stages: Sequence[Stage] = STAGES) -> Trace:
+        """What stages have found in a frame that did not fail, from disk; made where missing."""
+        return _read({stage: self._make_up_to(stage).folder for stage in stages}, key)
 
     def scores(self) -> dict[int, ScoreModel]:
         """The score models of the objects that are looked for."""

@@ -150,7 +150,10 @@ def _find(detection: DetectionStages, frame: Frame, task: OracleSettings) -> dic
     Every object is looked for once, as by the method: of several instances the first one counts.
     """
     arrays = {}
-    context, stored = detection.estimator.prepare(frame), detection.read(frame.key)
+    context, stored = (
+        detection.estimator.prepare(frame),
+        detection.read(frame.key, ("regions", "hypotheses")),
+    )
     for object_id in detection.dataset.wanted(frame):
         target = next(each for each in frame.targets if each.object_id == object_id)
         for (region, coarse), pose in _poses_by_cell(

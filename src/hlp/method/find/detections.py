@@ -56,7 +56,7 @@ class Detection:
         runner_up: None if there was no other pose.
         fit: what the score is computed from.
 
-    Example:
+    Examples:
         >>> (found,) = detector.detect(rgb, depth, camera_matrix, ["bear"], max_instances=1)
         >>> print(found)
         bear: score ... at (...) mm, ...% visible

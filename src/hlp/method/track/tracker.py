@@ -53,7 +53,7 @@ class Tracker:
     to be equally far apart in time. A tracker belongs to one sequence; several trackers may use one
     detector.
 
-    Example:
+    Examples:
         >>> tracker = detector.tracker(["bear"], max_instances=1)
         >>> for frame in [image, image]:
         ...     for found in tracker.update(frame):
