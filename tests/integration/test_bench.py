@@ -21,7 +21,7 @@ from hlp.reporting.study_numbers import STUDIES, read_study
 from hlp.results.summary_file import read_target_values
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
-from hlp.studies.stopwatch import PARTS
+from hlp.studies.stopwatch import PARTS, PartClock, compare_searches, load_timed
 from hlp.studies.tasks import run_task
 from table_text import unpadded
 from tiny_run import TinyRun
