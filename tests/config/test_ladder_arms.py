@@ -54,6 +54,6 @@ def test_every_arm_changes_the_method_and_says_what(arms: dict[str, RunSettings]
 
 
 def test_the_last_step_is_only_about_speed(arms: dict[str, RunSettings]) -> None:
-    last, best = arms["closer"].method, arms["best"].method
+    last, best = arms["templates"].method, arms["best"].method
     patches = replace(last.patches, name="hlp", grid=best.patches.grid)
     assert replace(last, patches=patches, codebook=best.codebook) == best

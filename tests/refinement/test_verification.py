@@ -4,8 +4,9 @@ from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import distance_transform_edt, sobel
 
+from hlp.image_edges import NO_EDGE, color_edges
 from hlp.records import Mesh
 from hlp.refinement.cost_kernel import WORST, depth_edges
 from hlp.refinement.verification import (
@@ -37,7 +38,8 @@ def reference(scene: Scene, pose: np.ndarray, settings: VerificationSettings) ->
     edges = depth_edges(rendered, step) & on
     points = scene.model.proxy.vertices @ pose[2, :3] + pose[2, 3]
     reach = settings.tau_edge_mm / 1000 * CAMERA[0, 0] * np.mean(1 / points)
-    distance = distance_transform_edt(~depth_edges(observed, step)) / reach
+    of_depth = distance_transform_edt(~depth_edges(observed, step)) / reach
+    distance = np.minimum(of_depth, image_distance(scene, rendered, settings, reach))
     pixels = on.sum()
     return Evidence(
         float(agree.sum()),
@@ -49,6 +51,24 @@ def reference(scene: Scene, pose: np.ndarray, settings: VerificationSettings) ->
         np.minimum(distance[edges & ~occluded], 1.0).mean(),
         (edges & occluded).sum() / edges.sum(),
     )
+
+
+def image_distance(
+    scene: Scene, rendered: np.ndarray, settings: VerificationSettings, reach: float
+) -> np.ndarray:
+    """Distance to the next colour edge whose gradient is at most 34° off that of the rendering."""
+    inverse = np.where(rendered > 0, 1.0 / np.where(rendered > 0, rendered, 1.0), 0.0)
+    turn = np.arctan2(sobel(inverse, axis=0), sobel(inverse, axis=1))
+    nearest = np.rint(turn / (np.pi / 4)).astype(int) % 4
+    edges = color_edges(scene.rgb)
+    maps = []
+    for k in range(4):
+        away = np.abs(edges - 4 * k)
+        near = (edges != NO_EDGE) & (np.minimum(away, 16 - away) <= 3)
+        maps.append(distance_transform_edt(~near))
+    chosen = np.take_along_axis(np.stack(maps), nearest[None], axis=0)[0]
+    assert settings.tau_image_edge_mm is not None
+    return chosen / reach * settings.tau_edge_mm / settings.tau_image_edge_mm
 
 
 def evidence(scene: Scene, pose: np.ndarray, settings: VerificationSettings) -> Evidence:

@@ -126,6 +126,7 @@ RENAMED = {
     "codebook": COARSE,
     "voting": COARSE,
     "refinement": {"score", "poses"},
+    "patches.templates": {"score", "poses"},
     "score": {"score", "poses"},
     "machine.device": {"codebook", "regions"} | COARSE,
 }

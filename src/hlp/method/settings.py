@@ -21,6 +21,7 @@ from hlp.refinement.pso import PsoSettings
 from hlp.refinement.refiner import REFINERS, RefinementSettings
 from hlp.rendering.views import ViewsSettings
 from hlp.settings import Doc, Settings, SettingsError, read_settings
+from hlp.templates.building import TemplateSettings
 from hlp.voting.modes import VOTINGS, JointVotingSettings, VotingSettings
 
 Device = Literal["cpu", "cuda"]
@@ -41,6 +42,10 @@ class PatchesSettings(Settings):
     grid: GridSettings = field(default_factory=GridSettings)
     pairs: PairSettings = field(default_factory=PairSettings)
     entries: EntrySettings = field(default_factory=EntrySettings)
+    templates: Annotated[
+        TemplateSettings | None,
+        Doc("search by gradient directions where votes find nothing sure; null: none (D; P: none)"),
+    ] = field(default_factory=TemplateSettings)
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from hlp.patches.local_pool import PairSettings
 from hlp.patches.window_choice import CloserSettings
 from hlp.refinement.refiner import RefinementSettings
 from hlp.rendering.views import ViewsSettings
+from hlp.templates.building import TemplateSettings
 from hlp.voting.modes import VotingSettings
 
 
@@ -114,6 +115,7 @@ class FineStage(StageSettings):
     """Refining coarse poses. The fallback searches regions and coarse poses once more."""
 
     refinement: RefinementSettings
+    templates: TemplateSettings | None
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ from annotated_types import Ge, Gt
 from jaxtyping import Float
 
 from hlp.errors import ConfigError
-from hlp.objects.meshes import decimate, load_mesh, mesh_diameter
+from hlp.objects.meshes import load_mesh, mesh_diameter
+from hlp.objects.proxy import build_proxy
 from hlp.records import MILLIMETRE, MILLIMETRES_PER_METRE, Mesh, ObjectModel
 from hlp.settings import Doc, Settings
 
@@ -84,7 +85,7 @@ def build_object_model(
         object_id=settings.id,
         name=name,
         mesh=mesh,
-        proxy=decimate(mesh, proxy_faces),
+        proxy=build_proxy(mesh, proxy_faces, diameter),
         diameter=diameter,
         symmetries=symmetries,
         holistic_size=holistic_size(mesh.vertices) if holistic is None else holistic * MILLIMETRE,

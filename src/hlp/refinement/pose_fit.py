@@ -30,7 +30,10 @@ class PoseFit:
     with something at the right place, but rarely with its shape. `residual_mm` is the median
     absolute difference in depth where both agree. `visible_fraction` is the fraction of the
     silhouette that lies in the image and that nothing nearer covers. `color` and `contrast` are
-    correlation and contrast of `texture.ColorAgreement`.
+    correlation and contrast of `texture.ColorAgreement`, `edge` is that of `verification.Evidence`: 0
+    where the image has an edge at every visible part of the outline, 1 where it has none.
+    `relief_mm` is the standard deviation of the model's depth from the plane that fits it best: of
+    a flat side, the correlations say little.
     """
 
     cost: float
@@ -40,6 +43,8 @@ class PoseFit:
     visible_fraction: float
     color: float = 0.0
     contrast: float = 0.0
+    edge: float = 0.0
+    relief_mm: float = np.inf
 
     def as_array(self) -> Float[np.ndarray, "7"]:
         """The values in the order of the fields, for a file."""
@@ -76,6 +81,8 @@ def measure_fit(
         * (1.0 - float(evidence.occluded[0])),
         color=colors.correlation,
         contrast=colors.contrast,
+        edge=float(evidence.edge[0]),
+        relief_mm=relief_size(rendered, visible) * MILLIMETRES_PER_METRE,
     )
 
 
@@ -88,15 +95,28 @@ def relief_correlation(
 
     0 if there are too few pixels, or one of the images shows a plane.
     """
+    left = _without_plane([first, second], among)
+    return 0.0 if len(left) < _LEAST_PIXELS else _correlation([left[:, 0]], [left[:, 1]])
+
+
+def relief_size(depth: Float[np.ndarray, "h w"], among: Bool[np.ndarray, "h w"]) -> float:
+    """Standard deviation (m) of depths among some pixels from their plane; 0 for too few."""
+    left = _without_plane([depth], among)
+    return 0.0 if len(left) < _LEAST_PIXELS else float(np.sqrt(np.square(left).mean()))
+
+
+def _without_plane(
+    images: list[Float[np.ndarray, "h w"]], among: Bool[np.ndarray, "h w"]
+) -> Float[np.ndarray, "n k"]:
+    """Depths of images among some pixels, each minus the plane that fits them best."""
     y, x = np.nonzero(among)
     if len(y) < _LEAST_PIXELS:
-        return 0.0
+        return np.zeros((0, len(images)))
     plane = np.column_stack([x - x.mean(), y - y.mean(), np.ones(len(x))])
-    depths = np.column_stack([first[y, x], second[y, x]]).astype(np.float64)
+    depths = np.column_stack([image[y, x] for image in images]).astype(np.float64)
     depths -= depths.mean(axis=0)
     flat = np.linalg.pinv(plane.T @ plane) @ (plane.T @ depths)
-    left = depths - plane @ flat
-    return _correlation([left[:, 0]], [left[:, 1]])
+    return np.asarray(depths - plane @ flat)
 
 
 def slope_correlation(

@@ -8,7 +8,7 @@ colours agree better than a camera's, so rendered scenes cannot say by how much.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,20 +21,26 @@ from hlp.settings import Settings, stored_as
 
 MIN_SCORE = 0.5
 """An answer with a lower score is more likely wrong than right: the object was not found."""
+SURE = 0.95
+"""With a higher score, an answer of votes needs no second opinion by templates (D)."""
 _FILE = "score.json"
 _AGREEING = 0.6  # correlation of colours; with less, they contradict (D)
 _CONTRADICTION = 50.0  # of the logit, for each unit of correlation and of squared contrast (D)
 _HIGHEST_CONTRAST = 0.8
 _LEAST_VISIBLE = 0.3  # of the object: as in the scenes on which the score is calibrated
 _HIGHEST = 0.995  # correlation; sensor noise decides above it
+_NOISE_MM = 3.0  # of depth; a relief of this size tells half of what a large one tells (D)
+_NEUTRAL = 1.2  # Fisher transform between those of right and of wrong poses (D)
 
 
 @dataclass(frozen=True)
 class ScoreModel:
-    """Weights of the logistic regression: score = 1 / (1 + exp(-(bias + cost·c + shape·z - d))).
+    """Weights of the logistic regression: score = 1 / (1 + exp(-(bias + cost·c + shape·z + edge·e + hidden·h - d))).
 
-    c is the verification cost, z the mean Fisher transform artanh(r) of the correlations r of
-    relief and slope, d = color times how much the colours contradict. `cost` is at most 0 and
+    c is the verification cost, e the distance of the outline to edges of the image, z the mean
+    Fisher transform artanh(r) of the correlations r of relief and slope, drawn to a neutral value
+    where the model itself shows little relief, h the hidden fraction, d =
+    color times how much the colours contradict. `cost`, `edge` and `hidden` are at most 0 and
     `shape` at least 0: the score never falls when the fit is better. An object of which less than
     `least_visible` is seen is not found: its score is below `MIN_SCORE`, in proportion.
     """
@@ -42,6 +48,8 @@ class ScoreModel:
     bias: float
     cost: float
     shape: float
+    edge: float = 0.0
+    hidden: float = 0.0
     color: float = _CONTRADICTION
     least_visible: float = _LEAST_VISIBLE
 
@@ -62,14 +70,14 @@ class ScoreModel:
         """
         more = np.log(PRESENT_SHARE / (1.0 - PRESENT_SHARE))
         more -= np.log(RIGHT_SHARE / (1.0 - RIGHT_SHARE))
-        return ScoreModel(self.bias + float(more), self.cost, self.shape, 0.0, 0.0)
+        return replace(self, bias=self.bias + float(more), color=0.0, least_visible=0.0)
 
-    def weights(self) -> Float[np.ndarray, "3"]:
-        """Bias, cost and shape, in this order."""
-        return np.array([self.bias, self.cost, self.shape])
+    def weights(self) -> Float[np.ndarray, "5"]:
+        """Bias, cost, shape, edge and hidden, in this order."""
+        return np.array([self.bias, self.cost, self.shape, self.edge, self.hidden])
 
 
-PRIOR = ScoreModel(bias=2.8, cost=-27.2, shape=3.5)
+PRIOR = ScoreModel(bias=1.8, cost=-8.0, shape=3.0, edge=-13.0, hidden=-4.5)
 """Weights of objects in general: fitted to rendered scenes of nine objects of LINEMOD, YCB and
 Tejani et al., as benchmarks/score_prior.py does it, with a bias of 2.4 where half of the answers
 were right; 2.8 is for `RIGHT_SHARE`."""
@@ -77,7 +85,7 @@ RIGHT_SHARE = 0.6
 """Share of right poses among the answers, before anything is known of their fit: ours (D)."""
 PRESENT_SHARE = 0.9
 """The same where the object is known to be in the image: ours (D)."""
-SPREAD = ScoreModel(bias=0.5, cost=3.0, shape=0.3)
+SPREAD = ScoreModel(bias=0.8, cost=5.0, shape=0.5, edge=5.0, hidden=2.0)
 """Standard deviations of an object's weights from `PRIOR`."""
 
 
@@ -87,7 +95,7 @@ def fit_score_model(
     """The most probable weights, given poses that are right or not, and their prior.
 
     Maximum a posteriori with independent normal priors about `PRIOR`, of standard deviations
-    `spread`; `cost` and `shape` are bounded by 0. Right poses have `RIGHT_SHARE` of the weight,
+    `spread`; all but the bias are bounded by 0. Right poses have `RIGHT_SHARE` of the weight,
     whatever their number: that of the scenes says nothing about where the object will be looked
     for. Without right or without wrong poses it is the prior.
     """
@@ -101,17 +109,18 @@ def fit_score_model(
     counted = (len(fits) * shares / count)[right.astype(int)]
     prior, unit = PRIOR.weights(), spread.weights()
 
-    def loss(away: Float[np.ndarray, "3"]) -> tuple[float, Float[np.ndarray, "3"]]:
+    def loss(away: Float[np.ndarray, "5"]) -> tuple[float, Float[np.ndarray, "5"]]:
         logits = inputs @ (prior + away * unit)
         value = counted @ (np.logaddexp(0.0, logits) - logits * right) + 0.5 * away @ away
         wrong = 1.0 / (1.0 + np.exp(-np.clip(logits, -50.0, 50.0))) - right
         return float(value), inputs.T @ (counted * wrong) * unit + away
 
-    # In standard deviations from the prior, where all three weights are of one size.
-    bounds = [(None, None), (None, -prior[1] / unit[1]), (-prior[2] / unit[2], None)]
-    found = minimize(loss, np.zeros(3), jac=True, method="L-BFGS-B", bounds=bounds)
-    bias, cost, shape = prior + found.x * unit
-    return ScoreModel(float(bias), min(float(cost), 0.0), max(float(shape), 0.0))
+    # In standard deviations from the prior, where all weights are of one size.
+    zero = -prior / unit
+    bounds = [(None, None), (None, zero[1]), (zero[2], None), (None, zero[3]), (None, zero[4])]
+    found = minimize(loss, np.zeros(len(prior)), jac=True, method="L-BFGS-B", bounds=bounds)
+    bias, cost, shape, edge, hidden = (float(weight) for weight in prior + found.x * unit)
+    return ScoreModel(bias, min(cost, 0.0), max(shape, 0.0), min(edge, 0.0), min(hidden, 0.0))
 
 
 @dataclass(frozen=True)
@@ -121,11 +130,14 @@ class _Weights(Settings):
     bias: float
     cost: float
     shape: float
+    edge: float
+    hidden: float
 
 
 def save_score_model(folder: Path, model: ScoreModel) -> None:
     """Write the weights into a folder."""
-    write_json(folder / _FILE, {"bias": model.bias, "cost": model.cost, "shape": model.shape})
+    names = [field.name for field in fields(_Weights)]
+    write_json(folder / _FILE, {name: getattr(model, name) for name in names})
 
 
 def load_score_model(folder: Path) -> ScoreModel:
@@ -137,16 +149,21 @@ def load_score_model(folder: Path) -> ScoreModel:
         stated = stored_as(_Weights, read_json(path), str(path))
     except DataError as error:
         raise DataError(f"{error}: it is damaged, learn the object again") from error
-    weights = [stated.bias, stated.cost, stated.shape]
+    weights = [stated.bias, stated.cost, stated.shape, stated.edge, stated.hidden]
     if not np.isfinite(weights).all():
         raise DataError(f"{path} is damaged (not finite): learn the object again")
     return ScoreModel(*weights)
 
 
-def _inputs(fits: Sequence[PoseFit]) -> Float[np.ndarray, "n 2"]:
+def _inputs(fits: Sequence[PoseFit]) -> Float[np.ndarray, "n 4"]:
+    """Cost, shape, edge and hidden fraction of each fit."""
     pairs = np.array([(fit.relief, fit.slope) for fit in fits])
     shape = np.arctanh(np.clip(pairs, 0.0, _HIGHEST)).mean(axis=1)
-    return np.column_stack([[fit.cost for fit in fits], shape])
+    # Of a flat side, noise decides the correlations: they count as if they said nothing.
+    told = 1.0 / (1.0 + np.square(_NOISE_MM / np.maximum([fit.relief_mm for fit in fits], 1e-9)))
+    shape = _NEUTRAL + told * (shape - _NEUTRAL)
+    others = np.array([(fit.edge, 1.0 - fit.visible_fraction) for fit in fits])
+    return np.column_stack([[fit.cost for fit in fits], shape, others])
 
 
 def _contradiction(fit: PoseFit) -> float:

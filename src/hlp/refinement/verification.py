@@ -11,16 +11,18 @@ from typing import Annotated
 import cv2
 import numpy as np
 from annotated_types import Ge, Gt, Le, Unit
-from jaxtyping import Bool, Float, Float32, Int, UInt8
+from jaxtyping import Bool, Float, Float32, Int, Int8, UInt8
 
 from hlp.geometry import transform
+from hlp.image_edges import NO_EDGE, STEPS, color_edges
 from hlp.records import ObjectModel
 from hlp.refinement.cost_kernel import WORST, depth_edges
-from hlp.refinement.verification_kernel import COLOR_OFFSET, SUM_COUNT, sum_evidence
+from hlp.refinement.verification_kernel import COLOR_OFFSET, DIRECTIONS, SUM_COUNT, sum_evidence
 from hlp.rendering.rasterizer import render_depth
 from hlp.rendering.zbuffer import prepare_mesh
 from hlp.settings import Doc, Settings
 
+_NEAR_DIRECTION = 3  # 16ths of half a turn
 _MIN_SUPPORT, _MIN_SHARE = 1e-12, 0.01  # keep the logarithm of the support finite
 
 
@@ -80,6 +82,11 @@ class VerificationSettings(Settings):
         Gt(0),
         Doc("limit of chromaticity differences, |Δr| + |Δg| + |Δb| (D)"),
     ] = 0.3
+    tau_image_edge_mm: Annotated[
+        float | None,
+        Gt(0),
+        Doc("limit of the distances to edges of the colour image; null: depth alone counts (D)"),
+    ] = 10.0
     edge_step_mm: Annotated[float, Gt(0), Doc("smallest jump in depth that is an edge (D)")] = 15.0
     missing_cost: Annotated[
         float, Ge(0), Doc("cost of a rendered pixel where no depth was observed (D)")
@@ -137,12 +144,17 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Observation:
-    """A frame prepared for verification, with each pixel's distance to the nearest edgelet (px)."""
+    """A frame prepared for verification.
+
+    `edge_distance` is each pixel's distance (px) to what may be an edge whose gradient has a
+    direction of 0°, 45°, 90° or 135°: the nearest edgelet of depth, whatever its direction, or the
+    nearest edge of colour, whose distance counts in units of its own limit.
+    """
 
     rgb: UInt8[np.ndarray, "h w 3"]
     depth: Float32[np.ndarray, "h w"]
     camera_matrix: Float[np.ndarray, "3 3"]
-    edge_distance: Float32[np.ndarray, "h w"]
+    edge_distance: Float32[np.ndarray, "4 h w"]
 
 
 def observe(
@@ -153,17 +165,32 @@ def observe(
 ) -> Observation:
     """Prepare a frame once for all poses and objects; depth in m, missing if 0 or not finite."""
     single = np.ascontiguousarray(depth, dtype=np.float32)
-    smooth = ~depth_edges(single, settings.edge_step_mm / 1000.0)
-    # Up to 2 % off, in a quarter of the time of exact distances.
-    distance = cv2.distanceTransform(smooth.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
-    if smooth.all():
-        distance = np.full(depth.shape, np.inf)
-    return Observation(
-        np.ascontiguousarray(rgb),
-        single,
-        np.asarray(camera_matrix),
-        np.asarray(distance, dtype=np.float32),
-    )
+    distance = _distances(depth_edges(single, settings.edge_step_mm / 1000.0))
+    if settings.tau_image_edge_mm is None:
+        distances = np.broadcast_to(distance, (DIRECTIONS, *distance.shape))
+    else:
+        ratio = np.float32(settings.tau_edge_mm / settings.tau_image_edge_mm)
+        of_color = [ratio * _distances(edges) for edges in _by_direction(color_edges(rgb))]
+        distances = np.minimum(distance, np.stack(of_color))
+    return Observation(np.ascontiguousarray(rgb), single, np.asarray(camera_matrix), distances)
+
+
+def _by_direction(edges: Int8[np.ndarray, "h w"]) -> Bool[np.ndarray, "4 h w"]:
+    """Edges that may be of each of the kernel's directions: those at most 34° off."""
+    away = (np.arange(STEPS) - np.arange(0, STEPS, STEPS // DIRECTIONS)[:, None]) % STEPS
+    near = np.minimum(away, STEPS - away) <= _NEAR_DIRECTION
+    return np.asarray((edges != NO_EDGE) & near[:, edges])
+
+
+def _distances(edges: Bool[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
+    """Distance (px) to the nearest edge, infinite if there is none.
+
+    Up to 2 % off, in a quarter of the time of exact distances.
+    """
+    if not edges.any():
+        return np.full(edges.shape, np.inf, dtype=np.float32)
+    distance = cv2.distanceTransform((~edges).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
+    return np.asarray(distance, dtype=np.float32)
 
 
 class Verifier:

@@ -9,7 +9,10 @@ from hlp.rendering.zbuffer import draw_triangles, framed_buffer, project_vertice
 COLOR_OFFSET = np.float32(4.0)
 """Added to every colour channel, because the chromaticity of dark pixels is mostly noise."""
 SUM_COUNT = 11
+DIRECTIONS = 4
+"""Directions of an edge's gradient, of half a turn, from that of x towards y."""
 _ONE, _ZERO, _INFINITE = np.float32(1.0), np.float32(0.0), np.float32(np.inf)
+_TWO, _EIGHTH = np.float32(2.0), np.float32(np.tan(np.pi / 8.0))
 _OFFSETS = np.float32(3.0) * COLOR_OFFSET
 
 
@@ -24,7 +27,7 @@ def sum_evidence(
     size: int,
     depth: Float32[np.ndarray, "h w"],
     rgb: UInt8[np.ndarray, "h w 3"],
-    edge_distance: Float32[np.ndarray, "h w"],
+    edge_distance: Float32[np.ndarray, "4 h w"],
     tau_depth: float,
     tau_edge: float,
     tau_color: float,
@@ -33,7 +36,7 @@ def sum_evidence(
 ) -> None:
     """Fill the sums of which `Evidence` is made for each pose.
 
-    Lengths are in m, `edge_distance` in pixels. The image is read at every k-th pixel, k the
+    Lengths are in m, `edge_distance` in pixels, for each of the `DIRECTIONS`. The image is read at every k-th pixel, k the
     smallest number for which the object's bounding box has at most `size` of them on a side. Pixels
     are never averaged, which would invent depth at edges.
     """
@@ -62,7 +65,7 @@ def sum_evidence(
                 chromaticity,
                 depth[y, left::stride],
                 rgb[y, left::stride],
-                edge_distance[y, left::stride],
+                edge_distance[:, y, left::stride],
                 np.float32(tau_depth),
                 np.float32(tau_pixels),
                 np.float32(tau_color),
@@ -82,7 +85,7 @@ def _sum_row(
     chromaticity: Float32[np.ndarray, "f 3"],
     depth: Float32[np.ndarray, "c"],
     rgb: UInt8[np.ndarray, "c 3"],
-    edge_distance: Float32[np.ndarray, "c"],
+    edge_distance: Float32[np.ndarray, "4 c"],
     tau_depth: np.float32,
     tau_pixels: np.float32,
     tau_color: np.float32,
@@ -117,11 +120,30 @@ def _sum_row(
         if farthest * (rendered + step) < _ONE:
             edges += 1
             occluded_edges += is_occluded
-            edge_sum += _ZERO if is_occluded else min(edge_distance[i] / tau_pixels, _ONE)
+            if not is_occluded:
+                direction = _direction(above[i : i + 3], inverse[i : i + 3], below[i : i + 3])
+                edge_sum += min(edge_distance[direction, i] / tau_pixels, _ONE)
     for k, found in enumerate((pixels, agreeing, behind, occluded, missing, edges, occluded_edges)):
         sums[k] += found
     for k, amount in enumerate((residual, color, edge_sum)):
         sums[7 + k] += amount
+
+
+@compiled(inline="always")
+def _direction(
+    above: Float32[np.ndarray, "3"], here: Float32[np.ndarray, "3"], below: Float32[np.ndarray, "3"]
+) -> int:
+    """Direction of the gradient of inverse depth, which is 0 beside a mesh."""
+    rising, falling = below[2] - above[0], above[2] - below[0]
+    x = _TWO * (here[2] - here[0]) + rising + falling
+    y = _TWO * (below[1] - above[1]) + rising - falling
+    turned = x * y
+    x, y = abs(x), abs(y)
+    if y < _EIGHTH * x:
+        return 0
+    if x < _EIGHTH * y:
+        return 2
+    return 1 if turned > _ZERO else 3
 
 
 @compiled(inline="always")

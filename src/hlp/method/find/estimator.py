@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, UInt8
 
 from hlp.codebook.neighbours import is_joint
+from hlp.image_edges import color_edges
 from hlp.method.find.holistic_scan import FrameWindows, HolisticScan
 from hlp.method.find.learnt_objects import LearntObjects
 from hlp.method.find.patch_matching import FrameMatches, PatchMatching
@@ -25,6 +26,8 @@ from hlp.refinement.score_model import ScoreModel
 from hlp.refinement.texture import choose_near_sibling
 from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
 from hlp.rendering.color_grid import color_grid
+from hlp.templates.building import Templates, build_templates
+from hlp.templates.matching import match_templates, spread_edges
 from hlp.thread_team import ThreadTeam
 from hlp.voting.cast import cast_votes
 
@@ -66,12 +69,19 @@ class FrameContext:
         self.mask = mask
         self._verification = verification
         self.fits: dict[tuple[int, bytes], PoseFit] = {}
+        self._edge_answers: UInt8[np.ndarray, "8 h w"] | None = None
 
     @cached_property
     def observation(self) -> Observation:
         """The frame in the form that the verification compares poses with."""
         frame = self.frame
         return observe(frame.rgb, frame.depth, frame.camera_matrix, self._verification)
+
+    def edge_answers(self, reach: int) -> UInt8[np.ndarray, "8 h w"]:
+        """What templates are compared with: see `templates.matching.spread_edges`."""
+        if self._edge_answers is None:
+            self._edge_answers = spread_edges(color_edges(self.frame.rgb), reach)
+        return self._edge_answers
 
 
 class PoseEstimator:
@@ -94,6 +104,7 @@ class PoseEstimator:
         self._labels = {object_id: i for i, object_id in enumerate(learnt.classes, 1)}
         self._verifiers: dict[int, Verifier] = {}
         self._scores: dict[int, ScoreModel] = {}
+        self._templates: dict[int, Templates] = {}
         self.team = ThreadTeam(settings.machine.threads)
         """For work on several objects at once."""
         self.matching = PatchMatching(
@@ -231,6 +242,35 @@ class PoseEstimator:
         depths = center_depths(frame.depth, np.rint(pixels).astype(np.int64))
         focal = frame.camera_matrix[0, 0]
         return np.asarray(focal * model.diameter / np.maximum(depths, _NEAREST) / 2.0)
+
+    def match_templates(
+        self, context: FrameContext, object_id: int, instances: int, unexplained: Observation | None
+    ) -> Hypotheses:
+        """Coarse poses where the image has the edges of the object's templates.
+
+        There are more of them for several `instances`. Where something else explains the depth
+        already, which `unexplained` then lacks, none is looked for.
+        """
+        settings = self.settings.fine.templates
+        assert settings is not None
+        context.observer.enter("templates")
+        if object_id not in self._templates:
+            self._templates[object_id] = build_templates(self.learnt.models[object_id], settings)
+        seen = context.observation if unexplained is None else unexplained
+        found = match_templates(
+            self._templates[object_id],
+            context.edge_answers(settings.reach),
+            seen.depth,
+            seen.camera_matrix,
+            self.learnt.models[object_id],
+            settings,
+            context.mask,
+            self.team,
+        )
+        costs = self.verifier(object_id).costs(context.observation, found.poses_cam_obj)
+        best = np.argsort(costs - settings.match_weight * found.shares, kind="stable")
+        poses = found.poses_cam_obj[best[: settings.kept + settings.kept_further * (instances - 1)]]
+        return Hypotheses(poses, np.ones(len(poses)))
 
     def refine(
         self,

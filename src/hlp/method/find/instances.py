@@ -1,6 +1,6 @@
 """Stage 3 of one object until its instances are found: in its region, then at likely places."""
 
-import itertools
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -10,8 +10,10 @@ from jaxtyping import Float
 from hlp.method.find.estimator import FrameContext, PoseEstimator
 from hlp.records import Hypotheses, Region
 from hlp.refinement.choice import RefinedHypotheses
-from hlp.refinement.score_model import MIN_SCORE
+from hlp.refinement.score_model import MIN_SCORE, SURE
 from hlp.refinement.verification import Observation
+
+Pose = Float[np.ndarray, "4 4"]
 
 
 def find_instances(
@@ -33,40 +35,56 @@ def find_instances(
     at least, is enough. A pose from the fallback has no coarse hypothesis: its source is -1.
     """
     object_id = region.object_id
+    attempts = _Attempts(estimator, context, object_id, unexplained)
     first = estimator.refine(context, object_id, hypotheses, instances, unexplained, min_score)
     if not fallback:
         return first
-    # A low min_score asks for improbable poses too; it must not skip the fallback.
-    enough = max(MIN_SCORE, min_score or 0.0)
-    attempts = _Attempts(estimator, context, object_id, enough)
     attempts.add(first)
-    for places in estimator.likely_regions(context, region):
-        right = attempts.right()
+    for enough, coarse_poses in _further_looks(estimator, context, region):
+        # A low min_score asks for improbable poses too; it must not skip the fallback.
+        right = attempts.right(max(enough, min_score or 0.0))
         if len(right) >= instances or (right and min_score is not None):
             break
-        left = unexplained
-        for pose in right:
-            before = context.observation if left is None else left
-            left = estimator.verifier(object_id).without_explained(before, pose)
-        coarse = estimator.find_hypotheses(context, places)
+        left = attempts.without(right)
         missing = instances - len(right)
-        attempts.add(
-            estimator.refine(context, object_id, coarse.hypotheses, missing, left, min_score),
-            in_region=False,
+        coarse = coarse_poses(missing, left)
+        found = estimator.refine(context, object_id, coarse, missing, left, min_score)
+        attempts.add(found, in_region=False)
+    return attempts.merged(instances)
+
+
+def _further_looks(
+    estimator: PoseEstimator, context: FrameContext, region: Region
+) -> Iterator[tuple[float, Callable[[int, Observation | None], Hypotheses]]]:
+    """Further sources of coarse poses, given the missing instances and what is unexplained.
+
+    With each, the score of a pose that makes it needless: votes may be fooled by what is flat, so
+    templates are asked wherever they are not sure.
+    """
+    if estimator.settings.fine.templates is not None:
+        yield SURE, partial(estimator.match_templates, context, region.object_id)
+    for places in estimator.likely_regions(context, region):
+        yield (
+            MIN_SCORE,
+            lambda _, __, places=places: estimator.find_hypotheses(context, places).hypotheses,
         )
-    return attempts.merged(instances, min_score is not None and min_score < enough)
 
 
 class _Attempts:
     """What each search of a part of the frame has found, the region being the first part."""
 
     def __init__(
-        self, estimator: PoseEstimator, context: FrameContext, object_id: int, enough: float
+        self,
+        estimator: PoseEstimator,
+        context: FrameContext,
+        object_id: int,
+        unexplained: Observation | None,
     ) -> None:
         self._score = partial(estimator.score, context, object_id)
-        self._enough = enough
+        self._verifier = estimator.verifier(object_id)
+        self._observation, self._unexplained = context.observation, unexplained
         self._found: list[RefinedHypotheses] = []
-        self._scores: list[list[float]] = []
+        self._answers: list[tuple[float, int, Pose]] = []  # score, row of all, pose
 
     def add(self, found: RefinedHypotheses | None, in_region: bool = True) -> None:
         """Add what the next search found, in the region or elsewhere."""
@@ -74,38 +92,28 @@ class _Attempts:
             return
         if not in_region:
             found = replace(found, sources=np.full_like(found.sources, -1))
+        start = sum(len(before.refined) for before in self._found)
         self._found.append(found)
-        self._scores.append([self._score(pose) for pose in found.chosen_poses])
+        for row, pose in zip(found.instances, found.chosen_poses, strict=True):
+            self._answers.append((self._score(pose), start + row, pose))
 
-    def right(self) -> list[Float[np.ndarray, "4 4"]]:
-        """The poses that are probably right."""
-        return [
-            pose
-            for found, scores in zip(self._found, self._scores, strict=True)
-            for pose, score in zip(found.chosen_poses, scores, strict=True)
-            if score >= self._enough
-        ]
+    def right(self, enough: float) -> list[Pose]:
+        """Poses of different instances with at least this score."""
+        return [pose for score, _, pose in self._different() if score >= enough]
 
-    def merged(self, instances: int, improbable: bool) -> RefinedHypotheses | None:
-        """All attempts as one: the probably right instances, then the best others of one attempt.
+    def without(self, poses: Sequence[Pose]) -> Observation | None:
+        """What these poses leave unexplained."""
+        left = self._unexplained
+        for pose in poses:
+            before = self._observation if left is None else left
+            left = self._verifier.without_explained(before, pose)
+        return left
 
-        Where `improbable` poses are answers too, the others are from an attempt that found a right
-        one, if any did: from another, they might be worse poses of the same instance.
-        """
+    def merged(self, instances: int) -> RefinedHypotheses | None:
+        """All attempts as one: of all answers the best, each of another instance."""
         if len(self._found) < 2:
             return self._found[0] if self._found else None
-        starts = np.cumsum([0, *(len(found.refined) for found in self._found)])
-        right, others = list[int](), list[list[tuple[float, int]]]()
-        for start, found, scores in zip(starts, self._found, self._scores, strict=False):
-            rows = [int(start) + row for row in found.instances]
-            ranked = sorted(zip(scores, rows, strict=True), key=lambda pair: -pair[0])
-            right += [row for score, row in ranked if score >= self._enough]
-            others.append([pair for pair in ranked if pair[0] < self._enough])
-        if improbable and right:
-            found_right = [any(s >= self._enough for s in scores) for scores in self._scores]
-            others = list(itertools.compress(others, found_right))
-        best = max(others, key=lambda ranked: ranked[0][0] if ranked else -1.0)
-        chosen = (right + [row for _, row in best])[: max(instances, len(right))]
+        chosen = [row for _, row, _ in self._different()[:instances]]
         return RefinedHypotheses(
             [pose for found in self._found for pose in found.refined],
             np.concatenate([found.costs for found in self._found]),
@@ -113,3 +121,19 @@ class _Attempts:
             np.concatenate([found.seeds for found in self._found]),
             tuple(chosen),
         )
+
+    def _different(self) -> list[tuple[float, int, Pose]]:
+        """The answers, the most probable first, without those that stand on pixels of better ones."""
+        kept: list[tuple[float, int, Pose]] = []
+        left = self._unexplained
+        for answer in sorted(self._answers, key=lambda answer: -answer[0]):
+            pose = answer[2]
+            if kept:
+                evidence = self._verifier.evidence(self._observation, pose[None])
+                assert left is not None
+                if not self._verifier.is_free(left, pose[None], evidence)[0]:
+                    continue
+            kept.append(answer)
+            before = self._observation if left is None else left
+            left = self._verifier.without_explained(before, pose)
+        return kept

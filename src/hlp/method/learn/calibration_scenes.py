@@ -1,7 +1,8 @@
 """Rendered RGB-D scenes with and without an object, on which the score of its poses is calibrated.
 
-The object stands on a plane or hangs in the air, in any pose that its views show, among shapes of
-its size. Some of them hide part of it; some are the object itself, stretched. What a CAD model does
+The object stands or lies on a plane, at times in a bin and with more of the same, or hangs in the
+air, in any pose that its views show, among shapes of its size. Some of them hide part of it; some
+are the object itself, stretched. What a CAD model does
 not tell is drawn at random: light, colours, registration of the images, errors of the sensor and of
 the model's size.
 """
@@ -16,6 +17,12 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from hlp.geometry import back_project, rigid, transform
+from hlp.method.learn.calibration_bins import (
+    bin_walls,
+    copies,
+    resting_plane,
+    with_random_color,
+)
 from hlp.patches.procedural_backgrounds import procedural_backgrounds
 from hlp.records import Frame, Mesh, ObjectModel, Target
 from hlp.rendering.light import random_light
@@ -36,6 +43,7 @@ _WARP = 0.003  # m at 1 m: depth that is off smoothly, standard deviation
 _MODEL_ERROR = 0.02  # of its size in each direction: no product is its model
 _VISIBLE = 0.3  # of the object, at least
 _ATTEMPTS = 4
+_LYING, _BINS = 2, 4  # every so many scenes: the object lies on a face, with more of it; in a bin
 
 Pose = Float[np.ndarray, "4 4"]
 
@@ -77,18 +85,27 @@ def _random_scene(
     else:
         behind, camera_matrix, shape = None, _random_camera(rng), _SHAPE
     pose = _random_pose(model, views, camera_matrix, shape, rng)
-    normal, offset = _random_plane(model, pose, rng)
+    plane = resting_plane(model, pose, rng) if number % _LYING == 0 else None
+    normal, offset = plane or _random_plane(model, pose, rng)
     parts = _things(model, pose, normal, offset, rng)
     parts += _occluders(model, pose, rng)
+    same: list[tuple[Mesh, Pose]] = []
     if present:
-        parts.insert(0, (_inexact(model, rng), pose))
+        mesh = with_random_color(_inexact(model, rng), rng)
+        if plane is not None:
+            same = copies(mesh, model, pose, plane, rng)
+        parts = [(mesh, pose), *same, *parts]
+    if behind is None and number % _BINS == 0:
+        parts += bin_walls(model, transform(pose, model.centroid[None])[0], (normal, offset), rng)
     rgb, depth, index = render_scene(parts, camera_matrix, shape, random_light(rng))
     if behind is None:
         behind = _draw_plane(normal, offset, camera_matrix, shape, rng)
     nearer = (index < 0) | ((behind[1] > 0.0) & (behind[1] < depth))
     rgb[nearer], depth[nearer] = behind[0][nearer], behind[1][nearer]
-    seen = int(np.count_nonzero((index == 0) & ~nearer)) if present else 0
-    targets = _targets(model, pose, camera_matrix, shape, seen) if present else ()
+    targets: tuple[Target, ...] = ()
+    for row, (_, at) in enumerate(parts[: (1 + len(same)) * present]):
+        seen = int(np.count_nonzero((index == row) & ~nearer))
+        targets += _targets(model, at, camera_matrix, shape, seen)
     rgb, depth = _sensed(rgb, depth, float(camera_matrix[0, 0]), rng)
     return Frame(0, number, rgb, depth, camera_matrix, targets)
 

@@ -1,7 +1,8 @@
 """Calibrates the score of an object's poses on rendered scenes, where the truth is known."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -9,8 +10,9 @@ from scipy.spatial import cKDTree
 from tqdm import tqdm
 
 from hlp.geometry import inverse, transform
-from hlp.method.find.estimator import PoseEstimator
+from hlp.method.find.estimator import FrameContext, PoseEstimator
 from hlp.method.find.search import search_frame
+from hlp.method.find.trace import Trace
 from hlp.method.learn.calibration_scenes import calibration_scene
 from hlp.records import Frame, ObjectModel
 from hlp.refinement.pose_fit import PoseFit
@@ -65,11 +67,31 @@ def search_scenes(
                 bar.update()
                 context, counts = estimator.prepare(frame), {object_id: _INSTANCES}
                 # The fallback would need the score that is about to be calibrated.
-                trace = search_frame(estimator, context, counts, fallback=False, by_threads=False)
-                found = trace[object_id]
-                poses = [] if found.refined is None else found.refined.chosen_poses
-                for pose, fit in zip(poses, found.fits, strict=True):
-                    yield fit, any(compare.right(pose, t.pose_cam_obj) for t in frame.targets)
+                for trace in _searches(estimator, context, counts):
+                    found = trace[object_id]
+                    poses = [] if found.refined is None else found.refined.chosen_poses
+                    for pose, fit in zip(poses, found.fits, strict=True):
+                        yield fit, any(compare.right(pose, t.pose_cam_obj) for t in frame.targets)
+
+
+def _searches(
+    estimator: PoseEstimator, context: FrameContext, counts: Mapping[int, int]
+) -> Iterator[Trace]:
+    """What votes find, and what templates find: both give answers later."""
+    trace = search_frame(estimator, context, counts, fallback=False, by_threads=False)
+    yield trace
+    if estimator.settings.fine.templates is not None:
+        given = {
+            i: replace(
+                found,
+                hypotheses=estimator.match_templates(context, i, counts[i], None),
+                refined=None,
+            )
+            for i, found in trace.items()
+        }
+        yield search_frame(
+            estimator, context, counts, fallback=False, by_threads=False, given=given
+        )
 
 
 class _Comparison:

@@ -1,0 +1,107 @@
+"""Bins for the scenes of score calibration: walls around the object, and more of the same in it."""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.transform import Rotation
+
+from hlp.geometry import rigid, transform
+from hlp.records import Mesh, ObjectModel
+
+_ROOM = (0.8, 3.0)  # from the middle to a wall, in diameters
+_HEIGHT = (0.2, 1.0)  # of a wall, in diameters
+_THICK = 0.02  # m
+_COPIES = (1, 6)
+_FACING = 0.3  # cosine between a plane's normal and the line of sight, at least
+
+Pose = Float[np.ndarray, "4 4"]
+Plane = tuple[Float[np.ndarray, "3"], float]
+"""Normal n, which faces the camera, and offset d: the points with n·x = d (m)."""
+
+
+def resting_plane(model: ObjectModel, pose: Pose, rng: np.random.Generator) -> Plane | None:
+    """A plane that the object lies on with a large face of its hull, where one faces the camera."""
+    points = np.asarray(model.proxy.vertices, dtype=np.float64)
+    try:
+        hull = ConvexHull(points)
+    except QhullError:  # it is flat
+        return None
+    corners = points[hull.simplices]
+    sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    up = -hull.equations[:, :3] @ pose[:3, :3].T
+    center = transform(pose, model.centroid[None])[0]
+    likely = np.linalg.norm(sides, axis=1) * (up @ -center > _FACING * np.linalg.norm(center))
+    # Triangles of one face are many: all that point the same way count.
+    areas = (up @ up.T > 1.0 - 1e-4) @ likely * (likely > 0.0)
+    if not areas.any():
+        return None
+    normal = up[rng.choice(len(areas), p=areas**2 / np.sum(areas**2))]
+    return normal, float((transform(pose, points) @ normal).min())
+
+
+def bin_walls(
+    model: ObjectModel, center: Float[np.ndarray, "3"], plane: Plane, rng: np.random.Generator
+) -> list[tuple[Mesh, Pose]]:
+    """Four walls of one colour that stand on the plane around a place."""
+    normal, offset = plane
+    frame = _upright(normal, rng)
+    floor = center + (offset - center @ normal) * normal
+    height = model.diameter * rng.uniform(*_HEIGHT)
+    color = rng.uniform(10, 240, 3).astype(np.uint8)
+    rooms = model.diameter * rng.uniform(*_ROOM, 4)
+    walls = []
+    for side, (axis, sign) in enumerate(((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0))):
+        across = 1 - axis
+        length = float(rooms[2 * across : 2 * across + 2].sum())
+        size = np.full(3, _THICK)
+        size[across], size[2] = length, height
+        middle = np.zeros(3)
+        middle[axis] = sign * (rooms[side] + _THICK / 2)
+        middle[across] = (rooms[2 * across] - rooms[2 * across + 1]) / 2
+        middle[2] = height / 2
+        walls.append((_box(size, color), rigid(frame, floor + frame @ middle)))
+    return walls
+
+
+def copies(
+    mesh: Mesh, model: ObjectModel, pose: Pose, plane: Plane, rng: np.random.Generator
+) -> list[tuple[Mesh, Pose]]:
+    """The object some more times on the plane, turned about its normal, beside the first one."""
+    normal, _ = plane
+    center = transform(pose, model.centroid[None])[0]
+    found = [(mesh, pose)]
+    for _ in range(int(rng.integers(_COPIES[0], _COPIES[1] + 1))):
+        turn = Rotation.from_rotvec(normal * rng.uniform(0.0, 2.0 * np.pi)).as_matrix()
+        away = _upright(normal, rng)[:, 0] * model.diameter * rng.uniform(0.7, 2.0)
+        centers = [transform(other, model.centroid[None])[0] for _, other in found]
+        if min(np.linalg.norm(center + away - other) for other in centers) < 0.7 * model.diameter:
+            continue
+        moved = turn @ pose[:3, :3]
+        found.append((mesh, rigid(moved, center + away - moved @ model.centroid)))
+    return found[1:]
+
+
+def with_random_color(mesh: Mesh, rng: np.random.Generator) -> Mesh:
+    """The mesh in one colour, if its own means nothing."""
+    if mesh.colored:
+        return mesh
+    color = np.clip(rng.uniform(10, 230) + rng.normal(0.0, 45.0, 3), 5, 250)
+    return replace(mesh, colors=np.full_like(mesh.colors, color.astype(np.uint8)))
+
+
+def _upright(normal: Float[np.ndarray, "3"], rng: np.random.Generator) -> Float[np.ndarray, "3 3"]:
+    """Axes of which the third is the normal, turned about it at random."""
+    first = np.cross(normal, rng.normal(size=3))
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(normal, first), normal], axis=1)
+
+
+def _box(size: Float[np.ndarray, "3"], color: np.ndarray) -> Mesh:
+    """A box about the origin."""
+    hull = ConvexHull(np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T * size / 2)
+    vertices = hull.points[hull.simplices].reshape(-1, 3)
+    faces = np.arange(len(vertices)).reshape(-1, 3)
+    normals = np.repeat(hull.equations[:, :3], 3, axis=0)
+    return Mesh(vertices, faces, np.tile(color, (len(vertices), 1)), normals)

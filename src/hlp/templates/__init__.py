@@ -1,0 +1,1 @@
+"""Templates of gradient directions: coarse poses from outlines and inner edges."""

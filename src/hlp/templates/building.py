@@ -1,0 +1,177 @@
+"""Templates of an object: where its rendered views have edges, and in which direction.
+
+As in LINEMOD (Hinterstoisser et al., PAMI 2012), but without a scale: features are metric, since
+the depth image says how large the object appears at each place.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import cv2
+import numpy as np
+from annotated_types import Ge, Le, Unit
+from jaxtyping import Bool, Float, Float32, Int8, UInt8
+
+from hlp.geometry import rigid
+from hlp.image_edges import NO_EDGE, STEPS, edges
+from hlp.records import ObjectModel
+from hlp.rendering.rasterizer import render_depth
+from hlp.rendering.viewpoints import thomson, view_rotations
+from hlp.settings import Doc, Settings
+
+DIRECTIONS = 8
+"""Directions of features, of half a turn."""
+_FOCAL, _OBJECT, _BORDER = 2000.0, 150, 12  # px: of the camera, the diameter, around it
+_OUTLINE_SHARE = 0.6  # of the features; inner edges may have no contrast
+_LEAST = 0.03  # gradient of a rendered view: the silhouette's is 1, that of normals up to 0.5
+_NORMALS = 0.25  # weight of normals beside the silhouette
+_SURFACE = 16  # points of the surface whose depths are compared
+_INNER = np.ones((7, 7), np.uint8)  # px around an anchor that must be on the object
+
+
+@dataclass(frozen=True)
+class TemplateSettings(Settings):
+    """Coarse poses by templates of gradient directions (D; not in the paper)."""
+
+    views: Annotated[int, Ge(1), Le(2562), Doc("viewpoints over the whole sphere (D)")] = 42
+    turns: Annotated[int, Ge(1), Le(360), Doc("turns about the optical axis, of 360° (D)")] = 24
+    features: Annotated[int, Ge(8), Le(512), Doc("edge points of a template (D)")] = 48
+    step: Annotated[int, Ge(1), Le(64), Unit("px"), Doc("between places in the image (D)")] = 8
+    reach: Annotated[
+        int, Ge(0), Le(32), Unit("px"), Doc("distance at which an edge still counts (D)")
+    ] = 4
+    least_match: Annotated[
+        float, Ge(0), Le(1), Doc("share of features that a template must find (D)")
+    ] = 0.45
+    compared: Annotated[
+        int, Ge(1), Le(10_000), Doc("best matches of which the cost is computed (D)")
+    ] = 400
+    kept: Annotated[
+        int, Ge(1), Le(10_000), Doc("coarse poses that are handed to the refiner (D)")
+    ] = 32
+    kept_further: Annotated[
+        int, Ge(0), Le(10_000), Doc("more of them for each further instance (D)")
+    ] = 8
+    match_weight: Annotated[
+        float, Ge(0), Doc("weight of the share of features found against the cost (D)")
+    ] = 0.4
+
+
+@dataclass(frozen=True)
+class Templates:
+    """Views of one object by their edges.
+
+    A template is laid on the image by its anchor, a point of the surface near the middle of the
+    view. `rotations_cam_obj` are those of the views, in which the object lies on the optical axis;
+    `anchors_cam` (m) is the anchor minus the object's centroid there. `offsets` (m at the
+    centroid's distance) are the features' places in the image minus the anchor's, `directions`
+    those of the gradients in eighths of half a turn. `surface` are further points that the view
+    shows: such offsets, and depths minus the anchor's (m).
+    """
+
+    rotations_cam_obj: Float[np.ndarray, "t 3 3"]
+    anchors_cam: Float[np.ndarray, "t 3"]
+    offsets: Float32[np.ndarray, "t f 2"]
+    directions: UInt8[np.ndarray, "t f"]
+    surface: Float32[np.ndarray, "t s 3"]
+
+
+def build_templates(model: ObjectModel, settings: TemplateSettings) -> Templates:
+    """Render the views and choose their features; views that show too little are left out."""
+    distance = _FOCAL * model.diameter / _OBJECT
+    side = _OBJECT + 2 * _BORDER
+    centre = (side - 1) / 2.0
+    camera = np.array([[_FOCAL, 0.0, centre], [0.0, _FOCAL, centre], [0.0, 0.0, 1.0]])
+    views = view_rotations(thomson(settings.views, 0), np.zeros(1))
+    poses = rigid(views, np.array([0.0, 0.0, distance]) - views @ model.centroid)
+    angles = 2.0 * np.pi * np.arange(settings.turns) / settings.turns
+    turns = np.zeros((len(angles), 3, 3))
+    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(angles)
+    turns[:, 1, 0], turns[:, 2, 2] = np.sin(angles), 1.0
+    turns[:, 0, 1] = -turns[:, 1, 0]
+    found: list[tuple[np.ndarray, ...]] = []
+    for view, depth in zip(views, render_depth(model.proxy, poses, camera, (side, side)), strict=True):
+        direction = _view_edges(depth, camera)
+        points = _features(direction != NO_EDGE, depth > 0.0, settings.features)
+        if len(points) < settings.features:
+            continue
+        anchor = _anchor(depth)
+        ray = np.array([*(anchor - centre) / _FOCAL, 1.0])
+        at_anchor = float(depth[anchor[1], anchor[0]])
+        from_centroid = ray * at_anchor - [0.0, 0.0, distance]
+        offsets = (points - anchor) * (distance / _FOCAL)
+        shown = _spread(np.argwhere(_inside(depth > 0.0))[:, ::-1], _SURFACE)
+        surface = np.zeros((_SURFACE, 3))
+        surface[: len(shown), :2] = (shown - anchor) * (distance / _FOCAL)
+        surface[: len(shown), 2] = depth[shown[:, 1], shown[:, 0]] - at_anchor
+        of_points = direction[points[:, 1], points[:, 0]] * (np.pi / STEPS)
+        turned = (of_points + angles[:, None]) * (DIRECTIONS / np.pi)
+        found.append(
+            (
+                turns @ view,
+                turns @ from_centroid,
+                np.einsum("tij,fj->tfi", turns[:, :2, :2], offsets).astype(np.float32),
+                (np.floor(turned + 0.5).astype(int) % DIRECTIONS).astype(np.uint8),
+                np.einsum("tij,sj->tsi", turns, surface).astype(np.float32),
+            )
+        )
+    if not found:
+        nothing = np.zeros((0, settings.features, 2), dtype=np.float32)
+        directions, surface = nothing[..., 0].astype(np.uint8), np.zeros((0, _SURFACE, 3), np.float32)
+        return Templates(np.zeros((0, 3, 3)), np.zeros((0, 3)), nothing, directions, surface)
+    return Templates(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+
+
+def _view_edges(
+    depth: Float32[np.ndarray, "h w"], camera: Float[np.ndarray, "3 3"]
+) -> Int8[np.ndarray, "h w"]:
+    """Edges of the silhouette, and where the surface turns or has a step."""
+    drawn = depth > 0.0
+    y, x = np.mgrid[: depth.shape[0], : depth.shape[1]]
+    rays = np.stack([(x - camera[0, 2]) / _FOCAL, (y - camera[1, 2]) / _FOCAL, np.ones(x.shape)], -1)
+    points = rays * depth[..., None]
+    along, down = np.zeros_like(points), np.zeros_like(points)
+    along[:, 1:-1], down[1:-1] = points[:, 2:] - points[:, :-2], points[2:] - points[:-2]
+    normals = np.cross(along, down)
+    normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)
+    normals[cv2.erode(drawn.view(np.uint8), np.ones((3, 3), np.uint8)) == 0] = 0.0
+    image = np.concatenate([_NORMALS * normals, drawn[..., None]], axis=-1)
+    return edges(np.ascontiguousarray(image, dtype=np.float32), _LEAST)
+
+
+def _features(
+    among: Bool[np.ndarray, "h w"], drawn: Bool[np.ndarray, "h w"], count: int
+) -> np.ndarray:
+    """Edge points (x, y) spread over the outline and over the inner edges; fewer if there are not."""
+    inside = _inside(drawn)
+    outline = np.argwhere(among & ~inside)[:, ::-1]
+    inner = np.argwhere(among & inside)[:, ::-1]
+    most_inner = count - round(_OUTLINE_SHARE * count)
+    chosen_inner = _spread(inner, most_inner)
+    chosen = _spread(outline, count - len(chosen_inner))
+    return np.concatenate([chosen, chosen_inner])
+
+
+def _inside(drawn: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+    return np.asarray(cv2.erode(drawn.view(np.uint8), np.ones((5, 5), np.uint8)) > 0)
+
+
+def _spread(points: np.ndarray, count: int) -> np.ndarray:
+    """Points that lie far from each other: each is the farthest from those before it."""
+    if len(points) <= count:
+        return points
+    chosen = [0]
+    nearest = np.full(len(points), np.inf)
+    while len(chosen) < count:
+        nearest = np.minimum(nearest, np.square(points - points[chosen[-1]]).sum(axis=1))
+        chosen.append(int(np.argmax(nearest)))
+    return np.asarray(points[chosen])
+
+
+def _anchor(depth: Float32[np.ndarray, "h w"]) -> np.ndarray:
+    """The pixel (x, y) nearest the middle around which all is object, or that is object."""
+    drawn = (depth > 0.0).view(np.uint8)
+    inner = cv2.erode(drawn, _INNER)
+    places = np.argwhere(inner if inner.any() else drawn)[:, ::-1]
+    middle = (np.array(depth.shape[::-1]) - 1) / 2.0
+    return np.asarray(places[np.argmin(np.square(places - middle).sum(axis=1))])

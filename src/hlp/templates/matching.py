@@ -1,0 +1,202 @@
+"""Coarse poses where an image has the edges of a template: at every place, at the depth there."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int, Int8, Int32, UInt8
+
+from hlp.compiled import compiled
+from hlp.geometry import allocentric_to_egocentric, rigid
+from hlp.image_edges import NO_EDGE, STEPS
+from hlp.records import ObjectModel
+from hlp.templates.building import DIRECTIONS, Templates, TemplateSettings
+from hlp.thread_team import ThreadTeam
+
+_SAME, _BESIDE = 4, 2  # response to an edge of the feature's direction, and of the next ones
+_FIRST = 16  # features after which a place that has too few of them is left
+_DEPTH_LIMIT, _LEAST_SURFACE = 0.12, 0.7  # of the diameter; share of points that must agree
+_PER_PLACE = 6  # templates that are kept at each place
+_MEDIAN = 5  # px, of the depth at a place
+_NEAREST = 0.1  # m
+_SAME_SHIFT, _SAME_TURN = 0.08, np.deg2rad(14.0)  # of the diameter: matches of one pose
+
+
+@dataclass(frozen=True)
+class Matches:
+    """Poses at which templates match, best first, and the share of features found of each."""
+
+    poses_cam_obj: Float[np.ndarray, "m 4 4"]
+    shares: Float[np.ndarray, "m"]
+
+
+def spread_edges(
+    directions: Int8[np.ndarray, "h w"], reach: int
+) -> UInt8[np.ndarray, "8 h w"]:
+    """How well each pixel answers to a feature of each direction, by the edges around it."""
+    near = np.zeros(directions.shape, dtype=np.uint8)
+    offsets = np.argwhere(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1,) * 2))
+    _mark(directions, offsets - reach, near)
+    codes = np.arange(256)
+    tables = np.zeros((DIRECTIONS, 256), dtype=np.uint8)
+    for k in range(DIRECTIONS):
+        beside = codes >> ((k + 1) % DIRECTIONS) | codes >> ((k - 1) % DIRECTIONS)
+        tables[k] = np.where(codes >> k & 1, _SAME, np.where(beside & 1, _BESIDE, 0))
+    return np.stack([cv2.LUT(near, table) for table in tables])
+
+
+@compiled()
+def _mark(
+    directions: Int8[np.ndarray, "h w"],
+    offsets: Int32[np.ndarray, "n 2"],
+    near: UInt8[np.ndarray, "h w"],
+) -> None:
+    """Set the bit of an edge's direction in all pixels around it."""
+    height, width = directions.shape
+    for y in range(height):
+        for x in range(width):
+            if directions[y, x] == NO_EDGE:
+                continue
+            half = (directions[y, x] * DIRECTIONS * 2 // STEPS + 1) // 2
+            bit = np.uint8(1 << (half % DIRECTIONS))
+            for n in range(len(offsets)):
+                v, u = y + offsets[n, 0], x + offsets[n, 1]
+                if 0 <= v < height and 0 <= u < width:
+                    near[v, u] |= bit
+
+
+def match_templates(
+    templates: Templates,
+    answers: UInt8[np.ndarray, "8 h w"],
+    depth: Float32[np.ndarray, "h w"],
+    camera_matrix: Float[np.ndarray, "3 3"],
+    model: ObjectModel,
+    settings: TemplateSettings,
+    mask: Bool[np.ndarray, "h w"] | None,
+    team: ThreadTeam,
+) -> Matches:
+    """Lay every template on a grid of places with depth (in the `mask`); the best matches.
+
+    Of matches with nearly the same pose only the best is kept.
+    """
+    step = settings.step
+    smooth = cv2.medianBlur(np.ascontiguousarray(depth, dtype=np.float32), _MEDIAN)
+    there = np.isfinite(smooth) & (smooth > _NEAREST)
+    there = there if mask is None else there & mask
+    y, x = (step * each + step // 2 for each in np.nonzero(there[step // 2 :: step, step // 2 :: step]))
+    places, depths = np.stack([x, y], axis=1).astype(np.float32), smooth[y, x]
+    shares = np.zeros((len(places), _PER_PLACE), dtype=np.float32)
+    rows = np.full(shares.shape, -1, dtype=np.int32)
+    focal, ahead = np.float32(camera_matrix[0, 0]), templates.anchors_cam[:, 2].astype(np.float32)
+
+    def scan(start: int, stop: int) -> None:
+        _scan(
+            answers,
+            places[start:stop],
+            depths[start:stop],
+            focal,
+            templates.offsets,
+            templates.directions,
+            templates.surface,
+            smooth,
+            np.float32(_DEPTH_LIMIT * model.diameter),
+            ahead,
+            np.float32(settings.least_match),
+            shares[start:stop],
+            rows[start:stop],
+        )
+
+    team.map_ranges(scan, len(places))
+    place, column = np.nonzero(shares >= settings.least_match)
+    order = np.argsort(-shares[place, column], kind="stable")
+    place, column = place[order], column[order]
+    found, row = shares[place, column], rows[place, column]
+    rays = np.column_stack([places[place], np.ones(len(place))]) @ np.linalg.inv(camera_matrix).T
+    surface = rays * depths[place][:, None]
+    turn = allocentric_to_egocentric(surface)
+    rotations = turn @ templates.rotations_cam_obj[row]
+    centers = surface - np.einsum("nij,nj->ni", turn, templates.anchors_cam[row])
+    best = np.full(settings.compared, -1)
+    shift, trace = _SAME_SHIFT * model.diameter, 1.0 + 2.0 * np.cos(_SAME_TURN)
+    best = best[: _choose_different(centers, rotations, shift, trace, best)]
+    poses = rigid(rotations[best], centers[best] - rotations[best] @ model.centroid)
+    return Matches(poses, found[best].astype(np.float64))
+
+
+@compiled(fastmath=True)
+def _scan(
+    answers: UInt8[np.ndarray, "8 h w"],
+    places: Float32[np.ndarray, "p 2"],
+    depths: Float32[np.ndarray, "p"],
+    focal: np.float32,
+    offsets: Float32[np.ndarray, "t f 2"],
+    directions: UInt8[np.ndarray, "t f"],
+    surface: Float32[np.ndarray, "t s 3"],
+    depth: Float32[np.ndarray, "h w"],
+    limit: np.float32,
+    ahead: Float32[np.ndarray, "t"],
+    least: np.float32,
+    shares: Float32[np.ndarray, "p k"],
+    rows: Int32[np.ndarray, "p k"],
+) -> None:
+    """The best templates at each place, and the shares of their features that the image has."""
+    height, width = answers.shape[1:]
+    count, last = offsets.shape[1], shares.shape[1] - 1
+    fewest = least * np.float32(_SAME * _FIRST)
+    half = np.float32(0.5)
+    for p in range(len(places)):
+        x_0, y_0 = places[p, 0] + half, places[p, 1] + half
+        for t in range(len(offsets)):
+            scale = focal / (depths[p] - ahead[t])
+            agreeing = 0
+            for k in range(surface.shape[1]):
+                x = int(x_0 + scale * surface[t, k, 0])
+                y = int(y_0 + scale * surface[t, k, 1])
+                if 0 <= x < width and 0 <= y < height:
+                    agreeing += abs(depth[y, x] - depths[p] - surface[t, k, 2]) <= limit
+            if agreeing < _LEAST_SURFACE * surface.shape[1]:
+                continue
+            found = 0
+            for k in range(count):
+                x, y = int(x_0 + scale * offsets[t, k, 0]), int(y_0 + scale * offsets[t, k, 1])
+                if 0 <= x < width and 0 <= y < height:
+                    found += answers[directions[t, k], y, x]
+                if k == _FIRST - 1 and found < fewest:
+                    break
+            share = np.float32(found) / np.float32(_SAME * count)
+            if share <= shares[p, last]:
+                continue
+            place = last
+            while place > 0 and shares[p, place - 1] < share:
+                shares[p, place], rows[p, place] = shares[p, place - 1], rows[p, place - 1]
+                place -= 1
+            shares[p, place], rows[p, place] = share, t
+
+
+@compiled()
+def _choose_different(
+    centers: Float[np.ndarray, "n 3"],
+    rotations: Float[np.ndarray, "n 3 3"],
+    shift: float,
+    trace: float,
+    chosen: Int[np.ndarray, "k"],
+) -> int:
+    """Choose poses that differ from all that were chosen before; how many were."""
+    count = 0
+    for n in range(len(centers)):
+        new = True
+        for m in chosen[:count]:
+            apart, alike = 0.0, 0.0
+            for i in range(3):
+                apart += (centers[n, i] - centers[m, i]) ** 2
+                for j in range(3):
+                    alike += rotations[n, i, j] * rotations[m, i, j]
+            if apart < shift * shift and alike > trace:
+                new = False
+                break
+        if new:
+            chosen[count] = n
+            count += 1
+            if count == len(chosen):
+                break
+    return count

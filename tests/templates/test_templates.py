@@ -1,0 +1,135 @@
+"""Templates of gradient directions: a flat part of one colour on a plane of another."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+
+from hlp.geometry import rigid, rotation_distance, transform
+from hlp.image_edges import NO_EDGE, color_edges, edges
+from hlp.records import Mesh, ObjectModel
+from hlp.rendering.light import FRONTAL_LIGHT
+from hlp.rendering.rasterizer import render_scene
+from hlp.templates.building import DIRECTIONS, TemplateSettings, Templates, build_templates
+from hlp.templates.matching import match_templates, spread_edges
+from hlp.thread_team import ThreadTeam
+from refinement_scene import as_mesh
+
+CAMERA = np.array([[600.0, 0.0, 320.0], [0.0, 600.0, 240.0], [0.0, 0.0, 1.0]])
+SHAPE = (480, 640)
+SETTINGS = TemplateSettings()
+
+
+@pytest.fixture(scope="module")
+def plate() -> ObjectModel:
+    """A letter F, 10 cm long and 12 mm thick: no symmetry, no colour."""
+    boxes = []
+    for size, at in (((0.1, 0.02), (0, 0)), ((0.02, 0.06), (0.04, 0.03)), ((0.02, 0.04), (0, 0.02))):
+        box = trimesh.creation.box((*size, 0.012))
+        box.apply_translation((*at, 0.0))
+        boxes.append(box)
+    mesh = as_mesh(trimesh.util.concatenate(boxes))
+    diameter = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    return ObjectModel(1, "plate", mesh, mesh, diameter, np.eye(4)[None], 0.1, 0.04)
+
+
+@pytest.fixture(scope="module")
+def templates(plate: ObjectModel) -> Templates:
+    return build_templates(plate, SETTINGS)
+
+
+def scene(plate: ObjectModel, turn: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """RGB, depth and true pose of the plate on a table that is tilted towards the camera."""
+    flat = trimesh.transformations.rotation_matrix(np.pi - 0.25, [1, 0, 0])[:3, :3]
+    rotation = flat @ trimesh.transformations.rotation_matrix(turn, [0, 0, 1])[:3, :3]
+    pose = rigid(rotation, np.array([0.05, -0.03, 0.6]) - rotation @ plate.centroid)
+    table = as_mesh(trimesh.creation.box((0.7, 0.7, 0.01)), (70, 100, 150))
+    under = rigid(flat, np.array([0.05, -0.03, 0.6]) - flat @ [0.0, 0.0, 0.011])
+    painted = Mesh(
+        plate.mesh.vertices,
+        plate.mesh.faces,
+        np.full_like(plate.mesh.colors, 200),
+        plate.mesh.normals,
+    )
+    rgb, depth, _ = render_scene([(painted, pose), (table, under)], CAMERA, SHAPE, FRONTAL_LIGHT)
+    return rgb, depth, pose
+
+
+@pytest.mark.parametrize("turn", [0.1, 2.0, 4.4])
+def test_a_flat_part_without_colour_is_found(
+    plate: ObjectModel, templates: Templates, turn: float
+) -> None:
+    rgb, depth, pose = scene(plate, turn)
+    answers = spread_edges(color_edges(rgb), SETTINGS.reach)
+    team = ThreadTeam(2)
+    found = match_templates(templates, answers, depth, CAMERA, plate, SETTINGS, None, team)
+    points = plate.mesh.vertices
+    errors = np.linalg.norm(
+        transform(found.poses_cam_obj, points) - transform(pose, points), axis=2
+    ).mean(axis=1)
+    assert errors[:10].min() < 0.15 * plate.diameter
+    assert (np.diff(found.shares) <= 0).all() and found.shares[0] > 0.7
+    alone = match_templates(templates, answers, depth, CAMERA, plate, SETTINGS, None, ThreadTeam(1))
+    np.testing.assert_array_equal(alone.poses_cam_obj, found.poses_cam_obj)
+    nowhere = np.zeros(SHAPE, dtype=bool)
+    none = match_templates(templates, answers, depth, CAMERA, plate, SETTINGS, nowhere, team)
+    assert len(none.shares) == 0
+
+
+def test_a_template_is_what_its_view_shows(plate: ObjectModel, templates: Templates) -> None:
+    """Laid on a picture of its own view, all its features are found, with all depths."""
+    for row in range(5, len(templates.offsets), 177):
+        rotation, center = templates.rotations_cam_obj[row], np.array([0.0, 0.0, 0.5])
+        pose = rigid(rotation, center - rotation @ plate.centroid)
+        rgb, depth, _ = render_scene([(plate.mesh, pose)], CAMERA, SHAPE, FRONTAL_LIGHT)
+        directions = edges((depth > 0.0)[..., None].astype(np.float32), 0.05)
+        anchor = center + templates.anchors_cam[row]
+        pixel = anchor[:2] / anchor[2] * 600.0 + CAMERA[:2, 2]
+        places = pixel + templates.offsets[row] * 600.0 / 0.5
+        y, x = np.nonzero(directions != NO_EDGE)
+        apart = np.hypot(x[:, None] - places[:, 0], y[:, None] - places[:, 1])
+        on_outline = apart.min(axis=0) < 2.5
+        assert on_outline.mean() > 0.5
+        nearest = apart.argmin(axis=0)[on_outline]
+        eighths = directions[y[nearest], x[nearest]] / 2.0
+        away = np.abs(templates.directions[row][on_outline] - eighths)
+        assert np.median(np.minimum(away, DIRECTIONS - away)) <= 0.5
+        shown = np.rint(pixel + templates.surface[row][:, :2] * 600.0 / 0.5).astype(int)
+        deep = depth[shown[:, 1], shown[:, 0]] - anchor[2]
+        assert np.median(np.abs(deep - templates.surface[row][:, 2])) < 0.002
+
+
+def test_answers_are_those_of_plain_numpy() -> None:
+    rng = np.random.default_rng(0)
+    directions = np.where(rng.random((30, 40)) < 0.02, rng.integers(16, size=(30, 40)), NO_EDGE)
+    found = spread_edges(directions.astype(np.int8), 2)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+    expected = np.zeros_like(found)
+    for y, x in np.argwhere(directions != NO_EDGE):
+        own = (directions[y, x] + 1) // 2 % DIRECTIONS
+        for k in range(DIRECTIONS):
+            away = min((k - own) % DIRECTIONS, (own - k) % DIRECTIONS)
+            worth = {0: 4, 1: 2}.get(away, 0)
+            for v in range(max(y - 2, 0), min(y + 3, 30)):
+                for u in range(max(x - 2, 0), min(x + 3, 40)):
+                    if disc[v - y + 2, u - x + 2]:
+                        expected[k, v, u] = max(expected[k, v, u], worth)
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_an_object_without_enough_edges_has_no_templates(plate: ObjectModel) -> None:
+    small = replace(plate, mesh=plate.mesh, diameter=20.0)  # a speck in views of 20 m
+    none = build_templates(small, SETTINGS)
+    assert len(none.offsets) == 0
+    rgb, depth, _ = scene(plate, 0.0)
+    answers = spread_edges(color_edges(rgb), SETTINGS.reach)
+    found = match_templates(none, answers, depth, CAMERA, plate, SETTINGS, None, ThreadTeam(1))
+    assert found.poses_cam_obj.shape == (0, 4, 4)
+
+
+def test_rotations_cover_all_turns(templates: Templates) -> None:
+    turned = templates.rotations_cam_obj.reshape(-1, SETTINGS.turns, 3, 3)
+    steps = rotation_distance(turned[:, 1:], turned[:, :-1])
+    np.testing.assert_allclose(steps, 2.0 * np.pi / SETTINGS.turns, atol=1e-6)
