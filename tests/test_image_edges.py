@@ -8,7 +8,7 @@ from hlp.image_edges import NO_EDGE, STEPS, color_edges, edges
 
 
 def step_image(angle: float, low: tuple[int, ...], high: tuple[int, ...]) -> np.ndarray:
-    """Two colours, divided by a line through the middle; the gradient has this angle from x to y."""
+    """Two colours divided by a line through the middle, across which the gradient points."""
     y, x = np.mgrid[-40:41, -40:41]
     beyond = (x * np.cos(angle) + y * np.sin(angle)) > 0.2
     return np.where(beyond[..., None], np.array(high), np.array(low)).astype(np.uint8)
@@ -26,7 +26,10 @@ def test_an_edge_has_the_direction_across_it(turn: int) -> None:
 
 
 def test_light_sign_and_channel_do_not_matter() -> None:
-    dark, bright = step_image(0.7, (20, 20, 30), (60, 20, 30)), step_image(0.7, (60, 0, 0), (20, 0, 0))
+    dark, bright = (
+        step_image(0.7, (20, 20, 30), (60, 20, 30)),
+        step_image(0.7, (60, 0, 0), (20, 0, 0)),
+    )
     first, second = (color_edges(image)[8:-8, 8:-8] for image in (dark, bright))
     both = (first != NO_EDGE) & (second != NO_EDGE)
     assert both.sum() > 50 and (first[both] == second[both]).mean() > 0.95
@@ -43,7 +46,9 @@ def test_gradients_are_those_of_scipy() -> None:
     rng = np.random.default_rng(0)
     image = ndimage.gaussian_filter(rng.normal(size=(50, 70, 2)), (2, 2, 0)).astype(np.float32)
     found = edges(image, 1e-4)
-    smooth = [ndimage.gaussian_filter(image[..., c].astype(float), 1, mode="mirror") for c in (0, 1)]
+    smooth = [
+        ndimage.gaussian_filter(image[..., c].astype(float), 1, mode="mirror") for c in (0, 1)
+    ]
     gradients = np.array([[ndimage.sobel(each, axis=a) for each in smooth] for a in (1, 0)])
     best = np.square(gradients).sum(axis=0).argmax(axis=0)[None]
     g_x, g_y = (np.take_along_axis(each, best, axis=0)[0] for each in gradients)

@@ -46,7 +46,7 @@ def _gradients(
     strength: Float32[np.ndarray, "h w"],
     direction: Int8[np.ndarray, "h w"],
 ) -> None:
-    """Sobel's gradient of the channel where it is largest: length, 0 below `least`, and direction."""
+    """Sobel's gradient of the channel where it is largest: direction, and length if not faint."""
     height, width, channels = image.shape
     limit = (np.float32(8.0) * least) ** 2
     for y in range(1, height - 1):

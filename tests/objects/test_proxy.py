@@ -22,7 +22,7 @@ def perforated_plate() -> trimesh.Trimesh:
     return trimesh.util.concatenate(parts)
 
 
-def silhouettes(mesh, diameter: float) -> np.ndarray:  # noqa: ANN001
+def silhouettes(mesh, diameter: float) -> np.ndarray:
     camera = np.array([[1000.0, 0, 60], [0, 1000.0, 60], [0, 0, 1]])
     turn = trimesh.transformations.rotation_matrix
     middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2

@@ -18,7 +18,6 @@ from hlp.refinement.score_model import (
     save_score_model,
 )
 
-
 OPTIONS = {"xatol": 1e-7, "fatol": 1e-10, "maxiter": 9999, "maxfev": 9999, "adaptive": True}
 
 
@@ -65,10 +64,7 @@ def test_weights_are_the_minimum_of_the_penalised_likelihood() -> None:
         for fit in fits
     ]
     x = np.array(
-        [
-            [1.0, f.cost, (np.arctanh(f.relief) + np.arctanh(f.slope)) / 2.0, f.edge]
-            for f in fits
-        ]
+        [[1.0, f.cost, (np.arctanh(f.relief) + np.arctanh(f.slope)) / 2.0, f.edge] for f in fits]
     )
     x = np.column_stack([x, [1.0 - f.visible_fraction for f in fits]])
     weight = np.where(right, 0.6 / right.mean(), 0.4 / (~right).mean())

@@ -12,7 +12,7 @@ from hlp.image_edges import NO_EDGE, color_edges, edges
 from hlp.records import Mesh, ObjectModel
 from hlp.rendering.light import FRONTAL_LIGHT
 from hlp.rendering.rasterizer import render_scene
-from hlp.templates.building import DIRECTIONS, TemplateSettings, Templates, build_templates
+from hlp.templates.building import DIRECTIONS, Templates, TemplateSettings, build_templates
 from hlp.templates.matching import match_templates, spread_edges
 from hlp.thread_team import ThreadTeam
 from refinement_scene import as_mesh
@@ -26,7 +26,11 @@ SETTINGS = TemplateSettings()
 def plate() -> ObjectModel:
     """A letter F, 10 cm long and 12 mm thick: no symmetry, no colour."""
     boxes = []
-    for size, at in (((0.1, 0.02), (0, 0)), ((0.02, 0.06), (0.04, 0.03)), ((0.02, 0.04), (0, 0.02))):
+    for size, at in (
+        ((0.1, 0.02), (0, 0)),
+        ((0.02, 0.06), (0.04, 0.03)),
+        ((0.02, 0.04), (0, 0.02)),
+    ):
         box = trimesh.creation.box((*size, 0.012))
         box.apply_translation((*at, 0.0))
         boxes.append(box)
@@ -83,7 +87,7 @@ def test_a_template_is_what_its_view_shows(plate: ObjectModel, templates: Templa
     for row in range(5, len(templates.offsets), 177):
         rotation, center = templates.rotations_cam_obj[row], np.array([0.0, 0.0, 0.5])
         pose = rigid(rotation, center - rotation @ plate.centroid)
-        rgb, depth, _ = render_scene([(plate.mesh, pose)], CAMERA, SHAPE, FRONTAL_LIGHT)
+        _, depth, _ = render_scene([(plate.mesh, pose)], CAMERA, SHAPE, FRONTAL_LIGHT)
         directions = edges((depth > 0.0)[..., None].astype(np.float32), 0.05)
         anchor = center + templates.anchors_cam[row]
         pixel = anchor[:2] / anchor[2] * 600.0 + CAMERA[:2, 2]

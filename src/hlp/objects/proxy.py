@@ -39,7 +39,9 @@ def build_proxy(mesh: Mesh, faces: int, diameter: float) -> Mesh:
             break
         wanted *= 2
     if wanted > faces:
-        _logger.info("poses are drawn with %d triangles: %d lose its shape", len(proxy.faces), faces)
+        _logger.info(
+            "poses are drawn with %d triangles: %d lose its shape", len(proxy.faces), faces
+        )
     return proxy
 
 

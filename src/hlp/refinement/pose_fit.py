@@ -30,10 +30,10 @@ class PoseFit:
     with something at the right place, but rarely with its shape. `residual_mm` is the median
     absolute difference in depth where both agree. `visible_fraction` is the fraction of the
     silhouette that lies in the image and that nothing nearer covers. `color` and `contrast` are
-    correlation and contrast of `texture.ColorAgreement`, `edge` is that of `verification.Evidence`: 0
-    where the image has an edge at every visible part of the outline, 1 where it has none.
-    `relief_mm` is the standard deviation of the model's depth from the plane that fits it best: of
-    a flat side, the correlations say little.
+    correlation and contrast of `texture.ColorAgreement`, `edge` is that of
+    `verification.Evidence`: 0 where the image has an edge at every visible part of the outline, 1
+    where it has none. `relief_mm` is the standard deviation of the model's depth from the plane
+    that fits it best: of a flat side, the correlations say little.
     """
 
     cost: float

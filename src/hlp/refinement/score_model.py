@@ -35,13 +35,14 @@ _NEUTRAL = 1.2  # Fisher transform between those of right and of wrong poses (D)
 
 @dataclass(frozen=True)
 class ScoreModel:
-    """Weights of the logistic regression: score = 1 / (1 + exp(-(bias + cost·c + shape·z + edge·e + hidden·h - d))).
+    """Weights of the logistic regression: score = 1 / (1 + exp(-s)).
 
-    c is the verification cost, e the distance of the outline to edges of the image, z the mean
-    Fisher transform artanh(r) of the correlations r of relief and slope, drawn to a neutral value
-    where the model itself shows little relief, h the hidden fraction, d =
-    color times how much the colours contradict. `cost`, `edge` and `hidden` are at most 0 and
-    `shape` at least 0: the score never falls when the fit is better. An object of which less than
+    s = bias + cost·c + shape·z + edge·e + hidden·h - d, where c is the verification cost, e the
+    distance of the outline to edges of the image, h the hidden fraction, and d = color times how
+    much the colours contradict. z is the mean Fisher transform artanh(r) of the correlations r of
+    relief and slope, drawn to a neutral value where the model itself shows little relief. `cost`,
+    `edge` and `hidden` are at most 0 and `shape` at least 0: the score never falls when the fit is
+    better. An object of which less than
     `least_visible` is seen is not found: its score is below `MIN_SCORE`, in proportion.
     """
 
@@ -78,9 +79,9 @@ class ScoreModel:
 
 
 PRIOR = ScoreModel(bias=1.8, cost=-8.0, shape=3.0, edge=-13.0, hidden=-4.5)
-"""Weights of objects in general: fitted to rendered scenes of nine objects of LINEMOD, YCB and
-Tejani et al., as benchmarks/score_prior.py does it, with a bias of 2.4 where half of the answers
-were right; 2.8 is for `RIGHT_SHARE`."""
+"""Weights of objects in general: fitted to rendered scenes of fifteen objects, scans and CAD
+models, as benchmarks/score_prior.py does it, and rounded, with some weight left on the cost, which
+differs between objects; the bias is for `RIGHT_SHARE`."""
 RIGHT_SHARE = 0.6
 """Share of right poses among the answers, before anything is known of their fit: ours (D)."""
 PRESENT_SHARE = 0.9

@@ -36,9 +36,9 @@ def sum_evidence(
 ) -> None:
     """Fill the sums of which `Evidence` is made for each pose.
 
-    Lengths are in m, `edge_distance` in pixels, for each of the `DIRECTIONS`. The image is read at every k-th pixel, k the
-    smallest number for which the object's bounding box has at most `size` of them on a side. Pixels
-    are never averaged, which would invent depth at edges.
+    Lengths are in m, `edge_distance` in pixels, for each of the `DIRECTIONS`. The image is read at
+    every k-th pixel, k the smallest number for which the object's bounding box has at most `size`
+    of them on a side. Pixels are never averaged, which would invent depth at edges.
     """
     corners = np.empty((3, vertices.shape[1]))
     sampled = np.empty((3, vertices.shape[1]), dtype=np.float32)

@@ -90,7 +90,9 @@ def build_templates(model: ObjectModel, settings: TemplateSettings) -> Templates
     turns[:, 1, 0], turns[:, 2, 2] = np.sin(angles), 1.0
     turns[:, 0, 1] = -turns[:, 1, 0]
     found: list[tuple[np.ndarray, ...]] = []
-    for view, depth in zip(views, render_depth(model.proxy, poses, camera, (side, side)), strict=True):
+    for view, depth in zip(
+        views, render_depth(model.proxy, poses, camera, (side, side)), strict=True
+    ):
         direction = _view_edges(depth, camera)
         points = _features(direction != NO_EDGE, depth > 0.0, settings.features)
         if len(points) < settings.features:
@@ -117,7 +119,10 @@ def build_templates(model: ObjectModel, settings: TemplateSettings) -> Templates
         )
     if not found:
         nothing = np.zeros((0, settings.features, 2), dtype=np.float32)
-        directions, surface = nothing[..., 0].astype(np.uint8), np.zeros((0, _SURFACE, 3), np.float32)
+        directions, surface = (
+            nothing[..., 0].astype(np.uint8),
+            np.zeros((0, _SURFACE, 3), np.float32),
+        )
         return Templates(np.zeros((0, 3, 3)), np.zeros((0, 3)), nothing, directions, surface)
     return Templates(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
@@ -128,7 +133,9 @@ def _view_edges(
     """Edges of the silhouette, and where the surface turns or has a step."""
     drawn = depth > 0.0
     y, x = np.mgrid[: depth.shape[0], : depth.shape[1]]
-    rays = np.stack([(x - camera[0, 2]) / _FOCAL, (y - camera[1, 2]) / _FOCAL, np.ones(x.shape)], -1)
+    rays = np.stack(
+        [(x - camera[0, 2]) / _FOCAL, (y - camera[1, 2]) / _FOCAL, np.ones(x.shape)], -1
+    )
     points = rays * depth[..., None]
     along, down = np.zeros_like(points), np.zeros_like(points)
     along[:, 1:-1], down[1:-1] = points[:, 2:] - points[:, :-2], points[2:] - points[:-2]
@@ -142,7 +149,7 @@ def _view_edges(
 def _features(
     among: Bool[np.ndarray, "h w"], drawn: Bool[np.ndarray, "h w"], count: int
 ) -> np.ndarray:
-    """Edge points (x, y) spread over the outline and over the inner edges; fewer if there are not."""
+    """Edge points (x, y) spread over outline and inner edges; fewer where there are not as many."""
     inside = _inside(drawn)
     outline = np.argwhere(among & ~inside)[:, ::-1]
     inner = np.argwhere(among & inside)[:, ::-1]

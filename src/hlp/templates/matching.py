@@ -30,9 +30,7 @@ class Matches:
     shares: Float[np.ndarray, "m"]
 
 
-def spread_edges(
-    directions: Int8[np.ndarray, "h w"], reach: int
-) -> UInt8[np.ndarray, "8 h w"]:
+def spread_edges(directions: Int8[np.ndarray, "h w"], reach: int) -> UInt8[np.ndarray, "8 h w"]:
     """How well each pixel answers to a feature of each direction, by the edges around it."""
     near = np.zeros(directions.shape, dtype=np.uint8)
     offsets = np.argwhere(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1,) * 2))
@@ -83,7 +81,9 @@ def match_templates(
     smooth = cv2.medianBlur(np.ascontiguousarray(depth, dtype=np.float32), _MEDIAN)
     there = np.isfinite(smooth) & (smooth > _NEAREST)
     there = there if mask is None else there & mask
-    y, x = (step * each + step // 2 for each in np.nonzero(there[step // 2 :: step, step // 2 :: step]))
+    y, x = (
+        step * each + step // 2 for each in np.nonzero(there[step // 2 :: step, step // 2 :: step])
+    )
     places, depths = np.stack([x, y], axis=1).astype(np.float32), smooth[y, x]
     shares = np.zeros((len(places), _PER_PLACE), dtype=np.float32)
     rows = np.full(shares.shape, -1, dtype=np.int32)

@@ -64,10 +64,13 @@ def _further_looks(
     if estimator.settings.fine.templates is not None:
         yield SURE, partial(estimator.match_templates, context, region.object_id)
     for places in estimator.likely_regions(context, region):
-        yield (
-            MIN_SCORE,
-            lambda _, __, places=places: estimator.find_hypotheses(context, places).hypotheses,
-        )
+        yield MIN_SCORE, partial(_votes_of, estimator, context, places)
+
+
+def _votes_of(
+    estimator: PoseEstimator, context: FrameContext, places: Region, _: int, __: Observation | None
+) -> Hypotheses:
+    return estimator.find_hypotheses(context, places).hypotheses
 
 
 class _Attempts:
@@ -123,7 +126,7 @@ class _Attempts:
         )
 
     def _different(self) -> list[tuple[float, int, Pose]]:
-        """The answers, the most probable first, without those that stand on pixels of better ones."""
+        """The answers, the most probable first, without those on pixels of better ones."""
         kept: list[tuple[float, int, Pose]] = []
         left = self._unexplained
         for answer in sorted(self._answers, key=lambda answer: -answer[0]):
