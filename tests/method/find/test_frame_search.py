@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Iterable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -55,6 +56,11 @@ class Estimator:
 
     def likely_regions(self, *_: Any) -> Any:
         return iter(())
+
+    def verifier(self, *_: Any) -> None:
+        return None
+
+    settings = SimpleNamespace(fine=SimpleNamespace(templates=None))
 
 
 @pytest.mark.parametrize(("threads", "together"), [(1, 1), (2, 2), (3, 3)])

@@ -25,6 +25,8 @@ def pose(score: float) -> np.ndarray:
 class Estimator:
     """`looks` holds the scores of the instances that each look finds; None: no hypothesis."""
 
+    settings = SimpleNamespace(fine=SimpleNamespace(templates=None))
+
     def __init__(self, *looks: list[float] | None) -> None:
         self.looks = [*looks]
         self.asked: list[tuple[int, Any]] = []
@@ -55,7 +57,11 @@ class Estimator:
         def explain(before: str, found: np.ndarray) -> str:
             return f"{before}-{found[0, 3]:g}"
 
-        return SimpleNamespace(without_explained=explain)
+        return SimpleNamespace(
+            without_explained=explain,
+            evidence=lambda *_: None,
+            is_free=lambda *_: np.ones(1, dtype=bool),
+        )
 
 
 def search(
@@ -107,17 +113,30 @@ def test_one_instance_is_enough_where_their_number_is_not_known() -> None:
     estimator = Estimator([0.6, 0.3], [0.9])
     assert search(estimator, 10, min_score=0.5)[0] == [0.6, 0.3]
     strict = Estimator([0.6, 0.3], [0.9, 0.2])
-    assert search(strict, 10, min_score=0.7)[0] == [0.9, 0.6, 0.3]
+    assert search(strict, 10, min_score=0.7)[0] == [0.9, 0.6, 0.3, 0.2]
 
 
 @pytest.mark.parametrize("min_score", [0.0, 0.05, 0.3])
 def test_a_low_min_score_does_not_skip_the_fallback(min_score: float) -> None:
-    """Nor the same instance twice: 0.4 may be a worse pose of what the fallback found."""
     estimator = Estimator([0.4, 0.1], [0.9, 0.2])
-    assert search(estimator, 10, min_score=min_score)[0] == [0.9, 0.2]
+    assert search(estimator, 10, min_score=min_score)[0] == [0.9, 0.4, 0.2, 0.1]
     assert search(Estimator([0.4], [0.9]), 1, min_score=min_score)[0] == [0.9]
     assert search(Estimator([0.6, 0.4]), 10, min_score=min_score)[0] == [0.6, 0.4]
-    assert search(Estimator([0.4, 0.1], [0.3]), 10, min_score=min_score)[0] == [0.4, 0.1]
+    assert search(Estimator([0.4, 0.1], [0.3]), 10, min_score=min_score)[0] == [0.4, 0.3, 0.1]
+
+
+def test_no_instance_is_answered_twice() -> None:
+    """A worse pose of what a better one explains already is no further answer."""
+    estimator: Any = Estimator([0.4, 0.1], [0.9, 0.2])
+    before = estimator.verifier
+
+    def strict(object_id: int) -> Any:
+        found = before(object_id)
+        found.is_free = lambda left, poses, _: np.array([poses[0, 0, 3] != 0.4])
+        return found
+
+    estimator.verifier = strict
+    assert search(estimator, 10, min_score=0.3)[0] == [0.9, 0.2, 0.1]
 
 
 def test_without_the_fallback_the_first_look_is_the_only_one_and_needs_no_score() -> None:

@@ -62,9 +62,9 @@ def test_frame_by_frame_gives_the_same_as_the_generator(detector: Detector) -> N
 
 
 def test_a_lost_object_is_detected_again_in_the_same_frame(detector: Detector) -> None:
-    """It jumps by 10 cm and half a turn: no refiner gets there, and one number stays."""
+    """It jumps by 20 cm and half a turn: no refiner gets there, and one number stays."""
     here = path(BEAR, 2, NEAR)
-    there = path(BEAR, 2, (0.06, 0.03, 0.75)) @ trimesh.transformations.rotation_matrix(
+    there = path(BEAR, 2, (0.13, 0.03, 0.75)) @ trimesh.transformations.rotation_matrix(
         2.0, [0, 0, 1], BEAR.centroid
     )
     poses = np.concatenate([here, there])

@@ -35,10 +35,10 @@ def find_instances(
     at least, is enough. A pose from the fallback has no coarse hypothesis: its source is -1.
     """
     object_id = region.object_id
-    attempts = _Attempts(estimator, context, object_id, unexplained)
     first = estimator.refine(context, object_id, hypotheses, instances, unexplained, min_score)
     if not fallback:
         return first
+    attempts = _Attempts(estimator, context, object_id, unexplained)
     attempts.add(first)
     for enough, coarse_poses in _further_looks(estimator, context, region):
         # A low min_score asks for improbable poses too; it must not skip the fallback.
@@ -85,7 +85,7 @@ class _Attempts:
     ) -> None:
         self._score = partial(estimator.score, context, object_id)
         self._verifier = estimator.verifier(object_id)
-        self._observation, self._unexplained = context.observation, unexplained
+        self._context, self._unexplained = context, unexplained
         self._found: list[RefinedHypotheses] = []
         self._answers: list[tuple[float, int, Pose]] = []  # score, row of all, pose
 
@@ -108,7 +108,7 @@ class _Attempts:
         """What these poses leave unexplained."""
         left = self._unexplained
         for pose in poses:
-            before = self._observation if left is None else left
+            before = self._context.observation if left is None else left
             left = self._verifier.without_explained(before, pose)
         return left
 
@@ -132,11 +132,11 @@ class _Attempts:
         for answer in sorted(self._answers, key=lambda answer: -answer[0]):
             pose = answer[2]
             if kept:
-                evidence = self._verifier.evidence(self._observation, pose[None])
+                evidence = self._verifier.evidence(self._context.observation, pose[None])
                 assert left is not None
                 if not self._verifier.is_free(left, pose[None], evidence)[0]:
                     continue
             kept.append(answer)
-            before = self._observation if left is None else left
+            before = self._context.observation if left is None else left
             left = self._verifier.without_explained(before, pose)
         return kept
