@@ -111,7 +111,8 @@ class FakeEstimator:
     `fails_at` names a step, frame and object at which the user presses Ctrl-C.
     """
 
-    settings = SimpleNamespace(fine=SimpleNamespace(templates=None))
+    def has_templates(self, object_id: int) -> bool:
+        return False
 
     def __init__(self, *_: Any) -> None:
         self.asked: list[tuple[str, str, int]] = []

@@ -39,7 +39,9 @@ def reference(scene: Scene, pose: np.ndarray, settings: VerificationSettings) ->
     points = scene.model.proxy.vertices @ pose[2, :3] + pose[2, 3]
     reach = settings.tau_edge_mm / 1000 * CAMERA[0, 0] * np.mean(1 / points)
     of_depth = distance_transform_edt(~depth_edges(observed, step)) / reach
-    distance = np.minimum(of_depth, image_distance(scene, rendered, settings, reach))
+    distance = of_depth
+    if not scene.model.mesh.colored:
+        distance = np.minimum(of_depth, image_distance(scene, rendered, settings, reach))
     pixels = on.sum()
     return Evidence(
         float(agree.sum()),
@@ -84,10 +86,13 @@ def cost(scene: Scene, pose: np.ndarray, settings: VerificationSettings) -> floa
     return float(Verifier(scene.model, settings).costs(seen(scene, settings), pose[None])[0])
 
 
+@pytest.mark.parametrize("colored", [True, False])
 @pytest.mark.parametrize("step", [(0, 0), (15, 10), (60, 30)])
 def test_evidence_is_what_plain_numpy_finds(
-    scene: Scene, verification: VerificationSettings, step: tuple[float, float]
+    scene: Scene, verification: VerificationSettings, step: tuple[float, float], colored: bool
 ) -> None:
+    mesh = replace(scene.model.mesh, colored=colored)
+    scene = replace(scene, model=replace(scene.model, mesh=mesh))
     pose = disturbed(scene, *step, seed=2)
     fine = replace(verification, roi_size=1000)
     found, expected = evidence(scene, pose, fine), reference(scene, pose, fine)
@@ -160,6 +165,7 @@ def test_colour_takes_no_part_for_a_mesh_without_colours(
     scene: Scene, verification: VerificationSettings
 ) -> None:
     grey = replace(scene.model, mesh=replace(scene.model.mesh, colored=False))
+    verification = replace(verification, tau_image_edge_mm=None)
     observation, poses = seen(scene, verification), scene.pose[None]
     blind = replace(verification, weight_color=0.0)
     expected = Verifier(scene.model, blind).costs(observation, poses)

@@ -33,7 +33,8 @@ class PoseFit:
     correlation and contrast of `texture.ColorAgreement`, `edge` is that of
     `verification.Evidence`: 0 where the image has an edge at every visible part of the outline, 1
     where it has none. `relief_mm` is the standard deviation of the model's depth from the plane
-    that fits it best: of a flat side, the correlations say little.
+    that fits it best: of a flat side, the correlations say little. It is infinite for an object
+    with colours, which make up for it.
     """
 
     cost: float
@@ -82,7 +83,9 @@ def measure_fit(
         color=colors.correlation,
         contrast=colors.contrast,
         edge=float(evidence.edge[0]),
-        relief_mm=relief_size(rendered, visible) * MILLIMETRES_PER_METRE,
+        relief_mm=np.inf
+        if verifier.model.mesh.colored
+        else relief_size(rendered, visible) * MILLIMETRES_PER_METRE,
     )
 
 

@@ -78,24 +78,32 @@ class ScoreModel:
         return np.array([self.bias, self.cost, self.shape, self.edge, self.hidden])
 
 
-PRIOR = ScoreModel(bias=1.8, cost=-8.0, shape=3.0, edge=-13.0, hidden=-4.5)
-"""Weights of objects in general: fitted to rendered scenes of fifteen objects, scans and CAD
-models, as benchmarks/score_prior.py does it, and rounded, with some weight left on the cost, which
-differs between objects; the bias is for `RIGHT_SHARE`."""
+PRIOR = ScoreModel(bias=2.8, cost=-27.2, shape=3.5)
+"""Weights of objects with colours: fitted to rendered scenes of nine objects of LINEMOD, YCB and
+Tejani et al., as benchmarks/score_prior.py does it, with a bias of 2.4 where half of the answers
+were right; 2.8 is for `RIGHT_SHARE`."""
+COLORLESS_PRIOR = ScoreModel(bias=1.8, cost=-8.0, shape=3.0, edge=-13.0, hidden=-4.5)
+"""Weights of objects without colours, whose cost knows edges of the image: fitted to fifteen
+objects, scans and CAD models, and rounded, with some weight left on the cost, which differs between
+objects."""
 RIGHT_SHARE = 0.6
 """Share of right poses among the answers, before anything is known of their fit: ours (D)."""
 PRESENT_SHARE = 0.9
 """The same where the object is known to be in the image: ours (D)."""
-SPREAD = ScoreModel(bias=0.8, cost=5.0, shape=0.5, edge=5.0, hidden=2.0)
-"""Standard deviations of an object's weights from `PRIOR`."""
+SPREAD = ScoreModel(bias=0.5, cost=3.0, shape=0.3)
+"""Standard deviations of an object's weights from `PRIOR`; a weight without any is fixed."""
+COLORLESS_SPREAD = ScoreModel(bias=0.8, cost=5.0, shape=0.5, edge=5.0, hidden=2.0)
 
 
 def fit_score_model(
-    fits: Sequence[PoseFit], right: Bool[np.ndarray, "n"], spread: ScoreModel = SPREAD
+    fits: Sequence[PoseFit],
+    right: Bool[np.ndarray, "n"],
+    prior: ScoreModel = PRIOR,
+    spread: ScoreModel = SPREAD,
 ) -> ScoreModel:
     """The most probable weights, given poses that are right or not, and their prior.
 
-    Maximum a posteriori with independent normal priors about `PRIOR`, of standard deviations
+    Maximum a posteriori with independent normal priors about `prior`, of standard deviations
     `spread`; all but the bias are bounded by 0. Right poses have `RIGHT_SHARE` of the weight,
     whatever their number: that of the scenes says nothing about where the object will be looked
     for. Without right or without wrong poses it is the prior.
@@ -104,23 +112,23 @@ def fit_score_model(
 
     count = np.array([np.count_nonzero(~right), np.count_nonzero(right)])
     if not count.all():
-        return PRIOR
+        return prior
     inputs = np.column_stack([np.ones(len(fits)), _inputs(fits)])
     shares = np.array([1.0 - RIGHT_SHARE, RIGHT_SHARE])
     counted = (len(fits) * shares / count)[right.astype(int)]
-    prior, unit = PRIOR.weights(), spread.weights()
+    middle, unit = prior.weights(), spread.weights()
 
     def loss(away: Float[np.ndarray, "5"]) -> tuple[float, Float[np.ndarray, "5"]]:
-        logits = inputs @ (prior + away * unit)
+        logits = inputs @ (middle + away * unit)
         value = counted @ (np.logaddexp(0.0, logits) - logits * right) + 0.5 * away @ away
         wrong = 1.0 / (1.0 + np.exp(-np.clip(logits, -50.0, 50.0))) - right
         return float(value), inputs.T @ (counted * wrong) * unit + away
 
     # In standard deviations from the prior, where all weights are of one size.
-    zero = -prior / unit
+    zero = np.where(unit > 0.0, -middle / np.maximum(unit, 1e-9), 0.0)
     bounds = [(None, None), (None, zero[1]), (zero[2], None), (None, zero[3]), (None, zero[4])]
-    found = minimize(loss, np.zeros(len(prior)), jac=True, method="L-BFGS-B", bounds=bounds)
-    bias, cost, shape, edge, hidden = (float(weight) for weight in prior + found.x * unit)
+    found = minimize(loss, np.zeros(len(middle)), jac=True, method="L-BFGS-B", bounds=bounds)
+    bias, cost, shape, edge, hidden = (float(weight) for weight in middle + found.x * unit)
     return ScoreModel(bias, min(cost, 0.0), max(shape, 0.0), min(edge, 0.0), min(hidden, 0.0))
 
 
@@ -147,7 +155,8 @@ def load_score_model(folder: Path) -> ScoreModel:
     if not path.is_file():
         raise MissingFileError(f"{path} is missing: learn the object again")
     try:
-        stated = stored_as(_Weights, read_json(path), str(path))
+        content = {"edge": 0.0, "hidden": 0.0, **read_json(path)}  # 0.2.0 had none
+        stated = stored_as(_Weights, content, str(path))
     except DataError as error:
         raise DataError(f"{error}: it is damaged, learn the object again") from error
     weights = [stated.bias, stated.cost, stated.shape, stated.edge, stated.hidden]

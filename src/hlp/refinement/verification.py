@@ -85,7 +85,9 @@ class VerificationSettings(Settings):
     tau_image_edge_mm: Annotated[
         float | None,
         Gt(0),
-        Doc("limit of the distances to edges of the colour image; null: depth alone counts (D)"),
+        Doc(
+            "limit of distances to colour edges, of objects without colours; null: depth alone (D)"
+        ),
     ] = 10.0
     edge_step_mm: Annotated[float, Gt(0), Doc("smallest jump in depth that is an edge (D)")] = 15.0
     missing_cost: Annotated[
@@ -148,13 +150,15 @@ class Observation:
 
     `edge_distance` is each pixel's distance (px) to what may be an edge whose gradient has a
     direction of 0°, 45°, 90° or 135°: the nearest edgelet of depth, whatever its direction, or the
-    nearest edge of colour, whose distance counts in units of its own limit.
+    nearest edge of colour, whose distance counts in units of its own limit. For
+    `depth_edge_distance` depth alone counts.
     """
 
     rgb: UInt8[np.ndarray, "h w 3"]
     depth: Float32[np.ndarray, "h w"]
     camera_matrix: Float[np.ndarray, "3 3"]
     edge_distance: Float32[np.ndarray, "4 h w"]
+    depth_edge_distance: Float32[np.ndarray, "4 h w"]
 
 
 def observe(
@@ -166,13 +170,14 @@ def observe(
     """Prepare a frame once for all poses and objects; depth in m, missing if 0 or not finite."""
     single = np.ascontiguousarray(depth, dtype=np.float32)
     distance = _distances(depth_edges(single, settings.edge_step_mm / 1000.0))
-    if settings.tau_image_edge_mm is None:
-        distances = np.broadcast_to(distance, (DIRECTIONS, *distance.shape))
-    else:
+    of_depth = distances = np.broadcast_to(distance, (DIRECTIONS, *distance.shape))
+    if settings.tau_image_edge_mm is not None:
         ratio = np.float32(settings.tau_edge_mm / settings.tau_image_edge_mm)
         of_color = [ratio * _distances(edges) for edges in _by_direction(color_edges(rgb))]
         distances = np.minimum(distance, np.stack(of_color))
-    return Observation(np.ascontiguousarray(rgb), single, np.asarray(camera_matrix), distances)
+    return Observation(
+        np.ascontiguousarray(rgb), single, np.asarray(camera_matrix), distances, of_depth
+    )
 
 
 def _by_direction(edges: Int8[np.ndarray, "h w"]) -> Bool[np.ndarray, "4 h w"]:
@@ -302,6 +307,9 @@ class Verifier:
         """How the image agrees with each pose."""
         settings = self._settings
         sums = np.empty((len(poses_cam_obj), SUM_COUNT))
+        distances = observation.edge_distance
+        if self.model.mesh.colored:  # colours tell poses apart better: clutter is full of edges
+            distances = observation.depth_edge_distance
         sum_evidence(
             np.ascontiguousarray(poses_cam_obj, dtype=np.float64),
             self._vertices,
@@ -312,7 +320,7 @@ class Verifier:
             settings.roi_size,
             observation.depth,
             observation.rgb,
-            observation.edge_distance,
+            distances,
             settings.tau_depth_mm / 1000.0,
             settings.tau_edge_mm / 1000.0,
             settings.tau_color,

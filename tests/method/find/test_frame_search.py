@@ -2,7 +2,6 @@
 
 import threading
 from collections.abc import Iterable
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -60,7 +59,8 @@ class Estimator:
     def verifier(self, *_: Any) -> None:
         return None
 
-    settings = SimpleNamespace(fine=SimpleNamespace(templates=None))
+    def has_templates(self, object_id: int) -> bool:
+        return False
 
 
 @pytest.mark.parametrize(("threads", "together"), [(1, 1), (2, 2), (3, 3)])

@@ -147,6 +147,8 @@ class PoseEstimator:
         windows = self.scan.start(frame, observer)
         matches = FrameMatches(self.matching, frame, observer)
         verification = self.settings.fine.refinement.verification
+        if all(self.learnt.models[object_id].mesh.colored for object_id in self.object_ids):
+            verification = replace(verification, tau_image_edge_mm=None)  # nobody would look
         return FrameContext(frame, windows, matches, verification, mask, observer)
 
     def share_work(self, context: FrameContext, object_ids: Iterable[int]) -> None:
@@ -242,6 +244,11 @@ class PoseEstimator:
         depths = center_depths(frame.depth, np.rint(pixels).astype(np.int64))
         focal = frame.camera_matrix[0, 0]
         return np.asarray(focal * model.diameter / np.maximum(depths, _NEAREST) / 2.0)
+
+    def has_templates(self, object_id: int) -> bool:
+        """Whether templates are asked for an object: only for one without colours."""
+        colored = self.learnt.models[object_id].mesh.colored
+        return self.settings.fine.templates is not None and not colored
 
     def match_templates(
         self, context: FrameContext, object_id: int, instances: int, unexplained: Observation | None

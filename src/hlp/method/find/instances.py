@@ -61,7 +61,7 @@ def _further_looks(
     With each, the score of a pose that makes it needless: votes may be fooled by what is flat, so
     templates are asked wherever they are not sure.
     """
-    if estimator.settings.fine.templates is not None:
+    if estimator.has_templates(region.object_id):
         yield SURE, partial(estimator.match_templates, context, region.object_id)
     for places in estimator.likely_regions(context, region):
         yield MIN_SCORE, partial(_votes_of, estimator, context, places)

@@ -1,6 +1,6 @@
 """Rendered RGB-D scenes with and without an object, on which the score of its poses is calibrated.
 
-The object stands or lies on a plane, at times in a bin and with more of the same, or hangs in the
+The object stands on a plane (one without colours may lie in a bin, with more of it) or hangs in the
 air, in any pose that its views show, among shapes of its size. Some of them hide part of it; some
 are the object itself, stretched. What a CAD model does
 not tell is drawn at random: light, colours, registration of the images, errors of the sensor and of
@@ -85,7 +85,8 @@ def _random_scene(
     else:
         behind, camera_matrix, shape = None, _random_camera(rng), _SHAPE
     pose = _random_pose(model, views, camera_matrix, shape, rng)
-    plane = resting_plane(model, pose, rng) if number % _LYING == 0 else None
+    in_bins = not model.mesh.colored
+    plane = resting_plane(model, pose, rng) if in_bins and number % _LYING == 0 else None
     normal, offset = plane or _random_plane(model, pose, rng)
     parts = _things(model, pose, normal, offset, rng)
     parts += _occluders(model, pose, rng)
@@ -95,7 +96,7 @@ def _random_scene(
         if plane is not None:
             same = copies(mesh, model, pose, plane, rng)
         parts = [(mesh, pose), *same, *parts]
-    if behind is None and number % _BINS == 0:
+    if in_bins and behind is None and number % _BINS == 0:
         parts += bin_walls(model, transform(pose, model.centroid[None])[0], (normal, offset), rng)
     rgb, depth, index = render_scene(parts, camera_matrix, shape, random_light(rng))
     if behind is None:

@@ -16,7 +16,14 @@ from hlp.method.find.trace import Trace
 from hlp.method.learn.calibration_scenes import calibration_scene
 from hlp.records import Frame, ObjectModel
 from hlp.refinement.pose_fit import PoseFit
-from hlp.refinement.score_model import PRIOR, ScoreModel, fit_score_model
+from hlp.refinement.score_model import (
+    COLORLESS_PRIOR,
+    COLORLESS_SPREAD,
+    PRIOR,
+    SPREAD,
+    ScoreModel,
+    fit_score_model,
+)
 from hlp.rendering.views import ViewsSettings
 
 _RIGHT = 0.1  # of the diameter: ADD-S of a right pose is less
@@ -42,7 +49,9 @@ def calibrate_score(
     for fit, is_right in search_scenes(estimator, object_id, backgrounds, scenes, rendering):
         fits.append(fit)
         right.append(is_right)
-    return fit_score_model(fits, np.array(right, dtype=bool)) if fits else PRIOR
+    colored = estimator.learnt.models[object_id].mesh.colored
+    prior, spread = (PRIOR, SPREAD) if colored else (COLORLESS_PRIOR, COLORLESS_SPREAD)
+    return fit_score_model(fits, np.array(right, dtype=bool), prior, spread) if fits else prior
 
 
 def search_scenes(
@@ -80,7 +89,7 @@ def _searches(
     """What votes find, and what templates find: both give answers later."""
     trace = search_frame(estimator, context, counts, fallback=False, by_threads=False)
     yield trace
-    if estimator.settings.fine.templates is not None:
+    if any(estimator.has_templates(object_id) for object_id in counts):
         given = {
             i: replace(
                 found,
