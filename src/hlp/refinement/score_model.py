@@ -155,7 +155,9 @@ def load_score_model(folder: Path) -> ScoreModel:
     if not path.is_file():
         raise MissingFileError(f"{path} is missing: learn the object again")
     try:
-        content = {"edge": 0.0, "hidden": 0.0, **read_json(path)}  # 0.2.0 had none
+        content = read_json(path)
+        if isinstance(content, dict):
+            content = {"edge": 0.0, "hidden": 0.0, **content}  # 0.2.0 had none
         stated = stored_as(_Weights, content, str(path))
     except DataError as error:
         raise DataError(f"{error}: it is damaged, learn the object again") from error
