@@ -23,6 +23,7 @@ class Recorder:
     def refine(
         self, model: ObjectModel, depth: np.ndarray, camera_matrix: np.ndarray,
         hypotheses: Hypotheses, seed: int, spent: float = 0.0,
+        edge_distance: np.ndarray | None = None,
     ) -> list[Refinement]:  # fmt: skip
         self.asked.append(hypotheses.poses_cam_obj)
         self.spent.append(spent)
@@ -31,6 +32,7 @@ class Recorder:
     def polish(
         self, model: ObjectModel, depth: np.ndarray, camera_matrix: np.ndarray,
         answer: Refinement, seed: int, spent: float = 0.0,
+        edge_distance: np.ndarray | None = None,
     ) -> Refinement:  # fmt: skip
         self.polished.append(answer.pose_cam_obj)
         self.spent.append(spent)
@@ -144,6 +146,7 @@ class Polisher(Recorder):
     def polish(
         self, model: ObjectModel, depth: np.ndarray, camera_matrix: np.ndarray,
         answer: Refinement, seed: int, spent: float = 0.0,
+        edge_distance: np.ndarray | None = None,
     ) -> Refinement:  # fmt: skip
         return Refinement(self.result, answer.iterations + 1)
 

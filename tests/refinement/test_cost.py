@@ -70,6 +70,44 @@ def test_cost_equals_the_slow_reference(
     np.testing.assert_allclose(cost.evaluate(poses), expected, atol=1e-6)
 
 
+def test_edges_are_compared_with_those_of_their_own_direction(
+    scene: Scene, cost_settings: CostSettings
+) -> None:
+    """With distances given by direction, against loops written here; the rest stays as it is."""
+    pose = disturbed(scene, 6, 6, seed=2)
+    given = np.random.default_rng(1).uniform(0, 30, (4, *scene.depth.shape)).astype(np.float32)
+    full_size = replace(cost_settings, roi_size=2048)
+    blind = DepthCost(scene.model.proxy, scene.depth, CAMERA, pose, full_size)
+    cost = DepthCost(scene.model.proxy, scene.depth, CAMERA, pose, full_size, given)
+    found, others = cost.terms(pose[None])[0], blind.terms(pose[None])[0]
+
+    observed, camera = cost.observed, cost.camera_matrix
+    assert camera[0, 0] == CAMERA[0, 0]  # cut out, not made smaller
+    left, top = np.rint(CAMERA[:2, 2] - camera[:2, 2]).astype(int)
+    rendered = cost.render(pose)
+    at = slice(top, top + observed.shape[0]), slice(left, left + observed.shape[1])
+    inverse = np.pad(np.divide(1, rendered, out=np.zeros_like(rendered), where=rendered > 0), 1)
+    centre = pose[:3, :3] @ scene.model.proxy.vertices.T + pose[:3, 3:]
+    tau_pixels = cost_settings.tau_edge_mm / 1000 * CAMERA[0, 0] / centre[2].mean()
+    total, used = 0.0, set()
+    for y, x in np.argwhere(slow_edges(rendered, cost_settings.edge_step_mm / 1000)):
+        if (
+            observed[y, x] > 0
+            and rendered[y, x] - observed[y, x] > cost_settings.tau_depth_mm / 1e3
+        ):
+            total += cost_settings.occluder_cost
+            continue
+        around = inverse[y : y + 3, x : x + 3]
+        sobel = np.array([[-1, 0, 1], [-2, 0, 2], [-1, 0, 1]])
+        angle = np.arctan2((around * sobel.T).sum(), (around * sobel).sum())
+        direction = round(angle / (np.pi / 4)) % 4
+        used.add(direction)
+        total += min(given[direction][at][y, x] / tau_pixels, 1.0)
+    assert used == {0, 1, 2, 3}
+    np.testing.assert_allclose(found[3], total, rtol=0.02)
+    np.testing.assert_array_equal(np.delete(found, 3), np.delete(others, 3))
+
+
 def test_an_open_mesh_costs_the_same_from_its_inside(
     scene: Scene, cost_settings: CostSettings
 ) -> None:

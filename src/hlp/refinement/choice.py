@@ -176,6 +176,7 @@ class _InstanceSearch:
                 batch,
                 batch_seed,
                 self._spent(),
+                self._verifier.image_edges(self._observation),
             )
             self._observer.enter("verify")
             self._refined += found
@@ -198,10 +199,10 @@ class _InstanceSearch:
         """
         row = int(rows[chosen])
         depth, camera = self._observation.depth, self._observation.camera_matrix
-        before = self._refined[row]
+        before, edges = self._refined[row], self._verifier.image_edges(self._observation)
         self._observer.enter("polish")
         self._refined[row] = self._refiner.polish(
-            self._model, depth, camera, before, self._seed, self._spent()
+            self._model, depth, camera, before, self._seed, self._spent(), edges
         )
         self._observer.enter("verify")
         cost = self._competing_costs(rows)[chosen]

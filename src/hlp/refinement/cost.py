@@ -11,7 +11,7 @@ from typing import Annotated
 import cv2
 import numpy as np
 from annotated_types import Ge, Gt, Le, Unit
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Float32, Int
 
 from hlp.geometry import project, transform
 from hlp.records import Mesh
@@ -25,6 +25,9 @@ from hlp.rendering.zbuffer import (
     project_vertices,
 )
 from hlp.settings import Doc, Settings
+
+EdgeDistance = Float32[np.ndarray, "4 h w"]
+"""Distance (px) to edges of each direction: see `verification.Observation`."""
 
 
 @dataclass(frozen=True)
@@ -89,17 +92,27 @@ class DepthCost:
         camera_matrix: Float[np.ndarray, "3 3"],
         pose_cam_obj: Float[np.ndarray, "4 4"],
         settings: CostSettings,
+        edge_distance: EdgeDistance | None = None,
     ) -> None:
         self._settings = settings
         self._vertices, self._faces, self._closed = prepare_mesh(mesh)
         points = transform(pose_cam_obj, mesh.vertices)
         z = max(float(points[:, 2].mean()), NEAR)
         margin = settings.roi_margin_mm / 1000.0 * camera_matrix[0, 0] / z
-        self.observed, self.camera_matrix = _region(
-            depth, camera_matrix, points, settings.roi_size, margin
+        rows, columns, self.camera_matrix = _region(
+            depth.shape, camera_matrix, points, settings.roi_size, margin
         )
+        observed = depth[rows[:, None], columns]
+        observed = np.where(np.isfinite(observed) & (observed > 0.0), observed, 0.0)
+        self.observed = np.ascontiguousarray(observed, dtype=np.float64)
         self._observed = add_frame(self.observed)
-        self._edge_cost = add_frame(self._edge_costs(z))
+        self._directed = edge_distance is not None
+        if edge_distance is None:
+            self._edge_costs = add_frame(self._depth_edge_costs(z))[None]
+        else:
+            tau_pixels = settings.tau_edge_mm / 1000.0 * camera_matrix[0, 0] / z
+            costs = np.minimum(edge_distance[:, rows[:, None], columns] / tau_pixels, 1.0)
+            self._edge_costs = np.stack([add_frame(each) for each in costs])
         self._reference = np.zeros_like(self._observed)
         if settings.uncovered_cost > 0.0:
             agreeing = self._agreeing(pose_cam_obj, settings.reference_mm / 1000.0)
@@ -132,7 +145,7 @@ class DepthCost:
             self._closed,
             self.camera_matrix,
             self._observed,
-            self._edge_cost,
+            self._edge_costs,
             self._reference,
             np.float32(settings.tau_depth_mm / 1000.0),
             np.float32(settings.edge_step_mm / 1000.0),
@@ -153,7 +166,7 @@ class DepthCost:
         inverse = buffer[1 : height + 1, 1 : width + 1].astype(np.float64)
         return np.where(inverse > 0.0, 1.0 / np.where(inverse > 0.0, inverse, 1.0), 0.0)
 
-    def _edge_costs(self, z: float) -> Float[np.ndarray, "h w"]:
+    def _depth_edge_costs(self, z: float) -> Float[np.ndarray, "h w"]:
         """Distance to O's closest edgelet in units of τ_e at depth z (m), at most 1."""
         tau_pixels = self._settings.tau_edge_mm / 1000.0 * self.camera_matrix[0, 0] / z
         step = self._settings.edge_step_mm / 1000.0
@@ -178,33 +191,32 @@ def edge_distances(depth: Float[np.ndarray, "h w"], step: float) -> Float[np.nda
 
 
 def _region(
-    depth: Float[np.ndarray, "h w"],
+    shape: tuple[int, int],
     camera_matrix: Float[np.ndarray, "3 3"],
     points_cam: Float[np.ndarray, "v 3"],
     size: int,
     margin: float,
-) -> tuple[Float[np.ndarray, "r c"], Float[np.ndarray, "3 3"]]:
-    """Depth around projected points, at most `size` pixels on the long side, and its camera.
+) -> tuple[Int[np.ndarray, "r"], Int[np.ndarray, "c"], Float[np.ndarray, "3 3"]]:
+    """Rows and columns around projected points, at most `size` each, and their camera.
 
     `margin` (px) is added on each side. Sampling takes the nearest pixel and never enlarges:
     interpolation would invent depth at edges.
     """
-    height, width = depth.shape
+    height, width = shape
     points = points_cam[points_cam[:, 2] > NEAR]
     camera = np.array(camera_matrix, dtype=np.float64)
+    nothing = np.zeros(0, dtype=int)
     if len(points) == 0:
-        return np.zeros((1, 1)), camera
+        return nothing, nothing, camera
     pixels = project(points, camera)
     border = margin + 1.0
     left, top = np.floor(np.maximum(pixels.min(axis=0) - border, 0.0))
     right, bottom = np.ceil(np.minimum(pixels.max(axis=0) + border, [width - 1.0, height - 1.0]))
     if left > right or top > bottom:
-        return np.zeros((1, 1)), camera
+        return nothing, nothing, camera
     step = max(max(right - left + 1.0, bottom - top + 1.0) / size, 1.0)
     columns = left + (np.arange(int((right - left + 1.0) / step)) + 0.5) * step - 0.5
     rows = top + (np.arange(int((bottom - top + 1.0) / step)) + 0.5) * step - 0.5
-    observed = depth[np.rint(rows).astype(int)[:, None], np.rint(columns).astype(int)]
     camera[:2] /= step
     camera[:2, 2] = (np.asarray(camera_matrix)[:2, 2] - [left, top] + 0.5) / step - 0.5
-    observed = np.where(np.isfinite(observed) & (observed > 0.0), observed, 0.0)
-    return np.ascontiguousarray(observed, dtype=np.float64), camera
+    return np.rint(rows).astype(int), np.rint(columns).astype(int), camera

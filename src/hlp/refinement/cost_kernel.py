@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
 from hlp.compiled import compiled
+from hlp.rendering.edge_direction import edge_direction
 from hlp.rendering.zbuffer import VECTOR_WIDTH, draw_triangles, framed_buffer, project_vertices
 
 WORST = 1.0
@@ -74,7 +75,7 @@ def sum_costs(
     closed: bool,
     camera: Float[np.ndarray, "3 3"],
     observed: Float32[np.ndarray, "h+2 w+5"],
-    edge_cost: Float32[np.ndarray, "h+2 w+5"],
+    edge_costs: Float32[np.ndarray, "d h+2 w+5"],
     reference: Float32[np.ndarray, "h+2 w+5"],
     tau: np.float32,
     step: np.float32,
@@ -85,10 +86,12 @@ def sum_costs(
     """Draw the mesh in each pose and fill `sums` with its terms (see DepthCost.terms).
 
     The images have the frame of `zbuffer.framed_buffer`, so that their pixels align with it.
+    `edge_costs` is one image, or one for each of the verification's directions of an edge.
     """
     height, width = observed.shape[0] - 2, observed.shape[1] - 1 - VECTOR_WIDTH
     inverse = framed_buffer(height, width)
-    rows = inverse.reshape(-1), observed.reshape(-1), edge_cost.reshape(-1), reference.reshape(-1)
+    edge_cost = edge_costs[0].reshape(-1)
+    rows = inverse.reshape(-1), observed.reshape(-1), edge_cost, reference.reshape(-1)
     corners = np.empty((3, vertices.shape[1]), dtype=np.float32)
     for n in range(poses.shape[0]):
         project_vertices(poses[n], vertices, camera, corners)
@@ -111,6 +114,46 @@ def sum_costs(
             occluder_cost,
             sums[n],
         )
+        if len(edge_costs) > 1:
+            sums[n, 3] = _directed_edge_sum(
+                inverse, observed, edge_costs, top, bottom, tau, step, occluder_cost
+            )
+
+
+@compiled(error_model="numpy")
+def _directed_edge_sum(
+    inverse: Float32[np.ndarray, "h+2 w+5"],
+    observed: Float32[np.ndarray, "h+2 w+5"],
+    edge_costs: Float32[np.ndarray, "4 h+2 w+5"],
+    top: int,
+    bottom: int,
+    tau: np.float32,
+    step: np.float32,
+    occluder_cost: np.float32,
+) -> np.float32:
+    """The edge term of `_sum_rows`, where each edgelet's cost is that of its own direction."""
+    total = _ZERO
+    for y in range(top + 1, bottom + 2):
+        for x in range(1, inverse.shape[1] - VECTOR_WIDTH):
+            here = inverse[y, x]
+            if here <= _ZERO or here == _INFINITE:
+                continue
+            beside = min(inverse[y, x - 1], inverse[y, x + 1])
+            farthest = min(beside, min(inverse[y - 1, x], inverse[y + 1, x]))
+            rendered = _ONE / here
+            if not farthest < _ONE / (rendered + step):
+                continue
+            if observed[y, x] > _ZERO and rendered - observed[y, x] > tau:
+                total += occluder_cost
+            else:
+                near = x - 1, x + 2
+                direction = edge_direction(
+                    inverse[y - 1, near[0] : near[1]],
+                    inverse[y, near[0] : near[1]],
+                    inverse[y + 1, near[0] : near[1]],
+                )
+                total += edge_costs[direction, y, x]
+    return total
 
 
 @compiled(fastmath={"nnan", "nsz", "reassoc"})

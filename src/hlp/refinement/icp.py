@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from hlp.geometry import back_project, rigid, transform
 from hlp.records import MILLIMETRES_PER_METRE, Hypotheses, ObjectModel, Refinement
-from hlp.refinement.cost import CostSettings, DepthCost
+from hlp.refinement.cost import CostSettings, DepthCost, EdgeDistance
 from hlp.refinement.refiner import REFINERS, Refiner, checked_poses
 from hlp.refinement.verification import VerificationSettings
 from hlp.settings import Doc, Settings
@@ -61,11 +61,14 @@ class IcpRefiner(Refiner):
         hypotheses: Hypotheses,
         seed: int,
         spent: float = 0.0,
+        edge_distance: EdgeDistance | None = None,
     ) -> list[Refinement]:
         """See `Refiner.refine`. `seed` and `spent` are not used: nothing is random or timed."""
         refined = []
         for pose in checked_poses(hypotheses, model):
-            cost = DepthCost(model.proxy, depth, camera_matrix, pose, self._settings.cost)
+            cost = DepthCost(
+                model.proxy, depth, camera_matrix, pose, self._settings.cost, edge_distance
+            )
             best, iterations = align(cost, pose, self._settings)
             refined.append(Refinement(best, iterations))
         return refined

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hlp.records import Hypotheses, ObjectModel, Refinement
+from hlp.refinement.cost import EdgeDistance
 from hlp.refinement.refiner import REFINERS, Refiner, checked_poses
 from hlp.refinement.verification import VerificationSettings
 from hlp.settings import Settings
@@ -36,6 +37,7 @@ class NoneRefiner(Refiner):
         hypotheses: Hypotheses,
         seed: int,
         spent: float = 0.0,
+        edge_distance: EdgeDistance | None = None,
     ) -> list[Refinement]:
         """See `Refiner.refine`. `seed` and `spent` are not used: nothing is random or timed."""
         return [Refinement(pose, 0) for pose in checked_poses(hypotheses, model)]

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hlp.records import Hypotheses, ObjectModel, Refinement
+from hlp.refinement.cost import EdgeDistance
 from hlp.refinement.verification import VerificationSettings
 from hlp.registry import Registry
 
@@ -21,12 +22,15 @@ class Refiner(Protocol):
         hypotheses: Hypotheses,
         seed: int,
         spent: float = 0.0,
+        edge_distance: EdgeDistance | None = None,
     ) -> list[Refinement]:
         """One refinement per hypothesis, in the same order.
 
         `depth` is in metres, 0 where missing. `spent` (s) is the part of the refiner's time budget
-        that is already used. Without a budget, equal inputs and seeds give equal poses. Raises
-        ValueError naming a hypothesis that is not finite or whose centroid is behind the camera.
+        that is already used. `edge_distance` is that of `Observation`, for an object whose edges
+        are looked for in the colour image too; None: in depth alone. Without a budget, equal
+        inputs and seeds give equal poses. Raises ValueError naming a hypothesis that is not finite
+        or whose centroid is behind the camera.
         """
         ...
 
@@ -38,6 +42,7 @@ class Refiner(Protocol):
         chosen: Refinement,
         seed: int,
         spent: float = 0.0,
+        edge_distance: EdgeDistance | None = None,
     ) -> Refinement:
         """A more exact pose for the hypothesis that was chosen; by default the same pose."""
         return chosen
@@ -49,13 +54,14 @@ class Refiner(Protocol):
         camera_matrix: Float[np.ndarray, "3 3"],
         pose_cam_obj: Float[np.ndarray, "4 4"],
         seed: int,
+        edge_distance: EdgeDistance | None = None,
     ) -> Refinement:
         """The pose in a frame that comes soon after the one of `pose_cam_obj`, in little time.
 
         By default it is refined as a hypothesis is.
         """
         start = Hypotheses(pose_cam_obj[None], np.ones(1))
-        return self.refine(model, depth, camera_matrix, start, seed)[0]
+        return self.refine(model, depth, camera_matrix, start, seed, edge_distance=edge_distance)[0]
 
 
 class RefinementSettings(Protocol):

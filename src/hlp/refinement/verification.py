@@ -17,7 +17,8 @@ from hlp.geometry import transform
 from hlp.image_edges import NO_EDGE, STEPS, color_edges
 from hlp.records import ObjectModel
 from hlp.refinement.cost_kernel import WORST, depth_edges
-from hlp.refinement.verification_kernel import COLOR_OFFSET, DIRECTIONS, SUM_COUNT, sum_evidence
+from hlp.refinement.verification_kernel import COLOR_OFFSET, SUM_COUNT, sum_evidence
+from hlp.rendering.edge_direction import DIRECTIONS
 from hlp.rendering.rasterizer import render_depth
 from hlp.rendering.zbuffer import prepare_mesh
 from hlp.settings import Doc, Settings
@@ -215,6 +216,12 @@ class Verifier:
         offset_colors = mesh.colors[mesh.faces].mean(axis=1) + COLOR_OFFSET
         chromaticity = offset_colors / offset_colors.sum(axis=1, keepdims=True)
         self._chromaticity = chromaticity.astype(np.float32)
+
+    def image_edges(self, observation: Observation) -> Float32[np.ndarray, "4 h w"] | None:
+        """What the refiner is to look for edges in: None for depth alone."""
+        if self.model.mesh.colored or self._settings.tau_image_edge_mm is None:
+            return None
+        return observation.edge_distance
 
     def costs(
         self, observation: Observation, poses_cam_obj: Float[np.ndarray, "n 4 4"]

@@ -4,15 +4,13 @@ import numpy as np
 from jaxtyping import Float, Float32, Int, Int32, UInt8
 
 from hlp.compiled import compiled
+from hlp.rendering.edge_direction import edge_direction
 from hlp.rendering.zbuffer import draw_triangles, framed_buffer, project_vertices
 
 COLOR_OFFSET = np.float32(4.0)
 """Added to every colour channel, because the chromaticity of dark pixels is mostly noise."""
 SUM_COUNT = 11
-DIRECTIONS = 4
-"""Directions of an edge's gradient, of half a turn, from that of x towards y."""
 _ONE, _ZERO, _INFINITE = np.float32(1.0), np.float32(0.0), np.float32(np.inf)
-_TWO, _EIGHTH = np.float32(2.0), np.float32(np.tan(np.pi / 8.0))
 _OFFSETS = np.float32(3.0) * COLOR_OFFSET
 
 
@@ -121,29 +119,12 @@ def _sum_row(
             edges += 1
             occluded_edges += is_occluded
             if not is_occluded:
-                direction = _direction(above[i : i + 3], inverse[i : i + 3], below[i : i + 3])
+                direction = edge_direction(above[i : i + 3], inverse[i : i + 3], below[i : i + 3])
                 edge_sum += min(edge_distance[direction, i] / tau_pixels, _ONE)
     for k, found in enumerate((pixels, agreeing, behind, occluded, missing, edges, occluded_edges)):
         sums[k] += found
     for k, amount in enumerate((residual, color, edge_sum)):
         sums[7 + k] += amount
-
-
-@compiled(inline="always")
-def _direction(
-    above: Float32[np.ndarray, "3"], here: Float32[np.ndarray, "3"], below: Float32[np.ndarray, "3"]
-) -> int:
-    """Direction of the gradient of inverse depth, which is 0 beside a mesh."""
-    rising, falling = below[2] - above[0], above[2] - below[0]
-    x = _TWO * (here[2] - here[0]) + rising + falling
-    y = _TWO * (below[1] - above[1]) + rising - falling
-    turned = x * y
-    x, y = abs(x), abs(y)
-    if y < _EIGHTH * x:
-        return 0
-    if x < _EIGHTH * y:
-        return 2
-    return 1 if turned > _ZERO else 3
 
 
 @compiled(inline="always")

@@ -9,7 +9,7 @@ from hlp.records import ObjectModel, Refinement, Target
 from hlp.refinement.cost import DepthCost
 from hlp.refinement.pso import PsoSettings, search
 from hlp.refinement.texture import choose_sibling
-from hlp.refinement.verification import Observation, observe
+from hlp.refinement.verification import Observation, Verifier, observe
 from hlp.reporting.figures.swarm_costs import Swarm, SwarmsOfTarget
 from hlp.runs.stage_panels import FoundInFrame
 from hlp.stages.detection import DetectionStages
@@ -77,7 +77,8 @@ def search_again(
     model = detection.dataset.models[object_id]
     start, stored = coarse.poses_cam_obj[source], refined.refined[row].pose_cam_obj
     seen = _observation(settings, found)
-    cost = RecordedCost(model.proxy, seen.depth, seen.camera_matrix, start, settings.cost)
+    edges = Verifier(model, settings.verification).image_edges(seen)
+    cost = RecordedCost(model.proxy, seen.depth, seen.camera_matrix, start, settings.cost, edges)
     rng = np.random.default_rng(refined.seeds[row])
     pose, iterations = search(cost, start, model.centroid, settings, rng)
     if not np.array_equal(pose, stored):  # it was chosen, so that it was moved further
@@ -85,7 +86,9 @@ def search_again(
         # The first refinement of a look has the seed of the look, as its last one has.
         refiner, seed = settings.build(threads=1), int(refined.seeds[0][0])
         before = Refinement(pose, iterations)
-        polished = refiner.polish(model, seen.depth, seen.camera_matrix, before, seed)
+        polished = refiner.polish(
+            model, seen.depth, seen.camera_matrix, before, seed, edge_distance=edges
+        )
         ends = (pose, polished.pose_cam_obj)
         if not any(np.array_equal(end, stored) for end in ends):
             return None
@@ -107,7 +110,10 @@ def _own_cost(
     settings = detection.settings.refinement
     assert isinstance(settings, PsoSettings)
     seen = _observation(settings, found)
-    cost = DepthCost(model.proxy, seen.depth, seen.camera_matrix, pose_cam_obj, settings.cost)
+    edges = Verifier(model, settings.verification).image_edges(seen)
+    cost = DepthCost(
+        model.proxy, seen.depth, seen.camera_matrix, pose_cam_obj, settings.cost, edges
+    )
     return float(cost.evaluate(pose_cam_obj[None])[0])
 
 

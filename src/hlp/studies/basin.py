@@ -15,7 +15,8 @@ from hlp.config.settings import TASKS
 from hlp.evaluation.evaluator import add_correct
 from hlp.method.find.estimator import derive_seed
 from hlp.records import Frame, Hypotheses, parse_frame_key
-from hlp.refinement.refiner import REFINERS, RefinementSettings, Refiner
+from hlp.refinement.refiner import REFINERS, RefinementSettings
+from hlp.refinement.verification import Verifier, observe
 from hlp.reporting.figures.basin_maps import (
     Basins,
     basin_metrics,
@@ -125,10 +126,10 @@ def _stage(
     upstream |= {f"model_{i}": dataset.model_identities[i] for i in dataset.target_ids}
 
     def make(folder: Path) -> None:
-        refiner = task.refiners[name].build(run.settings.machine.threads)
+        settings = task.refiners[name]
         for key in tqdm(keys, desc=f"basin of {name}", unit="frame", disable=None):
             if not has_arrays(folder, key):
-                write_arrays(folder, key, _refined(run, task, refiner, dataset.frames.load(key)))
+                write_arrays(folder, key, _refined(run, task, settings, dataset.frames.load(key)))
 
     code = study_code(__name__, task.refiners[name], dataset.frames)
     digest = fingerprint("basin", code, settings.seed, decided, upstream)
@@ -137,13 +138,15 @@ def _stage(
 
 
 def _refined(
-    run: Run, task: BasinSettings, refiner: Refiner, frame: Frame
+    run: Run, task: BasinSettings, settings: RefinementSettings, frame: Frame
 ) -> dict[str, np.ndarray]:
     """Refined poses for the perturbed poses of one frame's targets, and the true poses.
 
     Arrays: `number/object/poses` (degrees, mm, perturbations, 4, 4), `number/object/truth` (4, 4).
     """
     arrays: dict[str, np.ndarray] = {}
+    refiner = settings.build(run.settings.machine.threads)
+    seen = observe(frame.rgb, frame.depth, frame.camera_matrix, settings.verification)
     for number, target in enumerate(frame.targets):
         model = run.dataset.models[target.object_id]
         seed = derive_seed(
@@ -156,7 +159,10 @@ def _refined(
         )
         perturbations = perturbation_grid(task, target.pose_cam_obj, model.centroid, seed)
         coarse = Hypotheses(perturbations.reshape(-1, 4, 4), np.ones(perturbations[..., 0, 0].size))
-        refined = refiner.refine(model, frame.depth, frame.camera_matrix, coarse, seed)
+        edges = Verifier(model, settings.verification).image_edges(seen)
+        refined = refiner.refine(
+            model, frame.depth, frame.camera_matrix, coarse, seed, edge_distance=edges
+        )
         poses = np.stack([each.pose_cam_obj for each in refined])
         name = f"{number}/{target.object_id}"
         arrays |= {

@@ -112,3 +112,22 @@ def test_a_folder_is_not_brought_back_while_it_is_being_replaced(killed: Path) -
         with pytest.raises(InputError, match="another process"):
             bring_back(killed)
     assert not killed.exists()
+
+
+def test_a_lock_that_is_a_link_empties_nobodys_file(tmp_path: Path) -> None:
+    """A folder from somebody else may bring one, with what makes a reader bring it back."""
+    mine = tmp_path / "mine.txt"
+    mine.write_text("of the user")
+    (tmp_path / "L.partial").mkdir()
+    (tmp_path / "L.partial" / ".request.json").write_text("{}")
+    hidden = tmp_path / ".L.abc" / "L"
+    hidden.mkdir(parents=True)
+    (hidden / "learnt.json").write_text("{}")
+    (tmp_path / ".L.lock").symlink_to(mine)
+    with pytest.raises(InputError, match=r"\.L\.lock is a link"):
+        find_learnt(str(tmp_path / "L"), tmp_path / "cache")
+    with pytest.raises(InputError, match=r"\.L\.lock is a link"):
+        make_again = folder_in_the_making(tmp_path / "L", {})
+        with make_again:
+            pass
+    assert mine.read_text() == "of the user"

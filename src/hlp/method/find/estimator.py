@@ -324,7 +324,10 @@ class PoseEstimator:
         frame, seen = context.frame, context.observation
         model = self.learnt.models[object_id]
         seed = derive_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id)
-        pose = self._refiner.follow(model, seen.depth, seen.camera_matrix, pose_cam_obj, seed)
+        edges = self.verifier(object_id).image_edges(seen)
+        pose = self._refiner.follow(
+            model, seen.depth, seen.camera_matrix, pose_cam_obj, seed, edges
+        )
         return choose_near_sibling(seen, model, pose.pose_cam_obj).pose_cam_obj
 
     def measure_fit(

@@ -3,6 +3,7 @@
 import glob
 import itertools
 import logging
+import os
 import shutil
 import sys
 import tempfile
@@ -103,7 +104,8 @@ def _set_aside_damaged(folder: Path) -> bool:
 def _locked(path: Path) -> Iterator[None]:
     """Keep other processes from learning into the same folder; the system frees a dead one's lock.
 
-    Raises InputError while another process holds it. Without effect on Windows.
+    Raises InputError while another process holds it, and where it is a link: a folder from somebody
+    else may hold one to any file. Without effect on Windows.
     """
     if sys.platform == "win32":
         yield
@@ -111,9 +113,15 @@ def _locked(path: Path) -> Iterator[None]:
     import fcntl
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w") as stream:
+    try:
+        lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
+    except OSError as error:
+        if path.is_symlink():
+            raise InputError(f"{path} is a link, which no lock is: remove it") from error
+        raise
+    with os.fdopen(lock):
         try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             folder = path.name.removeprefix(".").removesuffix(".lock")
             raise InputError(f"another process is learning into {folder}: wait for it") from error

@@ -21,6 +21,7 @@ from hlp.results.summary_file import TargetKey
 
 FOLDER = "report"
 _INDEX = "index.json"
+_JPEG = b"\xff\xd8\xff"  # how every such file begins
 _QUALITY = 72
 _UNITS = 10.0  # of a point's coordinates in a millimetre
 
@@ -106,6 +107,19 @@ def read_material(run: Path) -> PageMaterial:
         return PageMaterial(dict(index["objects"]), targets)
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(f"{path} is no material of a page ({error!r})") from error
+
+
+def picture_path(run: Path, target: Mapping[str, Any]) -> Path | None:
+    """A target's picture, if it is a JPEG within the material's folder: runs come from anywhere.
+
+    None where it is absent, and where the index or a link names another file.
+    """
+    name = str(target["picture"])
+    path = run / FOLDER / name
+    if name != Path(name).name or path.is_symlink() or not path.is_file():
+        return None
+    with path.open("rb") as stream:
+        return path if stream.read(len(_JPEG)) == _JPEG else None
 
 
 def edges_of(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "e 2"]:

@@ -10,7 +10,7 @@ from hlp.records import MILLIMETRES_PER_METRE
 from hlp.reporting.comparison import ScoredTarget, read_targets
 from hlp.reporting.page import charts
 from hlp.reporting.page.layout import render
-from hlp.reporting.page.material import FOLDER, PageMaterial, read_material
+from hlp.reporting.page.material import PageMaterial, picture_path, read_material
 from hlp.reporting.page.parts import how_to_repeat, in_base64, run_verdict
 from hlp.reporting.sweep_log import drawn_stages
 from hlp.reporting.tables.summary_tables import (
@@ -148,9 +148,9 @@ def _pictures(
 
     pictures = {}
     for key, target in sorted(material.targets.items(), key=right):
-        path = folder / FOLDER / target["picture"]
-        room -= path.stat().st_size if path.is_file() else 0
-        if path.is_file() and room >= 0:
+        path = picture_path(folder, target)
+        room -= 0 if path is None else path.stat().st_size
+        if path is not None and room >= 0:
             pictures[_name(key)] = in_base64(path)
     return pictures
 
