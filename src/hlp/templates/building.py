@@ -52,6 +52,9 @@ class TemplateSettings(Settings):
     kept_further: Annotated[
         int, Ge(0), Le(10_000), Doc("more of them for each further instance (D)")
     ] = 8
+    kept_here: Annotated[
+        int, Ge(1), Le(10_000), Doc("coarse poses that are kept of each place (D)")
+    ] = 4
     match_weight: Annotated[
         float, Ge(0), Doc("weight of the share of features found against the cost (D)")
     ] = 0.4

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int8, Int32, UInt8
 
 from hlp.compiled import compiled
-from hlp.geometry import allocentric_to_egocentric, rigid
+from hlp.geometry import allocentric_to_egocentric, rigid, transform
 from hlp.image_edges import NO_EDGE, STEPS
 from hlp.records import ObjectModel
 from hlp.templates.building import DIRECTIONS, Templates, TemplateSettings
@@ -17,6 +17,7 @@ _SAME, _BESIDE = 4, 2  # response to an edge of the feature's direction, and of 
 _FIRST = 16  # features after which a place that has too few of them is left
 _DEPTH_LIMIT, _LEAST_SURFACE = 0.12, 0.7  # of the diameter; share of points that must agree
 _PER_PLACE = 6  # templates that are kept at each place
+_PLACE = 0.4  # of the diameter: poses as close as this are at the same place
 _MEDIAN = 5  # px, of the depth at a place
 _NEAREST = 0.1  # m
 _SAME_SHIFT, _SAME_TURN = 0.08, np.deg2rad(14.0)  # of the diameter: matches of one pose
@@ -121,6 +122,18 @@ def match_templates(
     best = best[: _choose_different(centers, rotations, shift, trace, best)]
     poses = rigid(rotations[best], centers[best] - rotations[best] @ model.centroid)
     return Matches(poses, found[best].astype(np.float64))
+
+
+def at_different_places(
+    poses_cam_obj: Float[np.ndarray, "n 4 4"], model: ObjectModel, most: int
+) -> Int[np.ndarray, "k"]:
+    """Rows of poses, the best of which come first, without those with `most` better ones nearby."""
+    centers = transform(poses_cam_obj, model.centroid[None])[:, 0]
+    near = np.linalg.norm(centers[:, None] - centers, axis=-1) < _PLACE * model.diameter
+    kept = np.zeros(len(centers), dtype=bool)
+    for n in range(len(centers)):
+        kept[n] = np.count_nonzero(near[n] & kept) < most
+    return np.flatnonzero(kept)
 
 
 @compiled(fastmath=True)

@@ -27,7 +27,7 @@ from hlp.refinement.texture import choose_near_sibling
 from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
 from hlp.rendering.color_grid import color_grid
 from hlp.templates.building import Templates, build_templates
-from hlp.templates.matching import match_templates, spread_edges
+from hlp.templates.matching import at_different_places, match_templates, spread_edges
 from hlp.thread_team import ThreadTeam
 from hlp.voting.cast import cast_votes
 
@@ -275,8 +275,10 @@ class PoseEstimator:
             self.team,
         )
         costs = self.verifier(object_id).costs(context.observation, found.poses_cam_obj)
-        best = np.argsort(costs - settings.match_weight * found.shares, kind="stable")
-        poses = found.poses_cam_obj[best[: settings.kept + settings.kept_further * (instances - 1)]]
+        order = np.argsort(costs - settings.match_weight * found.shares, kind="stable")
+        poses, model = found.poses_cam_obj[order], self.learnt.models[object_id]
+        kept = at_different_places(poses, model, settings.kept_here)
+        poses = poses[kept][: settings.kept + settings.kept_further * (instances - 1)]
         return Hypotheses(poses, np.ones(len(poses)))
 
     def refine(
