@@ -11,9 +11,8 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from hlp.config import build
-from hlp.config.build import build_run, build_settings, evenly
+from hlp.config.build import build_run, build_settings, check_symmetric, evenly
 from hlp.config.settings import RunSettings
-from hlp.config.symmetric_names import check_symmetric
 from hlp.config.typed_defaults import group_kinds
 from hlp.data.bop import BopSettings
 from hlp.errors import DataError, MissingDependencyError

@@ -7,8 +7,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import logsumexp
 
 from hlp.models.contrastive import ContrastiveSettings
-from hlp.models.contrastive_training import ContrastiveEncoder
-from hlp.models.training_input import encoder_input
+from hlp.models.contrastive_training import ContrastiveEncoder, encoder_input
 
 # Steps are called without a trainer: their logging has nowhere to go, and says so.
 pytestmark = pytest.mark.filterwarnings("ignore:.*self.trainer.*:UserWarning")

@@ -2,7 +2,7 @@ import pytest
 import torch
 from torch import nn
 
-from hlp.models.level_input import levels_layer, side_by_side, to_levels
+from hlp.models.onnx_export import levels_layer, side_by_side, to_levels
 
 
 def random_images(channels):

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import torch
 
+from hlp.models.contrastive_training import encoder_input
 from hlp.models.encoder import patch_input
-from hlp.models.training_input import encoder_input
 from hlp.records import LocalPatches
 
 

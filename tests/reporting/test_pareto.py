@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hlp.reporting.pareto import pareto_front
+from hlp.reporting.figures.trade_off import pareto_front
 
 # Few values, so that many points are equal in one or both.
 FEW = st.integers(0, 6)

@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hlp.geometry import rigid
-from hlp.studies.perturbations import perturbed_poses
+from hlp.studies.basin import perturbed_poses
 
 TRUE = rigid(Rotation.from_euler("xyz", [0.4, 0.2, 0.1]).as_matrix(), np.array([0.1, 0.0, 0.8]))
 CENTROID = np.array([0.03, -0.02, 0.05])

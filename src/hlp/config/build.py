@@ -1,7 +1,8 @@
 """Turns the configuration into checked objects. Code below this layer does not use OmegaConf."""
 
 import dataclasses
-from collections.abc import Mapping
+import logging
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,11 +11,14 @@ from omegaconf.errors import MissingMandatoryValue
 
 from hlp.config.chosen import Chosen
 from hlp.config.settings import RunSettings
-from hlp.config.symmetric_names import check_symmetric
 from hlp.data.dataset import Dataset, find_bad_frames
 from hlp.errors import ConfigError, DataError
+from hlp.evaluation.settings import EvaluationSettings
 from hlp.models.network import require_device
+from hlp.reporting.paper_results import ADD_BY_OBJECT
 from hlp.settings import read_settings
+
+_MOST = 8  # names that a message shows
 
 
 @dataclass(frozen=True)
@@ -114,3 +118,29 @@ def evenly(keys: tuple[str, ...], count: int) -> tuple[str, ...]:
     if count >= len(keys):
         return keys
     return tuple(keys[i * len(keys) // count] for i in range(count))
+
+
+def check_symmetric(settings: EvaluationSettings, objects: Sequence[str]) -> None:
+    """Compare the names with those of the data set's objects.
+
+    A policy for LINEMOD names objects that a part of LINEMOD lacks; where it names none of the
+    objects at all, as where they are numbered, a warning says so. Raises ConfigError for a name
+    that is neither an object's nor one of LINEMOD's.
+    """
+    named = settings.symmetric or ()
+    there = ", ".join(objects[:_MOST]) + (", …" if len(objects) > _MOST else "")
+    numbered = [name for name in named if name.startswith("obj_") and name[4:].isdecimal()]
+    unknown = [name for name in named if name not in {*objects, *ADD_BY_OBJECT, *numbered}]
+    if unknown:
+        raise ConfigError(
+            f"evaluation.symmetric names {', '.join(unknown)}, which no object is called (objects: "
+            f"{there})"
+        )
+    if named and not {*named} & {*objects}:
+        logging.getLogger(__name__).warning(
+            "evaluation.symmetric: no object is called %s (objects: %s), so none counts as "
+            "symmetric; LINEMOD's by number: evaluation=bop_numbers, those of models_info.json: "
+            "evaluation=symmetries",
+            " or ".join(named),
+            there,
+        )

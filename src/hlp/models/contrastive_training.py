@@ -15,8 +15,8 @@ from torch.nn import functional
 
 from hlp.models.autoencoder import AutoencoderSettings
 from hlp.models.contrastive import ContrastiveSettings
+from hlp.models.encoder import normals_with_depth, sees_color
 from hlp.models.patch_encoder import PatchDecoder, PatchEncoder, one_cycle
-from hlp.models.training_input import encoder_input
 
 
 class ContrastiveEncoder(pl.LightningModule):
@@ -115,3 +115,18 @@ class Autoencoder(pl.LightningModule):
             return optimizer
         steps = self.trainer.estimated_stepping_batches
         return one_cycle(optimizer, settings.learning_rate, steps, 0.1)
+
+
+def encoder_input(color: Tensor | None, depth: Tensor, valid: Tensor, kind: str) -> Tensor:
+    """Channels (n, 4, p, p) in [-1, 1] of colour (n, 3, p, p) in 0…1 and depth, valid (n, p, p).
+
+    The kinds are those of `patch_input`. Raises ValueError for another kind, and for `rgbd` without
+    colour.
+    """
+    if sees_color(kind):
+        if color is None:
+            raise ValueError("the encoder's input 'rgbd' needs patches with colour")
+        return torch.cat([color * 2.0 - 1.0, depth[:, None]], dim=1)
+    images = normals_with_depth(depth.cpu().numpy(), valid.cpu().numpy())
+    # Channels stay last in memory, which is fastest for the network.
+    return torch.from_numpy(images).permute(0, 3, 1, 2).to(depth.device)

@@ -39,6 +39,9 @@ class CostSettings(Settings):
 
     weight_depth: Annotated[float, Ge(0), Doc("weight w_d of depth (P)")] = 0.8
     weight_edge: Annotated[float, Ge(0), Doc("weight w_e of edges (P)")] = 0.2
+    weight_image_edge: Annotated[
+        float, Ge(0), Doc("weight w_e of an object whose edges the colour image shows too (D)")
+    ] = 0.8
     tau_depth_mm: Annotated[
         float,
         Gt(0),
@@ -126,7 +129,7 @@ class DepthCost:
             self.terms(poses_cam_obj),
             self._agreed,
             settings.weight_depth,
-            settings.weight_edge,
+            settings.weight_image_edge if self._directed else settings.weight_edge,
             settings.uncovered_cost,
         )
 

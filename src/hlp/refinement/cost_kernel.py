@@ -9,8 +9,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
 from hlp.compiled import compiled
-from hlp.rendering.edge_direction import edge_direction
-from hlp.rendering.zbuffer import VECTOR_WIDTH, draw_triangles, framed_buffer, project_vertices
+from hlp.rendering.zbuffer import (
+    VECTOR_WIDTH,
+    draw_triangles,
+    edge_direction,
+    framed_buffer,
+    project_vertices,
+)
 
 WORST = 1.0
 """Cost of a pose outside the image or without any observed depth where it is rendered."""

@@ -18,9 +18,8 @@ from hlp.image_edges import NO_EDGE, STEPS, color_edges
 from hlp.records import ObjectModel
 from hlp.refinement.cost_kernel import WORST, depth_edges
 from hlp.refinement.verification_kernel import COLOR_OFFSET, SUM_COUNT, sum_evidence
-from hlp.rendering.edge_direction import DIRECTIONS
 from hlp.rendering.rasterizer import render_depth
-from hlp.rendering.zbuffer import prepare_mesh
+from hlp.rendering.zbuffer import DIRECTIONS, prepare_mesh
 from hlp.settings import Doc, Settings
 
 _NEAR_DIRECTION = 3  # 16ths of half a turn

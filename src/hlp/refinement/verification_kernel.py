@@ -4,8 +4,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int, Int32, UInt8
 
 from hlp.compiled import compiled
-from hlp.rendering.edge_direction import edge_direction
-from hlp.rendering.zbuffer import draw_triangles, framed_buffer, project_vertices
+from hlp.rendering.zbuffer import draw_triangles, edge_direction, framed_buffer, project_vertices
 
 COLOR_OFFSET = np.float32(4.0)
 """Added to every colour channel, because the chromaticity of dark pixels is mostly noise."""

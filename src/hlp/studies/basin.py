@@ -8,11 +8,13 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge
 from jaxtyping import Bool, Float
+from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
 from hlp.config.build import Run
 from hlp.config.settings import TASKS
 from hlp.evaluation.evaluator import add_correct
+from hlp.geometry import rigid
 from hlp.method.find.estimator import derive_seed
 from hlp.records import Frame, Hypotheses, parse_frame_key
 from hlp.refinement.refiner import REFINERS, RefinementSettings
@@ -29,7 +31,6 @@ from hlp.settings import Doc, Settings, SettingsError
 from hlp.stages.fingerprint import fingerprint
 from hlp.stages.store import StageStore
 from hlp.stages.trace_files import has_arrays, read_arrays, write_arrays
-from hlp.studies.perturbations import perturbed_poses
 from hlp.studies.study_run import chosen_frames, study_code, study_run
 
 Verdicts = Bool[np.ndarray, "n degrees millimetres"]
@@ -215,3 +216,28 @@ def _by_object(
     for target, found in sorted(verdicts.items(), key=lambda each: each[0][2]):
         groups.setdefault(target[2], []).append(found)
     return {names[object_id]: np.concatenate(found) for object_id, found in groups.items()}
+
+
+def perturbed_poses(
+    pose_cam_obj: Float[np.ndarray, "4 4"],
+    centroid: Float[np.ndarray, "3"],
+    degrees: Float[np.ndarray, "n"],
+    millimetres: Float[np.ndarray, "n"],
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "n 4 4"]:
+    """Poses rotated about the object's centroid by `degrees` and shifted by `millimetres`.
+
+    Each has its own axis and direction, drawn uniformly on the sphere; the sizes are exact.
+    `centroid` is in object coordinates (m).
+    """
+    axes, directions = _on_sphere(len(degrees), rng), _on_sphere(len(degrees), rng)
+    turns = Rotation.from_rotvec(axes * np.deg2rad(degrees)[:, None]).as_matrix()
+    rotations = turns @ pose_cam_obj[:3, :3]
+    middle = pose_cam_obj[:3, :3] @ centroid + pose_cam_obj[:3, 3]
+    shifted = middle + directions * np.asarray(millimetres)[:, None] / 1e3
+    return rigid(rotations, shifted - rotations @ centroid)
+
+
+def _on_sphere(count: int, rng: np.random.Generator) -> Float[np.ndarray, "n 3"]:
+    drawn = rng.normal(size=(count, 3))
+    return np.asarray(drawn / np.linalg.norm(drawn, axis=1, keepdims=True))

@@ -39,7 +39,7 @@ from hlp.stages.detection import DetectionStages
 from hlp.stages.fingerprint import fingerprint
 from hlp.stages.store import StageStore
 from hlp.stages.trace_files import has_arrays, read_arrays, write_arrays
-from hlp.studies.perturbations import perturbed_poses
+from hlp.studies.basin import perturbed_poses
 from hlp.studies.study_run import chosen_frames, study_code, study_run
 
 Cell = tuple[str, str]

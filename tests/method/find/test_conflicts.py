@@ -19,14 +19,18 @@ class Estimator:
 
     def __init__(self, scene: Scene) -> None:
         self.scene, self.asked = scene, list[int]()
+        self.scores: dict[int, float] | None = None
         self.settings = VerificationSettings()
         self._verifier = Verifier(scene.model, self.settings)
 
     def verifier(self, object_id: int) -> Verifier:
         return self._verifier
 
-    def score(self, *_: Any) -> float:
-        return 1.0
+    def has_templates(self, _: int) -> bool:
+        return self.scores is not None
+
+    def score(self, _: Any, object_id: int, __: Any) -> float:
+        return 1.0 if self.scores is None else self.scores[object_id]
 
     def search_again(self, context: Any, given: dict[int, Hypotheses]) -> SearchAgain:
         """Refines what was given of an object once more, in what is left."""
@@ -83,6 +87,21 @@ def test_what_stands_on_anothers_pixels_is_chosen_anew(
     resolved = resolve_conflicts(estimator, context, found, estimator.search_again(context, given))
     assert resolved[1] is found[1] and estimator.asked == [1, 2, 2]
     assert resolved[2] is not None and resolved[2].sources[resolved[2].best] == 1
+
+
+@pytest.mark.parametrize("scores", [{1: 0.9, 2: 0.6}, {1: 0.6, 2: 0.9}])
+def test_of_objects_without_colours_the_more_probable_one_stays(
+    scene: Scene, context: Any, scores: dict[int, float]
+) -> None:
+    """The costs of different objects cannot be compared: that of the second is less both times."""
+    estimator = Estimator(scene)
+    given = {1: hypotheses(disturbed(scene, 4.0, 4.0, seed=1)), 2: hypotheses(scene.pose)}
+    found = {i: estimator.refine(context, i, each) for i, each in given.items()}
+    estimator.scores = scores
+    again = estimator.search_again(context, given)
+    resolved = resolve_conflicts(estimator, context, found, again)
+    winner = max(scores, key=scores.__getitem__)
+    assert resolved[winner] is found[winner] and resolved[3 - winner] is None
 
 
 def test_an_object_that_has_nothing_of_its_own_is_not_found(scene: Scene, context: Any) -> None:

@@ -2,6 +2,9 @@
 
 from collections.abc import Callable, Mapping
 
+import numpy as np
+from jaxtyping import Float
+
 from hlp.method.find.estimator import FrameContext, PoseEstimator
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.verification import Observation
@@ -23,8 +26,9 @@ def resolve_conflicts(
     """What was found of each object of a frame, without double claims.
 
     In order of cost, the instances of all objects that have at least `min_score` (None: all) take
-    the pixels that they explain. If more than half of the pixels that agree with an instance are
-    taken by other objects, its object is searched once more in the pixels that the others leave.
+    the pixels that they explain; in order of score where an object has no colours, because costs
+    of different objects are then hardly comparable. If more than half of the pixels that agree with
+    an instance are taken by other objects, its object is searched once more in what they leave.
     `unexplained` is the frame without what is known to be there (None: nothing is).
     """
     if sum(refined is not None for refined in found.values()) < 2:
@@ -32,10 +36,8 @@ def resolve_conflicts(
     claims: dict[int, list[int]] = {}
     free = context.observation if unexplained is None else unexplained
     left, losers = free, []
-    for object_id, row in _by_cost(found):
-        refined = found[object_id]
-        assert refined is not None
-        pose = refined.refined[row].pose_cam_obj
+    for object_id, row in _best_first(estimator, context, found):
+        pose = _pose(found, object_id, row)
         counts = min_score is None or estimator.score(context, object_id, pose) >= min_score
         if object_id in losers or not counts:
             continue
@@ -55,15 +57,26 @@ def resolve_conflicts(
     return resolved
 
 
-def _by_cost(found: Found) -> list[tuple[int, int]]:
-    """Object and row of every instance, that of lowest cost first."""
-    instances = [
-        (float(refined.costs[row]), object_id, row)
-        for object_id, refined in found.items()
-        if refined is not None
-        for row in refined.instances
-    ]
+def _best_first(
+    estimator: PoseEstimator, context: FrameContext, found: Found
+) -> list[tuple[int, int]]:
+    """Object and row of every instance, that of lowest cost or highest score first."""
+    by_score = any(estimator.has_templates(object_id) for object_id in found)
+    instances = []
+    for object_id, refined in found.items():
+        for row in () if refined is None else refined.instances:
+            assert refined is not None
+            rank = float(refined.costs[row])
+            if by_score:
+                rank = -estimator.score(context, object_id, _pose(found, object_id, row))
+            instances.append((rank, object_id, row))
     return [(object_id, row) for _, object_id, row in sorted(instances)]
+
+
+def _pose(found: Found, object_id: int, row: int) -> Float[np.ndarray, "4 4"]:
+    refined = found[object_id]
+    assert refined is not None
+    return refined.refined[row].pose_cam_obj
 
 
 def _left_by(
@@ -71,9 +84,7 @@ def _left_by(
 ) -> Observation:
     """An image without what the instances in `claims` (rows by object) explain."""
     for object_id, rows in claims.items():
-        refined = found[object_id]
-        assert refined is not None
         for row in rows:
-            pose = refined.refined[row].pose_cam_obj
+            pose = _pose(found, object_id, row)
             left = estimator.verifier(object_id).without_explained(left, pose)
     return left

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 from hlp.files import write_csv
 from hlp.reporting.figures.saving import save_figure
-from hlp.reporting.pareto import pareto_front
 from hlp.reporting.results import Result, read_results
 from hlp.reporting.tables.paper_tables import RecallColumn
 
@@ -230,3 +229,18 @@ def search_points(result: Mapping[str, Any]) -> "Figure":
     ax.margins(y=0.12)
     ax.set_title(f"{len(trials)} trials of {result['space']}")
     return figure
+
+
+def pareto_front(times: Sequence[float], recalls: Sequence[float]) -> list[int]:
+    """Places of the points on the front, from the fastest to the one with the highest recall.
+
+    A point is left out if another one is at least as fast and at least as good, and better in one
+    of the two. Equal points stand on the front together.
+    """
+    front: list[int] = []
+    for place in sorted(range(len(times)), key=lambda i: (times[i], -recalls[i])):
+        better = not front or recalls[place] > recalls[front[-1]]
+        point = times[place], recalls[place]
+        if better or point == (times[front[-1]], recalls[front[-1]]):
+            front.append(place)
+    return front
