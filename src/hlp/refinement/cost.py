@@ -41,7 +41,7 @@ class CostSettings(Settings):
     weight_edge: Annotated[float, Ge(0), Doc("weight w_e of edges (P)")] = 0.2
     weight_image_edge: Annotated[
         float, Ge(0), Doc("weight w_e of an object whose edges the colour image shows too (D)")
-    ] = 0.8
+    ] = 0.5
     tau_depth_mm: Annotated[
         float,
         Gt(0),

@@ -217,10 +217,9 @@ class Verifier:
         self._chromaticity = chromaticity.astype(np.float32)
 
     def image_edges(self, observation: Observation) -> Float32[np.ndarray, "4 h w"] | None:
-        """What the refiner is to look for edges in: None for depth alone."""
-        if self.model.mesh.colored or self._settings.tau_image_edge_mm is None:
-            return None
-        return observation.edge_distance
+        """Distances to edges of depth or image; None for objects with colours, which tell more."""
+        without = self.model.mesh.colored or self._settings.tau_image_edge_mm is None
+        return None if without else observation.edge_distance
 
     def costs(
         self, observation: Observation, poses_cam_obj: Float[np.ndarray, "n 4 4"]
@@ -258,10 +257,8 @@ class Verifier:
         Explained are the pixels of its silhouette that agree in depth up to τ_d.
         """
         depth = observation.depth
-        shape = (depth.shape[0], depth.shape[1])
-        rendered = render_depth(
-            self.mesh, pose_cam_obj[None], observation.camera_matrix, shape, threads=1
-        )[0]
+        camera, shape = observation.camera_matrix, (depth.shape[0], depth.shape[1])
+        rendered = render_depth(self.mesh, pose_cam_obj[None], camera, shape, threads=1)[0]
         explained = (rendered > 0.0) & (np.abs(depth - rendered) <= self.tau_depth)
         return replace(observation, depth=np.where(explained, np.float32(0.0), depth))
 
@@ -313,9 +310,7 @@ class Verifier:
         """How the image agrees with each pose."""
         settings = self._settings
         sums = np.empty((len(poses_cam_obj), SUM_COUNT))
-        distances = observation.edge_distance
-        if self.model.mesh.colored:  # colours tell poses apart better: clutter is full of edges
-            distances = observation.depth_edge_distance
+        image_edges = self.image_edges(observation)
         sum_evidence(
             np.ascontiguousarray(poses_cam_obj, dtype=np.float64),
             self._vertices,
@@ -326,7 +321,7 @@ class Verifier:
             settings.roi_size,
             observation.depth,
             observation.rgb,
-            distances,
+            observation.depth_edge_distance if image_edges is None else image_edges,
             settings.tau_depth_mm / 1000.0,
             settings.tau_edge_mm / 1000.0,
             settings.tau_color,

@@ -196,13 +196,8 @@ class PoseEstimator:
         """Match the regions' local patches now, each once, if objects share them."""
         if not is_joint(self.settings.coarse.codebook):
             return
-        pixels = {
-            region.object_id: self._patch_pixels(
-                context.frame, region, self.learnt.models[region.object_id]
-            )
-            for region in regions
-        }
-        context.matches.share(pixels)
+        of = {region.object_id: self._patch_pixels(context.frame, region) for region in regions}
+        context.matches.share(of)
 
     def find_hypotheses(self, context: FrameContext, region: Region) -> CoarseResult:
         """Stage 2: votes of the region's local patches, and their modes (paper, section 3.2)."""
@@ -210,7 +205,7 @@ class PoseEstimator:
         context.observer.enter("cut")
         frame, model = context.frame, self.learnt.models[region.object_id]
         codebook = self.matching.group(region.object_id).codebooks[region.object_id]
-        pixels = self._patch_pixels(frame, region, model)
+        pixels = self._patch_pixels(frame, region)
         cut, matches = context.matches.match(region.object_id, pixels)
         matched = time.perf_counter()
         context.observer.enter("vote")
@@ -225,15 +220,13 @@ class PoseEstimator:
         found = self._modes.find(votes, model.centroid)
         return CoarseResult(cut, votes, found, matched - begun, time.perf_counter() - matched)
 
-    def _patch_pixels(
-        self, frame: Frame, region: Region, model: ObjectModel
-    ) -> Int[np.ndarray, "n 2"]:
+    def _patch_pixels(self, frame: Frame, region: Region) -> Int[np.ndarray, "n 2"]:
         """Centres of the region's patches; of too many, more of those at likely windows."""
         grid = self.settings.coarse.grid
         pixels = region_pixels(region.mask, grid.step)
         if len(pixels) <= grid.max_patches:
             return pixels
-        radii = self._radii(frame, pixels, model)
+        radii = self._radii(frame, pixels, self.learnt.models[region.object_id])
         weights = region_weights(region, pixels.astype(np.float64), radii)
         return np.asarray(pixels[thin_out(weights, grid.max_patches)])
 
@@ -258,28 +251,27 @@ class PoseEstimator:
         There are more of them for several `instances`. Where something else explains the depth
         already, which `unexplained` then lacks, none is looked for.
         """
-        settings = self.settings.fine.templates
+        settings, model = self.settings.fine.templates, self.learnt.models[object_id]
         assert settings is not None
         context.observer.enter("templates")
         if object_id not in self._templates:
-            self._templates[object_id] = build_templates(self.learnt.models[object_id], settings)
+            self._templates[object_id] = build_templates(model, settings)
         seen = context.observation if unexplained is None else unexplained
         found = match_templates(
             self._templates[object_id],
             context.edge_answers(settings.reach),
             seen.depth,
             seen.camera_matrix,
-            self.learnt.models[object_id],
+            model,
             settings,
             context.mask,
             self.team,
         )
         costs = self.verifier(object_id).costs(context.observation, found.poses_cam_obj)
         order = np.argsort(costs - settings.match_weight * found.shares, kind="stable")
-        poses, model = found.poses_cam_obj[order], self.learnt.models[object_id]
-        kept = at_different_places(poses, model, settings.kept_here)
-        poses = poses[kept][: settings.kept + settings.kept_further * (instances - 1)]
-        return Hypotheses(poses, np.ones(len(poses)))
+        chosen = order[at_different_places(found.poses_cam_obj[order], model, settings.kept_here)]
+        most = settings.kept + settings.kept_further * (instances - 1)
+        return Hypotheses(found.poses_cam_obj[chosen[:most]], np.ones(len(chosen[:most])))
 
     def refine(
         self,
@@ -327,9 +319,8 @@ class PoseEstimator:
         model = self.learnt.models[object_id]
         seed = derive_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id)
         edges = self.verifier(object_id).image_edges(seen)
-        pose = self._refiner.follow(
-            model, seen.depth, seen.camera_matrix, pose_cam_obj, seed, edges
-        )
+        of = model, seen.depth, seen.camera_matrix
+        pose = self._refiner.follow(*of, pose_cam_obj, seed, edges)
         return choose_near_sibling(seen, model, pose.pose_cam_obj).pose_cam_obj
 
     def measure_fit(
