@@ -7,6 +7,7 @@ import trimesh
 
 from hlp.geometry import rigid
 from hlp.records import Mesh, ObjectModel
+from hlp.refinement.verification import Observation, VerificationSettings, observe
 from hlp.rendering.light import FRONTAL_LIGHT
 from hlp.rendering.rasterizer import render_scene
 
@@ -21,6 +22,11 @@ class Scene:
     rgb: np.ndarray
     depth: np.ndarray
     camera_matrix: np.ndarray
+
+    @property
+    def seen(self) -> Observation:
+        """What refiners are given."""
+        return observe(self.rgb, self.depth, self.camera_matrix, VerificationSettings())
 
 
 def as_mesh(shape: trimesh.Trimesh, color: tuple[int, int, int] = (180, 180, 180)) -> Mesh:

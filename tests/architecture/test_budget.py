@@ -7,7 +7,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 LIMITS = {
-    "lines of src": 42_570,  # aim: 24,000
+    "lines of src": 42_533,  # aim: 24,000
     "modules of src": 320,  # aim: 220
     "lines of tests": 35_980,  # aim: 22,000
     "files of conf": 86,  # aim: 60

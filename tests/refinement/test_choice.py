@@ -8,7 +8,7 @@ import pytest
 
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
-from hlp.refinement.verification import VerificationSettings, Verifier, observe
+from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
 from refinement_scene import CAMERA, Scene, disturbed, error, shifted_model
 
 
@@ -21,18 +21,16 @@ class Recorder:
         self.polished: list[np.ndarray] = []
 
     def refine(
-        self, model: ObjectModel, depth: np.ndarray, camera_matrix: np.ndarray,
+        self, model: ObjectModel, observation: Observation,
         hypotheses: Hypotheses, seed: int, spent: float = 0.0,
-        edge_distance: np.ndarray | None = None,
     ) -> list[Refinement]:  # fmt: skip
         self.asked.append(hypotheses.poses_cam_obj)
         self.spent.append(spent)
         return [Refinement(pose, 1) for pose in hypotheses.poses_cam_obj]
 
     def polish(
-        self, model: ObjectModel, depth: np.ndarray, camera_matrix: np.ndarray,
+        self, model: ObjectModel, observation: Observation,
         answer: Refinement, seed: int, spent: float = 0.0,
-        edge_distance: np.ndarray | None = None,
     ) -> Refinement:  # fmt: skip
         self.polished.append(answer.pose_cam_obj)
         self.spent.append(spent)
@@ -144,9 +142,8 @@ class Polisher(Recorder):
         self.result = polished
 
     def polish(
-        self, model: ObjectModel, depth: np.ndarray, camera_matrix: np.ndarray,
+        self, model: ObjectModel, observation: Observation,
         answer: Refinement, seed: int, spent: float = 0.0,
-        edge_distance: np.ndarray | None = None,
     ) -> Refinement:  # fmt: skip
         return Refinement(self.result, answer.iterations + 1)
 

@@ -84,7 +84,7 @@ class Attracted:
     def build(self, threads: int) -> "Attracted":
         return self
 
-    def refine(self, _model: Any, _depth: Any, _camera: Any, batch: Hypotheses, *_: Any) -> Any:
+    def refine(self, _model: Any, _seen: Any, batch: Hypotheses, *_: Any) -> Any:
         return [self._refined] * len(batch.poses_cam_obj)
 
     def polish(self, *_: Any) -> Refinement:

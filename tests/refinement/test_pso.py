@@ -11,7 +11,7 @@ from hlp.refinement.cost import CostSettings
 from hlp.refinement.pso import PolishSettings, PsoRefiner, PsoSettings, search
 from hlp.refinement.swarm_kernel import apply_offsets
 from hlp.refinement.verification import VerificationSettings
-from refinement_scene import CAMERA, Scene, disturbed, error, posed
+from refinement_scene import Scene, disturbed, error, posed
 
 CENTROID = np.array([0.02, -0.01, 0.03])
 
@@ -107,14 +107,14 @@ def test_iterations_are_capped(settings: PsoSettings) -> None:
 def test_budget_ends_the_search(scene: Scene, settings: PsoSettings) -> None:
     coarse = Hypotheses(np.stack([disturbed(scene, 20, 20, 1)] * 2), np.ones(2))
     hasty = PsoRefiner(replace(settings, budget_ms=1e-3))
-    found = hasty.refine(scene.model, scene.depth, CAMERA, coarse, seed=0)
+    found = hasty.refine(scene.model, scene.seen, coarse, seed=0)
     assert [each.iterations for each in found] == [0, 0]
 
 
 def test_hypotheses_after_the_budget_stay_as_they_are(scene: Scene, settings: PsoSettings) -> None:
     """`spent` belongs to the budget; without a budget it changes nothing."""
     coarse = Hypotheses(np.stack([disturbed(scene, 20, 20, 1)] * 2), np.ones(2))
-    given = (scene.model, scene.depth, CAMERA, coarse, 0)
+    given = (scene.model, scene.seen, coarse, 0)
     generous = PsoRefiner(replace(settings, budget_ms=60_000.0, iterations=2))
     for each in generous.refine(*given, spent=61.0):
         np.testing.assert_array_equal(each.pose_cam_obj, coarse.poses_cam_obj[0])
@@ -133,7 +133,7 @@ def test_hypotheses_have_their_own_streams(scene: Scene, settings: PsoSettings) 
     short = PsoRefiner(replace(settings, iterations=3))
     other = np.stack([second, first]), np.stack([first, first])
     found = [
-        short.refine(scene.model, scene.depth, CAMERA, Hypotheses(poses, np.ones(2)), 7)[1]
+        short.refine(scene.model, scene.seen, Hypotheses(poses, np.ones(2)), 7)[1]
         for poses in other
     ]
     np.testing.assert_array_equal(found[0].pose_cam_obj, found[1].pose_cam_obj)
@@ -144,7 +144,7 @@ def test_polish_makes_the_answer_more_exact(scene: Scene, settings: PsoSettings)
     before, after = [], []
     for seed in range(4):
         answer = Refinement(disturbed(scene, 2, 2, seed), 5)
-        found = refiner.polish(scene.model, scene.depth, CAMERA, answer, seed)
+        found = refiner.polish(scene.model, scene.seen, answer, seed)
         assert found.iterations > 5
         before.append(error(scene, answer.pose_cam_obj))
         after.append(error(scene, found.pose_cam_obj))
@@ -155,7 +155,7 @@ def test_no_polish_where_none_is_set_or_no_time_is_left(
     scene: Scene, settings: PsoSettings
 ) -> None:
     answer = Refinement(disturbed(scene, 2, 2, 0), 5)
-    given = (scene.model, scene.depth, CAMERA, answer, 0)
+    given = (scene.model, scene.seen, answer, 0)
     assert PsoRefiner(replace(settings, polish=None)).polish(*given) is answer
     late = PsoRefiner(replace(settings, budget_ms=50.0))
     assert late.polish(*given, spent=0.06) is answer

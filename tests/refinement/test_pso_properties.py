@@ -61,7 +61,7 @@ def test_a_refined_pose_fits_the_depth_no_worse_than_the_coarse_one(
 ):
     coarse = disturbed(scene, degrees, millimetres, seed)
     few = replace(PsoSettings(), particles=6, iterations=4, cost=CostSettings())
-    given_ = (scene.model, scene.depth, CAMERA)
+    given_ = (scene.model, scene.seen)
     found = PsoRefiner(few).refine(*given_, Hypotheses(coarse[None], np.ones(1)), seed)[0]
     cost = DepthCost(scene.model.proxy, scene.depth, CAMERA, coarse, few.cost)
     before, after = cost.evaluate(np.stack([coarse, found.pose_cam_obj]))

@@ -1,5 +1,7 @@
 """What holds for every refiner: recovery, order, determinism, bad input."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,7 @@ from hlp.refinement.none import NoneRefiner
 from hlp.refinement.pso import PsoRefiner, PsoSettings
 from hlp.refinement.refiner import Refiner
 from hlp.refinement.verification import VerificationSettings
-from refinement_scene import CAMERA, SHAPE, Scene, disturbed, error, make_scene, shifted_model
+from refinement_scene import SHAPE, Scene, disturbed, error, make_scene, shifted_model
 
 
 @pytest.fixture
@@ -49,7 +51,7 @@ def test_perturbed_poses_are_recovered_by_pso(pso_settings: PsoSettings) -> None
     for seed in range(4):
         scene = make_scene(seed)
         coarse = hypotheses(*(disturbed(scene, *step, seed) for step in ((20, 15), (30, 20))))
-        found = refiner.refine(scene.model, scene.depth, CAMERA, coarse, seed=seed)
+        found = refiner.refine(scene.model, scene.seen, coarse, seed=seed)
         errors += [error(scene, each.pose_cam_obj) for each in found]
     assert np.median(errors) < 0.002
     assert sum(each < 0.1 * scene.model.diameter for each in errors) >= 7
@@ -63,11 +65,11 @@ def test_the_next_frames_pose_is_followed(
         for seed in range(4):
             scene = make_scene(seed)
             last = disturbed(scene, 3, 5, seed)
-            found = refiner.follow(scene.model, scene.depth, CAMERA, last, seed)
+            found = refiner.follow(scene.model, scene.seen, last, seed)
             errors.append(error(scene, found.pose_cam_obj) / error(scene, last))
         assert np.median(errors) < 0.4
     with pytest.raises(ValueError, match="behind the camera"):
-        PsoRefiner(pso_settings).follow(scene.model, scene.depth, CAMERA, -last, 0)
+        PsoRefiner(pso_settings).follow(scene.model, scene.seen, -last, 0)
 
 
 def test_small_perturbations_are_recovered_by_icp(icp_settings: IcpSettings) -> None:
@@ -75,7 +77,7 @@ def test_small_perturbations_are_recovered_by_icp(icp_settings: IcpSettings) -> 
     for seed in range(4):
         scene = make_scene(seed)
         coarse = hypotheses(disturbed(scene, 10, 10, seed))
-        found = refiner.refine(scene.model, scene.depth, CAMERA, coarse, seed=seed)
+        found = refiner.refine(scene.model, scene.seen, coarse, seed=seed)
         errors += [error(scene, each.pose_cam_obj) for each in found]
     assert np.median(errors) < 0.003
     assert max(errors) < 0.1 * scene.model.diameter
@@ -83,7 +85,7 @@ def test_small_perturbations_are_recovered_by_icp(icp_settings: IcpSettings) -> 
 
 def test_none_leaves_the_poses(scene: Scene) -> None:
     coarse = hypotheses(scene.pose, disturbed(scene, 30, 20, 0))
-    found = NoneRefiner().refine(scene.model, scene.depth, CAMERA, coarse, seed=0)
+    found = NoneRefiner().refine(scene.model, scene.seen, coarse, seed=0)
     for each, pose in zip(found, coarse.poses_cam_obj, strict=True):
         np.testing.assert_array_equal(each.pose_cam_obj, pose)
 
@@ -91,7 +93,7 @@ def test_none_leaves_the_poses(scene: Scene) -> None:
 def test_results_keep_the_order(scene: Scene, refiner: Refiner) -> None:
     far = disturbed(scene, 170, 60, 3)
     coarse = hypotheses(far, disturbed(scene, 3, 3, 1))
-    found = refiner.refine(scene.model, scene.depth, CAMERA, coarse, seed=0)
+    found = refiner.refine(scene.model, scene.seen, coarse, seed=0)
     assert len(found) == 2
     assert error(scene, found[0].pose_cam_obj) > 0.03 > error(scene, found[1].pose_cam_obj)
     for each in found:
@@ -101,9 +103,7 @@ def test_results_keep_the_order(scene: Scene, refiner: Refiner) -> None:
 
 def test_same_seed_same_poses(scene: Scene, refiner: Refiner) -> None:
     coarse = hypotheses(disturbed(scene, 20, 10, 1), disturbed(scene, 10, 20, 2))
-    first, second = (
-        refiner.refine(scene.model, scene.depth, CAMERA, coarse, seed=5) for _ in range(2)
-    )
+    first, second = (refiner.refine(scene.model, scene.seen, coarse, seed=5) for _ in range(2))
     for a, b in zip(first, second, strict=True):
         np.testing.assert_array_equal(a.pose_cam_obj, b.pose_cam_obj)
         assert a.iterations == b.iterations
@@ -113,33 +113,34 @@ def test_no_depth_gives_the_coarse_pose(scene: Scene, refiner: Refiner) -> None:
     empty = np.zeros(SHAPE, dtype=np.float32)
     away = scene.pose.copy()
     away[0, 3] = 3.0
-    found = refiner.refine(scene.model, empty, CAMERA, hypotheses(scene.pose, away), seed=0)
+    seen = replace(scene, depth=empty).seen
+    found = refiner.refine(scene.model, seen, hypotheses(scene.pose, away), seed=0)
     for each, pose in zip(found, (scene.pose, away), strict=True):
         np.testing.assert_allclose(each.pose_cam_obj, pose, atol=1e-15)
 
 
 def test_no_hypotheses_no_results(scene: Scene, refiner: Refiner) -> None:
     none = Hypotheses(np.zeros((0, 4, 4)), np.zeros(0))
-    assert refiner.refine(scene.model, scene.depth, CAMERA, none, seed=0) == []
+    assert refiner.refine(scene.model, scene.seen, none, seed=0) == []
 
 
 def test_a_bad_hypothesis_is_named(scene: Scene, refiner: Refiner) -> None:
     bad, behind = scene.pose.copy(), scene.pose.copy()
     bad[1, 1], behind[2, 3] = np.nan, -0.5
     with pytest.raises(ValueError, match=r"hypothesis 1.*finite"):
-        refiner.refine(scene.model, scene.depth, CAMERA, hypotheses(scene.pose, bad), seed=0)
+        refiner.refine(scene.model, scene.seen, hypotheses(scene.pose, bad), seed=0)
     with pytest.raises(ValueError, match=r"hypothesis 0.*behind"):
-        refiner.refine(scene.model, scene.depth, CAMERA, hypotheses(behind), seed=0)
+        refiner.refine(scene.model, scene.seen, hypotheses(behind), seed=0)
 
 
 def test_the_meshs_origin_does_not_matter(scene: Scene, refiner: Refiner) -> None:
     """Coordinates a metre off their origin, even behind the camera, give the same poses."""
     coarse = np.stack([disturbed(scene, 20, 10, 1), disturbed(scene, 10, 20, 2)])
-    expected = refiner.refine(scene.model, scene.depth, CAMERA, hypotheses(*coarse), seed=5)
+    expected = refiner.refine(scene.model, scene.seen, hypotheses(*coarse), seed=5)
     along = scene.pose[2, :3]  # the optical axis in object coordinates
     for offset in (along, -along, np.array([0.6, -0.5, 0.7])):
         model, poses = shifted_model(scene.model, offset, coarse)
-        found = refiner.refine(model, scene.depth, CAMERA, hypotheses(*poses), seed=5)
+        found = refiner.refine(model, scene.seen, hypotheses(*poses), seed=5)
         for a, b in zip(found, expected, strict=True):
             pose = a.pose_cam_obj @ rigid(np.eye(3), offset)
             np.testing.assert_allclose(pose, b.pose_cam_obj, atol=1e-9)
@@ -148,9 +149,22 @@ def test_the_meshs_origin_does_not_matter(scene: Scene, refiner: Refiner) -> Non
 def test_threads_do_not_change_the_poses_of_pso(scene: Scene, pso_settings: PsoSettings) -> None:
     coarse = hypotheses(disturbed(scene, 20, 10, 1))
     one, two = (
-        PsoRefiner(pso_settings, threads).refine(scene.model, scene.depth, CAMERA, coarse, seed=5)[
-            0
-        ]
+        PsoRefiner(pso_settings, threads).refine(scene.model, scene.seen, coarse, seed=5)[0]
         for threads in (1, 2)
     )
     np.testing.assert_array_equal(one.pose_cam_obj, two.pose_cam_obj)
+
+
+def test_the_search_for_objects_without_colours_weighs_colour_edges(
+    scene: Scene, pso_settings: PsoSettings
+) -> None:
+    """Their weight changes where the swarm ends; of coloured objects it changes nothing."""
+    coarse = hypotheses(disturbed(scene, 20, 10, 1))
+    for colored in (True, False):
+        model = replace(scene.model, mesh=replace(scene.model.mesh, colored=colored))
+        ends = []
+        for weight in (0.0, 0.9):
+            cost = replace(pso_settings.cost, weight_image_edge=weight)
+            refiner = PsoRefiner(replace(pso_settings, cost=cost))
+            ends.append(refiner.refine(model, scene.seen, coarse, seed=5)[0].pose_cam_obj)
+        assert np.array_equal(*ends) == colored

@@ -225,3 +225,12 @@ def test_poses_are_judged_alone(scene: Scene, verification: VerificationSettings
     verifier, observation = Verifier(scene.model, verification), seen(scene, verification)
     alone = [verifier.costs(observation, pose[None])[0] for pose in poses]
     np.testing.assert_array_equal(verifier.costs(observation, poses), alone)
+
+
+def test_colour_edges_count_for_objects_without_colours_only(scene: Scene) -> None:
+    gray = replace(scene.model, mesh=replace(scene.model.mesh, colored=False))
+    seen = scene.seen
+    assert seen.edges_of(replace(gray, mesh=replace(gray.mesh, colored=True))) is None
+    assert seen.edges_of(gray) is seen.edge_distance
+    no_color = replace(VerificationSettings(), tau_image_edge_mm=None)
+    assert observe(scene.rgb, scene.depth, CAMERA, no_color).edges_of(gray) is None

@@ -13,7 +13,7 @@ from hlp.records import Mesh, ObjectModel
 from hlp.rendering.light import FRONTAL_LIGHT
 from hlp.rendering.rasterizer import render_scene
 from hlp.templates.building import DIRECTIONS, Templates, TemplateSettings, build_templates
-from hlp.templates.matching import match_templates, spread_edges
+from hlp.templates.matching import at_different_places, match_templates, spread_edges
 from hlp.thread_team import ThreadTeam
 from refinement_scene import as_mesh
 
@@ -137,3 +137,15 @@ def test_rotations_cover_all_turns(templates: Templates) -> None:
     turned = templates.rotations_cam_obj.reshape(-1, SETTINGS.turns, 3, 3)
     steps = rotation_distance(turned[:, 1:], turned[:, :-1])
     np.testing.assert_allclose(steps, 2.0 * np.pi / SETTINGS.turns, atol=1e-6)
+
+
+def test_few_poses_of_one_place_are_kept(plate: ObjectModel) -> None:
+    """The first ones, wherever the mesh's origin and however the object is turned."""
+    middles = np.array([[0.0, 0.0, 0.6]] * 3 + [[0.2, 0.0, 0.6]] + [[0.0, 0.001, 0.6]])
+    turns = [trimesh.transformations.rotation_matrix(t, [0, 0, 1])[:3, :3] for t in range(5)]
+    poses = np.stack(
+        [rigid(r, at - r @ plate.centroid) for r, at in zip(turns, middles, strict=True)]
+    )
+    assert at_different_places(poses, plate, 2).tolist() == [0, 1, 3]
+    assert at_different_places(poses, plate, 4).tolist() == [0, 1, 2, 3, 4]
+    assert at_different_places(poses[:0], plate, 2).tolist() == []

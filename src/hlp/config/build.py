@@ -1,4 +1,7 @@
-"""Turns the configuration into checked objects. Code below this layer does not use OmegaConf."""
+"""Turns the configuration into checked objects. Code below this layer does not use OmegaConf.
+
+Runs that differ from another in a few keys are made here too.
+"""
 
 import dataclasses
 import logging

@@ -1,4 +1,4 @@
-"""Contrastive training of the local encoder.
+"""Contrastive training of the local encoder, and that of the paper's autoencoder.
 
 The two patches of a pair show the same surface point in neighbouring views, one clean and one
 degraded. InfoNCE (van den Oord et al., 2018) replaces the paper's reconstruction objective:

@@ -1,5 +1,7 @@
 """Writes trained networks as ONNX files: in single precision, and in 8-bit integers for detection.
 
+Detection gives the networks 8-bit levels of colour: `to_levels` and `levels_layer` take them in.
+
 Quantisation follows Jacob et al. 2018: weights symmetric for each output channel, activations for
 each layer over the range on calibration images, sums in 32 bits. The last layer's output is not
 quantised.

@@ -170,13 +170,7 @@ class _InstanceSearch:
             batch_seed = self._seed + len(self._refined)
             self._observer.enter("refine")
             found = self._refiner.refine(
-                self._model,
-                self._observation.depth,
-                self._observation.camera_matrix,
-                batch,
-                batch_seed,
-                self._spent(),
-                self._verifier.image_edges(self._observation),
+                self._model, self._observation, batch, batch_seed, self._spent()
             )
             self._observer.enter("verify")
             self._refined += found
@@ -198,11 +192,10 @@ class _InstanceSearch:
         is then dropped.
         """
         row = int(rows[chosen])
-        depth, camera = self._observation.depth, self._observation.camera_matrix
-        before, edges = self._refined[row], self._verifier.image_edges(self._observation)
+        before = self._refined[row]
         self._observer.enter("polish")
         self._refined[row] = self._refiner.polish(
-            self._model, depth, camera, before, self._seed, self._spent(), edges
+            self._model, self._observation, before, self._seed, self._spent()
         )
         self._observer.enter("verify")
         cost = self._competing_costs(rows)[chosen]

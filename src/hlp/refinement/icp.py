@@ -13,9 +13,9 @@ from jaxtyping import Float
 
 from hlp.geometry import back_project, rigid, transform
 from hlp.records import MILLIMETRES_PER_METRE, Hypotheses, ObjectModel, Refinement
-from hlp.refinement.cost import CostSettings, DepthCost, EdgeDistance
-from hlp.refinement.refiner import REFINERS, Refiner, checked_poses
-from hlp.refinement.verification import VerificationSettings
+from hlp.refinement.cost import CostSettings, DepthCost
+from hlp.refinement.refiner import REFINERS, Refiner, checked_poses, cost_around
+from hlp.refinement.verification import Observation, VerificationSettings
 from hlp.settings import Doc, Settings
 
 
@@ -56,19 +56,15 @@ class IcpRefiner(Refiner):
     def refine(
         self,
         model: ObjectModel,
-        depth: Float[np.ndarray, "h w"],
-        camera_matrix: Float[np.ndarray, "3 3"],
+        observation: Observation,
         hypotheses: Hypotheses,
         seed: int,
         spent: float = 0.0,
-        edge_distance: EdgeDistance | None = None,
     ) -> list[Refinement]:
         """See `Refiner.refine`. `seed` and `spent` are not used: nothing is random or timed."""
         refined = []
         for pose in checked_poses(hypotheses, model):
-            cost = DepthCost(
-                model.proxy, depth, camera_matrix, pose, self._settings.cost, edge_distance
-            )
+            cost = cost_around(model, observation, pose, self._settings.cost)
             best, iterations = align(cost, pose, self._settings)
             refined.append(Refinement(best, iterations))
         return refined

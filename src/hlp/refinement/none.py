@@ -3,13 +3,9 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-import numpy as np
-from jaxtyping import Float
-
 from hlp.records import Hypotheses, ObjectModel, Refinement
-from hlp.refinement.cost import EdgeDistance
 from hlp.refinement.refiner import REFINERS, Refiner, checked_poses
-from hlp.refinement.verification import VerificationSettings
+from hlp.refinement.verification import Observation, VerificationSettings
 from hlp.settings import Settings
 
 
@@ -32,12 +28,10 @@ class NoneRefiner(Refiner):
     def refine(
         self,
         model: ObjectModel,
-        depth: Float[np.ndarray, "h w"],
-        camera_matrix: Float[np.ndarray, "3 3"],
+        observation: Observation,
         hypotheses: Hypotheses,
         seed: int,
         spent: float = 0.0,
-        edge_distance: EdgeDistance | None = None,
     ) -> list[Refinement]:
         """See `Refiner.refine`. `seed` and `spent` are not used: nothing is random or timed."""
         return [Refinement(pose, 0) for pose in checked_poses(hypotheses, model)]

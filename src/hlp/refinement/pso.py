@@ -9,10 +9,10 @@ from annotated_types import Ge, Le
 from jaxtyping import Float
 
 from hlp.records import Hypotheses, ObjectModel, Refinement
-from hlp.refinement.cost import CostSettings, DepthCost, EdgeDistance
-from hlp.refinement.refiner import REFINERS, Refiner, checked_poses
+from hlp.refinement.cost import CostSettings, DepthCost
+from hlp.refinement.refiner import REFINERS, Refiner, checked_poses, cost_around
 from hlp.refinement.swarm_kernel import apply_offsets, update_personal_bests, update_swarm
-from hlp.refinement.verification import VerificationSettings
+from hlp.refinement.verification import Observation, VerificationSettings
 from hlp.settings import Doc, Settings, SettingsError
 from hlp.thread_team import ThreadTeam, threads_here
 
@@ -116,12 +116,10 @@ class PsoRefiner(Refiner):
     def refine(
         self,
         model: ObjectModel,
-        depth: Float[np.ndarray, "h w"],
-        camera_matrix: Float[np.ndarray, "3 3"],
+        observation: Observation,
         hypotheses: Hypotheses,
         seed: int,
         spent: float = 0.0,
-        edge_distance: EdgeDistance | None = None,
     ) -> list[Refinement]:
         """See `Refiner.refine`. Each hypothesis has its own random stream.
 
@@ -141,9 +139,7 @@ class PsoRefiner(Refiner):
                 return Refinement(poses[index], 0)
             deadline = now + (end - now) * min(at_once / (len(poses) - index), 1.0)
             rng = np.random.default_rng([seed, index])
-            cost = DepthCost(
-                model.proxy, depth, camera_matrix, poses[index], settings.cost, edge_distance
-            )
+            cost = cost_around(model, observation, poses[index], settings.cost)
             best, iterations = search(cost, poses[index], model.centroid, settings, rng, deadline)
             return Refinement(best, iterations)
 
@@ -152,12 +148,10 @@ class PsoRefiner(Refiner):
     def polish(
         self,
         model: ObjectModel,
-        depth: Float[np.ndarray, "h w"],
-        camera_matrix: Float[np.ndarray, "3 3"],
+        observation: Observation,
         chosen: Refinement,
         seed: int,
         spent: float = 0.0,
-        edge_distance: EdgeDistance | None = None,
     ) -> Refinement:
         """See `Refiner.polish`: a search in a smaller box, in the remaining time."""
         polish, left = self._settings.polish, self._remaining(spent)
@@ -170,7 +164,7 @@ class PsoRefiner(Refiner):
             patience=polish.patience,
         )
         pose = chosen.pose_cam_obj
-        cost = DepthCost(model.proxy, depth, camera_matrix, pose, settings.cost, edge_distance)
+        cost = cost_around(model, observation, pose, settings.cost)
         rng = np.random.default_rng([seed, _POLISH_STREAM])
         deadline = time.perf_counter() + left
         best, iterations = search(cost, pose, model.centroid, settings, rng, deadline)
@@ -179,16 +173,14 @@ class PsoRefiner(Refiner):
     def follow(
         self,
         model: ObjectModel,
-        depth: Float[np.ndarray, "h w"],
-        camera_matrix: Float[np.ndarray, "3 3"],
+        observation: Observation,
         pose_cam_obj: Float[np.ndarray, "4 4"],
         seed: int,
-        edge_distance: EdgeDistance | None = None,
     ) -> Refinement:
         """See `Refiner.follow`: one search with fewer particles in a smaller box."""
         settings = self._following
         (pose,) = checked_poses(Hypotheses(pose_cam_obj[None], np.ones(1)), model)
-        cost = DepthCost(model.proxy, depth, camera_matrix, pose, settings.cost, edge_distance)
+        cost = cost_around(model, observation, pose, settings.cost)
         rng = np.random.default_rng([seed, _FOLLOW_STREAM])
         return Refinement(*search(cost, pose, model.centroid, settings, rng))
 

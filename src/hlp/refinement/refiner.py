@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hlp.records import Hypotheses, ObjectModel, Refinement
-from hlp.refinement.cost import EdgeDistance
-from hlp.refinement.verification import VerificationSettings
+from hlp.refinement.cost import CostSettings, DepthCost
+from hlp.refinement.verification import Observation, VerificationSettings
 from hlp.registry import Registry
 
 
@@ -17,32 +17,26 @@ class Refiner(Protocol):
     def refine(
         self,
         model: ObjectModel,
-        depth: Float[np.ndarray, "h w"],
-        camera_matrix: Float[np.ndarray, "3 3"],
+        observation: Observation,
         hypotheses: Hypotheses,
         seed: int,
         spent: float = 0.0,
-        edge_distance: EdgeDistance | None = None,
     ) -> list[Refinement]:
         """One refinement per hypothesis, in the same order.
 
-        `depth` is in metres, 0 where missing. `spent` (s) is the part of the refiner's time budget
-        that is already used. `edge_distance` is that of `Observation`, for an object whose edges
-        are looked for in the colour image too; None: in depth alone. Without a budget, equal
-        inputs and seeds give equal poses. Raises ValueError naming a hypothesis that is not finite
-        or whose centroid is behind the camera.
+        `spent` (s) is the part of the refiner's time budget that is already used. Without a budget,
+        equal inputs and seeds give equal poses. Raises ValueError naming a hypothesis that is not
+        finite or whose centroid is behind the camera.
         """
         ...
 
     def polish(
         self,
         model: ObjectModel,
-        depth: Float[np.ndarray, "h w"],
-        camera_matrix: Float[np.ndarray, "3 3"],
+        observation: Observation,
         chosen: Refinement,
         seed: int,
         spent: float = 0.0,
-        edge_distance: EdgeDistance | None = None,
     ) -> Refinement:
         """A more exact pose for the hypothesis that was chosen; by default the same pose."""
         return chosen
@@ -50,18 +44,16 @@ class Refiner(Protocol):
     def follow(
         self,
         model: ObjectModel,
-        depth: Float[np.ndarray, "h w"],
-        camera_matrix: Float[np.ndarray, "3 3"],
+        observation: Observation,
         pose_cam_obj: Float[np.ndarray, "4 4"],
         seed: int,
-        edge_distance: EdgeDistance | None = None,
     ) -> Refinement:
         """The pose in a frame that comes soon after the one of `pose_cam_obj`, in little time.
 
         By default it is refined as a hypothesis is.
         """
         start = Hypotheses(pose_cam_obj[None], np.ones(1))
-        return self.refine(model, depth, camera_matrix, start, seed, edge_distance=edge_distance)[0]
+        return self.refine(model, observation, start, seed)[0]
 
 
 class RefinementSettings(Protocol):
@@ -84,6 +76,23 @@ class RefinementSettings(Protocol):
 
 REFINERS: Registry[RefinementSettings] = Registry("refinement", "hlp.refinement")
 """Alternatives of config group `refinement`."""
+
+
+def cost_around(
+    model: ObjectModel,
+    observation: Observation,
+    pose_cam_obj: Float[np.ndarray, "4 4"],
+    settings: CostSettings,
+) -> DepthCost:
+    """Cost of the poses near a coarse one (Eq. 2)."""
+    return DepthCost(
+        model.proxy,
+        observation.depth,
+        observation.camera_matrix,
+        pose_cam_obj,
+        settings,
+        observation.edges_of(model),
+    )
 
 
 def refinable(

@@ -150,15 +150,19 @@ class Observation:
 
     `edge_distance` is each pixel's distance (px) to what may be an edge whose gradient has a
     direction of 0°, 45°, 90° or 135°: the nearest edgelet of depth, whatever its direction, or the
-    nearest edge of colour, whose distance counts in units of its own limit. For
-    `depth_edge_distance` depth alone counts.
+    nearest edge of colour, whose distance counts in units of its own limit; None where edges of
+    colour are not looked for. For `depth_edge_distance` depth alone counts.
     """
 
     rgb: UInt8[np.ndarray, "h w 3"]
     depth: Float32[np.ndarray, "h w"]
     camera_matrix: Float[np.ndarray, "3 3"]
-    edge_distance: Float32[np.ndarray, "4 h w"]
+    edge_distance: Float32[np.ndarray, "4 h w"] | None
     depth_edge_distance: Float32[np.ndarray, "4 h w"]
+
+    def edges_of(self, model: ObjectModel) -> Float32[np.ndarray, "4 h w"] | None:
+        """Distances to edges of depth or colour; None for objects with colours, which tell more."""
+        return None if model.mesh.colored else self.edge_distance
 
 
 def observe(
@@ -170,7 +174,7 @@ def observe(
     """Prepare a frame once for all poses and objects; depth in m, missing if 0 or not finite."""
     single = np.ascontiguousarray(depth, dtype=np.float32)
     distance = _distances(depth_edges(single, settings.edge_step_mm / 1000.0))
-    of_depth = distances = np.broadcast_to(distance, (DIRECTIONS, *distance.shape))
+    of_depth, distances = np.broadcast_to(distance, (DIRECTIONS, *distance.shape)), None
     if settings.tau_image_edge_mm is not None:
         ratio = np.float32(settings.tau_edge_mm / settings.tau_image_edge_mm)
         of_color = [ratio * _distances(edges) for edges in _by_direction(color_edges(rgb))]
@@ -215,11 +219,6 @@ class Verifier:
         offset_colors = mesh.colors[mesh.faces].mean(axis=1) + COLOR_OFFSET
         chromaticity = offset_colors / offset_colors.sum(axis=1, keepdims=True)
         self._chromaticity = chromaticity.astype(np.float32)
-
-    def image_edges(self, observation: Observation) -> Float32[np.ndarray, "4 h w"] | None:
-        """Distances to edges of depth or image; None for objects with colours, which tell more."""
-        without = self.model.mesh.colored or self._settings.tau_image_edge_mm is None
-        return None if without else observation.edge_distance
 
     def costs(
         self, observation: Observation, poses_cam_obj: Float[np.ndarray, "n 4 4"]
@@ -310,7 +309,7 @@ class Verifier:
         """How the image agrees with each pose."""
         settings = self._settings
         sums = np.empty((len(poses_cam_obj), SUM_COUNT))
-        image_edges = self.image_edges(observation)
+        edge_distance = observation.edges_of(self.model)
         sum_evidence(
             np.ascontiguousarray(poses_cam_obj, dtype=np.float64),
             self._vertices,
@@ -321,7 +320,7 @@ class Verifier:
             settings.roi_size,
             observation.depth,
             observation.rgb,
-            observation.depth_edge_distance if image_edges is None else image_edges,
+            observation.depth_edge_distance if edge_distance is None else edge_distance,
             settings.tau_depth_mm / 1000.0,
             settings.tau_edge_mm / 1000.0,
             settings.tau_color,

@@ -8,8 +8,9 @@ from jaxtyping import Float
 from hlp.records import ObjectModel, Refinement, Target
 from hlp.refinement.cost import DepthCost
 from hlp.refinement.pso import PsoSettings, search
+from hlp.refinement.refiner import cost_around
 from hlp.refinement.texture import choose_sibling
-from hlp.refinement.verification import Observation, Verifier, observe
+from hlp.refinement.verification import Observation, observe
 from hlp.reporting.figures.swarm_costs import Swarm, SwarmsOfTarget
 from hlp.runs.stage_panels import FoundInFrame
 from hlp.stages.detection import DetectionStages
@@ -77,7 +78,7 @@ def search_again(
     model = detection.dataset.models[object_id]
     start, stored = coarse.poses_cam_obj[source], refined.refined[row].pose_cam_obj
     seen = _observation(settings, found)
-    edges = Verifier(model, settings.verification).image_edges(seen)
+    edges = seen.edges_of(model)
     cost = RecordedCost(model.proxy, seen.depth, seen.camera_matrix, start, settings.cost, edges)
     rng = np.random.default_rng(refined.seeds[row])
     pose, iterations = search(cost, start, model.centroid, settings, rng)
@@ -86,9 +87,7 @@ def search_again(
         # The first refinement of a look has the seed of the look, as its last one has.
         refiner, seed = settings.build(threads=1), int(refined.seeds[0][0])
         before = Refinement(pose, iterations)
-        polished = refiner.polish(
-            model, seen.depth, seen.camera_matrix, before, seed, edge_distance=edges
-        )
+        polished = refiner.polish(model, seen, before, seed)
         ends = (pose, polished.pose_cam_obj)
         if not any(np.array_equal(end, stored) for end in ends):
             return None
@@ -110,10 +109,7 @@ def _own_cost(
     settings = detection.settings.refinement
     assert isinstance(settings, PsoSettings)
     seen = _observation(settings, found)
-    edges = Verifier(model, settings.verification).image_edges(seen)
-    cost = DepthCost(
-        model.proxy, seen.depth, seen.camera_matrix, pose_cam_obj, settings.cost, edges
-    )
+    cost = cost_around(model, seen, pose_cam_obj, settings.cost)
     return float(cost.evaluate(pose_cam_obj[None])[0])
 
 

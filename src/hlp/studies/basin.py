@@ -1,4 +1,7 @@
-"""Basin map: from which errors of the coarse pose each refiner still reaches the true pose."""
+"""Basin map: from which errors of the coarse pose each refiner still reaches the true pose.
+
+`perturbed_poses` makes poses with a given error.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,7 +21,7 @@ from hlp.geometry import rigid
 from hlp.method.find.estimator import derive_seed
 from hlp.records import Frame, Hypotheses, parse_frame_key
 from hlp.refinement.refiner import REFINERS, RefinementSettings
-from hlp.refinement.verification import Verifier, observe
+from hlp.refinement.verification import observe
 from hlp.reporting.figures.basin_maps import (
     Basins,
     basin_metrics,
@@ -127,10 +130,9 @@ def _stage(
     upstream |= {f"model_{i}": dataset.model_identities[i] for i in dataset.target_ids}
 
     def make(folder: Path) -> None:
-        settings = task.refiners[name]
         for key in tqdm(keys, desc=f"basin of {name}", unit="frame", disable=None):
             if not has_arrays(folder, key):
-                write_arrays(folder, key, _refined(run, task, settings, dataset.frames.load(key)))
+                write_arrays(folder, key, _refined(run, task, name, dataset.frames.load(key)))
 
     code = study_code(__name__, task.refiners[name], dataset.frames)
     digest = fingerprint("basin", code, settings.seed, decided, upstream)
@@ -138,16 +140,14 @@ def _stage(
     return store.get_or_make("basin", digest, make, described, name)
 
 
-def _refined(
-    run: Run, task: BasinSettings, settings: RefinementSettings, frame: Frame
-) -> dict[str, np.ndarray]:
+def _refined(run: Run, task: BasinSettings, name: str, frame: Frame) -> dict[str, np.ndarray]:
     """Refined poses for the perturbed poses of one frame's targets, and the true poses.
 
     Arrays: `number/object/poses` (degrees, mm, perturbations, 4, 4), `number/object/truth` (4, 4).
     """
     arrays: dict[str, np.ndarray] = {}
-    refiner = settings.build(run.settings.machine.threads)
-    seen = observe(frame.rgb, frame.depth, frame.camera_matrix, settings.verification)
+    refiner = task.refiners[name].build(run.settings.machine.threads)
+    seen = observe(frame.rgb, frame.depth, frame.camera_matrix, task.refiners[name].verification)
     for number, target in enumerate(frame.targets):
         model = run.dataset.models[target.object_id]
         seed = derive_seed(
@@ -160,15 +160,12 @@ def _refined(
         )
         perturbations = perturbation_grid(task, target.pose_cam_obj, model.centroid, seed)
         coarse = Hypotheses(perturbations.reshape(-1, 4, 4), np.ones(perturbations[..., 0, 0].size))
-        edges = Verifier(model, settings.verification).image_edges(seen)
-        refined = refiner.refine(
-            model, frame.depth, frame.camera_matrix, coarse, seed, edge_distance=edges
-        )
+        refined = refiner.refine(model, seen, coarse, seed)
         poses = np.stack([each.pose_cam_obj for each in refined])
-        name = f"{number}/{target.object_id}"
+        key = f"{number}/{target.object_id}"
         arrays |= {
-            f"{name}/poses": poses.reshape(perturbations.shape),
-            f"{name}/truth": target.pose_cam_obj,
+            f"{key}/poses": poses.reshape(perturbations.shape),
+            f"{key}/truth": target.pose_cam_obj,
         }
     return arrays
 

@@ -318,9 +318,7 @@ class PoseEstimator:
         frame, seen = context.frame, context.observation
         model = self.learnt.models[object_id]
         seed = derive_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id)
-        edges = self.verifier(object_id).image_edges(seen)
-        of = model, seen.depth, seen.camera_matrix
-        pose = self._refiner.follow(*of, pose_cam_obj, seed, edges)
+        pose = self._refiner.follow(model, seen, pose_cam_obj, seed)
         return choose_near_sibling(seen, model, pose.pose_cam_obj).pose_cam_obj
 
     def measure_fit(

@@ -1,4 +1,4 @@
-"""Recall against time for the runs of a sweep."""
+"""Recall against time for the runs of a sweep, and figures of points with intervals."""
 
 import textwrap
 from collections.abc import Mapping, Sequence
