@@ -53,8 +53,8 @@ def test_a_row_an_arm_with_what_it_gains_against_the_arm_before_it(tmp_path: Pat
         ("best", "0.750", "modes", "+0.000", "-20"),
     ]
     assert [row["AR"] for row in rows] == ["0.500", "0.625", "0.750"]
-    # Both frames of `modes` gain one target of two: whichever are drawn, the gain is .5 or more.
-    assert rows[1]["95 % of it"] == "+0.500 to +0.500"
+    # Both frames of `modes` gain one target of two: resamples are alike, and Wilson's width stands.
+    assert rows[1]["95 % of it"] == "+0.010 to +0.990"
     text = files[2].read_text()
     assert "Made by `hlp -m experiment=ladder`." in text and "what modes is" in text
     assert "| literal | what literal is | 0.250 |" in unpadded(
@@ -69,9 +69,9 @@ def test_a_row_an_arm_with_what_it_gains_against_the_arm_before_it(tmp_path: Pat
         "80",
         "literal",
         "+0.500",
-        "+0.500",
+        "+0.010",
         "to",
-        "+0.500",
+        "+0.990",
         "-20",
     ]
 

@@ -89,6 +89,29 @@ def test_without_a_default_among_them_the_first_arm_is_compared_with(sweep: Path
     assert "+0.300 against the first arm, not surely more (+0.000" in sweep_verdict(found)
 
 
+@pytest.mark.parametrize(
+    ("right", "of_default", "spread"),
+    [(18, 18, "+0.000 (-0.161 to +0.161)"), (20, 18, "+0.100 (+0.000 to"), (18, 4, None)],
+)
+def test_the_default_wins_a_tie(
+    tmp_path: Path, right: int, of_default: int, spread: str | None
+) -> None:
+    """A faster arm that is right for as many targets, or for few more, is no better one."""
+    folder = write_sweep(tmp_path / "sweep", [PARTICLES], [f"{PARTICLES}=5,25"])
+    record = json.loads((folder / "sweep.json").read_text())
+    (folder / "sweep.json").write_text(json.dumps({**record, "defaults": {PARTICLES: "25"}}))
+    write_arm(folder / "0", {PARTICLES: "5"}, right, 30.0)
+    write_arm(folder / "1", {PARTICLES: "25"}, of_default, 50.0)
+    found = sweep_of(read_results(folder))
+    assert found.highest is found.arms[0]
+    assert found.best is found.arms[0 if spread is None else 1]
+    words = sweep_verdict(found)
+    assert ("a tie with it" in words) == (spread is not None)
+    if spread is not None:
+        assert "best by ADD(-S): particles 25 (0.900, 50 ms); that is the default" in words
+        assert f"a tie with it: particles 5 ({right / 20:.3f}, 30 ms), {spread}" in words
+
+
 def test_arms_on_other_frames_are_not_compared(sweep: Path) -> None:
     manifest = json.loads((sweep / "0" / "manifest.json").read_text())
     manifest["data"]["frames"] = "others"

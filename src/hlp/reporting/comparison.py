@@ -11,7 +11,12 @@ from hlp.errors import DataError
 from hlp.records import TargetScore
 from hlp.reporting.tables.summary_tables import METRIC_LABELS
 from hlp.reporting.tables.table import Table, check_layout, lay_out, prose
-from hlp.results.intervals import blocks_of, difference_interval, median_difference_interval
+from hlp.results.intervals import (
+    blocks_of,
+    difference_interval,
+    median_difference_interval,
+    wilson,
+)
 from hlp.results.poses_file import read_scores
 from hlp.results.summary_file import METRICS, TargetKey, numbered_targets
 
@@ -142,13 +147,18 @@ def paired_difference(
 ) -> Difference | None:
     """Second's recall minus first's over the targets of both, with its 95 % interval.
 
-    None if they have no target in common. The interval is that of `difference_interval`.
+    None if they have no target in common. The interval is that of `difference_interval`; where all
+    resamples are alike, as with few targets, it is as wide as Wilson's of so many.
     """
     before, after = (
         {key: float(each.correct(metric)) for key, each in targets.items()}
         for targets in (first, second)
     )
-    return mean_difference(before, after)
+    found = mean_difference(before, after)
+    if found is None or found[1][0] < found[1][1]:
+        return found
+    _, beyond = wilson(0.0, len(before.keys() & after.keys()))
+    return found[0], (max(found[0] - beyond, -1.0), min(found[0] + beyond, 1.0))
 
 
 def mean_difference(

@@ -55,6 +55,13 @@ class Sweep:
 
     @property
     def best(self) -> SweepArm | None:
+        """The arm with the highest ADD(-S) recall; the default unless that one is surely better."""
+        highest = self.highest
+        found = None if highest is None or not self.is_default else self.difference(highest)
+        return highest if found is None or found[1][0] > 0 else self.reference
+
+    @property
+    def highest(self) -> SweepArm | None:
         """The arm with the highest ADD(-S) recall, the fastest of several.
 
         None if fewer than two finished, or if not all were measured on the same frames.
@@ -182,12 +189,20 @@ def sweep_verdict(sweep: Sweep) -> str:
     """The best arm, whether it is surely better than the reference, and what failed."""
     failed = [(arm.label, arm.folder) for arm in sweep.arms if arm.result is None]
     words = [f"{len(sweep.finished)} of {len(sweep.arms)} arms finished"]
-    best = sweep.best
-    if best is not None and best.result is not None and sweep.reference is not None:
-        add, time = best.result.add["recall"], best.result.total_ms["median"]
-        words.append(f"best by ADD(-S): {best.label} ({add:.3f}, {time:.0f} ms)")
+    best, highest = sweep.best, sweep.highest
+    if best is not None and highest is not None and sweep.reference is not None:
+        words.append(f"best by ADD(-S): {_measured(best)}")
         words.append(_sure(sweep, best))
+        if highest is not best:
+            against = "{} ({})".format(*_against(sweep, highest))
+            words.append(f"a tie with it: {_measured(highest)}, {against}")
     return "; ".join([*words, *without_result(failed)]) + "."
+
+
+def _measured(arm: SweepArm) -> str:
+    assert arm.result is not None
+    add, time = arm.result.add["recall"], arm.result.total_ms["median"]
+    return f"{arm.label} ({add:.3f}, {time:.0f} ms)"
 
 
 def _sure(sweep: Sweep, best: SweepArm) -> str:

@@ -82,7 +82,9 @@ def test_three_panels_show_recalls_with_intervals_and_stacked_times() -> None:
         low, high = ax.get_ylim()
         assert low < 0.6 + shift and high > 0.84 + shift
         assert ax.get_ylabel() == f"axis cut: begins at {low:.2f}"
-    assert [bar.get_height() for bar in time.patches if bar.get_height() > 2] == [75, 87.5, 125]
+    # Bars end at their labels, though medians of stages do not add up to the whole's.
+    heights = [bar.get_height() for bar in time.patches if bar.get_height() > 2]
+    assert sum(heights) == pytest.approx(300 + 350 + 500)
     assert {text.get_text() for text in time.texts} == {"300", "350", "500", "paper's choice"}
     assert [text.get_text() for text in add.get_xticklabels()] == ["100", "200", "400"]
     note = figure.get_supxlabel().replace("\n", " ")

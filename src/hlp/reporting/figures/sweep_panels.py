@@ -173,15 +173,18 @@ def _draw_times(ax: "Axes", series: Series, values: Sequence[str]) -> None:
     for number, points in enumerate(series.values()):
         for point in points:
             place, bottom = values.index(point.value) + _shift(number, len(series)), 0.0
+            # Medians of the stages do not add up to the median of the whole.
+            share = point.total_ms / (sum(point.stages.values()) or 1.0)
             for stage, time in point.stages.items():
                 label = None if stage in named else stage
-                ax.bar(place, time, 0.9 * width, bottom, color=STAGE_COLORS.get(stage), label=label)
+                ax.bar(place, share * time, 0.9 * width, bottom,
+                       color=STAGE_COLORS.get(stage), label=label)  # fmt: skip
                 named.add(stage)
-                bottom += time
+                bottom += share * time
             _write(ax, place, bottom, f"{point.total_ms:.0f}")
             highest = max(highest, bottom)
     ax.set_ylim(0, 1.45 * max(highest, 1.0))
-    ax.set_title("ms an object and frame, medians", fontsize=9)
+    ax.set_title("ms an object and frame, median, by stage", fontsize=9)
     ax.grid(axis="y", alpha=0.3)
     handles, labels = ax.get_legend_handles_labels()
     ax.legend(handles[::-1], labels[::-1], loc="upper left", ncols=2, frameon=False, fontsize=7.5,
