@@ -1,3 +1,6 @@
+import http.client
+import socket
+import threading
 import urllib.request
 
 import pytest
@@ -38,3 +41,31 @@ def test_a_taken_port_is_named() -> None:
         stream.close()
     with pytest.raises(InputError, match="page=99999"):
         PictureStream(99999)
+
+
+def test_only_pages_of_this_machine_get_pictures(capsys: pytest.CaptureFixture[str]) -> None:
+    stream = PictureStream(0)
+    stream.show(b"first")
+    port = int(stream.address.rsplit(":", 1)[1].strip("/"))
+    try:
+        for host, status in (
+            ("evil.example", 403),
+            (f"evil.example:{port}", 403),
+            ("", 403),
+            ("localhost:9", 200),  # forwarded
+        ):
+            asked = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+            asked.request("GET", "/picture.jpg", headers={"Host": host})
+            answer = asked.getresponse()
+            assert answer.status == status and (answer.read() == b"first") == (status == 200)
+            assert answer.headers["Cross-Origin-Resource-Policy"] == "same-origin"
+            asked.close()
+        before = threading.active_count()
+        idle = [socket.create_connection(("127.0.0.1", port)) for _ in range(60)]
+        assert sum(each.recv(1) == b"" for each in idle[20:]) == 40
+        assert threading.active_count() <= before + 16
+        for each in idle:
+            each.close()
+    finally:
+        stream.close()
+    assert "Traceback" not in capsys.readouterr().err
