@@ -49,7 +49,11 @@ def test_lists_of_files_are_separated_by_commas(tmp_path):
         (["learn", "mehs=a.ply"], "mehs is no key of `hlp learn`: did you mean mesh?"),
         (["learn", "names=a"], "mesh is not set: give mesh=FILE"),
         (["objects", "lst"], "cannot use 'lst': did you mean list? see `hlp objects --help`"),
-        (["objects", "show"], "cannot use 'show': see `hlp objects --help`"),
+        (
+            ["objects", "export", "a"],
+            "cannot use 'export a': see `hlp objects export NAME|RUN FOLDER`",
+        ),
+        (["objects", "show"], "cannot use 'show': see `hlp objects show NAME|FOLDER`"),
     ],
 )
 def test_a_mistyped_word_is_named_with_what_was_meant(words, said, capsys):

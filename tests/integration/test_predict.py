@@ -210,7 +210,7 @@ def test_learnt_objects_are_used_by_name_and_by_path(own: Own, first: Process) -
     ("given", "words"),
     [
         (["names=a"], "mesh is not set"),
-        (["mesh=none.ply"], "model is no file"),
+        (["mesh=none.ply"], "there is no mesh none.ply"),
         (["mesh=my drill.ply", "names=a,b"], "names: a, b for 1 meshes"),
         (["mesh=my drill.ply", "mesh_scale=1"], "wrong unit"),
         (["mesh=my drill.ply", "rooms=nowhere"], "rooms is no folder"),

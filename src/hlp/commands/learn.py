@@ -62,7 +62,7 @@ def learning_request(
     paths = [Path(mesh) for mesh in meshes]
     for path in paths:
         if not path.is_file():
-            raise MissingFileError(f"model is no file: {path} (give a mesh: PLY, OBJ, STL, GLB)")
+            raise MissingFileError(f"there is no mesh {path} (give a PLY, OBJ, STL or GLB file)")
     names = _object_names(given, paths)
     own = own_arguments.field_names(MeshChoices, FolderSettings) - {"name", "proxy_faces"}
     of_one = own_arguments.of_single(given, own_arguments.field_names(MeshChoices), names)

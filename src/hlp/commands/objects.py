@@ -45,10 +45,13 @@ def _do(arguments: Sequence[str]) -> None:
             with _whole(name, cache, work) as folder:
                 print(_registered(folder, model, uri))
         case _:
-            hint = nearest(words[0], _WORDS) if words and words[0] not in _WORDS else ""
-            raise InputError(
-                f"cannot use '{' '.join(words)}'{hint or ':'} see `hlp objects --help`"
+            word = words[0] if words else ""
+            hint = nearest(word, _WORDS) if word not in _WORDS else ""
+            lines = OBJECTS_HELP.split("\n")
+            ask = next(
+                (line[7:] for line in lines if f" objects {word} " in line), "hlp objects --help"
             )
+            raise InputError(f"cannot use '{' '.join(words)}'{hint or ':'} see `{ask}`")
 
 
 @contextmanager
