@@ -35,6 +35,8 @@ def serving(served: Served) -> Iterator[Served]:
         def do_GET(self) -> None:
             answer(self, served)
 
+        do_HEAD = do_GET  # noqa: N815 - the name that http.server calls
+
         def log_message(self, *_: object) -> None:
             pass
 
@@ -65,13 +67,17 @@ def answer(request: BaseHTTPRequestHandler, served: Served) -> None:
         stated = served.sha256 or hashlib.sha256(content).hexdigest()
         request.send_header("X-Linked-ETag", f'"{stated}"')
         request.send_header("X-Linked-Size", str(len(content)))
-        request.send_header("Location", f"/cdn{path}")
+        other_host = served.address.replace("127.0.0.1", "localhost")
+        request.send_header("Location", f"{other_host}/cdn{path}")
         request.send_header("Content-Length", "0")
         request.end_headers()
         return
     begin = int(request.headers.get("Range", "bytes=0-")[6:-1])
-    served.asked.append((path.rpartition("/")[2], begin))
     headers = {"ETag": f'"{served.etag}"'} if served.etag else {}
+    if request.command == "HEAD":
+        send(request, 200, headers, b"", len(content))
+        return
+    served.asked.append((path.rpartition("/")[2], begin))
     if begin >= len(content) and served.ranges:
         send(request, 416, headers | {"Content-Range": f"bytes */{len(content)}"}, b"", 0)
         return

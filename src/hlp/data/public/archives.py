@@ -2,7 +2,7 @@
 
 Members must be plain files and folders below the archive's root: no absolute paths, no `..`, no
 links, no devices. What they take unpacked is stated in the archive and limited before anything is
-written; while writing, a member that is larger than stated is an error.
+written; Python's readers take no more of a member than is stated.
 """
 
 import shutil
@@ -19,11 +19,9 @@ from typing import IO
 
 from hlp.errors import DataError, DiskFullError
 
-_MOST_MEMBERS = 2_000_000
 _MOST_RATIO = 20.0  # unpacked bytes per packed one; images and binary meshes have about 1 to 4
 _FREE_OF_RATIO = 50_000_000  # bytes: text may be packed better
 _RESERVE = 50e6  # bytes that stay free
-_CHUNK = 1 << 20
 _ENCRYPTED = 0x1
 _BROKEN = (
     zipfile.BadZipFile, tarfile.TarError, zlib.error, EOFError, NotImplementedError,
@@ -33,11 +31,13 @@ _BROKEN = (
 
 @dataclass(frozen=True)
 class Member:
-    """A file in an archive: its path below the root, its stated size (bytes), how to open it."""
+    """What an archive states of a file or folder in it, and how it is opened."""
 
-    path: PurePosixPath
+    name: str
     size: int
-    open: Callable[[], IO[bytes]]
+    is_folder: bool
+    is_plain: bool
+    open: Callable[[], IO[bytes] | None]
 
 
 def unpack(archive: Path, folder: Path, root: str) -> int:
@@ -48,106 +48,84 @@ def unpack(archive: Path, folder: Path, root: str) -> int:
     archive; DiskFullError if the disk has too little room.
     """
     try:
-        with _members(archive) as members:
-            _check_sizes(archive, members, folder)
-            for member in members:
-                _write(archive, member, folder.joinpath(*_without(root, member.path)))
-            return len(members)
+        with _opened(archive) as members:
+            files = _checked(archive, members)
+            total, packed = sum(member.size for member in members), archive.stat().st_size
+            if total > _MOST_RATIO * packed + _FREE_OF_RATIO:
+                raise DataError(
+                    f"{archive} takes {packed} bytes and states {total} unpacked: no data set does "
+                    "that, it is not unpacked"
+                )
+            require_room(folder, total, f"{archive.name} unpacked")
+            for path, member in files.items():
+                inner = path.parts[1:] if path.parts[0] == root else path.parts
+                target = folder.joinpath(*(inner or path.parts))
+                target.parent.mkdir(parents=True, exist_ok=True)
+                with target.open("wb") as stream:
+                    shutil.copyfileobj(member.open(), stream)  # type: ignore[arg-type]
+            return len(files)
     except _BROKEN as error:
         raise DataError(f"{archive} is damaged ({error}): delete it and call again") from error
 
 
-def _without(root: str, path: PurePosixPath) -> tuple[str, ...]:
-    return path.parts[1:] if path.parts[0] == root and len(path.parts) > 1 else path.parts
+def require_room(folder: Path, needed: float, what: str) -> None:
+    """Raise DiskFullError unless a folder's disk has room for so many bytes."""
+    free = shutil.disk_usage(folder).free
+    if needed + _RESERVE > free:
+        raise DiskFullError(
+            f"{folder} has {free / 1e9:.1f} GB free, {what} takes {needed / 1e9:.1f}: free some, "
+            "or choose another disk with output=FOLDER"
+        )
 
 
 @contextmanager
-def _members(archive: Path) -> Iterator[list[Member]]:
+def _opened(archive: Path) -> Iterator[list[Member]]:
     if zipfile.is_zipfile(archive):
         with zipfile.ZipFile(archive) as packed:
-            yield _checked(archive, _of_zip(archive, packed))
+            yield [
+                Member(
+                    # Names end at a zero byte in `filename`.
+                    info.orig_filename, info.file_size, info.is_dir(), _is_plain(info),
+                    partial(packed.open, info),
+                )
+                for info in packed.infolist()
+            ]  # fmt: skip
     else:
         with tarfile.open(archive) as tape:
-            yield _checked(archive, _of_tar(archive, tape))
+            yield [
+                Member(
+                    info.name, info.size, info.isdir(), info.isreg() or info.isdir(),
+                    partial(tape.extractfile, info),
+                )
+                for info in tape
+            ]  # fmt: skip
 
 
-def _of_zip(archive: Path, packed: zipfile.ZipFile) -> Iterator[Member]:
-    for info in packed.infolist():
-        kind = stat.S_IFMT(info.external_attr >> 16)
-        if info.flag_bits & _ENCRYPTED or kind not in (0, stat.S_IFREG, stat.S_IFDIR):
-            raise _unsafe(archive, info.filename, "is encrypted, a link or a device")
-        path = _safe_path(archive, info.orig_filename)
-        if not info.is_dir():
-            yield Member(path, info.file_size, partial(packed.open, info))
+def _is_plain(info: zipfile.ZipInfo) -> bool:
+    kind = stat.S_IFMT(info.external_attr >> 16)
+    return not info.flag_bits & _ENCRYPTED and kind in (0, stat.S_IFREG, stat.S_IFDIR)
 
 
-def _of_tar(archive: Path, tape: tarfile.TarFile) -> Iterator[Member]:
-    for info in tape:
-        if not (info.isreg() or info.isdir()):
-            raise _unsafe(archive, info.name, "is a link or a device")
-        path = _safe_path(archive, info.name)
-        if info.isreg():
-            yield Member(path, info.size, partial(_opened, tape, info))
-
-
-def _opened(tape: tarfile.TarFile, info: tarfile.TarInfo) -> IO[bytes]:
-    stream = tape.extractfile(info)
-    assert stream is not None  # it is a regular file
-    return stream
-
-
-def _safe_path(archive: Path, name: str) -> PurePosixPath:
-    path = PurePosixPath(name)
-    parts = name.rstrip("/").split("/")
-    if parts[0] == ".":
-        parts = parts[1:]
-    odd = any(part in ("", ".", "..") or part.strip() != part for part in parts)
-    if path.is_absolute() or (odd and parts) or any(each in name for each in ("\\", "\0", ":")):
-        raise _unsafe(archive, name, "leads out of the folder, or may do so on some system")
-    return PurePosixPath(*parts)
-
-
-def _checked(archive: Path, found: Iterator[Member]) -> list[Member]:
-    """All members, none twice and none a folder of another."""
-    members: dict[PurePosixPath, Member] = {}
-    for number, member in enumerate(found):
-        if member.path in members or not member.path.parts:
-            raise _unsafe(archive, str(member.path), "is there twice")
-        if number >= _MOST_MEMBERS:
-            raise _unsafe(archive, str(member.path), f"is one of more than {_MOST_MEMBERS}")
-        members[member.path] = member
-    for member in members.values():
-        if any(parent in members for parent in member.path.parents):
-            raise _unsafe(archive, str(member.path), "lies in a member that is no folder")
-    return list(members.values())
-
-
-def _check_sizes(archive: Path, members: Sequence[Member], folder: Path) -> None:
-    total, packed = sum(each.size for each in members), archive.stat().st_size
-    if total > _MOST_RATIO * packed + _FREE_OF_RATIO:
-        raise DataError(
-            f"{archive} takes {packed} bytes and states {total} unpacked: no data set does that, "
-            "it is not unpacked"
-        )
-    free = shutil.disk_usage(folder).free
-    if total + _RESERVE > free:
-        raise DiskFullError(
-            f"{folder} has {free / 1e9:.1f} GB free, {archive.name} takes {total / 1e9:.1f} "
-            "unpacked: free some, or choose another disk with output=FOLDER"
-        )
-
-
-def _write(archive: Path, member: Member, target: Path) -> None:
-    target.parent.mkdir(parents=True, exist_ok=True)
-    left = member.size
-    with member.open() as source, target.open("wb") as stream:
-        while chunk := source.read(_CHUNK):
-            left -= len(chunk)
-            if left < 0:
-                break
-            stream.write(chunk)
-    if left != 0:
-        raise _unsafe(archive, str(member.path), f"does not have {member.size} bytes as stated")
+def _checked(archive: Path, members: Sequence[Member]) -> dict[PurePosixPath, Member]:
+    """The files by their paths, none twice and none a folder of another."""
+    files: dict[PurePosixPath, Member] = {}
+    for member in members:
+        if not member.is_plain:
+            raise _unsafe(archive, member.name, "is encrypted, a link or a device")
+        parts = member.name.rstrip("/").split("/")
+        inner = parts[1:] if parts[0] == "." else parts
+        odd = any(part in ("", ".", "..") or part.strip() != part for part in inner)
+        if odd or any(sign in member.name for sign in ("\\", "\0", ":")):
+            raise _unsafe(archive, member.name, "leads out of the folder, or may on some system")
+        if not member.is_folder:
+            path = PurePosixPath(*inner)
+            if path in files or not inner:
+                raise _unsafe(archive, member.name, "is there twice")
+            files[path] = member
+    for path, member in files.items():
+        if any(parent in files for parent in path.parents):
+            raise _unsafe(archive, member.name, "lies in a member that is no folder")
+    return files
 
 
 def _unsafe(archive: Path, name: str, problem: str) -> DataError:

@@ -5,7 +5,7 @@ A licence, a size or a checksum is stated only where it is known; `None` is not 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from hlp.errors import InputError
 
@@ -13,6 +13,24 @@ BOP_HUB = "https://huggingface.co/datasets/bop-benchmark"
 VOC_SERVER = "http://host.robots.ox.ac.uk/pascal/VOC/voc2012"
 IMAGES = ("bop19", "all")
 """Which test images: those of BOP's challenges, or all."""
+KNOWN: dict[str, tuple[int | None, str | None]] = {
+    "lmo_base.zip": (5_684, None),
+    "lmo_models.zip": (5_367_178, None),
+    "lmo_test_bop19.zip": (
+        117_550_985,
+        "sha256:42d7a15f317476ca3980ee7ec0344b691cbadc796835f0b14f72c89a1dcec421",
+    ),
+    "tless_base.zip": (
+        49_597,
+        "sha256:dd70ca884b7c471a530a952f70c5ab2c212f3d2c2f371be86397442b97d70a7e",
+    ),
+    "tless_test_primesense_bop19.zip": (
+        825_276_992,
+        "sha256:1a18f6bbfb5ac4ced8529f7a35225adfed88c0f62ef38067933e2b541ef1d00b",
+    ),
+    "VOCtrainval_11-May-2012.tar": (None, "md5:6cd6e144f989b92b3379bac3b3de84fd"),
+}
+"""Size (bytes) and checksum of archives, where they are known."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +54,8 @@ class Archive:
 class PublicSet:
     """A public data set: what it is, where it comes from, which archives it consists of.
 
-    `archives` are by `images`, each path below `base`. `known` are the (size in bytes, checksum) of
-    files. `result` is said when all is there, with {folder} for the folder.
+    `archives` are by `images`, each path below `base`. `sizes` are in words, by `images`.
+    `next_step` is said when all is there, with {folder} for the folder.
     """
 
     name: str
@@ -48,7 +66,6 @@ class PublicSet:
     sizes: Mapping[str, str]
     archives: Mapping[str, tuple[str, ...]]
     next_step: str
-    known: Mapping[str, tuple[int | None, str | None]] = field(default_factory=dict)
 
     def files(self, images: str, mirror: str | None = None) -> tuple[Archive, ...]:
         """The archives to load; `mirror` is an address in place of `base`.
@@ -57,11 +74,8 @@ class PublicSet:
         """
         if images not in self.archives:
             raise InputError(f"images={images}: {self.name} has {', '.join(self.archives)}")
-        base = (self.base if mirror is None else mirror).rstrip("/")
-        return tuple(
-            Archive(f"{base}/{path}", *self.known.get(path.rpartition("/")[2], (None, None)))
-            for path in self.archives[images]
-        )
+        urls = [f"{(mirror or self.base).rstrip('/')}/{path}" for path in self.archives[images]]
+        return tuple(Archive(url, *KNOWN.get(Archive(url).name, (None, None))) for url in urls)
 
 
 def find_set(name: str) -> PublicSet:
@@ -72,87 +86,46 @@ def find_set(name: str) -> PublicSet:
 
 
 def _bop(
-    name: str,
-    what: str,
-    licence: str | None,
-    sizes: Mapping[str, str],
-    test: str = "test",
-    known: Mapping[str, tuple[int | None, str | None]] | None = None,
+    name: str, what: str, licence: str | None, sizes: Mapping[str, str], test: str = "test"
 ) -> PublicSet:
-    return PublicSet(
-        name,
-        what,
-        BOP_HUB,
-        f"https://bop.felk.cvut.cz/datasets/#{what.partition(':')[0]}",
-        licence,
-        sizes,
-        {
-            images: tuple(
-                f"{name}/resolve/main/{name}_{part}.zip"
-                for part in ("base", "models", f"{test}_{images}")
-            )
-            for images in IMAGES
-        },
-        "hlp run data=bop data.root={folder}",
-        known or {},
-    )
+    archives = {
+        images: tuple(
+            f"{name}/resolve/main/{name}_{part}.zip"
+            for part in ("base", "models", f"{test}_{images}")
+        )
+        for images in IMAGES
+    }
+    page = f"https://bop.felk.cvut.cz/datasets/#{what.partition(':')[0]}"
+    step = "hlp run data=bop data.root={folder}"
+    return PublicSet(name, what, BOP_HUB, page, licence, sizes, archives, step)
 
 
-_VOC = PublicSet(
-    "voc2012",
-    "PASCAL VOC 2012: photographs, backgrounds of training in the paper",
-    VOC_SERVER,
-    "http://host.robots.ox.ac.uk/pascal/VOC/voc2012/",
-    "none of its own: photographs from flickr, under flickr's terms of use",
-    {"all": "2 GB"},
-    {"all": ("VOCtrainval_11-May-2012.tar",)},
-    "hlp run data=bop data.root=… data.photographs={folder}/VOCdevkit/VOC2012/JPEGImages",
-    {"VOCtrainval_11-May-2012.tar": (None, "md5:6cd6e144f989b92b3379bac3b3de84fd")},
+_ALL = (
+    _bop("lm", "LM: LINEMOD, 15 objects on a cluttered table", None, {}),
+    _bop(
+        "lmo",
+        "LM-O: 8 of LINEMOD's objects, occluded",
+        "CC BY-SA 4.0",
+        {"bop19": "123 MB", "all": "0.7 GB"},
+    ),
+    _bop("icbin", "IC-BIN: 2 objects, many of each in a bin", None, {}),
+    _bop("tless", "T-LESS: 30 parts without texture", "CC BY 4.0", {}, "test_primesense"),
+    _bop(
+        "ycbv",
+        "YCB-V: 21 textured household objects, occluded",
+        "MIT",
+        {"bop19": "1.2 GB", "all": "15 GB"},
+    ),
+    PublicSet(
+        "voc2012",
+        "PASCAL VOC 2012: photographs, backgrounds of training in the paper",
+        VOC_SERVER,
+        "http://host.robots.ox.ac.uk/pascal/VOC/voc2012/",
+        "none of its own: photographs from flickr, under flickr's terms of use",
+        {"all": "2 GB"},
+        {"all": ("VOCtrainval_11-May-2012.tar",)},
+        "hlp run data=bop data.root=… data.photographs={folder}/VOCdevkit/VOC2012/JPEGImages",
+    ),
 )
-
-SETS: dict[str, PublicSet] = {
-    each.name: each
-    for each in (
-        _bop("lm", "LM: LINEMOD, 15 objects on a cluttered table", None, {}),
-        _bop(
-            "lmo",
-            "LM-O: 8 of LINEMOD's objects, occluded",
-            "CC BY-SA 4.0",
-            {"bop19": "123 MB", "all": "0.7 GB"},
-            known={
-                "lmo_base.zip": (5_684, None),
-                "lmo_models.zip": (5_367_178, None),
-                "lmo_test_bop19.zip": (
-                    117_550_985,
-                    "sha256:42d7a15f317476ca3980ee7ec0344b691cbadc796835f0b14f72c89a1dcec421",
-                ),
-            },
-        ),
-        _bop("icbin", "IC-BIN: 2 objects, many of each in a bin", None, {}),
-        _bop(
-            "tless",
-            "T-LESS: 30 parts without texture",
-            "CC BY 4.0",
-            {},
-            "test_primesense",
-            {
-                "tless_base.zip": (
-                    49_597,
-                    "sha256:dd70ca884b7c471a530a952f70c5ab2c212f3d2c2f371be86397442b97d70a7e",
-                ),
-                "tless_test_primesense_bop19.zip": (
-                    825_276_992,
-                    "sha256:1a18f6bbfb5ac4ced8529f7a35225adfed88c0f62ef38067933e2b541ef1d00b",
-                ),
-            },
-        ),
-        _bop(
-            "ycbv",
-            "YCB-V: 21 textured household objects, occluded",
-            "MIT",
-            {"bop19": "1.2 GB", "all": "15 GB"},
-        ),
-        _VOC,
-    )
-}
+SETS = {public.name: public for public in _ALL}
 """All data sets by name."""
