@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-import trimesh
+from boxes import box_model
 from scipy.spatial.transform import Rotation
 
 from hlp.evaluation.bop_recalls import FRACTIONS, PIXELS, BopRecalls, match
 from hlp.geometry import inverse, rigid
-from hlp.records import Mesh, ObjectModel
+from hlp.records import Mesh
 
 EXTENTS = np.array([0.06, 0.08, 0.10])
 DIAMETER = float(np.linalg.norm(EXTENTS))
@@ -17,16 +17,7 @@ TRUE = rigid(Rotation.from_euler("xyz", [0.4, 0.2, 0.1]).as_matrix(), np.array([
 QUARTER = rigid(Rotation.from_euler("z", 90, degrees=True).as_matrix(), np.zeros(3))
 
 
-def _model(symmetries=None):
-    box = trimesh.creation.box(EXTENTS)
-    colors = np.full((len(box.vertices), 3), 128, np.uint8)
-    normals = np.array(box.vertex_normals)
-    mesh = Mesh(np.array(box.vertices), np.array(box.faces), colors, normals)
-    symmetries = np.eye(4)[None] if symmetries is None else symmetries
-    return ObjectModel(1, "box", mesh, mesh, DIAMETER, symmetries, 0.08, 0.03)
-
-
-MODEL = _model()
+MODEL = box_model(EXTENTS, fine=False)
 RECALLS = BopRecalls(MODEL, MODEL.mesh)
 
 
@@ -150,7 +141,7 @@ def test_recalls_of_several_instances_count_matches_below_each_threshold():
 
 
 def test_mssd_and_mspd_take_the_nearest_symmetric_pose():
-    turned = _model(np.stack([np.eye(4), QUARTER]))
+    turned = box_model(EXTENTS, symmetries=np.stack([np.eye(4), QUARTER]), fine=False)
     recalls = BopRecalls(turned, turned.mesh).of([TRUE], [TRUE @ QUARTER], K, 640, None)
     assert np.isnan(recalls[0, 0])
     np.testing.assert_array_equal(recalls[0, 1:], 1.0)

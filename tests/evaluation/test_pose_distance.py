@@ -2,43 +2,29 @@ import dataclasses
 
 import numpy as np
 import pytest
-import trimesh
+from boxes import box_model
 from scipy.spatial.transform import Rotation
-from waterfall_bounds import BOUNDS
 
 from hlp.evaluation.errors import is_symmetric_flip, near_truth, poses_near_truth
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.geometry import rigid
-from hlp.records import Mesh, ObjectModel
 
-SETTINGS = EvaluationSettings("test", ["bar"], 0.1, 5.0, 5.0, 0.5, 100, BOUNDS)
+SETTINGS = EvaluationSettings(symmetric=("bar",))
 HALF_TURN = rigid(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
 TRUE = rigid(Rotation.from_rotvec([0.4, 0.2, 0.1]).as_matrix(), np.array([0.05, 0.0, 0.8]))
-
-
-def _model(name, symmetries=None):
-    """A bar whose bounding box is centred 0.2 m beside the object's origin."""
-    box = trimesh.creation.box((0.02, 0.04, 0.12)).subdivide().subdivide()
-    vertices = np.array(box.vertices) + np.array([0.2, 0.0, 0.0])
-    colors = np.zeros((len(vertices), 3), np.uint8)
-    mesh = Mesh(vertices, np.array(box.faces), colors, np.array(box.vertex_normals))
-    diameter = float(np.linalg.norm([0.02, 0.04, 0.12]))
-    symmetries = np.eye(4)[None] if symmetries is None else symmetries
-    return ObjectModel(1, name, mesh, mesh, diameter, symmetries, 0.08, 0.03)
-
-
-PLAIN = _model("box")
-SHIFT = rigid(np.eye(3), np.array([0.2, 0.0, 0.0]))
-BAR_TURN = SHIFT @ HALF_TURN @ rigid(np.eye(3), np.array([-0.2, 0.0, 0.0]))
-BAR = _model("bar", np.stack([np.eye(4), BAR_TURN]))
+CENTER = (0.2, 0.0, 0.0)  # of the bars, beside their origin
+SHIFT, BACK = (rigid(np.eye(3), sign * np.array(CENTER)) for sign in (1.0, -1.0))
+BAR_TURN = SHIFT @ HALF_TURN @ BACK
+PLAIN = box_model((0.02, 0.04, 0.12), center=CENTER)
+BAR = box_model(
+    (0.02, 0.04, 0.12), name="bar", symmetries=np.stack([np.eye(4), BAR_TURN]), center=CENTER
+)
 
 
 def _turned(degrees, millimetres=0.0, axis=(0.0, 1.0, 0.0)):
     """The true pose turned about the object's centroid, then moved."""
-    turn = rigid(
-        Rotation.from_rotvec(np.deg2rad(degrees) * np.array(axis)).as_matrix(), np.zeros(3)
-    )
-    pose = TRUE @ SHIFT @ turn @ rigid(np.eye(3), np.array([-0.2, 0.0, 0.0]))
+    turn = Rotation.from_rotvec(np.deg2rad(degrees) * np.array(axis)).as_matrix()
+    pose = TRUE @ SHIFT @ rigid(turn, np.zeros(3)) @ BACK
     pose[0, 3] += millimetres / 1000.0
     return pose
 
@@ -56,11 +42,11 @@ def test_the_turned_pose_of_a_symmetric_object_is_near_only_by_the_policy():
     poses = np.stack([TRUE, TRUE @ BAR_TURN, _turned(90)])
     near = poses_near_truth(poses, TRUE, BAR, SETTINGS, (5.0, 5.0))
     assert near.tolist() == [True, True, False]
-    strict = dataclasses.replace(SETTINGS, symmetric=[])
+    strict = dataclasses.replace(SETTINGS, symmetric=())
     assert poses_near_truth(poses, TRUE, BAR, strict, (5.0, 5.0)).tolist() == [True, False, False]
 
 
-def test_votes_near_the_truth_are_those_that_angles_and_distances_say():
+def test_votes_near_the_truth_are_those_that_angles_and_distances_say(monkeypatch):
     rng = np.random.default_rng(0)
     turns = Rotation.from_rotvec(rng.normal(scale=0.25, size=(200, 3)))
     rotations = turns.as_matrix() @ TRUE[:3, :3]
@@ -72,21 +58,22 @@ def test_votes_near_the_truth_are_those_that_angles_and_distances_say():
     )
     assert 20 < expected.sum() < 150
     np.testing.assert_array_equal(near, expected)
-
-
-def test_no_vote_is_near_nothing():
+    monkeypatch.setattr("hlp.evaluation.errors._MOTIONS", 1)  # a symmetric pose at a time
+    turned = near_truth(rotations @ BAR_TURN[:3, :3], centroids, TRUE, BAR, SETTINGS, (15.0, 20.0))
+    np.testing.assert_array_equal(turned, expected)
     none = near_truth(np.zeros((0, 3, 3)), np.zeros((0, 3)), TRUE, BAR, SETTINGS, (15.0, 20.0))
     assert none.shape == (0,)
 
 
-def test_flipped_is_what_lies_on_the_surface_but_is_turned():
-    about_z = (0.0, 0.0, 1.0)
-    assert is_symmetric_flip(_turned(180, axis=about_z), TRUE, PLAIN, SETTINGS)
-    assert not is_symmetric_flip(_turned(90), TRUE, PLAIN, SETTINGS)  # the bar lies across
-    assert not is_symmetric_flip(
-        _turned(20, axis=about_z), TRUE, PLAIN, SETTINGS
-    )  # within the basin
-    assert not is_symmetric_flip(_turned(180, 40, axis=about_z), TRUE, PLAIN, SETTINGS)  # elsewhere
-    assert not is_symmetric_flip(
-        _turned(180, axis=about_z), TRUE, BAR, SETTINGS
-    )  # that one is right
+@pytest.mark.parametrize(
+    ("pose", "model", "flipped"),
+    [
+        (_turned(180, axis=(0.0, 0.0, 1.0)), PLAIN, True),
+        (_turned(90), PLAIN, False),  # the bar lies across
+        (_turned(20, axis=(0.0, 0.0, 1.0)), PLAIN, False),  # within the basin
+        (_turned(180, 40, axis=(0.0, 0.0, 1.0)), PLAIN, False),  # elsewhere
+        (_turned(180, axis=(0.0, 0.0, 1.0)), BAR, False),  # that one is right
+    ],
+)
+def test_flipped_is_what_lies_on_the_surface_but_is_turned(pose, model, flipped):
+    assert is_symmetric_flip(pose, TRUE, model, SETTINGS) == flipped

@@ -3,14 +3,14 @@ import json
 
 import numpy as np
 import pytest
-from waterfall_bounds import BOUNDS
 
+from hlp.evaluation.evaluator import FrameTruth
 from hlp.evaluation.settings import EvaluationSettings
-from hlp.evaluation.summary import summarise, with_interval
-from hlp.records import TargetScore
+from hlp.evaluation.summary import count_false_alarms, summarise, with_interval
+from hlp.records import PoseEstimate, Target, TargetScore
 from hlp.results.summary_file import METRICS
 
-SETTINGS = EvaluationSettings("bop", [], 0.1, 5.0, 5.0, 0.5, 2000, BOUNDS)
+SETTINGS = EvaluationSettings("bop", (), bootstrap=2000)
 NAMES = {1: "ape", 6: "cat"}
 VOTES = {"total": {"good": 0.25}, "per_object": {}}
 TIMINGS = {"total": [100.0, 200.0, 300.0], "holistic": [10.0, 20.0, 30.0]}
@@ -152,3 +152,19 @@ def test_bops_average_recall_is_the_mean_of_the_three():
         "mssd": pytest.approx(0.4),
         "mspd": pytest.approx(0.8),
     }
+
+
+def test_absent_objects_are_counted_once_a_frame_by_their_best_answer():
+    truths = [FrameTruth(1, i, np.eye(3), 64, (Target(i + 1, np.eye(4)),)) for i in (0, 1)]
+    answers = [  # frame, object, score
+        (0, 1, 0.9),  # a target
+        (0, 2, 0.4),
+        (0, 2, 0.7),
+        (1, 1, 0.49),
+        (1, 2, 0.2),  # a target
+    ]
+    estimates = [PoseEstimate(1, frame, i, np.eye(4), score) for frame, i, score in answers]
+    estimates.append(PoseEstimate(1, 0, 3, None, 0.0))
+    found = count_false_alarms(truths, estimates, 0.5)
+    assert found == {"searched": 3, "alarms": 1, "min_score": 0.5, "rate": 1 / 3}
+    assert count_false_alarms(truths, estimates[:1], 0.5)["rate"] is None

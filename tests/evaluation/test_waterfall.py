@@ -2,18 +2,22 @@ import dataclasses
 
 import numpy as np
 import pytest
-from waterfall_bounds import BOUNDS
 
+from hlp.evaluation.settings import WaterfallSettings
 from hlp.evaluation.waterfall import (
     CAUSES,
     CORRECT,
     TargetCounts,
     TargetResults,
+    VoteCounts,
     cause_of,
     count_causes,
     visibility_class,
+    vote_quality,
 )
 from hlp.records import TargetScore
+
+BOUNDS = WaterfallSettings()
 
 
 def _none(count):
@@ -131,3 +135,26 @@ def test_a_miss_without_a_cause_is_an_error():
     unexplained = dataclasses.replace(_score(1, 0.5, "ranking"), cause="")
     with pytest.raises(ValueError, match=r"scene 6, frame 0, object 1"):
         count_causes([unexplained], {1: "cat"})
+
+
+def test_votes_are_counted_with_their_weight_and_by_who_cast_them():
+    good = np.array([True, False, True, False])
+    on_object = np.array([True, True, False, False])
+    counts = VoteCounts.of(7, good, np.array([1.0, 2.0, 4.0, 8.0]), on_object)
+    assert counts == VoteCounts(7, 4, 2, 15.0, 5.0, 2, 1)
+
+
+def test_shares_are_of_all_votes_and_none_without_votes():
+    counts = [
+        VoteCounts(2, 10, 1, 4.0, 1.0, 5, 1),
+        VoteCounts(1, 30, 9, 16.0, 9.0, 15, 6),
+        VoteCounts(2, 0, 0, 0.0, 0.0, 0, 0),
+    ]
+    quality = vote_quality(counts, {1: "cat", 2: "ape", 3: "can"})
+    names = ("good", "good_weight", "by_object", "good_by_object", "votes")
+    total = dict(zip(names, (0.25, 0.5, 0.5, pytest.approx(7 / 20), 40 / 3), strict=True))
+    assert quality["total"] == total
+    assert list(quality["per_object"]) == ["cat", "ape"]
+    assert [quality["per_object"]["ape"][name] for name in names] == [0.1, 0.25, 0.5, 0.2, 5.0]
+    nothing = vote_quality(counts[2:], {2: "ape"})["total"]
+    assert nothing == {**dict.fromkeys(names), "votes": 0.0}

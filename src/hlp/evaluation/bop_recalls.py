@@ -21,13 +21,14 @@ from hlp.rendering.rasterizer import NEAR, render_depth
 Pose = Float[np.ndarray, "4 4"]
 Camera = Float[np.ndarray, "3 3"]
 Depth = Float[np.ndarray, "h w"]
-Box = tuple[int, int, int, int]
+Mask = Bool[np.ndarray, "h w"]
 
 FRACTIONS = np.arange(1, 11) * 0.05
 """Thresholds of VSD, its tolerances as fractions of the diameter, and thresholds of MSSD."""
 PIXELS = np.arange(1, 11) * 5.0
 """Thresholds of MSPD for an image of 640 pixels in width."""
 _WIDTH = 640
+_HALF_A_PIXEL = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
 
 
 class BopRecalls:
@@ -50,55 +51,46 @@ class BopRecalls:
         `estimates` are the poses to score, the surest first. VSD is nan without a depth image (m).
         """
         pairs = [(estimate, true) for estimate in estimates for true in true_poses]
-        shape = (len(estimates), len(true_poses))
-        mssd = np.array([errors.mssd(*pair, self._hull, self._symmetries) for pair in pairs])
+        shape = (len(estimates), len(true_poses), -1 if pairs else 1)
+        surface = self._hull, self._symmetries
+        mssd = np.array([errors.mssd(*pair, *surface) for pair in pairs])
         # The error is largest on the convex hull, up to an effect of perspective that is far below
         # the thresholds' steps of 5 px.
-        mspd = np.array(
-            [errors.mspd(*pair, self._hull, self._symmetries, camera_matrix) for pair in pairs]
-        )
-        vsd_recall = np.full(len(true_poses), np.nan)
+        mspd = np.array([errors.mspd(*pair, *surface, camera_matrix) for pair in pairs])
+        recalls = np.full((len(true_poses), 3), np.nan)
         if depth is not None:
             vsd = np.array([self._vsd(*pair, camera_matrix, depth) for pair in pairs])
-            vsd_recall = _recall(vsd.reshape(*shape, len(FRACTIONS)), FRACTIONS)
-        return np.stack(
-            [
-                vsd_recall,
-                _recall(mssd.reshape(*shape, 1), FRACTIONS * self._diameter),
-                _recall(mspd.reshape(*shape, 1), PIXELS * width / _WIDTH),
-            ],
-            axis=1,
-        )
+            recalls[:, 0] = _recall(vsd.reshape(shape), FRACTIONS)
+        recalls[:, 1] = _recall(mssd.reshape(shape), FRACTIONS * self._diameter)
+        recalls[:, 2] = _recall(mspd.reshape(shape), PIXELS * width / _WIDTH)
+        return recalls
 
     def _vsd(
         self, estimated: Pose, true: Pose, camera_matrix: Camera, observed: Depth
     ) -> Float[np.ndarray, "t"]:
         """VSD for each tolerance. Only the part of the image with the object is rendered."""
         height, width = observed.shape
-        boxes = [self._box(pose, camera_matrix, (height, width)) for pose in (estimated, true)]
-        left, top = (min(box[axis] for box in boxes) for axis in (0, 1))
-        right, bottom = (max(box[axis] for box in boxes) for axis in (2, 3))
-        if _apart(*boxes):
+        boxes = [self._box(pose, camera_matrix, width, height) for pose in (estimated, true)]
+        lows, highs = np.array([low for low, _ in boxes]), np.array([high for _, high in boxes])
+        if (highs.min(axis=0) <= lows.max(axis=0)).any():  # they share no pixel
             return np.ones(len(FRACTIONS))
+        (left, top), (right, bottom) = lows.min(axis=0).tolist(), highs.max(axis=0).tolist()
         crop = camera_matrix - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])
-        at_centres = crop - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
-        rendered = render_depth(
-            self._mesh, np.stack([estimated, true]), at_centres, (bottom - top, right - left), 1
-        )
-        seen = observed[top:bottom, left:right]
-        tolerances = list(FRACTIONS * self._diameter)
+        poses, size = np.stack([estimated, true]), (bottom - top, right - left)
+        rendered = render_depth(self._mesh, poses, crop - _HALF_A_PIXEL, size, 1)
+        seen, tolerances = observed[top:bottom, left:right], list(FRACTIONS * self._diameter)
         return errors.vsd(rendered[0], rendered[1], seen, crop, tolerances)
 
-    def _box(self, pose: Pose, camera_matrix: Camera, shape: tuple[int, int]) -> Box:
-        """Left, top, right and bottom (exclusive) of the pixels that may show the object."""
-        points, (height, width) = transform(pose, self._hull), shape
+    def _box(
+        self, pose: Pose, camera_matrix: Camera, width: int, height: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """First and (exclusive) last x and y of the pixels that may show the object."""
+        points, size = transform(pose, self._hull), np.array([width, height])
         if points[:, 2].min() <= NEAR:
-            return 0, 0, width, height
+            return np.zeros(2, dtype=int), size
         pixels = project(points, camera_matrix)
         low, high = np.floor(pixels.min(axis=0)) - 1, np.ceil(pixels.max(axis=0)) + 2
-        limit = np.array([width, height])
-        low, high = np.clip(low, 0, limit).astype(int), np.clip(high, 0, limit).astype(int)
-        return int(low[0]), int(low[1]), int(high[0]), int(high[1])
+        return np.clip(low, 0, size).astype(int), np.clip(high, 0, size).astype(int)
 
 
 def hull_vertices(mesh: Mesh) -> Float[np.ndarray, "v 3"]:
@@ -108,11 +100,6 @@ def hull_vertices(mesh: Mesh) -> Float[np.ndarray, "v 3"]:
         return np.asarray(vertices[ConvexHull(vertices).vertices])
     except QhullError:
         return vertices
-
-
-def _apart(a: Box, b: Box) -> bool:
-    """Whether two boxes share no pixel."""
-    return min(a[2], b[2]) <= max(a[0], b[0]) or min(a[3], b[3]) <= max(a[1], b[1])
 
 
 def _recall(
@@ -141,17 +128,13 @@ def match(
     return taken
 
 
-Mask = Bool[np.ndarray, "h w"]
-
-
 def unoccluded_mask(frame: Frame, target: Target, model: ObjectModel) -> Mask:
     """Pixels where nothing is seen in front of the target (BOP's rule for visibility).
 
     The object in its true pose lies in front of the observed depth, at it, or at most `VSD_DELTA`
     behind it. Pixels without depth count. Renders `model.proxy`.
     """
-    shape = (frame.depth.shape[0], frame.depth.shape[1])
-    rendered = render_depth(model.proxy, target.pose_cam_obj[None], frame.camera_matrix, shape)[0]
+    rendered = _rendered(model.proxy, frame, target)
     hidden = (frame.depth > 0) & (rendered - frame.depth > VSD_DELTA)
     return np.asarray((rendered > 0) & ~hidden)
 
@@ -161,9 +144,11 @@ def measured_mask(frame: Frame, target: Target, model: ObjectModel, tolerance: f
 
     Renders `model.mesh`.
     """
-    shape = (frame.depth.shape[0], frame.depth.shape[1])
-    rendered = render_depth(
-        model.mesh, target.pose_cam_obj[None], frame.camera_matrix, shape, threads=1
-    )[0]
+    rendered = _rendered(model.mesh, frame, target)
     both = (rendered > 0.0) & (frame.depth > 0.0)
     return np.asarray(both & (np.abs(rendered - frame.depth) <= tolerance))
+
+
+def _rendered(mesh: Mesh, frame: Frame, target: Target) -> Depth:
+    shape = (frame.depth.shape[0], frame.depth.shape[1])
+    return render_depth(mesh, target.pose_cam_obj[None], frame.camera_matrix, shape, threads=1)[0]

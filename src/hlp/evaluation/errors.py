@@ -20,9 +20,11 @@ from hlp.records import ObjectModel
 Pose = Float[np.ndarray, "4 4"]
 Vertices = Float[np.ndarray, "v 3"]
 Depth = Float[np.ndarray, "h w"]
+Symmetries = Float[np.ndarray, "s 4 4"]
 
 VSD_DELTA = 0.015
 """BOP's tolerance (m): a surface counts as visible up to this far behind the observed depth."""
+_MOTIONS = 1024  # symmetric poses at a time: 10 000 with 3000 votes would take 2 GB
 
 
 def add(estimated: Pose, true: Pose, vertices: Vertices) -> float:
@@ -52,9 +54,7 @@ def translation_error(estimated: Pose, true: Pose) -> float:
     return float(np.linalg.norm(estimated[:3, 3] - true[:3, 3]))
 
 
-def nearest_symmetric_pose(
-    estimated: Pose, true: Pose, symmetries: Float[np.ndarray, "s 4 4"]
-) -> Pose:
+def nearest_symmetric_pose(estimated: Pose, true: Pose, symmetries: Symmetries) -> Pose:
     """Of all true poses that look alike, the one whose rotation is closest to the estimate's."""
     alike = true @ symmetries
     angles = rotation_distance(estimated[:3, :3], alike[:, :3, :3])
@@ -68,38 +68,34 @@ def box_iou(
 
     0 if any part of the object lies behind the camera: its projection would mean nothing.
     """
-    boxes = []
-    for pose in (estimated, true):
-        points = transform(pose, vertices)
-        if points[:, 2].min() <= 0:
-            return 0.0
-        pixels = project(points, camera_matrix)
-        boxes.append((pixels.min(axis=0), pixels.max(axis=0)))
-    (low_a, high_a), (low_b, high_b) = boxes
-    shared = np.prod(np.maximum(np.minimum(high_a, high_b) - np.maximum(low_a, low_b), 0.0))
-    return float(shared / (np.prod(high_a - low_a) + np.prod(high_b - low_b) - shared))
+    points = [transform(pose, vertices) for pose in (estimated, true)]
+    if min(part[:, 2].min() for part in points) <= 0:
+        return 0.0
+    low, high = [], []
+    for part in points:
+        pixels = project(part, camera_matrix)
+        low.append(pixels.min(axis=0))
+        high.append(pixels.max(axis=0))
+    shared = np.prod(np.maximum(np.minimum(*high) - np.maximum(*low), 0.0))
+    return float(shared / (np.prod(high[0] - low[0]) + np.prod(high[1] - low[1]) - shared))
 
 
-def mssd(
-    estimated: Pose, true: Pose, vertices: Vertices, symmetries: Float[np.ndarray, "s 4 4"]
-) -> float:
+def mssd(estimated: Pose, true: Pose, vertices: Vertices, symmetries: Symmetries) -> float:
     """Maximum symmetry-aware surface distance (Hodan et al., BOP Challenge 2020).
 
     The largest distance of any vertex, minimised over the symmetries. It is convex in the vertex,
     so the vertices of the convex hull are enough.
     """
     moved = transform(estimated, vertices)
-    return min(
-        float(np.linalg.norm(moved - transform(true @ motion, vertices), axis=1).max())
-        for motion in symmetries
-    )
+    alike = (transform(true @ motion, vertices) for motion in symmetries)
+    return min(float(np.linalg.norm(moved - points, axis=1).max()) for points in alike)
 
 
 def mspd(
     estimated: Pose,
     true: Pose,
     vertices: Vertices,
-    symmetries: Float[np.ndarray, "s 4 4"],
+    symmetries: Symmetries,
     camera_matrix: Float[np.ndarray, "3 3"],
 ) -> float:
     """Maximum symmetry-aware projection distance in pixels (ibid.).
@@ -110,14 +106,8 @@ def mspd(
     if moved[:, 2].min() <= 0:
         return float("inf")
     pixels = project(moved, camera_matrix)
-    return min(
-        float(
-            np.linalg.norm(
-                pixels - project(transform(true @ motion, vertices), camera_matrix), axis=1
-            ).max()
-        )
-        for motion in symmetries
-    )
+    alike = (project(transform(true @ motion, vertices), camera_matrix) for motion in symmetries)
+    return min(float(np.linalg.norm(pixels - others, axis=1).max()) for others in alike)
 
 
 def vsd(
@@ -135,34 +125,23 @@ def vsd(
     `delta` behind the observed one or none was observed; a pixel of the estimate also where the
     truth is visible.
     """
-    rays = _ray_lengths(true_depth.shape, camera_matrix)
-    estimated_m, true_m, observed_m = (
-        depth * rays for depth in (estimated_depth, true_depth, observed_depth)
-    )
-    true_seen = _visible(true_m, observed_m, delta)
-    estimated_seen = _visible(estimated_m, observed_m, delta) | (true_seen & (estimated_m > 0))
+    height, width = true_depth.shape
+    pixels = np.stack(np.meshgrid(np.arange(float(width)), np.arange(float(height))), axis=-1)
+    rays = np.linalg.norm(back_project(pixels, np.ones((height, width)), camera_matrix), axis=-1)
+    estimated, true, observed = (d * rays for d in (estimated_depth, true_depth, observed_depth))
+
+    def visible(rendered: Depth) -> Bool[np.ndarray, "h w"]:
+        return np.asarray((rendered > 0) & ((rendered - observed <= delta) | (observed == 0)))
+
+    true_seen = visible(true)
+    estimated_seen = visible(estimated) | (true_seen & (estimated > 0))
     union = int((true_seen | estimated_seen).sum())
-    both = true_seen & estimated_seen
     if union == 0:
         return np.ones(len(tolerances))
-    distances = np.abs(estimated_m[both] - true_m[both])
+    both = true_seen & estimated_seen
+    distances = np.abs(estimated[both] - true[both])
     unmatched = union - int(both.sum())
     return np.array([(int((distances >= tau).sum()) + unmatched) / union for tau in tolerances])
-
-
-def _visible(rendered: Depth, observed: Depth, delta: float) -> Bool[np.ndarray, "h w"]:
-    return np.asarray((rendered > 0) & ((rendered - observed <= delta) | (observed == 0)))
-
-
-def _ray_lengths(shape: tuple[int, ...], camera_matrix: Float[np.ndarray, "3 3"]) -> Depth:
-    """Distance along the viewing ray per unit of depth, of every pixel."""
-    height, width = shape
-    pixels = np.stack(np.meshgrid(np.arange(float(width)), np.arange(float(height))), axis=-1)
-    points = back_project(pixels, np.ones((height, width)), camera_matrix)
-    return np.asarray(np.linalg.norm(points, axis=-1))
-
-
-_MOTIONS = 1024  # symmetric poses at a time: 10 000 with 3000 votes would take 2 GB
 
 
 def near_truth(
@@ -178,29 +157,17 @@ def near_truth(
     For an object that the policy calls symmetric, any of the poses that look alike counts as true.
     """
     degrees, millimetres = bounds
-    symmetries = _symmetries(model, settings)
+    symmetries = model.symmetries if settings.is_symmetric(model) else np.eye(4)[None]
     near = np.zeros(len(rotations_cam_obj), dtype=bool)
-    for i in range(0, len(symmetries), _MOTIONS):
-        alike = true @ symmetries[i : i + _MOTIONS]
-        near |= _near_any(rotations_cam_obj, centroids_cam, alike, model, (degrees, millimetres))
+    for start in range(0, len(symmetries), _MOTIONS):
+        alike = true @ symmetries[start : start + _MOTIONS]
+        # The angle between A and B is at most θ where tr(AᵀB) is at least 1 + 2 cos θ.
+        traces = rotations_cam_obj.reshape(-1, 9) @ alike[:, :3, :3].reshape(-1, 9).T
+        turned = traces >= 1.0 + 2.0 * np.cos(np.deg2rad(degrees))
+        centers = transform(alike, model.centroid[None])[:, 0]
+        apart = np.linalg.norm(centroids_cam[:, None] - centers[None], axis=2)
+        near |= (turned & (apart <= millimetres / 1000.0)).any(axis=1)
     return near
-
-
-def _near_any(
-    rotations_cam_obj: Float[np.ndarray, "n 3 3"],
-    centroids_cam: Float[np.ndarray, "n 3"],
-    alike: Float[np.ndarray, "s 4 4"],
-    model: ObjectModel,
-    bounds: tuple[float, float],
-) -> Bool[np.ndarray, "n"]:
-    """Which pairs are near one of several poses."""
-    degrees, millimetres = bounds
-    # The angle between A and B is at most θ where tr(AᵀB) is at least 1 + 2 cos θ.
-    traces = rotations_cam_obj.reshape(-1, 9) @ alike[:, :3, :3].reshape(-1, 9).T
-    turned = traces >= 1.0 + 2.0 * np.cos(np.deg2rad(degrees))
-    centers = transform(alike, model.centroid[None])[:, 0]
-    apart = np.linalg.norm(centroids_cam[:, None] - centers[None], axis=2)
-    return np.asarray((turned & (apart <= millimetres / 1000.0)).any(axis=1))
 
 
 def poses_near_truth(
@@ -223,14 +190,9 @@ def is_symmetric_flip(
     It is turned by more than the refiner's basin, and yet its ADD-S is small. Always False for
     objects that the policy calls symmetric: their turned poses are right.
     """
-    if settings.is_symmetric(model):
-        return False
     bounds = settings.waterfall
-    if rotation_error(pose, true) <= np.deg2rad(bounds.basin_deg):
+    turned = rotation_error(pose, true) > np.deg2rad(bounds.basin_deg)
+    if settings.is_symmetric(model) or not turned:
         return False
     vertices = np.asarray(model.mesh.vertices, dtype=np.float64)
     return add_s(pose, true, vertices) < bounds.flip_fraction * model.diameter
-
-
-def _symmetries(model: ObjectModel, settings: EvaluationSettings) -> Float[np.ndarray, "s 4 4"]:
-    return model.symmetries if settings.is_symmetric(model) else np.eye(4)[None]

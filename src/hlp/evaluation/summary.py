@@ -11,10 +11,13 @@ from jaxtyping import Bool, Float
 
 from hlp.evaluation.evaluator import FrameTruth
 from hlp.evaluation.settings import EvaluationSettings
-from hlp.evaluation.waterfall import count_causes
+from hlp.evaluation.waterfall import by_object, count_causes
 from hlp.records import PoseEstimate, TargetScore
 from hlp.results.intervals import blocks_of, recall_interval
 from hlp.results.summary_file import METRICS, Summary, average_recalls
+
+_BINS = 10
+_POINTS = 101  # of the curve of risk and coverage, at most
 
 
 def summarise(
@@ -36,13 +39,23 @@ def summarise(
     unknown = sorted({score.object_id for score in scores} - set(names))
     if unknown:
         raise ValueError(f"no name for the objects {unknown}")
-    groups: dict[str, list[TargetScore]] = {}
-    for score in sorted(scores, key=lambda item: item.object_id):
-        groups.setdefault(names[score.object_id], []).append(score)
+
+    def recalls(some: Sequence[TargetScore]) -> Summary:
+        resamplings = settings.bootstrap
+        return {
+            name: with_interval(some, correct, resamplings, seed)
+            for name, correct in METRICS.items()
+        }
+
+    groups = by_object(scores, names)
+    objects = {name: {"targets": len(own), **recalls(own)} for name, own in groups.items()}
+    metrics = recalls(scores)
+    for name, values in metrics.items():
+        values["mean_object"] = float(np.mean([own[name]["recall"] for own in objects.values()]))
     return {
         "targets": len(scores),
-        "metrics": _metrics(list(groups.values()), settings, seed),
-        "per_object": {name: _object(group, settings, seed) for name, group in groups.items()},
+        "metrics": metrics,
+        "per_object": objects,
         "median_errors": _median_errors(scores),
         "bop": average_recalls(scores),
         "calibration": summarise_calibration(scores),
@@ -63,52 +76,25 @@ def with_interval(
     right = np.array([correct(score) for score in scores], dtype=bool)
     blocks = blocks_of([(score.scene_id, score.frame_id) for score in scores])
     interval = recall_interval(right, blocks, resamplings, seed)
-    return {"recall": _recall(scores, correct), "ci95": list(interval)}
-
-
-def _recall(scores: Sequence[TargetScore], correct: Callable[[TargetScore], bool]) -> float:
-    return sum(correct(score) for score in scores) / len(scores)
-
-
-def _metrics(
-    groups: Sequence[Sequence[TargetScore]], settings: EvaluationSettings, seed: int
-) -> Summary:
-    """Each metric's recall over all targets, its interval, and the mean of the groups' recalls."""
-    scores = [score for group in groups for score in group]
-    return {
-        name: {
-            **with_interval(scores, correct, settings.bootstrap, seed),
-            "mean_object": float(np.mean([_recall(group, correct) for group in groups])),
-        }
-        for name, correct in METRICS.items()
-    }
-
-
-def _object(scores: Sequence[TargetScore], settings: EvaluationSettings, seed: int) -> Summary:
-    recalls = {
-        name: with_interval(scores, correct, settings.bootstrap, seed)
-        for name, correct in METRICS.items()
-    }
-    return {"targets": len(scores), **recalls}
+    return {"recall": float(right.mean()), "ci95": list(interval)}
 
 
 def _median_errors(scores: Sequence[TargetScore]) -> Summary:
     """Medians over the targets that got a pose, right or wrong."""
     found = [score for score in scores if score.found]
+
+    def median(error: str) -> float:
+        return float(np.median([getattr(score, error) for score in found]))
+
     if not found:
-        return {
-            "found": 0,
-            "add_mm": None,
-            "rotation_deg": None,
-            "translation_mm": None,
-            "box_iou": None,
-        }
+        names = ("add_mm", "rotation_deg", "translation_mm", "box_iou")
+        return {"found": 0, **dict.fromkeys(names)}
     return {
         "found": len(found),
-        "add_mm": float(np.median([score.add_error for score in found]) * 1e3),
-        "rotation_deg": float(np.rad2deg(np.median([score.rotation_error for score in found]))),
-        "translation_mm": float(np.median([score.translation_error for score in found]) * 1e3),
-        "box_iou": float(np.median([score.box_iou for score in found])),
+        "add_mm": median("add_error") * 1e3,
+        "rotation_deg": float(np.rad2deg(median("rotation_error"))),
+        "translation_mm": median("translation_error") * 1e3,
+        "box_iou": median("box_iou"),
     }
 
 
@@ -127,23 +113,16 @@ def count_false_alarms(
     pairs of object and frame without a target, `alarms` those with an answer of at least
     `min_score`; `rate` is their ratio, None if nothing was searched in vain.
     """
-    present = {
-        (truth.scene_id, truth.frame_id, target.object_id)
-        for truth in truths
-        for target in truth.targets
-    }
+    present = {(t.scene_id, t.frame_id, own.object_id) for t in truths for own in t.targets}
     best: dict[tuple[int, int, int], float] = {}
-    for each in estimates:
-        key = (each.scene_id, each.frame_id, each.object_id)
+    for estimate in estimates:
+        key = (estimate.scene_id, estimate.frame_id, estimate.object_id)
         if key not in present:
-            score = 0.0 if each.pose_cam_obj is None else each.score
+            score = 0.0 if estimate.pose_cam_obj is None else estimate.score
             best[key] = max(best.get(key, 0.0), score)
     alarms = sum(score >= min_score for score in best.values())
     rate = alarms / len(best) if best else None
     return {"searched": len(best), "alarms": alarms, "min_score": min_score, "rate": rate}
-
-
-_BINS = 10
 
 
 def expected_calibration_error(
@@ -154,9 +133,8 @@ def expected_calibration_error(
     Guo et al., On Calibration of Modern Neural Networks (ICML 2017), Eq. 3. Raises ValueError
     without answers, or for a score outside [0, 1].
     """
-    table = reliability(scores, right, bins)
-    gaps = np.abs(table[:, 1] - table[:, 2])
-    return float((table[:, 0] * gaps).sum() / table[:, 0].sum())
+    count, score, share = reliability(scores, right, bins).T
+    return float((count * np.abs(score - share)).sum() / count.sum())
 
 
 def reliability(
@@ -199,9 +177,8 @@ def area_under_risk_coverage(scores: Float[np.ndarray, "n"], right: Bool[np.ndar
     """
     coverage, risk = risk_coverage(scores, right)
     count = np.rint(coverage * len(scores))
-    wrong = count * risk
     ends = np.concatenate([[0.0], count]).astype(int)
-    lost = np.concatenate([[0.0], wrong])
+    lost = np.concatenate([[0.0], count * risk])
     steps = np.arange(1, len(scores) + 1)
     # Within equal scores the expected number of wrong answers grows linearly.
     return float((np.interp(steps, ends, lost) / steps).mean())
@@ -219,7 +196,7 @@ def summarise_calibration(targets: Sequence[TargetScore]) -> dict[str, Any]:
     scores = np.array([target.score for target in found], dtype=np.float64)
     right = np.array([target.add_s_correct for target in found], dtype=bool)
     curve = np.column_stack(risk_coverage(scores, right))
-    shown = np.unique(np.linspace(0, len(curve) - 1, 101).round().astype(int))
+    shown = np.unique(np.linspace(0, len(curve) - 1, _POINTS).round().astype(int))
     return {
         "answers": len(found),
         "ece": expected_calibration_error(scores, right),

@@ -108,17 +108,23 @@ def count_causes(scores: Sequence[TargetScore], names: Mapping[int, str]) -> dic
                 f"scene {score.scene_id}, frame {score.frame_id}, object {score.object_id} was"
                 f" missed, but its cause is '{score.cause}'"
             )
-    objects: dict[str, list[TargetScore]] = {}
-    for score in sorted(scores, key=lambda each: each.object_id):
-        objects.setdefault(names[score.object_id], []).append(score)
     classes: dict[str, list[TargetScore]] = {name: [] for name in (*VISIBILITY, UNSTATED)}
     for score in scores:
         classes[visibility_class(score.visible_fraction)].append(score)
+    objects = by_object(scores, names)
     return {
         "total": _count(scores),
         "per_object": {name: _count(group) for name, group in objects.items()},
         "per_visibility": {name: _count(group) for name, group in classes.items() if group},
     }
+
+
+def by_object(records: Iterable[Any], names: Mapping[int, str]) -> dict[str, list[Any]]:
+    """Records by the name of their object, the objects in the order of their ids."""
+    groups: dict[str, list[Any]] = {}
+    for record in sorted(records, key=lambda record: record.object_id):
+        groups.setdefault(names[record.object_id], []).append(record)
+    return groups
 
 
 def visibility_class(fraction: float) -> str:
@@ -134,22 +140,20 @@ def _count(scores: Sequence[TargetScore]) -> dict[str, int]:
 def missed_score(
     scene_id: int,
     frame_id: int,
-    target: tuple[int, float],
-    bop_recalls: tuple[float, float, float],
+    object_id: int,
+    visible_fraction: float,
+    bop_recalls: Sequence[float] = (0.0, 0.0, 0.0),
     cause: str = "",
 ) -> TargetScore:
-    """The score of a target (object id, visible fraction) without a pose.
-
-    `bop_recalls` are those of VSD, MSSD and MSPD.
-    """
+    """The score of a target without a pose. `bop_recalls` are those of VSD, MSSD and MSPD."""
     infinite = float("inf")
     vsd, mssd, mspd = bop_recalls
     return TargetScore(
         scene_id,
         frame_id,
-        target[0],
+        object_id,
         found=False,
-        visible_fraction=target[1],
+        visible_fraction=visible_fraction,
         add_error=infinite,
         rotation_error=infinite,
         translation_error=infinite,
@@ -162,14 +166,6 @@ def missed_score(
         mspd_recall=mspd,
         cause=cause,
     )
-
-
-def bad_frame_scores(
-    scene_id: int, frame_id: int, targets: Iterable[tuple[int, float]]
-) -> list[TargetScore]:
-    """One score for each target (object id, visible fraction) of a frame that cannot be used."""
-    nothing = (0.0, 0.0, 0.0)
-    return [missed_score(scene_id, frame_id, each, nothing, BAD_FRAME) for each in targets]
 
 
 @dataclass(frozen=True)
@@ -197,15 +193,9 @@ class VoteCounts:
         on_object: Bool[np.ndarray, "v"],
     ) -> "VoteCounts":
         """Count votes, given which are good and which were cast by patches on the object."""
-        return cls(
-            object_id,
-            len(good),
-            int(good.sum()),
-            float(weights.sum()),
-            float(weights[good].sum()),
-            int(on_object.sum()),
-            int((good & on_object).sum()),
-        )
+        counts = len(good), int(good.sum())
+        weight = float(weights.sum()), float(weights[good].sum())
+        return cls(object_id, *counts, *weight, int(on_object.sum()), int((good & on_object).sum()))
 
 
 def vote_quality(counts: Iterable[VoteCounts], names: Mapping[int, str]) -> dict[str, Any]:
@@ -216,26 +206,20 @@ def vote_quality(counts: Iterable[VoteCounts], names: Mapping[int, str]) -> dict
     good votes among those (a low one is the features' fault). `votes` is the mean number of votes
     for one object in one frame.
     """
-    groups: dict[str, list[VoteCounts]] = {}
-    for each in sorted(counts, key=lambda item: item.object_id):
-        groups.setdefault(names[each.object_id], []).append(each)
-    everything = [each for group in groups.values() for each in group]
-    per_object = {name: _quality(group) for name, group in groups.items()}
-    return {"total": _quality(everything), "per_object": per_object}
+    groups = by_object(counts, names)
+    total = _quality([count for group in groups.values() for count in group])
+    return {"total": total, "per_object": {name: _quality(own) for name, own in groups.items()}}
 
 
 def _quality(counts: list[VoteCounts]) -> dict[str, float | None]:
-    votes = sum(each.votes for each in counts)
-    weight = sum(each.weight for each in counts)
-    cast = sum(each.cast_by_object for each in counts)
+    def ratio(part: str, whole: str) -> float | None:
+        parts, wholes = (sum(getattr(own, name) for own in counts) for name in (part, whole))
+        return parts / wholes if wholes else None
+
     return {
-        "good": _ratio(sum(each.good for each in counts), votes),
-        "good_weight": _ratio(sum(each.good_weight for each in counts), weight),
-        "by_object": _ratio(cast, votes),
-        "good_by_object": _ratio(sum(each.good_by_object for each in counts), cast),
-        "votes": _ratio(votes, len(counts)),
+        "good": ratio("good", "votes"),
+        "good_weight": ratio("good_weight", "weight"),
+        "by_object": ratio("cast_by_object", "votes"),
+        "good_by_object": ratio("good_by_object", "cast_by_object"),
+        "votes": sum(own.votes for own in counts) / len(counts) if counts else None,
     }
-
-
-def _ratio(part: float, whole: float) -> float | None:
-    return part / whole if whole else None

@@ -23,11 +23,12 @@ from hlp.evaluation.errors import is_symmetric_flip, near_truth, poses_near_trut
 from hlp.evaluation.evaluator import FrameTruth, add_correct
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.evaluation.waterfall import (
+    BAD_FRAME,
     TargetCounts,
     TargetResults,
     VoteCounts,
-    bad_frame_scores,
     cause_of,
+    missed_score,
 )
 from hlp.geometry import project, transform
 from hlp.method.find.trace import ObjectTrace, Stage, Trace
@@ -211,8 +212,10 @@ def with_failed_frames(
     assert isinstance(source, CheckedFrames)  # of others, a bad frame ends the run
     lost = []
     for key in failed:
-        targets = [(each.object_id, each.visible_fraction) for each in source.stated_targets(key)]
-        lost += bad_frame_scores(*parse_frame_key(key), targets)
+        lost += [
+            missed_score(*parse_frame_key(key), *dataclasses.astuple(target), cause=BAD_FRAME)
+            for target in source.stated_targets(key)
+        ]
     place = {key: number for number, key in enumerate(run.keys)}
     return sorted([*scores, *lost], key=lambda each: place[frame_key(each.scene_id, each.frame_id)])
 
