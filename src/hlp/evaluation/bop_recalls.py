@@ -150,5 +150,5 @@ def measured_mask(frame: Frame, target: Target, model: ObjectModel, tolerance: f
 
 
 def _rendered(mesh: Mesh, frame: Frame, target: Target) -> Depth:
-    shape = (frame.depth.shape[0], frame.depth.shape[1])
-    return render_depth(mesh, target.pose_cam_obj[None], frame.camera_matrix, shape, threads=1)[0]
+    shape, poses = (frame.depth.shape[0], frame.depth.shape[1]), target.pose_cam_obj[None]
+    return np.asarray(render_depth(mesh, poses, frame.camera_matrix, shape, threads=1)[0])

@@ -213,8 +213,8 @@ def with_failed_frames(
     lost = []
     for key in failed:
         lost += [
-            missed_score(*parse_frame_key(key), *dataclasses.astuple(target), cause=BAD_FRAME)
-            for target in source.stated_targets(key)
+            missed_score(*parse_frame_key(key), t.object_id, t.visible_fraction, cause=BAD_FRAME)
+            for t in source.stated_targets(key)
         ]
     place = {key: number for number, key in enumerate(run.keys)}
     return sorted([*scores, *lost], key=lambda each: place[frame_key(each.scene_id, each.frame_id)])
