@@ -40,16 +40,11 @@ def summarise(
     if unknown:
         raise ValueError(f"no name for the objects {unknown}")
 
-    def recalls(some: Sequence[TargetScore]) -> Summary:
-        resamplings = settings.bootstrap
-        return {
-            name: with_interval(some, correct, resamplings, seed)
-            for name, correct in METRICS.items()
-        }
-
-    groups = by_object(scores, names)
-    objects = {name: {"targets": len(own), **recalls(own)} for name, own in groups.items()}
-    metrics = recalls(scores)
+    objects = {
+        name: {"targets": len(own), **_recalls(own, settings, seed)}
+        for name, own in by_object(scores, names).items()
+    }
+    metrics = _recalls(scores, settings, seed)
     for name, values in metrics.items():
         values["mean_object"] = float(np.mean([own[name]["recall"] for own in objects.values()]))
     return {
@@ -63,6 +58,13 @@ def summarise(
         "timing_ms": {stage: _times(values) for stage, values in timings_ms.items()},
         "waterfall": count_causes(scores, names),
         "votes": dict(votes),
+    }
+
+
+def _recalls(scores: Sequence[TargetScore], settings: EvaluationSettings, seed: int) -> Summary:
+    return {
+        name: with_interval(scores, correct, settings.bootstrap, seed)
+        for name, correct in METRICS.items()
     }
 
 
