@@ -4,11 +4,9 @@ import os
 
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # before torch is imported anywhere
 
-import json
 import logging
-import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -22,9 +20,7 @@ install_import_hook(["hlp.records", "hlp.geometry"], "beartype.beartype")
 
 from hlp.config.typed_defaults import provide_defaults
 from made_once import made_once
-from tiny_run import TINY, TinyRun, start_run
-
-Call = Callable[..., tuple[int, str, str]]
+from tiny_run import TINY, Call, TinyRun, make_tiny_run
 
 # Properties: few examples, the same in every run; HLP_EXAMPLES=2000 tries that many new ones.
 settings.register_profile(
@@ -58,17 +54,7 @@ def shared_data() -> Path:
 @pytest.fixture(scope="session")
 def tiny_run(tmp_path_factory: pytest.TempPathFactory) -> TinyRun:
     """A tiny run that tests look at, and whose stages they use again."""
-
-    def make(folder: Path) -> None:
-        process = start_run(folder, *TINY, "output=first", threads=2)
-        assert process.returncode == 0, process.stderr
-        said = [process.stdout, process.stderr, str(folder)]
-        (folder / "said.json").write_text(json.dumps(said))
-
-    folder = made_once(tmp_path_factory, "tiny_run", make)
-    out, err, made_in = json.loads((folder / "said.json").read_text())
-    process = subprocess.CompletedProcess([], 0, out, err)
-    return TinyRun(folder, folder / "first", TINY, process, Path(made_in))
+    return make_tiny_run(tmp_path_factory, "tiny_run", lambda _: TINY)
 
 
 @pytest.fixture
@@ -98,17 +84,29 @@ def learnt(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def call(
-    tiny_run: TinyRun, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Iterator[Call]:
-    """`hlp run` in this process and the tiny run's folder: exit code, standard output and error."""
+def threads() -> Iterator[None]:
+    """What a test sets the number of threads of torch and OpenCV to is undone."""
     import cv2
     import torch
 
+    number = torch.get_num_threads()
+    yield
+    torch.set_num_threads(number)
+    cv2.setNumThreads(-1)
+
+
+@pytest.fixture
+def call(
+    threads: None,
+    tiny_run: TinyRun,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> Iterator[Call]:
+    """`hlp run` in this process and the tiny run's folder: exit code, standard output and error."""
     from hlp.cli import main
 
     root = logging.getLogger()
-    handlers, level, threads = root.handlers[:], root.level, torch.get_num_threads()
+    handlers, level = root.handlers[:], root.level
     variables = dict(os.environ)
     monkeypatch.setattr(sys, "argv", sys.argv)
     monkeypatch.chdir(tiny_run.folder)
@@ -128,8 +126,6 @@ def call(
         handler.close()
     root.handlers[:] = handlers
     root.setLevel(level)
-    torch.set_num_threads(threads)
-    cv2.setNumThreads(-1)
     for name in set(os.environ) - set(variables):
         del os.environ[name]
     os.environ.update(variables)

@@ -1,9 +1,12 @@
-"""Reading what a run leaves in its output folder."""
+"""Reading what a run leaves in its output folder, in its work folder and in MLflow."""
 
 import csv
 import json
 from pathlib import Path
 from typing import Any
+
+from mlflow import MlflowClient
+from mlflow.entities import Run
 
 Row = dict[str, str]
 
@@ -25,3 +28,31 @@ def stages(output: Path, *, reused: bool) -> dict[str, int]:
         if event["reused"] == reused:
             counts[event["stage"]] = counts.get(event["stage"], 0) + 1
     return counts
+
+
+def poses_of(output: Path) -> str:
+    """The digest of a run's poses."""
+    return str(read_json(output / "manifest.json")["poses"])
+
+
+def logged_runs(folder: Path, work: str = "work") -> tuple[MlflowClient, list[Run]]:
+    """All runs in the database of a folder's `work`, oldest first."""
+    client = MlflowClient(f"sqlite:///{folder / work / 'mlflow.db'}")
+    experiments = [experiment.experiment_id for experiment in client.search_experiments()]
+    return client, sorted(client.search_runs(experiments), key=lambda run: run.info.start_time)
+
+
+def logged_run(folder: Path, output: Path | str) -> tuple[MlflowClient, Run]:
+    """The run that wrote into an output folder, given by its whole path or its name."""
+    client, runs = logged_runs(folder)
+    (run,) = [run for run in runs if run.data.tags.get("output", "").endswith(str(output))]
+    return client, run
+
+
+def arms_of(folder: Path, output: Path) -> tuple[MlflowClient, Run, list[Run]]:
+    """A sweep's own run and those of its settings, oldest first."""
+    client, runs = logged_runs(folder)
+    parent_id = read_json(output / "sweep.json")["run_id"]
+    (parent,) = [run for run in runs if run.info.run_id == parent_id]
+    arms = [run for run in runs if run.data.tags.get("mlflow.parentRunId") == parent_id]
+    return client, parent, arms

@@ -4,10 +4,9 @@ import shutil
 from pathlib import Path
 
 import pytest
-from mlflow import MlflowClient
-from process import Running, run_hlp
 
-from run_files import read_json, stages
+from forked_hlp import Running, run_hlp
+from run_files import logged_runs, poses_of, stages
 from tiny_run import TinyRun
 
 pytestmark = [pytest.mark.slow, pytest.mark.thorough]
@@ -40,9 +39,8 @@ def test_two_identical_runs_at_once_make_everything_once(tiny_run: TinyRun, lear
         assert ended.returncode == 0, ended.stderr
     made = [stages(path, reused=False) for path in outputs]
     for stage in ("codebook", "regions", "hypotheses", "poses"):
-        assert sum(each.get(stage, 0) for each in made) == 1, made
-    wanted = read_json(tiny_run.output / "manifest.json")["poses"]
-    assert [read_json(path / "manifest.json")["poses"] for path in outputs] == [wanted] * 2
+        assert sum(counts.get(stage, 0) for counts in made) == 1, made
+    assert [poses_of(path) for path in outputs] == [poses_of(tiny_run.output)] * 2
     assert statuses(learnt) == ["FINISHED", "FINISHED"]
     assert run_hlp(learnt, "report", "output=one").returncode == 0
 
@@ -55,17 +53,13 @@ def test_eight_cold_runs_at_once(tiny_run: TinyRun, tmp_path: Path) -> None:
     for run in runs:
         ended = run.wait()
         assert ended.returncode == 0, ended.stderr
-    wanted = read_json(tiny_run.output / "manifest.json")["poses"]
-    assert [read_json(path / "manifest.json")["poses"] for path in outputs] == [wanted] * 8
+    assert [poses_of(path) for path in outputs] == [poses_of(tiny_run.output)] * 8
     made = [stages(path, reused=False) for path in outputs]
     first = stages(tiny_run.output, reused=False)
-    assert {stage: sum(each.get(stage, 0) for each in made) for stage in first} == first
+    assert {stage: sum(counts.get(stage, 0) for counts in made) for stage in first} == first
     assert statuses(tmp_path) == ["FINISHED"] * 8
 
 
 def statuses(folder: Path) -> list[str]:
     """How the runs of a folder's database ended."""
-    client = MlflowClient(f"sqlite:///{folder / 'work' / 'mlflow.db'}")
-    experiment = client.get_experiment_by_name("demo")
-    assert experiment is not None
-    return [run.info.status for run in client.search_runs([experiment.experiment_id])]
+    return [run.info.status for run in logged_runs(folder)[1]]

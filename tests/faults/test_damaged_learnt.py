@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 from damage import WAYS, damage
-from process import run_hlp
 
+from forked_hlp import run_hlp
 from hlp import Detector
 from hlp.data.synthetic.objects import demo_objects
 from hlp.errors import DataError

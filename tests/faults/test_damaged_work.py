@@ -1,18 +1,15 @@
 """What lies in `work` is damaged; the same command ends well, with the same poses."""
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from damage import WAYS, damage
 
-from run_files import read_json, stages
-from tiny_run import TinyRun
+from run_files import poses_of, stages
+from tiny_run import Call, TinyRun
 
 pytestmark = pytest.mark.slow
-
-Call = Callable[..., tuple[int, str, str]]
 
 MADE = ("views", "classifier", "encoder", "codebook", "regions", "hypotheses", "poses")
 
@@ -30,8 +27,7 @@ def run_again(call: Call, tiny_run: TinyRun, work: Path) -> str:
     code, said, error = call(*tiny_run.overrides, *overrides)
     assert code == 0, error
     assert "Traceback" not in error
-    first, second = (read_json(each / "manifest.json") for each in (tiny_run.output, output))
-    assert first["poses"] == second["poses"]
+    assert poses_of(output) == poses_of(tiny_run.output)
     return said
 
 

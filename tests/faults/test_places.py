@@ -4,15 +4,16 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import pytest
-from process import run_hlp
+from process import limit_files, obey_permissions
 
-import hlp
-from run_files import read_json, stages
-from tiny_run import TinyRun
+from forked_hlp import run_hlp
+from run_files import poses_of, stages
+from tiny_run import TinyRun, start_hlp
 
 pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 
@@ -26,11 +27,6 @@ def work(tiny_run: TinyRun, tmp_path: Path) -> Path:
     return work
 
 
-def poses_of(output: Path) -> str:
-    """Digest of a run's poses."""
-    return str(read_json(output / "manifest.json")["poses"])
-
-
 def ends_well(tiny_run: TinyRun, folder: Path, *overrides: str) -> None:
     """The same command in a folder; the poses must be the same."""
     command = ("run", *tiny_run.overrides, "machine.threads=2", "output=again", *overrides)
@@ -39,10 +35,12 @@ def ends_well(tiny_run: TinyRun, folder: Path, *overrides: str) -> None:
     assert poses_of(folder / "again") == poses_of(tiny_run.output)
 
 
-def fails_in_few_lines(tiny_run: TinyRun, folder: Path, *overrides: str, **limits: object) -> str:
+def fails_in_few_lines(
+    tiny_run: TinyRun, folder: Path, *overrides: str, first: Sequence[Callable[[], object]] = ()
+) -> str:
     """The same command, which cannot work; what it said."""
     command = ("run", *tiny_run.overrides, "machine.threads=2", "output=again", *overrides)
-    ended = run_hlp(folder, *command, **limits)
+    ended = run_hlp(folder, *command, first=first)
     assert ended.returncode == 1, ended.stderr
     assert ended.stderr.startswith("hlp: "), ended.stderr
     assert ended.stderr.count("\n") <= 3, ended.stderr
@@ -57,7 +55,7 @@ def test_a_file_that_cannot_be_written_whole(
     """No room for the views (the first limit), or for the database (the second)."""
     if longest < 2_000_000:
         (work / "mlflow.db").unlink()
-    said = fails_in_few_lines(tiny_run, tmp_path, longest_file=longest)
+    said = fails_in_few_lines(tiny_run, tmp_path, first=[partial(limit_files, longest)])
     assert ("mlflow.db" if longest < 2_000_000 else str(tmp_path / "work")) in said
     ends_well(tiny_run, tmp_path)
 
@@ -101,7 +99,7 @@ def test_a_folder_that_may_only_be_read(
     overrides = (f"output={closed}/again",) if what == "output" else ()
     closed.chmod(0o555)
     try:
-        said = fails_in_few_lines(tiny_run, tmp_path, *overrides, rights=False)
+        said = fails_in_few_lines(tiny_run, tmp_path, *overrides, first=[obey_permissions])
     finally:
         closed.chmod(0o755)
     assert (what if what == "mlflow.db" else str(closed)) in said
@@ -136,17 +134,13 @@ def test_without_home_and_without_a_folder_for_temporary_files(
     tiny_run: TinyRun, tmp_path: Path, work: Path
 ) -> None:
     """A process that imports everything anew, as in a container of a user without a name."""
-    environment = {key: value for key, value in os.environ.items() if key != "HOME"}
-    environment |= {"TMPDIR": str(tmp_path / "absent"), "MPLCONFIGDIR": str(tmp_path / "absent")}
-    environment |= {"PYTHONPATH": str(Path(hlp.__file__).parents[1])}
-    code = "from hlp.cli import main; main()"
-    done = subprocess.run(
-        [sys.executable, "-c", code, "run", *tiny_run.overrides, "output=again"],
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
+    absent = str(tmp_path / "absent")
+    done = start_hlp(
+        tmp_path,
+        "run",
+        *tiny_run.overrides,
+        "output=again",
+        environment={"HOME": None, "TMPDIR": absent, "MPLCONFIGDIR": absent},
     )
     assert done.returncode == 0, done.stderr
     assert poses_of(tmp_path / "again") == poses_of(tiny_run.output)

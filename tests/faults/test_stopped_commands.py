@@ -7,14 +7,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
 import pytest
-from mlflow import MlflowClient
-from process import run_hlp, wait_until_gone
+from process import stop_hlp
 
+from forked_hlp import run_hlp
+from frame_files import write_image
 from hlp.data.synthetic.scenes import SyntheticScenes
 from hlp.runs.manifest import poses_digest
+from run_files import logged_runs
 from tiny_run import TinyRun
 
 pytestmark = [pytest.mark.slow, pytest.mark.thorough]
@@ -24,13 +24,9 @@ pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 def folder(learnt: Path, scenes: SyntheticScenes, tmp_path: Path) -> Path:
     """Learnt objects in `work`, two frames, and nothing else."""
     shutil.copytree(learnt, tmp_path / "work" / "objects" / "both")
-    for kind in ("rgb", "depth"):
-        (tmp_path / kind).mkdir()
-    for key, name in zip(scenes.keys, ("a.png", "b.png"), strict=True):
+    for key, name in zip(scenes.keys, "ab", strict=True):
         frame = scenes.load(key)
-        cv2.imwrite(str(tmp_path / "rgb" / name), frame.rgb[..., ::-1])
-        depth = np.rint(frame.depth * 1000.0).astype(np.uint16)
-        cv2.imwrite(str(tmp_path / "depth" / name), depth)
+        write_image(tmp_path, name, frame)
     (tmp_path / "camera.txt").write_text(
         "\n".join(" ".join(map(str, row)) for row in frame.camera_matrix.tolist())
     )
@@ -38,10 +34,7 @@ def folder(learnt: Path, scenes: SyntheticScenes, tmp_path: Path) -> Path:
 
 
 def kill(folder: Path, place: str, *arguments: str) -> str:
-    stopped = run_hlp(folder, *arguments, place=place, number=signal.SIGKILL)
-    assert stopped.returncode == -9, (place, stopped.stderr)
-    assert wait_until_gone(folder), place
-    return stopped.stdout
+    return stop_hlp(folder, place, signal.SIGKILL, *arguments).stdout
 
 
 def succeed(folder: Path, *arguments: str) -> str:
@@ -143,9 +136,8 @@ def test_upload(unsent: Path, tmp_path: Path, place: str, left: int) -> None:
     (tmp_path / "server").mkdir()
     kill(tmp_path, place, *upload)
     assert f"{left} runs sent" in succeed(tmp_path, *upload)
-    client = MlflowClient(f"sqlite:///{tmp_path / 'server' / 'mlflow.db'}")
-    (run,) = client.search_runs([each.experiment_id for each in client.search_experiments()])
+    client, (run,) = logged_runs(tmp_path, "server")
     assert run.info.status == "FINISHED"
-    assert "config.yaml" in {each.path for each in client.list_artifacts(run.info.run_id)}
+    assert "config.yaml" in {item.path for item in client.list_artifacts(run.info.run_id)}
     assert "add" in run.data.metrics
     assert not (tmp_path / "work" / "unsent").exists()

@@ -2,18 +2,13 @@
 
 import dataclasses
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 import torch
-from hydra import compose, initialize_config_dir
 
 import hlp
-from hlp.commands.composing import config_folder
-from hlp.config.build import Run, build_run
 from hlp.errors import DataError
 from hlp.method.find.trace import STAGES
 from hlp.method.learn.checkpoints import read_history, read_weights
@@ -24,16 +19,7 @@ from hlp.stages.store import StageStore
 from hlp.stages.trace_files import read_arrays
 from tiny_run import TinyRun
 
-pytestmark = [pytest.mark.slow, pytest.mark.thorough]
-
-
-@pytest.fixture(autouse=True)
-def threads() -> Iterator[None]:
-    """Workers that are threads set the number of threads of torch and OpenCV."""
-    number = torch.get_num_threads()
-    yield
-    torch.set_num_threads(number)
-    cv2.setNumThreads(-1)
+pytestmark = [pytest.mark.slow, pytest.mark.thorough, pytest.mark.usefixtures("threads")]
 
 
 @pytest.fixture
@@ -44,26 +30,25 @@ def work(tiny_run: TinyRun, tmp_path: Path) -> Path:
     return tmp_path / "work"
 
 
-def build(tiny_run: TinyRun, work: Path, *overrides: str) -> Run:
-    given = (*tiny_run.overrides, f"work={work}", "output=out", *overrides)
-    with initialize_config_dir(str(config_folder()), version_base="1.3"):
-        return build_run(compose("config", overrides=list(given)))
+def detection_of(tiny_run: TinyRun, work: Path, *overrides: str) -> DetectionStages:
+    return stages_of(tiny_run.build(f"work={work}", *overrides), StageStore(work))
 
 
-def detection_of(run: Run, work: Path) -> DetectionStages:
-    return stages_of(run, StageStore(work))
-
-
-def assert_same_files(detection: DetectionStages, tiny_run: TinyRun) -> None:
-    """Every stage has the name that the tiny run's has, and holds the same bits."""
+def find_in_workers(
+    detection: DetectionStages, tiny_run: TinyRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every stage is made, has the name that the tiny run's has, and holds the same bits."""
+    monkeypatch.setattr(detection, "find", None)  # the run's own process finds nothing
+    detection.poses()
+    assert made(detection) == [*STAGES]
     for output in (detection.regions(), detection.hypotheses(), detection.poses()):
-        (expected,) = (tiny_run.folder / "work").glob(f"*/{output.fingerprint}")
-        assert output.folder != expected
+        (first,) = (tiny_run.folder / "work").glob(f"*/{output.fingerprint}")
+        assert output.folder != first
         for key in detection.keys:
-            found, wanted = read_arrays(output.folder, key), read_arrays(expected, key)
-            assert found.keys() == wanted.keys()
+            found, expected = read_arrays(output.folder, key), read_arrays(first, key)
+            assert found.keys() == expected.keys()
             for name in found:
-                np.testing.assert_array_equal(found[name], wanted[name])
+                np.testing.assert_array_equal(found[name], expected[name])
 
 
 def made(detection: DetectionStages) -> list[str]:
@@ -71,30 +56,21 @@ def made(detection: DetectionStages) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("executor", "workers", "threads"),
-    [
-        ("loky", 2, 1),
-        ("threading", 2, 1),
-        ("loky", 1, 2),
-        ("loky", 4, 1),
-        ("threading", 1, 2),
-    ],
+    ("executor", "workers", "threads_each"),
+    [("loky", 2, 1), ("threading", 2, 1), ("loky", 1, 2), ("loky", 4, 1), ("threading", 1, 2)],
 )
 def test_workers_of_this_machine_find_the_same_bits(
     tiny_run: TinyRun,
     work: Path,
     executor: str,
     workers: int,
-    threads: int,
+    threads_each: int,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """However many workers there are, and however many threads each of them has."""
-    chosen = (f"executor={executor}", f"executor.workers={workers}", f"executor.threads={threads}")
-    detection = detection_of(build(tiny_run, work, *chosen), work)
-    monkeypatch.setattr(detection, "find", None)  # the run's own process finds nothing
-    detection.poses()
-    assert made(detection) == [*STAGES]
-    assert_same_files(detection, tiny_run)
+    counts = (f"executor.workers={workers}", f"executor.threads={threads_each}")
+    detection = detection_of(tiny_run, work, f"executor={executor}", *counts)
+    find_in_workers(detection, tiny_run, monkeypatch)
 
 
 def test_a_dask_cluster_of_two_processes_finds_the_same_bits(
@@ -106,21 +82,17 @@ def test_a_dask_cluster_of_two_processes_finds_the_same_bits(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
     ) as cluster:
         address = cluster.scheduler_address
-        run = build(tiny_run, work, "executor=dask", f"executor.address={address}")
-        detection = detection_of(run, work)
-        monkeypatch.setattr(detection, "find", None)
-        detection.poses()
+        chosen = ("executor=dask", f"executor.address={address}")
+        find_in_workers(detection_of(tiny_run, work, *chosen), tiny_run, monkeypatch)
         with distributed.Client(address) as client:
             at_work = client.run(eval, "'hlp.stages.frame_task' in __import__('sys').modules")
     assert list(at_work.values()) == [True, True]  # each of the two has had a frame
-    assert made(detection) == [*STAGES]
-    assert_same_files(detection, tiny_run)
 
 
 def test_a_worker_of_other_data_finds_nothing(
     tiny_run: TinyRun, work: Path, tmp_path: Path
 ) -> None:
-    detection = detection_of(build(tiny_run, work, "executor=loky"), work)
+    detection = detection_of(tiny_run, work, "executor=loky")
     right = FrameTask.of(detection, {"regions": tmp_path}, ("regions",))
     wrong = FrameTask(**{**vars(right), "made_from": {**right.made_from, "frames": "others"}})
     with pytest.raises(DataError, match="does not have the same frames as the run"):
@@ -130,11 +102,9 @@ def test_a_worker_of_other_data_finds_nothing(
 
 def test_two_processes_train_the_classifier(tiny_run: TinyRun, work: Path) -> None:
     """Lightning's DDP on the tiny run's windows: another classifier, as good as one process's."""
-    found_by = [
-        detection_of(build(tiny_run, work, f"trainer={name}"), work) for name in ("cpu", "ddp")
-    ]
-    one, two = (detection.training.classifier() for detection in found_by)
-    assert made(found_by[0]) == [] and made(found_by[1]) == ["classifier"]
+    cpu, ddp = (detection_of(tiny_run, work, f"trainer={name}") for name in ("cpu", "ddp"))
+    one, two = cpu.training.classifier(), ddp.training.classifier()
+    assert made(cpu) == [] and made(ddp) == ["classifier"]
     assert one.fingerprint != two.fingerprint
     (expected,), (found,) = read_history(one.folder), read_history(two.folder)
     assert found["loss"] == pytest.approx(expected["loss"], rel=0.2)
@@ -144,22 +114,22 @@ def test_two_processes_train_the_classifier(tiny_run: TinyRun, work: Path) -> No
 
 @pytest.mark.parametrize("executor", ["loky", "threading"])
 def test_workers_render_missing_views_and_the_same(
-    tiny_run: TinyRun, work: Path, executor: str, monkeypatch: pytest.MonkeyPatch
+    tiny_run: TinyRun, work: Path, executor: str
 ) -> None:
-    training = detection_of(build(tiny_run, work, f"executor={executor}"), work).training
-    first, second, *_ = sorted(training.dataset.models)
-    wanted = {i: training.load_views(i) for i in (first, second)}
-    for object_id in wanted:
-        shutil.rmtree(training.views(object_id).folder)
-    run = build(tiny_run, work, f"executor={executor}")
-    training = detection_of(run, work).training
+    before = detection_of(tiny_run, work).training
+    first, second, *_ = sorted(before.dataset.models)
+    expected = {i: before.load_views(i) for i in (first, second)}
+    for object_id in expected:
+        shutil.rmtree(before.views(object_id).folder)
+    run = tiny_run.build(f"work={work}", f"executor={executor}")
+    training = stages_of(run, StageStore(work)).training
     assert training.missing_views() == [first, second]
     render_in_workers(training, run.settings.executor)
     assert training.missing_views() == []
     events = [(event.stage, event.of, event.reused) for event in training.store.events]
-    names = {training.dataset.models[i].name for i in wanted}
+    names = {training.dataset.models[i].name for i in expected}
     assert sorted(events) == sorted(("views", name, False) for name in names)
-    for object_id, views in wanted.items():
+    for object_id, views in expected.items():
         found = training.load_views(object_id)
         for field in dataclasses.fields(views):
             np.testing.assert_array_equal(getattr(found, field.name), getattr(views, field.name))
@@ -173,7 +143,7 @@ def test_an_error_in_a_worker_is_the_runs(
     def fail(*_: object) -> None:
         raise FileNotFoundError("the frame has gone")
 
-    detection = detection_of(build(tiny_run, work, "executor=threading"), work)
+    detection = detection_of(tiny_run, work, "executor=threading")
     monkeypatch.setattr("hlp.stages.detection.search_frame", fail)
     with pytest.raises(FileNotFoundError, match="the frame has gone"):
         detection.regions()

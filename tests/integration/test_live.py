@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 
 import hlp
+from forked_hlp import run_hlp
+from frame_files import write_image
 from hlp.data.synthetic.objects import demo_objects
 from hlp.evaluation.errors import add_s
 from hlp.records import CameraImage
@@ -43,7 +45,7 @@ START = (
 def start(folder: Path, *arguments: str) -> "subprocess.Popen[str]":
     found = [str(Path(hlp.__file__).parents[1]), str(Path(__file__).parents[1])]
     return subprocess.Popen(
-        [sys.executable, "-c", START, "live", *arguments],
+        [sys.executable, "-c", START, "live", "objects=bear", *arguments],
         cwd=folder,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(found)},
         stdin=subprocess.PIPE,
@@ -51,6 +53,11 @@ def start(folder: Path, *arguments: str) -> "subprocess.Popen[str]":
         stderr=subprocess.PIPE,
         text=True,
     )
+
+
+def start_own_camera(folder: Path, *arguments: str) -> "subprocess.Popen[str]":
+    (folder / "own.py").write_text(OWN)
+    return start(folder, "source=own.py:simulated", *arguments)
 
 
 def ended(process: "subprocess.Popen[str]") -> tuple[list[dict[str, Any]], str]:
@@ -71,12 +78,7 @@ def images() -> list[CameraImage]:
 
 
 def write(folder: Path, image: CameraImage) -> dict[str, str]:
-    files = {kind: str(folder / kind / f"{image.name}.png") for kind in ("rgb", "depth")}
-    for each in files.values():
-        Path(each).parent.mkdir(exist_ok=True)
-    cv2.imwrite(files["depth"], np.rint(image.depth * 1000.0).astype(np.uint16))
-    cv2.imwrite(files["rgb"], image.rgb[..., ::-1])
-    return files
+    return write_image(folder, image.name, image)
 
 
 def check_pose(found: dict[str, Any], true: np.ndarray) -> None:
@@ -87,10 +89,7 @@ def check_pose(found: dict[str, Any], true: np.ndarray) -> None:
 
 
 def test_each_image_of_an_own_camera_is_answered(learnt: Path, tmp_path: Path) -> None:
-    (tmp_path / "own.py").write_text(OWN)
-    process = start(
-        tmp_path, "source=own.py:simulated", f"learnt={learnt}", "objects=bear", "overlay=last.png"
-    )
+    process = start_own_camera(tmp_path, f"learnt={learnt}", "overlay=last.png")
     (ready, *lines), messages = ended(process)
     assert process.returncode == 0, messages
     assert ready == {"ready": True, "objects": ["bear"]}
@@ -110,14 +109,12 @@ def test_a_folder_is_followed_until_ctrl_c(
     learnt: Path, tmp_path: Path, images: list[CameraImage]
 ) -> None:
     write(tmp_path, images[0])
-    process = start(
-        tmp_path, "source=folder", f"learnt={learnt}", "rgb=rgb", "depth=depth", INTRINSICS,
-        "depth_scale=1", "objects=bear", "page=0",
-    )  # fmt: skip
+    files = ("source=folder", "rgb=rgb", "depth=depth", INTRINSICS, "depth_scale=1")
+    process = start(tmp_path, *files, f"learnt={learnt}", "page=0")
     assert answer(process)["ready"]
-    assert [each["tracked"] for each in answer(process)["found"]] == [False]
+    assert [found["tracked"] for found in answer(process)["found"]] == [False]
     write(tmp_path, images[1])
-    assert [each["tracked"] for each in answer(process)["found"]] == [True]
+    assert [found["tracked"] for found in answer(process)["found"]] == [True]
     assert process.stderr is not None
     address = process.stderr.readline().split()[1]
     with urllib.request.urlopen(address + "picture.jpg") as shown:  # noqa: S310
@@ -131,9 +128,7 @@ def test_a_folder_is_followed_until_ctrl_c(
 def test_a_program_names_images_and_reads_answers(
     learnt: Path, tmp_path: Path, images: list[CameraImage]
 ) -> None:
-    process = start(
-        tmp_path, "source=stdin", f"learnt={learnt}", INTRINSICS, "depth_scale=1", "objects=bear"
-    )
+    process = start(tmp_path, "source=stdin", f"learnt={learnt}", INTRINSICS, "depth_scale=1")
     assert process.stdin is not None and answer(process)["ready"]
     for image, true in zip(images[:2], POSES, strict=False):
         process.stdin.write(json.dumps(write(tmp_path, image)) + "\n")
@@ -149,8 +144,7 @@ def test_a_program_names_images_and_reads_answers(
 
 
 def test_it_ends_when_nobody_reads_the_answers(learnt: Path, tmp_path: Path) -> None:
-    (tmp_path / "own.py").write_text(OWN)
-    process = start(tmp_path, "source=own.py:simulated", f"learnt={learnt}", "objects=bear")
+    process = start_own_camera(tmp_path, f"learnt={learnt}")
     assert answer(process)["ready"] and process.stdout is not None and process.stderr is not None
     process.stdout.close()
     assert process.stderr.read() == ""
@@ -172,7 +166,7 @@ def test_it_ends_when_nobody_reads_the_answers(learnt: Path, tmp_path: Path) -> 
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, given: list[str], words: str) -> None:
-    process = start(tmp_path, *given)
-    lines, messages = ended(process)
-    assert process.returncode == 1 and lines == []
-    assert messages.startswith("hlp: ") and words in messages and messages.count("\n") == 1
+    said = run_hlp(tmp_path, "live", *given)
+    assert (said.returncode, said.stdout) == (1, "")
+    assert said.stderr.startswith("hlp: ") and words in said.stderr
+    assert said.stderr.count("\n") == 1

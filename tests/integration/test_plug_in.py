@@ -1,20 +1,20 @@
 """CONTRIBUTING's example of an alternative, installed from a package of its own, runs."""
 
-import json
 import re
 import tomllib
 from pathlib import Path
 
 import pytest
 
-from tiny_run import TINY, start_run
+from run_files import read_json
+from tiny_run import TINY, start_hlp, start_run
 
 CONTRIBUTING = Path(__file__).parents[2] / "CONTRIBUTING.md"
 BLOCK = re.compile(r'```\w+ title="([^"]+)"\n(.*?)```', re.DOTALL)
 
 
 @pytest.fixture
-def plug_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def plug_in(tmp_path: Path) -> Path:
     """A folder with the example's files, and what pip would write beside them."""
     for name, content in BLOCK.findall(CONTRIBUTING.read_text()):
         path = tmp_path / name
@@ -36,33 +36,26 @@ def plug_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.thorough
 def test_the_example_is_found_by_its_name_and_runs(plug_in: Path) -> None:
     chosen = ("--config-dir", str(plug_in / "conf"), "encoder=cells", "encoder.cells=4")
-    tiny = [each for each in TINY if not each.startswith("encoder=")]
+    tiny = [setting for setting in TINY if not setting.startswith("encoder=")]
     done = start_run(plug_in, *chosen, *tiny, "panels=0", "output=out", threads=2)
     assert done.returncode == 0, done.stderr
-    manifest = json.loads((plug_in / "out" / "manifest.json").read_text())
+    manifest = read_json(plug_in / "out" / "manifest.json")
     assert manifest["config"]["encoder"] == {"name": "cells", "cells": 4}
-    summary = json.loads((plug_in / "out" / "summary.json").read_text())
-    assert summary["targets"] > 0
+    assert read_json(plug_in / "out" / "summary.json")["targets"] > 0
 
 
-def test_a_mistake_in_its_settings_is_named(plug_in: Path) -> None:
-    chosen = ("--config-dir", str(plug_in / "conf"), "encoder=cells", "encoder.cells=0")
-    done = start_run(plug_in, *chosen, "output=out", threads=1)
-    assert done.returncode == 1
-    assert done.stderr.strip().endswith("encoder.cells is 0: it must be at least 1")
-
-
-def test_a_folder_on_the_search_path_will_do_and_every_value_is_shown(plug_in: Path) -> None:
+def test_every_value_is_shown_and_a_mistake_is_named(plug_in: Path) -> None:
+    """A folder on the search path will do as well as an option."""
     path = f"hydra.searchpath=[file://{plug_in / 'conf'}]"
-    chosen = ("--cfg", "job", path, "encoder=cells")
-    done = start_run(plug_in, *chosen, threads=1)
+    done = start_hlp(plug_in, "run", "--cfg", "job", path, "encoder=cells")
     assert done.returncode == 0, done.stderr
     assert "encoder:\n  name: cells\n  cells: 8\n" in done.stdout
     assert "  theta_deg: 10.0\n" in done.stdout
     assert "base_" not in done.stdout
-
-
-def test_it_is_not_there_where_the_package_is_not(plug_in: Path) -> None:
+    chosen = ("--config-dir", str(plug_in / "conf"), "encoder=cells", "encoder.cells=0")
+    done = start_run(plug_in, *chosen, "output=out", threads=1)
+    assert done.returncode == 1
+    assert done.stderr.strip().endswith("encoder.cells is 0: it must be at least 1")
     (plug_in / "my_hlp-1.0.dist-info" / "entry_points.txt").unlink()
     done = start_run(plug_in, "encoder.name=cells", threads=1)
     assert done.returncode == 1

@@ -1,10 +1,6 @@
 """`hlp learn` and `hlp predict` on frames of the demo in files, as a user would have them."""
 
-import csv
 import json
-import os
-import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,9 +8,9 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-import trimesh
 
-import hlp
+from forked_hlp import Ended, run_hlp
+from frame_files import write_camera, write_image
 from hlp import Detector
 from hlp.commands import learn
 from hlp.commands.composing import compose_config
@@ -23,41 +19,22 @@ from hlp.data.own_frames import FrameFiles, OwnFrames
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.geometry import rotation_distance
-from hlp.records import Frame, Target
+from hlp.records import Target
+from run_files import read_json, rows
+from tiny_method import write_mesh
 
 DRILL = 5
+TENTHS = 10_000.0  # of a millimetre, the unit of depth in files
 LOOKED_AT = (0, 2)  # frames in which the drill is near and in full view
 TINY = (
-    "encoder=pca",
-    "rendering.coverage=hemisphere",
-    "rendering.viewpoints=80",
-    "rendering.in_plane_min_deg=-45",
-    "rendering.in_plane_max_deg=45",
-    "rendering.in_plane_steps=7",
-    "patches.pool.per_object=900",
-    "patches.pool.backgrounds=300",
-    "patches.pairs.per_object=600",
-    "classifier.epochs=4",
-    "patches.pool.distractor_scenes=10",
-    "classifier.min_batches=60",
-    "score.scenes=6",
+    *("encoder=pca", "rendering.coverage=hemisphere", "rendering.viewpoints=80"),
+    *("rendering.in_plane_min_deg=-45", "rendering.in_plane_max_deg=45"),
+    *("rendering.in_plane_steps=7", "patches.pool.per_object=900", "score.scenes=6"),
+    *("patches.pool.backgrounds=300", "patches.pool.distractor_scenes=10"),
+    *("patches.pairs.per_object=600", "classifier.epochs=4", "classifier.min_batches=60"),
     "machine.threads=2",
 )
 FILES = {"model": "my drill.ply", "rgb": "rgb", "depth": "depth", "intrinsics": "camera.json"}
-
-Process = subprocess.CompletedProcess[str]
-
-
-def call(folder: Path, *arguments: str) -> Process:
-    environment = {**os.environ, "PYTHONPATH": str(Path(hlp.__file__).parents[1])}
-    return subprocess.run(
-        [sys.executable, "-c", "from hlp.cli import main; main()", *arguments],
-        cwd=folder,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
 
 
 @dataclass(frozen=True)
@@ -71,139 +48,119 @@ class Own:
     def given(self) -> dict[str, str]:
         return {key: str(self.folder / name) for key, name in FILES.items()}
 
+    def predict(self, output: str, *arguments: str, **given: str) -> Ended:
+        """`hlp predict` with KEY=VALUE as `given`."""
+        pairs = (f"{key}={value}" for key, value in given.items())
+        return run_hlp(self.folder, "predict", *pairs, *arguments, f"output={output}", "work=work")
 
-def write_frame(folder: Path, name: str, frame: Frame) -> None:
-    bgr = cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR)
-    cv2.imwrite(str(folder / "rgb" / f"{name}.png"), bgr)
-    raw = np.rint(frame.depth * 10_000).astype(np.uint16)  # tenths of a millimetre
-    cv2.imwrite(str(folder / "depth" / f"{name}.png"), raw)
+    def answers(self, output: str) -> list[dict[str, Any]]:
+        poses: list[dict[str, Any]] = read_json(self.folder / output / "poses.json")["poses"]
+        return poses
 
 
 @pytest.fixture(scope="module")
 def own(tmp_path_factory: pytest.TempPathFactory) -> Own:
     folder = tmp_path_factory.mktemp("predict") / "files (of Ann's, mine)"
-    for kind in ("rgb", "depth"):
-        (folder / kind).mkdir(parents=True)
-    scenes = SyntheticScenes(
-        SyntheticSettings(width=320, height=240, objects=(5, 5), clutter=(1, 3))
-    )
+    settings = SyntheticSettings(width=320, height=240, objects=(5, 5), clutter=(1, 3))
+    scenes = SyntheticScenes(settings)
     frames = [scenes.load(scenes.keys[number]) for number in LOOKED_AT]
     for number, frame in zip(LOOKED_AT, frames, strict=True):
-        write_frame(folder, f"view_{number}", frame)
-    camera = {"cam_K": frames[0].camera_matrix.ravel().tolist(), "depth_scale": 0.1}
-    (folder / "camera.json").write_text(json.dumps(camera))
-    mesh = demo_objects()[DRILL].mesh
-    raw = trimesh.Trimesh(
-        mesh.vertices * 1000.0, mesh.faces, vertex_colors=mesh.colors, process=False
-    )
-    raw.export(folder / "my drill.ply")
+        write_image(folder, f"view_{number}", frame, TENTHS)
+    write_camera(folder, frames[0], TENTHS)
+    write_mesh(folder, demo_objects()[DRILL]).rename(folder / "my drill.ply")
     truths = [t for frame in frames for t in frame.targets if t.object_id == DRILL]
     return Own(folder, tuple(truths))
 
 
 @pytest.fixture(scope="module")
-def first(own: Own) -> Process:
-    process = call(
-        own.folder, "predict", *arguments(own.given), *TINY, "output=first", "panels=9", "work=work"
-    )
-    assert process.returncode == 0, process.stderr
-    return process
+def first(own: Own) -> Ended:
+    ended = own.predict("first", *TINY, "panels=9", **own.given)
+    assert ended.returncode == 0, ended.stderr
+    return ended
 
 
-def arguments(given: dict[str, str]) -> list[str]:
-    return [f"{key}={value}" for key, value in given.items()]
-
-
-def answers(folder: Path) -> list[dict[str, Any]]:
-    poses: list[dict[str, Any]] = json.loads((folder / "poses.json").read_text())["poses"]
-    return poses
-
-
-def test_poses_are_near_the_true_ones(own: Own, first: Process) -> None:
-    found = answers(own.folder / "first")
-    assert [Path(each["rgb"]).name for each in found] == ["view_0.png", "view_2.png"]
-    for each, truth in zip(found, own.truths, strict=True):
-        assert each["found"] and 0.0 < each["score"] <= 1.0
-        shift = np.array(each["cam_t_m2c"]) / 1000.0 - truth.pose_cam_obj[:3, 3]
+def test_poses_are_near_the_true_ones(own: Own, first: Ended) -> None:
+    found = own.answers("first")
+    assert [Path(answer["rgb"]).name for answer in found] == ["view_0.png", "view_2.png"]
+    for answer, truth in zip(found, own.truths, strict=True):
+        assert answer["found"] and 0.0 < answer["score"] <= 1.0
+        shift = np.array(answer["cam_t_m2c"]) / 1000.0 - truth.pose_cam_obj[:3, 3]
         assert np.linalg.norm(shift) < 0.03
-        rotation = np.array(each["cam_R_m2c"]).reshape(3, 3)
+        rotation = np.array(answer["cam_R_m2c"]).reshape(3, 3)
         turn = rotation_distance(rotation, truth.pose_cam_obj[:3, :3])
         assert np.rad2deg(turn) < 20.0
 
 
-def test_every_form_of_the_answer_says_the_same(own: Own, first: Process) -> None:
-    output = own.folder / "first"
-    with (output / "poses.csv").open(newline="") as stream:
-        rows = list(csv.DictReader(stream))
+def test_every_form_of_the_answer_says_the_same(own: Own, first: Ended) -> None:
+    output, found = own.folder / "first", own.answers("first")
     lines = [json.loads(line) for line in (output / "poses.jsonl").read_text().splitlines()]
-    assert lines == answers(output)
-    for row, each in zip(rows, answers(output), strict=True):
-        np.testing.assert_allclose([float(v) for v in row["t"].split()], each["cam_t_m2c"])
-        np.testing.assert_allclose([float(v) for v in row["R"].split()], each["cam_R_m2c"])
-        name = Path(each["rgb"]).stem
+    assert lines == found
+    for row, answer in zip(rows(output / "poses.csv"), found, strict=True):
+        for key, kept in (("t", "cam_t_m2c"), ("R", "cam_R_m2c")):
+            np.testing.assert_allclose([float(v) for v in row[key].split()], answer[kept])
+        name = Path(answer["rgb"]).stem
         (line,) = (line for line in first.stdout.splitlines() if line.startswith(name))
-        shown = [f"{value:.1f}" for value in each["cam_t_m2c"]]
-        assert line.split()[1:6] == ["my", "drill", f"{each['score']:.2f}", *shown[:2]]
+        shown = [f"{value:.1f}" for value in answer["cam_t_m2c"]]
+        assert line.split()[1:6] == ["my", "drill", f"{answer['score']:.2f}", *shown[:2]]
         picture = cv2.imread(str(output / "panels" / f"{name}.png"))
         assert picture is not None and picture.shape == (240, 320, 3)
-    assert str(output.relative_to(own.folder)) in first.stdout
+    assert "first" in first.stdout
     assert "mm, " in first.stdout and "symmetries" in first.stdout  # what was found in the mesh
 
 
 @pytest.mark.slow
-def test_new_frames_are_looked_at_without_learning_again(own: Own, first: Process) -> None:
+def test_new_frames_are_looked_at_without_learning_again(own: Own, first: Ended) -> None:
     """One known frame, one in which nothing is seen, and one that is broken."""
+    new = own.folder / "new"
     for kind in ("rgb", "depth"):
-        (own.folder / "new" / kind).mkdir(parents=True)
-        name = own.folder / kind / "view_2.png"
-        (own.folder / "new" / kind / "view_2.png").write_bytes(name.read_bytes())
-        (own.folder / "new" / kind / "broken.png").write_bytes(name.read_bytes()[:2000])
+        (new / kind).mkdir(parents=True)
+        image = (own.folder / kind / "view_2.png").read_bytes()
+        (new / kind / "view_2.png").write_bytes(image)
+        (new / kind / "broken.png").write_bytes(image[:2000])
     blank = np.zeros((240, 320), np.uint16)
     blank[0, 0] = 9000
-    cv2.imwrite(str(own.folder / "new" / "rgb" / "blank.png"), np.zeros((240, 320, 3), np.uint8))
-    cv2.imwrite(str(own.folder / "new" / "depth" / "blank.png"), blank)
-    given = arguments(FILES | {"rgb": "new/rgb", "depth": "new/depth"})
-    again = call(own.folder, "predict", *given, *TINY, "output=again", "work=work")
+    cv2.imwrite(str(new / "rgb" / "blank.png"), np.zeros((240, 320, 3), np.uint8))
+    cv2.imwrite(str(new / "depth" / "blank.png"), blank)
+    again = own.predict("again", *TINY, **FILES | {"rgb": "new/rgb", "depth": "new/depth"})
     assert again.returncode == 0, again.stderr
     assert "learnt before" in again.stdout
-    blank_answer, broken, answer = answers(own.folder / "again")
+    blank_answer, broken, answer = own.answers("again")
     assert answer["found"] and not blank_answer["found"]
     assert blank_answer["score"] == 0.0 and "has depth" in blank_answer["reason"]
-    assert (
-        "broken.png is truncated" in broken["error"] and "broken.png is truncated" in again.stdout
-    )
-    assert "not found" in again.stdout and "1 of 3 frames could not be used" in again.stdout
-    assert len((own.folder / "again" / "poses.csv").read_text().splitlines()) == 2
+    assert "broken.png is truncated" in broken["error"]
+    for words in ("broken.png is truncated", "not found", "1 of 3 frames could not be used"):
+        assert words in again.stdout
+    assert len(rows(own.folder / "again" / "poses.csv")) == 1
     assert not (own.folder / "again" / "panels").exists()
-    one = arguments(FILES | {"rgb": "new/rgb/broken.png", "depth": "new/depth/broken.png"})
-    failed = call(own.folder, "predict", *one, *TINY, "output=failed", "work=work")
+    one = FILES | {"rgb": "new/rgb/broken.png", "depth": "new/depth/broken.png"}
+    failed = own.predict("failed", *TINY, **one)
     assert failed.returncode == 1
     assert failed.stderr.startswith("hlp: new/rgb/broken.png is truncated")
 
 
-def test_learnt_objects_are_used_by_name_and_by_path(own: Own, first: Process) -> None:
+def test_learnt_objects_are_used_by_name_and_by_path(own: Own, first: Ended) -> None:
     """What the first call learnt has a name in the cache; a box where nothing is finds nothing."""
-    listed = call(own.folder, "objects", "list", "work=work").stdout.splitlines()
-    (entry,) = (line for line in listed if line.startswith("my drill"))
+
+    def objects(*words: str) -> str:
+        ended = run_hlp(own.folder, "objects", *words, "work=work")
+        assert ended.returncode == 0, ended.stderr
+        return ended.stdout
+
+    (entry,) = (line for line in objects("list").splitlines() if line.startswith("my drill"))
     name = entry.partition("  ")[0].strip()
-    shown = call(own.folder, "objects", "show", name, "work=work").stdout
+    shown = objects("show", name)
     assert "my drill (id 1)" in shown and "symmetries" in shown
-    frames = arguments({key: FILES[key] for key in ("rgb", "depth", "intrinsics")})
-    learnt = f"learnt={name}"
-    done = call(own.folder, "predict", learnt, *frames, "work=work", "output=second")
+    frames = {key: FILES[key] for key in ("rgb", "depth", "intrinsics")}
+    done = own.predict("second", f"learnt={name}", **frames)
     assert done.returncode == 0, done.stderr
-    again = answers(own.folder / "second")
-    assert [each["cam_t_m2c"] for each in again] == [
-        each["cam_t_m2c"] for each in answers(own.folder / "first")
-    ]
-    copied = call(own.folder, "objects", "export", name, "copy", "work=work")
-    assert copied.returncode == 0, copied.stderr
-    boxed = call(
-        own.folder, "predict", "learnt=copy", *frames, "box=0,0,12,12", "output=boxed",
-        "min_score=0.9",
-    )  # fmt: skip
+    before, after = (
+        [answer["cam_t_m2c"] for answer in own.answers(output)] for output in ("first", "second")
+    )
+    assert before == after
+    objects("export", name, "copy")
+    boxed = own.predict("boxed", "learnt=copy", "box=0,0,12,12", "min_score=0.9", **frames)
     assert boxed.returncode == 0, boxed.stderr
-    assert not any(each["found"] for each in answers(own.folder / "boxed"))
+    assert not any(answer["found"] for answer in own.answers("boxed"))
 
 
 @pytest.mark.parametrize(
@@ -233,26 +190,23 @@ def test_learning_says_what_is_wrong_before_it_begins(
     assert said.startswith("hlp: ") and words in said
 
 
-def test_help_says_what_to_give_and_what_is_missing_is_named(tmp_path: Path) -> None:
-    shown = call(tmp_path, "predict", "--help")
+def test_help_says_what_to_give_and_what_is_wrong_is_named(own: Own) -> None:
+    shown = run_hlp(own.folder, "predict", "--help")
     assert shown.returncode == 0
     assert "hlp predict model=bracket.ply" in shown.stdout
-    failed = call(tmp_path, "predict", "model=a.ply", "rgb=a.png", "intrinsics=[1,1,1,1]")
+    failed = own.predict("never", model="a.ply", rgb="a.png", intrinsics="[1,1,1,1]")
     assert failed.returncode == 1
     assert failed.stderr == "hlp: depth is not set: give depth=…, see `hlp predict --help`\n"
-    for command in ("learn", "objects"):
-        assert call(tmp_path, command, "--help").stdout.startswith(f"usage: hlp {command}")
-
-
-def test_wrong_frames_are_named_before_anything_is_learnt(own: Own) -> None:
-    given = own.given | {"intrinsics": "[500,500,600,9]"}
-    failed = call(own.folder, "predict", *arguments(given), *TINY, "work=untouched")
+    failed = own.predict("never", *TINY, **own.given | {"intrinsics": "[500,500,600,9]"})
     assert failed.returncode == 1 and "principal point" in failed.stderr
-    assert not (own.folder / "untouched").exists()
+    assert not (own.folder / "never").exists()
+    for command in ("learn", "objects"):
+        shown = run_hlp(own.folder, command, "--help")
+        assert shown.stdout.startswith(f"usage: hlp {command}")
 
 
 @pytest.mark.slow
-def test_the_python_api_finds_the_same_poses(own: Own, first: Process, tmp_path: Path) -> None:
+def test_the_python_api_finds_the_same_poses(own: Own, first: Ended, tmp_path: Path) -> None:
     """One code path: what `hlp predict` learns and finds, `Detector` does, to the last bit."""
     general = ("output=o", "~experiment", "name=learn", "data=bop", "data.root=.")
     settings = build_settings(compose_config(*general, *TINY)).method
@@ -262,10 +216,7 @@ def test_the_python_api_finds_the_same_poses(own: Own, first: Process, tmp_path:
     frames = OwnFrames(FrameFiles(**files))
     frame = frames.load(frames.keys[0])  # numbered 0, as every image is for a detector
     (found,) = detector.detect(frame.rgb, frame.depth, frame.camera_matrix)
-    expected = answers(own.folder / "first")[0]
-    pose = found.pose_cam_obj
-    assert (pose[:3, :3].ravel().tolist(), (pose[:3, 3] * 1000.0).tolist()) == (
-        expected["cam_R_m2c"],
-        expected["cam_t_m2c"],
-    )
+    expected, pose = own.answers("first")[0], found.pose_cam_obj
+    assert pose[:3, :3].ravel().tolist() == expected["cam_R_m2c"]
+    assert (pose[:3, 3] * 1000.0).tolist() == expected["cam_t_m2c"]
     assert found.score == expected["score"]

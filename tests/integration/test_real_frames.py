@@ -1,13 +1,25 @@
-"""The method on a handful of real LINEMOD frames, trained on the CAD models in a minute or two."""
+"""The method on real frames, which are skipped where they are absent, and the shipped defaults."""
 
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
-from omegaconf import OmegaConf
+import yaml
 
+from hlp import Detector
 from hlp.commands.composing import config_folder
-from tiny_run import start_run
+from hlp.data.bop import BopSettings
+from hlp.data.rgbd_frames import RgbdFrames
+from hlp.evaluation.errors import add, add_s
+from hlp.method.track.tracking import Track
+from hlp.records import Frame, ObjectModel
+from run_files import read_json
+from same_answers import compare_answers
+from tiny_method import tiny_method
+from tiny_run import start_hlp, start_run
+
+pytestmark = pytest.mark.slow
 
 SMALL = (
     "experiment=linemod_bop",
@@ -18,26 +30,48 @@ SMALL = (
     "patches.pool.backgrounds=3000",
     "patches.pairs.per_object=1000",
     "classifier.epochs=8",
-    "panels=1",
+    "panels=0",
 )
+PLAYER = """
+from hlp import CameraImage
+from hlp.data.bop import BopSettings
+
+def player():
+    frames = BopSettings(root={root!r}).build().frames
+    for key in frames.keys[:6]:
+        frame = frames.load(key)
+        yield CameraImage(frame.rgb, frame.depth, frame.camera_matrix, key)
+"""
 
 
-@pytest.mark.slow
-def test_cat_and_driller_are_found_in_real_frames(shared_data: Path, tmp_path: Path) -> None:
+def test_the_demo_finds_its_objects(tmp_path: Path) -> None:
+    """`make demo` with nothing changed: measured .94, of 142 targets."""
+    done = start_run(tmp_path, "output=demo", threads=2)
+    assert done.returncode == 0, done.stderr
+    summary = read_json(tmp_path / "demo" / "summary.json")
+    assert summary["targets"] == 142
+    assert summary["metrics"]["add"]["recall"] >= 0.88
+    assert summary["metrics"]["5cm5deg"]["recall"] >= 0.82
+
+
+def test_cat_and_driller_are_found_and_a_detector_finds_the_same(
+    shared_data: Path, tmp_path: Path
+) -> None:
     root = tmp_path / "lm"
     root.mkdir()
     for name in ("models", "test"):
         (root / name).symlink_to(shared_data / "lm" / name)
-    images = sorted(int(path.stem) for path in (root / "test" / "000006" / "rgb").iterdir())
-    drillers = sorted(int(path.stem) for path in (root / "test" / "000008" / "rgb").iterdir())
-    wanted = [(6, image, 6) for image in images[:: len(images) // 6][:6]]
-    wanted += [(8, image, 8) for image in drillers[:3]]
+    cats, drillers = (
+        sorted(int(path.stem) for path in (root / "test" / scene / "rgb").iterdir())
+        for scene in ("000006", "000008")
+    )
+    chosen = [(6, image, 6) for image in cats[:: len(cats) // 6][:6]]
+    chosen += [(8, image, 8) for image in drillers[:3]]
     keys = ("scene_id", "im_id", "obj_id")
-    rows = [{**dict(zip(keys, each, strict=True)), "inst_count": 1} for each in wanted]
-    (root / "few.json").write_text(json.dumps(rows))
-    names = OmegaConf.load(config_folder() / "data" / "objects" / "linemod.yaml")
-    done = start_run(
-        tmp_path,
+    targets = [{**dict(zip(keys, ids, strict=True)), "inst_count": 1} for ids in chosen]
+    (root / "few.json").write_text(json.dumps(targets))
+    names = yaml.safe_load((config_folder() / "data" / "objects" / "linemod.yaml").read_text())
+    overrides = (
         *SMALL,
         *(f"~data.objects.{name}" for name in names if name not in {"cat", "driller"}),
         f"data.root={root}",
@@ -45,12 +79,91 @@ def test_cat_and_driller_are_found_in_real_frames(shared_data: Path, tmp_path: P
         f"data.photographs={shared_data / 'photos'}",
         f"data.rooms={shared_data / 'rooms'}",
         "data.rgbd_frames=null",
-        "output=real",
-        threads=2,
+        f"work={tmp_path / 'work'}",
     )
+    done = start_run(tmp_path, *overrides, "output=real", threads=2)
     assert done.returncode == 0, done.stderr
-    summary = json.loads((tmp_path / "real" / "summary.json").read_text())
-    assert summary["targets"] == len(wanted)
+    summary = read_json(tmp_path / "real" / "summary.json")
+    assert summary["targets"] == len(targets)
     assert summary["per_object"].keys() == {"cat", "driller"}
     assert summary["metrics"]["iou50"]["recall"] >= 0.7
     assert summary["metrics"]["add"]["recall"] >= 0.6
+    assert compare_answers(overrides, tmp_path / "real", tmp_path / "learnt") >= 6
+
+
+def test_the_cat_is_found_by_the_python_api(shared_data: Path, tmp_path: Path) -> None:
+    """Learnt alone, from its CAD model, with nothing set: every tenth of its frames.
+
+    Measured 1.00; without the closer look at likely places .65 to .75.
+    """
+    rooms = RgbdFrames(shared_data / "rooms")
+    mesh = shared_data / "lm" / "models" / "obj_000006.ply"
+    backgrounds = [rooms.load(key) for key in rooms.keys]
+    detector = Detector.learn({"cat": mesh}, tmp_path / "learnt", background_frames=backgrounds)
+    (model,) = detector.models.values()
+    source = BopSettings(root=str(shared_data / "lm")).build().frames
+    right = []
+    for key in [key for key in source.keys if key.startswith("000006")][::10]:
+        frame = source.load(key)
+        (true,) = [target.pose_cam_obj for target in frame.targets if target.object_id == 6]
+        found = detector.detect(frame.rgb, frame.depth, frame.camera_matrix)
+        vertices, limit = model.mesh.vertices, 0.1 * model.diameter
+        right.append(bool(found) and add(found[0].pose_cam_obj, true, vertices) < limit)
+    assert len(right) == 20
+    assert np.mean(right) >= 0.85
+
+
+def learn_recorded(
+    shared_data: Path, name: str, folder: Path, *overrides: str
+) -> tuple[list[Frame], Detector]:
+    """The frames of a recording, and a detector of its object."""
+    root = shared_data / name
+    if not root.is_dir():
+        pytest.skip(f"development data is absent: no {root}")
+    source = BopSettings(root=str(root)).build().frames
+    (mesh,) = (root / "models").glob("*.ply")
+    settings = tiny_method(*overrides)
+    detector = Detector.learn({name: mesh}, folder, settings=settings, mesh_scale=0.001)
+    return [source.load(key) for key in source.keys], detector
+
+
+def test_a_bottle_in_a_robots_hand_is_followed(shared_data: Path, tmp_path: Path) -> None:
+    """From a pose that is known; these frames lie a tenth of a second apart."""
+    frames, detector = learn_recorded(shared_data, "mustard", tmp_path / "learnt")
+    first, *frames = [frame for frame in frames if frame.frame_id >= 14]
+    model = detector.models["mustard"]
+    tracker = detector.tracker(max_instances=1)
+    tracker._tracks = (Track(0, model.object_id, 1.0, first.targets[0].pose_cam_obj),)
+    for frame in frames:
+        (found,) = tracker.update(frame)
+        true = frame.targets[0].pose_cam_obj
+        assert found.tracked and found.track == 0
+        assert add(found.pose_cam_obj, true, model.mesh.vertices) < 0.1 * model.diameter
+
+
+def test_a_recording_is_played_to_hlp_live(shared_data: Path, tmp_path: Path) -> None:
+    """Three cups that stand elsewhere in each frame: most are found, by whichever way."""
+    finer = ("rendering.viewpoints=200", "classifier.epochs=6")
+    frames, detector = learn_recorded(shared_data, "cup", tmp_path / "learnt", *finer)
+    (tmp_path / "player.py").write_text(PLAYER.format(root=str(shared_data / "cup")))
+    live = ("live", "source=player.py:player", "learnt=learnt", "max_instances=3")
+    done = start_hlp(tmp_path, *live)
+    assert done.returncode == 0, done.stderr
+    ready, *lines = map(json.loads, done.stdout.splitlines())
+    assert ready["ready"] and len(lines) == 6
+    right = sum(
+        is_found(line["found"], target.pose_cam_obj, detector.models["cup"])
+        for line, frame in zip(lines, frames, strict=False)
+        for target in frame.targets
+    )
+    assert right >= 9  # of 18
+
+
+def is_found(answers: list[dict[str, list[float]]], true: np.ndarray, model: ObjectModel) -> bool:
+    for answer in answers:
+        pose = np.eye(4)
+        pose[:3, :3] = np.reshape(answer["cam_R_m2c"], (3, 3))
+        pose[:3, 3] = np.array(answer["cam_t_m2c"]) / 1000.0
+        if add_s(pose, true, model.mesh.vertices) < 0.1 * model.diameter:
+            return True
+    return False

@@ -1,24 +1,21 @@
 """What a run finds on disk: reused stages, interrupted ones, crashes, the same poses again."""
 
+import json
 import re
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from mlflow import MlflowClient
 
 from hlp.data.synthetic.scenes import SyntheticScenes
 from hlp.errors import DataError, HlpError
 from hlp.method.find.estimator import FrameContext, PoseEstimator
 from hlp.records import Frame
-from run_files import Row, read_json, rows, stages
-from tiny_run import TinyRun, start_run
+from run_files import Row, logged_run, logged_runs, read_json, rows, stages
+from tiny_run import Call, TinyRun, start_run
 
 pytestmark = pytest.mark.slow
-
-Call = Callable[..., tuple[int, str, str]]
 
 LEARNT = {"views": 8, "classifier": 1, "encoder": 1, "codebook": 8}
 
@@ -29,10 +26,7 @@ def poses_without_times(path: Path) -> list[Row]:
 
 def statuses(folder: Path) -> dict[str, str]:
     """Status of every MLflow run, by the name of its output folder."""
-    client = MlflowClient(f"sqlite:///{folder / 'work' / 'mlflow.db'}")
-    experiment = client.get_experiment_by_name("demo")
-    assert experiment is not None
-    found = client.search_runs([experiment.experiment_id])
+    _, found = logged_runs(folder)
     return {Path(run.data.tags["output"]).name: run.info.status for run in found}
 
 
@@ -50,14 +44,10 @@ def test_other_refinement_makes_only_poses(tiny_run: TinyRun, call: Call) -> Non
 
 def test_a_run_links_to_the_one_that_trained_its_networks(tiny_run: TinyRun, call: Call) -> None:
     assert call(*tiny_run.overrides, "refinement.particles=14", "output=linked")[0] == 0
-    client = MlflowClient(f"sqlite:///{tiny_run.folder / 'work' / 'mlflow.db'}")
-    experiment = client.get_experiment_by_name("demo")
-    assert experiment is not None
-    found = client.search_runs([experiment.experiment_id])
-    (run,) = [each for each in found if Path(each.data.tags["output"]).name == "linked"]
+    client, run = logged_run(tiny_run.folder, "linked")
     words = run.data.tags["mlflow.note.content"]
-    (link,) = re.findall(r"classifier trained by \[(.+)\]\(#/experiments/(\d+)/runs/(\w+)\?", words)
-    name, experiment_id, run_id = link
+    link = r"classifier trained by \[(.+)\]\(#/experiments/(\d+)/runs/(\w+)\?"
+    ((name, experiment_id, run_id),) = re.findall(link, words)
     first = client.get_run(run_id)
     assert (first.info.run_name, first.info.experiment_id) == (name, experiment_id)
     assert first.data.tags["output"] == str(tiny_run.made_in / "first")
@@ -122,11 +112,8 @@ def test_interrupted_stage_goes_on_where_it_stopped(
     finished = partial.with_suffix("")
     assert (finished / first.name).stat().st_mtime_ns == written  # not made again
     assert (finished / "000012_000000.npz").stat().st_mtime_ns > written
-    assert read_json(tiny_run.folder / "resumed" / "summary.json")["timing"]["reused_stages"] == [
-        "regions",
-        "hypotheses",
-        "poses",
-    ]
+    timing = read_json(tiny_run.folder / "resumed" / "summary.json")["timing"]
+    assert timing["reused_stages"] == ["regions", "hypotheses", "poses"]
     shutil.rmtree(finished)
     assert call(*overrides, "output=whole")[0] == 0
     assert poses_without_times(tiny_run.folder / "resumed" / "poses.csv") == poses_without_times(
@@ -172,3 +159,63 @@ def test_same_seed_same_poses_whatever_the_threads(tiny_run: TinyRun, tmp_path: 
     assert ours == poses_without_times(tiny_run.output / "poses.csv")
     scores = (tmp_path / "again" / "scores.csv").read_bytes()
     assert scores == (tiny_run.output / "scores.csv").read_bytes()
+
+
+@pytest.fixture
+def manifest(tiny_run: TinyRun, tmp_path: Path) -> Path:
+    """The tiny run's manifest, in another place than the run."""
+    return Path(shutil.copy(tiny_run.output / "manifest.json", tmp_path / "kept.json"))
+
+
+@pytest.mark.thorough
+def test_same_manifest_same_poses(tiny_run: TinyRun, call: Call, manifest: Path) -> None:
+    """Refined anew, with one thread; what came before is on disk."""
+    for folder in (tiny_run.folder / "work" / "poses").iterdir():
+        if folder.is_dir():
+            shutil.rmtree(folder)
+    code, said, _ = call(f"manifest={manifest}", "output=repeated", "machine.threads=1")
+    assert code == 0
+    assert f"Repeated  the same poses as in {manifest}" in said
+    assert "made   poses" in said
+    again = tiny_run.folder / "repeated"
+    ours, theirs = (poses_without_times(path / "poses.csv") for path in (again, tiny_run.output))
+    assert ours == theirs
+    before, after = read_json(manifest), read_json(again / "manifest.json")
+    assert after["poses"] == before["poses"]
+    assert after["config"]["machine"].pop("threads") == 1
+    assert before["config"]["machine"].pop("threads") == 2
+    del before["config"]["output"], after["config"]["output"]
+    assert after["config"] == before["config"]
+
+
+@pytest.mark.thorough
+def test_other_poses_and_other_code_are_said(tiny_run: TinyRun, call: Call, manifest: Path) -> None:
+    changed = read_json(manifest)
+    changed |= {"code": "0" * 16, "poses": "0" * 16}
+    changed["versions"]["numpy"] = "1.0"
+    changed["processor"]["type"] = "abacus"
+    changed["builds"]["torch"] = "0" * 16
+    manifest.write_text(json.dumps(changed))
+    code, said, _ = call(f"manifest={manifest}", "output=other")
+    assert code == 0
+    assert f"HLP's code is not that of {manifest}" in said
+    assert f"and 1.0 in {manifest}" in said
+    assert f"processor: type differ from {manifest}" in said
+    assert f"builds: torch differ from {manifest}" in said
+    assert f"NOT the same poses as in {manifest}" in said
+
+
+@pytest.mark.thorough
+def test_what_cannot_be_repeated_stops_before_any_stage(call: Call, manifest: Path) -> None:
+    code, said, error = call(f"manifest={manifest}", "refinement=icp")
+    assert (code, said) == (1, "")
+    assert "refinement=icp: " in error
+    changed = read_json(manifest)
+    changed["data"]["frames"] = "other"
+    manifest.write_text(json.dumps(changed))
+    code, said, error = call(f"manifest={manifest}", "output=never")
+    assert (code, said) == (1, "")
+    assert f"not the data of {manifest}: frames differ" in error
+    manifest.write_text("{}")
+    assert "no manifest of a run" in call(f"manifest={manifest}")[2]
+    assert "there is no file " in call(f"manifest={manifest.parent / 'absent.json'}")[2]

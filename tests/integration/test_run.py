@@ -1,18 +1,23 @@
 """The whole pipeline through the command line: a tiny run of the demo dataset and its results."""
 
 from collections import Counter
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from mlflow import MlflowClient
 
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.records import Target
+from hlp.runs.run_stages import stages_of
+from hlp.runs.stage_panels import FoundInFrame
+from hlp.runs.swarm_traces import search_again
 from hlp.stages.manifest import library_builds, processor
-from run_files import Row, read_json, rows, stages
-from tiny_run import TinyRun
+from hlp.stages.store import StageStore
+from run_files import Row, logged_run, read_json, rows, stages
+from same_answers import compare_answers
+from tiny_run import Call, TinyRun
 
 METRICS = ("add", "5cm5deg", "iou50")
 VERDICTS = {"add": "add_correct", "5cm5deg": "pose_correct", "iou50": "box_correct"}
@@ -67,6 +72,10 @@ def test_summary_says_what_the_scores_say(tiny_run: TinyRun) -> None:
     assert summary["timing_ms"].keys() == {"total", "holistic", "local", "voting", "refinement"}
     for time in summary["timing_ms"].values():
         assert 0.0 < time["median"] <= time["p95"]
+    timing = summary["timing"]
+    assert (timing["frames"], timing["reused_stages"]) == (2, [])
+    assert timing["objects"] == summary["targets"]
+    assert timing["first_use_seconds"] > 0.0
 
 
 def test_scores_have_one_row_a_target(
@@ -152,6 +161,39 @@ def test_panels_are_pictures(tiny_run: TinyRun) -> None:
         assert path.stat().st_size < 200_000
 
 
+def test_a_run_draws_what_each_stage_works_with(tiny_run: TinyRun) -> None:
+    drawn = list((tiny_run.output / "stages").iterdir())
+    pictures = {"viewpoints", "views", "training_windows", "nearest_entries", "swarm_costs"}
+    assert {path.stem for path in drawn} - {"missed_swarm_costs"} == pictures
+    for path in drawn:
+        assert path.suffix == ".jpg" and path.stat().st_size < 400_000
+        assert min(cv2.imread(str(path)).shape[:2]) > 100
+
+
+def test_its_searches_are_repeated_to_the_poses_that_it_has_found(tiny_run: TinyRun) -> None:
+    run, compared = tiny_run.build("machine.threads=1"), 0
+    detection = stages_of(run, StageStore(tiny_run.folder / "work"))
+    for key in detection.keys:
+        found = FoundInFrame.read(detection, key, [])
+        for object_id in {target.object_id for target in found.frame.targets}:
+            refined = found.trace[object_id].refined
+            for row, source in enumerate([] if refined is None else refined.sources):
+                rounds = search_again(detection, found, object_id, row)
+                if source < 0:  # from the fallback
+                    assert rounds is None
+                    continue
+                assert rounds is not None
+                assert len(rounds) > 1 and rounds.shape[1] == 25
+                compared += 1
+    assert compared > 5
+
+
+def test_a_detector_finds_the_same_poses(tiny_run: TinyRun, tmp_path: Path) -> None:
+    work = f"work={tiny_run.folder / 'work'}"
+    overrides = (*tiny_run.overrides, work)
+    assert compare_answers(overrides, tiny_run.output, tmp_path / "learnt") >= 8
+
+
 def test_console_tells_the_stages_and_where_the_results_are(tiny_run: TinyRun) -> None:
     said = tiny_run.process.stdout
     assert tiny_run.process.stderr == ""
@@ -163,16 +205,13 @@ def test_console_tells_the_stages_and_where_the_results_are(tiny_run: TinyRun) -
     log = said[: said.index("Recall")].splitlines()
     assert [line for line in log if not line.startswith(own)] == []
     assert str(tiny_run.made_in / "first") in said
+    assert str(Path("first") / "stages") in said
+    assert "Times: measured by this run on 2 frames." in said
     assert f"sqlite:///{tiny_run.made_in / 'work' / 'mlflow.db'}" in said
 
 
 def test_mlflow_has_the_run_with_all_of_it(tiny_run: TinyRun) -> None:
-    client = MlflowClient(f"sqlite:///{tiny_run.folder / 'work' / 'mlflow.db'}")
-    experiment = client.get_experiment_by_name("demo")
-    assert experiment is not None
-    found = client.search_runs([experiment.experiment_id])
-    output = str(tiny_run.made_in / "first")
-    (run,) = [each for each in found if each.data.tags["output"] == output]
+    client, run = logged_run(tiny_run.folder, tiny_run.made_in / "first")
     summary = read_json(tiny_run.output / "summary.json")
     assert run.info.status == "FINISHED"
     assert run.info.run_name.startswith("pca, width 320")
@@ -187,11 +226,11 @@ def test_mlflow_has_the_run_with_all_of_it(tiny_run: TinyRun) -> None:
     for name in ("cpu_cores", "memory_megabytes"):
         assert client.get_metric_history(run.info.run_id, f"system/{name}") != []
     artifacts = {item.path for item in client.list_artifacts(run.info.run_id)}
-    wanted = {"summary.json", "scores.csv", "poses.csv", "manifest.json", "panels", "config.yaml"}
-    assert artifacts >= wanted | {"stages"}
+    files = {"summary.json", "scores.csv", "poses.csv", "manifest.json", "config.yaml"}
+    assert artifacts >= files | {"panels", "stages"}
     tables = {item.path for item in client.list_artifacts(run.info.run_id, "tables")}
     assert tables == {"tables/objects.json", "tables/targets.json"}
-    inputs = {each.dataset.name: each.dataset.digest for each in run.inputs.dataset_inputs}
+    inputs = {used.dataset.name: used.dataset.digest for used in run.inputs.dataset_inputs}
     data = read_json(tiny_run.output / "manifest.json")["data"]
     assert inputs["synthetic frames"] == data["frames"]
     assert all(inputs[f"model of {name}"] == digest for name, digest in data["models"].items())
@@ -201,11 +240,63 @@ def test_the_report_shows_every_target_and_stands_alone(tiny_run: TinyRun) -> No
     page = (tiny_run.output / "report.html").read_text()
     index = read_json(tiny_run.output / "report" / "index.json")
     scores = rows(tiny_run.output / "scores.csv")
-    assert {tuple(each["key"][:3]) for each in index["targets"]} <= set(map(target_of, scores))
+    shown = {tuple(target["key"][:3]) for target in index["targets"]}
     missed = {target_of(row) for row in scores if not int(row["add_correct"])}
-    assert missed <= {tuple(each["key"][:3]) for each in index["targets"]}
-    for each in index["targets"]:
-        assert cv2.imread(str(tiny_run.output / "report" / each["picture"])) is not None
+    assert missed <= shown <= set(map(target_of, scores))
+    for target in index["targets"]:
+        assert cv2.imread(str(tiny_run.output / "report" / target["picture"])) is not None
     assert f"of {len(scores)} targets have a right pose" in page
     assert 'src="http' not in page and 'href="http' not in page
     assert len(page) < 15e6
+
+
+@pytest.fixture
+def dataset(tmp_path: Path) -> Path:
+    """A data set without any mesh."""
+    for folder in ("models", "test", "photos", "rooms"):
+        (tmp_path / "lm" / folder).mkdir(parents=True)
+    return tmp_path / "lm"
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["sede=1"], ["sede"]),
+        (["refinement.partikles=3"], ["refinement.partikles"]),
+        (["+data.foo=1"], ["data.foo", "no key"]),
+        (["rendering.viewpoints=three"], ["rendering.viewpoints", "whole number", "'three'"]),
+        (["encoder=none"], ["encoder=none is no alternative", "contrastive"]),
+        (["frames=0"], ["frames is 0"]),
+        (["refinement.particles=0"], ["refinement.particles is 0", "at least 1"]),
+        (["refinement.phi_1=1.0"], ["refinement.phi_1 + phi_2", "above 4"]),
+        (["experiment=linemod_bop"], ["data.root is not set"]),
+        (["experiment=linemod_bop", "data.root=nowhere"], ["data.root is no folder", "nowhere"]),
+        (
+            [
+                *("experiment=linemod_bop", "data.root={root}", "data.photographs=null"),
+                *("data.rooms=null", "data.rgbd_frames=null"),
+            ],
+            ["no mesh of object 1 (ape)", "obj_000001.ply"],
+        ),
+    ],
+)
+def test_wrong_input_is_named_before_any_stage(
+    call: Call,
+    dataset: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    overrides: list[str],
+    words: list[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, said, error = call(*[override.format(root=dataset) for override in overrides])
+    assert code in {1, 2}
+    assert said == ""
+    assert error.startswith("hlp: ")
+    assert error.count("hlp: ") == 1
+    assert len(error.splitlines()) <= 12
+    for word in words:
+        assert word in error
+    for word in ("Traceback", "pydantic", "input_value", "full_key"):
+        assert word not in error
+    assert not (tmp_path / "work").exists()

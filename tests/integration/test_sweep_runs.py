@@ -1,38 +1,24 @@
 """Sweeps of the tiny run's refiner: what MLflow has of them, and what an interruption costs."""
 
-import csv
-import json
-from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import pytest
-from mlflow import MlflowClient
-from mlflow.entities import Run
+from hydra import compose, initialize_config_dir
 
+from hlp.commands import report
+from hlp.commands.composing import config_folder
 from hlp.method.find.estimator import PoseEstimator
 from hlp.reporting.mlflow_metrics import HEADLINES
-from tiny_run import TinyRun
-
-pytestmark = pytest.mark.slow
-
-Call = Callable[..., tuple[int, str, str]]
-PARENT = "mlflow.parentRunId"
+from run_files import arms_of, read_json, rows
+from tiny_run import Call, TinyRun, start_run
 
 
-def logged(folder: Path) -> tuple[MlflowClient, list[Run]]:
-    client = MlflowClient(f"sqlite:///{folder / 'work' / 'mlflow.db'}")
-    experiments = [each.experiment_id for each in client.search_experiments()]
-    return client, client.search_runs(experiments)
-
-
-def family(folder: Path, output: Path) -> tuple[MlflowClient, Run, list[Run]]:
-    """The sweep's own run and those of its arms, oldest first."""
-    client, runs = logged(folder)
-    parent_id = json.loads((output / "sweep.json").read_text())["run_id"]
-    (parent,) = [run for run in runs if run.info.run_id == parent_id]
-    arms = [run for run in runs if run.data.tags.get(PARENT) == parent_id]
-    return client, parent, sorted(arms, key=lambda run: run.info.start_time)
+def needs(plugin: str) -> pytest.MarkDecorator:
+    """Hydra takes long to say that a plugin is missing, so it is looked for here."""
+    missing = find_spec("hydra_plugins") is None or find_spec(f"hydra_plugins.{plugin}") is None
+    return pytest.mark.skipif(missing, reason=f"{plugin} is not installed")
 
 
 def sweep_of(tiny_run: TinyRun) -> Path:
@@ -40,30 +26,29 @@ def sweep_of(tiny_run: TinyRun) -> Path:
     return record.parent
 
 
+@pytest.mark.slow
 def test_failed_arm_is_a_failed_run_and_the_others_go_on(tiny_run: TinyRun, call: Call) -> None:
     """No particles: refused before any stage. The next run of the sweep is not stopped by it."""
     code, _, error = call("-m", *tiny_run.overrides, "refinement.particles=0,5", "output=failing")
     assert code == 1
     assert "refinement.particles is 0" in error
     output = tiny_run.folder / "failing"
-    client, parent, arms = family(tiny_run.folder, output)
+    client, parent, arms = arms_of(tiny_run.folder, output)
     assert parent.info.status == "FAILED"
     assert parent.info.run_name == "sweep of particles"
-    assert set(parent.data.params) == {each.partition("=")[0] for each in tiny_run.overrides}
+    assert set(parent.data.params) == {setting.partition("=")[0] for setting in tiny_run.overrides}
     named = [(arm.info.run_name, arm.info.status) for arm in arms]
-    assert named == [
-        ("particles 0", "FAILED"),
-        ("particles 5", "FINISHED"),
-    ]
+    assert named == [("particles 0", "FAILED"), ("particles 5", "FINISHED")]
     assert [arm.data.params["refinement.particles"] for arm in arms] == ["0", "5"]
     traceback = Path(client.download_artifacts(arms[0].info.run_id, "traceback.txt")).read_text()
     assert "refinement.particles is 0" in traceback
     whole = Path(client.download_artifacts(arms[1].info.run_id, "config.yaml")).read_text()
     assert "particles: 5" in whole
-    summary = json.loads((output / "1" / "summary.json").read_text())
+    summary = read_json(output / "1" / "summary.json")
     assert arms[1].data.metrics["add"] == round(summary["metrics"]["add"]["recall"], 4)
 
 
+@pytest.mark.slow
 @pytest.mark.thorough
 def test_interrupted_sweep_goes_on_without_repeating_arms(
     tiny_run: TinyRun, call: Call, monkeypatch: pytest.MonkeyPatch
@@ -84,7 +69,7 @@ def test_interrupted_sweep_goes_on_without_repeating_arms(
     monkeypatch.setattr(PoseEstimator, "refine", interrupted)
     assert call(*overrides)[0] == 130
     output = sweep_of(tiny_run)
-    _, parent, arms = family(tiny_run.folder, output)
+    _, parent, arms = arms_of(tiny_run.folder, output)
     assert [run.info.status for run in (parent, *arms)] == ["KILLED", "FINISHED", "KILLED"]
     first = (output / "0" / "summary.json").stat().st_mtime_ns
 
@@ -95,16 +80,17 @@ def test_interrupted_sweep_goes_on_without_repeating_arms(
     assert "finished already: particles 5" in said
     assert asked == {6}
     assert (output / "0" / "summary.json").stat().st_mtime_ns == first
-    _, again, arms = family(tiny_run.folder, sweep_of(tiny_run))
+    _, again, arms = arms_of(tiny_run.folder, sweep_of(tiny_run))
     assert again.info.run_id == parent.info.run_id
     assert again.info.status == "FINISHED"
     found = [(arm.data.params["refinement.particles"], arm.info.status) for arm in arms]
     assert found == [("5", "FINISHED"), ("6", "FINISHED")]  # the one that was killed, continued
     shown = [{name: run.data.metrics[name] for name in HEADLINES} for run in (again, *arms)]
-    best = max(shown[1:], key=lambda each: (each["add"], -each["ms"]))
+    best = max(shown[1:], key=lambda metrics: (metrics["add"], -metrics["ms"]))
     assert shown[0] == best
 
 
+@pytest.mark.slow
 @pytest.mark.thorough
 def test_anytime_draws_recall_against_the_time_of_each_budget(
     tiny_run: TinyRun, call: Call
@@ -113,15 +99,15 @@ def test_anytime_draws_recall_against_the_time_of_each_budget(
     code, _, error = call(*tiny_run.overrides, *budgets)
     assert code == 0, error
     folder = tiny_run.folder / "anytime"
-    with (folder / "recall_by_time.csv").open(newline="") as stream:
-        unlimited, hasty = csv.DictReader(stream)
-    assert [each["refinement.budget_ms"] for each in (unlimited, hasty)] == ["0", "1"]
-    assert float(hasty["median_ms"]) > 0.0 and float(unlimited["median_ms"]) > 0.0
-    client, parent, _ = family(tiny_run.folder, folder)
-    logged_files = {each.path for each in client.list_artifacts(parent.info.run_id)}
+    points = rows(folder / "recall_by_time.csv")
+    assert [point["refinement.budget_ms"] for point in points] == ["0", "1"]
+    assert all(float(point["median_ms"]) > 0.0 for point in points)
+    client, parent, _ = arms_of(tiny_run.folder, folder)
+    logged_files = {item.path for item in client.list_artifacts(parent.info.run_id)}
     assert {"recall_by_time.png", "recall_by_time.svg"} <= logged_files
 
 
+@pytest.mark.slow
 def test_a_sweep_of_studies_ends_with_table_figure_and_page(tiny_run: TinyRun, call: Call) -> None:
     """Also if an arm failed: no particles."""
     given = ("task=oracle", "task.frames=1", "refinement.particles=0,5,6", "output=oracles")
@@ -136,9 +122,79 @@ def test_a_sweep_of_studies_ends_with_table_figure_and_page(tiny_run: TinyRun, c
     written = {"report.html", *(f"oracle.{ending}" for ending in endings)}
     assert written <= {path.name for path in folder.iterdir()}
     assert '<a href="2/report.html">' in (folder / "report.html").read_text()
-    client, parent, _ = family(tiny_run.folder, folder)
-    assert written <= {each.path for each in client.list_artifacts(parent.info.run_id)}
+    client, parent, _ = arms_of(tiny_run.folder, folder)
+    assert written <= {item.path for item in client.list_artifacts(parent.info.run_id)}
     assert "2 of 3 arms finished" in parent.data.tags["mlflow.note.content"]
     assert parent.data.tags["best_arm"] in ("5", "6")
     history = client.get_metric_history(parent.info.run_id, "sweep/oracle/est/est")
-    assert [each.step for each in history] == [5, 6]
+    assert [point.step for point in history] == [5, 6]
+
+
+@pytest.mark.slow
+@pytest.mark.thorough
+def test_sweep_and_report_write_the_papers_figure(
+    tiny_run: TinyRun, call: Call, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Refined poses, and coarse ones; nothing is learnt again for either."""
+    given = ("experiment=pso_vs_icp", "refinement=icp,none", "output=outputs/pso_vs_icp/tiny")
+    code, _, error = call(*tiny_run.overrides, *given)
+    assert code == 0, error
+    folder = tiny_run.folder / "outputs" / "pso_vs_icp" / "tiny"
+    found = rows(folder / "pso_vs_icp.csv")
+    assert [row["refinement"] for row in found] == ["icp", "none"]
+    assert found[0]["targets"] == found[1]["targets"]
+    (folder / "pso_vs_icp.svg").unlink()
+    report.command(["experiment=pso_vs_icp"])
+    printed = capsys.readouterr().out
+    assert "PSO against ICP" in printed
+    assert "in 2 frames of synthetic data" in printed
+    assert (folder / "pso_vs_icp.svg").is_file()
+
+
+@pytest.mark.slow
+@pytest.mark.thorough
+def test_a_sweep_over_threads_measures_each_of_its_runs(tiny_run: TinyRun, call: Call) -> None:
+    """All stages are on disk, since threads change no result; the times are not."""
+    own = ("timing_frames=1", "output=threads")
+    code, said, error = call("-m", *tiny_run.overrides, *own, "machine.threads=1,2")
+    assert code == 0, error
+    folders = [tiny_run.folder / "threads" / name for name in "01"]
+    found = [read_json(folder / "summary.json") for folder in folders]
+    first = read_json(tiny_run.output / "summary.json")
+    for summary in found:
+        assert summary["metrics"] == first["metrics"]
+        assert summary["timing"]["reused_stages"] == ["regions", "hypotheses", "poses"]
+        assert summary["timing"]["frames"] == 1
+        assert 0 < summary["timing"]["objects"] < first["timing"]["objects"]
+    times = [summary["timing_ms"]["total"]["median"] for summary in (first, *found)]
+    assert len(set(times)) == 3
+    words = " ".join(said.split())  # lines of a terminal
+    assert words.count("were reused; measured again on 1 frame.") == 2
+    for folder in folders:
+        assert {row["time"] for row in rows(folder / "poses.csv")} == {"-1.0"}
+
+
+@needs("hydra_joblib_launcher")
+@pytest.mark.slow
+@pytest.mark.thorough
+def test_settings_side_by_side_leave_what_settings_in_turn_leave(tiny_run: TinyRun) -> None:
+    """Four processes at once, of which one has a wrong value: that one is a FAILED run."""
+    swept = ("-m", *tiny_run.overrides, "panels=0", "refinement.particles=0,5,6,7", "output=cores")
+    launcher = ("hydra/launcher=cores", "hydra.launcher.n_jobs=4")
+    done = start_run(tiny_run.folder, *swept, *launcher, threads=1)
+    assert done.returncode == 1
+    assert "refinement.particles is 0" in done.stderr
+    folder = tiny_run.folder / "cores"
+    assert [(folder / name / "manifest.json").is_file() for name in "0123"] == [False, *[True] * 3]
+    _, _, arms = arms_of(tiny_run.folder, folder)
+    found = {arm.data.params["refinement.particles"]: arm.info.status for arm in arms}
+    assert found == {"0": "FAILED", **dict.fromkeys("567", "FINISHED")}
+
+
+@needs("hydra_submitit_launcher")
+def test_slurm_is_told_what_a_run_needs() -> None:
+    chosen = ["hydra/launcher=slurm", "hydra.launcher.partition=cpu", "output=out"]
+    with initialize_config_dir(str(config_folder()), version_base="1.3"):
+        launcher = compose("config", overrides=chosen, return_hydra_config=True).hydra.launcher
+    assert launcher._target_.endswith("SlurmLauncher")
+    assert (launcher.partition, launcher.cpus_per_task, launcher.timeout_min) == ("cpu", 2, 720)

@@ -8,10 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from hydra import compose, initialize_config_dir
 
-from hlp.commands.composing import config_folder
-from hlp.config.build import Run, build_run
+from hlp.config.build import Run
 from hlp.method.learn.checkpoints import read_history, read_weights
 from hlp.models.classifier_training import HolisticCNN
 from hlp.stages.store import StageStore
@@ -25,9 +23,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 @pytest.fixture
 def run(tiny_run: TinyRun, tmp_path: Path) -> Run:
     shutil.copytree(tiny_run.folder / "work" / "views", tmp_path / "work" / "views")
-    given = (*tiny_run.overrides, f"work={tmp_path / 'work'}", "output=out")
-    with initialize_config_dir(str(config_folder()), version_base="1.3"):
-        return build_run(compose("config", overrides=list(given)))
+    return tiny_run.build(f"work={tmp_path / 'work'}")
 
 
 def training_of(
@@ -65,6 +61,8 @@ def test_an_added_object_costs_its_codebook_and_a_short_training(
     assert now.encoder() == earlier.encoder()
     for object_id in run.dataset.models:
         now.codebook(object_id)
+        assert object_id == added or now.codebook(object_id) == earlier.codebook(object_id)
+    assert np.isfinite(now.load_codebook(added).features).all()
     now.classifier()
     made = [(event.stage, event.of) for event in now.store.events if not event.reused]
     assert made == [("codebook", run.dataset.models[added].name), ("classifier", "")]
@@ -76,13 +74,10 @@ def test_an_added_object_costs_its_codebook_and_a_short_training(
     last = list(before)[-2]
     assert len(after[last]) == len(before[last]) + 1
     kept = torch.cat([after[last][:3], after[last][4:]])
-    start = HolisticCNN(4, len(after[last]), *_sizes(run)).state_dict()[last]
+    own = run.settings.classifier
+    untrained = HolisticCNN(4, len(after[last]), own.widths, own.hidden, own.dropout)
+    start = untrained.state_dict()[last]
     assert (kept - before[last]).abs().mean() < 0.3 * (kept - start[: len(kept)]).abs().mean()
-
-
-def _sizes(run: Run) -> tuple[tuple[int, ...], int, float]:
-    classifier = run.settings.classifier
-    return classifier.widths, classifier.hidden, classifier.dropout
 
 
 def test_what_cannot_be_gone_on_from_is_named(
@@ -103,12 +98,3 @@ def test_what_cannot_be_gone_on_from_is_named(
         training_of(run, manifest=manifest).encoder()
     with pytest.raises(FileNotFoundError, match="there is no file"):
         training_of(run, manifest=tmp_path / "other.json").classifier()
-
-
-def test_features_of_the_objects_before_stay_as_they_are(
-    run: Run, earlier: TrainingStages, tmp_path: Path
-) -> None:
-    now = training_of(run, manifest=manifest_of(earlier, tmp_path / "manifest.json"))
-    for object_id in earlier.dataset.models:
-        assert now.codebook(object_id) == earlier.codebook(object_id)
-        assert np.isfinite(now.load_codebook(object_id).features).all()
