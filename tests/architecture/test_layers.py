@@ -1,25 +1,51 @@
-"""What the design promises of the code as a whole."""
+"""What the design promises of imports; import-linter (`make check`) looks at their directions."""
 
 import os
 import pkgutil
 import subprocess
 import sys
+from itertools import cycle
 from pathlib import Path
 
 import pytest
-from hydra import compose, initialize_config_dir
 
 import hlp
-from hlp.commands.composing import config_folder
+from hlp.commands.composing import compose_config, config_folder
 
 ROOT = Path(__file__).parents[2]
+SHOWN = ["run", "--cfg", "job", "data=bop", "data.root=X"]
+HEAVY = ["torch", "pytorch_lightning", "lightning", "mlflow", "matplotlib", "trimesh"]
+"""Libraries that take seconds to import."""
+OF_RUNS = ["numba", "scipy", "onnxruntime", "faiss", "requests", "sqlalchemy"]
+OF_SETTINGS = ["numpy", "cv2", "hydra", "omegaconf", "pydantic", "yaml", "jaxtyping"]
 
 
-def test_imports_keep_to_the_layers() -> None:
-    # In a process of its own: import-linter disables all loggers of the one it runs in.
-    command = [sys.executable, "-c", "import importlinter.cli as c; c.lint_imports_command()"]
-    done = subprocess.run([*command, "--no-cache"], cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout
+def printed_by(code: str, folder: Path = ROOT, **variables: str) -> str:
+    """What Python prints that runs this code in a new process."""
+    own = {"PYTHONPATH": str(ROOT / "src"), **variables}
+    done = subprocess.run(
+        [sys.executable, "-c", f"import sys\n{code}"],
+        cwd=folder,
+        env={**os.environ, **own},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def without(*libraries: str) -> str:
+    """Code that fails where one of these has been imported."""
+    return (
+        f"assert not {{*{libraries!r}}} & {{*sys.modules}}, {{*{libraries!r}}} & {{*sys.modules}}"
+    )
+
+
+def calling(arguments: list[str], *libraries: str) -> str:
+    """Code that calls `hlp`, which must import none of these."""
+    call = f"from hlp.cli import main\ntry: main({arguments!r})\nfinally:"
+    return f"{call}\n    {without(*libraries)}"
 
 
 def test_importing_does_nothing(tmp_path: Path) -> None:
@@ -28,9 +54,8 @@ def test_importing_does_nothing(tmp_path: Path) -> None:
     All but `blinn_phong`, which is pyrender's code changed and so needs OpenGL; `opengl` imports it
     once rendering has started.
     """
-    found = [each.name for each in pkgutil.walk_packages(hlp.__path__, "hlp.")]
-    modules = [name for name in found if name != "hlp.rendering.blinn_phong"]
-    assert "hlp.stages.store" in modules
+    modules = [module.name for module in pkgutil.walk_packages(hlp.__path__, "hlp.")]
+    modules.remove("hlp.rendering.blinn_phong")
     code = (
         "import importlib, os\n"
         "import cv2, numba, pytorch_lightning, scipy, threadpoolctl, torch, trimesh\n"  # set some
@@ -38,130 +63,67 @@ def test_importing_does_nothing(tmp_path: Path) -> None:
         f"for name in {modules!r}: importlib.import_module(name)\n"
         "new = {key: value for key, value in os.environ.items() if before.get(key) != value}\n"
         "assert not new, f'importing sets {new}'\n"
-        "import sys\n"
-        "assert 'mlflow' not in sys.modules, 'mlflow costs seconds: import it where it is used'\n"
-        "assert 'OpenGL' not in sys.modules, 'OpenGL may be missing: import it where it is used'\n"
-        "assert not torch.cuda.is_initialized()\n"
+        f"{without('mlflow', 'OpenGL')}\n"  # the one costs seconds, the other may be missing
+        "assert not torch.cuda.is_initialized()"
     )
-    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "PYTHONDONTWRITEBYTECODE": "1"}
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout == ""
+    assert printed_by(code, tmp_path, PYTHONDONTWRITEBYTECODE="1") == ""
     assert not list(tmp_path.iterdir()), "importing writes files"
 
 
 def test_the_detector_is_imported_without_a_framework() -> None:
     """What `hlp.Detector` costs a robot's program: numpy, OpenCV, numba and this many modules."""
-    code = (
-        "import sys, hlp\n"
+    heavy = [*HEAVY, "hydra", "omegaconf", "pyrender", "pyrealsense2"]
+    count = printed_by(
+        "import hlp\n"
         "assert not any(name.startswith('hlp.') for name in sys.modules), 'loads more'\n"
         "hlp.Detector, hlp.Tracker, hlp.CameraImage\n"
-        "heavy = {'torch', 'pytorch_lightning', 'lightning', 'mlflow', 'hydra', 'omegaconf',"
-        " 'matplotlib', 'trimesh', 'pyrender', 'pyrealsense2'}\n"
-        "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
-        "print(sum(name.partition('.')[0] == 'hlp' for name in sys.modules))\n"
+        f"{without(*heavy)}\n"
+        "print(sum(name.partition('.')[0] == 'hlp' for name in sys.modules))"
     )
-    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert int(done.stdout) < 87
+    assert int(count) < 87
 
 
 @pytest.mark.parametrize(
-    "arguments",
+    ("arguments", "heavy", "words"),
     [
-        ["run", "--cfg", "job"],
-        ["run", "--cfg", "job", "data=bop", "data.root=X", "encoder=cae", "refinement=icp"],
-        ["run", "--help"],
-        ["-sc", "query=bash"],
+        ([*SHOWN, "encoder=cae", "refinement=icp"], [*HEAVY, *OF_RUNS], "refinement"),
+        (["run", "--help"], [*HEAVY, *OF_RUNS], "refinement"),
+        (["-sc", "query=bash"], [*HEAVY, *OF_RUNS], "refinement"),
+        (["--help"], [*HEAVY, *OF_RUNS, *OF_SETTINGS], "run"),
+        (["runs", "--help"], [*HEAVY, *OF_RUNS, *OF_SETTINGS], "run"),
     ],
-    ids=" ".join,
 )
-def test_what_only_shows_settings_imports_nothing_heavy(arguments: list[str]) -> None:
+def test_what_only_shows_something_imports_little(
+    arguments: list[str], heavy: list[str], words: str
+) -> None:
     """Hydra and the settings' modules take a second; these libraries would take three more."""
-    code = (
-        "import sys\n"
-        "from hlp.cli import main\n"
-        "try:\n"
-        f"    main({arguments!r})\n"
-        "finally:\n"
-        "    heavy = {'torch', 'pytorch_lightning', 'lightning', 'mlflow', 'matplotlib', 'numba',"
-        " 'scipy', 'trimesh', 'onnxruntime', 'faiss', 'requests', 'sqlalchemy'}\n"
-        "    assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
-    )
-    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "COMP_LINE": "hlp run refinem"}
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert "refinement" in done.stdout
+    assert words in printed_by(calling(arguments, *heavy), COMP_LINE="hlp run refinem")
+
+
+def test_the_names_of_commands_are_completed_at_once() -> None:
+    code = calling(["-sc", "query=bash"], *HEAVY, *OF_RUNS, *OF_SETTINGS)
+    assert "run" in printed_by(code, COMP_LINE="hlp ru")
 
 
 def test_a_configuration_whose_defaults_are_kept_is_shown_without_arrays(tmp_path: Path) -> None:
     """NumPy and the settings' classes would take a third of a second."""
-    code = (
-        "import sys\n"
-        "from hlp.cli import main\n"
-        "main(['run', '--cfg', 'job', 'data=bop', 'data.root=X'])\n"
-        "print('imported', 'numpy' in sys.modules)\n"
-    )
-    environment = {
-        **os.environ, "PYTHONPATH": str(ROOT / "src"), "XDG_CACHE_HOME": str(tmp_path)
-    }  # fmt: skip
     first, second = (
-        subprocess.run(
-            [sys.executable, "-c", code],
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
-        for _ in range(2)
+        printed_by(calling(SHOWN, *libraries), XDG_CACHE_HOME=str(tmp_path))
+        for libraries in (["mlflow"], ["numpy"])
     )
-    assert first == second.replace("imported False", "imported True") != second
+    assert first == second
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["runs", "--help"], ["-sc", "query=bash"]])
-def test_what_answers_at_once_imports_none_of_the_libraries(arguments: list[str]) -> None:
-    code = (
-        "import sys\n"
-        "from hlp.cli import main\n"
-        f"main({arguments!r})\n"
-        "heavy = {'numpy', 'cv2', 'hydra', 'omegaconf', 'pydantic', 'yaml', 'jaxtyping', 'torch',"
-        " 'mlflow', 'numba', 'scipy', 'matplotlib'}\n"
-        "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
-    )
-    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "COMP_LINE": "hlp ru"}
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert "run" in done.stdout
+def alternatives(group: str) -> list[str]:
+    return sorted(path.stem for path in (config_folder() / group).glob("*.yaml"))
 
 
-def alternatives() -> list[str]:
-    """Files that a group chooses from; the arms of the ladder are whole experiments."""
-    found = config_folder().glob("*/*.yaml")
-    return sorted(
-        f"{path.parent.name}={path.stem}"
-        for path in found
-        if path.stem[0] != "_" and path.parent.name != "ladder"
-    )
+PAIRS = list(zip(alternatives("experiment"), cycle(alternatives("data")), strict=False))
 
 
-@pytest.mark.parametrize("choice", alternatives())
-def test_every_alternative_composes_and_bears_a_name(choice: str) -> None:
-    with initialize_config_dir(str(config_folder().absolute()), version_base="1.3"):
-        config = compose("config", overrides=[choice])
-    group = choice.partition("=")[0]
-    if group not in {"method", "experiment"}:
-        assert config[group].name
+@pytest.mark.parametrize(("experiment", "data"), PAIRS)
+def test_every_experiment_and_data_set_composes(experiment: str, data: str) -> None:
+    """The other groups' alternatives are composed by the tests of settings."""
+    assert {name for _, name in PAIRS} == {*alternatives("data")}
+    config = compose_config(f"experiment={experiment}", f"data={data}", "output=out")
+    assert config.name and config.data.name
