@@ -18,6 +18,7 @@ LONG = {
 LONG_FUNCTIONS = {
     "_draw_recalls": 42,
     "_live": 42,
+    "_receive": 43,
     "_scan": 47,
     "_score": 45,
     "_sum_row": 50,
