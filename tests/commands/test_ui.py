@@ -6,7 +6,7 @@ import requests
 from hlp.cli import main
 from hlp.commands.tracking_uri import tracking_uri
 from hlp.commands.ui import UI_HELP
-from hlp.reporting.tracking import TrackingSettings, track_run
+from hlp.reporting.mlflow_tracking import MlflowSettings, track_run
 from served_ui import served_ui
 
 Captured = pytest.CaptureFixture[str]
@@ -41,9 +41,9 @@ def test_mlflows_own_variable_is_honoured(monkeypatch: pytest.MonkeyPatch) -> No
 
 @pytest.mark.slow
 def test_the_server_answers_on_this_machine_until_it_is_stopped(tmp_path: Path) -> None:
-    settings = TrackingSettings(uri=f"sqlite:///{tmp_path / 'mlflow.db'}", experiment="shown")
+    settings = MlflowSettings(uri=f"sqlite:///{tmp_path / 'mlflow.db'}", experiment="shown")
     with track_run(settings, "a run", {}) as tracker:
-        experiment = tracker.run.experiment_id if tracker.run else ""
+        experiment = tracker.place.experiment_id if tracker.place else ""
     with served_ui(tmp_path) as page:
         address, _, path = page.partition("#")
         assert path.startswith(f"/experiments/{experiment}/runs?")

@@ -10,7 +10,7 @@ from hydra import compose, initialize_config_dir
 from hlp.commands import report
 from hlp.commands.composing import config_folder
 from hlp.method.find.estimator import PoseEstimator
-from hlp.reporting.mlflow_metrics import HEADLINES
+from hlp.reporting.mlflow_pages import HEADLINES
 from run_files import arms_of, read_json, rows
 from tiny_run import Call, TinyRun, start_run
 

@@ -10,9 +10,8 @@ import pytest
 
 from hlp.errors import DataError
 from hlp.reporting.figures.basin_maps import Basins, write_basins
-from hlp.reporting.page.pages import write_pages
 from hlp.reporting.page.study_page import write_study_sweep_page
-from hlp.reporting.report import report_runs
+from hlp.reporting.report import report_runs, write_pages
 from hlp.reporting.study_arms import StudySweep, read_study_sweeps
 from hlp.reporting.study_sweep import (
     describe_study_sweep,

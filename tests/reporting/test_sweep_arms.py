@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hlp.records import TargetScore
-from hlp.reporting.page.pages import write_pages
+from hlp.reporting.report import write_pages
 from hlp.reporting.results import read_results
 from hlp.reporting.sweep_arms import sweep_of, sweep_table, sweep_verdict
 from hlp.reporting.sweep_report import describe_sweep, sweep_figure, write_sweep_files

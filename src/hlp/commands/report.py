@@ -15,10 +15,8 @@ def command(arguments: Sequence[str]) -> None:
     if given is None:
         return
     from hlp.reporting.ladder import describe_ladders
-    from hlp.reporting.mlflow_runs import describe_named
-    from hlp.reporting.page.pages import write_pages
     from hlp.reporting.recordings import describe_recordings
-    from hlp.reporting.report import report_runs
+    from hlp.reporting.report import describe_named, report_runs, write_pages
     from hlp.reporting.reproductions import describe_reproductions
     from hlp.reporting.run_list import report_selection
 

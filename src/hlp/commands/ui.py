@@ -20,8 +20,8 @@ def command(arguments: Sequence[str]) -> None:
 
 
 def _serve(given: Mapping[str, str]) -> None:
-    from hlp.reporting.mlflow_client import is_local
-    from hlp.reporting.mlflow_server import PORT, newest_page, server
+    from hlp.reporting.mlflow_pages import PORT, newest_page, server
+    from hlp.reporting.mlflow_store import is_local
 
     port = given.get("port", str(PORT))
     if not port.isdecimal():

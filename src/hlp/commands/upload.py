@@ -15,7 +15,7 @@ def command(arguments: Sequence[str]) -> None:
 
 
 def _send(given: Mapping[str, str]) -> None:
-    from hlp.reporting.unsent_runs import send_runs, unsent_database
+    from hlp.reporting.mlflow_upload import send_runs, unsent_database
 
     unsent = given.get("unsent") or unsent_database(Path(given.get("work", "work")))
     names = send_runs(unsent, given.get("uri"))

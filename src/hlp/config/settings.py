@@ -14,7 +14,7 @@ from hlp.method.settings import (
     MethodSettings,
 )
 from hlp.registry import Registry
-from hlp.reporting.tracking import TrackingSettings
+from hlp.reporting.mlflow_tracking import MlflowSettings
 from hlp.settings import Doc, Settings, SettingsError
 from hlp.stages.executor_settings import EXECUTORS, ExecutorSettings
 from hlp.stages.warm_start import WarmStartSettings
@@ -85,7 +85,7 @@ class RunSettings(MethodSettings):
     arm: ArmSettings = field(default_factory=ArmSettings)
     data: Annotated[DataSettings, DATASETS]
     evaluation: EvaluationSettings
-    reporting: TrackingSettings
+    reporting: MlflowSettings
     executor: Annotated[ExecutorSettings, EXECUTORS]
     task: Annotated[TaskSettings, TASKS]
 

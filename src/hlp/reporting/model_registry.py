@@ -2,47 +2,78 @@
 
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hlp.errors import ConfigError
-from hlp.records import CameraImage
-from hlp.reporting.experiment_page import ExperimentPage
-from hlp.reporting.mlflow_client import connect, import_client, reason
-from hlp.reporting.tracking import TrackingSettings, track_run
+from hlp.reporting.mlflow_run import MlflowRun
+from hlp.reporting.mlflow_store import import_client, reason
+from hlp.reporting.mlflow_tracking import MlflowSettings, track_run
 
 if TYPE_CHECKING:
     from mlflow.models import ModelSignature
 
+EXPERIMENT = "models"
+_ABOUT = "Learnt objects, registered by `hlp objects register`."
+_LOADER = "hlp.method.pyfunc_model"  # named, not imported: MLflow imports it when it loads a model
 
-@dataclass(frozen=True)
-class ModelInput:
-    """What a model is called with: its options' defaults, and an image as example.
 
-    `objects` are the names of all objects it knows.
+def register(
+    learnt: Path,
+    name: str,
+    uri: str,
+    options: Mapping[str, Any],
+    example: Mapping[str, np.ndarray],
+) -> str:
+    """Copy a folder of learnt objects into MLflow as a new version of a model; its address.
+
+    MLflow shows what the model takes and returns: `options` are those of a call with their
+    defaults, `objects` the names of all objects that it knows; `example` is a call's input, which
+    lies with the model. The address, e.g. `models:/brackets/2`, is for `mlflow.pyfunc.load_model`.
+    Raises ConfigError if MLflow cannot be used or refuses the name.
     """
+    import_client()
+    from mlflow import pyfunc
 
-    objects: tuple[str, ...]
-    max_instances: int
-    min_score: float
-    example: CameraImage
+    settings = MlflowSettings(uri=uri, experiment=EXPERIMENT, about=_ABOUT)
+    tags = {"objects": ", ".join(options["objects"])}
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        track_run(settings, name, {}, tags) as run,
+    ):
+        saved = Path(folder, "model")
+        pyfunc.save_model(
+            saved,
+            loader_module=_LOADER,
+            data_path=str(learnt),
+            signature=_signature(options),
+            input_example=dict(example),
+            pip_requirements=[f"hlp=={version('hlp')}"],
+        )
+        run.log_artifacts(saved, "model")
+        made = _add_version(run, name, tags)
+    return f"models:/{name}/{made}"
 
-    @property
-    def images(self) -> dict[str, np.ndarray]:
-        """The example as n = 1 images: rgb (n, h, w, 3), depth (n, h, w), matrix (n, 3, 3)."""
-        image = self.example
-        return {
-            "rgb": image.rgb[None],
-            "depth": image.depth[None].astype(np.float32),
-            "camera_matrix": image.camera_matrix[None],
-        }
+
+def _add_version(run: MlflowRun, name: str, tags: Mapping[str, str]) -> str:
+    """Register what lies in the run's artifacts as `model`; its version."""
+    from mlflow.exceptions import MlflowException
+
+    assert run.place is not None
+    client, run_id = run.place.client, run.place.run_id
+    source = f"{client.get_run(run_id).info.artifact_uri}/model"
+    try:
+        if not client.search_registered_models(f"name = '{name}'"):
+            client.create_registered_model(name)
+        return str(client.create_model_version(name, source, run_id, tags=dict(tags)).version)
+    except MlflowException as error:
+        raise ConfigError(f"MLflow cannot register {name}: {reason(error)}") from error
 
 
-def model_signature(given: ModelInput) -> "ModelSignature":
+def _signature(options: Mapping[str, Any]) -> "ModelSignature":
     """Images in, a table of poses out.
 
     Images are tensors: of nested lists, MLflow would look at each number by itself, which takes far
@@ -65,54 +96,9 @@ def model_signature(given: ModelInput) -> "ModelSignature":
         ColSpec(DataType.double, "visible_fraction"),
         ColSpec(DataType.double, "seconds"),
     ]
-    options = [
-        ParamSpec("objects", DataType.string, list(given.objects), (-1,)),
-        ParamSpec("max_instances", DataType.long, given.max_instances),
-        ParamSpec("min_score", DataType.double, given.min_score),
+    params = [
+        ParamSpec("objects", DataType.string, list(options["objects"]), (-1,)),
+        ParamSpec("max_instances", DataType.long, options["max_instances"]),
+        ParamSpec("min_score", DataType.double, options["min_score"]),
     ]
-    return ModelSignature(Schema(images), Schema(poses), ParamSchema(options))
-
-
-EXPERIMENT = "models"
-_ABOUT = "Learnt objects, registered by `hlp objects register`."
-_LOADER = "hlp.method.pyfunc_model"  # named, not imported: MLflow imports it when it loads a model
-
-
-def register(
-    learnt: Path, name: str, uri: str, tags: Mapping[str, str], model_input: ModelInput
-) -> str:
-    """Copy a folder of learnt objects into MLflow as a new version of a model; its address.
-
-    MLflow shows what the model takes and returns, with an example. The address, e.g.
-    `models:/brackets/2`, is for `mlflow.pyfunc.load_model`. Raises ConfigError if MLflow cannot be
-    used or refuses the name.
-    """
-    import_client()
-    from mlflow import pyfunc
-    from mlflow.exceptions import MlflowException
-
-    settings = TrackingSettings(uri=uri, experiment=EXPERIMENT, about=_ABOUT)
-    client = connect(uri, EXPERIMENT, ExperimentPage(_ABOUT).tags, settings.unsent).client
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        track_run(settings, name, {}, tags) as tracker,
-    ):
-        saved = Path(folder, "model")
-        pyfunc.save_model(
-            saved,
-            loader_module=_LOADER,
-            data_path=str(learnt),
-            signature=model_signature(model_input),
-            input_example=model_input.images,
-            pip_requirements=[f"hlp=={version('hlp')}"],
-        )
-        tracker.log_artifacts(saved, "model")
-        run = client.get_run(tracker.run_id)
-        source = f"{run.info.artifact_uri}/model"
-        try:
-            if not client.search_registered_models(f"name = '{name}'"):
-                client.create_registered_model(name)
-            made = client.create_model_version(name, source, tracker.run_id, tags=dict(tags))
-        except MlflowException as error:
-            raise ConfigError(f"MLflow cannot register {name}: {reason(error)}") from error
-    return f"models:/{name}/{made.version}"
+    return ModelSignature(Schema(images), Schema(poses), ParamSchema(params))

@@ -1,23 +1,32 @@
-"""`hlp report`: tables of finished runs for the terminal and for Markdown, and their drawings."""
+"""`hlp report`: tables of finished runs for the terminal and for Markdown, drawings, pages."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from statistics import fmean
 
-from hlp.errors import MissingFileError
-from hlp.files import SUMMARY, SWEEP
+from hlp.errors import InputError, MissingFileError
+from hlp.files import MANIFEST, SCORES, SUMMARY, SWEEP
+from hlp.reporting.comparison import compare_runs, read_targets
 from hlp.reporting.figures.bench_bars import draw_waterfall
 from hlp.reporting.figures.trade_off import draw_trade_off
-from hlp.reporting.page.study_page import study_folders
+from hlp.reporting.mlflow_store import database_path, import_client, is_local
+from hlp.reporting.page.run_page import write_run_page
+from hlp.reporting.page.study_page import study_folders, write_study_page, write_study_sweep_page
+from hlp.reporting.page.sweep_page import write_sweep_page
+from hlp.reporting.results import read_results, result_folders
 from hlp.reporting.study_arms import read_study_sweeps
 from hlp.reporting.study_sweep import describe_study_sweep, write_study_sweep
 from hlp.reporting.sweep_report import describe_sweep, write_sweep_files
+from hlp.reporting.tables.repeats import mean_and_spread
 from hlp.reporting.tables.summary_tables import (
+    METRIC_LABELS,
     format_summary,
     runs_table,
     votes_table,
     waterfall_tables,
 )
-from hlp.reporting.tables.table import check_layout, lay_out, prose
-from hlp.results.summary_file import Summary, read_summary
+from hlp.reporting.tables.table import Table, check_layout, format_share, lay_out, prose
+from hlp.results.summary_file import Summary, average_recalls, read_summary
 
 
 def report_runs(folder: Path, layout: str, details: bool = False) -> str:
@@ -83,3 +92,84 @@ def _draw(run: Path, summary: Summary) -> list[Path]:
         return []
     draw_waterfall(run, summary["waterfall"])
     return [run / "waterfall.png", run / "waterfall.svg"]
+
+
+def write_pages(folder: Path) -> list[Path]:
+    """Write the page of the run, sweep or study in a folder; of all in it if there are several.
+
+    The runs of a sweep have pages of their own too. Raises what the pages raise.
+    """
+    written = []
+    for found in result_folders(folder):
+        if (found / SWEEP).is_file():
+            arms = sorted(path.parent for path in found.glob(f"*/{SCORES}"))
+            written += [write_run_page(arm) for arm in arms if (arm / MANIFEST).is_file()]
+            if read_study_sweeps(found):
+                written.append(write_study_sweep_page(found))
+            elif read_results(found).results:
+                written.append(write_sweep_page(found))
+        elif (found / SCORES).is_file():
+            written.append(write_run_page(found))
+    return written + [write_study_page(found) for found in study_folders(folder)]
+
+
+def scores_file(run: str, uri: str) -> Path:
+    """`scores.csv` of a run that is named by its output folder, or by its id in MLflow.
+
+    Raises MissingFileError where neither is found, or the run has no scores.
+    """
+    if Path(run).is_dir():
+        path = Path(run) / SCORES
+        if not path.is_file():
+            raise MissingFileError(f"no {SCORES} in {run}: it holds no finished run")
+        return path
+    if is_local(uri) and not database_path(uri).is_file():
+        raise MissingFileError(f"no folder {run}, and no MLflow database {uri} to look for it in")
+    client = import_client()(uri)
+    from mlflow.exceptions import MlflowException
+
+    try:
+        return Path(client.download_artifacts(run, SCORES))
+    except (MlflowException, OSError) as error:
+        raise MissingFileError(f"no folder {run}, and no scores of such a run in {uri}") from error
+
+
+def describe_named(runs: str, uri: str, layout: str) -> str:
+    """What `compare_runs` or `describe_repeats` says of `[A,B,…]`.
+
+    Each is an output folder or the id of a run in MLflow at `uri`. Raises InputError for fewer than
+    two, otherwise what these two raise.
+    """
+    names = [name.strip() for name in runs.removeprefix("[").removesuffix("]").split(",")]
+    if len(names) < 2 or not all(names):
+        raise InputError(f"runs={runs}: name two or more, as runs=[A,B]")
+    files = [scores_file(name, uri) for name in names]
+    if len(names) == 2:
+        return compare_runs(files[0], files[1], (names[0], names[1]), layout)
+    return describe_repeats(files, names, layout)
+
+
+def describe_repeats(files: Sequence[Path], names: Sequence[str], layout: str) -> str:
+    """Recalls of repeats, such as one configuration with several seeds: each, mean and spread.
+
+    `files` are their `scores.csv`; AR is BOP's average recall, empty where it was not computed.
+    Raises FileNotFoundError without a file, ValueError for a broken one and for a `layout` that is
+    not `text` or `markdown`.
+    """
+    check_layout(layout)
+    recalls, targets = [], []
+    for path in files:
+        scored = read_targets(path)
+        targets.append(scored.keys())
+        shares = [fmean(each.correct(key) for each in scored.values()) for key in METRIC_LABELS]
+        recalls.append([*shares, average_recalls([each.score for each in scored.values()])["ar"]])
+    rows = [
+        [name, str(len(asked)), *map(format_share, found)]
+        for name, asked, found in zip(names, targets, recalls, strict=True)
+    ]
+    means, deviations = mean_and_spread(recalls)
+    rows += [["mean", "", *means], ["standard deviation", "", *deviations]]
+    whole = Table(["run", "targets", *METRIC_LABELS.values(), "AR"], rows)
+    table = lay_out(whole.fitted(0, ends=True) if layout == "text" else whole, layout)
+    same = all(each == targets[0] for each in targets)
+    return table if same else f"{table}\n\nThe runs were not asked for the same targets."

@@ -3,19 +3,19 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from hlp.reporting.mlflow_metrics import headline_metrics
+from hlp.reporting.mlflow_pages import headline_metrics
+from hlp.reporting.mlflow_run import MlflowRun
 from hlp.reporting.results import read_results
 from hlp.reporting.study_arms import StudySweep
 from hlp.reporting.study_sweep import describe_study_sweep
 from hlp.reporting.sweep_arms import sweep_of
 from hlp.reporting.sweep_report import describe_sweep
-from hlp.reporting.tracker import Tracker
 
 GROUP = "sweep"
 _PICTURE = ".png"
 
 
-def log_sweep(folder: Path, written: Sequence[Path], tracker: Tracker) -> None:
+def log_sweep(folder: Path, written: Sequence[Path], tracker: MlflowRun) -> None:
     """Log a sweep's arms and its files, the figures also as images.
 
     The sweep's own run has the numbers of its best arm.
@@ -34,7 +34,7 @@ def log_sweep(folder: Path, written: Sequence[Path], tracker: Tracker) -> None:
 
 
 def log_study_sweeps(
-    sweeps: Sequence[StudySweep], written: Sequence[Path], tracker: Tracker
+    sweeps: Sequence[StudySweep], written: Sequence[Path], tracker: MlflowRun
 ) -> None:
     """Log the arms of sweeps of studies, the best one, and their files, figures also as images."""
     tracker.describe("\n\n".join(describe_study_sweep(each, "markdown") for each in sweeps))
@@ -48,7 +48,7 @@ def log_study_sweeps(
     _log_files(written, tracker)
 
 
-def _log_files(written: Sequence[Path], tracker: Tracker) -> None:
+def _log_files(written: Sequence[Path], tracker: MlflowRun) -> None:
     for path in written:
         tracker.log_artifact(path)
     for path in written:

@@ -8,20 +8,18 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from hlp.data.dataset import frames_identity
 from hlp.files import SCORES, read_csv
 from hlp.method.detector import MOST_INSTANCES
 from hlp.method.learn.learnt_folder import LearntFolder
 from hlp.method.pyfunc_model import example_image
 from hlp.refinement.score_model import MIN_SCORE
-from hlp.reporting.experiment_page import ExperimentPage
-from hlp.reporting.mlflow_metrics import HEADLINES
-from hlp.reporting.mlflow_server import how_to_browse
-from hlp.reporting.model_registry import ModelInput, register
-from hlp.reporting.run_names import short_name
-from hlp.reporting.system_metrics import system_metrics
-from hlp.reporting.tracker import Tracker
-from hlp.reporting.tracking import REVISION, track_run
+from hlp.reporting.mlflow_pages import HEADLINES, experiment_tags, how_to_browse, short_name
+from hlp.reporting.mlflow_run import MlflowRun
+from hlp.reporting.mlflow_tracking import REVISION, track_run
+from hlp.reporting.model_registry import register
 from hlp.results.poses_file import SCORE_COLUMNS
 from hlp.stages.manifest import git_revision
 
@@ -32,12 +30,12 @@ _UNTAGGED = ("experiment", "reporting", "machine", "executor")  # groups that no
 
 
 @contextmanager
-def tracked(run: "Run", output: Path, resume: str | None = None) -> Iterator[Tracker]:
+def tracked(run: "Run", output: Path, resume: str | None = None) -> Iterator[MlflowRun]:
     """Open the MLflow run of a run whose results go into `output`; see `track_run`."""
     settings, chosen = run.settings, run.chosen
     name = short_name(chosen.overrides, chosen.groups, settings.name)
     data = run.config["data"]
-    page = ExperimentPage(settings.reporting.about, chosen.command, str(data["name"]))
+    page = experiment_tags(settings.reporting.about, chosen.command, str(data["name"]))
     with track_run(
         settings.reporting,
         name,
@@ -49,7 +47,7 @@ def tracked(run: "Run", output: Path, resume: str | None = None) -> Iterator[Tra
     ) as tracker:
         if chosen.command:
             tracker.set_tags({"command": chosen.command})
-        with system_metrics(tracker):
+        with tracker.system_metrics():
             yield tracker
 
 
@@ -66,7 +64,7 @@ def place_tags(output: Path) -> dict[str, str]:
     return tags if revision is None else {**tags, REVISION: revision}
 
 
-def log_inputs(run: "Run", tracker: Tracker) -> None:
+def log_inputs(run: "Run", tracker: MlflowRun) -> None:
     """Log the data sets that the run reads, each with a hash of its content."""
     dataset, data = run.dataset, run.config["data"]
     where = str(data.get("root", data["name"]))
@@ -81,7 +79,7 @@ def log_inputs(run: "Run", tracker: Tracker) -> None:
         tracker.log_input("background frames", digest, where, "training")
 
 
-def log_tables(summary: Mapping[str, Any], output: Path, tracker: Tracker) -> None:
+def log_tables(summary: Mapping[str, Any], output: Path, tracker: MlflowRun) -> None:
     """Log recalls per object and the scores of every target, as tables on MLflow's page."""
     objects = summary["per_object"]
     columns: dict[str, list[Any]] = {
@@ -97,9 +95,9 @@ def log_tables(summary: Mapping[str, Any], output: Path, tracker: Tracker) -> No
     )
 
 
-def say_where(run: "Run", tracker: Tracker) -> None:
+def say_where(run: "Run", tracker: MlflowRun) -> None:
     """Tell a person at a terminal how to see the run in MLflow."""
-    browse = how_to_browse(run.settings.reporting.uri, tracker)
+    browse = how_to_browse(run.settings.reporting.uri, tracker.page_path)
     if browse:
         logging.getLogger(__name__).info("MLflow    %s", browse.replace("\n", "\n          "))
 
@@ -110,7 +108,12 @@ def register_learnt(folder: Path, model: str, uri: str) -> str:
     Raises what `register` raises, and DataError if the folder is damaged.
     """
     learnt = LearntFolder(folder)
+    image = example_image(next(iter(learnt.models.values())))
+    images = {
+        "rgb": image.rgb[None],
+        "depth": image.depth[None].astype(np.float32),
+        "camera_matrix": image.camera_matrix[None],
+    }
     objects = tuple(learnt.record.objects)
-    first = next(iter(learnt.models.values()))
-    given = ModelInput(objects, MOST_INSTANCES, MIN_SCORE, example_image(first))
-    return register(folder, model, uri, {"objects": ", ".join(objects)}, given)
+    options = {"objects": objects, "max_instances": MOST_INSTANCES, "min_score": MIN_SCORE}
+    return register(folder, model, uri, options, images)

@@ -16,6 +16,7 @@ from hlp.geometry import back_project, transform
 from hlp.objects.meshes import decimate
 from hlp.records import Frame, ObjectModel, PoseEstimate, TargetScore, frame_key
 from hlp.reporting.comparison import read_targets
+from hlp.reporting.mlflow_run import MlflowRun
 from hlp.reporting.page.material import (
     FOLDER,
     PageObject,
@@ -25,7 +26,6 @@ from hlp.reporting.page.material import (
     write_material,
 )
 from hlp.reporting.sweep_log import drawn_stages
-from hlp.reporting.tracker import Tracker
 from hlp.results.summary_file import TargetKey
 from hlp.runs.stage_panels import PANELS, FoundInFrame, in_order_of_scores, picture_of_target
 from hlp.stages.detection import DetectionStages
@@ -171,7 +171,7 @@ MOST_MISSES = 12
 _GROUP = "1. Pictures"  # MLflow sorts the groups on a run's page by name
 
 
-def log_pictures(output: Path, tracker: Tracker) -> None:
+def log_pictures(output: Path, tracker: MlflowRun) -> None:
     """Log poses and panels, a step for each frame; missed targets by cause; those of stages.
 
     The frame's number is the step, so equal steps of two runs show the same frame.

@@ -19,14 +19,13 @@ from hlp.records import PoseEstimate
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.reporting.figures.bench_bars import draw_confusion, draw_waterfall
 from hlp.reporting.figures.trade_off import draw_calibration
-from hlp.reporting.mlflow_metrics import summary_metrics
+from hlp.reporting.mlflow_pages import summary_metrics
+from hlp.reporting.mlflow_run import MlflowRun
 from hlp.reporting.page.parts import page_or_log, run_verdict
 from hlp.reporting.page.run_page import write_run_page
 from hlp.reporting.reproductions import TABLES, describe_table, write_reproductions
 from hlp.reporting.sweep_log import STAGES
 from hlp.reporting.tables.summary_tables import format_summary
-from hlp.reporting.tracker import Tracker
-from hlp.reporting.trainings import log_training
 from hlp.results.poses_file import read_poses, write_poses, write_scores
 from hlp.runs.diagnosis import (
     FrameNotes,
@@ -161,7 +160,7 @@ def _score(
     return summary
 
 
-def _log_training(training: TrainingStages, tracker: Tracker) -> list[str]:
+def _log_training(training: TrainingStages, tracker: MlflowRun) -> list[str]:
     """Log the losses, and say which earlier runs have trained what this one has reused."""
     said = []
     for stage, output in (("classifier", training.classifier()), ("encoder", training.encoder())):
@@ -169,11 +168,11 @@ def _log_training(training: TrainingStages, tracker: Tracker) -> list[str]:
             {name: value for name, value in row.items() if name != "epoch"}
             for row in read_history(output.folder)
         ]
-        said.append(log_training(tracker, stage, output.fingerprint, rows))
+        said.append(tracker.log_training(stage, output.fingerprint, rows))
     return [words for words in said if words]
 
 
-def _say_where(run: Run, output: Path, tracker: Tracker) -> None:
+def _say_where(run: Run, output: Path, tracker: MlflowRun) -> None:
     say = logging.getLogger(__name__).info
     say("\nResults   %s (summary.json, scores.csv, poses.csv, manifest.json)", output)
     if (output / PAGE).is_file():

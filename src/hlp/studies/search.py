@@ -22,9 +22,9 @@ from hlp.files import SCORES, write_json
 from hlp.method.find.estimator import derive_seed
 from hlp.reporting.comparison import read_targets
 from hlp.reporting.figures.trade_off import write_search_figure
-from hlp.reporting.run_names import short_name
+from hlp.reporting.mlflow_pages import short_name
+from hlp.reporting.mlflow_tracking import ChildRun, as_child_run
 from hlp.reporting.tables.repeats import format_search, write_search
-from hlp.reporting.tracking import ChildRun, as_child_run
 from hlp.results.summary_file import write_target_values
 from hlp.runs import runner
 from hlp.settings import Doc, Settings

@@ -8,9 +8,9 @@ from pathlib import Path
 from hlp.config.build import Run, evenly
 from hlp.files import MANIFEST, write_json
 from hlp.method.compute_threads import set_compute_threads
+from hlp.reporting.mlflow_run import MlflowRun
 from hlp.reporting.page.parts import page_or_log
 from hlp.reporting.page.study_page import write_study_page
-from hlp.reporting.tracker import Tracker
 from hlp.runs.manifest import make_manifest
 from hlp.runs.mlflow_inputs import log_inputs, say_where, tracked
 from hlp.source_code import Code, code_of
@@ -20,7 +20,7 @@ from hlp.stages.store import StageStore
 @contextmanager
 def study_run(
     run: Run, output: Path, resume: str | None = None
-) -> Iterator[tuple[StageStore, Tracker]]:
+) -> Iterator[tuple[StageStore, MlflowRun]]:
     """The store and the MLflow run of one study.
 
     When the block ends, manifest.json and report.html are written into `output`, all that is in it

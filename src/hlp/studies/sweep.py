@@ -25,10 +25,9 @@ from omegaconf import DictConfig, OmegaConf
 from hlp.config.chosen import chosen_by_hydra, groups_of, overrides_of
 from hlp.errors import DataError, HlpError, InputError, MissingFileError
 from hlp.files import SWEEP, read_json, write_json
-from hlp.reporting.experiment_page import ExperimentPage
-from hlp.reporting.run_names import short_name
-from hlp.reporting.tracker import Tracker
-from hlp.reporting.tracking import ChildRun, TrackingSettings, as_child_run, track_run
+from hlp.reporting.mlflow_pages import experiment_tags, short_name
+from hlp.reporting.mlflow_run import MlflowRun
+from hlp.reporting.mlflow_tracking import ChildRun, MlflowSettings, as_child_run, track_run
 from hlp.settings import read_settings
 from hlp.stages.executor_settings import ends_with
 
@@ -79,7 +78,7 @@ def _open_sweep(config: DictConfig) -> None:
             {**choice_tags(groups_of(config.hydra)), **place_tags(folder), "command": command},
             _read(folder).get("run_id"),
             params=overrides_of(overrides),
-            page=ExperimentPage(settings.about, command, data),
+            page=experiment_tags(settings.about, command, data),
         )
     )
     record = {
@@ -179,7 +178,7 @@ def _recorded(folder: Path, record: dict[str, Any]) -> Iterator[None]:
 
 
 @contextmanager
-def _drawn(folder: Path, tracker: Tracker) -> Iterator[None]:
+def _drawn(folder: Path, tracker: MlflowRun) -> Iterator[None]:
     """Tables, figures and page of the runs, after the last one has ended; also if some failed."""
     try:
         yield
@@ -192,7 +191,7 @@ def _drawn(folder: Path, tracker: Tracker) -> Iterator[None]:
     _draw(folder, tracker)
 
 
-def _draw(folder: Path, tracker: Tracker) -> None:
+def _draw(folder: Path, tracker: MlflowRun) -> None:
     from hlp.reporting.figures.trade_off import draw_trade_off
     from hlp.reporting.ladder import write_ladder
     from hlp.reporting.page.parts import page_or_log
@@ -219,7 +218,7 @@ def _draw(folder: Path, tracker: Tracker) -> None:
     _say_written(folder, written, page)
 
 
-def _draw_studies(folder: Path, studies: Sequence["StudySweep"], tracker: Tracker) -> None:
+def _draw_studies(folder: Path, studies: Sequence["StudySweep"], tracker: MlflowRun) -> None:
     from hlp.reporting.page.parts import page_or_log
     from hlp.reporting.page.study_page import write_study_sweep_page
     from hlp.reporting.study_sweep import describe_study_sweep, write_study_sweep
@@ -288,6 +287,6 @@ def _swept_values(
     return values
 
 
-def _tracking(config: DictConfig) -> TrackingSettings:
+def _tracking(config: DictConfig) -> MlflowSettings:
     values = {str(key): str(value) for key, value in config.reporting.items()}
-    return read_settings(TrackingSettings, values, "reporting")
+    return read_settings(MlflowSettings, values, "reporting")

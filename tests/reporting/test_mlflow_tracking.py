@@ -1,7 +1,6 @@
 import json
 import multiprocessing
 import os
-import shlex
 import signal
 import subprocess
 import sys
@@ -15,31 +14,29 @@ from mlflow.exceptions import MlflowException
 
 import hlp
 from hlp.errors import ConfigError, DataError, is_expected
-from hlp.reporting.local_database import owner_tags
-from hlp.reporting.mlflow_server import how_to_browse
-from hlp.reporting.tracker import LoggedAs, Tracker, flatten, metric_name
-from hlp.reporting.tracking import (
+from hlp.reporting.mlflow_store import owner_tags
+from hlp.reporting.mlflow_tracking import (
     REVISION,
     ChildRun,
-    TrackingSettings,
+    MlflowSettings,
     as_child_run,
     track_run,
 )
 
 
 @pytest.fixture(scope="module")
-def settings(tmp_path_factory: pytest.TempPathFactory) -> TrackingSettings:
+def settings(tmp_path_factory: pytest.TempPathFactory) -> MlflowSettings:
     """One database for the module: making one takes seconds."""
     uri = f"sqlite:///{tmp_path_factory.mktemp('tracking') / 'deep' / 'mlflow.db'}"
-    return TrackingSettings(name="mlflow", uri=uri, experiment="hlp")
+    return MlflowSettings(name="mlflow", uri=uri, experiment="hlp")
 
 
-def artifact(settings: TrackingSettings, run_id: str, path: str) -> Path:
+def artifact(settings: MlflowSettings, run_id: str, path: str) -> Path:
     root = MlflowClient(settings.uri).get_run(run_id).info.artifact_uri
     return Path(root.removeprefix("file://")) / path
 
 
-def test_run_holds_what_was_logged(settings: TrackingSettings, tmp_path: Path) -> None:
+def test_run_holds_what_was_logged(settings: MlflowSettings, tmp_path: Path) -> None:
     (tmp_path / "summary.json").write_text("{}")
     (tmp_path / "panels").mkdir()
     (tmp_path / "panels" / "frame.png").write_bytes(b"png")
@@ -47,7 +44,7 @@ def test_run_holds_what_was_logged(settings: TrackingSettings, tmp_path: Path) -
     many = {f"group{i}": {"key": i} for i in range(150)}
     with track_run(settings, "demo", {}, params=params | many) as tracker:
         tracker.log_metrics({"add/recall": 0.5, "add/recall_eggbox [2]": 1.0, "nothing": None})
-        tracker.log_curves("encoder", [{"loss": 1.0 / (epoch + 1)} for epoch in range(3)])
+        tracker.log_training("encoder", "1f2e", [{"loss": 1.0 / (i + 1)} for i in range(3)])
         tracker.log_artifact(tmp_path / "summary.json")
         tracker.log_artifacts(tmp_path / "panels", "panels")
         tracker.log_table("per_object", {"object": ["cat", "ape"], "add": (0.5, 1.0)})
@@ -70,39 +67,31 @@ def test_run_holds_what_was_logged(settings: TrackingSettings, tmp_path: Path) -
     assert f"/runs/{tracker.run_id}?" in tracker.page_path
 
 
-def test_artifacts_lie_beside_the_database(settings: TrackingSettings) -> None:
+def test_artifacts_lie_beside_the_database(settings: MlflowSettings) -> None:
     with track_run(settings, "demo", {}) as tracker:
         pass
     folder = Path(settings.uri.removeprefix("sqlite:///")).parent / "mlflow-artifacts"
     assert artifact(settings, tracker.run_id, "x").is_relative_to(folder)
 
 
-def test_crash_leaves_a_failed_run_with_its_traceback(settings: TrackingSettings) -> None:
+def test_crash_leaves_a_failed_run_with_its_traceback(settings: MlflowSettings) -> None:
     with pytest.raises(ValueError, match="no views"), track_run(settings, "demo", {}) as tracker:
         raise ValueError("no views")
     run = MlflowClient(settings.uri).get_run(tracker.run_id)
     assert run.info.status == "FAILED"
     assert run.data.tags["error"] == "ValueError: no views"
     text = artifact(settings, tracker.run_id, "traceback.txt").read_text()
-    assert "test_tracking.py" in text
+    assert "test_mlflow_tracking.py" in text
     assert text.endswith("ValueError: no views\n")
 
 
-def test_interruption_leaves_a_killed_run(settings: TrackingSettings) -> None:
+def test_interruption_leaves_a_killed_run(settings: MlflowSettings) -> None:
     with pytest.raises(KeyboardInterrupt), track_run(settings, "demo", {}) as tracker:
         raise KeyboardInterrupt
     assert MlflowClient(settings.uri).get_run(tracker.run_id).info.status == "KILLED"
 
 
-def test_missing_artifact_is_named(settings: TrackingSettings, tmp_path: Path) -> None:
-    with track_run(settings, "demo", {}) as tracker:
-        with pytest.raises(FileNotFoundError, match=r"nothing\.json"):
-            tracker.log_artifact(tmp_path / "nothing.json")
-        with pytest.raises(FileNotFoundError, match="nowhere"):
-            tracker.log_artifacts(tmp_path / "nowhere")
-
-
-def test_data_sets_and_the_whole_configuration_are_logged(settings: TrackingSettings) -> None:
+def test_data_sets_and_the_whole_configuration_are_logged(settings: MlflowSettings) -> None:
     config = {"data": {"name": "lm", "root": "x" * 7000}}
     revision = {REVISION: "0123abc"}
     with track_run(settings, "demo", config, revision) as tracker:
@@ -122,7 +111,7 @@ def test_data_sets_and_the_whole_configuration_are_logged(settings: TrackingSett
     assert "x" * 7000 in whole
 
 
-def test_an_arm_has_its_parent_and_its_own_name(settings: TrackingSettings) -> None:
+def test_an_arm_has_its_parent_and_its_own_name(settings: MlflowSettings) -> None:
     swept = {"refinement": "icp", "seed": "0"}
     with (
         track_run(settings, "sweep", {}) as parent,
@@ -140,7 +129,7 @@ def test_an_arm_has_its_parent_and_its_own_name(settings: TrackingSettings) -> N
     assert "mlflow.parentRunId" not in tags
 
 
-def test_a_run_goes_on(settings: TrackingSettings) -> None:
+def test_a_run_goes_on(settings: MlflowSettings) -> None:
     client = MlflowClient(settings.uri)
     with (
         pytest.raises(OSError, match="disk"),
@@ -160,7 +149,7 @@ def test_a_run_goes_on(settings: TrackingSettings) -> None:
     assert run.data.params == {"a": "1"}  # MLflow lets none be changed
 
 
-def test_a_retried_child_is_the_same_child(settings: TrackingSettings) -> None:
+def test_a_retried_child_is_the_same_child(settings: MlflowSettings) -> None:
     """Of another parent it is another one."""
     ids = []
     with track_run(settings, "sweep", {}) as parent:
@@ -180,12 +169,12 @@ def test_a_retried_child_is_the_same_child(settings: TrackingSettings) -> None:
     assert params == {"seed": "0", "config": "unread", "a": "1"}
 
 
-def begin_and_die(settings: TrackingSettings) -> None:
+def begin_and_die(settings: MlflowSettings) -> None:
     with track_run(settings, "dies", {}):
         os.kill(os.getpid(), signal.SIGKILL)
 
 
-def test_runs_of_dead_processes_are_closed_as_killed(settings: TrackingSettings) -> None:
+def test_runs_of_dead_processes_are_closed_as_killed(settings: MlflowSettings) -> None:
     dead = multiprocessing.get_context("spawn").Process(target=begin_and_die, args=(settings,))
     dead.start()
     dead.join(timeout=120)
@@ -211,7 +200,7 @@ def test_runs_of_dead_processes_are_closed_as_killed(settings: TrackingSettings)
 @pytest.mark.parametrize("uri", ["nonsense://x", "sqlite:////dev/null/db"])
 def test_an_address_that_cannot_be_used_is_named_in_seconds(uri: str) -> None:
     begun = time.monotonic()
-    wrong = TrackingSettings("mlflow", uri, "hlp")
+    wrong = MlflowSettings("mlflow", uri, "hlp")
     with pytest.raises((ConfigError, OSError)) as caught, track_run(wrong, "demo", {}):
         pass
     assert time.monotonic() - begun < 30.0
@@ -219,7 +208,7 @@ def test_an_address_that_cannot_be_used_is_named_in_seconds(uri: str) -> None:
 
 
 def test_a_server_that_dies_meanwhile_hides_no_error(
-    settings: TrackingSettings, monkeypatch: pytest.MonkeyPatch
+    settings: MlflowSettings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def gone(*_: Any, **__: Any) -> None:
         raise MlflowException("connection refused")
@@ -232,7 +221,7 @@ def test_a_server_that_dies_meanwhile_hides_no_error(
 
 
 def test_a_database_that_cannot_be_written_is_one_line_however_early_or_late(
-    settings: TrackingSettings, monkeypatch: pytest.MonkeyPatch
+    settings: MlflowSettings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: Any, **__: Any) -> None:
         raise MlflowException("database or disk is full\n[SQL: INSERT INTO runs]")
@@ -250,7 +239,7 @@ def test_a_database_that_cannot_be_written_is_one_line_however_early_or_late(
 
 def test_nothing_is_told_to_mlflows_makers() -> None:
     code = (
-        "import os; from hlp.reporting.mlflow_client import import_client; import_client();"
+        "import os; from hlp.reporting.mlflow_store import import_client; import_client();"
         "from mlflow.telemetry.utils import is_telemetry_disabled as off; assert off()"
     )
     clean = ("MLFLOW_DISABLE_TELEMETRY", "DO_NOT_TRACK", "CI", "PYTEST_CURRENT_TEST")
@@ -259,17 +248,16 @@ def test_nothing_is_told_to_mlflows_makers() -> None:
     subprocess.run([sys.executable, "-c", code], env=environment, check=True)
 
 
-def log_one(settings: TrackingSettings, barrier: Any, number: int) -> None:
+def log_one(settings: MlflowSettings, barrier: Any, number: int) -> None:
     barrier.wait()
     with track_run(settings, f"run {number}", {"number": number}) as tracker:
         tracker.log_metrics({"number": number})
-        tracker.log_curves("encoder", [{"loss": 0.5}])
 
 
 @pytest.mark.slow
 @pytest.mark.thorough
 def test_processes_that_start_together_share_one_new_database(tmp_path: Path) -> None:
-    settings = TrackingSettings("mlflow", f"sqlite:///{tmp_path / 'mlflow.db'}", "race")
+    settings = MlflowSettings("mlflow", f"sqlite:///{tmp_path / 'mlflow.db'}", "race")
     context = multiprocessing.get_context("spawn")
     barrier = context.Barrier(8)
     runs = [context.Process(target=log_one, args=(settings, barrier, i)) for i in range(8)]
@@ -282,28 +270,3 @@ def test_processes_that_start_together_share_one_new_database(tmp_path: Path) ->
     found = client.search_runs([experiment.experiment_id])
     assert sorted(run.data.metrics["number"] for run in found) == list(range(8))
     assert {run.info.status for run in found} == {"FINISHED"}
-
-
-@pytest.mark.parametrize(
-    ("name", "clean"),
-    [("recall@5cm[cat]", "recall_5cm_cat_"), ("time_ms/total p95", "time_ms/total p95")],
-)
-def test_names_that_mlflow_refuses_are_mended(name: str, clean: str) -> None:
-    assert metric_name(name) == clean
-
-
-def test_flatten() -> None:
-    nested = {"a": {"b": {"c": 1}, "d": [1, 2]}, "e": {}}
-    assert flatten(nested) == {"a.b.c": 1, "a.d": [1, 2], "e": {}}
-
-
-def test_browsing_is_told_as_a_command_that_works_from_anywhere(tmp_path: Path) -> None:
-    tracker = Tracker(LoggedAs(MlflowClient("http://server"), "7", "abc"))
-    command, page = how_to_browse(f"sqlite:///{tmp_path / 'my runs'}/mlflow.db", tracker).split(
-        "\n"
-    )
-    assert shlex.split(command) == ["hlp", "ui", f"uri=sqlite:///{tmp_path / 'my runs'}/mlflow.db"]
-    path = "/#/experiments/7/runs/abc?workflowType=machine_learning"
-    assert page == f"then http://127.0.0.1:5000{path}"
-    assert how_to_browse("http://server:5000/", tracker) == f"http://server:5000{path}"
-    assert how_to_browse("sqlite:///a.db", Tracker(None)) == ""

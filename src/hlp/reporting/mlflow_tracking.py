@@ -9,10 +9,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from hlp.errors import DataError, is_expected
-from hlp.reporting.experiment_page import ExperimentPage
-from hlp.reporting.local_database import owner_tags
-from hlp.reporting.mlflow_client import Opened, connect, import_client, is_local, reason
-from hlp.reporting.tracker import LoggedAs, Tracker, metric_name
+from hlp.reporting.mlflow_pages import experiment_tags
+from hlp.reporting.mlflow_run import LoggedAs, MlflowRun, metric_name
+from hlp.reporting.mlflow_store import (
+    database_path,
+    import_client,
+    is_away,
+    is_local,
+    open_experiment,
+    owner_tags,
+    reason,
+)
 from hlp.settings import Doc, Settings
 
 if TYPE_CHECKING:
@@ -20,13 +27,13 @@ if TYPE_CHECKING:
 
 PARENT = "mlflow.parentRunId"  # tag of the runs of a sweep
 REVISION = "mlflow.source.git.commit"
-ARM = "hlp.arm"  # tag that tells the runs of a sweep apart
+_ARM = "hlp.arm"  # tag that tells the runs of a sweep apart
 SEND_TO = "hlp.send_to"  # tags of a run that was kept here while its server was unreachable
 CONTINUES = "hlp.continues"
 
 
 @dataclass(frozen=True)
-class TrackingSettings(Settings):
+class MlflowSettings(Settings):
     """Config group `reporting`: runs in MLflow, or none."""
 
     name: Literal["mlflow", "none"] = "mlflow"
@@ -59,7 +66,7 @@ class ChildRun:
     @property
     def tags(self) -> dict[str, str]:
         """The tags by which MLflow knows it."""
-        return {PARENT: self.parent, ARM: self.arm or self.name}
+        return {PARENT: self.parent, _ARM: self.arm or self.name}
 
 
 _CHILD: ContextVar[ChildRun | None] = ContextVar("child", default=None)
@@ -80,64 +87,96 @@ def as_child_run(child: ChildRun) -> Iterator[None]:
 
 @contextmanager
 def track_run(
-    settings: TrackingSettings,
+    settings: MlflowSettings,
     run_name: str,
     config: Mapping[str, Any],
     tags: Mapping[str, str] | None = None,
     resume: str | None = None,
     *,
     params: Mapping[str, str] | None = None,
-    page: ExperimentPage | None = None,
-) -> Iterator[Tracker]:
+    page: Mapping[str, str] | None = None,
+) -> Iterator[MlflowRun]:
     """Open an MLflow run; it ends FINISHED, KILLED if interrupted, or FAILED with a traceback.
 
     `config` is the whole configuration, which becomes an artifact; `params` are the parameters,
-    those that somebody has chosen. `tags` may hold the `REVISION` of the code, `page` what a new
-    experiment's page says. Name and parent are those of `as_child_run` inside of it; the same child
-    of the same parent is continued. `resume` continues the run of that id, or opens a new one if
-    MLflow no longer has it. A local database is created on first use, with the folder for artifacts
-    beside it. Runs that a dead process has left open are closed as KILLED. If a server is away, the
-    run is kept in `settings.unsent`, with a warning.
+    those that somebody has chosen. `tags` may hold the `REVISION` of the code, `page` the
+    `experiment_tags` of a new experiment. Name and parent are those of `as_child_run` inside of it;
+    the same child of the same parent is continued. `resume` continues the run of that id, or opens
+    a new one if MLflow no longer has it. A local database is created on first use, with the folder
+    for artifacts beside it. Runs that a dead process has left open are closed as KILLED. If a
+    server is away, the run is kept in `settings.unsent`, with a warning.
 
     Raises ConfigError if MLflow cannot be used at `settings.uri`, DataError if it fails later.
     """
     if settings.name == "none":
-        yield Tracker(None)
+        yield MlflowRun(None)
         return
     with _errors_named(settings.uri):
-        about = (page or ExperimentPage(settings.about)).tags
-        opened = connect(settings.uri, settings.experiment, about, settings.unsent)
         child = _CHILD.get()
-        all_tags = {"mlflow.source.name": "hlp run", **owner_tags(), **(tags or {})}
-        if opened.aside:
-            all_tags[SEND_TO] = settings.uri
-        if child is not None:
-            run_name, resume = child.name, _same_child(opened, child)
-            all_tags |= child.tags
-            params = {**child.swept, **(params or {})}
-        run, logged = _open_run(opened, run_name, all_tags, resume)
-
-        def keep_aside() -> LoggedAs:
-            away = connect(settings.unsent, settings.experiment, about, settings.unsent)
-            kept = {**all_tags, SEND_TO: settings.uri, CONTINUES: run.run_id}
-            return _open_run(away, run_name, kept, None)[0]
-
-        remote = not is_local(settings.uri) and not opened.aside
-        tracker = Tracker(run, keep_aside if remote else None)
+        opening = _Opening(settings, run_name, tags or {}, page, resume, child)
+        run, logged = opening.open()
         try:
+            chosen = {**(child.swept if child else {}), **(params or {})}
             # MLflow lets no parameter be changed.
-            wanted = {n: v for n, v in (params or {}).items() if metric_name(n) not in logged}
-            tracker.log_params(wanted)
+            new = {name: v for name, v in chosen.items() if metric_name(name) not in logged}
+            run.log_params(new)
             whole = dict(config)
-            tracker.send(lambda client, run_id: client.log_dict(run_id, whole, "config.yaml"))
-            yield tracker
-            tracker.send(lambda client, run_id: client.set_terminated(run_id, "FINISHED"))
+            run.send(lambda client, run_id: client.log_dict(run_id, whole, "config.yaml"))
+            yield run
+            run.send(lambda client, run_id: client.set_terminated(run_id, "FINISHED"))
         except Exception as error:
-            _close(tracker, "FAILED", error)
+            _close(run, "FAILED", error)
             raise
         except BaseException:  # Ctrl-C, or an end asked for
-            _close(tracker, "KILLED")
+            _close(run, "KILLED")
             raise
+
+
+@dataclass(frozen=True)
+class _Opening:
+    """How a run is opened, at its server or aside."""
+
+    settings: MlflowSettings
+    name: str
+    tags: Mapping[str, str]
+    page: Mapping[str, str] | None
+    resume: str | None
+    child: ChildRun | None
+
+    def open(self) -> tuple[MlflowRun, Mapping[str, str]]:
+        """The run, and the parameters that it has if it goes on."""
+        uri, unsent = self.settings.uri, self.settings.unsent
+        try:
+            place, logged = self._open(uri, {})
+        except Exception as error:
+            if not is_away(error):
+                raise
+            logging.getLogger(__name__).warning(
+                "MLflow's server %s is away: the run is kept in %s; `hlp upload` sends it later",
+                uri,
+                database_path(unsent),
+            )
+            place, logged = self._open(unsent, {SEND_TO: uri})
+            return MlflowRun(place), logged
+        if is_local(uri):
+            return MlflowRun(place), logged
+        aside = {SEND_TO: uri, CONTINUES: place.run_id}
+        return MlflowRun(place, lambda: self._open(unsent, aside)[0]), logged
+
+    def _open(self, uri: str, more: Mapping[str, str]) -> tuple[LoggedAs, Mapping[str, str]]:
+        """A new run with `more` tags, or an ended one that goes on, and the parameters of that."""
+        page = experiment_tags(self.settings.about) if self.page is None else self.page
+        client, experiment_id = open_experiment(uri, self.settings.experiment, page)
+        name, resume = self.name, self.resume
+        tags = {"mlflow.source.name": "hlp run", **owner_tags(), **self.tags, **more}
+        if self.child is not None:
+            name, resume = self.child.name, _same_child(client, experiment_id, self.child)
+            tags |= self.child.tags
+        logged = None if resume is None else _reopen(client, resume)
+        if resume is None or logged is None:
+            created = client.create_run(experiment_id, run_name=name, tags=tags)
+            resume = str(created.info.run_id)
+        return LoggedAs(client, experiment_id, resume), logged or {}
 
 
 @contextmanager
@@ -152,29 +191,18 @@ def _errors_named(uri: str) -> Iterator[None]:
         raise DataError(f"MLflow at {uri} failed: {reason(error)}") from error
 
 
-def _close(tracker: Tracker, status: str, error: Exception | None = None) -> None:
+def _close(run: MlflowRun, status: str, error: Exception | None = None) -> None:
     """End a run that did not end well. If MLflow fails too, only the log says so."""
     try:
         if error is not None:
             words, trace = f"{type(error).__name__}: {error}"[:500], traceback.format_exc()
-            tracker.send(lambda client, run_id: client.set_tag(run_id, "error", words))
-            tracker.send(lambda client, run_id: client.log_text(run_id, trace, "traceback.txt"))
-        tracker.send(lambda client, run_id: client.set_terminated(run_id, status))
+            run.send(lambda client, run_id: client.set_tag(run_id, "error", words))
+            run.send(lambda client, run_id: client.log_text(run_id, trace, "traceback.txt"))
+        run.send(lambda client, run_id: client.set_terminated(run_id, status))
     except Exception as second:
         if error is None and not is_expected(second):
             raise
         logging.getLogger(__name__).warning("MLflow cannot be told: %s", reason(second))
-
-
-def _open_run(
-    opened: Opened, name: str, tags: Mapping[str, str], resume: str | None
-) -> tuple[LoggedAs, Mapping[str, str]]:
-    """A new run, or an ended one that goes on; and the parameters that it has."""
-    logged = None if resume is None else _reopen(opened.client, resume)
-    if resume is None or logged is None:
-        created = opened.client.create_run(opened.experiment_id, run_name=name, tags=dict(tags))
-        resume = str(created.info.run_id)
-    return LoggedAs(opened.client, opened.experiment_id, resume), logged or {}
 
 
 def _reopen(client: "MlflowClient", run_id: str) -> Mapping[str, str] | None:
@@ -195,10 +223,9 @@ def _reopen(client: "MlflowClient", run_id: str) -> Mapping[str, str] | None:
     return dict(run.data.params)
 
 
-def _same_child(opened: Opened, child: ChildRun) -> str | None:
+def _same_child(client: "MlflowClient", experiment_id: str, child: ChildRun) -> str | None:
     """The id of this run of the sweep, if it was begun before."""
-    own = f"tags.`{PARENT}` = '{child.parent}'"
-    for run in opened.client.search_runs([opened.experiment_id], own):
-        if run.data.tags.get(ARM) == child.tags[ARM]:
+    for run in client.search_runs([experiment_id], f"tags.`{PARENT}` = '{child.parent}'"):
+        if run.data.tags.get(_ARM) == child.tags[_ARM]:
             return str(run.info.run_id)
     return None

@@ -10,10 +10,9 @@ import pytest
 from mlflow import MlflowClient
 
 from hlp.errors import HlpError
-from hlp.reporting.mlflow_server import newest_page, server
-from hlp.reporting.tracking import PARENT, ChildRun, TrackingSettings, as_child_run, track_run
-from hlp.reporting.trainings import log_training
-from hlp.reporting.unsent_runs import send_runs, unsent_database
+from hlp.reporting.mlflow_pages import newest_page, server
+from hlp.reporting.mlflow_tracking import PARENT, ChildRun, MlflowSettings, as_child_run, track_run
+from hlp.reporting.mlflow_upload import send_runs, unsent_database
 
 
 def free_port() -> int:
@@ -39,7 +38,7 @@ def test_what_a_dead_server_misses_is_sent_later(tmp_path: Path) -> None:
     """
     port, own = free_port(), f"sqlite:///{tmp_path / 'server' / 'mlflow.db'}"
     unsent = unsent_database(tmp_path / "work")
-    settings = TrackingSettings(
+    settings = MlflowSettings(
         uri=f"http://127.0.0.1:{port}", experiment="swept", about="A sweep.", unsent=unsent
     )
     picture = tmp_path / "figure.png"
@@ -60,7 +59,7 @@ def test_what_a_dead_server_misses_is_sent_later(tmp_path: Path) -> None:
             begun_as = arm.run_id
             arm.log_metrics({"add": 0.5})
             first_server.close()
-            assert log_training(arm, "encoder", "1f2e", [{"loss": 0.25}]) == ""  # the first to ask
+            assert arm.log_training("encoder", "1f2e", [{"loss": 0.25}]) == ""  # the first to ask
             arm.log_metrics({"ms": 40.0})
             arm.log_artifact(picture)
 

@@ -1,13 +1,60 @@
+"""What a run writes into MLflow while it goes."""
+
 import logging
+import re
 import threading
 import time
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from mlflow import MlflowClient
 
-from hlp.reporting.system_metrics import system_metrics
-from hlp.reporting.tracker import LoggedAs, Tracker
+from hlp.reporting.mlflow_run import LoggedAs, MlflowRun, flatten, metric_name
+from hlp.reporting.mlflow_tracking import MlflowSettings, track_run
+
+LOSSES = [{"loss": 0.5, "accuracy": 0.75}, {"loss": 0.25, "accuracy": 0.875}]
+
+
+def test_the_link_leads_to_the_run_with_the_loss_curves(tmp_path: Path) -> None:
+    uri = f"sqlite:///{tmp_path / 'mlflow.db'}"
+    with track_run(MlflowSettings(uri=uri, experiment="first"), "trains", {}) as tracker:
+        assert tracker.log_training("encoder", "1f2e", LOSSES) == ""
+        assert tracker.log_training("encoder", "1f2e", LOSSES) == ""  # its own
+        first = tracker.run_id
+    with track_run(MlflowSettings(uri=uri, experiment="second"), "reuses", {}) as tracker:
+        words = tracker.log_training("encoder", "1f2e", LOSSES)
+        assert tracker.log_training("classifier", "3d4c", []) == ""  # nothing is trained
+        second = tracker.run_id
+
+    link = re.fullmatch(r"encoder trained by \[trains\]\((.+)\)", words)
+    assert link is not None
+    page = re.match(r"#/experiments/(\d+)/runs/(\w+)\?", link[1])
+    assert page is not None
+    client = MlflowClient(uri)
+    experiment_id, run_id = page.groups()
+    run = client.get_run(run_id)
+    assert (run.info.run_id, run.info.experiment_id) == (first, experiment_id)
+    curve = client.get_metric_history(run_id, "encoder/loss")
+    assert [(each.step, each.value) for each in curve] == [(0, 0.5), (1, 0.25)]
+    assert len(client.get_metric_history(run_id, "encoder/accuracy")) == 2
+    reused = client.get_run(second).data
+    assert reused.tags["encoder_of_run"] == first and reused.metrics == {}
+
+
+@pytest.mark.parametrize(
+    ("name", "clean"),
+    [("recall@5cm[cat]", "recall_5cm_cat_"), ("time_ms/total p95", "time_ms/total p95")],
+)
+def test_names_that_mlflow_refuses_are_mended(name: str, clean: str) -> None:
+    assert metric_name(name) == clean
+
+
+def test_flatten() -> None:
+    nested = {"a": {"b": {"c": 1}, "d": [1, 2]}, "e": {}}
+    assert flatten(nested) == {"a.b.c": 1, "a.d": [1, 2], "e": {}}
+
 
 PATIENCE = 300.0  # s; a busy machine takes long to import MLflow
 THREAD = "system metrics"
@@ -28,8 +75,8 @@ class Client:
             self.logged.setdefault(each.key, []).append((each.step, each.value))
 
 
-def tracker_of(client: Any) -> Tracker:
-    return Tracker(LoggedAs(client, "1", "abc"))
+def run_of(client: Any) -> MlflowRun:
+    return MlflowRun(LoggedAs(client, "1", "abc"))
 
 
 def is_sampled() -> bool:
@@ -44,7 +91,7 @@ def work_until(condition: Any) -> None:
 
 def test_what_a_run_uses_is_logged_while_it_runs_and_at_its_end() -> None:
     client = Client()
-    with system_metrics(tracker_of(client), 0.01):
+    with run_of(client).system_metrics(0.01):
         assert is_sampled()
         work_until(lambda: len(client.logged.get("system/cpu_cores", ())) >= 3)
         during = len(client.logged["system/cpu_cores"])
@@ -62,7 +109,7 @@ def test_what_a_run_uses_is_logged_while_it_runs_and_at_its_end() -> None:
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
 def test_the_thread_ends_with_a_run_that_fails_or_is_stopped(error: type[BaseException]) -> None:
     client = Client()
-    with pytest.raises(error), system_metrics(tracker_of(client), 1000.0):
+    with pytest.raises(error), run_of(client).system_metrics(1000.0):
         raise error
     assert not is_sampled()
     assert len(client.logged["system/cpu_cores"]) == 1
@@ -70,7 +117,7 @@ def test_the_thread_ends_with_a_run_that_fails_or_is_stopped(error: type[BaseExc
 
 
 def test_without_mlflow_there_is_no_thread() -> None:
-    with system_metrics(Tracker(None), 0.01):
+    with MlflowRun(None).system_metrics(0.01):
         assert not is_sampled()
 
 
@@ -79,6 +126,6 @@ def test_a_failure_ends_the_metrics_but_not_the_run(caplog: pytest.LogCaptureFix
         def get_run(self, run_id: str) -> Any:
             raise OSError("disk is full")
 
-    with caplog.at_level(logging.WARNING), system_metrics(tracker_of(Full()), 0.01):
+    with caplog.at_level(logging.WARNING), run_of(Full()).system_metrics(0.01):
         work_until(lambda: not is_sampled())
     assert [each.message for each in caplog.records] == ["no more system metrics: disk is full"]

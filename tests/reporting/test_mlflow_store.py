@@ -1,17 +1,26 @@
-"""MLflow's database on disk: cut off while it is made, damaged, moved."""
+"""MLflow's database on disk: cut off while it is made, damaged, moved; runs of dead processes."""
 
+import json
 import os
 import shutil
 import sqlite3
+import subprocess
+import sys
+import time
 from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
 from mlflow import MlflowClient
 
-from hlp.reporting import local_database
-from hlp.reporting.local_database import prepare_database, remove_database
-from hlp.reporting.tracking import TrackingSettings, track_run
+from hlp.reporting import mlflow_store
+from hlp.reporting.mlflow_store import (
+    owner_is_dead,
+    owner_tags,
+    prepare_database,
+    remove_database,
+)
+from hlp.reporting.mlflow_tracking import MlflowSettings, track_run
 
 
 @pytest.fixture(scope="module")
@@ -22,8 +31,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def settings(folder: Path) -> TrackingSettings:
-    return TrackingSettings("mlflow", f"sqlite:///{folder / 'mlflow.db'}", "hlp")
+def settings(folder: Path) -> MlflowSettings:
+    return MlflowSettings("mlflow", f"sqlite:///{folder / 'mlflow.db'}", "hlp")
 
 
 def run(folder: Path) -> str:
@@ -41,7 +50,7 @@ def test_nothing_but_a_whole_database_has_its_name(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(local_database.os, "replace", cut_off)
+        patch.setattr(mlflow_store.os, "replace", cut_off)
         with pytest.raises(KeyboardInterrupt):
             prepare_database(database)
     assert not database.exists()
@@ -127,3 +136,35 @@ def test_a_folder_of_its_name_is_kept_too(tmp_path: Path) -> None:
     (tmp_path / "mlflow.db").mkdir()
     prepare_database(tmp_path / "mlflow.db")
     assert (tmp_path / "mlflow.db").is_file() and (tmp_path / "mlflow.db.damaged").is_dir()
+
+
+def test_this_process_lives() -> None:
+    assert not owner_is_dead(owner_tags())
+
+
+def test_a_process_that_ended_is_dead_also_before_it_is_waited_for() -> None:
+    code = "import json; from hlp.reporting.mlflow_store import owner_tags as tags"
+    code += "; print(json.dumps(tags()))"
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    tags = json.loads(process.stdout.read())
+    if sys.platform == "linux":
+        while ") Z " not in Path(f"/proc/{process.pid}/stat").read_text():
+            time.sleep(0.01)
+        assert owner_is_dead(tags)
+    process.communicate()
+    assert owner_is_dead(tags)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="start times are known on Linux alone")
+def test_another_process_with_the_same_id_is_not_the_owner() -> None:
+    assert owner_is_dead(owner_tags() | {"hlp.process_started": "1"})
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [{"hlp.host": "another"}, {"hlp.process": "x"}, {"hlp.process": ""}, {"hlp.process": "-1"}],
+)
+def test_what_cannot_be_known_counts_as_alive(changed: dict[str, str]) -> None:
+    assert not owner_is_dead(owner_tags() | changed)
+    assert not owner_is_dead({})

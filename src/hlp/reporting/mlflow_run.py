@@ -1,0 +1,287 @@
+"""What a run writes into MLflow while it goes: numbers, parameters, files, images, tables."""
+
+import json
+import logging
+import os
+import re
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from hlp.reporting.mlflow_pages import NOTE, run_path
+from hlp.reporting.mlflow_store import is_away, reason
+
+if TYPE_CHECKING:
+    from mlflow import MlflowClient
+
+# MLflow's own limits.
+_LONGEST_VALUE, _LONGEST_TAG, _LONGEST_DIGEST = 6000, 5000, 36  # characters
+_AT_ONCE = {"metrics": 1000, "params": 100, "tags": 100}
+_WIDEST_IMAGE = 800  # px
+_INTERVAL = 10.0  # s between two system metrics, as MLflow's own
+_STATM = Path("/proc/self/statm")  # Linux alone tells the memory of now
+_Answer = TypeVar("_Answer")
+
+
+@dataclass(frozen=True)
+class LoggedAs:
+    """Where a run is in MLflow."""
+
+    client: "MlflowClient"
+    experiment_id: str
+    run_id: str
+
+
+class MlflowRun:
+    """One MLflow run, or none. In names, characters that MLflow refuses are replaced by `_`.
+
+    Several threads may use it: their calls are sent one after another. `keep_aside` opens a run
+    elsewhere that goes on when the server of this one is away.
+    """
+
+    def __init__(
+        self, place: LoggedAs | None, keep_aside: Callable[[], LoggedAs] | None = None
+    ) -> None:
+        self._place = place
+        self._keep_aside = keep_aside
+        self._lock = threading.Lock()
+
+    @property
+    def place(self) -> LoggedAs | None:
+        """Where the run is now; None without MLflow."""
+        return self._place
+
+    @property
+    def run_id(self) -> str:
+        """The run's id; empty without MLflow."""
+        return "" if self._place is None else self._place.run_id
+
+    @property
+    def page_path(self) -> str:
+        """Path of the run's page on MLflow's server; empty without MLflow."""
+        return "" if self._place is None else run_path(self._place.experiment_id, self.run_id)
+
+    def send(self, call: Callable[["MlflowClient", str], _Answer]) -> _Answer | None:
+        """Let something be done or asked by the run's client and id; None without MLflow.
+
+        If its server is away, the run goes on aside. Without one aside, raises MLflow's error.
+        """
+        if self._place is None:
+            return None
+        with self._lock:
+            try:
+                return call(self._place.client, self._place.run_id)
+            except Exception as error:
+                if self._keep_aside is None or not is_away(error):
+                    raise
+                self._place, self._keep_aside = self._keep_aside(), None
+                logging.getLogger(__name__).warning(
+                    "MLflow's server is away: the run goes on here; `hlp upload` sends it later"
+                )
+                return call(self._place.client, self._place.run_id)
+
+    def send_entities(self, kind: str, entities: Sequence[Any]) -> None:
+        """Log `metrics`, `params` or `tags` as MLflow's entities, as many at once as it takes."""
+        for start in range(0, len(entities), _AT_ONCE[kind]):
+            part = {kind: entities[start : start + _AT_ONCE[kind]]}
+            self.send(partial(_log_batch, part))
+
+    def log_metrics(self, metrics: Mapping[str, float | None], step: int = 0) -> None:
+        """Log several numbers in one call, e.g. `add`; None (not measured) is left out."""
+        self._log_numbers([(name, value, step) for name, value in metrics.items()])
+
+    def _log_numbers(self, numbers: Sequence[tuple[str, float | None, int]]) -> None:
+        if self._place is None:
+            return
+        from mlflow.entities import Metric
+
+        now = int(time.time() * 1000)
+        entities = [
+            Metric(metric_name(name), float(value), now, step)
+            for name, value, step in numbers
+            if value is not None
+        ]
+        self.send_entities("metrics", entities)
+
+    def log_training(
+        self, stage: str, fingerprint: str, rows: Sequence[Mapping[str, float]]
+    ) -> str:
+        """Log the numbers of a training by epoch, as `stage/name`, unless an earlier run has them.
+
+        Returns what to say in the run's description: a link to that run; empty if this is the one.
+        """
+        if self._place is None or not rows:
+            return ""
+        tag = f"trained.{stage}"
+        found = self.send(lambda client, _: _run_with(client, tag, fingerprint))
+        if found is None:
+            self._log_numbers(
+                [
+                    (f"{stage}/{name}", value, epoch)
+                    for epoch, row in enumerate(rows)
+                    for name, value in row.items()
+                ]
+            )
+            self.set_tags({tag: fingerprint})
+            return ""
+        if found.run_id == self.run_id:
+            return ""
+        self.set_tags({f"{stage}_of_run": found.run_id})
+        page = run_path(found.experiment_id, found.run_id)[1:]
+        return f"{stage} trained by [{found.run_name}]({page})"
+
+    def log_params(self, params: Mapping[str, Any]) -> None:
+        """Log parameters; nested ones are flattened, long values are cut at MLflow's limit."""
+        if self._place is None:
+            return
+        from mlflow.entities import Param
+
+        flat = flatten(params).items()
+        values = [Param(metric_name(name), str(value)[:_LONGEST_VALUE]) for name, value in flat]
+        self.send_entities("params", values)
+
+    def set_tags(self, tags: Mapping[str, str]) -> None:
+        """Set tags; long values are cut at MLflow's limit."""
+        if self._place is None:
+            return
+        from mlflow.entities import RunTag
+
+        values = [RunTag(metric_name(k), v[:_LONGEST_TAG]) for k, v in tags.items()]
+        self.send_entities("tags", values)
+
+    def describe(self, markdown: str) -> None:
+        """Set the run's description."""
+        self.set_tags({NOTE: markdown})
+
+    def log_input(self, name: str, digest: str, source: str, context: str) -> None:
+        """Log a data set that the run reads, with a `digest` of its content and its purpose."""
+        if self._place is None:
+            return
+        from mlflow.entities import Dataset, DatasetInput, InputTag
+
+        data = Dataset(name, digest[:_LONGEST_DIGEST], "local", json.dumps({"uri": source}))
+        inputs = [DatasetInput(data, [InputTag("mlflow.data.context", context)])]
+        self.send(lambda client, run_id: client.log_inputs(run_id, datasets=inputs))
+
+    def log_image(self, picture: Path, key: str, step: int) -> None:
+        """Log a picture as the image of a step: MLflow shows those of one key beside each other."""
+        if self._place is None:
+            return
+        from PIL import Image
+
+        name = re.sub(r"[^\w\-. /]", "_", key, flags=re.ASCII)
+        with Image.open(picture) as opened:
+            image = opened.convert("RGB")
+        image.thumbnail((_WIDEST_IMAGE, image.height))  # MLflow keeps it as PNG
+        self.send(lambda client, run_id: client.log_image(run_id, image, key=name, step=step))
+
+    def log_artifact(self, path: Path) -> None:
+        """Copy a file into the run's artifacts."""
+        self.send(lambda client, run_id: client.log_artifact(run_id, str(path)))
+
+    def log_artifacts(self, path: Path, folder: str | None = None) -> None:
+        """Copy a folder's content into the run's artifacts, below `folder`."""
+        self.send(lambda client, run_id: client.log_artifacts(run_id, str(path), folder))
+
+    def log_table(self, name: str, columns: Mapping[str, Sequence[Any]]) -> None:
+        """Log a table, as `<name>.json`, which MLflow's pages show."""
+        data = {column: list(values) for column, values in columns.items()}
+        self.send(lambda client, run_id: client.log_table(run_id, data, f"{name}.json"))
+
+    @contextmanager
+    def system_metrics(self, interval: float = _INTERVAL) -> Iterator[None]:
+        """Log cores in use and memory (MB) of this process while the block runs, and at its end.
+
+        MLflow's own would need psutil, and are those of the whole machine, whoever else uses it. A
+        step is a second since the run began, also in a run that goes on. CPU time (s) and the
+        largest memory (MB) of the whole block follow at the end, unless it fails. No thread is
+        started without MLflow.
+        """
+        if self._place is None:
+            yield
+            return
+        begun, ended = time.process_time(), threading.Event()
+        sampler = threading.Thread(
+            target=self._sample, args=(interval, ended), name="system metrics", daemon=True
+        )
+        sampler.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            sampler.join()
+        spent = time.process_time() - begun
+        self.log_metrics(
+            {"system/cpu_seconds": spent, "system/peak_memory_megabytes": _peak_memory()}
+        )
+
+    def _sample(self, interval: float, ended: threading.Event) -> None:
+        """Log what was used since the last time, until the block has ended."""
+        try:
+            began = self.send(lambda client, run_id: client.get_run(run_id).info.start_time) or 0
+            clock, spent = time.perf_counter(), time.process_time()
+            last = False
+            while not last:
+                last = ended.wait(interval)
+                now, used = time.perf_counter(), time.process_time()
+                cores = (used - spent) / max(now - clock, 1e-3)
+                clock, spent = now, used
+                step = max(0, int(time.time() - began / 1000))
+                values = {"system/cpu_cores": cores, "system/memory_megabytes": _memory()}
+                self.log_metrics(values, step)
+        except Exception as error:  # the run's own next call says what is wrong
+            logging.getLogger(__name__).warning("no more system metrics: %s", reason(error))
+
+
+def _log_batch(part: dict[str, Any], client: "MlflowClient", run_id: str) -> None:
+    client.log_batch(run_id, **part)
+
+
+def _run_with(client: "MlflowClient", tag: str, value: str) -> Any:
+    """MLflow's `RunInfo` of the first run with this tag, or None."""
+    found = client.search_runs(
+        [experiment.experiment_id for experiment in client.search_experiments()],
+        f"tags.`{tag}` = '{value}'",
+        order_by=["attributes.start_time ASC"],
+        max_results=1,
+    )
+    return found[0].info if found else None
+
+
+def metric_name(name: str) -> str:
+    """The name with all characters that MLflow refuses (@, brackets, %, …) replaced by `_`."""
+    return re.sub(r"[^\w\-. :/]", "_", name)
+
+
+def flatten(nested: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Join the keys of nested mappings with dots: {"a": {"b": 1}} → {"a.b": 1}."""
+    flat: dict[str, Any] = {}
+    for key, value in nested.items():
+        if isinstance(value, Mapping) and value:
+            flat |= flatten(value, f"{prefix}{key}.")
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat
+
+
+def _memory() -> float | None:
+    """Memory of this process now (MB); None where the system does not tell."""
+    if not _STATM.is_file():
+        return None
+    return int(_STATM.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def _peak_memory() -> float | None:
+    """Largest memory of this process so far (MB); None where the system does not tell."""
+    if sys.platform == "win32":
+        return None
+    import resource
+
+    unit = 1 if sys.platform == "darwin" else 1024  # bytes
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
