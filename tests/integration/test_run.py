@@ -11,7 +11,7 @@ from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.records import Target
 from hlp.runs.run_stages import stages_of
-from hlp.runs.stage_panels import FoundInFrame
+from hlp.runs.shown_targets import FrameResults
 from hlp.runs.swarm_traces import search_again
 from hlp.stages.manifest import library_builds, processor
 from hlp.stages.store import StageStore
@@ -174,7 +174,7 @@ def test_its_searches_are_repeated_to_the_poses_that_it_has_found(tiny_run: Tiny
     run, compared = tiny_run.build("machine.threads=1"), 0
     detection = stages_of(run, StageStore(tiny_run.folder / "work"))
     for key in detection.keys:
-        found = FoundInFrame.read(detection, key, [])
+        found = FrameResults.read(detection, key, [])
         for object_id in {target.object_id for target in found.frame.targets}:
             refined = found.trace[object_id].refined
             for row, source in enumerate([] if refined is None else refined.sources):

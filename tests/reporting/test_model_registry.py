@@ -12,7 +12,7 @@ from hlp import Detector
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.errors import ConfigError
 from hlp.reporting.mlflow_store import import_client
-from hlp.runs.mlflow_inputs import register_learnt
+from hlp.runs.mlflow_log import register_learnt
 
 if TYPE_CHECKING:
     from mlflow.pyfunc import PyFuncModel

@@ -6,7 +6,7 @@ import numpy as np
 
 from hlp.patches.holistic import HolisticSettings
 from hlp.records import Frame, Target
-from hlp.runs.training_windows import WindowClasses
+from hlp.runs.diagnosis import WindowClasses
 
 
 class ByBrightness:
@@ -32,10 +32,8 @@ def test_windows_are_counted_by_object_and_class_and_unseen_targets_are_not():
     frame = Frame(0, 0, rgb, np.ones((120, 400)), camera)
     # 50 px wide at 1 m: each window lies in one of the three stripes.
     shown = [(9, (330, 60)), (5, (200, 60)), (5, (60, 60)), (5, (330, 60)), (9, None)]
-    notes = SimpleNamespace(
-        targets=tuple((Target(i, np.eye(4)), None) for i, _ in shown),
-        middles=tuple(place for _, place in shown),
-    )
+    targets = (SimpleNamespace(target=Target(i, np.eye(4)), middle=middle) for i, middle in shown)
+    notes = SimpleNamespace(targets=tuple(targets))
     classes = WindowClasses(training)
     classes.count(frame, notes)
     found = classes.summary()

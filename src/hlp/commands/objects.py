@@ -83,7 +83,7 @@ def _take_from_run(manifest: Path, work: str, target: Path) -> None:
 
 
 def _registered(folder: Path, model: str, uri: str) -> str:
-    from hlp.runs.mlflow_inputs import register_learnt
+    from hlp.runs.mlflow_log import register_learnt
 
     address = register_learnt(folder, model, uri)
     return f"registered {address}; in Python: mlflow.pyfunc.load_model('{address}')"

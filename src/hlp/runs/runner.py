@@ -14,41 +14,41 @@ from hlp.evaluation.waterfall import vote_quality
 from hlp.files import MANIFEST, PAGE, POSES, SCORES, SUMMARY, write_json
 from hlp.method.compute_threads import set_compute_threads
 from hlp.method.find.trace import Trace
-from hlp.method.learn.checkpoints import read_history
 from hlp.records import PoseEstimate
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.reporting.figures.bench_bars import draw_confusion, draw_waterfall
 from hlp.reporting.figures.trade_off import draw_calibration
 from hlp.reporting.mlflow_pages import summary_metrics
 from hlp.reporting.mlflow_run import MlflowRun
+from hlp.reporting.page.material import PANELS, STAGES
 from hlp.reporting.page.parts import page_or_log, run_verdict
 from hlp.reporting.page.run_page import write_run_page
 from hlp.reporting.reproductions import TABLES, describe_table, write_reproductions
-from hlp.reporting.sweep_log import STAGES
 from hlp.reporting.tables.summary_tables import format_summary
 from hlp.results.poses_file import read_poses, write_poses, write_scores
-from hlp.runs.diagnosis import (
-    FrameNotes,
+from hlp.runs.diagnosis import FrameNotes, WindowClasses, explain_misses, note_frame
+from hlp.runs.manifest import make_manifest, poses_digest
+from hlp.runs.mlflow_log import (
+    log_inputs,
+    log_pictures,
+    log_tables,
+    log_training,
+    say_where,
+    tracked,
+)
+from hlp.runs.pictures import draw_pictures
+from hlp.runs.run_stages import (
     describe_failed,
-    explain_misses,
-    note_frame,
     report_bad_frames,
     require_some,
     say_failed,
+    stages_of,
     with_failed_frames,
 )
-from hlp.runs.manifest import make_manifest, poses_digest
-from hlp.runs.mlflow_inputs import log_inputs, log_tables, say_where, tracked
-from hlp.runs.page_material import keep_material, log_pictures
-from hlp.runs.run_stages import stages_of
-from hlp.runs.stage_panels import PANELS, draw_frames
-from hlp.runs.stage_pictures import draw_stages
 from hlp.runs.timing import Timing, measure_times
-from hlp.runs.training_windows import WindowClasses
 from hlp.stages.detection import DetectionStages
 from hlp.stages.frame_task import render_in_workers
 from hlp.stages.store import StageStore
-from hlp.stages.training import TrainingStages
 
 
 def run_method(run: Run, output: Path) -> dict[str, Any]:
@@ -73,7 +73,7 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         render_in_workers(training, settings.executor)
         classes = WindowClasses(training)
         estimates, notes = _find(run, detection, classes)
-        trained = _log_training(training, tracker)
+        trained = log_training(training, tracker)
         require_some(detection.failed, len(run.keys))
         timing = measure_times(run, detection, estimates)
         counts = classes.summary()
@@ -138,9 +138,7 @@ def _score(
     scores = with_failed_frames(run, detection.failed, scores)
     names = {object_id: model.name for object_id, model in dataset.models.items()}
     write_scores(output / SCORES, scores, names)
-    draw_frames(run, detection, saved, scores, output)
-    draw_stages(run, detection, saved, scores, output)
-    keep_material(run, detection, saved, scores, output)
+    draw_pictures(run, detection, saved, scores, output)
     summary = summarise(
         scores,
         names,
@@ -158,18 +156,6 @@ def _score(
     draw_calibration(output, summary["calibration"])
     draw_confusion(output, classes)
     return summary
-
-
-def _log_training(training: TrainingStages, tracker: MlflowRun) -> list[str]:
-    """Log the losses, and say which earlier runs have trained what this one has reused."""
-    said = []
-    for stage, output in (("classifier", training.classifier()), ("encoder", training.encoder())):
-        rows = [
-            {name: value for name, value in row.items() if name != "epoch"}
-            for row in read_history(output.folder)
-        ]
-        said.append(tracker.log_training(stage, output.fingerprint, rows))
-    return [words for words in said if words]
 
 
 def _say_where(run: Run, output: Path, tracker: MlflowRun) -> None:

@@ -12,7 +12,7 @@ from hlp.refinement.refiner import cost_around
 from hlp.refinement.texture import choose_sibling
 from hlp.refinement.verification import Observation, observe
 from hlp.reporting.figures.swarm_costs import Swarm, SwarmsOfTarget
-from hlp.runs.stage_panels import FoundInFrame
+from hlp.runs.shown_targets import FrameResults
 from hlp.stages.detection import DetectionStages
 
 _MOST = 5  # hypotheses of a target
@@ -34,7 +34,7 @@ class RecordedCost(DepthCost):
 
 
 def swarms_of_target(
-    detection: DetectionStages, found: FoundInFrame, target: Target, verdict: str
+    detection: DetectionStages, found: FrameResults, target: Target, verdict: str
 ) -> SwarmsOfTarget | None:
     """The first searches for a target's object; None where none can be repeated.
 
@@ -42,27 +42,35 @@ def swarms_of_target(
     the answer.
     """
     object_id, answer = target.object_id, found.nearest(target)
-    chosen, count = found.row(object_id, answer), _refined_count(found, object_id)
-    shown = [*range(min(_MOST, count)), *([] if chosen is None else [chosen])]
+    refined, chosen = found.trace[object_id].refined, found.row(object_id, answer)
+    rows = [*range(min(_MOST, 0 if refined is None else len(refined.refined)))]
     swarms = []
-    for row in dict.fromkeys(shown):
+    for row in dict.fromkeys(rows if chosen is None else [*rows, chosen]):
         rounds = search_again(detection, found, object_id, row)
         if rounds is not None:
             swarms.append(Swarm(rounds, row == chosen))
     if not swarms:
         return None
-    model = detection.dataset.models[object_id]
+    model, settings = detection.dataset.models[object_id], detection.settings.refinement
+    assert isinstance(settings, PsoSettings)  # of others, no search can be repeated
+    seen = _observation(settings, found)
+
+    def own_cost(pose_cam_obj: Float[np.ndarray, "4 4"]) -> float:
+        """In a search that starts from the pose: others may look at another place."""
+        cost = cost_around(model, seen, pose_cam_obj, settings.cost)
+        return float(cost.evaluate(pose_cam_obj[None])[0])
+
     pose = None if answer is None else answer.pose_cam_obj
     return SwarmsOfTarget(
         f"{model.name} {found.frame.key}: {verdict}",
         swarms,
-        _own_cost(detection, found, model, target.pose_cam_obj),
-        None if pose is None else _own_cost(detection, found, model, pose),
+        own_cost(target.pose_cam_obj),
+        None if pose is None else own_cost(pose),
     )
 
 
 def search_again(
-    detection: DetectionStages, found: FoundInFrame, object_id: int, row: int
+    detection: DetectionStages, found: FrameResults, object_id: int, row: int
 ) -> Float[np.ndarray, "rounds particles"] | None:
     """Costs of all particles in the search that one of an object's refined poses comes from.
 
@@ -75,7 +83,7 @@ def search_again(
     source = int(refined.sources[row])
     if not isinstance(settings, PsoSettings) or source < 0:
         return None
-    model = detection.dataset.models[object_id]
+    model: ObjectModel = detection.dataset.models[object_id]
     start, stored = coarse.poses_cam_obj[source], refined.refined[row].pose_cam_obj
     seen = _observation(settings, found)
     edges = seen.edges_of(model)
@@ -94,25 +102,6 @@ def search_again(
     return np.stack(cost.rounds)
 
 
-def _refined_count(found: FoundInFrame, object_id: int) -> int:
-    refined = found.trace[object_id].refined
-    return 0 if refined is None else len(refined.refined)
-
-
-def _own_cost(
-    detection: DetectionStages,
-    found: FoundInFrame,
-    model: ObjectModel,
-    pose_cam_obj: Float[np.ndarray, "4 4"],
-) -> float:
-    """Cost of a pose in a search that starts from it: others may look at another place."""
-    settings = detection.settings.refinement
-    assert isinstance(settings, PsoSettings)
-    seen = _observation(settings, found)
-    cost = cost_around(model, seen, pose_cam_obj, settings.cost)
-    return float(cost.evaluate(pose_cam_obj[None])[0])
-
-
-def _observation(settings: PsoSettings, found: FoundInFrame) -> Observation:
+def _observation(settings: PsoSettings, found: FrameResults) -> Observation:
     frame = found.frame
     return observe(frame.rgb, frame.depth, frame.camera_matrix, settings.verification)

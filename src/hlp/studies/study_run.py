@@ -12,7 +12,7 @@ from hlp.reporting.mlflow_run import MlflowRun
 from hlp.reporting.page.parts import page_or_log
 from hlp.reporting.page.study_page import write_study_page
 from hlp.runs.manifest import make_manifest
-from hlp.runs.mlflow_inputs import log_inputs, say_where, tracked
+from hlp.runs.mlflow_log import log_inputs, say_where, tracked
 from hlp.source_code import Code, code_of
 from hlp.stages.store import StageStore
 

@@ -57,7 +57,7 @@ class SweepCallback(Callback):
 
 def _open_sweep(config: DictConfig) -> None:
     from hlp.reporting.sweep_arms import short_key
-    from hlp.runs.mlflow_inputs import choice_tags, place_tags
+    from hlp.runs.mlflow_log import choice_tags, place_tags
 
     folder = Path(config.hydra.sweep.dir).absolute()
     folder.mkdir(parents=True, exist_ok=True)
@@ -124,7 +124,7 @@ def run_one(config: DictConfig) -> None:
     """
     from hlp.config import build
     from hlp.runs.manifest import is_finished
-    from hlp.runs.mlflow_inputs import choice_tags, place_tags
+    from hlp.runs.mlflow_log import choice_tags, place_tags
     from hlp.studies import tasks
 
     hydra = HydraConfig.get()

@@ -3,7 +3,6 @@
 import numpy as np
 
 from hlp.reporting.figures.bench_bars import Confusion, draw_confusion
-from hlp.reporting.page import charts
 
 COUNTS = {"cat": {"cat": 7, "background": 3}, "duck": {"lamp": 1, "duck": 1}}
 
@@ -22,9 +21,3 @@ def test_the_figure_is_written_unless_there_is_no_window(tmp_path):
     assert not list(tmp_path.iterdir())
     draw_confusion(tmp_path, COUNTS)
     assert {path.name for path in tmp_path.iterdir()} == {"confusion.png", "confusion.svg"}
-
-
-def test_the_chart_of_the_page_tells_each_cell():
-    chart = charts.confusion(COUNTS)
-    assert "cat, taken for background: 3 (30.0%)" in chart and ">7</text>" in chart
-    assert charts.confusion({}) == ""

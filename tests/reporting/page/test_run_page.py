@@ -1,6 +1,7 @@
 import base64
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -8,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hlp.records import TargetScore
-from hlp.reporting.page.material import PageObject, PageTarget, edges_of, write_material
+from box_scene import box_model
+from hlp.records import Frame, TargetScore
+from hlp.reporting.page.material import MaterialWriter
 from hlp.reporting.page.parts import page_or_log
 from hlp.reporting.page.run_page import write_run_page
 from hlp.results.poses_file import write_scores
@@ -38,12 +40,19 @@ def run(tmp_path: Path) -> Path:
     return folder
 
 
-def picture(frame: int) -> PageTarget:
+def keep(run: Path, *frames: int) -> None:
+    """Material of the object in some frames, which show two points near it and one far away."""
+    depth = np.zeros((120, 160))
+    depth[60, 80], depth[61, 80], depth[0, 0] = 0.8, 0.85, 2.0
     pose = np.eye(4)
-    pose[:3, 3] = 0.1, 0.2, 0.8
-    image = np.full((40, 60, 3), 90, dtype=np.uint8)
-    points = pose[:3, 3] + np.array([[0.0, 0.0123, -0.05]])
-    return PageTarget((1, frame, 6, 0), image, points, np.array([[1, 2, 3]], np.uint8), pose, None)
+    pose[:3, 3] = 0.0, 0.0, 0.8
+    camera = np.array([[100.0, 0.0, 80.0], [0.0, 100.0, 60.0], [0.0, 0.0, 1.0]])
+    model = replace(box_model(), name="<cat>")
+    writer = MaterialWriter(run)
+    for frame in frames:
+        shot = Frame(1, frame, np.full((120, 160, 3), 90, dtype=np.uint8), depth, camera)
+        writer.add_target((1, frame, 6, 0), shot.rgb, shot, model, (pose, None))
+    writer.write([model])
 
 
 class Page(HTMLParser):
@@ -65,7 +74,7 @@ class Page(HTMLParser):
 
 def test_the_page_stands_alone_and_says_what_was_found(run: Path) -> None:
     page = Page(write_run_page(run))
-    assert not page.addresses
+    assert all(address.startswith("data:image/svg+xml;base64,") for address in page.addresses)
     assert "url(" not in page.text and "import " not in page.text.lower().split("<script")[0]
     assert "cat" not in page.elements  # names are escaped
     assert "4 of 8 targets have a right pose" in page.text
@@ -81,36 +90,29 @@ def test_every_target_has_its_row_and_missing_numbers_are_none(run: Path) -> Non
 
 
 def test_pictures_and_scenes_are_in_the_page(run: Path) -> None:
-    vertices, faces = np.array([[0.0, 0, 0], [0.01, 0, 0], [0, 0.02, 0]]), np.array([[0, 1, 2]])
-    cube = PageObject(0.1, vertices, edges_of(faces))
-    write_material(run, {"<cat>": cube}, [picture(8), picture(9)])
+    keep(run, 8, 9)
     page = Page(write_run_page(run))
     assert set(page.data["pictures"]) == {"1_8_6_0", "1_9_6_0"}
     assert [row[3] for row in page.data["rows"]] == [None, "1_8_6_0", "1_9_6_0"]
     scene = page.data["scenes"]["targets"]["1_8_6_0"]
-    assert scene["truth"][3::4] == [100.0, 200.0, 800.0, 1.0]
-    points = np.frombuffer(base64.b64decode(scene["points"]), "<i2")
-    assert points.tolist() == [0, 123, -500]  # tenths of a millimetre
-    assert page.data["scenes"]["models"]["<cat>"]["edges"] == [[0, 1], [0, 2], [1, 2]]
+    assert scene["truth"][3::4] == [0.0, 0.0, 800.0, 1.0] and scene["estimate"] is None
+    points = np.frombuffer(base64.b64decode(scene["points"]), "<i2").reshape(-1, 3)
+    assert points.tolist() == [[0, 0, 0], [0, 85, 500]]  # tenths of a millimetre
+    edges = page.data["scenes"]["models"]["<cat>"]["edges"]
+    assert len(edges) == 18 and all(first < second for first, second in edges)  # of a box
     assert "Recall by threshold" in page.text
 
 
-def test_too_many_pictures_are_left_out(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_material(run, {}, [picture(8), picture(9)])
-    size = (run / "report" / "000001_000008_6_0.jpg").stat().st_size
+@pytest.mark.parametrize(("kept", "shown"), [((8, 9), "1_8_6_0"), ((7, 9), "1_9_6_0")])
+def test_where_there_is_no_room_for_all_pictures_those_of_misses_are_shown(
+    run: Path, monkeypatch: pytest.MonkeyPatch, kept: tuple[int, int], shown: str
+) -> None:
+    keep(run, *kept)  # 7 is right
+    size = (run / "report" / f"000001_{kept[0]:06d}_6_0.jpg").stat().st_size
     monkeypatch.setattr("hlp.reporting.page.run_page._MOST_BYTES", size)
     page = Page(write_run_page(run))
-    assert list(page.data["pictures"]) == ["1_8_6_0"]
+    assert list(page.data["pictures"]) == [shown]
     assert "1 more pictures lie in report/" in page.text
-
-
-def test_misses_come_first_where_there_is_no_room_for_all(
-    run: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_material(run, {}, [picture(7), picture(9)])  # 7 is right
-    size = (run / "report" / "000001_000007_6_0.jpg").stat().st_size
-    monkeypatch.setattr("hlp.reporting.page.run_page._MOST_BYTES", size)
-    assert list(Page(write_run_page(run)).data["pictures"]) == ["1_9_6_0"]
 
 
 def test_misses_are_counted_by_object_and_by_visible_fraction(run: Path) -> None:
@@ -136,5 +138,6 @@ def test_pictures_of_the_stages_are_shown_in_their_order(run: Path) -> None:
         (run / "stages" / f"{name}.jpg").write_bytes(name.encode())
     page = Page(write_run_page(run))
     drawn = [base64.b64encode(name.encode()).decode() for name in ("views", "swarm_costs")]
-    assert page.addresses == [f"data:image/jpeg;base64,{each}" for each in drawn]
+    photographs = [address for address in page.addresses if "jpeg" in address]
+    assert photographs == [f"data:image/jpeg;base64,{picture}" for picture in drawn]
     assert "What each stage works with" in page.text

@@ -1,5 +1,7 @@
-"""Figures as files."""
+"""Figures as files and in pages."""
 
+import base64
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,6 +28,16 @@ def save_figure(figure: "Figure", path: Path) -> list[Path]:
         figure.savefig(files[0], dpi=150)
         figure.savefig(files[1], metadata={"Date": None})
     return files
+
+
+def svg_in_base64(figure: "Figure") -> str:
+    """A figure as SVG, as it stands in a page."""
+    import matplotlib
+
+    stream = io.BytesIO()
+    with matplotlib.rc_context({"svg.hashsalt": "hlp"}):
+        figure.savefig(stream, format="svg", metadata={"Date": None})
+    return base64.b64encode(stream.getvalue()).decode("ascii")
 
 
 Image = UInt8[np.ndarray, "h w 3"]

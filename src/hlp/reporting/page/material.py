@@ -12,42 +12,42 @@ from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, UInt8
 
 from hlp.errors import DataError
 from hlp.files import read_json, replaced, write_json
-from hlp.records import MILLIMETRES_PER_METRE
+from hlp.geometry import back_project, transform
+from hlp.objects.meshes import decimate
+from hlp.records import MILLIMETRES_PER_METRE, Frame, ObjectModel
 from hlp.results.summary_file import TargetKey
 
-FOLDER = "report"
+FOLDER, PANELS, STAGES = "report", "panels", "stages"
+"""Folders of a run's pictures: of targets on its page, of some frames, of the stages."""
+CAPTIONS = {
+    "viewpoints": "Views: where they are rendered from",
+    "views": "Views: some of those rendered of each object",
+    "training_windows": "Region: what the classifier is trained on",
+    "nearest_entries": "Votes: patches of images and the most similar codebook entries",
+    "reconstructions": "Votes: what the autoencoder rebuilds from the features of patches",
+    "swarm_costs": "Refinement: costs of the poses that the swarm tries",
+    "missed_swarm_costs": "Refinement: the same for targets that were missed",
+}
+"""What each picture of the stages shows, by its name without ending, in the order of the stages."""
 _INDEX = "index.json"
 _JPEG = b"\xff\xd8\xff"  # how every such file begins
-_QUALITY = 72
+_WIDTH, _QUALITY = 1280, 72  # px of a picture; of its JPEG
+_FACES = 300  # of a model in the 3D view
+_POINTS = 2500  # of a scene in the 3D view
+_AROUND = 1.1  # diameters from the object's true and found places that are in the 3D view
 _UNITS = 10.0  # of a point's coordinates in a millimetre
 
-
-@dataclass(frozen=True)
-class PageObject:
-    """An object's diameter (m) and a coarse mesh (m, object coordinates) as its edges."""
-
-    diameter: float
-    vertices: Float[np.ndarray, "v 3"]
-    edges: Int[np.ndarray, "e 2"]
+Pose = Float[np.ndarray, "4 4"]
 
 
-@dataclass(frozen=True)
-class PageTarget:
-    """A target with its picture (RGB), and the coloured points of the scene around it (m, camera).
-
-    `estimate` is the pose that was found, or None.
-    """
-
-    key: TargetKey
-    picture: UInt8[np.ndarray, "h w 3"]
-    points: Float[np.ndarray, "n 3"]
-    colors: UInt8[np.ndarray, "n 3"]
-    truth: Float[np.ndarray, "4 4"]
-    estimate: Float[np.ndarray, "4 4"] | None
+def drawn_stages(run: Path) -> dict[str, Path]:
+    """Files of the pictures that a run has drawn, by their captions, in the order of the stages."""
+    files = {words: run / STAGES / f"{name}.jpg" for name, words in CAPTIONS.items()}
+    return {words: path for words, path in files.items() if path.is_file()}
 
 
 @dataclass(frozen=True)
@@ -65,31 +65,7 @@ class PageMaterial:
     @property
     def diameters_mm(self) -> dict[str, float]:
         """Diameter of each object by name."""
-        return {name: float(each["diameter_mm"]) for name, each in self.objects.items()}
-
-
-def write_material(
-    run: Path, objects: Mapping[str, PageObject], targets: Sequence[PageTarget]
-) -> None:
-    """Write the material of a run's page into its folder, in place of what was there.
-
-    Raises OSError where it cannot be written.
-    """
-    folder = run / FOLDER
-    for old in folder.glob("*.jpg"):
-        old.unlink()
-    index = {
-        "objects": {
-            name: {
-                "diameter_mm": round(MILLIMETRES_PER_METRE * each.diameter, 3),
-                "vertices": np.round(MILLIMETRES_PER_METRE * each.vertices, 1).tolist(),
-                "edges": each.edges.tolist(),
-            }
-            for name, each in objects.items()
-        },
-        "targets": [_write_target(folder, each) for each in targets],
-    }
-    write_json(folder / _INDEX, index)
+        return {name: float(values["diameter_mm"]) for name, values in self.objects.items()}
 
 
 def read_material(run: Path) -> PageMaterial:
@@ -102,8 +78,10 @@ def read_material(run: Path) -> PageMaterial:
         return PageMaterial()
     index = read_json(path)
     try:
-        keys = [tuple(int(part) for part in each["key"]) for each in index["targets"]]
-        targets = {(a, b, c, d): t for (a, b, c, d), t in zip(keys, index["targets"], strict=True)}
+        targets: dict[TargetKey, Mapping[str, Any]] = {}
+        for target in index["targets"]:
+            scene_id, frame_id, object_id, instance = map(int, target["key"])
+            targets[scene_id, frame_id, object_id, instance] = target
         return PageMaterial(dict(index["objects"]), targets)
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(f"{path} is no material of a page ({error!r})") from error
@@ -122,33 +100,85 @@ def picture_path(run: Path, target: Mapping[str, Any]) -> Path | None:
         return path if stream.read(len(_JPEG)) == _JPEG else None
 
 
-def edges_of(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "e 2"]:
-    """Every edge of some triangles once."""
-    sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    return np.unique(np.sort(sides, axis=1), axis=0)
+class MaterialWriter:
+    """Writes the material of a run's page into its folder, in place of what was there.
+
+    Raises OSError where it cannot be written.
+    """
+
+    def __init__(self, run: Path) -> None:
+        self._folder = run / FOLDER
+        self._targets: list[dict[str, Any]] = []
+        for old in self._folder.glob("*.jpg"):
+            old.unlink()
+
+    def add_target(
+        self,
+        key: TargetKey,
+        picture: UInt8[np.ndarray, "h w 3"],
+        frame: Frame,
+        model: ObjectModel,
+        poses: tuple[Pose, Pose | None],
+    ) -> None:
+        """Keep a target's picture (RGB), its true and found poses, and what is around them."""
+        true, found = poses
+        scene, image, object_id, instance = key
+        name = f"{scene:06d}_{image:06d}_{object_id}_{instance}.jpg"
+        size = (_WIDTH, round(picture.shape[0] * _WIDTH / picture.shape[1]))
+        small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+        bgr = cv2.cvtColor(small, cv2.COLOR_RGB2BGR)
+        jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1]
+        with replaced(self._folder / name) as stream:
+            stream.write(jpeg.tobytes())
+        points, colors = scene_around(frame, model, [true] if found is None else [true, found])
+        middle = MILLIMETRES_PER_METRE * true[:3, 3]
+        offsets = _UNITS * (MILLIMETRES_PER_METRE * points - middle)
+        places = np.clip(np.rint(offsets), -32768, 32767).astype("<i2")
+        self._targets.append(
+            {
+                "key": list(key),
+                "picture": name,
+                "middle": np.round(middle, 2).tolist(),
+                "points": _text(places),
+                "colors": _text(colors),
+                "truth": _motion(true),
+                "estimate": None if found is None else _motion(found),
+            }
+        )
+
+    def write(self, models: Sequence[ObjectModel]) -> None:
+        """Write the index, with the diameter and a coarse mesh of each object."""
+        objects = {}
+        for model in models:
+            mesh = decimate(model.proxy, _FACES)
+            faces = mesh.faces
+            sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+            objects[model.name] = {
+                "diameter_mm": round(MILLIMETRES_PER_METRE * model.diameter, 3),
+                "vertices": np.round(MILLIMETRES_PER_METRE * mesh.vertices, 1).tolist(),
+                "edges": np.unique(np.sort(sides, axis=1), axis=0).tolist(),
+            }
+        write_json(self._folder / _INDEX, {"objects": objects, "targets": self._targets})
 
 
-def _write_target(folder: Path, target: PageTarget) -> dict[str, Any]:
-    scene, frame, object_id, instance = target.key
-    name = f"{scene:06d}_{frame:06d}_{object_id}_{instance}.jpg"
-    bgr = cv2.cvtColor(target.picture, cv2.COLOR_RGB2BGR)
-    with replaced(folder / name) as stream:
-        stream.write(cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes())
-    middle = MILLIMETRES_PER_METRE * target.truth[:3, 3]
-    offsets = _UNITS * (MILLIMETRES_PER_METRE * target.points - middle)
-    places = np.clip(np.rint(offsets), -32768, 32767).astype("<i2")
-    return {
-        "key": list(target.key),
-        "picture": name,
-        "middle": np.round(middle, 2).tolist(),
-        "points": _text(places),
-        "colors": _text(target.colors),
-        "truth": _motion(target.truth),
-        "estimate": None if target.estimate is None else _motion(target.estimate),
-    }
+def scene_around(
+    frame: Frame, model: ObjectModel, poses: Sequence[Pose]
+) -> tuple[Float[np.ndarray, "n 3"], UInt8[np.ndarray, "n 3"]]:
+    """Coloured points (m) near the object in one of the poses: a random but repeatable choice."""
+    y, x = np.nonzero(frame.depth > 0)
+    pixels = np.stack([x, y], axis=1).astype(np.float64)
+    points = back_project(pixels, frame.depth[y, x], frame.camera_matrix)
+    near = np.zeros(len(points), dtype=bool)
+    for pose in poses:
+        center = transform(pose, model.centroid[None])[0]
+        near |= ((points - center) ** 2).sum(axis=-1) < (_AROUND * model.diameter) ** 2
+    chosen = np.flatnonzero(near)
+    if len(chosen) > _POINTS:
+        chosen = np.random.default_rng(0).choice(chosen, _POINTS, replace=False)
+    return points[chosen], frame.rgb[y[chosen], x[chosen]]
 
 
-def _motion(pose: Float[np.ndarray, "4 4"]) -> list[float]:
+def _motion(pose: Pose) -> list[float]:
     millimetres = np.array(pose, dtype=np.float64)
     millimetres[:3, 3] *= MILLIMETRES_PER_METRE
     return [round(float(value), 5) for value in millimetres.ravel()]

@@ -4,14 +4,36 @@ import base64
 import json
 import logging
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
 from hlp.reporting.paper_results import ADD_BY_OBJECT, MS_PER_FRAME
 from hlp.reporting.results import run_command
 from hlp.results.summary_file import CORRECT
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+
+def render(template: str, **values: Any) -> str:
+    """A page from a template of the folder `layout`; texts are escaped, JSON is not."""
+    return _templates().get_template(template).render(**values)
+
+
+@lru_cache(maxsize=1)
+def _templates() -> "Environment":
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    return Environment(
+        loader=FileSystemLoader(Path(__file__).parent / "layout"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
 
 
 def page_or_log(write: Callable[[Path], Path], folder: Path) -> Path | None:

@@ -8,11 +8,10 @@ from typing import Any
 from hlp.files import MANIFEST, PAGE, SCORES, SUMMARY, read_json, write_text
 from hlp.records import MILLIMETRES_PER_METRE
 from hlp.reporting.comparison import ScoredTarget, read_targets
-from hlp.reporting.page import charts
-from hlp.reporting.page.layout import render
-from hlp.reporting.page.material import PageMaterial, picture_path, read_material
-from hlp.reporting.page.parts import how_to_repeat, in_base64, run_verdict
-from hlp.reporting.sweep_log import drawn_stages
+from hlp.reporting.figures import run_charts
+from hlp.reporting.figures.saving import svg_in_base64
+from hlp.reporting.page.material import PageMaterial, drawn_stages, picture_path, read_material
+from hlp.reporting.page.parts import how_to_repeat, in_base64, render, run_verdict
 from hlp.reporting.tables.summary_tables import (
     METRIC_LABELS,
     calibration_words,
@@ -24,6 +23,7 @@ from hlp.reporting.tables.summary_tables import (
 from hlp.results.summary_file import TargetKey, read_summary
 
 _MOST_BYTES = 10_500_000  # of pictures: in base64 about 14 MB
+_FIGURES = ("waterfall", "confusion", "calibration")  # that lie as SVG in a run's folder
 _COLUMNS = (
     "scene", "image", "object", "", "verdict", "cause", "visible", "ADD(-S) mm", "rotation °",
     "shift mm", "score",
@@ -50,7 +50,7 @@ def write_run_page(folder: Path) -> Path:
         metrics=_metrics(summary),
         objects=objects_table(summary),
         lost=waterfall_tables(summary),
-        charts=_charts(summary, list(targets.values()), material),
+        charts=_charts(folder, summary, list(targets.values()), material.diameters_mm),
         times=timing_words(summary),
         scores=" ".join(filter(None, (calibration_words(summary), false_alarm_words(summary)))),
         columns=_COLUMNS,
@@ -83,23 +83,25 @@ def _metrics(summary: Mapping[str, Any]) -> list[tuple[str, str, str]]:
 
 
 def _charts(
-    summary: Mapping[str, Any], targets: Sequence[ScoredTarget], material: PageMaterial
+    folder: Path,
+    summary: Mapping[str, Any],
+    targets: Sequence[ScoredTarget],
+    diameters_mm: Mapping[str, float],
 ) -> dict[str, str]:
-    calibration = summary.get("calibration") or {"answers": 0}
-    found = {
-        "objects": charts.object_bars(summary),
-        "ad_curve": charts.ad_curve(targets, material.diameters_mm),
-        "translation": charts.error_histogram(targets, "translation"),
-        "rotation": charts.error_histogram(targets, "rotation"),
-        "visibility": charts.visibility_bars(targets),
-        "waterfall": charts.waterfall_bars(summary),
-        "timing": charts.timing_bars(summary),
-        "confusion": charts.confusion(summary.get("window_classes", {})),
+    """SVG in base64 by name; empty where there is nothing to draw."""
+    figures = {
+        "objects": run_charts.object_bars(summary),
+        "ad_curve": run_charts.ad_curve(targets, diameters_mm),
+        "translation": run_charts.error_histogram(targets, "translation"),
+        "rotation": run_charts.error_histogram(targets, "rotation"),
+        "visibility": run_charts.visibility_bars(targets),
+        "timing": run_charts.timing_bars(summary),
     }
-    if calibration["answers"]:
-        found["reliability"] = charts.reliability(calibration)
-        found["risk"] = charts.risk_coverage(calibration)
-    return found
+    files = {name: folder / f"{name}.svg" for name in _FIGURES}
+    return {
+        **{name: svg_in_base64(figure) if figure else "" for name, figure in figures.items()},
+        **{name: in_base64(path) if path.is_file() else "" for name, path in files.items()},
+    }
 
 
 def _rows(
@@ -107,32 +109,28 @@ def _rows(
 ) -> list[list[str | float | None]]:
     """A row a target in the order of `_COLUMNS`; the fourth cell is the key of its picture."""
     rows: list[list[str | float | None]] = []
-    for key, each in targets.items():
-        score, name = each.score, _name(key)
-        found = score.found
+    for key, target in targets.items():
+        score, name = target.score, _name(key)
+        numbers = (
+            score.visible_fraction,
+            MILLIMETRES_PER_METRE * score.add_error,
+            math.degrees(score.rotation_error),
+            MILLIMETRES_PER_METRE * score.translation_error,
+            score.score,
+        )
         rows.append(
             [
                 score.scene_id,
                 score.frame_id,
-                each.name,
+                target.name,
                 name if name in pictures else None,
-                "right" if score.add_correct else "wrong" if found else "not found",
+                "right" if score.add_correct else "wrong" if score.found else "not found",
                 score.cause.replace("_", " "),
-                *_numbers(
-                    score.visible_fraction,
-                    MILLIMETRES_PER_METRE * score.add_error,
-                    math.degrees(score.rotation_error),
-                    MILLIMETRES_PER_METRE * score.translation_error,
-                    score.score,
-                ),
+                # JSON has neither nan nor inf.
+                *(round(value, 3) if math.isfinite(value) else None for value in numbers),
             ]
         )
     return rows
-
-
-def _numbers(*values: float) -> list[float | None]:
-    """Rounded; None for what is no number (nan, inf), which JSON has not."""
-    return [round(value, 3) if math.isfinite(value) else None for value in values]
 
 
 def _pictures(
@@ -142,13 +140,10 @@ def _pictures(
     room: int,
 ) -> dict[str, str]:
     """JPEGs in base64 by the targets' names, as many as there is room (bytes) for, misses first."""
-
-    def right(given: tuple[TargetKey, Mapping[str, Any]]) -> bool:
-        return given[0] in scores and scores[given[0]].correct("add")
-
+    right = {key for key, target in scores.items() if target.correct("add")}
     pictures = {}
-    for key, target in sorted(material.targets.items(), key=right):
-        path = picture_path(folder, target)
+    for key in sorted(material.targets, key=lambda key: key in right):
+        path = picture_path(folder, material.targets[key])
         room -= 0 if path is None else path.stat().st_size
         if path is not None and room >= 0:
             pictures[_name(key)] = in_base64(path)
@@ -162,8 +157,8 @@ def _scenes(
     return {
         "models": dict(material.objects),
         "targets": {
-            _name(key): {**each, "object": targets[key].name}
-            for key, each in material.targets.items()
+            _name(key): {**scene, "object": targets[key].name}
+            for key, scene in material.targets.items()
             if key in targets
         },
     }

@@ -7,8 +7,7 @@ from markdown_it import MarkdownIt
 
 from hlp.errors import DataError
 from hlp.files import MANIFEST, PAGE, SUMMARY, read_json, write_text
-from hlp.reporting.page.layout import render
-from hlp.reporting.page.parts import how_to_repeat, in_base64
+from hlp.reporting.page.parts import how_to_repeat, in_base64, render
 from hlp.reporting.study_arms import read_study_sweeps
 from hlp.reporting.study_sweep import differences_table, note_of, study_table
 

@@ -5,8 +5,7 @@ from pathlib import Path
 
 from hlp.files import PAGE, write_text
 from hlp.reporting.figures.trade_off import pareto_front
-from hlp.reporting.page.layout import render
-from hlp.reporting.page.parts import in_base64
+from hlp.reporting.page.parts import in_base64, render
 from hlp.reporting.page.svg import BLUE, GREY, ORANGE, SKY, Chart, ticks
 from hlp.reporting.results import Result, read_results
 from hlp.reporting.sweep_arms import Sweep, SweepArm, sweep_of, sweep_table, sweep_verdict

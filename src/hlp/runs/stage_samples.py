@@ -1,12 +1,15 @@
-"""Codebook entries that are nearest to patches of a frame, with the views they were cut from."""
+"""Samples of what stages work with: training windows, and patches with their codebook entries."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int, UInt8
 
 from hlp.codebook.neighbours import ExactNeighbours
+from hlp.config.build import evenly
+from hlp.data.dataset import Dataset
 from hlp.geometry import allocentric_to_egocentric, inverse, project, transform
+from hlp.method.stage_settings import ClassifierStage
 from hlp.models.encoder import Encoder, patch_input
 from hlp.models.encoders import FeatureDecoder
 from hlp.patches.local import LocalSettings, cut_local_patches, join_patches, take_patches
@@ -14,14 +17,57 @@ from hlp.patches.local_pool import cut_view_patches
 from hlp.records import Codebook, Frame, LocalPatches, ObjectModel, Target, Views
 from hlp.reporting.figures.viewpoints import PatchEntries, ReconstructedPatches
 from hlp.runs.diagnosis import visible_pixels
-from hlp.runs.stage_panels import FoundInFrame
+from hlp.runs.shown_targets import FrameResults
 from hlp.stages.training import TrainingStages
 
 _ENTRIES = 5
+# In place of the settings' pools, which take half a minute.
+_WINDOWS, _BACKGROUNDS, _SCENES, _FRAMES = 40, 60, 2, 2
+
+
+@dataclass(frozen=True)
+class _FewBackgrounds:
+    """The data set's backgrounds, with a few of its frames."""
+
+    dataset: Dataset
+
+    def photograph_crops(
+        self, count: int, size: int, rng: np.random.Generator
+    ) -> UInt8[np.ndarray, "n s s 3"]:
+        return self.dataset.photograph_crops(count, size, rng)
+
+    def load_background_frames(self) -> list[Frame]:
+        source = self.dataset.background_frames
+        return [] if source is None else [source.load(key) for key in evenly(source.keys, _FRAMES)]
+
+    def load_encoder_frames(self) -> list[Frame]:
+        return self.dataset.load_encoder_frames()
+
+
+def sample_windows(
+    training: TrainingStages,
+) -> tuple[Float[np.ndarray, "n c p p"], Int[np.ndarray, "n"]]:
+    """Windows in [-1, 1] as the network takes them, and the class of each (0: background).
+
+    They are composed by the code that composes the training's batches, from smaller pools.
+    """
+    from hlp.method.learn.classifier_training import training_windows  # takes seconds to import
+
+    stage = ClassifierStage.of(training.settings)
+    pool = replace(
+        stage.pool,
+        per_object=min(stage.pool.per_object, _WINDOWS),
+        backgrounds=min(stage.pool.backgrounds, _BACKGROUNDS),
+        distractor_scenes=min(stage.pool.distractor_scenes, _SCENES),
+    )
+    few = _FewBackgrounds(training.dataset)
+    data = training_windows(training.models, training.load_views, few, replace(stage, pool=pool))
+    images, labels = data.compose(data.pool, np.random.default_rng(stage.seed))
+    return images.numpy(), labels.numpy()
 
 
 def patches_on_target(
-    training: TrainingStages, found: FoundInFrame, target: Target, count: int
+    training: TrainingStages, found: FrameResults, target: Target, count: int
 ) -> LocalPatches:
     """Up to `count` of the patches, with colour, that lie on a target and voted for its object."""
     model, frame = training.models[target.object_id], found.frame
@@ -47,26 +93,21 @@ def entries_of_patches(
         return []
     model, local = training.models[target.object_id], training.settings.patches.local
     codebook, views = training.load_codebook(model.object_id), training.load_views(model.object_id)
-    features = encode(training.load_encoder(), patches)
+    features = _encode(training.load_encoder(), patches)
     matches = ExactNeighbours(codebook.features, _ENTRIES).search(features)
     true_places = transform(inverse(target.pose_cam_obj), patches.points_cam)
     size = local.side_of(model.local_size)
     shown = []
     for row, entries in enumerate(matches.indices):
         cut = [take_patches(patches, np.array([row]))]
-        cut += [entry_patch(views, codebook, int(each), size, local) for each in entries]
-        shown.append(
-            PatchEntries(
-                f"{model.name} {frame.key}",
-                join_patches(cut),
-                matches.distances[row],
-                distances_on_object(codebook.points_obj[entries], true_places[row], model),
-            )
-        )
+        cut += [entry_patch(views, codebook, int(entry), size, local) for entry in entries]
+        apart = distances_on_object(codebook.points_obj[entries], true_places[row], model)
+        name = f"{model.name} {frame.key}"
+        shown.append(PatchEntries(name, join_patches(cut), matches.distances[row], apart))
     return shown
 
 
-def encode(encoder: Encoder, patches: LocalPatches) -> Float[np.ndarray, "n d"]:
+def _encode(encoder: Encoder, patches: LocalPatches) -> Float[np.ndarray, "n d"]:
     """Features of patches that have colour, whether or not the encoder takes it."""
     seen = patches if encoder.sees_color else replace(patches, color=patches.color[..., :0])
     return encoder.encode(seen)
@@ -107,7 +148,7 @@ def reconstruct(
     settings = training.settings.encoder
     if len(patches) == 0 or not isinstance(settings, FeatureDecoder):
         return None
-    features = encode(training.load_encoder(), patches)
+    features = _encode(training.load_encoder(), patches)
     rebuilt = settings.decode(training.encoder().folder, features)
     if rebuilt is None:
         return None

@@ -1,4 +1,4 @@
-"""What a run logs to MLflow besides its files: name, tags, data sets, tables."""
+"""What a run logs to MLflow besides its files: name, tags, data sets, tables, pictures."""
 
 import logging
 import os
@@ -13,19 +13,26 @@ import numpy as np
 from hlp.data.dataset import frames_identity
 from hlp.files import SCORES, read_csv
 from hlp.method.detector import MOST_INSTANCES
+from hlp.method.learn.checkpoints import read_history
 from hlp.method.learn.learnt_folder import LearntFolder
 from hlp.method.pyfunc_model import example_image
 from hlp.refinement.score_model import MIN_SCORE
+from hlp.reporting.comparison import read_targets
 from hlp.reporting.mlflow_pages import HEADLINES, experiment_tags, how_to_browse, short_name
 from hlp.reporting.mlflow_run import MlflowRun
 from hlp.reporting.mlflow_tracking import REVISION, track_run
 from hlp.reporting.model_registry import register
+from hlp.reporting.page.material import FOLDER, PANELS, drawn_stages, read_material
 from hlp.results.poses_file import SCORE_COLUMNS
 from hlp.stages.manifest import git_revision
 
 if TYPE_CHECKING:
     from hlp.config.build import Run
+    from hlp.stages.training import TrainingStages
 
+MOST_MISSES = 12
+"""Missed targets whose pictures are logged; the report shows more."""
+_PICTURES = "1. Pictures"  # MLflow sorts the groups on a run's page by name
 _UNTAGGED = ("experiment", "reporting", "machine", "executor")  # groups that no result depends on
 
 
@@ -34,8 +41,7 @@ def tracked(run: "Run", output: Path, resume: str | None = None) -> Iterator[Mlf
     """Open the MLflow run of a run whose results go into `output`; see `track_run`."""
     settings, chosen = run.settings, run.chosen
     name = short_name(chosen.overrides, chosen.groups, settings.name)
-    data = run.config["data"]
-    page = experiment_tags(settings.reporting.about, chosen.command, str(data["name"]))
+    data = str(run.config["data"]["name"])
     with track_run(
         settings.reporting,
         name,
@@ -43,7 +49,7 @@ def tracked(run: "Run", output: Path, resume: str | None = None) -> Iterator[Mlf
         {**choice_tags(chosen.groups), **place_tags(output)},
         resume,
         params=chosen.overrides,
-        page=page,
+        page=experiment_tags(settings.reporting.about, chosen.command, data),
     ) as tracker:
         if chosen.command:
             tracker.set_tags({"command": chosen.command})
@@ -79,6 +85,18 @@ def log_inputs(run: "Run", tracker: MlflowRun) -> None:
         tracker.log_input("background frames", digest, where, "training")
 
 
+def log_training(training: "TrainingStages", tracker: MlflowRun) -> list[str]:
+    """Log the losses, and say which earlier runs have trained what this one has reused."""
+    said = []
+    for stage, output in (("classifier", training.classifier()), ("encoder", training.encoder())):
+        rows = [
+            {name: value for name, value in row.items() if name != "epoch"}
+            for row in read_history(output.folder)
+        ]
+        said.append(tracker.log_training(stage, output.fingerprint, rows))
+    return [words for words in said if words]
+
+
 def log_tables(summary: Mapping[str, Any], output: Path, tracker: MlflowRun) -> None:
     """Log recalls per object and the scores of every target, as tables on MLflow's page."""
     objects = summary["per_object"]
@@ -93,6 +111,28 @@ def log_tables(summary: Mapping[str, Any], output: Path, tracker: MlflowRun) -> 
     tracker.log_table(
         "tables/targets", {name: [row[name] for row in rows] for name in SCORE_COLUMNS}
     )
+
+
+def log_pictures(output: Path, tracker: MlflowRun) -> None:
+    """Log poses and panels, a step for each frame; missed targets by cause; those of stages.
+
+    The frame's number is the step, so equal steps of two runs show the same frame.
+    """
+    for path in sorted((output / PANELS).glob("*.jpg")):
+        scene, frame, drawn = path.stem.split("_", 2)
+        what = "poses" if drawn == "poses" else "panels"
+        tracker.log_image(path, f"{_PICTURES}/{what} in scene {int(scene)}", int(frame))
+    for path in drawn_stages(output).values():
+        tracker.log_image(path, f"{_PICTURES}/stages - {path.stem.replace('_', ' ')}", 0)
+    scores = read_targets(output / SCORES)
+    shown = read_material(output).targets
+    missed = [key for key in sorted(shown) if key in scores and not scores[key].correct("add")]
+    steps: dict[str, int] = {}
+    for key in missed[:: max(1, -(-len(missed) // MOST_MISSES))]:
+        cause = (scores[key].score.cause or "unknown").replace("_", " ")
+        steps[cause] = steps.get(cause, -1) + 1
+        picture = output / FOLDER / shown[key]["picture"]
+        tracker.log_image(picture, f"{_PICTURES}/missed - {cause}", steps[cause])
 
 
 def say_where(run: "Run", tracker: MlflowRun) -> None:

@@ -3,8 +3,8 @@ from typing import Any
 
 import pytest
 
-from hlp.runs import page_material as mlflow_pictures
-from hlp.runs.page_material import log_pictures
+from hlp.runs import mlflow_log
+from hlp.runs.mlflow_log import log_pictures
 
 
 def test_panels_are_logged_by_frame_and_pictures_of_stages_by_name(
@@ -16,7 +16,7 @@ def test_panels_are_logged_by_frame_and_pictures_of_stages_by_name(
         def log_image(self, picture: Path, key: str, step: int) -> None:
             logged.append((picture.name, key, step))
 
-    monkeypatch.setattr(mlflow_pictures, "read_targets", lambda _: {})
+    monkeypatch.setattr(mlflow_log, "read_targets", lambda _: {})
     panels = ("000002_000014_cat.jpg", "000002_000014_poses.jpg")
     for file in (*(f"panels/{each}" for each in panels), "stages/swarm_costs.jpg"):
         (tmp_path / file).parent.mkdir(exist_ok=True)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from hlp.method.find.trace import ObjectTrace
-from hlp.records import Frame, Hypotheses, PoseEstimate, Refinement, Target
+from hlp.records import Frame, Hypotheses, PoseEstimate, Refinement, Target, TargetScore
 from hlp.refinement.choice import RefinedHypotheses
-from hlp.runs.stage_panels import FoundInFrame, in_order_of_scores
+from hlp.runs.shown_targets import MISSED, RIGHT, FrameResults, missed_targets, page_targets
 
 IMAGE, DEPTH = np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4))
 
@@ -21,7 +21,7 @@ def answer(object_id: int, pose: np.ndarray | None) -> PoseEstimate:
     return PoseEstimate(1, 3, object_id, pose, 0.5)
 
 
-def found(*estimates: PoseEstimate, **poses: list[float]) -> FoundInFrame:
+def found(*estimates: PoseEstimate, **poses: list[float]) -> FrameResults:
     """Object 6 with coarse poses 1 and 2 m away; the fine ones and their sources as given."""
     trace = ObjectTrace(hypotheses=Hypotheses(np.stack([at(1.0), at(2.0)]), np.ones(2)))
     if poses:
@@ -30,7 +30,7 @@ def found(*estimates: PoseEstimate, **poses: list[float]) -> FoundInFrame:
         seeds = np.zeros((count, 2), dtype=int)
         refined = RefinedHypotheses(fine, np.zeros(count), sources, seeds, (0,))
         trace = replace(trace, refined=refined)
-    return FoundInFrame(Frame(1, 3, IMAGE, DEPTH, np.eye(3)), {6: trace}, estimates)
+    return FrameResults(Frame(1, 3, IMAGE, DEPTH, np.eye(3)), {6: trace}, estimates)
 
 
 def test_the_answer_for_a_target_is_the_nearest_of_its_object() -> None:
@@ -53,6 +53,32 @@ def test_without_an_answer_the_best_coarse_pose_is_shown() -> None:
 
 def test_targets_are_scored_object_by_object() -> None:
     targets = tuple(Target(i, at(z)) for i, z in [(6, 1.0), (2, 1.0), (6, 2.0)])
-    frame = Frame(1, 3, IMAGE, DEPTH, np.eye(3), targets)
-    ordered = [(each.object_id, each.pose_cam_obj[2, 3]) for each in in_order_of_scores(frame)]
+    results = FrameResults(Frame(1, 3, IMAGE, DEPTH, np.eye(3), targets), {}, ())
+    ordered = [(target.object_id, target.pose_cam_obj[2, 3]) for target in results.targets]
     assert ordered == [(6, 1.0), (6, 2.0), (2, 1.0)]
+
+
+def score(frame: int, object_id: int, right: bool) -> TargetScore:
+    return TargetScore(1, frame, object_id, True, 1.0, 0.0, 0.0, 0.0, 1.0, right, right, right)
+
+
+def test_missed_targets_and_some_right_ones_are_on_the_page() -> None:
+    scored = {
+        "three": [score(3, 6, True), score(3, 2, False), score(3, 6, False)],
+        "four": [score(4, 6, True)],
+    }
+    assert page_targets(scored) == [
+        ((1, 3, 2, 0), "three", 1),
+        ((1, 3, 6, 0), "three", 0),
+        ((1, 3, 6, 1), "three", 2),
+        ((1, 4, 6, 0), "four", 0),
+    ]
+    assert missed_targets(scored, 6) == [("three", 1), ("three", 2)]
+
+
+def test_too_many_are_thinned_out_evenly() -> None:
+    scored = {str(frame): [score(frame, 1, frame % 2 == 0)] for frame in range(4 * MISSED)}
+    chosen = [target.target[1] for target in page_targets(scored)]
+    missed, right = ([f for f in chosen if f % 2 == odd] for odd in (1, 0))
+    assert (len(missed), len(right)) == (MISSED, RIGHT)
+    assert max(np.diff(missed)) <= 4 and missed[0] < 10 and missed[-1] > 4 * MISSED - 10
