@@ -81,7 +81,7 @@ def test_what_is_absent_is_named(classic, tmp_path):
     with pytest.raises(DataError, match=r"000006_000000\.mask_visib\.json, mask 0: counts is"):
         frames.visible_mask(frame, frame.targets[0])
     with pytest.raises(MissingFileError, match="no scene 7"):
-        frames._scene(7)
+        frames._scene("000007_000000")
 
 
 def test_a_split_without_any_scene_is_an_error(tmp_path):

@@ -1,9 +1,22 @@
-import json
+"""Intrinsics in all forms, good and bad; distortion undone, depth of another camera."""
 
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
 import numpy as np
 import pytest
 
-from hlp.data.camera_files import read_camera
+from bad_input import DEEP, Case, check, of_file
+from hlp.data.camera_files import (
+    Camera,
+    check_size,
+    read_camera,
+    resampled_depth,
+    resized_camera,
+    undistorted,
+)
 
 K = [[600.0, 0, 320.5], [0, 601.0, 240.25], [0, 0, 1]]
 FLAT = [value for row in K for value in row]
@@ -103,34 +116,138 @@ def test_the_depth_scale_is_read(tmp_path):
     assert read_camera(written(tmp_path, "b.json", {"cam_K": FLAT})).depth_scale is None
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "words"),
-    [
-        ("a.json", "{", "is no JSON"),
-        ("a.json", "[]", "neither|nine"),
-        ("a.json", {"width": 3}, "no cam_K"),
-        ("a.json", {"0": {"cam_K": []}}, "nine numbers"),
-        ("a.json", {"0": {"cam_K": FLAT}, "1": {"cam_K": [1, *FLAT[1:]]}}, "several cameras"),
-        ("a.json", {"cam_K": 5}, "nine numbers"),
-        ("a.json", {"cam_K": ["a"] * 9}, "numbers"),
-        ("a.json", {"cam_K": COLUMNS}, "row by row"),
-        ("a.json", {"intrinsic_matrix": FLAT}, "row by row"),
-        ("a.json", {"cam_K": [-600, *FLAT[1:]]}, "positive focal"),
-        ("a.json", {"cam_K": FLAT, "depth_scale": "1"}, "depth_scale must be"),
-        ("a.json", {"cam_K": FLAT, "depth_scale": 0}, "depth_scale must be"),
-        ("a.json", {"cam_K": FLAT, "width": 0, "height": 4}, "width and height"),
-        ("a.json", REALSENSE | {"coeffs": D}, "inverse_brown_conrady.*rectify the images"),
-        ("a.json", ROS_MESSAGE | {"D": [0.1, 0.2]}, "2 distortion coefficients"),
-        ("a.json", ROS_MESSAGE | {"D": "none"}, "distortion must be numbers"),
-        ("K.txt", "600 0 320 0 601", "nine numbers"),
-        ("K.txt", "hello", "holds neither"),
-    ],
-)  # fmt: skip
-def test_what_is_wrong_is_named_with_the_file(tmp_path, name, content, words):
-    with pytest.raises(ValueError, match=rf"(?s)intrinsics, .*{name[0]}\.\w+.*({words})"):
-        read_camera(written(tmp_path, name, content))
+def intrinsics(content: Any, name: str = "k.json") -> Any:
+    text = content if isinstance(content, str | bytes) else json.dumps(content)
+    return of_file(lambda path: read_camera(str(path)), name, text)
 
 
-def test_a_missing_file_is_named_with_its_key(tmp_path):
-    with pytest.raises(FileNotFoundError, match="depth_intrinsics is no file"):
-        read_camera(str(tmp_path / "none.json"), "depth_intrinsics")
+CASES: dict[str, Case] = {
+    "no file": (lambda folder: read_camera(str(folder / "k.json"), "depth_intrinsics"),
+                "depth_intrinsics is no file"),
+    "three numbers": (lambda _: read_camera([1, 2, 3]), "nine numbers"),
+    "no numbers": (lambda _: read_camera([]), "nine numbers"),
+    "no focal length": (lambda _: read_camera([0, 500, 320, 240]), "be finite and positive"),
+    "NaN": (lambda _: read_camera([float("nan"), 500, 320, 240]), "must be finite"),
+    "empty file": (intrinsics(""), "k.json"),
+    "null": (intrinsics("null"), "neither keys nor nine"),
+    "text": (intrinsics('"K"'), "neither keys nor nine"),
+    "words": (intrinsics("fx fy cx cy", "k.txt"), "k.txt: it holds neither"),
+    "no JSON": (intrinsics("{"), "k.json is no JSON"),
+    "no YAML": (intrinsics("a: [", "k.yaml"), "k.yaml is neither JSON, YAML"),
+    "bytes": (intrinsics(b"\xff\xfe\xfa"), "is no text"),
+    "deep": (intrinsics(DEEP), "nested deeper"),
+    "deep YAML": (intrinsics("K: " + "[" * 5000, "k.yaml"), "k.yaml is nested too deeply"),
+    "an alias": (intrinsics("a: &a [1, 1]\nK: [*a, *a]\n", "k.yaml"), "refers to itself"),
+    "no keys": (intrinsics({}), "no cam_K"),
+    "other keys": (intrinsics({"focal": 500}), "no cam_K"),
+    "eight": (intrinsics({"cam_K": FLAT[:8]}), "nine numbers"),
+    "null numbers": (intrinsics({"cam_K": None}), "nine numbers"),
+    "numbers in words": (intrinsics({"cam_K": ["f"] * 9}), "9 numbers"),
+    "an object": (intrinsics({"cam_K": {"fx": 1}}), "nine numbers"),
+    "ragged": (intrinsics({"cam_K": [[1, 2, 3], [4, 5], [6]]}), "nine numbers"),
+    "columns": (intrinsics({"cam_K": COLUMNS}), "row by row"),
+    "Open3D by rows": (intrinsics({"intrinsic_matrix": FLAT}), "row by row"),
+    "Open3D of 8": (intrinsics({"intrinsic_matrix": FLAT[:8]}), "nine numbers"),
+    "last row": (intrinsics({"cam_K": [*FLAT[:8], 2.0]}), "row by row"),
+    "negative": (intrinsics({"cam_K": [-500.0, *FLAT[1:]]}), "finite and positive"),
+    "null focal length": (intrinsics({"fx": None, "fy": 1, "cx": 1, "cy": 1}), "k.json"),
+    "depth_scale 0": (intrinsics({"cam_K": FLAT, "depth_scale": 0}), "must be a positive number"),
+    "depth_scale text": (intrinsics({"cam_K": FLAT, "depth_scale": "1"}), "a positive number"),
+    "width 0": (intrinsics({"cam_K": FLAT, "width": 0, "height": 480}), "give pixels"),
+    "width text": (intrinsics({"cam_K": FLAT, "width": "a", "height": 480}), "give pixels"),
+    "no height": (intrinsics({"cam_K": FLAT, "width": 640}), "give pixels"),
+    "distortion in words": (intrinsics({"cam_K": FLAT, "D": ["a"]}), "must be numbers"),
+    "infinite distortion": (intrinsics('{"K": [1,1,1,1], "D": [Infinity]}'), "must be finite"),
+    "three coefficients": (intrinsics({"cam_K": FLAT, "D": [1, 1, 1]}), "3 distortion coeff"),
+    "unknown model": (intrinsics(REALSENSE | {"coeffs": D}), "inverse_brown_conrady' cannot be"),
+    "several cameras": (
+        intrinsics({"0": {"cam_K": FLAT}, "1": {"cam_K": [1, *FLAT[1:]]}}), "several cameras",
+    ),
+    "null frame": (intrinsics({"0": None}), "no cam_K"),
+    "five numbers": (intrinsics("1 2 3 4 5", "k.txt"), "nine numbers"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_is_wrong_is_said_by_an_error_of_our_own(tmp_path: Path, case: str) -> None:
+    check(CASES[case], tmp_path)
+
+
+MATRIX = np.array([[60.0, 0, 31.5], [0, 62.0, 23.5], [0, 0, 1]])
+PLAIN = Camera(MATRIX)
+BENT = Camera(MATRIX, distortion=(-0.3, 0.1, 0.001, -0.002, 0.0))
+
+
+def test_without_distortion_the_image_is_the_same():
+    image = np.zeros((48, 64, 3), np.uint8)
+    assert undistorted(image, PLAIN, nearest=False) is image
+
+
+def test_a_bent_point_goes_back_to_where_a_straight_camera_sees_it():
+    """The bent position of a ray is computed by OpenCV's projection, from the ray itself."""
+    ray = np.array([[0.45, 0.3, 1.0]])
+    seen, _ = cv2.projectPoints(ray, np.zeros(3), np.zeros(3), MATRIX, np.array(BENT.distortion))
+    straight = (MATRIX @ ray[0])[:2]
+    across, down = np.meshgrid(np.arange(64), np.arange(48))
+    away = np.hypot(across - seen[0, 0, 0], down - seen[0, 0, 1])
+    assert np.linalg.norm(seen[0, 0] - straight) > 2.0
+    for nearest in (False, True):
+        image = np.exp(-((away / 2.0) ** 2)).astype(np.float32)
+        found = undistorted(image, BENT, nearest)
+        y, x = np.unravel_index(found.argmax(), found.shape)
+        assert np.linalg.norm([x, y] - straight) < 1.0
+
+
+def test_depth_is_never_mixed_across_an_edge():
+    depth = np.full((48, 64), 1.0, np.float32)
+    depth[:, 30:] = 3.0
+    assert set(np.unique(undistorted(depth, BENT, nearest=True))) <= {0.0, 1.0, 3.0}
+    assert len(np.unique(undistorted(depth, BENT, nearest=False))) > 3
+
+
+def test_a_fisheye_is_undone_by_its_own_model():
+    camera = Camera(MATRIX, distortion=(0.2, 0.0, 0.0, 0.0), fisheye=True)
+    ray = np.array([0.4, 0.0, 1.0])
+    angle = np.arctan(0.4)
+    bent = angle * (1 + 0.2 * angle**2) * MATRIX[0, 0] + MATRIX[0, 2]
+    image = np.zeros((48, 64), np.float32)
+    image[:, int(np.rint(bent)) - 1 : int(np.rint(bent)) + 2] = 1.0
+    found = undistorted(image, camera, nearest=True)
+    assert found[24, int(np.rint((MATRIX @ ray)[0]))] == 1.0
+
+
+def test_depth_of_another_camera_lands_on_the_rays_of_the_colour_pixels():
+    """A slanted plane seen by both cameras from one place has one depth on each ray."""
+    other = Camera(np.array([[45.0, 0, 20.0], [0, 44.0, 18.0], [0, 0, 1]]))
+
+    def plane(matrix, shape):
+        _, x = np.mgrid[: shape[0], : shape[1]]
+        ray = (x - matrix[0, 2]) / matrix[0, 0]
+        return (1.0 / (1.0 + 0.2 * ray)).astype(np.float32)
+
+    found = resampled_depth(plane(other.matrix, (36, 40)), other, MATRIX, (48, 64))
+    expected = plane(MATRIX, (48, 64))
+    seen = found > 0
+    np.testing.assert_allclose(found[seen], expected[seen], atol=0.01)
+    across = (np.arange(64) - MATRIX[0, 2]) / MATRIX[0, 0] * 45 + 20
+    np.testing.assert_array_equal(seen[24], (np.rint(across) >= 0) & (np.rint(across) < 40))
+
+
+@pytest.mark.parametrize("factor", [2, 3])
+def test_an_image_made_smaller_is_made_larger_again_pixel_by_pixel(factor):
+    depth = np.random.default_rng(0).random((48 // factor, 63 // factor)).astype(np.float32)
+    camera = resized_camera(MATRIX, 1 / factor, depth.shape[::-1])
+    shape = (depth.shape[0] * factor, depth.shape[1] * factor)
+    found = resampled_depth(depth, camera, MATRIX, shape)
+    expected = np.repeat(np.repeat(depth, factor, 0), factor, 1)
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_intrinsics_of_other_images_are_refused():
+    check_size(Camera(MATRIX, (64, 48)), (48, 64, 3), Path("a.png"), "intrinsics")
+    with pytest.raises(ValueError, match=r"128x96, but a\.png is 64x48: .*multiply .* by 0\.5"):
+        check_size(Camera(MATRIX, (128, 96)), (48, 64, 3), Path("a.png"), "intrinsics")
+    with pytest.raises(ValueError, match=r"intrinsics are those of images of 128x64.*stream"):
+        check_size(Camera(MATRIX, (128, 64)), (48, 64, 3), Path("a.png"), "intrinsics")
+    with pytest.raises(ValueError, match=r"principal point \(31\.5, 23\.5\) lies outside"):
+        check_size(PLAIN, (20, 30), Path("a.png"), "intrinsics")

@@ -1,86 +1,220 @@
+"""Colour and depth images, good and bad."""
+
+import builtins
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
 import cv2
 import numpy as np
 import pytest
 from PIL import Image
 
-from hlp.data import images
+from bad_input import Case, check, of_file, pixels
+from hlp.data.images import (
+    depth_metres,
+    find_image,
+    guess_unit,
+    image_size,
+    read_depth,
+    read_raw_depth,
+    read_rgb,
+    require_same_size,
+)
+from hlp.errors import MissingDependencyError
+from hlp.files import read_npz
+from hlp.schemas.meaning import require_depths
+
+METRES = np.array([[0.0, 0.8, 0.9], [1.25, 2.0, 0.5]], np.float32)
+NOISE = np.random.default_rng(0).integers(0, 255, (40, 60, 3), dtype=np.uint8)
 
 
-def _rgb(height=40, width=60):
-    y, x = np.mgrid[0:height, 0:width]
-    return np.stack([x * 4, y * 6, np.full_like(x, 30)], axis=-1).astype(np.uint8)
-
-
-def test_colours_come_as_rgb(tmp_path):
-    Image.fromarray(_rgb()).save(tmp_path / "a.png")
-    np.testing.assert_array_equal(images.read_rgb(tmp_path / "a.png"), _rgb())
-
-
-def test_grey_pictures_get_three_channels(tmp_path):
-    Image.fromarray(_rgb()[..., 0]).save(tmp_path / "a.png")
-    np.testing.assert_array_equal(
-        images.read_rgb(tmp_path / "a.png"), np.repeat(_rgb()[..., :1], 3, axis=-1)
-    )
+@pytest.mark.parametrize("image", [NOISE, NOISE[..., 0]])
+def test_colours_come_as_rgb_and_grey_gets_three_channels(tmp_path, image):
+    Image.fromarray(image).save(tmp_path / "a.png")
+    expected = image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=-1)
+    np.testing.assert_array_equal(read_rgb(tmp_path / "a.png"), expected)
+    assert image_size(tmp_path / "a.png", 1.0) == (60, 40)
 
 
 def test_the_pixels_stay_where_the_sensor_had_them(tmp_path):
     exif = Image.Exif()
     exif[0x0112] = 6  # turn by 90° for showing; depth images know nothing of it
-    Image.fromarray(_rgb()).save(tmp_path / "a.jpg", exif=exif)
-    assert images.read_rgb(tmp_path / "a.jpg").shape == (40, 60, 3)
+    Image.fromarray(NOISE).save(tmp_path / "a.jpg", exif=exif)
+    assert read_rgb(tmp_path / "a.jpg").shape == (40, 60, 3)
+    assert find_image(tmp_path, "a") == tmp_path / "a.jpg"
+    assert find_image(tmp_path, "b") == tmp_path / "b.png"
 
 
 @pytest.mark.parametrize("extension", ["png", "jpg"])
 @pytest.mark.parametrize("keep", [0.0, 0.3, 0.9, 0.99])
 def test_a_truncated_picture_is_an_error_that_names_it(tmp_path, extension, keep):
     path = tmp_path / f"cut.{extension}"
-    Image.fromarray(np.random.default_rng(0).integers(0, 256, (64, 64, 3), np.uint8)).save(path)
+    Image.fromarray(NOISE).save(path)
     content = path.read_bytes()
     path.write_bytes(content[: int(len(content) * keep)])
     with pytest.raises(ValueError, match=rf"cut\.{extension}"):
-        images.read_rgb(path)
+        read_rgb(path)
 
 
-def test_depth_is_in_metres_and_missing_values_are_zero(tmp_path):
-    raw = np.array([[0, 1000, 65535], [500, 1, 20000]], np.uint16)
-    cv2.imwrite(str(tmp_path / "d.png"), raw)
-    depth = images.read_depth(tmp_path / "d.png", 0.1)
+def test_sizes_that_differ_are_an_error():
+    require_same_size(Path("a.png"), (60, 40), (60, 40))
+    with pytest.raises(ValueError, match=r"a\.png is 60x40.*30x20"):
+        require_same_size(Path("a.png"), (60, 40), (30, 20))
+
+
+def write(path, values):
+    if path.suffix == ".npy":
+        np.save(path, values)
+    elif path.suffix == ".exr":
+        exr = pytest.importorskip("OpenEXR")
+        exr.File({"type": exr.scanlineimage}, {"Z": values}).write(str(path))
+    else:
+        assert cv2.imwrite(str(path), values)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "scale"),
+    [
+        ("a.png", np.rint(METRES * 1000).astype(np.uint16), 1.0),
+        ("a.tiff", np.rint(METRES * 1000).astype(np.uint16), 1.0),
+        ("a.tiff", METRES, 1000.0),
+        ("a.tiff", METRES * 1000, 1.0),
+        ("a.npy", METRES.astype(np.float64), 1000.0),
+        ("a.npy", (METRES * 1000)[..., None], 1.0),
+        ("a.npy", np.rint(METRES * 1000).astype(np.int32), 1.0),
+        ("a.exr", METRES, 1000.0),
+    ],
+)
+def test_every_kind_of_depth_file_gives_metres(tmp_path, name, values, scale):
+    path = write(tmp_path / name, values)
+    raw = read_raw_depth(path)
+    guessed, why = guess_unit(raw, path)
+    assert guessed == scale
+    assert f"depth_scale={scale:g}" in why and ("millimetres" in why) == (scale == 1.0)
+    depth = depth_metres(raw, guessed, path)
+    assert depth.dtype == np.float32
+    np.testing.assert_allclose(depth, METRES, atol=1e-6)
+
+
+def test_what_means_missing_is_zero(tmp_path):
+    raw = np.array([[np.nan, np.inf, -1.0, 0.0, 1.5]], np.float32)
+    np.testing.assert_array_equal(depth_metres(raw, 1000.0, tmp_path), [[0, 0, 0, 0, 1.5]])
+    path = write(tmp_path / "d.png", np.array([[0, 1000, 65535], [500, 1, 20000]], np.uint16))
+    depth = read_depth(path, 0.1)
     assert depth.dtype == np.float32
     np.testing.assert_allclose(depth, [[0, 0.1, 0], [0.05, 0.0001, 2.0]], rtol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("pixels", "message"),
-    [
-        (np.full((4, 4), 9, np.uint8), "16-bit"),
-        (np.full((4, 4, 3), 9, np.uint16), "16-bit"),
-        (np.zeros((4, 4), np.uint16), "no depth"),
-        (np.full((4, 4), 65535, np.uint16), "no depth"),
-    ],
-)
-def test_depth_of_another_kind_or_none_is_an_error(tmp_path, pixels, message):
-    cv2.imwrite(str(tmp_path / "d.png"), pixels)
-    with pytest.raises(ValueError, match=message) as caught:
-        images.read_depth(tmp_path / "d.png", 1.0)
-    assert "d.png" in str(caught.value)
+@pytest.mark.parametrize("name", ["a.png", "a.tiff", "a.npy", "a.exr"])
+def test_a_truncated_depth_file_is_named(tmp_path, name):
+    values = np.random.default_rng(0).integers(500, 900, (40, 50)).astype(np.float32)
+    path = write(tmp_path / name, values.astype(np.uint16) if name == "a.png" else values)
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 3])
+    with pytest.raises(ValueError, match=rf"{name}.* is truncated"):
+        read_raw_depth(path)
 
 
-def test_absent_files_are_named(tmp_path):
-    with pytest.raises(FileNotFoundError, match="gone"):
-        images.read_rgb(tmp_path / "gone")
-    with pytest.raises(FileNotFoundError, match="000007"):
-        images.find_image(tmp_path, "000007")
+def test_without_the_package_exr_says_what_to_install(tmp_path, monkeypatch):
+    path = tmp_path / "a.exr"
+    path.write_bytes(b"")
+    whole = builtins.__import__
+
+    def imported(name, *rest):
+        if name == "OpenEXR":
+            raise ImportError(name)
+        return whole(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", imported)
+    with pytest.raises(MissingDependencyError, match="OpenEXR"):
+        read_raw_depth(path)
 
 
-@pytest.mark.parametrize(
-    "values",
-    [None, [1, 2, 3], ["x"] * 9, [np.nan, 0, 3, 0, 5, 3, 0, 0, 1], [0, 0, 3, 0, 5, 3, 0, 0, 1]],
-)
-def test_impossible_intrinsics_are_refused(tmp_path, values):
-    with pytest.raises(ValueError, match=r"camera\.json.*cam_K"):
-        images.camera_matrix(values, tmp_path / "camera.json")
+def own(path: Path) -> object:
+    depth = depth_metres(read_raw_depth(path), 1.0, path)
+    require_depths(depth, str(path))
+    return depth
 
 
-def test_sizes_that_differ_are_an_error(tmp_path):
-    with pytest.raises(ValueError, match=r"60x40.*30x20"):
-        images.same_size(tmp_path / "a.png", _rgb(), np.zeros((20, 30)))
+def guessed(path: Path) -> object:
+    return guess_unit(read_raw_depth(path), path)
+
+
+def size(path: Path) -> object:
+    return image_size(path, 0.001)
+
+
+def depth_size(path: Path) -> object:
+    return image_size(path, 50.0, depth=True)
+
+
+def millimetres(path: Path) -> object:
+    return read_depth(path, 1.0)
+
+
+PNG = cv2.imencode(".png", NOISE)[1].tobytes()
+
+
+def stated_size(side: int) -> bytes:
+    """A PNG whose header states that many pixels a side; it has hardly any."""
+    head = struct.pack(">IIBBBBB", side, side, 8, 2, 0, 0, 0)
+    chunks = [b"IHDR" + head, b"IDAT" + zlib.compress(bytes(99)), b"IEND"]
+    framed = (struct.pack(">I", len(c) - 4) + c + struct.pack(">I", zlib.crc32(c)) for c in chunks)
+    return b"\x89PNG\r\n\x1a\n" + b"".join(framed)
+
+
+def npy(shape: str, values: Any = b"") -> bytes:
+    """A file of NumPy's whose header states that shape."""
+    head = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}\n".encode()
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head + bytes(values)
+
+
+GREY, DEPTH = np.full((8, 8), 9, np.uint8), np.full((8, 8), 900, np.uint16)
+CASES: dict[str, Case] = {
+    "no image": (lambda folder: read_rgb(folder / "a.png"), "no image"),
+    "no depth image": (lambda folder: read_raw_depth(folder / "a.npy"), "no image"),
+    "png: text": (of_file(read_rgb, "a.png", "png"), "truncated or no image"),
+    "png of 60000 px": (of_file(read_rgb, "a.png", stated_size(60_000)), "too large, or no image"),
+    "depth for colours": (pixels(read_rgb, "a.png", DEPTH), "is it a depth image?"),
+    "header of text": (of_file(size, "a.png", "png"), "truncated or no image"),
+    "header of nothing": (of_file(size, "a.png", b""), "truncated or no image"),
+    "header cut": (of_file(size, "a.png", PNG[:20]), "truncated or no image"),
+    "no header": (lambda folder: size(folder / "a.png"), "no image"),
+    "too large": (of_file(size, "a.png", PNG), "of 60x40 with more than 0.001 megapixels"),
+    "bomb": (of_file(size, "a.png", stated_size(60_000)), "raise data.max_megapixels"),
+    "depth header of 8 bits": (pixels(depth_size, "a.png", GREY), "16-bit PNG of one channel"),
+    "depth header of colours": (of_file(depth_size, "a.png", PNG), "16-bit PNG of one channel"),
+    "depth of 8 bits": (pixels(millimetres, "a.png", GREY), "16-bit PNG of one channel"),
+    "depth in colours": (of_file(millimetres, "a.png", PNG), "16-bit PNG of one channel"),
+    "depth of zeros": (pixels(millimetres, "a.png", DEPTH * 0), "no depth at any pixel"),
+    "depth saturated": (pixels(millimetres, "a.png", DEPTH * 0 + 65535), "no depth at any pixel"),
+    "own depth of 8 bits": (pixels(own, "a.png", GREY), "16-bit numbers"),
+    "own depth in colours": (pixels(own, "a.png", np.dstack([DEPTH] * 3)), "one channel of 16"),
+    "own depth in one row": (of_file(own, "a.npy", npy("(8,)", np.ones(8))), "one channel of 16"),
+    "own depth of zeros": (pixels(own, "a.png", DEPTH * 0), "no depth at any pixel"),
+    "own depth without a unit": (pixels(guessed, "a.png", DEPTH * 0), "no depth at any pixel"),
+    "own depth nearby": (pixels(own, "a.png", DEPTH * 0 + 3), "or is depth_scale"),
+    "own depth far away": (pixels(own, "a.png", DEPTH * 60), "or is depth_scale"),
+    "own depth in no unit": (pixels(guessed, "a.png", DEPTH * 60), "give depth_scale"),
+    "own depth in whole metres": (pixels(guessed, "a.png", DEPTH * 0 + 3), "give depth_scale"),
+    "own depth text": (of_file(own, "a.npy", "1 2 3"), "truncated or no array"),
+    "own depth tiff": (of_file(own, "a.tiff", "II*"), "truncated or no image"),
+    "own depth of no shape": (of_file(own, "a.npy", npy("(10**6, 10**6)")), "no array"),
+    "own depth of 1 TB": (of_file(own, "a.npy", npy("(1000000, 1000000)")), "no array"),
+    "own depth with a deep header": (of_file(own, "a.npy", npy("(" * 3000)), "no array"),
+    "own depth out of range": (
+        of_file(own, "a.npy", npy("(8, 8)", np.full(64, 1e300))),
+        "nearer than inf m",
+    ),
+    "arrays cut": (of_file(read_npz, "a.npz", b"PK\3\4"), "damaged"),
+    "arrays of text": (of_file(read_npz, "a.npz", "text"), "damaged"),
+    "no arrays": (lambda folder: read_npz(folder / "a.npz"), "there is no file"),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_is_wrong_is_said_by_an_error_of_our_own(tmp_path: Path, case: str) -> None:
+    check(CASES[case], tmp_path)

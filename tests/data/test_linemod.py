@@ -1,10 +1,17 @@
+"""LINEMOD in its first layout."""
+
+import struct
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from hlp.data.linemod import LinemodFrames, load_object_models, read_dpt, read_matrix
+from bad_input import Case, check, of_file
+from hlp.data.file_frames import read_numbers
+from hlp.data.linemod import LinemodFrames, LinemodSettings, read_dpt
 from hlp.objects.object_model import ObjectSettings
 
 K = [572.4, 0, 40, 0, 573.6, 30, 0, 0, 1]
@@ -37,14 +44,10 @@ def root(tmp_path):
     return tmp_path
 
 
-def test_frames_are_found_in_numeric_order(root):
+def test_frames_come_in_numeric_order_and_in_metres(root):
     frames = LinemodFrames(root, IDS, K)
     assert frames.keys == ("000001_000000", "000001_000002", "000001_000010", "000006_000000")
-    assert len(frames) == 4
-
-
-def test_a_frame_comes_in_metres(root):
-    frame = LinemodFrames(root, IDS, K).load("000001_000010")
+    frame = frames.load("000001_000010")
     assert frame.key == "000001_000010"
     assert frame.rgb.shape == (60, 80, 3) and abs(int(frame.rgb[5, 5, 0]) - 105) < 3
     np.testing.assert_allclose(frame.depth, 1.010, rtol=1e-6)
@@ -57,33 +60,29 @@ def test_a_frame_comes_in_metres(root):
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
 
 
-def test_depth_keeps_rows_and_columns_apart(tmp_path):
-    raw = np.arange(12).reshape(3, 4)
-    _write_dpt(tmp_path / "a.dpt", raw)
-    np.testing.assert_array_equal(read_dpt(tmp_path / "a.dpt"), raw)
+def test_models_come_from_each_objects_folder(root):
+    objects = {"ape": ObjectSettings(1, 80.0, 30.0), "cat": ObjectSettings(6, None, None)}
+    dataset = LinemodSettings(root=str(root), objects=objects, camera_matrix=tuple(K)).build()
+    models = dataset.models
+    assert [(key, model.name) for key, model in models.items()] == [(1, "ape"), (6, "cat")]
+    assert models[6].diameter == pytest.approx(np.sqrt(0.07**2 + 0.08**2 + 0.09**2))
+    assert len(models[6].symmetries) == 4  # a box: found in its shape
+    with pytest.raises(ValueError, match="unit"):
+        LinemodSettings(root=str(root), objects=objects, mesh_scale=1.0).build()
+    key = "000006_000000"
+    dataset.frames.check(key, models)
+    assert [each.object_id for each in dataset.frames.stated_targets(key)] == [6]
+    _write_matrix(root / "cat/data/tra0.tra", np.array([[0.01], [-0.02], [1.0]]))
+    with pytest.raises(ValueError, match=r"tra0\.tra .*translations are in centimetres"):
+        dataset.frames.check(key, models)
 
 
-@pytest.mark.parametrize("length", [0, 5, 8, 20, 31, 33])
-def test_depth_of_the_wrong_length_is_an_error_that_names_the_file(tmp_path, length):
-    path = tmp_path / "cut.dpt"
-    _write_dpt(path, np.arange(12).reshape(3, 4))
-    path.write_bytes((path.read_bytes() + b"\0" * 9)[:length])
-    with pytest.raises(ValueError, match=r"cut\.dpt is truncated"):
-        read_dpt(path)
-
-
-def test_empty_depth_is_an_error(root):
-    _write_dpt(root / "cat/data/depth0.dpt", np.zeros((60, 80)))
-    with pytest.raises(ValueError, match=r"depth0\.dpt has no depth"):
-        LinemodFrames(root, IDS, K).load("000006_000000")
-
-
-@pytest.mark.parametrize("text", ["3 3\n1 2 3\n", "3 3\n1 2 3 4 nan 6 7 8 9\n", "3 3\na b c\n", ""])
-def test_a_broken_pose_is_an_error_that_names_the_file(tmp_path, text):
-    path = tmp_path / "rot0.rot"
-    path.write_text(text)
-    with pytest.raises(ValueError, match=r"rot0\.rot"):
-        read_matrix(path, 9)
+def test_identity_changes_with_content_and_intrinsics(root):
+    before = LinemodFrames(root, IDS, K).identity()
+    assert LinemodFrames(root, IDS, K).identity() == before
+    assert LinemodFrames(root, IDS, [573.0, *K[1:]]).identity() != before
+    _write_matrix(root / "cat/data/tra0.tra", np.array([[1.0], [-2.0], [100.5]]))
+    assert LinemodFrames(root, IDS, K).identity() != before
 
 
 def test_absent_files_are_named(root):
@@ -97,26 +96,43 @@ def test_absent_files_are_named(root):
         len(LinemodFrames(root, {"duck": 9}, K))
     with pytest.raises(KeyError, match="000001_000007"):
         LinemodFrames(root, IDS, K).load("000001_000007")
-
-
-def test_intrinsics_of_another_shape_name_their_key():
+    _write_dpt(root / "ape/data/depth2.dpt", np.zeros((60, 80)))
+    with pytest.raises(ValueError, match=r"depth2\.dpt has no depth"):
+        LinemodFrames(root, IDS, K).load("000001_000002")
     with pytest.raises(ValueError, match=r"data\.camera_matrix"):
         LinemodFrames("unused", IDS, [1.0, 2.0])
 
 
-def test_models_come_from_each_objects_folder(root):
-    objects = {"ape": ObjectSettings(1, 80.0, 30.0), "cat": ObjectSettings(6, None, None)}
-    models = load_object_models(root, objects, 2000, mesh_scale=0.001)
-    assert [(key, model.name) for key, model in models.items()] == [(1, "ape"), (6, "cat")]
-    assert models[6].diameter == pytest.approx(np.sqrt(0.07**2 + 0.08**2 + 0.09**2))
-    assert len(models[6].symmetries) == 4  # a box: found in its shape
-    with pytest.raises(ValueError, match="unit"):
-        load_object_models(root, objects, 2000, mesh_scale=1.0)
+def test_depth_keeps_rows_and_columns_apart(tmp_path):
+    raw = np.arange(12).reshape(3, 4)
+    _write_dpt(tmp_path / "a.dpt", raw)
+    np.testing.assert_array_equal(read_dpt(tmp_path / "a.dpt"), raw)
 
 
-def test_identity_changes_with_content_and_intrinsics(root):
-    before = LinemodFrames(root, IDS, K).identity()
-    assert LinemodFrames(root, IDS, K).identity() == before
-    assert LinemodFrames(root, IDS, [573.0, *K[1:]]).identity() != before
-    _write_matrix(root / "cat/data/tra0.tra", np.array([[1.0], [-2.0], [100.5]]))
-    assert LinemodFrames(root, IDS, K).identity() != before
+def rot(path: Path) -> object:
+    return read_numbers(path, 9, 1)
+
+
+NINE = "3 3\n1 0 0\n0 1 0\n0 0 1\n"
+CASES: dict[str, Case] = {
+    "no dpt": (lambda folder: read_dpt(folder / "a.dpt"), "no depth"),
+    "no rot": (lambda folder: rot(folder / "a.rot"), "no pose"),
+    "dpt: empty": (of_file(read_dpt, "a.dpt", b""), "truncated or no .dpt"),
+    "dpt: short header": (of_file(read_dpt, "a.dpt", b"\1\0\0\0"), "truncated or no .dpt"),
+    "dpt: below 0": (of_file(read_dpt, "a.dpt", struct.pack("<ii", -2, -2)), "truncated or no"),
+    "dpt: 0 rows": (of_file(read_dpt, "a.dpt", struct.pack("<ii", 0, 4)), "truncated or no .dpt"),
+    "dpt: too short": (of_file(read_dpt, "a.dpt", struct.pack("<ii", 2, 2) + b"\1" * 7), "trunc"),
+    "dpt: too long": (of_file(read_dpt, "a.dpt", struct.pack("<ii", 2, 2) + b"\1" * 9), "trunc"),
+    "dpt: huge": (of_file(read_dpt, "a.dpt", struct.pack("<ii", 2**30, 2**30)), "truncated or no"),
+    "rot: empty": (of_file(rot, "a.rot", ""), "9 finite numbers"),
+    "rot: eight": (of_file(rot, "a.rot", NINE.replace("0 0 1", "0 1")), "9 finite numbers"),
+    "rot: ten": (of_file(rot, "a.rot", NINE + "1"), "a header line and 9 finite numbers"),
+    "rot: NaN": (of_file(rot, "a.rot", NINE.replace("1 0 0", "nan 0 0")), "9 finite numbers"),
+    "rot: words": (of_file(rot, "a.rot", NINE.replace("1 0 0", "x 0 0")), "no number"),
+    "rot: bytes": (of_file(rot, "a.rot", b"\xff\xfe\n\xff\xff"), "a.rot"),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_is_wrong_is_said_by_an_error_of_our_own(tmp_path: Path, case: str) -> None:
+    check(CASES[case], tmp_path)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from hlp.data.dataset import find_bad_frames
 from hlp.data.frame_paths import with_frames
 from hlp.data.own_frames import FrameFiles, OwnFrames
-from hlp.data.ycbineoat import YcbineoatFrames, YcbineoatSettings, read_pose
+from hlp.data.ycbineoat import YcbineoatFrames, YcbineoatSettings
 from hlp.errors import DataError, MissingFileError
 
 K = np.array([[319.6, 0, 20.0], [0, 417.1, 15.0], [0, 0, 1]])
@@ -82,23 +82,6 @@ def test_predicting_needs_only_the_folder(root):
     np.testing.assert_allclose(frame.depth, 0.601, rtol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("matrix", "message"),
-    [
-        (np.eye(3), "no 4x4 matrix"),
-        (np.diag([1.0, 1.0, -1.0, 1.0]), "is no rotation but a reflection"),
-        (np.diag([2.0, 2.0, 2.0, 1.0]), "is no rotation: .* scales by 2"),
-        (np.diag([1.0, 1.0, 1.02, 1.0]), "is no rotation: .* scales by 1 to 1.02"),
-        (np.full((4, 4), np.nan), "is no pose"),
-        (pose(1).T, "is no pose"),
-    ],
-)
-def test_what_is_no_pose_is_named(tmp_path, matrix, message):
-    np.savetxt(tmp_path / "p.txt", matrix)
-    with pytest.raises(DataError, match=rf"p\.txt .*{message}|p\.txt {message}"):
-        read_pose(tmp_path / "p.txt")
-
-
 def at(depth):
     motion = pose(1)
     motion[2, 3] = depth
@@ -132,8 +115,12 @@ DEPTH, COLOR = f"depth/{STAMPS[1]}.png", f"rgb/{STAMPS[1]}.png"
         (rewritten(COLOR, "?"), "is truncated or no image"),
         (pixels(COLOR, np.zeros((20, 20, 3), np.uint8)), "20x20 but its depth image is 40x30"),
         (pixels(DEPTH, np.ones((30, 40), np.uint8)), "16-bit"),
-        (rewritten("annotated_poses/0000001.txt", "x y"), "holds no 4x4 matrix"),
-        (rewritten("annotated_poses/0000001.txt", ""), "holds no 4x4 matrix"),
+        (rewritten("annotated_poses/0000001.txt", "x y"), "0000001.txt"),
+        (rewritten("annotated_poses/0000001.txt", ""), "0000001.txt"),
+        (posed(np.eye(3)), "must hold 16 finite numbers"),
+        (posed(np.full((4, 4), np.nan)), "must hold 16 finite numbers"),
+        (posed(pose(1).T), "is no pose: it must be R t / 0 0 0 1"),
+        (posed(np.diag([1.0, 1.0, 1.02, 1.0])), "is no rotation: its rows"),
         (posed(np.diag([1.0, 1.0, -1.0, 1.0])), "reflection"),
         (posed(pose(1) @ np.diag([1.1, 1.1, 1.1, 1.0])), "is no rotation"),
         (posed(at(600.0)), "places the object 600 m away"),

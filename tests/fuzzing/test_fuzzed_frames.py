@@ -15,11 +15,12 @@ from hlp.data.bop_models import name_objects, symmetry_motions
 from hlp.data.bop_scenes import ImagewiseScene, list_scenes
 from hlp.data.bop_targets import annotated_targets, list_targets, most_visible
 from hlp.data.camera_files import read_camera
-from hlp.data.linemod import read_dpt, read_matrix
+from hlp.data.file_frames import read_numbers
+from hlp.data.linemod import read_dpt
 from hlp.data.ycbineoat import read_pose
 from hlp.errors import DataError
 from hlp.schemas import bop
-from hlp.schemas.meaning import require_camera
+from hlp.schemas.meaning import camera_matrix
 from hlp.schemas.reading import read_as
 
 K = [500.0, 0, 40, 0, 510.0, 30, 0, 0, 1]
@@ -51,8 +52,7 @@ def read_scene(folder: Path) -> None:
     scenes = list_scenes(folder.parent)
     for frame in (0, 12):
         scene = scenes[6]
-        matrix = np.array(scene.camera(frame).cam_K).reshape(3, 3)
-        require_camera(matrix, (80, 60), f"{folder}/scene_camera.json")
+        camera_matrix(scene.camera(frame).cam_K, f"{folder}/scene_camera.json", (80, 60))
         where = f"{folder}/scene_gt.json, frame {frame}"
         most_visible(annotated_targets(scene, frame, where), {1: 1}, where)
 
@@ -175,8 +175,8 @@ DPT = np.array([3, 4], "<i4").tobytes() + np.arange(12, dtype="<u2").tobytes()
 ROT = b"3 3\n1 0 0\n0 1 0\n0 0 1\n"
 NUMBERS: dict[str, tuple[bytes, Callable[[Path], np.ndarray]]] = {
     "depth0.dpt": (DPT, lambda path: read_dpt(path)),
-    "rot0.rot": (ROT, lambda path: read_matrix(path, 9)),
-    "tra0.tra": (b"1 3\n1.5\n-2\n100\n", lambda path: read_matrix(path, 3)),
+    "rot0.rot": (ROT, lambda path: read_numbers(path, 9, 1)),
+    "tra0.tra": (b"1 3\n1.5\n-2\n100\n", lambda path: read_numbers(path, 3, 1)),
     "0000.txt": (b"1 0 0 0.1\n0 1 0 0.2\n0 0 1 0.9\n0 0 0 1\n", read_pose),
 }
 

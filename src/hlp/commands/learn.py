@@ -54,7 +54,7 @@ def learning_request(
     Raises InputError for a missing mesh or names that do not fit, SettingsError for a wrong value.
     """
     from hlp.config.build import build_settings
-    from hlp.data.training_images import FolderSettings
+    from hlp.data.file_frames import FolderSettings
     from hlp.errors import MissingFileError
     from hlp.method.learn.mesh_models import MeshChoices
     from hlp.runs.learning import LearningRequest

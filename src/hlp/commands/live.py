@@ -14,7 +14,7 @@ from hlp.commands.ending import INTERRUPTED, TERMINATED, TerminatedError
 from hlp.errors import InputError
 
 if TYPE_CHECKING:
-    from hlp.data.cameras.camera import Camera
+    from hlp.data.cameras import Camera
     from hlp.runs.live import Line
 
 _COMMON = ("source", "learnt", "overlay", "page", "threads", "work")
@@ -85,8 +85,7 @@ class _Answers:
 
 def _settings_of(source: str) -> tuple[type, ...]:
     """The settings that a source takes as keys."""
-    from hlp.data.cameras.camera import FolderSettings
-    from hlp.data.cameras.realsense import RealSenseSettings
+    from hlp.data.cameras import FolderSettings, RealSenseSettings
     from hlp.data.own_frames import CameraSettings
 
     known: dict[str, tuple[type, ...]] = {
@@ -103,8 +102,7 @@ def _settings_of(source: str) -> tuple[type, ...]:
 
 
 def _camera(given: Mapping[str, str], settings: tuple[type, ...]) -> Camera:
-    from hlp.data.cameras.camera import FolderCamera, LinesCamera, load_camera
-    from hlp.data.cameras.realsense import RealSenseCamera
+    from hlp.data.cameras import FolderCamera, LinesCamera, RealSenseCamera, load_camera
 
     if not settings:
         return load_camera(given["source"])

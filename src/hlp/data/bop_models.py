@@ -11,13 +11,13 @@ from jaxtyping import Float
 
 from hlp.data.bop_scenes import list_scenes
 from hlp.errors import ConfigError, DataError, MissingFileError
-from hlp.geometry import nearest_rotation, rigid, transform
+from hlp.geometry import rigid, transform
 from hlp.objects.meshes import mesh_diameter
 from hlp.objects.object_model import ObjectSettings, build_object_model, check_unique
 from hlp.records import MILLIMETRE, MILLIMETRES_PER_METRE, ObjectModel
 from hlp.rendering.surface_samples import sample_surface
 from hlp.schemas import bop
-from hlp.schemas.meaning import require_rotation
+from hlp.schemas.meaning import exact_rotation
 from hlp.schemas.reading import read_as
 
 _FOLDERS = ("models", "models_eval")
@@ -47,7 +47,7 @@ def load_object_models(
         info = infos.get(str(settings.id), bop.ModelInfo())
         diameter = None if info.diameter is None else info.diameter * MILLIMETRE
         where = f"{path.parent / _INFO}, object {settings.id}"
-        stated = any(_SYMMETRIES & each.model_fields_set for each in infos.values())
+        stated = any(_SYMMETRIES & other.model_fields_set for other in infos.values())
         symmetries = symmetry_motions(info, symmetry_steps, where) if stated else None
         model = build_object_model(
             name, settings, path, MILLIMETRE, proxy_faces, diameter, symmetries
@@ -96,8 +96,8 @@ def _discrete(values: Sequence[float], where: str) -> Float[np.ndarray, "4 4"]:
     motion = np.asarray(values, dtype=np.float64).reshape(4, 4)
     if not np.array_equal(motion[3], [0.0, 0.0, 0.0, 1.0]):
         raise DataError(f"{where} is no motion: its last row is {motion[3].tolist()}, not 0 0 0 1")
-    require_rotation(motion[:3, :3], where, _ROUNDING)
-    return np.asarray(rigid(nearest_rotation(motion[:3, :3]), motion[:3, 3] * MILLIMETRE))
+    rotation = exact_rotation(motion[:3, :3], where, _ROUNDING)
+    return np.asarray(rigid(rotation, motion[:3, 3] * MILLIMETRE))
 
 
 def _turns(entry: bop.ContinuousSymmetry, steps: int, where: str) -> Float[np.ndarray, "s 4 4"]:
@@ -180,7 +180,7 @@ def find_split(root: Path) -> str:
     if not found:
         raise MissingFileError(f"{root} has no folder test, test_* or val: set data.split=NAME")
     scenes = {name: list_scenes(root / name).values() for name in found}
-    with_poses = [name for name in found if any(each.annotated for each in scenes[name])]
+    with_poses = [name for name in found if any(scene.annotated for scene in scenes[name])]
     return (with_poses or found)[0]
 
 

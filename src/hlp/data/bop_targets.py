@@ -5,6 +5,7 @@ Format: Hodan et al., BOP (ECCV 2018), docs/bop_datasets_format.md of the BOP to
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,10 @@ from jaxtyping import Float
 
 from hlp.data.bop_scenes import Scene
 from hlp.errors import DataError, HlpError
-from hlp.geometry import nearest_rotation, rigid
+from hlp.geometry import rigid
 from hlp.records import MILLIMETRE, Target
 from hlp.schemas import bop
-from hlp.schemas.meaning import require_rotation
+from hlp.schemas.meaning import exact_rotation
 from hlp.schemas.reading import read_as
 
 FrameId = tuple[int, int]
@@ -34,7 +35,7 @@ def list_targets(
     """
     if targets_file is None:
         frames = [(number, frame) for number, scene in scenes.items() for frame in scene.frame_ids]
-        return {each: _visible(scenes, each, min_visible) for each in frames}
+        return {frame: _visible(scenes, frame, min_visible) for frame in frames}
     targets: dict[FrameId, dict[int, int]] = {}
     for row in read_as(targets_file, bop.Targets):
         wanted = targets.setdefault((row.scene_id, row.im_id), {})
@@ -62,7 +63,7 @@ def annotated_targets(scene: Scene, frame_id: int, where: str) -> list[Target]:
     entries, infos = scene.truth(frame_id), scene.info(frame_id)
     if entries and infos and len(entries) != len(infos):
         files = scene.text_files([frame_id])
-        about = next(each for each in files if each.name.endswith("gt_info.json"))
+        about = next(file for file in files if file.name.endswith("gt_info.json"))
         raise DataError(
             f"{where}: {about} has {len(infos)} instances, but there are {len(entries)} poses: "
             "they must be the same ones in the same order"
@@ -108,19 +109,15 @@ def stated_instances(scene: Scene, frame_id: int) -> list[tuple[int, float]]:
 
     Also of a frame whose annotations are broken, as far as they can be read.
     """
-    entries, infos = scene.unchecked(frame_id)
-    entries = entries if isinstance(entries, list) else []
-    infos = infos if isinstance(infos, list) else []
+    entries, infos = (part if isinstance(part, list) else [] for part in scene.unchecked(frame_id))
     found = []
-    for number, entry in enumerate(entries):
+    for entry, info in zip_longest(entries, infos[: len(entries)]):
         object_id = entry.get("obj_id") if isinstance(entry, dict) else None
-        info = infos[number] if number < len(infos) else None
         fraction = info.get("visib_fract") if isinstance(info, dict) else None
+        if not isinstance(fraction, int | float) or not 0 <= fraction <= 1:
+            fraction = float("nan")
         if type(object_id) is int:
-            stated = float("nan")
-            if isinstance(fraction, int | float) and 0 <= fraction <= 1:
-                stated = float(fraction)
-            found.append((object_id, stated))
+            found.append((object_id, float(fraction)))
     return found
 
 
@@ -134,8 +131,7 @@ def _visible(scenes: Mapping[int, Scene], frame: FrameId, min_visible: float) ->
 
 
 def _pose(entry: bop.TruthEntry, where: str) -> Float[np.ndarray, "4 4"]:
-    where = f"{where}, object {entry.obj_id}"
+    where = f"{where}, object {entry.obj_id}: cam_R_m2c"
     rotation = np.array(entry.cam_R_m2c, dtype=np.float64).reshape(3, 3)
     translation = np.array(entry.cam_t_m2c, dtype=np.float64) * MILLIMETRE
-    require_rotation(rotation, f"{where}: cam_R_m2c")
-    return np.asarray(rigid(nearest_rotation(rotation), translation))
+    return np.asarray(rigid(exact_rotation(rotation, where), translation))

@@ -1,37 +1,47 @@
-"""Intrinsics in the forms in which cameras, ROS, Open3D and OpenCV write them."""
+"""Intrinsics as cameras, ROS, Open3D and OpenCV write them; images brought to such a camera."""
 
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import yaml
 from jaxtyping import Float
 
-from hlp.data.images import camera_matrix
-from hlp.errors import DataError, InputError, MissingFileError
+from hlp.errors import InputError, MissingFileError
+from hlp.schemas.meaning import camera_matrix
 from hlp.schemas.reading import parse_json
 
-FISHEYE = "fisheye"
 _MOST_BYTES = 64 * 1024**2
 _DEEPEST = 20  # brackets within brackets
 _LONGEST_UNIT = 1e6  # mm
-_PLAIN, _PINHOLE = "none", "pinhole"
-# Names of distortion models: ROS's, RealSense's and OpenCV's.
+# Keys that hold a matrix or fx, fy, cx, cy: BOP's, RealSense's, plain ones, Open3D's, OpenCV's and
+# ROS 1's files, ROS's messages.
+_FORMS = (
+    ("cam_K",), ("fx", "fy", "ppx", "ppy"), ("fx", "fy", "cx", "cy"), ("intrinsic_matrix",),
+    ("camera_matrix",), ("K",), ("k",),
+)  # fmt: skip
+_NO_FORM = (
+    "no cam_K (nine numbers), nor fx, fy, cx and cy, nor what ROS (K or camera_matrix), RealSense "
+    "(ppx, ppy) or Open3D (intrinsic_matrix) write"
+)
+_WRAPPERS = ("intrinsic", "intrinsics", "camera_info", "color")
+_DISTORTION = ("coeffs", "distortion_coefficients", "D", "d", "dist_coeffs", "distortion")
+_SIZES = (("width", "height"), ("image_width", "image_height"))
+# Numbers of coefficients by ROS's, RealSense's and OpenCV's names of models; RealSense writes five
+# for a fisheye, the last one 0.
+_PINHOLE, _FISHEYE = (4, 5, 8, 12, 14), (4, 5)
 _MODELS = {
     "plumb_bob": _PINHOLE, "rational_polynomial": _PINHOLE, "brown_conrady": _PINHOLE,
     "modified_brown_conrady": _PINHOLE, "radtan": _PINHOLE, "pinhole": _PINHOLE, "": _PINHOLE,
-    "equidistant": FISHEYE, "fisheye": FISHEYE, "kannala_brandt4": FISHEYE, "none": _PLAIN,
+    "equidistant": _FISHEYE, "fisheye": _FISHEYE, "kannala_brandt4": _FISHEYE, "none": (),
 }  # fmt: skip
-_PINHOLE_NUMBERS = (4, 5, 8, 12, 14)  # of coefficients, as OpenCV takes them
-_FISHEYE_NUMBERS = (4, 5)  # RealSense writes five, the last one 0
-_FORMS = (
-    "cam_K (nine numbers), nor fx, fy, cx and cy, nor what ROS (K or camera_matrix), RealSense "
-    "(ppx, ppy) or Open3D (intrinsic_matrix) write"
-)
+_SCALE_STEPS = 100  # a size stated by the file may be a hundredth off the image's in proportion
 
 
 @dataclass(frozen=True)
@@ -55,8 +65,8 @@ def read_camera(given: str | Sequence[float], key: str = "intrinsics") -> Camera
 
     The file may be JSON, YAML or text: `cam_K` or fx, fy, cx, cy; BOP's scene_camera.json if all
     frames have one camera; a RealSense's intrinsics; ROS's camera_info; Open3D's; OpenCV's; or the
-    numbers of a 3×3 matrix. Raises MissingFileError, and InputError for anything else; both name
-    `key`.
+    numbers of a 3×3 matrix. Raises MissingFileError, and InputError or DataError for anything else;
+    all name `key`.
     """
     if not isinstance(given, str):
         return Camera(_matrix(list(given), key))
@@ -85,93 +95,55 @@ def _parsed(path: Path, where: str) -> Any:
         return [float(word) for word in words]
     except ValueError:
         pass
+    if path.suffix.lower() == ".json":
+        return parse_json(text, where)
+    # OpenCV writes a first line and tags that other readers of YAML do not know.
+    plain = re.sub(r"^%YAML.*\n", "", text).replace("!!opencv-matrix", "")
+    signs = [1 if sign in "[{" else -1 for sign in re.findall(r"[\[\]{}]", plain)]
+    if max(accumulate(signs), default=0) > _DEEPEST:  # the parser takes 18 s for 5000 brackets
+        raise InputError(f"{where} is nested too deeply: no intrinsics are")
     try:
-        if path.suffix.lower() == ".json":
-            return parse_json(text, where)
-        # OpenCV writes a first line and tags that other readers of YAML do not know.
-        plain = re.sub(r"^%YAML.*\n", "", text).replace("!!opencv-matrix", "")
-        if _nesting(plain) > _DEEPEST:  # the parser takes 18 s for five thousand brackets
-            raise InputError(f"{where} is nested too deeply: no intrinsics are")
-        if any(isinstance(each, yaml.AliasEvent) for each in yaml.parse(plain)):
+        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(plain)):
             raise InputError(f"{where} refers to itself (*name): write the numbers out")
-        documents = list(yaml.safe_load_all(plain))  # `rostopic echo` ends with ---
-        return documents[0] if documents else None
-    except RecursionError as error:
-        raise InputError(f"{where} is nested too deeply: no intrinsics are") from error
-    except DataError as error:
-        raise InputError(str(error)) from error
+        return next(iter(yaml.safe_load_all(plain)), None)  # `rostopic echo` ends with ---
     except InputError:
         raise
+    except RecursionError as error:
+        raise InputError(f"{where} is nested too deeply: no intrinsics are") from error
     except (ValueError, yaml.YAMLError) as error:
         first = str(error).splitlines()[0]
         raise InputError(f"{where} is neither JSON, YAML nor nine numbers: {first}") from error
 
 
-def _nesting(text: str) -> int:
-    """How many brackets are open at once at most, whatever is in quotes."""
-    signs = [1 if each in "[{" else -1 for each in re.findall(r"[\[\]{}]", text)]
-    return max(accumulate(signs), default=0)
-
-
 def _one_camera(content: dict[Any, Any], where: str) -> Mapping[str, Any]:
     """The mapping that holds the camera, without what is wrapped around it."""
-    frames = [each for name, each in content.items() if str(name).isdecimal()]
+    frames = [frame for name, frame in content.items() if str(name).isdecimal()]
     if frames and len(frames) == len(content):  # scene_camera.json: a camera for each frame
-        if any(_of_camera(each) != _of_camera(frames[0]) for each in frames):
+        if not all(isinstance(frame, dict) for frame in frames):
+            raise InputError(f"{where}: {_NO_FORM}")
+        # Only what describes the camera itself counts, not where it stood.
+        cameras = [(frame.get("cam_K"), frame.get("depth_scale")) for frame in frames]
+        if any(camera != cameras[0] for camera in cameras):
             raise InputError(f"{where}: the frames have several cameras; write one into a file")
-        return _mapping(frames[0], where)
-    for name in ("intrinsic", "intrinsics", "camera_info", "color"):
+        return dict(frames[0])
+    for name in _WRAPPERS:
         if isinstance(content.get(name), dict):
             return _one_camera(content[name], where)
     return {str(name): value for name, value in content.items()}
 
 
-def _of_camera(frame: Any) -> Any:
-    """What describes the camera itself in an entry of scene_camera.json, not where it stood."""
-    kept = ("cam_K", "depth_scale")
-    return {key: frame.get(key) for key in kept} if isinstance(frame, dict) else frame
-
-
-def _mapping(content: Any, where: str) -> Mapping[str, Any]:
-    if not isinstance(content, dict):
-        raise InputError(f"{where}: no {_FORMS}")
-    return content
-
-
 def _camera(content: Mapping[str, Any], where: str) -> Camera:
-    if "cam_K" in content:
-        values = content["cam_K"]
-    elif {"fx", "fy", "ppx", "ppy"} <= content.keys():
-        values = [content[name] for name in ("fx", "fy", "ppx", "ppy")]
-    elif {"fx", "fy", "cx", "cy"} <= content.keys():
-        values = [content[name] for name in ("fx", "fy", "cx", "cy")]
-    elif "intrinsic_matrix" in content:
-        values = _transposed(content["intrinsic_matrix"])
-    else:
-        named = (content[name] for name in ("camera_matrix", "K", "k") if name in content)
-        values = _data(next(named, None))
-        if values is None:
-            raise InputError(f"{where}: no {_FORMS}")
+    keys = next((keys for keys in _FORMS if content.keys() >= {*keys}), None)
+    if keys is None:
+        raise InputError(f"{where}: {_NO_FORM}")
+    values = _data(content[keys[0]]) if len(keys) == 1 else [content[key] for key in keys]
+    matrix = _matrix(values, where, by_columns=keys == ("intrinsic_matrix",))
     distortion, fisheye = _distortion(content, where)
     scale = content.get("depth_scale")
     if scale is not None and (not isinstance(scale, int | float) or not 0 < scale < _LONGEST_UNIT):
         raise InputError(f"{where}: depth_scale must be a positive number, not {scale!r}")
-    return Camera(
-        _matrix(values, where),
-        _size(content, where),
-        distortion,
-        fisheye,
-        None if scale is None else float(scale),
-    )
-
-
-def _transposed(values: Any) -> Any:
-    """Open3D writes its matrix column by column."""
-    return [values[i] for i in (0, 3, 6, 1, 4, 7, 2, 5, 8)] if _is_flat(values, 9) else values
-
-
-def _is_flat(values: Any, count: int) -> bool:
-    return isinstance(values, list) and len(values) == count
+    depth_scale = None if scale is None else float(scale)
+    return Camera(matrix, _size(content, where), distortion, fisheye, depth_scale)
 
 
 def _data(values: Any) -> Any:
@@ -180,21 +152,21 @@ def _data(values: Any) -> Any:
 
 
 def _size(content: Mapping[str, Any], where: str) -> tuple[int, int] | None:
-    for names in (("width", "height"), ("image_width", "image_height")):
-        size = [content.get(name) for name in names]
-        if size != [None, None]:
-            if not all(isinstance(each, int) and each > 0 for each in size):
-                raise InputError(f"{where}: {names[0]} and {names[1]} are {size}: give pixels")
-            return (int(str(size[0])), int(str(size[1])))
+    for names in _SIZES:
+        width, height = (content.get(name) for name in names)
+        if (width, height) == (None, None):
+            continue
+        if isinstance(width, int) and isinstance(height, int) and min(width, height) > 0:
+            return width, height
+        raise InputError(f"{where}: {' and '.join(names)} are {[width, height]}: give pixels")
     return None
 
 
 def _distortion(content: Mapping[str, Any], where: str) -> tuple[tuple[float, ...], bool]:
     """Coefficients and whether they are a fisheye's; none if all are 0."""
-    names = ("coeffs", "distortion_coefficients", "D", "d", "dist_coeffs", "distortion")
-    values = next((_data(content[name]) for name in names if name in content), None)
+    values = next((_data(content[name]) for name in _DISTORTION if name in content), None)
     try:
-        coefficients = tuple(float(each) for each in np.ravel([] if values is None else values))
+        coefficients = tuple(float(value) for value in np.ravel([] if values is None else values))
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{where}: the distortion must be numbers, not {values!r}") from error
     if not np.isfinite(coefficients).all():
@@ -203,34 +175,117 @@ def _distortion(content: Mapping[str, Any], where: str) -> tuple[tuple[float, ..
         return (), False
     stated = content.get("distortion_model", content.get("model", ""))
     name = re.sub(r"[\s-]+", "_", str(stated).lower().removeprefix("distortion.")).strip("_")
-    model = _MODELS.get(name)
-    if model is None:
+    if name not in _MODELS:
         raise InputError(
             f"{where}: distortion model {stated!r} cannot be undone here: rectify the images first "
             "and give the intrinsics of the rectified ones, without distortion"
         )
-    if model == _PLAIN:
+    counts = _MODELS[name]
+    if not counts:
         return (), False
-    fisheye = model == FISHEYE
-    numbers = _FISHEYE_NUMBERS if fisheye else _PINHOLE_NUMBERS
-    if len(coefficients) not in numbers:
-        expected = " or ".join(map(str, numbers))
+    if len(coefficients) not in counts:
         raise InputError(
-            f"{where}: {len(coefficients)} distortion coefficients: it must be {expected}"
+            f"{where}: {len(coefficients)} distortion coefficients: it must be "
+            f"{' or '.join(map(str, counts))}"
         )
+    fisheye = counts == _FISHEYE
     return coefficients[:4] if fisheye else coefficients, fisheye
 
 
-def _matrix(values: Any, where: str) -> Float[np.ndarray, "3 3"]:
+def _matrix(values: Any, where: str, by_columns: bool = False) -> Float[np.ndarray, "3 3"]:
     try:
         flat = np.ravel(values).tolist() if isinstance(values, list | tuple) else []
     except ValueError:  # rows of different lengths
         flat = []
     if len(flat) == 4:
-        flat = [flat[0], 0.0, flat[2], 0.0, flat[1], flat[3], 0.0, 0.0, 1.0]
+        fx, fy, cx, cy = flat
+        flat = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
     if len(flat) != 9:
         raise InputError(f"{where}: {values!r} is neither nine numbers of K nor [fx,fy,cx,cy]")
-    matrix = camera_matrix(flat, Path(where))
-    if not np.array_equal(matrix[[1, 2, 2, 2], [0, 0, 1, 2]], [0.0, 0.0, 0.0, 1.0]):
-        raise InputError(f"{where}: {flat} is no camera matrix, row by row: fx 0 cx 0 fy cy 0 0 1")
-    return matrix
+    if by_columns:
+        flat = [flat[3 * column + row] for row in range(3) for column in range(3)]
+    return camera_matrix(flat, where)
+
+
+def check_size(camera: Camera, shape: tuple[int, ...], image: Path, key: str) -> None:
+    """Raise InputError unless a camera's intrinsics can be those of an image (h, w)."""
+    height, width = shape[:2]
+    if camera.size is not None and camera.size != (width, height):
+        scale = width / camera.size[0]
+        hint = "take those of the stream that the images come from"
+        if abs(scale - height / camera.size[1]) < 1.0 / _SCALE_STEPS:
+            hint = (
+                f"if {image.name} is the whole picture made smaller or larger, multiply fx, fy, "
+                f"cx and cy by {scale:g}"
+            )
+        raise InputError(
+            f"{key} are those of images of {camera.size[0]}x{camera.size[1]}, but {image} is "
+            f"{width}x{height}: {hint}"
+        )
+    x, y = camera.matrix[:2, 2]
+    if not (0 <= x < width and 0 <= y < height):
+        raise InputError(
+            f"{key}: the principal point ({x:g}, {y:g}) lies outside {image} ({width}x{height}): "
+            "they belong to images of another size"
+        )
+
+
+def undistorted(image: np.ndarray[Any, Any], camera: Camera, nearest: bool) -> np.ndarray[Any, Any]:
+    """The image that a camera with the same matrix and no distortion would have made.
+
+    Depth must be taken from the `nearest` pixel: a mean over an edge is a place where nothing is.
+    What the camera did not see is 0.
+    """
+    if not camera.distortion:
+        return image
+    height, width = image.shape[:2]
+    values = tuple(camera.matrix.ravel())
+    across, down = _undistortion(values, camera.distortion, camera.fisheye, width, height)
+    how = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
+    return np.asarray(cv2.remap(image, across, down, how, borderValue=0))
+
+
+@lru_cache(maxsize=4)
+def _undistortion(
+    values: tuple[float, ...],
+    distortion: tuple[float, ...],
+    fisheye: bool,
+    width: int,
+    height: int,
+) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    matrix, coefficients = np.array(values).reshape(3, 3), np.array(distortion)
+    make = cv2.fisheye.initUndistortRectifyMap if fisheye else cv2.initUndistortRectifyMap
+    across, down = make(matrix, coefficients, np.eye(3), matrix, (width, height), cv2.CV_32FC1)
+    return across, down
+
+
+def resampled_depth(
+    depth: Float[np.ndarray, "a b"],
+    camera: Camera,
+    color_matrix: Float[np.ndarray, "3 3"],
+    shape: tuple[int, int],
+) -> Float[np.ndarray, "h w"]:
+    """Depth at the pixels of a colour image (h, w), for two cameras that stand in one place.
+
+    Each colour pixel takes the value of the nearest depth pixel on its viewing ray, 0 where the
+    depth camera does not look.
+    """
+    places = []
+    for axis, count in ((1, shape[0]), (0, shape[1])):
+        focal, center = color_matrix[axis, axis], color_matrix[axis, 2]
+        rays = (np.arange(count) - center) / focal
+        places.append(np.rint(rays * camera.matrix[axis, axis] + camera.matrix[axis, 2]))
+    rows, columns = places[0].astype(int)[:, None], places[1].astype(int)
+    seen = (rows >= 0) & (rows < depth.shape[0]) & (columns >= 0) & (columns < depth.shape[1])
+    last = np.array(depth.shape) - 1
+    taken = depth[np.clip(rows, 0, last[0]), np.clip(columns, 0, last[1])]
+    return np.asarray(np.where(seen, taken, 0).astype(depth.dtype))
+
+
+def resized_camera(matrix: Float[np.ndarray, "3 3"], scale: float, size: tuple[int, int]) -> Camera:
+    """The camera of an image `scale` times as large as that of `matrix`; `size` (width, height)."""
+    resized = matrix.copy()
+    resized[:2] *= scale
+    # The centre of the first pixel lies half a pixel from the border, whatever the pixel's size.
+    resized[:2, 2] += (scale - 1.0) / 2.0
+    return Camera(resized, size)

@@ -1,6 +1,7 @@
 """A data set: objects, frames to find them in, and images to train with."""
 
 import hashlib
+import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -66,33 +67,69 @@ def annotated_mask(
 def content_hash(files: Iterable[Path], extra: str = "") -> str:
     """BLAKE2b over the bytes of the files in the given order, and `extra` (32 hex digits).
 
-    File names are hashed without their folders, so that a data set can be moved. Raises OSError
-    for a file that cannot be read.
+    File names are hashed without their folders, so that a data set can be moved. Of files that are
+    missing, or may not be read, only the names count.
     """
-    digest = hashlib.blake2b(extra.encode(), digest_size=16)
+    files = list(files)
+    missing = [file.name for file in files if not os.access(file, os.R_OK)]
+    digest = hashlib.blake2b((extra + (repr(missing) if missing else "")).encode(), digest_size=16)
     for file in files:
-        digest.update(f"\0{file.name}\0{file.stat().st_size}\0".encode())
-        with file.open("rb") as stream:
-            while chunk := stream.read(_CHUNK):
-                digest.update(chunk)
+        if os.access(file, os.R_OK):
+            digest.update(f"\0{file.name}\0{file.stat().st_size}\0".encode())
+            with file.open("rb") as stream:
+                while chunk := stream.read(_CHUNK):
+                    digest.update(chunk)
     return digest.hexdigest()
 
 
+class TrainingImages:
+    """Images without any target object, which training takes.
+
+    `photographs` is a folder (None: procedural backgrounds). `background_frames` are backgrounds of
+    rendered objects, `encoder_frames` train the autoencoder; either may be None.
+    """
+
+    photographs: Path | None
+    background_frames: "FrameSource | None"
+    encoder_frames: "FrameSource | None"
+
+    def photograph_crops(
+        self, count: int, size: int, rng: np.random.Generator
+    ) -> UInt8[np.ndarray, "n s s 3"]:
+        """Random square crops (RGB) of photographs, or procedural ones."""
+        if self.photographs is None:
+            return procedural_backgrounds(count, size, rng)
+        return photograph_crops(self.photographs, count, size, rng)
+
+    def load_background_frames(self) -> list[Frame]:
+        """RGB-D frames for backgrounds of objects in training; empty if there are none."""
+        source = self.background_frames
+        return [] if source is None else [source.load(key) for key in source.keys]
+
+    def require_encoder_frames(self) -> FrameSource:
+        """The frames that train the autoencoder. Raises ConfigError if there are none."""
+        if self.encoder_frames is None:
+            raise ConfigError(
+                "encoder=cae trains on RGB-D frames (hlp learn: rgbd_frames=FOLDER): set "
+                "data.rgbd_frames to a folder"
+            )
+        return self.encoder_frames
+
+    def load_encoder_frames(self) -> list[Frame]:
+        """The frames that train the autoencoder. Raises ConfigError if there are none."""
+        source = self.require_encoder_frames()
+        return [source.load(key) for key in source.keys]
+
+
 @dataclass(frozen=True)
-class Dataset:
+class Dataset(TrainingImages):
     """Objects by id, frames with targets, and frames without any target object.
 
     `models` are the classes of the classifier, `target_ids` those that are targets in the frames.
-
-    `photographs` is a folder (None: procedural backgrounds). `background_frames` are backgrounds of
-    rendered objects in training, `encoder_frames` train the autoencoder; either may be None.
-
-    `search_all`: the other target objects are looked for as well,
-    though no frame's targets name them, to count false alarms.
-
-    `settings` are those that the data set was built from; workers build it again from them.
-
-    `evaluation_mesh_files` are meshes (mm) for BOP's errors; an object without one has its model's.
+    With `search_all` the other target objects are looked for as well, though no frame's targets
+    name them, to count false alarms. `settings` are those that the data set was built from; workers
+    build it again from them. `evaluation_mesh_files` are meshes (mm) for BOP's errors; an object
+    without one has its model's.
     """
 
     models: dict[int, ObjectModel]
@@ -137,32 +174,6 @@ class Dataset:
         if self.photographs is None:
             return f"procedural {source_digest(procedural_backgrounds.__module__)}"
         return content_hash(list_photographs(self.photographs))
-
-    def require_encoder_frames(self) -> FrameSource:
-        """The frames that train the autoencoder. Raises ConfigError if there are none."""
-        if self.encoder_frames is None:
-            raise ConfigError(
-                "encoder=cae trains on RGB-D frames: set data.rgbd_frames to a folder"
-            )
-        return self.encoder_frames
-
-    def load_encoder_frames(self) -> list[Frame]:
-        """The frames that train the autoencoder. Raises ConfigError if there are none."""
-        source = self.require_encoder_frames()
-        return [source.load(key) for key in source.keys]
-
-    def load_background_frames(self) -> list[Frame]:
-        """RGB-D frames for backgrounds of objects in training; empty if there are none."""
-        source = self.background_frames
-        return [] if source is None else [source.load(key) for key in source.keys]
-
-    def photograph_crops(
-        self, count: int, size: int, rng: np.random.Generator
-    ) -> UInt8[np.ndarray, "n s s 3"]:
-        """Random square crops (RGB) of photographs, or procedural ones."""
-        if self.photographs is None:
-            return procedural_backgrounds(count, size, rng)
-        return photograph_crops(self.photographs, count, size, rng)
 
 
 class DataSettings(Protocol):

@@ -10,20 +10,32 @@ import numpy as np
 from annotated_types import Gt
 from jaxtyping import Bool, Float, UInt8
 
-from hlp.data.camera_files import Camera, read_camera
-from hlp.data.frame_paths import FramePaths, list_images, pair_frames
+from hlp.data.camera_files import (
+    Camera,
+    check_size,
+    read_camera,
+    resampled_depth,
+    resized_camera,
+    undistorted,
+)
+from hlp.data.frame_paths import (
+    FramePaths,
+    VideoFrames,
+    count_video_frames,
+    list_images,
+    pair_frames,
+)
 from hlp.data.images import (
     EXTENSIONS,
-    decode_unchanged,
-    depth_in_metres,
+    depth_metres,
     guess_unit,
+    read_pixels,
     read_raw_depth,
     read_rgb,
 )
-from hlp.data.rectification import check_size, resampled_depth, resized_camera, undistorted
-from hlp.data.video import VideoFrames, count_video_frames
 from hlp.errors import DataError, InputError, MissingFileError
 from hlp.records import Frame, frame_key, parse_frame_key
+from hlp.schemas.meaning import require_depths
 from hlp.settings import Doc, Settings
 
 _SCENE_ID = 0
@@ -104,10 +116,11 @@ class FrameReader:
     def depth_scale(self, example: Path) -> float:
         """Millimetres per unit of the depth images: given, stated, or guessed from an example."""
         if self._scale is None:
-            cameras = [
-                each for each in (self._depth_camera, read_camera(self._files.intrinsics)) if each
+            cameras = (self._depth_camera, read_camera(self._files.intrinsics))
+            stated = [
+                self._files.depth_scale,
+                *(camera.depth_scale for camera in cameras if camera),
             ]
-            stated = [self._files.depth_scale, *(each.depth_scale for each in cameras)]
             self._scale = next((scale for scale in stated if scale is not None), None)
         if self._scale is None:
             self._scale, why = guess_unit(read_raw_depth(example), example)
@@ -118,18 +131,19 @@ class FrameReader:
         self, paths: FramePaths
     ) -> tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]]:
         """Colour and depth (m). Raises FileNotFoundError, or ValueError for a broken file."""
-        rgb = self._read_color(paths)
+        if paths.video_index is None:
+            rgb = read_rgb(paths.color)
+        else:
+            video = self._videos.get(paths.color) or VideoFrames(paths.color)
+            self._videos[paths.color] = video
+            rgb = video.read(paths.video_index)
         check_size(self.camera, rgb.shape, paths.color, "intrinsics")
         raw = read_raw_depth(paths.depth)
-        depth = depth_in_metres(raw, self.depth_scale(paths.depth), paths.depth)
+        scale = self.depth_scale(paths.depth)
+        depth = depth_metres(raw, scale, paths.depth)
+        require_depths(depth, f"{paths.depth} at {scale:g} mm per unit")
         depth = self._registered(depth, rgb.shape[:2], paths)
         return undistorted(rgb, self.camera, nearest=False), depth
-
-    def _read_color(self, paths: FramePaths) -> UInt8[np.ndarray, "h w 3"]:
-        if paths.video_index is None:
-            return read_rgb(paths.color)
-        video = self._videos.setdefault(paths.color, VideoFrames(paths.color))
-        return video.read(paths.video_index)
 
     def _registered(
         self, depth: Float[np.ndarray, "a b"], shape: tuple[int, int], paths: FramePaths
@@ -228,20 +242,15 @@ class SearchMasks:
                     f"box={list(self.box)} lies outside {paths.color}: x,y,width,height"
                 )
             return mask
-        path = self._path(paths)
-        image = decode_unchanged(path)
+        found = list_images(str(self.masks), "mask", EXTENSIONS)
+        one = Path(str(self.masks)).is_file()
+        path = next((file for file in found if one or file.stem == paths.name), None)
+        if path is None:
+            raise MissingFileError(f"mask: {self.masks} has no {paths.name}.png for {paths.color}")
+        image = read_pixels(path)
         if image.shape[:2] != shape:
             raise DataError(f"{path} is {image.shape[:2]}, the frame {shape}: they must be alike")
         mask = np.asarray(image.reshape(*shape, -1)[..., :3].any(axis=2))
         if not mask.any():
             raise DataError(f"{path} marks no pixel: leave the frame out, or mark where to look")
         return mask
-
-    def _path(self, paths: FramePaths) -> Path:
-        found = list_images(str(self.masks), "mask", EXTENSIONS)
-        if Path(str(self.masks)).is_file():
-            return found[0]
-        named = next((each for each in found if each.stem == paths.name), None)
-        if named is None:
-            raise MissingFileError(f"mask: {self.masks} has no {paths.name}.png for {paths.color}")
-        return named

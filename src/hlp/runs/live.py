@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from annotated_types import Ge
 
-from hlp.data.cameras.camera import BrokenImage, Camera
+from hlp.data.cameras import BrokenImage, Camera
 from hlp.errors import HlpError, InputError
 from hlp.files import replaced
 from hlp.method.detector import Detector

@@ -3,10 +3,13 @@
 Each function raises DataError that begins with `where` and says what is expected.
 """
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float
 
 from hlp.errors import DataError
+from hlp.geometry import nearest_rotation
 
 ROTATION_TOLERANCE = 5e-3
 """Largest difference of a stated rotation's numbers from those of the nearest rotation.
@@ -39,8 +42,16 @@ def require_rotation(
         )
 
 
+def exact_rotation(
+    matrix: Float[np.ndarray, "3 3"], where: str, tolerance: float = ROTATION_TOLERANCE
+) -> Float[np.ndarray, "3 3"]:
+    """The rotation whose rounded numbers these are."""
+    require_rotation(matrix, where, tolerance)
+    return nearest_rotation(matrix)
+
+
 def require_in_front(
-    center_cam: Float[np.ndarray, "3"], diameter: float, where: str, unit: str = "millimetres"
+    center_cam: Float[np.ndarray, "3"], diameter: float, where: str, unit: str
 ) -> None:
     """An object of that diameter (m), centred at that point of the camera (m), can be seen.
 
@@ -65,21 +76,25 @@ def require_in_front(
         )
 
 
-def require_camera(
-    matrix: Float[np.ndarray, "3 3"], size: tuple[int, int] | None, where: str
-) -> None:
-    """Intrinsics of images of that size (width, height; None: not known)."""
+def camera_matrix(
+    values: Any, where: str, size: tuple[int, int] | None = None
+) -> Float[np.ndarray, "3 3"]:
+    """Intrinsics of nine numbers, row by row, of images of that size (width, height).
+
+    Without a size, only the matrix itself is checked.
+    """
+    try:
+        matrix = np.asarray(values, dtype=np.float64).reshape(3, 3)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise DataError(f"{where} must hold 9 numbers, not {values!r}") from error
+    given = matrix.ravel().tolist()
     if not np.isfinite(matrix).all() or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
-        raise DataError(f"{where}: focal lengths must be finite and positive, in pixels")
-    if not (
-        np.allclose(matrix[[1, 2, 2, 2], [0, 0, 1, 2]], [0, 0, 0, 1])
-        and abs(matrix[0, 1]) <= SKEW * matrix[0, 0]
-    ):
-        raise DataError(
-            f"{where} is {matrix.ravel().tolist()}: it must be fx 0 cx 0 fy cy 0 0 1, row by row"
-        )
+        raise DataError(f"{where} is {given}: focal lengths must be finite and positive, in pixels")
+    rows = np.allclose(matrix[[1, 2, 2, 2], [0, 0, 1, 2]], [0, 0, 0, 1])
+    if not rows or abs(matrix[0, 1]) > SKEW * matrix[0, 0]:
+        raise DataError(f"{where} is {given}: it must be fx 0 cx 0 fy cy 0 0 1, row by row")
     if size is None:
-        return
+        return matrix
     width, height = size
     x, y = float(matrix[0, 2]), float(matrix[1, 2])
     if not (0 <= x < width and 0 <= y < height):
@@ -94,14 +109,12 @@ def require_camera(
                 f"{where}: {name} is {focal:.6g} px, in an image of {width}x{height} it must be "
                 f"{low:g} to {high:g}: give it in pixels"
             )
+    return matrix
 
 
 def require_depths(metres: Float[np.ndarray, "h w"], where: str) -> None:
     """Half of a depth image (m, 0 where missing) lies at distances that a camera measures."""
-    present = metres[metres > 0]
-    if not len(present):
-        raise DataError(f"{where} has no depth at any pixel: check the sensor or leave it out")
-    median = float(np.median(present))
+    median = float(np.median(metres[metres > 0]))
     if not NEAREST <= median <= FARTHEST:
         raise DataError(
             f"{where}: half of the depth is nearer than {median:.3g} m, it must be {NEAREST:g} to "

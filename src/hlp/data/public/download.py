@@ -95,11 +95,7 @@ def _receive(archive: Archive, target: Path) -> tuple[Path, str | None]:
     try:
         about = get_hf_file_metadata(archive.url, token=False)  # a mirror must not get the user's
         etag = about.etag or ""
-        stated = f"sha256:{etag}" if _SHA256.fullmatch(etag) else None
-        if stated and archive.checksum not in (None, stated):
-            raise _wrong(archive, f"its checksum is {stated}, not {archive.checksum}")
-        if about.size and archive.size not in (None, about.size):
-            raise _wrong(archive, f"it has {about.size} bytes, not {archive.size}")
+        stated = _compared(archive, etag, about.size)
         # A part is continued only as the beginning of the same version.
         part = target.with_name(f"{target.name}.{re.sub(r'[^0-9a-zA-Z]', '', etag)[:64]}.part")
         have = part.stat().st_size if etag and part.is_file() else 0
@@ -125,6 +121,16 @@ def _receive(archive: Archive, target: Path) -> tuple[Path, str | None]:
             "to continue, or give another server with mirror=URL"
         ) from error
     return part, stated
+
+
+def _compared(archive: Archive, etag: str, size: int | None) -> str | None:
+    """The checksum that a server states, if any. Raises DataError for another than the known."""
+    stated = f"sha256:{etag}" if _SHA256.fullmatch(etag) else None
+    if stated and archive.checksum not in (None, stated):
+        raise _wrong(archive, f"its checksum is {stated}, not {archive.checksum}")
+    if size and archive.size not in (None, size):
+        raise _wrong(archive, f"it has {size} bytes, not {archive.size}")
+    return stated
 
 
 def _wrong(archive: Archive, problem: str) -> DataError:

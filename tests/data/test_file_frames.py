@@ -1,10 +1,12 @@
+"""Plain folders of RGB-D frames."""
+
 import json
 
 import cv2
 import numpy as np
 import pytest
 
-from hlp.data.rgbd_frames import RgbdFrames
+from hlp.data.file_frames import RgbdFrames
 
 
 @pytest.fixture
@@ -25,6 +27,7 @@ def test_frames_come_in_the_order_of_their_names(root):
     assert frames.keys == ("000004_000000", "000004_000001") and len(frames) == 2
     first = frames.load("000004_000000")
     assert first.key == "000004_000000" and first.targets == ()
+    assert frames.stated_targets(first.key) == ()
     np.testing.assert_allclose(first.depth, 1.0005)
     np.testing.assert_allclose(frames.load("000004_000001").depth, 1.0)
     assert first.camera_matrix[0, 0] == 500.0
@@ -40,21 +43,24 @@ def test_identity_changes_with_the_intrinsics(root):
 def test_what_is_missing_is_named(root):
     with pytest.raises(KeyError, match="000000_000009"):
         RgbdFrames(root).load("000000_000009")
-    (root / "camera.json").write_text("{}")
-    with pytest.raises(ValueError, match=r"camera\.json.*cam_K"):
-        RgbdFrames(root).load("000000_000000")
+    wrong = (
+        ({}, "cam_K is missing"),
+        ({"cam_K": ["a"] * 9}, "cam_K.0 is 'a'"),
+        ({"cam_K": [0] * 9}, "cam_K is .* must be finite and positive"),
+    )
+    for camera, words in wrong:
+        (root / "camera.json").write_text(json.dumps(camera))
+        with pytest.raises(ValueError, match=rf"camera\.json: {words}"):
+            RgbdFrames(root).load("000000_000000")
     (root / "depth" / "room-a.png").unlink()
     with pytest.raises(FileNotFoundError, match="room-a"):
         len(RgbdFrames(root))
-    with pytest.raises(FileNotFoundError, match="no folders rgb and depth"):
-        len(RgbdFrames(root / "rgb"))
-
-
-def test_a_folder_without_images_is_an_error(root):
     for path in (root / "rgb").iterdir():
         path.unlink()
     with pytest.raises(FileNotFoundError, match="no image"):
         len(RgbdFrames(root))
+    with pytest.raises(FileNotFoundError, match="no folders rgb and depth"):
+        len(RgbdFrames(root / "rgb"))
 
 
 @pytest.mark.parametrize(("folder", "count"), [("icbin/frames", 9), ("rooms", 40)])

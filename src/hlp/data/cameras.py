@@ -1,20 +1,39 @@
-"""Interface of the cameras, and how one in a user's own file is found."""
+"""Cameras for `hlp live`: sources of RGB-D images that come one after another.
+
+A camera of a user's own, named lines, followed folders, or an Intel RealSense.
+"""
 
 import importlib.util
 import json
+import logging
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Protocol, runtime_checkable
 
-from annotated_types import Gt
+import numpy as np
+from annotated_types import Ge, Gt, Le
 
 from hlp.data.frame_paths import FramePaths, is_pattern, pairs_so_far
 from hlp.data.own_frames import CameraSettings, FrameFiles, FrameReader
-from hlp.errors import HlpError, InputError, MissingFileError
+from hlp.errors import (
+    DataError,
+    HlpError,
+    InputError,
+    MissingDependencyError,
+    MissingFileError,
+)
 from hlp.records import CameraImage
-from hlp.settings import Doc
+from hlp.settings import Doc, Settings
+
+_KEYS = ("rgb", "depth")
+_FORM = 'a line must be {"rgb": FILE, "depth": FILE}, with "name" and "captured" as you like'
+_POLL = 0.01  # s between two looks into the folders
+_PATIENCE = 1.0  # s: a file that cannot be read so long after it was first seen is broken
+_ENDS = {".png": b"IEND\xaeB`\x82", ".jpg": b"\xff\xd9", ".jpeg": b"\xff\xd9"}
+_TIMEOUT_MS = 5000  # of a RealSense's next images
+_logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -66,10 +85,6 @@ def load_camera(source: str) -> Camera:
     return camera
 
 
-_FILES = ("rgb", "depth")
-_FORM = 'a line must be {"rgb": FILE, "depth": FILE}, with "name" and "captured" as you like'
-
-
 class LinesCamera:
     """Delivers the image of each line until the lines end.
 
@@ -107,16 +122,11 @@ def _parsed(line: str) -> dict[str, Any]:
         given = json.loads(line)
     except ValueError as error:
         raise InputError(f"cannot read {line.strip()[:80]!r} ({error}): {_FORM}") from error
-    if not isinstance(given, dict) or not all(isinstance(given.get(k), str) for k in _FILES):
+    if not isinstance(given, dict) or not all(isinstance(given.get(k), str) for k in _KEYS):
         raise InputError(f"cannot use {line.strip()[:80]!r}: {_FORM}")
     if not isinstance(given.get("captured"), int | float | None):
         raise InputError(f"captured is {given['captured']!r}: it must be seconds since 1970")
     return given
-
-
-_POLL = 0.01  # s between two looks into the folders
-_PATIENCE = 1.0  # s: a file that cannot be read so long after it was first seen is broken
-_ENDS = {".png": b"IEND\xaeB`\x82", ".jpg": b"\xff\xd9", ".jpeg": b"\xff\xd9"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,14 +162,11 @@ class FolderCamera:
         """The images as they come; see `Camera`."""
         last = time.monotonic()
         while True:
-            image = self._next()
+            image, idle = self._next(), self._settings.idle_s
             if image is not None:
                 yield image
                 last = time.monotonic()
-            elif (
-                self._settings.idle_s is not None
-                and time.monotonic() - last >= self._settings.idle_s
-            ):
+            elif idle is not None and time.monotonic() - last >= idle:
                 return
             else:
                 time.sleep(_POLL)
@@ -169,14 +176,13 @@ class FolderCamera:
 
     def _next(self) -> CameraImage | BrokenImage | None:
         pairs = pairs_so_far(self._settings.rgb, self._settings.depth)
-        new = [each for each in pairs if each.color not in self._seen]
+        new = [pair for pair in pairs if pair.color not in self._seen]
         if not new:
             return None
-        paths = new[-1] if self._settings.newest else new[0]
-        image = self._read(paths)
+        taken = new if self._settings.newest else new[:1]
+        image = self._read(taken[-1])
         if image is not None:
-            skipped = new if self._settings.newest else [paths]
-            self._seen.update(each.color for each in skipped)
+            self._seen.update(pair.color for pair in taken)
         return image
 
     def _read(self, paths: FramePaths) -> CameraImage | BrokenImage | None:
@@ -207,3 +213,72 @@ def _is_whole(path: Path) -> bool:
             return stream.read() == end if end else True
     except OSError:
         return False
+
+
+@dataclass(frozen=True, kw_only=True)
+class RealSenseSettings(Settings):
+    """Which RealSense camera, and its streams."""
+
+    serial: Annotated[str | None, Doc("serial number; null: the first camera")] = None
+    width: Annotated[int, Ge(1), Le(8192), Doc("of both images (px)")] = 640
+    height: Annotated[int, Ge(1), Le(8192), Doc("of both images (px)")] = 480
+    fps: Annotated[int, Ge(1), Le(1000), Doc("images per second")] = 30
+
+
+class RealSenseCamera:
+    """Delivers colour with depth aligned to it. Of images that came meanwhile, the last.
+
+    Raises MissingDependencyError without pyrealsense2, DataError without a camera.
+    """
+
+    def __init__(self, settings: RealSenseSettings) -> None:
+        try:
+            rs = importlib.import_module("pyrealsense2")
+        except ImportError as error:
+            raise MissingDependencyError(
+                "source=realsense needs the package pyrealsense2: pip install 'hlp[realsense]'"
+            ) from error
+        self._pipeline, config = rs.pipeline(), rs.config()
+        if settings.serial is not None:
+            config.enable_device(settings.serial)
+        size = settings.width, settings.height
+        config.enable_stream(rs.stream.color, *size, rs.format.rgb8, settings.fps)
+        config.enable_stream(rs.stream.depth, *size, rs.format.z16, settings.fps)
+        try:
+            profile = self._pipeline.start(config)
+        except RuntimeError as error:
+            raise DataError(
+                f"no RealSense camera can be started ({error}): check the cable, serial, width, "
+                "height and fps"
+            ) from error
+        self._align = rs.align(rs.stream.color)
+        self._metres = float(profile.get_device().first_depth_sensor().get_depth_scale())
+        color = profile.get_stream(rs.stream.color).as_video_stream_profile().get_intrinsics()
+        if any(color.coeffs):
+            _logger.warning(
+                "the camera states a distortion of its colour images, which is not undone: %s",
+                list(color.coeffs),
+            )
+        self._matrix = np.array(
+            [[color.fx, 0.0, color.ppx], [0.0, color.fy, color.ppy], [0.0, 0.0, 1.0]]
+        )
+
+    def __iter__(self) -> Iterator[CameraImage]:
+        """The images as they come; see `Camera`. Raises DataError if none comes for 5 s."""
+        number = 0
+        while True:
+            try:
+                frames = self._align.process(self._pipeline.wait_for_frames(_TIMEOUT_MS))
+            except RuntimeError as error:
+                raise DataError(f"the RealSense camera delivers no images: {error}") from error
+            color, depth = frames.get_color_frame(), frames.get_depth_frame()
+            if not color or not depth:
+                continue
+            rgb = np.array(color.get_data(), dtype=np.uint8)  # copies: the buffers are used again
+            metres = np.asarray(depth.get_data()).astype(np.float32) * np.float32(self._metres)
+            yield CameraImage(rgb, metres, self._matrix, f"{number:06d}", time.time())
+            number += 1
+
+    def close(self) -> None:
+        """Stop the streams."""
+        self._pipeline.stop()

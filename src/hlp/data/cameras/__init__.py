@@ -1,1 +1,0 @@
-"""Cameras for `hlp live`: sources of RGB-D images that come one after another."""

@@ -1,0 +1,263 @@
+"""What data sets in folders share: reading and checking of frames, folders for training."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge, Gt
+from jaxtyping import Float
+
+from hlp.data.dataset import StatedTarget, TrainingImages, content_hash
+from hlp.data.images import (
+    EXTENSIONS,
+    find_image,
+    image_size,
+    read_depth,
+    read_rgb,
+    require_same_size,
+)
+from hlp.data.photographs import list_photographs
+from hlp.errors import DataError, MissingFileError
+from hlp.geometry import transform
+from hlp.records import Frame, ObjectModel, Target, frame_key, parse_frame_key
+from hlp.schemas.bop import CameraEntry
+from hlp.schemas.meaning import (
+    camera_matrix,
+    require_depths,
+    require_in_front,
+    require_near_depths,
+)
+from hlp.schemas.reading import read_as
+from hlp.settings import Doc, Settings
+
+MAX_MEGAPIXELS = 50.0
+
+
+class FileFrames(ABC):
+    """Frames of two images and files with camera and true poses (a `FrameSource`).
+
+    Constructing it reads no file. Subclasses say where things stand; `unit` is that of the
+    translations in the files. They are `CheckedFrames` too: a bad frame costs itself alone.
+    """
+
+    unit = "millimetres"
+
+    def __init__(self, root: Path, max_megapixels: float = MAX_MEGAPIXELS) -> None:
+        self._root, self._max_megapixels = Path(root), max_megapixels
+
+    @property
+    @abstractmethod
+    def keys(self) -> tuple[str, ...]:
+        """Frame keys, in order."""
+
+    @abstractmethod
+    def identity(self) -> str:
+        """Hash of images, cameras, poses and settings, and of what is missing."""
+
+    @abstractmethod
+    def stated_targets(self, key: str) -> tuple[StatedTarget, ...]:
+        """See `CheckedFrames`."""
+
+    @abstractmethod
+    def _images(self, key: str) -> tuple[Path, Path]:
+        """The files of colour and depth."""
+
+    @abstractmethod
+    def _camera(self, key: str) -> tuple[Float[np.ndarray, "3 3"], str]:
+        """The camera's matrix as it is stated, and where."""
+
+    @abstractmethod
+    def _targets(self, key: str) -> list[tuple[Target, str]]:
+        """Targets with their true poses, and where the translation stands."""
+
+    @abstractmethod
+    def _depth(self, key: str, path: Path) -> Float[np.ndarray, "h w"]:
+        """The depth image in metres."""
+
+    def _depth_size(self, path: Path) -> tuple[int, int]:
+        """Width and height of the depth image, from its header."""
+        return image_size(path, self._max_megapixels, depth=True)
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    def load(self, key: str) -> Frame:
+        """Decode one frame with its targets.
+
+        Raises what `read` raises, and DataError naming the file for depths that no camera measures
+        and poses that are not where the image has depth.
+        """
+        frame = self.read(key)
+        require_depths(frame.depth, str(self._images(key)[1]))
+        for target, where in self._targets(key):
+            require_near_depths(target.pose_cam_obj[:3, 3], frame.depth, where)
+        return frame
+
+    def read(self, key: str) -> Frame:
+        """One frame as its files state it, whether that makes sense or not.
+
+        Raises KeyError for an unknown key, MissingFileError, and DataError naming the file for a
+        broken image, colour and depth of different sizes, or a pose that is none.
+        """
+        self.require_key(key)
+        matrix, _ = self._camera(key)
+        color, depth_file = self._images(key)
+        rgb, depth = read_rgb(color), self._depth(key, depth_file)
+        require_same_size(color, rgb.shape[1::-1], depth.shape[::-1])
+        targets = tuple(target for target, _ in self._targets(key))
+        return Frame(*parse_frame_key(key), rgb, depth, matrix, targets)
+
+    def check(self, key: str, models: Mapping[int, ObjectModel]) -> None:
+        """See `CheckedFrames`."""
+        color, depth_file = self._images(key)
+        size = image_size(color, self._max_megapixels)
+        require_same_size(color, size, self._depth_size(depth_file))
+        camera_matrix(*self._camera(key), size)
+        for target, where in self._targets(key):
+            if (model := models.get(target.object_id)) is not None:
+                center = transform(target.pose_cam_obj, model.centroid[None])[0]
+                require_in_front(center, model.diameter, where, self.unit)
+
+    def require_key(self, key: str) -> None:
+        """Raise KeyError for an unknown key."""
+        if key not in self.keys:
+            raise KeyError(f"no frame {key!r} in {self._root}")
+
+
+def read_numbers(path: Path, count: int, header_lines: int = 0) -> Float[np.ndarray, "n"]:
+    """The `count` numbers in a text file, after its header.
+
+    Raises MissingFileError, and DataError for another number of values, NaN or infinity.
+    """
+    if not path.is_file():
+        raise MissingFileError(f"no pose {path}")
+    try:
+        words = " ".join(path.read_text(encoding="utf-8").splitlines()[header_lines:]).split()
+        values = np.array([float(word) for word in words])
+    except ValueError as error:
+        raise DataError(f"{path} holds something that is no number ({error})") from error
+    if len(values) != count or not np.isfinite(values).all():
+        header = "a header line and " if header_lines else ""
+        raise DataError(f"{path} must hold {header}{count} finite numbers")
+    return values
+
+
+class RgbdFrames(FileFrames):
+    """A plain folder of RGB-D frames without targets, for training: `rgb/`, `depth/`, camera.json.
+
+    The images of a frame have one name. `camera.json` holds `cam_K` (9 numbers, row-major, pixels)
+    and `depth_scale` (mm per unit of the 16-bit depth PNGs, by default 1). Frames are numbered in
+    the order of their names and belong to the scene `scene_id`.
+    """
+
+    def __init__(self, root: Path, scene_id: int = 0) -> None:
+        super().__init__(root)
+        self._scene_id = scene_id
+
+    @cached_property
+    def _paths(self) -> dict[str, tuple[Path, Path]]:
+        color, depth = self._root / "rgb", self._root / "depth"
+        if not color.is_dir() or not depth.is_dir():
+            raise MissingFileError(f"{self._root} has no folders rgb and depth: check the path")
+        images = sorted(path for path in color.iterdir() if path.suffix.lower() in EXTENSIONS)
+        if not images:
+            raise MissingFileError(f"no image in {color}")
+        pairs = [(path, find_image(depth, path.stem)) for path in images]
+        for path, partner in pairs:
+            if not partner.is_file():
+                raise MissingFileError(f"no depth image {partner} for {path}")
+        return {frame_key(self._scene_id, number): pair for number, pair in enumerate(pairs)}
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Frame keys, numbered in the order of the file names."""
+        return tuple(self._paths)
+
+    def identity(self) -> str:
+        """Hash of images and intrinsics."""
+        pairs = [path for pair in self._paths.values() for path in pair]
+        return content_hash([self._root / "camera.json", *pairs])
+
+    def stated_targets(self, key: str) -> tuple[StatedTarget, ...]:
+        """None."""
+        return ()
+
+    def _images(self, key: str) -> tuple[Path, Path]:
+        return self._paths[key]
+
+    @property
+    def _entry(self) -> CameraEntry:
+        return read_as(self._root / "camera.json", CameraEntry)
+
+    def _camera(self, key: str) -> tuple[Float[np.ndarray, "3 3"], str]:
+        where = f"{self._root / 'camera.json'}: cam_K"
+        return camera_matrix(self._entry.cam_K, where), where
+
+    def _targets(self, key: str) -> list[tuple[Target, str]]:
+        return []
+
+    def _depth(self, key: str, path: Path) -> Float[np.ndarray, "h w"]:
+        return read_depth(path, self._entry.depth_scale)
+
+
+@dataclass(frozen=True)
+class FolderImages(TrainingImages):
+    """Training images in folders, without objects."""
+
+    photographs: Path | None
+    background_frames: RgbdFrames | None
+    encoder_frames: RgbdFrames | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FolderSettings(Settings):
+    """What all data sets read from folders can be given beside their own frames."""
+
+    name: str
+    photographs: Annotated[
+        str | None,
+        Doc("folder of backgrounds of training patches (P: PASCAL VOC); null: procedural ones (D)"),
+    ] = None
+    rgbd_frames: Annotated[
+        str | None, Doc("folder of RGB-D scenes that train the autoencoder (P); encoder=cae alone")
+    ] = None
+    rooms: Annotated[
+        str | None, Doc("folder of RGB-D frames without any object, backgrounds with depth (D)")
+    ] = None
+    proxy_faces: Annotated[
+        int, Ge(1), Doc("triangles of the mesh that the refiner renders (D)")
+    ] = 500
+    max_megapixels: Annotated[
+        float, Gt(0), Doc("larger images are taken for broken ones: 50 megapixels fill 1 GB (D)")
+    ] = MAX_MEGAPIXELS
+
+    def training_images(self) -> FolderImages:
+        """The images in the folders. Decodes none.
+
+        Raises MissingFileError naming a folder that is absent or empty.
+        """
+        folder = None
+        if self.photographs is not None:
+            folder = existing_folder("data.photographs", self.photographs)
+            list_photographs(folder)
+        rooms = _frames("data.rooms", self.rooms)
+        return FolderImages(folder, rooms, _frames("data.rgbd_frames", self.rgbd_frames))
+
+
+def existing_folder(key: str, path: str) -> Path:
+    """The folder that a key names. Raises MissingFileError where it is absent."""
+    if not Path(path).is_dir():
+        raise MissingFileError(f"{key} is no folder: {path} (set {key}=PATH)")
+    return Path(path)
+
+
+def _frames(key: str, path: str | None) -> RgbdFrames | None:
+    if path is None:
+        return None
+    frames = RgbdFrames(existing_folder(key, path))
+    len(frames)  # lists the images, so that errors in the folder are reported now
+    return frames

@@ -1,0 +1,286 @@
+"""Cameras of `hlp live`: followed folders, named lines, a user's own, a RealSense."""
+
+import json
+import sys
+import threading
+import time
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from hlp.data.cameras import (
+    BrokenImage,
+    FolderCamera,
+    FolderSettings,
+    LinesCamera,
+    RealSenseCamera,
+    RealSenseSettings,
+    load_camera,
+)
+from hlp.data.own_frames import CameraSettings
+from hlp.errors import DataError, InputError, MissingDependencyError, MissingFileError
+from hlp.records import CameraImage
+
+CAMERA = [500.0, 501.0, 20.0, 15.0]
+
+
+def encoded(number: int) -> tuple[bytes, bytes]:
+    """A colour and a depth image (PNG) of a number."""
+    rng = np.random.default_rng(number)
+    color = rng.integers(0, 255, (30, 40, 3), dtype=np.uint8)
+    depth = np.full((30, 40), 1000 + number, np.uint16)
+    return tuple(cv2.imencode(".png", each)[1].tobytes() for each in (color, depth))  # type: ignore[return-value]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for kind in ("rgb", "depth"):
+        (tmp_path / kind).mkdir()
+    return tmp_path
+
+
+def put(folder: Path, number: int) -> None:
+    color, depth = encoded(number)
+    (folder / "rgb" / f"{number}.png").write_bytes(color)
+    (folder / "depth" / f"{number}.png").write_bytes(depth)
+
+
+def camera(folder: Path, **more: object) -> FolderCamera:
+    given = {"rgb": str(folder / "rgb"), "depth": str(folder / "depth"), "intrinsics": CAMERA}
+    return FolderCamera(FolderSettings(**{"idle_s": 0.3} | given | more))  # type: ignore[arg-type]
+
+
+def test_images_come_in_order_and_end_when_nothing_new_comes(folder: Path) -> None:
+    for number in (10, 9, 2):
+        put(folder, number)
+    images = list(camera(folder))
+    assert [each.name for each in images] == ["2", "9", "10"]
+    first = images[0]
+    assert isinstance(first, CameraImage)
+    np.testing.assert_allclose(first.depth, 1.002)
+    np.testing.assert_array_equal(first.rgb[..., ::-1], cv2.imread(str(folder / "rgb" / "2.png")))
+    assert first.captured == pytest.approx(time.time(), abs=60)
+
+
+def test_what_is_half_written_is_waited_for(folder: Path) -> None:
+    """The colour file grows, then its depth image comes."""
+    color, depth = encoded(1)
+    path = folder / "rgb" / "1.png"
+    path.write_bytes(color[: len(color) // 2])
+
+    def finish() -> None:
+        time.sleep(0.1)
+        (folder / "depth" / "1.png").write_bytes(depth)
+        time.sleep(0.1)
+        path.write_bytes(color)
+
+    writer = threading.Thread(target=finish)
+    writer.start()
+    (image,) = camera(folder, idle_s=0.5)
+    writer.join()
+    assert isinstance(image, CameraImage)
+    np.testing.assert_array_equal(
+        image.rgb[..., ::-1], cv2.imdecode(np.frombuffer(color, np.uint8), 1)
+    )
+
+
+def test_a_file_that_stays_broken_costs_its_own_image(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hlp.data.cameras._PATIENCE", 0.05)
+    put(folder, 1)
+    put(folder, 2)
+    (folder / "rgb" / "1.png").write_bytes(b"no image")
+    broken, whole = camera(folder)
+    assert isinstance(broken, BrokenImage) and isinstance(broken.error, DataError)
+    assert broken.name == "1" and "1.png" in str(broken.error)
+    assert whole.name == "2"
+
+
+def test_of_several_new_images_the_newest_may_be_taken(folder: Path) -> None:
+    for number in range(4):
+        put(folder, number)
+    images = iter(camera(folder, newest=True))
+    assert next(images).name == "3"
+    put(folder, 4)
+    assert [each.name for each in images] == ["4"]
+
+
+def test_numbers_pair_images_of_different_names(folder: Path) -> None:
+    color, depth = encoded(7)
+    (folder / "rgb" / "color_7.png").write_bytes(color)
+    (folder / "depth" / "depth_7.png").write_bytes(depth)
+    (folder / "rgb" / "color_8.png").write_bytes(color)  # its depth never comes
+    assert [each.name for each in camera(folder)] == ["color_7"]
+
+
+def test_what_is_missing_is_named_before_any_image(folder: Path) -> None:
+    with pytest.raises(MissingFileError, match=r"rgb=.*nowhere: there is no folder"):
+        camera(folder, rgb=str(folder / "nowhere"))
+    with pytest.raises(MissingFileError, match=r"camera\.json"):
+        camera(folder, intrinsics=str(folder / "camera.json"))
+    (folder / "camera.json").write_text(json.dumps({"cam_K": [1, 2]}))
+    with pytest.raises(ValueError, match=r"camera\.json"):
+        camera(folder, intrinsics=str(folder / "camera.json"))
+
+
+SETTINGS = CameraSettings(intrinsics=[500.0, 501.0, 20.0, 15.0])
+
+
+@pytest.fixture
+def named(tmp_path: Path) -> dict[str, str]:
+    cv2.imwrite(str(tmp_path / "a.png"), np.full((30, 40, 3), (10, 20, 30), np.uint8))
+    cv2.imwrite(str(tmp_path / "a_depth.png"), np.full((30, 40), 900, np.uint16))
+    return {"rgb": str(tmp_path / "a.png"), "depth": str(tmp_path / "a_depth.png")}
+
+
+def test_each_line_is_an_image(named: dict[str, str]) -> None:
+    more = named | {"name": "first", "captured": 12.5}
+    lines = [json.dumps(more) + "\n", "\n", json.dumps(named)]
+    first, second = LinesCamera(lines, SETTINGS)
+    assert isinstance(first, CameraImage) and isinstance(second, CameraImage)
+    assert (first.name, first.captured) == ("first", 12.5)
+    assert (second.name, second.captured) == ("a", None)
+    assert first.rgb[0, 0].tolist() == [30, 20, 10]
+    np.testing.assert_allclose(first.depth, 0.9)
+    np.testing.assert_array_equal(first.camera_matrix[:2, 2], [20.0, 15.0])
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("rgb.png depth.png", "cannot read 'rgb.png depth.png'"),
+        ('{"rgb": "a.png"}', 'a line must be {"rgb": FILE'),
+        ("[1]", "a line must be"),
+        ('{"rgb": "none.png", "depth": "none.png"}', "no image none.png"),
+    ],
+)
+def test_a_wrong_line_costs_itself_alone(named: dict[str, str], line: str, words: str) -> None:
+    broken, whole = LinesCamera([line, json.dumps(named)], SETTINGS)
+    assert isinstance(broken, BrokenImage) and words in str(broken.error)
+    assert isinstance(whole, CameraImage)
+
+
+def test_a_wrong_time_is_named(named: dict[str, str]) -> None:
+    (broken,) = LinesCamera([json.dumps(named | {"captured": "noon"})], SETTINGS)
+    assert isinstance(broken, BrokenImage) and "captured is 'noon'" in str(broken.error)
+
+
+OWN = """
+import numpy as np
+from hlp import CameraImage
+
+class Mine:
+    def __iter__(self):
+        yield CameraImage(np.zeros((4, 6, 3), np.uint8), np.ones((4, 6)), np.eye(3), "one")
+    def close(self):
+        self.closed = True
+
+def frames():
+    yield from Mine()
+
+class NoCamera:
+    pass
+"""
+
+
+def test_a_class_or_a_generator_is_a_camera(tmp_path: Path) -> None:
+    path = tmp_path / "own.py"
+    path.write_text(OWN)
+    for name in ("Mine", "frames"):
+        camera = load_camera(f"{path}:{name}")
+        assert [each.name for each in camera] == ["one"]
+        camera.close()
+
+
+def test_what_is_no_camera_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "own.py"
+    path.write_text(OWN)
+    for name, words in (("Other", "no class or function Other"), ("NoCamera", "no __iter__")):
+        with pytest.raises(InputError, match=words):
+            load_camera(f"{path}:{name}")
+    with pytest.raises(MissingFileError, match=r"there is no file .*none\.py"):
+        load_camera(f"{tmp_path / 'none.py'}:Mine")
+
+
+COLOR = np.arange(4 * 6 * 3, dtype=np.uint8).reshape(4, 6, 3)
+DEPTH = np.full((4, 6), 2500, np.uint16)
+
+
+class Pipeline:
+    fails_to_start = False
+
+    def __init__(self) -> None:
+        self.left, self.stopped = 2, False
+
+    def start(self, config: Any) -> Any:
+        if self.fails_to_start:
+            raise RuntimeError("No device connected")
+        color = SimpleNamespace(fx=600.0, fy=601.0, ppx=3.0, ppy=2.0, coeffs=[0.0] * 5)
+        stream = SimpleNamespace(get_intrinsics=lambda: color)
+        sensor = SimpleNamespace(get_depth_scale=lambda: 0.0005)
+        device = SimpleNamespace(first_depth_sensor=lambda: sensor)
+        return SimpleNamespace(
+            get_device=lambda: device,
+            get_stream=lambda kind: SimpleNamespace(as_video_stream_profile=lambda: stream),
+        )
+
+    def wait_for_frames(self, timeout: int) -> Any:
+        if self.left == 0:
+            raise RuntimeError(f"Frame didn't arrive within {timeout}")
+        self.left -= 1
+        return SimpleNamespace(
+            get_color_frame=lambda: SimpleNamespace(get_data=lambda: COLOR),
+            get_depth_frame=lambda: SimpleNamespace(get_data=lambda: DEPTH),
+        )
+
+    def stop(self) -> None:
+        self.stopped = True
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """What the configuration is asked for."""
+    calls: list[Any] = []
+    config = SimpleNamespace(
+        enable_device=lambda serial: calls.append(serial),
+        enable_stream=lambda *given: calls.append(given),
+    )
+    module = SimpleNamespace(
+        pipeline=Pipeline,
+        config=lambda: config,
+        align=lambda stream: SimpleNamespace(process=lambda frames: frames),
+        stream=SimpleNamespace(color="color", depth="depth"),
+        format=SimpleNamespace(rgb8="rgb8", z16="z16"),
+    )
+    monkeypatch.setitem(sys.modules, "pyrealsense2", module)
+    return calls
+
+
+def test_images_are_aligned_and_in_metres(asked: list[Any]) -> None:
+    camera = RealSenseCamera(RealSenseSettings(serial="123", width=6, height=4, fps=15))
+    assert asked == ["123", ("color", 6, 4, "rgb8", 15), ("depth", 6, 4, "z16", 15)]
+    images = iter(camera)
+    image = next(images)
+    np.testing.assert_array_equal(image.rgb, COLOR)
+    assert not np.shares_memory(image.rgb, COLOR)
+    np.testing.assert_allclose(image.depth, 1.25)
+    np.testing.assert_array_equal(image.camera_matrix, [[600, 0, 3], [0, 601, 2], [0, 0, 1]])
+    assert [image.name, next(images).name] == ["000000", "000001"]
+    with pytest.raises(DataError, match="delivers no images"):
+        next(images)
+    camera.close()
+    assert camera._pipeline.stopped
+
+
+def test_what_is_missing_is_said(asked: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Pipeline, "fails_to_start", True)
+    with pytest.raises(DataError, match="No device connected"):
+        RealSenseCamera(RealSenseSettings())
+    monkeypatch.setitem(sys.modules, "pyrealsense2", None)  # importing it raises ImportError
+    with pytest.raises(MissingDependencyError, match=r"pip install 'hlp\[realsense\]'"):
+        RealSenseCamera(RealSenseSettings())
