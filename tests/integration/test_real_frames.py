@@ -10,7 +10,7 @@ import yaml
 from hlp import Detector
 from hlp.commands.composing import config_folder
 from hlp.data.bop import BopSettings
-from hlp.data.rgbd_frames import RgbdFrames
+from hlp.data.file_frames import RgbdFrames
 from hlp.evaluation.errors import add, add_s
 from hlp.method.track.tracking import Track
 from hlp.records import Frame, ObjectModel
