@@ -12,7 +12,7 @@ from hlp.config.build import build_run
 from hlp.method.find.search import search_frame
 from hlp.method.find.trace import ObjectTrace
 from hlp.refinement.pose_fit import PoseFit
-from hlp.runs.learnt_of_run import learnt_of_run
+from hlp.runs.learning import learnt_of_run
 from hlp.runs.manifest import MANIFEST
 from hlp.runs.run_stages import stages_of
 from hlp.stages.store import StageStore

@@ -14,7 +14,7 @@ from hlp.commands.composing import compose_config
 from hlp.config.build import build_run
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.method.learn.learnt_folder import LearntFolder, check_files
-from hlp.runs.learnt_of_run import learnt_of_run
+from hlp.runs.learning import learnt_of_run
 from hlp.stages.manifest import made_outputs
 from tiny_run import TinyRun
 

@@ -13,19 +13,22 @@ import pytest
 
 from hlp.checks.finding import Finding
 from hlp.data.own_frames import FrameFiles, OwnFrames
+from hlp.data.synthetic.objects import demo_objects
 from hlp.errors import DamagedError, DataError
 from hlp.method.find.detections import Rejection, SearchResult
 from hlp.records import Frame
-from hlp.reporting import answers
-from hlp.runs import fault_watch
+from hlp.runs import answers, fault_watch
 from hlp.runs.prediction import PredictionOptions, predict
+
+FILES = ("poses.csv", "poses.json", "poses.jsonl")
 
 
 class Nothing:
     """A detector that finds nothing, of an object that it knows; it may be stopped at a call."""
 
-    def __init__(self, models: dict[str, Any], folder: Path) -> None:
-        self.models, self.folder, self.objects = models, folder, tuple(models)
+    def __init__(self, folder: Path) -> None:
+        self.models = {m.name: m for m in demo_objects().values() if m.name == "bear"}
+        self.folder, self.objects = folder, ("bear",)
         self.searched, self.stopped_at = 0, -1
         self.stop: BaseException = KeyboardInterrupt()
 
@@ -38,15 +41,12 @@ class Nothing:
 
 @pytest.fixture
 def detector(tmp_path: Path) -> Any:
-    from hlp.data.synthetic.objects import demo_objects
-
     (tmp_path / "learnt").mkdir()
     (tmp_path / "learnt" / "learnt.json").write_text("{}")
-    models = {m.name: m for m in demo_objects().values() if m.name == "bear"}
-    return Nothing(models, tmp_path / "learnt")
+    return Nothing(tmp_path / "learnt")
 
 
-def frames(folder: Path, broken: tuple[int, ...], count: int = 3) -> OwnFrames:
+def frames(folder: Path, broken: tuple[int, ...] = (), count: int = 3) -> OwnFrames:
     for name in ("rgb", "depth"):
         (folder / name).mkdir(parents=True)
     for i in range(count):
@@ -61,16 +61,15 @@ def frames(folder: Path, broken: tuple[int, ...], count: int = 3) -> OwnFrames:
 
 @pytest.mark.parametrize("count", [1, 3])
 def test_several_frames_are_counted_on_a_terminal_between_the_answers(
-    count: int,
-    detector: Any,
-    tmp_path: Path,
-    terminal: pytest.CaptureFixture[str],
+    count: int, detector: Any, tmp_path: Path, terminal: pytest.CaptureFixture[str]
 ) -> None:
-    predict(detector, frames(tmp_path, (), count), tmp_path / "out", PredictionOptions())
+    predict(detector, frames(tmp_path, count=count), tmp_path / "out", PredictionOptions())
     said = terminal.readouterr()
     assert said.out.count("\n") == 1 + count
     assert bool(said.err) == (count > 1)
-    assert count == 1 or all(each in said.err for each in ("poses: 100%", "3/3", "frame/s"))
+    assert count == 1 or all(words in said.err for words in ("poses: 100%", "3/3", "frame/s"))
+    drawn = [path.name for path in (tmp_path / "out").glob("panels/*")]
+    assert drawn == (["0.png"] if count == 1 else [])
 
 
 def test_a_broken_first_frame_keeps_neither_the_header_nor_the_checks_from_the_others(
@@ -92,11 +91,10 @@ def test_a_broken_first_frame_keeps_neither_the_header_nor_the_checks_from_the_o
     assert used == 2
     assert checked == ["000000_000001"]
     assert "the camera is odd" in caplog.text and "1 of 3 frames could not be used" in caplog.text
-    printed = capsys.readouterr().out.splitlines()
-    assert printed[0] == answers.HEADER and printed.count(answers.HEADER) == 1
-    assert len(printed) == 3
+    header, *printed = capsys.readouterr().out.splitlines()
+    assert header == answers.HEADER and len(printed) == 2 and header not in printed
     lines = [json.loads(x) for x in (tmp_path / "out" / "poses.jsonl").read_text().splitlines()]
-    assert ["error" in each for each in lines] == [True, False, False]
+    assert ["error" in line for line in lines] == [True, False, False]
 
 
 def test_what_goes_wrong_in_the_checks_is_not_blamed_on_the_frame(
@@ -107,8 +105,15 @@ def test_what_goes_wrong_in_the_checks_is_not_blamed_on_the_frame(
 
     monkeypatch.setattr(fault_watch, "check_first_frame", check)
     with pytest.raises(DataError, match="of the checks"):
-        predict(detector, frames(tmp_path, ()), tmp_path / "out", PredictionOptions())
+        predict(detector, frames(tmp_path), tmp_path / "out", PredictionOptions())
     assert "error" not in (tmp_path / "out" / "poses.jsonl").read_text()
+
+
+def test_what_is_learnt_is_damaged_and_no_frame_is_to_blame(detector: Any, tmp_path: Path) -> None:
+    detector.stopped_at, detector.stop = 1, DamagedError("classifier.onnx is damaged")
+    with pytest.raises(DamagedError):
+        predict(detector, frames(tmp_path), tmp_path / "out", PredictionOptions())
+    assert (tmp_path / "out" / "poses.jsonl").read_text() == ""
 
 
 @pytest.mark.parametrize("count", [1, 2])
@@ -121,8 +126,9 @@ def test_without_any_answer_no_header_stands_above_the_error(
     assert capsys.readouterr().out == ""
 
 
-def stop(detector: Any, own: OwnFrames, output: Path, at: int) -> None:
-    detector.searched, detector.stopped_at = 0, at
+def stop(detector: Any, own: OwnFrames, output: Path) -> None:
+    """Stop a call at its fourth search."""
+    detector.searched, detector.stopped_at = 0, 4
     with pytest.raises(KeyboardInterrupt):
         predict(detector, own, output, PredictionOptions())
     detector.searched, detector.stopped_at = 0, -1
@@ -133,56 +139,40 @@ def test_a_stopped_call_is_continued_after_its_last_whole_frame(
 ) -> None:
     own, output = frames(tmp_path, (1,), 6), tmp_path / "out"
     predict(detector, own, tmp_path / "whole", PredictionOptions())
-    stop(detector, own, output, at=4)  # frames 0, 2 and 3 are answered, and 1 cannot be used
+    stop(detector, own, output)  # frames 0, 2 and 3 are answered, and 1 cannot be used
     with caplog.at_level(logging.INFO):
         assert predict(detector, own, output, PredictionOptions()) == 5
     assert "3 of 6 frames are answered already" in caplog.text
     assert detector.searched == 3  # 3 again, whose answers might not have been complete
-    for name in ("poses.csv", "poses.jsonl", "poses.json"):
-        first, second = ((each / name).read_text() for each in (tmp_path / "whole", output))
-        assert untimed(first) == untimed(second)
-    assert sorted(path.name for path in output.iterdir()) == [
-        *("poses.csv", "poses.json", "poses.jsonl")
-    ]
+    for name in FILES:
+        texts = [(folder / name).read_text() for folder in (tmp_path / "whole", output)]
+        first, second = (re.sub(r'"seconds": [0-9.e-]+', "", text) for text in texts)
+        assert first == second
+    assert sorted(path.name for path in output.iterdir()) == [*FILES]
 
 
-def test_what_is_learnt_is_damaged_and_no_frame_is_to_blame(detector: Any, tmp_path: Path) -> None:
-    own, output = frames(tmp_path, (), 4), tmp_path / "out"
-    detector.stopped_at, detector.stop = 1, DamagedError("classifier.onnx is damaged")
-    with pytest.raises(DamagedError):
-        predict(detector, own, output, PredictionOptions())
-    assert (output / "poses.jsonl").read_text() == ""
-
-
-def untimed(text: str) -> str:
-    return re.sub(r'"seconds": [0-9.e-]+', "", text)
-
-
-def test_another_request_begins_anew(detector: Any, tmp_path: Path) -> None:
-    own, output = frames(tmp_path, (), 4), tmp_path / "out"
-
-    def again(options: PredictionOptions, own: OwnFrames = own) -> int:
-        stop(detector, own, output, at=4)
-        predict(detector, own, output, options)
-        return int(detector.searched)
-
-    assert again(PredictionOptions()) == 2
-    assert again(PredictionOptions(max_instances=1)) == 4
-    assert again(PredictionOptions(objects=["bear"])) == 4
-    stop(detector, own, output, at=4)
-    os.utime(tmp_path / "rgb" / "0.png", ns=(1, 1))
-    predict(detector, own, output, PredictionOptions())
-    assert detector.searched == 4
-    stop(detector, own, output, at=4)
-    (detector.folder / "learnt.json").write_text("{ }")
-    predict(detector, own, output, PredictionOptions())
-    assert detector.searched == 4
+@pytest.mark.parametrize(
+    ("changed", "searched"),
+    [("nothing", 2), ("max_instances", 4), ("objects", 4), ("image", 4), ("learnt", 4)],
+)
+def test_another_request_begins_anew(
+    detector: Any, tmp_path: Path, changed: str, searched: int
+) -> None:
+    own, output = frames(tmp_path, count=4), tmp_path / "out"
+    stop(detector, own, output)
+    options = {"max_instances": {"max_instances": 1}, "objects": {"objects": ["bear"]}}
+    if changed == "image":
+        os.utime(tmp_path / "rgb" / "0.png", ns=(1, 1))
+    if changed == "learnt":
+        (detector.folder / "learnt.json").write_text("{ }")
+    predict(detector, own, output, PredictionOptions(**options.get(changed, {})))
+    assert detector.searched == searched
 
 
 @pytest.mark.parametrize(
     ("name", "damage"),
     [
-        *(("poses.jsonl", each) for each in (b"", b"{", b"[1]\n", b'{"im_id": 1}\n', b"\xff\xfe")),
+        *(("poses.jsonl", text) for text in (b"", b"{", b"[1]\n", b'{"im_id": 1}\n', b"\xff\xfe")),
         ("poses.jsonl", b'{"scene_id": [1], "im_id": 1}\n{"scene_id": 1, "im_id": 2}\n'),
         ("poses.csv", b"\xff\xfe"),
         ("poses.csv", None),
@@ -191,8 +181,8 @@ def test_another_request_begins_anew(detector: Any, tmp_path: Path) -> None:
 def test_damaged_answers_of_a_stopped_call_are_made_again(
     detector: Any, tmp_path: Path, name: str, damage: bytes | None
 ) -> None:
-    own, output = frames(tmp_path, (), 4), tmp_path / "out"
-    stop(detector, own, output, at=4)
+    own, output = frames(tmp_path, count=4), tmp_path / "out"
+    stop(detector, own, output)
     (output / name).unlink()
     if damage is not None:
         (output / name).write_bytes(damage)

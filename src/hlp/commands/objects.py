@@ -71,7 +71,7 @@ def _whole(given: str, cache: Path, work: str | None) -> Iterator[Path]:
 
 def _take_from_run(manifest: Path, work: str, target: Path) -> None:
     from hlp.config.build import build_run
-    from hlp.runs.learnt_of_run import learnt_of_run
+    from hlp.runs.learning import learnt_of_run
     from hlp.studies.repeat import check_manifest, config_of
 
     with tempfile.TemporaryDirectory() as folder:

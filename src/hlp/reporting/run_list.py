@@ -1,4 +1,4 @@
-"""A line for every run and sweep in a folder of outputs."""
+"""A line for every run and sweep in a folder of outputs; recalls of chosen objects."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,6 +19,7 @@ _HEADER = ["folder", "state", "targets", "ADD(-S)", "95 %", "5cm5deg", "ms"]
 _SWEEP_STATES = {"FINISHED": "arms", "STOPPED": "stopped", "RUNNING": "begun"}
 _HYDRA = ".hydra"  # Hydra writes it before anything else
 _UNKNOWN = [""] * (len(_HEADER) - 2)
+_WELL_VISIBLE = 0.6  # visible fraction from which a target counts as well visible
 
 
 def describe_outputs(folder: Path, layout: str) -> str:
@@ -37,39 +38,37 @@ def describe_outputs(folder: Path, layout: str) -> str:
 
 def run_list(folder: Path) -> Table:
     """A row a run or sweep, oldest first; broken ones are listed as such."""
-    found = {path.parent for name in (SUMMARY, MANIFEST, SWEEP) for path in folder.rglob(name)}
-    found |= {path.parent for path in folder.rglob(_HYDRA)}
-    ordered = sorted(found, key=lambda each: (_age(each), each))
-    return Table(_HEADER, [_row(each, folder) for each in ordered])
+    begun: dict[Path, float] = {}
+    for name in (SUMMARY, SWEEP, MANIFEST, _HYDRA):
+        for path in folder.rglob(name):
+            age = path.stat().st_mtime
+            begun[path.parent] = min(age, begun.get(path.parent, age))
+    ordered = sorted(begun, key=lambda run: (begun[run], run))
+    return Table(_HEADER, [[str(run.relative_to(folder)), *_cells(run)] for run in ordered])
 
 
-def _age(folder: Path) -> float:
-    marks = [folder / name for name in (SUMMARY, SWEEP, MANIFEST, _HYDRA)]
-    return min(path.stat().st_mtime for path in marks if path.exists())
-
-
-def _row(run: Path, root: Path) -> list[str]:
-    name = str(run.relative_to(root))
+def _cells(run: Path) -> list[str]:
+    """The state of a run or sweep, and its figures."""
     try:
         if (run / SWEEP).is_file():
-            return [name, *_sweep_cells(run)]
+            return _sweep_cells(run)
         finished = (run / MANIFEST).is_file()
         if not (run / SUMMARY).is_file():
-            return [name, "study" if finished else "unfinished", *_UNKNOWN]
+            return ["study" if finished else "unfinished", *_UNKNOWN]
         figures = _figures(read_summary(run / SUMMARY))
-        return [name, "finished" if finished else "unfinished", *figures]
+        return ["finished" if finished else "unfinished", *figures]
     except (DataError, KeyError, TypeError, ValueError):
-        return [name, "broken", *_UNKNOWN]
+        return ["broken", *_UNKNOWN]
 
 
 def _sweep_cells(folder: Path) -> list[str]:
-    """How many of the arms that have begun are finished, and the best arm's figures."""
+    """How many of the runs that have begun are finished, and the best one's figures."""
     state = _SWEEP_STATES[read_json(folder / SWEEP)["status"]]
-    arms = [path for path in folder.iterdir() if path.is_dir() and path.name.isdigit()]
-    finished = sum((arm / MANIFEST).is_file() for arm in arms)
+    runs = [path for path in folder.iterdir() if path.is_dir() and path.name.isdigit()]
+    finished = sum((run / MANIFEST).is_file() for run in runs)
     best = sweep_of(read_results(folder)).best
     figures = _UNKNOWN if best is None or best.result is None else _figures(best.result.summary)
-    return [f"{finished}/{len(arms)} {state}", *figures]
+    return [f"{finished}/{len(runs)} {state}", *figures]
 
 
 def _figures(summary: Mapping[str, Any]) -> list[str]:
@@ -84,12 +83,6 @@ def _figures(summary: Mapping[str, Any]) -> list[str]:
     ]
 
 
-# They change no pose, or are shown elsewhere.
-
-
-_WELL_VISIBLE = 0.6  # visible fraction from which a target counts as well visible
-
-
 def report_selection(folder: Path, objects: str, layout: str) -> str:
     """A table for each run in or below a folder, over the targets of the objects `[a,b,…]` alone.
 
@@ -97,7 +90,7 @@ def report_selection(folder: Path, objects: str, layout: str) -> str:
     broken `scores.csv`, and a `layout` that is not `text` or `markdown`.
     """
     check_layout(layout)
-    names = [each.strip() for each in objects.removeprefix("[").removesuffix("]").split(",")]
+    names = [name.strip() for name in objects.removeprefix("[").removesuffix("]").split(",")]
     found = sorted(folder.rglob(SCORES))
     if not found:
         raise MissingFileError(f"no finished run in {folder}: none of its folders has {SCORES}")
@@ -113,32 +106,34 @@ def selection_table(scores: Sequence[ScoredTarget], names: Sequence[str]) -> Tab
 
     Raises ValueError naming an object that has no target.
     """
-    missing = sorted(set(names) - {each.name for each in scores})
-    if missing:
-        known = ", ".join(dict.fromkeys(each.name for each in scores))
-        raise InputError(f"objects: no target is a {missing[0]}; there are {known}")
-    chosen = [each for each in scores if each.name in names]
-    classes = {
+    known = dict.fromkeys(target.name for target in scores)
+    for name in sorted(names):
+        if name not in known:
+            raise InputError(f"objects: no target is a {name}; there are {', '.join(known)}")
+    chosen = [target for target in scores if target.name in names]
+    seen = [target for target in chosen if target.score.visible_fraction >= _WELL_VISIBLE]
+    hidden = [target for target in chosen if target.score.visible_fraction < _WELL_VISIBLE]
+    groups = {
         "all": chosen,
-        f"{_WELL_VISIBLE:g} and more": [
-            e for e in chosen if e.score.visible_fraction >= _WELL_VISIBLE
-        ],
-        f"less than {_WELL_VISIBLE:g}": [
-            e for e in chosen if e.score.visible_fraction < _WELL_VISIBLE
-        ],
+        f"{_WELL_VISIBLE:g} and more": seen,
+        f"less than {_WELL_VISIBLE:g}": hidden,
     }
     rows = []
-    for title, group in classes.items():
+    for title, group in groups.items():
         if group:
-            recalls = [f"{np.mean([e.correct(key) for e in group]):.3f}" for key in METRIC_LABELS]
-            means = [f"{_mean_of_objects(group, key):.3f}" for key in METRIC_LABELS]
+            recalls = [format_share(_recall(group, metric)) for metric in METRIC_LABELS]
+            means = [format_share(_mean_of_objects(group, metric)) for metric in METRIC_LABELS]
             rows.append([title, str(len(group)), *recalls, *means])
     shown = METRIC_LABELS.values()
-    return Table(["visible", "targets", *shown, *(f"mean {each}" for each in shown)], rows)
+    return Table(["visible", "targets", *shown, *(f"mean {label}" for label in shown)], rows)
 
 
-def _mean_of_objects(scores: Sequence[ScoredTarget], metric: str) -> float:
-    by_object: dict[str, list[bool]] = {}
-    for each in scores:
-        by_object.setdefault(each.name, []).append(each.correct(metric))
-    return float(np.mean([np.mean(group) for group in by_object.values()]))
+def _recall(targets: Sequence[ScoredTarget], metric: str) -> float:
+    return float(np.mean([target.correct(metric) for target in targets]))
+
+
+def _mean_of_objects(targets: Sequence[ScoredTarget], metric: str) -> float:
+    by_object: dict[str, list[ScoredTarget]] = {}
+    for target in targets:
+        by_object.setdefault(target.name, []).append(target)
+    return float(np.mean([_recall(group, metric) for group in by_object.values()]))

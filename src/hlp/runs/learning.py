@@ -1,16 +1,38 @@
-"""`hlp learn`: objects from CAD models into a folder, with a user's own backgrounds."""
+"""Folders of learnt objects: learnt from CAD models, or taken from what a run has learnt."""
 
 import logging
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from hlp.codebook.entries import load_codebook
+from hlp.codebook.neighbours import is_joint
 from hlp.data.file_frames import FolderSettings
+from hlp.errors import DataError, MissingFileError
 from hlp.method.learn import learning
-from hlp.method.learn.learnt_folder import RECORD, read_record
+from hlp.method.learn.learnt_folder import (
+    CLASSIFIER,
+    ENCODER,
+    OBJECTS,
+    RECORD,
+    LearntRecord,
+    read_record,
+    write_searches,
+)
 from hlp.method.learn.mesh_models import MeshChoices, build_models
+from hlp.method.learn.model_files import write_model
+from hlp.method.learn.unfinished_folder import finish
 from hlp.method.settings import MethodSettings
+from hlp.refinement.score_model import PRIOR, save_score_model
 from hlp.runs.learnt_cache import describe_learnt
+from hlp.stages.manifest import made_outputs
+from hlp.stages.store import RECORD as STAGE
+from hlp.stages.store import StageStore
+
+if TYPE_CHECKING:
+    from hlp.config.build import Run
 
 _logger = logging.getLogger(__name__)
 
@@ -55,5 +77,49 @@ def learn_once(cache: Path, request: LearningRequest) -> Path:
 
 def _say_what(folder: Path) -> None:
     entry = describe_learnt(folder)
-    names = ", ".join(entry.objects)
-    _logger.info("%s: %s, %.0f MB", names, folder, entry.size / 1e6)
+    _logger.info("%s: %s, %.0f MB", ", ".join(entry.objects), folder, entry.size / 1e6)
+
+
+def learnt_of_run(run: "Run", manifest: Path, folder: Path) -> None:
+    """Copy the networks, codebooks and scores that a manifest names into a new `folder`.
+
+    They are those of the run itself, in its folder `work`; nothing is learnt again. Objects that
+    the run did not look for have no codebook: the classifier alone knows them. Raises
+    MissingFileError for an output that is no longer there, DataError for one that is damaged.
+    """
+    settings, known = run.settings.method, run.dataset.models
+    models = {object_id: known[object_id] for object_id in run.dataset.target_ids}
+    store = StageStore(Path(run.settings.work))
+    _copy_output(manifest, store, ("classifier", ""), folder / CLASSIFIER)
+    _copy_output(manifest, store, ("encoder", ""), folder / ENCODER)
+    for model in models.values():
+        own = folder / OBJECTS / model.name
+        _copy_output(manifest, store, ("codebook", model.name), own)
+        write_model(own, model)
+        if not is_joint(settings.codebook):
+            settings.codebook.prepare(load_codebook(own).features, settings.seed, own)
+        if settings.score.scenes == 0:
+            save_score_model(own, PRIOR)
+        else:
+            _copy_output(manifest, store, ("score", model.name), own)
+    ids = {model.name: object_id for object_id, model in models.items()}
+    record = LearntRecord(ids, tuple(sorted(known)), settings)
+    write_searches(folder, record)
+    finish(folder, record)
+
+
+def _copy_output(manifest: Path, store: StageStore, of: tuple[str, str], target: Path) -> None:
+    """Copy the output of a stage (of an object), as a manifest names it."""
+    stage, name = of[0], made_outputs(manifest).get(of, "")
+    source = store.root / stage / name
+    if not name or not source.is_dir():
+        raise MissingFileError(
+            f"{store.root} has no {' of '.join(filter(None, of))} that {manifest} names: name the"
+            " folder of that run with work=FOLDER, or repeat it (hlp run manifest=…)"
+        )
+    try:
+        store.read_record(stage, name)  # which compares the checksums
+    except DataError as error:
+        error.add_note(f"repeat the run of {manifest}, which makes it again")
+        raise
+    shutil.copytree(source, target, ignore=shutil.ignore_patterns(STAGE), dirs_exist_ok=True)

@@ -15,17 +15,27 @@ from hlp.data.cameras import BrokenImage, Camera
 from hlp.errors import HlpError, InputError
 from hlp.files import replaced
 from hlp.method.detector import Detector
-from hlp.method.find.detections import Detection, Rejection
+from hlp.method.find.detections import Detection
 from hlp.method.track.tracker import Tracker
-from hlp.method.track.tracking import TrackedDetection, TrackingResult, TrackingSettings
+from hlp.method.track.tracking import TrackingResult, TrackingSettings
 from hlp.records import CameraImage, Frame, ObjectModel
 from hlp.rendering.light import FRONTAL_LIGHT
 from hlp.rendering.rasterizer import render_rgbd
-from hlp.reporting.answers import pose_values
 from hlp.reporting.picture_stream import PictureStream
+from hlp.runs.answers import detection_values
 from hlp.settings import Doc
 
-_Shown = tuple[CameraImage, Sequence[Detection]]
+Line = Mapping[str, Any]
+_REHEARSAL_CAMERA = np.array([[600.0, 0.0, 319.5], [0.0, 600.0, 239.5], [0.0, 0.0, 1.0]])
+_REHEARSAL_SHAPE = (480, 640)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveOptions(TrackingSettings):
+    """What is looked for in the images of a camera, and how it is tracked."""
+
+    objects: Annotated[list[str] | None, Doc("names; null: all learnt ones")] = None
+    max_instances: Annotated[int, Ge(1), Doc("of each object")] = 1
 
 
 class LivePictures:
@@ -42,7 +52,7 @@ class LivePictures:
         self._models, self._overlay = models, overlay
         self._stream = None if page is None else PictureStream(page)
         self._changed, self._closed = threading.Condition(), False
-        self._waiting: _Shown | None = None
+        self._waiting: tuple[CameraImage, Sequence[Detection]] | None = None
         self._error: OSError | None = None
         self._thread = threading.Thread(target=self._draw_all, daemon=True)
         self._thread.start()
@@ -86,31 +96,14 @@ class LivePictures:
         from hlp.reporting.figures.panels import draw_detections  # needed by few
 
         frame = Frame(0, 0, image.rgb, image.depth, image.camera_matrix)
-        poses = [(self._models[each.object], each.pose_cam_obj) for each in found]
+        poses = [(self._models[answer.object], answer.pose_cam_obj) for answer in found]
         picture = cv2.cvtColor(draw_detections(frame, poses), cv2.COLOR_RGB2BGR)
         if self._stream is not None:
-            self._stream.show(_encoded(picture, ".jpg"))
+            self._stream.show(cv2.imencode(".jpg", picture)[1].tobytes())
         if self._overlay is not None:
-            content = _encoded(picture, self._overlay.suffix)
+            content = cv2.imencode(self._overlay.suffix, picture)[1].tobytes()
             with replaced(self._overlay) as stream:
                 stream.write(content)
-
-
-def _encoded(picture: np.ndarray, kind: str) -> bytes:
-    return cv2.imencode(kind, picture)[1].tobytes()
-
-
-Line = Mapping[str, Any]
-_REHEARSAL_CAMERA = np.array([[600.0, 0.0, 319.5], [0.0, 600.0, 239.5], [0.0, 0.0, 1.0]])
-_REHEARSAL_SHAPE = (480, 640)
-
-
-@dataclass(frozen=True, kw_only=True)
-class LiveOptions(TrackingSettings):
-    """What is looked for in the images of a camera, and how it is tracked."""
-
-    objects: Annotated[list[str] | None, Doc("names; null: all learnt ones")] = None
-    max_instances: Annotated[int, Ge(1), Doc("of each object")] = 1
 
 
 def live(
@@ -163,22 +156,17 @@ def _line(number: int, image: CameraImage, result: TrackingResult, milliseconds:
         "name": image.name,
         "captured": image.captured,
         "ms": round(milliseconds, 2),
-        "found": [_found(each) for each in result.detections],
-        "missing": [_missing(each) for each in result.rejections],
+        "found": [
+            {
+                "object": found.object,
+                "track": found.track,
+                "tracked": found.tracked,
+                **detection_values(found),
+            }
+            for found in result.detections
+        ],
+        "missing": [
+            {"object": rejection.object, "reason": rejection.reason}
+            for rejection in result.rejections
+        ],
     }
-
-
-def _found(each: TrackedDetection) -> Line:
-    return {
-        "object": each.object,
-        "track": each.track,
-        "tracked": each.tracked,
-        "score": each.score,
-        **pose_values(each.pose_cam_obj),
-        "visible_fraction": each.visible_fraction,
-        "residual_mm": each.residual_mm,
-    }
-
-
-def _missing(each: Rejection) -> Line:
-    return {"object": each.object, "reason": each.reason}

@@ -24,15 +24,19 @@ from hlp.models.encoders import FeatureDecoder
 from hlp.records import PoseEstimate, Target, TargetScore, frame_key
 from hlp.reporting.figures.panels import write_picture
 from hlp.reporting.figures.saving import save_jpeg
-from hlp.reporting.figures.swarm_costs import swarm_figure
-from hlp.reporting.figures.target_panels import SeenTarget, draw_panels
-from hlp.reporting.figures.tiles import ShownPose, draw_overview
-from hlp.reporting.figures.viewpoints import (
+from hlp.reporting.figures.stage_sheets import (
     draw_nearest_entries,
     draw_reconstructions,
     draw_training_samples,
     draw_view_sheet,
     viewpoint_figure,
+)
+from hlp.reporting.figures.swarm_costs import swarm_figure
+from hlp.reporting.figures.target_panels import (
+    SeenTarget,
+    ShownPose,
+    draw_overview,
+    draw_panels,
 )
 from hlp.reporting.page.material import CAPTIONS, PANELS, STAGES, MaterialWriter
 from hlp.runs.shown_targets import FrameResults, Scored, missed_targets, page_targets

@@ -1,13 +1,13 @@
 """Samples of what stages work with: training windows, and patches with their codebook entries."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, Int
 
 from hlp.codebook.neighbours import ExactNeighbours
 from hlp.config.build import evenly
-from hlp.data.dataset import Dataset
+from hlp.data.dataset import TrainingImages
 from hlp.geometry import allocentric_to_egocentric, inverse, project, transform
 from hlp.method.stage_settings import ClassifierStage
 from hlp.models.encoder import Encoder, patch_input
@@ -15,7 +15,7 @@ from hlp.models.encoders import FeatureDecoder
 from hlp.patches.local import LocalSettings, cut_local_patches, join_patches, take_patches
 from hlp.patches.local_pool import cut_view_patches
 from hlp.records import Codebook, Frame, LocalPatches, ObjectModel, Target, Views
-from hlp.reporting.figures.viewpoints import PatchEntries, ReconstructedPatches
+from hlp.reporting.figures.stage_sheets import PatchEntries, ReconstructedPatches
 from hlp.runs.diagnosis import visible_pixels
 from hlp.runs.shown_targets import FrameResults
 from hlp.stages.training import TrainingStages
@@ -25,23 +25,16 @@ _ENTRIES = 5
 _WINDOWS, _BACKGROUNDS, _SCENES, _FRAMES = 40, 60, 2, 2
 
 
-@dataclass(frozen=True)
-class _FewBackgrounds:
-    """The data set's backgrounds, with a few of its frames."""
+class _FewBackgrounds(TrainingImages):
+    """The data set's images, with a few of its frames as backgrounds."""
 
-    dataset: Dataset
-
-    def photograph_crops(
-        self, count: int, size: int, rng: np.random.Generator
-    ) -> UInt8[np.ndarray, "n s s 3"]:
-        return self.dataset.photograph_crops(count, size, rng)
+    def __init__(self, images: TrainingImages) -> None:
+        self.photographs, self.encoder_frames = images.photographs, images.encoder_frames
+        self.background_frames = images.background_frames
 
     def load_background_frames(self) -> list[Frame]:
-        source = self.dataset.background_frames
+        source = self.background_frames
         return [] if source is None else [source.load(key) for key in evenly(source.keys, _FRAMES)]
-
-    def load_encoder_frames(self) -> list[Frame]:
-        return self.dataset.load_encoder_frames()
 
 
 def sample_windows(
@@ -62,8 +55,8 @@ def sample_windows(
     )
     few = _FewBackgrounds(training.dataset)
     data = training_windows(training.models, training.load_views, few, replace(stage, pool=pool))
-    images, labels = data.compose(data.pool, np.random.default_rng(stage.seed))
-    return images.numpy(), labels.numpy()
+    windows, labels = data.compose(data.pool, np.random.default_rng(stage.seed))
+    return windows.numpy(), labels.numpy()
 
 
 def patches_on_target(

@@ -1,0 +1,284 @@
+"""What the stages work with: viewpoints, and sheets of views, training windows and patches."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from hlp.records import MILLIMETRES_PER_METRE, LocalPatches, Views
+from hlp.reporting.figures.saving import titled, with_legend
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d.axes3d import Axes3D  # type: ignore[import-untyped]
+
+Image = UInt8[np.ndarray, "h w 3"]
+Sheet = UInt8[np.ndarray, "_ _ 3"]
+
+NOTHING = 128
+"""Grey level where a tile shows nothing: that of patches beyond the range of depth."""
+_DEPTHS = cv2.COLORMAP_VIRIDIS  # without any grey, which means that there is no depth
+_GAP, _DARK, _WORDS = 4, 24, 16
+_FONT, _SMALL, _LIGHT = cv2.FONT_HERSHEY_SIMPLEX, 0.38, (235, 235, 235)
+_NEAR, _FAR = "#0072b2", "#b9d3e6"
+_FROM = {"from the side": (12.0, -60.0), "from above": (90.0, -90.0)}
+_DIGITS = 4  # by which equal directions are told
+_VIEWS, _VIEW_SIZE, _BACK = 12, 84, 200  # of an object; px; grey level outside the object
+_PATCH_SIZE = 64  # px
+_WINDOWS = 8  # of a class
+_MISSING = 0.999  # of a window's depth channel: missing depth is 1
+
+
+def viewpoint_figure(views: Views, name: str) -> "Figure":
+    """The sphere of viewpoints in object coordinates, from the side and from above (paper, 3.1)."""
+    from matplotlib.figure import Figure
+
+    points = directions(views)
+    angles = nearest_angles_deg(points)
+    figure = Figure(figsize=(8.4, 4.4), layout="constrained")
+    for number, (title, (up, turn)) in enumerate(_FROM.items(), 1):
+        axes = figure.add_subplot(1, 2, number, projection="3d", proj_type="ortho")
+        _draw_sphere(axes, points, up, turn)
+        if number == 1:
+            axes.legend(
+                loc="upper center", bbox_to_anchor=(0.5, 0.12), ncols=2, frameon=False, fontsize=8
+            )
+        axes.set_title(title, fontsize=10)
+    figure.suptitle(
+        f"Where the views of {name} are rendered from: {len(points)} viewpoints,"
+        f" {len(views) / len(points):.3g} turns of the camera at each\n"
+        f"nearest viewpoints are {np.median(angles):.1f}° apart"
+        f" ({angles.min():.1f}° to {angles.max():.1f}°)",
+        fontsize=11,
+    )
+    return figure
+
+
+def directions(views: Views) -> Float[np.ndarray, "n 3"]:
+    """Unit vectors from the object to the viewpoints, each once, in object coordinates."""
+    poses = np.asarray(views.poses_cam_obj, dtype=np.float64)
+    # The object's centroid lies on the optical axis, whatever its origin.
+    back = -poses[:, 2, :3]
+    unit = back / np.linalg.norm(back, axis=1, keepdims=True)
+    _, first = np.unique(np.round(unit, _DIGITS), axis=0, return_index=True)
+    return np.asarray(unit[np.sort(first)])
+
+
+def nearest_angles_deg(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
+    """Angle of each direction to the nearest other one; nan if there is but one."""
+    if len(points) < 2:
+        return np.full(len(points), np.nan)
+    cosines = points @ points.T
+    np.fill_diagonal(cosines, -1.0)
+    return np.asarray(np.rad2deg(np.arccos(np.clip(cosines.max(axis=1), -1.0, 1.0))))
+
+
+def _draw_sphere(axes: "Axes3D", points: Float[np.ndarray, "n 3"], up: float, turn: float) -> None:
+    """Points of the half that faces the reader are dark; the object's axes are arrows."""
+    axes.view_init(up, turn)
+    a, b = np.deg2rad([up, turn])
+    eye = np.array([np.cos(a) * np.cos(b), np.cos(a) * np.sin(b), np.sin(a)])
+    halves = {"behind": (points @ eye < 0, _FAR), "in front": (points @ eye >= 0, _NEAR)}
+    for word, (half, color) in halves.items():
+        axes.scatter(*points[half].T, s=9, color=color, depthshade=False, label=word)
+    turns = np.linspace(0, 2 * np.pi, 90)
+    axes.plot(np.cos(turns), np.sin(turns), 0 * turns, color="#8a8f98", linewidth=0.8)
+    for axis, word in zip(np.eye(3), "xyz", strict=True):
+        if abs(axis @ eye) > 0.99:  # it points at the reader
+            continue
+        axes.quiver(0, 0, 0, *(0.45 * axis), color="black", linewidth=1.2)
+        axes.text(*(0.55 * axis), word, fontsize=9)
+    low = min(0.0, float(points[:, 2].min()))
+    axes.set(xlim=(-1, 1), ylim=(-1, 1), zlim=(low, 1))
+    axes.set_box_aspect((2.0, 2.0, 1.0 - low), zoom=1.2)
+    axes.set_axis_off()
+
+
+def draw_view_sheet(views: Mapping[str, Views]) -> Sheet:
+    """Views of each object, by its name, spread evenly over all of them."""
+    rows = []
+    for name, rendered in views.items():
+        tiles = []
+        for view in _spread(np.arange(len(rendered)), _VIEWS):
+            seen = np.asarray(rendered.depth[view]) > 0
+            tile = np.where(seen[..., None], rendered.rgb[view], _BACK).astype(np.uint8)
+            tiles.append(resized(tile, _VIEW_SIZE))
+        rows.append((name, tiles))
+    counts = sorted({len(rendered) for rendered in views.values()})
+    number = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    title = f"Rendered views, each under another light: some of the {number} of each object"
+    return titled(sheet(rows), title)
+
+
+def draw_training_samples(
+    images: Float[np.ndarray, "n c p p"], labels: Int[np.ndarray, "n"], names: Sequence[str]
+) -> Sheet:
+    """Some windows of each class: colour and, with four channels, depth beside it.
+
+    Images are in [-1, 1], as the network takes them; `names` are those of the classes.
+    """
+    rows = []
+    for label, name in enumerate(names):
+        tiles = []
+        for i in _spread(np.flatnonzero(labels == label), _WINDOWS):
+            shown = [_color(images[i, :3].transpose(1, 2, 0))]
+            if images.shape[1] == 4:
+                shown.append(depth_tile(images[i, 3], images[i, 3] < _MISSING))
+            tiles.append(np.hstack(shown))
+        rows.append((name, tiles))
+    picture = titled(sheet(rows), "What the classifier is trained on: some windows of each class")
+    words = "background: also windows that show an object badly centred or at a wrong size"
+    picture = with_legend(picture, [(words, (_DARK,) * 3)])
+    return with_depths(picture) if images.shape[1] == 4 else picture
+
+
+@dataclass(frozen=True)
+class PatchEntries:
+    """A patch (row 0) and its nearest entries (rows 1 …), nearest first, all with colour.
+
+    `distances` are those of the features, `apart` (m) how far each entry's place on the object is
+    from the true place of the patch.
+    """
+
+    name: str
+    patches: LocalPatches
+    distances: Float[np.ndarray, "k"]
+    apart: Float[np.ndarray, "k"]
+
+
+def draw_nearest_entries(found: Sequence[PatchEntries]) -> Sheet:
+    """A row for each patch: itself, then its nearest entries; colour and depth of each."""
+    rows = []
+    for near in found:
+        entries = zip(near.distances, MILLIMETRES_PER_METRE * near.apart, strict=True)
+        words = [f"{distance:.2f}, {apart:.0f} mm off" for distance, apart in entries]
+        tiles = [
+            below(_patch_tile(color, depth_tile(depth, valid)), word)
+            for color, depth, valid, word in zip(
+                near.patches.color,
+                near.patches.depth,
+                near.patches.valid,
+                ["patch in the image", *words],
+                strict=True,
+            )
+        ]
+        rows.append((near.name, tiles))
+    title = "Local patches of images, and the codebook entries with the most similar features"
+    words_below = "below an entry: distance of features, and how far it is from the true place"
+    return with_depths(titled(sheet(rows), title), words_below)
+
+
+@dataclass(frozen=True)
+class ReconstructedPatches:
+    """Patches of one target, and what was rebuilt of them: the encoder's channels in [-1, 1].
+
+    The first three channels are colour or normals, the last one is relative depth.
+    """
+
+    name: str
+    patches: Float[np.ndarray, "n p p 4"]
+    rebuilt: Float[np.ndarray, "n p p 4"]
+
+
+def draw_reconstructions(found: Sequence[ReconstructedPatches]) -> Sheet:
+    """Two rows for each target: its patches, and below them what was rebuilt, with its error."""
+    rows = []
+    for target in found:
+        errors = np.sqrt(((target.patches - target.rebuilt) ** 2).mean(axis=(1, 2, 3)))
+        rows.append((target.name, [below(_channels(one), "patch") for one in target.patches]))
+        rebuilt = zip(target.rebuilt, errors, strict=True)
+        tiles = [below(_channels(one), f"rebuilt, error {error:.2f}") for one, error in rebuilt]
+        rows.append(("", tiles))
+    title = "Local patches and what the autoencoder rebuilds from their features"
+    legend = "out of range: grey and far; error: root mean square over all channels, from -1 to 1"
+    return with_depths(titled(sheet(rows), title), legend, missing=False)
+
+
+def _channels(channels: Float[np.ndarray, "p p 4"]) -> Image:
+    depth = channels[..., 3]
+    return _patch_tile(_color(channels[..., :3]), depth_tile(depth, np.ones(depth.shape, bool)))
+
+
+def _patch_tile(color: Image, depth: Image) -> Image:
+    """Colour and depth of a local patch beside each other."""
+    return np.asarray(np.hstack([resized(color, _PATCH_SIZE), resized(depth, _PATCH_SIZE)]))
+
+
+def _spread(items: Int[np.ndarray, "n"], most: int) -> Int[np.ndarray, "m"]:
+    count = min(most, len(items))
+    return items[[i * len(items) // count for i in range(count)]]
+
+
+def _color(channels: Float[np.ndarray, "p p 3"]) -> Image:
+    """From [-1, 1], as networks take colours."""
+    return np.asarray(np.rint(127.5 * (np.clip(channels, -1.0, 1.0) + 1.0)), dtype=np.uint8)
+
+
+def depth_tile(depth: Float[np.ndarray, "p p"], valid: Bool[np.ndarray, "p p"]) -> Image:
+    """Relative depth from -1 (near, yellow) to 1 (far, violet); grey where it is not valid."""
+    return np.where(valid[..., None], _colors(depth), NOTHING).astype(np.uint8)
+
+
+def with_depths(picture: Image, words: str = "", *, missing: bool = True) -> Image:
+    """The picture above a legend of the colours of depth, and further words (ASCII).
+
+    Without `missing`, the legend does not name the grey of missing depth.
+    """
+    near, middle, far = _colors(np.array([[-1.0, 0.0, 1.0]]))[0].tolist()
+    entries = [
+        ("depth: near", tuple(near)),
+        ("as the middle", tuple(middle)),
+        ("far", tuple(far)),
+    ]
+    if missing:
+        entries.append(("none, or outside", (NOTHING,) * 3))
+    shown = with_legend(picture, entries)
+    return with_legend(shown, [(words, (_DARK,) * 3)]) if words else shown
+
+
+def resized(tile: Image, size: int) -> Image:
+    """A square tile with sides of `size` px; pixels stay square where it grows."""
+    way = cv2.INTER_AREA if size < len(tile) else cv2.INTER_NEAREST
+    return np.asarray(cv2.resize(tile, (size, size), interpolation=way), dtype=np.uint8)
+
+
+def below(tile: Image, words: str) -> Image:
+    """The tile with words (ASCII) below it."""
+    bar = np.full((_WORDS, tile.shape[1], 3), _DARK, dtype=np.uint8)
+    cv2.putText(bar, words, (2, _WORDS - 5), _FONT, _SMALL, _LIGHT, 1, cv2.LINE_AA)
+    return np.vstack([tile, bar])
+
+
+def sheet(rows: Sequence[tuple[str, Sequence[Image]]]) -> Sheet:
+    """Rows of tiles of one size, each behind its name (ASCII). Shorter rows are filled up.
+
+    Raises ValueError without any tile.
+    """
+    longest = max((len(tiles) for _, tiles in rows), default=0)
+    if longest == 0:
+        raise ValueError("a sheet needs at least one tile")
+    height, width, _ = next(tiles[0].shape for _, tiles in rows if tiles)
+    lengths = [cv2.getTextSize(name, _FONT, _SMALL, 1)[0][0] for name, _ in rows]
+    left = max(lengths) + 2 * _GAP
+    shape = (len(rows) * (height + _GAP), left + longest * (width + _GAP), 3)
+    whole = np.full(shape, _DARK, dtype=np.uint8)
+    for row, (name, tiles) in enumerate(rows):
+        top = row * (height + _GAP)
+        line = whole[top : top + height]
+        label = np.full((height, left, 3), _DARK, dtype=np.uint8)
+        place = (_GAP, height // 2 + 4)
+        cv2.putText(label, name, place, _FONT, _SMALL, _LIGHT, 1, cv2.LINE_AA)
+        line[:, :left] = label
+        for column, tile in enumerate(tiles):
+            at = left + column * (width + _GAP)
+            line[:, at : at + width] = tile
+    return whole
+
+
+def _colors(depth: Float[np.ndarray, "h w"]) -> Image:
+    levels = np.rint(127.5 * (1.0 - np.clip(depth, -1.0, 1.0))).astype(np.uint8)
+    colors = cv2.cvtColor(cv2.applyColorMap(levels, _DEPTHS), cv2.COLOR_BGR2RGB)
+    return np.asarray(colors, dtype=np.uint8)
