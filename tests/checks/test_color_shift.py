@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hlp.checks.color_shift import check_color_shift, shift_agreements
+from hlp.checks.known_objects import check_color_shift, shift_agreements
 from hlp.method.find.detections import Detection
 from hlp.refinement.pose_fit import PoseFit
 

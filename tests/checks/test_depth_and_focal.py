@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hlp.checks.depth_and_focal import (
+from hlp.checks.corrections import (
     CorrectedFits,
     Correction,
     check_corrections,

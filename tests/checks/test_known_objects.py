@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hlp.checks.registration import all_answers, colored_answers
+from hlp.checks.known_objects import all_answers, colored_answers
 from hlp.data.synthetic.objects import demo_objects
 from hlp.method.find.detections import Detection, Rejection, SearchResult
 from hlp.refinement.pose_fit import PoseFit

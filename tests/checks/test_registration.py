@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hlp.checks.registration import check_registration
+from hlp.checks.frame_checks import check_registration
 
 
 @pytest.mark.parametrize("shift", [(10, 0), (-10, 0), (0, 12), (8, -8)])

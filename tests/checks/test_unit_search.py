@@ -4,7 +4,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hlp.checks.unit_search import best_score, check_by_search
+from hlp.checks.corrections import best_score, check_by_search
 from hlp.errors import InputError
 from hlp.method.find.detections import SearchResult
 
@@ -37,7 +37,7 @@ def _exchanged(frame):
     [
         (lambda f: replace(f, depth=f.depth * np.float32(10)), "depth scale", "10 times"),
         (lambda f: replace(f, depth=f.depth * np.float32(0.1)), "depth scale", "0.1 times"),
-        (lambda f: replace(f, depth=f.depth * np.float32(0.9)), "depth scale", "0.909 times"),
+        (lambda f: replace(f, depth=f.depth * np.float32(0.9)), "depth scale", "0.91 times"),
         (lambda f: _focal(f, 0.5), "intrinsics", "0.5 times"),
         (lambda f: _focal(f, 1.9), "intrinsics", "1.9 times"),
         (lambda f: _exchanged(f), "colours", "red and"),

@@ -1,223 +1,164 @@
+"""Frames in BOP's layouts: what is read of sound ones, and how bad ones are found."""
+
 import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from bop_folder import K, make_imagewise, write_models, write_scene, write_targets
 from hlp.data.bop import BopFrames
+from hlp.data.bop_models import load_object_models
 from hlp.data.bop_scenes import list_scenes
 from hlp.data.bop_targets import annotated_targets, list_targets
+from hlp.data.dataset import find_bad_frames
+from hlp.errors import DataError, MissingFileError
 from hlp.geometry import project, transform
 from hlp.objects.meshes import load_mesh
+from hlp.objects.object_model import ObjectSettings
 
-K = [500.0, 0, 40, 0, 510.0, 30, 0, 0, 1]
+SOUND, BROKEN = "000006_000000", "000006_000012"
+ROWS = [(6, 12, 1, 1), (6, 0, 1, 1), (6, 0, 6, 1)]
 TURN = Rotation.from_euler("xyz", [0.3, -0.2, 0.9]).as_matrix()
 
 
-def _entry(object_id, x=10.0):
-    return {"obj_id": object_id, "cam_R_m2c": TURN.ravel().tolist(), "cam_t_m2c": [x, -20.0, 700.0]}
-
-
-def _change(path, edit):
-    content = json.loads(path.read_text())
-    path.write_text(json.dumps(edit(content) or content))
+@pytest.fixture(scope="module")
+def models(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    root = tmp_path_factory.mktemp("models")
+    write_models(root / "models", (1, 6))
+    objects = {"box": ObjectSettings(1), "other": ObjectSettings(6)}
+    return load_object_models(root, objects, 500, 8)
 
 
 @pytest.fixture
-def root(tmp_path):
-    scene = tmp_path / "test" / "000006"
-    for kind in ("rgb", "depth"):
-        (scene / kind).mkdir(parents=True)
-    rng = np.random.default_rng(0)
-    for frame, extension in ((0, "png"), (12, "jpg")):
-        color = rng.integers(0, 256, (60, 80, 3)).astype(np.uint8)
-        cv2.imwrite(str(scene / "rgb" / f"{frame:06d}.{extension}"), color)
-        depth = rng.integers(6000, 9000, (60, 80)).astype(np.uint16)
-        cv2.imwrite(str(scene / "depth" / f"{frame:06d}.png"), depth)
-    camera = {"cam_K": K, "depth_scale": 0.1}
-    truth = [_entry(1), _entry(6, 30.0), _entry(6, 60.0)]
-    visible = [{"visib_fract": value} for value in (0.9, 0.2, 0.7)]
-    files = {
-        "scene_camera.json": {"0": camera, "12": camera},
-        "scene_gt.json": {"0": truth, "12": truth[:1]},
-        "scene_gt_info.json": {"0": visible, "12": visible[:1]},
-    }
-    for name, content in files.items():
-        (scene / name).write_text(json.dumps(content))
-    targets = [
-        {"scene_id": 6, "im_id": 12, "obj_id": 1, "inst_count": 1},
-        {"scene_id": 6, "im_id": 0, "obj_id": 1, "inst_count": 1},
-        {"scene_id": 6, "im_id": 0, "obj_id": 6, "inst_count": 1},
-    ]
-    (tmp_path / "targets.json").write_text(json.dumps(targets))
+def root(tmp_path: Path) -> Path:
+    write_scene(tmp_path / "test")
+    write_targets(tmp_path / "targets.json", ROWS)
     return tmp_path
 
 
-def _frames(root, **options):
-    return BopFrames(root, "test", "targets.json", **options)
+def frames_of(
+    root: Path, object_ids: Any = None, targets: str | None = "targets.json"
+) -> BopFrames:
+    return BopFrames(root, "test", targets, object_ids)
 
 
-def _scene(root, name):
+def scene_file(root: Path, name: str) -> Path:
     return root / "test" / "000006" / name
 
 
-def test_targets_are_listed_by_frame(root):
-    assert list_targets(list_scenes(root / "test"), root / "targets.json") == {
-        (6, 12): {1: 1},
-        (6, 0): {1: 1, 6: 1},
-    }
+def edited(name: str, change: Callable[[Any], Any]) -> Callable[[Path], None]:
+    """Change what a scene's file states of frame 12, or of its first instance."""
+
+    def edit(root: Path) -> None:
+        path = scene_file(root, name)
+        content = json.loads(path.read_text())
+        content["12"] = change(content["12"])
+        if content["12"] is None:
+            del content["12"]
+        path.write_text(json.dumps(content))
+
+    return edit
 
 
-def test_without_a_list_all_that_is_annotated_counts(root):
-    assert list_targets(list_scenes(root / "test"), None) == {(6, 0): {1: 1, 6: 2}, (6, 12): {1: 1}}
+def with_pose(**values: Any) -> Callable[[Path], None]:
+    return edited("scene_gt.json", lambda entries: [{**entries[0], **values}])
 
 
-def test_keys_are_sorted_and_known_without_any_image(root):
-    for path in [*(_scene(root, "rgb")).iterdir(), *(_scene(root, "depth")).iterdir()]:
-        path.unlink()
-    frames = _frames(root)
-    assert frames.keys == ("000006_000000", "000006_000012")
-    assert len(frames) == 2
+def stated(targets: Any) -> list[tuple[int, float]]:
+    return [(target.object_id, target.visible_fraction) for target in targets]
 
 
-def test_constructing_reads_nothing(tmp_path):
-    BopFrames(tmp_path / "none", "test", "targets.json")
+def test_targets_are_those_listed_or_all_that_is_annotated(root):
+    scenes = list_scenes(root / "test")
+    listed = {(6, 12): {1: 1}, (6, 0): {1: 1, 6: 1}}
+    assert list_targets(scenes, root / "targets.json") == listed
+    assert list_targets(scenes, None) == {(6, 0): {1: 1, 6: 2}, (6, 12): {1: 1}}
+    assert [target.object_id for target in annotated_targets(scenes[6], 0, "here")] == [1, 6, 6]
+
+
+def test_keys_are_sorted_and_known_without_any_image(root, tmp_path):
+    for kind in ("rgb", "depth"):
+        shutil.rmtree(scene_file(root, kind))
+    frames = frames_of(root)
+    assert frames.keys == (SOUND, BROKEN) and len(frames) == 2
+    BopFrames(tmp_path / "none", "test", "targets.json")  # reads nothing
 
 
 def test_a_frame_comes_in_metres(root):
-    frame = _frames(root).load("000006_000012")
-    assert frame.key == "000006_000012"
-    assert frame.rgb.shape == (60, 80, 3)
-    raw = cv2.imread(str(_scene(root, "depth") / "000012.png"), cv2.IMREAD_UNCHANGED)
+    """Rotations, which files state rounded, become exact."""
+    with_pose(cam_R_m2c=np.round(TURN, 3).tolist(), cam_t_m2c=[10.0, -20.0, 700.0])(root)
+    frame = frames_of(root).load(BROKEN)
+    assert frame.key == BROKEN
+    color = cv2.imread(str(scene_file(root, "rgb/000012.png")))
+    np.testing.assert_array_equal(frame.rgb, color[..., ::-1])
+    raw = cv2.imread(str(scene_file(root, "depth/000012.png")), cv2.IMREAD_UNCHANGED)
     np.testing.assert_allclose(frame.depth, raw * 1e-4, rtol=1e-6)
     np.testing.assert_array_equal(frame.camera_matrix.ravel(), K)
     (target,) = frame.targets
-    assert (target.object_id, target.visible_fraction) == (1, 0.9)
-    np.testing.assert_allclose(target.pose_cam_obj[:3, :3], TURN, atol=1e-12)
+    assert stated([target]) == [(1, 0.05)]
+    rotation = target.pose_cam_obj[:3, :3]
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(rotation, TURN, atol=1e-3)
     np.testing.assert_allclose(target.pose_cam_obj[:3, 3], [0.01, -0.02, 0.7])
 
 
-def test_of_more_instances_than_wanted_the_most_visible_count(root):
-    targets = _frames(root).load("000006_000000").targets
-    assert [(target.object_id, target.visible_fraction) for target in targets] == [
-        (1, 0.9),
-        (6, 0.7),
-    ]
+def test_of_more_instances_the_most_visible_count_and_only_the_chosen_objects(root):
+    assert stated(frames_of(root).load(SOUND).targets) == [(1, 0.9), (6, 0.7)]
+    frames = frames_of(root, object_ids=[6])
+    assert frames.keys == (SOUND,)
+    assert stated(frames.load(SOUND).targets) == stated(frames.stated_targets(SOUND)) == [(6, 0.7)]
+    with pytest.raises(KeyError, match=BROKEN):
+        frames.load(BROKEN)
+    scene_file(root, "scene_gt_info.json").unlink()  # then nobody knows which is more visible
+    targets = frames_of(root).load(SOUND).targets
+    assert len(targets) == 2 and np.isnan([target.visible_fraction for target in targets]).all()
 
 
-def test_only_the_chosen_objects_are_targets(root):
-    frames = _frames(root, object_ids=[6])
-    assert frames.keys == ("000006_000000",)
-    assert [target.object_id for target in frames.load("000006_000000").targets] == [6]
-    with pytest.raises(KeyError, match="000006_000012"):
-        frames.load("000006_000012")
+def test_what_is_no_list_of_targets_or_names_no_frame_is_an_error(root):
     with pytest.raises(ValueError, match=r"\[9\]"):
-        _ = _frames(root, object_ids=[9]).keys
-
-
-def test_all_annotations_of_a_frame_can_be_read(root):
-    targets = annotated_targets(list_scenes(root / "test")[6], 0, "here")
-    assert [target.object_id for target in targets] == [1, 6, 6]
-
-
-def test_visibility_is_nan_where_the_set_does_not_say(root):
-    _scene(root, "scene_gt_info.json").unlink()
-    targets = _frames(root).load("000006_000000").targets
-    assert all(np.isnan(target.visible_fraction) for target in targets)
-    assert len(targets) == 2
-
-
-def test_rounded_rotations_become_rotations(root):
-    def rounded(content):
-        for entry in content["12"]:
-            entry["cam_R_m2c"] = np.round(entry["cam_R_m2c"], 3).tolist()
-
-    _change(_scene(root, "scene_gt.json"), rounded)
-    rotation = _frames(root).load("000006_000012").targets[0].pose_cam_obj[:3, :3]
-    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
-    np.testing.assert_allclose(rotation, TURN, atol=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("key", "values", "message"),
-    [
-        ("cam_t_m2c", [0.0, float("nan"), 700.0], r"0\.cam_t_m2c\.1 is nan.*finite"),
-        ("cam_R_m2c", [float("nan")] * 9, r"0\.cam_R_m2c\.0 is nan"),
-        ("cam_R_m2c", (-TURN).ravel().tolist(), "object 1: cam_R_m2c is no rotation but a refl"),
-        ("cam_R_m2c", (2 * TURN).ravel().tolist(), "no rotation"),
-        ("cam_R_m2c", [1.0, 2.0], "cam_R_m2c has 2 numbers, it must have 9"),
-        ("cam_t_m2c", None, "cam_t_m2c is null: it must be a list"),
-    ],
-)
-def test_a_broken_pose_is_an_error_that_names_frame_and_object(root, key, values, message):
-    def broken(content):
-        content["12"][0][key] = values
-
-    _change(_scene(root, "scene_gt.json"), broken)
-    with pytest.raises(ValueError, match=message) as caught:
-        _frames(root).load("000006_000012")
-    assert "frame 12" in str(caught.value)
-
-
-@pytest.mark.parametrize("name", ["rgb/000000.png", "depth/000012.png", "rgb/000012.jpg"])
-def test_a_truncated_image_is_an_error_that_names_the_file(root, name):
-    path = _scene(root, name)
-    content = path.read_bytes()
-    path.write_bytes(content[: len(content) // 2])
-    with pytest.raises(ValueError, match="truncated") as caught:
-        _frames(root).load(f"000006_{path.stem}")
-    assert str(path) in str(caught.value)
-
-
-def test_an_absent_image_and_an_absent_scene_are_named(root):
-    _scene(root, "depth/000012.png").unlink()
-    with pytest.raises(FileNotFoundError, match=r"depth.000012\.png"):
-        _frames(root).load("000006_000012")
-    _scene(root, "scene_camera.json").unlink()
-    with pytest.raises(FileNotFoundError, match=r"scene_camera\.json"):
-        _frames(root).load("000006_000000")
-
-
-def test_depth_of_another_size_is_an_error(root):
-    cv2.imwrite(str(_scene(root, "depth/000012.png")), np.ones((30, 40), np.uint16))
-    with pytest.raises(ValueError, match=r"80x60.*40x30"):
-        _frames(root).load("000006_000012")
-
-
-def test_a_target_without_a_pose_is_an_error(root):
-    _change(_scene(root, "scene_gt.json"), lambda content: {**content, "12": []})
-    with pytest.raises(ValueError, match="frame 12: 1 of object 1"):
-        _frames(root).load("000006_000012")
-
-
-def test_a_frame_without_intrinsics_is_an_error(root):
-    _change(_scene(root, "scene_camera.json"), lambda content: {"0": content["0"]})
-    with pytest.raises(ValueError, match="no cam_K for frame 12"):
-        _frames(root).load("000006_000012")
-
-
-def test_what_is_no_targets_file_is_an_error(root):
-    (root / "targets.json").write_text('{"6": [1, 2]}')
-    with pytest.raises(ValueError, match=r"targets\.json: the content is .*a list"):
-        _ = _frames(root).keys
+        _ = frames_of(root, object_ids=[9]).keys
     with pytest.raises(FileNotFoundError, match=r"other\.json"):
-        _ = BopFrames(root, "test", "other.json").keys
+        _ = frames_of(root, targets="other.json").keys
     with pytest.raises(FileNotFoundError, match="train"):
         _ = BopFrames(root, "train", None).keys
+    (root / "targets.json").write_text('{"6": [1, 2]}')
+    with pytest.raises(ValueError, match=r"targets\.json: the content is .*a list"):
+        _ = frames_of(root).keys
 
 
 def test_identity_changes_with_pixels_poses_and_targets(root):
-    identities = [_frames(root).identity()]
-    assert _frames(root).identity() == identities[0]
-    identities.append(_frames(root, object_ids=[1]).identity())
-    image = cv2.imread(str(_scene(root, "rgb/000000.png")))
+    identities = [frames_of(root).identity()]
+    assert frames_of(root).identity() == identities[0]
+    identities.append(frames_of(root, object_ids=[1]).identity())
+    image = cv2.imread(str(scene_file(root, "rgb/000000.png")))
     image[0, 0, 0] ^= 1
-    cv2.imwrite(str(_scene(root, "rgb/000000.png")), image)
-    identities.append(_frames(root).identity())
-    _change(_scene(root, "scene_gt.json"), lambda content: {**content, "12": [_entry(1, 11.0)]})
-    identities.append(_frames(root).identity())
+    cv2.imwrite(str(scene_file(root, "rgb/000000.png")), image)
+    identities.append(frames_of(root).identity())
+    with_pose(cam_t_m2c=[11.0, 0.0, 700.0])(root)
+    identities.append(frames_of(root).identity())
     assert len(set(identities)) == 4
+
+
+def test_visible_masks_are_read_by_the_number_of_the_annotation(root):
+    """Of object 6 the frame's target is the third annotation, the more visible one."""
+    frames = frames_of(root)
+    frame = frames.load(SOUND)
+    target = next(target for target in frame.targets if target.object_id == 6)
+    path = scene_file(root, "mask_visib/000000_000002.png")
+    mask = cv2.imread(str(path))[..., 0] > 0
+    np.testing.assert_array_equal(frames.visible_mask(frame, target), mask)
+    cv2.imwrite(str(path), np.zeros((30, 40), np.uint8))
+    with pytest.raises(ValueError, match=r"000000_000002\.png is 40x30"):
+        frames.visible_mask(frame, target)
+    path.unlink()
+    assert frames.visible_mask(frame, target) is None
 
 
 def test_the_development_frames_hold_all_their_targets(shared_data):
@@ -245,18 +186,226 @@ def test_every_development_frame_loads(shared_data):
     assert sum(len(frames.load(key).targets) for key in frames.keys) == 1309
 
 
-def test_visible_masks_are_read_by_the_number_of_the_annotation(root):
-    """Of object 6 the frame's target is the third annotation, the more visible one."""
-    frames = _frames(root)
+# The folder of the files and what their names begin with.
+LAYOUTS = {"in the split": (".", "000006_"), "in a folder of the scene": ("000006", "")}
+LAYOUTS["in a folder of the scene, with its number"] = ("000006", "000006_")
+
+
+@pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS)
+def test_both_layouts_give_the_same_frames(root, tmp_path, layout):
+    folder, prefix = layout
+    make_imagewise(root / "test" / "000006", tmp_path / "single" / folder, prefix)
+    expected, found = BopFrames(root, "test", None), BopFrames(tmp_path, "single", None)
+    assert found.keys == expected.keys == ("000006_000000", "000006_000012")
+    assert found.targets == expected.targets
+    for key in expected.keys:
+        a, b = expected.load(key), found.load(key)
+        np.testing.assert_array_equal(a.rgb, b.rgb)
+        np.testing.assert_array_equal(a.depth, b.depth)
+        np.testing.assert_array_equal(a.camera_matrix, b.camera_matrix)
+        for one, other in zip(a.targets, b.targets, strict=True):
+            assert (one.object_id, one.visible_fraction) == (
+                other.object_id,
+                other.visible_fraction,
+            )
+            np.testing.assert_array_equal(one.pose_cam_obj, other.pose_cam_obj)
+            mask = expected.visible_mask(a, one)
+            np.testing.assert_array_equal(found.visible_mask(b, other), mask)
+
+
+def test_the_identity_follows_the_content_of_single_files(root, tmp_path):
+    make_imagewise(root / "test" / "000006", tmp_path / "single", "000006_")
+    before = BopFrames(tmp_path, "single", None).identity()
+    path = tmp_path / "single" / "000006_000012.gt.json"
+    path.write_text(path.read_text().replace("700", "701"))
+    assert BopFrames(tmp_path, "single", None).identity() != before
+
+
+@pytest.mark.parametrize("color", ["gray/tif", "gray/png", "rgb/jpg"])
+def test_grey_images_and_other_extensions_are_read(tmp_path, color):
+    write_scene(tmp_path / "test", color)
+    frames = BopFrames(tmp_path, "test", None)
+    frame = frames.load(frames.keys[0])
+    assert frame.rgb.shape == (60, 80, 3)
+    if color.startswith("gray"):
+        assert (frame.rgb == frame.rgb[..., :1]).all()
+    assert frames.identity()
+
+
+def test_scene_folders_may_have_any_number_of_digits(root):
+    shutil.move(root / "test" / "000006", root / "test" / "6")
+    (root / "test" / "notes").mkdir()
+    assert BopFrames(root, "test", None).keys[0] == "000006_000000"
+
+
+def test_what_is_absent_is_named(root, tmp_path):
+    make_imagewise(root / "test" / "000006", tmp_path / "single", "000006_")
+    (tmp_path / "single" / "000006_000012.depth.png").unlink()
+    (tmp_path / "single" / "000006_000000.mask_visib.json").write_text('{"0": {"size": [2, 2]}}')
+    frames = BopFrames(tmp_path, "single", None)
+    with pytest.raises(MissingFileError, match=r"000006_000012\.depth\.png"):
+        frames.load("000006_000012")
     frame = frames.load("000006_000000")
-    target = next(target for target in frame.targets if target.object_id == 6)
-    assert frames.visible_mask(frame, target) is None
-    folder = _scene(root, "mask_visib")
-    folder.mkdir()
-    masks = np.random.default_rng(1).random((3, 60, 80)) < 0.2
-    for number, mask in enumerate(masks):
-        cv2.imwrite(str(folder / f"000000_{number:06d}.png"), mask.astype(np.uint8) * 255)
-    np.testing.assert_array_equal(frames.visible_mask(frame, target), masks[2])
-    cv2.imwrite(str(folder / "000000_000002.png"), np.zeros((30, 40), np.uint8))
-    with pytest.raises(ValueError, match=r"000000_000002\.png is 40x30"):
-        frames.visible_mask(frame, target)
+    with pytest.raises(DataError, match=r"000006_000000\.mask_visib\.json, mask 0: counts is"):
+        frames.visible_mask(frame, frame.targets[0])
+    with pytest.raises(MissingFileError, match="no scene 7"):
+        frames._scene("000007_000000")
+
+
+def test_a_split_without_any_scene_is_an_error(tmp_path):
+    (tmp_path / "test").mkdir()
+    with pytest.raises(MissingFileError, match=r"no scene in .*test"):
+        list_scenes(tmp_path / "test")
+
+
+def bad_frames(root: Path, models: Any, targets: str | None = "targets.json") -> dict[str, str]:
+    frames = frames_of(root, models, targets)
+    dataset: Any = SimpleNamespace(frames=frames, models=models)
+    return find_bad_frames(dataset, frames.keys)
+
+
+def without(key: str) -> Callable[[Path], None]:
+    return edited("scene_gt.json", lambda e: [{k: v for k, v in e[0].items() if k != key}])
+
+
+def truncated(name: str) -> Callable[[Path], None]:
+    return lambda root: scene_file(root, name).write_bytes(scene_file(root, name).read_bytes()[:20])
+
+
+def image(name: str, pixels: np.ndarray) -> Callable[[Path], None]:
+    return lambda root: cv2.imwrite(str(scene_file(root, name)), pixels) and None
+
+
+def gone(name: str) -> Callable[[Path], None]:
+    return lambda root: scene_file(root, name).unlink()
+
+
+UPRIGHT = np.eye(3).ravel()
+CASES = {
+    "truncated colour": (truncated("rgb/000012.png"), "000012.png is truncated"),
+    "truncated depth": (truncated("depth/000012.png"), "000012.png is truncated"),
+    "no colour": (gone("rgb/000012.png"), "no image"),
+    "no depth": (gone("depth/000012.png"), "no image"),
+    "another size": (image("rgb/000012.png", np.zeros((30, 40, 3), np.uint8)), "40x30 but its"),
+    "8 bits of depth": (image("depth/000012.png", np.ones((60, 80), np.uint8)), "16-bit"),
+    "depth of three channels": (
+        image("depth/000012.png", np.ones((60, 80, 3), np.uint16)),
+        "one channel",
+    ),
+    "no camera": (edited("scene_camera.json", lambda _: None), "has no cam_K for frame 12"),
+    "null camera": (edited("scene_camera.json", lambda _: {"cam_K": None}), "cam_K is null"),
+    "a list as camera": (edited("scene_camera.json", lambda _: [1]), "must be an object"),
+    "eight numbers": (
+        edited("scene_camera.json", lambda e: {"cam_K": e["cam_K"][:8]}),
+        "must have 9",
+    ),
+    "words": (edited("scene_camera.json", lambda e: {"cam_K": ["f"] * 9}), "cam_K.0 is 'f'"),
+    "no focal length": (
+        edited("scene_camera.json", lambda e: {"cam_K": [0.0, *e["cam_K"][1:]]}),
+        "focal lengths must be finite and positive",
+    ),
+    "intrinsics of a larger image": (
+        edited("scene_camera.json", lambda e: {"cam_K": [2 * v for v in e["cam_K"][:8]] + [1]}),
+        "principal point (80, 60) lies outside the image of 80x60",
+    ),
+    "focal lengths in millimetres": (
+        edited("scene_camera.json", lambda e: {"cam_K": [1.9, 0, 40, 0, 1.9, 30, 0, 0, 1]}),
+        "fx is 1.9 px",
+    ),
+    "columns for rows": (
+        edited(
+            "scene_camera.json",
+            lambda e: {"cam_K": np.reshape(e["cam_K"], (3, 3)).T.ravel().tolist()},
+        ),
+        "fx 0 cx 0 fy cy 0 0 1",
+    ),
+    "depth_scale 0": (
+        edited("scene_camera.json", lambda e: {**e, "depth_scale": 0}),
+        "depth_scale",
+    ),
+    "depth_scale NaN": (
+        edited("scene_camera.json", lambda e: {**e, "depth_scale": float("nan")}),
+        "depth_scale is nan",
+    ),
+    "depth_scale below 0": (
+        edited("scene_camera.json", lambda e: {**e, "depth_scale": -1.0}),
+        "depth_scale is -1.0",
+    ),
+    "null depth_scale": (
+        edited("scene_camera.json", lambda e: {**e, "depth_scale": None}),
+        "depth_scale is null: it must be a number",
+    ),
+    "no pose": (edited("scene_gt.json", lambda _: []), "1 of object 1 should be found, 0 have"),
+    "an object for a list": (edited("scene_gt.json", lambda e: e[0]), "must be a list"),
+    "a number for an object": (edited("scene_gt.json", lambda _: [7]), "must be an object"),
+    "null for a list": (edited("scene_gt.json", lambda _: "?"), "must be a list"),
+    "no obj_id": (without("obj_id"), "0.obj_id is missing"),
+    "no cam_t_m2c": (without("cam_t_m2c"), "0.cam_t_m2c is missing"),
+    "no cam_R_m2c": (without("cam_R_m2c"), "0.cam_R_m2c is missing"),
+    "an id that is no whole number": (with_pose(obj_id=1.5), "obj_id is 1.5: it must be a whole"),
+    "an id in words": (with_pose(obj_id="1"), "obj_id is '1': it must be a whole number"),
+    "an id below 0": (with_pose(obj_id=-1), "obj_id is -1"),
+    "a true id": (with_pose(obj_id=True), "obj_id is True"),
+    "two numbers": (with_pose(cam_t_m2c=[0.0, 700.0]), "cam_t_m2c has 2 numbers, it must have 3"),
+    "metres": (with_pose(cam_t_m2c=[0.0, 0.0, 0.7]), "are these metres?"),
+    "behind the camera": (with_pose(cam_t_m2c=[0.0, 0.0, -700.0]), "behind the camera"),
+    "micrometres": (with_pose(cam_t_m2c=[0.0, 0.0, 7e5]), "places the object 700 m away"),
+    "a reflection": (with_pose(cam_R_m2c=(UPRIGHT * -1).tolist()), "no rotation but a reflection"),
+    "a scaled rotation": (with_pose(cam_R_m2c=(UPRIGHT * 1.01).tolist()), "is no rotation"),
+    "a rotation of zeros": (with_pose(cam_R_m2c=[0.0] * 9), "is no rotation"),
+    "infinity": (with_pose(cam_R_m2c=[float("inf")] * 9), "is inf: it must be a finite number"),
+    "a visible fraction of 2": (
+        edited("scene_gt_info.json", lambda _: [{"visib_fract": 2.0}]),
+        "visib_fract is 2.0: it must be less than or equal to 1",
+    ),
+    "visible fractions of more instances": (
+        edited("scene_gt_info.json", lambda e: [*e, *e]),
+        "scene_gt_info.json has 2 instances, but there are 1 poses",
+    ),
+    "a null visible fraction": (
+        edited("scene_gt_info.json", lambda _: [{"visib_fract": None}]),
+        "visib_fract is null",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_bad_frame_is_found_alone(root: Path, models: Any, case: str) -> None:
+    spoil, words = CASES[case]
+    assert bad_frames(root, models) == {}
+    spoil(root)
+    found = bad_frames(root, models)
+    assert [*found] == [BROKEN]
+    assert words in found[BROKEN]
+
+
+@pytest.mark.parametrize("case", ["no obj_id", "no cam_t_m2c", "null for a list", "no camera"])
+def test_without_a_list_of_targets_a_broken_frame_is_still_one_of_the_run(
+    root: Path, models: Any, case: str
+) -> None:
+    CASES[case][0](root)
+    assert [*bad_frames(root, models, None)] == [BROKEN]
+
+
+@pytest.mark.parametrize("case", ["no depth", "no pose", "no obj_id", "no camera"])
+def test_the_targets_of_a_bad_frame_are_known_and_its_identity_differs(
+    root: Path, models: Any, case: str
+) -> None:
+    before = BopFrames(root, "test", "targets.json", models)
+    stated, identity = before.stated_targets(BROKEN), before.identity()
+    assert [(each.object_id, each.visible_fraction) for each in stated] == [(1, 0.05)]
+    CASES[case][0](root)
+    after = BopFrames(root, "test", "targets.json", models)
+    assert [each.object_id for each in after.stated_targets(BROKEN)] == [1]
+    assert after.identity() != identity
+
+
+def test_a_wrong_unit_of_depth_is_said_of_all_frames(root: Path, models: Any) -> None:
+    path = scene_file(root, "scene_camera.json")
+    content = json.loads(path.read_text())
+    for each in content.values():
+        each["depth_scale"] = 1000.0
+    path.write_text(json.dumps(content))
+    found = bad_frames(root, models)
+    assert [*found] == [SOUND, BROKEN]
+    assert all("are these metres" in each for each in found.values())

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from hlp.checks.finding import Finding
+from hlp.checks import Finding
 from hlp.data.own_frames import FrameFiles, OwnFrames
 from hlp.data.synthetic.objects import demo_objects
 from hlp.errors import DamagedError, DataError

@@ -3,10 +3,11 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import cv2
 import numpy as np
+from jaxtyping import Bool, Float, UInt8
 
-from hlp.checks.finding import Finding
-from hlp.checks.registration import check_registration
+from hlp.checks import Finding
 from hlp.errors import HlpError
 from hlp.objects.mesh_colors import SMALL
 from hlp.records import Frame, ObjectModel
@@ -21,7 +22,7 @@ def read_frames(
     kept: int,
     read: Callable[[str], Frame] | None = None,
 ) -> tuple[list[Frame], list[Finding]]:
-    """Some of the frames, spread evenly, and what is wrong with any of them.
+    """Some of the frames, spread over all of them, and what is wrong with any of them.
 
     Every frame is decoded; at most about `kept` are returned. `read` decodes without asking whether
     the values make sense: a frame that only `load` refuses is returned too, with a finding of kind
@@ -30,26 +31,21 @@ def read_frames(
     every = max(len(keys) // max(kept, 1), 1)
     frames, wrong = [], dict[str, list[Finding]]()
     for number, key in enumerate(keys):
+        frame, kind = None, "files"
         try:
             frame = load(key)
         except HlpError as refusal:
-            try:
-                frame, kind, error = _again(read, key, refusal), "values", refusal
-            except HlpError as failure:
-                kind, error = "files", failure
-            findings = wrong.setdefault(kind, [])
-            findings.append(Finding(kind, key, str(error), _ADVICE[kind]))
-            if kind == "files":
-                continue
-        if number % every == 0:
+            error = refusal
+            if read is not None:
+                try:
+                    frame, kind = read(key), "values"
+                except HlpError as failure:
+                    error = failure
+            finding = Finding(kind, key, str(error), _ADVICE[kind])
+            wrong.setdefault(kind, []).append(finding)
+        if frame is not None and number % every == 0:
             frames.append(frame)
-    return frames, [each for findings in wrong.values() for each in _first(findings)]
-
-
-def _again(read: Callable[[str], Frame] | None, key: str, refusal: HlpError) -> Frame:
-    if read is None:
-        raise refusal
-    return read(key)
+    return frames, [finding for findings in wrong.values() for finding in _first(findings)]
 
 
 def _first(findings: Sequence[Finding]) -> list[Finding]:
@@ -88,39 +84,25 @@ def check_intrinsics(frame: Frame) -> list[Finding]:
     """Intrinsics of images of another size, or with exchanged or impossible numbers."""
     height, width = frame.depth.shape
     matrix = frame.camera_matrix
-    found = []
+    x, y, fx, fy = matrix[0, 2], matrix[1, 2], matrix[0, 0], matrix[1, 1]
+    found = list[tuple[str, str]]()
     off = np.abs(matrix[:2, 2] - [(width - 1) / 2, (height - 1) / 2]) / [width, height]
     if off.max() > _OFF_CENTER:
         found.append(
-            Finding(
-                "intrinsics",
-                f"images of {width}x{height}",
-                f"the principal point ({matrix[0, 2]:.0f}, {matrix[1, 2]:.0f}) is far from their "
-                "middle",
+            (
+                f"the principal point ({x:.0f}, {y:.0f}) is far from their middle",
                 "They belong to images of another size or to a crop: take those of this stream",
             )
         )
-    across, down = matrix[0, 0], matrix[1, 1]
     low, high = _FOCAL[0] * width, _FOCAL[1] * width
-    if not (low <= across <= high and low <= down <= high):
-        found.append(
-            Finding(
-                "intrinsics",
-                f"images of {width}x{height}",
-                f"focal lengths of {across:.0f} and {down:.0f} px are those of no depth camera",
-                "Give fx and fy in pixels, not in millimetres",
-            )
-        )
-    elif max(across / down, down / across) > _RATIO:
-        found.append(
-            Finding(
-                "intrinsics",
-                f"images of {width}x{height}",
-                f"fx = {across:.0f} and fy = {down:.0f} px are very different",
-                "Check the order of the numbers: fx, fy, cx, cy",
-            )
-        )
-    return found
+    if not (low <= fx <= high and low <= fy <= high):
+        problem = f"focal lengths of {fx:.0f} and {fy:.0f} px are those of no depth camera"
+        found.append((problem, "Give fx and fy in pixels, not in millimetres"))
+    elif max(fx / fy, fy / fx) > _RATIO:
+        problem = f"fx = {fx:.0f} and fy = {fy:.0f} px are very different"
+        found.append((problem, "Check the order of the numbers: fx, fy, cx, cy"))
+    where = f"images of {width}x{height}"
+    return [Finding("intrinsics", where, problem, advice) for problem, advice in found]
 
 
 def check_depth_scale(frame: Frame, models: Sequence[ObjectModel]) -> list[Finding]:
@@ -130,18 +112,15 @@ def check_depth_scale(frame: Frame, models: Sequence[ObjectModel]) -> list[Findi
         return []
     median, near, far = (float(np.percentile(present, share)) for share in (50, 10, 90))
     focal = float(frame.camera_matrix[0, 0])
-    width = frame.depth.shape[1]
-    problem = ""
-    if models:
-        largest = max(model.diameter for model in models)
-        smallest = min(model.diameter for model in models)
-        if focal * largest / near < _SMALLEST:
-            problem = f"{models[0].name} would be {focal * largest / near:.0f} px large at most"
-        elif focal * smallest / far > _LARGEST * width:
-            problem = f"{models[0].name} would be larger than the image"
-    if not problem and not _USUAL[0] <= median <= _USUAL[1]:
+    diameters = [model.diameter for model in models]
+    if models and focal * max(diameters) / near < _SMALLEST:
+        size = focal * max(diameters) / near
+        problem = f"{models[0].name} would be {size:.0f} px large at most"
+    elif models and focal * min(diameters) / far > _LARGEST * frame.depth.shape[1]:
+        problem = f"{models[0].name} would be larger than the image"
+    elif not _USUAL[0] <= median <= _USUAL[1]:
         problem = "few depth cameras measure that"
-    if not problem:
+    else:
         return []
     return [
         Finding(
@@ -166,3 +145,69 @@ def check_object_size(models: Sequence[ObjectModel]) -> list[Finding]:
         for model in models
         if model.diameter < SMALL
     ]
+
+
+_REACH = 16  # px: shifts that are tried in both directions
+_ENOUGH = 300  # depth edge pixels of an image; fewer say nothing
+_GAP = 8  # px: sensors miss depth next to edges
+_JUMP = 0.03  # of the depth, and as many centimetres as below
+_LEAST_JUMP = 0.01  # m
+_CLEAR = 1.5  # contrast of the best shift, times the mean of all
+_NEAR = 4  # px: the best contrast of so small a shift is that of registered images
+_LOST = 0.65  # share of the best contrast above the mean that these have less of when unregistered
+_TOLERATED = 6.0  # px; cameras that claim to be registered are up to 5 off
+
+
+def check_registration(frames: Sequence[Frame]) -> list[Finding]:
+    """Depth shifted against colour by 6 to 16 px: edges of both should coincide."""
+    contrasts = [_contrast_by_shift(frame) for frame in frames]
+    known = [contrast for contrast in contrasts if contrast is not None]
+    if not known:
+        return []
+    contrast = np.mean(known, axis=0)
+    y, x = np.unravel_index(int(contrast.argmax()), contrast.shape)
+    best, mean = contrast[y, x], contrast.mean()
+    near = slice(_REACH - _NEAR, _REACH + _NEAR + 1)
+    registered = contrast[near, near].max()
+    right, down = int(x) - _REACH, int(y) - _REACH
+    clear = best > _CLEAR * mean and registered - mean < _LOST * (best - mean)
+    if not clear or np.hypot(right, down) < _TOLERATED:
+        return []
+    problem = f"edges of depth lie on edges of colour when depth is moved by ({right}, {down}) px"
+    advice = "Register depth to colour: take the camera's aligned depth stream"
+    return [Finding("registration", "depth images", problem, advice)]
+
+
+def _contrast_by_shift(frame: Frame) -> Float[np.ndarray, "s s"] | None:
+    """Mean colour edge strength under the depth edges, for every shift; None if there are few."""
+    strength = _color_edges(frame.rgb)
+    edges = _depth_edges(frame.depth)
+    edges[:_REACH], edges[-_REACH:] = False, False
+    edges[:, :_REACH], edges[:, -_REACH:] = False, False
+    y, x = np.nonzero(edges)
+    if len(y) < _ENOUGH:
+        return None
+    shifts = range(-_REACH, _REACH + 1)
+    return np.array([[strength[y + dy, x + dx].mean() for dx in shifts] for dy in shifts])
+
+
+def _color_edges(rgb: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w"]:
+    """Gradient relative to that of the neighbourhood, so that few strong edges do not decide."""
+    grey = cv2.GaussianBlur(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float32), (0, 0), 1.0)
+    gradient = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1))
+    relative = gradient / (cv2.boxFilter(gradient, -1, (31, 31)) + 1.0)
+    return np.asarray(np.minimum(relative, 4.0))
+
+
+def _depth_edges(depth: Float[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+    """The nearer pixel of every jump in depth, along rows and columns, across small gaps."""
+    edges = np.zeros(depth.shape, dtype=bool)
+    for values, found in ((depth, edges), (depth.T, edges.T)):
+        for line, marked in zip(values, found, strict=True):
+            present = np.flatnonzero(line > 0)
+            first, second = present[:-1], present[1:]
+            near, far = line[first], line[second]
+            limit = _JUMP * np.minimum(near, far) + _LEAST_JUMP
+            jump = (np.abs(far - near) > limit) & (second - first <= _GAP)
+            marked[np.where(near < far, first, second)[jump]] = True
+    return edges

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from hlp.commands import composing, own_arguments
 
 if TYPE_CHECKING:
-    from hlp.checks.finding import Finding
+    from hlp.checks import Finding
     from hlp.method.detector import Detector
 
 _FRAMES = ("rgb", "depth", "intrinsics")

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import logging
-import os
-import os.path
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
@@ -18,10 +15,11 @@ from hlp.records import Texture
 
 if TYPE_CHECKING:
     import trimesh
+    from trimesh.resolvers import FilePathResolver
 
 PLAIN_COLOR = (210, 210, 210)
 """Colour of meshes whose files state none."""
-_HEADER_BYTES = 4096  # of a PLY file, more than its header
+_NO_IMAGES = (".mtl", ".bin")  # files that a mesh names: an OBJ's materials, a glTF's numbers
 _MOST_REPEATS = 1e6  # of a texture; beyond, coordinates are no numbers of texels
 _logger = logging.getLogger(__name__)
 
@@ -93,9 +91,9 @@ def with_one_kind_of_color(scene: trimesh.Scene) -> trimesh.Scene:
     import trimesh
 
     visuals: list[Any] = [
-        each.visual for each in scene.geometry.values() if isinstance(each, trimesh.Trimesh)
+        part.visual for part in scene.geometry.values() if isinstance(part, trimesh.Trimesh)
     ]
-    kinds = {each.kind for each in visuals}
+    kinds = {visual.kind for visual in visuals}
     if len(kinds) > 1 and "texture" in kinds:
         scene = scene.copy()
         for part in scene.geometry.values():
@@ -105,61 +103,23 @@ def with_one_kind_of_color(scene: trimesh.Scene) -> trimesh.Scene:
     return scene
 
 
-def texture_missing(path: Path) -> bool:
-    """Whether a PLY, OBJ or glTF file names an image that is not beside it, which is logged.
+def files_beside(path: Path, missing: list[str]) -> FilePathResolver:
+    """What trimesh reads files by that a mesh names; images that it cannot read go to `missing`.
 
-    An image outside of the mesh's folder counts as missing.
+    It reads nothing from outside of the mesh's folder.
     """
-    name = _missing_texture(path)
-    if name is not None:
-        _logger.warning("%s: its texture %s is missing: the object is grey", path, name)
-    return name is not None
+    from trimesh.resolvers import FilePathResolver
 
+    class Noting(FilePathResolver):
+        def get(self, name: str) -> Any:
+            try:
+                return super().get(name)
+            except Exception:
+                if not name.strip().lower().endswith(_NO_IMAGES):
+                    missing.append(unquote(name.strip()))
+                raise
 
-def _missing_texture(path: Path) -> str | None:
-    kind = path.suffix.lower()
-    if kind == ".ply":
-        with path.open("rb") as file:
-            header = file.read(_HEADER_BYTES).split(b"end_header")[0].decode("latin-1")
-        named = [(path.parent, line[19:]) for line in _lines(header, "comment texturefile")]
-    elif kind == ".obj":
-        named = [
-            (library.parent, line.split()[-1])
-            for each in _lines(path.read_text("utf-8", "replace"), "mtllib")
-            if _is_file(library := path.parent / each[6:].strip())
-            for line in _lines(library.read_text("utf-8", "replace"), "map_kd")
-        ]
-    elif kind == ".gltf":
-        named = [(path.parent, name) for name in _gltf_images(path)]
-    else:
-        return None
-    for folder, name in named:
-        image = Path(os.path.normpath(folder / name.strip()))
-        # trimesh reads nothing from outside of the mesh's folder
-        if not _is_file(image) or not image.is_relative_to(os.path.normpath(path.parent)):
-            return name.strip()
-    return None
-
-
-def _is_file(path: Path) -> bool:
-    """False for a name that no file can have (too long, a zero byte); `Path.is_file` raises."""
-    return os.path.isfile(path)
-
-
-def _gltf_images(path: Path) -> list[str]:
-    """Image files that a glTF names; none for a file that is no JSON, which loading reports."""
-    try:
-        content = json.loads(path.read_text("utf-8", "replace"))
-        names = [image.get("uri", "") for image in content.get("images", [])]
-    except (ValueError, AttributeError):
-        return []
-    return [unquote(name) for name in names if name and not name.startswith("data:")]
-
-
-def _lines(text: str, keyword: str) -> list[str]:
-    """Lines that start with a keyword in any case."""
-    stripped = (line.strip() for line in text.splitlines())
-    return [line for line in stripped if line.lower().startswith(keyword + " ")]
+    return Noting(str(path))
 
 
 SMALL = 0.035  # m: a mesh that seems to be smaller may be in centimetres
@@ -175,30 +135,24 @@ def guess_scale(path: Path, diameter: float) -> float:
     whichever makes the object 1 cm to 2 m large. The guess is logged, as a warning if it makes the
     object so small that the file may be in centimetres. Raises DataError if neither does.
     """
-    possible = [(scale, name) for scale, name in _UNITS if _is_possible(diameter * scale)]
-    if not possible:
+    likely = ((scale, name) for scale, name in _UNITS if _is_possible(diameter * scale))
+    scale, name = next(likely, (0.0, ""))
+    if not name:
         raise DataError(
             f"{path} is {diameter:.4g} units large, a likely size neither in metres nor in "
             "millimetres: give mesh_scale, in metres per unit (0.01 for centimetres)"
         )
-    scale, name = possible[0]
-    say = _logger.info
-    if path.suffix.lower() in _IN_METRES and scale != 1.0:
-        say = _logger.warning
-    say(
+    odd = path.suffix.lower() in _IN_METRES and scale != 1.0
+    _logger.log(
+        logging.WARNING if odd else logging.INFO,
         "%s: %.4g units large, taken for %s (mesh_scale=%g; give another one if this is wrong)",
-        path.name,
-        diameter,
-        name,
-        scale,
+        *(path.name, diameter, name, scale),
     )
     if diameter * scale < SMALL:
         _logger.warning(
             "%s: warning: an object of %.0f mm; if it is %.0f mm large in truth, the mesh is in "
             "centimetres: give mesh_scale=0.01",
-            path.name,
-            diameter * scale * 1000.0,
-            diameter * 10.0,
+            *(path.name, diameter * scale * 1000.0, diameter * 10.0),
         )
     return scale
 

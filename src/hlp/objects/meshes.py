@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import logging
 import struct
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, Int
 
 from hlp.errors import ConfigError, DataError, MissingFileError
 from hlp.objects.mesh_colors import (
     check_scale,
+    files_beside,
     guess_scale,
     mesh_colors,
     plain_colors,
-    texture_missing,
     with_one_kind_of_color,
 )
 from hlp.records import MILLIMETRE, MILLIMETRES_PER_METRE, Mesh
@@ -59,19 +57,11 @@ def load_mesh(path: Path, scale: float | None = MILLIMETRE) -> Mesh:
 
     if not path.is_file():
         raise MissingFileError(f"no mesh {path}")
-    # Without its image trimesh would put up a stand-in.
-    missing = texture_missing(path)
-    options: dict[str, Any] = {"skip_materials": True} if missing else {}
-    try:
-        # Numbers that no index can be are found below. `force="mesh"` would drop the normals.
-        with np.errstate(all="ignore"), _quiet(trimesh.util.log):
-            raw = trimesh.load(path, process=False, maintain_order=True, **options)
-            if isinstance(raw, trimesh.Scene):
-                raw = with_one_kind_of_color(raw).to_mesh()
-    except _PARSE_ERRORS as error:
-        raise DataError(
-            f"{path} cannot be read as a mesh ({str(error)[:200]}): export it again, as PLY or GLB"
-        ) from error
+    missing: list[str] = []
+    raw = _parsed(path, resolver=files_beside(path, missing))
+    if missing:  # in place of the image trimesh would put up a stand-in
+        _logger.warning("%s: its texture %s is missing: the object is grey", path, missing[0])
+        raw = _parsed(path, skip_materials=True)
     if not isinstance(raw, trimesh.Trimesh) or len(raw.vertices) == 0 or len(raw.faces) == 0:
         raise DataError(f"{path} has no triangles: export it as a triangle mesh")
     vertices, faces = _checked(path, raw)
@@ -82,14 +72,33 @@ def load_mesh(path: Path, scale: float | None = MILLIMETRE) -> Mesh:
     _check_surface(path, vertices, faces, diameter)
     vertices *= scale
     colors, texture, stated = mesh_colors(path, raw) if not missing else plain_colors(raw)
-    colored = stated and not _one_grey(colors)
+    colored = stated and np.ptp(colors) > 0  # one grey is what modelling programs write for none
     large = len(faces) > _MOST_FACES  # its normals would take more memory than all else
     normals = np.zeros_like(vertices) if large else _unit_normals(np.array(raw.vertex_normals))
-    mesh = Mesh(vertices, faces.astype(np.int32), colors, normals, texture, colored)
+    mesh = Mesh(vertices, faces.astype(np.int32), colors, normals, texture, bool(colored))
     if not large:
         return mesh
     _logger.info("%s: %d triangles, decimated to %d", path, len(faces), _KEPT_FACES)
     return decimate(mesh, _KEPT_FACES)
+
+
+def _parsed(path: Path, **options: Any) -> trimesh.Geometry:
+    """What trimesh reads in a file, the parts of a scene joined. Raises DataError."""
+    import trimesh
+
+    level = trimesh.util.log.level
+    trimesh.util.log.setLevel(logging.CRITICAL)  # it prints the tracebacks of errors that it raises
+    try:
+        # Numbers that no index can be are found later. `force="mesh"` would drop the normals.
+        with np.errstate(all="ignore"):
+            raw = trimesh.load(path, process=False, maintain_order=True, **options)
+            return with_one_kind_of_color(raw).to_mesh() if isinstance(raw, trimesh.Scene) else raw
+    except _PARSE_ERRORS as error:
+        raise DataError(
+            f"{path} cannot be read as a mesh ({str(error)[:200]}): export it again, as PLY or GLB"
+        ) from error
+    finally:
+        trimesh.util.log.setLevel(level)
 
 
 def _checked(
@@ -110,17 +119,6 @@ def _checked(
     return vertices, faces
 
 
-@contextmanager
-def _quiet(logger: logging.Logger) -> Iterator[None]:
-    """The logger says nothing in the block: trimesh's prints the tracebacks of errors raised."""
-    before = logger.level
-    logger.setLevel(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        logger.setLevel(before)
-
-
 def _check_surface(
     path: Path, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], diameter: float
 ) -> None:
@@ -132,11 +130,6 @@ def _check_surface(
             f"{path} has no surface: its {len(faces)} triangles are points or lines: repair the "
             "mesh, or export it again"
         )
-
-
-def _one_grey(colors: UInt8[np.ndarray, "v 3"]) -> bool:
-    """Whether all colours are one grey, as modelling programs write it for want of a colour."""
-    return bool(np.ptp(colors) == 0)
 
 
 def decimate(mesh: Mesh, faces: int) -> Mesh:

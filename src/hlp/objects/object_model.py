@@ -1,4 +1,7 @@
-"""Object models built from their settings and meshes, and hashes of their content."""
+"""Object models built from their settings and meshes, and hashes of their content.
+
+The proxy is the decimated mesh that poses are drawn with: as few triangles as show the same object.
+"""
 
 import hashlib
 import logging
@@ -9,14 +12,21 @@ from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Gt
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from hlp.errors import ConfigError
-from hlp.objects.meshes import load_mesh, mesh_diameter
-from hlp.objects.proxy import build_proxy
+from hlp.geometry import rigid
+from hlp.objects.meshes import decimate, load_mesh, mesh_diameter
 from hlp.records import MILLIMETRE, MILLIMETRES_PER_METRE, Mesh, ObjectModel
+from hlp.rendering.rasterizer import render_depth
+from hlp.rendering.viewpoints import thomson, view_rotations
 from hlp.settings import Doc, Settings
 
+_VIEWS = 12  # in which a mesh and its decimated one are compared
+_SIDE, _OBJECT = 112, 96  # px, of the image and of the diameter in it
+_FOCAL = 1000.0  # px: the object is far away, so that no side of it is hidden
+_OVERLAP = 0.85  # of both meshes' pixels; of 500 triangles of a scan it is .88 or more
+_NEAR = 0.01  # of the diameter: pixels whose depths differ by more do not count as the same
 _logger = logging.getLogger(__name__)
 
 
@@ -44,41 +54,27 @@ def build_object_model(
 ) -> ObjectModel:
     """Load one object; `scale` is metres per unit of the mesh file, `diameter` in metres.
 
-    With `scale` None the unit is guessed; the log states the size that the object has then.
-
-    By default the diameter is the largest distance between two vertices, and the symmetries are
-    found in the mesh: the motions that leave its shape nearly as it is and that its colours do not
-    break. Those that they break are its siblings; with stated `symmetries`, all that these lack.
-    A mesh without colours has no siblings.
-    Raises what `load_mesh` raises.
+    With `scale` None the unit is guessed; the log states the size that the object has then. By
+    default the diameter is the largest distance between two vertices, and the symmetries are found
+    in the mesh: the motions that leave its shape nearly as it is and that its colours do not break.
+    Those that they break are its siblings; with stated `symmetries`, all that these lack. A mesh
+    without colours has no siblings. Raises what `load_mesh` raises.
     """
-    from hlp.objects.near_symmetries import find_near_symmetries, without
-
     mesh = load_mesh(mesh_path, scale)
+    if diameter is None:
+        diameter = mesh_diameter(mesh.vertices)
+    symmetries, siblings = _symmetries(mesh, diameter, symmetries)
+    sides = " × ".join(
+        f"{side * MILLIMETRES_PER_METRE:.0f}" for side in np.ptp(mesh.vertices, axis=0)
+    )
     if not mesh.colored:
         _logger.info(
             "%s has no colours: none are assumed, in finding it or in verifying its poses", name
         )
-    if diameter is None:
-        diameter = mesh_diameter(mesh.vertices)
-    near = find_near_symmetries(mesh, diameter)
-    siblings = near.broken
-    if symmetries is None:
-        symmetries = np.concatenate([np.eye(4)[None], near.unbroken])
-    elif mesh.colored:
-        siblings = without(np.concatenate([near.unbroken, near.broken]), symmetries)
-    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    _logger.info(
-        "%s: %s mm, %d triangles",
-        name,
-        " × ".join(f"{side * MILLIMETRES_PER_METRE:.0f}" for side in high - low),
-        len(mesh.faces),
-    )
+    _logger.info("%s: %s mm, %d triangles", name, sides, len(mesh.faces))
     _logger.info(
         "%s: %d symmetries; its colours tell %d more poses of nearly the same shape apart",
-        name,
-        len(symmetries) - 1,
-        len(siblings),
+        *(name, len(symmetries) - 1, len(siblings)),
     )
     holistic, local = settings.holistic_size_mm, settings.local_size_mm
     return ObjectModel(
@@ -92,6 +88,66 @@ def build_object_model(
         local_size=local_size(diameter) if local is None else local * MILLIMETRE,
         siblings=siblings,
     )
+
+
+def _symmetries(
+    mesh: Mesh, diameter: float, stated: Float[np.ndarray, "n 4 4"] | None
+) -> tuple[Float[np.ndarray, "m 4 4"], Float[np.ndarray, "k 4 4"]]:
+    """Symmetries, with the identity, and what would be some without colours."""
+    from hlp.objects.near_symmetries import find_near_symmetries, without
+
+    near = find_near_symmetries(mesh, diameter)
+    if stated is None:
+        return np.concatenate([np.eye(4)[None], near.unbroken]), near.broken
+    if not mesh.colored:
+        return stated, near.broken
+    return stated, without(np.concatenate([near.unbroken, near.broken]), stated)
+
+
+def build_proxy(mesh: Mesh, faces: int, diameter: float) -> Mesh:
+    """The mesh decimated to `faces` triangles, or twice as many as often as it takes to look alike.
+
+    Scanned surfaces keep their shape; of a CAD model, whose large faces are few triangles already,
+    whole walls may vanish: a proxy that lacks them fits no image of the object. `diameter` is in m.
+    Raises ValueError for fewer than 4 faces.
+    """
+    poses, camera = _poses(mesh, diameter)
+    full = render_depth(mesh, poses, camera, (_SIDE, _SIDE))
+    wanted = faces
+    while True:
+        proxy = decimate(mesh, wanted)
+        if proxy is mesh:
+            return mesh
+        drawn = render_depth(proxy, poses, camera, (_SIDE, _SIDE))
+        either = (full > 0.0) | (drawn > 0.0)
+        if np.count_nonzero(_alike(full, drawn, diameter)) >= _OVERLAP * np.count_nonzero(either):
+            break
+        wanted *= 2
+    if wanted > faces:
+        _logger.info(
+            "poses are drawn with %d triangles: %d lose its shape", len(proxy.faces), faces
+        )
+    return proxy
+
+
+def _poses(
+    mesh: Mesh, diameter: float
+) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, "3 3"]]:
+    """Poses from all sides, and the camera's matrix."""
+    rotations = view_rotations(thomson(_VIEWS, 0), np.zeros(1))
+    middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2.0
+    ahead = np.array([0.0, 0.0, _FOCAL * diameter / _OBJECT])
+    centre = (_SIDE - 1) / 2.0
+    camera = np.array([[_FOCAL, 0.0, centre], [0.0, _FOCAL, centre], [0.0, 0.0, 1.0]])
+    return rigid(rotations, ahead - rotations @ middle), camera
+
+
+def _alike(
+    first: Float[np.ndarray, "n h w"], second: Float[np.ndarray, "n h w"], diameter: float
+) -> Bool[np.ndarray, "n h w"]:
+    """Pixels where both meshes are drawn, at nearly the same depth."""
+    both = (first > 0.0) & (second > 0.0)
+    return np.asarray(both & (np.abs(first - second) <= _NEAR * diameter))
 
 
 def check_unique(objects: Mapping[str, ObjectSettings]) -> None:

@@ -6,13 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from hlp.checks import frame_checks, machine
-from hlp.checks.evidence import Evidence
-from hlp.checks.finding import Finding
+from hlp.checks import Finding, frame_checks, machine
+from hlp.checks.corrections import best_score, check_by_search
 from hlp.checks.frame_checks import check_frames, read_frames
-from hlp.checks.registration import all_answers
+from hlp.checks.known_objects import Evidence, all_answers
 from hlp.checks.true_poses import check_true_poses
-from hlp.checks.unit_search import best_score, check_by_search
 from hlp.data.bop import BopFrames, BopSettings
 from hlp.data.dataset import Dataset
 from hlp.data.own_frames import OwnFrames

@@ -4,11 +4,10 @@ import logging
 from collections.abc import Sequence
 from functools import partial
 
-from hlp.checks.evidence import Evidence
-from hlp.checks.finding import Finding
-from hlp.checks.frame_checks import check_first_frame
-from hlp.checks.registration import all_answers, check_registration
-from hlp.checks.unit_search import best_score, check_by_search
+from hlp.checks import Finding
+from hlp.checks.corrections import best_score, check_by_search
+from hlp.checks.frame_checks import check_first_frame, check_registration
+from hlp.checks.known_objects import Evidence, all_answers
 from hlp.method.detector import Detector
 from hlp.method.find.detections import Detection, SearchResult
 from hlp.method.track.tracking import TrackingResult

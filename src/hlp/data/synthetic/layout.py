@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hlp.geometry import inverse, rigid
-from hlp.objects.random_shapes import random_shape, toy_tree
+from hlp.objects.shapes import random_shape, toy_tree
 from hlp.records import Mesh, ObjectModel
 from hlp.rendering.light import Light
 

@@ -1,7 +1,7 @@
 """RGB-D frames of random, cluttered demo scenes with exact poses, rendered on demand."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
@@ -104,23 +104,6 @@ class SyntheticSettings(Settings):
             background,
             settings=self,
         )
-
-
-_TRAINING_SETTINGS = SyntheticSettings(
-    scenes=0,
-    seed=0,
-    width=640,
-    height=480,
-    noise=1.0,
-    min_visible=0.3,
-    objects=(5, 8),
-    clutter=(6, 12),
-    distance_mm=(600.0, 1100.0),
-    elevation_deg=(20.0, 75.0),
-    roll_deg=20.0,
-    tilt_deg=5.0,
-)
-"""Settings of the frames that networks are trained with; scenes and seed are replaced."""
 
 
 @dataclass(frozen=True)
@@ -267,12 +250,12 @@ class SyntheticScenes:
 
 
 def training_frames(count: int, seed: int) -> SyntheticScenes:
-    """`count` frames without any demo object: clutter only, under settings of their own.
+    """`count` frames without any demo object: clutter only, under the default settings.
 
     The settings of the test scenes do not enter: a test set with more noise, or of another size,
     is no reason to train again.
     """
-    return SyntheticScenes(replace(_TRAINING_SETTINGS, scenes=count, seed=seed), targets=False)
+    return SyntheticScenes(SyntheticSettings(scenes=count, seed=seed), targets=False)
 
 
 def silhouette_area(

@@ -1,0 +1,214 @@
+"""Whether depth, focal lengths or colours are wrong: known objects fit better after a correction.
+
+An object that is seen a tenth too near, or by a focal length that is too long, is drawn too large.
+Where it is found nonetheless, its pose costs more than after the correction, in nearly every frame;
+from the pose that it was found at it is followed by the refiner alone. Where it is not found,
+depth, focal length and colours are changed in turn, and the change after which it is found with
+certainty is named.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from hlp.checks import Finding, counted
+from hlp.checks.frame_checks import check_depth_scale
+from hlp.errors import InputError
+from hlp.geometry import transform
+from hlp.method.detector import Detector
+from hlp.method.find.detections import Detection
+from hlp.records import Frame, ObjectModel
+
+Refine = Callable[[Frame, Detection], Detection | None]
+"""The best pose of an object about where an answer says that it is in a frame."""
+FindBest = Callable[[Frame], float]
+"""The highest score of any learnt object in a frame."""
+
+_CERTAIN = 0.8  # score of the answer, or of that after the correction; absent objects seldom reach
+_CERTAIN_ALONE = 0.9  # the same for a change where there is no second frame
+_FOUND = 0.6  # a score that needs no explanation
+_SCORE_GAIN, _COLOR_GAIN = 0.3, 0.15  # that a change must bring; colours are a small part of it
+_CLEAR = 0.015  # of the verification cost, which a correction raises in most healthy frames
+_ENOUGH = 3  # frames that must say the same
+_SHARE = 0.75  # of the frames that must say the same
+# Of one or two frames each must say it more clearly: where the object is mostly hidden, or is no
+# such object, a pose may fit better by chance.
+_CLEAR_ALONE = 0.02  # where the answer is certain
+_CLEAR_UNCERTAIN = 0.06  # where it is only after the correction
+
+
+@dataclass(frozen=True)
+class Correction:
+    """Factors of the depth image and of both focal lengths."""
+
+    depth: float = 1.0
+    focal: float = 1.0
+
+    def frame(self, frame: Frame) -> Frame:
+        """The frame as it would be without the fault."""
+        matrix = frame.camera_matrix.copy()
+        matrix[[0, 1], [0, 1]] *= self.focal
+        depth = (frame.depth * self.depth).astype(np.float32)
+        return replace(frame, depth=depth, camera_matrix=matrix)
+
+    def pose(
+        self, pose_cam_obj: Float[np.ndarray, "4 4"], centroid: Float[np.ndarray, "3"]
+    ) -> Float[np.ndarray, "4 4"]:
+        """A pose of which the object's centroid is where the corrected frame shows it."""
+        seen = transform(pose_cam_obj, centroid[None])[0]
+        moved = seen * self.depth * np.array([1.0 / self.focal, 1.0 / self.focal, 1.0])
+        corrected = pose_cam_obj.copy()
+        corrected[:3, 3] += moved - seen
+        return corrected
+
+    def finding(self, where: str, because: str) -> Finding:
+        """The fault that it corrects; `because` says what is better without it."""
+        if self.depth == 1.0:
+            problem = f"the focal length may be {1 / self.focal:.2g} times what it should be"
+            advice = "Check fx and fy: are they those of images of another size?"
+            return Finding("intrinsics", where, f"{problem}: {because}", advice)
+        problem = (
+            f"depth may be {1 / self.depth:.2g} times what it should be, or the mesh "
+            f"{self.depth:.2g} times as large as the object"
+        )
+        advice = "Check depth_scale and mesh_scale"
+        return Finding("depth scale", where, f"{problem}: {because}", advice)
+
+
+# Of poses: each row from small to large; a larger one is tried only where the smaller one helps.
+_CORRECTIONS = (
+    (Correction(depth=0.9),),
+    (Correction(depth=1.0 / 0.9),),
+    (Correction(focal=1.33), Correction(focal=1.5), Correction(focal=2.0)),
+    (Correction(focal=0.77), Correction(focal=0.67), Correction(focal=0.53)),
+)
+# Of searches: a fault lies between two of a row's factors.
+_CHANGES = (
+    (Correction(depth=0.1), Correction(depth=0.5), Correction(depth=0.9)),
+    (Correction(depth=1.1), Correction(depth=2.0), Correction(depth=10.0)),
+    (Correction(focal=0.53), Correction(focal=0.67), Correction(focal=0.8)),
+    (Correction(focal=1.25), Correction(focal=1.5), Correction(focal=2.0)),
+)
+
+
+@dataclass(frozen=True)
+class CorrectedFits:
+    """How much less the best answer to a frame costs after corrections that say something.
+
+    `certain`: the answer has a high score without any.
+    """
+
+    certain: bool
+    gains: Mapping[Correction, float]
+
+
+def correction_gains(
+    frame: Frame,
+    models: Mapping[str, ObjectModel],
+    answers: Sequence[Detection],
+    refine: Refine,
+) -> CorrectedFits:
+    """How much less the most certain answer to a frame costs after each correction.
+
+    A correction is left out if the pose is uncertain before and after it: the cost of a wrong pose
+    says nothing. `models` are by the names of the answers.
+    """
+    best = max(answers, key=lambda answer: answer.score, default=None)
+    gains = dict[Correction, float]()
+    if best is None:
+        return CorrectedFits(False, gains)
+    for row in _CORRECTIONS:
+        gain, score = np.inf, 0.0
+        for correction in row:
+            if gain > 0.0:
+                pose = correction.pose(best.pose_cam_obj, models[best.object].centroid)
+                found = refine(correction.frame(frame), replace(best, pose_cam_obj=pose))
+                if found is None:
+                    break
+                gain, score = best.fit.cost - found.fit.cost, found.score
+            if max(score, best.score) >= _CERTAIN:
+                gains[correction] = gain
+    return CorrectedFits(best.score >= _CERTAIN, gains)
+
+
+def check_corrections(fits: Sequence[CorrectedFits]) -> list[Finding]:
+    """The fault whose correction helps most.
+
+    Most of at least three frames must say so; both of two, or the only one, more clearly. `fits`
+    are those of `correction_gains`, one for each frame.
+    """
+    clear = dict[Correction, float]()
+    for correction in (correction for row in _CORRECTIONS for correction in row):
+        known = [fit for fit in fits if correction in fit.gains]
+        if known and len(known) >= min(len(fits), 2) and _helps(correction, known):
+            clear[correction] = float(np.median([fit.gains[correction] for fit in known]))
+    best = max(clear, key=lambda correction: clear[correction], default=None)
+    if best is None or clear[best] < _CLEAR:
+        return []
+    count = sum(best in fit.gains for fit in fits)
+    gain = f"known objects fit better when it is corrected (cost lower by {clear[best]:.3f})"
+    return [best.finding(counted(count), gain)]
+
+
+def _helps(correction: Correction, fits: Sequence[CorrectedFits]) -> bool:
+    if len(fits) < _ENOUGH:
+        return all(
+            fit.gains[correction] >= (_CLEAR_ALONE if fit.certain else _CLEAR_UNCERTAIN)
+            for fit in fits
+        )
+    return sum(fit.gains[correction] > 0.0 for fit in fits) >= _SHARE * len(fits)
+
+
+def best_score(detector: Detector, frame: Frame, objects: Sequence[str] | None = None) -> float:
+    """The highest score of any of the objects in a frame; 0 where a frame makes no sense."""
+    models = [detector.models[name] for name in objects or detector.objects]
+    if check_depth_scale(frame, models):
+        return 0.0  # objects of no size that could be found, and slow to look for
+    try:
+        found = detector.search(frame.rgb, frame.depth, frame.camera_matrix, objects, 1, 0.0)
+    except InputError:
+        return 0.0
+    return max((detection.score for detection in found.detections), default=0.0)
+
+
+def check_by_search(frames: Sequence[Frame], stated: float, find_best: FindBest) -> list[Finding]:
+    """The fault that keeps objects from being found in the first of some frames.
+
+    `stated` is the best score there. Objects must then be found in the next frame too, and more
+    certainly if there is none: something may look like an absent object after some change. It takes
+    about 14 searches.
+    """
+    if not frames:
+        return []
+    frame, others = frames[0], frames[1:2]
+    certain = _CERTAIN if others else _CERTAIN_ALONE
+    where = f"frame {frame.key}"
+
+    def confirmed(changes: Sequence[Callable[[Frame], Frame]]) -> bool:
+        return all(
+            any(find_best(change(other)) >= _CERTAIN for change in changes) for other in others
+        )
+
+    def gain(score: float) -> str:
+        return f"objects are found then with a score of {score:.2f}, not {stated:.2f}"
+
+    swapped = find_best(_swapped(frame))
+    if swapped >= max(certain, stated + _COLOR_GAIN) and confirmed([_swapped]):
+        problem = f"red and blue may be exchanged: {gain(swapped)}"
+        return [Finding("colours", where, problem, "OpenCV reads blue first: write RGB")]
+    if stated >= _FOUND:
+        return []
+    scores = {change: find_best(change.frame(frame)) for row in _CHANGES for change in row}
+    best = max(scores, key=lambda change: scores[change])
+    # Another factor of the row may suit the other frame better.
+    alike = next(row for row in _CHANGES if best in row)
+    alike_first = [change.frame for change in sorted(alike, key=lambda change: change != best)]
+    if scores[best] < max(certain, stated + _SCORE_GAIN) or not confirmed(alike_first):
+        return []
+    return [best.finding(where, gain(scores[best]))]
+
+
+def _swapped(frame: Frame) -> Frame:
+    return replace(frame, rgb=np.ascontiguousarray(frame.rgb[..., ::-1]))

@@ -1,0 +1,166 @@
+"""What known objects, found in some frames, tell of faults of these frames.
+
+At each pose whose shape fits, the object's colours are compared with the image's: with red and blue
+as they are and exchanged, and moved by every one of some shifts. Depth and focal lengths are judged
+by `hlp.checks.corrections`. Three frames must show a fault; one or two, more clearly.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from hlp.checks import Finding, counted
+from hlp.checks.corrections import CorrectedFits, check_corrections, correction_gains
+from hlp.errors import InputError
+from hlp.method.detector import Detector
+from hlp.method.find.detections import Detection, SearchResult
+from hlp.method.track.tracking import TrackingResult
+from hlp.records import Frame, ObjectModel
+from hlp.refinement.texture import color_agreement
+from hlp.refinement.verification import VerificationSettings, observe
+
+_SHAPE_FITS = 0.8  # agreement of depth steps and of slopes: wrong poses rarely reach it
+_ENOUGH = 3  # frames
+_SHARE = 0.75  # of the frames that must say the same
+# Red and blue exchanged: difference of both correlations. Objects of nearly no colour have one of
+# about 0 either way, objects of much colour above 1.
+_EXCHANGED, _EXCHANGED_ALONE = 0.4, 0.8
+_SHIFTS = (-10, -5, 0, 5, 10)  # px, in both directions
+_CERTAIN = 0.8  # score: at a wrong pose some shift always agrees better
+_SHIFT_GAIN, _SHIFT_GAIN_ALONE = 0.04, 0.05  # correlation that the best shift must bring
+_TOLERATED, _TOLERATED_ALONE = 6.0, 8.0  # px; cameras that claim to be registered are up to 5 off
+
+
+class Evidence:
+    """Order and shift of colours, unit of depth, focal lengths: a quarter of a second a frame."""
+
+    def __init__(self, detector: Detector) -> None:
+        self._detector = detector
+        self._exchanges: list[float | None] = []
+        self._shifts: list[Float[np.ndarray, "s s"] | None] = []
+        self._fits: list[CorrectedFits] = []
+
+    def add(self, frame: Frame, answers: Sequence[Detection]) -> None:
+        """Take in a frame and the answers to it, whatever their score."""
+        models = self._detector.models
+        self._exchanges.append(exchange_gain(frame, models, answers))
+        self._shifts.append(shift_agreements(frame, models, answers))
+        self._fits.append(correction_gains(frame, models, answers, self._refine))
+
+    def findings(self) -> list[Finding]:
+        """What is wrong with these frames, one fault at most: one disturbs the signs of others."""
+        return (
+            check_color_order(self._exchanges)
+            or check_color_shift(self._shifts)
+            or check_corrections(self._fits)
+        )
+
+    def _refine(self, frame: Frame, answer: Detection) -> Detection | None:
+        try:
+            return self._detector.refine(
+                frame.rgb, frame.depth, frame.camera_matrix, answer.object, answer.pose_cam_obj
+            )
+        except InputError:  # a correction that makes no sense for this frame
+            return None
+
+
+def all_answers(found: SearchResult | TrackingResult) -> list[Detection]:
+    """Detections and what was not good enough: a fault of the frame lowers the score."""
+    rejected = [rejection.answer for rejection in found.rejections if rejection.answer]
+    return [*found.detections, *rejected]
+
+
+def colored_answers(
+    models: Mapping[str, ObjectModel], answers: Sequence[Detection]
+) -> list[Detection]:
+    """Poses of objects with colours whose shape fits. `models` are by the names of the answers."""
+    return [
+        answer
+        for answer in answers
+        if models[answer.object].mesh.colored
+        and min(answer.fit.relief, answer.fit.slope) >= _SHAPE_FITS
+    ]
+
+
+def exchange_gain(
+    frame: Frame, models: Mapping[str, ObjectModel], answers: Sequence[Detection]
+) -> float | None:
+    """How much better the colours of known objects agree with red and blue exchanged.
+
+    The mean difference of the correlations at the poses whose shape fits; None if there is no such
+    pose of an object with colours. `models` are by the names of the answers.
+    """
+    stated = observe(frame.rgb, frame.depth, frame.camera_matrix, VerificationSettings())
+    exchanged = replace(stated, rgb=np.ascontiguousarray(frame.rgb[..., ::-1]))
+    gains = [
+        color_agreement(exchanged, models[answer.object], answer.pose_cam_obj).correlation
+        - color_agreement(stated, models[answer.object], answer.pose_cam_obj).correlation
+        for answer in colored_answers(models, answers)
+    ]
+    return float(np.mean(gains)) if gains else None
+
+
+def check_color_order(gains: Sequence[float | None]) -> list[Finding]:
+    """Exchanged red and blue, by the `exchange_gain` of each frame."""
+    known = [gain for gain in gains if gain is not None]
+    if not known or len(known) < min(len(gains), 2):
+        return []
+    agreeing = sum(gain > 0.0 for gain in known)
+    if len(known) < _ENOUGH:
+        exchanged = min(known) >= _EXCHANGED_ALONE
+    else:
+        exchanged = float(np.mean(known)) >= _EXCHANGED and agreeing >= _SHARE * len(known)
+    if not exchanged:
+        return []
+    problem = (
+        "known objects agree better with red and blue exchanged (correlation of colours higher by "
+        f"{np.mean(known):.2f})"
+    )
+    advice = "OpenCV reads blue first: write RGB"
+    return [Finding("colours", counted(agreeing), problem, advice)]
+
+
+def shift_agreements(
+    frame: Frame, models: Mapping[str, ObjectModel], answers: Sequence[Detection]
+) -> Float[np.ndarray, "s s"] | None:
+    """How well the colours of the most certain object agree with the image's, by their shift.
+
+    Rows are shifts of depth downwards, columns to the right. None if no object with colours is
+    certain. `models` are by the names of the answers.
+    """
+    fitting = colored_answers(models, answers)
+    best = max(fitting, key=lambda answer: answer.score, default=None)
+    if best is None or best.score < _CERTAIN:
+        return None
+    seen = observe(frame.rgb, frame.depth, frame.camera_matrix, VerificationSettings())
+
+    def agreement(down: int, right: int) -> float:
+        moved = replace(seen, rgb=np.roll(frame.rgb, (-down, -right), axis=(0, 1)))
+        return color_agreement(moved, models[best.object], best.pose_cam_obj).correlation
+
+    return np.array([[agreement(down, right) for right in _SHIFTS] for down in _SHIFTS])
+
+
+def check_color_shift(agreements: Sequence[Float[np.ndarray, "s s"] | None]) -> list[Finding]:
+    """Colour shifted against depth, by the `shift_agreements` of each frame."""
+    known = [agreement for agreement in agreements if agreement is not None]
+    if not known or len(known) < min(len(agreements), 2):
+        return []
+    mean = np.mean(known, axis=0)
+    row, column = np.unravel_index(int(mean.argmax()), mean.shape)
+    right, down = _SHIFTS[column], _SHIFTS[row]
+    middle = len(_SHIFTS) // 2
+    gain = mean[row, column] - mean[middle, middle]
+    few = len(known) < _ENOUGH
+    if np.hypot(right, down) < (_TOLERATED_ALONE if few else _TOLERATED):
+        return []
+    if gain < (_SHIFT_GAIN_ALONE if few else _SHIFT_GAIN):
+        return []
+    problem = (
+        f"the colours of known objects agree better when depth is moved by about ({right}, {down}) "
+        f"px (correlation higher by {gain:.2f})"
+    )
+    advice = "Register depth to colour: take the camera's aligned depth stream"
+    return [Finding("registration", counted(len(known)), problem, advice)]
