@@ -64,3 +64,12 @@ def commands(path: Path) -> Iterator[list[str]]:
                 words = shlex.split(line, comments=True)
                 if words and words[0] in {"hlp", ".venv/bin/hlp"}:
                     yield [word for word in words[1:] if word != "…"]
+
+
+def write_files(path: Path, folder: Path) -> None:
+    """Write the blocks of a page that are whole files, of settings or of a camera."""
+    for block in blocks(path):
+        if block.title and block.language in ("yaml", "python"):
+            file = folder / block.title
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(block.text)

@@ -5,9 +5,8 @@ import re
 from pathlib import Path
 
 import pytest
-from hydra import compose, initialize_config_dir
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from markdown_pages import EXAMPLES, ROOT, blocks, commands
+from markdown_pages import EXAMPLES, commands, write_files
 
 from hlp.cli import COMMANDS
 from hlp.commands import composing, own_arguments
@@ -17,38 +16,29 @@ from hlp.commands.report import REPORT_HELP
 from hlp.config.build import build_settings
 from hlp.data.public.sets import find_set
 
-CONF = ROOT / "conf"
 PREFIX = {"bench": ["task=bench"], "search": ["task=search"]}
-OWN = (
-    "download",
-    "learn",
-    "predict",
-    "live",
-    "objects",
-    "doctor",
-)  # these take keys of their own and, partly, overrides
-CASES = [(path, " ".join(words), words) for path in EXAMPLES for words in commands(path)]
+OWN = ("download", "learn", "predict", "live", "objects", "doctor")
+"""They take keys of their own and, partly, overrides."""
+CASES = {" ".join(words): (path, words) for path in EXAMPLES for words in commands(path)}
 
 
 def compose_command(words: list[str], own_files: Path) -> int:
     """Compose what a command names, every value of a sweep once; the number of configurations."""
     command, *arguments = words if words[0] not in MULTIRUN else ["run", *words]
     if command == "search":
-        arguments = [f"task/{each}" if each.startswith("space=") else each for each in arguments]
+        arguments = [f"task/{word}" if word.startswith("space=") else word for word in arguments]
     overrides, searched = [*PREFIX.get(command, [])], []
     remaining = iter(arguments)
-    for each in remaining:
-        if each == "--config-dir":
+    for word in remaining:
+        if word == "--config-dir":
             searched = [f"hydra.searchpath=[file://{own_files / next(remaining)}]"]
-        elif each not in MULTIRUN and not each.startswith(("manifest=", "compare=")):
-            overrides.append(each.replace("…", "X"))
-    swept = [_values(each) for each in overrides]
+        elif word not in MULTIRUN and not word.startswith(("manifest=", "compare=")):
+            overrides.append(word.replace("…", "X"))
+    swept = [_values(override) for override in overrides]
     count = max(map(len, swept), default=1)
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        for index in range(count):
-            arm = [values[index % len(values)] for values in swept]
-            config = compose("config", overrides=[*searched, "output=out", *arm])
-            build_settings(config)
+    for index in range(count):
+        chosen = [values[index % len(values)] for values in swept]
+        build_settings(composing.compose_config(*searched, "output=out", *chosen))
     return count
 
 
@@ -79,17 +69,9 @@ def _values(override: str) -> list[str]:
     return [f"{key}={value}" for value in parsed.sweep_string_iterator()]
 
 
-@pytest.mark.parametrize(
-    ("path", "words"),
-    [(path, words) for path, _, words in CASES],
-    ids=[f"{path.stem}: {text}" for path, text, _ in CASES],
-)
+@pytest.mark.parametrize(("path", "words"), CASES.values(), ids=[*CASES])
 def test_command_exists_and_its_configuration_composes(path, words, tmp_path):
-    for block in blocks(path):
-        if block.language == "yaml" and block.title:
-            file = tmp_path / block.title
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_text(block.text)
+    write_files(path, tmp_path)
     if words[0] in OWN:
         check_own(words)
     elif words[0] in MULTIRUN or words[0] != "report":
@@ -97,12 +79,12 @@ def test_command_exists_and_its_configuration_composes(path, words, tmp_path):
         compose_command(words, tmp_path)
     else:
         known = set(re.findall(r"(\w+)=", REPORT_HELP.partition("\n\n")[0]))
-        assert {each.partition("=")[0] for each in words[1:]} <= known
+        assert {word.partition("=")[0] for word in words[1:]} <= known
 
 
 def test_commands_of_every_page_are_found():
     assert {"README", "index", "own-object", "sweeps", "mlflow", "adding-alternatives"} <= {
-        path.stem for path, _, _ in CASES
+        path.stem for path in EXAMPLES if [*commands(path)]
     }
 
 

@@ -1,37 +1,27 @@
 """The Python examples of README and the pages run as they stand, on one object in one frame."""
 
 import ast
+import shutil
 from functools import partial
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
-import trimesh
 from markdown_pages import EXAMPLES, blocks
 
+from frame_files import write_image
 from hlp import Detector
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.evaluation.errors import add
 from hlp.geometry import project, transform
 from hlp.objects.meshes import load_mesh, mesh_diameter
-from tiny_method import tiny_method
+from tiny_method import tiny_method, write_mesh
 
-SCENES = SyntheticSettings(
-    scenes=1,
-    seed=3,
-    width=640,
-    height=480,
-    noise=1.0,
-    min_visible=0.8,
-    objects=(5, 5),
-    clutter=(2, 2),
-    distance_mm=(700, 800),
-    elevation_deg=(30, 50),
-    roll_deg=10,
-    tilt_deg=0,
-)
+SCENES = {
+    **{"scenes": 1, "seed": 3, "width": 640, "height": 480, "noise": 1.0, "min_visible": 0.8},
+    **{"objects": (5, 5), "clutter": (2, 2), "distance_mm": (700, 800)},
+    **{"elevation_deg": (30, 50), "roll_deg": 10, "tilt_deg": 0},
+}
 # The examples learn with the default settings, which takes minutes.
 LEARNING = (
     *("rendering.coverage=hemisphere", "rendering.in_plane_min_deg=-45"),
@@ -39,30 +29,30 @@ LEARNING = (
     *("patches.pool.per_object=900", "patches.pairs.per_object=600"),
     *("patches.pool.distractor_scenes=10", "classifier.epochs=4", "classifier.min_batches=60"),
 )
-PAGES = [path for path in EXAMPLES if any(each.language == "python" for each in blocks(path))]
+
+
+def python_blocks(path: Path):
+    return [block for block in blocks(path) if block.language == "python"]
+
+
+PAGES = [path for path in EXAMPLES if python_blocks(path)]
 
 
 @pytest.fixture(scope="module")
 def own_files(tmp_path_factory):
     """Folder with what the examples read, the frame, and the true pose of its `bracket`."""
     folder = tmp_path_factory.mktemp("examples")
-    scenes = SyntheticScenes(SCENES)
+    scenes = SyntheticScenes(SyntheticSettings(**SCENES))
     frame = scenes.load(scenes.keys[0])
     models = demo_objects()
-    target = next(each for each in frame.targets if len(models[each.object_id].symmetries) == 1)
-    mesh = models[target.object_id].mesh
-    shape = trimesh.Trimesh(
-        mesh.vertices * 1000, mesh.faces, vertex_colors=mesh.colors, process=False
-    )
+    target = next(t for t in frame.targets if len(models[t.object_id].symmetries) == 1)
+    mesh = write_mesh(folder, models[target.object_id])
     for name in ("bracket.ply", "bolt.ply"):
-        shape.export(folder / name)
-    cv2.imwrite(str(folder / "frame.png"), frame.rgb[:, :, ::-1])
-    cv2.imwrite(str(folder / "frame_depth.png"), np.rint(frame.depth * 1000).astype(np.uint16))
+        shutil.copy(mesh, folder / name)
+    files = write_image(folder, "0", frame)
+    shutil.copy(files["rgb"], folder / "frame.png")
+    shutil.copy(files["depth"], folder / "frame_depth.png")
     return folder, frame, models[target.object_id], target.pose_cam_obj
-
-
-def python_blocks(path: Path):
-    return [each for each in blocks(path) if each.language == "python"]
 
 
 def run_examples(path: Path, names: dict[str, object]) -> None:

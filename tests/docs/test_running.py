@@ -7,23 +7,21 @@ composes it, as all others. Commands that use each other's output are one group,
 
 import json
 import shutil
-import sqlite3
 from collections.abc import Iterable
-from contextlib import closing
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 import trimesh
-from forked_processes import ForkedProcesses
-from markdown_pages import EXAMPLES, blocks, commands
+from markdown_pages import EXAMPLES, commands, write_files
 from recording_folders import ALL_OBJECTS, left_out, write_recordings
 from sequence_folders import write_linemod, write_mesh, write_ycbineoat
 
 from bop_folder import write_models, write_scene
+from forked_hlp import Running
+from frame_files import write_camera, write_image
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
+from run_files import logged_runs
 from tiny_run import TINY, TinyRun
 
 NETWORK = "gigabytes from a server; tests/data/test_public_download.py has one of its own"
@@ -83,7 +81,7 @@ ORDER = ("learn", "run", "-m", "objects", "predict", "doctor", "live", "upload")
 GROUPS = ("data sets", "demo", "own objects")
 """Commands of different groups need nothing of each other: each group is a test of its own."""
 OWN_OBJECTS = ("learn", "objects", "predict", "doctor", "live")
-TINY_METHOD = tuple(each for each in TINY if not each.startswith(("data.", "frames", "panels")))
+TINY_METHOD = tuple(key for key in TINY if not key.startswith(("data.", "frames", "panels")))
 OWN_DATA = ("data=", "data.root=", "data_folder=")
 ONCE = ("frames=1", "timing_frames=1", "panels=0")
 SMALLER = {
@@ -155,7 +153,7 @@ def as_run(words: list[str], folder: Path) -> list[str]:
     """The command with the folder's own names, and with what is appended."""
     given = [PLACEHOLDERS.get(word, word) for word in words]
     if "runs=[RUN_A,RUN_B]" in given:
-        given[given.index("runs=[RUN_A,RUN_B]")] = f"runs=[{','.join(logged_runs(folder))}]"
+        given[given.index("runs=[RUN_A,RUN_B]")] = f"runs=[{','.join(runs_of_demo(folder))}]"
     also = ALSO.get(" ".join(words), []) or ALSO.get(words[0], [])
     if "experiment=fig9a" in words and words[0] == "-m":
         also = ["encoder.dimension=100,200"]  # the tiny encoder has no 600 components
@@ -164,26 +162,24 @@ def as_run(words: list[str], folder: Path) -> list[str]:
     own_data = any(word.startswith(OWN_DATA) for word in words)
     if "data.root=recordings/lm" in given:
         given += left_out(words)
-    size = [] if own_data else [each for each in TINY if each.startswith("data.")]
+    size = [] if own_data else [key for key in TINY if key.startswith("data.")]
     chosen = {word.partition("=")[0] for word in words}
     if "encoder.epochs" in chosen:
         chosen.add("encoder")
     if {"experiment=ladder", "method=paper_literal"} & {*words}:  # voting with one hypothesis
         chosen.add("voting.hypotheses")
-    own = [each for each in [*size, *TINY_METHOD, *ONCE] if each.partition("=")[0] not in chosen]
+    own = [key for key in [*size, *TINY_METHOD, *ONCE] if key.partition("=")[0] not in chosen]
     smaller = [f"{key}={SMALLER[key]}" for key in chosen if key in SMALLER]
     return [*given, *dict.fromkeys(own), *smaller, *also]
 
 
-def logged_runs(folder: Path) -> list[str]:
+def runs_of_demo(folder: Path) -> list[str]:
     """Ids of the first and the last of the demo's runs in MLflow's database."""
-    query = (
-        "select run_uuid from runs join experiments using (experiment_id) "
-        "where experiments.name = 'demo' and runs.name not like 'sweep%' order by start_time"
-    )
-    with closing(sqlite3.connect(folder / "work" / "mlflow.db")) as database:
-        found = [str(row[0]) for row in database.execute(query)]
-    return [found[0], found[-1]]
+    client, runs = logged_runs(folder)
+    demo = client.get_experiment_by_name("demo").experiment_id
+    found = [run.info for run in runs if run.info.experiment_id == demo]
+    ids = [info.run_id for info in found if not info.run_name.startswith("sweep")]
+    return [ids[0], ids[-1]]
 
 
 @pytest.fixture
@@ -200,11 +196,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, tiny_run: TinyRun) -> Path:
     write_own_files(made)
     write_recordings(made / "recordings", photographs=made / "photos", room=made / "rooms")
     for path in EXAMPLES:
-        for block in blocks(path):
-            if block.title and block.language in ("yaml", "python"):
-                file = made / block.title
-                file.parent.mkdir(parents=True, exist_ok=True)
-                file.write_text(block.text)
+        write_files(path, made)
     return made
 
 
@@ -220,20 +212,13 @@ def write_own_files(made: Path) -> None:
     write_ycbineoat(made / "mustard0", model, frames[:1])
     write_mesh(made / "model.ply", model)
     (made / "vendor.py").write_text(VENDOR)
-    camera = {"cam_K": frames[0].camera_matrix.ravel().tolist(), "depth_scale": 1.0}
     for room in (made, made / "rooms"):
-        for kind in ("rgb", "depth"):
-            (room / kind).mkdir(parents=True)
-        (room / "camera.json").write_text(json.dumps(camera))
         for number, frame in enumerate(frames):
-            write_frame(room / "rgb" / f"{number}.png", room / "depth" / f"{number}.png", frame)
-    write_frame(made / "frame.png", made / "frame_depth.png", frames[0])
+            write_image(room, str(number), frame)
+        write_camera(room, frames[0])
+    shutil.copy(made / "rgb" / "0.png", made / "frame.png")
+    shutil.copy(made / "depth" / "0.png", made / "frame_depth.png")
     shutil.copytree(made / "rgb", made / "photos")
-
-
-def write_frame(rgb: Path, depth: Path, frame) -> None:
-    cv2.imwrite(str(rgb), frame.rgb[:, :, ::-1])
-    cv2.imwrite(str(depth), np.rint(frame.depth * 1000).astype(np.uint16))
 
 
 def failures(folder: Path, written: Iterable[list[str]], limit: float) -> dict[str, str]:
@@ -241,7 +226,6 @@ def failures(folder: Path, written: Iterable[list[str]], limit: float) -> dict[s
 
     Commands that are the same where they run, in a reader's own words, run once.
     """
-    processes = ForkedProcesses(folder)
     line = json.dumps({"rgb": "rgb/0.png", "depth": "depth/0.png"}) + "\n"
     failed, seen = {}, set()
     for words in written:
@@ -249,11 +233,11 @@ def failures(folder: Path, written: Iterable[list[str]], limit: float) -> dict[s
         if tuple(given) in seen:
             continue
         seen.add(tuple(given))
-        ended = processes.call(given, line, limit)
+        ended = Running(folder, *given, stdin=line).wait(limit)
         text = " ".join(words)
         code, said = ENDS.get(text, (0, ""))
-        if ended.code != code or said not in ended.out + ended.err:
-            failed[text] = (ended.err or ended.out)[-1000:]
+        if ended.returncode != code or said not in ended.stdout + ended.stderr:
+            failed[text] = (ended.stderr or ended.stdout)[-1000:]
     return failed
 
 
@@ -265,10 +249,14 @@ def commands_that_run(*, long: bool) -> list[list[str]]:
             and text.startswith(MINUTES) == long]  # fmt: skip
 
 
+def assert_all_run(folder: Path, written: Iterable[list[str]], limit: float) -> None:
+    failed = failures(folder, written, limit)
+    assert not failed, "\n\n".join(f"hlp {words}\n{said}" for words, said in failed.items())
+
+
 @pytest.mark.minutes
 def test_long_commands_run_as_they_are_written(folder: Path) -> None:
-    failed = failures(folder, commands_that_run(long=True), 900.0)
-    assert not failed, "\n\n".join(f"hlp {words}\n{said}" for words, said in failed.items())
+    assert_all_run(folder, commands_that_run(long=True), 900.0)
 
 
 @pytest.mark.slow
@@ -276,8 +264,7 @@ def test_long_commands_run_as_they_are_written(folder: Path) -> None:
 @pytest.mark.parametrize("name", GROUPS)
 def test_commands_run_as_they_are_written(folder: Path, name: str) -> None:
     written = (words for words in commands_that_run(long=False) if group(words) == name)
-    failed = failures(folder, written, 300.0)
-    assert not failed, "\n\n".join(f"hlp {words}\n{said}" for words, said in failed.items())
+    assert_all_run(folder, written, 300.0)
     if name == "own objects":
         assert (folder / "learnt" / "learnt.json").is_file()
         assert (folder / "look").is_dir()
@@ -293,7 +280,7 @@ def test_every_exception_stands_in_the_documentation() -> None:
     assert not {key for key in ALSO if " " in key} - run
     assert not {*PLACEHOLDERS} - {word for text in run for word in text.split()}
     assert len(run) >= 55
-    assert all(any(text.startswith(each) for text in run) for each in MINUTES)
+    assert all(any(text.startswith(begin) for text in run) for begin in MINUTES)
     elsewhere = {
         word for text in run for word in text.split() if "../" in PLACEHOLDERS.get(word, word)
     }

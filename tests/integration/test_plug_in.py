@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from forked_hlp import run_hlp
 from run_files import read_json
-from tiny_run import TINY, start_hlp, start_run
+from tiny_run import TINY
 
 CONTRIBUTING = Path(__file__).parents[2] / "CONTRIBUTING.md"
 BLOCK = re.compile(r'```\w+ title="([^"]+)"\n(.*?)```', re.DOTALL)
@@ -37,7 +38,7 @@ def plug_in(tmp_path: Path) -> Path:
 def test_the_example_is_found_by_its_name_and_runs(plug_in: Path) -> None:
     chosen = ("--config-dir", str(plug_in / "conf"), "encoder=cells", "encoder.cells=4")
     tiny = [setting for setting in TINY if not setting.startswith("encoder=")]
-    done = start_run(plug_in, *chosen, *tiny, "panels=0", "output=out", threads=2)
+    done = run_hlp(plug_in, "run", *chosen, *tiny, "panels=0", "output=out")
     assert done.returncode == 0, done.stderr
     manifest = read_json(plug_in / "out" / "manifest.json")
     assert manifest["config"]["encoder"] == {"name": "cells", "cells": 4}
@@ -47,16 +48,16 @@ def test_the_example_is_found_by_its_name_and_runs(plug_in: Path) -> None:
 def test_every_value_is_shown_and_a_mistake_is_named(plug_in: Path) -> None:
     """A folder on the search path will do as well as an option."""
     path = f"hydra.searchpath=[file://{plug_in / 'conf'}]"
-    done = start_hlp(plug_in, "run", "--cfg", "job", path, "encoder=cells")
+    done = run_hlp(plug_in, "run", "--cfg", "job", path, "encoder=cells")
     assert done.returncode == 0, done.stderr
     assert "encoder:\n  name: cells\n  cells: 8\n" in done.stdout
     assert "  theta_deg: 10.0\n" in done.stdout
     assert "base_" not in done.stdout
     chosen = ("--config-dir", str(plug_in / "conf"), "encoder=cells", "encoder.cells=0")
-    done = start_run(plug_in, *chosen, "output=out", threads=1)
+    done = run_hlp(plug_in, "run", *chosen, "output=out")
     assert done.returncode == 1
     assert done.stderr.strip().endswith("encoder.cells is 0: it must be at least 1")
     (plug_in / "my_hlp-1.0.dist-info" / "entry_points.txt").unlink()
-    done = start_run(plug_in, "encoder.name=cells", threads=1)
+    done = run_hlp(plug_in, "run", "encoder.name=cells")
     assert done.returncode == 1
     assert "encoder.name is 'cells': choose one of cae, contrastive, pca" in done.stderr

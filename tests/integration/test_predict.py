@@ -79,6 +79,7 @@ def first(own: Own) -> Ended:
     return ended
 
 
+@pytest.mark.slow
 def test_poses_are_near_the_true_ones(own: Own, first: Ended) -> None:
     found = own.answers("first")
     assert [Path(answer["rgb"]).name for answer in found] == ["view_0.png", "view_2.png"]
@@ -91,6 +92,7 @@ def test_poses_are_near_the_true_ones(own: Own, first: Ended) -> None:
         assert np.rad2deg(turn) < 20.0
 
 
+@pytest.mark.slow
 def test_every_form_of_the_answer_says_the_same(own: Own, first: Ended) -> None:
     output, found = own.folder / "first", own.answers("first")
     lines = [json.loads(line) for line in (output / "poses.jsonl").read_text().splitlines()]
@@ -138,6 +140,7 @@ def test_new_frames_are_looked_at_without_learning_again(own: Own, first: Ended)
     assert failed.stderr.startswith("hlp: new/rgb/broken.png is truncated")
 
 
+@pytest.mark.slow
 def test_learnt_objects_are_used_by_name_and_by_path(own: Own, first: Ended) -> None:
     """What the first call learnt has a name in the cache; a box where nothing is finds nothing."""
 
