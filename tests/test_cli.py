@@ -35,7 +35,7 @@ STAND_INS = {
 DRIVER = """
 import json, logging, sys, types
 from pathlib import Path
-import hlp.cli, hlp.config, hlp.studies
+import hlp.cli, hlp.config
 
 def build_run(config, chosen=None):
     from omegaconf import OmegaConf
@@ -44,20 +44,17 @@ def build_run(config, chosen=None):
         raise MissingFileError("data.root: no folder /nowhere")
     if config.seed == 14:
         raise KeyError("a bug")
-    return OmegaConf.to_container(config, resolve=True)
+    config = OmegaConf.to_container(config, resolve=True)
+    task = types.SimpleNamespace(run=lambda run, output: run_task(config, output))
+    return types.SimpleNamespace(settings=types.SimpleNamespace(task=task))
 
 def run_task(config, output):
     logging.getLogger("hlp.run").info("running %s", config["seed"])
     (output / "seen.json").write_text(json.dumps(config))
 
-for package, name, function in (
-    (hlp.config, "build", build_run),
-    (hlp.studies, "tasks", run_task),
-):
-    module = types.ModuleType(f"{package.__name__}.{name}")
-    setattr(module, function.__name__, function)
-    sys.modules[module.__name__] = module
-    setattr(package, name, module)
+hlp.config.build = types.ModuleType("hlp.config.build")
+hlp.config.build.build_run = build_run
+sys.modules["hlp.config.build"] = hlp.config.build
 hlp.commands.composing.config_folder = lambda: Path("conf").absolute()
 hlp.cli.main()
 """

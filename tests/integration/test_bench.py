@@ -10,12 +10,11 @@ from hlp.method.find.estimator import PoseEstimator
 from hlp.method.find.search import search_frame
 from hlp.method.stage_settings import FindSettings
 from hlp.observer import NOBODY
-from hlp.reporting.study_numbers import STUDIES, read_study
+from hlp.reporting.study_numbers import KINDS, read_numbers
 from hlp.results.summary_file import read_target_values
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
-from hlp.studies.stopwatch import PARTS, PartClock, compare_searches, load_timed
-from hlp.studies.tasks import run_task
+from hlp.studies.bench_times import PARTS, PartClock, compare_searches, load_timed
 from run_files import read_json
 from table_text import unpadded
 from tiny_run import TinyRun
@@ -23,6 +22,10 @@ from tiny_run import TinyRun
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("threads")]
 
 COMPARED = ("+task.compared.few.refinement.particles=3", "+task.compared.same.seed=0")
+
+
+def run_task(run: Run, output: Path) -> None:
+    run.settings.task.run(run, output)
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +73,7 @@ def test_bench_states_every_part_of_every_path(bench: Path) -> None:
 
 
 def test_times_by_target_have_the_medians_of_the_study(bench: Path) -> None:
-    numbers = read_study(bench, STUDIES["bench"])
+    numbers = read_numbers(bench, KINDS["bench"])
     assert numbers is not None
     values = {number.name: number.value for number in numbers}
     targets = read_target_values(bench)
@@ -119,13 +122,13 @@ def test_each_index_is_compared_with_an_exact_search_once_a_frame(
 ) -> None:
     run, estimator = estimator_of(tiny_run, *overrides)
     objects = run.dataset.target_ids[:2]
-    load_timed(estimator, objects)
+    load_timed(estimator, {object_id: str(object_id) for object_id in objects})
     context = estimator.prepare(run.dataset.frames.load(run.keys[0]))
     regions = [estimator.find_region(context, object_id) for object_id in objects]
     patches = [estimator.find_hypotheses(context, region).patches for region in regions]
     compared = compare_searches(estimator, dict(zip(objects, patches, strict=True)))
-    assert [search.queries for search in compared] == [len(own) for own in patches[:indices]]
-    assert all(0.5 < search.recall <= 1.0 for search in compared)
+    assert [search["queries"] for search in compared] == [len(own) for own in patches[:indices]]
+    assert all(0.5 < search["recall"] <= 1.0 for search in compared)
 
 
 def test_a_wrong_path_is_named_before_anything_is_learnt(tiny_run: TinyRun, tmp_path: Path) -> None:

@@ -7,9 +7,8 @@ import pytest
 
 from hlp.method.find.estimator import FrameContext, PoseEstimator
 from hlp.refinement.none import NoneRefiner
-from hlp.reporting.study_numbers import STUDIES, read_study
+from hlp.reporting.study_numbers import KINDS, read_numbers
 from hlp.results.summary_file import read_target_values
-from hlp.studies.tasks import run_task
 from run_files import logged_run, read_json, rows, stages
 from tiny_run import TinyRun
 
@@ -17,7 +16,8 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("threads")]
 
 
 def run_experiment(tiny_run: TinyRun, name: str, output: Path, *overrides: str) -> None:
-    run_task(tiny_run.build(f"experiment={name}", *overrides), output)
+    run = tiny_run.build(f"experiment={name}", *overrides)
+    run.settings.task.run(run, output)
 
 
 def logged_metrics(tiny_run: TinyRun, output: Path) -> dict[str, float]:
@@ -28,7 +28,7 @@ def logged_metrics(tiny_run: TinyRun, output: Path) -> dict[str, float]:
 
 
 def assert_targets_have_the_means_of_the_study(output: Path, study: str) -> None:
-    numbers = read_study(output, STUDIES[study])
+    numbers = read_numbers(output, KINDS[study])
     assert numbers is not None
     targets = read_target_values(output)
     means = {name: sum(values.values()) / len(values) for name, values in targets.items()}

@@ -164,6 +164,6 @@ def test_ablations_sweep_and_show_tables_and_figures(notebooks: Path) -> None:
     text = unpadded(printed(done))
     assert "hlp -m experiment=fig9b" in text
     assert "fig9b.svg" in text and "report.html" in text
-    assert "2 of 2 arms finished" in text
+    assert "2 of 2 runs finished" in text
     assert "| refinement |" in text
     assert len(pictures(done)) == 2

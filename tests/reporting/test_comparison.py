@@ -10,6 +10,7 @@ from hlp.reporting.comparison import (
     compare_runs,
     differences_table,
     mcnemar_exact,
+    mean_and_spread,
     read_targets,
 )
 from hlp.results.poses_file import write_scores
@@ -96,3 +97,13 @@ def test_what_cannot_be_compared_is_named(tmp_path: Path) -> None:
         ValueError, match=r"c\.csv: the first line must be scene_id,im_id,obj_id,object"
     ):
         compare_runs(first, tmp_path / "c.csv", ("a", "b"), "text")
+
+
+def test_mean_and_standard_deviation_of_a_sample() -> None:
+    shares = np.random.default_rng(2).random((4, 3))
+    means, spreads = mean_and_spread([dict(zip("abc", each, strict=True)) for each in shares])
+    found = [[float(each[name]) for name in "abc"] for each in (means, spreads)]
+    np.testing.assert_allclose(found[0], shares.mean(axis=0), atol=6e-4)
+    np.testing.assert_allclose(found[1], shares.std(axis=0, ddof=1), atol=6e-5)
+    unknown = mean_and_spread([{"a": 0.25, "b": None}, {"a": 0.75, "b": 0.5}])
+    assert unknown == ({"a": "0.500", "b": ""}, {"a": "0.3536", "b": ""})

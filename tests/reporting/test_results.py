@@ -21,7 +21,7 @@ def test_arms_are_read_in_their_order_and_with_what_was_chosen(tmp_path: Path) -
     particles = [each.config["refinement"]["particles"] for each in found.results]
     assert particles == list(range(1, 12))
     assert found.results[10].chosen == {"refinement.particles": "11"}
-    assert (found.command, found.unfinished) == ("hlp -m experiment=fig9b seed=1", {})
+    assert (found.command, found.unfinished) == ("hlp -m experiment=fig9b seed=1", [])
     assert (found.results[0].experiment, found.results[0].frames) == ("fig9b", 2)
 
 
@@ -30,7 +30,8 @@ def test_an_arm_without_manifest_is_not_finished(tmp_path: Path) -> None:
     (folder / "3" / "manifest.json").unlink()
     found = read_results(folder)
     assert len(found.results) == 10
-    assert found.unfinished == {folder / "3": {"refinement.particles": "4"}}
+    assert found.unfinished == [folder / "3"]
+    assert found.chosen[folder / "3"] == {"refinement.particles": "4"}
 
 
 def test_sweeps_and_single_runs_are_found_but_not_arms(tmp_path: Path) -> None:

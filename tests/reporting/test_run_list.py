@@ -26,12 +26,12 @@ def test_every_run_and_sweep_has_its_line(tmp_path: Path) -> None:
     assert run.is_dir()
     assert {name: row[0] for name, row in rows.items()} == {
         "demo/b": "broken",
-        "sweep": "1/2 arms",
+        "sweep": "1/2 runs",
         "sweep/0": "finished",
         "sweep/1": "unfinished",
     }
     text = describe_outputs(tmp_path, "text")
-    assert "best arm. 5 runs below" in text
+    assert "best run. 5 runs below" in text
 
 
 def test_a_sweep_has_the_figures_of_its_best_arm(tmp_path: Path) -> None:
@@ -39,7 +39,7 @@ def test_a_sweep_has_the_figures_of_its_best_arm(tmp_path: Path) -> None:
     for arm, (recall, ms) in enumerate([(0.5, 40.0), (0.8, 90.0), (0.8, 60.0)]):
         write_run(sweep / str(arm), "demo", scored(recall, ms, {"cat": recall}))
     (row,) = (row for row in run_list(tmp_path).rows if row[0] == "sweep")
-    assert list(row[1:]) == ["3/3 arms", "20", "0.800", "0.70-0.84", "0.600", "60"]
+    assert list(row[1:]) == ["3/3 runs", "20", "0.800", "0.70-0.84", "0.600", "60"]
 
 
 @pytest.mark.parametrize("broken", ["sweep.json", "0/summary.json", "0/manifest.json"])

@@ -5,16 +5,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+import pandas as pd
 import pytest
 
 from hlp.commands import report
 from hlp.data.synthetic.objects import demo_objects
 from hlp.records import TargetScore
-from hlp.reporting.figures.basin_maps import Basins, format_basins
 from hlp.reporting.paper_results import ADD_BY_OBJECT
 from hlp.reporting.tables.bench_table import format_bench
-from hlp.reporting.tables.repeats import format_oracle, format_search
+from hlp.reporting.tables.study_tables import (
+    basin_cells,
+    format_basins,
+    format_oracle,
+    format_search,
+)
 from hlp.reporting.tables.summary_tables import format_summary
 from hlp.results.poses_file import write_scores
 from written_bench import bench_result
@@ -111,7 +115,7 @@ def test_the_report_of_a_sweep(
         write_verdicts(sweep / str(arm), arm)
     report.command([f"output={tmp_path}"])
     printed = capsys.readouterr().out
-    assert "3 of 3 arms finished" in printed and "All runs below" in printed
+    assert "3 of 3 runs finished" in printed and "All runs below" in printed
     assert not wider(printed)
 
 
@@ -132,10 +136,11 @@ def test_the_ends_of_studies() -> None:
     oracle = {"frames": 30, "noise_deg": 10.0, "noise_mm": 12.5, "cells": cells, "lost": lost}
     assert not wider(format_oracle(oracle))
 
-    errors = tuple(float(each) for each in range(0, 70, 5))
-    right = dict.fromkeys(names, np.ones((20, len(errors), len(errors)), bool))
-    refiners = {name: right for name in ("pso", "icp", "none", "a_refiner_of_ones_own")}
-    assert not wider(format_basins(Basins(errors, errors, refiners)))
+    errors = [float(each) for each in range(0, 70, 5)]
+    refiners = ["pso", "icp", "none", "a_refiner_of_ones_own"]
+    columns = ["refiner", "object", "rotation_deg", "translation_mm"]
+    index = pd.MultiIndex.from_product([refiners, names, errors, errors], names=columns)
+    assert not wider(format_basins(basin_cells(index.to_frame(index=False).assign(right=True))))
 
     values = {f"refinement.verification.a_long_key_{i}": 0.123456 for i in range(6)}
     trial = {"trial": 12, "values": values, "recall": 0.9, "time_ms": 1234.5, "error": None}

@@ -21,8 +21,7 @@ from hlp.reporting.mlflow_tracking import track_run
 from hlp.results.poses_file import write_scores
 from hlp.results.summary_file import read_target_values
 from hlp.studies import search
-from hlp.studies.search import SearchSettings
-from hlp.studies.search_space import Choices, Range, check_within, nested, read_space
+from hlp.studies.search import SearchSettings, check_within, nested, read_space
 
 pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 
@@ -187,12 +186,17 @@ def test_a_wrong_space_is_named_before_any_trial(
 def test_a_space_is_read_as_ranges_and_choices() -> None:
     given = {"a": {"b": {"low": 1, "high": 5}, "c": {"low": 0.1, "high": 1.0, "log": True}}}
     space = read_space({**given, "d": {"choices": ["x", "y"]}})
-    ranges = {"a.b": Range(1, 5), "a.c": Range(0.1, 1.0, log=True)}
-    assert space == {**ranges, "d": Choices(("x", "y"))}
+    distributions = pytest.importorskip("optuna").distributions
+    assert space == {
+        "a.b": distributions.IntDistribution(1, 5),
+        "a.c": distributions.FloatDistribution(0.1, 1.0, log=True),
+        "d": distributions.CategoricalDistribution(("x", "y")),
+    }
     config = {"a": {"b": 5, "c": 0.1}, "d": "y"}
     assert nested(check_within(space, config)) == config
-    with pytest.raises(ValueError, match=r"parameters\.d leaves out"):
-        check_within(space, {**config, "d": "z"})
+    for changed, key in (({"d": "z"}, "d"), ({"a": {"b": 6, "c": 0.1}}, r"a\.b")):
+        with pytest.raises(ValueError, match=rf"parameters\.{key} leaves out"):
+            check_within(space, {**config, **changed})
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,7 @@ def names() -> dict[str, str]:
     return {
         "icp": str(basin._stage(run, task, "icp", (), store)),
         "pso": str(basin._stage(run, task, "pso", (), store)),
-        "oracle": str(oracle._stage(stages, OracleSettings(), (), store)),
+        "oracle": str(oracle._stage(run, stages, OracleSettings(), (), store)),
         "search": search._study_name(run, space),
     }
 

@@ -13,7 +13,6 @@ from hlp.studies.bench import BenchSettings
 from hlp.studies.evaluate import EvaluateSettings
 from hlp.studies.oracle import OracleSettings
 from hlp.studies.search import SearchSettings
-from hlp.studies.tasks import run_task
 
 CONF = Path(__file__).parents[2] / "conf"
 
@@ -46,7 +45,7 @@ def test_the_configuration_chooses_the_task(choice, kind, module, monkeypatch):
     ):
         monkeypatch.setattr(each, name, lambda *given, each=each: called.append((each, given[0])))
     run = Run(settings, None, (), {})
-    run_task(run, Path("out"))
+    settings.task.run(run, Path("out"))
     assert called == [(module, run)]
 
 

@@ -14,10 +14,8 @@ def command(arguments: Sequence[str]) -> None:
     given = composing.key_values(arguments, keys, REPORT_HELP, switches=("details",))
     if given is None:
         return
-    from hlp.reporting.ladder import describe_ladders
-    from hlp.reporting.recordings import describe_recordings
+    from hlp.reporting.experiments import describe_reports
     from hlp.reporting.report import describe_named, report_runs, write_pages
-    from hlp.reporting.reproductions import describe_reproductions
     from hlp.reporting.run_list import report_selection
 
     layout = given.get("format", "text")
@@ -29,9 +27,8 @@ def command(arguments: Sequence[str]) -> None:
             print(report_selection(folder, given["objects"], layout))
         else:
             print(report_runs(folder, layout, given.get("details") == "true"))
-            for describe in (describe_reproductions, describe_recordings, describe_ladders):
-                if words := describe(folder, layout):
-                    print(f"\n{words}")
+            if words := describe_reports(folder, layout):
+                print(f"\n{words}")
             print()
             for page in write_pages(folder):
                 print(f"Report: {page}")
@@ -50,11 +47,11 @@ Reports finished runs: all below outputs/, those of one experiment
 
 One run has its tables, with the paper's numbers beside ours for LINEMOD's
 objects. Several have a line each (details=true: also their tables), sweeps a
-table of their arms with differences to the default. For fig9a, fig9b, fig9c,
+table of their runs with differences to the default. For fig9a, fig9b, fig9c,
 table1, table2 and pso_vs_icp, the paper's figure or table is written into the
 folder of each sweep or run, as PNG, SVG, Markdown, CSV and LaTeX; for
 recordings one table of all data sets; for ladder a table and a figure of all
-arms.
+steps.
 
 Into the folder of every run and sweep goes report.html, one page for a browser,
 without any other file or network: charts, the targets with pictures of the

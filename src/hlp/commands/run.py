@@ -50,7 +50,7 @@ def _run(config: DictConfig, manifest: Path | None = None) -> None:
         config.output = HydraConfig.get().runtime.output_dir  # each run of a sweep has its own
 
     from hlp.config import build, chosen
-    from hlp.studies import repeat, sweep, tasks
+    from hlp.studies import repeat, sweep
 
     if HydraConfig.get().mode == RunMode.MULTIRUN:
         sweep.run_one(config)
@@ -59,7 +59,7 @@ def _run(config: DictConfig, manifest: Path | None = None) -> None:
         repeat.run_again(run, manifest, Path(config.output))
     else:
         run = build.build_run(config, chosen.chosen_by_hydra())
-        tasks.run_task(run, Path(config.output))
+        run.settings.task.run(run, Path(config.output))
 
 
 def _repeat(arguments: Sequence[str]) -> None:

@@ -26,7 +26,7 @@ usage: hlp runs [output=DIR] [format=text|markdown]
 Lists the runs and sweeps in or below outputs/ (or DIR), oldest first: whether
 they have finished, their targets, the ADD(-S) recall with its 95 % interval,
 the 5cm5deg recall, and the time of one object in one frame. A sweep has the
-number of its finished arms, of all that have begun, and the figures of its best
+number of its finished runs, of all that have begun, and the figures of its best
 arm. Nothing is written.
 
 hlp runs                        all of outputs/

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from hlp.errors import DataError
 from hlp.records import TargetScore
@@ -142,22 +143,17 @@ def changes_table(pairs: Sequence[Pair]) -> Table:
     return Table(header, [row(*pair) for pair in ordered])
 
 
-def paired_difference(
-    first: Mapping[TargetKey, ScoredTarget], second: Mapping[TargetKey, ScoredTarget], metric: str
+def verdict_difference(
+    first: Mapping[TargetKey, float], second: Mapping[TargetKey, float]
 ) -> Difference | None:
-    """Second's recall minus first's over the targets of both, with its 95 % interval.
+    """As `mean_difference` of verdicts (0 and 1), of which no interval has zero width.
 
-    None if they have no target in common. The interval is that of `difference_interval`; where all
-    resamples are alike, as with few targets, it is as wide as Wilson's of so many.
+    Where all resamples are alike, as with few targets, it is as wide as Wilson's of so many.
     """
-    before, after = (
-        {key: float(each.correct(metric)) for key, each in targets.items()}
-        for targets in (first, second)
-    )
-    found = mean_difference(before, after)
+    found = mean_difference(first, second)
     if found is None or found[1][0] < found[1][1]:
         return found
-    _, beyond = wilson(0.0, len(before.keys() & after.keys()))
+    _, beyond = wilson(0.0, len(first.keys() & second.keys()))
     return found[0], (max(found[0] - beyond, -1.0), min(found[0] + beyond, 1.0))
 
 
@@ -194,6 +190,22 @@ def _difference(
     blocks = blocks_of([key[:2] for key in shared])
     ends = interval_of(before, after, blocks, RESAMPLINGS, SEED)
     return float(statistic(after) - statistic(before)), ends
+
+
+def mean_and_spread(
+    repeats: Sequence[Mapping[str, float | None]],
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Means of shares over two or more repeats, and their standard deviations, as text by name.
+
+    Empty for a share that one of the repeats does not know.
+    """
+    table = pd.DataFrame(repeats, dtype=float)
+    means, spreads = table.mean(skipna=False), table.std(skipna=False)
+    unknown = means.isna()
+    return (
+        {name: "" if unknown[name] else f"{mean:.3f}" for name, mean in means.items()},
+        {name: "" if unknown[name] else f"{spread:.4f}" for name, spread in spreads.items()},
+    )
 
 
 def mcnemar_exact(lost: int, gained: int) -> float:

@@ -6,18 +6,14 @@ from statistics import fmean
 
 from hlp.errors import InputError, MissingFileError
 from hlp.files import MANIFEST, SCORES, SUMMARY, SWEEP
-from hlp.reporting.comparison import compare_runs, read_targets
-from hlp.reporting.figures.bench_bars import draw_waterfall
-from hlp.reporting.figures.trade_off import draw_trade_off
+from hlp.reporting.comparison import compare_runs, mean_and_spread, read_targets
+from hlp.reporting.figures.bars import draw_waterfall
 from hlp.reporting.mlflow_store import database_path, import_client, is_local
 from hlp.reporting.page.run_page import write_run_page
-from hlp.reporting.page.study_page import study_folders, write_study_page, write_study_sweep_page
-from hlp.reporting.page.sweep_page import write_sweep_page
-from hlp.reporting.results import read_results, result_folders
-from hlp.reporting.study_arms import read_study_sweeps
-from hlp.reporting.study_sweep import describe_study_sweep, write_study_sweep
-from hlp.reporting.sweep_report import describe_sweep, write_sweep_files
-from hlp.reporting.tables.repeats import mean_and_spread
+from hlp.reporting.page.study_page import study_folders, write_study_page, write_sweep_page
+from hlp.reporting.results import result_folders
+from hlp.reporting.sweep_report import describe_sweep, write_sweep
+from hlp.reporting.sweeps import read_sweeps
 from hlp.reporting.tables.summary_tables import (
     METRIC_LABELS,
     format_summary,
@@ -73,18 +69,15 @@ def _study_part(study: Path, layout: str, heading: str) -> str:
     return prose(f"Study: {study} ({', '.join(each.name for each in tables)})", layout)
 
 
-def _sweep_parts(sweep: Path, layout: str, heading: str) -> list[str]:
+def _sweep_parts(folder: Path, layout: str, heading: str) -> list[str]:
     """The tables of a sweep of runs or studies, and the files written."""
-    if studies := read_study_sweeps(sweep):
-        described = "\n\n".join(describe_study_sweep(each, layout) for each in studies)
-        written = [path for each in studies for path in write_study_sweep(sweep, each)]
-    else:
-        described = describe_sweep(sweep, layout)
-        written = [*write_sweep_files(sweep), *draw_trade_off(sweep)]
+    sweeps = read_sweeps(folder)
+    described = "\n\n".join(describe_sweep(sweep, layout) for sweep in sweeps)
+    written = [path for sweep in sweeps for path in write_sweep(folder, sweep)]
     if not written:
         return []
     names = ", ".join(path.name for path in written)
-    return [f"{heading}{sweep}\n\n{described}", prose(f"Written: {sweep} ({names})", layout)]
+    return [f"{heading}{folder}\n\n{described}", prose(f"Written: {folder} ({names})", layout)]
 
 
 def _draw(run: Path, summary: Summary) -> list[Path]:
@@ -102,11 +95,9 @@ def write_pages(folder: Path) -> list[Path]:
     written = []
     for found in result_folders(folder):
         if (found / SWEEP).is_file():
-            arms = sorted(path.parent for path in found.glob(f"*/{SCORES}"))
-            written += [write_run_page(arm) for arm in arms if (arm / MANIFEST).is_file()]
-            if read_study_sweeps(found):
-                written.append(write_study_sweep_page(found))
-            elif read_results(found).results:
+            runs = sorted(path.parent for path in found.glob(f"*/{SCORES}"))
+            written += [write_run_page(run) for run in runs if (run / MANIFEST).is_file()]
+            if any(sweep.finished for sweep in read_sweeps(found)):
                 written.append(write_sweep_page(found))
         elif (found / SCORES).is_file():
             written.append(write_run_page(found))
@@ -157,18 +148,23 @@ def describe_repeats(files: Sequence[Path], names: Sequence[str], layout: str) -
     not `text` or `markdown`.
     """
     check_layout(layout)
-    recalls, targets = [], []
+    recalls: list[dict[str, float | None]] = []
+    targets = []
     for path in files:
         scored = read_targets(path)
         targets.append(scored.keys())
-        shares = [fmean(each.correct(key) for each in scored.values()) for key in METRIC_LABELS]
-        recalls.append([*shares, average_recalls([each.score for each in scored.values()])["ar"]])
+        found: dict[str, float | None] = {
+            label: fmean(target.correct(key) for target in scored.values())
+            for key, label in METRIC_LABELS.items()
+        }
+        average = average_recalls([target.score for target in scored.values()])["ar"]
+        recalls.append({**found, "AR": average})
     rows = [
-        [name, str(len(asked)), *map(format_share, found)]
-        for name, asked, found in zip(names, targets, recalls, strict=True)
+        [name, str(len(asked)), *map(format_share, shares.values())]
+        for name, asked, shares in zip(names, targets, recalls, strict=True)
     ]
     means, deviations = mean_and_spread(recalls)
-    rows += [["mean", "", *means], ["standard deviation", "", *deviations]]
+    rows += [["mean", "", *means.values()], ["standard deviation", "", *deviations.values()]]
     whole = Table(["run", "targets", *METRIC_LABELS.values(), "AR"], rows)
     table = lay_out(whole.fitted(0, ends=True) if layout == "text" else whole, layout)
     same = all(each == targets[0] for each in targets)

@@ -1,7 +1,7 @@
 """Finished runs and sweeps, read back from their folders for figures and tables."""
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -57,15 +57,16 @@ class Result:
 class ResultSet:
     """The finished runs of a sweep, or a single run.
 
-    `unfinished` are the folders of the runs that are not finished, with their overrides (studies
-    such as `hlp bench` are finished, though they have no summary and are no results); `defaults`
-    the values of the swept keys without the sweep, where they are known.
+    `chosen` are the overrides of all runs by folder, `unfinished` the folders of those that are not
+    finished (studies such as `hlp bench` are finished, though they have no summary and are no
+    results); `defaults` the values of the swept keys without the sweep, where they are known.
     """
 
     results: list[Result]
     swept: list[str]
     command: str
-    unfinished: Mapping[Path, Mapping[str, str]] = field(default_factory=dict)
+    chosen: Mapping[Path, Mapping[str, str]] = field(default_factory=dict)
+    unfinished: Sequence[Path] = ()
     defaults: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -96,12 +97,13 @@ def run_command(folder: Path) -> str:
 
 def _read_sweep(folder: Path) -> ResultSet:
     sweep = read_as(folder / SWEEP, Sweep)
-    runs = sorted((path for path in folder.iterdir() if path.name.isdigit()), key=_number)
-    finished = [run for run in runs if _is_finished(run)]
+    folders = [path for path in folder.iterdir() if path.is_dir() and path.name.isdigit()]
+    runs = sorted(folders, key=lambda path: int(path.name))
+    results = [_read_run(run) for run in runs if _is_finished(run)]
     command = " ".join(["hlp -m", *sweep.overrides])
-    results = [_read_run(run) for run in finished]
-    unfinished = {run: chosen_values(run) for run in runs if not (run / MANIFEST).is_file()}
-    return ResultSet(results, sweep.swept, command, unfinished, sweep.defaults)
+    chosen = {run: chosen_values(run) for run in runs}
+    unfinished = [run for run in runs if not (run / MANIFEST).is_file()]
+    return ResultSet(results, sweep.swept, command, chosen, unfinished, sweep.defaults)
 
 
 def _read_run(folder: Path) -> Result:
@@ -130,7 +132,3 @@ def _overrides(folder: Path) -> list[str]:
     if not isinstance(given, list) or not all(isinstance(each, str) for each in given):
         raise DataError(f"{path} is {shown(given)}: it must be a list of overrides")
     return [each for each in given if not each.startswith("output=")]
-
-
-def _number(path: Path) -> int:
-    return int(path.name)

@@ -9,14 +9,13 @@ import numpy as np
 from hlp.errors import DataError, InputError, MissingFileError
 from hlp.files import MANIFEST, SCORES, SUMMARY, SWEEP, read_json
 from hlp.reporting.comparison import ScoredTarget, read_targets
-from hlp.reporting.results import read_results
-from hlp.reporting.sweep_arms import sweep_of
+from hlp.reporting.sweeps import read_sweeps
 from hlp.reporting.tables.summary_tables import METRIC_LABELS
 from hlp.reporting.tables.table import LAYOUTS, Table, check_layout, format_share, lay_out
 from hlp.results.summary_file import read_summary
 
 _HEADER = ["folder", "state", "targets", "ADD(-S)", "95 %", "5cm5deg", "ms"]
-_SWEEP_STATES = {"FINISHED": "arms", "STOPPED": "stopped", "RUNNING": "begun"}
+_SWEEP_STATES = {"FINISHED": "runs", "STOPPED": "stopped", "RUNNING": "begun"}
 _HYDRA = ".hydra"  # Hydra writes it before anything else
 _UNKNOWN = [""] * (len(_HEADER) - 2)
 _WELL_VISIBLE = 0.6  # visible fraction from which a target counts as well visible
@@ -32,7 +31,7 @@ def describe_outputs(folder: Path, layout: str) -> str:
     if not table.rows:
         raise MissingFileError(f"no run in or below {folder}: `hlp run` makes one")
     shown = table.fitted(0, ends=True) if layout == "text" else table
-    note = "The figures of a sweep are those of its best arm. " if any(folder.rglob(SWEEP)) else ""
+    note = "The figures of a sweep are those of its best run. " if any(folder.rglob(SWEEP)) else ""
     return f"{LAYOUTS[layout](shown)}\n\n{note}{len(table.rows)} runs below {folder}"
 
 
@@ -62,12 +61,13 @@ def _cells(run: Path) -> list[str]:
 
 
 def _sweep_cells(folder: Path) -> list[str]:
-    """How many of the runs that have begun are finished, and the best one's figures."""
+    """How many of the runs that have begun are finished, and the best run's figures."""
     state = _SWEEP_STATES[read_json(folder / SWEEP)["status"]]
     runs = [path for path in folder.iterdir() if path.is_dir() and path.name.isdigit()]
     finished = sum((run / MANIFEST).is_file() for run in runs)
-    best = sweep_of(read_results(folder)).best
-    figures = _UNKNOWN if best is None or best.result is None else _figures(best.result.summary)
+    best = [sweep.best for sweep in read_sweeps(folder)]
+    results = [run.result for run in best if run is not None and run.result is not None]
+    figures = _figures(results[0].summary) if results else _UNKNOWN
     return [f"{finished}/{len(runs)} {state}", *figures]
 
 

@@ -1,50 +1,56 @@
-"""The main numbers of a finished study (oracle, basin, bench, search), read from its folder."""
+"""The numbers by which runs and studies (oracle, basin, bench, search) are compared in a sweep."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from hlp.errors import DataError
-from hlp.files import read_json
-from hlp.reporting.figures.basin_maps import read_mean_recalls
+from hlp.files import SUMMARY, read_json
 from hlp.reporting.tables.bench_table import CONFIGURED, TOTAL, format_ms, read_bench
-from hlp.reporting.tables.repeats import head_of
+from hlp.reporting.tables.study_tables import head_of, read_mean_recalls
+from hlp.reporting.tables.summary_tables import METRIC_LABELS, run_cells
 from hlp.reporting.tables.table import format_share
+from hlp.results.summary_file import read_summary
 
 Interval = tuple[float, float]
-Quantity = Literal["recall", "time", "other"]
+RUN = "sweep"
+"""The kind of a plain run; its files are called so."""
+ADD, *_OTHERS = METRIC_LABELS.values()
+_TIMES = ("ms 95 %", "CPU ms", "load")
 
 
 @dataclass(frozen=True)
-class StudyNumber:
-    """A number of a study: its column in tables, and the panel of the figure that it stands in.
+class Number:
+    """A number of a run or study: its column in tables, and the panel of the figure it stands in.
 
     Without a panel it is in no figure. `text` is how people read it; `interval` is its 95 %
-    interval, None where it has none. Arms are compared by the `main` numbers, and the arm that is
-    best by the first of them is called the best.
+    interval, None where it has none. Runs are compared by the `main` numbers, and the run that is
+    best by the first of them is called the best. Only wide tables show `more`.
     """
 
     name: str
     panel: str
     value: float
     text: str
-    quantity: Quantity = "other"
+    quantity: Literal["recall", "time", "other"] = "other"
     interval: Interval | None = None
     main: bool = False
+    more: bool = False
 
 
 @dataclass(frozen=True)
-class StudyKind:
+class Kind:
     """How the numbers of one kind of study are read from a file, and what is to be said of them."""
 
     file: str
-    read: Callable[[Path], list[StudyNumber]]
+    read: Callable[[Path], list[Number]]
     note: str
 
 
-def read_study(folder: Path, kind: StudyKind) -> list[StudyNumber] | None:
-    """The numbers of a study; None if the folder holds none of this kind.
+def read_numbers(folder: Path, kind: Kind) -> list[Number] | None:
+    """The numbers of a run or study; None if the folder holds none of this kind.
 
     Raises DataError for a broken file.
     """
@@ -56,10 +62,35 @@ def read_study(folder: Path, kind: StudyKind) -> list[StudyNumber] | None:
     except DataError:
         raise
     except (KeyError, TypeError, AttributeError, ValueError, IndexError) as error:
-        raise DataError(f"{path} holds no study that can be read ({error!r})") from error
+        raise DataError(f"{path} holds nothing that can be read ({error!r})") from error
 
 
-def _read_bench(path: Path) -> list[StudyNumber]:
+def _recall(
+    name: str, panel: str, value: float, interval: Interval | None = None, *, main: bool = False
+) -> Number:
+    return Number(name, panel, value, format_share(value), "recall", interval, main)
+
+
+def _time(name: str, panel: str, value: float, *, main: bool = False) -> Number:
+    return Number(name, panel, value, format_ms(value), "time", None, main)
+
+
+def _read_run(path: Path) -> list[Number]:
+    summary = read_summary(path)
+    add, cells = summary["metrics"]["add"], run_cells(summary)
+    low, high = map(float, add["ci95"])
+    time = float(summary["timing_ms"]["total"]["median"])
+    return [
+        Number("targets", "", summary["targets"], cells["targets"], more=True),
+        _recall(ADD, "", add["recall"], (low, high), main=True),
+        *(Number(name, "", math.nan, cells[name], more=name == "IoU.5") for name in _OTHERS),
+        Number("AR", "", math.nan, cells["AR"], more=True),
+        Number("ms", "", time, cells["ms"], "time"),
+        *(Number(name, "", math.nan, cells[name], more=True) for name in _TIMES),
+    ]
+
+
+def _read_bench(path: Path) -> list[Number]:
     result = read_bench(path)
     configured = result["paths"][CONFIGURED]
     numbers = []
@@ -67,41 +98,38 @@ def _read_bench(path: Path) -> list[StudyNumber]:
         for unit in ("first", "further"):
             total = configured[unit].get(TOTAL)
             if total is not None:  # frames of a single object have no further one
-                is_main = name == "ms"
-                numbers.append(_time(f"{name} {unit}", panel, total[kind], main=is_main))
+                numbers.append(_time(f"{name} {unit}", panel, total[kind], main=name == "ms"))
     peak, recall = result["memory"]["peak_mib"], configured["add_recall"]
-    numbers.append(StudyNumber("MiB", "peak memory, MiB", peak, f"{peak:.0f}"))
+    numbers.append(Number("MiB", "peak memory, MiB", peak, f"{peak:.0f}"))
     if recall is not None:
-        numbers.append(_recall("ADD(-S)", "ADD(-S) recall", recall, main=True))
+        numbers.append(_recall(ADD, "ADD(-S) recall", recall, main=True))
     load = result["machine"]["load"]
-    return [*numbers, StudyNumber("load", "", load, f"{load:.1f}")]
+    return [*numbers, Number("load", "", load, f"{load:.1f}")]
 
 
-def _read_oracle(path: Path) -> list[StudyNumber]:
+def _read_oracle(path: Path) -> list[Number]:
     result = read_json(path)
     numbers = []
     for place, cell in enumerate(result["cells"]):
         low, high = map(float, cell["add"]["ci95"])
         name, recall = head_of(cell), cell["add"]["recall"]
         numbers.append(_recall(name, "ADD(-S) recall", recall, (low, high), main=place == 0))
-    for stage, lost in result["lost"].items():
-        name, text = f"lost {stage}", f"{lost:+.3f}"
-        numbers.append(StudyNumber(name, "recall lost", lost, text, main=True))
-    return numbers
-
-
-def _read_basin(path: Path) -> list[StudyNumber]:
-    panel = "ADD(-S) recall, mean over all starting errors"
-    return [
-        _recall(name, panel, recall, main=True) for name, recall in read_mean_recalls(path).items()
+    return numbers + [
+        Number(f"lost {stage}", "recall lost", lost, f"{lost:+.3f}", main=True)
+        for stage, lost in result["lost"].items()
     ]
 
 
-def _read_search(path: Path) -> list[StudyNumber]:
+def _read_basin(path: Path) -> list[Number]:
+    panel = "ADD(-S) recall, mean over all starting errors"
+    means = read_mean_recalls(path).items()
+    return [_recall(name, panel, recall, main=True) for name, recall in means]
+
+
+def _read_search(path: Path) -> list[Number]:
     result = read_json(path)
-    tried = len(result["trials"])
-    numbers = [StudyNumber("trials", "trials", tried, str(tried))]
-    best: Mapping[str, Any] | None = result["best"]
+    tried, best = len(result["trials"]), result["best"]
+    numbers = [Number("trials", "trials", tried, str(tried))]
     if best is not None:
         panel = "ADD(-S) recall of the best trial"
         numbers.append(_recall("best ADD(-S)", panel, best["recall"], main=True))
@@ -109,41 +137,37 @@ def _read_search(path: Path) -> list[StudyNumber]:
     return numbers
 
 
-def _recall(
-    name: str, panel: str, value: float, interval: Interval | None = None, *, main: bool
-) -> StudyNumber:
-    return StudyNumber(name, panel, value, format_share(value), "recall", interval, main)
-
-
-def _time(name: str, panel: str, value: float, *, main: bool = False) -> StudyNumber:
-    return StudyNumber(name, panel, value, format_ms(value), "time", None, main)
-
-
-STUDIES: Mapping[str, StudyKind] = {
-    "bench": StudyKind(
+KINDS: Mapping[str, Kind] = {
+    RUN: Kind(
+        SUMMARY,
+        _read_run,
+        "AR: BOP's average recall; ms: median for one object in one frame; CPU ms: mean CPU time of"
+        " all threads for it; load: of the machine in the minute before.",
+    ),
+    "bench": Kind(
         "bench.json",
         _read_bench,
         "ms: median time to find the first object of a frame, and each further one; CPU: ms of all"
-        " threads. MiB: peak memory of the process, which arms of one process share with those"
+        " threads. MiB: peak memory of the process, which runs of one process share with those"
         " before them; load: of the machine in the minute before the measurement.",
     ),
-    "oracle": StudyKind(
+    "oracle": Kind(
         "oracle.json",
         _read_oracle,
         "ADD(-S) recall of all targets. Columns are region and coarse pose: est = estimated, true ="
         " replaced by the truth, true± = the true pose, turned and shifted at random. The fine pose"
         " is always estimated. Lost: what each stage costs in recall.",
     ),
-    "basin": StudyKind(
+    "basin": Kind(
         "basin.csv",
         _read_basin,
         "ADD(-S) recall after each refiner: the mean over all starting errors and objects.",
     ),
-    "search": StudyKind(
+    "search": Kind(
         "search.json",
         _read_search,
         "The best trial within the limit of time, its ADD(-S) recall, and its median time for one"
         " object in one frame.",
     ),
 }
-"""The studies by name, which is also that of their task and of their files."""
+"""Runs and studies by name; of a study, also that of its task and of its files."""

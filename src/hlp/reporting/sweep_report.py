@@ -1,110 +1,285 @@
-"""The table and the figure that every sweep ends with."""
+"""What every sweep ends with: a table, a figure, a sentence, and the same in MLflow."""
 
-import textwrap
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from hlp.files import write_csv, write_text
+from hlp.reporting.figures.bars import Bar, Panel, draw_bars, run_panels
+from hlp.reporting.figures.heat_maps import HeatMap, draw_heat_maps
+from hlp.reporting.figures.recall_time import draw_trade_off
 from hlp.reporting.figures.saving import save_figure
-from hlp.reporting.figures.swarm_costs import Step, draw_steps
-from hlp.reporting.figures.sweep_grid import draw_grid
-from hlp.reporting.figures.sweep_panels import SweepFigure, SweepPoint, draw_sweep
-from hlp.reporting.results import read_results
-from hlp.reporting.sweep_arms import Sweep, short_key, sweep_of, sweep_table, sweep_verdict
-from hlp.reporting.tables.table import LAYOUTS, TERMINAL
+from hlp.reporting.mlflow_pages import headline_metrics
+from hlp.reporting.mlflow_run import MlflowRun
+from hlp.reporting.study_numbers import ADD, RUN, Number
+from hlp.reporting.sweeps import Sweep, SweepRun, say_difference, short_key
+from hlp.reporting.tables.table import Table, format_interval, lay_out, prose
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-NAME = "sweep"
-"""The files that table and figure are written to."""
-_MOST_VALUES = 10  # beside each other in panels; more are drawn below each other
-_NOTE = (
-    "* the highest ADD(-S) recall; the default, if none is surely higher. Differences are over the"
-    " targets of both arms, with the 95 % interval of the paired bootstrap over blocks of"
-    " neighbouring frames. AR: BOP's average recall; ms: median for one object in one frame;"
-    " CPU ms: mean CPU time of all threads for it; load: of the machine in the minute before."
+_LONGEST = 24  # characters of a value in a table
+_BEST = "* the {}; the default, if none is surely better."
+_PAIRED = (
+    "Differences are over the targets of both runs (of times: between their medians), with the 95 %"
+    " interval of the paired bootstrap over blocks of neighbouring frames."
 )
 
 
-def describe_sweep(folder: Path, layout: str) -> str:
-    """The arms of a sweep for people: what came out in a sentence, and a table; empty for studies.
+def sweep_table(sweep: Sweep, *, whole: bool = True) -> Table:
+    """A row a run: its values and numbers; the best run has a `*`.
 
-    `layout` is `text`, then the table fits a terminal if the values do, or `markdown`. A terminal
-    shows the end first, a page the beginning: the sentence stands there.
+    The difference to the reference, with its interval, follows if runs are compared by one number;
+    of several see `differences_table`. `whole`: also what does not fit a terminal.
     """
-    sweep = sweep_of(read_results(folder))
-    if not sweep.arms:
-        return ""
-    table = sweep_table(sweep, whole=layout != "text")
-    if layout == "text":
-        table = table.fitted(*range(max(1, len(sweep.keys))))
-    words, rows = sweep_verdict(sweep), LAYOUTS[layout](table)
-    if layout == "text":
-        return f"{rows}\n\n{textwrap.fill(words, TERMINAL)}"
-    return f"{words}\n\n{rows}"
+    names = [n for n, number in sweep.numbers.items() if whole or not number.more] or [ADD]
+    with_interval = {
+        name
+        for _, numbers in sweep.finished
+        for name, number in numbers.items()
+        if number.interval is not None and (whole or number.main)
+    }
+    compared = _mains(sweep) if len(_mains(sweep)) == 1 else []
+    header = [*_keys(sweep, whole)]
+    for name in names:
+        header += [name, "95 %"] if name in with_interval else [name]
+    for _ in compared:
+        header += [f"to {sweep.against}", "95 % of it"]
+    rows = []
+    for run in sweep.runs:
+        row = _values(sweep, run, whole)
+        for name in names:
+            number = (run.numbers or {}).get(name)
+            row.append(number.text if number else "")
+            if name in with_interval:
+                ends = number.interval if number else None
+                row.append("" if ends is None else format_interval(ends))
+        for name in compared:
+            row += _difference_cells(sweep, run, name)
+        if run.numbers is None:
+            row[header.index(sweep.first_main or ADD)] = "no result"
+        rows.append(row)
+    return Table(header, rows)
 
 
-def write_sweep_files(folder: Path) -> list[Path]:
-    """Write sweep.md, sweep.csv and, if an arm has finished, sweep.png and .svg; those files.
+def _mains(sweep: Sweep) -> list[str]:
+    return [name for name, number in sweep.numbers.items() if number.main]
 
-    None for a sweep of studies such as `hlp bench`, which have no recall.
+
+def _keys(sweep: Sweep, whole: bool) -> list[str]:
+    """Column names of the swept keys: one each or, for a terminal, one for all."""
+    names = [short_key(key) for key in sweep.keys] or ["run"]
+    return names if whole else [", ".join(names)]
+
+
+def _values(sweep: Sweep, run: SweepRun, whole: bool) -> list[str]:
+    values = [_cut(run.values.get(key, "")) for key in sweep.keys] or [run.folder.name]
+    values = values if whole else [", ".join(values)]
+    return [*values[:-1], f"{values[-1]} *" if run is sweep.best else values[-1]]
+
+
+def _cut(value: str) -> str:
+    return value if len(value) <= _LONGEST else f"{value[: _LONGEST - 1]}…"
+
+
+def _difference_cells(sweep: Sweep, run: SweepRun, name: str) -> list[str]:
+    if run.numbers is None:
+        return ["", ""]
+    if run is sweep.reference:
+        return [sweep.against, ""]
+    found = sweep.difference(run, name)
+    if found is None:
+        return ["–", ""]
+    words, _, interval = say_difference(sweep.numbers[name], found).partition(" ")
+    return [words, interval.strip("()")]
+
+
+def differences_table(sweep: Sweep, *, whole: bool = True) -> Table | None:
+    """A row a finished run: the main numbers' paired differences to the reference.
+
+    With 95 % intervals. None for a single number, and where nothing can be compared.
     """
-    sweep = sweep_of(read_results(folder))
-    if not sweep.arms:
-        return []
-    table = sweep_table(sweep)
-    markdown, rows = folder / f"{NAME}.md", folder / f"{NAME}.csv"
-    made = f"Made by `{sweep.command}`."
-    write_text(markdown, "\n\n".join([sweep_verdict(sweep), table.markdown(), _NOTE, made]) + "\n")
-    write_csv(rows, table.header, table.rows)
+    names = [name for name in _mains(sweep) if name in sweep.differences]
+    if not names or len(_mains(sweep)) == 1:
+        return None
+    rows = []
+    for run, _ in sweep.finished:
+        cells = [_difference_cells(sweep, run, name) for name in names]
+        joined = [f"{words} ({interval})" if interval else words for words, interval in cells]
+        rows.append([*_values(sweep, run, whole), *joined])
+    return Table([*_keys(sweep, whole), *(f"{name} to {sweep.against}" for name in names)], rows)
+
+
+def note_of(sweep: Sweep) -> str:
+    """What the columns and marks of the tables mean."""
+    best = [_BEST.format(sweep.rank)] if sweep.best is not None else []
+    paired = [_PAIRED] if sweep.differences else []
+    return " ".join([*best, *paired, sweep.kind.note])
+
+
+def describe_sweep(sweep: Sweep, layout: str) -> str:
+    """The runs for people (`text`, which fits a terminal, or `markdown`) with what columns mean.
+
+    A terminal shows the end first, a page the beginning: the verdict stands there.
+    """
+    whole = layout != "text"
+    tables = [sweep_table(sweep, whole=whole), differences_table(sweep, whole=whole)]
+    shown = [table if whole else table.fitted(0) for table in tables if table is not None]
+    laid_out = [lay_out(table, layout) for table in shown]
+    note, verdict = (prose(words, layout) for words in (note_of(sweep), sweep.verdict))
+    return "\n\n".join([verdict, *laid_out, note] if whole else [*laid_out, note, verdict])
+
+
+def write_sweep(folder: Path, sweep: Sweep) -> list[Path]:
+    """Write NAME.md, NAME.csv and, if a run has finished, NAME.png and NAME.svg; those files.
+
+    NAME is `sweep`, or that of the study, whose CSV has the differences of all numbers. Of plain
+    runs also what `draw_trade_off` draws.
+    """
+    markdown, rows = folder / f"{sweep.name}.md", folder / f"{sweep.name}.csv"
+    described = describe_sweep(sweep, "markdown")
+    write_text(markdown, f"{described}\n\nMade by `{sweep.command}`.\n")
+    if sweep.name == RUN:
+        table = sweep_table(sweep)
+        write_csv(rows, table.header, table.rows)
+    else:
+        _write_numbers(rows, sweep)
     figure = sweep_figure(sweep)
-    return [markdown, rows, *(save_figure(figure, folder / NAME) if figure else [])]
+    drawn = save_figure(figure, folder / sweep.name) if figure else []
+    runs = [result for _, result in sweep.results]
+    return [markdown, rows, *drawn, *draw_trade_off(folder, runs, sweep.keys)]
+
+
+def _write_numbers(path: Path, sweep: Sweep) -> None:
+    """All numbers of studies: each with its interval, and its difference with that interval."""
+    rows: list[dict[str, float | str]] = []
+    for run in sweep.runs:
+        row: dict[str, float | str] = {key: run.values.get(key, "") for key in sweep.keys}
+        for name, number in (run.numbers or {}).items():
+            row[name] = number.value
+            row |= _ends(name, number.interval)
+            if (found := sweep.difference(run, name)) is not None:
+                row[f"{name} difference"] = found[0]
+                row |= _ends(f"{name} difference", found[1])
+        rows.append(row)
+    possible = [
+        column
+        for name in sweep.numbers
+        for part in (name, f"{name} difference")
+        for column in (part, *_ends(part, (0.0, 0.0)))
+    ]
+    columns = [*sweep.keys, *(each for each in possible if any(each in row for row in rows))]
+    write_csv(path, columns, [[row.get(column, "") for column in columns] for row in rows])
+
+
+def _ends(name: str, interval: tuple[float, float] | None) -> dict[str, float]:
+    return dict(zip((f"{name} 95 % low", f"{name} 95 % high"), interval or (), strict=False))
 
 
 def sweep_figure(sweep: Sweep) -> "Figure | None":
-    """Panels for one key, heat maps for two, a row an arm for more; None without any result."""
+    """Heat maps for two keys, bars otherwise; None without any result."""
     if not sweep.finished:
         return None
-    keys, values = sweep.keys, [arm.values for arm, _ in sweep.finished]
-    complete = all(key in each for key in keys for each in values)
-    if len(keys) == 1 and complete and len(values) <= _MOST_VALUES:
-        return _panels(sweep)
-    if len(keys) == 2 and complete:
+    complete = all(key in run.values for key in sweep.keys for run, _ in sweep.finished)
+    if sweep.name == RUN and len(sweep.keys) == 2 and complete:
         return _grid(sweep)
-    steps = []
-    for arm, result in sweep.finished:
-        ends = result.add["ci95"]
-        recall = (float(result.add["recall"]), (float(ends[0]), float(ends[1])))
-        steps.append(Step(arm.label, recall, sweep.difference(arm)))
-    return draw_steps(steps, _title(sweep))
+    rows = [f"{run.short_label}{' *' * (run is sweep.best)}" for run, _ in sweep.finished]
+    panels = _number_panels([numbers for _, numbers in sweep.finished])
+    if sweep.name == RUN:
+        panels = run_panels([result.summary for _, result in sweep.results])
+        name = next(iter(_mains(sweep)))
+        bars = []
+        for run, _ in sweep.finished:
+            found = sweep.difference(run, name)
+            bars.append(found and Bar(found[0], f"{found[0]:+.3f}", found[1]))
+        if any(bars):
+            panels.insert(1, Panel(f"{name} recall minus that of the {sweep.against}", {"": bars}))
+    marked = [row for row, (run, _) in enumerate(sweep.finished) if run is sweep.reference]
+    return draw_bars(rows, panels, _title(sweep), marked=marked if sweep.is_default else ())
 
 
-def _panels(sweep: Sweep) -> "Figure":
-    key = sweep.keys[0]
-    points = [SweepPoint.of(arm.values[key], result.summary) for arm, result in sweep.finished]
-    default = [sweep.reference.values[key]] if sweep.is_default and sweep.reference else []
-    words = SweepFigure(_title(sweep), key, default, "default")
-    return draw_sweep(words, {"": points})
+def _number_panels(runs: Sequence[Mapping[str, Number]]) -> list[Panel]:
+    """A panel for each kind of number of studies."""
+    named: dict[str, dict[str, Number]] = {}
+    for numbers in runs:
+        for name, number in numbers.items():
+            if number.panel:
+                named.setdefault(number.panel, {})[name] = number
+    panels = []
+    for title, found in named.items():
+        series = {
+            name: [
+                Bar(numbers[name].value, numbers[name].text, numbers[name].interval)
+                if name in numbers
+                else None
+                for numbers in runs
+            ]
+            for name in found
+        }
+        recall = all(number.quantity == "recall" for number in found.values())
+        panels.append(Panel(title, series, recall))
+    return panels
 
 
 def _grid(sweep: Sweep) -> "Figure":
-    first, second = sweep.keys
-    cells = {
-        (arm.values[first], arm.values[second]): (
-            float(result.add["recall"]),
-            float(result.total_ms["median"]),
-        )
-        for arm, result in sweep.finished
-    }
-    default = sweep.reference.values if sweep.is_default and sweep.reference else {}
-    marked = (default[first], default[second]) if default else None
-    return draw_grid(cells, (first, second), marked, _title(sweep))
+    """Recall left and time right, a cell for each pair of values."""
+    pairs = [tuple(run.values[key] for key in sweep.keys) for run, _ in sweep.results]
+    across, down = (list(dict.fromkeys(pair[place] for pair in pairs)) for place in (0, 1))
+    recalls, times = (np.full((len(down), len(across)), np.nan) for _ in range(2))
+    for (x, y), (_, result) in zip(pairs, sweep.results, strict=True):
+        recalls[down.index(y), across.index(x)] = result.add["recall"]
+        times[down.index(y), across.index(x)] = result.total_ms["median"]
+    maps = [
+        HeatMap("ADD(-S) recall", recalls),
+        HeatMap("ms, median", times, "{:.0f}".format, "viridis_r"),
+    ]
+    default = sweep.reference if sweep.is_default else None
+    values = None if default is None else [default.values[key] for key in sweep.keys]
+    marked = None if values is None else (down.index(values[1]), across.index(values[0]))
+    return draw_heat_maps(maps, down, across, (sweep.keys[0], sweep.keys[1]), _title(sweep), marked)
 
 
 def _title(sweep: Sweep) -> str:
-    results = [result for _, result in sweep.finished]
-    names = ", ".join(short_key(key) for key in sweep.keys) or "runs"
+    if sweep.name != RUN:
+        return sweep.verdict
+    results = [result for _, result in sweep.results]
+    names = ", ".join(map(short_key, sweep.keys)) or "runs"
     targets = {result.targets for result in results}
     counted = f", {targets.pop()} targets" if len(targets) == 1 else ""
-    return f"{names}: {len(results)} arms of {results[0].experiment}{counted}"
+    return f"{names}: {len(results)} runs of {results[0].experiment}{counted}"
+
+
+def log_sweeps(sweeps: Sequence[Sweep], written: Sequence[Path], tracker: MlflowRun) -> None:
+    """Log the runs of a sweep and its files, the figures also as images.
+
+    The sweep's own MLflow run has the numbers of its best run.
+    """
+    tracker.describe("\n\n".join(describe_sweep(sweep, "markdown") for sweep in sweeps))
+    for sweep in sweeps:
+        steps = steps_of(sweep.keys, [run.values for run, _ in sweep.finished])
+        for step, (run, numbers) in zip(steps, sweep.finished, strict=True):
+            named = {f"{sweep.name}/{name}": number.value for name, number in numbers.items()}
+            metrics = headline_metrics(run.result.summary) if run.result else named
+            tracker.log_metrics({f"{RUN}/{name}": value for name, value in metrics.items()}, step)
+        if sweep.best is not None:
+            tracker.set_tags({"best_arm": sweep.best.label})
+            if sweep.best.result is not None:
+                tracker.log_metrics(headline_metrics(sweep.best.result.summary))
+    for path in written:
+        tracker.log_artifact(path)
+        if path.suffix == ".png":
+            tracker.log_image(path, f"figures/{path.stem}", 0)
+
+
+def steps_of(keys: Sequence[str], runs: Sequence[Mapping[str, str]]) -> list[int]:
+    """A step for each run: its value, if one key has whole numbers; else its place.
+
+    So MLflow draws recall over the number of particles by itself.
+    """
+    values = [run.get(keys[0], "") for run in runs] if keys else []
+    whole = len(keys) == 1 and all(value.isdecimal() for value in values)
+    if whole and len({int(value) for value in values}) == len(values):
+        return [int(value) for value in values]
+    return list(range(len(runs)))

@@ -16,14 +16,16 @@ from hlp.method.compute_threads import set_compute_threads
 from hlp.method.find.trace import Trace
 from hlp.records import PoseEstimate
 from hlp.refinement.score_model import MIN_SCORE
-from hlp.reporting.figures.bench_bars import draw_confusion, draw_waterfall
-from hlp.reporting.figures.trade_off import draw_calibration
+from hlp.reporting.experiments import describe_table, write_reports
+from hlp.reporting.figures.bars import draw_waterfall
+from hlp.reporting.figures.heat_maps import draw_confusion
+from hlp.reporting.figures.recall_time import draw_calibration
 from hlp.reporting.mlflow_pages import summary_metrics
 from hlp.reporting.mlflow_run import MlflowRun
 from hlp.reporting.page.material import PANELS, STAGES
 from hlp.reporting.page.parts import page_or_log, run_verdict
 from hlp.reporting.page.run_page import write_run_page
-from hlp.reporting.reproductions import TABLES, describe_table, write_reproductions
+from hlp.reporting.paper_reports import TABLES
 from hlp.reporting.tables.summary_tables import format_summary
 from hlp.results.poses_file import read_poses, write_poses, write_scores
 from hlp.runs.diagnosis import FrameNotes, WindowClasses, explain_misses, note_frame
@@ -84,7 +86,7 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         made["poses"] = poses_digest(output / POSES)
         write_json(output / MANIFEST, made)
         if settings.name in TABLES:
-            write_reproductions(output)
+            write_reports(output)
         page_or_log(write_run_page, output)
         tracker.describe("\n\n".join([run_verdict(summary), *trained]))
         log_pictures(output, tracker)

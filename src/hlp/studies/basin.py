@@ -5,14 +5,15 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
+import pandas as pd
 from annotated_types import Ge
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
-from tqdm import tqdm
 
 from hlp.config.build import Run
 from hlp.config.settings import TASKS
@@ -22,19 +23,24 @@ from hlp.method.find.estimator import derive_seed
 from hlp.records import Frame, Hypotheses, parse_frame_key
 from hlp.refinement.refiner import REFINERS, RefinementSettings
 from hlp.refinement.verification import observe
-from hlp.reporting.figures.basin_maps import (
-    Basins,
+from hlp.reporting.figures.heat_maps import draw_basins
+from hlp.reporting.tables.study_tables import (
+    basin_cells,
     basin_metrics,
-    draw_basins,
     format_basins,
     write_basins,
 )
 from hlp.results.summary_file import TargetKey, numbered_targets, write_target_values
 from hlp.settings import Doc, Settings, SettingsError
-from hlp.stages.fingerprint import fingerprint
 from hlp.stages.store import StageStore
-from hlp.stages.trace_files import has_arrays, read_arrays, write_arrays
-from hlp.studies.study_run import chosen_frames, study_code, study_run
+from hlp.stages.trace_files import read_arrays
+from hlp.studies.study_run import (
+    chosen_frames,
+    object_names,
+    stage_of_frames,
+    study_code,
+    study_run,
+)
 
 Verdicts = Bool[np.ndarray, "n degrees millimetres"]
 _PERTURBATIONS = 2  # number of the random stream
@@ -87,57 +93,47 @@ class BasinSettings(Settings):
         run_basin(run, self, output)
 
 
-def run_basin(run: Run, task: BasinSettings, output: Path) -> Basins:
-    """Refine the same perturbed poses with every refiner; return the recalls.
+def run_basin(run: Run, task: BasinSettings, output: Path) -> pd.DataFrame:
+    """Refine the same perturbed poses with every refiner; return what basin.csv holds.
 
     Writes basin.md, basin.csv, targets.csv, heatmaps/, report.html and manifest.json. Nothing is
     learnt. The refined poses of each refiner are a stage, so an interrupted run continues where it
     stopped. Everything is logged as one MLflow run.
     """
     with study_run(run, output) as (store, tracker):
-        keys = chosen_frames(run, task.frames)
+        keys, names = chosen_frames(run, task.frames), object_names(run)
         verdicts = {
             name: _score(run, keys, _stage(run, task, name, keys, store)) for name in task.compared
         }
-        names = {object_id: model.name for object_id, model in run.dataset.models.items()}
-        right = {name: _by_object(found, names) for name, found in verdicts.items()}
-        basins = Basins(task.rotation_deg, task.translation_mm, right)
-        write_basins(output, basins)
+        cells = basin_cells(_tried(task, verdicts, names))
+        write_basins(output, cells)
         recalls = {
-            name: {target: float(each.mean()) for target, each in found.items()}
+            name: {target: float(right.mean()) for target, right in found.items()}
             for name, found in verdicts.items()
         }
         write_target_values(output, recalls, names)
-        draw_basins(output / "heatmaps", basins)
-        tracker.log_metrics(basin_metrics(basins))
-    print(format_basins(basins))
-    return basins
+        draw_basins(output / "heatmaps", cells)
+        tracker.log_metrics(basin_metrics(cells))
+    print(format_basins(cells))
+    return cells
 
 
 def _stage(
     run: Run, task: BasinSettings, name: str, keys: Sequence[str], store: StageStore
 ) -> Path:
-    """Folder with the poses refined by one refiner, one file per frame."""
-    dataset, settings = run.dataset, run.settings
+    """Folder with the poses refined by one refiner."""
+    dataset = run.dataset
     decided = {
         "refinement": task.refiners[name],
         "rotation_deg": task.rotation_deg,
         "translation_mm": task.translation_mm,
         "perturbations": task.perturbations,
-        "keys": list(keys),
     }
     upstream = {"frames": dataset.frames_identity}
     upstream |= {f"model_{i}": dataset.model_identities[i] for i in dataset.target_ids}
-
-    def make(folder: Path) -> None:
-        for key in tqdm(keys, desc=f"basin of {name}", unit="frame", disable=None):
-            if not has_arrays(folder, key):
-                write_arrays(folder, key, _refined(run, task, name, dataset.frames.load(key)))
-
     code = study_code(__name__, task.refiners[name], dataset.frames)
-    digest = fingerprint("basin", code, settings.seed, decided, upstream)
-    described = {"settings": decided, "upstream": upstream, "seed": settings.seed}
-    return store.get_or_make("basin", digest, make, described, name)
+    find = partial(_refined, run, task, name)
+    return stage_of_frames("basin", run, store, keys, find, code, decided, upstream, name)
 
 
 def _refined(run: Run, task: BasinSettings, name: str, frame: Frame) -> dict[str, np.ndarray]:
@@ -150,24 +146,48 @@ def _refined(run: Run, task: BasinSettings, name: str, frame: Frame) -> dict[str
     seen = observe(frame.rgb, frame.depth, frame.camera_matrix, task.refiners[name].verification)
     for number, target in enumerate(frame.targets):
         model = run.dataset.models[target.object_id]
-        seed = derive_seed(
-            run.settings.seed,
-            frame.scene_id,
-            frame.frame_id,
-            target.object_id,
-            number,
-            _PERTURBATIONS,
-        )
+        parts = frame.scene_id, frame.frame_id, target.object_id, number, _PERTURBATIONS
+        seed = derive_seed(run.settings.seed, *parts)
         perturbations = perturbation_grid(task, target.pose_cam_obj, model.centroid, seed)
         coarse = Hypotheses(perturbations.reshape(-1, 4, 4), np.ones(perturbations[..., 0, 0].size))
         refined = refiner.refine(model, seen, coarse, seed)
-        poses = np.stack([each.pose_cam_obj for each in refined])
+        poses = np.stack([found.pose_cam_obj for found in refined])
         key = f"{number}/{target.object_id}"
-        arrays |= {
-            f"{key}/poses": poses.reshape(perturbations.shape),
-            f"{key}/truth": target.pose_cam_obj,
-        }
+        arrays[f"{key}/poses"] = poses.reshape(perturbations.shape)
+        arrays[f"{key}/truth"] = target.pose_cam_obj
     return arrays
+
+
+def _score(run: Run, keys: Sequence[str], folder: Path) -> dict[TargetKey, Verdicts]:
+    """By target, which poses are right by ADD(-S) (perturbations, degrees, mm)."""
+    targets: list[tuple[int, int, int]] = []
+    right: list[Verdicts] = []
+    for key in keys:
+        stored = read_arrays(folder, key)
+        named = [name.split("/") for name in stored if name.endswith("/poses")]
+        for number, object_id, _ in sorted(named, key=lambda parts: int(parts[0])):
+            poses, truth = (stored[f"{number}/{object_id}/{part}"] for part in ("poses", "truth"))
+            model, evaluation = run.dataset.models[int(object_id)], run.settings.evaluation
+            verdicts = add_correct(poses.reshape(-1, 4, 4), truth, model, evaluation)
+            targets.append((*parse_frame_key(key), int(object_id)))
+            right.append(np.moveaxis(verdicts.reshape(poses.shape[:3]), 2, 0))
+    return dict(zip(numbered_targets(targets), right, strict=True))
+
+
+def _tried(
+    task: BasinSettings,
+    verdicts: Mapping[str, Mapping[TargetKey, Verdicts]],
+    names: Mapping[int, str],
+) -> pd.DataFrame:
+    """A row for each refined pose: refiner, object, starting errors, and whether it is right."""
+    columns = ["refiner", "object", "perturbation", "rotation_deg", "translation_mm"]
+    tried = []
+    for refiner, found in verdicts.items():
+        for target, right in sorted(found.items(), key=lambda pair: pair[0][2]):
+            errors = range(len(right)), task.rotation_deg, task.translation_mm
+            index = pd.MultiIndex.from_product([[refiner], [names[target[2]]], *errors])
+            tried.append(pd.Series(right.ravel(), index.set_names(columns), name="right"))
+    return pd.concat(tried).reset_index()
 
 
 def perturbation_grid(
@@ -185,34 +205,6 @@ def perturbation_grid(
         pose_cam_obj, centroid, degrees.ravel(), millimetres.ravel(), rng
     )
     return perturbations.reshape(*shape, 4, 4)
-
-
-def _score(run: Run, keys: Sequence[str], folder: Path) -> dict[TargetKey, Verdicts]:
-    """By target, which poses are right by ADD(-S) (perturbations, degrees, mm)."""
-    models, evaluation = run.dataset.models, run.settings.evaluation
-    targets: list[tuple[int, int, int]] = []
-    right: list[Verdicts] = []
-    for key in keys:
-        stored = read_arrays(folder, key)
-        names = [each.split("/") for each in stored if each.endswith("/poses")]
-        for number, object_id, _ in sorted(names, key=lambda each: int(each[0])):
-            name = f"{number}/{object_id}"
-            poses, truth = stored[f"{name}/poses"], stored[f"{name}/truth"]
-            model = models[int(object_id)]
-            verdicts = add_correct(poses.reshape(-1, 4, 4), truth, model, evaluation)
-            targets.append((*parse_frame_key(key), int(object_id)))
-            right.append(np.moveaxis(verdicts.reshape(poses.shape[:3]), 2, 0))
-    return dict(zip(numbered_targets(targets), right, strict=True))
-
-
-def _by_object(
-    verdicts: Mapping[TargetKey, Verdicts], names: Mapping[int, str]
-) -> dict[str, Verdicts]:
-    """Verdicts of all targets of each object (targets and perturbations, degrees, mm)."""
-    groups: dict[int, list[Verdicts]] = {}
-    for target, found in sorted(verdicts.items(), key=lambda each: each[0][2]):
-        groups.setdefault(target[2], []).append(found)
-    return {names[object_id]: np.concatenate(found) for object_id, found in groups.items()}
 
 
 def perturbed_poses(

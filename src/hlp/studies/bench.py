@@ -1,12 +1,18 @@
 """Time and memory of each part of detection, and of other settings on the same frames."""
 
+import os
+import platform
+import resource
+import sys
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import cv2
 import numpy as np
+import torch
 from annotated_types import Ge
 from tqdm import tqdm
 
@@ -18,8 +24,8 @@ from hlp.method.find.detections import describe_all
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.find.search import search_frame
 from hlp.method.stage_settings import FindSettings
-from hlp.records import Frame, LocalPatches, PoseEstimate, TargetScore
-from hlp.reporting.figures.bench_bars import draw_bench
+from hlp.records import Frame, LocalPatches, PoseEstimate
+from hlp.reporting.figures.bars import draw_bench
 from hlp.reporting.tables.bench_table import (
     CONFIGURED,
     TIMED,
@@ -29,32 +35,25 @@ from hlp.reporting.tables.bench_table import (
 )
 from hlp.results.summary_file import write_target_values
 from hlp.settings import Doc, Settings
+from hlp.stages.manifest import library_versions
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
-from hlp.studies.bench_summary import (
+from hlp.studies.bench_times import (
+    PartClock,
+    Spent,
     TimedDetection,
     bench_targets,
     compare_paths,
-    describe_machine,
-    peak_mib,
+    compare_searches,
+    load_timed,
     ratios,
     summarise_path,
     summarise_search,
-    summarise_whole,
+    summarise_spent,
 )
-from hlp.studies.stopwatch import (
-    PartClock,
-    SearchComparison,
-    Spent,
-    compare_searches,
-    load_timed,
-)
-from hlp.studies.study_run import chosen_frames, study_run
+from hlp.studies.study_run import chosen_frames, object_names, study_run
 
-FILE = "bench.json"
-Estimators = Mapping[str, PoseEstimator]
 Detections = dict[str, list[TimedDetection]]
-Scores = dict[str, list[TargetScore]]
 
 
 @TASKS.register
@@ -101,23 +100,38 @@ def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
         estimators, loaded, peak = _make_estimators(run, paths, store, frame)
         detections, searches = _measure(run, estimators, keys)
         memory = {"peak_mib": peak, "all_paths_mib": peak_mib(), "learnt_too": made}
-        everything = _regions_of_all(run, store, keys)
-        at_once = _objects_at_once(run, store, keys)
-        scores = _score(run, keys, detections)
+        truths = [FrameTruth.of(run.dataset.frames.load(key)) for key in keys]
+        models, evaluation = run.dataset.models, run.settings.evaluation
+        scores = {
+            name: score_targets(truths, models, [each.estimate for each in own], evaluation)
+            for name, own in detections.items()
+        }
+        times = {name: summarise_path(own, scores[name]) for name, own in detections.items()}
+        tolerance = (task.same_mm, task.same_deg)
+        compared = {
+            name: {
+                "changes": changes,
+                "ratio": {view: ratios(times[CONFIGURED][view], times[name][view])
+                          for view in TIMED},
+                **compare_paths(detections, scores, models, (CONFIGURED, name), tolerance),
+            }
+            for name, changes in task.compared.items()
+        }  # fmt: skip
         result = {
             "machine": machine,
             "workload": _workload(run, estimators[CONFIGURED], frame, len(keys)),
             "loading_s": {**found, **loaded},
             "memory": memory,
-            **_summary(run, task, detections, scores),
+            "paths": times,
+            "compared": compared,
+            "tolerance": {"mm": task.same_mm, "deg": task.same_deg},
             "search": summarise_search(searches),
-            "regions_of_all": everything,
-            "objects_at_once": at_once,
+            "regions_of_all": _regions_of_all(run, store, keys),
+            "objects_at_once": _objects_at_once(run, store, keys),
         }
-        write_json(output / FILE, result)
-        names = {object_id: model.name for object_id, model in run.dataset.models.items()}
+        write_json(output / "bench.json", result)
         own = bench_targets(detections[CONFIGURED], scores[CONFIGURED])
-        write_target_values(output, own, names)
+        write_target_values(output, own, object_names(run))
         write_bench(output, result)
         draw_bench(output, result)
         tracker.log_metrics(bench_metrics(result))
@@ -125,7 +139,7 @@ def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
     return result
 
 
-def _find_again(run: Run) -> dict[str, Any]:
+def _find_again(run: Run) -> dict[str, float]:
     """Seconds to read the objects' models, and to find their training outputs in the store."""
     begun = time.perf_counter()
     dataset = run.settings.data.build()
@@ -135,9 +149,16 @@ def _find_again(run: Run) -> dict[str, Any]:
     return {"models": read - begun, "finding": time.perf_counter() - read}
 
 
+def _estimator(
+    run: Run, settings: RunSettings, store: StageStore, object_ids: Sequence[int]
+) -> PoseEstimator:
+    training = TrainingStages(run.dataset, settings.method, store)
+    return PoseEstimator(training, FindSettings.of(settings.method), tuple(object_ids))
+
+
 def _make_estimators(
     run: Run, paths: Mapping[str, RunSettings], store: StageStore, frame: Frame
-) -> tuple[Estimators, dict[str, Any], float]:
+) -> tuple[dict[str, PoseEstimator], dict[str, Any], float]:
     """The estimator of each path, loaded and warmed up on a frame.
 
     Also, for the configured path, which comes first, the seconds of loading and the peak memory
@@ -146,23 +167,18 @@ def _make_estimators(
     dataset = run.dataset
     estimators: dict[str, PoseEstimator] = {}
     for name, settings in paths.items():
-        estimators[name] = PoseEstimator(
-            TrainingStages(dataset, settings.method, store),
-            FindSettings.of(settings.method),
-            dataset.target_ids,
-        )
-        loading = load_timed(estimators[name], dataset.target_ids)
+        estimators[name] = _estimator(run, settings, store, dataset.target_ids)
+        objects = {number: dataset.models[number].name for number in dataset.target_ids}
+        loading = load_timed(estimators[name], objects)
         _detect_all(estimators[name], frame, tuple(dataset.wanted(frame)))
         if name == CONFIGURED:
-            shared = {"classifier": loading.classifier, "encoder": loading.encoder}
-            objects = {dataset.models[i].name: each for i, each in loading.objects.items()}
-            loaded, peak = {**shared, "objects": objects}, peak_mib()
+            loaded, peak = loading, peak_mib()
     return estimators, loaded, peak
 
 
 def _measure(
-    run: Run, estimators: Estimators, keys: Sequence[str]
-) -> tuple[Detections, list[SearchComparison]]:
+    run: Run, estimators: Mapping[str, PoseEstimator], keys: Sequence[str]
+) -> tuple[Detections, list[dict[str, float]]]:
     """Detections of every object in every frame by every path, and searches of the configured one.
 
     The order of the paths rotates from frame to frame, so that other load on the machine affects
@@ -170,11 +186,10 @@ def _measure(
     """
     detections: Detections = {name: [] for name in estimators}
     searches = []
-    names = list(estimators)
     for turn, key in enumerate(tqdm(keys, desc="bench", unit="frame", disable=None)):
         frame = run.dataset.frames.load(key)
-        objects = _rotated(tuple(run.dataset.wanted(frame)), turn)
-        for name in _rotated(names, turn):
+        objects = np.roll([*run.dataset.wanted(frame)], -turn).tolist()
+        for name in np.roll([*estimators], -turn).tolist():
             found = _detect_all(estimators[name], frame, objects)
             detections[name] += [detection for detection, _ in found]
             if name == CONFIGURED:
@@ -183,21 +198,30 @@ def _measure(
     return detections, searches
 
 
+def _time_frames(
+    run: Run, keys: Sequence[str], words: str, look: Callable[[Frame], object]
+) -> dict[str, float]:
+    """Times of what `look` does in each frame."""
+    spent = []
+    for key in tqdm(keys, desc=words, unit="frame", disable=None):
+        frame = run.dataset.frames.load(key)
+        begun, busy = time.perf_counter(), time.process_time()
+        look(frame)
+        spent.append(Spent(time.perf_counter() - begun, time.process_time() - busy))
+    return summarise_spent(spent)
+
+
 def _regions_of_all(run: Run, store: StageStore, keys: Sequence[str]) -> dict[str, Any]:
     """Times of stage 1 for all objects of the classifier, also those that are no targets."""
-    object_ids = tuple(run.dataset.models)
-    dataset = replace(run.dataset, target_ids=object_ids)
-    training = TrainingStages(run.dataset, run.settings.method, store)
-    estimator = PoseEstimator(training, FindSettings.of(run.settings.method), object_ids)
+    counts = dict.fromkeys(run.dataset.models, 1)
+    estimator = _estimator(run, run.settings, store, [*counts])
     estimator.load(())
-    counts, clock, spent = dict.fromkeys(object_ids, 1), PartClock(), []
-    for key in tqdm(keys, desc="regions of all objects", unit="frame", disable=None):
-        frame = dataset.frames.load(key)
-        clock.start()
-        context = estimator.prepare(frame, observer=clock)
+
+    def look(frame: Frame) -> None:
+        context = estimator.prepare(frame)
         search_frame(estimator, context, counts, stop_after="regions", by_threads=False)
-        spent.append(clock.stop())
-    return {"objects": len(object_ids), **summarise_whole(spent)}
+
+    return {"objects": len(counts), **_time_frames(run, keys, "regions of all objects", look)}
 
 
 def _objects_at_once(run: Run, store: StageStore, keys: Sequence[str]) -> dict[str, float]:
@@ -205,25 +229,15 @@ def _objects_at_once(run: Run, store: StageStore, keys: Sequence[str]) -> dict[s
 
     So do `Detector` and `hlp predict`. The paths search one after another, to measure the parts.
     """
-    training = TrainingStages(run.dataset, run.settings.method, store)
-    estimator = PoseEstimator(
-        training, FindSettings.of(run.settings.method), run.dataset.target_ids
-    )
+    estimator = _estimator(run, run.settings, store, run.dataset.target_ids)
     estimator.load(run.dataset.target_ids)
-    spent = []
-    for key in tqdm(keys, desc="objects at once", unit="frame", disable=None):
-        frame = run.dataset.frames.load(key)
-        begun, busy = time.perf_counter(), time.process_time()
+
+    def look(frame: Frame) -> None:
         context, counts = estimator.prepare(frame), run.dataset.wanted(frame)
-        trace = search_frame(estimator, context, counts, min_score=0.0, begun=begun)
+        trace = search_frame(estimator, context, counts, min_score=0.0)
         describe_all(estimator, context, trace)
-        spent.append(Spent(time.perf_counter() - begun, time.process_time() - busy))
-    return summarise_whole([{"frame": each} for each in spent])
 
-
-def _rotated(values: Sequence[Any], turn: int) -> list[Any]:
-    start = turn % max(len(values), 1)
-    return [*values[start:], *values[:start]]
+    return _time_frames(run, keys, "objects at once", look)
 
 
 def _detect_all(
@@ -243,33 +257,6 @@ def _detect_all(
         timed = TimedDetection(estimate, place, spent, np.packbits(trace.region.mask))
         found.append((timed, trace.patches))
     return found
-
-
-def _score(run: Run, keys: Sequence[str], detections: Detections) -> Scores:
-    """Scores of the targets on every path."""
-    truths = [FrameTruth.of(run.dataset.frames.load(key)) for key in keys]
-    models, evaluation = run.dataset.models, run.settings.evaluation
-    return {
-        name: score_targets(truths, models, [each.estimate for each in own], evaluation)
-        for name, own in detections.items()
-    }
-
-
-def _summary(
-    run: Run, task: BenchSettings, detections: Detections, scores: Scores
-) -> dict[str, Any]:
-    """Times and recall of every path, and its comparison with the configured one."""
-    models = run.dataset.models
-    paths = {name: summarise_path(own, scores[name]) for name, own in detections.items()}
-    compared = {}
-    for name, changes in task.compared.items():
-        found = compare_paths(
-            detections, scores, models, (CONFIGURED, name), (task.same_mm, task.same_deg)
-        )
-        ratio = {view: ratios(paths[CONFIGURED][view], paths[name][view]) for view in TIMED}
-        compared[name] = {"changes": changes, "ratio": ratio, **found}
-    tolerance = {"mm": task.same_mm, "deg": task.same_deg}
-    return {"paths": paths, "compared": compared, "tolerance": tolerance}
 
 
 def _workload(run: Run, estimator: PoseEstimator, frame: Frame, frames: int) -> dict[str, Any]:
@@ -297,3 +284,34 @@ def _workload(run: Run, estimator: PoseEstimator, frame: Frame, frames: int) -> 
         "particles": getattr(refinement, "particles", None),
         "refined": refinement.verification.candidates,
     }
+
+
+def describe_machine(settings: RunSettings) -> dict[str, Any]:
+    """Processor, memory, threads and versions; `load` is the average load of the last minute.
+
+    What other processes do during the measurement is not known; a load near 0 before it suggests
+    an idle machine.
+    """
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.is_file() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return {
+        "cpu": names[0] if names else platform.processor() or platform.machine(),
+        "cores": len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count(),
+        "memory_mib": os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2**20,
+        "gpu": torch.cuda.get_device_name(0) if torch.cuda.is_available() else None,
+        "system": platform.platform(),
+        "load": round(os.getloadavg()[0], 2),
+        "threads": {
+            "machine": settings.machine.threads,
+            "torch": torch.get_num_threads(),
+            "opencv": cv2.getNumThreads(),
+        },
+        "versions": library_versions(),
+    }
+
+
+def peak_mib() -> float:
+    """Peak resident memory of this process (MiB)."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (2**20 if sys.platform == "darwin" else 2**10)

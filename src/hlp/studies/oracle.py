@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -30,17 +31,27 @@ from hlp.records import (
     TargetScore,
     parse_frame_key,
 )
-from hlp.reporting.figures.basin_maps import draw_oracle
-from hlp.reporting.tables.repeats import format_oracle, head_of, oracle_metrics, write_oracle
+from hlp.reporting.figures.heat_maps import draw_oracle
+from hlp.reporting.tables.study_tables import (
+    format_oracle,
+    head_of,
+    oracle_metrics,
+    write_oracle,
+)
 from hlp.results.summary_file import METRICS, TargetKey, numbered_targets, write_target_values
 from hlp.runs.run_stages import stages_of
 from hlp.settings import Doc, Settings
 from hlp.stages.detection import DetectionStages
-from hlp.stages.fingerprint import fingerprint
 from hlp.stages.store import StageStore
-from hlp.stages.trace_files import has_arrays, read_arrays, write_arrays
+from hlp.stages.trace_files import read_arrays
 from hlp.studies.basin import perturbed_poses
-from hlp.studies.study_run import chosen_frames, study_code, study_run
+from hlp.studies.study_run import (
+    chosen_frames,
+    object_names,
+    stage_of_frames,
+    study_code,
+    study_run,
+)
 
 Cell = tuple[str, str]
 Pose = Float[np.ndarray, "4 4"]
@@ -93,21 +104,18 @@ def run_oracle(run: Run, task: OracleSettings, output: Path) -> dict[str, Any]:
     """
     dataset, settings = run.dataset, run.settings
     with study_run(run, output) as (store, tracker):
-        detection = stages_of(run, store)
         keys = chosen_frames(run, task.frames)
-        folder = _stage(detection, task, keys, store)
+        found = _read(_stage(run, stages_of(run, store), task, keys, store), keys)
         loaded = tqdm(keys, desc="scores", unit="frame", disable=None)
         truths = [FrameTruth.of(dataset.frames.load(key)) for key in loaded]
         scores = {
-            cell: score_targets(
-                truths, dataset.models, _read(folder, keys, cell), settings.evaluation
-            )
+            cell: score_targets(truths, dataset.models, found[cell], settings.evaluation)
             for cell in CELLS
         }
-        names = {object_id: model.name for object_id, model in dataset.models.items()}
+        names = object_names(run)
         noise = {"noise_deg": task.noise_deg, "noise_mm": task.noise_mm}
-        result = {"frames": len(keys), **noise}
-        result |= summarise_oracle(scores, names, settings.evaluation, settings.seed)
+        matrix = summarise_oracle(scores, names, settings.evaluation, settings.seed)
+        result = {"frames": len(keys), **noise, **matrix}
         write_json(output / "oracle.json", result)
         write_target_values(output, oracle_targets(scores), names)
         write_oracle(output, result)
@@ -118,47 +126,39 @@ def run_oracle(run: Run, task: OracleSettings, output: Path) -> dict[str, Any]:
 
 
 def _stage(
-    detection: DetectionStages, task: OracleSettings, keys: Sequence[str], store: StageStore
+    run: Run,
+    detection: DetectionStages,
+    task: OracleSettings,
+    keys: Sequence[str],
+    store: StageStore,
 ) -> Path:
-    """Folder with the pose of every target in every cell, one file per frame."""
+    """Folder with the pose of every target in every cell."""
     settings = detection.settings
     decided = {
         "noise_deg": task.noise_deg,
         "noise_mm": task.noise_mm,
         "agree_mm": task.agree_mm,
         "refinement": settings.refinement,
-        "keys": list(keys),
     }
     upstream = {"hypotheses": detection.hypotheses().fingerprint}
-
-    def make(folder: Path) -> None:
-        for key in tqdm(keys, desc="oracle", unit="frame", disable=None):
-            if not has_arrays(folder, key):
-                frame = detection.dataset.frames.load(key)
-                write_arrays(folder, key, _find(detection, frame, task))
-
     chosen = (settings.encoder, settings.codebook, settings.voting, settings.refinement)
-    code = study_code(__name__, *chosen, detection.dataset.frames)
-    name = fingerprint("oracle", code, settings.seed, decided, upstream)
-    described = {"settings": decided, "upstream": upstream, "seed": settings.seed}
-    return store.get_or_make("oracle", name, make, described)
+    code = study_code(__name__, *chosen, run.dataset.frames)
+    find = partial(_find, detection, task)
+    return stage_of_frames("oracle", run, store, keys, find, code, decided, upstream)
 
 
-def _find(detection: DetectionStages, frame: Frame, task: OracleSettings) -> dict[str, np.ndarray]:
+def _find(detection: DetectionStages, task: OracleSettings, frame: Frame) -> dict[str, np.ndarray]:
     """Poses of one frame, named `object/region/coarse`; absent if nothing was found.
 
     Every object is looked for once, as by the method: of several instances the first one counts.
     """
+    context = detection.estimator.prepare(frame)
+    stored = detection.read(frame.key, ("regions", "hypotheses"))
     arrays = {}
-    context, stored = (
-        detection.estimator.prepare(frame),
-        detection.read(frame.key, ("regions", "hypotheses")),
-    )
     for object_id in detection.dataset.wanted(frame):
-        target = next(each for each in frame.targets if each.object_id == object_id)
-        for (region, coarse), pose in _poses_by_cell(
-            detection, context, target, stored[object_id], task
-        ).items():
+        target = next(target for target in frame.targets if target.object_id == object_id)
+        found = _poses_by_cell(detection, context, target, stored[object_id], task)
+        for (region, coarse), pose in found.items():
             arrays[f"{object_id}/{region}/{coarse}"] = pose
     return arrays
 
@@ -176,30 +176,22 @@ def _poses_by_cell(
     is given only if the region shows a part of the target.
     """
     frame, object_id = context.frame, target.object_id
-    model = detection.dataset.models[object_id]
     visible = annotated_mask(detection.dataset.frames, frame, target)
     if visible is None:
+        model = detection.dataset.models[object_id]
         visible = measured_mask(frame, target, model, task.agree_mm / 1e3)
-    assert stored.region is not None
-    starts = {
-        "estimated": stored,
-        "true": ObjectTrace(Region(object_id, np.zeros((0, 2)), np.zeros(0), visible)),
+    true = ObjectTrace(Region(object_id, np.zeros((0, 2)), np.zeros(0), visible))
+    coarse = {"true": target.pose_cam_obj, "noisy": _noisy(detection, frame, target, task)}
+    given = {
+        name: replace(stored, hypotheses=Hypotheses(pose[None], np.ones(1)))
+        for name, pose in coarse.items()
     }
-    given = {"true": target.pose_cam_obj, "noisy": _noisy(detection, frame, target, task)}
-    refined = {
-        coarse: _refined(
-            detection,
-            context,
-            object_id,
-            replace(stored, hypotheses=Hypotheses(pose[None], np.ones(1))),
-        )
-        for coarse, pose in given.items()
-    }
+    refined = {name: _refined(detection, context, object_id, each) for name, each in given.items()}
     found: dict[Cell, Pose | None] = {}
-    for region, start in starts.items():
+    for region, start in (("estimated", stored), ("true", true)):
         found[region, "estimated"] = _refined(detection, context, object_id, start)
         if start.region is not None and (start.region.mask & visible).any():
-            found |= {(region, coarse): pose for coarse, pose in refined.items()}
+            found |= {(region, name): pose for name, pose in refined.items()}
     return {cell: pose for cell, pose in found.items() if pose is not None}
 
 
@@ -227,15 +219,14 @@ def _refined(
     return None if refined is None else refined.refined[refined.best].pose_cam_obj
 
 
-def _read(folder: Path, keys: Sequence[str], cell: Cell) -> list[PoseEstimate]:
-    """Estimates of one cell, from disk."""
-    estimates = []
+def _read(folder: Path, keys: Sequence[str]) -> dict[Cell, list[PoseEstimate]]:
+    """Estimates of each cell, from disk."""
+    estimates: dict[Cell, list[PoseEstimate]] = {cell: [] for cell in CELLS}
     for key in keys:
-        scene_id, frame_id = parse_frame_key(key)
         for name, pose in read_arrays(folder, key).items():
-            object_id, *of = name.split("/")
-            if tuple(of) == cell:
-                estimates.append(PoseEstimate(scene_id, frame_id, int(object_id), pose, 1.0))
+            object_id, region, coarse = name.split("/")
+            estimate = PoseEstimate(*parse_frame_key(key), int(object_id), pose, 1.0)
+            estimates[region, coarse].append(estimate)
     return estimates
 
 
@@ -251,35 +242,36 @@ def summarise_oracle(
     what the true coarse pose gains in addition, and stage 3 the rest. The true coarse pose is the
     only hypothesis, so a wrong choice among hypotheses counts as a loss of stage 2.
     """
-    cells = []
-    recalls: dict[Cell, float] = {}
+
+    def recall(some: Sequence[TargetScore]) -> dict[str, Any]:
+        found = with_interval(some, METRICS["add"], evaluation.bootstrap, seed)
+        return {"targets": len(some), **found}
+
+    cells: list[dict[str, Any]] = []
     for (region, coarse), found in scores.items():
-        groups: dict[str, list[TargetScore]] = {}
-        for score in sorted(found, key=lambda each: each.object_id):
-            groups.setdefault(names[score.object_id], []).append(score)
-        add = _recall(found, evaluation, seed)
-        per_object = {name: _recall(group, evaluation, seed) for name, group in groups.items()}
         stages = {"region": region, "coarse": coarse, "fine": "estimated"}
-        cells.append({**stages, "add": add, "per_object": per_object})
-        recalls[region, coarse] = add["recall"]
-    return {"cells": cells, "lost": _lost(recalls)}
+        groups: dict[str, list[TargetScore]] = {}
+        for score in sorted(found, key=lambda score: score.object_id):
+            groups.setdefault(names[score.object_id], []).append(score)
+        per_object = {name: recall(group) for name, group in groups.items()}
+        cells.append({**stages, "add": recall(found), "per_object": per_object})
+    recalls = [found["add"]["recall"] for found in cells]
+    return {"cells": cells, "lost": _lost(dict(zip(scores, recalls, strict=True)))}
 
 
 def oracle_targets(
     scores: Mapping[Cell, Sequence[TargetScore]],
 ) -> dict[str, dict[TargetKey, float]]:
     """Verdict by ADD(-S) of each target in each cell, and what each stage lost of it (-1, 0, 1)."""
+    targets = next(iter(scores.values()))
+    keys = numbered_targets((score.scene_id, score.frame_id, score.object_id) for score in targets)
     verdicts = {
-        cell: np.array([each.add_correct for each in found], dtype=float)
+        cell: np.array([score.add_correct for score in found], dtype=float)
         for cell, found in scores.items()
     }
-    targets = next(iter(scores.values()))
-    keys = numbered_targets((each.scene_id, each.frame_id, each.object_id) for each in targets)
     named = {head_of({"region": cell[0], "coarse": cell[1]}): verdicts[cell] for cell in verdicts}
     named |= {f"lost {stage}": lost for stage, lost in _lost(verdicts).items()}
-    return {
-        name: dict(zip(keys, map(float, values), strict=True)) for name, values in named.items()
-    }
+    return {name: dict(zip(keys, values.tolist(), strict=True)) for name, values in named.items()}
 
 
 def _lost(right: Mapping[Cell, Any]) -> dict[str, Any]:
@@ -289,10 +281,3 @@ def _lost(right: Mapping[Cell, Any]) -> dict[str, Any]:
         "coarse pose": right["true", "true"] - right["true", "estimated"],
         "fine pose": 1.0 - right["true", "true"],
     }
-
-
-def _recall(
-    scores: Sequence[TargetScore], evaluation: EvaluationSettings, seed: int
-) -> dict[str, Any]:
-    recall = with_interval(scores, METRICS["add"], evaluation.bootstrap, seed)
-    return {"targets": len(scores), **recall}

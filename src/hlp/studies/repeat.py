@@ -2,7 +2,8 @@
 
 import json
 import logging
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,10 +13,13 @@ from hlp.errors import ConfigError, DataError
 from hlp.files import POSES
 from hlp.runs.manifest import made_from, poses_digest
 from hlp.stages.manifest import library_builds, processor, read_manifest
-from hlp.studies.search_space import check_harmless
 
 if TYPE_CHECKING:
     from hlp.config.build import Run
+
+_NAME = re.compile(r"[\w][\w .+-]*")
+_OF_HYDRA = ("hydra", "defaults")
+_DEEPEST = 50
 
 
 def config_of(manifest: Path, overrides: Sequence[str], configuration: Path) -> str:
@@ -36,9 +40,9 @@ def config_of(manifest: Path, overrides: Sequence[str], configuration: Path) -> 
             )
     own = yaml.safe_load((configuration / "config.yaml").read_text())
     reporting = yaml.safe_load((configuration / "reporting" / "mlflow.yaml").read_text())
-    told = config.get("reporting")
-    if isinstance(told, dict) and isinstance(told.get("about"), str):
-        reporting["about"] = told["about"]
+    given = config.get("reporting")
+    if isinstance(given, dict) and isinstance(given.get("about"), str):
+        reporting["about"] = given["about"]
     where = {"work": own["work"], "output": own["output"], "reporting": reporting}
     return json.dumps({"defaults": ["_self_"], **config, **where, "hydra": own["hydra"]})
 
@@ -48,10 +52,8 @@ def run_again(run: "Run", manifest: Path, output: Path) -> None:
 
     Raises DataError if the data are not those of the manifest.
     """
-    from hlp.studies import tasks
-
     check_manifest(run, manifest)
-    tasks.run_task(run, output)
+    run.settings.task.run(run, output)
     digest = read_manifest(manifest).get("poses")
     if digest is None:  # a study's, which has no poses
         return
@@ -67,7 +69,7 @@ def check_manifest(run: "Run", manifest: Path) -> None:
     The message names the data that differ: models, frames, photographs, … Other code, versions,
     builds of libraries and processors are warned of: with them, poses may differ.
     """
-    wanted, found = read_manifest(manifest), made_from(run)
+    wanted, found = read_manifest(manifest), made_from(run)  # there and here
     data = wanted.get("data", {})
     changed = [name for name, value in found["data"].items() if data.get(name) != value]
     if changed:
@@ -79,17 +81,55 @@ def check_manifest(run: "Run", manifest: Path) -> None:
         before = wanted.get("versions", {}).get(name)
         if before != version:
             warn("%s is %s here, and %s in %s", name, version, before, manifest)
-    _warn_of_machine(wanted, manifest)
-
-
-def _warn_of_machine(wanted: Mapping[str, Any], manifest: Path) -> None:
-    """Warn of another processor and of other builds of libraries, where the manifest names them."""
-    warn = logging.getLogger(__name__).warning
     for part, here in (("processor", processor()), ("builds", library_builds())):
         there = wanted.get(part)
-        if not isinstance(there, dict):
-            continue
-        differing = [name for name in here if there.get(name) != here[name]]
-        if differing:
+        if isinstance(there, dict) and (other := [n for n in here if there.get(n) != here[n]]):
             text = "%s: %s differ from %s; the last bits of results may differ too"
-            warn(text, part, ", ".join(differing), manifest)
+            warn(text, part, ", ".join(other), manifest)
+
+
+def check_harmless(config: Mapping[str, Any], manifest: Path, overrides: Sequence[str]) -> None:
+    """Raise DataError, naming file and key, for a configuration that could do more than it should.
+
+    The address of a cluster is accepted if it is among the overrides too, with any value.
+    """
+
+    def refuse(key: str, found: object, why: str) -> None:
+        raise DataError(f"{manifest}: config.{key} is {str(found)[:100]!r}: {why}")
+
+    for name in _OF_HYDRA:
+        if name in config:
+            refuse(name, config[name], "a manifest holds no configuration of Hydra")
+    for key, value in _entries(config, manifest):
+        last = key.rpartition(".")[2]
+        if last.startswith("_"):
+            refuse(key, value, "a manifest names nothing that is to be called")
+        if "/" in last or "\\" in last:
+            refuse(key, value, "no key is a path")
+        if isinstance(value, str) and "${" in value:
+            refuse(key, value, "a manifest holds plain values, which refer to nothing")
+        if last == "name" and isinstance(value, str) and not _NAME.fullmatch(value):
+            refuse(key, value, "a name is no path")
+    executor = config.get("executor")
+    address = executor.get("address") if isinstance(executor, Mapping) else None
+    own = any(given.startswith("executor.address=") for given in overrides)
+    if address is not None and not own:
+        why = "work would be sent there; give executor.address=… yourself if it is your cluster"
+        refuse("executor.address", address, why)
+
+
+def _entries(config: Mapping[str, Any], manifest: Path) -> Iterator[tuple[str, Any]]:
+    """All keys, joined by dots, and their values, those of lists too."""
+    left: list[tuple[str, Any, int]] = [("", config, 0)]
+    while left:
+        key, value, depth = left.pop()
+        if depth > _DEEPEST:
+            raise DataError(f"{manifest}: config is nested more than {_DEEPEST} deep")
+        if key:
+            yield key, value
+        items: Iterator[tuple[str, Any]] = iter(())
+        if isinstance(value, Mapping):
+            items = ((f"{key}.{name}" if key else str(name), item) for name, item in value.items())
+        elif isinstance(value, list):
+            items = ((f"{key}[{index}]", item) for index, item in enumerate(value))
+        left += [(name, item, depth + 1) for name, item in items]

@@ -5,9 +5,10 @@ work/search/<space>_<digest>/0, 1, …    the trials' results
 """
 
 import logging
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import reduce
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -17,28 +18,31 @@ from filelock import FileLock, Timeout
 
 from hlp.config.build import Run, with_changed_run
 from hlp.config.settings import TASKS
-from hlp.errors import InputError, MissingDependencyError, is_expected
+from hlp.errors import ConfigError, InputError, MissingDependencyError, is_expected
 from hlp.files import SCORES, write_json
 from hlp.method.find.estimator import derive_seed
 from hlp.reporting.comparison import read_targets
-from hlp.reporting.figures.trade_off import write_search_figure
+from hlp.reporting.figures.recall_time import write_search_figure
 from hlp.reporting.mlflow_pages import short_name
 from hlp.reporting.mlflow_tracking import ChildRun, as_child_run
-from hlp.reporting.tables.repeats import format_search, write_search
+from hlp.reporting.tables.study_tables import format_search, write_search
 from hlp.results.summary_file import write_target_values
 from hlp.runs import runner
 from hlp.settings import Doc, Settings
 from hlp.stages.fingerprint import fingerprint
-from hlp.studies.search_space import check_within, nested, read_space
 from hlp.studies.study_run import study_code, study_run
 
 if TYPE_CHECKING:
     from optuna import Study
+    from optuna.distributions import BaseDistribution
     from optuna.trial import FrozenTrial
 
 # Keys that change neither a trial's recall nor its time.
 _NOT_SEARCHED = ("output", "work", "reporting", "panels", "task")
 _RUN_ID, _TIME, _ERROR = "run_id", "time_ms", "error"
+_KEY = "task.space.parameters"
+Space = Mapping[str, "BaseDistribution"]
+"""What may be changed, by dotted key."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,8 +94,8 @@ def run_search(run: Run, task: SearchSettings, output: Path) -> dict[str, Any]:
         )
     space = read_space(task.space.parameters)
     own = check_within(space, run.config)
-    for key, each in space.items():
-        for value in each.ends():
+    for key, distribution in space.items():
+        for value in _ends(distribution):  # if they are accepted, all others are
             with_changed_run(run, nested({key: value}))
     folder = Path(run.settings.work).absolute() / "search" / _study_name(run, task)
     with _only_one(folder):
@@ -100,7 +104,7 @@ def run_search(run: Run, task: SearchSettings, output: Path) -> dict[str, Any]:
         with study_run(run, output, resumed) as (_, tracker):
             study.set_user_attr(_RUN_ID, tracker.run_id)
             while len(_tried(study)) < task.trials:
-                _try(study, run, task, folder, tracker.run_id)
+                _try(study, run, task, space, folder, tracker.run_id)
             result = _result(study, task, folder)
             write_json(output / "search.json", result)
             write_search(output, result)
@@ -120,8 +124,8 @@ def _write_targets(output: Path, best: Mapping[str, Any] | None) -> None:
     """
     scores = None if best is None else Path(best["folder"], SCORES)
     targets = read_targets(scores) if scores is not None and scores.is_file() else {}
-    right = {key: float(each.correct("add")) for key, each in targets.items()}
-    names = {key[2]: each.name for key, each in targets.items()}
+    right = {key: float(target.correct("add")) for key, target in targets.items()}
+    names = {key[2]: target.name for key, target in targets.items()}
     write_target_values(output, {"best ADD(-S)": right}, names)
 
 
@@ -140,18 +144,13 @@ def _study_name(run: Run, task: SearchSettings) -> str:
     return f"{task.space.name}_{digest}"
 
 
-@contextmanager
-def _only_one(folder: Path) -> Iterator[None]:
+def _only_one(folder: Path) -> AbstractContextManager[object]:
+    """Held while a process works on the search in a folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    lock = FileLock(folder / "study.lock")
     try:
-        lock.acquire(timeout=0)
+        return FileLock(folder / "study.lock").acquire(timeout=0)
     except Timeout as error:
         raise InputError(f"another process works on the search in {folder}") from error
-    try:
-        yield
-    finally:
-        lock.release()
 
 
 def _open(folder: Path, seed: int, own: Mapping[str, Any]) -> "Study":
@@ -177,19 +176,19 @@ def _open(folder: Path, seed: int, own: Mapping[str, Any]) -> "Study":
 
 def _tried(study: "Study") -> list["FrozenTrial"]:
     """Trials that ended, with a result or an error; not those that were interrupted."""
-    return [each for each in study.trials if {_TIME, _ERROR} & set(each.user_attrs)]
+    return [trial for trial in study.trials if {_TIME, _ERROR} & set(trial.user_attrs)]
 
 
-def _try(study: "Study", run: Run, task: SearchSettings, folder: Path, parent: str) -> None:
+def _try(
+    study: "Study", run: Run, task: SearchSettings, space: Space, folder: Path, parent: str
+) -> None:
     """One trial, logged as a child of the search's MLflow run."""
     from optuna.trial import TrialState
 
-    space = read_space(task.space.parameters)
-    trial = study.ask({key: each.distribution() for key, each in space.items()})
+    trial = study.ask(dict(space))
     values = {key: str(value) for key, value in trial.params.items()}
-    words = " ".join(f"{key}={value}" for key, value in values.items())
     say = logging.getLogger(__name__)
-    say.info("\nTrial %d  %s", trial.number, words)
+    say.info("\nTrial %d  %s", trial.number, " ".join(f"{key}={v}" for key, v in values.items()))
     changes = {**nested(trial.params), "task": {"name": "evaluate"}}
     try:
         name = short_name(values, (), f"trial {trial.number}")
@@ -212,15 +211,88 @@ def _result(study: "Study", task: SearchSettings, folder: Path) -> dict[str, Any
     """Content of `search.json`: all trials, and the best one within the limit (None: no trial)."""
     trials = [
         {
-            "trial": each.number,
-            "values": each.params,
-            "recall": each.value,
-            "time_ms": each.user_attrs.get(_TIME),
-            "error": each.user_attrs.get(_ERROR),
-            "folder": str(folder / str(each.number)),
+            "trial": trial.number,
+            "values": trial.params,
+            "recall": trial.value,
+            "time_ms": trial.user_attrs.get(_TIME),
+            "error": trial.user_attrs.get(_ERROR),
+            "folder": str(folder / str(trial.number)),
         }
-        for each in _tried(study)
+        for trial in _tried(study)
     ]
     within = [t for t in trials if t["error"] is None and t["time_ms"] <= task.limit_ms]
-    best = max(within, key=lambda each: (each["recall"], -each["time_ms"]), default=None)
+    best = max(within, key=lambda trial: (trial["recall"], -trial["time_ms"]), default=None)
     return {"space": task.space.name, "limit_ms": task.limit_ms, "best": best, "trials": trials}
+
+
+def read_space(parameters: Mapping[str, Any], prefix: str = "") -> dict[str, "BaseDistribution"]:
+    """Ranges and choices as Optuna's distributions, of mappings nested as the configuration.
+
+    Raises ConfigError naming a key that has neither `low` and `high` nor `choices`, or that leaves
+    no choice.
+    """
+    space: dict[str, BaseDistribution] = {}
+    for name, given in parameters.items():
+        key = f"{prefix}{name}"
+        if not isinstance(given, Mapping) or not given:
+            raise ConfigError(f"{_KEY}.{key}: give it low and high, or choices")
+        if any(isinstance(value, Mapping) for value in given.values()):
+            space |= read_space(given, f"{key}.")
+            continue
+        try:
+            space[key] = _distribution(given)
+        except (TypeError, ValueError) as error:
+            raise ConfigError(f"{_KEY}.{key} is {dict(given)}: {error}") from error
+    return space
+
+
+def _distribution(given: Mapping[str, Any]) -> "BaseDistribution":
+    """Choices, or numbers from `low` to `high`: integers if both are."""
+    from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
+
+    made: BaseDistribution
+    if "choices" in given:
+        made = CategoricalDistribution(**{**given, "choices": tuple(given["choices"])})
+    else:
+        whole = all(isinstance(given.get(end), int) for end in ("low", "high"))
+        made = IntDistribution(**given) if whole else FloatDistribution(**given)
+    if made.single():
+        raise ValueError("it leaves no choice")
+    return made
+
+
+def _ends(distribution: Any) -> tuple[Any, ...]:
+    choices: tuple[Any, ...] | None = getattr(distribution, "choices", None)
+    return (distribution.low, distribution.high) if choices is None else choices
+
+
+def check_within(space: Space, config: Mapping[str, Any]) -> dict[str, Any]:
+    """The configuration's own values of a space's settings.
+
+    Raises ConfigError naming a setting that is not in the configuration, or whose value there lies
+    outside the space.
+    """
+    own = {}
+    for key, distribution in space.items():
+        try:
+            value = reduce(lambda node, part: node[part], key.split("."), config)
+        except (KeyError, TypeError) as error:
+            raise ConfigError(f"{_KEY}.{key}: the configuration has no {key}") from error
+        low, *_, high = ends = _ends(distribution)
+        is_number = isinstance(value, int | float) and not hasattr(distribution, "choices")
+        if value not in ends and not (is_number and low <= value <= high):
+            raise ConfigError(f"{_KEY}.{key} leaves out the configuration's own value, {value}")
+        own[key] = value
+    return own
+
+
+def nested(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values by dotted key as nested mappings: {"a.b": 1} → {"a": {"b": 1}}."""
+    changes: dict[str, Any] = {}
+    for key, value in values.items():
+        *parents, last = key.split(".")
+        node = changes
+        for part in parents:
+            node = node.setdefault(part, {})
+        node[last] = value
+    return changes

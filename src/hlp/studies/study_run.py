@@ -1,20 +1,27 @@
 """What all studies (oracle, basin, bench, search) share: MLflow run, manifest, final message."""
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
 
 from hlp.config.build import Run, evenly
 from hlp.files import MANIFEST, write_json
 from hlp.method.compute_threads import set_compute_threads
+from hlp.records import Frame
 from hlp.reporting.mlflow_run import MlflowRun
 from hlp.reporting.page.parts import page_or_log
 from hlp.reporting.page.study_page import write_study_page
 from hlp.runs.manifest import make_manifest
 from hlp.runs.mlflow_log import log_inputs, say_where, tracked
 from hlp.source_code import Code, code_of
+from hlp.stages.fingerprint import fingerprint
 from hlp.stages.store import StageStore
+from hlp.stages.trace_files import has_arrays, write_arrays
 
 
 @contextmanager
@@ -49,9 +56,43 @@ def chosen_frames(run: Run, count: int | None) -> tuple[str, ...]:
     return run.keys if count is None else evenly(run.keys, count)
 
 
+def object_names(run: Run) -> dict[int, str]:
+    """Names of all objects by id."""
+    return {object_id: model.name for object_id, model in run.dataset.models.items()}
+
+
 def study_code(module: str, *alternatives: object) -> Code:
     """The code of a study and of what its settings choose, which no module imports by name.
 
     `alternatives` are the settings of refiners, encoders, …, and the source of the frames.
     """
     return code_of(module, *sorted({type(each).__module__ for each in alternatives}))
+
+
+def stage_of_frames(
+    study: str,
+    run: Run,
+    store: StageStore,
+    keys: Sequence[str],
+    find: Callable[[Frame], dict[str, np.ndarray]],
+    code: Code,
+    decided: Mapping[str, Any],
+    upstream: Mapping[str, str],
+    label: str = "",
+) -> Path:
+    """Folder with the arrays that `find` makes of each frame, one file per frame.
+
+    It is made once for the same settings (`decided`), inputs (`upstream`) and code; an interrupted
+    study continues where it stopped.
+    """
+    settings = {**decided, "keys": list(keys)}
+
+    def make(folder: Path) -> None:
+        words = f"{study} of {label}" if label else study
+        for key in tqdm(keys, desc=words, unit="frame", disable=None):
+            if not has_arrays(folder, key):
+                write_arrays(folder, key, find(run.dataset.frames.load(key)))
+
+    digest = fingerprint(study, code, run.settings.seed, settings, upstream)
+    described = {"settings": settings, "upstream": upstream, "seed": run.settings.seed}
+    return store.get_or_make(study, digest, make, described, label)

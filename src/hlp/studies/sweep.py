@@ -14,7 +14,7 @@ import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from filelock import FileLock, Timeout
 from hydra.core.hydra_config import HydraConfig
@@ -30,9 +30,6 @@ from hlp.reporting.mlflow_run import MlflowRun
 from hlp.reporting.mlflow_tracking import ChildRun, MlflowSettings, as_child_run, track_run
 from hlp.settings import read_settings
 from hlp.stages.executor_settings import ends_with
-
-if TYPE_CHECKING:
-    from hlp.reporting.study_arms import StudySweep
 
 LOCK = "sweep.lock"
 FINISHED = "FINISHED"
@@ -56,7 +53,7 @@ class SweepCallback(Callback):
 
 
 def _open_sweep(config: DictConfig) -> None:
-    from hlp.reporting.sweep_arms import short_key
+    from hlp.reporting.sweeps import short_key
     from hlp.runs.mlflow_log import choice_tags, place_tags
 
     folder = Path(config.hydra.sweep.dir).absolute()
@@ -125,7 +122,6 @@ def run_one(config: DictConfig) -> None:
     from hlp.config import build
     from hlp.runs.manifest import is_finished
     from hlp.runs.mlflow_log import choice_tags, place_tags
-    from hlp.studies import tasks
 
     hydra = HydraConfig.get()
     absent = _absent_data(config)
@@ -140,8 +136,8 @@ def run_one(config: DictConfig) -> None:
     swept = _swept_values(config, list(hydra.overrides.task), sweep["swept"])
     chosen = chosen_by_hydra()
     name = short_name(swept, chosen.groups, config.name)
-    arm = f"{hydra.job.num}: {' '.join(f'{key}={value}' for key, value in swept.items())}"
-    with as_child_run(ChildRun(name, sweep["run_id"], swept, arm)):
+    place = f"{hydra.job.num}: {' '.join(f'{key}={value}' for key, value in swept.items())}"
+    with as_child_run(ChildRun(name, sweep["run_id"], swept, place)):
         try:
             run = build.build_run(config, chosen)
         except Exception:  # recorded, and raised again
@@ -154,7 +150,7 @@ def run_one(config: DictConfig) -> None:
         if is_finished(run, output):
             logging.getLogger(__name__).info("finished already: %s in %s", name, output)
             return
-        tasks.run_task(run, output)
+        run.settings.task.run(run, output)
 
 
 def _absent_data(config: DictConfig) -> str | None:
@@ -182,7 +178,7 @@ def _drawn(folder: Path, tracker: MlflowRun) -> Iterator[None]:
     """Tables, figures and page of the runs, after the last one has ended; also if some failed."""
     try:
         yield
-    except Exception:  # an arm's; it is raised again
+    except Exception:  # that of a run; it is raised again
         try:
             _draw(folder, tracker)
         except Exception:
@@ -192,46 +188,21 @@ def _drawn(folder: Path, tracker: MlflowRun) -> Iterator[None]:
 
 
 def _draw(folder: Path, tracker: MlflowRun) -> None:
-    from hlp.reporting.figures.trade_off import draw_trade_off
-    from hlp.reporting.ladder import write_ladder
+    from hlp.reporting.experiments import describe_table, write_reports
     from hlp.reporting.page.parts import page_or_log
-    from hlp.reporting.page.sweep_page import write_sweep_page
-    from hlp.reporting.recordings import write_recordings
-    from hlp.reporting.reproductions import describe_table, write_reproductions
-    from hlp.reporting.study_arms import read_study_sweeps
-    from hlp.reporting.sweep_log import log_sweep
-    from hlp.reporting.sweep_report import describe_sweep, write_sweep_files
+    from hlp.reporting.page.study_page import write_sweep_page
+    from hlp.reporting.sweep_report import describe_sweep, log_sweeps, write_sweep
+    from hlp.reporting.sweeps import read_sweeps
 
-    if studies := read_study_sweeps(folder):
-        _draw_studies(folder, studies, tracker)
+    sweeps = read_sweeps(folder)
+    if not sweeps:  # no run has begun
         return
-    described = describe_sweep(folder, "text")
-    if not described:  # no arm has begun
-        return
-    writers = (
-        write_sweep_files, draw_trade_off, write_reproductions, write_recordings, write_ladder,
-    )  # fmt: skip
-    written = [path for write in writers for path in write(folder)]
-    page = page_or_log(write_sweep_page, folder)
-    log_sweep(folder, [*written, *([page] if page else [])], tracker)
-    print("\n\n".join(filter(None, (f"\n{described}", describe_table(folder)))) + "\n")
-    _say_written(folder, written, page)
-
-
-def _draw_studies(folder: Path, studies: Sequence["StudySweep"], tracker: MlflowRun) -> None:
-    from hlp.reporting.page.parts import page_or_log
-    from hlp.reporting.page.study_page import write_study_sweep_page
-    from hlp.reporting.study_sweep import describe_study_sweep, write_study_sweep
-    from hlp.reporting.sweep_log import log_study_sweeps
-
-    written = [path for each in studies for path in write_study_sweep(folder, each)]
-    page = page_or_log(write_study_sweep_page, folder)
-    log_study_sweeps(studies, [*written, *([page] if page else [])], tracker)
-    print("\n" + "\n\n".join(describe_study_sweep(each, "text") for each in studies) + "\n")
-    _say_written(folder, written, page)
-
-
-def _say_written(folder: Path, written: Sequence[Path], page: Path | None) -> None:
+    written = [path for sweep in sweeps for path in write_sweep(folder, sweep)]
+    written += write_reports(folder)
+    described = [describe_sweep(sweep, "text") for sweep in sweeps]
+    page = page_or_log(write_sweep_page, folder) if any(s.finished for s in sweeps) else None
+    log_sweeps(sweeps, [*written, *([page] if page else [])], tracker)
+    print("\n" + "\n\n".join(filter(None, (*described, describe_table(folder)))) + "\n")
     say = logging.getLogger(__name__).info
     say("Written   %s (%s)", folder, ", ".join(path.name for path in written))
     if page is not None:

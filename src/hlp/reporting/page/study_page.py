@@ -1,4 +1,4 @@
-"""`report.html` of a study (oracle, basin, bench, search): its tables and figures."""
+"""`report.html` of a study (oracle, basin, bench, search), and of a sweep of runs or studies."""
 
 from pathlib import Path
 from typing import Any
@@ -8,8 +8,10 @@ from markdown_it import MarkdownIt
 from hlp.errors import DataError
 from hlp.files import MANIFEST, PAGE, SUMMARY, read_json, write_text
 from hlp.reporting.page.parts import how_to_repeat, in_base64, render
-from hlp.reporting.study_arms import read_study_sweeps
-from hlp.reporting.study_sweep import differences_table, note_of, study_table
+from hlp.reporting.sweep_report import differences_table, note_of, sweep_table
+from hlp.reporting.sweeps import Sweep, read_sweeps
+from hlp.reporting.tables.summary_tables import METRIC_LABELS
+from hlp.reporting.tables.table import Table, format_share
 
 # Without HTML: what stands in a text, as an object's name, is shown and not run.
 _MARKDOWN = MarkdownIt("commonmark", {"html": False}).enable("table")
@@ -44,49 +46,45 @@ def write_study_page(folder: Path) -> Path:
     if study is None:
         raise DataError(f"{folder / MANIFEST} is not that of a study: it names no config.task")
     data = manifest["config"].get("data", {}).get("name", "unknown")
+    drawn = sorted(folder.rglob("*.svg"), key=lambda path: (path.stem != "all", path))
     page = render(
         "study.html",
         title=f"{study} · {folder.absolute().name}",
         verdict=f"{study} study on data={data}",
         texts=[_MARKDOWN.render(path.read_text("utf-8")) for path in sorted(folder.glob("*.md"))],
-        figures=_figures(folder),
+        figures={path.stem.replace("_", " "): in_base64(path) for path in drawn},
         **how_to_repeat(folder, manifest),
     )
     write_text(folder / PAGE, page)
     return folder / PAGE
 
 
-def _figures(folder: Path) -> dict[str, str]:
-    """All SVG files in base64 by name, those of single objects after that of all."""
-    paths = sorted(folder.rglob("*.svg"), key=lambda path: (path.stem != "all", path))
-    return {path.stem.replace("_", " "): in_base64(path) for path in paths}
+def write_sweep_page(folder: Path) -> Path:
+    """Write `report.html` of a sweep from what lies in its folder; the file.
 
-
-def write_study_sweep_page(folder: Path) -> Path:
-    """Write `report.html` of a sweep of studies from what lies in its folder; the file.
-
-    Raises DataError for broken files, and for a sweep that holds no study.
+    Raises DataError for broken files, and for a sweep that holds no finished run.
     """
-    sweeps = read_study_sweeps(folder)
+    sweeps = [sweep for sweep in read_sweeps(folder) if sweep.finished]
     if not sweeps:
-        raise DataError(f"{folder} holds no finished study (oracle, basin, bench, search)")
-    parts = []
-    for sweep in sweeps:
-        figure = folder / f"{sweep.study}.svg"
-        pages = [arm.folder / PAGE for arm in sweep.arms]
-        parts.append(
-            {
-                "study": sweep.study,
-                "table": study_table(sweep),
-                "best": next((i for i, arm in enumerate(sweep.arms) if arm is sweep.best), None),
-                "differences": differences_table(sweep),
-                "links": [f"{page.parent.name}/{PAGE}" if page.is_file() else "" for page in pages],
-                "note": note_of(sweep),
-                "figure": in_base64(figure) if figure.is_file() else "",
-            }
-        )
+        raise DataError(f"{folder} holds no finished run")
+    parts = [
+        {
+            "name": sweep.name,
+            "table": sweep_table(sweep),
+            "best": next((i for i, run in enumerate(sweep.runs) if run is sweep.best), None),
+            "differences": differences_table(sweep),
+            "links": [
+                f"{run.folder.name}/{PAGE}" if (run.folder / PAGE).is_file() else ""
+                for run in sweep.runs
+            ],
+            "note": note_of(sweep),
+            "figures": _figures(folder, sweep),
+            "objects": objects_by_run(sweep),
+        }
+        for sweep in sweeps
+    ]
     page = render(
-        "study_sweep.html",
+        "sweep.html",
         title=f"sweep of {', '.join(sweeps[0].keys) or 'nothing'} · {folder.absolute().name}",
         verdict=" ".join(sweep.verdict for sweep in sweeps),
         parts=parts,
@@ -94,3 +92,25 @@ def write_study_sweep_page(folder: Path) -> Path:
     )
     write_text(folder / PAGE, page)
     return folder / PAGE
+
+
+def _figures(folder: Path, sweep: Sweep) -> dict[str, str]:
+    """The SVG files of a sweep and of its experiment's report: base64 by caption."""
+    captions = {sweep.name: "Runs by what differs"}
+    if sweep.results:
+        captions["recall_by_time"] = "Recall against time, with the Pareto front"
+    captions |= {result.experiment: result.experiment for _, result in sweep.results}
+    found = {words: folder / f"{name}.svg" for name, words in captions.items()}
+    return {words: in_base64(path) for words, path in found.items() if path.is_file()}
+
+
+def objects_by_run(sweep: Sweep) -> Table | None:
+    """ADD(-S) recall of each object (rows) in each finished run (columns); None for studies."""
+    if not sweep.results:
+        return None
+    found = [(run.short_label, result.summary["per_object"]) for run, result in sweep.results]
+    rows = []
+    for name in dict.fromkeys(name for _, objects in found for name in objects):
+        scores = [objects.get(name) for _, objects in found]
+        rows.append([name, *(format_share(score and score["add"]["recall"]) for score in scores)])
+    return Table([f"{METRIC_LABELS['add']} of", *(label for label, _ in found)], rows)

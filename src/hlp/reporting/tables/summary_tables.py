@@ -63,17 +63,36 @@ def objects_table(summary: Mapping[str, Any]) -> Table:
     return table if linemod else Table(table.header[:-1], [row[:-1] for row in rows])
 
 
-def average_recall(summary: Mapping[str, Any]) -> str:
-    """BOP's average recall; empty where it was not computed."""
-    return format_share(summary.get("bop", {}).get("ar"))
+def run_cells(summary: Mapping[str, Any]) -> dict[str, str]:
+    """The main numbers of a run as they stand in tables, by column; empty where not measured."""
+    metrics, times = summary["metrics"], summary["timing_ms"]
+    bop, timing = summary.get("bop", {}), summary.get("timing", {})
+    load, total = timing.get("load"), times.get("total", {})
+    shares = {label: metrics[key]["recall"] for key, label in METRIC_LABELS.items()}
+    shares |= {"AR": bop.get("ar"), **{key.upper(): bop.get(key) for key in BOP_RECALLS}}
+    shares["ECE"] = summary.get("calibration", {}).get("ece")
+    spent = {
+        "ms refinement": times.get("refinement", {}).get("median"),
+        "ms": total.get("median"),
+        "ms 95 %": total.get("p95"),
+        "CPU ms": timing.get("cpu_ms"),
+    }
+    return {
+        "targets": str(summary["targets"]),
+        **{name: format_share(share) for name, share in shares.items()},
+        "95 %": format_interval(metrics["add"]["ci95"]),
+        **{name: _ms(time) for name, time in spent.items()},
+        "load": "" if load is None else f"{load:.1f}",
+    }
 
 
 def bop_words(summary: Mapping[str, Any]) -> str:
     """BOP's average recall and the three of which it is the mean; empty if one is missing."""
-    if not average_recall(summary):
+    average = run_cells(summary)["AR"]
+    if not average:
         return ""
     parts = ", ".join(f"{key.upper()} {summary['bop'][key]:.3f}" for key in BOP_RECALLS)
-    return f"BOP's average recall: {average_recall(summary)}, the mean of {parts}."
+    return f"BOP's average recall: {average}, the mean of {parts}."
 
 
 def calibration_words(summary: Mapping[str, Any]) -> str:
@@ -184,17 +203,11 @@ def votes_table(summary: Mapping[str, Any]) -> Table:
 
 def runs_table(summaries: Mapping[str, Mapping[str, Any]]) -> Table:
     """A row a run: recalls over its targets, BOP's average recall, median time of one object."""
-    rows = [
-        [
-            name,
-            str(summary["targets"]),
-            *(format_share(summary["metrics"][key]["recall"]) for key in METRIC_LABELS),
-            average_recall(summary),
-            _ms(summary["timing_ms"].get("total", {}).get("median")),
-        ]
-        for name, summary in summaries.items()
-    ]
-    return Table(["run", "targets", *METRIC_LABELS.values(), "AR", "ms"], rows)
+    shown = ["targets", *METRIC_LABELS.values(), "AR", "ms"]
+    cells = {name: run_cells(summary) for name, summary in summaries.items()}
+    return Table(
+        ["run", *shown], [[name, *(own[column] for column in shown)] for name, own in cells.items()]
+    )
 
 
 def _words(name: str) -> str:

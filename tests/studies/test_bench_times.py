@@ -1,3 +1,4 @@
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -5,16 +6,17 @@ import pytest
 
 from hlp.geometry import rigid
 from hlp.records import PoseEstimate
-from hlp.studies.bench_summary import (
+from hlp.studies.bench_times import (
+    PartClock,
+    Spent,
     TimedDetection,
     bench_targets,
     compare_paths,
     ratios,
     summarise_path,
     summarise_search,
-    summarise_whole,
+    summarise_spent,
 )
-from hlp.studies.stopwatch import SearchComparison, Spent
 
 HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
 MODELS = {1: SimpleNamespace(symmetries=np.stack([np.eye(4), HALF_TURN]))}
@@ -110,20 +112,61 @@ def test_paths_are_paired_by_frame_and_agree_by_share():
     }
 
 
-def test_parts_are_added_before_the_median_is_taken():
-    first = {"windows": Spent(0.01, 0.02), "network": Spent(0.03, 0.03)}
-    found = summarise_whole([first, {"windows": Spent(0.08, 0.01)}])
-    assert found["median_ms"] == pytest.approx(60)
-    assert found["cpu_ms"] == pytest.approx(30)
+def test_times_of_whole_frames_have_median_and_spread():
+    found = summarise_spent([Spent(0.04, 0.05), Spent(0.08, 0.01)])
+    assert found == pytest.approx({"median_ms": 60, "p95_ms": 78, "cpu_ms": 30})
 
 
 def test_recall_of_a_search_is_over_queries_not_frames():
     tried = [
-        SearchComparison(30, 0.001, 0.010, 1.0, 1.0),
-        SearchComparison(10, 0.003, 0.030, 0.6, 0.8),
+        {"queries": 30, "own": 0.001, "exact": 0.010, "recall": 1.0, "nearest": 1.0},
+        {"queries": 10, "own": 0.003, "exact": 0.030, "recall": 0.6, "nearest": 0.8},
     ]
     found = summarise_search(tried)
-    assert found["recall"] == pytest.approx(0.9)
-    assert found["recall_of_nearest"] == pytest.approx(0.95)
-    assert found["ratio"] == pytest.approx(10.0)
+    assert found == pytest.approx(
+        {
+            "queries": 20,
+            "recall": 0.9,
+            "recall_of_nearest": 0.95,
+            "median_ms": 2.0,
+            "exact_ms": 20.0,
+            "ratio": 10.0,
+        }
+    )
     assert summarise_search([]) is None
+
+
+def spin(seconds):
+    begun = time.process_time()
+    while time.process_time() - begun < seconds:
+        pass
+
+
+def test_time_is_charged_to_the_part_that_was_entered_last():
+    clock = PartClock()
+    clock.start()
+    begun = time.perf_counter()
+    clock.enter("idle")
+    time.sleep(0.05)
+    clock.enter("busy")
+    spin(0.03)
+    clock.enter("idle")
+    time.sleep(0.05)
+    spent = clock.stop()
+    whole = time.perf_counter() - begun
+    assert spent["idle"].wall >= 0.1 and spent["idle"].cpu < 0.03
+    assert spent["busy"].wall >= spent["busy"].cpu - 1e-3 and spent["busy"].cpu >= 0.03
+    assert sum(each.wall for each in spent.values()) == pytest.approx(whole, abs=2e-3)
+
+
+def test_time_before_the_first_part_and_after_the_stop_is_nobodys():
+    clock = PartClock()
+    clock.start()
+    time.sleep(0.02)
+    clock.enter("a")
+    first = clock.stop()
+    time.sleep(0.02)
+    assert first["a"].wall < 0.02
+    assert clock.stop() == first
+    clock.start()
+    assert clock.stop() == {}

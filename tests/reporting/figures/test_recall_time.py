@@ -1,3 +1,5 @@
+"""Recall against time: the runs of a sweep, the trials of a search, and their Pareto front."""
+
 import csv
 from pathlib import Path
 from typing import Any
@@ -7,7 +9,14 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hlp.reporting.figures.trade_off import FRONT, draw_trade_off, pareto_front, recall_by_time
+from hlp.reporting.figures.recall_time import (
+    FRONT,
+    draw_trade_off,
+    pareto_front,
+    recall_by_time,
+    search_points,
+    write_search_figure,
+)
 from hlp.reporting.report import report_runs
 from hlp.reporting.results import read_results
 from written_results import write_run, write_sweep
@@ -40,6 +49,11 @@ def drawn(folder: Path) -> Any:
     return ax
 
 
+def draw(folder: Path) -> list[Path]:
+    found = read_results(folder)
+    return draw_trade_off(folder, found.results, found.swept)
+
+
 BUDGETS = [
     (["refinement.budget_ms=0"], 0.9, 300.0),
     (["refinement.budget_ms=20"], 0.7, 120.0),
@@ -70,7 +84,7 @@ def test_the_front_is_a_step_and_what_it_beats_is_hollow(tmp_path: Path) -> None
     assert front.get_drawstyle() == "steps-post"
     hollow = [each for each in ax.get_lines() if each.get_markerfacecolor() == "white"]
     assert [(*each.get_xdata(), *each.get_ydata()) for each in hollow] == [(200.0, 0.75)]
-    draw_trade_off(folder)
+    draw(folder)
     with (folder / "recall_by_time.csv").open(newline="") as stream:
         assert [row["pareto"] for row in csv.DictReader(stream)] == ["1", "1", "1", "0"]
 
@@ -101,7 +115,7 @@ def test_what_else_was_swept_makes_lines_of_its_own(tmp_path: Path) -> None:
 
 def test_files_are_written_and_the_report_names_them(tmp_path: Path) -> None:
     folder = sweep(tmp_path, ["refinement.budget_ms"], BUDGETS)
-    written = draw_trade_off(folder)
+    written = draw(folder)
     assert [path.name for path in written] == [f"recall_by_time.{e}" for e in ("csv", "png", "svg")]
     with written[0].open(newline="") as stream:
         rows = list(csv.DictReader(stream))
@@ -118,7 +132,7 @@ def test_files_are_written_and_the_report_names_them(tmp_path: Path) -> None:
 
 
 def test_one_run_makes_no_picture(tmp_path: Path) -> None:
-    assert draw_trade_off(sweep(tmp_path, ["refinement.budget_ms"], BUDGETS[:1])) == []
+    assert draw(sweep(tmp_path, ["refinement.budget_ms"], BUDGETS[:1])) == []
     assert not list(tmp_path.rglob("recall_by_time*"))
 
 
@@ -126,8 +140,9 @@ def test_one_run_makes_no_picture(tmp_path: Path) -> None:
 FEW = st.integers(0, 6)
 
 
-def beaten(times: np.ndarray, recalls: np.ndarray) -> np.ndarray:
+def beaten(points: np.ndarray) -> np.ndarray:
     """For every point: whether any other is as good in both, and better in one. The definition."""
+    times, recalls = points.T
     as_good = (times[None] <= times[:, None]) & (recalls[None] >= recalls[:, None])
     better = (times[None] < times[:, None]) | (recalls[None] > recalls[:, None])
     return (as_good & better).any(axis=1)
@@ -135,12 +150,45 @@ def beaten(times: np.ndarray, recalls: np.ndarray) -> np.ndarray:
 
 @given(st.lists(st.tuples(FEW, FEW), max_size=30))
 def test_the_front_is_what_no_point_beats(points: list[tuple[int, int]]) -> None:
-    times, recalls = np.array(points).reshape(-1, 2).T
-    front = pareto_front(times.tolist(), recalls.tolist())
-    assert sorted(front) == np.flatnonzero(~beaten(times, recalls)).tolist()
-    assert [(times[i], recalls[i]) for i in front] == sorted((times[i], recalls[i]) for i in front)
+    front = pareto_front(points)
+    assert sorted(front) == np.flatnonzero(~beaten(np.array(points).reshape(-1, 2))).tolist()
+    assert [points[i] for i in front] == sorted(points[i] for i in front)
 
 
-def test_one_point_and_none() -> None:
-    assert pareto_front([3.0], [0.5]) == [0]
-    assert pareto_front([], []) == []
+def trial(number: int, recall: float | None, ms: float | None) -> dict[str, Any]:
+    error = "no particles" if recall is None else None
+    found = {"recall": recall, "time_ms": ms, "error": error}
+    return {"trial": number, "values": {"n": number}, **found}
+
+
+def result(*trials: dict[str, Any], best: int | None) -> dict[str, Any]:
+    chosen = next((each for each in trials if each["trial"] == best), None)
+    return {"space": "refinement", "limit_ms": 200.0, "best": chosen, "trials": [*trials]}
+
+
+TRIALS = (trial(0, 0.8, 150.0), trial(1, None, None), trial(2, 0.9, 190.0), trial(3, 0.95, 260.0))
+
+
+def test_limit_front_and_best_trial_are_drawn_and_failures_are_not() -> None:
+    (ax,) = search_points(result(*TRIALS, best=2)).axes
+    lines = {str(line.get_label()): line for line in ax.get_lines()}
+    assert list(lines["limit 200 ms"].get_xdata()) == [200.0, 200.0]
+    assert list(lines[FRONT].get_ydata()) == [0.8, 0.9, 0.95, 0.95]
+    (star,) = [line for words, line in lines.items() if words.endswith("trial 2")]
+    assert (*star.get_xdata(), *star.get_ydata()) == (190.0, 0.9)
+    (points,) = ax.collections
+    assert points.get_offsets().tolist() == [[150.0, 0.8], [190.0, 0.9], [260.0, 0.95]]
+    colors = [tuple(each) for each in points.get_facecolors()]
+    assert colors[0] == colors[1] != colors[2]  # over the limit
+    assert [(text.get_text(), text.xy) for text in ax.texts] == [
+        ("unchanged configuration", (150.0, 0.8))
+    ]
+    (ax,) = search_points(result(TRIALS[3], best=None)).axes
+    assert not [line for line in ax.get_lines() if "best" in str(line.get_label())]
+
+
+def test_files_of_a_search_are_written_if_a_trial_succeeded(tmp_path: Path) -> None:
+    assert write_search_figure(tmp_path, result(TRIALS[1], best=None)) == []
+    written = write_search_figure(tmp_path, result(*TRIALS, best=2))
+    assert [path.name for path in written] == ["search.png", "search.svg"]
+    assert cv2.imread(str(written[0])).shape[1] > 600

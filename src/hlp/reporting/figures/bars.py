@@ -1,0 +1,265 @@
+"""Bars with 95 % intervals, in panels beside each other that share their rows.
+
+All that is compared row by row is drawn so: the runs of a sweep, studies, the paper's figures and
+tables beside ours, the parts of a benchmark, the causes of misses.
+"""
+
+import math
+import textwrap
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hlp.reporting.figures.saving import save_figure
+from hlp.reporting.tables.bench_table import TIMED, TOTAL, format_ms
+from hlp.reporting.tables.summary_tables import METRIC_LABELS, WATERFALL_GROUPS
+from hlp.results.summary_file import CORRECT
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Interval = tuple[float, float]
+
+COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
+"""Of series; the colour-blind tell them apart too (Okabe and Ito, 2008)."""
+STAGE_COLORS = {
+    "holistic": "#56b4e9",
+    "local": "#e69f00",
+    "voting": "#009e73",
+    "refinement": "#cc79a7",
+}
+CAUSE_COLORS = {
+    "bad_frame": "#000000",
+    "depth_missing": "#7f7f7f",
+    "no_window": "#c7c7c7",
+    "wrong_region": "#8c564b",
+    "few_votes": "#1f77b4",
+    "outside_basin": "#9ecae1",
+    "screening": "#fdd0a2",
+    "refiner_diverged": "#e6550d",
+    "ranking": "#31a354",
+    "symmetric_flip": "#756bb1",
+}
+"""One colour for each cause, the same in every figure; similar ones for causes of one stage."""
+_BAND = "#f3ecd2"
+_BAR, _PANEL = 0.2, 2.9  # inches
+_GROUP = 0.8  # share of a row that its bars take up
+_ROOM = 0.3  # of an axis, beyond the data, for the numbers
+_NARROW = 0.06  # share of the longest stack below which a bar has no room for its number
+_CUT = 0.5  # recalls that are all higher have an axis that begins below them
+_LONGEST = 30  # characters of a row's name on one line
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A value, what is written beside it, and its 95 % interval, where it is known."""
+
+    value: float
+    text: str = ""
+    interval: Interval | None = None
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A bar for each row, or none, of one or several series.
+
+    `stacked` bars stand one after another, and the text of `totals` behind the last. `published`
+    are points for comparison. The axis of `recall` may be cut.
+    """
+
+    title: str
+    series: Mapping[str, Sequence[Bar | None]]
+    recall: bool = False
+    stacked: bool = False
+    totals: Sequence[str] = ()
+    published: Mapping[str, Sequence[float | None]] = field(default_factory=dict)
+    colors: Mapping[str, str] = field(default_factory=dict)
+
+
+def draw_bars(
+    rows: Sequence[str],
+    panels: Sequence[Panel],
+    title: str,
+    note: str = "",
+    marked: Collection[int] = (),
+) -> "Figure":
+    """The panels side by side, the first row at the top; the `marked` rows have a band."""
+    from matplotlib.figure import Figure
+
+    most = max(1 if panel.stacked else len(panel.series) for panel in panels)
+    legends = max(len(panel.series) + len(panel.published) for panel in panels)
+    height = _BAR * len(rows) * (most + 0.7) + 1.4 + 0.13 * legends + 0.4 * bool(note)
+    width = max(_PANEL * len(panels) + 1.2, 6.0)
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+    for ax, panel in zip(axes, panels, strict=True):
+        _draw_panel(ax, panel, len(rows))
+        for row in marked:
+            ax.axhspan(row - 0.46, row + 0.46, color=_BAND, zorder=0)
+        if len(panel.series) + len(panel.published) > 1:
+            ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.6 / height), ncols=2,
+                      frameon=False, fontsize=7.5)  # fmt: skip
+    axes[0].set_yticks(range(len(rows)), [textwrap.fill(row, _LONGEST) for row in rows], fontsize=8)
+    axes[0].set_ylim(len(rows) - 0.4, -0.6)
+    figure.suptitle(textwrap.fill(title, int(12.5 * width)), fontsize=10, x=0.01, ha="left")
+    if note:
+        figure.supxlabel(textwrap.fill(note, int(17 * width)), fontsize=7, x=0.01, ha="left")
+    return figure
+
+
+def _draw_panel(ax: "Axes", panel: Panel, rows: int) -> None:
+    if panel.stacked:
+        _draw_stacks(ax, panel, rows)
+    else:
+        _draw_groups(ax, panel)
+        _set_axis(ax, panel)
+    for name, values in panel.published.items():
+        known = [(value, row) for row, value in enumerate(values) if value is not None]
+        ax.plot(*zip(*known, strict=True), "kD", markerfacecolor="white", label=name)
+    ax.set_title(textwrap.fill(panel.title, 36), fontsize=9)
+    ax.tick_params(labelsize=8)
+    ax.grid(axis="x", alpha=0.3)
+    ax.set_axisbelow(True)
+    ax.spines[["top", "right"]].set_visible(False)
+
+
+def _draw_groups(ax: "Axes", panel: Panel) -> None:
+    width = _GROUP / len(panel.series)
+    for place, (name, bars) in enumerate(panel.series.items()):
+        shift = width * (place - (len(panel.series) - 1) / 2)
+        drawn = [(row + shift, bar) for row, bar in enumerate(bars) if bar is not None]
+        ax.barh([y for y, _ in drawn], [bar.value for _, bar in drawn], 0.9 * width, label=name,
+                color=panel.colors.get(name, COLORS[place % len(COLORS)]))  # fmt: skip
+        for y, bar in drawn:
+            if bar.interval is not None:
+                ax.plot(bar.interval, (y, y), color="#222222", linewidth=1.2)
+            end = max(0.0, bar.value, *(bar.interval or ()))
+            ax.annotate(bar.text, (end, y), (3, 0), textcoords="offset points", va="center",
+                        fontsize=7.5)  # fmt: skip
+    ax.axvline(0.0, color="0.4", linewidth=0.8)
+
+
+def _set_axis(ax: "Axes", panel: Panel) -> None:
+    """High recalls begin at the largest tenth below all, everything else at 0, with room beyond."""
+    bars = [bar for some in panel.series.values() for bar in some if bar is not None]
+    ends = [end for bar in bars for end in (bar.value, *(bar.interval or ()))]
+    ends += [value for some in panel.published.values() for value in some if value is not None]
+    begin, highest = min(1.2 * min(ends), 0.0), max(*ends, 0.02)
+    if panel.recall:
+        tenth = math.floor(10.0 * min(ends) - 1e-9) / 10.0
+        begin, highest = (tenth if tenth >= _CUT else 0.0), max(highest, 0.1)
+    ax.set_xlim(begin, highest + _ROOM * (highest - begin))
+    ax.set_xticks([tick for tick in ax.get_xticks() if begin <= tick <= highest + 1e-9])
+    ax.set_xlabel(f"axis cut: begins at {begin:g}" if begin > 0 else "", fontsize=8)
+
+
+def _draw_stacks(ax: "Axes", panel: Panel, rows: int) -> None:
+    ends = [0.0] * rows
+    table = [[bar.value if bar else 0.0 for bar in bars] for bars in panel.series.values()]
+    longest = max(map(sum, zip(*table, strict=True)), default=0.0)
+    for place, (name, bars) in enumerate(panel.series.items()):
+        ax.barh(range(rows), table[place], 0.75, ends, label=name,
+                color=panel.colors.get(name, COLORS[place % len(COLORS)]))  # fmt: skip
+        for row, bar in enumerate(bars):
+            if bar is not None and bar.value > _NARROW * longest:
+                ax.text(ends[row] + bar.value / 2, row, bar.text, ha="center", va="center",
+                        fontsize=7.5, color="white")  # fmt: skip
+            ends[row] += table[place][row]
+    for row, text in enumerate(panel.totals):
+        ax.annotate(text, (ends[row], row), (4, 0), textcoords="offset points", va="center",
+                    fontsize=8)  # fmt: skip
+    ax.set_xlim(0.0, (1.0 + _ROOM / 2) * (longest or 1.0))
+
+
+def run_panels(summaries: Sequence[Mapping[str, Any]]) -> list[Panel]:
+    """What is compared of runs, given each `summary.json`: two recalls, and time by stage."""
+    panels = [
+        Panel(f"{METRIC_LABELS[key]} recall, 95 % interval",
+              {"": [recall_bar(summary["metrics"][key]) for summary in summaries]}, recall=True)
+        for key in ("add", "5cm5deg")
+    ]  # fmt: skip
+    times, totals = [], []
+    for summary in summaries:
+        medians = {stage: time["median"] for stage, time in summary["timing_ms"].items()}
+        known = {stage: median for stage, median in medians.items() if median is not None}
+        totals.append(known.pop("total", sum(known.values())))
+        # Medians of the stages do not add up to the median of the whole.
+        scale = totals[-1] / (sum(known.values()) or 1.0)
+        times.append({stage: Bar(scale * median) for stage, median in known.items()})
+    stages = {
+        stage: [known.get(stage) for known in times]
+        for stage in dict.fromkeys(stage for known in times for stage in known)
+    }
+    title = "ms an object and frame, median, by stage"
+    shown = [f"{total:.0f}" for total in totals]
+    return [*panels, Panel(title, stages, stacked=True, totals=shown, colors=STAGE_COLORS)]
+
+
+def recall_bar(metric: Mapping[str, Any]) -> Bar:
+    """A recall of `summary.json` with its interval."""
+    low, high = map(float, metric["ci95"])
+    return Bar(float(metric["recall"]), f"{metric['recall']:.3f}", (low, high))
+
+
+def draw_bench(folder: Path, result: Mapping[str, Any]) -> list[Path]:
+    """Write bench.png and bench.svg, given what bench.json holds; those files."""
+    return save_figure(bench_bars(result), folder / "bench")
+
+
+def bench_bars(result: Mapping[str, Any]) -> "Figure":
+    """A bar for each path and unit (first object, further one, whole frame), stacked by stage.
+
+    Stages are medians (ms). The number behind a bar is the median of the whole, which need not be
+    their sum.
+    """
+    timed = {
+        f"{name}: {TIMED[unit]}": path[unit]
+        for name, path in result["paths"].items()
+        for unit in TIMED
+        if path[unit]
+    }
+    stages = dict.fromkeys(part for each in timed.values() for part in each if "stage " in part)
+    series = {
+        stage: [
+            Bar(each[stage]["median_ms"], format_ms(each[stage]["median_ms"]))
+            if stage in each
+            else None
+            for each in timed.values()
+        ]
+        for stage in stages
+    }
+    totals = [format_ms(each[TOTAL]["median_ms"]) for each in timed.values()]
+    title = "ms, medians of a frame's first object, of further ones, of whole frames"
+    return draw_bars([*timed], [Panel("", series, stacked=True, totals=totals)], title)
+
+
+def draw_waterfall(folder: Path, waterfall: Mapping[str, Any]) -> None:
+    """Write waterfall.png and waterfall.svg: misses per object and per visible fraction.
+
+    `waterfall` is the part of that name in `summary.json`.
+    """
+    save_figure(stacked_bars(waterfall), folder / "waterfall")
+
+
+def stacked_bars(waterfall: Mapping[str, Any]) -> "Figure":
+    """A bar for each object and each class of visible fraction: misses stacked by cause."""
+    groups = {
+        f"{name} ({sum(counts.values())})" if part == "per_object" else
+        f"visible {name} ({sum(counts.values())})": counts
+        for part in WATERFALL_GROUPS
+        for name, counts in waterfall[part].items()
+    }  # fmt: skip
+    lost = {cause: count for cause, count in waterfall["total"].items() if cause != CORRECT}
+    series = {
+        cause.replace("_", " "): [
+            Bar(counts[cause] / max(sum(counts.values()), 1)) for counts in groups.values()
+        ]
+        for cause, count in lost.items()
+        if count
+    }
+    colors = {cause.replace("_", " "): color for cause, color in CAUSE_COLORS.items()}
+    panel = Panel("share of targets missed by ADD(-S)", series, stacked=True, colors=colors)
+    title = f"{sum(lost.values())} of {sum(waterfall['total'].values())} targets missed, by cause"
+    return draw_bars([*groups], [panel], title)

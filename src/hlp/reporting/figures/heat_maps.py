@@ -1,0 +1,171 @@
+"""Heat maps with their numbers: sweeps of two settings, basins, the oracle matrix, confusion."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float, Int
+
+from hlp.reporting.figures.saving import save_figure
+from hlp.reporting.tables.study_tables import ALL_TARGETS, head_of, recalls_by_errors
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_CELL = (0.62, 0.42)  # inches
+_BRIGHT = 0.55  # luminance from which numbers are black
+
+
+@dataclass(frozen=True)
+class HeatMap:
+    """Values and how they are written into their cells; NaN is said to be no result.
+
+    `ends` are the values of the darkest and the brightest colour (None: those of the data). Colours
+    are those of `shades`, where they are given.
+    """
+
+    title: str
+    values: Float[np.ndarray, "rows columns"]
+    write: Callable[[float], str] = "{:.3f}".format
+    colors: str = "viridis"
+    ends: tuple[float | None, float | None] = (None, None)
+    shades: Float[np.ndarray, "rows columns"] | None = None
+
+
+def draw_heat_maps(
+    maps: Sequence[HeatMap],
+    rows: Sequence[str],
+    columns: Sequence[str],
+    axes: tuple[str, str],
+    title: str,
+    marked: tuple[int, int] | None = None,
+) -> "Figure":
+    """The maps side by side; `axes` name the columns and the rows.
+
+    The cell in the `marked` row and column, that of the defaults, has a frame.
+    """
+    from matplotlib.figure import Figure
+
+    width = max(_CELL[0] * len(columns) * len(maps) + 2.2, 5.4)
+    figure = Figure(figsize=(width, max(_CELL[1] * len(rows) + 1.7, 2.8)), layout="constrained")
+    panels = figure.subplots(1, len(maps), sharey=True, squeeze=False)[0]
+    for ax, each in zip(panels, maps, strict=True):
+        shades = each.values if each.shades is None else each.shades
+        image = ax.imshow(shades, cmap=each.colors, aspect="auto", vmin=each.ends[0],
+                          vmax=each.ends[1])  # fmt: skip
+        for (row, column), value in np.ndenumerate(each.values):
+            words, color = "no result", "0.5"
+            if not np.isnan(value):
+                red, green, blue, _ = image.cmap(image.norm(shades[row, column]))
+                bright = 0.299 * red + 0.587 * green + 0.114 * blue > _BRIGHT
+                words, color = each.write(value), "black" if bright else "white"
+            ax.text(column, row, words, ha="center", va="center", fontsize=8, color=color)
+        turned = {"rotation": 45, "ha": "right"} if max(map(len, columns)) > 9 else {}
+        ax.set_xticks(range(len(columns)), columns, fontsize=8, **turned)
+        ax.set_yticks(range(len(rows)), rows, fontsize=8)
+        ax.set_xlabel(axes[0], fontsize=8)
+        ax.set_title(each.title, fontsize=9)
+        if marked is not None:
+            row, column = marked
+            x, y = (column - 0.47, column + 0.47), (row - 0.47, row + 0.47)
+            ax.plot([x[0], x[1], x[1], x[0], x[0]], [y[0], y[0], y[1], y[1], y[0]],
+                    color="#d55e00", linewidth=2.5)  # fmt: skip
+            ax.text(column, row + 0.36, "default", ha="center", va="center", fontsize=7,
+                    color="#d55e00", backgroundcolor="white")  # fmt: skip
+    panels[0].set_ylabel(axes[1], fontsize=8)
+    figure.suptitle(title, fontsize=10)
+    return figure
+
+
+def draw_basins(folder: Path, cells: pd.DataFrame) -> None:
+    """Write NAME.png and NAME.svg for every object and for all: a map for each refiner."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, own in cells.groupby("object", sort=False):
+        save_figure(basin_maps(str(name), own), folder / str(name))
+
+
+def basin_maps(name: str, cells: pd.DataFrame) -> "Figure":
+    """Recall of each refiner by both errors of the start, the smallest rotation at the bottom."""
+    refiners = {
+        refiner: recalls_by_errors(own) for refiner, own in cells.groupby("refiner", sort=False)
+    }
+    first = next(iter(refiners.values()))
+    maps = [
+        HeatMap(str(refiner), recalls.to_numpy()[::-1], "{:.2f}".format, ends=(0.0, 1.0))
+        for refiner, recalls in refiners.items()
+    ]
+    rows, columns = ([f"{error:g}" for error in axis] for axis in (first.index[::-1], first))
+    axes = ("translation error (mm)", "starting rotation error (degrees)")
+    tried = cells["perturbations"].iloc[0]
+    title = f"{name}: recall after refinement, {tried} perturbations a cell"
+    return draw_heat_maps(maps, rows, columns, axes, title)
+
+
+def draw_oracle(folder: Path, result: Mapping[str, Any]) -> list[Path]:
+    """Write oracle.png and oracle.svg, given what oracle.json holds; those files."""
+    return save_figure(oracle_map(result), folder / "oracle")
+
+
+def oracle_map(result: Mapping[str, Any]) -> "Figure":
+    """ADD(-S) recall: a row an object and one for all targets, a column a cell of the matrix."""
+    found = [{**cell["per_object"], ALL_TARGETS: cell["add"]} for cell in result["cells"]]
+    names = [*found[0]]
+    recalls = np.array([[cell[name]["recall"] for cell in found] for name in names], dtype=float)
+    axes = ("region/coarse pose: estimated, true, true± (turned and shifted)", "")
+    lost = ", ".join(f"{stage} {share:+.3f}" for stage, share in result["lost"].items())
+    title = f"ADD(-S) recall of {result['frames']} frames\nLost by each stage: {lost}"
+    columns = [head_of(cell) for cell in result["cells"]]
+    return draw_heat_maps([HeatMap("", recalls, ends=(0.0, 1.0))], names, columns, axes, title)
+
+
+@dataclass(frozen=True)
+class Confusion:
+    """Windows by true object (rows) and by the class that the classifier finds most likely."""
+
+    objects: tuple[str, ...]
+    classes: tuple[str, ...]
+    counts: Int[np.ndarray, "o c"]
+
+    @classmethod
+    def of(cls, counts: Mapping[str, Mapping[str, int]]) -> "Confusion":
+        """From `window_classes` of `summary.json`.
+
+        Columns are the objects, then what else was said, background last.
+        """
+        objects = tuple(counts)
+        others = dict.fromkeys(said for row in counts.values() for said in row)
+        wrong = [said for said in others if said not in objects]
+        classes = (*objects, *sorted(wrong, key=lambda said: said == "background"))
+        table = [[counts[true].get(said, 0) for said in classes] for true in objects]
+        return cls(objects, classes, np.array(table, dtype=np.int64).reshape(len(objects), -1))
+
+    @property
+    def right(self) -> int:
+        """Windows whose most likely class is their object."""
+        return int(np.trace(self.counts))
+
+    @property
+    def shares(self) -> np.ndarray:
+        """The counts as shares of their rows."""
+        return np.asarray(self.counts / np.maximum(self.counts.sum(axis=1, keepdims=True), 1))
+
+
+def draw_confusion(folder: Path, counts: Mapping[str, Mapping[str, int]]) -> None:
+    """Write confusion.png and confusion.svg; nothing without any window.
+
+    `counts` are `window_classes` of `summary.json`.
+    """
+    if counts:
+        save_figure(confusion_figure(Confusion.of(counts)), folder / "confusion")
+
+
+def confusion_figure(found: Confusion) -> "Figure":
+    """Numbers of windows, shaded by their share of a row."""
+    counts = HeatMap("", found.counts.astype(float), lambda n: f"{n:.0f}" if n else "", "Blues",
+                     (0.0, 1.0), found.shares)  # fmt: skip
+    axes = ("most likely class of the window", "object that it shows")
+    title = f"{found.right} of {found.counts.sum()} windows at targets are classified right"
+    return draw_heat_maps([counts], found.objects, found.classes, axes, title)

@@ -1,0 +1,252 @@
+"""What the runs of a sweep give, and how they differ; they may be studies (oracle, basin, …)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from hlp.files import MANIFEST, SCORES
+from hlp.reporting.comparison import (
+    Difference,
+    mean_difference,
+    median_difference,
+    read_targets,
+    verdict_difference,
+)
+from hlp.reporting.results import Result, read_results
+from hlp.reporting.study_numbers import ADD, KINDS, RUN, Kind, Number, read_numbers
+from hlp.results.summary_file import TargetKey, read_target_values
+from hlp.schemas.outputs import Manifest
+from hlp.schemas.reading import read_as
+
+_LOG = "hlp.log"
+
+
+@dataclass(frozen=True)
+class SweepRun:
+    """One run: its values of the swept keys, and its numbers by name; None if it is unfinished.
+
+    `frames_identity` is the hash of all frames of the data set. `result` is that of a plain run.
+    """
+
+    values: Mapping[str, str]
+    folder: Path
+    numbers: Mapping[str, Number] | None
+    frames_identity: str = ""
+    result: Result | None = None
+
+    @property
+    def label(self) -> str:
+        """The values in words, e.g. `dimension 200, seed 1`; without any the folder's name."""
+        pairs = (f"{short_key(key)} {value}" for key, value in self.values.items())
+        return ", ".join(pairs) or self.folder.name
+
+    @property
+    def short_label(self) -> str:
+        """As `label`, without the name of the key if there is but one."""
+        return ", ".join(self.values.values()) if len(self.values) == 1 else self.label
+
+    @cached_property
+    def targets(self) -> Mapping[str, Mapping[TargetKey, float]]:
+        """The numbers target by target, as far as they are on disk."""
+        if self.result is None:
+            return read_target_values(self.folder)
+        path = self.folder / SCORES
+        targets = read_targets(path) if path.is_file() else {}
+        return {ADD: {key: float(found.correct("add")) for key, found in targets.items()}}
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """The runs of a sweep that are of one kind, in the order of their folders.
+
+    `reference` is the finished run that the others are compared with: that of the defaults, else
+    the first; None without any.
+    """
+
+    name: str
+    runs: Sequence[SweepRun]
+    keys: Sequence[str]
+    command: str
+    reference: SweepRun | None
+    is_default: bool
+
+    @property
+    def kind(self) -> Kind:
+        """What is measured, and what its numbers mean."""
+        return KINDS[self.name]
+
+    @property
+    def finished(self) -> list[tuple[SweepRun, Mapping[str, Number]]]:
+        """The runs that have numbers."""
+        return [(run, run.numbers) for run in self.runs if run.numbers is not None]
+
+    @property
+    def results(self) -> list[tuple[SweepRun, Result]]:
+        """The finished runs with their results; none of studies."""
+        return [(run, run.result) for run in self.runs if run.result is not None]
+
+    @cached_property
+    def numbers(self) -> Mapping[str, Number]:
+        """All numbers by name, in their order, with the values of the last run that has them."""
+        return {name: number for _, found in self.finished for name, number in found.items()}
+
+    @property
+    def against(self) -> str:
+        """What the runs are compared with, in one word."""
+        return "default" if self.is_default else "first"
+
+    @property
+    def first_main(self) -> str:
+        """The number that decides which run is the best; empty without any."""
+        return next((name for name, number in self.numbers.items() if number.main), "")
+
+    @cached_property
+    def highest(self) -> SweepRun | None:
+        """The run with the highest recall, or the shortest time, by the first main number.
+
+        The faster one of two; None if fewer than two finished, or if not all were measured on the
+        same targets.
+        """
+        name = self.first_main
+        found = [(run, numbers) for run, numbers in self.finished if name in numbers]
+        same = {(run.frames_identity, frozenset(run.targets.get(name, ()))) for run, _ in found}
+        if len(found) < 2 or len(same) > 1:
+            return None
+        sign = -1.0 if self.numbers[name].quantity == "time" else 1.0
+
+        def rank(each: tuple[SweepRun, Mapping[str, Number]]) -> tuple[float, float]:
+            time = each[1].get("ms")
+            return sign * each[1][name].value, -time.value if time else 0.0
+
+        return max(found, key=rank)[0]
+
+    @cached_property
+    def best(self) -> SweepRun | None:
+        """The highest run; that of the defaults, unless the other is surely better."""
+        highest = self.highest
+        found = None if highest is None else self.difference(highest, self.first_main)
+        if found is None or not self.is_default:
+            return highest
+        low, high = found[1]
+        shorter = self.numbers[self.first_main].quantity == "time"
+        return highest if (high < 0 if shorter else low > 0) else self.reference
+
+    def difference(self, run: SweepRun, name: str) -> Difference | None:
+        """The run's number minus the reference's, over the targets of both.
+
+        Of recalls the difference of the means, of times of the medians. None for the reference
+        itself, and for what cannot be compared.
+        """
+        return self.differences.get(name, {}).get(run.folder.name)
+
+    @cached_property
+    def differences(self) -> Mapping[str, Mapping[str, Difference]]:
+        """By number, then by the folder's name of the run: its number minus the reference's."""
+        found: dict[str, dict[str, Difference]] = {}
+        if (first := self.reference) is None:
+            return found
+        for name, number in self.numbers.items():
+            of_recall = verdict_difference if self.name == RUN else mean_difference
+            minus = median_difference if number.quantity == "time" else of_recall
+            for run, _ in self.finished:
+                if run is first or run.frames_identity != first.frames_identity:
+                    continue  # targets of equal names may be of other frames
+                of = minus(first.targets.get(name, {}), run.targets.get(name, {}))
+                if of is not None:
+                    found.setdefault(name, {})[run.folder.name] = of
+        return found
+
+    @property
+    def rank(self) -> str:
+        """What the highest run has, in words, e.g. `lowest ms first`."""
+        name = self.first_main
+        return f"{'lowest' if self.numbers[name].quantity == 'time' else 'highest'} {name}"
+
+    @property
+    def verdict(self) -> str:
+        """What was swept, how many runs finished, which is best, and where to look for failures."""
+        swept = f" by {', '.join(map(short_key, self.keys))}" if self.keys else ""
+        words = [f"{self.name}{swept}: {len(self.finished)} of {len(self.runs)} runs finished"]
+        if self.best is not None and self.highest is not None:
+            words.append(f"{self.rank}: {self._measured(self.best)}")
+            words.append(self._compared(self.best))
+            if self.highest is not self.best:
+                tie = f"a tie with it: {self._measured(self.highest)}"
+                words.append(f"{tie}, {self._compared(self.highest)}")
+        if failed := [run for run in self.runs if run.numbers is None]:
+            logs = ", ".join(str(Path(run.folder.name, _LOG)) for run in failed)
+            words.append(f"without a result: {'; '.join(r.label for r in failed)} (see {logs})")
+        return "; ".join(words) + "."
+
+    def _measured(self, run: SweepRun) -> str:
+        number = (run.numbers or {})[self.first_main]
+        return f"{run.label} ({number.text})"
+
+    def _compared(self, run: SweepRun) -> str:
+        name = "the default" if self.is_default else "the first run"
+        if run is self.reference:
+            return f"that is {name}"
+        found, number = self.difference(run, self.first_main), self.numbers[self.first_main]
+        if found is None:
+            return f"it shares no target with {name}"
+        low, high = found[1]
+        sure = "surely" if low > 0 or high < 0 else "not surely"
+        word = "less" if number.quantity == "time" else "more"
+        return f"{say_difference(number, found)} against {name}, {sure} {word}"
+
+
+def say_difference(number: Number, found: Difference) -> str:
+    """A difference with its 95 % interval: recalls with three decimals, times with one."""
+    form = "{:+.1f}" if number.quantity == "time" else "{:+.3f}"
+    difference, low, high = map(form.format, (found[0], *found[1]))
+    return f"{difference} ({low} to {high})"
+
+
+def short_key(key: str) -> str:
+    """The last part of a key."""
+    return key.rpartition(".")[2].rpartition("/")[2]
+
+
+def read_sweeps(folder: Path) -> list[Sweep]:
+    """What a sweep holds of each kind: plain runs, and studies; empty before the first run.
+
+    A run that has not finished is listed with every kind that others are; with plain runs if none
+    has finished. Raises DataError for a broken file.
+    """
+    found = read_results(folder)
+    chosen = found.chosen
+    sweeps = []
+    for name, kind in KINDS.items():
+        runs = []
+        for run in chosen:
+            values = {key: chosen[run][key] for key in found.swept if key in chosen[run]}
+            if run in found.unfinished:
+                runs.append(SweepRun(values, run, None))
+            elif (numbers := read_numbers(run, kind)) is not None:
+                named = {number.name: number for number in numbers}
+                identity = read_as(run / MANIFEST, Manifest).data.frames
+                result = next((each for each in found.results if each.folder == run), None)
+                of_kind = result if name == RUN else None
+                runs.append(SweepRun(values, run, named, identity, of_kind))
+        finished = [run for run in runs if run.numbers is not None]
+        default = [run for run in finished if _holds(run.values, found.defaults)]
+        reference = next(iter([*default, *finished]), None)
+        if finished or (runs and name == RUN and len(runs) == len(chosen)):
+            sweep = Sweep(name, runs, found.swept, found.command, reference, bool(default))
+            sweeps.append(sweep)
+    return sweeps
+
+
+def _holds(values: Mapping[str, str], defaults: Mapping[str, str]) -> bool:
+    """Whether a run's values of the swept keys are the defaults; not where none are known."""
+    pairs = [(values.get(key, value), value) for key, value in defaults.items()]
+    return bool(pairs) and all(_plain(given) == _plain(value) for given, value in pairs)
+
+
+def _plain(text: str) -> float | str:
+    """A number as such, since 5 and 5.0 are the same value."""
+    try:
+        return float(text)
+    except ValueError:
+        return text

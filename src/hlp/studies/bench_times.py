@@ -1,0 +1,291 @@
+"""Wall time and CPU time of the parts of detection, and how far two paths agree."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from jaxtyping import UInt8
+
+from hlp.codebook.neighbours import ExactNeighbours
+from hlp.evaluation.errors import nearest_symmetric_pose, rotation_error, translation_error
+from hlp.method.find.estimator import PoseEstimator
+from hlp.method.find.patch_matching import SearchGroup
+from hlp.records import LocalPatches, ObjectModel, PoseEstimate, TargetScore
+from hlp.results.summary_file import TargetKey, numbered_targets
+
+PARTS = {
+    "windows": 1,
+    "network": 1,
+    "region": 1,
+    "cut": 2,
+    "encode": 2,
+    "search": 2,
+    "vote": 2,
+    "modes": 2,
+    "screen": 3,
+    "refine": 3,
+    "verify": 3,
+    "polish": 3,
+}
+"""Parts of detection in their order, each with its stage."""
+
+
+class Spent(NamedTuple):
+    """Wall time and CPU time of all threads of the process (s)."""
+
+    wall: float
+    cpu: float
+
+
+class PartClock:
+    """An observer of a search that adds up the time of each part, from `start` to `stop`.
+
+    No time is lost or counted twice, as long as one thread searches.
+    """
+
+    def __init__(self) -> None:
+        self._part: str | None = None
+        self._begun = (0.0, 0.0)
+        self._sums: dict[str, list[float]] = {}
+
+    def start(self) -> None:
+        """Reset all times; the clock runs from the first `enter` on."""
+        self._sums = {}
+        self._part = None
+
+    def enter(self, part: str | None) -> None:
+        """Count time for this part from now on; None: for no part."""
+        wall, cpu = time.perf_counter(), time.process_time()
+        if self._part is not None:
+            sums = self._sums.setdefault(self._part, [0.0, 0.0])
+            sums[0] += wall - self._begun[0]
+            sums[1] += cpu - self._begun[1]
+        self._part, self._begun = part, (wall, cpu)
+
+    def stop(self) -> dict[str, Spent]:
+        """Time of each part since `start`; parts that were never entered are absent."""
+        self.enter(None)
+        return {part: Spent(*sums) for part, sums in self._sums.items()}
+
+
+@dataclass(frozen=True)
+class TimedDetection:
+    """One object looked for in one frame: the estimate, and the time of each part.
+
+    `place` is the number of objects looked for in the frame before this one; `region` is the mask
+    of stage 1, one bit per pixel.
+    """
+
+    estimate: PoseEstimate
+    place: int
+    spent: Mapping[str, Spent]
+    region: UInt8[np.ndarray, "b"]
+
+    @property
+    def frame(self) -> tuple[int, int]:
+        """Scene and frame."""
+        return self.estimate.scene_id, self.estimate.frame_id
+
+
+def summarise_path(
+    detections: Sequence[TimedDetection], scores: Sequence[TargetScore]
+) -> dict[str, Any]:
+    """Times (ms) of the first object in a frame, of each further one and of whole frames.
+
+    Each by part, by stage and in all: median and 95th percentile of the wall time, median of the
+    CPU time. `by_objects` is the median time to look for that many objects in a frame: the first
+    ones of each frame with at least as many. `add_recall` is the share of right targets.
+    """
+    wall, cpu = (_milliseconds(detections, clock) for clock in ("wall", "cpu"))
+    places = wall.index.get_level_values("place")
+    frames = ["scene", "frame"]
+    until = wall["total"].groupby(frames).cumsum().groupby(places + 1).agg(["median", "size"])
+    return {
+        "add_recall": float(np.mean([score.add_correct for score in scores])),
+        "first": _spreads(wall[places == 0], cpu[places == 0]),
+        "further": _spreads(wall[places > 0], cpu[places > 0]),
+        "frame": _spreads(wall.groupby(frames).sum(), cpu.groupby(frames).sum()),
+        "by_objects": {
+            str(count): {"median_ms": float(row["median"]), "frames": int(row["size"])}
+            for count, row in until.iterrows()
+        },
+    }
+
+
+def _milliseconds(detections: Sequence[TimedDetection], clock: str) -> pd.DataFrame:
+    """A row for each search, a column for each part, each stage and the total."""
+    nothing = Spent(0.0, 0.0)
+    table = pd.DataFrame(
+        [
+            {part: 1e3 * getattr(found.spent.get(part, nothing), clock) for part in PARTS}
+            for found in detections
+        ],
+        pd.MultiIndex.from_tuples(
+            [(*found.frame, found.place) for found in detections], names=["scene", "frame", "place"]
+        ),
+    )
+    stages = {
+        f"stage {stage}": table[[part for part, of in PARTS.items() if of == stage]].sum(axis=1)
+        for stage in dict.fromkeys(PARTS.values())
+    }
+    return table.assign(**stages, total=table.sum(axis=1))
+
+
+def _spreads(wall: pd.DataFrame, cpu: pd.DataFrame) -> dict[str, dict[str, float]]:
+    found = {"median_ms": wall.median(), "p95_ms": wall.quantile(0.95), "cpu_ms": cpu.median()}
+    spreads: dict[str, dict[str, float]] = pd.DataFrame(found).reindex(wall.columns).T.to_dict()
+    return spreads if len(wall) else {}
+
+
+def summarise_spent(spent: Sequence[Spent]) -> dict[str, float]:
+    """Median and 95th percentile of the wall time (ms), and median of the CPU time."""
+    wall, cpu = (pd.DataFrame({"": [1e3 * each[place] for each in spent]}) for place in (0, 1))
+    return _spreads(wall, cpu)[""]
+
+
+def bench_targets(
+    detections: Sequence[TimedDetection], scores: Sequence[TargetScore]
+) -> dict[str, dict[TargetKey, float]]:
+    """Wall and CPU time (ms) of each search for an object, and each target's verdict by ADD(-S).
+
+    A frame's first object is timed apart from its further ones. An object that is searched once for
+    several instances has the time at the first of them.
+    """
+    values: dict[str, dict[TargetKey, float]] = {}
+    for found in detections:
+        unit = "further" if found.place else "first"
+        key = (*found.frame, found.estimate.object_id, 0)
+        wall, cpu = (sum(part[place] for part in found.spent.values()) for place in (0, 1))
+        values.setdefault(f"ms {unit}", {})[key] = 1e3 * wall
+        values.setdefault(f"CPU {unit}", {})[key] = 1e3 * cpu
+    keys = numbered_targets((score.scene_id, score.frame_id, score.object_id) for score in scores)
+    right = [float(score.add_correct) for score in scores]
+    return {**values, "ADD(-S)": dict(zip(keys, right, strict=True))}
+
+
+def compare_paths(
+    detections: Mapping[str, Sequence[TimedDetection]],
+    scores: Mapping[str, Sequence[TargetScore]],
+    models: Mapping[int, ObjectModel],
+    names: tuple[str, str],
+    tolerance: tuple[float, float],
+) -> dict[str, Any]:
+    """How far the results of two paths agree on the same frames.
+
+    `same_pose` is the share of poses within the tolerance (mm, degrees) of each other,
+    `same_verdict` the share of targets that are right by ADD(-S) in both or in neither,
+    `region_iou` the mean overlap of the regions.
+    """
+    own, other = (
+        sorted(detections[name], key=lambda found: (*found.frame, found.estimate.object_id))
+        for name in names
+    )
+    pairs = list(zip(own, other, strict=True))
+    verdicts = [np.array([score.add_correct for score in scores[name]]) for name in names]
+    same = [_same_pose(a.estimate, b.estimate, models, tolerance) for a, b in pairs]
+    return {
+        "same_pose": float(np.mean(same)),
+        "same_verdict": float(np.mean(verdicts[0] == verdicts[1])),
+        "region_iou": float(np.mean([_overlap(a.region, b.region) for a, b in pairs])),
+    }
+
+
+def ratios(
+    own: Mapping[str, Mapping[str, float]], other: Mapping[str, Mapping[str, float]]
+) -> dict[str, float | None]:
+    """By part, the ratio of the other's median time to the own one; None where that is 0."""
+    return {
+        name: other[name]["median_ms"] / time["median_ms"] if time["median_ms"] else None
+        for name, time in own.items()
+        if name in other
+    }
+
+
+def _same_pose(
+    a: PoseEstimate,
+    b: PoseEstimate,
+    models: Mapping[int, ObjectModel],
+    tolerance: tuple[float, float],
+) -> bool:
+    pose, other = a.pose_cam_obj, b.pose_cam_obj
+    if pose is None or other is None:
+        return pose is other
+    alike = nearest_symmetric_pose(pose, other, models[a.object_id].symmetries)
+    near = translation_error(pose, alike) * 1e3 <= tolerance[0]
+    return near and bool(np.rad2deg(rotation_error(pose, alike)) <= tolerance[1])
+
+
+def _overlap(a: UInt8[np.ndarray, "b"], b: UInt8[np.ndarray, "b"]) -> float:
+    """Intersection over union of two masks, one bit per pixel; 1 if both are empty."""
+    union = int(np.bitwise_count(a | b).sum())
+    return int(np.bitwise_count(a & b).sum()) / union if union else 1.0
+
+
+def compare_searches(
+    estimator: PoseEstimator, patches: Mapping[int, LocalPatches]
+) -> list[dict[str, float]]:
+    """Each index compared with an exact search, by the features of its first object with patches.
+
+    `queries`, seconds of both searches (`own`, `exact`), `recall`, the share of the exact k nearest
+    entries that were found, and `nearest`, the share of queries whose nearest entry was found.
+    """
+    first: dict[SearchGroup, LocalPatches] = {}
+    for object_id, own in patches.items():
+        if len(own) > 0:
+            first.setdefault(estimator.matching.group(object_id), own)
+    compared = []
+    for group, own in first.items():
+        exact = ExactNeighbours(group.features, estimator.settings.coarse.codebook.neighbours)
+        queries = estimator.encoder.encode(own)
+        begun = time.perf_counter()
+        found = group.search.search(queries).indices
+        middle = time.perf_counter()
+        true = exact.search(queries).indices
+        times = {"own": middle - begun, "exact": time.perf_counter() - middle}
+        right = (found[:, :, None] == true[:, None, :]).any(axis=1)
+        shares = {"recall": float(right.mean()), "nearest": float(np.mean(right[:, 0]))}
+        compared.append({"queries": len(queries), **times, **shares})
+    return compared
+
+
+def summarise_search(searches: Sequence[Mapping[str, float]]) -> dict[str, float] | None:
+    """Recalls over all queries of `compare_searches`, medians of time; None without queries."""
+    if not searches:
+        return None
+    table = pd.DataFrame(searches)
+    own, exact = table["own"].median(), table["exact"].median()
+    return {
+        "queries": float(table["queries"].median()),
+        "recall": float(np.average(table["recall"], weights=table["queries"])),
+        "recall_of_nearest": float(np.average(table["nearest"], weights=table["queries"])),
+        "median_ms": float(1e3 * own),
+        "exact_ms": float(1e3 * exact),
+        "ratio": float(exact / own),
+    }
+
+
+def load_timed(estimator: PoseEstimator, objects: Mapping[int, str]) -> dict[str, Any]:
+    """Load networks and objects of an estimator that has not been used yet; seconds of each.
+
+    An object is its codebook, index and mesh; `objects` are their names by id.
+    """
+
+    def load(object_id: int) -> None:
+        estimator.matching.group(object_id)
+        estimator.verifier(object_id)
+
+    return {
+        "classifier": _seconds(lambda: estimator.scan),
+        "encoder": _seconds(lambda: estimator.encoder),
+        "objects": {name: _seconds(partial(load, number)) for number, name in objects.items()},
+    }
+
+
+def _seconds(make: Callable[[], object]) -> float:
+    begun = time.perf_counter()
+    make()
+    return time.perf_counter() - begun

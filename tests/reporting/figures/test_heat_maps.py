@@ -1,0 +1,130 @@
+"""Heat maps: sweeps of two settings, basins of refiners, the oracle matrix, confusion."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+
+from hlp.reporting.figures.heat_maps import (
+    Confusion,
+    HeatMap,
+    basin_maps,
+    confusion_figure,
+    draw_basins,
+    draw_confusion,
+    draw_heat_maps,
+    oracle_map,
+)
+from hlp.reporting.tables.study_tables import basin_cells
+
+RIGHT = {
+    ("pso", "cat"): [[4, 3, 1], [2, 1, 0]],
+    ("pso", "cup"): [[2, 2, 2], [2, 2, 2]],
+    ("icp", "cat"): [[4, 4, 0], [0, 0, 0]],
+    ("icp", "cup"): [[1, 1, 1], [1, 1, 1]],
+}
+
+
+@pytest.fixture(scope="module")
+def cells() -> pd.DataFrame:
+    """How many of 4 starts of the cat, and of 2 of the cup, are right in each cell."""
+    rows = [
+        (refiner, name, (0.0, 15.0)[i], (0.0, 10.0, 50.0)[j], number < right[i][j])
+        for (refiner, name), right in RIGHT.items()
+        for number in range(4 if name == "cat" else 2)
+        for i, j in np.ndindex(2, 3)
+    ]
+    columns = ["refiner", "object", "rotation_deg", "translation_mm", "right"]
+    return basin_cells(pd.DataFrame(rows, columns=columns))
+
+
+def test_there_is_a_picture_and_a_drawing_for_each_object_and_all(
+    cells: pd.DataFrame, tmp_path: Path
+) -> None:
+    draw_basins(tmp_path / "a", cells)
+    names = {f"{name}.{kind}" for name in ("all", "cat", "cup") for kind in ("png", "svg")}
+    assert {path.name for path in (tmp_path / "a").iterdir()} == names
+    pictures = [cv2.imread(str(tmp_path / "a" / f"{name}.png")) for name in ("cat", "cup")]
+    assert pictures[0].shape[1] > 500 and not np.array_equal(*pictures)
+    draw_basins(tmp_path / "b", cells)
+    for name in names:
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name
+
+
+def test_a_map_of_basins_shows_the_recalls_with_degrees_upwards(cells: pd.DataFrame) -> None:
+    figure = basin_maps("cat", cells[cells["object"] == "cat"])
+    pso, icp = figure.axes
+    assert (pso.get_title(), icp.get_title()) == ("pso", "icp")
+    np.testing.assert_allclose(pso.images[0].get_array(), [[0.5, 0.25, 0], [1, 0.75, 0.25]])
+    assert pso.images[0].get_clim() == (0.0, 1.0)
+    assert [label.get_text() for label in pso.get_yticklabels()] == ["15", "0"]
+    assert [label.get_text() for label in pso.get_xticklabels()] == ["0", "10", "50"]
+    written = {text.get_position(): text.get_text() for text in icp.texts}
+    assert written[1, 1] == "1.00" and written[2, 1] == "0.00" and len(written) == 6
+    assert figure.get_suptitle() == "cat: recall after refinement, 4 perturbations a cell"
+
+
+def test_cells_without_a_result_say_so_and_the_default_has_a_frame() -> None:
+    values = np.array([[1.0, 2.0], [3.0, np.nan]])
+    figure = draw_heat_maps(
+        [HeatMap("ms", values, "{:.0f}".format)],
+        ["x", "y"],
+        ["a", "b"],
+        ("across", "down"),
+        "",
+        (1, 0),
+    )
+    (ax,) = figure.axes
+    assert [text.get_text() for text in ax.texts] == ["1", "2", "3", "no result", "default"]
+    (frame,) = ax.get_lines()
+    assert np.mean(frame.get_xdata()[:4]) == pytest.approx(0.0)
+    assert np.mean([*frame.get_ydata()[1:]]) == pytest.approx(1.0)
+
+
+def test_the_oracle_matrix_has_a_row_an_object_and_a_column_a_cell() -> None:
+    recalls = np.array([[0.25, 0.5], [1.0, 0.0], [0.625, 0.25]])  # cat, can, all targets
+    matrix = [
+        {
+            "region": region,
+            "coarse": "noisy",
+            "add": {"recall": recalls[2, column]},
+            "per_object": {
+                name: {"recall": recalls[row, column]} for row, name in enumerate(("cat", "can"))
+            },
+        }
+        for column, region in enumerate(("estimated", "true"))
+    ]
+    lost = {"region": 0.01, "coarse pose": -0.02}
+    figure = oracle_map({"frames": 3, "cells": matrix, "lost": lost})
+    (ax,) = figure.axes
+    np.testing.assert_array_equal(ax.images[0].get_array(), recalls)
+    assert ax.images[0].get_clim() == (0.0, 1.0)
+    assert [text.get_text() for text in ax.texts] == [f"{each:.3f}" for each in recalls.ravel()]
+    assert [label.get_text() for label in ax.get_xticklabels()] == ["est/true±", "true/true±"]
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["cat", "can", "all targets"]
+    title = figure.get_suptitle()
+    assert title.endswith("Lost by each stage: region +0.010, coarse pose -0.020")
+
+
+COUNTS = {"cat": {"cat": 7, "background": 3}, "duck": {"lamp": 1, "duck": 1}}
+
+
+def test_columns_are_the_objects_then_other_classes_then_background() -> None:
+    found = Confusion.of(COUNTS)
+    assert found.objects == ("cat", "duck")
+    assert found.classes == ("cat", "duck", "lamp", "background")
+    np.testing.assert_array_equal(found.counts, [[7, 0, 0, 3], [0, 1, 1, 0]])
+    assert found.right == 8
+    np.testing.assert_allclose(found.shares, [[0.7, 0, 0, 0.3], [0, 0.5, 0.5, 0]])
+    (ax,) = confusion_figure(found).axes
+    np.testing.assert_allclose(ax.images[0].get_array(), found.shares)
+    assert [text.get_text() for text in ax.texts] == ["7", "", "", "3", "", "1", "1", ""]
+
+
+def test_the_figure_is_written_unless_there_is_no_window(tmp_path: Path) -> None:
+    draw_confusion(tmp_path, {})
+    assert not list(tmp_path.iterdir())
+    draw_confusion(tmp_path, COUNTS)
+    assert {path.name for path in tmp_path.iterdir()} == {"confusion.png", "confusion.svg"}

@@ -1,0 +1,165 @@
+"""Tables and CSV files of the oracle, the basins and the search."""
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from hlp.reporting.tables.study_tables import (
+    basin_cells,
+    basin_metrics,
+    format_basins,
+    format_oracle,
+    format_search,
+    oracle_metrics,
+    oracle_table,
+    write_basins,
+    write_oracle,
+    write_search,
+)
+from table_text import unpadded
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def recall(share: float, targets: int = 10) -> dict[str, Any]:
+    return {"targets": targets, "recall": share, "ci95": [share / 2, share]}
+
+
+def cell(region: str, coarse: str, cat: float, cup: float) -> dict[str, Any]:
+    return {
+        "region": region,
+        "coarse": coarse,
+        "fine": "estimated",
+        "add": recall((cat + cup) / 2, 20),
+        "per_object": {"cat": recall(cat), "cup": recall(cup)},
+    }
+
+
+ORACLE = {
+    "frames": 7,
+    "noise_deg": 12.5,
+    "noise_mm": 10.0,
+    "cells": [cell("estimated", "estimated", 0.4, 0.2), cell("true", "noisy", 1.0, 0.8)],
+    "lost": {"region": 0.125, "coarse pose": -0.01, "fine pose": 0.5},
+}
+
+
+def test_the_oracle_has_a_row_an_object_and_a_column_a_cell(tmp_path: Path) -> None:
+    table = oracle_table(ORACLE)
+    assert table.header == ["region/coarse", "targets", "est/est", "true/true±"]
+    assert table.rows == [
+        ["cat", "10", "0.400 (0.20-0.40)", "1.000 (0.50-1.00)"],
+        ["cup", "10", "0.200 (0.10-0.20)", "0.800 (0.40-0.80)"],
+        ["all targets", "20", "0.300 (0.15-0.30)", "0.900 (0.45-0.90)"],
+    ]
+    for text in (format_oracle(ORACLE), format_oracle(ORACLE, "markdown")):
+        assert "7 frames" in text
+        assert "12.5 degrees" in text and "10 mm" in text
+        assert "region +0.125, coarse pose -0.010, fine pose +0.500" in text
+    write_oracle(tmp_path, ORACLE)
+    written = unpadded((tmp_path / "oracle.md").read_text())
+    assert "| cup | 10 | 0.200 (0.10-0.20) | 0.800 (0.40-0.80) |" in written.splitlines()
+    rows = rows_of(tmp_path / "oracle.csv")
+    assert [row["object"] for row in rows] == ["cat", "cup", "all"] * 2
+    assert rows[4] == {
+        "object": "cup",
+        "region": "true",
+        "coarse": "noisy",
+        "fine": "estimated",
+        "targets": "10",
+        "add_recall": "0.8",
+        "ci95_low": "0.4",
+        "ci95_high": "0.8",
+    }
+    metrics = oracle_metrics(ORACLE)
+    assert metrics["oracle/region_true/coarse_noisy"] == 0.9
+    assert metrics["oracle/lost/coarse pose"] == -0.01
+
+
+RIGHT = {
+    ("pso", "cup"): [[2, 2, 2], [2, 2, 2]],
+    ("pso", "cat"): [[4, 3, 1], [2, 1, 0]],
+    ("icp", "cup"): [[1, 1, 1], [1, 1, 1]],
+    ("icp", "cat"): [[4, 4, 0], [0, 0, 0]],
+}
+
+
+def test_basins_count_every_cell_in_the_order_of_the_study(tmp_path: Path) -> None:
+    """Of 4 starts of the cat, and of 2 of the cup; angles are not in their order."""
+    tried = [
+        (refiner, name, (15.0, 0.0)[1 - i], (0.0, 10.0, 50.0)[j], number < right[i][j])
+        for (refiner, name), right in RIGHT.items()
+        for number in range(4 if name == "cat" else 2)
+        for i, j in np.ndindex(2, 3)
+    ]
+    columns = ["refiner", "object", "rotation_deg", "translation_mm", "right"]
+    cells = basin_cells(pd.DataFrame(tried, columns=columns))
+    write_basins(tmp_path, cells)
+    rows = rows_of(tmp_path / "basin.csv")
+    assert len(rows) == 2 * 3 * 6
+    order = [(row["refiner"], row["object"]) for row in rows[::6]]
+    assert order == [
+        (refiner, name) for refiner in ("pso", "icp") for name in ("all", "cup", "cat")
+    ]
+    found = {(r["refiner"], r["object"], r["rotation_deg"], r["translation_mm"]): r for r in rows}
+    one = found["pso", "cat", "15.0", "10.0"]
+    assert (one["perturbations"], one["right"], float(one["add_recall"])) == ("4", "1", 0.25)
+    both = found["pso", "all", "0.0", "10.0"]
+    assert (both["perturbations"], both["right"]) == ("6", "5")  # of 4 + 2 starts, not of 2 objects
+    said = [line.split() for line in format_basins(cells).splitlines()]
+    at = said.index(["pso", "0", "10", "50"])
+    assert said[at + 2] == ["0", "1.00", "0.83", "0.50"]
+    assert said[at + 3] == ["15", "0.67", "0.50", "0.33"]
+    assert ["object", "perturbations", "each", "pso", "icp"] in said
+    assert ["cat", "4", "0.458", "0.333"] in said and ["all", "6", "0.639", "0.389"] in said
+    metrics = basin_metrics(cells)
+    assert metrics["basin/pso/cup"] == 1.0
+    assert metrics["basin/icp/cat"] == pytest.approx(8 / 24)
+    assert metrics["basin/icp/all"] == pytest.approx(14 / 36)
+
+
+def trial(
+    number: int,
+    particles: int,
+    recall: float | None,
+    time_ms: float | None,
+    error: str | None = None,
+) -> dict[str, Any]:
+    values = {"refinement.particles": particles, "refinement.theta_deg": 5.0 + number / 3.0}
+    found = {"recall": recall, "time_ms": time_ms, "error": error, "folder": str(number)}
+    return {"trial": number, "values": values, **found}
+
+
+TRIALS = [
+    trial(0, 25, 0.8, 90.0),
+    trial(1, 50, 0.9, 130.0),
+    trial(2, 10, None, None, "no depth"),
+    trial(3, 20, 0.8, 70.0),
+]
+SEARCH = {"space": "refinement", "limit_ms": 100.0, "best": TRIALS[3], "trials": TRIALS}
+
+
+def test_trials_are_ranked_within_the_limit_first(tmp_path: Path) -> None:
+    table = unpadded(format_search(SEARCH, "markdown")).splitlines()
+    assert table[0].startswith("4 trials of refinement, 3 of them with a result")
+    assert table[4:7] == [
+        "| 3 | 0.800 | 70 | 20 | 6 |",
+        "| 0 | 0.800 | 90 | 25 | 5 |",
+        "| 1 | 0.900 | 130 (over) | 50 | 5.33 |",
+    ]
+    assert table[-1] == "Best within the limit: refinement.particles=20 refinement.theta_deg=6.0"
+    assert format_search({**SEARCH, "best": None}).endswith("No trial within 100 ms.")
+    write_search(tmp_path, SEARCH)
+    rows = rows_of(tmp_path / "search.csv")
+    assert [row["refinement.particles"] for row in rows] == ["25", "50", "10", "20"]
+    assert [row["add_recall"] for row in rows] == ["0.8", "0.9", "", "0.8"]
+    assert [row["error"] for row in rows] == ["", "", "no depth", ""]
+    assert float(rows[1]["refinement.theta_deg"]) == 5.0 + 1 / 3.0
+    assert (tmp_path / "search.md").read_text() == format_search(SEARCH, "markdown") + "\n"

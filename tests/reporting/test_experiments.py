@@ -1,0 +1,330 @@
+"""Reports of single experiments: the paper's figures and tables, recordings, ladder."""
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from hlp.commands.composing import config_folder
+from hlp.config.build import build_settings
+from hlp.records import TargetScore
+from hlp.reporting.experiments import (
+    describe_reports,
+    describe_table,
+    steps_of_ladder,
+    write_reports,
+)
+from hlp.reporting.paper_reports import (
+    TABLES,
+    TRENDS,
+    metric_recalls_table,
+    object_recalls_table,
+    trend_table,
+)
+from hlp.reporting.results import Result, read_results
+from hlp.reporting.tables.table import TERMINAL
+from hlp.results.intervals import difference_interval
+from hlp.results.poses_file import write_scores
+from table_text import unpadded
+from written_results import CONFIG, scored, write_run, write_sweep
+
+OBJECTS = {"cat": 0.9, "ape": 0.8}
+ENDINGS = ("png", "svg", "md", "csv", "tex")
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def boxes(folder: Path) -> Path:
+    """Fig. 9c of two methods: two boxes each."""
+    overrides = ["experiment=fig9c", "method=paper,hlp"]
+    write_sweep(folder, ["method", "refinement.theta_deg"], overrides)
+    runs = [(method, theta) for method in ("paper", "hlp") for theta in (2, 5)]
+    for i, (method, theta) in enumerate(runs):
+        given = [f"refinement.theta_deg={theta}", f"method={method}", "experiment=fig9c"]
+        box = {"theta_deg": float(theta), "tau_mm": float(theta)}
+        summary = scored(0.5 + 0.1 * i, 100.0, OBJECTS)
+        write_run(folder / str(i), "fig9c", summary, given, refinement=box)
+    return folder
+
+
+def test_a_sweep_gets_figure_and_table_in_every_format_and_the_same_again(tmp_path: Path) -> None:
+    folder = boxes(tmp_path / "sweep")
+    png, svg, markdown, table, latex = files = write_reports(folder)
+    assert {path.name for path in files} == {f"fig9c.{ending}" for ending in ENDINGS}
+    assert cv2.imread(str(png)).shape[1] > 600 and svg.stat().st_size
+    rows = rows_of(table)
+    assert [row["box of the search {θ, τ}"] for row in rows] == ["{2°, 2 mm}", "{5°, 5 mm}"] * 2
+    assert [row[""] for row in rows] == ["method paper"] * 2 + ["method hlp"] * 2
+    text = markdown.read_text()
+    assert "Made by `hlp -m experiment=fig9c method=paper,hlp`." in text
+    assert "compare the trends, not numbers" in text
+    assert "40 targets in 2 frames of lm (bop)" in text
+    assert r"\{5$^\circ$, 5 mm\} & method hlp & 40 & 0.800" in unpadded(latex.read_text())
+    before = [path.read_bytes() for path in files]
+    assert [path.read_bytes() for path in write_reports(folder)] == before
+    assert describe_table(folder) == ""
+
+
+def test_unfinished_runs_are_counted(tmp_path: Path) -> None:
+    folder = boxes(tmp_path / "sweep")
+    (folder / "2" / "manifest.json").unlink()
+    said = describe_reports(tmp_path, "markdown")
+    assert "left out: 1." in said and said.count("{2°, 2 mm}") == 1
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_a_single_run_is_a_table(tmp_path: Path, name: str) -> None:
+    folder = write_run(tmp_path / "run", name, scored(0.7, 100.0, OBJECTS), [f"experiment={name}"])
+    said = unpadded(describe_reports(tmp_path, "markdown"))
+    assert f"Made by `hlp run experiment={name}`." in said
+    cells = {
+        "table1": ["cat", "20", "0.979", "0.900", "0.700-0.950"],
+        "table2": ["ADD(-S)", "0.632", "0.566", "0.700", "0.600-0.740"],
+    }[name]
+    assert f"| {' | '.join(cells)} |" in said
+    assert all((folder / f"{name}.{ending}").stat().st_size for ending in ENDINGS)
+    lines = describe_table(folder).splitlines()  # the end of such a run
+    assert TABLES[name] in lines[0] and cells in [line.split() for line in lines]
+    assert max(map(len, lines)) <= TERMINAL
+
+
+def test_two_methods_of_a_table_stand_side_by_side(tmp_path: Path) -> None:
+    folder = write_sweep(tmp_path / "sweep", ["method"], ["experiment=table2", "method=paper,hlp"])
+    for i, method in enumerate(("paper", "hlp")):
+        write_run(folder / str(i), "table2", scored(0.5, 9.0, OBJECTS), [f"method={method}"])
+    said = unpadded(describe_reports(tmp_path, "markdown"))
+    assert "| method paper | 95 % | method hlp | 95 % |" in said
+
+
+def test_other_experiments_have_no_report(tmp_path: Path) -> None:
+    folder = write_run(tmp_path / "run", "demo", scored(0.7, 100.0, OBJECTS))
+    assert describe_reports(tmp_path, "text") == "" and write_reports(folder) == []
+    assert not list(folder.glob("demo.*"))
+
+
+@pytest.mark.parametrize("name", [*TRENDS, *TABLES])
+def test_the_experiment_is_named_as_its_file_and_sweeps_what_it_shows(name: str) -> None:
+    with initialize_config_dir(str(config_folder()), version_base="1.3"):
+        config = compose(
+            "config", overrides=[f"experiment={name}", "output=out"], return_hydra_config=True
+        )
+    params = OmegaConf.to_container(config.hydra.sweeper.params or OmegaConf.create())
+    assert config.name == name
+    if name in TRENDS:
+        assert set(params) <= set(TRENDS[name].keys)
+        values = [each for given in params.values() for each in str(given).split(",")]
+        assert len(values) >= 3
+    else:
+        assert params == {}
+
+
+def test_one_key_moves_both_sides_of_the_box() -> None:
+    """Another pair is a matter of the other key beside it."""
+    with initialize_config_dir(str(config_folder()), version_base="1.3"):
+        for given, box in (
+            ([], (2, 2)),
+            (["method=paper"], (2, 2)),
+            (["refinement.tau_mm=7"], (2, 7)),
+        ):
+            overrides = ["experiment=fig9c", "output=out", "refinement.theta_deg=2", *given]
+            settings = build_settings(compose("config", overrides=overrides)).refinement
+            assert (settings.theta_deg, settings.tau_mm) == box
+
+
+def result(add: float, ms: float, chosen: str = "pso", **groups: dict[str, Any]) -> Result:
+    config = {key: {**value, **groups.get(key, {})} for key, value in CONFIG.items()}
+    summary = scored(add, ms, {"cat": add})
+    return Result({"name": "x", **config}, summary, 2, {"refinement": chosen})
+
+
+def test_values_are_those_of_the_configuration() -> None:
+    box = {"particles": 50, "theta_deg": 2.0, "tau_mm": 7.5}
+    run = result(0.5, 9.0, "paper", encoder={"dimension": 600}, refinement=box)
+    found = {name: trend.value(run) for name, trend in TRENDS.items()}
+    assert found == {
+        "fig9a": "600",
+        "fig9b": "50",
+        "fig9c": "{2°, 7.5 mm}",
+        "pso_vs_icp": "paper",
+    }
+    # What the paper chose is the tests' CONFIG: 200 dimensions, 25 particles, {5°, 5 mm}.
+    assert all(trend.value(result(0.5, 9.0)) in trend.paper_values for trend in TRENDS.values())
+
+
+def test_papers_numbers_stand_beside_its_own_setting_alone() -> None:
+    lengths = ((100, 0.7, 300.0), (200, 0.8, 350.0), (400, 0.75, 500.0))
+    runs = [result(add, ms, encoder={"dimension": length}) for length, add, ms in lengths]
+    table = trend_table(TRENDS["fig9a"], {"": runs})
+    rows = [dict(zip(table.header, row, strict=True)) for row in table.rows]
+    assert [[*row.values()] for row in rows] == [
+        ["100", "20", "0.700", "0.600-0.740", "0.500", "0.750", "75", "300", "600", "", ""],
+        ["200", "20", "0.800", "0.700-0.840", "0.600", "0.850", "88", "350", "700", "0.960", "800"],
+        ["400", "20", "0.750", "0.650-0.790", "0.550", "0.800", "125", "500", "1000", "", ""],
+    ]
+    assert table.header[0] == "length of the local feature" and table.header[-2] == "paper ADD(-S)"
+
+
+def run(add: float, objects: dict[str, float]) -> Result:
+    return Result({}, scored(add, 100.0, objects), 2, {})
+
+
+def test_table_1_has_the_paper_first_and_its_mean_over_the_same_objects() -> None:
+    table = object_recalls_table({"ours": run(0.85, OBJECTS)})
+    assert list(table.header) == ["object", "targets", "paper", "ours", "95 %"]
+    assert [list(row) for row in table.rows] == [
+        ["cat", "20", "0.979", "0.900", "0.700-0.950"],
+        ["ape", "20", "0.970", "0.800", "0.600-0.850"],
+        ["mean of objects", "", "0.974", "0.850", ""],
+        ["standard deviation", "", "0.005", "0.050", ""],
+        ["all targets", "40", "", "0.850", "0.750-0.890"],
+    ]
+    others = object_recalls_table({"ours": run(0.85, {"duck": 0.9, "wedge": 0.8})})
+    assert list(others.header) == ["object", "targets", "ours", "95 %"]  # another set's duck
+
+
+def test_table_1_of_two_runs_leaves_blank_what_one_was_not_asked_for() -> None:
+    runs = {"method paper": run(0.5, {"cat": 0.5}), "method hlp": run(0.85, OBJECTS)}
+    table = object_recalls_table(runs)
+    assert list(table.header[3:]) == ["method paper", "95 %", "method hlp", "95 %"]
+    assert list(table.rows[1]) == ["ape", "", "0.970", "", "", "0.800", "0.600-0.850"]
+    assert list(table.rows[2][3:]) == ["0.500", "", "0.850", ""]
+
+
+def test_table_2_has_the_printed_numbers_beside_ours() -> None:
+    table = metric_recalls_table({"ours": run(0.7, OBJECTS)})
+    assert list(table.header) == ["recall", "paper", "Brachmann et al.", "ours", "95 %"]
+    assert [list(row) for row in table.rows] == [
+        ["ADD(-S)", "0.632", "0.566", "0.700", "0.600-0.740"],
+        ["5cm5deg", "0.362", "0.227", "0.500", "0.400-0.540"],
+        ["IoU.5", "0.799", "0.620", "0.750", "0.650-0.790"],
+    ]
+
+
+BOP = {"ar": 0.7, "vsd": 0.6, "mssd": 0.7, "mspd": 0.8}
+
+
+def test_all_data_sets_stand_in_one_table(tmp_path: Path) -> None:
+    """The second of three has no folder, so its run has no result."""
+    overrides = ["experiment=recordings", "data_folder=data"]
+    folder = write_sweep(tmp_path / "sweep", ["data"], overrides)
+    for number, name in ((0, "board"), (2, "demo")):
+        summary = {**scored(0.9 - 0.1 * number, 40.0, {"cat": 0.9}), "bop": BOP}
+        write_run(folder / str(number), "recordings", summary, [f"data={name}"])
+    (folder / "1").mkdir()
+    markdown, table = write_reports(folder)
+    rows = rows_of(table)
+    assert [*rows[0]] == [
+        "data", "frames", "targets", "ADD(-S)", "95 %", "5cm5deg", "AR", "VSD", "MSSD", "MSPD",
+        "ECE", "ms",
+    ]  # fmt: skip
+    assert [(row["data"], row["ADD(-S)"], row["AR"], row["VSD"]) for row in rows] == [
+        ("board", "0.900", "0.700", "0.600"),
+        ("demo", "0.700", "0.700", "0.600"),
+    ]
+    text = markdown.read_text()
+    assert "Made by `hlp -m experiment=recordings data_folder=data`." in text
+    assert "left out: 1." in text
+    said = unpadded(describe_reports(tmp_path, "markdown"))
+    assert "| board | 2 | 20 | 0.900 |" in said and "Written: " in said
+    narrow = [line for line in describe_reports(tmp_path, "text").split("\n") if "board" in line]
+    assert len(narrow) == 1 and len(narrow[0]) <= 80
+
+
+def test_of_several_seeds_mean_and_standard_deviation_follow(tmp_path: Path) -> None:
+    folder = write_sweep(tmp_path / "sweep", ["seed", "data"], ["experiment=recordings"])
+    runs = [(0, "board", 0.9), (0, "demo", 0.7), (1, "board", 0.8), (1, "demo", 0.7)]
+    for number, (seed, name, recall) in enumerate(runs):
+        summary = {**scored(recall, 40.0 + 10 * seed, {"cat": recall}), "bop": BOP}
+        write_run(folder / str(number), "recordings", summary, [f"seed={seed}", f"data={name}"])
+    rows = rows_of(write_reports(folder)[1])
+    assert [(row["data"], row["seed"], row["ADD(-S)"], row["ms"]) for row in rows[:5]] == [
+        ("board", "0", "0.900", "40"),
+        ("board", "1", "0.800", "50"),
+        ("board", "mean", "0.850", "45"),
+        ("board", "spread", "0.0707", "7"),
+        ("demo", "0", "0.700", "40"),
+    ]
+    assert [row["AR"] for row in rows[4:]] == ["0.700", "0.700", "0.700", "0.0000"]
+    assert [row["ECE"] for row in rows] == [""] * 8
+    assert "spread: standard deviation between seeds." in (folder / "recordings.md").read_text()
+    lines = describe_reports(tmp_path, "text").split("\n")
+    table = [line for line in lines if line.startswith(("board", "demo"))]
+    assert len(table) == 8 and max(map(len, table)) <= 80
+
+
+def test_summaries_without_bops_recalls_leave_the_cells_empty(tmp_path: Path) -> None:
+    folder = write_run(tmp_path / "run", "recordings", scored(0.5, 9.0, {"cat": 0.5}))
+    (row,) = rows_of(write_reports(folder)[1])
+    assert (row["data"], row["AR"]) == ("bop", "")
+
+
+RIGHT = {"literal": [0, 0, 0, 1], "modes": [1, 0, 1, 1], "best": [1, 1, 1, 0]}
+BEFORE = {"literal": None, "modes": "literal", "best": "modes"}
+
+
+def ladder(folder: Path, names: tuple[str, ...] = ("literal", "modes", "best")) -> Path:
+    """Steps that find four targets, two each in two frames, as `RIGHT` says."""
+    write_sweep(folder, ["ladder"], ["experiment=ladder"])
+    for number, name in enumerate(names):
+        summary = scored(float(np.mean(RIGHT[name])), 100.0 - 20.0 * number, {"ape": 0.5})
+        summary["bop"] = {"ar": 0.5 + 0.125 * number}
+        run = write_run(folder / str(number), "ladder", summary, [f"ladder={name}"])
+        manifest = json.loads((run / "manifest.json").read_text())
+        manifest["config"]["arm"] = {"change": f"what {name} is", "before": BEFORE[name]}
+        (run / "manifest.json").write_text(json.dumps(manifest))
+        verdicts = [bool(right) for right in RIGHT[name]]
+        scores = [
+            TargetScore(1, i // 2, i % 2, True, 0.9, 0.001, 0.01, 0.001, 0.9, right, right, right)
+            for i, right in enumerate(verdicts)
+        ]
+        write_scores(run / "scores.csv", scores, {0: "ape", 1: "can"})
+    return folder
+
+
+def test_a_row_a_step_with_what_it_gains_against_the_one_before_it(tmp_path: Path) -> None:
+    png, svg, markdown, table = files = write_reports(ladder(tmp_path / "sweep"))
+    assert {path.name for path in files} == {f"ladder.{e}" for e in ("png", "svg", "md", "csv")}
+    assert png.stat().st_size and svg.stat().st_size
+    rows = rows_of(table)
+    assert [*rows[0]] == [
+        "arm", "change", "ADD(-S)", "95 %", "5cm5deg", "IoU", "AR", "ms", "against",
+        "ADD(-S) gained", "95 % of it", "ms more",
+    ]  # fmt: skip
+    said = [(r["arm"], r["ADD(-S)"], r["against"], r["ADD(-S) gained"], r["ms more"]) for r in rows]
+    assert said == [
+        ("literal", "0.250", "–", "–", "–"),
+        ("modes", "0.750", "literal", "+0.500", "-20"),
+        ("best", "0.750", "modes", "+0.000", "-20"),
+    ]
+    assert [row["AR"] for row in rows] == ["0.500", "0.625", "0.750"]
+    # Both frames of `modes` gain one target of two: resamples are alike, and Wilson's width stands.
+    assert rows[1]["95 % of it"] == "+0.010 to +0.990"
+    text = markdown.read_text()
+    assert "Made by `hlp -m experiment=ladder`." in text and "what modes is" in text
+    shown = unpadded(describe_reports(tmp_path, "markdown"))
+    assert "| literal | what literal is | 0.250 |" in shown
+    lines = describe_reports(tmp_path, "text").split("\n")
+    (row,) = [line for line in lines if "modes " in line[:6]]
+    assert unpadded(row) == "modes 0.750 80 literal +0.500 +0.010 to +0.990 -20"
+
+
+def test_gains_are_those_of_the_paired_bootstrap(tmp_path: Path) -> None:
+    *_, best = steps_of_ladder(read_results(ladder(tmp_path / "sweep")).results)
+    before, after = (np.array(RIGHT[name], dtype=bool) for name in ("modes", "best"))
+    low, high = difference_interval(before, after, np.array([0, 0, 1, 1]), 10_000, 0)
+    # Frame 0 gains one of two targets, frame 1 loses one.
+    assert best.gain == (pytest.approx(0.0), (low, high)) and (low, high) == (-0.5, 0.5)
+
+
+def test_a_step_whose_predecessor_was_not_run_stands_alone(tmp_path: Path) -> None:
+    rows = rows_of(write_reports(ladder(tmp_path / "sweep", ("literal", "best")))[-1])
+    assert [row["against"] for row in rows] == ["–", "–"]

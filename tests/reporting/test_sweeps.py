@@ -1,0 +1,458 @@
+"""What sweeps of runs and of studies end with: tables, figures, pages."""
+
+import base64
+import csv
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from hlp.errors import DataError
+from hlp.records import TargetScore
+from hlp.reporting.page.study_page import write_sweep_page
+from hlp.reporting.report import report_runs, write_pages
+from hlp.reporting.sweep_report import (
+    describe_sweep,
+    differences_table,
+    steps_of,
+    sweep_figure,
+    sweep_table,
+)
+from hlp.reporting.sweep_report import write_sweep as write_files
+from hlp.reporting.sweeps import Sweep, read_sweeps
+from hlp.reporting.tables.study_tables import basin_cells, write_basins
+from hlp.results.intervals import blocks_of, difference_interval
+from hlp.results.poses_file import write_scores
+from hlp.results.summary_file import write_target_values
+from written_results import scored, write_run, write_sweep
+
+PARTICLES = "refinement.particles"
+
+
+def only(folder: Path) -> Sweep:
+    (found,) = read_sweeps(folder)
+    return found
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def set_defaults(folder: Path, **defaults: str) -> None:
+    record = json.loads((folder / "sweep.json").read_text())
+    named = {key.replace("_", "."): value for key, value in defaults.items()}
+    (folder / "sweep.json").write_text(json.dumps({**record, "defaults": named}))
+
+
+def move_to_other_frames(run: Path) -> None:
+    manifest = json.loads((run / "manifest.json").read_text())
+    manifest["data"]["frames"] = "others"
+    (run / "manifest.json").write_text(json.dumps(manifest))
+
+
+def write_scored(folder: Path, chosen: dict[str, str], right: int, ms: float) -> None:
+    """A run of twenty targets in ten frames of which so many are right, the first ones."""
+    overrides = [f"{key}={value}" for key, value in chosen.items()]
+    write_run(folder, "demo", scored(right / 20, ms, {"cat": right / 20}), overrides)
+    scores = [
+        TargetScore(1, i // 2, 6, True, 1.0, 0.01, 0.1, 0.01, 0.9, i < right, True, True)
+        for i in range(20)
+    ]
+    write_scores(folder / "scores.csv", scores, {6: "cat"})
+
+
+def begin(folder: Path, *overrides: str) -> Path:
+    (folder / ".hydra").mkdir(parents=True)
+    (folder / ".hydra" / "overrides.yaml").write_text(json.dumps(overrides))
+    return folder
+
+
+@pytest.fixture
+def runs(tmp_path: Path) -> Path:
+    """Three runs, the second is the default; the third has failed."""
+    folder = write_sweep(tmp_path / "sweep", [PARTICLES], [f"{PARTICLES}=5,25,50"])
+    set_defaults(folder, refinement_particles="25.0")
+    write_scored(folder / "0", {PARTICLES: "5"}, 12, 30.0)
+    write_scored(folder / "1", {PARTICLES: "25"}, 18, 50.0)
+    begin(folder / "2", f"{PARTICLES}=50")
+    return folder
+
+
+def test_runs_are_compared_with_the_default_target_by_target(runs: Path) -> None:
+    found = only(runs)
+    assert found.is_default and found.reference is found.runs[1]
+    difference = found.difference(found.runs[0], "ADD(-S)")
+    assert difference is not None
+    value, (low, high) = difference
+    assert value == pytest.approx(-6 / 20)
+    # Three of ten frames lose both of their targets: a binomial share of frames.
+    drawn = -np.random.default_rng(1).binomial(10, 0.3, 100_000) / 10
+    assert (low, high) == pytest.approx(tuple(np.percentile(drawn, [2.5, 97.5])), abs=0.051)
+    assert found.difference(found.runs[1], "ADD(-S)") is None
+
+
+def test_the_table_of_runs_has_all_numbers_and_fits_a_terminal(runs: Path) -> None:
+    summary = runs / "1" / "summary.json"
+    timing = {"cpu_ms": 71.6, "wall_ms": 50.0, "load": 1.26, "cores": 2}
+    more = {"timing": timing, "bop": {"ar": 0.654}}
+    summary.write_text(json.dumps({**json.loads(summary.read_text()), **more}))
+    rows = rows_of(write_files(runs, only(runs))[1])
+    assert [*rows[0]] == [
+        "particles", "targets", "ADD(-S)", "95 %", "5cm5deg", "IoU.5", "AR", "ms", "ms 95 %",
+        "CPU ms", "load", "to default", "95 % of it",
+    ]  # fmt: skip
+    shown = [[row[name] for name in ("ms", "ms 95 %", "CPU ms", "load", "AR")] for row in rows]
+    assert shown == [["30", "60", "", "", ""], ["50", "100", "72", "1.3", "0.654"], [""] * 5]
+    assert [row["particles"] for row in rows] == ["5", "25 *", "50"]
+    assert [row["ADD(-S)"] for row in rows] == ["0.600", "0.900", "no result"]
+    assert [row["95 %"] for row in rows] == ["0.500-0.640", "0.800-0.940", ""]
+    assert [row["to default"] for row in rows] == ["-0.300", "default", ""]
+    text = describe_sweep(only(runs), "text")
+    assert max(map(len, text.splitlines())) <= 80
+    table = sweep_table(only(runs), whole=False)
+    assert table.header == [
+        "particles", "ADD(-S)", "95 %", "5cm5deg", "ms", "to default", "95 % of it",
+    ]  # fmt: skip
+    assert " ".join(text.split()).endswith(
+        "sweep by particles: 2 of 3 runs finished; highest ADD(-S): particles 25 (0.900); that is"
+        " the default; without a result: particles 50 (see 2/hlp.log)."
+    )
+
+
+def test_without_a_default_among_them_the_first_run_is_compared_with(runs: Path) -> None:
+    set_defaults(runs, refinement_particles="7")
+    found = only(runs)
+    assert not found.is_default and found.reference is found.runs[0]
+    assert "+0.300 (+0.000 to +0.600) against the first run, not surely more" in found.verdict
+
+
+@pytest.mark.parametrize(
+    ("right", "of_default", "spread"),
+    [(18, 18, "+0.000 (-0.161 to +0.161)"), (20, 18, "+0.100 (+0.000 to"), (18, 4, None)],
+)
+def test_the_default_wins_a_tie(
+    tmp_path: Path, right: int, of_default: int, spread: str | None
+) -> None:
+    """A faster run that is right for as many targets, or for few more, is no better one."""
+    folder = write_sweep(tmp_path / "sweep", [PARTICLES], [f"{PARTICLES}=5,25"])
+    set_defaults(folder, refinement_particles="25")
+    write_scored(folder / "0", {PARTICLES: "5"}, right, 30.0)
+    write_scored(folder / "1", {PARTICLES: "25"}, of_default, 50.0)
+    found = only(folder)
+    assert found.highest is found.runs[0]
+    assert found.best is found.runs[0 if spread is None else 1]
+    assert ("a tie with it" in found.verdict) == (spread is not None)
+    if spread is not None:
+        assert "highest ADD(-S): particles 25 (0.900); that is the default" in found.verdict
+        assert f"a tie with it: particles 5 ({right / 20:.3f}), {spread}" in found.verdict
+
+
+def test_runs_on_other_frames_are_not_compared(runs: Path) -> None:
+    move_to_other_frames(runs / "0")
+    found = only(runs)
+    assert found.difference(found.runs[0], "ADD(-S)") is None and found.best is None
+    assert "*" not in describe_sweep(found, "text")
+
+
+@pytest.mark.parametrize(
+    ("swept", "panels"), [([PARTICLES], 4), ([PARTICLES, "seed"], 2), ([PARTICLES, "seed", "x"], 4)]
+)
+def test_every_sweep_is_drawn(tmp_path: Path, swept: list[str], panels: int) -> None:
+    folder = write_sweep(tmp_path / "sweep", swept, [])
+    for number, value in enumerate(("5", "25")):
+        chosen = {key: value if key == PARTICLES else "1" for key in swept}
+        write_scored(folder / str(number), chosen, 10 + number, 30.0)
+    figure = sweep_figure(only(folder))
+    assert figure is not None and len(figure.axes) == panels
+    if panels == 2:
+        recalls, times = (ax.images[0].get_array() for ax in figure.axes)
+        np.testing.assert_allclose(recalls, [[0.5, 0.55]])
+        np.testing.assert_allclose(times, [[30.0, 30.0]])
+        assert figure.axes[0].get_xlabel() == PARTICLES
+    names = {
+        f"{name}.{ending}"
+        for name in ("sweep", "recall_by_time")
+        for ending in ("csv", "png", "svg")
+    }
+    written = write_files(folder, only(folder))
+    assert {path.name for path in written} == {"sweep.md", *names}
+    assert all(path.stat().st_size for path in written)
+
+
+def test_a_sweep_without_any_result_still_has_its_table(runs: Path) -> None:
+    for run in "01":
+        (runs / run / "manifest.json").unlink()
+    found = only(runs)
+    assert [path.name for path in write_files(runs, found)] == ["sweep.md", "sweep.csv"]
+    assert "0 of 3 runs finished" in describe_sweep(found, "text")
+    assert sweep_table(found).rows[0] == ["5", "no result"]
+    assert read_sweeps(write_sweep(runs.parent / "empty", ["a"], [])) == []
+
+
+def test_the_page_of_runs_shows_figures_objects_and_leads_to_theirs(runs: Path) -> None:
+    write_files(runs, only(runs))
+    pages = write_pages(runs)
+    assert [page.parent for page in pages] == [runs / "0", runs / "1", runs]
+    text = pages[-1].read_text()
+    assert 'href="0/report.html"' in text and 'href="2/report.html"' not in text
+    assert "highest ADD(-S): particles 25" in text and "http" not in text
+    drawn = re.findall(r'src="data:image/svg\+xml;base64,([^"]+)"', text)
+    written = [(runs / f"{name}.svg").read_bytes() for name in ("sweep", "recall_by_time")]
+    assert list(map(base64.b64decode, drawn)) == written
+    assert "<td>cat</td><td>0.600</td><td>0.900</td>" in text
+
+
+def begin_study(folder: Path, task: str, particles: int, finished: bool = True) -> Path:
+    begin(folder, f"task={task}", f"{PARTICLES}={particles}")
+    if finished:
+        manifest = {
+            "config": {"task": {"name": task}, "data": {"name": "synthetic"}},
+            "data": {"keys": ["000001"], "frames": "abc"},
+        }
+        (folder / "manifest.json").write_text(json.dumps(manifest))
+        (folder / f"{task}.md").write_text("A table.\n")
+    return folder
+
+
+def write_bench(folder: Path, particles: int, further: bool = True) -> None:
+    """A run of which detection takes a millisecond a particle."""
+    path: dict[str, Any] = {
+        "add_recall": 0.75,
+        "first": {"total": {"median_ms": float(particles), "cpu_ms": 2.0 * particles}},
+        "further": {"total": {"median_ms": particles / 4, "cpu_ms": particles / 2}},
+    }
+    result = {
+        "machine": {"load": 1.25},
+        "workload": {},
+        "memory": {"peak_mib": 912.3},
+        "paths": {"configured": path if further else {**path, "further": {}}},
+    }
+    begin_study(folder, "bench", particles)
+    (folder / "bench.json").write_text(json.dumps(result))
+
+
+def write_oracle(folder: Path, particles: int) -> None:
+    recall = particles / 100
+    cells = [
+        {"region": region, "coarse": coarse, "add": {"recall": recall, "ci95": [0.1, 0.9]}}
+        for region in ("estimated", "true")
+        for coarse in ("estimated", "true", "noisy")
+    ]
+    lost = {"region": 0.01, "coarse pose": -0.02, "fine pose": 0.1}
+    begin_study(folder, "oracle", particles)
+    (folder / "oracle.json").write_text(json.dumps({"cells": cells, "lost": lost}))
+
+
+def sweep_of(folder: Path, task: str) -> Path:
+    return write_sweep(folder, [PARTICLES], [f"task={task}", "a=1,2"])
+
+
+@pytest.fixture
+def benches(tmp_path: Path) -> Path:
+    sweep = sweep_of(tmp_path / "sweep", "bench")
+    for run, particles in enumerate((15, 150)):
+        write_bench(sweep / str(run), particles, further=run == 0)
+    begin_study(sweep / "10", "bench", 50, finished=False)
+    return sweep
+
+
+def test_every_study_has_a_row_with_what_differs(benches: Path) -> None:
+    said = describe_sweep(only(benches), "text")
+    header, _, *rows = (line.split() for line in said.split("\n\n")[0].splitlines())
+    assert (
+        " ".join(header) == "particles ms first ms further CPU first CPU further MiB ADD(-S) load"
+    )
+    assert rows == [
+        ["15", "*", "15.0", "3.8", "30.0", "7.5", "912", "0.750", "1.2"],
+        ["150", "150", "300", "912", "0.750", "1.2"],
+        ["50", "no", "result"],
+    ]
+    assert max(map(len, said.splitlines())) <= 80
+    assert " ".join(said.split()).endswith(
+        "bench by particles: 2 of 3 runs finished; lowest ms first: particles 15 (15.0); that is"
+        " the first run; without a result: particles 50 (see 10/hlp.log)."
+    )
+
+
+def test_table_and_figure_of_studies_are_written_and_reported(benches: Path) -> None:
+    written = write_files(benches, only(benches))
+    assert [path.name for path in written] == ["bench.md", "bench.csv", "bench.png", "bench.svg"]
+    assert "Made by `hlp -m task=bench a=1,2`." in written[0].read_text()
+    rows = rows_of(written[1])
+    assert [row["MiB"] for row in rows] == ["912.3", "912.3", ""]
+    assert [row["load"] for row in rows] == ["1.25", "1.25", ""]
+    assert [row[PARTICLES] for row in rows] == ["15", "150", "50"]
+    drawn = written[3].read_text()
+    assert drawn.count("<!-- 0.750 -->") == 2  # the bars of the finished runs
+    assert "<!-- axis cut: begins at 0.7 -->" in drawn
+    assert "<!-- 15 * -->" in drawn and "load" not in drawn
+    report = report_runs(benches.parent, "text")
+    assert describe_sweep(only(benches), "text") in report and "bench.csv" in report
+
+
+def test_recalls_of_an_oracle_matrix_have_intervals(tmp_path: Path) -> None:
+    sweep = sweep_of(tmp_path / "sweep", "oracle")
+    for run, particles in enumerate((25, 50)):
+        write_oracle(sweep / str(run), particles)
+    whole = sweep_table(only(sweep))
+    assert [*whole.header[1:5], *whole.header[-3:]] == [
+        "est/est", "95 %", "est/true", "95 %", "lost region", "lost coarse pose", "lost fine pose",
+    ]  # fmt: skip
+    assert [row[1:3] for row in whole.rows] == [["0.250", "0.100-0.900"], ["0.500", "0.100-0.900"]]
+    assert [row[-2] for row in whole.rows] == ["-0.020", "-0.020"]
+    said = describe_sweep(only(sweep), "text")
+    assert said.count("0.100-0.900") == 2  # of the first cell alone
+    assert max(map(len, said.splitlines())) <= 80
+    _, rows, *_ = write_files(sweep, only(sweep))
+    ends = [(row["true/est"], row["true/est 95 % low"]) for row in rows_of(rows)]
+    assert ends == [("0.25", "0.1"), ("0.5", "0.1")]
+    assert "lost region 95 % low" not in rows_of(rows)[0]
+
+
+def write_targets(folder: Path, **values: np.ndarray) -> None:
+    """Values of two objects in each of 40 frames, at most."""
+    keys = [(1, frame, object_id, 0) for frame in range(40) for object_id in (1, 2)]
+    named = {
+        name.replace("_", " "): dict(zip(keys, map(float, each), strict=False))
+        for name, each in values.items()
+    }
+    write_target_values(folder, named, {1: "a", 2: "b"})
+
+
+def test_studies_are_paired_with_the_default_target_by_target(benches: Path) -> None:
+    """The default is the second run; of the first one, half of the targets are known."""
+    set_defaults(benches, refinement_particles="150.0")
+    rng = np.random.default_rng(0)
+    before, after = rng.gamma(4.0, 40.0, 80), rng.gamma(4.0, 30.0, 40)
+    right, now = rng.random(80) < 0.6, rng.random(40) < 0.8
+    write_targets(benches / "1", ms_first=before, **{"ADD(-S)": right})
+    write_targets(benches / "0", ms_first=after, **{"ADD(-S)": now})
+    sweep = only(benches)
+    low, high = difference_interval(right[:40], now, blocks_of([(1, i // 2) for i in range(40)]),
+                                    10_000, 0)  # fmt: skip
+    gained = now.mean() - right[:40].mean()
+    shown = differences_table(sweep)
+    assert shown is not None
+    assert shown.header == ["particles", "ms first to default", "ADD(-S) to default"]
+    assert [row[0] for row in shown.rows] == ["15", "150"]  # the best one is not known
+    assert shown.rows[1][1:] == ["default", "default"]
+    assert shown.rows[0][2] == f"{gained:+.3f} ({low:+.3f} to {high:+.3f})"
+    faster = np.median(after) - np.median(before[:40])
+    assert shown.rows[0][1].startswith(f"{faster:+.1f} (-")
+    said = describe_sweep(sweep, "text")
+    assert shown.rows[0][1] in said and max(map(len, said.splitlines())) <= 80
+    _, rows, *_ = write_files(benches, sweep)
+    first, second, _ = rows_of(rows)
+    assert float(first["ADD(-S) difference"]) == pytest.approx(gained)
+    assert float(first["ADD(-S) difference 95 % low"]) == pytest.approx(low)
+    assert second["ADD(-S) difference"] == "" and "CPU first difference" not in first
+    page = write_sweep_page(benches).read_text()
+    assert shown.rows[0][2] in page and "paired bootstrap" in page
+
+
+@pytest.mark.parametrize(("faster", "best"), [(135.0, 0), (0.0, 1)])
+def test_the_best_study_is_said_with_its_difference(
+    benches: Path, faster: float, best: int
+) -> None:
+    """A time is better if it is shorter; that of the default, if no other is surely shorter."""
+    set_defaults(benches, refinement_particles="150")
+    slow = 150.0 + np.random.default_rng(0).normal(size=80)
+    for run, times in ((0, slow - faster), (1, slow)):
+        write_targets(benches / str(run), ms_first=times)
+    sweep = only(benches)
+    assert sweep.best is sweep.runs[best]
+    page = write_sweep_page(benches).read_text()
+    assert f'<tr class="best"><td>{(15, 150)[best]} *</td>' in page
+    if faster:
+        said = "-135.0 (-135.0 to -135.0) against the default, surely less;"
+        assert f"lowest ms first: particles 15 (15.0); {said}" in sweep.verdict
+
+
+def test_studies_of_other_frames_are_not_paired(benches: Path) -> None:
+    for run in (0, 1):
+        write_targets(benches / str(run), ms_first=np.full(80, 20.0))
+    move_to_other_frames(benches / "1")
+    sweep = only(benches)
+    assert differences_table(sweep) is None and sweep.best is None
+    assert "*" not in describe_sweep(sweep, "markdown")
+
+
+def test_refiners_are_compared_by_their_mean_over_all_starts(tmp_path: Path) -> None:
+    sweep = sweep_of(tmp_path / "sweep", "basin")
+    rng, expected = np.random.default_rng(0), []
+    for run in range(2):
+        index = pd.MultiIndex.from_product(
+            [["pso", "icp"], ["cat", "can"], [0.0, 10.0], [0.0, 5.0], range(4)],
+            names=["refiner", "object", "rotation_deg", "translation_mm", "try"],
+        )
+        tried = pd.Series(rng.random(len(index)) < 0.5, index, name="right")
+        write_basins(begin_study(sweep / str(run), "basin", run), basin_cells(tried.reset_index()))
+        expected.append([tried["pso"].mean(), tried["icp"].mean()])
+    found = [[n.value for n in numbers.values()] for _, numbers in only(sweep).finished]
+    np.testing.assert_allclose(found, expected)
+
+
+def test_the_best_trial_of_each_search(tmp_path: Path) -> None:
+    sweep = sweep_of(tmp_path / "sweep", "search")
+    for run, best in enumerate(({"recall": 0.9, "time_ms": 123.4}, None)):
+        folder = begin_study(sweep / str(run), "search", run)
+        (folder / "search.json").write_text(json.dumps({"trials": [1, 2], "best": best}))
+    rows = [row[:4] for row in sweep_table(only(sweep)).rows]
+    assert rows == [["0", "2", "0.900", "123"], ["1", "2", "", ""]]
+    assert not only(sweep).differences and only(sweep).best is None
+    assert len(write_files(sweep, only(sweep))) == 4
+
+
+def test_the_page_of_studies_shows_them_all(benches: Path) -> None:
+    with pytest.raises(DataError, match="holds no finished run"):
+        write_sweep_page(write_sweep(benches.parent / "empty", ["a"], []))
+    written = write_pages(benches)
+    assert written == [benches / "report.html", *(benches / f"{i}" / "report.html" for i in (0, 1))]
+    write_files(benches, only(benches))
+    text = write_sweep_page(benches).read_text()
+    assert "2 of 3 runs finished" in text and "hlp -m task=bench a=1,2" in text
+    assert '<a href="1/report.html">' in text and "10/report.html" not in text
+    assert "image/svg+xml;base64," in text and "http" not in text
+
+
+def test_each_kind_has_a_table_of_its_own(benches: Path) -> None:
+    write_oracle(benches / "2", 75)
+    write_scored(benches / "3", {PARTICLES: "5"}, 12, 30.0)
+    labels = {sweep.name: [run.short_label for run in sweep.runs] for sweep in read_sweeps(benches)}
+    assert labels == {"sweep": ["5", "50"], "bench": ["15", "150", "50"], "oracle": ["75", "50"]}
+    written = report_runs(benches, "markdown")
+    for said in ("oracle by particles: 1 of 2", "bench by particles: 2 of 3", "sweep by particles"):
+        assert said in written
+
+
+def test_steps_are_the_values_of_one_key_of_whole_numbers() -> None:
+    assert steps_of([PARTICLES], [{PARTICLES: "5"}, {PARTICLES: "25"}]) == [5, 25]
+    assert steps_of([PARTICLES], [{PARTICLES: "5"}, {PARTICLES: "5"}]) == [0, 1]
+    assert steps_of(["x"], [{"x": "0.5"}, {}]) == [0, 1]
+    assert steps_of([], [{}]) == [0]
+
+
+@pytest.mark.parametrize(
+    ("study", "name", "content"),
+    [
+        ("bench", "bench.json", "{"),
+        ("bench", "bench.json", "[]"),
+        ("bench", "bench.json", '{"machine": 1, "workload": 1, "memory": 1, "paths": {}}'),
+        ("oracle", "oracle.json", '{"cells": [{}], "lost": {}}'),
+        ("oracle", "oracle.json", '{"cells": [], "lost": {"region": "much"}}'),
+        ("basin", "basin.csv", "a,b\n1,2\n"),
+        ("basin", "basin.csv", "refiner,object,rotation_deg,translation_mm,perturbations,right,"
+         "add_recall\npso,all,0,0,1,1,many\n"),
+        ("search", "search.json", '{"trials": 3}'),
+    ],
+)  # fmt: skip
+def test_a_broken_study_is_named(study: str, name: str, content: str, tmp_path: Path) -> None:
+    sweep = sweep_of(tmp_path / "sweep", study)
+    (begin_study(sweep / "0", study, 1) / name).write_text(content)
+    with pytest.raises(DataError, match=rf"0/{name}"):
+        read_sweeps(sweep)
