@@ -24,15 +24,12 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("threads")]
 COMPARED = ("+task.compared.few.refinement.particles=3", "+task.compared.same.seed=0")
 
 
-def run_task(run: Run, output: Path) -> None:
-    run.settings.task.run(run, output)
-
-
 @pytest.fixture(scope="module")
 def bench(tiny_run: TinyRun, tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = tmp_path_factory.mktemp("bench")
     fast = ("patches.region.scan=fast", "refinement.iterations=4")
-    run_task(tiny_run.build("task=bench", *fast, *COMPARED), output)
+    run = tiny_run.build("task=bench", *fast, *COMPARED)
+    run.settings.task.run(run, output)
     return output
 
 
@@ -133,6 +130,7 @@ def test_each_index_is_compared_with_an_exact_search_once_a_frame(
 
 def test_a_wrong_path_is_named_before_anything_is_learnt(tiny_run: TinyRun, tmp_path: Path) -> None:
     wrong = ("+task.compared.odd.refinement.particels=3", f"work={tmp_path / 'work'}")
+    run = tiny_run.build("task=bench", *wrong)
     with pytest.raises(ValueError, match=r"^refinement\.particels is no key: did you"):
-        run_task(tiny_run.build("task=bench", *wrong), tmp_path / "out")
+        run.settings.task.run(run, tmp_path / "out")
     assert not (tmp_path / "work").exists()
