@@ -99,7 +99,6 @@ def test_a_search_that_is_timed_has_the_same_answers(tiny_run: TinyRun) -> None:
     frame = run.dataset.frames.load(run.keys[0])
     object_id = next(iter(run.dataset.wanted(frame)))
     found, clock = [], PartClock()
-    clock.start()
     for observer in (clock, NOBODY):
         context = estimator.prepare(frame, observer=observer)
         trace = search_frame(estimator, context, {object_id: 1}, by_threads=False)[object_id]

@@ -144,7 +144,6 @@ def spin(seconds):
 
 def test_time_is_charged_to_the_part_that_was_entered_last():
     clock = PartClock()
-    clock.start()
     begun = time.perf_counter()
     clock.enter("idle")
     time.sleep(0.05)
@@ -161,12 +160,9 @@ def test_time_is_charged_to_the_part_that_was_entered_last():
 
 def test_time_before_the_first_part_and_after_the_stop_is_nobodys():
     clock = PartClock()
-    clock.start()
     time.sleep(0.02)
     clock.enter("a")
     first = clock.stop()
     time.sleep(0.02)
     assert first["a"].wall < 0.02
-    assert clock.stop() == first
-    clock.start()
     assert clock.stop() == {}

@@ -1,18 +1,12 @@
 """Time and memory of each part of detection, and of other settings on the same frames."""
 
-import os
-import platform
-import resource
-import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import cv2
 import numpy as np
-import torch
 from annotated_types import Ge
 from tqdm import tqdm
 
@@ -33,9 +27,8 @@ from hlp.reporting.tables.bench_table import (
     format_bench,
     write_bench,
 )
-from hlp.results.summary_file import write_target_values
+from hlp.results.summary_file import TargetKey, write_target_values
 from hlp.settings import Doc, Settings
-from hlp.stages.manifest import library_versions
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
 from hlp.studies.bench_times import (
@@ -45,8 +38,9 @@ from hlp.studies.bench_times import (
     bench_targets,
     compare_paths,
     compare_searches,
+    describe_machine,
     load_timed,
-    ratios,
+    peak_mib,
     summarise_path,
     summarise_search,
     summarise_spent,
@@ -100,43 +94,45 @@ def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
         estimators, loaded, peak = _make_estimators(run, paths, store, frame)
         detections, searches = _measure(run, estimators, keys)
         memory = {"peak_mib": peak, "all_paths_mib": peak_mib(), "learnt_too": made}
-        truths = [FrameTruth.of(run.dataset.frames.load(key)) for key in keys]
-        models, evaluation = run.dataset.models, run.settings.evaluation
-        scores = {
-            name: score_targets(truths, models, [each.estimate for each in own], evaluation)
-            for name, own in detections.items()
-        }
-        times = {name: summarise_path(own, scores[name]) for name, own in detections.items()}
-        tolerance = (task.same_mm, task.same_deg)
-        compared = {
-            name: {
-                "changes": changes,
-                "ratio": {view: ratios(times[CONFIGURED][view], times[name][view])
-                          for view in TIMED},
-                **compare_paths(detections, scores, models, (CONFIGURED, name), tolerance),
-            }
-            for name, changes in task.compared.items()
-        }  # fmt: skip
+        summary, targets = _summarise(run, task, keys, detections)
         result = {
             "machine": machine,
             "workload": _workload(run, estimators[CONFIGURED], frame, len(keys)),
             "loading_s": {**found, **loaded},
             "memory": memory,
-            "paths": times,
-            "compared": compared,
-            "tolerance": {"mm": task.same_mm, "deg": task.same_deg},
+            **summary,
             "search": summarise_search(searches),
             "regions_of_all": _regions_of_all(run, store, keys),
-            "objects_at_once": _objects_at_once(run, store, keys),
+            "objects_at_once": _objects_at_once(run, estimators[CONFIGURED], keys),
         }
         write_json(output / "bench.json", result)
-        own = bench_targets(detections[CONFIGURED], scores[CONFIGURED])
-        write_target_values(output, own, object_names(run))
+        write_target_values(output, targets, object_names(run))
         write_bench(output, result)
         draw_bench(output, result)
         tracker.log_metrics(bench_metrics(result))
     print(format_bench(result))
     return result
+
+
+def _summarise(
+    run: Run, task: BenchSettings, keys: Sequence[str], detections: Detections
+) -> tuple[dict[str, Any], dict[str, dict[TargetKey, float]]]:
+    """Times, recall and agreement of the paths; times and verdicts by target of the configured."""
+    truths = [FrameTruth.of(run.dataset.frames.load(key)) for key in keys]
+    models, evaluation = run.dataset.models, run.settings.evaluation
+    scores = {
+        name: score_targets(truths, models, [each.estimate for each in own], evaluation)
+        for name, own in detections.items()
+    }
+    times = {name: summarise_path(own, scores[name]) for name, own in detections.items()}
+    tolerance, compared = (task.same_mm, task.same_deg), {}
+    for name, changes in task.compared.items():
+        ratio = {view: ratios(times[CONFIGURED][view], times[name][view]) for view in TIMED}
+        agreed = compare_paths(detections, scores, models, (CONFIGURED, name), tolerance)
+        compared[name] = {"changes": changes, "ratio": ratio, **agreed}
+    limits = dict(zip(("mm", "deg"), tolerance, strict=True))
+    summary = {"paths": times, "compared": compared, "tolerance": limits}
+    return summary, bench_targets(detections[CONFIGURED], scores[CONFIGURED])
 
 
 def _find_again(run: Run) -> dict[str, float]:
@@ -224,13 +220,11 @@ def _regions_of_all(run: Run, store: StageStore, keys: Sequence[str]) -> dict[st
     return {"objects": len(counts), **_time_frames(run, keys, "regions of all objects", look)}
 
 
-def _objects_at_once(run: Run, store: StageStore, keys: Sequence[str]) -> dict[str, float]:
+def _objects_at_once(run: Run, estimator: PoseEstimator, keys: Sequence[str]) -> dict[str, float]:
     """Times of whole frames whose objects are searched at once by several threads.
 
     So do `Detector` and `hlp predict`. The paths search one after another, to measure the parts.
     """
-    estimator = _estimator(run, run.settings, store, run.dataset.target_ids)
-    estimator.load(run.dataset.target_ids)
 
     def look(frame: Frame) -> None:
         context, counts = estimator.prepare(frame), run.dataset.wanted(frame)
@@ -247,7 +241,6 @@ def _detect_all(
     found = []
     clock, context = PartClock(), None
     for place, object_id in enumerate(object_ids):
-        clock.start()
         context = estimator.prepare(frame, observer=clock) if context is None else context
         trace = search_frame(estimator, context, {object_id: 1}, by_threads=False)[object_id]
         spent, refined = clock.stop(), trace.refined
@@ -286,32 +279,12 @@ def _workload(run: Run, estimator: PoseEstimator, frame: Frame, frames: int) -> 
     }
 
 
-def describe_machine(settings: RunSettings) -> dict[str, Any]:
-    """Processor, memory, threads and versions; `load` is the average load of the last minute.
-
-    What other processes do during the measurement is not known; a load near 0 before it suggests
-    an idle machine.
-    """
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.is_file() else []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+def ratios(
+    own: Mapping[str, Mapping[str, float]], other: Mapping[str, Mapping[str, float]]
+) -> dict[str, float | None]:
+    """By part, the ratio of the other's median time to the own one; None where that is 0."""
     return {
-        "cpu": names[0] if names else platform.processor() or platform.machine(),
-        "cores": len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count(),
-        "memory_mib": os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2**20,
-        "gpu": torch.cuda.get_device_name(0) if torch.cuda.is_available() else None,
-        "system": platform.platform(),
-        "load": round(os.getloadavg()[0], 2),
-        "threads": {
-            "machine": settings.machine.threads,
-            "torch": torch.get_num_threads(),
-            "opencv": cv2.getNumThreads(),
-        },
-        "versions": library_versions(),
+        name: other[name]["median_ms"] / time["median_ms"] if time["median_ms"] else None
+        for name, time in own.items()
+        if name in other
     }
-
-
-def peak_mib() -> float:
-    """Peak resident memory of this process (MiB)."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (2**20 if sys.platform == "darwin" else 2**10)

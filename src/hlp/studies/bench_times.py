@@ -1,35 +1,36 @@
 """Wall time and CPU time of the parts of detection, and how far two paths agree."""
 
+import os
+import platform
+import resource
+import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
+from timeit import timeit
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 import pandas as pd
+import torch
 from jaxtyping import UInt8
 
 from hlp.codebook.neighbours import ExactNeighbours
+from hlp.config.settings import RunSettings
 from hlp.evaluation.errors import nearest_symmetric_pose, rotation_error, translation_error
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.find.patch_matching import SearchGroup
 from hlp.records import LocalPatches, ObjectModel, PoseEstimate, TargetScore
 from hlp.results.summary_file import TargetKey, numbered_targets
+from hlp.stages.manifest import library_versions
 
 PARTS = {
-    "windows": 1,
-    "network": 1,
-    "region": 1,
-    "cut": 2,
-    "encode": 2,
-    "search": 2,
-    "vote": 2,
-    "modes": 2,
-    "screen": 3,
-    "refine": 3,
-    "verify": 3,
-    "polish": 3,
+    **dict.fromkeys(("windows", "network", "region"), 1),
+    **dict.fromkeys(("cut", "encode", "search", "vote", "modes"), 2),
+    **dict.fromkeys(("screen", "refine", "verify", "polish"), 3),
 }
 """Parts of detection in their order, each with its stage."""
 
@@ -42,7 +43,7 @@ class Spent(NamedTuple):
 
 
 class PartClock:
-    """An observer of a search that adds up the time of each part, from `start` to `stop`.
+    """An observer of a search that adds up the time of each part, until `stop`.
 
     No time is lost or counted twice, as long as one thread searches.
     """
@@ -51,11 +52,6 @@ class PartClock:
         self._part: str | None = None
         self._begun = (0.0, 0.0)
         self._sums: dict[str, list[float]] = {}
-
-    def start(self) -> None:
-        """Reset all times; the clock runs from the first `enter` on."""
-        self._sums = {}
-        self._part = None
 
     def enter(self, part: str | None) -> None:
         """Count time for this part from now on; None: for no part."""
@@ -67,9 +63,10 @@ class PartClock:
         self._part, self._begun = part, (wall, cpu)
 
     def stop(self) -> dict[str, Spent]:
-        """Time of each part since `start`; parts that were never entered are absent."""
+        """Time of each part since the last stop; parts that were never entered are absent."""
         self.enter(None)
-        return {part: Spent(*sums) for part, sums in self._sums.items()}
+        sums, self._sums = self._sums, {}
+        return {part: Spent(*both) for part, both in sums.items()}
 
 
 @dataclass(frozen=True)
@@ -194,17 +191,6 @@ def compare_paths(
     }
 
 
-def ratios(
-    own: Mapping[str, Mapping[str, float]], other: Mapping[str, Mapping[str, float]]
-) -> dict[str, float | None]:
-    """By part, the ratio of the other's median time to the own one; None where that is 0."""
-    return {
-        name: other[name]["median_ms"] / time["median_ms"] if time["median_ms"] else None
-        for name, time in own.items()
-        if name in other
-    }
-
-
 def _same_pose(
     a: PoseEstimate,
     b: PoseEstimate,
@@ -278,14 +264,37 @@ def load_timed(estimator: PoseEstimator, objects: Mapping[int, str]) -> dict[str
         estimator.matching.group(object_id)
         estimator.verifier(object_id)
 
+    parts = {"classifier": lambda: estimator.scan, "encoder": lambda: estimator.encoder}
+    networks = {name: timeit(get, number=1) for name, get in parts.items()}
+    spent = {name: timeit(partial(load, i), number=1) for i, name in objects.items()}
+    return {**networks, "objects": spent}
+
+
+def describe_machine(settings: RunSettings) -> dict[str, Any]:
+    """Processor, memory, threads and versions; a `load` near 0 suggests an idle machine.
+
+    It is the average of the minute before: what others do meanwhile is not known.
+    """
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.is_file() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return {
-        "classifier": _seconds(lambda: estimator.scan),
-        "encoder": _seconds(lambda: estimator.encoder),
-        "objects": {name: _seconds(partial(load, number)) for number, name in objects.items()},
+        "cpu": names[0] if names else platform.processor() or platform.machine(),
+        "cores": len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count(),
+        "memory_mib": os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2**20,
+        "gpu": torch.cuda.get_device_name(0) if torch.cuda.is_available() else None,
+        "system": platform.platform(),
+        "load": round(os.getloadavg()[0], 2),
+        "threads": {
+            "machine": settings.machine.threads,
+            "torch": torch.get_num_threads(),
+            "opencv": cv2.getNumThreads(),
+        },
+        "versions": library_versions(),
     }
 
 
-def _seconds(make: Callable[[], object]) -> float:
-    begun = time.perf_counter()
-    make()
-    return time.perf_counter() - begun
+def peak_mib() -> float:
+    """Peak resident memory of this process (MiB)."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (2**20 if sys.platform == "darwin" else 2**10)

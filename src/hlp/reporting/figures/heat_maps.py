@@ -13,6 +13,7 @@ from hlp.reporting.figures.saving import save_figure
 from hlp.reporting.tables.study_tables import ALL_TARGETS, head_of, recalls_by_errors
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _CELL = (0.62, 0.42)  # inches
@@ -48,21 +49,13 @@ def draw_heat_maps(
     The cell in the `marked` row and column, that of the defaults, has a frame.
     """
     from matplotlib.figure import Figure
+    from matplotlib.patches import Rectangle
 
     width = max(_CELL[0] * len(columns) * len(maps) + 2.2, 5.4)
     figure = Figure(figsize=(width, max(_CELL[1] * len(rows) + 1.7, 2.8)), layout="constrained")
     panels = figure.subplots(1, len(maps), sharey=True, squeeze=False)[0]
     for ax, each in zip(panels, maps, strict=True):
-        shades = each.values if each.shades is None else each.shades
-        image = ax.imshow(shades, cmap=each.colors, aspect="auto", vmin=each.ends[0],
-                          vmax=each.ends[1])  # fmt: skip
-        for (row, column), value in np.ndenumerate(each.values):
-            words, color = "no result", "0.5"
-            if not np.isnan(value):
-                red, green, blue, _ = image.cmap(image.norm(shades[row, column]))
-                bright = 0.299 * red + 0.587 * green + 0.114 * blue > _BRIGHT
-                words, color = each.write(value), "black" if bright else "white"
-            ax.text(column, row, words, ha="center", va="center", fontsize=8, color=color)
+        _draw_map(ax, each)
         turned = {"rotation": 45, "ha": "right"} if max(map(len, columns)) > 9 else {}
         ax.set_xticks(range(len(columns)), columns, fontsize=8, **turned)
         ax.set_yticks(range(len(rows)), rows, fontsize=8)
@@ -70,14 +63,26 @@ def draw_heat_maps(
         ax.set_title(each.title, fontsize=9)
         if marked is not None:
             row, column = marked
-            x, y = (column - 0.47, column + 0.47), (row - 0.47, row + 0.47)
-            ax.plot([x[0], x[1], x[1], x[0], x[0]], [y[0], y[0], y[1], y[1], y[0]],
-                    color="#d55e00", linewidth=2.5)  # fmt: skip
+            frame = Rectangle((column - 0.47, row - 0.47), 0.94, 0.94, fill=False)
+            ax.add_patch(frame).set(color="#d55e00", linewidth=2.5)
             ax.text(column, row + 0.36, "default", ha="center", va="center", fontsize=7,
                     color="#d55e00", backgroundcolor="white")  # fmt: skip
     panels[0].set_ylabel(axes[1], fontsize=8)
     figure.suptitle(title, fontsize=10)
     return figure
+
+
+def _draw_map(ax: "Axes", given: HeatMap) -> None:
+    shades = given.values if given.shades is None else given.shades
+    image = ax.imshow(shades, cmap=given.colors, aspect="auto", vmin=given.ends[0],
+                      vmax=given.ends[1])  # fmt: skip
+    for (row, column), value in np.ndenumerate(given.values):
+        words, color = "no result", "0.5"
+        if not np.isnan(value):
+            red, green, blue, _ = image.cmap(image.norm(shades[row, column]))
+            bright = 0.299 * red + 0.587 * green + 0.114 * blue > _BRIGHT
+            words, color = given.write(value), "black" if bright else "white"
+        ax.text(column, row, words, ha="center", va="center", fontsize=8, color=color)
 
 
 def draw_basins(folder: Path, cells: pd.DataFrame) -> None:
