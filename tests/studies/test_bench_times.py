@@ -6,13 +6,13 @@ import pytest
 
 from hlp.geometry import rigid
 from hlp.records import PoseEstimate
+from hlp.studies.bench import ratios
 from hlp.studies.bench_times import (
     PartClock,
     Spent,
     TimedDetection,
     bench_targets,
     compare_paths,
-    ratios,
     summarise_path,
     summarise_search,
     summarise_spent,
