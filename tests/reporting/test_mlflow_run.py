@@ -1,5 +1,6 @@
-"""What a run writes into MLflow while it goes."""
+"""What a run writes into MLflow while it goes, and how it ends."""
 
+import json
 import logging
 import re
 import threading
@@ -12,33 +13,75 @@ import pytest
 from mlflow import MlflowClient
 
 from hlp.reporting.mlflow_run import LoggedAs, MlflowRun, flatten, metric_name
-from hlp.reporting.mlflow_tracking import MlflowSettings, track_run
+from hlp.reporting.mlflow_tracking import REVISION, MlflowSettings, track_run
 
 LOSSES = [{"loss": 0.5, "accuracy": 0.75}, {"loss": 0.25, "accuracy": 0.875}]
+PATIENCE = 300.0  # s; a busy machine takes long to import MLflow
+THREAD = "system metrics"
 
 
-def test_the_link_leads_to_the_run_with_the_loss_curves(tmp_path: Path) -> None:
-    uri = f"sqlite:///{tmp_path / 'mlflow.db'}"
-    with track_run(MlflowSettings(uri=uri, experiment="first"), "trains", {}) as tracker:
+def test_a_run_holds_what_was_logged(mlflow_settings: MlflowSettings, tmp_path: Path) -> None:
+    (tmp_path / "summary.json").write_text("{}")
+    (tmp_path / "panels").mkdir()
+    (tmp_path / "panels" / "frame.png").write_bytes(b"png")
+    params = {"seed": 3, "refinement": {"name": "pso", "long": "x" * 7000}, "empty": {}}
+    many = {f"group{i}": {"key": i} for i in range(150)}
+    config = {"data": {"name": "lm", "root": "x" * 7000}}
+    revision = {REVISION: "0123abc"}
+    with track_run(mlflow_settings, "demo", config, revision, params=params | many) as tracker:
+        tracker.log_metrics({"add/recall": 0.5, "add/recall_eggbox [2]": 1.0, "nothing": None})
+        tracker.log_artifact(tmp_path / "summary.json")
+        tracker.log_artifacts(tmp_path / "panels", "panels")
+        tracker.log_table("per_object", {"object": ["cat", "ape"], "add": (0.5, 1.0)})
+        tracker.log_input("lm frames", "0" * 40, "../data/lm", "evaluation")
+        tracker.log_input("photographs", "12ab", "../data/photos", "training")
+
+    run = MlflowClient(mlflow_settings.uri).get_run(tracker.run_id)
+    assert (run.info.status, run.info.run_name) == ("FINISHED", "demo")
+    assert run.data.tags["mlflow.source.git.commit"] == "0123abc"
+    assert run.data.metrics == {"add/recall": 0.5, "add/recall_eggbox _2_": 1.0}
+    assert run.data.params["refinement.name"] == "pso"
+    assert len(run.data.params["refinement.long"]) == 6000
+    assert run.data.params["group149.key"] == "149"
+    artifacts = Path(run.info.artifact_uri.removeprefix("file://"))
+    database = Path(mlflow_settings.uri.removeprefix("sqlite:///"))
+    assert artifacts.is_relative_to(database.parent / "mlflow-artifacts")
+    assert (artifacts / "summary.json").read_text() == "{}"
+    assert (artifacts / "panels" / "frame.png").read_bytes() == b"png"
+    assert "x" * 7000 in (artifacts / "config.yaml").read_text()
+    table = json.loads((artifacts / "per_object.json").read_text())
+    assert table == {"columns": ["object", "add"], "data": [["cat", 0.5], ["ape", 1.0]]}
+    inputs = {
+        data.dataset.name: (data.dataset.digest, data.dataset.source, data.tags[0].value)
+        for data in run.inputs.dataset_inputs
+    }
+    assert inputs == {
+        "lm frames": ("0" * 36, '{"uri": "../data/lm"}', "evaluation"),
+        "photographs": ("12ab", '{"uri": "../data/photos"}', "training"),
+    }
+    assert f"/runs/{tracker.run_id}?" in tracker.page_path
+
+
+def test_the_link_leads_to_the_run_with_the_loss_curves(mlflow_settings: MlflowSettings) -> None:
+    client = MlflowClient(mlflow_settings.uri)
+    with track_run(mlflow_settings, "trains", {}) as tracker:
         assert tracker.log_training("encoder", "1f2e", LOSSES) == ""
         assert tracker.log_training("encoder", "1f2e", LOSSES) == ""  # its own
         first = tracker.run_id
-    with track_run(MlflowSettings(uri=uri, experiment="second"), "reuses", {}) as tracker:
+    other = MlflowSettings(uri=mlflow_settings.uri, experiment="second")
+    with track_run(other, "reuses", {}) as tracker:
         words = tracker.log_training("encoder", "1f2e", LOSSES)
         assert tracker.log_training("classifier", "3d4c", []) == ""  # nothing is trained
         second = tracker.run_id
 
-    link = re.fullmatch(r"encoder trained by \[trains\]\((.+)\)", words)
-    assert link is not None
-    page = re.match(r"#/experiments/(\d+)/runs/(\w+)\?", link[1])
-    assert page is not None
-    client = MlflowClient(uri)
-    experiment_id, run_id = page.groups()
-    run = client.get_run(run_id)
-    assert (run.info.run_id, run.info.experiment_id) == (first, experiment_id)
-    curve = client.get_metric_history(run_id, "encoder/loss")
-    assert [(each.step, each.value) for each in curve] == [(0, 0.5), (1, 0.25)]
-    assert len(client.get_metric_history(run_id, "encoder/accuracy")) == 2
+    link = re.fullmatch(
+        r"encoder trained by \[trains\]\(#/experiments/(\d+)/runs/(\w+)\?.+\)", words
+    )
+    assert link is not None and link[2] == first
+    assert client.get_run(first).info.experiment_id == link[1]
+    curve = client.get_metric_history(first, "encoder/loss")
+    assert [(value.step, value.value) for value in curve] == [(0, 0.5), (1, 0.25)]
+    assert len(client.get_metric_history(first, "encoder/accuracy")) == 2
     reused = client.get_run(second).data
     assert reused.tags["encoder_of_run"] == first and reused.metrics == {}
 
@@ -56,10 +99,6 @@ def test_flatten() -> None:
     assert flatten(nested) == {"a.b.c": 1, "a.d": [1, 2], "e": {}}
 
 
-PATIENCE = 300.0  # s; a busy machine takes long to import MLflow
-THREAD = "system metrics"
-
-
 class Client:
     """In place of MLflow's: remembers metrics by name, as (step, value)."""
 
@@ -71,8 +110,15 @@ class Client:
         return SimpleNamespace(info=SimpleNamespace(start_time=(time.time() - 100.0) * 1000))
 
     def log_batch(self, run_id: str, metrics: Any) -> None:
-        for each in metrics:
-            self.logged.setdefault(each.key, []).append((each.step, each.value))
+        for metric in metrics:
+            self.logged.setdefault(metric.key, []).append((metric.step, metric.value))
+
+
+class Full(Client):
+    """Fails at once."""
+
+    def get_run(self, run_id: str) -> Any:
+        raise OSError("disk is full")
 
 
 def run_of(client: Any) -> MlflowRun:
@@ -80,7 +126,7 @@ def run_of(client: Any) -> MlflowRun:
 
 
 def is_sampled() -> bool:
-    return THREAD in {each.name for each in threading.enumerate()}
+    return THREAD in {thread.name for thread in threading.enumerate()}
 
 
 def work_until(condition: Any) -> None:
@@ -96,10 +142,9 @@ def test_what_a_run_uses_is_logged_while_it_runs_and_at_its_end() -> None:
         work_until(lambda: len(client.logged.get("system/cpu_cores", ())) >= 3)
         during = len(client.logged["system/cpu_cores"])
     assert not is_sampled()
-    cores = [value for _, value in client.logged["system/cpu_cores"]]
+    steps, cores = zip(*client.logged["system/cpu_cores"], strict=True)
     assert during >= 3 and len(cores) > during and max(cores) > 0.0
-    steps = [step for step, _ in client.logged["system/cpu_cores"]]
-    assert steps == sorted(steps) and 99 <= steps[0] < 200
+    assert list(steps) == sorted(steps) and 99 <= steps[0] < 200
     memory = [value for _, value in client.logged["system/memory_megabytes"]]
     (peak,) = client.logged["system/peak_memory_megabytes"]
     assert 10.0 < max(memory) < peak[1] * 1.05  # Linux counts both in batches
@@ -116,16 +161,21 @@ def test_the_thread_ends_with_a_run_that_fails_or_is_stopped(error: type[BaseExc
     assert "system/cpu_seconds" not in client.logged
 
 
-def test_without_mlflow_there_is_no_thread() -> None:
-    with MlflowRun(None).system_metrics(0.01):
+def test_without_mlflow_there_is_no_thread_and_nothing_is_logged(tmp_path: Path) -> None:
+    nothing = MlflowRun(None)
+    with nothing.system_metrics(0.01):
         assert not is_sampled()
+    nothing.log_image(tmp_path / "absent.png", "key", 0)
+    nothing.log_params({"a": 1})
+    nothing.describe("words")
+    nothing.log_input("frames", "12ab", "there", "evaluation")
+    assert (nothing.run_id, nothing.page_path, nothing.log_training("encoder", "1", LOSSES)) == (
+        *("", ""),
+        "",
+    )
 
 
 def test_a_failure_ends_the_metrics_but_not_the_run(caplog: pytest.LogCaptureFixture) -> None:
-    class Full(Client):
-        def get_run(self, run_id: str) -> Any:
-            raise OSError("disk is full")
-
     with caplog.at_level(logging.WARNING), run_of(Full()).system_metrics(0.01):
         work_until(lambda: not is_sampled())
-    assert [each.message for each in caplog.records] == ["no more system metrics: disk is full"]
+    assert caplog.messages == ["no more system metrics: disk is full"]

@@ -49,20 +49,18 @@ def examine_dataset(root: Path, output: Path | None) -> list[Finding]:
     """
     try:
         dataset = BopSettings(name="bop", root=str(root)).build()
-        keys = dataset.frames.keys
+        source, keys = dataset.frames, dataset.frames.keys
     except HlpError as error:
         return [Finding("data set", str(root), str(error), _LAYOUT)]
-    source = dataset.frames
     read = source.read if isinstance(source, BopFrames) else None
     frames, findings = read_frames(source.load, keys, _KEPT, read)
     causes = check_frames(frames, list(dataset.models.values()))
     causes += check_true_poses(frames, dataset.models)
-    # Values that make no sense have a cause; where it is known, only the cause is said.
-    findings = [each for each in findings if not causes or each.kind != "values"] + causes
     if output is not None:
         for frame in frames:
             _draw_truth(output, dataset, frame)
-    return findings
+    # Values that make no sense have a cause; where it is known, only the cause is said.
+    return [found for found in findings if not causes or found.kind != "values"] + causes
 
 
 def examine_own(frames: OwnFrames, detector: Detector | None) -> list[Finding]:
@@ -84,7 +82,7 @@ def _examine_by_objects(detector: Detector, frames: Sequence[Frame]) -> list[Fin
     """Faults that keep objects from being found, or with which they fit worse in most frames."""
     scores = [best_score(detector, frame) for frame in frames[:_SEARCHED]]
     best = int(np.argmax(scores))
-    searched = [frames[best], *(each for each in frames[:_SEARCHED] if each is not frames[best])]
+    searched = [frames[best], *(frame for frame in frames[:_SEARCHED] if frame is not frames[best])]
     findings = check_by_search(searched, scores[best], partial(best_score, detector))
     if findings:
         return findings
@@ -98,9 +96,9 @@ def _examine_by_objects(detector: Detector, frames: Sequence[Frame]) -> list[Fin
 
 
 def _draw_truth(output: Path, dataset: Dataset, frame: Frame) -> None:
-    known = [each for each in frame.targets if each.object_id in dataset.models]
-    poses = [(dataset.models[each.object_id], each.pose_cam_obj) for each in known]
-    output.mkdir(parents=True, exist_ok=True)
+    models = dataset.models
+    known = [target for target in frame.targets if target.object_id in models]
+    poses = [(models[target.object_id], target.pose_cam_obj) for target in known]
     write_picture(output / f"truth_{frame.key}.png", draw_detections(frame, poses))
 
 

@@ -15,7 +15,7 @@ from hlp.records import Frame
 from hlp.refinement.score_model import MIN_SCORE
 
 _EXAMINED = 6  # frames
-_FEWEST = 3  # frames before the first examination, and without answers before the search
+_SURE = 3  # frames before the first examination, and without answers before the search
 _logger = logging.getLogger(__name__)
 
 
@@ -29,7 +29,7 @@ class FaultWatch:
 
     def __init__(self, detector: Detector, objects: Sequence[str] | None) -> None:
         """`objects` are the names that are looked for, None: all learnt ones."""
-        self._detector, self._objects = detector, objects
+        self._detector, self._names = detector, objects or detector.objects
         self._evidence = Evidence(detector)
         self._frames: list[Frame] = []
         self._answers: list[list[Detection]] = []
@@ -43,11 +43,10 @@ class FaultWatch:
         self._answers.append(all_answers(found))
         count = len(self._frames)
         if count == 1:
-            models = self._detector.models
-            names = self._objects or self._detector.objects
-            self._say(check_first_frame(frame, [models[each] for each in names]))
-        if count >= _FEWEST:  # fewer are examined at the end: more frames make it surer
-            self._examine(0 if count == _FEWEST else count - 1)
+            models = [self._detector.models[name] for name in self._names]
+            self._say(check_first_frame(frame, models))
+        if count >= _SURE:  # fewer are examined at the end: more frames make it surer
+            self._examine(0 if count == _SURE else count - 1)
         if count == _EXAMINED:
             self.end()
 
@@ -55,17 +54,17 @@ class FaultWatch:
         """Say what the frames tell after the last one."""
         if self._done or not self._frames:
             return
-        if len(self._frames) < _FEWEST:
+        count = len(self._frames)
+        if count < _SURE:
             self._examine(0)
-        scores = [max((each.score for each in found), default=0.0) for found in self._answers]
-        missed = [each for each, score in enumerate(scores) if score < MIN_SCORE]
-        enough = max(min(_FEWEST, len(scores)), (len(scores) + 1) // 2)
-        if not self._done and len(missed) >= enough:
-            missed.sort(key=lambda each: -scores[each])
+        scores = [max((found.score for found in answers), default=0.0) for answers in self._answers]
+        missed = [place for place, score in enumerate(scores) if score < MIN_SCORE]
+        if not self._done and len(missed) >= max(min(_SURE, count), (count + 1) // 2):
+            missed.sort(key=lambda place: -scores[place])
             self._search(missed, scores[missed[0]])
-        if len(self._frames) >= _FEWEST:
+        if count >= _SURE:
             self._say(check_registration(self._frames))
-        if not self._done and len(missed) == len(scores):
+        if not self._done and len(missed) == count:
             _logger.info(
                 "nothing was found; `hlp doctor` with the same learnt, rgb, depth and intrinsics "
                 "looks for the reason"
@@ -80,19 +79,17 @@ class FaultWatch:
 
     def _search(self, missed: Sequence[int], stated: float) -> None:
         """What change of frames lets the object be found that fits the first of them best."""
-        answers = self._answers[missed[0]]
-        names = self._objects or self._detector.objects
-        name = max(answers, key=lambda each: each.score).object if answers else names[0]
+        best = max(self._answers[missed[0]], key=lambda found: found.score, default=None)
+        name = self._names[0] if best is None else best.object
         where = "in most frames" if len(self._frames) > 1 else "in this frame"
         _logger.info(
             "%s is not found %s: trying other units, focal lengths and colours", name, where
         )
         find = partial(best_score, self._detector, objects=[name])
-        self._say(check_by_search([self._frames[each] for each in missed], stated, find))
+        self._say(check_by_search([self._frames[place] for place in missed], stated, find))
 
     def _say(self, findings: Sequence[Finding]) -> None:
-        if self._done:
-            return
-        for finding in findings:
-            _logger.warning("warning: %s", finding)
-        self._done = bool(findings)
+        if not self._done:
+            for finding in findings:
+                _logger.warning("warning: %s", finding)
+            self._done = bool(findings)

@@ -35,9 +35,9 @@ class Timing:
 
     def milliseconds(self) -> dict[str, list[float]]:
         """Milliseconds of one object in one frame, in all (`total`) and for each step."""
-        total = [1000.0 * sum(each.values()) for each in self.seconds]
-        steps = {name: [1000.0 * each[name] for each in self.seconds] for name in STEPS}
-        return {"total": total, **steps}
+        total = [1000.0 * sum(steps.values()) for steps in self.seconds]
+        by_step = {name: [1000.0 * steps[name] for steps in self.seconds] for name in STEPS}
+        return {"total": total, **by_step}
 
     def summary(self) -> dict[str, Any]:
         """How the times were measured, for `summary.json`."""
@@ -47,7 +47,7 @@ class Timing:
             "reused_stages": list(self.reused),
             "first_use_seconds": self.first_use_seconds,
             "cpu_ms": self._mean_ms(self.cpu_seconds),
-            "wall_ms": self._mean_ms(sum(sum(each.values()) for each in self.seconds)),
+            "wall_ms": self._mean_ms(sum(sum(steps.values()) for steps in self.seconds)),
             "load": self.load,
             "cores": os.cpu_count(),
         }
@@ -66,7 +66,7 @@ def measure_times(
     reused, some frames, spread evenly, go through all stages again, in memory.
     """
     if not detection.reused:
-        measured = [each.seconds for each in estimates]
+        measured = [estimate.seconds for estimate in estimates]
         frames = len(run.keys) - len(detection.failed)
         cpu = detection.cpu_seconds or None
         return Timing(measured, frames, (), detection.first_use_seconds, cpu, _load())
@@ -75,8 +75,7 @@ def measure_times(
     begun = time.perf_counter()
     _look(run, detection, keys[0])  # loads and compiles
     first_use = time.perf_counter() - begun
-    seconds: list[Mapping[str, float]] = []
-    cpu = 0.0
+    seconds, cpu = list[Mapping[str, float]](), 0.0
     for key in tqdm(keys, desc="times", unit="frame", disable=None):
         found, spent = _look(run, detection, key)
         seconds += found.values()

@@ -25,100 +25,25 @@ from hlp.reporting.figures.stage_sheets import (
 )
 from view_records import square_views
 
-RED, BLACK = (255, 0, 0), (0, 0, 0)
+RED, BLACK, GREY = (255, 0, 0), (0, 0, 0), (NOTHING,) * 3
 
 
-def images() -> np.ndarray:
-    """Three windows of 8 × 8 px, near everywhere; the second one is red, the others are black."""
-    made = np.full((3, 4, 8, 8), -1.0, np.float32)
-    made[1, 0] = 1.0
-    return made
+def places(picture: np.ndarray, color: int | tuple[int, int, int]) -> tuple[np.ndarray, ...]:
+    """Rows and columns of the pixels of a colour."""
+    return np.nonzero((picture == color).all(axis=2))
 
 
-def rows_of(picture: np.ndarray, color: tuple[int, int, int]) -> np.ndarray:
-    return np.nonzero((picture == color).all(axis=2))[0]
-
-
-def test_windows_stand_in_the_row_of_their_class() -> None:
-    picture = draw_training_samples(images(), np.array([0, 1, 0]), ["background", "cat"])
-    red, black = rows_of(picture, RED), rows_of(picture, BLACK)
-    assert len(red) == 64 and len(black) == 2 * 64
-    assert black.max() < red.min()
-
-
-def test_missing_depth_is_grey() -> None:
-    windows = images()
-    windows[1, 3] = 1.0
-    grey = [
-        len(rows_of(draw_training_samples(each, np.array([1, 1, 1]), ["a", "b"]), (NOTHING,) * 3))
-        for each in (images(), windows)
-    ]
-    assert grey[1] - grey[0] == 64
-
-
-def test_windows_without_depth_have_no_tile_for_it() -> None:
-    labels, names = np.array([0, 1, 1]), ["background", "cat"]
-    with_depth = draw_training_samples(images(), labels, names)
-    without = draw_training_samples(images()[:, :3], labels, names)
-    assert with_depth.shape[1] - without.shape[1] == 2 * 8  # two windows in the longest row
-
-
-def lightness(color: np.ndarray) -> float:
-    return float(color @ [0.299, 0.587, 0.114])
-
-
-def test_depth_is_lighter_the_nearer_and_grey_where_it_is_not_valid() -> None:
-    depth, valid = np.array([[-1.0, -0.5], [0.5, 1.0]]), np.ones((2, 2), dtype=bool)
-    near, nearer, farther, far = depth_tile(depth, valid).reshape(4, 3)
-    lights = [lightness(each) for each in (near, nearer, farther, far)]
-    assert lights == sorted(lights, reverse=True)
-    assert (depth_tile(depth, ~valid) == NOTHING).all()
-    # No depth has a colour near the grey that means none.
-    scale = depth_tile(np.linspace(-1, 1, 400)[None].reshape(20, 20), np.ones((20, 20), dtype=bool))
-    assert np.abs(scale.astype(int) - NOTHING).max(axis=2).min() > 20
-
-
-def test_rows_of_a_sheet_are_filled_up() -> None:
-    tile = np.full((12, 12, 3), 200, dtype=np.uint8)
-    shown = sheet([("", [tile, tile]), ("", [tile])])
-    assert shown.shape == (2 * (12 + 4), 8 + 2 * (12 + 4), 3)
-    assert (shown == 200).all(axis=2).sum() == 3 * 144
-    with pytest.raises(ValueError, match="at least one tile"):
-        sheet([("a", [])])
-
-
-def test_the_legend_of_depth_is_below_the_picture() -> None:
-    picture = np.full((30, 400, 3), 200, dtype=np.uint8)
-    plain, worded = with_depths(picture), with_depths(picture, "words")
-    grey = (plain == NOTHING).all(axis=2).sum()
-    assert grey - (with_depths(picture, missing=False) == NOTHING).all(axis=2).sum() >= 100
-    np.testing.assert_array_equal(plain[:30], picture)
-    assert len(worded) - len(plain) == len(plain) - 30 > 0
-
-
-def test_tiles_grow_in_square_pixels() -> None:
-    tile = np.arange(12, dtype=np.uint8).reshape(2, 2, 3)
-    np.testing.assert_array_equal(resized(tile, 4), tile.repeat(2, axis=0).repeat(2, axis=1))
-
-
-def patches(*greys: int) -> LocalPatches:
-    count = len(greys)
-    color = np.array(greys, dtype=np.uint8)[:, None, None, None] * np.ones((1, 4, 4, 3), np.uint8)
-    return LocalPatches(
-        color,
-        np.zeros((count, 4, 4), np.float32),
-        np.ones((count, 4, 4), bool),
-        np.zeros((count, 3)),
-        np.zeros((count, 2)),
-    )
-
-
-def test_a_patch_stands_before_its_entries_nearest_first() -> None:
-    near = PatchEntries("cat", patches(251, 252, 253), np.array([0.1, 0.2]), np.array([0.0, 0.05]))
-    picture = draw_nearest_entries([near, near])
-    columns = [np.nonzero((picture == grey).all(axis=2))[1] for grey in (251, 252, 253)]
-    assert [len(each) for each in columns] == [2 * 64 * 64] * 3
-    assert columns[0].max() < columns[1].min() and columns[1].max() < columns[2].min()
+def test_viewpoints_are_counted_once_with_the_angle_to_the_next(tmp_path: Path) -> None:
+    points = directions(square_views())
+    assert len(points) == 4
+    np.testing.assert_allclose(points[0], [0, 0, -1], atol=1e-12)  # the camera looks along +z
+    np.testing.assert_allclose(nearest_angles_deg(points), 90.0)
+    assert np.isnan(nearest_angles_deg(points[:1])).all()
+    figure = viewpoint_figure(square_views(), "cat")
+    title = figure.get_suptitle()
+    assert "cat" in title and "4 viewpoints, 2 turns" in title and "90.0°" in title
+    save_jpeg(figure, tmp_path / "viewpoints.jpg")
+    assert 5000 < (tmp_path / "viewpoints.jpg").stat().st_size < 200_000
 
 
 def test_each_object_has_a_row_of_views_before_grey() -> None:
@@ -126,45 +51,90 @@ def test_each_object_has_a_row_of_views_before_grey() -> None:
     two = draw_view_sheet({"cat": square_views(), "duck": square_views()})
     assert two.shape[0] > one.shape[0]
     for picture, rows in ((one, 1), (two, 2)):
-        object_, back = ((picture == grey).all(axis=2).sum() for grey in (90, 200))
+        shown, back = (len(places(picture, grey)[0]) for grey in (90, 200))
         # Half of a tile's side of 84 px; a few pixels of the words have these greys, too.
-        assert object_ == pytest.approx(rows * 8 * 42**2, abs=80)
+        assert shown == pytest.approx(rows * 8 * 42**2, abs=80)
         assert back == pytest.approx(rows * 8 * (84**2 - 42**2), abs=80)
-    np.testing.assert_array_equal(np.unique(one[:, :, 0] == one[:, :, 1]), [True])
 
 
-def channels(*levels: float) -> np.ndarray:
-    """Patches of 4 × 4 px, each of one level in all channels."""
-    made = np.array(levels, dtype=np.float32)[:, None, None, None] * np.ones((1, 4, 4, 4))
-    return np.asarray(made, dtype=np.float32)
+def windows() -> np.ndarray:
+    """Three windows of 8 × 8 px, near everywhere; the second one is red, the others are black."""
+    made = np.full((3, 4, 8, 8), -1.0, np.float32)
+    made[1, 0] = 1.0
+    return made
 
 
-def test_what_was_rebuilt_stands_below_each_patch() -> None:
+def test_windows_stand_in_the_row_of_their_class() -> None:
+    picture = draw_training_samples(windows(), np.array([0, 1, 0]), ["background", "cat"])
+    red, black = places(picture, RED)[0], places(picture, BLACK)[0]
+    assert len(red) == 64 and len(black) == 2 * 64
+    assert black.max() < red.min()
+
+
+def test_missing_depth_is_grey_and_windows_without_depth_have_no_tile_for_it() -> None:
+    labels, names = np.array([0, 1, 1]), ["background", "cat"]
+    whole, missing = windows(), windows()
+    missing[1, 3] = 1.0
+    drawn, grey = (draw_training_samples(each, labels, names) for each in (whole, missing))
+    assert len(places(grey, GREY)[0]) - len(places(drawn, GREY)[0]) == 64
+    without = draw_training_samples(whole[:, :3], labels, names)
+    assert drawn.shape[1] - without.shape[1] == 2 * 8  # two windows in the longest row
+
+
+def test_a_patch_stands_before_its_entries_nearest_first() -> None:
+    color = np.array([251, 252, 253], np.uint8)[:, None, None, None] * np.ones(
+        (1, 4, 4, 3), np.uint8
+    )
+    valid, none = np.ones((3, 4, 4), bool), np.zeros((3, 2))
+    patches = LocalPatches(color, np.zeros((3, 4, 4), np.float32), valid, np.zeros((3, 3)), none)
+    near = PatchEntries("cat", patches, np.array([0.1, 0.2]), np.array([0.0, 0.05]))
+    picture = draw_nearest_entries([near, near])
+    columns = [places(picture, grey)[1] for grey in (251, 252, 253)]
+    assert [len(column) for column in columns] == [2 * 64 * 64] * 3
+    assert columns[0].max() < columns[1].min() and columns[1].max() < columns[2].min()
+
+
+def test_what_was_rebuilt_stands_below_each_patch_of_each_target() -> None:
+    def channels(*levels: float) -> np.ndarray:
+        made = np.array(levels, np.float32)[:, None, None, None] * np.ones((1, 4, 4, 4), np.float32)
+        return np.asarray(made)
+
     found = ReconstructedPatches("cat", channels(0.97, 0.97), channels(0.99, 0.99))
-    picture = draw_reconstructions([found])
-    patches, rebuilt = rows_of(picture, (251,) * 3), rows_of(picture, (254,) * 3)
+    one, more = (draw_reconstructions([found] * count) for count in (1, 3))
+    patches, rebuilt = places(one, 251)[0], places(one, 254)[0]
     assert len(patches) == len(rebuilt) == 2 * 64 * 64
     assert patches.max() < rebuilt.min()
-
-
-def test_all_targets_have_their_rows() -> None:
-    one, more = (
-        draw_reconstructions([ReconstructedPatches("cat", channels(0.5), channels(0.4))] * count)
-        for count in (1, 3)
-    )
     assert more.shape[0] > 2.5 * one.shape[0] - 100 and more.shape[1] == one.shape[1]
 
 
-def test_viewpoints_are_counted_once_with_the_angle_to_the_next() -> None:
-    points = directions(square_views())
-    assert len(points) == 4
-    np.testing.assert_allclose(points[0], [0, 0, -1], atol=1e-12)  # the camera looks along +z
-    np.testing.assert_allclose(nearest_angles_deg(points), 90.0)
+def test_depth_is_lighter_the_nearer_and_grey_where_it_is_not_valid() -> None:
+    depth, valid = np.array([[-1.0, -0.5], [0.5, 1.0]]), np.ones((2, 2), dtype=bool)
+    lights = depth_tile(depth, valid).reshape(4, 3) @ [0.299, 0.587, 0.114]
+    assert lights.tolist() == sorted(lights, reverse=True)
+    assert (depth_tile(depth, ~valid) == NOTHING).all()
+    # No depth has a colour near the grey that means none.
+    scale = depth_tile(np.linspace(-1, 1, 400).reshape(20, 20), np.ones((20, 20), dtype=bool))
+    assert np.abs(scale.astype(int) - NOTHING).max(axis=2).min() > 20
 
 
-def test_the_figure_says_how_many_there_are(tmp_path: Path) -> None:
-    figure = viewpoint_figure(square_views(), "cat")
-    title = figure.get_suptitle()
-    assert "cat" in title and "4 viewpoints, 2 turns" in title and "90.0°" in title
-    save_jpeg(figure, tmp_path / "viewpoints.jpg")
-    assert 5000 < (tmp_path / "viewpoints.jpg").stat().st_size < 200_000
+def test_rows_of_a_sheet_are_filled_up() -> None:
+    tile = np.full((12, 12, 3), 200, dtype=np.uint8)
+    shown = sheet([("", [tile, tile]), ("", [tile])])
+    assert shown.shape == (2 * (12 + 4), 8 + 2 * (12 + 4), 3)
+    assert len(places(shown, 200)[0]) == 3 * 144
+    with pytest.raises(ValueError, match="at least one tile"):
+        sheet([("a", [])])
+
+
+def test_the_legend_of_depth_is_below_the_picture() -> None:
+    picture = np.full((30, 400, 3), 200, dtype=np.uint8)
+    plain, worded = with_depths(picture), with_depths(picture, "words")
+    unnamed = with_depths(picture, missing=False)
+    assert len(places(plain, NOTHING)[0]) - len(places(unnamed, NOTHING)[0]) >= 100
+    np.testing.assert_array_equal(plain[:30], picture)
+    assert len(worded) - len(plain) == len(plain) - 30 > 0
+
+
+def test_tiles_grow_in_square_pixels() -> None:
+    tile = np.arange(12, dtype=np.uint8).reshape(2, 2, 3)
+    np.testing.assert_array_equal(resized(tile, 4), tile.repeat(2, axis=0).repeat(2, axis=1))

@@ -17,6 +17,9 @@ from hlp.rendering.light import FRONTAL_LIGHT
 from hlp.rendering.rasterizer import render_depth, render_rgbd
 
 Image = UInt8[np.ndarray, "h w 3"]
+Pose = Float[np.ndarray, "4 4"]
+Camera = Float[np.ndarray, "3 3"]
+Color = tuple[int, int, int]
 
 VOTE_CELL = 8  # px, as in the paper
 JPEG_QUALITY = 85
@@ -53,7 +56,7 @@ def draw_patches(rgb: Image, pixels: Float[np.ndarray, "n 2"]) -> Image:
 
 
 def weight_by_cell(
-    votes: Votes, camera_matrix: Float[np.ndarray, "3 3"], shape: tuple[int, int]
+    votes: Votes, camera_matrix: Camera, shape: tuple[int, int]
 ) -> Float[np.ndarray, "rows columns"]:
     """Weight of the votes for the centroid in each cell of 8×8 px of the image.
 
@@ -70,19 +73,19 @@ def weight_by_cell(
     return sums.reshape(rows, columns)
 
 
-def draw_votes(
-    frame: Frame, votes: Votes, model: ObjectModel, true_pose: Float[np.ndarray, "4 4"] | None
-) -> Image:
+def draw_votes(frame: Frame, votes: Votes, model: ObjectModel, true_pose: Pose | None) -> Image:
     """Cells coloured by the weight of their votes, dark for little; a ring marks the truth."""
     height, width = frame.depth.shape
+
+    def enlarged(cells: np.ndarray) -> np.ndarray:
+        return cells.repeat(VOTE_CELL, axis=0).repeat(VOTE_CELL, axis=1)[:height, :width]
+
     sums = weight_by_cell(votes, frame.camera_matrix, (height, width))
     scaled = np.rint(sums * (255.0 / max(sums.max(), 1e-9))).astype(np.uint8)
     colors = cv2.cvtColor(cv2.applyColorMap(scaled, VOTE_COLORS), cv2.COLOR_BGR2RGB)
-    cells = np.repeat(np.repeat(colors, VOTE_CELL, axis=0), VOTE_CELL, axis=1)[:height, :width]
-    voted = np.repeat(np.repeat(sums > 0, VOTE_CELL, axis=0), VOTE_CELL, axis=1)[:height, :width]
     grey = _grey(frame.rgb, 0.5)
-    picture = np.where(voted[..., None], (3 * cells.astype(np.uint16) + grey) // 4, grey)
-    picture = picture.astype(np.uint8)
+    mixed = (3 * enlarged(colors).astype(np.uint16) + grey) // 4
+    picture = np.where(enlarged(sums > 0)[..., None], mixed, grey).astype(np.uint8)
     if true_pose is not None:
         center = project(transform(true_pose, model.centroid[None]), frame.camera_matrix)
         (x, y), *_ = np.rint(center).astype(int).tolist()
@@ -91,42 +94,39 @@ def draw_votes(
 
 
 def draw_poses(
-    frame: Frame,
-    model: ObjectModel,
-    pose: Float[np.ndarray, "4 4"] | None,
-    true_pose: Float[np.ndarray, "4 4"] | None,
+    frame: Frame, model: ObjectModel, pose: Pose | None, true_pose: Pose | None
 ) -> Image:
     """Shaded model, outline and axes over the grey picture; the true pose as an outline only."""
     picture = _grey(frame.rgb, 0.8)
     camera, shape = frame.camera_matrix, frame.depth.shape
     size = (shape[0], shape[1])
     if pose is not None:
-        picture = posed(picture, model, pose, camera)
+        picture = _shade(picture, model, pose, camera, ESTIMATE_COLOR)
     if true_pose is not None:
         true_depth = render_depth(model.proxy, true_pose[None], camera, size)[0]
         picture = outline(picture, true_depth > 0, TRUTH_COLOR)
-    return picture if pose is None else axes(picture, model, pose, camera)
+    return picture if pose is None else _draw_axes(picture, model, pose, camera)
 
 
-def draw_detections(
-    frame: Frame, poses: Sequence[tuple[ObjectModel, Float[np.ndarray, "4 4"]]]
-) -> Image:
+def draw_detections(frame: Frame, poses: Sequence[tuple[ObjectModel, Pose]]) -> Image:
     """Shaded models, outlines and axes of several objects over the grey picture, far ones first."""
-    picture = _grey(frame.rgb, 0.8)
-    for model, pose in sorted(poses, key=lambda each: -float(each[1][2, 3])):
-        picture = posed(picture, model, pose, frame.camera_matrix)
-        picture = axes(picture, model, pose, frame.camera_matrix)
+    colored = [(model, pose, ESTIMATE_COLOR) for model, pose in poses]
+    return draw_models(_grey(frame.rgb, 0.8), colored, frame.camera_matrix)
+
+
+def draw_models(
+    picture: Image, poses: Sequence[tuple[ObjectModel, Pose, Color]], camera_matrix: Camera
+) -> Image:
+    """Shaded models over a picture, far ones first, with their axes and outlines in colours."""
+    for model, pose, color in sorted(poses, key=lambda posed: -float(posed[1][2, 3])):
+        picture = _shade(picture, model, pose, camera_matrix, color)
+        picture = _draw_axes(picture, model, pose, camera_matrix)
     return picture
 
 
-def posed(
-    picture: Image,
-    model: ObjectModel,
-    pose: Float[np.ndarray, "4 4"],
-    camera_matrix: Float[np.ndarray, "3 3"],
-    color: tuple[int, int, int] = ESTIMATE_COLOR,
+def _shade(
+    picture: Image, model: ObjectModel, pose: Pose, camera_matrix: Camera, color: Color
 ) -> Image:
-    """The shaded model over a picture, with its outline in a colour."""
     size = (picture.shape[0], picture.shape[1])
     shaded, depth = render_rgbd(model.mesh, pose, camera_matrix, size, FRONTAL_LIGHT)
     mixed = (3 * shaded.astype(np.uint16) + picture) // 4
@@ -134,12 +134,7 @@ def posed(
     return outline(picture, depth > 0, color)
 
 
-def axes(
-    picture: Image,
-    model: ObjectModel,
-    pose: Float[np.ndarray, "4 4"],
-    camera_matrix: Float[np.ndarray, "3 3"],
-) -> Image:
+def _draw_axes(picture: Image, model: ObjectModel, pose: Pose, camera_matrix: Camera) -> Image:
     """The object's x (red), y (green) and z (blue) from its centroid, 0.6 diameters long."""
     ends = model.centroid + np.vstack([np.zeros(3), 0.6 * model.diameter * np.eye(3)])
     points = transform(pose, ends)
@@ -151,7 +146,7 @@ def axes(
     return picture
 
 
-def outline(picture: Image, mask: Bool[np.ndarray, "h w"], color: tuple[int, int, int]) -> Image:
+def outline(picture: Image, mask: Bool[np.ndarray, "h w"], color: Color) -> Image:
     """The picture itself, with the border of a mask drawn into it."""
     contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(picture, contours, -1, color, 1)

@@ -27,13 +27,12 @@ from hlp.reporting.figures.panels import (
     TRUTH_COLOR,
     VOTE_CELL,
     VOTE_COLORS,
-    axes,
+    draw_models,
     draw_patches,
     draw_poses,
     draw_region,
     draw_votes,
     outline,
-    posed,
     weight_by_cell,
 )
 from hlp.reporting.figures.saving import titled, with_legend, with_scale
@@ -251,14 +250,11 @@ def draw_overview(
     frame: Frame, poses: Sequence[ShownPose], title: str
 ) -> UInt8[np.ndarray, "_ _ 3"]:
     """The frame in colour with all poses, far ones first: shaded models, outlines, axes, names."""
-    picture, camera = frame.rgb.copy(), frame.camera_matrix
-    far_first = sorted(poses, key=lambda shown: -float(shown.pose_cam_obj[2, 3]))
-    for shown in far_first:
-        color = RIGHT_COLOR if shown.right else WRONG_COLOR
-        picture = posed(picture, shown.model, shown.pose_cam_obj, camera, color)
-        picture = axes(picture, shown.model, shown.pose_cam_obj, camera)
-    for shown in far_first:
-        _write(picture, shown, camera)
+    colors = {True: RIGHT_COLOR, False: WRONG_COLOR}
+    colored = [(shown.model, shown.pose_cam_obj, colors[shown.right]) for shown in poses]
+    picture = draw_models(frame.rgb.copy(), colored, frame.camera_matrix)
+    for shown in sorted(poses, key=lambda shown: -float(shown.pose_cam_obj[2, 3])):
+        _write(picture, shown, frame.camera_matrix)
     legend = [("right by ADD(-S)", RIGHT_COLOR), ("wrong", WRONG_COLOR)]
     return titled(with_legend(picture, legend), title)
 
