@@ -1,28 +1,131 @@
+"""What known objects tell of frames: order and shift of colours."""
+
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
-from hlp.checks.known_objects import all_answers, colored_answers
-from hlp.data.synthetic.objects import demo_objects
+from hlp.checks.known_objects import (
+    all_answers,
+    check_color_order,
+    check_color_shift,
+    colored_answers,
+    exchange_gain,
+    shift_agreements,
+)
 from hlp.method.find.detections import Detection, Rejection, SearchResult
 from hlp.refinement.pose_fit import PoseFit
 
-BEAR = next(each for each in demo_objects().values() if each.name == "bear")
-GREY = replace(BEAR, mesh=replace(BEAR.mesh, colored=False))
+FITS = PoseFit(cost=0.2, relief=0.95, slope=0.9, residual_mm=1.0, visible_fraction=1.0)
 
 
-def answer(relief=0.9, slope=0.9):
-    fit = PoseFit(0.2, relief, slope, 1.0, 1.0)
-    return Detection("bear", 0.1, np.eye(4), 1.0, 0.0, 1.0, np.eye(4)[None], None, fit)
+@pytest.fixture(scope="module")
+def named(models):
+    return {model.name: model for model in models.values()}
 
 
-def test_answers_that_were_not_good_enough_count_too():
-    first, second = answer(), answer(0.5)
+@pytest.fixture(scope="module")
+def grey(named):
+    return {
+        name: replace(model, mesh=replace(model.mesh, colored=False))
+        for name, model in named.items()
+    }
+
+
+def answers(frame, models, fit=FITS, score=0.9, visible=0.0):
+    """The true poses of what is seen that well, as a search would answer."""
+    return [
+        Detection(
+            models[target.object_id].name, score, target.pose_cam_obj, 1.0, 0.0, 1.0,
+            target.pose_cam_obj[None], None, fit,
+        )
+        for target in frame.targets
+        if target.visible_fraction > visible
+    ]  # fmt: skip
+
+
+def test_answers_that_were_not_good_enough_count_too(frames, models):
+    first, second, *_ = answers(frames[0], models)
     found = SearchResult([first], [Rejection("a", "low", second), Rejection("b", "none", None)])
     assert all_answers(found) == [first, second]
 
 
-def test_colours_are_compared_where_the_shape_fits():
-    answers = [answer(), answer(relief=0.7), answer(slope=0.7)]
-    assert colored_answers({"bear": BEAR}, answers) == answers[:1]
-    assert colored_answers({"bear": GREY}, answers) == []
+def test_colours_are_compared_where_the_shape_fits(frames, models, named, grey):
+    good = answers(frames[0], models)[0]
+    bad = [replace(good, fit=replace(FITS, **{key: 0.7})) for key in ("relief", "slope")]
+    assert colored_answers(named, [good, *bad]) == [good]
+    assert colored_answers(grey, [good]) == []
+
+
+def exchanged(frame):
+    return replace(frame, rgb=np.ascontiguousarray(frame.rgb[..., ::-1]))
+
+
+def test_exchanged_colours_are_found_and_true_ones_are_not(frames, models, named):
+    true = [exchange_gain(each, named, answers(each, models)) for each in frames]
+    wrong = [exchange_gain(exchanged(each), named, answers(each, models)) for each in frames]
+    np.testing.assert_allclose(true, np.negative(wrong), atol=1e-6)
+    assert check_color_order(true) == []
+    (finding,) = check_color_order(wrong)
+    assert finding.kind == "colours" and finding.where == "3 frames"
+
+
+def test_wrong_poses_and_grey_objects_say_nothing(frames, models, named, grey):
+    wrong = replace(FITS, slope=0.5)
+    assert exchange_gain(frames[0], named, answers(frames[0], models, wrong)) is None
+    assert exchange_gain(frames[0], grey, answers(frames[0], models)) is None
+    assert exchange_gain(frames[0], named, []) is None
+
+
+@pytest.mark.parametrize(
+    ("gains", "count"),
+    [([1.0, 1.0], 1), ([0.7, 1.0], 0), ([1.0, None], 0), ([1.0], 1), ([0.7], 0), ([None], 0),
+     ([1.0, 1.0, None, None], 1), ([1.0, None, None], 0), ([1.0, 0.9, 0.8], 1),
+     ([0.3, 0.4, 0.3], 0), ([3.0, 3.0, -0.1, -0.1], 0),
+     ([-1.0, -1.0, -1.0], 0), ([1.0, 1.0, 1.0, -0.1], 1), ([], 0)],
+)  # fmt: skip
+def test_three_frames_must_say_so_clearly_and_fewer_more_clearly(gains, count):
+    assert len(check_color_order(gains)) == count
+
+
+def shifted(frame, right, down):
+    """The frame with its colours moved, as if depth had been moved the other way."""
+    return replace(frame, rgb=np.roll(frame.rgb, (down, right), axis=(0, 1)))
+
+
+@pytest.mark.parametrize(("right", "down"), [(10, 0), (-10, 0), (0, 10), (5, -10)])
+def test_a_shift_is_named(frames, models, named, right, down):
+    found = [
+        shift_agreements(shifted(each, right, down), named, answers(each, models, visible=0.7))
+        for each in frames
+    ]
+    (finding,) = check_color_shift(found)
+    assert finding.kind == "registration" and finding.where == "3 frames"
+    assert f"by about ({right}, {down}) px" in finding.problem
+
+
+def test_registered_images_have_no_finding(frames, models, named):
+    found = [shift_agreements(each, named, answers(each, models, visible=0.7)) for each in frames]
+    assert all(each.shape == (5, 5) and each.argmax() == 12 for each in found)
+    assert check_color_shift(found) == []
+    assert check_color_shift([]) == []
+
+
+def test_few_frames_small_gains_and_uncertain_answers_say_nothing(frames, models, named):
+    one = np.full((5, 5), 0.5)
+    far, near = one.copy(), one.copy()
+    far[0, 0], near[2, 3] = 0.545, 0.9
+    diagonal = one.copy()
+    diagonal[1, 1] = 0.9
+    assert check_color_shift([far] * 2) == check_color_shift([far]) == []
+    assert [each.where for each in check_color_shift([far + 2 * (far - one)])] == [
+        "this frame alone"
+    ]
+    assert check_color_shift([far + 2 * (far - one), None]) == []
+    assert check_color_shift([diagonal]) == []
+    assert len(check_color_shift([diagonal] * 3)) == 1
+    assert len(check_color_shift([far] * 3)) == 1
+    assert check_color_shift([near] * 3) == []  # 5 px: cameras are that far off
+    assert check_color_shift([far, one, one, one]) == []
+    assert shift_agreements(frames[0], named, answers(frames[0], models, score=0.75)) is None
+    assert shift_agreements(frames[0], named, []) is None

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from bad_input import DEEP, Case, check, of_file, written
 from bop_folder import K, make_imagewise, write_models, write_scene, write_targets
 from hlp.data.bop import BopFrames
 from hlp.data.bop_models import load_object_models
@@ -252,12 +253,6 @@ def test_what_is_absent_is_named(root, tmp_path):
         frames._scene("000007_000000")
 
 
-def test_a_split_without_any_scene_is_an_error(tmp_path):
-    (tmp_path / "test").mkdir()
-    with pytest.raises(MissingFileError, match=r"no scene in .*test"):
-        list_scenes(tmp_path / "test")
-
-
 def bad_frames(root: Path, models: Any, targets: str | None = "targets.json") -> dict[str, str]:
     frames = frames_of(root, models, targets)
     dataset: Any = SimpleNamespace(frames=frames, models=models)
@@ -409,3 +404,64 @@ def test_a_wrong_unit_of_depth_is_said_of_all_frames(root: Path, models: Any) ->
     found = bad_frames(root, models)
     assert [*found] == [SOUND, BROKEN]
     assert all("are these metres" in each for each in found.values())
+
+
+def listed(text: str) -> Any:
+    return of_file(lambda path: list_targets({}, path), "targets.json", text)
+
+
+ROW = {"scene_id": 1, "im_id": 2, "obj_id": 3, "inst_count": 1}
+TARGETS: dict[str, Case] = {
+    "targets: an object": (listed('{"6": [1, 2]}'), "it must be a list"),
+    "targets: null": (listed("null"), "the content is null: it must be a list"),
+    "targets: a number": (listed("7"), "the content is 7"),
+    "targets: lists": (listed("[[1, 2]]"), "0 is [1, 2]: it must be an object"),
+    "targets: null row": (listed("[null]"), "0 is null: it must be an object"),
+    "targets: deep": (listed(DEEP), "nested deeper"),
+    "targets: one object twice": (listed(json.dumps([ROW, ROW])), "lists object 3"),
+    "targets: no scene": (listed('[{"im_id": 1}]'), "0.scene_id is missing"),
+    "targets: no image": (listed('[{"scene_id": 1}]'), "0.im_id is missing"),
+}
+for _key in ROW:
+    for _value, _said in (("1", "'1'"), (1.5, "1.5"), (-1, "-1"), (True, "True"), ([1], "[1]")):
+        _name = f"targets: {_key} {_value!r}"
+        TARGETS[_name] = (listed(json.dumps([{**ROW, _key: _value}])), f"0.{_key} is {_said}")
+TARGETS["targets: no instance"] = (
+    listed(json.dumps([{**ROW, "inst_count": 0}])),
+    "inst_count is 0: it must be greater than or equal to 1",
+)
+
+
+def two_folders(folder: Path) -> object:
+    (folder / "6").mkdir()
+    (folder / "000006").mkdir()
+    return list_scenes(folder)
+
+
+SCENES: dict[str, Case] = {
+    "no split": (lambda folder: list_scenes(folder / "test"), "no folder"),
+    "two folders of a scene": (two_folders, "two folders of scene 6"),
+    "no scene": (list_scenes, "no scene in"),
+}
+for _text, _said in (
+    ("[]", "must be an object"),
+    ("null", "must be an object"),
+    ('{"a": {}}', "the key 'a' is no id"),
+    ('{"-1": {}}', "the key '-1' is no id"),
+    ('{"01": {}}', "the key '01' is no id"),
+    ('{"1.5": {}}', "the key '1.5' is no id"),
+    (DEEP, "nested deeper"),
+):
+
+    def _frames(folder: Path, text: str = _text) -> object:
+        written(folder / "000001" / "scene_camera.json", text)
+        return list_scenes(folder)[1].frame_ids
+
+    SCENES[f"scene_camera: {_text[:9]}"] = (_frames, _said)
+
+TEXTS = {**TARGETS, **SCENES}
+
+
+@pytest.mark.parametrize("case", TEXTS)
+def test_what_is_wrong_with_lists_and_scenes_is_said(tmp_path: Path, case: str) -> None:
+    check(TEXTS[case], tmp_path)

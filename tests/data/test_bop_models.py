@@ -1,4 +1,8 @@
+"""Object models of BOP data sets: meshes, diameters, symmetries."""
+
 import json
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -6,6 +10,7 @@ import trimesh
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from bad_input import DEEP, Case, check, written
 from hlp.data.bop_models import load_object_models, symmetry_motions
 from hlp.objects.mesh_colors import PLAIN_COLOR
 from hlp.objects.object_model import ObjectSettings
@@ -64,12 +69,6 @@ def test_an_absent_mesh_names_the_object_and_where_it_was_sought(root):
     assert str(root / "models_eval" / "obj_000006.ply") in message
 
 
-def test_an_impossible_diameter_is_refused(root):
-    (root / "models" / "models_info.json").write_text('{"1": {"diameter": 0}}')
-    with pytest.raises(ValueError, match=r"models_info\.json: 1\.diameter is 0: .* greater than 0"):
-        load_object_models(root, {"ape": APE}, 2000, 36)
-
-
 def test_without_symmetries_there_is_the_identity():
     np.testing.assert_array_equal(symmetry_motions(ModelInfo(), 36), np.eye(4)[None])
 
@@ -97,25 +96,6 @@ def test_a_continuous_symmetry_turns_about_its_axis():
     for height in (-0.1, 0.3):
         on_axis = np.array([0.01, 0.02, height, 1.0])
         np.testing.assert_allclose(motions @ on_axis, np.tile(on_axis, (8, 1)), atol=1e-12)
-
-
-def test_both_kinds_combine():
-    flip = np.diag([1.0, -1.0, -1.0, 1.0])
-    info = {
-        "symmetries_discrete": [flip.ravel().tolist()],
-        "symmetries_continuous": [{"axis": [0, 0, 1], "offset": [0, 0, 0]}],
-    }
-    motions = symmetry_motions(ModelInfo(**info), 4)
-    assert len(motions) == 8
-    np.testing.assert_array_equal(motions[0], np.eye(4))
-    assert len({tuple(np.round(motion, 6).ravel() + 0.0) for motion in motions}) == 8
-    # A cylinder's rim, top and bottom, maps onto itself.
-    angles = np.arange(4) * np.pi / 2
-    rim = np.stack([np.cos(angles), np.sin(angles), np.ones(4), np.ones(4)], axis=1)
-    rim = np.concatenate([rim, rim * [1, 1, -1, 1]])
-    for motion in motions:
-        moved = rim @ motion.T
-        assert all(np.linalg.norm(rim - point, axis=1).min() < 1e-9 for point in moved)
 
 
 def _toolkit_motions(info, steps):
@@ -152,23 +132,6 @@ def test_several_axes_join_and_combine_with_the_discrete_ones_as_in_the_toolkit(
     np.testing.assert_allclose(motions[0], np.eye(4), atol=1e-12)
 
 
-def test_too_many_motions_and_malformed_symmetries_are_errors_that_say_where(root):
-    axes = [{"axis": [0, 0, 1], "offset": [0, 0, 0]}] * 40
-    with pytest.raises(ValueError, match=r"40 continuous .*12600 motions.*data\.symmetry_steps"):
-        symmetry_motions(ModelInfo(symmetries_continuous=axes), 315)
-    path = root / "models" / "models_info.json"
-    for broken, said in (
-        (
-            {"axis": [0, 0, 0], "offset": [0, 0, 0]},
-            r"symmetries_continuous\.0\.axis is \[",
-        ),
-        ({"axis": [0, 0, 1]}, r"1\.symmetries_continuous\.0\.offset is missing"),
-    ):
-        path.write_text(json.dumps({"1": {"symmetries_continuous": [broken]}}))
-        with pytest.raises(ValueError, match=said):
-            load_object_models(root, {"ape": APE}, 2000, 36)
-
-
 def test_symmetries_of_linemod_leave_the_surfaces_where_they_are(shared_data):
     objects = {"bowl": BOWL, "eggbox": ObjectSettings(10, None, None)}
     models = load_object_models(shared_data / "lm", objects, 2000, 12)
@@ -178,3 +141,90 @@ def test_symmetries_of_linemod_leave_the_surfaces_where_they_are(shared_data):
         for motion in model.symmetries[1:4]:
             moved = model.mesh.vertices[::50] @ motion[:3, :3].T + motion[:3, 3]
             assert tree.query(moved)[0].mean() < 0.003, model.name
+
+
+BOX = trimesh.creation.box((70, 80, 90))
+
+
+def models(info: Any, steps: int = 8) -> Any:
+    """A data set of one box with this entry in models_info.json, or this text of it."""
+
+    def read(folder: Path) -> object:
+        text = info if isinstance(info, str) else json.dumps({"1": info})
+        written(folder / "models" / "models_info.json", text)
+        written(folder / "models" / "obj_000001.ply", BOX.export(file_type="ply"))
+        return load_object_models(folder, {"box": ObjectSettings(1)}, 500, steps)
+
+    return read
+
+
+def turned(axis: list[float], offset: list[float]) -> Any:
+    return {"diameter": 139.3, "symmetries_continuous": [{"axis": axis, "offset": offset}]}
+
+
+HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0]).ravel().tolist()
+QUARTER = [0.0, -1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+MODELS: dict[str, Case] = {
+    "models_info: a list": (models("[1]"), "the content is [1]: it must be an object"),
+    "models_info: deep": (models(DEEP), "nested deeper"),
+    "models_info: no JSON": (models("?"), "is no JSON"),
+    "models_info: null": (models(None), "1 is null: it must be an object"),
+    "models_info: metres": (models({"diameter": 0.1393}), "must be in millimetres"),
+    "models_info: tenth": (models({"diameter": 13.93}), "the mesh's is 139.2"),
+    "models_info: another mesh": (models({"diameter": 300.0}), "diameter is 300"),
+    "models_info: no size": (models({"diameter": 0}), "1.diameter is 0"),
+    "models_info: below 0": (models({"diameter": -1.0}), "1.diameter is -1.0"),
+    "models_info: NaN": (models('{"1": {"diameter": NaN}}'), "1.diameter is nan"),
+    "models_info: infinity": (models('{"1": {"diameter": Infinity}}'), "1.diameter is inf"),
+    "models_info: text": (models({"diameter": "139"}), "1.diameter is '139': it must be a number"),
+    "models_info: true": (models({"diameter": True}), "1.diameter is True"),
+    "symmetries: null": (models({"symmetries_discrete": None}), "is null: it must be a list"),
+    "symmetries: an object": (models({"symmetries_discrete": {}}), "it must be a list"),
+    "symmetries: 15 numbers": (
+        models({"symmetries_discrete": [HALF_TURN[:15]]}),
+        "symmetries_discrete.0 has 15 numbers, it must have 16",
+    ),
+    "symmetries: text": (models({"symmetries_discrete": [["a"] * 16]}), "is 'a': it must be a num"),
+    "symmetries: a reflection": (
+        models({"symmetries_discrete": [np.diag([-1.0, 1, 1, 1]).ravel().tolist()]}),
+        "symmetries_discrete.0 is no rotation but a reflection",
+    ),
+    "symmetries: scaled": (
+        models({"symmetries_discrete": [np.diag([2.0, 2, 2, 1]).ravel().tolist()]}),
+        "symmetries_discrete.0 is no rotation",
+    ),
+    "symmetries: columns": (
+        models({"symmetries_discrete": [[*HALF_TURN[:12], 5.0, 0.0, 0.0, 1.0]]}),
+        "its last row is [5.0, 0.0, 0.0, 1.0]",
+    ),
+    "symmetries: far away": (
+        models({"symmetries_discrete": [[*HALF_TURN[:3], 90.0, *HALF_TURN[4:]]]}),
+        "a turn by 180°",
+    ),
+    "symmetries: in metres": (models(turned([0, 0, 1], [0.5, 90.0, 0])), "stated symmetry"),
+    "symmetries: no turn of a box": (models(turned([1, 1, 0], [0, 0, 0])), "from itself"),
+    "symmetries: no axis": (
+        models({"symmetries_continuous": [{"offset": [0, 0, 0]}]}),
+        "1.symmetries_continuous.0.axis is missing",
+    ),
+    "symmetries: no offset": (
+        models({"symmetries_continuous": [{"axis": [0, 0, 1]}]}),
+        "offset is missing",
+    ),
+    "symmetries: null axis": (
+        models({"symmetries_continuous": [{"axis": None, "offset": [0, 0, 0]}]}),
+        "axis is null: it must be a list",
+    ),
+    "symmetries: axis of length 0": (models(turned([0, 0, 0], [0, 0, 0])), "positive length"),
+    "symmetries: short axis": (models(turned([0, 1], [0, 0, 0])), "axis has 2 numbers, it must"),
+    "symmetries: too many": (
+        models({"symmetries_continuous": [{"axis": [0, 0, 1], "offset": [0, 0, 0]}] * 40}, 315),
+        "12600 motions",
+    ),
+}
+
+
+@pytest.mark.usefixtures("no_near_symmetries")
+@pytest.mark.parametrize("case", MODELS)
+def test_what_is_wrong_is_said_by_an_error_of_our_own(tmp_path: Path, case: str) -> None:
+    check(MODELS[case], tmp_path)

@@ -1,12 +1,19 @@
-import json
-import time
+"""Meshes: loading, decimation, diameters; files that are none."""
 
+import json
+import struct
+import time
+from pathlib import Path
+from typing import Any
+
+import cv2
 import numpy as np
 import pytest
 import trimesh
 from PIL import Image
 from scipy.spatial.distance import pdist
 
+from bad_input import Case, check, of_file, written
 from hlp.objects.mesh_colors import PLAIN_COLOR
 from hlp.objects.meshes import decimate, load_mesh, mesh_diameter
 from hlp.records import Mesh
@@ -75,52 +82,6 @@ def test_colours_of_faces_reach_the_vertices(tmp_path):
     box.visual.face_colors = [200, 30, 40, 255]
     mesh = load_mesh(_export(tmp_path / "a.ply", box))
     np.testing.assert_array_equal(mesh.colors, np.tile([200, 30, 40], (8, 1)))
-
-
-def test_an_absent_file_is_named(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"none\.ply"):
-        load_mesh(tmp_path / "none.ply")
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (b"", "mesh|triangles"),
-        (b"this is no mesh at all", "mesh|triangles"),
-        (b"ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\n"
-         b"property float z\nend_header\n", "mesh|triangles"),
-    ],
-)  # fmt: skip
-def test_what_is_no_mesh_is_an_error_that_names_the_file(tmp_path, content, message):
-    path = tmp_path / "broken.ply"
-    path.write_bytes(content)
-    with pytest.raises(ValueError, match=message) as caught:
-        load_mesh(path)
-    assert "broken.ply" in str(caught.value)
-
-
-@pytest.mark.parametrize("keep", [0.2, 0.5, 0.9])
-def test_a_truncated_mesh_is_an_error_that_names_the_file(tmp_path, keep):
-    path = _export(tmp_path / "cut.ply", _sphere_mm())
-    content = path.read_bytes()
-    path.write_bytes(content[: int(len(content) * keep)])
-    with pytest.raises(ValueError, match=r"cut\.ply"):
-        load_mesh(path)
-
-
-def test_nan_vertices_are_an_error(tmp_path):
-    sphere = _sphere_mm(1)
-    vertices = np.array(sphere.vertices)
-    vertices[3, 1] = np.nan
-    broken = trimesh.Trimesh(vertices, sphere.faces, process=False)
-    with pytest.raises(ValueError, match="NaN"):
-        load_mesh(_export(tmp_path / "a.ply", broken))
-
-
-@pytest.mark.parametrize("scale", [1.0, 1e-6])
-def test_a_size_that_no_object_has_hints_at_the_unit(tmp_path, scale):
-    with pytest.raises(ValueError, match="unit"):
-        load_mesh(_export(tmp_path / "a.ply", _sphere_mm()), scale)
 
 
 def _mesh(raw, scale=0.001):
@@ -289,23 +250,6 @@ def test_the_diameter_of_very_many_corners_is_right_to_a_thousandth():
     assert exact * 0.999 <= mesh_diameter(vertices) <= exact
 
 
-def test_few_corners_are_all_compared():
-    vertices = np.random.default_rng(0).normal(size=(500, 3))
-    assert mesh_diameter(vertices) == pytest.approx(pdist(vertices).max(), rel=1e-12)
-
-
-@pytest.mark.parametrize("corner", [-1, 3])
-def test_a_triangle_of_a_vertex_that_is_not_there_is_an_error(tmp_path, corner):
-    path = tmp_path / "a.ply"
-    path.write_text(
-        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
-        "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
-        f"0 0 0\n90 0 0\n0 90 0\n3 0 1 {corner}\n"
-    )
-    with pytest.raises(ValueError, match=f"a triangle of vertex {corner}, of 3 vertices"):
-        load_mesh(path)
-
-
 @pytest.mark.slow
 def test_a_mesh_of_a_million_triangles_is_decimated_when_it_is_loaded(tmp_path):
     path = _export(tmp_path / "a.ply", trimesh.creation.icosphere(8, 50.0))
@@ -313,3 +257,83 @@ def test_a_mesh_of_a_million_triangles_is_decimated_when_it_is_loaded(tmp_path):
     assert 50_000 < len(mesh.faces) <= 100_000
     np.testing.assert_allclose(np.linalg.norm(mesh.vertices, axis=1), 0.05, atol=2e-4)
     np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-6)
+
+
+BOX = trimesh.creation.box((70, 80, 90))
+
+
+def mesh(name: str, content: str | bytes) -> Any:
+    return of_file(load_mesh, name, content)
+
+
+def ply(vertices: str, faces: str, count: int = 3, head: str = "ply\nformat ascii 1.0\n") -> str:
+    return (
+        f"{head}element vertex {count}\nproperty float x\nproperty float y\nproperty float z\n"
+        f"element face 1\nproperty list uchar int vertex_indices\nend_header\n{vertices}\n{faces}\n"
+    )
+
+
+def textured_mesh(uv: str) -> Any:
+    """A tetrahedron with a texture, one of whose corners has these texture coordinates."""
+
+    def read(folder: Path) -> object:
+        pixels = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
+        written(folder / "a.png", cv2.imencode(".png", pixels)[1].tobytes())
+        written(folder / "a.mtl", "newmtl a\nmap_Kd a.png\n")
+        corners = "v 0 0 0\nv 90 0 0\nv 0 90 0\nv 0 0 70\nvt 0 0\nvt 1 0\nvt 0 1\n"
+        faces = "f 1/1 2/2 3/3\nf 1/1 2/2 4/4\nf 1/1 3/3 4/4\nf 2/2 3/3 4/4\n"
+        text = f"mtllib a.mtl\n{corners}vt {uv}\nusemtl a\n{faces}"
+        return load_mesh(written(folder / "a.obj", text))
+
+    return read
+
+
+BINARY_PLY = bytes(BOX.export(file_type="ply"))
+BINARY_STL = bytes(BOX.export(file_type="stl"))
+CORNERS = "0 0 0\n90 0 0\n0 90 0"
+TINY = trimesh.creation.box((0.07, 0.08, 0.09))
+HUGE = trimesh.creation.box((70000, 80000, 90000))
+MESHES: dict[str, Case] = {
+    "no mesh": (lambda folder: load_mesh(folder / "a.ply"), "no mesh"),
+    "mesh: a folder": (load_mesh, "no mesh"),
+    "ply: empty": (mesh("a.ply", ""), "cannot be read as a mesh"),
+    "ply: text": (mesh("a.ply", "this is no mesh"), "cannot be read as a mesh"),
+    "ply: header alone": (mesh("a.ply", BINARY_PLY[:60]), "cannot be read as a mesh"),
+    "ply: half": (mesh("a.ply", BINARY_PLY[: len(BINARY_PLY) // 2]), "cannot be read as a mesh"),
+    "ply: zeros": (mesh("a.ply", b"\0" * 400), "cannot be read as a mesh"),
+    "ply: a face of vertex 9": (mesh("a.ply", ply(CORNERS, "3 0 1 9")), "vertex"),
+    "ply: a face of vertex -1": (mesh("a.ply", ply(CORNERS, "3 0 1 -1")), "vertex"),
+    "ply: NaN": (mesh("a.ply", ply("nan 0 0\n90 0 0\n0 90 0", "3 0 1 2")), "NaN or infinite"),
+    "ply: infinity": (mesh("a.ply", ply("inf 0 0\n90 0 0\n0 90 0", "3 0 1 2")), "NaN or inf"),
+    "ply: words": (mesh("a.ply", ply("a b c\n90 0 0\n0 90 0", "3 0 1 2")), "cannot be read"),
+    "ply: metres": (mesh("a.ply", TINY.export(file_type="ply")), "probably the wrong unit"),
+    "ply: micrometres": (mesh("a.ply", HUGE.export(file_type="ply")), "probably the wrong unit"),
+    "obj: empty": (mesh("a.obj", ""), "no triangles"),
+    "obj: no faces": (mesh("a.obj", "v 0 0 0\nv 90 0 0\nv 0 90 0\n"), "no triangles"),
+    "obj: words": (mesh("a.obj", "v a b c\nf 1 2 3\n"), "cannot be read"),
+    "obj: a face of vertex 9": (mesh("a.obj", "v 0 0 0\nv 90 0 0\nv 0 90 0\nf 1 2 9\n"), "a.obj"),
+    "obj: NaN": (mesh("a.obj", "v nan 0 0\nv 90 0 0\nv 0 90 0\nf 1 2 3\n"), "NaN or infinite"),
+    "stl: empty": (mesh("a.stl", b""), "a.stl"),
+    "stl: half": (mesh("a.stl", BINARY_STL[: len(BINARY_STL) // 2]), "a.stl"),
+    "stl: text": (mesh("a.stl", "solid nothing\nendsolid nothing\n"), "a.stl"),
+    "stl: many stated": (mesh("a.stl", b"\0" * 80 + struct.pack("<I", 2**31)), "a.stl"),
+    "glb: text": (mesh("a.glb", "glTF"), "cannot be read as a mesh"),
+    "gltf: no JSON": (mesh("a.gltf", "{"), "cannot be read as a mesh"),
+    "gltf: a list": (mesh("a.gltf", "[]"), "cannot be read as a mesh"),
+    "obj: texture coordinates": (textured_mesh("1e30 -1e30"), "has texture coordinates beyond"),
+    "ply: points for triangles": (mesh("a.ply", ply(CORNERS, "3 1 1 1")), "has no surface"),
+    "ply: lines for triangles": (mesh("a.ply", ply(CORNERS, "3 0 0 1")), "has no surface"),
+    "ply: vertices on a line": (
+        mesh("a.ply", ply("0 0 0\n9 0 0\n90 0 0", "3 0 1 2")),
+        "no surface",
+    ),
+    "dae without its package": (mesh("a.dae", "<COLLADA/>"), "a.dae cannot be read as a mesh"),
+    "3mf without its package": (mesh("a.3mf", b"PK\3\4"), "a.3mf cannot be read as a mesh"),
+    "mesh of another kind": (mesh("a.xyz", "1 2 3\n4 5 6\n"), "a.xyz"),
+    "mesh without extension": (mesh("a", BINARY_PLY), "cannot be read as a mesh"),
+}
+
+
+@pytest.mark.parametrize("case", MESHES)
+def test_what_is_no_mesh_is_said_by_an_error_of_our_own(tmp_path: Path, case: str) -> None:
+    check(MESHES[case], tmp_path)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from hlp.data.images import EXTENSIONS, read_rgb
-from hlp.errors import DataError, MissingFileError
+from hlp.errors import MissingFileError
 
 Image = UInt8[np.ndarray, "h w 3"]
 _MOST = 400
@@ -30,12 +30,10 @@ def list_photographs(folder: Path) -> tuple[Path, ...]:
 
 
 def load_photographs(paths: Sequence[Path], limit: int, long_side: int) -> list[Image]:
-    """Decode at most `limit` photographs, spread evenly over `paths`, shrunk to `long_side` pixels.
+    """Decode at most `limit` photographs, spread over `paths`, shrunk to `long_side` pixels.
 
-    Raises ValueError naming a file that is broken, or if a limit is not positive.
+    Raises DataError naming a file that is broken.
     """
-    if limit < 1 or long_side < 1:
-        raise ValueError(f"limit and long_side must be positive, not {limit} and {long_side}")
     count = min(limit, len(paths))
     chosen = np.linspace(0, len(paths) - 1, count).round().astype(int)
     return [_shrink(read_rgb(paths[i]), long_side) for i in chosen]
@@ -46,11 +44,8 @@ def random_crops(
 ) -> UInt8[np.ndarray, "n s s 3"]:
     """Random square crops of random images, mirrored half of the time, resized to `size` pixels.
 
-    The crop's side is uniform between `size` / 2 and the image's short side. Raises ValueError if
-    there is no image.
+    The crop's side is uniform between `size` / 2 and the image's short side.
     """
-    if not images:
-        raise DataError("no photograph to crop backgrounds from")
     crops = np.empty((count, size, size, 3), np.uint8)
     for crop in crops:
         image = images[int(rng.integers(len(images)))]

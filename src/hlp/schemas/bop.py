@@ -15,7 +15,7 @@ _Id = Annotated[int, Field(ge=0)]
 
 def _flat(values: Any) -> Any:
     """Rows of a matrix as one list."""
-    if isinstance(values, list) and values and all(isinstance(each, list) for each in values):
+    if isinstance(values, list) and values and all(isinstance(row, list) for row in values):
         return [number for row in values for number in row]
     return values
 

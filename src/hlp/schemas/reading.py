@@ -65,7 +65,7 @@ def parse_json(text: str, where: str) -> Any:
         raise DataError(f"{where} is no JSON: {error}") from error
     level: list[Any] = [content]
     for _ in range(_DEEPEST):
-        level = [inner for each in level for inner in _inner(each)]
+        level = [inner for outer in level for inner in _inner(outer)]
         if not level:
             return content
     raise _too_deep(where)
@@ -105,14 +105,14 @@ def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
         names = [name for name, _ in pairs]
-        raise _DoubleKeyError(repr(next(each for each in names if names.count(each) > 1)))
+        raise _DoubleKeyError(repr(next(name for name in names if names.count(name) > 1)))
     return found
 
 
 def _inner(value: Any) -> list[Any]:
     """The lists and objects that a list or object holds."""
     held = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
-    return [each for each in held if isinstance(each, dict | list)]
+    return [inner for inner in held if isinstance(inner, dict | list)]
 
 
 def _too_deep(where: str) -> DataError:
@@ -129,7 +129,7 @@ def _adapter(kind: Any) -> "TypeAdapter[Any]":
 def _problem(error: "ValidationError") -> str:
     """The first of pydantic's errors in words: key, what stood there, what is expected."""
     first = error.errors(include_url=False)[0]
-    key = ".".join(str(each) for each in first["loc"]) or "the content"
+    key = ".".join(map(str, first["loc"])) or "the content"
     kind, given, limits = first["type"], first["input"], first.get("ctx", {})
     if kind == "missing":
         return f"{key} is missing"

@@ -79,13 +79,3 @@ def test_light_comes_from_above_and_from_the_camera_side() -> None:
         assert np.linalg.norm(direction) == pytest.approx(1.0)
         assert direction[2] < 0
         assert (pose[:3, :3].T @ direction)[2] > np.sin(np.radians(25))
-
-
-def test_random_shapes_are_of_many_kinds_and_high_where_asked() -> None:
-    rng = np.random.default_rng(0)
-    meshes = [layout.random_shape(rng) for _ in range(40)]
-    assert len({len(mesh.faces) for mesh in meshes}) > 20
-    assert max(np.ptp(mesh.vertices, axis=0).max() for mesh in meshes) < 0.21
-    tree = layout.toy_tree(0.03, 0.2, rng)
-    assert np.linalg.norm(tree.vertices[:, :2], axis=1).max() == pytest.approx(0.03, rel=0.02)
-    assert 0.2 < tree.vertices[:, 2].max() < 0.26
