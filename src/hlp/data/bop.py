@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Interval, Le
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
 from hlp.data.bop_models import (
     AUTO,
@@ -33,8 +33,14 @@ from hlp.data.bop_targets import (
     stated_instances,
 )
 from hlp.data.dataset import DATASETS, Dataset, StatedTarget, content_hash
-from hlp.data.file_frames import MAX_MEGAPIXELS, FileFrames, FolderSettings, existing_folder
-from hlp.data.images import read_depth, require_same_size
+from hlp.data.file_frames import (
+    MAX_MEGAPIXELS,
+    FileFrames,
+    FolderSettings,
+    StatedFrame,
+    existing_folder,
+)
+from hlp.data.images import require_same_size
 from hlp.errors import DataError, MissingFileError
 from hlp.objects.object_model import ObjectSettings
 from hlp.records import Frame, ObjectModel, Target, frame_key, parse_frame_key
@@ -215,21 +221,17 @@ class BopFrames(FileFrames):
             raise MissingFileError(f"no scene {scene_id} in {self._root}")
         return self._scenes[scene_id], f"{self._root}, scene {scene_id}, frame {frame_id}"
 
-    def _images(self, key: str) -> tuple[Path, Path]:
-        scene, frame_id = self._scene(key)[0], parse_frame_key(key)[1]
-        return scene.image(COLOR, frame_id), scene.image(DEPTH, frame_id)
-
-    def _camera(self, key: str) -> tuple[Float[np.ndarray, "3 3"], str]:
-        scene, where = self._scene(key)
-        values = scene.camera(parse_frame_key(key)[1]).cam_K
-        return np.array(values, dtype=np.float64).reshape(3, 3), f"{where}: cam_K"
-
-    def _depth(self, key: str, path: Path) -> Float[np.ndarray, "h w"]:
-        return read_depth(path, self._scene(key)[0].camera(parse_frame_key(key)[1]).depth_scale)
-
-    def _targets(self, key: str) -> list[tuple[Target, str]]:
-        scene, where = self._scene(key)
+    def _stated(self, key: str) -> StatedFrame:
         frame = parse_frame_key(key)
+        scene, where = self._scene(key)
+        camera = scene.camera(frame[1])
         annotated = annotated_targets(scene, frame[1], where)
         found = most_visible(annotated, self.targets[frame], where)
-        return [(one, f"{where}, object {one.object_id}: cam_t_m2c") for one in found]
+        return StatedFrame(
+            scene.image(COLOR, frame[1]),
+            scene.image(DEPTH, frame[1]),
+            camera.depth_scale,
+            np.array(camera.cam_K, dtype=np.float64).reshape(3, 3),
+            f"{where}: cam_K",
+            [(target, f"{where}, object {target.object_id}: cam_t_m2c") for target in found],
+        )

@@ -1,7 +1,7 @@
 """What data sets in folders share: reading and checking of frames, folders for training."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -37,11 +37,26 @@ from hlp.settings import Doc, Settings
 MAX_MEGAPIXELS = 50.0
 
 
+@dataclass(frozen=True)
+class StatedFrame:
+    """What the files state of a frame: its images, mm per unit of depth, camera and targets.
+
+    `camera` and each target's text say where it stands; targets are in metres.
+    """
+
+    color: Path
+    depth: Path
+    depth_scale: float
+    matrix: Float[np.ndarray, "3 3"]
+    camera: str
+    targets: Sequence[tuple[Target, str]] = ()
+
+
 class FileFrames(ABC):
     """Frames of two images and files with camera and true poses (a `FrameSource`).
 
-    Constructing it reads no file. Subclasses say where things stand; `unit` is that of the
-    translations in the files. They are `CheckedFrames` too: a bad frame costs itself alone.
+    Constructing it reads no file. They are `CheckedFrames` too: a bad frame costs itself alone.
+    `unit` is that of the translations in the files.
     """
 
     unit = "millimetres"
@@ -63,20 +78,12 @@ class FileFrames(ABC):
         """See `CheckedFrames`."""
 
     @abstractmethod
-    def _images(self, key: str) -> tuple[Path, Path]:
-        """The files of colour and depth."""
+    def _stated(self, key: str) -> StatedFrame:
+        """What the text files state. Raises MissingFileError, and DataError naming a broken one."""
 
-    @abstractmethod
-    def _camera(self, key: str) -> tuple[Float[np.ndarray, "3 3"], str]:
-        """The camera's matrix as it is stated, and where."""
-
-    @abstractmethod
-    def _targets(self, key: str) -> list[tuple[Target, str]]:
-        """Targets with their true poses, and where the translation stands."""
-
-    @abstractmethod
-    def _depth(self, key: str, path: Path) -> Float[np.ndarray, "h w"]:
+    def _depth(self, stated: StatedFrame) -> Float[np.ndarray, "h w"]:
         """The depth image in metres."""
+        return read_depth(stated.depth, stated.depth_scale)
 
     def _depth_size(self, path: Path) -> tuple[int, int]:
         """Width and height of the depth image, from its header."""
@@ -91,9 +98,9 @@ class FileFrames(ABC):
         Raises what `read` raises, and DataError naming the file for depths that no camera measures
         and poses that are not where the image has depth.
         """
-        frame = self.read(key)
-        require_depths(frame.depth, str(self._images(key)[1]))
-        for target, where in self._targets(key):
+        frame, stated = self.read(key), self._stated(key)
+        require_depths(frame.depth, str(stated.depth))
+        for target, where in stated.targets:
             require_near_depths(target.pose_cam_obj[:3, 3], frame.depth, where)
         return frame
 
@@ -104,20 +111,19 @@ class FileFrames(ABC):
         broken image, colour and depth of different sizes, or a pose that is none.
         """
         self.require_key(key)
-        matrix, _ = self._camera(key)
-        color, depth_file = self._images(key)
-        rgb, depth = read_rgb(color), self._depth(key, depth_file)
-        require_same_size(color, rgb.shape[1::-1], depth.shape[::-1])
-        targets = tuple(target for target, _ in self._targets(key))
-        return Frame(*parse_frame_key(key), rgb, depth, matrix, targets)
+        stated = self._stated(key)
+        rgb, depth = read_rgb(stated.color), self._depth(stated)
+        require_same_size(stated.color, rgb.shape[1::-1], depth.shape[::-1])
+        targets = tuple(target for target, _ in stated.targets)
+        return Frame(*parse_frame_key(key), rgb, depth, stated.matrix, targets)
 
     def check(self, key: str, models: Mapping[int, ObjectModel]) -> None:
         """See `CheckedFrames`."""
-        color, depth_file = self._images(key)
-        size = image_size(color, self._max_megapixels)
-        require_same_size(color, size, self._depth_size(depth_file))
-        camera_matrix(*self._camera(key), size)
-        for target, where in self._targets(key):
+        stated = self._stated(key)
+        size = image_size(stated.color, self._max_megapixels)
+        require_same_size(stated.color, size, self._depth_size(stated.depth))
+        camera_matrix(stated.matrix, stated.camera, size)
+        for target, where in stated.targets:
             if (model := models.get(target.object_id)) is not None:
                 center = transform(target.pose_cam_obj, model.centroid[None])[0]
                 require_in_front(center, model.diameter, where, self.unit)
@@ -186,22 +192,11 @@ class RgbdFrames(FileFrames):
         """None."""
         return ()
 
-    def _images(self, key: str) -> tuple[Path, Path]:
-        return self._paths[key]
-
-    @property
-    def _entry(self) -> CameraEntry:
-        return read_as(self._root / "camera.json", CameraEntry)
-
-    def _camera(self, key: str) -> tuple[Float[np.ndarray, "3 3"], str]:
+    def _stated(self, key: str) -> StatedFrame:
+        camera = read_as(self._root / "camera.json", CameraEntry)
         where = f"{self._root / 'camera.json'}: cam_K"
-        return camera_matrix(self._entry.cam_K, where), where
-
-    def _targets(self, key: str) -> list[tuple[Target, str]]:
-        return []
-
-    def _depth(self, key: str, path: Path) -> Float[np.ndarray, "h w"]:
-        return read_depth(path, self._entry.depth_scale)
+        matrix = camera_matrix(camera.cam_K, where)
+        return StatedFrame(*self._paths[key], camera.depth_scale, matrix, where)
 
 
 @dataclass(frozen=True)

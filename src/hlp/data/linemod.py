@@ -20,6 +20,7 @@ from hlp.data.file_frames import (
     MAX_MEGAPIXELS,
     FileFrames,
     FolderSettings,
+    StatedFrame,
     existing_folder,
     read_numbers,
 )
@@ -154,20 +155,15 @@ class LinemodFrames(FileFrames):
         color, depth = folder / f"color{n}.jpg", folder / f"depth{n}.dpt"
         return color, depth, folder / f"rot{n}.rot", folder / f"tra{n}.tra"
 
-    def _images(self, key: str) -> tuple[Path, Path]:
-        return self._files(key)[:2]
-
-    def _depth(self, key: str, path: Path) -> Float[np.ndarray, "h w"]:
-        return depth_metres(read_dpt(path), 1.0, path)
+    def _depth(self, stated: StatedFrame) -> Float[np.ndarray, "h w"]:
+        return depth_metres(read_dpt(stated.depth), stated.depth_scale, stated.depth)
 
     def _depth_size(self, path: Path) -> tuple[int, int]:
         return dpt_size(path)
 
-    def _camera(self, key: str) -> tuple[Float[np.ndarray, "3 3"], str]:
-        return self._matrix, "data.camera_matrix"
-
-    def _targets(self, key: str) -> list[tuple[Target, str]]:
-        *_, rot, tra = self._files(key)
+    def _stated(self, key: str) -> StatedFrame:
+        color, depth, rot, tra = self._files(key)
         rotation = exact_rotation(read_numbers(rot, 9, 1).reshape(3, 3), str(rot))
-        pose = rigid(rotation, read_numbers(tra, 3, 1) * _CENTIMETRE)
-        return [(Target(self._frames[key][0], np.asarray(pose)), str(tra))]
+        pose = np.asarray(rigid(rotation, read_numbers(tra, 3, 1) * _CENTIMETRE))
+        targets = [(Target(self._frames[key][0], pose), str(tra))]
+        return StatedFrame(color, depth, 1.0, self._matrix, "data.camera_matrix", targets)

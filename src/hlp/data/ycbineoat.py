@@ -19,11 +19,12 @@ from hlp.data.file_frames import (
     MAX_MEGAPIXELS,
     FileFrames,
     FolderSettings,
+    StatedFrame,
     existing_folder,
     read_numbers,
 )
 from hlp.data.frame_paths import natural
-from hlp.data.images import EXTENSIONS, find_image, read_depth
+from hlp.data.images import EXTENSIONS, find_image
 from hlp.errors import DataError, MissingFileError
 from hlp.geometry import rigid
 from hlp.objects.object_model import ObjectSettings, build_object_model
@@ -142,16 +143,9 @@ class YcbineoatFrames(FileFrames):
         files = [path for paths in self._files.values() for path in paths]
         return content_hash([self._root / _CAMERA, *files], repr(self._depth_scale))
 
-    def _images(self, key: str) -> tuple[Path, Path]:
-        color, _, depth = self._files[key]
-        return color, depth
-
-    def _depth(self, key: str, path: Path) -> Float[np.ndarray, "h w"]:
-        return read_depth(path, self._depth_scale)
-
-    def _camera(self, key: str) -> tuple[Float[np.ndarray, "3 3"], str]:
-        return read_camera(str(self._root / _CAMERA)).matrix, str(self._root / _CAMERA)
-
-    def _targets(self, key: str) -> list[tuple[Target, str]]:
-        path = self._files[key][1]
-        return [(Target(_OBJECT_ID, read_pose(path)), str(path))]
+    def _stated(self, key: str) -> StatedFrame:
+        color, pose, depth = self._files[key]
+        camera = str(self._root / _CAMERA)
+        targets = [(Target(_OBJECT_ID, read_pose(pose)), str(pose))]
+        matrix = read_camera(camera).matrix
+        return StatedFrame(color, depth, self._depth_scale, matrix, camera, targets)

@@ -4,7 +4,7 @@ World coordinates are in metres, z up; the origin is the middle of the table's t
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -34,28 +34,17 @@ class Item:
     center: Float[np.ndarray, "2"]
     radius: float
 
-
-@dataclass(frozen=True)
-class UprightShape:
-    """A shape whose lowest point is at z = 0, before it has a position on the table."""
-
-    object_id: int
-    mesh: Mesh
-    coarse: Mesh
-    rotation: Float[np.ndarray, "3 3"]
-    offset: Float[np.ndarray, "3"]
-    radius: float
-
-    def at(self, place: Float[np.ndarray, "2"]) -> Item:
-        """The item with its circle's centre at a position (x, y) on the table (m)."""
-        pose = rigid(self.rotation, self.offset + np.array([*place, 0.0]))
-        return Item(self.object_id, self.mesh, self.coarse, pose, place, self.radius)
+    def at(self, place: Float[np.ndarray, "2"]) -> "Item":
+        """The same item, moved from the middle of the table to a position (x, y) on it (m)."""
+        pose = self.pose_world_obj.copy()
+        pose[:2, 3] += place
+        return replace(self, pose_world_obj=pose, center=place)
 
 
 def set_upright(
     object_id: int, mesh: Mesh, coarse: Mesh, tilt: float, rng: np.random.Generator
-) -> UprightShape:
-    """Rotate a mesh by a random yaw and tilt it by up to `tilt` (rad) in a random direction."""
+) -> Item:
+    """Set a mesh on the middle of the table: a random yaw, and a lean of up to `tilt` (rad)."""
     from scipy.spatial.transform import Rotation
 
     lean = rng.uniform(0.0, tilt)
@@ -67,7 +56,7 @@ def set_upright(
     low, high = points.min(axis=0), points.max(axis=0)
     offset = -np.array([*(low + high)[:2] / 2, low[2]])
     radius = float(np.linalg.norm((points + offset)[:, :2], axis=1).max())
-    return UprightShape(object_id, mesh, coarse, rotation, offset, radius)
+    return Item(object_id, mesh, coarse, rigid(rotation, offset), np.zeros(2), radius)
 
 
 def place_targets(
