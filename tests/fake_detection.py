@@ -3,7 +3,7 @@
 What it finds depends on the frame and the object alone, so that results can be told apart.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hlp.config.build import build_settings
-from hlp.method.find.estimator import CoarseResult
+from hlp.method.find.trace import ObjectTrace
 from hlp.method.settings import MethodSettings
 from hlp.records import (
     Frame,
@@ -84,7 +84,8 @@ def fake_dataset() -> Any:
 class FakeTraining:
     """Training stages that have learnt everything already."""
 
-    made: Mapping[Any, Any] = {}
+    def __init__(self) -> None:
+        self.made: dict[Any, Any] = {}
 
     def make_for(self, object_ids: tuple[int, ...]) -> None:
         """Nothing is to be made."""
@@ -156,7 +157,7 @@ class FakeEstimator:
         probabilities = rng.random(5).astype(np.float32)
         return Region(object_id, centers, probabilities, rng.random(SHAPE) < 0.5)
 
-    def find_hypotheses(self, context: Any, region: Region) -> CoarseResult:
+    def find_hypotheses(self, context: Any, region: Region) -> ObjectTrace:
         """Hypotheses that lie at the sum of the region's mask: it must have come through."""
         rng = self._step("hypotheses", context, region.object_id)
         votes = Votes(
@@ -176,7 +177,9 @@ class FakeEstimator:
             np.zeros((0, 3)),
             np.zeros((0, 2)),
         )
-        return CoarseResult(patches, votes, Hypotheses(poses, rng.random(count)), 0.25, 0.125)
+        found = Hypotheses(poses, rng.random(count))
+        seconds = {"local": 0.25, "voting": 0.125}
+        return ObjectTrace(region, patches, votes, found, seconds=seconds)
 
     def refine(
         self,

@@ -9,11 +9,18 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from hlp.method.arguments import RgbdFrame
     from hlp.method.detector import Detector
-    from hlp.method.find.detections import Detection, Rejection, RunnerUp, SearchResult
-    from hlp.method.settings import MethodSettings
-    from hlp.method.track.tracker import RgbdFrame, Tracker
-    from hlp.method.track.tracking import TrackedDetection, TrackingResult, TrackingSettings
+    from hlp.method.find.detections import (
+        Detection,
+        Rejection,
+        RunnerUp,
+        SearchResult,
+        TrackedDetection,
+        TrackingResult,
+    )
+    from hlp.method.settings import MethodSettings, TrackingSettings
+    from hlp.method.track.tracker import Tracker
     from hlp.records import CameraImage, Frame, ObjectModel
     from hlp.refinement.pose_fit import PoseFit
 
@@ -27,13 +34,13 @@ _HOMES = {
     "ObjectModel": "hlp.records",
     "PoseFit": "hlp.refinement.pose_fit",
     "Rejection": "hlp.method.find.detections",
-    "RgbdFrame": "hlp.method.track.tracker",
+    "RgbdFrame": "hlp.method.arguments",
     "RunnerUp": "hlp.method.find.detections",
     "SearchResult": "hlp.method.find.detections",
-    "TrackedDetection": "hlp.method.track.tracking",
+    "TrackedDetection": "hlp.method.find.detections",
     "Tracker": "hlp.method.track.tracker",
-    "TrackingResult": "hlp.method.track.tracking",
-    "TrackingSettings": "hlp.method.track.tracking",
+    "TrackingResult": "hlp.method.find.detections",
+    "TrackingSettings": "hlp.method.settings",
 }
 """Everything that stands in a public signature, and the module that it is in."""
 __all__ = [

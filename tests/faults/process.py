@@ -21,7 +21,7 @@ PLACES = {
     "views half written": ("hlp.rendering.views", "write_array", 2),
     "windows": ("hlp.method.learn.classifier_training", "bake_windows", 1),
     "epoch": ("hlp.method.learn.training", "write_csv", 0),
-    "checkpoint": ("hlp.method.learn.checkpoints", "content_checksum", 0),
+    "checkpoint": ("hlp.method.learn.training", "content_checksum", 0),
     "weights": ("hlp.method.learn.training", "save", 0),
     "network half written": ("hlp.models.onnx_export.onnx", "save", 1),
     "checksums": ("hlp.stages.store", "folder_checksums", 0),

@@ -13,8 +13,8 @@ from spoiled_files import is_clean, spoiled
 from hlp.checksums import sealed
 from hlp.errors import DataError
 from hlp.geometry import rigid
-from hlp.method.learn.checkpoints import read_history
 from hlp.method.learn.learnt_folder import LearntRecord, read_record, write_record
+from hlp.method.learn.model_files import read_history
 from hlp.method.settings import MethodSettings
 from hlp.records import PoseEstimate, TargetScore
 from hlp.refinement.score_model import PRIOR, load_score_model, save_score_model

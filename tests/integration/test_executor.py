@@ -11,10 +11,10 @@ import torch
 import hlp
 from hlp.errors import DataError
 from hlp.method.find.trace import STAGES
-from hlp.method.learn.checkpoints import read_history, read_weights
+from hlp.method.learn.model_files import read_history, read_weights
 from hlp.runs.run_stages import stages_of
 from hlp.stages.detection import DetectionStages
-from hlp.stages.frame_task import FrameTask, render_in_workers
+from hlp.stages.frame_task import FrameTask, Worker, render_in_workers
 from hlp.stages.store import StageStore
 from hlp.stages.trace_files import read_arrays
 from tiny_run import TinyRun
@@ -93,8 +93,9 @@ def test_a_worker_of_other_data_finds_nothing(
     tiny_run: TinyRun, work: Path, tmp_path: Path
 ) -> None:
     detection = detection_of(tiny_run, work, "executor=loky")
-    right = FrameTask.of(detection, {"regions": tmp_path}, ("regions",))
-    wrong = FrameTask(**{**vars(right), "made_from": {**right.made_from, "frames": "others"}})
+    right = Worker.of(detection.training, detection.executor)
+    other = dataclasses.replace(right, made_from={**right.made_from, "frames": "others"})
+    wrong = FrameTask(other, {"regions": tmp_path}, ("regions",))
     with pytest.raises(DataError, match="does not have the same frames as the run"):
         wrong(detection.keys[0])
     assert not list(tmp_path.glob("*.npz"))

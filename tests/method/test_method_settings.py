@@ -3,7 +3,7 @@
 import json
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
@@ -11,8 +11,9 @@ from hydra import compose, initialize_config_dir
 
 from hlp.config.build import build_settings
 from hlp.errors import ConfigError
-from hlp.method.settings import MethodSettings, settings_from_json, settings_to_json
+from hlp.method.settings import MethodSettings
 from hlp.models.pca import PcaSettings
+from hlp.settings import read_settings
 
 CONF = Path(__file__).parents[2] / "conf"
 
@@ -44,14 +45,16 @@ def test_linemod_differs_in_its_range_of_poses_alone() -> None:
 )
 def test_they_come_back_from_json(overrides: tuple[str, ...]) -> None:
     settings = composed(*overrides)
-    assert settings_from_json(json.loads(json.dumps(settings_to_json(settings)))) == settings
+    assert read_settings(MethodSettings, json.loads(json.dumps(asdict(settings)))) == settings
 
 
 def test_reading_them_needs_no_framework() -> None:
     code = (
         "import sys\n"
-        "from hlp.method.settings import MethodSettings, settings_from_json, settings_to_json\n"
-        "assert settings_from_json(settings_to_json(MethodSettings())) == MethodSettings()\n"
+        "from dataclasses import asdict\n"
+        "from hlp.method.settings import MethodSettings\n"
+        "from hlp.settings import read_settings\n"
+        "assert read_settings(MethodSettings, asdict(MethodSettings())) == MethodSettings()\n"
         "heavy = {'torch', 'pytorch_lightning', 'pydantic', 'hydra', 'omegaconf', 'matplotlib'}\n"
         "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
     )
@@ -64,8 +67,8 @@ def test_what_does_not_go_together_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"^encoder\.dimension is 150: .* multiples of 4$"):
         replace(settings, encoder=replace(settings.encoder, dimension=150))  # type: ignore[type-var]
     with pytest.raises(ConfigError, match=r"^encoder\.dimension is 433: .* have 432 components$"):
-        values = settings_to_json(settings) | {"encoder": {"name": "pca", "dimension": 433}}
-        settings_from_json(values)
+        values = asdict(settings) | {"encoder": {"name": "pca", "dimension": 433}}
+        read_settings(MethodSettings, values)
     local = replace(settings.patches.local, resolution=48)
     with pytest.raises(ConfigError, match=r"^patches\.local\.resolution is 48: .* take 32$"):
         replace(settings, patches=replace(settings.patches, local=local))

@@ -1,6 +1,7 @@
 """Names of outputs: every declared value changes them, order and undeclared keys cannot."""
 
 import copy
+import dataclasses
 import json
 from typing import Any
 
@@ -10,7 +11,8 @@ from hypothesis import strategies as st
 
 from generated_values import json_values, texts
 from hlp.errors import ConfigError
-from hlp.method.settings import MethodSettings, settings_from_json, settings_to_json
+from hlp.method.settings import MethodSettings
+from hlp.settings import read_settings
 from hlp.source_code import Code
 from hlp.stages.fingerprint import fingerprint, is_fingerprint
 
@@ -56,7 +58,7 @@ def places(tree: Any, path: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
     return [path, *inner]
 
 
-DEFAULTS = settings_to_json(MethodSettings())
+DEFAULTS = dataclasses.asdict(MethodSettings())
 
 
 @given(st.sampled_from(places(DEFAULTS)), texts(), json_values())
@@ -68,10 +70,10 @@ def test_a_key_that_no_setting_declares_is_an_error_that_names_it(place, key, va
     assume(key not in inside)
     inside[key] = value
     with pytest.raises(ConfigError) as caught:
-        settings_from_json(content)
+        read_settings(MethodSettings, content)
     assert ".".join((*place, key)) in str(caught.value)
 
 
 def test_the_method_s_settings_come_back_from_json():
     written = json.loads(json.dumps(DEFAULTS))
-    assert settings_from_json(written) == MethodSettings()
+    assert read_settings(MethodSettings, written) == MethodSettings()

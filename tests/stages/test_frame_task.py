@@ -8,7 +8,7 @@ import pytest
 
 from fake_detection import KEYS, FakeEstimator, fake_dataset, method_settings
 from hlp.stages import detection, frame_task
-from hlp.stages.frame_task import FrameTask, what_makes
+from hlp.stages.frame_task import FrameTask, Worker, what_makes
 from hlp.stages.store import Output
 
 SETTINGS = method_settings()
@@ -19,7 +19,8 @@ def task_of(work: Path, classifier: str) -> Any:
     learnt = {("classifier", 0): Output(classifier, work / "classifier" / classifier)}
     data: Any = DATA
     made_from = what_makes(fake_dataset())
-    return FrameTask(data, SETTINGS, work, made_from, learnt, {}, {"regions": work}, ("regions",))
+    worker = Worker(data, SETTINGS, work, made_from, learnt)
+    return FrameTask(worker, {"regions": work}, ("regions",))
 
 
 DATA = SimpleNamespace(build=fake_dataset)

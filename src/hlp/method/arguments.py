@@ -4,10 +4,10 @@ from collections.abc import Iterable, Mapping
 from numbers import Integral, Real
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, UInt8
 
 from hlp.errors import DataError, InputError
 from hlp.records import Frame
@@ -15,7 +15,23 @@ from hlp.schemas.meaning import FOCAL, SKEW, require_rotation
 
 _NEAREST, _FARTHEST = 0.05, 20.0
 """All of the depth (m) lies beyond the first, half of it nearer than the last: else another unit"""
-_FEWEST = 8  # pixels of a side
+_LEAST_SIDE = 8  # pixels
+
+
+class RgbdFrame(Protocol):
+    """An RGB-D image with its camera, as `Detector.detect` takes them: `hlp.CameraImage` is one."""
+
+    @property
+    def rgb(self) -> UInt8[np.ndarray, "h w 3"]:
+        """Colour, red first."""
+
+    @property
+    def depth(self) -> Float[np.ndarray, "h w"]:
+        """Depth (m) along the optical axis, registered to the colour; 0 or NaN where missing."""
+
+    @property
+    def camera_matrix(self) -> Float[np.ndarray, "3 3"]:
+        """Intrinsics (px), with pixel centres at integers."""
 
 
 def check_limits(max_instances: Any, min_score: Any) -> None:
@@ -97,6 +113,14 @@ def checked_pose(given: object) -> Float[np.ndarray, "4 4"]:
     return pose.astype(np.float64)
 
 
+def checked_rgbd(given: RgbdFrame) -> Frame:
+    """A frame of a sequence, as `checked_frame`. Raises InputError naming what is wrong."""
+    for name in ("rgb", "depth", "camera_matrix"):
+        if not hasattr(given, name):
+            raise InputError(f"a frame must have rgb, depth and camera_matrix: {name} is not")
+    return checked_frame(given.rgb, given.depth, given.camera_matrix)
+
+
 def checked_frame(rgb: object, depth: object, camera_matrix: object) -> Frame:
     """The arguments of `detect` as a frame. Raises InputError naming what is wrong."""
     color = _array(rgb, "rgb")
@@ -110,8 +134,8 @@ def checked_frame(rgb: object, depth: object, camera_matrix: object) -> Frame:
         )
     if distance.shape != color.shape[:2]:
         raise InputError(f"depth is {distance.shape}, rgb {color.shape[:2]}: they must be alike")
-    if min(distance.shape) < _FEWEST:
-        raise InputError(f"rgb is {color.shape}: it must have {_FEWEST} pixels a side at least")
+    if min(distance.shape) < _LEAST_SIDE:
+        raise InputError(f"rgb is {color.shape}: it must have {_LEAST_SIDE} pixels a side at least")
     with np.errstate(over="ignore"):
         distance = distance.astype(np.float32, copy=False)
     distance = np.where(np.isfinite(distance), distance, np.float32(0.0))

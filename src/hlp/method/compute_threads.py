@@ -37,8 +37,7 @@ class OneBlasThread:
     """
 
     def __init__(self) -> None:
-        self._guard = threading.Lock()
-        self._inside = 0
+        self._guard, self._inside = threading.Lock(), 0
 
     @contextmanager
     def __call__(self, libraries: ThreadpoolController) -> Iterator[None]:

@@ -12,28 +12,31 @@ from jaxtyping import Bool, Float, UInt8
 from threadpoolctl import ThreadpoolController
 
 from hlp.errors import InputError
-from hlp.method.arguments import (
-    check_limits,
-    checked_backgrounds,
-    checked_frame,
-    checked_mask,
-    checked_meshes,
-    checked_names,
-    checked_path,
-    checked_pose,
-)
+from hlp.method import arguments
+from hlp.method.arguments import RgbdFrame
 from hlp.method.compute_threads import one_blas_thread
-from hlp.method.find.detections import Detection, SearchResult, describe_all, sort_answers
+from hlp.method.find.detections import (
+    Detection,
+    SearchResult,
+    TrackedDetection,
+    describe_all,
+    sort_answers,
+)
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.find.search import search_frame
+from hlp.method.learn.backgrounds import GivenBackgrounds
 from hlp.method.learn.learnt_folder import LearntFolder
-from hlp.method.learn.unfinished_folder import bring_back
-from hlp.method.settings import Device, MethodSettings
+from hlp.method.learn.unfinished_folder import restore_replaced
+from hlp.method.settings import Device, MethodSettings, TrackingSettings
 from hlp.method.stage_settings import FindSettings
-from hlp.method.track.tracker import RgbdFrame, Tracker
-from hlp.method.track.tracking import Track, TrackedDetection, TrackingSettings, follow
+from hlp.method.track.tracker import Track, Tracker, follow
 from hlp.records import Frame, ObjectModel
 from hlp.refinement.score_model import MIN_SCORE
+
+Path = str | PathLike[str]
+Rgb = UInt8[np.ndarray, "h w 3"]
+Depth = Float[np.ndarray, "h w"]
+Camera = Float[np.ndarray, "3 3"]
 
 MOST_INSTANCES = 10
 """Instances of one object that are looked for in an image."""
@@ -46,6 +49,8 @@ class Detector:
     are executed one after another. The same image gives the same poses, whichever images came
     before and whatever the number of `threads`.
 
+    All methods raise InputError, which names the argument that is wrong.
+
     Examples:
         `Detector.learn` makes a folder once, which takes minutes. Afterwards:
 
@@ -56,15 +61,12 @@ class Detector:
     """
 
     def __init__(
-        self,
-        folder: str | PathLike[str],
-        threads: int | None = None,
-        device: Device | None = None,
+        self, folder: Path, threads: int | None = None, device: Device | None = None
     ) -> None:
         """Open a folder of learnt objects; see `load`."""
         # Files are read later, from any working directory.
-        self.folder = checked_path(folder, "folder").resolve()
-        bring_back(self.folder)
+        self.folder = arguments.checked_path(folder, "folder").resolve()
+        restore_replaced(self.folder)
         self._threads, self._device = threads, device
         self._lock = threading.Lock()
         self._blas = ThreadpoolController()
@@ -75,26 +77,24 @@ class Detector:
         return Detector, (self.folder, self._threads, self._device)
 
     def __repr__(self) -> str:
-        settings = self._settings
-        return (
-            f"Detector({str(self.folder)!r}, objects={list(self.objects)}, "
-            f"encoder={settings.encoder.name}, codebook={settings.codebook.name}, "
-            f"refinement={settings.refinement.name}, threads={self.threads})"
+        settings, objects = self._settings, list(self.objects)
+        chosen = ", ".join(
+            f"{group}={getattr(settings, group).name}"
+            for group in ("encoder", "codebook", "refinement")
         )
+        return f"Detector({str(self.folder)!r}, {objects=}, {chosen}, threads={self.threads})"
 
     def _open(self) -> None:
         learnt = LearntFolder(self.folder, self._threads, self._device)
-        self._ids = dict(learnt.record.objects)
-        self._estimator = PoseEstimator(
-            learnt, FindSettings.of(learnt.settings), tuple(self._ids.values())
-        )
-        self._settings = learnt.settings
+        self._ids, self._settings = dict(learnt.record.objects), learnt.settings
+        find = FindSettings.of(learnt.settings)
+        self._estimator = PoseEstimator(learnt, find, tuple(self._ids.values()))
 
     @classmethod
     def learn(
         cls,
-        meshes: Mapping[str, str | PathLike[str]],
-        folder: str | PathLike[str],
+        meshes: Mapping[str, Path],
+        folder: Path,
         *,
         settings: MethodSettings | None = None,
         mesh_scale: float | None = None,
@@ -114,37 +114,23 @@ class Detector:
             background_frames: RGB-D frames of places without the objects, which are better
                 backgrounds than the procedural ones.
 
-        Returns:
-            The detector of the new folder.
-
-        Raises:
-            InputError: a name or mesh is wrong, or the folder already exists.
-
         Examples:
             >>> meshes = {"bear": "bear.ply", "can": "can.ply"}
             >>> detector = Detector.learn(meshes, "learnt", mesh_scale=0.001)  # doctest: +SKIP
         """
-        from hlp.method.learn.backgrounds import GivenBackgrounds
-        from hlp.method.learn.learning import learn
-        from hlp.method.learn.mesh_models import MeshChoices, build_models
+        from hlp.method.learn.learning import learn  # with torch, which takes seconds
 
-        choices = MeshChoices(mesh_scale=mesh_scale)
         settings = MethodSettings() if settings is None else settings
         if not isinstance(settings, MethodSettings):
             raise InputError(f"settings is {settings!r}: it must be MethodSettings")
-        target = checked_path(folder, "folder")
-        backgrounds = GivenBackgrounds(checked_backgrounds(background_frames))
-        models = build_models(checked_meshes(meshes), choices, 1)
-        learn(models, target, settings, backgrounds)
+        target = arguments.checked_path(folder, "folder")
+        backgrounds = GivenBackgrounds(arguments.checked_backgrounds(background_frames))
+        learn(_build_models(meshes, mesh_scale, 1), target, settings, backgrounds)
         return cls(folder)
 
     @classmethod
     def load(
-        cls,
-        folder: str | PathLike[str],
-        *,
-        threads: int | None = None,
-        device: Device | None = None,
+        cls, folder: Path, *, threads: int | None = None, device: Device | None = None
     ) -> "Detector":
         """Open a folder that `learn` wrote, here or on another machine.
 
@@ -154,9 +140,6 @@ class Detector:
             folder: the folder.
             threads: number of threads of kernels and networks; None: as when learning.
             device: runs the networks, "cpu" or "cuda"; None: as when learning.
-
-        Returns:
-            A detector of the objects in the folder.
 
         Raises:
             MissingFileError: the folder holds no learnt objects.
@@ -191,46 +174,28 @@ class Detector:
 
     def add(
         self,
-        meshes: Mapping[str, str | PathLike[str]],
+        meshes: Mapping[str, Path],
         *,
         mesh_scale: float | None = None,
         background_frames: Iterable[Frame] = (),
     ) -> None:
-        """Learn more objects into the folder.
+        """Learn more objects, given as in `learn`, into the folder.
 
         The encoder stays as it is and the classifier is trained further.
-
-        Args:
-            meshes: as in `learn`.
-            mesh_scale: as in `learn`.
-            background_frames: as in `learn`.
-
-        Raises:
-            InputError: a name or mesh is wrong, or a name is already used.
 
         Examples:
             >>> detector.add({"cat": "cat.ply"}, mesh_scale=0.001)  # doctest: +SKIP
         """
-        from hlp.method.learn.backgrounds import GivenBackgrounds
         from hlp.method.learn.learning import add
-        from hlp.method.learn.mesh_models import MeshChoices, build_models
 
-        choices = MeshChoices(mesh_scale=mesh_scale)
         with self._lock:
             first_id = LearntFolder(self.folder).record.next_id
-            backgrounds = GivenBackgrounds(checked_backgrounds(background_frames))
-            models = build_models(checked_meshes(meshes), choices, first_id)
-            add(self.folder, models, backgrounds)
+            backgrounds = GivenBackgrounds(arguments.checked_backgrounds(background_frames))
+            add(self.folder, _build_models(meshes, mesh_scale, first_id), backgrounds)
             self._open()
 
     def remove(self, name: str) -> None:
-        """Take an object out of the folder.
-
-        Args:
-            name: a learnt object.
-
-        Raises:
-            InputError: it is not learnt, or there is no other object.
+        """Take an object out of the folder, unless it is the only one.
 
         Examples:
             >>> detector.remove("can")
@@ -250,9 +215,9 @@ class Detector:
 
     def detect(
         self,
-        rgb: UInt8[np.ndarray, "h w 3"],
-        depth: Float[np.ndarray, "h w"],
-        camera_matrix: Float[np.ndarray, "3 3"],
+        rgb: Rgb,
+        depth: Depth,
+        camera_matrix: Camera,
         objects: Sequence[str] | None = None,
         max_instances: int = MOST_INSTANCES,
         min_score: float = MIN_SCORE,
@@ -273,9 +238,6 @@ class Detector:
         Returns:
             All instances of the objects, the most certain first.
 
-        Raises:
-            InputError: an argument, which it names, is wrong.
-
         Examples:
             >>> (found,) = detector.detect(rgb, depth, camera_matrix, ["bear"], max_instances=1)
             >>> found.object, found.pose_cam_obj.shape
@@ -286,9 +248,9 @@ class Detector:
 
     def search(
         self,
-        rgb: UInt8[np.ndarray, "h w 3"],
-        depth: Float[np.ndarray, "h w"],
-        camera_matrix: Float[np.ndarray, "3 3"],
+        rgb: Rgb,
+        depth: Depth,
+        camera_matrix: Camera,
         objects: Sequence[str] | None = None,
         max_instances: int = MOST_INSTANCES,
         min_score: float = MIN_SCORE,
@@ -296,30 +258,15 @@ class Detector:
     ) -> SearchResult:
         """Find objects as `detect` does, and say for each why it has no other detection.
 
-        Args:
-            rgb: as in `detect`, like all arguments.
-            depth: see above.
-            camera_matrix: see above.
-            objects: see above.
-            max_instances: see above.
-            min_score: see above.
-            mask: see above.
-
-        Returns:
-            Detections, and the rejected answers with the reasons.
-
-        Raises:
-            InputError: an argument, which it names, is wrong.
-
         Examples:
             >>> result = detector.search(rgb, 0 * depth, camera_matrix, ["bear"])
             >>> result.detections, result.rejections[0].reason
             ([], 'nothing looks like the object where the image has depth and ...')
         """
-        frame = checked_frame(rgb, depth, camera_matrix)
+        frame = arguments.checked_frame(rgb, depth, camera_matrix)
         names = self._checked_names(objects)
-        check_limits(max_instances, min_score)
-        within = None if mask is None else checked_mask(mask, frame.depth.shape)
+        arguments.check_limits(max_instances, min_score)
+        within = None if mask is None else arguments.checked_mask(mask, frame.depth.shape)
         with self._alone() as estimator:
             begun = time.perf_counter()
             context = estimator.prepare(frame, within)
@@ -331,28 +278,17 @@ class Detector:
 
     def refine(
         self,
-        rgb: UInt8[np.ndarray, "h w 3"],
-        depth: Float[np.ndarray, "h w"],
-        camera_matrix: Float[np.ndarray, "3 3"],
+        rgb: Rgb,
+        depth: Depth,
+        camera_matrix: Camera,
         object: str,
         pose_cam_obj: Float[np.ndarray, "4 4"],
     ) -> Detection | None:
         """The best pose of an object about a given one, by the refiner alone (stage 3).
 
-        For a pose that is roughly known: from another detector, or from a moment before.
-
-        Args:
-            rgb: as in `detect`.
-            depth: as in `detect`.
-            camera_matrix: as in `detect`.
-            object: name of a learnt object.
-            pose_cam_obj: (4, 4), maps its coordinates to the camera's (metres).
-
-        Returns:
-            The refined pose, with its score; None if it is not in front of the camera.
-
-        Raises:
-            InputError: an argument, which it names, is wrong.
+        For a pose (4, 4), which maps the object's coordinates to the camera's (metres), that is
+        roughly known: from another detector, or from a moment before. The image is given as in
+        `detect`. None if the object is not in front of the camera.
 
         Examples:
             >>> (found,) = detector.detect(rgb, depth, camera_matrix, ["bear"], max_instances=1)
@@ -361,9 +297,9 @@ class Detector:
             >>> detector.refine(rgb, depth, camera_matrix, "bear", rough).object
             'bear'
         """
-        frame = checked_frame(rgb, depth, camera_matrix)
+        frame = arguments.checked_frame(rgb, depth, camera_matrix)
         (name,) = self._checked_names([object])
-        track = Track(0, self._ids[name], 0.0, checked_pose(pose_cam_obj))
+        track = Track(0, self._ids[name], 0.0, arguments.checked_pose(pose_cam_obj))
         with self._alone() as estimator:
             begun = time.perf_counter()
             found = follow(estimator, estimator.prepare(frame), track, None, TrackingSettings())
@@ -375,18 +311,7 @@ class Detector:
         max_instances: int = MOST_INSTANCES,
         settings: TrackingSettings | None = None,
     ) -> Tracker:
-        """What follows objects through one sequence of frames.
-
-        Args:
-            objects: their names; None: all learnt ones.
-            max_instances: how many instances of one object are looked for.
-            settings: None: the defaults.
-
-        Returns:
-            A tracker that has seen no frame yet.
-
-        Raises:
-            InputError: an argument, which it names, is wrong.
+        """What follows objects, given as in `detect`, through one sequence of frames.
 
         Examples:
             >>> tracker = detector.tracker(["bear"], max_instances=1)
@@ -396,7 +321,7 @@ class Detector:
         settings = TrackingSettings() if settings is None else settings
         if not isinstance(settings, TrackingSettings):
             raise InputError(f"settings is {settings!r}: it must be TrackingSettings")
-        check_limits(max_instances, settings.min_score)
+        arguments.check_limits(max_instances, settings.min_score)
         ids = [self._ids[name] for name in self._checked_names(objects)]
         return Tracker(self._alone, ids, max_instances, settings)
 
@@ -410,19 +335,9 @@ class Detector:
         """The objects in each frame of a sequence; the same as `Tracker.update` frame by frame.
 
         An object is searched where it was last seen, which takes a tenth of the time of detection,
-        and detected where that fails.
-
-        Args:
-            frames: have `rgb`, `depth` and `camera_matrix` as in `detect`, e.g. `hlp.CameraImage`.
-            objects: their names; None: all learnt ones.
-            max_instances: how many instances of one object are looked for.
-            settings: None: the defaults.
-
-        Returns:
-            What is found in each frame, the most certain first, as soon as the frame is there.
-
-        Raises:
-            InputError: an argument or, when it is reached, a frame is wrong.
+        and detected where that fails. Frames have `rgb`, `depth` and `camera_matrix` as in
+        `detect`, as `hlp.CameraImage` has. What is found in a frame, the most certain first, comes
+        as soon as the frame is there.
 
         Examples:
             >>> for found in detector.track([image, image], ["bear"], max_instances=1):
@@ -444,4 +359,13 @@ class Detector:
     def _checked_names(self, objects: Sequence[str] | None) -> Sequence[str]:
         if objects is None:
             return self.objects
-        return checked_names(objects, self.objects, self.folder)
+        return arguments.checked_names(objects, self.objects, self.folder)
+
+
+def _build_models(
+    meshes: Mapping[str, Path], mesh_scale: float | None, first_id: int
+) -> dict[int, ObjectModel]:
+    from hlp.method.learn.mesh_models import MeshChoices, build_models  # with trimesh
+
+    choices = MeshChoices(mesh_scale=mesh_scale)
+    return build_models(arguments.checked_meshes(meshes), choices, first_id)

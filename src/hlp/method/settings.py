@@ -1,9 +1,9 @@
 """Settings of the method: how objects are learnt and found."""
 
-from dataclasses import asdict, dataclass, field
-from typing import Annotated, Any, Literal
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
 
-from annotated_types import Ge, Le
+from annotated_types import Ge, Interval, Le
 
 from hlp.codebook.entries import EntrySettings
 from hlp.codebook.inverted_lists import InvertedListsSettings
@@ -19,8 +19,9 @@ from hlp.patches.local_pool import PairSettings
 from hlp.patches.window_choice import CloserSettings
 from hlp.refinement.pso import PsoSettings
 from hlp.refinement.refiner import REFINERS, RefinementSettings
+from hlp.refinement.score_model import MIN_SCORE
 from hlp.rendering.views import ViewsSettings
-from hlp.settings import Doc, Settings, SettingsError, read_settings
+from hlp.settings import Doc, Settings, SettingsError
 from hlp.templates.building import TemplateSettings
 from hlp.voting.modes import VOTINGS, JointVotingSettings, VotingSettings
 
@@ -149,11 +150,26 @@ class MethodSettings(Settings):
             raise SettingsError("encoder.dimension", problem)
 
 
-def settings_to_json(settings: MethodSettings) -> dict[str, Any]:
-    """The settings as plain values for JSON."""
-    return asdict(settings)
+@dataclass(frozen=True, kw_only=True)
+class TrackingSettings(Settings):
+    """How objects are followed through a sequence of frames."""
 
-
-def settings_from_json(content: dict[str, Any]) -> MethodSettings:
-    """The settings from plain values. Raises ConfigError naming the key that is wrong."""
-    return read_settings(MethodSettings, content)
+    min_score: Annotated[
+        float,
+        Interval(ge=0, le=1),
+        Doc(
+            "probability below which a tracked pose is lost, so that the object is detected again "
+            "in that frame, and below which a detected pose is no answer (D)"
+        ),
+    ] = MIN_SCORE
+    search_every: Annotated[
+        int,
+        Ge(0),
+        Doc(
+            "frames between two searches for more instances of an object that is tracked; "
+            "0: none. An object that is not tracked is searched in every frame (D)"
+        ),
+    ] = 30
+    prediction: Annotated[
+        bool, Doc("start also from where the object is if it has moved on as before (D)")
+    ] = True

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hlp.method.find.detections import Detection
-from hlp.method.track.tracking import TrackedDetection
+from hlp.method.find.detections import TrackedDetection
 from hlp.records import MILLIMETRES_PER_METRE
 
 HEADER = (

@@ -9,8 +9,7 @@ from hlp.checks.corrections import best_score, check_by_search
 from hlp.checks.frame_checks import check_first_frame, check_registration
 from hlp.checks.known_objects import Evidence, all_answers
 from hlp.method.detector import Detector
-from hlp.method.find.detections import Detection, SearchResult
-from hlp.method.track.tracking import TrackingResult
+from hlp.method.find.detections import Detection, SearchResult, TrackingResult
 from hlp.records import Frame
 from hlp.refinement.score_model import MIN_SCORE
 

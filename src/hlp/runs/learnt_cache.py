@@ -13,7 +13,7 @@ from hlp.method.learn.learnt_folder import (
     check_files,
     read_record,
 )
-from hlp.method.learn.unfinished_folder import bring_back
+from hlp.method.learn.unfinished_folder import restore_replaced
 
 _REMOVED = ".removed-"
 
@@ -45,12 +45,12 @@ def find_learnt(given: str, cache: Path) -> Path:
     Raises MissingFileError if there is no such folder, naming those in the cache.
     """
     path = Path(given).expanduser()
-    bring_back(path.resolve())
+    restore_replaced(path.resolve())
     if (path / RECORD).is_file():
         return path
     named = cache / given
     if Path(given).name == given:
-        bring_back(named)
+        restore_replaced(named)
         if (named / RECORD).is_file():
             return named
     known = ", ".join(each.name for each in list_learnt(cache)) or "nothing"

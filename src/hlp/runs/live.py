@@ -15,9 +15,9 @@ from hlp.data.cameras import BrokenImage, Camera
 from hlp.errors import HlpError, InputError
 from hlp.files import replaced
 from hlp.method.detector import Detector
-from hlp.method.find.detections import Detection
+from hlp.method.find.detections import Detection, TrackingResult
+from hlp.method.settings import TrackingSettings
 from hlp.method.track.tracker import Tracker
-from hlp.method.track.tracking import TrackingResult, TrackingSettings
 from hlp.records import CameraImage, Frame, ObjectModel
 from hlp.rendering.light import FRONTAL_LIGHT
 from hlp.rendering.rasterizer import render_rgbd

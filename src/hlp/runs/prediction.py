@@ -17,9 +17,9 @@ import hlp
 from hlp.data.own_frames import OwnFrames, SearchMasks
 from hlp.errors import DamagedError, DataError, HlpError, MissingFileError
 from hlp.method.detector import MOST_INSTANCES, Detector
-from hlp.method.find.detections import SearchResult
+from hlp.method.find.detections import SearchResult, TrackingResult
 from hlp.method.learn.learnt_folder import RECORD
-from hlp.method.track.tracking import TrackingResult, TrackingSettings
+from hlp.method.settings import TrackingSettings
 from hlp.records import Frame, ObjectModel, PoseEstimate, parse_frame_key
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.results.answers_file import LINES, AnswersFile

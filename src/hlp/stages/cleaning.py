@@ -1,16 +1,17 @@
 """What may go from a store: partial outputs of crashed runs, damaged ones, unreferenced ones."""
 
 import shutil
+import sys
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from hlp.errors import DataError, MissingFileError
+from hlp.errors import InputError, MissingFileError
 from hlp.files import MANIFEST
 from hlp.stages.fingerprint import is_fingerprint
-from hlp.stages.manifest import read_manifest
-from hlp.stages.store import DAMAGED, PARTIAL, RECORD
-from hlp.stages.store_use import unused
+from hlp.stages.manifest import named_outputs
+from hlp.stages.store import DAMAGED, IN_USE, PARTIAL, RECORD
 
 KINDS = ("partial", "damaged", "unreferenced")
 
@@ -32,23 +33,16 @@ def find_removable(work: Path, results: Iterable[Path]) -> list[Removable]:
     """
     if not work.is_dir():
         raise MissingFileError(f"there is no folder {work}: name the one of the runs, work=DIR")
-    named = set(_referred_to(results))
+    manifests = [path for folder in results for path in sorted(folder.rglob(MANIFEST))]
+    named = {(stage, name) for path in manifests for stage, _, name in named_outputs(path)}
     found = []
     for folder in sorted(work.glob("*/*")):
         kind = _kind(folder, named)
         if kind is not None:
-            found.append(Removable(kind, folder, _size(folder)))
+            files = [folder] if folder.is_file() else folder.rglob("*")
+            size = sum(path.lstat().st_size for path in files if path.is_file())
+            found.append(Removable(kind, folder, size))
     return found
-
-
-def remove(work: Path, outputs: Sequence[Removable]) -> None:
-    """Remove outputs from the store in `work`. Raises InputError while a run uses the store."""
-    with unused(work):
-        for each in outputs:
-            if each.folder.is_dir() and not each.folder.is_symlink():
-                shutil.rmtree(each.folder)
-            else:
-                each.folder.unlink()
 
 
 def _kind(folder: Path, named: set[tuple[str, str]]) -> str | None:
@@ -63,16 +57,27 @@ def _kind(folder: Path, named: set[tuple[str, str]]) -> str | None:
     return "unreferenced" if (folder / RECORD).is_file() else None
 
 
-def _referred_to(results: Iterable[Path]) -> Iterator[tuple[str, str]]:
-    """Stage and fingerprint of every output that a manifest names."""
-    for path in (found for folder in results for found in sorted(folder.rglob(MANIFEST))):
-        stages = read_manifest(path).get("stages", [])
+def remove(work: Path, outputs: Sequence[Removable]) -> None:
+    """Remove outputs from the store in `work`. Raises InputError while a run uses the store."""
+    with _unused(work):
+        for output in outputs:
+            if output.folder.is_dir() and not output.folder.is_symlink():
+                shutil.rmtree(output.folder)
+            else:
+                output.folder.unlink()
+
+
+@contextmanager
+def _unused(work: Path) -> Iterator[None]:
+    """Keep runs from beginning to use a store. Raises InputError while one uses it."""
+    if sys.platform == "win32":
+        yield
+        return
+    import fcntl
+
+    with (work / IN_USE).open("ab") as stream:
         try:
-            yield from ((str(each["stage"]), str(each["fingerprint"])) for each in stages)
-        except (TypeError, KeyError) as error:
-            raise DataError(f"{path} is damaged: stages are {stages!r}") from error
-
-
-def _size(folder: Path) -> int:
-    files = [folder] if folder.is_file() else folder.rglob("*")
-    return sum(path.lstat().st_size for path in files if path.is_file())
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise InputError(f"a run is using {work}: wait until it has ended") from error
+        yield

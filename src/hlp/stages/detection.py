@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from functools import lru_cache
 from pathlib import Path
@@ -22,7 +22,6 @@ from hlp.method.settings import MethodSettings
 from hlp.method.stage_settings import FindSettings
 from hlp.records import Frame, PoseEstimate, parse_frame_key
 from hlp.refinement.score_model import ScoreModel
-from hlp.source_code import Code
 from hlp.stages.executor_settings import ExecutorSettings
 from hlp.stages.fingerprint import fingerprint, stage_code
 from hlp.stages.manifest import device_name
@@ -46,8 +45,9 @@ class DetectionStages:
     decoded once, however many of the stages are missing. `load` decodes a frame, unless it is the
     one decoded last; whoever else needs its images takes them in the same pass, see `estimates`.
 
-    `seconds` holds the times, by frame, of what this object has computed itself. `reused` names the
-    stages for which at least one frame was found on disk; that frame has no time.
+    `made` holds the outputs of the stages requested so far, `seconds` the times, by frame, of what
+    this object has computed itself. `reused` names the stages for which at least one frame was
+    found on disk; that frame has no time.
     `first_use_seconds` is the time of the first frame, with everything that is loaded and compiled
     for it (None: this process has processed no frame). It is not part of any frame's time.
     `cpu_seconds` is the CPU time of all threads for the frames that `seconds` holds, as far as no
@@ -85,7 +85,7 @@ class DetectionStages:
         self.first_use_seconds: float | None = None
         self.cpu_seconds = 0.0
         self.reused: set[str] = set()
-        self._made: dict[str, Output] = {}
+        self.made: dict[str, Output] = {}
 
     def regions(self) -> Output:
         """Stage 1: candidate regions of the targets of every frame."""
@@ -101,30 +101,29 @@ class DetectionStages:
 
     def _make_up_to(self, last: Stage, visit: Visit | None = None) -> Output:
         """The output of a stage; those before it that are missing are made in the same pass."""
-        if last in self._made and visit is None:
-            return self._made[last]
+        if last in self.made and visit is None:
+            return self.made[last]
         self.training.make_for(self.dataset.target_ids)
-        wanted = STAGES[: STAGES.index(last) + 1]
-        described = self._descriptions(wanted)
+        described = self._descriptions(STAGES[: STAGES.index(last) + 1])
         with ExitStack() as stack:
             stacks = {stage: stack.enter_context(ExitStack()) for stage in described}
             opened = {
                 stage: stacks[stage].enter_context(self.store.open(stage, name, description))
                 for stage, (name, description) in described.items()
             }
-            folders = {stage: each.folder for stage, each in opened.items()}
-            missing = [stage for stage, each in opened.items() if not each.finished]
-            self.reused |= opened.keys() - {*missing} - self._made.keys()
+            folders = {stage: output.folder for stage, output in opened.items()}
+            missing = [stage for stage, output in opened.items() if not output.finished]
+            self.reused |= opened.keys() - {*missing} - self.made.keys()
             bar = " + ".join(missing) or "frames"
             keys = self._process(folders, missing)
             for key in tqdm(keys, bar, len(self.keys), unit="frame", disable=None):
                 if visit is not None:
                     self._visit(key, read_trace(folders, key), visit)
-            for each in stacks.values():
-                each.close()  # publishes what was made, in the order of the stages
+            for own in stacks.values():
+                own.close()  # publishes what was made, in the order of the stages
         for stage, (name, _) in described.items():
-            self._made[stage] = Output(name, self.store.root / stage / name)
-        return self._made[last]
+            self.made[stage] = Output(name, self.store.root / stage / name)
+        return self.made[last]
 
     def _visit(self, key: str, found: Trace | str, visit: Visit) -> None:
         """Show a frame to a visitor, or note why it could not be used."""
@@ -137,78 +136,61 @@ class DetectionStages:
             logging.getLogger(__name__).warning("frame %s cannot be used: %s", key, found)
         self.failed[key] = found
 
-    def _descriptions(self, stages: Sequence[Stage]) -> dict[Stage, tuple[str, Mapping[str, Any]]]:
+    def _descriptions(self, stages: Sequence[Stage]) -> dict[Stage, tuple[str, dict[str, Any]]]:
         """Fingerprint of each stage, and everything that it depends on."""
-        seed = self.settings.seed
-        before: dict[str, str] = {}
-        described: dict[Stage, tuple[str, Mapping[str, Any]]] = {}
+        dataset, before = self.dataset, dict[str, str]()
+        common: dict[str, Any] = {
+            "device": device_name(self.find_settings.machine.device),
+            "keys": list(self.keys),
+            "search_all": dataset.search_all,
+        }
+        if self.bad_frames:
+            common["bad_frames"] = sorted(self.bad_frames)
+        always = search_frame.__module__, write_trace.__module__, type(dataset.frames).__module__
+        described: dict[Stage, tuple[str, dict[str, Any]]] = {}
         for stage in stages:
-            settings = {
-                **self._settings_of(stage),
-                "keys": list(self.keys),
-                "search_all": self.dataset.search_all,
+            settings, inputs, modules = self._made_from(stage)
+            upstream = {**before, **inputs, "frames": dataset.frames_identity}
+            seed, code = self.settings.seed, stage_code(*always, *modules)
+            description: dict[str, Any] = {
+                "settings": settings | common,
+                "upstream": upstream,
+                "seed": seed,
             }
-            if self.bad_frames:
-                settings["bad_frames"] = sorted(self.bad_frames)
-            inputs = {**before, **self._inputs_of(stage), "frames": self.dataset.frames_identity}
-            name = fingerprint(stage, self._code(stage), seed, settings, inputs)
-            described[stage] = name, {"settings": settings, "upstream": inputs, "seed": seed}
-            before = {stage: name}
+            described[stage] = fingerprint(stage, code, **description), description
+            before = {stage: described[stage][0]}
         return described
 
-    def _settings_of(self, stage: Stage) -> dict[str, Any]:
-        """What the estimator is handed for a stage, and what it reads of the objects."""
-        part = {
-            "regions": self.find_settings.regions,
-            "hypotheses": self.find_settings.coarse,
-            "poses": self.find_settings.fine,
-        }[stage]
-        settings = {**part.named(), "device": device_name(self.find_settings.machine.device)}
-        if stage == "regions":
-            models = {i: self.dataset.models[i] for i in self.dataset.target_ids}
-            settings["sizes"] = {str(i): [m.holistic_size, m.diameter] for i, m in models.items()}
-        return settings
+    def _made_from(self, stage: Stage) -> tuple[dict[str, Any], dict[str, str], list[str]]:
+        """Settings that the estimator is handed for a stage, inputs, and modules of alternatives.
 
-    def _inputs_of(self, stage: str) -> dict[str, str]:
-        training, objects = self.training, self.dataset.target_ids
+        The code that all stages run, and what they all depend on, is not among them.
+        """
+        find, training, objects = self.find_settings, self.training, self.dataset.target_ids
         if stage == "regions":
-            return {"classifier": training.classifier().fingerprint}
-        models = {f"model_{i}": self.dataset.model_identities[i] for i in objects}
+            models = {i: self.dataset.models[i] for i in objects}
+            sizes = {str(i): [m.holistic_size, m.diameter] for i, m in models.items()}
+            inputs = {"classifier": training.classifier().fingerprint}
+            return find.regions.named() | {"sizes": sizes}, inputs, [load_classifier.__module__]
+        inputs = {f"model_{i}": self.dataset.model_identities[i] for i in objects}
         if stage == "poses":
             calibrated = objects if self.settings.score.scenes > 0 else ()
-            return models | {f"score_{i}": training.score(i).fingerprint for i in calibrated}
-        codebooks = {f"codebook_{i}": training.codebook(i).fingerprint for i in objects}
-        return {"encoder": training.encoder().fingerprint, **codebooks, **models}
-
-    def _code(self, stage: str) -> Code:
-        """The code of detection, of the frames' reader, and of the alternatives that are chosen."""
-        settings = self.settings
-        modules = {
-            "regions": [load_classifier.__module__],
-            "hypotheses": [
-                type(settings.encoder).__module__,
-                load_codebook.__module__,
-                type(settings.codebook).__module__,
-                type(settings.voting).__module__,
-            ],
-            "poses": [type(settings.refinement).__module__],
-        }
-        reader = type(self.dataset.frames).__module__
-        return stage_code(search_frame.__module__, write_trace.__module__, reader, *modules[stage])
-
-    @property
-    def made(self) -> Mapping[str, Output]:
-        """The outputs of the stages requested so far, by stage."""
-        return dict(self._made)
-
-    def adopt(self, made: Mapping[str, Output]) -> None:
-        """Use outputs that other stages with the same settings have made or found."""
-        self._made |= made
+            inputs |= {f"score_{i}": training.score(i).fingerprint for i in calibrated}
+            return find.fine.named(), inputs, [type(find.fine.refinement).__module__]
+        inputs |= {f"codebook_{i}": training.codebook(i).fingerprint for i in objects}
+        inputs["encoder"] = training.encoder().fingerprint
+        chosen = self.settings.encoder, find.coarse.codebook, find.coarse.voting
+        modules = [load_codebook.__module__, *(type(choice).__module__ for choice in chosen)]
+        return find.coarse.named(), inputs, modules
 
     def _process(self, folders: Mapping[Stage, Path], missing: Sequence[Stage]) -> Iterator[str]:
-        """Process the frames of which a stage is missing; yields all keys, each when it is done."""
+        """Process the frames of which a stage is missing, here or in workers, to the same results.
+
+        Yields all keys, each when it is done.
+        """
         for key, reason in self.bad_frames.items():
-            self._write_failure(key, reason, folders, missing)
+            for stage in missing:
+                write_failure(folders[stage], key, reason)
             yield key
         keys = [key for key in self.keys if key not in self.bad_frames]
         done = {key: all(has_arrays(folders[stage], key) for stage in missing) for key in keys}
@@ -216,23 +198,18 @@ class DetectionStages:
             self.reused |= {*missing}
         yield from (key for key in keys if done[key])
         left = [key for key in keys if not done[key]]
-        for key, seconds in self._each(folders, missing, left):
+        found: Iterable[tuple[str, Seconds]]
+        if self.executor is not None and self.executor.parallel and left:
+            from hlp.stages.frame_task import FrameTask, Worker
+
+            worker = Worker.of(self.training, self.executor, self.on_bad_frame)
+            found = self.executor.each(FrameTask(worker, folders, tuple(missing)), left)
+        else:
+            found = ((key, self.find(key, folders, missing)) for key in left)
+        for key, seconds in found:
             before = self.seconds.get(key, {})
             self.seconds[key] = {i: {**before.get(i, {}), **seconds[i]} for i in seconds}
             yield key
-
-    def _each(
-        self, folders: Mapping[Stage, Path], missing: Sequence[Stage], keys: Sequence[str]
-    ) -> Iterator[tuple[str, Seconds]]:
-        """Process all frames, here or in workers, with the same results. Yields finished keys."""
-        if self.executor is None or not self.executor.parallel:
-            for key in keys:
-                yield key, self.find(key, folders, missing)
-        elif keys:
-            from hlp.stages.frame_task import FrameTask
-
-            task = FrameTask.of(self, folders, tuple(missing))
-            yield from self.executor.each(task, keys)
 
     def find(self, key: str, folders: Mapping[Stage, Path], missing: Sequence[Stage]) -> Seconds:
         """Write one frame's files of the missing stages; return the time of each object's steps.
@@ -245,81 +222,62 @@ class DetectionStages:
         except (DataError, InputError) as error:  # a file that has gone ends the run
             if self.on_bad_frame == "fail" or not isinstance(self.dataset.frames, CheckedFrames):
                 raise
-            self._write_failure(key, str(error), folders, missing)
+            for stage in missing:
+                write_failure(folders[stage], key, str(error))
             return {}
-        counts = self.dataset.wanted(frame)
         given = read_trace(folders, key, [stage for stage in folders if stage not in missing])
         assert not isinstance(given, str)  # a frame that failed has failed in all stages
         if self.first_use_seconds is None:
             begun = time.perf_counter()
             self.estimator.load(self.dataset.target_ids)
-            self._search(frame, counts, given, missing)
+            self.search(frame, given, missing[-1])
             self.first_use_seconds = time.perf_counter() - begun
         begun = time.process_time()
-        found = self._search(frame, counts, given, missing)
+        found = self.search(frame, given, missing[-1])
         self.cpu_seconds += time.process_time() - begun
         for stage in missing:
             write_trace(folders[stage], key, stage, found)
         return seconds_of(found)
 
-    def _search(
-        self, frame: Frame, counts: Mapping[int, int], given: Trace, missing: Sequence[Stage]
-    ) -> Trace:
-        """Search a frame up to the last missing stage; one object at a time, to time each."""
+    def search(self, frame: Frame, given: Trace | None = None, last: Stage = "poses") -> Trace:
+        """Search a frame up to a stage, in memory; one object at a time, to time each."""
         begun = time.perf_counter()
-        context = self.estimator.prepare(frame)
         return search_frame(
             self.estimator,
-            context,
-            counts,
+            self.estimator.prepare(frame),
+            self.dataset.wanted(frame),
             given=given,
-            stop_after=missing[-1],
+            stop_after=last,
             by_threads=False,
             begun=begun,
         )
 
-    def _write_failure(
-        self, key: str, reason: str, folders: Mapping[Stage, Path], missing: Sequence[Stage]
-    ) -> None:
-        for stage in missing:
-            write_failure(folders[stage], key, reason)
-
     def read(self, key: str, stages: Sequence[Stage] = STAGES) -> Trace:
         """What stages have found in a frame that did not fail, from disk; made where missing."""
-        return _read({stage: self._make_up_to(stage).folder for stage in stages}, key)
-
-    def scores(self) -> dict[int, ScoreModel]:
-        """The score models of the objects that are looked for."""
-        self.training.make_for(self.dataset.target_ids)
-        models = {i: self.training.load_score_model(i) for i in self.dataset.target_ids}
-        if not self.dataset.search_all:
-            return {i: model.known_present() for i, model in models.items()}
-        return models
+        found = read_trace({stage: self._make_up_to(stage).folder for stage in stages}, key)
+        assert not isinstance(found, str), f"frame {key} has failed: {found}"
+        return found
 
     def estimates(self, visit: Visit | None = None) -> list[PoseEstimate]:
         """The pose of every object looked for, with the times measured by this object.
 
-        There is none of the frames that `failed`.
-
-        `visit` is called once for every frame, in any order: here, not in a worker, and as soon as
-        the frame is processed, so that `load` has it still decoded.
+        There is none of the frames that `failed`. `visit` is called once for every frame, in any
+        order: here, not in a worker, and as soon as the frame is processed, so that `load` has it
+        still decoded.
         """
-        scores = self.scores()
-        folder = self._make_up_to("poses", visit or (lambda key, found: None)).folder
+        self.training.make_for(self.dataset.target_ids)
+        scores = {i: self.training.load_score_model(i) for i in self.dataset.target_ids}
+        if not self.dataset.search_all:
+            scores = {i: model.known_present() for i, model in scores.items()}
+        self._make_up_to("poses", visit or (lambda key, found: None))
         return [
             estimate
             for key in self.keys
             if key not in self.failed
             for estimate in estimates_of(
-                key, _read({"poses": folder}, key), self.seconds.get(key, {}), scores
+                key, self.read(key, ("poses",)), self.seconds.get(key, {}), scores
             )
         ]
-
-
-def _read(folders: Mapping[Stage, Path], key: str) -> Trace:
-    found = read_trace(folders, key)
-    assert not isinstance(found, str), f"frame {key} has failed: {found}"
-    return found
 
 
 def seconds_of(trace: Trace) -> Seconds:
@@ -345,6 +303,6 @@ def estimates_of(
             answers = list(zip(found.refined.chosen_poses, fits, strict=True))
         spent = seconds.get(object_id, {})
         timed = spent if set(STEPS) <= spent.keys() else {}
-        shared = {step: each / len(answers) for step, each in timed.items()}
+        shared = {step: of_all / len(answers) for step, of_all in timed.items()}
         estimates += [PoseEstimate(scene_id, frame_id, object_id, *a, shared) for a in answers]
     return estimates

@@ -19,8 +19,11 @@ from hlp.registry import Registry
 from hlp.settings import Doc, Settings
 
 Result = TypeVar("Result")
-
+Threads = Annotated[
+    int, Ge(1), Le(1024), Doc("threads of each worker, in place of machine.threads (D)")
+]
 _PACKAGES = {"dask": "distributed", "ray": "ray"}
+_EVERY = 0.2  # s
 
 
 class ExecutorSettings(Protocol):
@@ -32,28 +35,23 @@ class ExecutorSettings(Protocol):
     @property
     def name(self) -> str:
         """The alternative's name."""
-        ...
 
     @property
     def threads(self) -> int:
         """Threads of each worker, in place of `machine.threads`."""
-        ...
 
     def require(self) -> None:
         """Raise MissingDependencyError, which says what to install, if a package is missing."""
-        ...
 
     def each(self, work: Callable[[str], Result], keys: Sequence[str]) -> Iterator[Result]:
         """Do the work once for each key, in any order; yields what it returns, as it comes.
 
         `work` is sent to the workers by pickle. Raises the errors that it raises there.
         """
-        ...
 
 
 EXECUTORS: Registry[ExecutorSettings] = Registry("executor", "hlp.stages")
 """Alternatives of config group `executor`."""
-_THREADS = "threads of each worker, in place of machine.threads (D)"
 
 
 @EXECUTORS.register
@@ -84,7 +82,7 @@ class PoolSettings(Settings):
 
     name: Literal["loky", "threading"] = "loky"
     workers: Annotated[int, Ge(1), Le(1024), Doc("number of processes or threads (D)")] = 2
-    threads: Annotated[int, Ge(1), Le(1024), Doc(_THREADS)] = 1
+    threads: Threads = 1
 
     parallel: ClassVar[bool] = True
 
@@ -93,7 +91,7 @@ class PoolSettings(Settings):
 
     def each(self, work: Callable[[str], Result], keys: Sequence[str]) -> Iterator[Result]:
         """See `ExecutorSettings.each`."""
-        return each_by_joblib(self.name, self.workers, work, keys)
+        return _by_joblib(self.name, self.workers, work, keys)
 
 
 @EXECUTORS.register
@@ -106,48 +104,44 @@ class ClusterSettings(Settings):
 
     name: Literal["dask", "ray"]
     address: Annotated[str, Doc("tcp://HOST:8786 (dask); auto: the cluster of this machine (ray)")]
-    threads: Annotated[int, Ge(1), Le(1024), Doc(_THREADS)] = 1
+    threads: Threads = 1
 
     parallel: ClassVar[bool] = True
 
     def require(self) -> None:
         """See `ExecutorSettings.require`."""
         if find_spec(_PACKAGES[self.name]) is None:
-            extra = self.name
+            name = self.name
             raise MissingDependencyError(
-                f"executor={extra} needs the extra '{extra}': pip install 'hlp[{extra}]'"
+                f"executor={name} needs the extra '{name}': pip install 'hlp[{name}]'"
             )
 
     def each(self, work: Callable[[str], Result], keys: Sequence[str]) -> Iterator[Result]:
         """See `ExecutorSettings.each`."""
-        with _connected(self.name, self.address):
+        with self._connected():
             # Clusters know how many workers they have.
-            yield from each_by_joblib(self.name, -1, work, keys)
+            yield from _by_joblib(self.name, -1, work, keys)
+
+    @contextmanager
+    def _connected(self) -> Iterator[None]:
+        if self.name == "dask":
+            from distributed import Client
+
+            with Client(self.address):
+                yield
+        else:
+            import ray
+            from ray.util.joblib import register_ray
+
+            with ray.init(self.address):
+                register_ray()
+                yield
 
 
-@contextmanager
-def _connected(cluster: str, address: str) -> Iterator[None]:
-    if cluster == "dask":
-        from distributed import Client
-
-        with Client(address):
-            yield
-    else:
-        import ray
-        from ray.util.joblib import register_ray
-
-        with ray.init(address):
-            register_ray()
-            yield
-
-
-def each_by_joblib(
+def _by_joblib(
     backend: str, workers: int, work: Callable[[str], Result], keys: Sequence[str]
 ) -> Iterator[Result]:
-    """Do the work once for each key, in any order; yields what it returns, as it comes.
-
-    `backend` is joblib's name for the kind of workers, `workers` their number (-1: all).
-    """
+    """`ExecutorSettings.each` by one of joblib's backends with so many workers (-1: all)."""
     from joblib import Parallel, delayed, parallel_config
 
     # Ray's backend returns nothing before everything is done.
@@ -156,22 +150,18 @@ def each_by_joblib(
         # When the run is stopped.
         warnings.filterwarnings("ignore", message=".*by the workers have been cancelled.*")
         parallel = Parallel(batch_size=1, return_as=returned)
-        do = partial(_do_in_process, os.getpid()) if backend == "loky" else _do
+        do = partial(_do, os.getpid() if backend == "loky" else None)
         yield from parallel(delayed(do)(work, key) for key in keys)
 
 
-def _do(work: Callable[[str], Result], key: str) -> Result:
-    # Joblib's dask backend hangs with functions that cannot be hashed, so it is given this one.
-    return work(key)
+def _do(parent: int | None, work: Callable[[str], Result], key: str) -> Result:
+    """Do the work for a key. A process other than its parent, if that is given, ends with it.
 
-
-def _do_in_process(parent: int, work: Callable[[str], Result], key: str) -> Result:
-    if os.getpid() != parent:  # one worker is the run's own process
+    Joblib's dask backend hangs with functions that cannot be hashed, so it is given this one.
+    """
+    if parent is not None and os.getpid() != parent:  # one worker is the run's own process
         ends_with(parent)
     return work(key)
-
-
-_EVERY = 0.2  # s
 
 
 @cache
@@ -181,12 +171,12 @@ def ends_with(parent: int) -> None:
     Otherwise a worker would finish its work, writing into folders whose locks are free already.
     `parent` is the parent's process id. A second call has no effect.
     """
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(_EVERY)
+        os._exit(1)
+
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_watch, args=(parent,), name="parent", daemon=True).start()
-
-
-def _watch(parent: int) -> None:
-    while os.getppid() == parent:
-        time.sleep(_EVERY)
-    os._exit(1)
+    threading.Thread(target=watch, name="parent", daemon=True).start()

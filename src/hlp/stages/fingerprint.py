@@ -72,19 +72,13 @@ def plain(value: Any, key: str = "settings") -> Any:
     if isinstance(value, Path):
         return value.as_posix()
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {
-            each.name: plain(getattr(value, each.name), f"{key}.{each.name}")
-            for each in dataclasses.fields(value)
-        }
-        return {"class": type(value).__name__, "fields": fields}
+        fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+        return {"class": type(value).__name__, "fields": plain(fields, key)}
     if isinstance(value, Mapping):
-        return {_text_key(name, key): plain(item, f"{key}.{name}") for name, item in value.items()}
+        for name in value:
+            if not isinstance(name, str):
+                raise TypeError(f"{key} has the key {name!r}: keys of settings are text")
+        return {name: plain(item, f"{key}.{name}") for name, item in value.items()}
     if isinstance(value, list | tuple):
         return [plain(item, f"{key}[{index}]") for index, item in enumerate(value)]
     raise TypeError(f"{key} is a {type(value).__name__}: settings are plain values")
-
-
-def _text_key(name: Any, key: str) -> str:
-    if not isinstance(name, str):
-        raise TypeError(f"{key} has the key {name!r}: keys of settings are text")
-    return name

@@ -1,4 +1,4 @@
-"""Detection in one frame by a worker. It is sent settings and folders, and reads the images."""
+"""Frames and views by a worker. It is sent settings and folders, and reads the images."""
 
 import threading
 from collections.abc import Mapping
@@ -24,11 +24,11 @@ _KEPT = threading.local()
 
 
 @dataclass(frozen=True)
-class FrameTask:
-    """Everything that a worker needs to process a frame like the run's own process.
+class Worker:
+    """Everything that a worker needs to compute like the run's own process, bit for bit.
 
-    Results are the same bit for bit. `learnt` and `found` are the finished outputs that the stages
-    start from. `made_from` are the versions, code and data that the worker must have too.
+    `made_from` are the versions, code and data that the worker must have too. `learnt` are the
+    finished outputs that detection starts from.
     """
 
     data: DataSettings
@@ -36,65 +36,50 @@ class FrameTask:
     work: Path
     made_from: Mapping[str, Any]
     learnt: Mapping[tuple[str, int], Output]
-    found: Mapping[str, Output]
-    folders: Mapping[Stage, Path]
-    missing: tuple[Stage, ...]
     on_bad_frame: OnBadFrame = "fail"
 
     @classmethod
     def of(
-        cls, detection: DetectionStages, folders: Mapping[Stage, Path], missing: tuple[Stage, ...]
-    ) -> "FrameTask":
-        """The task of writing the missing stages' files into their folders."""
-        executor = detection.executor
-        data = detection.dataset.settings
-        assert executor is not None and data is not None
+        cls,
+        training: TrainingStages,
+        executor: ExecutorSettings,
+        on_bad_frame: OnBadFrame = "fail",
+    ) -> "Worker":
+        """A worker of an executor."""
+        data, settings = training.dataset.settings, training.settings
+        assert data is not None
+        machine = replace(settings.machine, threads=executor.threads)
         return cls(
             data,
-            with_threads(detection.settings, executor.threads),
-            detection.store.root,
-            what_makes(detection.dataset),
-            detection.training.made,
-            detection.made,
-            folders,
-            missing,
-            detection.on_bad_frame,
+            replace(settings, machine=machine),
+            training.store.root,
+            what_makes(training.dataset),
+            dict(training.made),
+            on_bad_frame,
         )
 
-    def __call__(self, key: str) -> tuple[str, Seconds]:
-        """Write a frame's files; return its key and the time of each object's steps.
+    def stages(self) -> DetectionStages:
+        """The stages in the worker, as long as it works for one run.
 
-        Raises DataError if the worker's code or data are not those of the run.
+        They are others for the same settings with other learnt outputs: other training images make
+        other networks. Raises DataError if the worker's code or data are not those of the run.
         """
-        detection = self._detection()
-        detection.training.adopt(self.learnt)
-        detection.adopt(self.found)
-        return key, detection.find(key, self.folders, self.missing)
-
-    def _detection(self) -> DetectionStages:
-        # Not only the settings: the same ones on other training images make other networks, which
-        # `learnt` names.
-        same = (
-            self.settings, self.data, self.work, dict(self.made_from), dict(self.learnt),
-            self.on_bad_frame,
-        )  # fmt: skip
         kept: DetectionStages | None = getattr(_KEPT, "detection", None)
-        if kept is None or _KEPT.same != same:
+        if kept is None or _KEPT.worker != self:
             set_compute_threads(self.settings.machine.threads)
             dataset = self.data.build()
-            check_same(self.made_from, dataset)
+            here = what_makes(dataset)
+            other = [name for name, value in self.made_from.items() if here[name] != value]
+            if other:
+                raise DataError(f"a worker does not have the same {', '.join(other)} as the run")
             store = StageStore(self.work)
             training = TrainingStages(dataset, self.settings, store)
+            training.made.update(self.learnt)
             kept = DetectionStages(
                 dataset, self.settings, training, store, (), on_bad_frame=self.on_bad_frame
             )
-            _KEPT.detection, _KEPT.same = kept, same
+            _KEPT.detection, _KEPT.worker = kept, self
         return kept
-
-
-def with_threads(settings: MethodSettings, threads: int) -> MethodSettings:
-    """The same settings for a worker with another number of threads."""
-    return replace(settings, machine=replace(settings.machine, threads=threads))
 
 
 def what_makes(dataset: Dataset) -> dict[str, Any]:
@@ -107,32 +92,28 @@ def what_makes(dataset: Dataset) -> dict[str, Any]:
     }
 
 
-def check_same(made_from: Mapping[str, Any], dataset: Dataset) -> None:
-    """Raise DataError if this process, a worker, has other code or data than the run."""
-    here = what_makes(dataset)
-    other = [name for name, value in made_from.items() if here[name] != value]
-    if other:
-        raise DataError(f"a worker does not have the same {', '.join(other)} as the run")
+@dataclass(frozen=True)
+class FrameTask:
+    """Writing the `missing` stages' files of frames into their `folders`."""
+
+    worker: Worker
+    folders: Mapping[Stage, Path]
+    missing: tuple[Stage, ...]
+
+    def __call__(self, key: str) -> tuple[str, Seconds]:
+        """Write a frame's files; return its key and the time of each object's steps."""
+        return key, self.worker.stages().find(key, self.folders, self.missing)
 
 
 @dataclass(frozen=True)
 class ViewTask:
-    """Everything that a worker needs to render views like the run's own process."""
+    """Rendering views into the store."""
 
-    data: DataSettings
-    settings: MethodSettings
-    work: Path
-    made_from: Mapping[str, Any]
+    worker: Worker
 
     def __call__(self, key: str) -> str:
-        """Put the views of the object with this id into the store; return the id.
-
-        Raises DataError if the worker's code or data are not those of the run.
-        """
-        set_compute_threads(self.settings.machine.threads)
-        dataset = self.data.build()
-        check_same(self.made_from, dataset)
-        TrainingStages(dataset, self.settings, StageStore(self.work)).views(int(key))
+        """Put the views of the object with this id into the store; return the id."""
+        self.worker.stages().training.views(int(key))
         return key
 
 
@@ -141,10 +122,6 @@ def render_in_workers(training: TrainingStages, executor: ExecutorSettings) -> N
     missing = [str(object_id) for object_id in training.missing_views()]
     if not executor.parallel or not missing:
         return
-    dataset = training.dataset
-    settings = with_threads(training.settings, executor.threads)
-    assert dataset.settings is not None
-    task = ViewTask(dataset.settings, settings, training.store.root, what_makes(dataset))
-    done = executor.each(task, missing)
+    done = executor.each(ViewTask(Worker.of(training, executor)), missing)
     for key in tqdm(done, desc="views", unit="object", total=len(missing), disable=None):
         training.take_views(int(key))

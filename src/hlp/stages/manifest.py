@@ -13,6 +13,12 @@ from hlp.errors import DataError
 from hlp.schemas.reading import read_text_json
 from hlp.stages.fingerprint import is_fingerprint
 
+LIBRARIES = (
+    *("numpy", "scipy", "numba", "onnxruntime", "torch", "pytorch-lightning"),
+    *("opencv-python-headless", "trimesh", "pyrender", "hydra-core", "mlflow"),
+)
+_COMPILED = re.compile(r"\.(so|dylib|pyd|dll)(\.[\d.]+)?$")
+
 
 def read_manifest(path: Path) -> dict[str, Any]:
     """Read `manifest.json`. Raises MissingFileError, or DataError if it is no manifest."""
@@ -22,58 +28,42 @@ def read_manifest(path: Path) -> dict[str, Any]:
     return manifest
 
 
-def made_outputs(path: Path) -> dict[tuple[str, str], str]:
-    """Fingerprints of the outputs that a manifest names, by stage and object's name.
+def named_outputs(path: Path) -> list[tuple[str, str, str]]:
+    """Stage, object's name and fingerprint of every output that a manifest names.
 
     The name is empty for an output of all objects. Raises what `read_manifest` raises.
     """
-    stages = read_manifest(path).get("stages")
+    stages = read_manifest(path).get("stages") or ()
     try:
-        made = {
-            (str(each["stage"]), str(each.get("of", ""))): str(each["fingerprint"])
-            for each in stages or ()
-        }
+        made = [(str(s["stage"]), str(s.get("of", "")), str(s["fingerprint"])) for s in stages]
     except (TypeError, KeyError, AttributeError) as error:
         raise DataError(f"{path} is damaged: stages are {stages!r}") from error
-    for (stage, _), name in made.items():
+    for stage, _, name in made:
         if not is_fingerprint(name):
             raise DataError(f"{path}: {name!r} is no fingerprint of a stage '{stage}'")
     return made
 
 
-def device_name(wanted: str) -> str:
-    """The device that torch or Lightning takes for `wanted`: `cpu`, or the GPU's model.
+def made_outputs(path: Path) -> dict[tuple[str, str], str]:
+    """What `named_outputs` lists: fingerprints by stage and object's name."""
+    return {(stage, of): name for stage, of, name in named_outputs(path)}
 
-    `wanted` is a device of torch or an accelerator of Lightning, whose `auto` depends on the
-    machine. If a GPU is wanted and there is none, the name is `wanted` itself.
+
+def device_name(device: str) -> str:
+    """The device that torch or Lightning takes for `device`: `cpu`, or the GPU's model.
+
+    `device` is one of torch or an accelerator of Lightning, whose `auto` depends on the machine. If
+    it is a GPU and there is none, it is the name itself.
     """
-    if wanted == "cpu":
-        return wanted
+    if device == "cpu":
+        return device
     import torch  # slow to import, and not needed for the CPU
 
     if torch.cuda.is_available():
         return str(torch.cuda.get_device_name())
-    if wanted == "auto":
+    if device == "auto":
         return "mps" if torch.backends.mps.is_available() else "cpu"
-    return wanted
-
-
-LIBRARIES = (
-    "numpy",
-    "scipy",
-    "numba",
-    "onnxruntime",
-    "torch",
-    "pytorch-lightning",
-    "opencv-python-headless",
-    "trimesh",
-    "pyrender",
-    "hydra-core",
-    "mlflow",
-)
-
-
-_COMPILED = re.compile(r"\.(so|dylib|pyd|dll)(\.[\d.]+)?$")
+    return device
 
 
 def library_versions() -> dict[str, str]:
@@ -129,14 +119,9 @@ def git_revision() -> str | None:
     package = Path(hlp.__file__).parent
 
     def git(*words: str) -> str | None:
+        command = ["git", *words]  # wherever the user's PATH has it; all words stand below
         try:
-            # All words stand below; git is wherever the user's PATH has it.
-            done = subprocess.run(  # noqa: S603
-                ["git", *words],  # noqa: S607
-                cwd=package,
-                capture_output=True,
-                text=True,
-            )
+            done = subprocess.run(command, cwd=package, capture_output=True, text=True)  # noqa: S603
         except OSError:
             return None
         return done.stdout.strip() if done.returncode == 0 else None

@@ -4,18 +4,21 @@
 <root>/<stage>/<fingerprint>.partial/  begun, not finished
 <root>/<stage>/<fingerprint>.damaged/  finished once, then changed by something else; not used
 <root>/<stage>/<fingerprint>.lock      held by the run that is making it
+<root>/.in-use                         held by all runs, so that nothing is removed meanwhile
 """
 
 import logging
 import os
 import shutil
+import sys
 import time
+import weakref
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from filelock import FileLock, Timeout
 
@@ -26,10 +29,10 @@ from hlp.schemas.outputs import StageRecord
 from hlp.schemas.reading import checked_as, read_text_json
 from hlp.stages.fingerprint import plain
 from hlp.stages.manifest import library_versions
-from hlp.stages.store_use import StoreUse
 
-RECORD = "stage.json"
+RECORD, IN_USE = "stage.json", ".in-use"
 PARTIAL, DAMAGED, LOCK = ".partial", ".damaged", ".lock"
+_logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,7 @@ class StageStore:
         self.root = root.absolute()
         self.events: list[StageEvent] = []
         self._verified: dict[Path, Mapping[str, Any]] = {}  # records of outputs
-        self._use = StoreUse(self.root)
+        self._in_use: IO[bytes] | None = None
 
     def get_or_make(
         self,
@@ -111,70 +114,47 @@ class StageStore:
         folder.
         """
         folder = self.root / stage / fingerprint
-        if self._reuse(folder, of):
-            yield Opened(folder, True)
-            return
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        self._use.begin()
-        with self._only_one(folder):
-            if self._reuse(folder, of):
-                yield Opened(folder, True)
-            else:
-                self._set_aside(folder)
-                with self._making(folder, description, of) as partial:
-                    yield Opened(partial, False)
+        if not self.holds(stage, fingerprint):
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            self._hold_in_use()
+            with _only_one(folder):
+                if not self.holds(stage, fingerprint):  # by now
+                    _set_aside(folder)
+                    with self._making(folder, description) as partial:
+                        yield Opened(partial, False)
+                    self._note(folder, of, reused=False)
+                    return
+        self._note(folder, of, reused=True)
+        yield Opened(folder, True)
 
     def holds(self, stage: str, fingerprint: str) -> bool:
         """Whether an output is finished and undamaged."""
-        return self._is_sound(self.root / stage / fingerprint)
+        try:
+            self.read_record(stage, fingerprint)
+        except (DataError, FileNotFoundError):  # another run may set it aside meanwhile
+            return False
+        return True
 
     def take(self, stage: str, fingerprint: str, of: str, *, reused: bool) -> Path:
         """The folder of a finished output: `reused`, or else made by a worker of this run.
 
         Raises DataError if it is missing or damaged.
         """
+        self.read_record(stage, fingerprint)
         folder = self.root / stage / fingerprint
-        record = self.read_record(stage, fingerprint)
-        self._note(folder, of, reused=reused, seconds=float(record["seconds"]))
+        self._note(folder, of, reused=reused)
         return folder
 
     def read_record(self, stage: str, fingerprint: str) -> Mapping[str, Any]:
         """`stage.json` of a finished output. Raises DataError if it is missing or damaged."""
         folder = self.root / stage / fingerprint
-        self._use.begin()
+        self._hold_in_use()
         if folder not in self._verified:
             self._verified[folder] = _verify(folder)
         return self._verified[folder]
 
-    def _is_sound(self, folder: Path) -> bool:
-        try:
-            self.read_record(folder.parent.name, folder.name)
-        except (DataError, FileNotFoundError):  # another run may set it aside meanwhile
-            return False
-        return True
-
-    def _reuse(self, folder: Path, of: str) -> bool:
-        if not self._is_sound(folder):
-            return False
-        self._note(folder, of, reused=True, seconds=float(self._verified[folder]["seconds"]))
-        return True
-
-    def _set_aside(self, folder: Path) -> None:
-        """Rename a folder that is no sound output, and say why."""
-        if not os.path.lexists(folder):
-            return
-        aside = folder.with_name(folder.name + DAMAGED)
-        logging.getLogger(__name__).warning(
-            "%s: kept as %s, made again", _problem(folder), aside.name
-        )
-        if aside.is_dir() and not aside.is_symlink():
-            shutil.rmtree(aside)  # an earlier one
-        else:
-            aside.unlink(missing_ok=True)
-        folder.rename(aside)
-
     @contextmanager
-    def _making(self, folder: Path, description: Mapping[str, Any], of: str) -> Iterator[Path]:
+    def _making(self, folder: Path, description: Mapping[str, Any]) -> Iterator[Path]:
         partial = folder.with_name(folder.name + PARTIAL)
         record = {
             "stage": folder.parent.name,
@@ -186,9 +166,8 @@ class StageStore:
         try:
             partial.mkdir(exist_ok=True)
             yield partial
-            seconds = time.perf_counter() - begun
-            made_at = datetime.now(UTC).isoformat(timespec="seconds")
-            record |= {"seconds": round(seconds, 3), "made_at": made_at}
+            record["seconds"] = round(time.perf_counter() - begun, 3)
+            record["made_at"] = datetime.now(UTC).isoformat(timespec="seconds")
             remove_unfinished(partial)
             record["files"] = folder_checksums(partial, leaving_out=(RECORD,))
             write_json(partial / RECORD, sealed(record))
@@ -198,34 +177,64 @@ class StageStore:
             error.add_note(f"while making {folder.parent.name} in {partial}")
             raise
         self._verified[folder] = record
-        self._note(folder, of, reused=False, seconds=seconds)
 
-    def _note(self, folder: Path, of: str, *, reused: bool, seconds: float) -> None:
-        event = StageEvent(folder.parent.name, of, folder.name, reused, seconds)
-        self.events.append(event)
-        logging.getLogger(__name__).info(
-            "%-6s %s %s (%.1f s%s)",
-            "reused" if reused else "made",
-            f"{event.stage} of {of}" if of else event.stage,
-            event.fingerprint,
-            seconds,
-            " saved" if reused else "",
-        )
+    def _note(self, folder: Path, of: str, *, reused: bool) -> None:
+        """Add an event for an output that was verified or made."""
+        stage, seconds = folder.parent.name, float(self._verified[folder]["seconds"])
+        self.events.append(StageEvent(stage, of, folder.name, reused, seconds))
+        done, saved = ("reused", " saved") if reused else ("made", "")
+        what = f"{stage} of {of}" if of else stage
+        _logger.info("%-6s %s %s (%.1f s%s)", done, what, folder.name, seconds, saved)
 
-    @contextmanager
-    def _only_one(self, folder: Path) -> Iterator[None]:
-        lock = FileLock(folder.with_name(folder.name + LOCK))
+    def _hold_in_use(self) -> None:
+        """Share the lock on the store until this object goes; waits while it is being cleaned.
+
+        The system frees the lock of a dead process. Without effect on Windows, and in a store that
+        this process may only read.
+        """
+        if self._in_use is not None or sys.platform == "win32":
+            return
+        import fcntl
+
         try:
-            lock.acquire(timeout=0)
-        except Timeout:
-            logging.getLogger(__name__).info(
-                "waiting for another run that makes %s %s", folder.parent.name, folder.name
-            )
-            lock.acquire()
-        try:
-            yield
-        finally:
-            lock.release()
+            self._in_use = (self.root / IN_USE).open("ab")
+            weakref.finalize(self, self._in_use.close)
+            fcntl.flock(self._in_use, fcntl.LOCK_SH)
+        except OSError:  # no folder yet, a read-only one, or a file system without locks
+            return
+
+
+@contextmanager
+def _only_one(folder: Path) -> Iterator[None]:
+    """Hold the lock of an output, once no other run holds it any more."""
+    lock = FileLock(folder.with_name(folder.name + LOCK))
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        _logger.info("waiting for another run that makes %s %s", folder.parent.name, folder.name)
+        lock.acquire()
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def _set_aside(folder: Path) -> None:
+    """Rename a folder that is no sound output, and say why."""
+    if not os.path.lexists(folder):
+        return
+    problem = f"{folder} was changed while it was read"
+    try:
+        _verify(folder)
+    except (DataError, FileNotFoundError) as error:
+        problem = str(error)
+    aside = folder.with_name(folder.name + DAMAGED)
+    _logger.warning("%s: kept as %s, made again", problem, aside.name)
+    if aside.is_dir() and not aside.is_symlink():
+        shutil.rmtree(aside)  # an earlier one
+    else:
+        aside.unlink(missing_ok=True)
+    folder.rename(aside)
 
 
 def _verify(folder: Path) -> Mapping[str, Any]:
@@ -235,26 +244,18 @@ def _verify(folder: Path) -> Mapping[str, Any]:
     """
     if not folder.is_dir():
         raise DataError(f"{folder} is no folder")
-    if not (folder / RECORD).is_file():
+    path = folder / RECORD
+    if not path.is_file():
         raise DataError(f"{folder} is no finished output: it has no {RECORD}")
-    record = read_text_json(folder / RECORD)
+    record = read_text_json(path)
     if not seal_is_whole(record):
-        raise DataError(f"{folder / RECORD} is damaged, or from an earlier version of HLP")
-    stated = checked_as(record, StageRecord, str(folder / RECORD))
+        raise DataError(f"{path} is damaged, or from an earlier version of HLP")
+    stated = checked_as(record, StageRecord, str(path))
     if (stated.stage, stated.fingerprint) != (folder.parent.name, folder.name):
         raise DataError(f"{folder} is an output of another name")
     for name in find_damaged(folder, stated.files):
         raise DataError(f"{folder / name} is missing or damaged")
     return dict(record)
-
-
-def _problem(folder: Path) -> str:
-    """What is wrong with a folder that is no sound output."""
-    try:
-        _verify(folder)
-    except (DataError, FileNotFoundError) as error:
-        return str(error)
-    return f"{folder} was changed while it was read"
 
 
 def _flush(folder: Path) -> None:

@@ -3,7 +3,7 @@
 Arrays of an object are named `ID/FIELD`; nobody else knows their names.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -51,9 +51,10 @@ def write_failure(folder: Path, key: str, reason: str) -> None:
 
 def write_trace(folder: Path, key: str, stage: Stage, trace: Trace) -> None:
     """Write what a stage has found in a frame."""
+    encode = {"regions": _region_arrays, "hypotheses": _coarse_arrays, "poses": _refined_arrays}
     arrays: Arrays = {}
     for object_id, found in trace.items():
-        fields = _ENCODE[stage](found)
+        fields = encode[stage](found)
         arrays |= {f"{object_id}/{name}": values for name, values in fields.items()}
     write_arrays(folder, key, arrays)
 
@@ -65,18 +66,18 @@ def read_trace(
 
     Patches, iterations and seconds are not kept. Raises DataError naming a damaged file.
     """
+    decode = {"regions": _with_region, "hypotheses": _with_coarse, "poses": _with_refined}
     trace: dict[int, ObjectTrace] = {}
     for stage in folders if stages is None else stages:
         stored = read_arrays(folders[stage], key)
         if _FAILED in stored:
             return str(stored[_FAILED])
-        for object_id in dict.fromkeys(int(name.partition("/")[0]) for name in stored):
-            start = f"{object_id}/"
-            own = {
-                name.removeprefix(start): stored[name] for name in stored if name.startswith(start)
-            }
-            before = trace.get(object_id, ObjectTrace())
-            trace[object_id] = _DECODE[stage](before, own, object_id)
+        by_object: dict[int, Arrays] = {}
+        for name, values in stored.items():
+            object_id, _, field = name.partition("/")
+            by_object.setdefault(int(object_id), {})[field] = values
+        for number, fields in by_object.items():
+            trace[number] = decode[stage](trace.get(number, ObjectTrace()), fields, number)
     return trace
 
 
@@ -114,7 +115,7 @@ def _coarse_arrays(found: ObjectTrace) -> Arrays:
     }
 
 
-def _with_coarse(found: ObjectTrace, arrays: Arrays, object_id: int) -> ObjectTrace:
+def _with_coarse(found: ObjectTrace, arrays: Arrays, _: int) -> ObjectTrace:
     """Patches that cast no vote have no number."""
     pixels = arrays["vote_pixels"].astype(np.float64)
     votes = Votes(
@@ -124,8 +125,7 @@ def _with_coarse(found: ObjectTrace, arrays: Arrays, object_id: int) -> ObjectTr
         np.unique(pixels, axis=0, return_inverse=True)[1].reshape(-1),
         pixels,
     )
-    hypotheses = Hypotheses(arrays["poses"], arrays["support"])
-    return replace(found, votes=votes, hypotheses=hypotheses)
+    return replace(found, votes=votes, hypotheses=Hypotheses(arrays["poses"], arrays["support"]))
 
 
 def _refined_arrays(found: ObjectTrace) -> Arrays:
@@ -144,27 +144,12 @@ def _refined_arrays(found: ObjectTrace) -> Arrays:
     }
 
 
-def _with_refined(found: ObjectTrace, arrays: Arrays, object_id: int) -> ObjectTrace:
+def _with_refined(found: ObjectTrace, arrays: Arrays, _: int) -> ObjectTrace:
     if "poses" not in arrays:
         return found
-    refined = RefinedHypotheses(
-        [Refinement(pose, 0) for pose in arrays["poses"]],
-        arrays["costs"],
-        arrays["sources"],
-        arrays["seeds"],
-        tuple(arrays["instances"].tolist()),
-    )
+    poses = [Refinement(pose, 0) for pose in arrays["poses"]]
+    costs, sources, seeds = (arrays[name] for name in ("costs", "sources", "seeds"))
+    chosen = tuple(arrays["instances"].tolist())
+    refined = RefinedHypotheses(poses, costs, sources, seeds, chosen)
     fits = tuple(PoseFit.from_array(fit) for fit in arrays["fits"])
     return replace(found, refined=refined, fits=fits)
-
-
-_ENCODE: Mapping[Stage, Callable[[ObjectTrace], Arrays]] = {
-    "regions": _region_arrays,
-    "hypotheses": _coarse_arrays,
-    "poses": _refined_arrays,
-}
-_DECODE: Mapping[Stage, Callable[[ObjectTrace, Arrays, int], ObjectTrace]] = {
-    "regions": _with_region,
-    "hypotheses": _with_coarse,
-    "poses": _with_refined,
-}

@@ -11,9 +11,7 @@ from typing import Any
 from hlp.codebook.entries import load_codebook, save_codebook
 from hlp.data.dataset import Dataset, frames_identity
 from hlp.method.find.estimator import PoseEstimator
-from hlp.method.learn.checkpoints import StartingWeights, read_weights
-from hlp.method.learn.model_files import load_classifier
-from hlp.method.learn.progress import counting_objects
+from hlp.method.learn.model_files import StartingWeights, load_classifier, read_weights
 from hlp.method.learn.score_calibration import calibrate_score
 from hlp.method.settings import MethodSettings
 from hlp.method.stage_settings import (
@@ -34,16 +32,15 @@ from hlp.stages.manifest import device_name
 from hlp.stages.store import Output, StageStore
 from hlp.stages.warm_start import WarmStart, WarmStartSettings, read_warm_start
 
-# By name, since importing them takes seconds.
-_CLASSIFIER_TRAINING = "hlp.method.learn.classifier_training"
-_ENCODER_TRAINING = "hlp.method.learn.encoder_training"
-_CODEBOOK_BUILDING = "hlp.method.learn.codebook_building"
+Description = dict[str, Any]
+"""Settings, upstream and seed of an output: what its name is made of, beside the code."""
 
 
 class TrainingStages:
     """Learns the objects from their models, or reuses what was learnt before.
 
-    Each stage's fingerprint holds exactly the settings and inputs that its `make` uses.
+    Each stage's fingerprint holds exactly the settings and inputs that its `make` uses. `made` are
+    the outputs used so far, by stage and object id (0: of all objects).
     """
 
     def __init__(
@@ -56,8 +53,8 @@ class TrainingStages:
         self.dataset = dataset
         self.settings = settings
         self.store = store
+        self.made: dict[tuple[str, int], Output] = {}
         self._warm_start_settings = warm_start
-        self._made: dict[tuple[str, int], Output] = {}
 
     @property
     def models(self) -> Mapping[int, ObjectModel]:
@@ -68,15 +65,6 @@ class TrainingStages:
     def classes(self) -> Sequence[int]:
         """Object id of each class of the classifier, from class 1 on; class 0 is background."""
         return sorted(self.models)
-
-    @property
-    def made(self) -> Mapping[tuple[str, int], Output]:
-        """The outputs used so far, by stage and object id (0: of all objects)."""
-        return dict(self._made)
-
-    def adopt(self, made: Mapping[tuple[str, int], Output]) -> None:
-        """Use outputs that another object with the same settings has made or found."""
-        self._made |= made
 
     def make_for(self, object_ids: tuple[int, ...]) -> None:
         """Make everything that the detection of these objects loads, unless it is on disk."""
@@ -93,54 +81,56 @@ class TrainingStages:
             views = render_views(model, stage.rendering, stage.seed, threads=stage.machine.threads)
             save_views(folder, views)
 
-        return self._stage("views", object_id, *self._views_inputs(object_id), make)
+        return self._make_once("views", object_id, self._views_description(object_id), make)
 
-    def _views_inputs(self, object_id: int) -> tuple[Mapping[str, Any], Mapping[str, str]]:
-        """Settings and upstream of an object's views."""
+    def _views_description(self, object_id: int) -> Description:
         upstream = {"mesh": self.dataset.mesh_identities[object_id]}
-        return ViewsStage.of(self.settings).named(), upstream
+        return self._description(ViewsStage.of(self.settings).named(), upstream)
 
     def missing_views(self) -> list[int]:
         """Objects whose views are not on disk."""
-        names = {i: self._name("views", *self._views_inputs(i)) for i in self.models}
+        names = {i: self._name("views", self._views_description(i)) for i in self.models}
         return [i for i, name in names.items() if not self.store.holds("views", name)]
 
     def take_views(self, object_id: int) -> None:
         """Use views that a worker of this run has just written."""
-        name = self._name("views", *self._views_inputs(object_id))
+        name = self._name("views", self._views_description(object_id))
         folder = self.store.take("views", name, self.models[object_id].name, reused=False)
-        self._made["views", object_id] = Output(name, folder)
+        self.made["views", object_id] = Output(name, folder)
 
     def load_views(self, object_id: int) -> Views:
         """Views of one object, from disk."""
         return load_views(self.views(object_id).folder, object_id)
 
+    def _all_views(self) -> dict[str, str]:
+        return {f"views_{i}": self.views(i).fingerprint for i in self.models}
+
     def classifier(self) -> Output:
         """Stage 1: the holistic classifier of all objects."""
-        stage = ClassifierStage.of(self.settings)
-        upstream = {f"views_{i}": self.views(i).fingerprint for i in self.models}
-        upstream["photographs"] = self.dataset.photographs_identity
-        upstream["background_frames"] = frames_identity(self.dataset.background_frames)
+        stage, start = ClassifierStage.of(self.settings), None
         settings = {
             **stage.named(),
             "device": device_name(stage.trainer.accelerator),
             "sizes": {str(i): m.holistic_size for i, m in sorted(self.models.items())},
         }
-        start = None
+        upstream = {
+            **self._all_views(),
+            "photographs": self.dataset.photographs_identity,
+            "background_frames": frames_identity(self.dataset.background_frames),
+        }
         if self._warm_start is not None:
-            epochs = self._warm_start_settings.epochs if self._warm_start_settings else 0
+            assert self._warm_start_settings is not None
+            epochs, before = self._warm_start_settings.epochs, self._warm_start.classifier
             settings["warm_start"] = {"epochs": epochs}
-            upstream["warm_start"] = self._warm_start.classifier.fingerprint
-            weights = read_weights(self._warm_start.classifier.folder)
-            start = StartingWeights(weights, self._warm_start.labels, epochs)
+            upstream["warm_start"] = before.fingerprint
+            start = StartingWeights(read_weights(before.folder), self._warm_start.labels, epochs)
 
         def make(folder: Path) -> None:
             from hlp.method.learn.classifier_training import train_classifier
 
-            views_of = counting_objects(self.load_views, "windows cut", len(self.models))
-            train_classifier(self.models, views_of, self.dataset, stage, folder, start)
+            train_classifier(self.models, self.load_views, self.dataset, stage, folder, start)
 
-        return self._stage("classifier", 0, settings, upstream, make)
+        return self._make_once("classifier", 0, self._description(settings, upstream), make)
 
     @cached_property
     def _warm_start(self) -> WarmStart | None:
@@ -157,12 +147,12 @@ class TrainingStages:
 
     def encoder(self) -> Output:
         """Stage 2: the encoder of local patches, shared by all objects."""
-        if self._warm_start is not None and ("encoder", 0) not in self._made:
+        if self._warm_start is not None and ("encoder", 0) not in self.made:
             kept = self._warm_start.encoder
             self.store.take("encoder", kept.fingerprint, "", reused=True)
-            self._made["encoder", 0] = kept
-        if ("encoder", 0) in self._made:
-            return self._made["encoder", 0]
+            self.made["encoder", 0] = kept
+        if ("encoder", 0) in self.made:
+            return self.made["encoder", 0]
         stage = EncoderStage.of(self.settings)
         settings = {
             **stage.named(),
@@ -175,15 +165,14 @@ class TrainingStages:
                 "background_frames": frames_identity(self.dataset.background_frames),
             }
         else:
-            upstream = {f"views_{i}": self.views(i).fingerprint for i in self.models}
+            upstream = self._all_views()
 
         def make(folder: Path) -> None:
             from hlp.method.learn.encoder_training import train_encoder
 
-            views_of = counting_objects(self.load_views, "pairs cut", len(self.models))
-            train_encoder(self.models, views_of, self.dataset, stage, folder)
+            train_encoder(self.models, self.load_views, self.dataset, stage, folder)
 
-        return self._stage("encoder", 0, settings, upstream, make)
+        return self._make_once("encoder", 0, self._description(settings, upstream), make)
 
     def load_encoder(self) -> Encoder:
         """The trained encoder, from disk."""
@@ -208,10 +197,17 @@ class TrainingStages:
             from hlp.method.learn.codebook_building import build_codebook
 
             views, model = self.load_views(object_id), self.models[object_id]
-            made = build_codebook(model, views, self.load_encoder(), stage)
-            save_codebook(folder, made)
+            save_codebook(folder, build_codebook(model, views, self.load_encoder(), stage))
 
-        return self._stage("codebook", object_id, settings, upstream, make)
+        description = self._description(settings, upstream)
+        return self._make_once("codebook", object_id, description, make)
+
+    def load_codebook(self, object_id: int) -> Codebook:
+        """One object's codebook, from disk."""
+        return load_codebook(self.codebook(object_id).folder)
+
+    def search_folder(self, object_ids: Sequence[int]) -> None:
+        """None: a codebook's fingerprint excludes the search's settings, so none is stored."""
 
     def score(self, object_id: int) -> Output:
         """The score of one object's poses, calibrated on rendered scenes."""
@@ -231,13 +227,11 @@ class TrainingStages:
 
         def make(folder: Path) -> None:
             estimator = PoseEstimator(self, stage.find, (object_id,))
-            frames = self.dataset.load_background_frames()
-            scenes, rendering = stage.score.scenes, stage.rendering
-            save_score_model(
-                folder, calibrate_score(estimator, object_id, frames, scenes, rendering)
-            )
+            frames, scenes = self.dataset.load_background_frames(), stage.score.scenes
+            score = calibrate_score(estimator, object_id, frames, scenes, stage.rendering)
+            save_score_model(folder, score)
 
-        return self._stage("score", object_id, settings, upstream, make)
+        return self._make_once("score", object_id, self._description(settings, upstream), make)
 
     def load_score_model(self, object_id: int) -> ScoreModel:
         """The score of one object's poses, from disk."""
@@ -245,60 +239,44 @@ class TrainingStages:
             return PRIOR
         return load_score_model(self.score(object_id).folder)
 
-    def search_folder(self, object_ids: Sequence[int]) -> None:
-        """None: a codebook's fingerprint excludes the search's settings, so none is stored."""
-
-    def load_codebook(self, object_id: int) -> Codebook:
-        """One object's codebook, from disk."""
-        return load_codebook(self.codebook(object_id).folder)
-
-    def _stage(
-        self,
-        stage: str,
-        object_id: int,
-        settings: Mapping[str, Any],
-        upstream: Mapping[str, str],
-        make: Callable[[Path], None],
+    def _make_once(
+        self, stage: str, object_id: int, description: Description, make: Callable[[Path], None]
     ) -> Output:
-        if (stage, object_id) not in self._made:
-            name = self._name(stage, settings, upstream)
-            described = {"settings": settings, "upstream": upstream, "seed": self.settings.seed}
+        if (stage, object_id) not in self.made:
+            name = self._name(stage, description)
             of = self.models[object_id].name if object_id else ""
-            folder = self.store.get_or_make(stage, name, make, described, of)
-            self._made[stage, object_id] = Output(name, folder)
-        return self._made[stage, object_id]
+            folder = self.store.get_or_make(stage, name, make, description, of)
+            self.made[stage, object_id] = Output(name, folder)
+        return self.made[stage, object_id]
 
-    def _name(self, stage: str, settings: Mapping[str, Any], upstream: Mapping[str, str]) -> str:
-        return fingerprint(stage, self._code(stage), self.settings.seed, settings, upstream)
+    def _description(self, settings: dict[str, Any], upstream: dict[str, str]) -> Description:
+        return {"settings": settings, "upstream": upstream, "seed": self.settings.seed}
+
+    def _name(self, stage: str, description: Description) -> str:
+        return fingerprint(stage, self._code(stage), **description)
 
     def _code(self, stage: str) -> Code:
         """The code that makes a stage's output, and that reads the data it is made from."""
-        dataset = self.dataset
-        modules = {
-            "views": [render_views.__module__],
-            "classifier": [
-                _CLASSIFIER_TRAINING,
-                type(dataset).__module__,
-                type(dataset.background_frames).__module__,
-            ],
-            "encoder": [_ENCODER_TRAINING, type(self.settings.encoder).__module__],
-            "codebook": [
-                _CODEBOOK_BUILDING,
-                save_codebook.__module__,
-                type(self.settings.encoder).__module__,
-            ],
-            "score": [
-                calibrate_score.__module__,
-                save_score_model.__module__,
-                type(self.settings.encoder).__module__,
-                type(self.settings.codebook).__module__,
-                type(self.settings.voting).__module__,
-                type(self.settings.refinement).__module__,
-                type(dataset.background_frames).__module__,
-            ],
-        }
-        if self.settings.encoder.needs_frames:
-            readers = (dataset, dataset.encoder_frames, dataset.background_frames)
-            modules["encoder"] += [type(each).__module__ for each in readers]
-        own = [name for name in modules[stage] if name != type(None).__module__]
-        return stage_code(*own)
+        dataset, settings = self.dataset, self.settings
+        # Modules, or objects of classes in them. What trains takes seconds to import.
+        parts: dict[str, tuple[object, ...]] = {
+            "views": (render_views.__module__,),
+            "classifier": (
+                "hlp.method.learn.classifier_training", dataset, dataset.background_frames,
+            ),
+            "encoder": ("hlp.method.learn.encoder_training", settings.encoder),
+            "codebook": (
+                "hlp.method.learn.codebook_building", save_codebook.__module__, settings.encoder,
+            ),
+            "score": (
+                calibrate_score.__module__, save_score_model.__module__, settings.encoder,
+                settings.codebook, settings.voting, settings.refinement, dataset.background_frames,
+            ),
+        }  # fmt: skip
+        own = parts[stage]
+        if stage == "encoder" and settings.encoder.needs_frames:
+            own += (dataset, dataset.encoder_frames, dataset.background_frames)
+        known = (part for part in own if part is not None)
+        return stage_code(
+            *(part if isinstance(part, str) else type(part).__module__ for part in known)
+        )

@@ -1,22 +1,18 @@
 """Warm start: learning more objects from the classifier and encoder of an earlier run."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from annotated_types import Ge, Le
 
 from hlp.errors import ConfigError, DataError, MissingFileError
+from hlp.method.settings import MethodSettings
 from hlp.settings import Doc, Settings
 from hlp.stages.fingerprint import plain
 from hlp.stages.manifest import made_outputs
-
-if TYPE_CHECKING:
-    from hlp.method.settings import MethodSettings
-    from hlp.stages.store import Output, StageStore
+from hlp.stages.store import Output, StageStore
 
 
 @dataclass(frozen=True)
@@ -54,17 +50,13 @@ def read_warm_start(
     manifest or what it names is missing, DataError if that is damaged, ConfigError if it cannot be
     the start: it has other settings, or an object that this run does not have.
     """
-    from hlp.stages.store import Output
-
-    patches = settings.patches
-    made = made_outputs(manifest)
-    shared = {"trainer": settings.trainer}
-    wanted: dict[str, dict[str, Any]] = {
+    patches, shared, made = settings.patches, {"trainer": settings.trainer}, made_outputs(manifest)
+    needed: dict[str, dict[str, Any]] = {
         "classifier": {"holistic": patches.holistic, "classifier": settings.classifier, **shared},
         "encoder": {"local": patches.local, "encoder": settings.encoder, **shared},
     }
-    found = {}
-    for stage, own in wanted.items():
+    outputs, records = {}, {}
+    for stage, own in needed.items():
         name = made.get((stage, ""), "")
         folder = store.root / stage / name
         if not name or not folder.is_dir():
@@ -76,31 +68,25 @@ def read_warm_start(
         except DataError as error:
             error.add_note(f"repeat the run of {manifest}, which makes it again")
             raise
-        _check_same(f"{stage} of {manifest}", record["settings"], own)
-        found[stage] = Output(name, folder), record["upstream"]
-    (classifier, upstream), (encoder, _) = found["classifier"], found["encoder"]
-    return WarmStart(classifier, encoder, _labels(manifest, upstream, views))
-
-
-def _check_same(of: str, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
-    other = [key for key, value in now.items() if before.get(key) != plain(value)]
-    if other:
-        raise ConfigError(f"warm_start.manifest: the {of} has other settings: {', '.join(other)}")
+        before = record["settings"]
+        other = [key for key, value in own.items() if before.get(key) != plain(value)]
+        if other:
+            what = f"warm_start.manifest: the {stage} of {manifest} has other settings"
+            raise ConfigError(f"{what}: {', '.join(other)}")
+        outputs[stage], records[stage] = Output(name, folder), record
+    labels = _labels(manifest, records["classifier"]["upstream"], views)
+    return WarmStart(outputs["classifier"], outputs["encoder"], labels)
 
 
 def _labels(
     manifest: Path, upstream: Mapping[str, str], views: Mapping[int, str]
 ) -> Mapping[int, int]:
     now = {name: label for label, (_, name) in enumerate(sorted(views.items()), start=1)}
-    before = sorted(
-        (int(key.removeprefix("views_")), name)
-        for key, name in upstream.items()
-        if key.startswith("views_")
-    )
-    gone = [object_id for object_id, name in before if name not in now]
+    known = {int(key[6:]): name for key, name in upstream.items() if key.startswith("views_")}
+    gone = [object_id for object_id, name in sorted(known.items()) if name not in now]
     if gone:
         raise ConfigError(
             f"warm_start.manifest: {manifest} knows objects that this run does not "
             f"have, or has with other views: {gone}"
         )
-    return {0: 0} | {label: now[name] for label, (_, name) in enumerate(before, start=1)}
+    return {0: 0} | {label: now[name] for label, (_, name) in enumerate(sorted(known.items()), 1)}

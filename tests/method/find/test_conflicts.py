@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hlp.method.find.conflicts import SearchAgain, resolve_conflicts
+from hlp.method.find.instances import SearchAgain, resolve_conflicts
 from hlp.records import Hypotheses
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
 from hlp.refinement.none import NoneSettings

@@ -7,14 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hlp.method.find.estimator import CoarseResult
 from hlp.method.find.search import search_frame
+from hlp.method.find.trace import ObjectTrace
 from hlp.records import Hypotheses, Region
 from hlp.thread_team import ThreadTeam
 
 CONTEXT: Any = None
-NO_PATCHES: Any = None
-NO_VOTES: Any = None
 
 
 class Estimator:
@@ -45,7 +43,7 @@ class Estimator:
         self.searched.append(region.object_id)
         self._barrier.wait()
         none = Hypotheses(np.zeros((0, 4, 4)), np.zeros(0))
-        return CoarseResult(NO_PATCHES, NO_VOTES, none, 0.0, 0.0)
+        return ObjectTrace(region, hypotheses=none, seconds={"local": 0.0, "voting": 0.0})
 
     def refine(self, *_: Any) -> None:
         return None

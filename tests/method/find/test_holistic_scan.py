@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from hlp.data.synthetic.objects import demo_objects
-from hlp.method.find.holistic_scan import HolisticScan
+from hlp.method.find.holistic_scan import FrameWindows, HolisticScan
 from hlp.models.classifier_training import HolisticCNN
 from hlp.models.network import load_network
 from hlp.models.onnx_export import export_network
@@ -76,7 +76,7 @@ def test_the_exact_scan_is_the_network_on_every_window(loaded, network, objects,
     exact = scan(loaded, objects, EXACT, threads=2)
     for object_id, size in SIZES.items():
         windows, expected = one_by_one(network, frame, size)
-        found, classes = exact.start(frame).classify(object_id)
+        found, classes = FrameWindows(exact, frame).classify(object_id)
         np.testing.assert_array_equal(found.centers, windows.centers)
         np.testing.assert_array_equal(found.sides, windows.sides)
         np.testing.assert_allclose(classes, expected, atol=0.05)  # 8-bit integers
@@ -86,8 +86,8 @@ def test_the_exact_scan_is_the_network_on_every_window(loaded, network, objects,
 @pytest.mark.parametrize("settings", [EXACT, FAST])
 def test_other_objects_their_order_and_threads_change_nothing(loaded, objects, frame, settings):
     alone = scan(loaded, objects, settings)
-    expected = {i: alone.start(frame).classify(i) for i in objects}
-    together = scan(loaded, objects, settings, threads=2).start(frame)
+    expected = {i: FrameWindows(alone, frame).classify(i) for i in objects}
+    together = FrameWindows(scan(loaded, objects, settings, threads=2), frame)
     for object_id in (4, 2, 3, 1):
         windows, classes = together.classify(object_id)
         np.testing.assert_array_equal(classes, expected[object_id][1])
@@ -95,19 +95,21 @@ def test_other_objects_their_order_and_threads_change_nothing(loaded, objects, f
 
 
 def test_windows_are_classified_once_for_all_objects_that_share_them(loaded, objects, frame):
-    exact, fast = (scan(loaded, objects, each).start(frame) for each in (EXACT, FAST))
+    exact, fast = (FrameWindows(scan(loaded, objects, each), frame) for each in (EXACT, FAST))
     assert exact.classify(1)[1] is exact.classify(3)[1]
     assert exact.classify(1)[1] is not exact.classify(2)[1]
     assert fast.classify(1)[1] is fast.classify(2)[1]
     assert fast.classify(1)[1] is not fast.classify(4)[1]
-    again = scan(loaded, objects, EXACT).start(dataclasses.replace(frame, rgb=255 - frame.rgb))
+    again = FrameWindows(
+        scan(loaded, objects, EXACT), dataclasses.replace(frame, rgb=255 - frame.rgb)
+    )
     assert (again.classify(1)[1] != exact.classify(1)[1]).any()
 
 
 def test_the_fast_scan_leaves_out_the_wall_and_is_exact_elsewhere(loaded, objects, frame):
     alone = {4: objects[4]}  # a size of its own
-    windows, classes = scan(loaded, alone, EXACT).start(frame).classify(4)
-    fewer, found = scan(loaded, alone, FAST).start(frame).classify(4)
+    windows, classes = FrameWindows(scan(loaded, alone, EXACT), frame).classify(4)
+    fewer, found = FrameWindows(scan(loaded, alone, FAST), frame).classify(4)
     x, y = windows.centers.T
     uneven = (x < 160) & (y < 120)
     rows = {tuple(center): i for i, center in enumerate(windows.centers)}
@@ -121,13 +123,13 @@ def test_the_fast_scan_leaves_out_the_wall_and_is_exact_elsewhere(loaded, object
 def test_sides_are_the_objects_own_where_windows_are_shared(loaded, objects, frame):
     fast = scan(loaded, objects, FAST)
     for object_id in (1, 2):
-        windows, _ = fast.start(frame).classify(object_id)
+        windows, _ = FrameWindows(fast, frame).classify(object_id)
         np.testing.assert_allclose(windows.sides * windows.depths, 400 * SIZES[object_id])
 
 
 def test_a_frame_without_depth_has_no_windows(loaded, objects, frame):
     blind = dataclasses.replace(frame, depth=np.zeros_like(frame.depth))
     for settings in (EXACT, FAST):
-        windows, classes = scan(loaded, objects, settings).start(blind).classify(1)
+        windows, classes = FrameWindows(scan(loaded, objects, settings), blind).classify(1)
         assert windows.centers.shape == (0, 2)
         assert classes.shape == (0, 5)

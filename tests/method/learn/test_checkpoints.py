@@ -7,7 +7,7 @@ import torch
 
 from hlp.checksums import content_checksum
 from hlp.errors import DataError
-from hlp.method.learn.checkpoints import CheckpointFiles, last_checkpoint
+from hlp.method.learn.training import CheckpointFiles, last_checkpoint
 
 CHECKPOINT = {"state_dict": {"weight": torch.arange(6.0).reshape(2, 3)}, "epoch": 3, "rows": [{}]}
 

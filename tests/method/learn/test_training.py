@@ -4,7 +4,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from hlp.method.learn.checkpoints import HISTORY, WEIGHTS, read_history, read_weights
+from hlp.method.learn.model_files import HISTORY, WEIGHTS, read_history, read_weights
 from hlp.method.learn.training import fit
 from hlp.method.settings import TrainerSettings
 from hlp.patches.pool_loader import pool_loader

@@ -7,10 +7,10 @@ from hlp.errors import InputError
 from hlp.method.learn.learnt_folder import LearntRecord, write_record
 from hlp.method.learn.unfinished_folder import (
     SCORED,
-    bring_back,
     finish,
     folder_in_the_making,
     once,
+    restore_replaced,
 )
 from hlp.method.settings import MethodSettings
 from hlp.runs.learnt_cache import find_learnt
@@ -84,7 +84,7 @@ def killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_folder_that_a_killed_process_had_renamed_comes_back(killed: Path) -> None:
-    bring_back(killed)
+    restore_replaced(killed)
     assert (killed / "weights").read_bytes() == b"old"
     assert {each.name for each in killed.parent.iterdir() if each.is_dir()} == {
         "learnt", "learnt.partial",
@@ -101,7 +101,7 @@ def test_it_also_comes_back_when_it_is_looked_for(killed: Path, tmp_path: Path) 
 
 def test_what_the_user_took_away_does_not_come_back(killed: Path) -> None:
     shutil.rmtree(killed.with_name("learnt.partial"))
-    bring_back(killed)
+    restore_replaced(killed)
     assert not killed.exists()
 
 
@@ -110,7 +110,7 @@ def test_a_folder_is_not_brought_back_while_it_is_being_replaced(killed: Path) -
     with killed.with_name(".learnt.lock").open("w") as stream:
         fcntl.flock(stream, fcntl.LOCK_EX)
         with pytest.raises(InputError, match="another process"):
-            bring_back(killed)
+            restore_replaced(killed)
     assert not killed.exists()
 
 

@@ -11,7 +11,7 @@ from hlp.data.synthetic.objects import demo_objects
 from hlp.errors import InputError
 from hlp.evaluation.errors import add_s
 from hlp.geometry import project, rigid, rotation_distance, transform
-from hlp.method.track.tracking import Track, part_near
+from hlp.method.track.tracker import Track, part_near
 from hlp.records import Frame, ObjectModel
 from moving_scene import SimulatedCamera, path
 

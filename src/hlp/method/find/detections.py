@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -87,7 +87,8 @@ class Detection:
         Returns:
             Arrays as lists, `runner_up` and `fit` as dictionaries, what is not finite as None.
         """
-        return {field.name: _plain(getattr(self, field.name)) for field in dataclasses.fields(self)}
+        values: dict[str, Any] = _plain(self)
+        return values
 
 
 @dataclass(frozen=True)
@@ -107,29 +108,39 @@ class SearchResult:
     rejections: list[Rejection]
 
 
+@dataclass(frozen=True)
+class TrackedDetection(Detection):
+    """A detection in a sequence.
+
+    `track` is the number of the instance, the same as in the frames before. `tracked` is True if
+    the pose follows from the last one, False if the object was searched in the whole frame.
+    """
+
+    track: int
+    tracked: bool
+
+
+@dataclass(frozen=True)
+class TrackingResult:
+    """What is in a frame, the most certain first, and why other objects are not found there."""
+
+    detections: list[TrackedDetection]
+    rejections: list[Rejection]
+
+
 def sort_answers(
     answers: Sequence[Detection], missing: Sequence[str], min_score: float
 ) -> SearchResult:
     """Divide answers by their score. `missing` are the objects without an answer."""
-    ranked = sorted(answers, key=lambda answer: -answer.score)
-    rejections = [
-        Rejection(
-            answer.object,
-            f"the score {answer.score:.2f} of the best pose is below {min_score:g}",
-            answer,
-        )
-        for answer in ranked
-        if answer.score < min_score
-    ]
-    rejections += [
-        Rejection(
-            name,
-            "nothing looks like the object where the image has depth and no other object is found",
-            None,
-        )
-        for name in missing
-    ]
-    return SearchResult([answer for answer in ranked if answer.score >= min_score], rejections)
+    detections, rejections = list[Detection](), list[Rejection]()
+    for answer in sorted(answers, key=lambda answer: -answer.score):
+        if answer.score >= min_score:
+            detections.append(answer)
+        else:
+            reason = f"the score {answer.score:.2f} of the best pose is below {min_score:g}"
+            rejections.append(Rejection(answer.object, reason, answer))
+    reason = "nothing looks like the object where the image has depth and no other object is found"
+    return SearchResult(detections, rejections + [Rejection(i, reason, None) for i in missing])
 
 
 def describe_all(estimator: PoseEstimator, context: FrameContext, trace: Trace) -> list[Detection]:
@@ -149,29 +160,40 @@ def describe(
     context: FrameContext,
     object_id: int,
     refined: RefinedHypotheses,
-    seconds: float,
+    seconds: float = 0.0,
 ) -> list[Detection]:
     """The instances that stage 3 chose, with all that is known of them."""
-    model = estimator.learnt.models[object_id]
-    score = estimator.score_model(object_id)
-    answers = []
-    for row in refined.instances:
-        pose = refined.refined[row].pose_cam_obj
-        fit = estimator.measure_fit(context, object_id, pose)
-        answers.append(
-            Detection(
-                model.name,
-                score.score(fit),
-                pose,
-                fit.visible_fraction,
-                seconds / len(refined.instances),
-                fit.residual_mm,
-                pose @ model.symmetries,
-                _runner_up(estimator, context, object_id, refined, row),
-                fit,
-            )
+    share = seconds / len(refined.instances)
+    return [
+        replace(
+            describe_pose(estimator, context, object_id, refined.refined[row].pose_cam_obj),
+            seconds=share,
+            runner_up=_runner_up(estimator, context, object_id, refined, row),
         )
-    return answers
+        for row in refined.instances
+    ]
+
+
+def describe_pose(
+    estimator: PoseEstimator,
+    context: FrameContext,
+    object_id: int,
+    pose_cam_obj: Float[np.ndarray, "4 4"],
+) -> Detection:
+    """One pose of an object, without a runner-up and in no time."""
+    model = estimator.learnt.models[object_id]
+    fit = estimator.measure_fit(context, object_id, pose_cam_obj)
+    return Detection(
+        model.name,
+        estimator.score(context, object_id, pose_cam_obj),
+        pose_cam_obj,
+        fit.visible_fraction,
+        0.0,
+        fit.residual_mm,
+        pose_cam_obj @ model.symmetries,
+        None,
+        fit,
+    )
 
 
 def _runner_up(
@@ -192,5 +214,4 @@ def _runner_up(
     if len(other) == 0:
         return None
     pose = poses[other[np.argmin(refined.costs[other])]]
-    fit = estimator.measure_fit(context, object_id, pose)
-    return RunnerUp(pose, estimator.score_model(object_id).score(fit))
+    return RunnerUp(pose, estimator.score(context, object_id, pose))

@@ -3,48 +3,37 @@
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from hlp.codebook.neighbours import is_joint
 from hlp.image_edges import color_edges
 from hlp.method.find.holistic_scan import FrameWindows, HolisticScan
-from hlp.method.find.learnt_objects import LearntObjects
-from hlp.method.find.patch_matching import FrameMatches, PatchMatching
+from hlp.method.find.patch_matching import FrameMatches, LearntObjects, PatchMatching
+from hlp.method.find.trace import ObjectTrace
 from hlp.method.stage_settings import FindSettings
 from hlp.models.encoder import Encoder
 from hlp.observer import NOBODY, Observer
 from hlp.patches import window_choice
 from hlp.patches.holistic import candidate_region, center_depths, region_weights
 from hlp.patches.local import region_pixels, thin_out
-from hlp.records import Frame, Hypotheses, LocalPatches, ObjectModel, Region, Votes
+from hlp.records import Frame, Hypotheses, ObjectModel, Region
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
 from hlp.refinement.pose_fit import PoseFit, measure_fit
-from hlp.refinement.score_model import ScoreModel
 from hlp.refinement.texture import choose_near_sibling
 from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
 from hlp.rendering.color_grid import color_grid
-from hlp.templates.building import Templates, build_templates
+from hlp.templates.building import build_templates
 from hlp.templates.matching import at_different_places, match_templates, spread_edges
 from hlp.thread_team import ThreadTeam
 from hlp.voting.cast import cast_votes
 
 _NEAREST = 0.1  # m: where depth is missing or less, a window is as large as there
+Pose = Float[np.ndarray, "4 4"]
 
 
-@dataclass(frozen=True)
-class CoarseResult:
-    """Patches, votes and hypotheses of one object in a frame, and the times (s) of both steps."""
-
-    patches: LocalPatches
-    votes: Votes
-    hypotheses: Hypotheses
-    local_seconds: float
-    voting_seconds: float
-
-
+@dataclass(eq=False)
 class FrameContext:
     """One frame and the work on it that its objects share. Made by `PoseEstimator.prepare`.
 
@@ -53,21 +42,14 @@ class FrameContext:
     bytes.
     """
 
-    def __init__(
-        self,
-        frame: Frame,
-        windows: FrameWindows,
-        matches: FrameMatches,
-        verification: VerificationSettings,
-        mask: Bool[np.ndarray, "h w"] | None = None,
-        observer: Observer = NOBODY,
-    ) -> None:
-        self.observer = observer
-        self.frame = frame
-        self.windows = windows
-        self.matches = matches
-        self.mask = mask
-        self._verification = verification
+    frame: Frame
+    windows: FrameWindows
+    matches: FrameMatches
+    verification: VerificationSettings
+    mask: Bool[np.ndarray, "h w"] | None = None
+    observer: Observer = NOBODY
+
+    def __post_init__(self) -> None:
         self.fits: dict[tuple[int, bytes], PoseFit] = {}
         self._edge_answers: UInt8[np.ndarray, "8 h w"] | None = None
 
@@ -75,7 +57,7 @@ class FrameContext:
     def observation(self) -> Observation:
         """The frame in the form that the verification compares poses with."""
         frame = self.frame
-        return observe(frame.rgb, frame.depth, frame.camera_matrix, self._verification)
+        return observe(frame.rgb, frame.depth, frame.camera_matrix, self.verification)
 
     def edge_answers(self, reach: int) -> UInt8[np.ndarray, "8 h w"]:
         """What templates are compared with: see `templates.matching.spread_edges`."""
@@ -98,26 +80,27 @@ class PoseEstimator:
         settings: FindSettings,
         object_ids: Sequence[int] | None = None,
     ) -> None:
-        self.learnt = learnt
-        self.settings = settings
+        self.learnt, self.settings = learnt, settings
         self.object_ids = tuple(learnt.models if object_ids is None else object_ids)
-        self._labels = {object_id: i for i, object_id in enumerate(learnt.classes, 1)}
-        self._verifiers: dict[int, Verifier] = {}
-        self._scores: dict[int, ScoreModel] = {}
-        self._templates: dict[int, Templates] = {}
-        self.team = ThreadTeam(settings.machine.threads)
+        threads, fine = settings.machine.threads, settings.fine
+        self.team = ThreadTeam(threads)
         """For work on several objects at once."""
         self.matching = PatchMatching(
             learnt, settings, self.object_ids, lambda: self.encoder, self.team
         )
         """The codebooks."""
-        self._modes = settings.coarse.voting.build(settings.machine.threads)
-        self._refiner = settings.fine.refinement.build(settings.machine.threads)
+        self.verifier = cache(lambda i: Verifier(learnt.models[i], fine.refinement.verification))
+        """The cost that compares poses of an object, given its id."""
+        self.score_model = cache(learnt.load_score_model)
+        """The score of an object's poses, given its id."""
+        self._templates = cache(lambda i, given: build_templates(learnt.models[i], given))
+        self._modes = settings.coarse.voting.build(threads)
+        self._refiner = fine.refinement.build(threads)
 
     @cached_property
     def scan(self) -> HolisticScan:
         """The classifier of windows."""
-        objects = {each: self.learnt.models[each] for each in self.object_ids}
+        objects = {i: self.learnt.models[i] for i in self.object_ids}
         settings, threads = self.settings.regions, self.settings.machine.threads
         network = self.learnt.load_classifier()
         return HolisticScan(network, objects, settings.holistic, settings.region, threads)
@@ -144,7 +127,7 @@ class PoseEstimator:
     ) -> FrameContext:
         """The context of a frame, which is passed to the stages of every object in it."""
         observer.enter("windows")
-        windows = self.scan.start(frame, observer)
+        windows = FrameWindows(self.scan, frame, observer)
         matches = FrameMatches(self.matching, frame, observer)
         verification = self.settings.fine.refinement.verification
         if all(self.learnt.models[object_id].mesh.colored for object_id in self.object_ids):
@@ -165,7 +148,7 @@ class PoseEstimator:
         settings, model = self.settings.regions, self.learnt.models[object_id]
         windows, classes = context.windows.classify(object_id)
         context.observer.enter("region")
-        label = self._labels[object_id]
+        label = list(self.learnt.classes).index(object_id) + 1
         height, width = context.frame.depth.shape
         region = candidate_region(
             object_id,
@@ -176,8 +159,9 @@ class PoseEstimator:
             model.diameter / model.holistic_size,
             settings.region,
         )
-        if context.mask is not None:
-            return _narrowed(region, context.mask)
+        if context.mask is not None:  # where the region has nothing in it, the mask knows better
+            both = region.mask & context.mask
+            return replace(region, mask=both if both.any() else context.mask)
         radii = self._radii(context.frame, region.centers, model)
         side = settings.region.square_side
         return window_choice.first_region(region, radii, side, settings.closer, instances)
@@ -194,12 +178,11 @@ class PoseEstimator:
 
     def share_patches(self, context: FrameContext, regions: Iterable[Region]) -> None:
         """Match the regions' local patches now, each once, if objects share them."""
-        if not is_joint(self.settings.coarse.codebook):
-            return
-        of = {region.object_id: self._patch_pixels(context.frame, region) for region in regions}
-        context.matches.share(of)
+        if self.matching.joint:
+            frame = context.frame
+            context.matches.share({r.object_id: self._patch_pixels(frame, r) for r in regions})
 
-    def find_hypotheses(self, context: FrameContext, region: Region) -> CoarseResult:
+    def find_hypotheses(self, context: FrameContext, region: Region) -> ObjectTrace:
         """Stage 2: votes of the region's local patches, and their modes (paper, section 3.2)."""
         begun = time.perf_counter()
         context.observer.enter("cut")
@@ -218,7 +201,8 @@ class PoseEstimator:
         )
         context.observer.enter("modes")
         found = self._modes.find(votes, model.centroid)
-        return CoarseResult(cut, votes, found, matched - begun, time.perf_counter() - matched)
+        seconds = {"local": matched - begun, "voting": time.perf_counter() - matched}
+        return ObjectTrace(region, cut, votes, found, seconds=seconds)
 
     def _patch_pixels(self, frame: Frame, region: Region) -> Int[np.ndarray, "n 2"]:
         """Centres of the region's patches; of too many, more of those at likely windows."""
@@ -254,24 +238,16 @@ class PoseEstimator:
         settings, model = self.settings.fine.templates, self.learnt.models[object_id]
         assert settings is not None
         context.observer.enter("templates")
-        if object_id not in self._templates:
-            self._templates[object_id] = build_templates(model, settings)
+        templates = self._templates(object_id, settings)
         seen = context.observation if unexplained is None else unexplained
-        found = match_templates(
-            self._templates[object_id],
-            context.edge_answers(settings.reach),
-            seen.depth,
-            seen.camera_matrix,
-            model,
-            settings,
-            context.mask,
-            self.team,
-        )
+        edges = context.edge_answers(settings.reach)
+        view = edges, seen.depth, seen.camera_matrix
+        found = match_templates(templates, *view, model, settings, context.mask, self.team)
         costs = self.verifier(object_id).costs(context.observation, found.poses_cam_obj)
         order = np.argsort(costs - settings.match_weight * found.shares, kind="stable")
         chosen = order[at_different_places(found.poses_cam_obj[order], model, settings.kept_here)]
-        most = settings.kept + settings.kept_further * (instances - 1)
-        return Hypotheses(found.poses_cam_obj[chosen[:most]], np.ones(len(chosen[:most])))
+        chosen = chosen[: settings.kept + settings.kept_further * (instances - 1)]
+        return Hypotheses(found.poses_cam_obj[chosen], np.ones(len(chosen)))
 
     def refine(
         self,
@@ -291,9 +267,9 @@ class PoseEstimator:
         if len(hypotheses) == 0:
             return None
         context.observer.enter("screen")
-        frame, verification = context.frame, self.settings.fine.refinement.verification
+        verification = self.settings.fine.refinement.verification
 
-        def good_enough(pose_cam_obj: Float[np.ndarray, "4 4"]) -> bool:
+        def good_enough(pose_cam_obj: Pose) -> bool:
             return self.score(context, object_id, pose_cam_obj) >= (min_score or 0.0)
 
         return refine_and_choose(
@@ -304,26 +280,24 @@ class PoseEstimator:
             hypotheses,
             verification.candidates,
             verification.max_improvement,
-            derive_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id),
+            self._seed(context.frame, object_id),
             instances,
             unexplained,
             None if min_score is None else good_enough,
             context.observer,
         )
 
-    def follow(
-        self, context: FrameContext, object_id: int, pose_cam_obj: Float[np.ndarray, "4 4"]
-    ) -> Float[np.ndarray, "4 4"]:
+    def follow(self, context: FrameContext, object_id: int, pose_cam_obj: Pose) -> Pose:
         """The pose of an instance that was at `pose_cam_obj` a moment before the frame."""
-        frame, seen = context.frame, context.observation
-        model = self.learnt.models[object_id]
-        seed = derive_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id)
+        seen, model = context.observation, self.learnt.models[object_id]
+        seed = self._seed(context.frame, object_id)
         pose = self._refiner.follow(model, seen, pose_cam_obj, seed)
         return choose_near_sibling(seen, model, pose.pose_cam_obj).pose_cam_obj
 
-    def measure_fit(
-        self, context: FrameContext, object_id: int, pose_cam_obj: Float[np.ndarray, "4 4"]
-    ) -> PoseFit:
+    def _seed(self, frame: Frame, object_id: int) -> int:
+        return derive_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id)
+
+    def measure_fit(self, context: FrameContext, object_id: int, pose_cam_obj: Pose) -> PoseFit:
         """How well a pose fits the frame; measured once for every pose."""
         key = object_id, pose_cam_obj.tobytes()
         if key not in context.fits:
@@ -331,32 +305,10 @@ class PoseEstimator:
             context.fits[key] = measure_fit(verifier, context.observation, pose_cam_obj)
         return context.fits[key]
 
-    def score(
-        self, context: FrameContext, object_id: int, pose_cam_obj: Float[np.ndarray, "4 4"]
-    ) -> float:
+    def score(self, context: FrameContext, object_id: int, pose_cam_obj: Pose) -> float:
         """The probability that a pose of an object is right."""
         fit = self.measure_fit(context, object_id, pose_cam_obj)
         return self.score_model(object_id).score(fit)
-
-    def score_model(self, object_id: int) -> ScoreModel:
-        """The score of an object's poses."""
-        if object_id not in self._scores:
-            self._scores[object_id] = self.learnt.load_score_model(object_id)
-        return self._scores[object_id]
-
-    def verifier(self, object_id: int) -> Verifier:
-        """The cost that compares poses of an object."""
-        if object_id not in self._verifiers:
-            model = self.learnt.models[object_id]
-            verification = self.settings.fine.refinement.verification
-            self._verifiers[object_id] = Verifier(model, verification)
-        return self._verifiers[object_id]
-
-
-def _narrowed(region: Region, mask: Bool[np.ndarray, "h w"]) -> Region:
-    """The region within a mask; where it has nothing there, the mask, which knows better."""
-    both = region.mask & mask
-    return replace(region, mask=both if both.any() else mask)
 
 
 def derive_seed(*parts: int) -> int:

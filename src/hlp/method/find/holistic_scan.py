@@ -42,26 +42,18 @@ class HolisticScan:
         region: RegionSettings,
         threads: int,
     ) -> None:
-        self.network = network
-        self.holistic = holistic
-        self.step = region.step
+        self.network, self.holistic, self.step = network, holistic, region.step
         self.team = ThreadTeam(threads)
         self.fast = region.scan == "fast"
         self.sizes = {i: (model.holistic_size, model.diameter) for i, model in objects.items()}
         self.groups = group_sizes(self.sizes, _SHARED_SCALE if self.fast else 1.0)
 
-    def start(self, frame: Frame, observer: Observer = NOBODY) -> "FrameWindows":
-        """The windows of one frame; nothing is classified yet."""
-        return FrameWindows(self, frame, observer)
-
 
 class FrameWindows:
     """The windows of one frame, classified when an object of their size is first requested."""
 
-    def __init__(self, scan: HolisticScan, frame: Frame, observer: Observer) -> None:
-        self._observer = observer
-        self._scan = scan
-        self._frame = frame
+    def __init__(self, scan: HolisticScan, frame: Frame, observer: Observer = NOBODY) -> None:
+        self._scan, self._frame, self._observer = scan, frame, observer
         self._images = WindowImages(frame.rgb, frame.depth, scan.holistic, scan.team)
         self._classified: dict[SizeGroup, tuple[Windows, Classes]] = {}
         self._planes: list[Plane] | None = None
@@ -89,11 +81,10 @@ class FrameWindows:
 
     def _classes(self, windows: Windows, metric_size: float) -> Classes:
         # Each chunk is cut and then classified while it is still in the processor's cache.
-        starts = range(0, max(len(windows.sides), 1), CHUNK)
-        parts = [windows.at(slice(start, start + CHUNK)) for start in starts]
         classes = []
-        for part in parts:
+        for start in range(0, max(len(windows.sides), 1), CHUNK):
             self._observer.enter("windows")
+            part = windows.at(slice(start, start + CHUNK))
             images = self._images.cut(part, metric_size)
             self._observer.enter("network")
             classes.append(class_probabilities(self._scan.network, images))

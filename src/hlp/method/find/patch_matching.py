@@ -1,39 +1,70 @@
-"""The local patches of a frame, and the codebook entries nearest to them (paper, section 3.2)."""
+"""The local patches of a frame, and the codebook entries nearest to them (paper, section 3.2).
+
+Also the interface of learnt objects, wherever they are kept.
+"""
 
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import replace
+from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from hlp.codebook.neighbours import Neighbours, is_joint
-from hlp.method.find.learnt_objects import LearntObjects
+from hlp.codebook.neighbours import is_joint
 from hlp.method.stage_settings import CoarseStage, FindSettings
 from hlp.models.encoder import Encoder
+from hlp.models.network import Network
 from hlp.observer import NOBODY, Observer
 from hlp.patches.local import cut_local_patches, join_patches, take_patches
 from hlp.records import Codebook, Frame, LocalPatches, Matches, ObjectModel
+from hlp.refinement.score_model import ScoreModel
 from hlp.thread_team import ThreadTeam
 
 _PER_THREAD = 128  # patches that are worth a thread of their own
 _UNKNOWN, _NO_PATCH = -2, -1  # in place of the row of a pixel's patch
 
 
+class LearntObjects(Protocol):
+    """What detection needs from learnt objects. Each part is loaded when first needed."""
+
+    @property
+    def models(self) -> Mapping[int, ObjectModel]:
+        """Object models by id."""
+
+    @property
+    def classes(self) -> Sequence[int]:
+        """Object id of each class of the classifier, from class 1 on; class 0 is background."""
+
+    def load_classifier(self) -> Network:
+        """The classifier of holistic patches."""
+
+    def load_encoder(self) -> Encoder:
+        """The encoder of local patches."""
+
+    def load_codebook(self, object_id: int) -> Codebook:
+        """The codebook of one object."""
+
+    def load_score_model(self, object_id: int) -> ScoreModel:
+        """The score of one object's poses."""
+
+    def search_folder(self, object_ids: Sequence[int]) -> Path | None:
+        """The folder in which the search in these objects' codebooks was prepared, if it was."""
+
+
 def search_groups(
     models: Mapping[int, ObjectModel], object_ids: Iterable[int], settings: CoarseStage
 ) -> list[tuple[int, ...]]:
     """Objects that are searched in one index: each alone or, jointly, those of one patch size."""
-    ids = sorted(object_ids)
-    if not is_joint(settings.codebook):
-        return [(object_id,) for object_id in ids]
-    local = settings.local
-    sizes = {each: local.side_of(models[each].local_size) for each in ids}
-    return [tuple(i for i in ids if sizes[i] == size) for size in dict.fromkeys(sizes.values())]
+    groups: dict[object, list[int]] = {}
+    for object_id in sorted(object_ids):
+        side = settings.local.side_of(models[object_id].local_size)
+        groups.setdefault(side if is_joint(settings.codebook) else object_id, []).append(object_id)
+    return [tuple(group) for group in groups.values()]
 
 
-def load_together(
+def load_codebooks(
     learnt: LearntObjects, object_ids: Sequence[int]
 ) -> tuple[list[Codebook], Float[np.ndarray, "m d"]]:
     """The codebooks of some objects, and the features of all, of which each codebook's are a part.
@@ -41,24 +72,16 @@ def load_together(
     No more than one codebook's features are held twice.
     """
     codebooks: list[Codebook] = []
-    bounds = [0]
-    together = np.zeros((0, 0), dtype=np.float32)
-    for number, object_id in enumerate(object_ids):
-        codebook = learnt.load_codebook(object_id)
-        start, count = bounds[-1], len(codebook.features)
-        if start + count > len(together):
-            # Room for all others, if they are as large; what is not written takes no memory.
-            rows = start + (len(object_ids) - number) * count
-            room = np.empty((rows, codebook.features.shape[1]), dtype=np.float32)
-            if start > 0:
-                room[:start] = together[:start]
-            together = room
-        together[start : start + count] = codebook.features
-        bounds.append(start + count)
-        codebooks.append(replace(codebook, features=together[start : start + count]))
-    parts = zip(codebooks, pairwise(bounds), strict=True)
-    whole = together[: bounds[-1]]
-    return [replace(each, features=whole[a:b]) for each, (a, b) in parts], whole
+    features = np.zeros((0, 0), dtype=np.float32)
+    for object_id in object_ids:
+        codebook, first = learnt.load_codebook(object_id), len(features)
+        count, dimension = codebook.features.shape
+        features.resize((first + count, dimension), refcheck=False)
+        features[first:] = codebook.features
+        codebooks.append(replace(codebook, features=np.zeros((count, 0))))
+    ends = np.cumsum([len(codebook.features) for codebook in codebooks])
+    parts = np.split(features, ends[:-1])
+    return [replace(c, features=part) for c, part in zip(codebooks, parts, strict=True)], features
 
 
 class SearchGroup:
@@ -70,18 +93,14 @@ class SearchGroup:
     def __init__(
         self, learnt: LearntObjects, object_ids: Sequence[int], settings: FindSettings
     ) -> None:
-        local = settings.coarse.local
-        own_size = learnt.models[object_ids[0]].local_size
-        self.side = local.side_of(own_size)
-        loaded, self.features = load_together(learnt, object_ids)
-        self.codebooks = {each.object_id: each for each in loaded}
-        counts = [len(each.features) for each in loaded]
+        coarse, threads = settings.coarse, settings.machine.threads
+        self.side = coarse.local.side_of(learnt.models[object_ids[0]].local_size)
+        loaded, self.features = load_codebooks(learnt, object_ids)
+        self.codebooks = {codebook.object_id: codebook for codebook in loaded}
+        counts = [len(codebook.features) for codebook in loaded]
         self._first = dict(zip(self.codebooks, np.cumsum([0, *counts]).tolist(), strict=False))
         folder = learnt.search_folder(object_ids)
-        threads, seed = settings.machine.threads, settings.seed
-        self.search: Neighbours = settings.coarse.codebook.build(
-            self.features, seed, threads, folder
-        )
+        self.search = coarse.codebook.build(self.features, settings.seed, threads, folder)
 
     def of_object(self, object_id: int, matches: Matches) -> Matches:
         """The matches with an object's own entries; those with others' are infinitely far."""
@@ -102,9 +121,8 @@ class PatchMatching:
         encoder: Callable[[], Encoder],
         team: ThreadTeam,
     ) -> None:
-        self.settings = settings
-        self.team = team
-        self.encoder = encoder
+        self.settings, self.team, self.encoder = settings, team, encoder
+        self.joint = is_joint(settings.coarse.codebook)
         self._learnt = learnt
         groups = search_groups(learnt.models, object_ids, settings.coarse)
         self._members = {object_id: group for group in groups for object_id in group}
@@ -128,29 +146,25 @@ class FrameMatches:
     """
 
     def __init__(self, matching: PatchMatching, frame: Frame, observer: Observer = NOBODY) -> None:
-        self._observer = observer
-        self._matching = matching
-        self._frame = frame
-        self._known: dict[SearchGroup, _Matched] = {}
+        self._matching, self._frame, self._observer = matching, frame, observer
+        self._known: dict[SearchGroup, _Known] = {}
         self._lock = threading.Lock()
 
     def share(self, pixels: Mapping[int, Int[np.ndarray, "n 2"]]) -> None:
         """Match the patches at the pixels (x, y) that objects need, by object; each patch once."""
-        wanted: dict[SearchGroup, list[Int[np.ndarray, "n 2"]]] = {}
+        needed: dict[SearchGroup, list[Int[np.ndarray, "n 2"]]] = {}
         for object_id, own in pixels.items():
-            wanted.setdefault(self._matching.group(object_id), []).append(own)
-        for group, parts in wanted.items():
-            self._matched(group, np.unique(np.concatenate(parts), axis=0))
+            needed.setdefault(self._matching.group(object_id), []).append(own)
+        for group, parts in needed.items():
+            self._looked_up_once(group, np.unique(np.concatenate(parts), axis=0))
 
     def match(self, object_id: int, pixels: Int[np.ndarray, "n 2"]) -> tuple[LocalPatches, Matches]:
         """The patches at those of the pixels (x, y) that have one, and their nearest entries."""
         group = self._matching.group(object_id)
-        if not is_joint(self._matching.settings.coarse.codebook):
+        if not self._matching.joint:
             return self._look_up(group, pixels)
-        known, rows = self._matched(group, pixels)
-        assert known.patches is not None and known.matches is not None
-        own = Matches(known.matches.indices[rows], known.matches.distances[rows])
-        return take_patches(known.patches, rows), group.of_object(object_id, own)
+        patches, matches = self._looked_up_once(group, pixels)
+        return patches, group.of_object(object_id, matches)
 
     def _look_up(
         self, group: SearchGroup, pixels: Int[np.ndarray, "n 2"]
@@ -176,57 +190,55 @@ class FrameMatches:
 
     def _look_up_by_threads(
         self, group: SearchGroup, pixels: Int[np.ndarray, "n 2"]
-    ) -> tuple[LocalPatches, Matches]:
+    ) -> list[tuple[LocalPatches, Matches]]:
         """What `_look_up` finds, each thread with a part of the pixels."""
         team = self._matching.team
-        count = max(min(team.threads, len(pixels) // _PER_THREAD), 1)
-        parts = np.array_split(pixels, count)
-        found = team.map(lambda number: self._look_up(group, parts[number]), count)
-        indices = np.concatenate([matches.indices for _, matches in found])
-        distances = np.concatenate([matches.distances for _, matches in found])
-        return join_patches([cut for cut, _ in found]), Matches(indices, distances)
+        parts = np.array_split(pixels, max(min(team.threads, len(pixels) // _PER_THREAD), 1))
+        return team.map(lambda number: self._look_up(group, parts[number]), len(parts))
 
-    def _matched(
+    def _looked_up_once(
         self, group: SearchGroup, pixels: Int[np.ndarray, "n 2"]
-    ) -> tuple["_Matched", Int[np.ndarray, "m"]]:
-        """What is known of a group, these pixels included, and the rows of their patches."""
+    ) -> tuple[LocalPatches, Matches]:
+        """What `_look_up` finds, where only new pixels are looked up."""
         x, y = pixels[:, 0], pixels[:, 1]
         with self._lock:
-            known = self._known.get(group) or _Matched.nothing(self._frame.depth.shape)
+            if group not in self._known:
+                self._known[group] = _Known(self._frame.depth.shape)
+            known = self._known[group]
             missing = known.rows[y, x] == _UNKNOWN
-            if missing.any() or group not in self._known:
+            if missing.any() or not known.found:
                 new = pixels[missing]
-                known = known.with_more(new, *self._look_up_by_threads(group, new))
-                self._known[group] = known
+                known.add(new, self._look_up_by_threads(group, new))
             rows = known.rows[y, x]
-        return known, rows[rows != _NO_PATCH]
+            patches, matches = known.found[0]
+        rows = rows[rows != _NO_PATCH]
+        return take_patches(patches, rows), Matches(matches.indices[rows], matches.distances[rows])
 
 
-@dataclass(frozen=True)
-class _Matched:
-    """The patches of a frame that were matched so far, and the row (h, w) of each pixel's patch."""
+class _Known:
+    """The patches of a frame that were looked up so far, and the row (h, w) of each pixel's patch.
 
-    rows: Int[np.ndarray, "h w"]
-    patches: LocalPatches | None
-    matches: Matches | None
+    `found` holds them all in one, or nothing yet.
+    """
 
-    @classmethod
-    def nothing(cls, shape: tuple[int, ...]) -> "_Matched":
-        """No patch of an image is matched yet."""
-        return cls(np.full(shape, _UNKNOWN), None, None)
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self.rows = np.full(shape, _UNKNOWN)
+        self.found: list[tuple[LocalPatches, Matches]] = []
 
-    def with_more(
-        self, pixels: Int[np.ndarray, "n 2"], patches: LocalPatches, matches: Matches
-    ) -> "_Matched":
-        """With the patches that were cut at these pixels; not every pixel has one."""
-        rows = self.rows.copy()
-        rows[pixels[:, 1], pixels[:, 0]] = _NO_PATCH
-        centers = np.rint(patches.pixels).astype(np.int64)
-        before = 0 if self.patches is None else len(self.patches)
-        rows[centers[:, 1], centers[:, 0]] = before + np.arange(len(patches))
-        if self.patches is None or self.matches is None:
-            return _Matched(rows, patches, matches)
-        indices = np.concatenate([self.matches.indices, matches.indices])
-        distances = np.concatenate([self.matches.distances, matches.distances])
-        together = join_patches([self.patches, patches])
-        return _Matched(rows, together, Matches(indices, distances))
+    def add(
+        self, pixels: Int[np.ndarray, "n 2"], found: Sequence[tuple[LocalPatches, Matches]]
+    ) -> None:
+        """Add the patches that were cut at these pixels; not every pixel has one."""
+        self.rows[pixels[:, 1], pixels[:, 0]] = _NO_PATCH
+        row = sum(len(patches) for patches, _ in self.found)
+        for patches, _ in found:
+            x, y = np.rint(patches.pixels).astype(np.int64).T
+            self.rows[y, x] = row + np.arange(len(patches))
+            row += len(patches)
+        together = [*self.found, *found]
+        indices, distances = (
+            np.concatenate([getattr(matches, name) for _, matches in together])
+            for name in ("indices", "distances")
+        )
+        patches = join_patches([own for own, _ in together])
+        self.found = [(patches, Matches(indices, distances))]

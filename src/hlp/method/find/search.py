@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hlp.method.find.conflicts import resolve_conflicts
 from hlp.method.find.estimator import FrameContext, PoseEstimator
-from hlp.method.find.instances import find_instances
+from hlp.method.find.instances import find_instances, resolve_conflicts
 from hlp.method.find.trace import ObjectTrace, Stage, Trace
 from hlp.records import Region
 from hlp.refinement.choice import RefinedHypotheses
@@ -52,9 +51,7 @@ def search_frame(
     if stop_after == "regions":
         return traces
     traces = search.find_poses(traces, stop_after)
-    if stop_after == "hypotheses":
-        return traces
-    return search.settle(traces)
+    return traces if stop_after == "hypotheses" else search.settle(traces)
 
 
 @dataclass(frozen=True)
@@ -87,7 +84,7 @@ class _FrameSearch:
             return ObjectTrace(region, seconds={"holistic": time.perf_counter() - begun})
 
         traces = dict(zip(ids, self.team.map(find, len(ids)), strict=True))
-        return _with_seconds(traces, ids[:1], "holistic", shared)
+        return _with_more_for_first(traces, shared)
 
     def find_poses(self, traces: dict[int, ObjectTrace], last: Stage) -> dict[int, ObjectTrace]:
         """Stages 2 and 3 of each object, as if it were alone; stage 2 alone if that is the last."""
@@ -95,13 +92,16 @@ class _FrameSearch:
         if self.by_threads:
             begun = time.perf_counter()
             self.estimator.share_patches(self.context, map(_region, traces.values()))
-            traces = _with_seconds(traces, ids[:1], "holistic", time.perf_counter() - begun)
+            traces = _with_more_for_first(traces, time.perf_counter() - begun)
             # Objects that the classifier is least sure of take longest: no thread then waits long
             # for the others at the end of the frame.
             order = sorted(ids, key=lambda object_id: _evidence(_region(traces[object_id])))
 
         def find(place: int) -> ObjectTrace:
-            trace = self._with_hypotheses(traces[order[place]])
+            trace = traces[order[place]]
+            if trace.hypotheses is None:  # stage 2 (section 3.2)
+                found = self.estimator.find_hypotheses(self.context, _region(trace))
+                trace = replace(found, seconds={**trace.seconds, **found.seconds})
             if last == "hypotheses":
                 return trace
             begun = time.perf_counter()
@@ -111,19 +111,6 @@ class _FrameSearch:
 
         found = dict(zip(order, self.team.map(find, len(ids)), strict=True))
         return {object_id: found[object_id] for object_id in ids}
-
-    def _with_hypotheses(self, trace: ObjectTrace) -> ObjectTrace:
-        """Stage 2 (section 3.2): votes of the region's local patches, and coarse poses."""
-        if trace.hypotheses is not None:
-            return trace
-        found = self.estimator.find_hypotheses(self.context, _region(trace))
-        return replace(
-            trace,
-            patches=found.patches,
-            votes=found.votes,
-            hypotheses=found.hypotheses,
-            seconds={**trace.seconds, "local": found.local_seconds, "voting": found.voting_seconds},
-        )
 
     def _find_instances(
         self, object_id: int, trace: ObjectTrace, unexplained: Observation | None
@@ -137,15 +124,11 @@ class _FrameSearch:
     def settle(self, traces: dict[int, ObjectTrace]) -> dict[int, ObjectTrace]:
         """Objects compete for pixels; then the fit of each instance that is left is measured."""
         begun, ids = time.perf_counter(), list(traces)
-
-        def search_again(object_id: int, left: Observation) -> RefinedHypotheses | None:
-            return self._find_instances(object_id, traces[object_id], left)
-
         found = resolve_conflicts(
             self.estimator,
             self.context,
             {object_id: trace.refined for object_id, trace in traces.items()},
-            search_again,
+            lambda object_id, left: self._find_instances(object_id, traces[object_id], left),
             self.min_score,
             self.unexplained,
         )
@@ -168,17 +151,14 @@ def _region(trace: ObjectTrace) -> Region:
     return trace.region
 
 
-def _with_seconds(
-    traces: dict[int, ObjectTrace], ids: list[int], step: str, seconds: float
-) -> dict[int, ObjectTrace]:
-    """Traces with more time of a step for some of the objects, if they spent any on it."""
-    changed = dict(traces)
-    for object_id in ids:
-        spent = traces[object_id].seconds
-        if step in spent:
-            more = {**spent, step: spent[step] + seconds}
-            changed[object_id] = replace(traces[object_id], seconds=more)
-    return changed
+def _with_more_for_first(traces: dict[int, ObjectTrace], seconds: float) -> dict[int, ObjectTrace]:
+    """Traces whose first object has more time of stage 1, if it spent any on it."""
+    first = next(iter(traces), None)
+    if first is None or "holistic" not in traces[first].seconds:
+        return traces
+    spent = traces[first].seconds
+    more = {**spent, "holistic": spent["holistic"] + seconds}
+    return {**traces, first: replace(traces[first], seconds=more)}
 
 
 def _evidence(region: Region) -> float:

@@ -19,18 +19,15 @@ class Backgrounds(Protocol):
         self, count: int, size: int, rng: np.random.Generator
     ) -> UInt8[np.ndarray, "n s s 3"]:
         """Random square crops (RGB) of photographs, or procedural ones."""
-        ...
 
     def load_background_frames(self) -> Sequence[Frame]:
         """RGB-D frames used as backgrounds of rendered objects; may be empty."""
-        ...
 
     def load_encoder_frames(self) -> Sequence[Frame]:
         """RGB-D frames that train the autoencoder (only encoder=cae).
 
         Raises ValueError if there are none.
         """
-        ...
 
 
 @dataclass(frozen=True)

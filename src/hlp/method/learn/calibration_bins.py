@@ -1,4 +1,4 @@
-"""Bins for the scenes of score calibration: walls around the object, and more of the same in it."""
+"""Places and meshes in the scenes of score calibration: bins, and more of the object in them."""
 
 from dataclasses import replace
 
@@ -15,10 +15,17 @@ _HEIGHT = (0.2, 1.0)  # of a wall, in diameters
 _THICK = 0.02  # m
 _COPIES = (1, 6)
 _FACING = 0.3  # cosine between a plane's normal and the line of sight, at least
+CUBE = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+"""Corners of a cube."""
 
 Pose = Float[np.ndarray, "4 4"]
 Plane = tuple[Float[np.ndarray, "3"], float]
 """Normal n, which faces the camera, and offset d: the points with n·x = d (m)."""
+
+
+def center_of(model: ObjectModel, pose: Pose) -> Float[np.ndarray, "3"]:
+    """Where the object's centroid is in the camera's coordinates (m)."""
+    return np.asarray(transform(pose, model.centroid[None])[0])
 
 
 def resting_plane(model: ObjectModel, pose: Pose, rng: np.random.Generator) -> Plane | None:
@@ -31,7 +38,7 @@ def resting_plane(model: ObjectModel, pose: Pose, rng: np.random.Generator) -> P
     corners = points[hull.simplices]
     sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     up = -hull.equations[:, :3] @ pose[:3, :3].T
-    center = transform(pose, model.centroid[None])[0]
+    center = center_of(model, pose)
     likely = np.linalg.norm(sides, axis=1) * (up @ -center > _FACING * np.linalg.norm(center))
     # Triangles of one face are many: all that point the same way count.
     areas = (up @ up.T > 1.0 - 1e-4) @ likely * (likely > 0.0)
@@ -50,18 +57,17 @@ def bin_walls(
     floor = center + (offset - center @ normal) * normal
     height = model.diameter * rng.uniform(*_HEIGHT)
     color = rng.uniform(10, 240, 3).astype(np.uint8)
-    rooms = model.diameter * rng.uniform(*_ROOM, 4)
+    rooms = model.diameter * rng.uniform(*_ROOM, (2, 2))  # along both axes, to both sides
     walls = []
-    for side, (axis, sign) in enumerate(((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0))):
-        across = 1 - axis
-        length = float(rooms[2 * across : 2 * across + 2].sum())
-        size = np.full(3, _THICK)
-        size[across], size[2] = length, height
-        middle = np.zeros(3)
-        middle[axis] = sign * (rooms[side] + _THICK / 2)
-        middle[across] = (rooms[2 * across] - rooms[2 * across + 1]) / 2
+    for axis, side in np.ndindex(2, 2):
+        across, sign = 1 - axis, 1.0 - 2.0 * side
+        size, middle = np.full(3, _THICK), np.zeros(3)
+        size[across], size[2] = float(rooms[across].sum()), height
+        middle[axis] = sign * (rooms[axis, side] + _THICK / 2)
+        middle[across] = (rooms[across, 0] - rooms[across, 1]) / 2
         middle[2] = height / 2
-        walls.append((_box(size, color), rigid(frame, floor + frame @ middle)))
+        wall = hull_mesh(CUBE * size / 2, color)
+        walls.append((wall, rigid(frame, floor + frame @ middle)))
     return walls
 
 
@@ -69,17 +75,14 @@ def copies(
     mesh: Mesh, model: ObjectModel, pose: Pose, plane: Plane, rng: np.random.Generator
 ) -> list[tuple[Mesh, Pose]]:
     """The object some more times on the plane, turned about its normal, beside the first one."""
-    normal, _ = plane
-    center = transform(pose, model.centroid[None])[0]
-    found = [(mesh, pose)]
+    normal, center, found = plane[0], center_of(model, pose), [(mesh, pose)]
     for _ in range(int(rng.integers(_COPIES[0], _COPIES[1] + 1))):
         turn = Rotation.from_rotvec(normal * rng.uniform(0.0, 2.0 * np.pi)).as_matrix()
         away = _upright(normal, rng)[:, 0] * model.diameter * rng.uniform(0.7, 2.0)
-        centers = [transform(other, model.centroid[None])[0] for _, other in found]
-        if min(np.linalg.norm(center + away - other) for other in centers) < 0.7 * model.diameter:
-            continue
-        moved = turn @ pose[:3, :3]
-        found.append((mesh, rigid(moved, center + away - moved @ model.centroid)))
+        apart = [np.linalg.norm(center + away - center_of(model, other)) for _, other in found]
+        if min(apart) >= 0.7 * model.diameter:
+            moved = turn @ pose[:3, :3]
+            found.append((mesh, rigid(moved, center + away - moved @ model.centroid)))
     return found[1:]
 
 
@@ -98,10 +101,10 @@ def _upright(normal: Float[np.ndarray, "3"], rng: np.random.Generator) -> Float[
     return np.stack([first, np.cross(normal, first), normal], axis=1)
 
 
-def _box(size: Float[np.ndarray, "3"], color: np.ndarray) -> Mesh:
-    """A box about the origin."""
-    hull = ConvexHull(np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T * size / 2)
-    vertices = hull.points[hull.simplices].reshape(-1, 3)
+def hull_mesh(points: Float[np.ndarray, "n 3"], color: np.ndarray) -> Mesh:
+    """The convex hull of points (m) in one colour, its faces flat."""
+    hull = ConvexHull(points)
+    vertices = points[hull.simplices].reshape(-1, 3)
     faces = np.arange(len(vertices)).reshape(-1, 3)
     normals = np.repeat(hull.equations[:, :3], 3, axis=0)
     return Mesh(vertices, faces, np.tile(color, (len(vertices), 1)), normals)

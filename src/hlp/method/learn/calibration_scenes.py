@@ -2,9 +2,8 @@
 
 The object stands on a plane (one without colours may lie in a bin, with more of it) or hangs in the
 air, in any pose that its views show, among shapes of its size. Some of them hide part of it; some
-are the object itself, stretched. What a CAD model does
-not tell is drawn at random: light, colours, registration of the images, errors of the sensor and of
-the model's size.
+are the object itself, stretched. What a CAD model does not tell is drawn at random: light, colours,
+registration of the images, errors of the sensor and of the model's size.
 """
 
 from collections.abc import Sequence
@@ -13,13 +12,17 @@ from dataclasses import replace
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
-from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from hlp.geometry import back_project, rigid, transform
 from hlp.method.learn.calibration_bins import (
+    CUBE,
+    Plane,
+    Pose,
     bin_walls,
+    center_of,
     copies,
+    hull_mesh,
     resting_plane,
     with_random_color,
 )
@@ -45,7 +48,9 @@ _VISIBLE = 0.3  # of the object, at least
 _ATTEMPTS = 4
 _LYING, _BINS = 2, 4  # every so many scenes: the object lies on a face, with more of it; in a bin
 
-Pose = Float[np.ndarray, "4 4"]
+Images = tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]]
+"""Colour, and depth (m)."""
+Parts = list[tuple[Mesh, Pose]]
 
 
 def calibration_scene(
@@ -77,43 +82,42 @@ def _random_scene(
     number: int,
     rng: np.random.Generator,
 ) -> Frame:
+    behind: Images | None = None
     if frames and number % 2:
         frame = frames[int(rng.integers(len(frames)))]
-        behind = frame.rgb, frame.depth.astype(np.float32)
-        camera_matrix = frame.camera_matrix
+        behind, camera_matrix = (frame.rgb, frame.depth.astype(np.float32)), frame.camera_matrix
         shape = (frame.depth.shape[0], frame.depth.shape[1])
     else:
-        behind, camera_matrix, shape = None, _random_camera(rng), _SHAPE
+        focal, shape = rng.uniform(*_FOCAL), _SHAPE
+        camera_matrix = np.array(
+            [[focal, 0.0, shape[1] / 2], [0.0, focal, shape[0] / 2], [0.0, 0.0, 1.0]]
+        )
     pose = _random_pose(model, views, camera_matrix, shape, rng)
     in_bins = not model.mesh.colored
-    plane = resting_plane(model, pose, rng) if in_bins and number % _LYING == 0 else None
-    normal, offset = plane or _random_plane(model, pose, rng)
-    parts = _things(model, pose, normal, offset, rng)
-    parts += _occluders(model, pose, rng)
-    same: list[tuple[Mesh, Pose]] = []
+    lying_on = resting_plane(model, pose, rng) if in_bins and number % _LYING == 0 else None
+    plane = lying_on or _random_plane(model, pose, rng)
+    parts = _things(model, pose, plane, rng) + _occluders(model, pose, rng)
+    own: Parts = []
     if present:
         mesh = with_random_color(_inexact(model, rng), rng)
-        if plane is not None:
-            same = copies(mesh, model, pose, plane, rng)
-        parts = [(mesh, pose), *same, *parts]
+        same = [] if lying_on is None else copies(mesh, model, pose, lying_on, rng)
+        own = [(mesh, pose), *same]
+    parts = [*own, *parts]
     if in_bins and behind is None and number % _BINS == 0:
-        parts += bin_walls(model, transform(pose, model.centroid[None])[0], (normal, offset), rng)
+        parts += bin_walls(model, center_of(model, pose), plane, rng)
     rgb, depth, index = render_scene(parts, camera_matrix, shape, random_light(rng))
     if behind is None:
-        behind = _draw_plane(normal, offset, camera_matrix, shape, rng)
+        behind = _draw_plane(plane, camera_matrix, shape, rng)
     nearer = (index < 0) | ((behind[1] > 0.0) & (behind[1] < depth))
     rgb[nearer], depth[nearer] = behind[0][nearer], behind[1][nearer]
-    targets: tuple[Target, ...] = ()
-    for row, (_, at) in enumerate(parts[: (1 + len(same)) * present]):
+    targets = []
+    for row, (_, at) in enumerate(own):
         seen = int(np.count_nonzero((index == row) & ~nearer))
-        targets += _targets(model, at, camera_matrix, shape, seen)
+        alone = render_depth(model.proxy, at[None], camera_matrix, shape, threads=1)[0]
+        visible = min(1.0, seen / max(int(np.count_nonzero(alone)), 1))
+        targets.append(Target(model.object_id, at, visible))
     rgb, depth = _sensed(rgb, depth, float(camera_matrix[0, 0]), rng)
-    return Frame(0, number, rgb, depth, camera_matrix, targets)
-
-
-def _random_camera(rng: np.random.Generator) -> Float[np.ndarray, "3 3"]:
-    focal, (height, width) = rng.uniform(*_FOCAL), _SHAPE
-    return np.array([[focal, 0.0, width / 2], [0.0, focal, height / 2], [0.0, 0.0, 1.0]])
+    return Frame(0, number, rgb, depth, camera_matrix, tuple(targets))
 
 
 def _random_pose(
@@ -135,11 +139,9 @@ def _random_pose(
     return rigid(rotation, center - rotation @ model.centroid)
 
 
-def _random_plane(
-    model: ObjectModel, pose: Pose, rng: np.random.Generator
-) -> tuple[Float[np.ndarray, "3"], float]:
-    """A plane normal·x = offset, facing the camera, that the object touches or hangs above."""
-    center = transform(pose, model.centroid[None])[0]
+def _random_plane(model: ObjectModel, pose: Pose, rng: np.random.Generator) -> Plane:
+    """A plane facing the camera that the object touches or hangs above."""
+    center = center_of(model, pose)
     toward_camera = -center / np.linalg.norm(center)
     while True:
         normal = Rotation.from_rotvec(rng.normal(0.0, 0.7, 3)).apply(toward_camera)
@@ -150,16 +152,9 @@ def _random_plane(
     return normal, float((points @ normal).min() - gap)
 
 
-def _things(
-    model: ObjectModel,
-    pose: Pose,
-    normal: Float[np.ndarray, "3"],
-    offset: float,
-    rng: np.random.Generator,
-) -> list[tuple[Mesh, Pose]]:
+def _things(model: ObjectModel, pose: Pose, plane: Plane, rng: np.random.Generator) -> Parts:
     """Shapes that stand on the plane around the object's place."""
-    center = transform(pose, model.centroid[None])[0]
-    parts = []
+    (normal, offset), center, parts = plane, center_of(model, pose), []
     for _ in range(int(rng.integers(_THINGS[0], _THINGS[1] + 1))):
         mesh = _random_thing(model, rng)
         turn = Rotation.random(random_state=rng).as_matrix()
@@ -172,10 +167,9 @@ def _things(
     return parts
 
 
-def _occluders(model: ObjectModel, pose: Pose, rng: np.random.Generator) -> list[tuple[Mesh, Pose]]:
+def _occluders(model: ObjectModel, pose: Pose, rng: np.random.Generator) -> Parts:
     """None, one or two shapes in front of a part of the object's place."""
-    center = transform(pose, model.centroid[None])[0]
-    parts = []
+    center, parts = center_of(model, pose), []
     for _ in range(int(rng.choice([0, 1, 2], p=[0.65, 0.3, 0.05]))):
         mesh = _random_thing(model, rng)
         size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))) / 2
@@ -194,7 +188,7 @@ def _random_thing(model: ObjectModel, rng: np.random.Generator) -> Mesh:
         return replace(model.proxy, vertices=(model.proxy.vertices - model.centroid) * stretch)
     kind = int(rng.integers(3))
     if kind == 0:
-        points = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T * 0.5
+        points = CUBE * 0.5
     elif kind == 1:
         angle = np.arange(24) * (2 * np.pi / 24)
         circle = 0.5 * np.column_stack([np.cos(angle), np.sin(angle)])
@@ -205,24 +199,18 @@ def _random_thing(model: ObjectModel, rng: np.random.Generator) -> Mesh:
         points = rng.normal(size=(60, 3))
         points *= 0.5 / np.linalg.norm(points, axis=1, keepdims=True)
     size = model.diameter * np.exp(rng.uniform(np.log(0.15), np.log(2.0), 3))
-    return _painted_hull(points * size, model, rng)
+    return _painted(hull_mesh(points * size, np.zeros(3, np.uint8)), model, rng)
 
 
-def _painted_hull(
-    points: Float[np.ndarray, "n 3"], model: ObjectModel, rng: np.random.Generator
-) -> Mesh:
-    """The convex hull of points, its faces in one or two colours, the object's own at times."""
-    hull = ConvexHull(points)
-    vertices = points[hull.simplices].reshape(-1, 3)
-    faces = np.arange(len(vertices)).reshape(-1, 3)
-    normals = np.repeat(hull.equations[:, :3], 3, axis=0)
+def _painted(mesh: Mesh, model: ObjectModel, rng: np.random.Generator) -> Mesh:
+    """A shape in one or two colours, the object's own at times."""
     if rng.random() < 0.3:
         palette = model.mesh.colors[rng.integers(len(model.mesh.colors), size=2)].astype(float)
     else:
         palette = np.clip(rng.uniform(20, 230) + rng.normal(0.0, 45.0, (2, 3)), 5, 250)
-    along = vertices @ rng.normal(size=3)
+    along = mesh.vertices @ rng.normal(size=3)
     colors = palette[(along > np.quantile(along, rng.uniform(0.3, 1.0))).astype(int)]
-    return Mesh(vertices, faces, colors.astype(np.uint8), normals)
+    return replace(mesh, colors=colors.astype(np.uint8))
 
 
 def _inexact(model: ObjectModel, rng: np.random.Generator) -> Mesh:
@@ -233,36 +221,23 @@ def _inexact(model: ObjectModel, rng: np.random.Generator) -> Mesh:
 
 
 def _draw_plane(
-    normal: Float[np.ndarray, "3"],
-    offset: float,
+    plane: Plane,
     camera_matrix: Float[np.ndarray, "3 3"],
     shape: tuple[int, int],
     rng: np.random.Generator,
-) -> tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]]:
-    """Colour and depth of the plane, and of a wall where it is farther away than that."""
-    y, x = np.mgrid[0.0 : shape[0], 0.0 : shape[1]]
+) -> Images:
+    """The plane, and a wall where the plane is farther away than that."""
+    (normal, offset), (height, width) = plane, shape
+    y, x = np.mgrid[0.0:height, 0.0:width]
     rays = back_project(np.stack([x, y], axis=-1), np.ones(shape), camera_matrix)
     wall = rng.uniform(1.3, 3.0)
     with np.errstate(divide="ignore"):
         depth = offset / (rays @ normal)
     depth = np.where((depth > 0.0) & (depth < wall), depth, wall).astype(np.float32)
     small = procedural_backgrounds(2, 160, rng)
-    size = (shape[1], shape[0])
-    table, beyond = (cv2.resize(each, size, interpolation=cv2.INTER_LINEAR) for each in small)
+    table, beyond = (cv2.resize(i, (width, height), interpolation=cv2.INTER_LINEAR) for i in small)
     rgb = np.where((depth < wall)[..., None], table, beyond)
     return np.asarray(rgb, dtype=np.uint8), depth
-
-
-def _targets(
-    model: ObjectModel,
-    pose: Pose,
-    camera_matrix: Float[np.ndarray, "3 3"],
-    shape: tuple[int, int],
-    seen: int,
-) -> tuple[Target, ...]:
-    alone = render_depth(model.proxy, pose[None], camera_matrix, shape, threads=1)[0]
-    visible = min(1.0, seen / max(int(np.count_nonzero(alone)), 1))
-    return (Target(model.object_id, pose, visible),)
 
 
 def _sensed(
@@ -270,7 +245,7 @@ def _sensed(
     depth: Float[np.ndarray, "h w"],
     focal: float,
     rng: np.random.Generator,
-) -> tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]]:
+) -> Images:
     """The images of a real camera: noise, wandering edges and a depth that is off smoothly.
 
     Colours have another saturation and black level, and are shifted by up to 2 px.

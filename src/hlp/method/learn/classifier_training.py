@@ -2,16 +2,16 @@
 
 import gc
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import torch
+from tqdm import tqdm
 
 from hlp.method.learn.backgrounds import Backgrounds
-from hlp.method.learn.checkpoints import StartingWeights
-from hlp.method.learn.model_files import CLASSIFIER
+from hlp.method.learn.model_files import CLASSIFIER, StartingWeights
 from hlp.method.learn.training import calibration_images, fit
 from hlp.method.stage_settings import ClassifierStage
 from hlp.models.classifier_training import HolisticClassifier, copy_weights, raise_background
@@ -44,7 +44,8 @@ def train_classifier(
     logging.getLogger(__name__).info("cutting windows of %d objects", len(models))
     data = training_windows(models, views_of, backgrounds, settings)
     torch.manual_seed(settings.seed)
-    module = HolisticClassifier(settings.classifier, _channels(settings), len(models) + 1)
+    channels = 4 if settings.holistic.channels == "rgbd" else 3
+    module = HolisticClassifier(settings.classifier, channels, len(models) + 1)
     epochs = settings.classifier.epochs_for(len(data.pool["label"]))
     if start is not None:
         copy_weights(module.network, start.weights, start.labels)
@@ -66,9 +67,10 @@ def training_windows(
     settings: ClassifierStage,
 ) -> HolisticDataModule:
     """The images that the classifier of all `models` is trained on."""
+    ordered = [model for _, model in sorted(models.items())]
     return HolisticDataModule(
-        _windows(models, views_of, settings),
-        _backgrounds(models, backgrounds, settings),
+        _windows(ordered, views_of, settings),
+        _backgrounds(ordered, backgrounds, settings),
         settings.holistic.channels,
         settings.pool.background_share_for(len(models)),
         settings.classifier.batch_size,
@@ -77,30 +79,20 @@ def training_windows(
     )
 
 
-def _channels(settings: ClassifierStage) -> int:
-    return 4 if settings.holistic.channels == "rgbd" else 3
-
-
-def _sizes(models: Mapping[int, ObjectModel]) -> list[float]:
-    return [model.holistic_size for _, model in sorted(models.items())]
-
-
 def _windows(
-    models: Mapping[int, ObjectModel],
-    views_of: Callable[[int], Views],
-    settings: ClassifierStage,
+    models: Sequence[ObjectModel], views_of: Callable[[int], Views], settings: ClassifierStage
 ) -> HolisticPool:
     pools = []
-    for label, (object_id, model) in enumerate(sorted(models.items()), start=1):
+    for label, model in enumerate(tqdm(models, "windows cut", unit="object", disable=None), 1):
         pool = bake_windows(
-            views_of(object_id),
+            views_of(model.object_id),
             label,
             model.holistic_size,
-            _sizes(models),
+            [other.holistic_size for other in models],
             model.centroid,
             settings.holistic.resolution,
             settings.pool,
-            np.random.default_rng([settings.seed, object_id]),
+            np.random.default_rng([settings.seed, model.object_id]),
             model.mesh.colored,
         )
         pools.append(pool)
@@ -108,20 +100,15 @@ def _windows(
 
 
 def _backgrounds(
-    models: Mapping[int, ObjectModel], backgrounds: Backgrounds, settings: ClassifierStage
+    models: Sequence[ObjectModel], backgrounds: Backgrounds, settings: ClassifierStage
 ) -> BackgroundPool:
-    resolution, pool = settings.holistic.resolution, settings.pool
-    rng = np.random.default_rng([settings.seed, 0])
-    meshes = [model.mesh for _, model in sorted(models.items())]
+    resolution, pool, seed = settings.holistic.resolution, settings.pool, settings.seed
+    rng = np.random.default_rng([seed, 0])
+    meshes, sizes = [m.mesh for m in models], [m.holistic_size for m in models]
     # The scenes are rendered while this thread makes or reads photographs.
     with ThreadPoolExecutor(1) as beside:
-        scenes = beside.submit(
-            distractor_scenes,
-            meshes,
-            pool.distractor_scenes,
-            settings.seed,
-            settings.machine.threads,
-        )
+        threads = settings.machine.threads
+        scenes = beside.submit(distractor_scenes, meshes, pool.distractor_scenes, seed, threads)
         crops = backgrounds.photograph_crops(pool.backgrounds, resolution, rng)
         frames = [backgrounds.load_background_frames(), scenes.result()]
-    return bake_backgrounds(crops, frames, _sizes(models), resolution, pool.backgrounds, rng)
+    return bake_backgrounds(crops, frames, sizes, resolution, pool.backgrounds, rng)

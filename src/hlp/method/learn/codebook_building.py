@@ -12,7 +12,7 @@ from hlp.models.encoder import Encoder
 from hlp.patches.local import join_patches, surface_pixels, take_patches
 from hlp.patches.local_data import degrade_patches
 from hlp.patches.local_pool import cut_view_patches
-from hlp.records import Codebook, LocalPatches, ObjectModel, Views
+from hlp.records import Codebook, ObjectModel, Views
 
 _SCALE_SAMPLE = 1024
 # Views whose patches are held at once. This bounds the memory, whatever the number of views, and is
@@ -34,7 +34,7 @@ def build_codebook(
     size = local.side_of(model.local_size)
     rng = np.random.default_rng([settings.seed, model.object_id])
     pixels = [_draw_pixels(views, view, size, settings, rng) for view in range(len(views))]
-    first = np.cumsum([0] + [len(each) for each in pixels])  # first entry of each view
+    first = np.cumsum([0] + [len(own) for own in pixels])  # first entry of each view
     total = int(first[-1])
     sample = np.sort(rng.choice(total, min(_SCALE_SAMPLE, total), replace=False))
     features, points, sampled = [], [], []
@@ -46,7 +46,8 @@ def build_codebook(
         block = join_patches(cut)
         features.append(encoder.encode(block))
         points.append(block.points_cam)
-        sampled.append(_rows_in(block, sample - first[start]))
+        rows = sample - first[start]
+        sampled.append(take_patches(block, rows[(rows >= 0) & (rows < len(block))]))
     entries = np.concatenate(features)
     some = join_patches(sampled)
     seen = degrade_patches(some, np.arange(len(some)), size, settings.seed)
@@ -74,8 +75,3 @@ def _draw_pixels(
     cut = cut_view_patches(views, view, pixels, size, settings.local, False, entries.min_relief)
     chosen = np.rint(cut.pixels).astype(np.int64) if len(cut) else pixels
     return chosen[: entries.patches_per_view]
-
-
-def _rows_in(block: LocalPatches, rows: Int[np.ndarray, "n"]) -> LocalPatches:
-    """Those of the rows that lie in the block."""
-    return take_patches(block, rows[(rows >= 0) & (rows < len(block))])

@@ -10,6 +10,7 @@ import numpy as np
 import pytorch_lightning as pl
 import torch
 from jaxtyping import Bool, Float
+from tqdm import tqdm
 
 from hlp.method.learn.backgrounds import Backgrounds
 from hlp.method.learn.training import calibration_images, fit
@@ -18,12 +19,7 @@ from hlp.models.encoders import STEM, EncoderModule
 from hlp.models.onnx_export import export_network
 from hlp.patches.local import join_patches
 from hlp.patches.local_data import PairDataModule, PatchDataModule
-from hlp.patches.local_pool import (
-    PairPool,
-    bake_frame_patches,
-    bake_pairs,
-    join_pairs,
-)
+from hlp.patches.local_pool import PairPool, bake_frame_patches, bake_pairs, join_pairs
 from hlp.records import ObjectModel, Views
 
 
@@ -81,10 +77,10 @@ class _Training:
         export_network(network.layers, sample, self.folder / STEM, levels=False)
 
     def _pairs(self, with_color: bool) -> PairPool:
-        pools = []
-        for object_id, model in sorted(self.models.items()):
-            rng = np.random.default_rng([self.settings.seed, object_id])
-            settings, views = self.settings, self.views_of(object_id)
+        settings, pools = self.settings, []
+        models = sorted(self.models.items())
+        for object_id, model in tqdm(models, "pairs cut", unit="object", disable=None):
+            rng, views = np.random.default_rng([settings.seed, object_id]), self.views_of(object_id)
             size = settings.local.side_of(model.local_size)
             pools.append(bake_pairs(views, size, settings.local, settings.pairs, rng, with_color))
         return join_pairs(pools)

@@ -3,8 +3,8 @@
 import hashlib
 import json
 import shutil
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,6 @@ from hlp.errors import InputError
 from hlp.method.compute_threads import set_compute_threads
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.learn.backgrounds import Backgrounds
-from hlp.method.learn.checkpoints import StartingWeights, read_weights
 from hlp.method.learn.classifier_training import train_classifier
 from hlp.method.learn.codebook_building import build_codebook
 from hlp.method.learn.encoder_training import train_encoder
@@ -28,16 +27,14 @@ from hlp.method.learn.learnt_folder import (
     LearntRecord,
     check_files,
     read_record,
-    remove_stale_searches,
     write_record,
     write_searches,
 )
 from hlp.method.learn.mesh_models import check_told_apart
-from hlp.method.learn.model_files import write_model
-from hlp.method.learn.progress import counting_objects
+from hlp.method.learn.model_files import StartingWeights, read_weights, write_model
 from hlp.method.learn.score_calibration import calibrate_score
 from hlp.method.learn.unfinished_folder import SCORED, VIEWS, finish, folder_in_the_making, once
-from hlp.method.settings import MethodSettings, settings_to_json
+from hlp.method.settings import MethodSettings
 from hlp.method.stage_settings import ClassifierStage, CodebookStage, EncoderStage, FindSettings
 from hlp.objects.object_model import mesh_identity
 from hlp.records import ObjectModel, Views
@@ -59,32 +56,15 @@ def learn(
     To continue an interrupted call, repeat it with the same objects. A damaged folder of learnt
     objects is renamed, and they are learnt again.
     """
-    record = LearntRecord(
-        {model.name: object_id for object_id, model in models.items()}, tuple(models), settings
-    )
+    names = {model.name: object_id for object_id, model in models.items()}
+    record = LearntRecord(names, tuple(models), settings)
     if settings.encoder.needs_frames:
         backgrounds.load_encoder_frames()  # raises before anything is trained
     with folder_in_the_making(folder, learning_request(models, settings, backgrounds)) as partial:
-        set_compute_threads(settings.machine.threads)
-        views_of = _views(models, partial, settings)
-        with once(partial / CLASSIFIER) as missing:
-            if missing:
-                train_classifier(
-                    models,
-                    views_of,
-                    backgrounds,
-                    ClassifierStage.of(settings),
-                    partial / CLASSIFIER,
-                )
-        with once(partial / ENCODER) as missing:
-            if missing:
-                counted = counting_objects(views_of, "pairs cut", len(models))
-                stage = EncoderStage.of(settings)
-                train_encoder(models, counted, backgrounds, stage, partial / ENCODER)
-        _write_objects(models, views_of, partial, settings)
-        write_searches(partial, record)
-        _calibrate_scores(models, backgrounds, partial, record)
-        finish(partial, record)
+        making = _Making(partial, record, models, backgrounds)
+        making.train_classifier()
+        making.train_encoder()
+        making.add_objects(models)
 
 
 def add(folder: Path, models: Mapping[int, ObjectModel], backgrounds: Backgrounds) -> None:
@@ -97,44 +77,27 @@ def add(folder: Path, models: Mapping[int, ObjectModel], backgrounds: Background
     before = LearntFolder(folder)
     old, settings = before.record, before.record.settings
     check_files(folder, old)
-    for model in models.values():
-        if model.name in old.objects:
-            raise InputError(f"{folder} knows an object {model.name!r} already: remove it first")
-    check_told_apart([*old.objects, *(model.name for model in models.values())])
+    names = {model.name: object_id for object_id, model in models.items()}
+    for name in names:
+        if name in old.objects:
+            raise InputError(f"{folder} knows an object {name!r} already: remove it first")
+    check_told_apart([*old.objects, *names])
     known = {**before.models, **models}
-    gone = [object_id for object_id in old.classes if object_id not in before.models]
-    ids = sorted(known)
+    new_label = {object_id: label for label, object_id in enumerate(sorted(known), 1)}
     labels = {0: 0} | {
-        old_class: ids.index(object_id) + 1
-        for old_class, object_id in enumerate(old.classes, 1)
-        if object_id not in gone
+        label: new_label[object_id]
+        for label, object_id in enumerate(old.classes, 1)
+        if object_id in before.models  # others were removed
     }
-    weights = read_weights(folder / CLASSIFIER)
-    start = StartingWeights(weights, labels, _ADDED_EPOCHS)
-    objects = {**old.objects, **{model.name: i for i, model in models.items()}}
+    start = StartingWeights(read_weights(folder / CLASSIFIER), labels, _ADDED_EPOCHS)
+    record = LearntRecord({**old.objects, **names}, tuple(new_label), settings)
     request = learning_request(known, settings, backgrounds)
     with folder_in_the_making(folder, request, replaces=True) as partial:
-        set_compute_threads(settings.machine.threads)
-        views_of = _views(known, partial, settings)
-        with once(partial / CLASSIFIER) as missing:
-            if missing:
-                train_classifier(
-                    known,
-                    views_of,
-                    backgrounds,
-                    ClassifierStage.of(settings),
-                    partial / CLASSIFIER,
-                    start,
-                )
-        shutil.copytree(folder / ENCODER, partial / ENCODER, dirs_exist_ok=True)
-        for name in old.objects:
-            source = folder / OBJECTS / name
-            shutil.copytree(source, partial / OBJECTS / name, dirs_exist_ok=True)
-        _write_objects(models, views_of, partial, settings)
-        record = LearntRecord(objects, tuple(ids), settings)
-        write_searches(partial, record)
-        _calibrate_scores(models, backgrounds, partial, record)
-        finish(partial, record)
+        making = _Making(partial, record, known, backgrounds)
+        making.train_classifier(start)
+        for kept in (ENCODER, *(f"{OBJECTS}/{name}" for name in old.objects)):
+            shutil.copytree(folder / kept, partial / kept, dirs_exist_ok=True)
+        making.add_objects(models)
 
 
 def remove(folder: Path, name: str) -> None:
@@ -146,83 +109,93 @@ def remove(folder: Path, name: str) -> None:
     record = read_record(folder)
     if name not in record.objects:
         raise InputError(f"{folder} knows no object {name!r}; it knows {', '.join(record.objects)}")
-    left = {each: i for each, i in record.objects.items() if each != name}
+    left = {other: object_id for other, object_id in record.objects.items() if other != name}
     if not left:
         raise InputError(f"{name!r} is the last object in {folder}: delete the folder instead")
     gone = (f"{OBJECTS}/{name}/", f"{SEARCHES}/")
-    files = {path: each for path, each in record.files.items() if not path.startswith(gone)}
+    files = {path: sum_ for path, sum_ in record.files.items() if not path.startswith(gone)}
     kept = replace(record, objects=left, files=files)
-    kept = replace(kept, files={**files, **write_searches(folder, kept)})
-    write_record(folder, kept)
+    searches = write_searches(folder, kept)
+    write_record(folder, replace(kept, files={**files, **searches}))
     shutil.rmtree(folder / OBJECTS / name)
-    remove_stale_searches(folder, kept)
+    needed = {path.split("/")[1] for path in searches}
+    for part in (folder / SEARCHES).glob("*"):
+        if part.name not in needed:
+            shutil.rmtree(part)
 
 
-def _write_objects(
-    models: Mapping[int, ObjectModel],
-    views_of: Callable[[int], Views],
-    partial: Path,
-    settings: MethodSettings,
-) -> None:
-    machine = settings.machine
-    encoder = settings.encoder.load(partial / ENCODER, machine.threads, machine.device)
-    for object_id, model in models.items():
-        with once(partial / OBJECTS / model.name) as missing:
-            if missing:
-                folder = partial / OBJECTS / model.name
-                write_model(folder, model)
-                codebook = build_codebook(
-                    model, views_of(object_id), encoder, CodebookStage.of(settings)
-                )
-                save_codebook(folder, codebook)
-                if not is_joint(settings.codebook):
-                    settings.codebook.prepare(codebook.features, settings.seed, folder)
+@dataclass(frozen=True)
+class _Making:
+    """Makes the parts of a folder, each once: `models` are all objects of its classifier."""
 
+    folder: Path
+    record: LearntRecord
+    models: Mapping[int, ObjectModel]
+    backgrounds: Backgrounds
 
-def _calibrate_scores(
-    models: Mapping[int, ObjectModel],
-    backgrounds: Backgrounds,
-    partial: Path,
-    record: LearntRecord,
-) -> None:
-    settings = record.settings
-    frames = backgrounds.load_background_frames()
-    learnt, find = LearntFolder(partial, record=record), FindSettings.of(settings)
-    estimator = PoseEstimator(learnt, find, tuple(models))
-    for object_id, model in models.items():
-        with once(partial / OBJECTS / model.name, SCORED) as missing:
-            if missing:
-                scenes = settings.score.scenes
-                score = calibrate_score(estimator, object_id, frames, scenes, settings.rendering)
-                save_score_model(partial / OBJECTS / model.name, score)
-
-
-def _views(
-    models: Mapping[int, ObjectModel], partial: Path, settings: MethodSettings
-) -> Callable[[int], Views]:
-    """Views by object id: rendered once, then read from disk, so that few are held at a time."""
-
-    def views_of(object_id: int) -> Views:
-        folder = partial / VIEWS / str(object_id)
+    def views(self, object_id: int) -> Views:
+        """Rendered once, then read from disk, so that few are held at a time."""
+        settings, folder = self.record.settings, self.folder / VIEWS / str(object_id)
         with once(folder) as missing:
             if missing:
-                views = render_views(
-                    models[object_id],
-                    settings.rendering,
-                    settings.seed,
-                    threads=settings.machine.threads,
-                )
+                threads = settings.machine.threads
+                model = self.models[object_id]
+                views = render_views(model, settings.rendering, settings.seed, threads=threads)
                 save_views(folder, views)
         return load_views(folder, object_id)
 
-    return views_of
+    def train_classifier(self, start: StartingWeights | None = None) -> None:
+        set_compute_threads(self.record.settings.machine.threads)
+        folder, stage = self.folder / CLASSIFIER, ClassifierStage.of(self.record.settings)
+        with once(folder) as missing:
+            if missing:
+                train_classifier(self.models, self.views, self.backgrounds, stage, folder, start)
+
+    def train_encoder(self) -> None:
+        folder, stage = self.folder / ENCODER, EncoderStage.of(self.record.settings)
+        with once(folder) as missing:
+            if missing:
+                train_encoder(self.models, self.views, self.backgrounds, stage, folder)
+
+    def add_objects(self, models: Mapping[int, ObjectModel]) -> None:
+        """Models, codebooks and scores of some objects; then the folder is complete."""
+        for model in models.values():
+            with once(self.folder / OBJECTS / model.name) as missing:
+                if missing:
+                    self._write_object(model)
+        write_searches(self.folder, self.record)
+        self._calibrate_scores(models.values())
+        finish(self.folder, self.record)
+
+    def _write_object(self, model: ObjectModel) -> None:
+        settings, folder = self.record.settings, self.folder / OBJECTS / model.name
+        machine, stage = settings.machine, CodebookStage.of(settings)
+        encoder = settings.encoder.load(self.folder / ENCODER, machine.threads, machine.device)
+        write_model(folder, model)
+        codebook = build_codebook(model, self.views(model.object_id), encoder, stage)
+        save_codebook(folder, codebook)
+        if not is_joint(settings.codebook):
+            settings.codebook.prepare(codebook.features, settings.seed, folder)
+
+    def _calibrate_scores(self, models: Iterable[ObjectModel]) -> None:
+        settings, ids = self.record.settings, tuple(model.object_id for model in models)
+        frames = self.backgrounds.load_background_frames()
+        learnt = LearntFolder(self.folder, record=self.record)
+        estimator = PoseEstimator(learnt, FindSettings.of(settings), ids)
+        for object_id in ids:
+            folder = self.folder / OBJECTS / self.models[object_id].name
+            with once(folder, SCORED) as missing:
+                if missing:
+                    scenes, rendering = settings.score.scenes, settings.rendering
+                    score = calibrate_score(estimator, object_id, frames, scenes, rendering)
+                    save_score_model(folder, score)
 
 
 def learning_request(
     models: Mapping[int, ObjectModel], settings: MethodSettings, backgrounds: Backgrounds
 ) -> dict[str, str]:
     """Identifies all that decides what a folder of learnt objects will hold."""
-    digest = hashlib.blake2b(json.dumps(settings_to_json(settings)).encode(), digest_size=16)
+    digest = hashlib.blake2b(json.dumps(asdict(settings)).encode(), digest_size=16)
     for object_id, model in sorted(models.items()):
         digest.update(f"{object_id} {model.name} {mesh_identity(model.mesh)}".encode())
         digest.update(f"{model.holistic_size} {model.local_size} {len(model.symmetries)}".encode())

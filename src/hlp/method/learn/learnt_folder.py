@@ -14,9 +14,8 @@ not made for hostile files, so load folders from people you trust.
 """
 
 import re
-import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -35,15 +34,15 @@ from hlp.codebook.entries import load_codebook
 from hlp.codebook.neighbours import is_joint
 from hlp.errors import ConfigError, DamagedError, DataError, MissingFileError
 from hlp.files import read_json, write_json
-from hlp.method.find.patch_matching import load_together, search_groups
+from hlp.method.find.patch_matching import load_codebooks, search_groups
 from hlp.method.learn.model_files import load_classifier, read_model
-from hlp.method.settings import Device, MethodSettings, settings_from_json, settings_to_json
+from hlp.method.settings import Device, MethodSettings
 from hlp.method.stage_settings import CoarseStage
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
 from hlp.records import Codebook, ObjectModel
 from hlp.refinement.score_model import ScoreModel, load_score_model
-from hlp.settings import Settings, stored_as
+from hlp.settings import Settings, read_settings, stored_as
 
 FORMAT = 4
 RECORD = "learnt.json"
@@ -90,7 +89,7 @@ def write_record(folder: Path, record: LearntRecord) -> None:
         "format": FORMAT,
         "objects": dict(record.objects),
         "classes": list(record.classes),
-        "settings": settings_to_json(record.settings),
+        "settings": asdict(record.settings),
         "files": dict(record.files),
     }
     write_json(folder / RECORD, sealed(content))
@@ -105,32 +104,27 @@ def read_record(folder: Path) -> LearntRecord:
         content = read_json(path)
     except DataError as error:
         raise DamagedError(f"{error}: {_AGAIN}") from error
-    if isinstance(content, dict) and is_sealed(content) and not seal_is_whole(content):
+    known = isinstance(content, dict) and content.get("format") == FORMAT
+    if isinstance(content, dict) and (known or is_sealed(content)) and not seal_is_whole(content):
         raise DamagedError(f"{path} is damaged: {_AGAIN}")
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
+    if not known:
         given = content.get("format") if isinstance(content, dict) else content
         raise DataError(
             f"{path}: format is {str(given)[:60]}, this version of HLP reads {FORMAT}: learn the "
             "objects again, or install the version that wrote it"
         )
-    if not is_sealed(content):
-        raise DamagedError(f"{path} is damaged: {_AGAIN}")
     try:
         learnt = stored_as(_Learnt, content, str(path))
     except DataError as error:
         raise DamagedError(f"{error}: {_AGAIN}") from error
-    objects = {_checked_name(name, path): object_id for name, object_id in learnt.objects.items()}
+    for name in learnt.objects:
+        if not NAME.fullmatch(name):
+            raise DataError(f"{path}: {name!r} cannot name an object")
     try:
-        settings = settings_from_json(learnt.settings)
+        settings = read_settings(MethodSettings, learnt.settings)
     except ConfigError as error:  # a plug-in that is not installed here, or a newer setting
         raise DataError(f"{path}: settings: {error}") from error
-    return LearntRecord(objects, learnt.classes, settings, learnt.files)
-
-
-def _checked_name(name: str, path: Path) -> str:
-    if not NAME.fullmatch(name):
-        raise DataError(f"{path}: {name!r} cannot name an object")
-    return name
+    return LearntRecord(learnt.objects, learnt.classes, settings, learnt.files)
 
 
 def check_files(folder: Path, record: LearntRecord, part: str = "") -> None:
@@ -139,8 +133,8 @@ def check_files(folder: Path, record: LearntRecord, part: str = "") -> None:
     Raises MissingFileError and DamagedError naming the file.
     """
     below = f"{part}/" if part else ""
-    checksums = {name: each for name, each in record.files.items() if name.startswith(below)}
-    for name in find_damaged(folder, checksums):
+    own = {name: checksum for name, checksum in record.files.items() if name.startswith(below)}
+    for name in find_damaged(folder, own):
         if not (folder / name).is_file():
             raise MissingFileError(f"{folder / name} is missing: {_AGAIN}")
         raise DamagedError(f"{folder / name} is damaged: {_AGAIN}")
@@ -163,20 +157,19 @@ class LearntFolder:
     ) -> None:
         self.folder = folder
         self.record = read_record(folder) if record is None else record
-        learnt = self.record.settings
-        machine = replace(
-            learnt.machine,
-            threads=learnt.machine.threads if threads is None else threads,
-            device=learnt.machine.device if device is None else device,
-        )
-        self.settings = replace(learnt, machine=machine)
+        machine = self.record.settings.machine
+        if threads is not None:
+            machine = replace(machine, threads=threads)
+        if device is not None:
+            machine = replace(machine, device=device)
+        self.settings = replace(self.record.settings, machine=machine)
         self._names = {object_id: name for name, object_id in self.record.objects.items()}
         self._checked: set[str] = set()
 
     @cached_property
     def models(self) -> dict[int, ObjectModel]:
         """Object models by id."""
-        return {each: read_model(self.object_folder(each)) for each in sorted(self._names)}
+        return {i: read_model(self.object_folder(i)) for i in sorted(self._names)}
 
     @property
     def classes(self) -> Sequence[int]:
@@ -213,12 +206,12 @@ class LearntFolder:
     def search_folder(self, object_ids: Sequence[int]) -> Path:
         """The folder for the search in the codebooks of these objects; it may hold nothing."""
         if is_joint(self.settings.codebook):
-            return self._part(searches_part(object_ids))
+            return self._part(_searches_part(object_ids))
         (object_id,) = object_ids
         return self.object_folder(object_id)
 
 
-def searches_part(object_ids: Sequence[int]) -> str:
+def _searches_part(object_ids: Sequence[int]) -> str:
     """Where in a folder the search in the codebooks of several objects lies."""
     return f"{SEARCHES}/{content_checksum(repr(list(object_ids)).encode())[:8]}"
 
@@ -234,18 +227,10 @@ def write_searches(folder: Path, record: LearntRecord) -> dict[str, str]:
     learnt = LearntFolder(folder, record=record)
     files: dict[str, str] = {}
     for members in search_groups(learnt.models, learnt.models, CoarseStage.of(settings)):
-        _, features = load_together(learnt, members)
-        part = searches_part(members)
+        _, features = load_codebooks(learnt, members)
+        part = _searches_part(members)
         (folder / part).mkdir(parents=True, exist_ok=True)
         settings.codebook.prepare(features, settings.seed, folder / part)
         written = folder_checksums(folder / part)
         files |= {f"{part}/{name}": checksum for name, checksum in written.items()}
     return files
-
-
-def remove_stale_searches(folder: Path, record: LearntRecord) -> None:
-    """Remove searches that no file of the record belongs to."""
-    if (folder / SEARCHES).is_dir():
-        for part in (folder / SEARCHES).iterdir():
-            if not any(name.startswith(f"{SEARCHES}/{part.name}/") for name in record.files):
-                shutil.rmtree(part)

@@ -63,7 +63,15 @@ def build_models(
                 f"object name {name!r}: use up to 80 letters, digits, blanks and _ . + -"
             )
         own = (own_choices or {}).get(name, choices)
-        models[object_id] = _build(object_id, name, Path(path), own)
+        sizes = ObjectSettings(object_id, own.holistic_size_mm, own.local_size_mm)
+        stated = np.eye(4)[None] if own.symmetries == "none" else None
+        model = build_object_model(
+            name, sizes, Path(path), own.mesh_scale, _PROXY_FACES, symmetries=stated
+        )
+        if not own.colors:
+            grey, proxy = (replace(mesh, colored=False) for mesh in (model.mesh, model.proxy))
+            model = replace(model, mesh=grey, proxy=proxy)
+        models[object_id] = model
     return models
 
 
@@ -74,15 +82,3 @@ def check_told_apart(names: Iterable[str]) -> None:
         other = found.setdefault(name.casefold(), name)
         if other != name:
             raise InputError(f"object names {other!r} and {name!r} differ only in case")
-
-
-def _build(object_id: int, name: str, path: Path, choices: MeshChoices) -> ObjectModel:
-    sizes = ObjectSettings(object_id, choices.holistic_size_mm, choices.local_size_mm)
-    stated = np.eye(4)[None] if choices.symmetries == "none" else None
-    model = build_object_model(
-        name, sizes, path, choices.mesh_scale, _PROXY_FACES, symmetries=stated
-    )
-    if choices.colors:
-        return model
-    mesh, proxy = (replace(each, colored=False) for each in (model.mesh, model.proxy))
-    return replace(model, mesh=mesh, proxy=proxy)

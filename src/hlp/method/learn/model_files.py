@@ -1,8 +1,10 @@
-"""An object's model as files: meshes, colours, symmetries, sizes."""
+"""What is learnt of an object and of all as files: models, networks' weights, histories."""
 
-from dataclasses import dataclass
+import csv
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import cv2
 import numpy as np
@@ -17,6 +19,12 @@ from hlp.records import ColorGrid, Mesh, ObjectModel, Texture
 from hlp.rendering.color_grid import color_grid
 from hlp.settings import Settings, stored_as
 
+if TYPE_CHECKING:
+    from torch import Tensor
+
+CLASSIFIER = "classifier"
+"""Stem of the classifier's files."""
+HISTORY, WEIGHTS = "history.csv", "weights.safetensors"
 _OBJECT, _MODEL = "object.json", "model.npz"
 _COLORS, _TEXTURE = "colors.npz", "texture.png"
 _MESH_FIELDS = ("vertices", "faces", "colors", "normals")
@@ -43,17 +51,15 @@ def write_model(folder: Path, model: ObjectModel) -> None:
         for field in _MESH_FIELDS
     }
     arrays |= {"symmetries": model.symmetries, "siblings": model.siblings}
-    texture = model.mesh.texture
-    if texture is not None:
+    if (texture := model.mesh.texture) is not None:
         arrays["mesh_uv"] = texture.uv
         _, encoded = cv2.imencode(".png", texture.image[..., ::-1])
         (folder / _TEXTURE).write_bytes(encoded.tobytes())
     np.savez(folder / _MODEL, **arrays)
     if model.mesh.colored:
         grid = color_grid(model.mesh)
-        np.savez_compressed(
-            folder / _COLORS, colors=grid.colors, corner=grid.corner, cell=grid.cell
-        )
+        cells: dict[str, Any] = {"colors": grid.colors, "corner": grid.corner, "cell": grid.cell}
+        np.savez_compressed(folder / _COLORS, **cells)
     content = {
         "id": model.object_id,
         "name": model.name,
@@ -73,53 +79,66 @@ def read_model(folder: Path) -> ObjectModel:
     stated = stored_as(_LearntObject, read_json(folder / _OBJECT), str(folder / _OBJECT))
     stored = read_npz(folder / _MODEL)
     try:
-        texture = _read_texture(folder, stored["mesh_uv"]) if "mesh_uv" in stored else None
-        looks = {"mesh": (texture, _read_colors(folder)), "proxy": (None, None)}
-        mesh, proxy = (
-            Mesh(
-                **{field: stored[f"{part}_{field}"] for field in _MESH_FIELDS},
-                texture=image,
-                colored=stated.colored,
-                color_grid=grid,
-            )
-            for part, (image, grid) in looks.items()
-        )
-        return ObjectModel(
-            stated.id,
-            stated.name,
-            mesh,
-            proxy,
-            stated.diameter,
-            stored["symmetries"],
-            stated.holistic_size,
-            stated.local_size,
-            stored["siblings"],
-        )
+        meshes = []
+        for part in ("mesh", "proxy"):
+            vertices, faces, colors, normals = (stored[f"{part}_{f}"] for f in _MESH_FIELDS)
+            meshes.append(Mesh(vertices, faces, colors, normals, colored=stated.colored))
+        mesh, proxy = meshes
+        if "mesh_uv" in stored:
+            mesh = replace(mesh, texture=_read_texture(folder / _TEXTURE, stored["mesh_uv"]))
+        if (folder / _COLORS).is_file():  # no grey object has it, nor one that was learnt long ago
+            cells = read_npz(folder / _COLORS)
+            grid = ColorGrid(cells["colors"], cells["corner"], float(cells["cell"]))
+            mesh = replace(mesh, color_grid=grid)
+        sizes = stated.holistic_size, stated.local_size
+        shape = stated.diameter, stored["symmetries"]
+        return ObjectModel(stated.id, stated.name, mesh, proxy, *shape, *sizes, stored["siblings"])
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(f"{folder} is damaged ({error}): learn the object again") from error
 
 
-def _read_colors(folder: Path) -> ColorGrid | None:
-    """None for a grey object, and for one that was learnt before this file was written."""
-    path = folder / _COLORS
-    if not path.is_file():
-        return None
-    stored = read_npz(path)
-    return ColorGrid(stored["colors"], stored["corner"], float(stored["cell"]))
-
-
-def _read_texture(folder: Path, uv: Float[np.ndarray, "v 2"]) -> Texture:
-    image = cv2.imread(str(folder / _TEXTURE), cv2.IMREAD_COLOR)
+def _read_texture(path: Path, uv: Float[np.ndarray, "v 2"]) -> Texture:
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
     if image is None:
-        raise DataError(
-            f"{folder / _TEXTURE} is missing or damaged: learn the object again, or copy it anew"
-        )
+        raise DataError(f"{path} is missing or damaged: learn the object again, or copy it anew")
     return Texture(np.ascontiguousarray(image[..., ::-1]), uv)
-
-
-CLASSIFIER = "classifier"
 
 
 def load_classifier(folder: Path, machine: MachineSettings) -> Network:
     """The classifier that `train_classifier` wrote into `folder`."""
     return load_network(folder / CLASSIFIER, machine.threads, machine.device)
+
+
+@dataclass(frozen=True)
+class StartingWeights:
+    """A classifier of fewer objects to start from: its weights, and the new labels of its classes.
+
+    It is trained further for `epochs`.
+    """
+
+    weights: Mapping[str, "Tensor"]
+    labels: Mapping[int, int]
+    epochs: int
+
+
+def read_weights(folder: Path) -> dict[str, "Tensor"]:
+    """A network's weights by name. Raises FileNotFoundError if there are none."""
+    from safetensors.torch import load_file  # takes as long to import as torch
+
+    return load_file(folder / WEIGHTS)
+
+
+def read_history(folder: Path) -> list[dict[str, float]]:
+    """Metrics of every epoch, in order; empty if nothing was trained. Raises DataError."""
+    path = folder / HISTORY
+    if not path.exists():
+        return []
+    rows: list[dict[str, float]] = []
+    try:
+        with path.open(encoding="utf-8", newline="") as stream:
+            for row in csv.DictReader(stream):
+                rows.append({name: float(value) for name, value in row.items()})
+    except (ValueError, TypeError, csv.Error) as error:
+        where = f"{path}, line {len(rows) + 2}"
+        raise DataError(f"{where}: no metrics of an epoch ({error})") from error
+    return rows

@@ -1,20 +1,20 @@
 """Calibrates the score of an object's poses on rendered scenes, where the truth is known."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
-from jaxtyping import Float
 from scipy.spatial import cKDTree
 from tqdm import tqdm
 
 from hlp.geometry import inverse, transform
-from hlp.method.find.estimator import FrameContext, PoseEstimator
+from hlp.method.find.estimator import PoseEstimator
 from hlp.method.find.search import search_frame
-from hlp.method.find.trace import Trace
+from hlp.method.find.trace import ObjectTrace
 from hlp.method.learn.calibration_scenes import calibration_scene
-from hlp.records import Frame, ObjectModel
+from hlp.records import Frame
 from hlp.refinement.pose_fit import PoseFit
 from hlp.refinement.score_model import (
     COLORLESS_PRIOR,
@@ -45,13 +45,13 @@ def calibrate_score(
     Some scenes are without the object. The estimator must have learnt it. Without scenes the score
     is that of an object of which nothing is known.
     """
-    fits, right = [], []
-    for fit, is_right in search_scenes(estimator, object_id, backgrounds, scenes, rendering):
-        fits.append(fit)
-        right.append(is_right)
+    found = list(search_scenes(estimator, object_id, backgrounds, scenes, rendering))
     colored = estimator.learnt.models[object_id].mesh.colored
     prior, spread = (PRIOR, SPREAD) if colored else (COLORLESS_PRIOR, COLORLESS_SPREAD)
-    return fit_score_model(fits, np.array(right, dtype=bool), prior, spread) if fits else prior
+    if not found:
+        return prior
+    right = np.array([is_right for _, is_right in found], dtype=bool)
+    return fit_score_model([fit for fit, _ in found], right, prior, spread)
 
 
 def search_scenes(
@@ -61,58 +61,38 @@ def search_scenes(
     scenes: int,
     rendering: ViewsSettings,
 ) -> Iterator[tuple[PoseFit, bool]]:
-    """How each answer to an object in rendered scenes fits, and whether it is right."""
+    """How each answer to an object in rendered scenes fits, and whether it is right: by ADD-S."""
     model, seed = estimator.learnt.models[object_id], estimator.settings.seed
-    compare = _Comparison(model)
+    vertices = np.asarray(model.mesh.vertices, dtype=np.float64)
+    vertices = vertices[:: max(1, len(vertices) // _VERTICES)]
+    tree, limit = cKDTree(vertices), _RIGHT * model.diameter
 
     def draw(number: int) -> Frame:
         present = number % _ABSENT != _ABSENT - 1
         return calibration_scene(model, present, rendering, backgrounds, number, seed)
+
+    def is_right(pose: np.ndarray, true: np.ndarray) -> bool:
+        moved = transform(inverse(pose) @ true, vertices)
+        return float(tree.query(moved)[0].mean()) < limit
 
     bar = tqdm(desc=f"score of {model.name}", total=scenes, unit="scene", disable=None)
     with bar, ThreadPoolExecutor(estimator.settings.machine.threads) as pool:
         for start in range(0, scenes, _BATCH):
             for frame in pool.map(draw, range(start, min(start + _BATCH, scenes))):
                 bar.update()
-                context, counts = estimator.prepare(frame), {object_id: _INSTANCES}
-                # The fallback would need the score that is about to be calibrated.
-                for trace in _searches(estimator, context, counts):
-                    found = trace[object_id]
+                for found in _searches(estimator, frame, object_id):
                     poses = [] if found.refined is None else found.refined.chosen_poses
                     for pose, fit in zip(poses, found.fits, strict=True):
-                        yield fit, any(compare.right(pose, t.pose_cam_obj) for t in frame.targets)
+                        yield fit, any(is_right(pose, t.pose_cam_obj) for t in frame.targets)
 
 
-def _searches(
-    estimator: PoseEstimator, context: FrameContext, counts: Mapping[int, int]
-) -> Iterator[Trace]:
+def _searches(estimator: PoseEstimator, frame: Frame, object_id: int) -> Iterator[ObjectTrace]:
     """What votes find, and what templates find: both give answers later."""
-    trace = search_frame(estimator, context, counts, fallback=False, by_threads=False)
-    yield trace
-    if any(estimator.has_templates(object_id) for object_id in counts):
-        given = {
-            i: replace(
-                found,
-                hypotheses=estimator.match_templates(context, i, counts[i], None),
-                refined=None,
-            )
-            for i, found in trace.items()
-        }
-        yield search_frame(
-            estimator, context, counts, fallback=False, by_threads=False, given=given
-        )
-
-
-class _Comparison:
-    """Whether poses of an object are right."""
-
-    def __init__(self, model: ObjectModel) -> None:
-        vertices = np.asarray(model.mesh.vertices, dtype=np.float64)
-        self._vertices = vertices[:: max(1, len(vertices) // _VERTICES)]
-        self._tree = cKDTree(self._vertices)
-        self._limit = _RIGHT * model.diameter
-
-    def right(self, pose: Float[np.ndarray, "4 4"], true: Float[np.ndarray, "4 4"]) -> bool:
-        """Whether ADD-S is below the limit."""
-        moved = transform(inverse(pose) @ true, self._vertices)
-        return float(self._tree.query(moved)[0].mean()) < self._limit
+    context, counts = estimator.prepare(frame), {object_id: _INSTANCES}
+    # The fallback would need the score that is about to be calibrated.
+    search = partial(search_frame, estimator, context, counts, fallback=False, by_threads=False)
+    found = search()[object_id]
+    yield found
+    if estimator.has_templates(object_id):
+        coarse = estimator.match_templates(context, object_id, _INSTANCES, None)
+        yield search(given={object_id: replace(found, hypotheses=coarse, refined=None)})[object_id]

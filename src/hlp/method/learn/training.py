@@ -1,6 +1,8 @@
 """Trains a Lightning module in a folder: resumable, with a history, quiet without a terminal."""
 
+import io
 import logging
+import pickle
 import signal
 import sys
 import threading
@@ -12,22 +14,28 @@ from typing import Any
 
 import pytorch_lightning as pl
 import torch
-from pytorch_lightning.callbacks import Callback, TQDMProgressBar
+from lightning_fabric.plugins import CheckpointIO
+from pytorch_lightning.callbacks import Checkpoint, TQDMProgressBar
 from safetensors.torch import save
 from torch import Tensor, nn
 
+from hlp.checksums import content_checksum
+from hlp.errors import DataError
 from hlp.files import replaced, write_csv
-from hlp.method.learn.checkpoints import (
-    HISTORY,
-    WEIGHTS,
-    CheckpointFiles,
-    EpochCheckpoints,
-    last_checkpoint,
-)
+from hlp.method.learn.model_files import HISTORY, WEIGHTS
 from hlp.method.settings import TrainerSettings
 
-_CHECKPOINTS = "checkpoints"
-_CALIBRATION = 1024
+_CHECKPOINTS, _PATTERN = "checkpoints", "epoch-*.ckpt"
+_KEPT = 2  # checkpoints
+_CALIBRATION = 1024  # images
+_INTENDED = (
+    # Batches come from memory, so worker processes would only copy them.
+    ".*does not have many workers.*",
+    ".*val_dataloader.*",
+    ".*exists and is not empty.*",  # a resumed training finds its checkpoint there
+    ".*GPU available but not used.*",  # `trainer.accelerator` decides
+    ".*LeafSpec.*",  # between Lightning and torch
+)
 
 
 def fit(
@@ -44,31 +52,23 @@ def fit(
     Damaged checkpoints are left out: it continues from the epoch before, or starts over. Writes the
     network's weights (`weights.safetensors`) and the metrics of each epoch (`history.csv`).
     """
-    checkpoints = EpochCheckpoints(folder / _CHECKPOINTS)
-    last = last_checkpoint(checkpoints.folder)
-    callbacks: list[Callback] = [
-        checkpoints,
-        _History(folder / HISTORY),
-        _RandomState(),
-        _Threads(trainer.torch_threads),
-    ]
+    checkpoints = folder / _CHECKPOINTS
+    last = last_checkpoint(checkpoints)
     network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     with _quiet():
-        engine = _make_trainer(trainer, epochs, callbacks, folder)
+        engine = _make_trainer(trainer, epochs, folder)
         with _stops(engine):
             engine.fit(module, data, ckpt_path=last, weights_only=True)
     weights = {name: value.contiguous() for name, value in network.state_dict().items()}
     with replaced(folder / WEIGHTS) as stream:  # its errors are the system's, unlike safetensors'
         stream.write(save(weights))
-    checkpoints.remove()
+    for path in checkpoints.glob("*"):  # also what a killed process had begun to write
+        path.unlink()
+    checkpoints.rmdir()
 
 
-def _make_trainer(
-    trainer: TrainerSettings, epochs: int, callbacks: list[Callback], folder: Path
-) -> pl.Trainer:
+def _make_trainer(trainer: TrainerSettings, epochs: int, folder: Path) -> pl.Trainer:
     terminal = sys.stderr.isatty()
-    if terminal:
-        callbacks = [*callbacks, TQDMProgressBar()]
     return pl.Trainer(
         accelerator=trainer.accelerator,
         devices=trainer.devices,
@@ -76,7 +76,7 @@ def _make_trainer(
         precision=trainer.precision,
         max_epochs=epochs,
         use_distributed_sampler=False,  # our loaders divide the batches themselves
-        callbacks=callbacks,
+        callbacks=[_Epochs(folder, trainer.torch_threads), *[TQDMProgressBar()] * terminal],
         plugins=[CheckpointFiles()],
         logger=False,
         enable_progress_bar=terminal,
@@ -90,15 +90,8 @@ def _quiet() -> Iterator[None]:
     """Suppress Lightning's tips, and warnings about things that are intended."""
     logging.getLogger("pytorch_lightning").setLevel(logging.WARNING)
     with warnings.catch_warnings():
-        # Batches come from memory, so worker processes would only copy them.
-        warnings.filterwarnings("ignore", message=".*does not have many workers.*")
-        warnings.filterwarnings("ignore", message=".*val_dataloader.*")
-        # A resumed training finds its checkpoint there, as intended.
-        warnings.filterwarnings("ignore", message=".*exists and is not empty.*")
-        # `trainer.accelerator` decides.
-        warnings.filterwarnings("ignore", message=".*GPU available but not used.*")
-        # Between Lightning and torch.
-        warnings.filterwarnings("ignore", message=".*LeafSpec.*")
+        for message in _INTENDED:
+            warnings.filterwarnings("ignore", message=message)
         yield
 
 
@@ -126,58 +119,99 @@ def calibration_images(data: pl.LightningDataModule, images_of: Callable[[Any], 
     for batch in data.train_dataloader():
         # Degraded like the batch that would come next in training.
         found.append(images_of(data.on_before_batch_transfer(batch, 0)))
-        if sum(len(each) for each in found) >= _CALIBRATION:
+        if sum(len(images) for images in found) >= _CALIBRATION:
             break
     return torch.cat(found)[:_CALIBRATION]
 
 
-# Not Lightning's CSVLogger: in a resumed training it deletes the rows of the epochs before.
-class _History(Callback):
-    """Writes the metrics of every epoch. Each checkpoint contains the rows so far."""
+class _Epochs(Checkpoint):
+    """After every epoch: its metrics in the history, and a checkpoint, of which two are kept.
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    Each checkpoint contains the rows so far (Lightning's CSVLogger deletes those before when a
+    training is resumed) and torch's random state, from which dropout draws. The latter is restored
+    before Lightning makes the epoch's batches, which draws random numbers too.
+    """
+
+    def __init__(self, folder: Path, threads: int) -> None:
+        self.folder, self.threads = folder, threads
         self.rows: list[dict[str, float]] = []
+
+    def setup(self, trainer: pl.Trainer, pl_module: pl.LightningModule, stage: str) -> None:
+        torch.set_num_threads(self.threads)  # in every training process: it changes the last bits
 
     def on_train_epoch_end(self, trainer: pl.Trainer, _: pl.LightningModule) -> None:
         metrics = {name: float(value) for name, value in sorted(trainer.callback_metrics.items())}
         self.rows.append({"epoch": trainer.current_epoch, **metrics})
-        self._write(trainer)
+        self._write_history(trainer)
+        folder = self.folder / _CHECKPOINTS
+        trainer.save_checkpoint(folder / _PATTERN.replace("*", f"{trainer.current_epoch:06d}"))
+        if trainer.is_global_zero:
+            for old in sorted(folder.glob(_PATTERN))[:-_KEPT]:
+                old.unlink()
 
     def on_fit_end(self, trainer: pl.Trainer, _: pl.LightningModule) -> None:
-        self._write(trainer)  # also if a resumed training had no epoch left
+        self._write_history(trainer)  # also if a resumed training had no epoch left
 
-    def _write(self, trainer: pl.Trainer) -> None:
+    def _write_history(self, trainer: pl.Trainer) -> None:
         if self.rows and trainer.is_global_zero:
             columns = list(self.rows[0])
-            write_csv(self.path, columns, [[row[name] for name in columns] for row in self.rows])
+            rows = [[row[name] for name in columns] for row in self.rows]
+            write_csv(self.folder / HISTORY, columns, rows)
 
     def state_dict(self) -> dict[str, Any]:
-        return {"rows": self.rows}
+        return {"rows": self.rows, "torch": torch.get_rng_state()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         self.rows = list(state["rows"])
-
-
-class _RandomState(Callback):
-    """Stores torch's random state, from which dropout draws, with each checkpoint.
-
-    It is restored when the checkpoint is loaded, before Lightning makes the epoch's batches, which
-    draws random numbers too.
-    """
-
-    def state_dict(self) -> dict[str, Any]:
-        return {"torch": torch.get_rng_state()}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
         torch.set_rng_state(state["torch"])
 
 
-class _Threads(Callback):
-    """Sets torch's number of threads, which affects the last bits, in every training process."""
+class CheckpointFiles(CheckpointIO):
+    """Files of checkpoints: a line with the checksum of what follows, then torch's file.
 
-    def __init__(self, threads: int) -> None:
-        self.threads = threads
+    They are written beside their final name and renamed. Lightning would write them into the
+    system's folder for temporary files, from where a move can be cut off half-way. They are read
+    with `weights_only`, so a file that somebody else has written runs no code.
+    """
 
-    def setup(self, trainer: pl.Trainer, pl_module: pl.LightningModule, stage: str) -> None:
-        torch.set_num_threads(self.threads)
+    def save_checkpoint(
+        self, checkpoint: dict[str, Any], path: str | Path, storage_options: Any = None
+    ) -> None:
+        """Write a checkpoint, whole or not at all."""
+        content = io.BytesIO()
+        torch.save(checkpoint, content)
+        with replaced(Path(path)) as stream:
+            stream.write(content_checksum(content.getbuffer()).encode() + b"\n")
+            stream.write(content.getbuffer())
+
+    def load_checkpoint(
+        self, path: str | Path, map_location: Any = "cpu", weights_only: bool | None = True
+    ) -> dict[str, Any]:
+        """Read a checkpoint. Raises DataError naming a damaged file."""
+        checksum, _, content = Path(path).read_bytes().partition(b"\n")
+        if content_checksum(content).encode() != checksum:
+            raise DataError(f"{path} is damaged")
+        try:
+            loaded = torch.load(io.BytesIO(content), map_location=map_location, weights_only=True)
+        except (pickle.UnpicklingError, RuntimeError, EOFError) as error:
+            raise DataError(f"{path} is no checkpoint of HLP") from error
+        if not isinstance(loaded, dict):
+            raise DataError(f"{path} is no checkpoint of HLP")
+        return loaded
+
+    def remove_checkpoint(self, path: str | Path) -> None:
+        """Remove a checkpoint, if it is there."""
+        Path(path).unlink(missing_ok=True)
+
+
+def last_checkpoint(folder: Path) -> Path | None:
+    """The last sound checkpoint, if there is one; damaged ones after it are removed."""
+    for path in sorted(folder.glob(_PATTERN), reverse=True):
+        try:
+            CheckpointFiles().load_checkpoint(path)
+        except DataError as error:
+            logging.getLogger(__name__).warning("%s: training starts from an earlier epoch", error)
+            path.unlink()
+        else:
+            return path
+    return None

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from hlp.checksums import find_damaged, folder_checksums, seal_is_whole, sealed
 from hlp.errors import DamagedError, DataError, InputError, MissingFileError
@@ -26,6 +27,7 @@ from hlp.method.learn.learnt_folder import (
 # Their names begin with a dot, so that they are no part of what is learnt.
 VIEWS, SCORED = ".views", ".scored.json"
 _DONE, _REQUEST = ".done.json", ".request.json"
+_logger = logging.getLogger(__name__)
 
 
 @contextmanager
@@ -37,24 +39,24 @@ def folder_in_the_making(
     A folder left by an interrupted call is continued if it is for the same `request`.
     """
     folder = folder.resolve()  # "." has no name, and a link is to stay one
-    bring_back(folder)
+    restore_replaced(folder)
     if folder.exists() and not replaces and not _set_aside_damaged(folder):
         what = "holds learnt objects" if (folder / RECORD).is_file() else "is there"
         raise InputError(f"{folder} {what} already: load it, or name another folder")
     partial = folder.with_name(folder.name + ".partial")
     if partial.exists() and any(partial.iterdir()) and not (partial / _REQUEST).exists():
         raise InputError(f"{partial} is in the way: rename it, or name another folder")
-    with _locked(folder.with_name(f".{folder.name}.lock")):
-        if partial.exists() and _read_request(partial) != request:
+    with _locked(folder):
+        if partial.exists() and _read_json_or_none(partial / _REQUEST) != request:
             shutil.rmtree(partial)
         partial.mkdir(parents=True, exist_ok=True)
         write_json(partial / _REQUEST, request)
         yield partial
         _publish(partial, folder, replaces)
-    logging.getLogger(__name__).info("learnt %s", folder)
+    _logger.info("learnt %s", folder)
 
 
-def bring_back(folder: Path) -> None:
+def restore_replaced(folder: Path) -> None:
     """Put a folder back that a killed process was replacing and left under a hidden name.
 
     That process had renamed the old folder, but not yet the new one: the latter is still there as
@@ -67,17 +69,16 @@ def bring_back(folder: Path) -> None:
     partial = folder.with_name(folder.name + ".partial")
     if folder.exists() or not (partial / _REQUEST).is_file():
         return
-    hidden = folder.parent.glob(f".{glob.escape(folder.name)}.*")
-    left = [each / folder.name for each in hidden if (each / folder.name / RECORD).is_file()]
+    hidden = folder.parent.glob(f".{glob.escape(folder.name)}.*/{glob.escape(folder.name)}")
+    left = [path for path in hidden if (path / RECORD).is_file()]
     if not left:
         return
-    with _locked(folder.with_name(f".{folder.name}.lock")):
+    with _locked(folder):
         if not folder.exists():
-            latest = max(left, key=lambda each: (each / RECORD).stat().st_mtime)
+            latest = max(left, key=lambda path: (path / RECORD).stat().st_mtime)
             latest.rename(folder)
             latest.parent.rmdir()
-            text = "%s is back: a process was killed while replacing it"
-            logging.getLogger(__name__).warning(text, folder)
+            _logger.warning("%s is back: a process was killed while replacing it", folder)
 
 
 def _set_aside_damaged(folder: Path) -> bool:
@@ -87,13 +88,11 @@ def _set_aside_damaged(folder: Path) -> bool:
     try:
         check_files(folder, read_record(folder))
     except (DamagedError, MissingFileError) as error:
-        aside = folder.with_name(f"{folder.name}.damaged")
-        for number in itertools.count(2):
-            if not aside.exists():
-                break
-            aside = folder.with_name(f"{folder.name}.damaged-{number}")
+        names = itertools.chain([".damaged"], (f".damaged-{n}" for n in itertools.count(2)))
+        asides = (folder.with_name(folder.name + ending) for ending in names)
+        aside = next(path for path in asides if not path.exists())
         folder.rename(aside)
-        logging.getLogger(__name__).warning("%s: kept as %s", error, aside.name)
+        _logger.warning("%s: kept as %s", error, aside.name)
         return True
     except DataError:  # of another version: not ours to judge
         return False
@@ -101,7 +100,7 @@ def _set_aside_damaged(folder: Path) -> bool:
 
 
 @contextmanager
-def _locked(path: Path) -> Iterator[None]:
+def _locked(folder: Path) -> Iterator[None]:
     """Keep other processes from learning into the same folder; the system frees a dead one's lock.
 
     Raises InputError while another process holds it, and where it is a link: a folder from somebody
@@ -112,6 +111,7 @@ def _locked(path: Path) -> Iterator[None]:
         return
     import fcntl
 
+    path = folder.with_name(f".{folder.name}.lock")
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
         lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
@@ -123,8 +123,8 @@ def _locked(path: Path) -> Iterator[None]:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            folder = path.name.removeprefix(".").removesuffix(".lock")
-            raise InputError(f"another process is learning into {folder}: wait for it") from error
+            problem = f"another process is learning into {folder.name}: wait for it"
+            raise InputError(problem) from error
         yield
         path.unlink(missing_ok=True)
 
@@ -151,13 +151,6 @@ def _remove_markers(folder: Path) -> None:
                 path.unlink()
 
 
-def _read_request(partial: Path) -> object:
-    try:
-        return read_json(partial / _REQUEST)
-    except (OSError, DataError):
-        return None
-
-
 def finish(partial: Path, record: LearntRecord) -> None:
     """Write `learnt.json`, with the checksums of all files. It is written last."""
     remove_unfinished(partial)
@@ -170,7 +163,8 @@ def once(folder: Path, marker: str = _DONE) -> Iterator[bool]:
 
     The marker holds the checksums of the files: if one is damaged, the content is made again.
     """
-    if _is_made(folder, marker):
+    made = _read_json_or_none(folder / marker)
+    if seal_is_whole(made) and not any(find_damaged(folder, made["files"])):
         yield False
         return
     folder.mkdir(parents=True, exist_ok=True)
@@ -178,9 +172,8 @@ def once(folder: Path, marker: str = _DONE) -> Iterator[bool]:
     write_json(folder / marker, sealed({"files": folder_checksums(folder)}))
 
 
-def _is_made(folder: Path, marker: str) -> bool:
+def _read_json_or_none(path: Path) -> Any:
     try:
-        record = read_json(folder / marker)
-        return seal_is_whole(record) and not any(find_damaged(folder, record["files"]))
-    except (MissingFileError, DataError):
-        return False
+        return read_json(path)
+    except (OSError, DataError):
+        return None

@@ -3,46 +3,36 @@
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import count
-from typing import Protocol
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float
 
-from hlp.errors import InputError
-from hlp.method.arguments import checked_frame, checked_mask
-from hlp.method.find.detections import Detection, Rejection, describe_all, sort_answers
-from hlp.method.find.estimator import FrameContext, PoseEstimator
-from hlp.method.find.search import search_frame
-from hlp.method.track.tracking import (
-    Track,
+from hlp.geometry import nearest_rotation, project, rigid, transform
+from hlp.method.arguments import RgbdFrame, checked_mask, checked_rgbd
+from hlp.method.find.detections import (
+    Detection,
+    Rejection,
     TrackedDetection,
     TrackingResult,
-    TrackingSettings,
-    follow,
-    numbered,
+    describe,
+    describe_all,
+    describe_pose,
+    sort_answers,
 )
+from hlp.method.find.estimator import FrameContext, PoseEstimator
+from hlp.method.find.instances import Unexplained
+from hlp.method.find.patch_matching import FrameMatches
+from hlp.method.find.search import search_frame
+from hlp.method.settings import TrackingSettings
+from hlp.records import Hypotheses, ObjectModel
+from hlp.refinement.refiner import refinable
 from hlp.refinement.verification import Observation
+from hlp.rendering.rasterizer import NEAR
 
-
-class RgbdFrame(Protocol):
-    """An RGB-D image with its camera, as `Detector.detect` takes them: `hlp.CameraImage` is one."""
-
-    @property
-    def rgb(self) -> UInt8[np.ndarray, "h w 3"]:
-        """Colour, red first."""
-        ...
-
-    @property
-    def depth(self) -> Float[np.ndarray, "h w"]:
-        """Depth (m) along the optical axis, registered to the colour; 0 or NaN where missing."""
-        ...
-
-    @property
-    def camera_matrix(self) -> Float[np.ndarray, "3 3"]:
-        """Intrinsics (px), with pixel centres at integers."""
-        ...
+# Diameters beside an object that are looked at: the search moves it by less.
+_BESIDE = 0.5
 
 
 class Tracker:
@@ -72,13 +62,13 @@ class Tracker:
         """`estimator` lends the estimator for the time of one frame."""
         self._estimator, self._object_ids = estimator, tuple(object_ids)
         self._max_instances, self.settings = max_instances, settings
-        self._numbers = count()
-        self._tracks: tuple[Track, ...] = ()
-        self._since_search: dict[int, int] = {}
+        self.reset()
 
     def reset(self) -> None:
         """Forget all poses: the next frame is searched as the first one was."""
-        self._tracks, self._since_search, self._numbers = (), {}, count()
+        self._tracks: tuple[Track, ...] = ()
+        self._since_search: dict[int, int] = {}
+        self._numbers = count()
 
     def update(
         self, frame: RgbdFrame, mask: Bool[np.ndarray, "h w"] | None = None
@@ -112,40 +102,62 @@ class Tracker:
         Raises:
             InputError: as in `update`.
         """
-        for name in ("rgb", "depth", "camera_matrix"):
-            if not hasattr(frame, name):
-                raise InputError(f"a frame must have rgb, depth and camera_matrix: {name} is not")
-        checked = checked_frame(frame.rgb, frame.depth, frame.camera_matrix)
+        checked = checked_rgbd(frame)
         within = None if mask is None else checked_mask(mask, checked.depth.shape)
         with self._estimator() as estimator:
             return self._search(_Step(estimator, estimator.prepare(checked, within)))
 
     def _search(self, step: "_Step") -> TrackingResult:
-        ids = [each for each in self._object_ids if each in step.estimator.learnt.models]
-        lost = list[Track]()
+        ids = [i for i in self._object_ids if i in step.estimator.learnt.models]
+        every, lost = self.settings.search_every, list[Track]()
         # The most certain instance takes the pixels that it explains first.
-        for track in sorted(self._tracks, key=lambda each: -each.score):
+        for track in sorted(self._tracks, key=lambda track: -track.score):
             if track.object_id in ids and not step.follow(track, self.settings):
                 lost.append(track)
-        wanted = self._wanted(step, ids, {each.object_id for each in lost})
-        rejections = step.search(wanted, self.settings.min_score, lost, self._numbers)
+        counts = {}
         for object_id in ids:
-            since = self._since_search.get(object_id, 0) + 1
-            self._since_search[object_id] = 1 if object_id in wanted else since
-        self._tracks = tuple(step.tracks)
-        found = sorted(step.found, key=lambda each: -each.score)
-        return TrackingResult(found, rejections)
+            tracked = sum(track.object_id == object_id for track, _ in step.found)
+            missing, since = self._max_instances - tracked, self._since_search.get(object_id, every)
+            again = tracked == 0 or any(track.object_id == object_id for track in lost)
+            if missing > 0 and (again or 0 < every <= since):
+                counts[object_id] = missing
+            since = 0 if object_id in counts else self._since_search.get(object_id, 0)
+            self._since_search[object_id] = since + 1
+        rejections = step.search(counts, self.settings.min_score, lost, self._numbers)
+        self._tracks = tuple(track for track, _ in step.found)
+        answers = sorted((answer for _, answer in step.found), key=lambda answer: -answer.score)
+        return TrackingResult(answers, rejections)
 
-    def _wanted(self, step: "_Step", ids: Sequence[int], lost: set[int]) -> dict[int, int]:
-        """How many instances of which objects are to be searched in the whole frame."""
-        wanted, every = {}, self.settings.search_every
-        for object_id in ids:
-            tracked = sum(each.object_id == object_id for each in step.tracks)
-            due = every > 0 and self._since_search.get(object_id, every) >= every
-            missing = self._max_instances - tracked
-            if missing > 0 and (tracked == 0 or object_id in lost or due):
-                wanted[object_id] = missing
-        return wanted
+
+@dataclass(frozen=True)
+class Track:
+    """One instance as it was last seen: its number, its pose, and the pose in the frame before.
+
+    `before` is None unless the instance was tracked from that frame on.
+    """
+
+    number: int
+    object_id: int
+    score: float
+    pose_cam_obj: Float[np.ndarray, "4 4"]
+    before: Float[np.ndarray, "4 4"] | None = None
+
+    def start_poses(
+        self, centroid: Float[np.ndarray, "3"], prediction: bool
+    ) -> Float[np.ndarray, "n 4 4"]:
+        """Where the next frame may show the instance: at its pose, or moved on by one more step.
+
+        A step turns about the object's centroid (object coordinates, m) and shifts it.
+        """
+        # Products of rotations drift away from rotations within some thousand frames.
+        last = self.pose_cam_obj.copy()
+        last[:3, :3] = nearest_rotation(last[:3, :3])
+        if self.before is None or not prediction:
+            return last[None]
+        turn = last[:3, :3] @ self.before[:3, :3].T
+        rotation = nearest_rotation(turn @ last[:3, :3])
+        now, then = (transform(pose, centroid[None])[0] for pose in (last, self.before))
+        return np.stack([last, rigid(rotation, 2.0 * now - then - rotation @ centroid)])
 
 
 class _Step:
@@ -153,81 +165,140 @@ class _Step:
 
     def __init__(self, estimator: PoseEstimator, context: FrameContext) -> None:
         self.estimator, self.context = estimator, context
-        self.tracks: list[Track] = []
-        self.found: list[TrackedDetection] = []
+        self.found: list[tuple[Track, TrackedDetection]] = []
         self._begun = time.perf_counter()
-        self._left: Observation | None = None
-        self._pending: list[Track] = []  # what they explain is still in the observation
+        self._rest = Unexplained(estimator, context, None)
+        self._taken = 0  # of what was found: its pixels are left out of the rest
 
     def follow(self, track: Track, settings: TrackingSettings) -> bool:
         """Find an instance where it was; False if it is not there."""
-        left = self._unexplained()
-        answer = follow(self.estimator, self.context, track, left, settings)
+        answer = follow(self.estimator, self.context, track, self._unexplained(), settings)
         if answer is None or answer.score < settings.min_score:
             return False
         answer = replace(answer, seconds=time.perf_counter() - self._begun)
-        seen = replace(track, score=answer.score, pose_cam_obj=answer.pose_cam_obj)
-        self._add(answer, replace(seen, before=track.pose_cam_obj), tracked=True)
+        pose = answer.pose_cam_obj
+        seen = replace(track, score=answer.score, pose_cam_obj=pose, before=track.pose_cam_obj)
+        self._add(answer, seen, tracked=True)
         return True
 
     def search(
-        self, wanted: dict[int, int], min_score: float, lost: Sequence[Track], numbers: "count[int]"
+        self, counts: dict[int, int], min_score: float, lost: Sequence[Track], numbers: "count[int]"
     ) -> list[Rejection]:
         """Find objects in the whole frame; why those without any instance are not found."""
-        if not wanted:
+        if not counts:
             return []
-        estimator = self.estimator
+        estimator, begun, unexplained = self.estimator, self._begun, self._unexplained()
         trace = search_frame(
             estimator,
             self.context,
-            wanted,
+            counts,
             min_score=min_score,
-            unexplained=self._unexplained(),
-            begun=self._begun,
+            unexplained=unexplained,
+            begun=begun,
         )
-        answers = describe_all(estimator, self.context, trace)
-        names = {i: estimator.learnt.models[i].name for i in wanted}
+        names = {i: estimator.learnt.models[i].name for i in counts}
         missing = [names[i] for i, found in trace.items() if found.refined is None]
-        result = sort_answers(answers, missing, min_score)
+        result = sort_answers(describe_all(estimator, self.context, trace), missing, min_score)
         for object_id, name in names.items():
-            of_object = [each for each in result.detections if each.object == name]
-            places = [each for each in lost if each.object_id == object_id]
+            of_object = [answer for answer in result.detections if answer.object == name]
+            places = [track for track in lost if track.object_id == object_id]
             for answer, known in _matched(of_object, places):
                 number = next(numbers) if known is None else known.number
                 new = Track(number, object_id, answer.score, answer.pose_cam_obj)
                 self._add(answer, new, tracked=False)
-        present = {each.object for each in self.found}
-        return [each for each in result.rejections if each.object not in present]
+        present = {answer.object for _, answer in self.found}
+        return [rejection for rejection in result.rejections if rejection.object not in present]
 
     def _add(self, answer: Detection, track: Track, tracked: bool) -> None:
-        self.tracks.append(track)
-        self.found.append(numbered(answer, track.number, tracked))
-        self._pending.append(track)
+        numbered = TrackedDetection(**vars(answer), track=track.number, tracked=tracked)
+        self.found.append((track, numbered))
         self._begun = time.perf_counter()
 
     def _unexplained(self) -> Observation | None:
         """The frame without what the instances explain that were found so far."""
-        for each in self._pending:
-            before = self.context.observation if self._left is None else self._left
-            verifier = self.estimator.verifier(each.object_id)
-            self._left = verifier.without_explained(before, each.pose_cam_obj)
-        self._pending.clear()
-        return self._left
+        for track, _ in self.found[self._taken :]:
+            self._rest.take(track.object_id, track.pose_cam_obj)
+        self._taken = len(self.found)
+        return self._rest.left
+
+
+def follow(
+    estimator: PoseEstimator,
+    context: FrameContext,
+    track: Track,
+    unexplained: Observation | None,
+    settings: TrackingSettings,
+) -> Detection | None:
+    """The best answer about where the instance was; None if other instances explain all of it.
+
+    Start poses are followed in order of their cost, until one has a good score. If none has, they
+    are refined as hypotheses are, which finds poses that are farther away.
+    """
+    object_id = track.object_id
+    model, verifier = estimator.learnt.models[object_id], estimator.verifier(object_id)
+    starts = track.start_poses(model.centroid, settings.prediction)
+    starts = starts[refinable(starts, model.centroid)]
+    near = part_near(estimator, context, model, starts)
+    if len(starts) > 1:
+        starts = starts[np.argsort(verifier.costs(near.observation, starts), kind="stable")]
+    answers = list[Detection]()
+    for start in starts:
+        pose = estimator.follow(near, object_id, start)
+        if unexplained is not None:
+            evidence = verifier.evidence(near.observation, pose[None])
+            if not verifier.is_free(unexplained, pose[None], evidence)[0]:
+                continue
+        answers.append(describe_pose(estimator, near, object_id, pose))
+        if answers[-1].score >= settings.min_score:
+            return answers[-1]
+    all_starts = Hypotheses(starts, np.ones(len(starts)))
+    refined = estimator.refine(context, object_id, all_starts, 1, unexplained)
+    if refined is not None:
+        answers += describe(estimator, context, object_id, refined)
+    return max(answers, key=lambda answer: answer.score, default=None)
+
+
+def part_near(
+    estimator: PoseEstimator,
+    context: FrameContext,
+    model: ObjectModel,
+    poses_cam_obj: Float[np.ndarray, "n 4 4"],
+) -> FrameContext:
+    """The part of the frame that shows the object in any of some poses, and what is beside it.
+
+    Preparing the whole frame would take longer than following one object in it. The part has pixel
+    coordinates of its own; the windows are those of the whole frame, so objects are not to be
+    detected in a part.
+    """
+    frame = context.frame
+    points = transform(poses_cam_obj, model.proxy.vertices).reshape(-1, 3)
+    if len(points) == 0 or points[:, 2].min() <= NEAR:
+        return context
+    beside = _BESIDE * model.diameter * frame.camera_matrix[0, 0] / points[:, 2].min()
+    pixels = project(points, frame.camera_matrix)
+    size = frame.depth.shape[1], frame.depth.shape[0]
+    low = np.clip(np.floor(pixels.min(axis=0) - beside), 0, size).astype(int)
+    high = np.clip(np.ceil(pixels.max(axis=0) + beside), 0, size).astype(int)
+    if (high <= low).any():
+        return context
+    area = slice(low[1], high[1]), slice(low[0], high[0])
+    camera_matrix = frame.camera_matrix.copy()
+    camera_matrix[:2, 2] -= low
+    part = replace(frame, rgb=frame.rgb[area], depth=frame.depth[area], camera_matrix=camera_matrix)
+    verification = estimator.settings.fine.refinement.verification
+    matches = FrameMatches(estimator.matching, part)
+    return FrameContext(part, context.windows, matches, verification)
 
 
 def _matched(
     answers: Sequence[Detection], places: Sequence[Track]
 ) -> list[tuple[Detection, Track | None]]:
     """Each answer with the nearest lost instance, the nearest pair first; None is a new one."""
-    if not answers or not places:
-        return [(each, None) for each in answers]
-    shifts = np.array(
-        [[a.pose_cam_obj[:3, 3] - b.pose_cam_obj[:3, 3] for b in places] for a in answers]
-    )
-    apart = np.linalg.norm(shifts, axis=2)
+    shifts = [[a.pose_cam_obj[:3, 3] - b.pose_cam_obj[:3, 3] for b in places] for a in answers]
+    apart = np.linalg.norm(np.reshape(shifts, (len(answers), len(places), 3)), axis=2)
     known: dict[int, Track] = {}
     for _ in range(min(apart.shape)):
         row, column = np.unravel_index(int(np.argmin(apart)), apart.shape)
         known[int(row)] = places[int(column)]
         apart[row], apart[:, column] = np.inf, np.inf
-    return [(each, known.get(row)) for row, each in enumerate(answers)]
+    return [(answer, known.get(row)) for row, answer in enumerate(answers)]
