@@ -71,12 +71,12 @@ COMMAND_PLACES = {
 
 SWEEP_PLACES = {
     "sweep opened": ("hlp.studies.sweep", "_recorded", 0),
-    "arm begun": ("hlp.runs.manifest", "is_finished", 0),
-    "arm half done": ("hlp.runs.runner", "write_scores", 0),
-    "second arm begun": ("hlp.runs.manifest", "is_finished", 1),
+    "setting begun": ("hlp.runs.manifest", "is_finished", 0),
+    "setting half done": ("hlp.runs.runner", "write_scores", 0),
+    "second setting begun": ("hlp.runs.manifest", "is_finished", 1),
     "tables of the sweep": ("hlp.reporting.sweep_report", "describe_sweep", 0),
 }
-"""Likewise, in the order of a sweep of two arms."""
+"""Likewise, in the order of a sweep of two settings."""
 
 CODES = {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}
 """What a process returns after a signal."""

@@ -4,8 +4,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hlp.data.synthetic.objects import demo_objects
 from hlp.errors import InputError
-from hlp.method.pyfunc_model import PosesOfImages
+from hlp.method.arguments import checked_frame
+from hlp.method.pyfunc_model import PosesOfImages, example_image
 
 
 class OnePerImage:
@@ -44,3 +46,16 @@ def test_what_is_missing_or_too_few_is_named() -> None:
         model.predict({"rgb": images(1)["rgb"]})
     with pytest.raises(InputError, match="'depth': 1"):
         model.predict({**images(2), "depth": images(1)["depth"]})
+
+
+@pytest.mark.parametrize("model", demo_objects().values(), ids=lambda model: model.name)
+def test_the_example_shows_the_whole_object_in_the_middle(model) -> None:
+    image = example_image(model)
+    checked_frame(image.rgb, image.depth, image.camera_matrix)
+    seen = image.depth < image.depth.max()
+    assert 0.01 < seen.mean() < 0.5
+    assert not np.concatenate([seen[0], seen[-1], seen[:, 0], seen[:, -1]]).any()
+    row, column = np.argwhere(seen).mean(axis=0)
+    assert abs(row - 60) < 15 and abs(column - 80) < 15
+    nearest, farthest = image.depth[seen].min(), image.depth[seen].max()
+    assert 0.0 < farthest - nearest < model.diameter

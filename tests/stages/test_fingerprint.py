@@ -1,14 +1,90 @@
+"""Names of outputs: every value changes them; order and undeclared keys cannot."""
+
+import copy
+import dataclasses
+import json
 import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
 
+from generated_values import json_values, texts
 from hlp import source_code
+from hlp.errors import ConfigError
+from hlp.method.settings import MethodSettings
+from hlp.settings import read_settings
 from hlp.source_code import Code
-from hlp.stages.fingerprint import fingerprint, plain, stage_code
+from hlp.stages.fingerprint import fingerprint, is_fingerprint, plain, stage_code
+
+BASE: dict[str, Any] = {
+    "stage": "codebook",
+    "code": Code("0123", {"numpy": "2.4.6"}),
+    "seed": 0,
+    "settings": {"encoder": {"width": 32, "levels": [1, 2]}, "k": 3},
+    "upstream": {"views": "0123456789abcdef"},
+}
+TREES = st.dictionaries(texts(), json_values(), max_size=5)
+
+
+def name_of(**changes: Any) -> str:
+    return fingerprint(**(BASE | changes))
+
+
+def test_a_name_is_the_same_in_another_process() -> None:
+    code = (
+        "from hlp.source_code import Code; from hlp.stages.fingerprint import fingerprint; "
+        f"print(fingerprint(**{BASE!r}))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == name_of() and is_fingerprint(name_of())
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"stage": "encoder"},
+        {"code": Code("0124", {"numpy": "2.4.6"})},
+        {"code": Code("0123", {"numpy": "2.4.7"})},
+        {"seed": 1},
+        {"settings": {"encoder": {"width": 32, "levels": [2, 1]}, "k": 3}},
+        {"settings": {"encoder": {"width": 32, "levels": [1, 2]}, "k": "3"}},
+        {"settings": {"encoder": {"width": 32, "levels": [1, 2], "k": 3}}},
+        {"upstream": {"frames": "0123456789abcdef"}},
+        {"upstream": {}},
+    ],
+    ids=str,
+)
+def test_every_ingredient_counts(change: dict[str, object]) -> None:
+    assert name_of(**change) != name_of()
+
+
+def shuffled(value: Any, draw: st.DataObject) -> Any:
+    """The same with the keys of its objects in another order."""
+    if isinstance(value, dict):
+        names = draw.draw(st.permutations(list(value)))
+        return {name: shuffled(value[name], draw) for name in names}
+    return [shuffled(item, draw) for item in value] if isinstance(value, list) else value
+
+
+@given(TREES, TREES, st.data())
+def test_settings_have_one_name_exactly_if_they_say_the_same(first, second, data):
+    assert name_of(settings=shuffled(first, data)) == name_of(settings=first)
+    same = json.dumps(first, sort_keys=True) == json.dumps(second, sort_keys=True)
+    assert (name_of(settings=first) == name_of(settings=second)) == same
+
+
+@given(TREES, texts(), json_values())
+def test_one_more_or_another_value_is_another_name(tree, key, value):
+    other = {**tree, key: value}
+    assume(json.dumps(other, sort_keys=True) != json.dumps(tree, sort_keys=True))
+    assert name_of(settings=other) != name_of(settings=tree)
+    assert name_of(settings=tree, upstream=other) != name_of(settings=tree, upstream=tree)
 
 
 @dataclass(frozen=True)
@@ -23,98 +99,63 @@ class Icp:
     step_deg: float
 
 
-BASE = {
-    "stage": "codebook",
-    "code": Code("0123", {"numpy": "2.4.6"}),
-    "seed": 0,
-    "settings": {"encoder": {"width": 32, "levels": [1, 2]}, "k": 3},
-    "upstream": {"views": "0123456789abcdef"},
-}
-
-
-def test_is_sixteen_hex_digits_and_the_same_in_another_process() -> None:
-    here = fingerprint(**BASE)
-    code = (
-        "from hlp.source_code import Code; from hlp.stages.fingerprint import fingerprint; "
-        f"print(fingerprint(**{BASE!r}))"
-    )
-    there = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    ).stdout.strip()
-    assert len(here) == 16
-    assert int(here, 16) >= 0
-    assert here == there
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"stage": "encoder"},
-        {"code": Code("0124", {"numpy": "2.4.6"})},
-        {"code": Code("0123", {"numpy": "2.4.7"})},
-        {"seed": 1},
-        {"settings": {"encoder": {"width": 32, "levels": [2, 1]}, "k": 3}},
-        {"settings": {"encoder": {"width": 32, "levels": [1, 2]}, "k": 3.5}},
-        {"settings": {"encoder": {"width": 32, "levels": [1, 2]}, "k": "3"}},
-        {"settings": {"encoder": {"width": 32, "levels": [1, 2], "k": 3}}},
-        {"upstream": {"views": "0123456789abcdee"}},
-        {"upstream": {"frames": "0123456789abcdef"}},
-        {"upstream": {}},
-    ],
-    ids=str,
-)
-def test_every_ingredient_counts(change: dict[str, object]) -> None:
-    assert fingerprint(**(BASE | change)) != fingerprint(**BASE)
-
-
-def test_order_of_keys_and_kind_of_sequence_do_not_count() -> None:
+def test_values_have_a_plain_form() -> None:
+    assert plain(Pso(25, 5.0)) == plain(Pso(25, 5.0)) != plain(Icp(25, 5.0))
     settings = {"k": 3, "encoder": {"levels": (1, 2), "width": np.int64(32)}}
-    assert fingerprint(**(BASE | {"settings": settings})) == fingerprint(**BASE)
-
-
-def test_alternatives_with_equal_fields_differ() -> None:
-    assert plain(Pso(25, 5.0)) != plain(Icp(25, 5.0))
-    assert plain(Pso(25, 5.0)) == plain(Pso(25, 5.0))
-
-
-def test_paths_numpy_scalars_and_infinity_have_a_plain_form() -> None:
-    assert plain({"a": Path("x") / "y", "b": np.float32(0.5), "c": np.bool_(True)}) == {
-        "a": "x/y",
-        "b": 0.5,
-        "c": True,
-    }
-    limits = [BASE | {"settings": {"threshold": float(f"{sign}inf")}} for sign in "+-"]
-    assert fingerprint(**limits[0]) != fingerprint(**limits[1])
-
-
-def test_nan_is_refused_and_the_key_named() -> None:
-    with pytest.raises(ValueError, match=r"settings\.step_deg is NaN"):
-        plain(Pso(25, float("nan")))
-    with pytest.raises(ValueError, match=r"settings\.a\[1\] is NaN"):
-        plain({"a": [0.0, np.float64("nan")]})
+    assert name_of(settings=settings) == name_of()
+    given_ = {"a": Path("x") / "y", "b": np.float32(0.5), "c": np.bool_(True)}
+    assert plain(given_) == {"a": "x/y", "b": 0.5, "c": True}
+    infinite = [name_of(settings={"threshold": float(f"{sign}inf")}) for sign in "+-"]
+    assert infinite[0] != infinite[1]
 
 
 @pytest.mark.parametrize(
-    "value",
-    [np.zeros(2), {1, 2}, object(), Pso, {1: "one"}],
-    ids=["array", "set", "object", "class", "key"],  # the same in every worker
+    ("value", "error", "words"),
+    [
+        (Pso(25, float("nan")), ValueError, r"settings\.step_deg is NaN"),
+        ({"a": [0.0, np.float64("nan")]}, ValueError, r"settings\.a\[1\] is NaN"),
+        ({"bad": np.zeros(2)}, TypeError, r"settings\.bad"),
+        ({"bad": {1, 2}}, TypeError, r"settings\.bad"),
+        ({"bad": object()}, TypeError, r"settings\.bad"),
+        ({"bad": Pso}, TypeError, r"settings\.bad"),
+        ({"bad": {1: "one"}}, TypeError, r"settings\.bad"),
+    ],
+    ids=["nan", "inner nan", "array", "set", "object", "class", "key"],
 )
-def test_what_has_no_plain_form_is_refused(value: object) -> None:
-    with pytest.raises(TypeError, match=r"settings\.bad"):
-        plain({"bad": value})
+def test_what_has_no_plain_form_is_refused_by_name(value, error, words) -> None:
+    with pytest.raises(error, match=words):
+        plain(value)
+
+
+def places(tree: Any, path: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
+    """Paths of the objects in a tree."""
+    if not isinstance(tree, dict):
+        return []
+    return [path, *(place for name in tree for place in places(tree[name], (*path, name)))]
+
+
+DEFAULTS = dataclasses.asdict(MethodSettings())
+
+
+@given(st.sampled_from(places(DEFAULTS)), texts(), json_values())
+def test_a_key_that_no_setting_declares_is_an_error_that_names_it(place, key, value):
+    content = copy.deepcopy(DEFAULTS)
+    inside = content
+    for name in place:
+        inside = inside[name]
+    assume(key not in inside)
+    inside[key] = value
+    with pytest.raises(ConfigError) as caught:
+        read_settings(MethodSettings, content)
+    assert ".".join((*place, key)) in str(caught.value)
 
 
 def test_a_stages_code_is_what_its_modules_import_and_not_the_settings_of_other_stages() -> None:
     """A change of the refiner renders no views and trains no classifier."""
-    names, _ = source_code._closure(
-        ("hlp.method.learn.classifier_training",),
-        ("hlp.method.settings", "hlp.method.stage_settings"),
-    )
+    training = "hlp.method.learn.classifier_training"
+    collected = ("hlp.method.settings", "hlp.method.stage_settings")
+    names, _ = source_code._closure((training,), collected)
     assert not [name for name in names if name.startswith(("hlp.refinement", "hlp.voting"))]
-    assert {
-        "hlp.patches.holistic_pool",
-        "hlp.models.classifier_training",
-        "hlp.method.learn.training",
-    } <= {*names}
-    whole = source_code.code_of("hlp.method.learn.classifier_training")
-    assert stage_code("hlp.method.learn.classifier_training").source != whole.source
+    used = ("patches.holistic_pool", "models.classifier_training", "method.learn.training")
+    assert {f"hlp.{name}" for name in used} <= {*names}
+    assert stage_code(training).source != source_code.code_of(training).source

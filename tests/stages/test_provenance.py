@@ -1,13 +1,29 @@
+"""What a result was made from: code, libraries, machine, and the outputs that manifests name."""
+
+import json
 import platform
 import subprocess
 from importlib.metadata import FileHash, PackagePath
 from pathlib import Path
 
 import pytest
+import torch
 
 import hlp
+from hlp.errors import DataError, MissingFileError
 from hlp.stages import manifest as provenance
-from hlp.stages.manifest import code_digest, git_revision, library_builds, processor
+from hlp.stages.manifest import (
+    code_digest,
+    device_name,
+    git_revision,
+    library_builds,
+    processor,
+)
+from hlp.stages.store import StageStore
+from hlp.stages.warm_start import read_warm_start
+from tiny_method import tiny_method
+
+NAME = "0123456789abcdef"
 
 
 def git(folder: Path, *words: str) -> str:
@@ -31,26 +47,20 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def test_revision_is_the_commit_and_says_what_was_changed_since(package: Path) -> None:
-    commit = git(package, "rev-parse", "HEAD")
+def test_revision_is_the_commit_and_says_what_was_changed_since(
+    package: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    commit, digest = git(package, "rev-parse", "HEAD"), code_digest()
     assert git_revision() == commit
-    digest = code_digest()
     (package / "__init__.py").write_text("changed = True\n")
     assert git_revision() == f"{commit}+"
     assert code_digest() != digest
-
-
-def test_a_package_installed_inside_anothers_checkout_has_no_revision(
-    package: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    installed = package.parents[1] / ".venv" / "hlp"
+    installed = package.parents[1] / ".venv" / "hlp"  # inside another's checkout
     installed.mkdir(parents=True)
     (installed / "__init__.py").write_text("")
     monkeypatch.setattr(hlp, "__file__", str(installed / "__init__.py"))
     assert git_revision() is None
-
-
-def test_without_git_there_is_no_revision(package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hlp, "__file__", str(package / "__init__.py"))
     monkeypatch.setenv("PATH", "")
     assert git_revision() is None
 
@@ -87,3 +97,42 @@ def test_this_machine_and_its_libraries_are_named() -> None:
     assert found["type"]
     if platform.machine() == "x86_64":
         assert "sse2" in found["features"].split()
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_device_is_named_by_what_computes(there: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: there)
+    monkeypatch.setattr(torch.cuda, "get_device_name", lambda: "RTX 5090")
+    monkeypatch.setattr(torch.backends.mps, "is_available", lambda: False)
+    found = [device_name(device) for device in ("gpu", "auto", "cpu")]
+    assert found == (["RTX 5090", "RTX 5090", "cpu"] if there else ["gpu", "cpu", "cpu"])
+
+
+def start(folder: Path, stages: object) -> None:
+    """Read a warm start from a manifest that names these outputs."""
+    (folder / "manifest.json").write_text(json.dumps({"config": {}, "stages": stages}))
+    store = StageStore(folder / "work")
+    read_warm_start(folder / "manifest.json", tiny_method(), {}, store)
+
+
+@pytest.mark.parametrize("name", ["../../secret", "/etc", "", NAME.upper(), NAME + "0", 7])
+def test_a_manifest_names_no_other_folder(tmp_path: Path, name: object) -> None:
+    with pytest.raises(DataError, match=r"manifest\.json: .* is no fingerprint"):
+        start(tmp_path, [{"stage": "classifier", "fingerprint": name}])
+
+
+@pytest.mark.parametrize("stages", [1, [1], [{}], "abc", [{"stage": "classifier"}]])
+def test_a_damaged_manifest_is_named(tmp_path: Path, stages: object) -> None:
+    with pytest.raises(DataError, match=r"manifest\.json is damaged"):
+        start(tmp_path, stages)
+
+
+def test_a_missing_and_a_damaged_classifier_are_named(tmp_path: Path) -> None:
+    stages = [{"stage": "classifier", "fingerprint": NAME}]
+    with pytest.raises(MissingFileError, match="has no classifier"):
+        start(tmp_path, stages)
+    store = StageStore(tmp_path / "work")
+    folder = store.get_or_make("classifier", NAME, lambda folder: (folder / "x").touch(), {})
+    (folder / "x").write_bytes(b"more")
+    with pytest.raises(DataError, match=f"{NAME}/x is missing or damaged"):
+        start(tmp_path, stages)

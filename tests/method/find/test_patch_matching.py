@@ -2,6 +2,7 @@
 
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -71,7 +72,13 @@ def matching(settings: Any, encoder: Encoder) -> PatchMatching:
     return PatchMatching(learnt, settings, tuple(MODELS), lambda: encoder, ThreadTeam(2))
 
 
-def wanted(frame: Frame) -> list[np.ndarray]:
+def matches_of(
+    frame: Frame, encoder: Encoder | None = None, settings: Any = SHARED
+) -> FrameMatches:
+    return FrameMatches(matching(settings, encoder or Encoder()), frame)
+
+
+def regions(frame: Frame) -> list[np.ndarray]:
     """Pixels of three regions that overlap, in no order."""
     rng = np.random.default_rng(1)
     parts = []
@@ -84,19 +91,19 @@ def wanted(frame: Frame) -> list[np.ndarray]:
 
 def test_each_object_is_searched_alone_or_with_those_of_the_same_patch_size() -> None:
     ids = list(MODELS)
-    assert search_groups(MODELS, reversed(ids), OWN.coarse) == [(each,) for each in ids]
+    assert search_groups(MODELS, reversed(ids), OWN.coarse) == [(i,) for i in ids]
     assert search_groups(MODELS, reversed(ids), SHARED.coarse) == [tuple(ids)]
     sizes = dict(zip(ids, (0.03, 0.04, 0.03), strict=True))
-    models = {each: replace(MODELS[each], local_size=sizes[each]) for each in ids}
+    models = {i: replace(MODELS[i], local_size=sizes[i]) for i in ids}
     assert search_groups(models, ids, JOINT.coarse) == [(ids[0], ids[2]), (ids[1],)]
 
 
 def test_a_patch_votes_for_the_objects_of_its_nearest_entries_alone(frame: Frame) -> None:
     """Beside the distances to all entries of all objects, by NumPy."""
     encoder = Encoder()
-    frame_matches = FrameMatches(matching(SHARED, encoder), frame)
-    (pixels, *_) = wanted(frame)
-    codebooks = {each: Learnt().load_codebook(each).features for each in MODELS}
+    frame_matches = matches_of(frame, encoder)
+    (pixels, *_) = regions(frame)
+    codebooks = {i: Learnt().load_codebook(i).features for i in MODELS}
     voters = 0
     for object_id, features in codebooks.items():
         patches, found = frame_matches.match(object_id, pixels)
@@ -111,27 +118,29 @@ def test_a_patch_votes_for_the_objects_of_its_nearest_entries_alone(frame: Frame
     assert voters == 3 * len(patches)
 
 
+def assert_same(found: tuple[LocalPatches, Any], expected: tuple[LocalPatches, Any]) -> None:
+    for one, other in zip(found, expected, strict=True):
+        for name in vars(one):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def places(found: list[tuple[LocalPatches, Any]]) -> int:
+    return len(np.unique(np.concatenate([patches.pixels for patches, _ in found]), axis=0))
+
+
 @pytest.mark.parametrize("shared_first", [False, True])
 def test_each_patch_is_cut_once_and_is_what_it_would_be_alone(
     shared_first: bool, frame: Frame
 ) -> None:
     encoder = Encoder()
-    together = FrameMatches(matching(SHARED, encoder), frame)
-    asked = dict(zip(MODELS, wanted(frame), strict=True))
+    of_frame = matches_of(frame, encoder)
+    asked = dict(zip(MODELS, regions(frame), strict=True))
     if shared_first:
-        together.share(asked)
-    found = {each: together.match(each, pixels) for each, pixels in asked.items()}
-    seen = encoder.seen
+        of_frame.share(asked)
+    found = {i: of_frame.match(i, pixels) for i, pixels in asked.items()}
+    assert encoder.seen == places([*found.values()]) < sum(len(p) for p, _ in found.values())
     for object_id, pixels in asked.items():
-        patches, matches = FrameMatches(matching(SHARED, Encoder()), frame).match(object_id, pixels)
-        for name in vars(patches):
-            np.testing.assert_array_equal(
-                getattr(found[object_id][0], name), getattr(patches, name)
-            )
-        np.testing.assert_array_equal(found[object_id][1].indices, matches.indices)
-        np.testing.assert_array_equal(found[object_id][1].distances, matches.distances)
-    places = [found[each][0].pixels for each in MODELS]
-    assert seen == len(np.unique(np.concatenate(places), axis=0)) < sum(map(len, places))
+        assert_same(found[object_id], matches_of(frame).match(object_id, pixels))
 
 
 def test_a_group_is_loaded_once_for_all_threads(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -144,33 +153,22 @@ def test_a_group_is_loaded_once_for_all_threads(monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr(Learnt, "load_codebook", load_slowly)
     groups = ThreadTeam(6).map(lambda number: shared.group(list(MODELS)[number % 3]), 6)
-    assert all(each is groups[0] for each in groups)
+    assert all(group is groups[0] for group in groups)
 
 
 def test_threads_may_ask_at_once(frame: Frame) -> None:
-    encoder = Encoder()
-    together = FrameMatches(matching(SHARED, encoder), frame)
-    parts = wanted(frame)
-    alone = [FrameMatches(matching(SHARED, Encoder()), frame).match(1, each) for each in parts]
-    found: dict[int, Any] = {}
-
-    def ask(number: int) -> None:
-        found[number] = together.match(1, parts[number % 3])
-
-    threads = [threading.Thread(target=ask, args=(number,)) for number in range(12)]
-    for each in threads:
-        each.start()
-    for each in threads:
-        each.join()
-    for number, (patches, matches) in found.items():
-        np.testing.assert_array_equal(patches.pixels, alone[number % 3][0].pixels)
-        np.testing.assert_array_equal(matches.distances, alone[number % 3][1].distances)
-    places = np.concatenate([patches.pixels for patches, _ in alone])
-    assert encoder.seen == len(np.unique(places, axis=0))
+    encoder, parts = Encoder(), regions(frame)
+    of_frame = matches_of(frame, encoder)
+    alone = [matches_of(frame).match(1, pixels) for pixels in parts]
+    with ThreadPoolExecutor(12) as pool:
+        found = list(pool.map(lambda number: of_frame.match(1, parts[number % 3]), range(12)))
+    for number, one in enumerate(found):
+        assert_same(one, alone[number % 3])
+    assert encoder.seen == places(alone)
 
 
 def test_no_pixels_and_pixels_without_depth_have_no_patches(frame: Frame) -> None:
-    empty = FrameMatches(matching(SHARED, Encoder()), replace(frame, depth=0.0 * frame.depth))
+    empty = matches_of(replace(frame, depth=0.0 * frame.depth))
     for pixels in (np.zeros((0, 2), dtype=np.int64), np.array([[50, 60], [58, 60]])):
         patches, matches = empty.match(1, pixels)
         assert len(patches) == len(matches.indices) == 0
@@ -195,14 +193,10 @@ class DocumentedCodebook:
 
 def test_a_codebook_of_ones_own_needs_the_documented_protocol_alone(frame: Frame) -> None:
     own = replace(OWN, coarse=replace(OWN.coarse, codebook=DocumentedCodebook()))
-    (pixels, *_) = wanted(frame)
-    found, expected = (
-        FrameMatches(matching(settings, Encoder()), frame).match(1, pixels)[1]
-        for settings in (own, OWN)
-    )
-    assert len(found.indices) > 0
-    np.testing.assert_array_equal(found.indices, expected.indices)
-    np.testing.assert_array_equal(found.distances, expected.distances)
+    (pixels, *_) = regions(frame)
+    found, expected = (matches_of(frame, None, some).match(1, pixels) for some in (own, OWN))
+    assert len(found[0]) > 0
+    assert_same(found, expected)
 
 
 @pytest.mark.parametrize(("size_mm", "side"), [(None, 0.038 * 1.5), (45.0, 0.045 * 1.5)])
@@ -218,11 +212,11 @@ def test_patches_are_cut_at_the_side_that_settings_tell(
         return cut(*given)
 
     monkeypatch.setattr(patch_matching, "cut_local_patches", noted)
-    models = {each: replace(model, local_size=0.038) for each, model in MODELS.items()}
+    models = {i: replace(model, local_size=0.038) for i, model in MODELS.items()}
     monkeypatch.setattr(Learnt, "models", models)
     local = replace(OWN.coarse.local, size_mm=size_mm)
     settings = replace(OWN, coarse=replace(OWN.coarse, local=local))
-    FrameMatches(matching(settings, Encoder()), frame).match(1, wanted(frame)[0])
+    matches_of(frame, None, settings).match(1, regions(frame)[0])
     assert cut_at == [local.side_of(0.038)] == [pytest.approx(side)]
 
 
@@ -233,4 +227,4 @@ def test_features_are_held_once() -> None:
     for object_id, codebook in group.codebooks.items():
         assert np.shares_memory(codebook.features, group.features)
         np.testing.assert_array_equal(codebook.features, Learnt().load_codebook(object_id).features)
-    assert len(group.features) == sum(len(each.features) for each in group.codebooks.values())
+    assert len(group.features) == sum(len(book.features) for book in group.codebooks.values())

@@ -1,6 +1,3 @@
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 import torch
@@ -57,14 +54,3 @@ def test_the_classifier_has_a_class_for_each_object_and_background(tmp_path):
     sample = torch.rand(8, 4, 64, 64) * 2 - 1
     export_network(network.layers, sample, tmp_path / "classifier", levels=True)
     assert load_classifier(tmp_path, MACHINE).outputs == 5
-
-
-def test_detection_imports_nothing_that_only_training_needs():
-    code = (
-        "import sys\n"
-        "import hlp.method.detector, hlp.method.learn.model_files\n"
-        "heavy = {'torch', 'pytorch_lightning', 'onnx', 'mlflow', 'hydra', 'matplotlib'}\n"
-        "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr

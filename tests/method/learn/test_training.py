@@ -1,11 +1,17 @@
+import os
+import pickle
+from pathlib import Path
+
 import pytest
 import pytorch_lightning as pl
 import torch
 from torch import nn
 from torch.nn import functional
 
+from hlp.checksums import content_checksum
+from hlp.errors import DataError
 from hlp.method.learn.model_files import HISTORY, WEIGHTS, read_history, read_weights
-from hlp.method.learn.training import fit
+from hlp.method.learn.training import CheckpointFiles, fit, last_checkpoint
 from hlp.method.settings import TrainerSettings
 from hlp.patches.pool_loader import pool_loader
 
@@ -97,17 +103,15 @@ def test_resumed_training_equals_an_uninterrupted_one_bit_for_bit(uninterrupted,
     assert (tmp_path / HISTORY).read_bytes() == (whole / HISTORY).read_bytes()
 
 
-def test_resuming_repeats_no_finished_epoch(tmp_path):
+def test_resuming_repeats_no_finished_epoch_and_the_seed_decides_the_order(uninterrupted, tmp_path):
     with pytest.raises(StopError):
         train(tmp_path, 8)  # within the third epoch of 3 steps each
     assert len(train(tmp_path).seen) == 6
+    (tmp_path / "other").mkdir()
+    assert train(tmp_path / "other", seed=1).seen != uninterrupted[1].seen
 
 
-def test_seed_decides_the_order_of_batches(uninterrupted, tmp_path):
-    assert train(tmp_path, seed=1).seen != uninterrupted[1].seen
-
-
-def test_history_holds_every_epoch_and_weights_load(uninterrupted):
+def test_history_holds_every_epoch_and_weights_load(uninterrupted, tmp_path):
     folder, module = uninterrupted
     history = read_history(folder)
     assert [row["epoch"] for row in history] == [0, 1, 2, 3]
@@ -116,16 +120,64 @@ def test_history_holds_every_epoch_and_weights_load(uninterrupted):
     assert found.keys() == expected.keys()
     for name, value in expected.items():
         assert torch.equal(found[name], value)
-
-
-def test_only_weights_and_history_remain(uninterrupted):
-    assert sorted(path.name for path in uninterrupted[0].iterdir()) == [HISTORY, WEIGHTS]
-
-
-def test_a_stage_without_training_has_no_history(tmp_path):
-    assert read_history(tmp_path) == []
+    assert sorted(path.name for path in folder.iterdir()) == [HISTORY, WEIGHTS]
+    assert read_history(tmp_path) == []  # of a stage without training
     with pytest.raises(FileNotFoundError, match=WEIGHTS):
         read_weights(tmp_path)
+
+
+CHECKPOINT = {"state_dict": {"weight": torch.arange(6.0).reshape(2, 3)}, "epoch": 3, "rows": [{}]}
+DAMAGE = {
+    "empty": lambda content: b"",
+    "cut": lambda content: content[:-100],
+    "flipped": lambda content: content[:200] + bytes([content[200] ^ 1]) + content[201:],
+    "checksum flipped": lambda content: bytes([content[0] ^ 1]) + content[1:],
+    "garbage": lambda content: os.urandom(1000),
+}
+
+
+@pytest.mark.parametrize("how", DAMAGE)
+def test_a_damaged_checkpoint_is_dropped_for_the_one_before(tmp_path, how, caplog):
+    older, newer = (tmp_path / f"epoch-{epoch:06d}.ckpt" for epoch in (2, 3))
+    for path in (older, newer):
+        CheckpointFiles().save_checkpoint(CHECKPOINT, path)
+    back = CheckpointFiles().load_checkpoint(newer)
+    assert torch.equal(back["state_dict"]["weight"], CHECKPOINT["state_dict"]["weight"])
+    assert back["epoch"] == 3 and back["rows"] == [{}] and last_checkpoint(tmp_path) == newer
+    newer.write_bytes(DAMAGE[how](newer.read_bytes()))
+    with pytest.raises(DataError, match=r"epoch-000003\.ckpt is damaged"):
+        CheckpointFiles().load_checkpoint(newer)
+    assert last_checkpoint(tmp_path) == older
+    assert not newer.exists()
+    (message,) = caplog.messages
+    assert str(newer) in message
+    older.write_bytes(b"")
+    assert last_checkpoint(tmp_path) is None
+    assert last_checkpoint(tmp_path / "absent") is None
+
+
+class Attack:
+    def __init__(self, touched: Path) -> None:
+        self.touched = touched
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.touched),)
+
+
+@pytest.mark.filterwarnings("ignore:Detected pickle protocol")  # not torch's own: an attack
+@pytest.mark.parametrize("by", ["torch", "pickle"])
+def test_a_strangers_checkpoint_runs_no_code(tmp_path, by):
+    """Its checksum is right: whoever writes code can also compute checksums."""
+    path, touched = tmp_path / "epoch-000009.ckpt", tmp_path / "touched"
+    content = pickle.dumps(Attack(touched))
+    if by == "torch":
+        torch.save({"state_dict": Attack(touched)}, tmp_path / "bare")
+        content = (tmp_path / "bare").read_bytes()
+    path.write_bytes(content_checksum(content).encode() + b"\n" + content)
+    assert last_checkpoint(tmp_path) is None
+    assert not touched.exists()
+    pickle.loads(pickle.dumps(Attack(touched)))
+    assert touched.exists()  # the attack works where it is unpickled
 
 
 class Alone(Data):

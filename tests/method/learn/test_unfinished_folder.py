@@ -1,10 +1,14 @@
+"""The record of a folder of learnt objects, and a folder in the making."""
+
+import json
 import shutil
 from pathlib import Path
 
 import pytest
 
-from hlp.errors import InputError
-from hlp.method.learn.learnt_folder import LearntRecord, write_record
+from hlp.checksums import sealed
+from hlp.errors import DamagedError, DataError, InputError
+from hlp.method.learn.learnt_folder import LearntRecord, read_record, write_record
 from hlp.method.learn.unfinished_folder import (
     SCORED,
     finish,
@@ -16,6 +20,32 @@ from hlp.method.settings import MethodSettings
 from hlp.runs.learnt_cache import find_learnt
 
 NAMES = ("codebook.npz", "sub/weights", ".done.json")
+RECORD = LearntRecord({"bear": 1, "can": 4}, (1, 3, 4), MethodSettings(), {"a/b": "0"})
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"objects": ["bear"]}, "objects is ['bear']: it must be a mapping"),
+        ({"objects": {"bear": 1.5}}, "objects.bear is 1.5: it must be a whole number"),
+        ({"objects": {"bear": -1}}, "objects is -1: it must be at least 0"),
+        ({"classes": {}}, "classes is {}: it must be a list"),
+        ({"files": {"a": None}}, "files.a is None: it must be text"),
+        ({"settings": 7}, "settings is 7: it must be a mapping"),
+        ({"settings": {"seed": "0"}}, "settings: seed is '0': it must be a whole number"),
+    ],
+)
+def test_a_record_comes_back_and_what_is_not_as_its_schema_is_named(tmp_path, values, words):
+    write_record(tmp_path, RECORD)
+    assert read_record(tmp_path) == RECORD
+    path = tmp_path / "learnt.json"
+    content = json.loads(path.read_text()) | values
+    del content["checksum"]
+    path.write_text(json.dumps(sealed(content)))
+    with pytest.raises(DataError) as caught:
+        read_record(tmp_path)
+    assert f"{path}: {words}" in str(caught.value)
+    assert isinstance(caught.value, DamagedError) == ("seed" not in words)
 
 
 def make(folder: Path, marker: str = ".done.json") -> bool:
@@ -28,31 +58,23 @@ def make(folder: Path, marker: str = ".done.json") -> bool:
     return missing
 
 
-def test_content_is_made_once(tmp_path: Path) -> None:
-    assert make(tmp_path / "object")
-    assert not make(tmp_path / "object")
-    assert make(tmp_path / "object", SCORED)
-
-
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("content", [b"", b"numbres", b"[" * 100_000, None])
-def test_damaged_content_is_made_again(tmp_path: Path, name: str, content: bytes | None) -> None:
-    make(tmp_path / "object")
-    path = tmp_path / "object" / name
-    if content is None:
-        path.unlink()
-    else:
-        path.write_bytes(content)
-    assert make(tmp_path / "object")
-    assert (tmp_path / "object" / "sub" / "weights").read_bytes() == b"numbers"
-    assert not make(tmp_path / "object")
-
-
-def test_an_error_marks_nothing_as_made(tmp_path: Path) -> None:
-    with pytest.raises(ZeroDivisionError), once(tmp_path / "object"):
-        (tmp_path / "object" / "codebook.npz").write_bytes(b"half")
+def test_content_is_made_once_unless_it_is_damaged(
+    tmp_path: Path, name: str, content: bytes | None
+) -> None:
+    folder = tmp_path / "object"
+    with pytest.raises(ZeroDivisionError), once(folder):
+        (folder / "codebook.npz").write_bytes(b"half")
         raise ZeroDivisionError
-    assert make(tmp_path / "object")
+    assert make(folder) and not make(folder) and make(folder, SCORED)
+    if content is None:
+        (folder / name).unlink()
+    else:
+        (folder / name).write_bytes(content)
+    assert make(folder)
+    assert (folder / "sub" / "weights").read_bytes() == b"numbers"
+    assert not make(folder)
 
 
 def replace_folder(folder: Path, content: bytes) -> None:
@@ -86,20 +108,20 @@ def killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_a_folder_that_a_killed_process_had_renamed_comes_back(killed: Path) -> None:
     restore_replaced(killed)
     assert (killed / "weights").read_bytes() == b"old"
-    assert {each.name for each in killed.parent.iterdir() if each.is_dir()} == {
+    assert {path.name for path in killed.parent.iterdir() if path.is_dir()} == {
         "learnt", "learnt.partial",
     }  # fmt: skip
     replace_folder(killed, b"newer")
     assert (killed / "weights").read_bytes() == b"newer"
-    assert [each.name for each in killed.parent.iterdir() if each.is_dir()] == ["learnt"]
+    assert [path.name for path in killed.parent.iterdir() if path.is_dir()] == ["learnt"]
 
 
-def test_it_also_comes_back_when_it_is_looked_for(killed: Path, tmp_path: Path) -> None:
+def test_it_comes_back_when_it_is_looked_for_but_not_what_the_user_took_away(
+    killed: Path, tmp_path: Path
+) -> None:
     assert find_learnt("learnt", tmp_path) == killed
     assert (killed / "weights").read_bytes() == b"old"
-
-
-def test_what_the_user_took_away_does_not_come_back(killed: Path) -> None:
+    shutil.rmtree(killed)
     shutil.rmtree(killed.with_name("learnt.partial"))
     restore_replaced(killed)
     assert not killed.exists()

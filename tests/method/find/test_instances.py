@@ -1,0 +1,217 @@
+"""Which poses are instances: of one object, then of objects that claim the same pixels."""
+
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hlp.method.find.instances import find_instances, resolve_conflicts
+from hlp.method.find.trace import ObjectTrace
+from hlp.records import Hypotheses, Refinement, Region
+from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
+from hlp.refinement.none import NoneSettings
+from hlp.refinement.verification import VerificationSettings, Verifier, observe
+from refinement_scene import CAMERA, Scene, disturbed, make_row
+
+REGION = Region(5, np.zeros((0, 2)), np.zeros(0), np.zeros((4, 4), dtype=bool))
+NONE = Hypotheses(np.zeros((0, 4, 4)), np.zeros(0))
+CONTEXT: Any = SimpleNamespace(observation="all")
+
+
+def pose(score: float) -> np.ndarray:
+    """A pose whose score stands in its translation."""
+    made = np.eye(4)
+    made[0, 3] = score
+    return made
+
+
+class Looks:
+    """An estimator that finds instances with these scores in each look; None: no hypothesis.
+
+    `taken` has the score of a pose that stands on the pixels of a better one.
+    """
+
+    def __init__(self, *looks: list[float] | None, taken: float | None = None) -> None:
+        self.looks, self.taken = [*looks], taken
+        self.asked: list[tuple[int, Any]] = []
+
+    def has_templates(self, _: int) -> bool:
+        return False
+
+    def likely_regions(self, _: Any, region: Region) -> Iterator[Region]:
+        return (region for _ in range(len(self.looks)))
+
+    def find_hypotheses(self, _: Any, region: Region) -> ObjectTrace:
+        return ObjectTrace(region, hypotheses=NONE)
+
+    def refine(self, _: Any, __: int, ___: Any, instances: int, rest: Any, ____: Any) -> Any:
+        self.asked.append((instances, rest))
+        scores = self.looks.pop(0)
+        if scores is None:
+            return None
+        found = [Refinement(pose(score), 1) for score in [-1.0, *scores]]  # the first is not chosen
+        rows = tuple(range(1, 1 + len(scores)))
+        seeds = np.zeros((len(found), 2), dtype=int)
+        return RefinedHypotheses(found, np.zeros(len(found)), np.arange(len(found)), seeds, rows)
+
+    def score(self, _: Any, __: int, found: np.ndarray) -> float:
+        return float(found[0, 3])
+
+    def verifier(self, _: int) -> Any:
+        return SimpleNamespace(
+            without_explained=lambda before, found: f"{before}-{found[0, 3]:g}",
+            evidence=lambda *_: None,
+            is_free=lambda _, poses, __: np.array([poses[0, 0, 3] != self.taken]),
+        )
+
+
+def search(estimator: Any, *given: Any, **options: Any) -> tuple[list[float], list[int]]:
+    """Scores and sources of the instances that were found."""
+    found = find_instances(estimator, CONTEXT, REGION, NONE, *given, **options)
+    if found is None:
+        return [], []
+    return [float(p[0, 3]) for p in found.chosen_poses], found.sources[[*found.instances]].tolist()
+
+
+@pytest.mark.parametrize(
+    ("looks", "scores", "sources", "asked"),
+    [
+        ([[0.8]], [0.8], [1], 1),  # what is probably right needs no fallback
+        ([[0.2], [0.1], [0.9], [0.95]], [0.9], [-1], 3),  # the first right pose is taken
+        ([None, [0.1], [0.9], [0.95]], [0.9], [-1], 3),
+        ([[0.2], [0.4], None, [0.3]], [0.4], [-1], 4),  # or else the best wrong one
+        ([[0.3], [0.1]], [0.3], [1], 2),
+        ([None, [0.4]], [0.4], [-1], 2),
+        ([None, None], [], [], 2),
+    ],
+)
+def test_likely_places_are_searched_until_a_pose_is_right(looks, scores, sources, asked) -> None:
+    estimator = Looks(*looks)
+    assert search(estimator) == (scores, sources)
+    assert estimator.asked == [(1, None)] * asked
+
+
+def test_missing_instances_are_looked_for_where_the_others_are_not() -> None:
+    estimator = Looks([0.2, 0.9, 0.1], [0.7, 0.3], [0.4])
+    assert search(estimator, 3, "rest")[0] == [0.9, 0.7, 0.4]
+    assert estimator.asked == [(3, "rest"), (2, "rest-0.9"), (1, "rest-0.9-0.7")]
+    whole = Looks([0.9, 0.1], [0.8])
+    assert search(whole, 2)[0] == [0.9, 0.8]
+    assert whole.asked[1] == (1, "all-0.9")
+
+
+@pytest.mark.parametrize(
+    ("looks", "most", "min_score", "scores"),
+    [
+        ([[0.6, 0.3], [0.9]], 10, 0.5, [0.6, 0.3]),  # one is enough if their number is not known
+        ([[0.6, 0.3], [0.9, 0.2]], 10, 0.7, [0.9, 0.6, 0.3, 0.2]),
+        # A low min_score does not skip the fallback.
+        *(([[0.4, 0.1], [0.9, 0.2]], 10, low, [0.9, 0.4, 0.2, 0.1]) for low in (0.0, 0.05, 0.3)),
+        ([[0.4], [0.9]], 1, 0.05, [0.9]),
+        ([[0.6, 0.4]], 10, 0.05, [0.6, 0.4]),
+        ([[0.4, 0.1], [0.3]], 10, 0.3, [0.4, 0.3, 0.1]),
+    ],
+)
+def test_where_the_number_of_instances_is_not_known(looks, most, min_score, scores) -> None:
+    assert search(Looks(*looks), most, min_score=min_score)[0] == scores
+
+
+def test_no_instance_is_answered_twice() -> None:
+    """A worse pose of what a better one explains already is no further answer."""
+    estimator = Looks([0.4, 0.1], [0.9, 0.2], taken=0.4)
+    assert search(estimator, 10, min_score=0.3)[0] == [0.9, 0.2, 0.1]
+
+
+def test_without_the_fallback_the_first_look_is_the_only_one_and_needs_no_score() -> None:
+    estimator: Any = Looks([0.2], [0.9])
+    estimator.score = None
+    assert search(estimator, fallback=False) == ([0.2], [1])
+    assert len(estimator.asked) == 1
+
+
+class Twins:
+    """Two objects of the same shape under the ids 1 and 2; nothing is refined."""
+
+    def __init__(self, scene: Scene, scores: dict[int, float] | None = None) -> None:
+        self.scene, self.scores, self.asked = scene, scores, list[int]()
+        settings = VerificationSettings()
+        self.context: Any = SimpleNamespace(
+            observation=observe(scene.rgb, scene.depth, CAMERA, settings)
+        )
+        self._verifier = Verifier(scene.model, settings)
+
+    def verifier(self, _: int) -> Verifier:
+        return self._verifier
+
+    def has_templates(self, _: int) -> bool:
+        return self.scores is not None
+
+    def score(self, _: Any, object_id: int, __: Any) -> float:
+        return 1.0 if self.scores is None else self.scores[object_id]
+
+    def refine(self, object_id: int, given: Hypotheses, rest: Any = None) -> Any:
+        self.asked.append(object_id)
+        return refine_and_choose(
+            NoneSettings().build(1), self._verifier, self.context.observation, self.scene.model,
+            given, 8, 0.1, 0, 1, rest,
+        )  # fmt: skip
+
+    def resolve(self, **poses: list[np.ndarray]) -> tuple[dict[int, Any], dict[int, Any]]:
+        """What was found of objects, given their coarse poses, before and after conflicts."""
+        given = {
+            int(name[1:]): Hypotheses(np.stack(own), np.ones(len(own)))
+            for name, own in poses.items()
+        }
+        found = {i: self.refine(i, own) for i, own in given.items()}
+        estimator: Any = self
+        again = resolve_conflicts(
+            estimator, self.context, found, lambda i, rest: self.refine(i, given[i], rest)
+        )
+        return found, again
+
+
+@pytest.fixture(scope="module")
+def row() -> list[Scene]:
+    return make_row()
+
+
+@pytest.fixture(scope="module")
+def elsewhere(row: list[Scene]) -> np.ndarray:
+    """Where another thing of the same shape stands."""
+    return disturbed(row[1], 6.0, 6.0, seed=2)
+
+
+@pytest.fixture(scope="module")
+def off(row: list[Scene]) -> np.ndarray:
+    """A pose near the true one, which costs more."""
+    return disturbed(row[0], 4.0, 4.0, seed=1)
+
+
+def test_what_stands_on_anothers_pixels_is_chosen_anew(row, off, elsewhere) -> None:
+    estimator = Twins(row[0])
+    found, resolved = estimator.resolve(o1=[row[0].pose], o2=[off, elsewhere])
+    assert found[2].sources[found[2].best] == 0
+    assert resolved[1] is found[1] and estimator.asked == [1, 2, 2]
+    assert resolved[2].sources[resolved[2].best] == 1
+
+
+def test_an_object_that_has_nothing_of_its_own_is_not_found(row, off) -> None:
+    found, resolved = Twins(row[0]).resolve(o1=[off], o2=[row[0].pose])
+    assert resolved[1] is None and resolved[2] is found[2]
+
+
+@pytest.mark.parametrize("scores", [{1: 0.9, 2: 0.6}, {1: 0.6, 2: 0.9}])
+def test_of_objects_without_colours_the_more_probable_one_stays(row, off, scores) -> None:
+    """The costs of different objects cannot be compared: that of the second is less both times."""
+    found, resolved = Twins(row[0], scores).resolve(o1=[off], o2=[row[0].pose])
+    winner = max(scores, key=scores.__getitem__)
+    assert resolved[winner] is found[winner] and resolved[3 - winner] is None
+
+
+def test_objects_beside_each_other_keep_their_poses(row, elsewhere) -> None:
+    found, resolved = Twins(row[0]).resolve(o1=[row[0].pose], o2=[elsewhere])
+    assert resolved == found
+    alone, same = Twins(row[0]).resolve(o1=[row[0].pose])
+    assert same is alone
