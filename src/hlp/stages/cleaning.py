@@ -1,7 +1,7 @@
 """What may go from a store: partial outputs of crashed runs, damaged ones, unreferenced ones."""
 
+import fcntl
 import shutil
-import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -70,11 +70,6 @@ def remove(work: Path, outputs: Sequence[Removable]) -> None:
 @contextmanager
 def _unused(work: Path) -> Iterator[None]:
     """Keep runs from beginning to use a store. Raises InputError while one uses it."""
-    if sys.platform == "win32":
-        yield
-        return
-    import fcntl
-
     with (work / IN_USE).open("ab") as stream:
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -42,8 +42,8 @@ class DetectionStages:
 
     `keys` are the frames to process. Every stage writes one file per frame, so an interrupted run
     continues where it stopped, and frames can be distributed to workers (`executor`). A frame is
-    decoded once, however many of the stages are missing. `load` decodes a frame, unless it is the
-    one decoded last; whoever else needs its images takes them in the same pass, see `estimates`.
+    decoded once (`load`), however many of the stages are missing; whoever else needs its images
+    takes them in the same pass, see `estimates`.
 
     `made` holds the outputs of the stages requested so far, `seconds` the times, by frame, of what
     this object has computed itself. `reused` names the stages for which at least one frame was
@@ -69,14 +69,10 @@ class DetectionStages:
         on_bad_frame: OnBadFrame = "fail",
         bad_frames: Mapping[str, str] | None = None,
     ) -> None:
-        self.dataset = dataset
-        self.settings = settings
+        self.dataset, self.settings = dataset, settings
         self.find_settings = FindSettings.of(settings)
-        self.training = training
-        self.store = store
-        self.keys = keys
-        self.executor = executor
-        self.on_bad_frame = on_bad_frame
+        self.training, self.store, self.keys = training, store, keys
+        self.executor, self.on_bad_frame = executor, on_bad_frame
         self.bad_frames = dict(bad_frames or {})
         self.failed = dict(self.bad_frames)
         self.load = lru_cache(maxsize=1)(dataset.frames.load)
@@ -152,12 +148,8 @@ class DetectionStages:
             settings, inputs, modules = self._made_from(stage)
             upstream = {**before, **inputs, "frames": dataset.frames_identity}
             seed, code = self.settings.seed, stage_code(*always, *modules)
-            description: dict[str, Any] = {
-                "settings": settings | common,
-                "upstream": upstream,
-                "seed": seed,
-            }
-            described[stage] = fingerprint(stage, code, **description), description
+            of: dict[str, Any] = {"settings": settings | common, "upstream": upstream, "seed": seed}
+            described[stage] = fingerprint(stage, code, **of), of
             before = {stage: described[stage][0]}
         return described
 

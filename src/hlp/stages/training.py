@@ -50,9 +50,7 @@ class TrainingStages:
         store: StageStore,
         warm_start: WarmStartSettings | None = None,
     ) -> None:
-        self.dataset = dataset
-        self.settings = settings
-        self.store = store
+        self.dataset, self.settings, self.store = dataset, settings, store
         self.made: dict[tuple[str, int], Output] = {}
         self._warm_start_settings = warm_start
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Int
 
 from hlp.image_edges import color_edges
 from hlp.method.find.holistic_scan import FrameWindows, HolisticScan
@@ -31,6 +31,7 @@ from hlp.voting.cast import cast_votes
 
 _NEAREST = 0.1  # m: where depth is missing or less, a window is as large as there
 Pose = Float[np.ndarray, "4 4"]
+Mask = Bool[np.ndarray, "h w"]
 
 
 @dataclass(eq=False)
@@ -46,24 +47,19 @@ class FrameContext:
     windows: FrameWindows
     matches: FrameMatches
     verification: VerificationSettings
-    mask: Bool[np.ndarray, "h w"] | None = None
+    mask: Mask | None = None
     observer: Observer = NOBODY
 
     def __post_init__(self) -> None:
         self.fits: dict[tuple[int, bytes], PoseFit] = {}
-        self._edge_answers: UInt8[np.ndarray, "8 h w"] | None = None
+        self.edge_answers = cache(lambda reach: spread_edges(color_edges(self.frame.rgb), reach))
+        """What templates are compared with: see `templates.matching.spread_edges`."""
 
     @cached_property
     def observation(self) -> Observation:
         """The frame in the form that the verification compares poses with."""
         frame = self.frame
         return observe(frame.rgb, frame.depth, frame.camera_matrix, self.verification)
-
-    def edge_answers(self, reach: int) -> UInt8[np.ndarray, "8 h w"]:
-        """What templates are compared with: see `templates.matching.spread_edges`."""
-        if self._edge_answers is None:
-            self._edge_answers = spread_edges(color_edges(self.frame.rgb), reach)
-        return self._edge_answers
 
 
 class PoseEstimator:
@@ -75,10 +71,7 @@ class PoseEstimator:
     """
 
     def __init__(
-        self,
-        learnt: LearntObjects,
-        settings: FindSettings,
-        object_ids: Sequence[int] | None = None,
+        self, learnt: LearntObjects, settings: FindSettings, object_ids: Sequence[int] | None = None
     ) -> None:
         self.learnt, self.settings = learnt, settings
         self.object_ids = tuple(learnt.models if object_ids is None else object_ids)
@@ -120,10 +113,7 @@ class PoseEstimator:
                 color_grid(self.learnt.models[object_id].mesh)
 
     def prepare(
-        self,
-        frame: Frame,
-        mask: Bool[np.ndarray, "h w"] | None = None,
-        observer: Observer = NOBODY,
+        self, frame: Frame, mask: Mask | None = None, observer: Observer = NOBODY
     ) -> FrameContext:
         """The context of a frame, which is passed to the stages of every object in it."""
         observer.enter("windows")
@@ -168,8 +158,8 @@ class PoseEstimator:
 
     def likely_regions(self, context: FrameContext, region: Region) -> Iterator[Region]:
         """Parts of the frame to search where an object's region gave no right pose."""
-        frame = context.frame
-        radii = self._radii(frame, region.centers, self.learnt.models[region.object_id])
+        model = self.learnt.models[region.object_id]
+        radii = self._radii(context.frame, region.centers, model)
         found = window_choice.likely_regions(region, radii, self.settings.regions.closer)
         if context.mask is None:
             return found

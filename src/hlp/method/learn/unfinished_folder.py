@@ -1,11 +1,11 @@
 """A folder of learnt objects in the making: continued after an interruption, published whole."""
 
+import fcntl
 import glob
 import itertools
 import logging
 import os
 import shutil
-import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -104,13 +104,8 @@ def _locked(folder: Path) -> Iterator[None]:
     """Keep other processes from learning into the same folder; the system frees a dead one's lock.
 
     Raises InputError while another process holds it, and where it is a link: a folder from somebody
-    else may hold one to any file. Without effect on Windows.
+    else may hold one to any file.
     """
-    if sys.platform == "win32":
-        yield
-        return
-    import fcntl
-
     path = folder.with_name(f".{folder.name}.lock")
     path.parent.mkdir(parents=True, exist_ok=True)
     try:

@@ -187,14 +187,9 @@ class _Step:
         """Find objects in the whole frame; why those without any instance are not found."""
         if not counts:
             return []
-        estimator, begun, unexplained = self.estimator, self._begun, self._unexplained()
+        estimator, begun, rest = self.estimator, self._begun, self._unexplained()
         trace = search_frame(
-            estimator,
-            self.context,
-            counts,
-            min_score=min_score,
-            unexplained=unexplained,
-            begun=begun,
+            estimator, self.context, counts, min_score=min_score, unexplained=rest, begun=begun
         )
         names = {i: estimator.learnt.models[i].name for i in counts}
         missing = [names[i] for i, found in trace.items() if found.refined is None]
