@@ -15,8 +15,7 @@ from hlp.checks import Finding, counted
 from hlp.checks.corrections import CorrectedFits, check_corrections, correction_gains
 from hlp.errors import InputError
 from hlp.method.detector import Detector
-from hlp.method.find.detections import Detection, SearchResult
-from hlp.method.find.detections import TrackingResult
+from hlp.method.find.detections import Detection, SearchResult, TrackingResult
 from hlp.records import Frame, ObjectModel
 from hlp.refinement.texture import color_agreement
 from hlp.refinement.verification import VerificationSettings, observe

@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
-from hlp.method.find.detections import Detection
-from hlp.method.find.detections import TrackedDetection
+from hlp.method.find.detections import Detection, TrackedDetection
 from hlp.records import MILLIMETRES_PER_METRE
 
 HEADER = (

@@ -13,8 +13,8 @@ import numpy as np
 from hlp.data.dataset import frames_identity
 from hlp.files import SCORES, read_csv
 from hlp.method.detector import MOST_INSTANCES
-from hlp.method.learn.model_files import read_history
 from hlp.method.learn.learnt_folder import LearntFolder
+from hlp.method.learn.model_files import read_history
 from hlp.method.pyfunc_model import example_image
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.reporting.comparison import read_targets
