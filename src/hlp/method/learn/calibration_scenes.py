@@ -110,14 +110,23 @@ def _random_scene(
         behind = _draw_plane(plane, camera_matrix, shape, rng)
     nearer = (index < 0) | ((behind[1] > 0.0) & (behind[1] < depth))
     rgb[nearer], depth[nearer] = behind[0][nearer], behind[1][nearer]
-    targets = []
-    for row, (_, at) in enumerate(own):
-        seen = int(np.count_nonzero((index == row) & ~nearer))
-        alone = render_depth(model.proxy, at[None], camera_matrix, shape, threads=1)[0]
-        visible = min(1.0, seen / max(int(np.count_nonzero(alone)), 1))
-        targets.append(Target(model.object_id, at, visible))
+    shown = np.where(nearer, -1, index)
+    targets = tuple(_target(model, at, camera_matrix, shown == i) for i, (_, at) in enumerate(own))
     rgb, depth = _sensed(rgb, depth, float(camera_matrix[0, 0]), rng)
-    return Frame(0, number, rgb, depth, camera_matrix, tuple(targets))
+    return Frame(0, number, rgb, depth, camera_matrix, targets)
+
+
+def _target(
+    model: ObjectModel,
+    pose: Pose,
+    camera_matrix: Float[np.ndarray, "3 3"],
+    shown: Bool[np.ndarray, "h w"],
+) -> Target:
+    """The object in a pose, given the pixels that show it."""
+    size = (shown.shape[0], shown.shape[1])
+    alone = render_depth(model.proxy, pose[None], camera_matrix, size, threads=1)[0]
+    visible = np.count_nonzero(shown) / max(int(np.count_nonzero(alone)), 1)
+    return Target(model.object_id, pose, min(1.0, visible))
 
 
 def _random_pose(
