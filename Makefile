@@ -17,6 +17,8 @@ DOCS_STAMP := $(VENV)/.docs-installed
 PYTHON ?=
 WORKERS ?= 2
 MINUTES ?= 10
+# Each process takes the tests of half of the folders, so that it seldom makes what another has made.
+AT_ONCE = -n $(WORKERS) --dist worksteal
 BROWSER ?=
 SLOW ?= slow
 PORT ?= 5000
@@ -64,10 +66,10 @@ demo: $(STAMP) ## poses of synthetic objects: train, recover, score, log to MLfl
 	@$(BIN)/hlp run work=$(WORK)
 
 test: $(STAMP) ## the tests
-	@$(BIN)/python -m pytest -q -n $(WORKERS)
+	@$(BIN)/python -m pytest -q $(AT_ONCE)
 
 test-slow: $(STAMP) ## the tests that take longer; those that need a browser fail without one if BROWSER=required
-	@HLP_BROWSER=$(BROWSER) $(BIN)/python -m pytest -q -n $(WORKERS) -m "$(SLOW)"
+	@HLP_BROWSER=$(BROWSER) $(BIN)/python -m pytest -q $(AT_ONCE) -m "$(SLOW)"
 
 test-commands: $(STAMP) ## the longest commands of README and docs, made small
 	@$(BIN)/python -m pytest -q -m minutes tests/docs

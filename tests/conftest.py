@@ -19,6 +19,7 @@ from jaxtyping import install_import_hook
 install_import_hook(["hlp.records", "hlp.geometry"], "beartype.beartype")
 
 from hlp.config.typed_defaults import provide_defaults
+from hlp.records import Mesh
 from made_once import made_once
 from tiny_run import TINY, Call, TinyRun, make_tiny_run
 
@@ -40,6 +41,25 @@ settings.register_profile(
 settings.load_profile("thorough" if "HLP_EXAMPLES" in os.environ else "fast")
 
 provide_defaults()  # to every configuration that a test composes
+
+
+@pytest.fixture(scope="session", autouse=True)
+def symmetries() -> Iterator[None]:
+    """The symmetries of a mesh, which take a second, are looked for once by each process."""
+    from hlp.objects import near_symmetries
+
+    find, found = near_symmetries.find_near_symmetries, {}
+
+    def find_once(mesh: Mesh, diameter: float) -> near_symmetries.NearSymmetries:
+        arrays = (mesh.vertices, mesh.faces, mesh.colors)
+        key = (*(None if array is None else array.tobytes() for array in arrays), diameter)
+        if key not in found:
+            found[key] = find(mesh, diameter)
+        return found[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(near_symmetries, "find_near_symmetries", find_once)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -45,21 +45,6 @@ def test_two_identical_runs_at_once_make_everything_once(tiny_run: TinyRun, lear
     assert run_hlp(learnt, "report", "output=one").returncode == 0
 
 
-def test_eight_cold_runs_at_once(tiny_run: TinyRun, tmp_path: Path) -> None:
-    """Nothing is there: no database, no views, nothing learnt."""
-    outputs = [tmp_path / str(number) for number in range(8)]
-    command = ("run", *tiny_run.overrides, "machine.threads=1")
-    runs = [Running(tmp_path, *command, f"output={path.name}") for path in outputs]
-    for run in runs:
-        ended = run.wait()
-        assert ended.returncode == 0, ended.stderr
-    assert [poses_of(path) for path in outputs] == [poses_of(tiny_run.output)] * 8
-    made = [stages(path, reused=False) for path in outputs]
-    first = stages(tiny_run.output, reused=False)
-    assert {stage: sum(counts.get(stage, 0) for counts in made) for stage in first} == first
-    assert statuses(tmp_path) == ["FINISHED"] * 8
-
-
 def statuses(folder: Path) -> list[str]:
     """How the runs of a folder's database ended."""
     return [run.info.status for run in logged_runs(folder)[1]]

@@ -64,16 +64,6 @@ def test_a_damaged_file_costs_only_the_output_that_it_is_in(
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("way", WAYS)
-def test_a_damaged_database_does_not_stop_a_run(
-    tiny_run: TinyRun, call: Call, work: Path, way: str
-) -> None:
-    damage([work / "mlflow.db"], way)
-    run_again(call, tiny_run, work)
-    assert stages(work.parent / "again", reused=False) == {}
-
-
-@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["my wörk (2)", "a=b, {c} [d] & #e"])
 def test_a_work_folder_may_be_moved_and_have_any_name(
     tiny_run: TinyRun, call: Call, work: Path, name: str

@@ -14,6 +14,7 @@ from process import CODES, LEARNING_PLACES, LINES, PLACES, SWEEP_PLACES, stop_hl
 
 from forked_hlp import run_hlp
 from hlp.data.synthetic.objects import demo_objects
+from hlp.reporting.mlflow_pages import HEADLINES
 from run_files import arms_of, logged_runs, poses_of, read_json
 from tiny_method import write_mesh
 from tiny_run import TinyRun
@@ -64,6 +65,8 @@ def test_a_sweep_loses_no_setting_and_does_none_twice(tiny_run: TinyRun, tmp_pat
     stop_everywhere(tmp_path, SWEEP_PLACES, command, "")
     ended = run_hlp(tmp_path, *command)
     assert ended.returncode == 0, ended.stderr
+    assert "continuing the sweep in" in ended.stdout
+    assert "finished already: particles 25" in ended.stdout
     (record,) = (tmp_path / "outputs").glob("swept/*/sweep.json")
     assert read_json(record)["status"] == "FINISHED"
     assert poses_of(record.parent / "0") == poses_of(tiny_run.output)
@@ -71,6 +74,8 @@ def test_a_sweep_loses_no_setting_and_does_none_twice(tiny_run: TinyRun, tmp_pat
     assert second["config"]["refinement"]["particles"] == 26
     _, parent, arms = arms_of(tmp_path, record.parent)
     assert parent.info.status == "FINISHED"
+    shown = [{name: run.data.metrics[name] for name in HEADLINES} for run in (parent, *arms)]
+    assert shown[0] == max(shown[1:], key=lambda metrics: (metrics["add"], -metrics["ms"]))
     found = sorted((run.data.params["refinement.particles"], run.info.status) for run in arms)
     assert found == [("25", "FINISHED"), ("26", "FINISHED")]
     assert "RUNNING" not in {run.info.status for run in logged_runs(tmp_path)[1]}

@@ -10,7 +10,7 @@ import pytest
 
 from hlp.data.synthetic.scenes import SyntheticScenes
 from hlp.errors import DataError, HlpError
-from hlp.method.find.estimator import FrameContext, PoseEstimator
+from hlp.method.find.estimator import PoseEstimator
 from hlp.records import Frame
 from run_files import Row, logged_run, logged_runs, read_json, rows, stages
 from tiny_run import Call, TinyRun, start_run
@@ -82,43 +82,6 @@ def test_a_run_decodes_every_frame_once(
     assert len([*(output / "panels").iterdir()]) == 4  # all poses, and the panels of a target
     assert decoded[:2] == ["000000_000000", "000012_000000"]
     assert max(map(decoded[2:].count, decoded), default=0) <= 3
-
-
-@pytest.mark.thorough
-def test_interrupted_stage_goes_on_where_it_stopped(
-    tiny_run: TinyRun, call: Call, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Ctrl-C in the second frame: the next run refines that frame only, to the same poses."""
-    overrides = (*tiny_run.overrides, "refinement.particles=5", "refinement.iterations=3")
-    refine = PoseEstimator.refine
-
-    def interrupted(self: PoseEstimator, context: FrameContext, *given: Any) -> Any:
-        if context.frame.scene_id == 12:
-            raise KeyboardInterrupt
-        return refine(self, context, *given)
-
-    monkeypatch.setattr(PoseEstimator, "refine", interrupted)
-    code, _, error = call(*overrides, "output=interrupted")
-    assert code == 130
-    assert "Traceback" not in error
-    assert statuses(tiny_run.folder)["interrupted"] == "KILLED"
-    (partial,) = (tiny_run.folder / "work" / "poses").glob("*.partial")
-    (first,) = partial.iterdir()
-    assert first.name == "000000_000000.npz"
-    written = first.stat().st_mtime_ns
-    monkeypatch.setattr(PoseEstimator, "refine", refine)
-    assert call(*overrides, "output=resumed")[0] == 0
-    assert not partial.exists()
-    finished = partial.with_suffix("")
-    assert (finished / first.name).stat().st_mtime_ns == written  # not made again
-    assert (finished / "000012_000000.npz").stat().st_mtime_ns > written
-    timing = read_json(tiny_run.folder / "resumed" / "summary.json")["timing"]
-    assert timing["reused_stages"] == ["regions", "hypotheses", "poses"]
-    shutil.rmtree(finished)
-    assert call(*overrides, "output=whole")[0] == 0
-    assert poses_without_times(tiny_run.folder / "resumed" / "poses.csv") == poses_without_times(
-        tiny_run.folder / "whole" / "poses.csv"
-    )
 
 
 @pytest.mark.parametrize("error", [DataError("depth is odd"), ValueError("a bug")])

@@ -2,15 +2,12 @@
 
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hydra import compose, initialize_config_dir
 
 from hlp.commands import report
 from hlp.commands.composing import config_folder
-from hlp.method.find.estimator import PoseEstimator
-from hlp.reporting.mlflow_pages import HEADLINES
 from run_files import arms_of, read_json, rows
 from tiny_run import Call, TinyRun, start_run
 
@@ -19,11 +16,6 @@ def needs(plugin: str) -> pytest.MarkDecorator:
     """Hydra takes long to say that a plugin is missing, so it is looked for here."""
     missing = find_spec("hydra_plugins") is None or find_spec(f"hydra_plugins.{plugin}") is None
     return pytest.mark.skipif(missing, reason=f"{plugin} is not installed")
-
-
-def sweep_of(tiny_run: TinyRun) -> Path:
-    (record,) = (tiny_run.folder / "outputs" / "swept").glob("*/sweep.json")
-    return record.parent
 
 
 @pytest.mark.slow
@@ -46,48 +38,6 @@ def test_failed_arm_is_a_failed_run_and_the_others_go_on(tiny_run: TinyRun, call
     assert "particles: 5" in whole
     summary = read_json(output / "1" / "summary.json")
     assert arms[1].data.metrics["add"] == round(summary["metrics"]["add"]["recall"], 4)
-
-
-@pytest.mark.slow
-@pytest.mark.thorough
-def test_interrupted_sweep_goes_on_without_repeating_arms(
-    tiny_run: TinyRun, call: Call, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    overrides = ("-m", *tiny_run.overrides, "name=swept", "refinement.particles=5,6")
-    refine = PoseEstimator.refine
-    asked: set[int] = set()
-
-    def counted(self: PoseEstimator, *arguments: Any) -> Any:
-        asked.add(self.settings.refinement.particles)
-        return refine(self, *arguments)
-
-    def interrupted(self: PoseEstimator, *arguments: Any) -> Any:
-        if self.settings.refinement.particles == 6:
-            raise KeyboardInterrupt
-        return refine(self, *arguments)
-
-    monkeypatch.setattr(PoseEstimator, "refine", interrupted)
-    assert call(*overrides)[0] == 130
-    output = sweep_of(tiny_run)
-    _, parent, arms = arms_of(tiny_run.folder, output)
-    assert [run.info.status for run in (parent, *arms)] == ["KILLED", "FINISHED", "KILLED"]
-    first = (output / "0" / "summary.json").stat().st_mtime_ns
-
-    monkeypatch.setattr(PoseEstimator, "refine", counted)
-    code, said, _ = call(*overrides)
-    assert code == 0
-    assert f"continuing the sweep in {output.relative_to(tiny_run.folder)}" in said
-    assert "finished already: particles 5" in said
-    assert asked == {6}
-    assert (output / "0" / "summary.json").stat().st_mtime_ns == first
-    _, again, arms = arms_of(tiny_run.folder, sweep_of(tiny_run))
-    assert again.info.run_id == parent.info.run_id
-    assert again.info.status == "FINISHED"
-    found = [(arm.data.params["refinement.particles"], arm.info.status) for arm in arms]
-    assert found == [("5", "FINISHED"), ("6", "FINISHED")]  # the one that was killed, continued
-    shown = [{name: run.data.metrics[name] for name in HEADLINES} for run in (again, *arms)]
-    best = max(shown[1:], key=lambda metrics: (metrics["add"], -metrics["ms"]))
-    assert shown[0] == best
 
 
 @pytest.mark.slow

@@ -101,7 +101,7 @@ def test_the_report_of_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert not wider(printed)
 
 
-@pytest.mark.parametrize("name", ["demo", "table1", "table2", "fig9b", "recordings"])
+@pytest.mark.parametrize("name", ["demo", "table1", "fig9b"])
 def test_the_report_of_a_sweep(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

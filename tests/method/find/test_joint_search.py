@@ -8,8 +8,10 @@ import pytest
 
 from hlp import Detector
 from hlp.data.synthetic.objects import demo_objects
+from hlp.method.learn import learning
 from hlp.method.learn.learnt_folder import SEARCHES
 from hlp.records import Frame
+from hlp.refinement.score_model import PRIOR
 from made_once import made_once
 from tiny_method import tiny_method, write_mesh
 
@@ -18,14 +20,20 @@ JOINT = ("codebook=joint_lists", "patches.local.size_mm=45")
 
 
 @pytest.fixture(scope="module")
-def together(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of the demo's bear and can that share an index."""
+def joint(tmp_path_factory: pytest.TempPathFactory, learnt: Path) -> Path:
+    """A folder of the demo's bear and can that share an index; the classifier is a copied one."""
+
+    def train(*given: object) -> None:
+        shutil.copytree(learnt / "classifier", Path(str(given[4])), dirs_exist_ok=True)
 
     def make(folder: Path) -> None:
         meshes = {name: write_mesh(folder, MODELS[name]) for name in ("bear", "can")}
-        Detector.learn(meshes, folder / "objects", settings=tiny_method(*JOINT))
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(learning, "train_classifier", train)
+            patch.setattr(learning, "calibrate_score", lambda *_: PRIOR)
+            Detector.learn(meshes, folder / "objects", settings=tiny_method(*JOINT))
 
-    return made_once(tmp_path_factory, "together", make) / "objects"
+    return made_once(tmp_path_factory, "joint", make) / "objects"
 
 
 def no_training(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -39,11 +47,11 @@ def searches(folder: Path) -> list[str]:
 
 
 def test_the_bear_is_found_by_any_number_of_threads_and_whoever_else_is_looked_for(
-    together: Path, frame: Frame, monkeypatch: pytest.MonkeyPatch
+    joint: Path, frame: Frame, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     no_training(monkeypatch)
     image = frame.rgb, frame.depth, frame.camera_matrix
-    one, two = (Detector.load(together, threads=threads) for threads in (1, 2))
+    one, two = (Detector.load(joint, threads=threads) for threads in (1, 2))
     alone = one.detect(*image, objects=["bear"], max_instances=1)
     both = two.detect(*image, max_instances=1)
     assert len(alone) == 1
@@ -55,9 +63,9 @@ def test_the_bear_is_found_by_any_number_of_threads_and_whoever_else_is_looked_f
 
 
 def test_removing_an_object_leaves_an_index_of_the_others(
-    together: Path, frame: Frame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    joint: Path, frame: Frame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folder = shutil.copytree(together, tmp_path / "learnt")
+    folder = shutil.copytree(joint, tmp_path / "learnt")
     (before,) = searches(folder)
     detector = Detector.load(folder)
     detector.remove("can")
@@ -71,9 +79,9 @@ def test_removing_an_object_leaves_an_index_of_the_others(
 
 @pytest.mark.slow
 def test_adding_an_object_makes_an_index_of_all(
-    together: Path, frame: Frame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    joint: Path, frame: Frame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folder = shutil.copytree(together, tmp_path / "learnt")
+    folder = shutil.copytree(joint, tmp_path / "learnt")
     before = searches(folder)
     Detector.load(folder).add({"duck": write_mesh(tmp_path, MODELS["duck"])})
     assert len(searches(folder)) == 1 and searches(folder) != before
