@@ -87,15 +87,3 @@ def forbid_writing(folder: Path) -> None:
     """Take away from everybody the right to write into a folder and its files."""
     for path in [folder, *folder.rglob("*")]:
         path.chmod(path.stat().st_mode & ~0o222)
-
-
-def nested(values: dict[str, object]) -> dict[str, object]:
-    """Dotted keys as a tree. Keys that share a beginning are merged."""
-    tree: dict[str, object] = {}
-    for key, value in values.items():
-        *parents, last = key.split(".")
-        branch = tree
-        for parent in parents:
-            branch = branch.setdefault(parent, {})  # type: ignore[assignment]
-        branch[last] = value
-    return tree

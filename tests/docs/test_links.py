@@ -1,8 +1,16 @@
+"""Files, tests and modules that the pages name are there."""
+
+import pkgutil
+import re
+
 import pytest
 from markdown_pages import PAGES, ROOT, links
 
 # Written when the site is built; test_site.py checks them there.
-GENERATED = ("configuration/", "command-line.md")
+GENERATED = ("docs/configuration/", "docs/command-line.md")
+NAMED = [*PAGES, ROOT / "CONTRIBUTING.md"]
+TESTS = re.compile(r"\btests/[\w/]+(?:\.py)?")
+MODULES = re.compile(r"(?:`|::: )(hlp\.[\w.]+)")
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.relative_to(ROOT).as_posix())
@@ -13,12 +21,17 @@ def test_relative_links_point_to_files(path):
         if "://" in link or not target:
             continue
         file = (path.parent / target).resolve()
-        generated = file.is_relative_to(ROOT / "docs") and str(
-            file.relative_to(ROOT / "docs")
-        ).startswith(GENERATED)
-        if not file.exists() and not generated:
+        if not file.exists() and not str(file.relative_to(ROOT)).startswith(GENERATED):
             missing.append(link)
     assert not missing
+
+
+@pytest.mark.parametrize("path", NAMED, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_tests_and_modules_that_are_named_exist(path):
+    text = path.read_text()
+    assert [name for name in TESTS.findall(text) if not (ROOT / name).exists()] == []
+    for name in MODULES.findall(text):
+        pkgutil.resolve_name(name.rstrip("."))
 
 
 def test_links_are_seen():

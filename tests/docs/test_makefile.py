@@ -9,21 +9,17 @@ from markdown_pages import ROOT
 
 pytestmark = pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
 
-_VARIABLES = ("BROWSER", "PORT", "SLOW", "WORK", "WORKERS")
-
 
 def commands(*words: str) -> list[str]:
     """The lines that `make` would run where .venv is made already.
 
     The `make` that runs this test, perhaps with variables of its own, passes nothing on to it.
     """
-    own = {
-        key: value for key, value in os.environ.items() if not key.startswith(("MAKE", "MFLAGS"))
-    }
+    own = ("MAKE", "MFLAGS", "BROWSER", "PORT", "SLOW", "WORK")
     done = subprocess.run(
         ["make", "--dry-run", "--assume-old=.venv/.installed", *words],
         cwd=ROOT,
-        env={key: value for key, value in own.items() if key not in _VARIABLES},
+        env={name: value for name, value in os.environ.items() if not name.startswith(own)},
         capture_output=True,
         text=True,
         check=True,
@@ -36,14 +32,9 @@ def test_demo_is_a_run_and_ui_shows_it() -> None:
     assert commands("ui", "WORK=there", "PORT=5001") == [".venv/bin/hlp ui work=there port=5001"]
 
 
-def test_a_browser_can_be_demanded() -> None:
-    (line,) = commands("test-slow", "BROWSER=required")
+def test_a_part_of_the_slow_tests_can_be_chosen_and_a_browser_demanded() -> None:
+    (line,) = commands("test-slow", "BROWSER=required", "SLOW=slow and not thorough")
     assert line.startswith("HLP_BROWSER=required .venv/bin/python -m pytest ")
-    assert line.endswith('-m "slow"')
-
-
-def test_a_part_of_the_slow_tests_can_be_chosen() -> None:
-    (line,) = commands("test-slow", "SLOW=slow and not thorough")
     assert line.endswith('-m "slow and not thorough"')
 
 

@@ -33,7 +33,7 @@ NOT_RUN = {
         "run reporting.uri=http://mlflow.example.org:5000 reporting.experiment=brackets"
     ],
     "serves until it is stopped": ["ui"],
-    "a cluster; tests/integration/test_launchers.py looks at what it would be told": [
+    "a cluster; tests/integration/test_sweep_runs.py looks at what it would be told": [
         "-m hydra/launcher=slurm hydra.launcher.partition=NAME seed=0,1"
     ],
     "processes of its own, which a forked one cannot begin; tests/integration does": [

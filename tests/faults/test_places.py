@@ -2,8 +2,9 @@
 
 import os
 import shutil
+import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -56,6 +57,35 @@ def test_a_file_that_cannot_be_written_whole(
         (work / "mlflow.db").unlink()
     said = fails_in_few_lines(tiny_run, tmp_path, first=[partial(limit_files, longest)])
     assert ("mlflow.db" if longest < 2_000_000 else str(tmp_path / "work")) in said
+    ends_well(tiny_run, tmp_path)
+
+
+@pytest.fixture
+def full_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of three megabytes."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=3m", "tmpfs", str(disk)]
+    if sys.platform != "linux" or subprocess.run(mount, capture_output=True).returncode != 0:
+        pytest.skip("this process may not mount a small file system")
+    yield disk
+    subprocess.run(["umount", str(disk)], check=True)
+
+
+@pytest.mark.parametrize("what", ["views", "database", "output"])
+def test_a_full_disk(
+    tiny_run: TinyRun, tmp_path: Path, work: Path, full_disk: Path, what: str
+) -> None:
+    place = {"views": work / "views", "output": tmp_path / "again"}.get(what)
+    overrides = (f"reporting.uri=sqlite:///{full_disk}/mlflow.db",) if what == "database" else ()
+    (full_disk / "filling").write_bytes(bytes(2_900_000))
+    if place is not None:
+        shutil.rmtree(place, ignore_errors=True)
+        place.symlink_to(full_disk)
+    said = fails_in_few_lines(tiny_run, tmp_path, *overrides)
+    assert "No space left on device" in said or "disk is full" in said
+    if place is not None:
+        place.unlink()
     ends_well(tiny_run, tmp_path)
 
 

@@ -6,15 +6,15 @@ import sys
 from pathlib import Path
 
 import pytest
-import yaml
+from omegaconf import OmegaConf
 
-from hlp.files import read_json
 from made_once import made_once
 from notebook_runs import execute, pictures, printed
+from run_files import read_json
 from table_text import unpadded
 from tiny_method import TINY as TINY_METHOD
 from tiny_run import TINY
-from wheel_folder import CHECKOUT, WheelFolder, as_nobody, install_wheel, nested
+from wheel_folder import CHECKOUT, WheelFolder, as_nobody, install_wheel
 
 pytestmark = pytest.mark.slow
 
@@ -39,18 +39,16 @@ def _install_and_run(folder: Path) -> None:
 
 def _write_experiment(path: Path) -> None:
     path.parent.mkdir(parents=True)
-    pairs = [each.split("=") for each in TINY]
-    chosen = [{f"override /{key}": value} for key, value in pairs if key == "encoder"]
-    values = {key: yaml.safe_load(value) for key, value in pairs if key != "encoder"}
-    content = {"defaults": [*chosen, "_self_"], "name": "mine", **nested(values)}
-    path.write_text("# @package _global_\n" + yaml.safe_dump(content, sort_keys=False))
+    values = OmegaConf.from_dotlist([setting for setting in TINY if setting != "encoder=pca"])
+    content = {"defaults": [{"override /encoder": "pca"}, "_self_"], "name": "mine", **values}
+    path.write_text("# @package _global_\n" + OmegaConf.to_yaml(content))
 
 
 def test_it_holds_configuration_and_notebooks_and_nothing_else_of_the_checkout(
     wheel: WheelFolder,
 ) -> None:
     inside = {path.name for path in wheel.package.iterdir()}
-    assert {each for each in inside if not each.endswith(".dist-info")} == {"hlp", "bin"}
+    assert {name for name in inside if not name.endswith(".dist-info")} == {"hlp", "bin"}
     for folder, files in (("conf", "*.yaml"), ("notebooks", "*.ipynb")):
         shipped, ours = wheel.package / "hlp" / folder, CHECKOUT / folder
         assert {path.relative_to(shipped) for path in shipped.rglob(files)} == {
@@ -117,7 +115,7 @@ def notebooks(wheel: WheelFolder, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_the_method_is_shown_stage_by_stage(notebooks: Path) -> None:
-    overrides = [each for each in TINY if not each.startswith("panels")]
+    overrides = [setting for setting in TINY if not setting.startswith("panels")]
     parameters = f"OVERRIDES = {overrides}\nWORK = '../work'\nFRAME = 0"
     before = set((notebooks.parent / "work").glob("*/*"))
     done = execute(notebooks / "01_method.ipynb", parameters)
