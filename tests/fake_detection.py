@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from hlp.commands.composing import compose_config
 from hlp.config.build import build_settings
 from hlp.method.find.trace import ObjectTrace
 from hlp.method.settings import MethodSettings
@@ -35,13 +36,7 @@ NOT_FOUND = ("000004_000001", 7)
 
 def method_settings(*overrides: str) -> MethodSettings:
     """The default settings, as `hlp run` would have them."""
-    from hydra import compose, initialize_config_dir
-
-    from hlp.commands.composing import config_folder
-
-    with initialize_config_dir(str(config_folder()), version_base="1.3"):
-        config = compose("config", overrides=["output=out", *overrides])
-    return build_settings(config).method
+    return build_settings(compose_config("output=out", *overrides)).method
 
 
 class CountedFrames:

@@ -261,15 +261,9 @@ def dataset(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        (["sede=1"], ["sede"]),
         (["refinement.partikles=3"], ["refinement.partikles"]),
-        (["+data.foo=1"], ["data.foo", "no key"]),
-        (["rendering.viewpoints=three"], ["rendering.viewpoints", "whole number", "'three'"]),
         (["encoder=none"], ["encoder=none is no alternative", "contrastive"]),
-        (["frames=0"], ["frames is 0"]),
         (["refinement.particles=0"], ["refinement.particles is 0", "at least 1"]),
-        (["refinement.phi_1=1.0"], ["refinement.phi_1 + phi_2", "above 4"]),
-        (["experiment=linemod_bop"], ["data.root is not set"]),
         (["experiment=linemod_bop", "data.root=nowhere"], ["data.root is no folder", "nowhere"]),
         (
             [
