@@ -1,4 +1,4 @@
-"""The command line in processes of its own, with stand-ins for all groups and for the run."""
+"""The command line; runs in processes of their own, with stand-ins for all groups and the run."""
 
 import json
 import os
@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 import hlp
-from hlp.commands.composing import config_folder
+from hlp.cli import main
+from hlp.files import config_folder
 from hlp.records import TargetScore
 from hlp.results.poses_file import write_scores
 
@@ -35,7 +36,7 @@ STAND_INS = {
 DRIVER = """
 import json, logging, sys, types
 from pathlib import Path
-import hlp.cli, hlp.config
+import hlp.cli, hlp.config, hlp.files
 
 def build_run(config, chosen=None):
     from omegaconf import OmegaConf
@@ -55,7 +56,7 @@ def run_task(config, output):
 hlp.config.build = types.ModuleType("hlp.config.build")
 hlp.config.build.build_run = build_run
 sys.modules["hlp.config.build"] = hlp.config.build
-hlp.commands.composing.config_folder = lambda: Path("conf").absolute()
+hlp.files.config_folder = lambda: Path("conf").absolute()
 hlp.cli.main()
 """
 
@@ -73,6 +74,8 @@ def call(tmp_path: Path) -> Hlp:
         (conf / group).mkdir()
         for name in names:
             (conf / group / f"{name}.yaml").write_text(f"name: {name}\nsize: 1\n")
+    (conf / "alternatives.yaml").write_text("{}")
+    (conf / "ladder.yaml").write_text("{}")
     (conf / "experiment" / "mine.yaml").write_text(
         "# @package _global_\n"
         "defaults:\n  - override /method: paper\n  - override /encoder: pca\n\n"
@@ -103,33 +106,11 @@ def choices(folder: Path) -> dict[str, str]:
     return {group: seen(folder)[group]["name"] for group in STAND_INS}
 
 
-def test_bare_command_lists_the_commands(call: Hlp) -> None:
-    bare = call()
-    assert bare.returncode == 0
-    assert "\n  run " in bare.stdout
-    assert "\n  report " in bare.stdout
-    assert call("--help").stdout == bare.stdout
-
-
 def test_the_package_is_the_command_line_too() -> None:
     command = [sys.executable, "-m", "hlp", "--version"]
     environment = {**os.environ, "PYTHONPATH": str(Path(hlp.__file__).parents[1])}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     assert done.stdout == f"hlp {hlp.__version__}\n"
-
-
-def test_unknown_command_is_named(call: Hlp) -> None:
-    wrong = call("rnu")
-    assert wrong.returncode == 2
-    assert "no command 'rnu'" in wrong.stderr
-    assert "\n  run " in wrong.stderr
-
-
-def test_help_of_run_lists_groups_and_examples(call: Hlp) -> None:
-    shown = call("run", "--help")
-    assert shown.returncode == 0
-    assert "refinement: icp, paper, pso" in shown.stdout
-    assert "output=DIR" in shown.stdout
 
 
 def test_default_run_is_the_demo(call: Hlp, tmp_path: Path) -> None:
@@ -202,51 +183,11 @@ def test_bug_keeps_its_traceback(call: Hlp) -> None:
     assert "in build_run" in failed.stderr
 
 
-def test_report_refuses_what_it_does_not_take(call: Hlp) -> None:
-    wrong = call("report", "experimnt=demo")
-    assert wrong.returncode == 2
-    assert "'experimnt=demo'" in wrong.stderr
-
-
-def test_report_without_runs_says_where_it_looked(call: Hlp) -> None:
-    empty = call("report", "experiment=demo")
-    assert empty.returncode == 1
-    assert empty.stderr.startswith("hlp: ")
-    assert str(Path("outputs", "demo")) in empty.stderr
-
-
-def test_report_compares_two_runs(call: Hlp, tmp_path: Path) -> None:
-    for name, right in (("a", False), ("b", True)):
-        score = TargetScore(1, 2, 6, True, 1.0, 0.009, 0.1, 0.009, 0.9, right, True, True)
-        write_scores(tmp_path / name / "scores.csv", [score], {6: "cat"})
-    compared = call("report", "runs=[a, b]")
-    assert compared.returncode == 0
-    assert "Changed verdicts of ADD(-S): 1" in compared.stdout
-    one = call("report", "runs=[a]")
-    assert one.returncode == 1
-    assert "runs=[a]: name two" in one.stderr
-
-
 def test_bench_is_a_task_of_its_own_on_the_same_data(call: Hlp, tmp_path: Path) -> None:
     done = call("bench", "experiment=mine", "frames=3", "output=out")
     assert done.returncode == 0, done.stderr
     found = json.loads((tmp_path / "out" / "seen.json").read_text())
     assert (found["task"]["name"], found["name"], found["frames"]) == ("bench", "mine", 3)
-    assert call("bench", "--help").stdout.startswith("usage: hlp bench")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["compare=a.json"], "name two bench.json"),
-        (["compare=[a.json,b.json]", "frames=3"], "leave frames=3 out"),
-        (["compare=[a.json,b.json]"], "a.json"),
-    ],
-)
-def test_bench_says_what_it_cannot_compare(call: Hlp, arguments: list[str], words: str) -> None:
-    failed = call("bench", *arguments)
-    assert failed.returncode == 1
-    assert failed.stderr.startswith("hlp: ") and words in failed.stderr
 
 
 @pytest.mark.slow
@@ -262,26 +203,49 @@ def test_anytime_is_a_sweep_of_budgets(call: Hlp, tmp_path: Path) -> None:
     assert len(list((tmp_path / "other").glob("*/seen.json"))) == 2
 
 
-def test_clean_lists_and_removes_only_if_told_to(tmp_path: Path) -> None:
-    """Without stand-ins: what a crashed run left lies in the folder."""
-    partial = tmp_path / "work" / "views" / f"{'a' * 16}.partial"
-    partial.mkdir(parents=True)
-    (partial / "half").write_bytes(bytes(2_000_000))
+Said = pytest.CaptureFixture[str]
 
-    def clean(*arguments: str) -> "subprocess.CompletedProcess[str]":
-        command = [sys.executable, "-c", "from hlp.cli import main; main()", "clean", *arguments]
-        environment = {**os.environ, "PYTHONPATH": str(Path(hlp.__file__).parents[1])}
-        return subprocess.run(
-            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
-        )
 
-    listed = clean()
-    assert listed.returncode == 0, listed.stderr
-    assert listed.stdout.split()[:3] == ["partial", "2.0", "MB"]
-    assert "Nothing was removed" in listed.stdout and partial.exists()
-    assert clean("dry=false", "kinds=damaged").returncode == 0 and partial.exists()
-    assert "1 outputs removed, 2.0 MB" in clean("dry=false").stdout
-    assert not partial.exists()
-    assert clean("dry=perhaps").returncode == 2
-    missing = clean("work=nowhere")
-    assert missing.returncode == 1 and missing.stderr.startswith("hlp: there is no folder nowhere")
+def test_a_bare_command_lists_the_commands_and_an_unknown_one_is_named(capsys: Said) -> None:
+    main([])
+    usage = capsys.readouterr().out
+    assert "\n  run " in usage and "\n  report " in usage
+    main(["--help"])
+    assert capsys.readouterr().out == usage
+    with pytest.raises(SystemExit) as ended:
+        main(["rnu"])
+    assert ended.value.code == 2
+    said = capsys.readouterr().err
+    assert "no command 'rnu': did you mean run?" in said and usage.strip() in said
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ("report experiment=demo", str(Path("outputs", "demo"))),
+        ("report runs=[a]", "runs=[a]: name two"),
+        ("bench compare=a.json", "name two bench.json"),
+        ("bench compare=[a.json,b.json] frames=3", "leave frames=3 out"),
+        ("bench compare=[a.json,b.json]", "a.json"),
+    ],
+)
+def test_what_cannot_be_reported_or_compared_is_named(
+    command: str, words: str, capsys: Said, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main(command.split())
+    assert ended.value.code == 1
+    said = capsys.readouterr().err
+    assert said.startswith("hlp: ") and words in said
+
+
+def test_report_compares_two_runs(
+    capsys: Said, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, right in (("a", False), ("b", True)):
+        score = TargetScore(1, 2, 6, True, 1.0, 0.009, 0.1, 0.009, 0.9, right, True, True)
+        write_scores(tmp_path / name / "scores.csv", [score], {6: "cat"})
+    main(["report", "runs=[a, b]"])
+    assert "Changed verdicts of ADD(-S): 1" in capsys.readouterr().out

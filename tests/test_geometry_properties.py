@@ -95,6 +95,8 @@ def test_the_nearest_rotation_is_one_and_no_other_is_nearer(rotation, rounding):
     assert np.linalg.det(nearest) > 0
     assert np.linalg.norm(nearest - written) <= np.linalg.norm(rotation - written) + 1e-12
     np.testing.assert_allclose(nearest_rotation(nearest), nearest, atol=1e-12)
+    mirrored = nearest_rotation(np.diag([1.0, 1.0, -0.2]))
+    assert np.linalg.det(mirrored) > 0
 
 
 @given(RAYS, numbers(0.1, 10.0))

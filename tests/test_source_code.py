@@ -1,14 +1,11 @@
 """A small package outside of HLP, whose files are edited."""
 
-import ast
-import pkgutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-import hlp
 from hlp import source_code
 from hlp.source_code import code_of, source_digest
 
@@ -121,27 +118,6 @@ def test_several_modules_are_one_code_in_any_order(package: Path) -> None:
 def test_a_module_without_source_is_named(package: Path, name: str) -> None:
     with pytest.raises(ModuleNotFoundError, match=name):
         code_of(name)
-
-
-def parsed_imports(module: str) -> set[str]:
-    """What Python's own parser finds; all of HLP's imports are absolute."""
-    path = source_code._source_file(module)
-    assert path is not None
-    names = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            names |= {each.name for each in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.module and not node.level
-            names |= {node.module, *(f"{node.module}.{each.name}" for each in node.names)}
-    return names
-
-
-def test_no_import_of_hlps_modules_is_overlooked() -> None:
-    found = [each.name for each in pkgutil.walk_packages(hlp.__path__, "hlp.", onerror=print)]
-    assert len(found) > 100
-    for module in found:
-        assert parsed_imports(module) <= {*source_code._imports(module)}, module
 
 
 def test_every_way_to_write_an_import_is_known(package: Path) -> None:

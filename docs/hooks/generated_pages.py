@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -15,13 +16,17 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from settings_reference import Table, as_markdown, settings_classes, tables_of
 
+from hlp.cli import COMMANDS
+from hlp.config.settings import RunSettings
+from hlp.config.typed_defaults import rows
+
 ROOT = Path(__file__).parents[2]
 CONF = ROOT / "conf"
 OVERVIEW = """\
 # Configuration
 
-`hlp run` composes its configuration from one file of each group. Choose another file with
-`GROUP=FILE` and change a value with `KEY=VALUE`. Unknown keys, and values that have the wrong type
+`hlp run` composes its configuration from one alternative of each group. Choose another one with
+`GROUP=NAME` and change a value with `KEY=VALUE`. Unknown keys, and values that have the wrong type
 or are out of range, are refused before anything is computed. `hlp run --cfg job` prints the whole
 configuration.
 
@@ -56,30 +61,24 @@ def generated_pages() -> Iterator[tuple[str, str]]:
     yield "command-line.md", _command_line()
 
 
-def _run_settings() -> type:
-    from hlp.config.settings import RunSettings
-
-    return RunSettings
-
-
 def _groups() -> dict[str, Any]:
-    """The config groups' types by name: the run's settings that have a folder in conf/."""
-    hints = get_type_hints(_run_settings(), include_extras=True)
-    return {name: hint for name, hint in hints.items() if (CONF / name).is_dir()}
+    """The config groups' types by name: the run's settings that one chooses among."""
+    hints = get_type_hints(RunSettings, include_extras=True)
+    return {name: hint for name, hint in hints.items() if _alternatives(name)}
 
 
 def _overview(hints: dict[str, Any]) -> str:
-    top, *nested = tables_of(_run_settings(), "")
+    top, *nested = tables_of(RunSettings, "")
     own = tuple(key for key in top.keys if key.name not in hints)
-    lines = [OVERVIEW, "| Group | Files |", "| --- | --- |"]
+    lines = [OVERVIEW, "| Group | Alternatives |", "| --- | --- |"]
     for group in hints:
-        names = ", ".join(f"`{path.stem}`" for path in _files(group))
+        names = ", ".join(f"`{name}`" for name in _alternatives(group))
         lines.append(f"| [`{group}`]({group}.md) | {names} |")
     for group, purpose in (
         ("method", "chooses a file of several groups at once"),
         ("experiment", "names a run, a figure or a table"),
     ):
-        names = ", ".join(f"`{path.stem}`" for path in _files(group))
+        names = ", ".join(f"`{name}`" for name in _alternatives(group))
         lines.append(f"| `{group}`, which {purpose} | {names} |")
     text = "\n".join([*lines, "", ""])
     text += as_markdown(Table("", "Keys beside the groups:", own), "## The run")
@@ -93,14 +92,17 @@ def _prefix(table: Table) -> str:
     return table.keys[0].name.rpartition(".")[0] if table.keys else table.title
 
 
-def _files(group: str) -> list[Path]:
-    return sorted((CONF / group).glob("*.yaml"))
+def _alternatives(group: str) -> dict[str, str]:
+    """What the alternatives of a group are, by name: the first sentence about each."""
+    files = {path.stem: _comment(path) for path in (CONF / group).glob("*.yaml")}
+    described = {**files, **rows().get(group, {})}
+    return {name: _first_sentence(described[name]) for name in sorted(described)}
 
 
 def _group_page(group: str, hint: Any) -> str:
     lines = [f"# {group}", ""]
-    for path in _files(group):
-        lines += [f"**`{group}={path.stem}`**: {_first_sentence(path)}", ""]
+    for name, what in _alternatives(group).items():
+        lines += [f"**`{group}={name}`**: {what}", ""]
     text = "\n".join([*lines, "## Keys", "", ""])
     classes = list(dict.fromkeys(settings_classes(hint)))
     if not classes:
@@ -117,29 +119,26 @@ def _group_page(group: str, hint: Any) -> str:
 
 
 def _group_files(group: str) -> str:
-    text = "## Files\n\n"
-    for path in sorted((CONF / group).rglob("*.yaml")):
+    paths = sorted((CONF / group).rglob("*.yaml"))
+    text = "## Files\n\n" if paths else ""
+    for path in paths:
         shown = path.read_text().rstrip().replace("\n", "\n    ")
         name = path.relative_to(ROOT).as_posix()
         text += f'??? note "{name}"\n    ```yaml\n    {shown}\n    ```\n\n'
     return text
 
 
-def _first_sentence(path: Path) -> str:
-    """What the comment at a file's head says first."""
-    comment: list[str] = []
-    for line in path.read_text().splitlines():
-        if line.startswith("# @package"):
-            continue
-        if not line.startswith("#"):
-            break
-        comment.append(line.lstrip("# "))
-    return re.split(r"(?<=[.:])\s+(?=[A-Z])", " ".join(comment))[0].rstrip(":") or "—"
+def _comment(path: Path) -> str:
+    """The comment at a file's head."""
+    lines = (line for line in path.read_text().splitlines() if not line.startswith("# @package"))
+    return " ".join(line.lstrip("# ") for line in takewhile(lambda line: line[:1] == "#", lines))
+
+
+def _first_sentence(text: str) -> str:
+    return re.split(r"(?<=[.:])\s+(?=[A-Z])", text)[0].rstrip(":") or "—"
 
 
 def _command_line() -> str:
-    from hlp.cli import COMMANDS
-
     text = "# Command line\n\n" + _block(_help("--help"))
     for name in COMMANDS:
         text += f"\n## hlp {name}\n\n" + _block(_help(name, "--help"))

@@ -4,29 +4,14 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 
 import hlp
-from hlp.commands import (
-    bench,
-    clean,
-    completion,
-    doctor,
-    download,
-    learn,
-    live,
-    notebooks,
-    objects,
-    predict,
-    report,
-    run,
-    runs,
-    search,
-    ui,
-    upload,
-)
-from hlp.commands.composing import MULTIRUN
-from hlp.commands.ending import stops_in_one_line
-from hlp.commands.nearest import nearest
+from hlp.commands import completion, help_text
+from hlp.commands.ending import fails_in_one_line, messages_on, stops_in_one_line
+
+_MULTIRUN = ("-m", "--multirun")
+_HELP = {"-h", "--help"}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -37,21 +22,29 @@ def main(arguments: Sequence[str] | None = None) -> None:
     `HLP_TRACEBACK=1` shows an error's traceback instead of one line.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
-    if given and given[0] in MULTIRUN:
+    if given and given[0] in _MULTIRUN:
         given = ["run", *given]
-    name = given[0] if given else "--help"
-    if name in {"-h", "--help"}:
+    name, *rest = given or ["--help"]
+    if name in _HELP:
         print(_usage())
     elif name == "--version":
         print(f"hlp {hlp.__version__}")
     elif name in completion.OPTIONS:
         _set_environment()
-        completion.command(given, list(COMMANDS))
+        completion.complete(given, list(COMMANDS))
     elif name in COMMANDS:
         _set_environment()
-        with stops_in_one_line(COMMANDS[name].continues(given[1:])):
-            COMMANDS[name].call(given[1:])
+        command = COMMANDS[name]
+        continues = command.continues(rest)
+        with stops_in_one_line(continues), messages_on(command.messages), fails_in_one_line():
+            if _HELP & {*rest} or (command.needs_arguments and not rest):
+                print(help_text(name, rest))
+            else:
+                function = getattr(import_module(f"hlp.commands.{command.module}"), name)
+                function(rest)
     else:
+        from hlp.commands.arguments import nearest
+
         hint = nearest(name, COMMANDS)
         print(f"hlp: there is no command '{name}'{hint}\n\n{_usage()}", file=sys.stderr)
         sys.exit(2)
@@ -65,12 +58,23 @@ def _never(arguments: Sequence[str]) -> bool:
     return False
 
 
+def _if_predicted_one_by_one(arguments: Sequence[str]) -> bool:
+    """A sequence is tracked from its start."""
+    named = any(argument.startswith("output=") for argument in arguments)
+    return named and "track=true" not in arguments
+
+
 @dataclass(frozen=True)
 class _Command:
-    call: Callable[[Sequence[str]], None]
+    """A function of its name in a module of `hlp.commands`."""
+
+    module: str
     summary: str
     continues: Callable[[Sequence[str]], bool] = _always
     """Whether the same command with these arguments, called again, goes on where it was stopped."""
+    needs_arguments: bool = False
+    messages: str = "stdout"
+    """The stream of HLP's messages; none where Hydra sets up the logging."""
 
 
 def _usage() -> str:
@@ -96,32 +100,42 @@ def _set_environment() -> None:
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # spinning costs 20x on shared cores
     os.environ.setdefault("MPLBACKEND", "Agg")
     # Of the helper of multiprocessing that cleans up after workers that had to be stopped.
-    given = [each for each in os.environ.get("PYTHONWARNINGS", "").split(",") if each]
-    os.environ["PYTHONWARNINGS"] = ",".join(dict.fromkeys([*given, "ignore:resource_tracker"]))
+    given = os.environ.get("PYTHONWARNINGS", "").split(",")
+    filters = dict.fromkeys([*filter(None, given), "ignore:resource_tracker"])
+    os.environ["PYTHONWARNINGS"] = ",".join(filters)
     os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")  # what cannot be read is said once, by us
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra raises errors unchanged; `fail` shortens them
 
 
 COMMANDS = {
-    "run": _Command(run.command, "learn, find and score (default: the demo)"),
-    "learn": _Command(learn.command, "learn your own objects from their CAD models"),
+    "run": _Command("run", "learn, find and score (default: the demo)", messages=""),
+    "learn": _Command(
+        "learn", "learn your own objects from their CAD models", needs_arguments=True
+    ),
     "predict": _Command(
-        predict.command, "poses of learnt objects in your own frames", predict.continues
+        "predict", "poses of learnt objects in your own frames", _if_predicted_one_by_one, True
     ),
-    "live": _Command(live.command, "poses in the images of a camera, as they come", _never),
-    "objects": _Command(objects.command, "what is learnt: list, show, remove, export", _never),
-    "doctor": _Command(
-        doctor.command, "what is wrong with data, learnt objects or this machine", _never
+    "live": _Command(
+        "live", "poses in the images of a camera, as they come", _never, True, messages="stderr"
     ),
+    "objects": _Command("objects", "what is learnt: list, show, remove, export", _never, True),
+    "doctor": _Command("doctor", "what is wrong with data, learnt objects or this machine", _never),
     "report": _Command(
-        report.command, "tables and pages of finished runs, with the paper's numbers", _never
+        "report",
+        "tables and pages of finished runs, with the paper's numbers",
+        _never,
+        messages="stderr",
     ),
-    "runs": _Command(runs.command, "what lies in outputs/, with the main figures", _never),
-    "ui": _Command(ui.command, "the runs in a browser, by MLflow", _never),
-    "upload": _Command(upload.command, "send runs to an MLflow server that was unreachable"),
-    "bench": _Command(bench.command, "time and memory of every stage on this machine"),
-    "search": _Command(search.command, "search for the best settings within a time limit"),
-    "download": _Command(download.command, "public data sets in a form that HLP reads"),
-    "notebooks": _Command(notebooks.command, "copy the notebooks that teach into a folder", _never),
-    "clean": _Command(clean.command, "outputs of stages that may go, and their sizes", _never),
+    "runs": _Command(
+        "report", "what lies in outputs/, with the main figures", _never, messages="stderr"
+    ),
+    "ui": _Command("report", "the runs in a browser, by MLflow", _never),
+    "upload": _Command("report", "send runs to an MLflow server that was unreachable"),
+    "bench": _Command("run", "time and memory of every stage on this machine", messages=""),
+    "search": _Command("run", "search for the best settings within a time limit", messages=""),
+    "download": _Command(
+        "folders", "public data sets in a form that HLP reads", needs_arguments=True
+    ),
+    "notebooks": _Command("folders", "copy the notebooks that teach into a folder", _never),
+    "clean": _Command("folders", "outputs of stages that may go, and their sizes", _never),
 }

@@ -1,11 +1,14 @@
 """Kernels compiled by numba, and recompiled when any source behind them has changed."""
 
+import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache, update_wrapper
 from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar, cast
+
+import platformdirs
 
 from hlp.source_code import source_digest
 
@@ -24,8 +27,8 @@ def compiled(**options: Any) -> Callable[[Function], Function]:
     that it imports is unchanged.
 
     Kernels lie in `NUMBA_CACHE_DIR`, or else in the user's cache folder. Where that cannot be
-    written, as without a home, they lie in a folder for temporary files, and where even that is
-    impossible every process compiles them again. The package's own folder is never written.
+    written, as without a home, every process compiles them again. The package's own folder is never
+    written.
     """
 
     def compile_later(function: Function) -> Function:
@@ -68,7 +71,9 @@ class _Kernel:
             kernel: Any = numba.njit(nogil=True, cache=keep, **self._options)(self._function)
         kept: Any = getattr(kernel, "_cache", None)
         if hasattr(kept, "_cache_file"):  # not without a cache, nor where NUMBA_DISABLE_JIT is set
-            # Numba compares this stamp with the one in its index when it looks for a cached kernel.
+            # Private, as of numba 0.68, which pyproject.toml holds: numba compares this stamp with
+            # the one in its index when it looks for a cached kernel. There is no public way to say
+            # what a kernel depends on.
             kept._cache_file._source_stamp = source_digest(self._function.__module__)
         return kernel
 
@@ -78,10 +83,15 @@ def kernel_folder() -> Path | None:
     """Where compiled kernels are kept; None if no such folder can be written."""
     import numba
 
-    from hlp.user_cache import writable_folder
-
     config: Any = numba.config
-    return Path(config.CACHE_DIR) if config.CACHE_DIR else writable_folder("kernels")
+    if config.CACHE_DIR:
+        return Path(config.CACHE_DIR)
+    folder = platformdirs.user_cache_path("hlp", appauthor=False) / "kernels"
+    if not folder.is_absolute():  # without a home it begins with "~"
+        return None
+    with suppress(OSError):
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    return folder if os.access(folder, os.W_OK | os.X_OK) else None
 
 
 @contextmanager

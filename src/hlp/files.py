@@ -163,11 +163,19 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
         ) from error
 
 
-def config_folder() -> Path:
-    """Folder of the configuration: inside an installed package, or the checkout's own `conf/`."""
+def shipped_folder(name: str) -> Path:
+    """A folder that comes with HLP: inside an installed package, or the checkout's own.
+
+    Raises MissingFileError where there is none.
+    """
     package = Path(__file__).parent
-    folders = (package / "conf", package.parents[1] / "conf")
+    folders = (package / name, package.parents[1] / name)
     for folder in folders:
-        if (folder / "config.yaml").is_file():
+        if folder.is_dir():
             return folder
-    raise MissingFileError(f"no config.yaml in {' or '.join(map(str, folders))}: reinstall hlp")
+    raise MissingFileError(f"no folder {' or '.join(map(str, folders))}: reinstall hlp")
+
+
+def config_folder() -> Path:
+    """Folder of the configuration."""
+    return shipped_folder("conf")

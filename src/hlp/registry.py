@@ -12,15 +12,11 @@ then in installed plug-ins, whose entry points are in the group `hlp.GROUP`.
 """
 
 import pkgutil
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Iterator
 from importlib import import_module
-from typing import TYPE_CHECKING, Generic, TypeVar, get_args, get_type_hints
+from typing import Generic, TypeVar, get_args, get_type_hints
 
 from hlp.errors import ConfigError
-
-if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint
 
 T = TypeVar("T")
 Kind = TypeVar("Kind", bound=type)
@@ -59,11 +55,10 @@ class Registry(Generic[T]):
         named like the alternative or in a package of that name, then in plug-ins. Raises
         ConfigError, which names `key` (default: the group) and the known names.
         """
-        sources = iter(()) if name in self._known else self._sources(name)
-        for load in sources:
-            load()
-            if name in self._known:
-                break
+        if name not in self._known:
+            for _ in self._imported(name):
+                if name in self._known:
+                    break
         if name not in self._known:
             known = ", ".join(sorted(self._known))
             raise ConfigError(f"{key or self.group}.name is '{name}': choose one of {known}")
@@ -71,28 +66,28 @@ class Registry(Generic[T]):
 
     def alternatives(self) -> dict[str, type[T]]:
         """All settings classes by name, including those of plug-ins. Imports all their modules."""
-        for source in self._sources(""):
-            source()
+        for _ in self._imported(""):
+            pass
         return dict(sorted(self._known.items()))
 
-    def _sources(self, name: str) -> Iterator[Callable[[], object]]:
-        """Imports of modules and plug-ins that may register the name, the most likely first."""
+    def _imported(self, name: str) -> Iterator[None]:
+        """Imports what may register the name, a module or plug-in a step, likely ones first."""
         package = import_module(self.package)
-        found = [each.name for each in pkgutil.walk_packages(package.__path__, f"{self.package}.")]
-        for module in sorted(found, key=lambda each: name not in each.split(".")):
-            yield partial(import_module, module)
+        found = [
+            module.name for module in pkgutil.walk_packages(package.__path__, f"{self.package}.")
+        ]
+        for module in sorted(found, key=lambda module: name not in module.split(".")):
+            import_module(module)
+            yield
         from importlib.metadata import entry_points  # takes 20 ms and is rarely needed
 
-        for entry in entry_points(group=f"hlp.{self.group}"):
-            yield partial(_load, entry)
-
-
-def _load(plug_in: "EntryPoint") -> None:
-    try:
-        plug_in.load()
-    except Exception as error:
-        error.add_note(f"while loading the plug-in {plug_in.value} ({plug_in.group})")
-        raise
+        for plug_in in entry_points(group=f"hlp.{self.group}"):
+            try:
+                plug_in.load()
+            except Exception as error:
+                error.add_note(f"while loading the plug-in {plug_in.value} ({plug_in.group})")
+                raise
+            yield
 
 
 def _path(kind: type) -> str:

@@ -1,24 +1,17 @@
 """The code behind a module: its source, that of all its imports, and versions of libraries."""
 
+import ast
 import hashlib
-import re
 import sys
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
-from importlib.util import find_spec
+from importlib.metadata import packages_distributions, version
+from importlib.util import find_spec, resolve_name
 from pathlib import Path
 
 # Folders where installers put libraries. Other modules may be edited, so their source counts.
 _INSTALLED = {"site-packages", "dist-packages"}
-# An import statement, also inside a function or after `if …:`. Parsing the source would add 50 ms
-# to every start. Text that looks like an import is taken for one, which does no harm.
-_IMPORT = re.compile(
-    r"(?:^|[;:])[ \t]*"
-    r"(?:from[ \t]+([.\w]+)[ \t]+import[ \t]*(\([^)]*\)|[^\n;]*)|import[ \t]+([^\n;]*))",
-    re.MULTILINE,
-)
-_COMMENT = re.compile(r"#.*")
 # Libraries that another library uses and that affect its results; only the other one is imported.
 _BEHIND = {"numba": "llvmlite"}
 
@@ -74,7 +67,9 @@ def _closure(
         content = _read(name)
         if content is not None:
             sources[name] = content
-            waiting += [*_imports(name), *_parents(name)]
+            parts = name.split(".")  # importing a module runs the packages that contain it, too
+            parents = (".".join(parts[:count]) for count in range(1, len(parts)))
+            waiting += [*_imports(name), *parents]
     return sources, foreign
 
 
@@ -90,36 +85,22 @@ def _top(module: str) -> str:
     return module.partition(".")[0]
 
 
-def _parents(module: str) -> list[str]:
-    """The packages that contain a module: importing it runs them too."""
-    parts = module.split(".")
-    return [".".join(parts[:count]) for count in range(1, len(parts))]
-
-
 @cache
 def _imports(module: str) -> tuple[str, ...]:
     """Full names of everything that a module's source imports, modules or not."""
     path, source = _source_file(module), _read(module)
     assert path is not None and source is not None
-    package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
-    text = source.decode("utf-8", "replace").replace("\\\n", " ")
-    names: list[str] = []
-    for origin, imported, whole in _IMPORT.findall(text):
-        if whole:
-            names += _listed(whole)
-            continue
-        relative = origin.lstrip(".")
-        level = len(origin) - len(relative)
-        above = package[: len(package) + 1 - level] if level else []
-        base = ".".join([*above, *([relative] if relative else [])])
-        names += [base, *(f"{base}.{name}" for name in _listed(imported))]
-    return tuple(dict.fromkeys(names))
+    package = module if path.name == "__init__.py" else module.rpartition(".")[0]
+    return tuple(dict.fromkeys(_imported(ast.parse(source), package)))
 
 
-def _listed(names: str) -> list[str]:
-    """The names in `a, b as c` or `(a, b)`, without comments."""
-    parts = _COMMENT.sub("", names).strip("() \t\r\n").split(",")
-    return [words[0] for words in map(str.split, parts) if words]
+def _imported(tree: ast.AST, package: str) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (name.name for name in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = resolve_name("." * node.level + (node.module or ""), package)
+            yield from (base, *(f"{base}.{name.name}" for name in node.names))
 
 
 @cache
@@ -163,8 +144,6 @@ def _may_be_edited(top: str) -> bool:
 
 def _versions(modules: Iterable[str]) -> dict[str, str]:
     """Versions of the distributions that contain the modules, and of Python."""
-    from importlib.metadata import version  # slow to import and not always needed
-
     brought_by = _distributions()
     names = {name for module in modules for name in brought_by.get(module, ())}
     names |= {behind for name, behind in _BEHIND.items() if name in names}
@@ -174,6 +153,4 @@ def _versions(modules: Iterable[str]) -> dict[str, str]:
 
 @cache
 def _distributions() -> dict[str, list[str]]:
-    from importlib.metadata import packages_distributions
-
     return dict(packages_distributions())

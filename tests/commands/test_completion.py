@@ -1,14 +1,12 @@
 import shutil
 import subprocess
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
 import hlp
 from hlp.commands import completion
-from hlp.commands.completion import configuration_words
 
 COMMANDS = ["run", "report", "runs", "predict", "doctor"]
 SHELLS = {
@@ -47,7 +45,7 @@ def test_commands_and_their_own_keys(
     line: str, words: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("COMP_LINE", line)
-    completion.command(["-sc", "query=bash"], COMMANDS)
+    completion.complete(["-sc", "query=bash"], COMMANDS)
     assert capsys.readouterr().out == f"{words}\n"
 
 
@@ -55,56 +53,21 @@ def test_commands_and_their_own_keys(
     ("line", "words"),
     [
         ("hlp run refinement=i", "refinement=icp"),
+        ("hlp run voting=", "voting=joint voting=paper voting=sequential"),
         ("hlp -m refinement.pa", "refinement.particles= refinement.patience="),
-        ("hlp run refinement/", "refinement/cost= refinement/verification="),
-        ("hlp run se", "seed="),
+        ("hlp bench refinement/", "refinement/cost= refinement/verification="),
         ("hlp run task=search task.sp", "task.space."),
         ("hlp run refinement=icp refinement.pa", ""),
         ("hlp run refinement=icpp refinement.pa", ""),
-        ("hlp run refinement=pso,icp refinement.pa", "refinement.particles= refinement.patience="),
-        ("hlp run data/ob", "data/objects="),
     ],
 )
 def test_groups_alternatives_and_keys_of_the_configuration(
-    line: str,
-    words: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
+    line: str, words: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("COMP_LINE", line)
-    for _ in range(2):  # composed, and from the cache
-        completion.command(["-sc", "query=bash"], COMMANDS)
-        assert capsys.readouterr().out == f"{words}\n"
-
-
-@pytest.mark.parametrize("damage", ["", "{", "[]", '{"state": 1}', '{"values": {"": [1]}}'])
-def test_keys_are_composed_again_for_another_code_or_choice_or_a_damaged_file(
-    damage: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    asked: list[list[str]] = []
-
-    def compose(choices: Sequence[str]) -> list[str]:
-        asked.append([*choices])
-        return ["seed", "refinement.tau_mm"]
-
-    folder = tmp_path / "conf"
-    (folder / "refinement").mkdir(parents=True)
-    (folder / "refinement" / "icp.yaml").write_text("a: 1\n")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    kept = tmp_path / "cache" / "hlp" / "completion" / "keys.json"
-
-    def ask(*words: str) -> list[str]:
-        return configuration_words(words, folder, compose)
-
-    assert ask("s") == ask("s") == ["seed="]
-    assert ask("refinement=icp", "ref") == ["refinement.", "refinement="]
-    assert asked == [[], ["refinement=icp"]]
-    (folder / "refinement" / "icp.yaml").write_text("a: 12\n")
-    assert ask("s") == ["seed="] and len(asked) == 3
-    kept.write_text(damage)
-    assert ask("s") == ask("s") == ["seed="] and len(asked) == 4
+    monkeypatch.setattr("sys.argv", ["hlp"])
+    completion.complete(["-sc", "query=bash"], COMMANDS)
+    assert capsys.readouterr().out == f"{words}\n"
 
 
 @pytest.mark.parametrize("shell", ["zsh", "fish"])
@@ -123,12 +86,10 @@ def test_other_shells_than_bash_read_a_word_a_line(
     words: list[str],
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
 ) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("COMP_LINE", line)
     monkeypatch.setattr("sys.argv", ["hlp"])
-    completion.command(["-sc", f"query={shell}"], COMMANDS)
+    completion.complete(["-sc", f"query={shell}"], COMMANDS)
     assert capsys.readouterr().out.split("\n")[: len(words)] == words
 
 

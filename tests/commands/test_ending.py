@@ -1,3 +1,5 @@
+import errno
+import logging
 import os
 import signal
 import subprocess
@@ -7,10 +9,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from yaml import YAMLError
 
 import hlp
-from hlp.commands import own_arguments
-from hlp.commands.ending import stops_in_one_line
+from hlp.commands.ending import fails_in_one_line, messages_on, stops_in_one_line
+from hlp.errors import InputError
 
 
 @pytest.fixture(autouse=True)
@@ -40,16 +43,49 @@ def test_a_stopped_command_closes_what_is_open_and_says_one_line(
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
-def test_so_do_commands_with_arguments_of_their_own(
+def test_only_some_commands_go_on_where_they_were_stopped(
     number: signal.Signals, code: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """`hlp learn`, `predict` and others; only some of them go on where they were stopped."""
     for continues in (True, False):
-        with pytest.raises(SystemExit) as ended, stops_in_one_line(continues):
-            own_arguments.call(lambda: signal.raise_signal(number))
+        with pytest.raises(SystemExit) as ended, stops_in_one_line(continues), fails_in_one_line():
+            signal.raise_signal(number)
         assert ended.value.code == code
         said = capsys.readouterr().err
         assert said.count("\n") == 1 and ("continues from here" in said) == continues
+
+
+@pytest.mark.parametrize(
+    "error", [InputError("no such mesh"), OSError(errno.ENOSPC, "no space left"), YAMLError("bad")]
+)
+def test_an_expected_error_is_a_line_with_its_notes(
+    error: Exception, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    error.add_note("while reading")
+    with pytest.raises(SystemExit) as ended, fails_in_one_line():
+        raise error
+    assert ended.value.code == 1
+    assert capsys.readouterr().err == f"hlp: {error}\nwhile reading\n"
+    monkeypatch.setenv("HLP_TRACEBACK", "1")
+    with pytest.raises(type(error)), fails_in_one_line():
+        raise error
+
+
+def test_a_bug_keeps_its_traceback() -> None:
+    with pytest.raises(KeyError), fails_in_one_line():
+        {}["bug"]
+
+
+@pytest.mark.parametrize("stream", ["stdout", "stderr", ""])
+def test_messages_appear_on_one_stream(stream: str, capsys: pytest.CaptureFixture[str]) -> None:
+    logger = logging.getLogger("hlp.of_this_test")
+    before = logging.getLogger("hlp").level
+    with messages_on(stream):
+        logger.info("%d views", 3)
+    logger.info("unheard")
+    said = capsys.readouterr()
+    assert said.out == ("3 views\n" if stream == "stdout" else "")
+    assert said.err == ("3 views\n" if stream == "stderr" else "")
+    assert logging.getLogger("hlp").level == before
 
 
 def test_other_threads_are_left_alone() -> None:

@@ -6,8 +6,8 @@ import pytest
 import yaml
 
 from hlp.cli import COMMANDS, main
-from hlp.commands import composing
-from hlp.commands.run import run_help
+from hlp.commands import help_text
+from hlp.files import config_folder, shipped_folder
 
 Out = pytest.CaptureFixture[str]
 
@@ -22,11 +22,18 @@ def test_help_has_a_usage_two_examples_and_lines_that_fit(name: str, capsys: Out
 
 
 def test_help_of_run_lists_every_alternative_once() -> None:
-    folder = composing.config_folder()
-    words = run_help([], folder).replace("\n    ", " ").splitlines()
-    (ladder,) = [line for line in words if line.startswith("ladder: ")]
-    rows = sorted(yaml.safe_load((folder / "ladder.yaml").read_text()))
+    lines = help_text("run").replace("\n    ", " ").splitlines()
+    (ladder,) = [line for line in lines if line.startswith("ladder: ")]
+    rows = sorted(yaml.safe_load((config_folder() / "ladder.yaml").read_text()))
     assert ladder.removeprefix("ladder: ").split(", ") == rows
+    assert "refinement: icp, none, paper, pso" in lines  # of files
+    assert "voting: joint, paper, sequential" in lines  # of rows
+    assert "refinement/cost: hlp, paper" in lines  # of both
+
+
+def test_help_of_notebooks_names_each_of_them() -> None:
+    for path in shipped_folder("notebooks").glob("*.ipynb"):
+        assert f"  {path.stem} " in help_text("notebooks")
 
 
 @pytest.mark.parametrize(
@@ -36,4 +43,4 @@ def test_help_of_run_lists_alternatives_of_ones_own(form: list[str], tmp_path: P
     (tmp_path / "refinement").mkdir()
     (tmp_path / "refinement" / "quick.yaml").write_text("defaults: [pso]\n")
     given = ["--help", *(each.format(tmp_path) for each in form)]
-    assert "refinement: icp, none, paper, pso, quick" in run_help(given, composing.config_folder())
+    assert "refinement: icp, none, paper, pso, quick" in help_text("run", given)

@@ -6,12 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hydra.errors import HydraException
+from yaml import YAMLError
 
 import hlp
 from hlp.cli import main
 from hlp.commands.composing import compose_config
 from hlp.commands.hydra_errors import hydra_in_words
-from hlp.commands.nearest import nearest
 
 
 @pytest.mark.parametrize(
@@ -26,8 +27,6 @@ from hlp.commands.nearest import nearest
     ],
 )
 def test_errors_of_overrides_are_one_line_with_what_was_meant(override: str, words: str) -> None:
-    from hydra.errors import HydraException
-
     with pytest.raises(HydraException) as caught:
         compose_config(override)
     said = hydra_in_words(caught.value)
@@ -36,8 +35,6 @@ def test_errors_of_overrides_are_one_line_with_what_was_meant(override: str, wor
 
 
 def test_a_key_of_another_alternative_is_said_to_be_one() -> None:
-    from hydra.errors import HydraException
-
     with pytest.raises(HydraException) as caught:
         compose_config("refinement=icp", "refinement.particles=8")
     said = hydra_in_words(caught.value)
@@ -47,8 +44,6 @@ def test_a_key_of_another_alternative_is_said_to_be_one() -> None:
 def test_the_nearest_key_is_looked_for_among_those_of_what_was_chosen(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from hydra.errors import HydraException
-
     given = ["task=search", "task.trails=3"]
     monkeypatch.setattr("sys.argv", ["hlp search", *given])
     with pytest.raises(HydraException) as caught:
@@ -101,9 +96,6 @@ def test_several_values_of_one_key() -> None:
     ],
 )
 def test_faults_in_a_file_of_ones_own_name_it(text: str, words: str, tmp_path: Path) -> None:
-    from hydra.errors import HydraException
-    from yaml import YAMLError
-
     (tmp_path / "refinement").mkdir()
     (tmp_path / "refinement" / "mine.yaml").write_text(text)
     with pytest.raises((HydraException, YAMLError)) as caught:
@@ -150,8 +142,3 @@ def test_a_reference_to_nothing_is_one_line_with_its_key(
 
 def test_other_errors_stay_as_they_are() -> None:
     assert hydra_in_words(ValueError("something\nelse")) == "something\nelse"
-
-
-def test_exchanged_letters_are_near_and_other_words_are_not() -> None:
-    assert nearest("rnu", ["report", "run"]) == ": did you mean run?"
-    assert nearest("zebra", ["report", "run"]) == ""

@@ -12,7 +12,7 @@ from omegaconf import OmegaConf
 from typing_extensions import Doc
 
 from hlp.config.settings import RunSettings
-from hlp.config.typed_defaults import group_kinds
+from hlp.config.typed_defaults import group_kinds, rows
 from hlp.refinement.pso import PsoSettings
 from hlp.registry import Registry
 from hlp.settings import Settings, defaults_of
@@ -88,6 +88,17 @@ def test_a_file_of_ones_own_starts_from_the_defaults(tmp_path: Path) -> None:
     config = composed(tmp_path, "refinement=mine", "refinement.cost.roi_size=32")
     assert config.refinement.particles == 7 and config.refinement.cost.roi_size == 32
     assert config.refinement.iterations == PsoSettings().iterations
+
+
+@pytest.mark.parametrize("group", sorted({*rows()} & {*group_kinds()}))
+def test_a_row_stands_for_the_defaults_of_its_class(group: str, tmp_path: Path) -> None:
+    for name, what in rows()[group].items():
+        kind = group_kinds()[group]
+        found = kind.find(name) if isinstance(kind, Registry) else kind
+        given = ["data=bop", "data.root=X"] if group != "data" else []  # the demo changes some
+        assert composed(tmp_path, *given, f"{group}={name}")[group] == defaults_of(found, name)
+        assert isinstance(what, str) and what.endswith((".", "/"))
+        assert not (CONF / group / f"{name}.yaml").exists()
 
 
 def test_defaults_that_are_not_there_are_no_file(tmp_path: Path) -> None:

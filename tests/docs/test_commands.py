@@ -1,6 +1,5 @@
 """Every `hlp` command that README and the pages show: its groups, keys and values exist."""
 
-import importlib
 import re
 from pathlib import Path
 
@@ -9,10 +8,9 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from markdown_pages import EXAMPLES, commands, write_files
 
 from hlp.cli import COMMANDS
-from hlp.commands import composing, own_arguments
+from hlp.commands import composing, help_text
+from hlp.commands.arguments import split_arguments
 from hlp.commands.composing import MULTIRUN
-from hlp.commands.learn import LEARN_HELP
-from hlp.commands.report import REPORT_HELP
 from hlp.config.build import build_settings
 from hlp.data.public.sets import find_set
 
@@ -44,10 +42,9 @@ def compose_command(words: list[str], own_files: Path) -> int:
 
 def check_own(words: list[str]) -> None:
     """Keys are in the command's help, words of `hlp objects` in its usage; the rest composes."""
-    module = importlib.import_module(f"hlp.commands.{words[0]}")
-    shown = getattr(module, f"{words[0].upper()}_HELP")
+    shown = help_text(words[0])
     if words[0] == "download":
-        public, given = find_set(words[1]), own_arguments.split_arguments(words[2:])
+        public, given = find_set(words[1]), split_arguments(words[2:])
         assert public.files(given.get("images", next(iter(public.archives))))
         assert all(re.search(rf"^  {key} ", shown, re.MULTILINE) for key in given)
         return
@@ -55,8 +52,8 @@ def check_own(words: list[str]) -> None:
         assert f"hlp objects {words[1]}" in shown
         return
     overrides = []
-    for key, value in own_arguments.split_arguments(words[1:]).items():
-        if not re.search(rf"(^|[\s,\[]){key}[\s,=]", shown + LEARN_HELP):
+    for key, value in split_arguments(words[1:]).items():
+        if not re.search(rf"(^|[\s,\[]){key}[\s,=]", shown + help_text("learn")):
             overrides.append(f"{key}={value}")
     composing.compose_config("output=out", *overrides)
 
@@ -78,7 +75,7 @@ def test_command_exists_and_its_configuration_composes(path, words, tmp_path):
         assert words[0] in MULTIRUN or words[0] in COMMANDS
         compose_command(words, tmp_path)
     else:
-        known = set(re.findall(r"(\w+)=", REPORT_HELP.partition("\n\n")[0]))
+        known = set(re.findall(r"(\w+)=", help_text("report").partition("\n\n")[0]))
         assert {word.partition("=")[0] for word in words[1:]} <= known
 
 

@@ -12,7 +12,7 @@ import pytest
 from forked_hlp import Ended, run_hlp
 from frame_files import write_camera, write_image
 from hlp import Detector
-from hlp.commands import learn
+from hlp.cli import main
 from hlp.commands.composing import compose_config
 from hlp.config.build import build_settings
 from hlp.data.own_frames import FrameFiles, OwnFrames
@@ -187,7 +187,7 @@ def test_learning_says_what_is_wrong_before_it_begins(
 ) -> None:
     monkeypatch.chdir(own.folder)
     with pytest.raises(SystemExit) as ended:
-        learn.command([*given, "work=work"])
+        main(["learn", *given, "work=work"])
     said = capsys.readouterr().err
     assert ended.value.code == 1
     assert said.startswith("hlp: ") and words in said

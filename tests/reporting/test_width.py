@@ -95,7 +95,7 @@ def test_the_end_of_a_run() -> None:
 
 def test_the_report_of_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_run(tmp_path / "run", "demo", whole_summary())
-    report.command([f"output={tmp_path / 'run'}"])
+    report.report([f"output={tmp_path / 'run'}"])
     printed = capsys.readouterr().out
     assert "targets ended as" in printed and "good of these" in printed
     assert not wider(printed)
@@ -113,7 +113,7 @@ def test_the_report_of_a_sweep(
             sweep / str(arm), name, whole_summary(), given, refinement={"particles": particles}
         )
         write_verdicts(sweep / str(arm), arm)
-    report.command([f"output={tmp_path}"])
+    report.report([f"output={tmp_path}"])
     printed = capsys.readouterr().out
     assert "3 of 3 runs finished" in printed and "All runs below" in printed
     assert not wider(printed)
@@ -164,7 +164,7 @@ def test_the_comparison_of_runs(
     for wrong, name in enumerate(runs):
         folders.append(write_run(tmp_path / ("x" * 60) / name, "demo", whole_summary()))
         write_verdicts(folders[-1], wrong)
-    report.command([f"runs=[{','.join(map(str, folders))}]"])
+    report.report([f"runs=[{','.join(map(str, folders))}]"])
     printed = capsys.readouterr().out
     assert ("p is McNemar's" in textwrap.fill(printed, 10_000)) == (len(runs) == 2)
     assert not wider(printed)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from hlp import Detector
+from hlp.cli import main
 from hlp.codebook.entries import load_codebook
 from hlp.codebook.joint_lists import JointListsSettings
-from hlp.commands import objects
 from hlp.commands.composing import compose_config
 from hlp.config.build import build_run
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture
 def exported(tiny_run: TinyRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tiny_run.folder)
-    objects.command(["export", "first", str(tmp_path / "learnt")])
+    main(["objects", "export", "first", str(tmp_path / "learnt")])
     return tmp_path / "learnt"
 
 
@@ -70,7 +70,7 @@ def test_a_run_whose_outputs_are_elsewhere_is_named(
 ) -> None:
     with pytest.raises(SystemExit) as caught:
         words = ["export", str(tiny_run.output), str(tmp_path / "learnt"), f"work={tmp_path}"]
-        objects.command(words)
+        main(["objects", *words])
     assert caught.value.code == 1
     error = capsys.readouterr().err
     assert f"{tmp_path} has no classifier that {tiny_run.output}" in error

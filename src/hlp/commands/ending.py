@@ -1,5 +1,6 @@
-"""How a command ends when it is stopped: one line, the exit code of shells, no worker left."""
+"""How a command ends when it fails or is stopped: one line, and the exit code of shells."""
 
+import logging
 import os
 import select
 import signal
@@ -10,7 +11,11 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import NoReturn
 
+from hlp.errors import is_expected
+
 INTERRUPTED, READER_GONE, TERMINATED = 130, 141, 143
+_CONFIGURING = {"hydra", "omegaconf", "yaml"}
+"""Libraries whose errors are about what was configured."""
 
 
 class TerminatedError(KeyboardInterrupt):
@@ -47,6 +52,63 @@ def stops_in_one_line(continues: bool = True) -> Iterator[None]:
         sys.exit(TERMINATED if terminated else INTERRUPTED)
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
+def fails_in_one_line() -> Iterator[None]:
+    """End the process with 1 after an expected error; any other is a bug and is raised.
+
+    Expected are HLP's errors, those of the configuration, and those of the system such as a full
+    disk.
+    """
+    try:
+        yield
+    except Exception as error:
+        if not is_expected(error) and not _is_of_configuration(error):
+            raise
+        fail(error)
+
+
+@contextmanager
+def messages_on(stream: str) -> Iterator[None]:
+    """In the block, HLP's messages appear on `stdout` or `stderr`; nothing is done if empty."""
+    if not stream:
+        yield
+        return
+    logger, handler = logging.getLogger("hlp"), logging.StreamHandler(getattr(sys, stream))
+    handler.setFormatter(logging.Formatter("%(message)s"))
+    before = logger.level
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(before)
+
+
+def fail(error: BaseException) -> NoReturn:
+    """Print the error's message and exit with 1; with HLP_TRACEBACK set, raise the error."""
+    if os.environ.get("HLP_TRACEBACK", "0") not in {"", "0"}:
+        raise error
+    print(f"hlp: {in_words(error)}", file=sys.stderr)
+    sys.exit(1)
+
+
+def in_words(error: BaseException) -> str:
+    """The message of an error and its notes; one of the configuration in one sentence."""
+    lines = [str(error)]
+    if _is_of_configuration(error):
+        from hlp.commands.hydra_errors import hydra_in_words  # Hydra is slow, and not always used
+
+        words = hydra_in_words(error)
+        cause = str(error.__cause__ or "").partition("\n")[0] if words == str(error) else ""
+        lines = [words, *filter(None, [cause])]
+    return "\n".join([*lines, *getattr(error, "__notes__", [])])
+
+
+def _is_of_configuration(error: BaseException) -> bool:
+    return type(error).__module__.partition(".")[0] in _CONFIGURING
 
 
 def _reader_has_gone() -> bool:

@@ -1,41 +1,63 @@
-"""`hlp run`: runs the task of a configuration once, as a sweep, or again from a manifest."""
+"""`hlp run`, `hlp bench` and `hlp search`: run the task of a configuration.
 
-from __future__ import annotations
+Once, as a sweep, or again from a manifest.
+"""
 
 import tempfile
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+from hydra import initialize_config_dir
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
+from omegaconf import DictConfig
 
 from hlp.commands import composing
-from hlp.errors import HlpError
+from hlp.config.chosen import chosen_by_hydra
+from hlp.config.typed_defaults import provide_defaults
+from hlp.errors import InputError
+from hlp.studies import sweep
 
-if TYPE_CHECKING:
-    from omegaconf import DictConfig
-
-MANIFEST = "manifest="
+_MANIFEST, _COMPARE, _SPACE = "manifest=", "compare=", "space="
+_CONFIG_DIR = ("-cd", "--config-dir")
 
 
-def command(arguments: Sequence[str], name: str = "run") -> None:
+def run(arguments: Sequence[str], name: str = "run") -> None:
     """Compose the configuration, build what it names, and run its task."""
-    if composing.HELP & {*arguments}:
-        print(run_help(arguments, composing.config_folder()))
-        return
-    if any(each.startswith(MANIFEST) for each in arguments):
+    if any(argument.startswith(_MANIFEST) for argument in arguments):
         _repeat(arguments)
         return
-    swept = composing.MULTIRUN & {*arguments}
-    if swept:
-        from hlp.studies.sweep import unfinished_sweep
+    folder = None
+    if composing.MULTIRUN & {*arguments}:
+        folder = sweep.unfinished_sweep(arguments, Path("outputs"))
+    if folder is not None:
+        print(f"continuing the sweep in {folder}")
+        arguments = [*arguments, f"output='{folder}'"]
+    composing.compose_and_call(name, arguments, _run)
 
-        folder = unfinished_sweep(arguments, Path("outputs"))
-        if folder is not None:
-            print(f"continuing the sweep in {folder}")
-            arguments = [*arguments, f"output='{folder}'"]
-    composing.compose_and_call(name, arguments, _run, composing.config_folder())
+
+def bench(arguments: Sequence[str]) -> None:
+    """Measure time and memory of detection, or compare saved measurements."""
+    saved = [word.removeprefix(_COMPARE) for word in arguments if word.startswith(_COMPARE)]
+    overrides = [word for word in arguments if not word.startswith(_COMPARE)]
+    if not saved:
+        run(["task=bench", *overrides], "bench")
+        return
+    from hlp.reporting.tables.bench_table import compare_benches
+
+    if overrides:
+        raise InputError(f"compare={saved[-1]} measures nothing: leave {overrides[0]} out")
+    print(compare_benches(*_bench_files(saved[-1])))
+
+
+def search(arguments: Sequence[str]) -> None:
+    """Search a named space for the settings with the best recall, or continue its search."""
+    overrides = [f"task/{word}" if word.startswith(_SPACE) else word for word in arguments]
+    run(["task=search", *overrides], "search")
 
 
 def _run(config: DictConfig, manifest: Path | None = None) -> None:
@@ -43,116 +65,78 @@ def _run(config: DictConfig, manifest: Path | None = None) -> None:
 
     With a `manifest`, the configuration comes from it, and data and poses are compared with it.
     """
-    from hydra.core.hydra_config import HydraConfig
-    from hydra.types import RunMode
+    # What only shows the configuration waits for none of these.
+    from hlp.config import build
+    from hlp.studies import repeat
 
     if config.output != "":  # otherwise the settings say that it is empty
         config.output = HydraConfig.get().runtime.output_dir  # each run of a sweep has its own
-
-    from hlp.config import build, chosen
-    from hlp.studies import repeat, sweep
-
     if HydraConfig.get().mode == RunMode.MULTIRUN:
         sweep.run_one(config)
-    elif manifest is not None:
-        run = build.build_run(config, chosen.chosen_by_hydra())
-        repeat.run_again(run, manifest, Path(config.output))
+        return
+    built = build.build_run(config, chosen_by_hydra())
+    if manifest is None:
+        built.settings.task.run(built, Path(config.output))
     else:
-        run = build.build_run(config, chosen.chosen_by_hydra())
-        run.settings.task.run(run, Path(config.output))
+        repeat.run_again(built, manifest, Path(config.output))
 
 
 def _repeat(arguments: Sequence[str]) -> None:
     from hlp.studies.repeat import config_of
 
-    overrides = [each for each in arguments if not each.startswith(MANIFEST)]
-    named = [each.removeprefix(MANIFEST) for each in arguments if each.startswith(MANIFEST)]
+    overrides = [word for word in arguments if not word.startswith(_MANIFEST)]
+    named = [word.removeprefix(_MANIFEST) for word in arguments if word.startswith(_MANIFEST)]
     manifest = Path(named[-1]).expanduser()
-    try:
-        config = config_of(manifest, overrides, composing.config_folder())
-    except HlpError as error:
-        composing.fail(error)
+    config = config_of(manifest, overrides, composing.config_folder())
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "config.yaml").write_text(config)
         again = partial(_run, manifest=manifest)
         composing.compose_and_call("run", overrides, again, Path(folder))
 
 
-_WIDTH = 80
-_FOLDERS = ("-cd", "--config-dir")
+def _bench_files(value: str) -> tuple[Path, Path]:
+    """The two files of `a.json,b.json` or `[a.json,b.json]`.
+
+    If only one is given, the other is the newest in outputs/.
+    """
+    names = [name.strip() for name in value.strip("[]").split(",")]
+    files = [Path(name).expanduser() for name in names if name]
+    if len(files) == 1:
+        found = [
+            path for path in Path("outputs").rglob("bench.json") if not path.samefile(files[0])
+        ]
+        files += sorted(found, key=lambda path: path.stat().st_mtime)[-1:]
+    if len(files) != 2:
+        raise InputError(f"compare={value}: name two bench.json, or one beside those in outputs/")
+    return files[0], files[1]
 
 
-def run_help(arguments: Sequence[str], folder: Path) -> str:
-    """The help of `hlp run`, with the alternatives in a folder and in those of the arguments."""
-    from hydra import initialize_config_dir
-    from hydra.core.global_hydra import GlobalHydra
-
-    from hlp.config.typed_defaults import provide_defaults
-
+def filled(text: str, arguments: Sequence[str]) -> str:
+    """The help with the alternatives of HLP's folder and of those that the arguments name."""
     provide_defaults()
-    with initialize_config_dir(str(folder.absolute()), version_base="1.3"):
-        loader = GlobalHydra.instance().config_loader()
-        searched, lines, groups = _searched(arguments), [], loader.list_groups("")
-        while groups:
-            group = groups.pop(0)
-            groups[:0] = [f"{group}/{each}" for each in loader.list_groups(group)]
-            if group.partition("/")[0] != "hydra":
-                options = loader.get_group_options(group, overrides=searched)
-                lines += _folded(group, options) if options else []
-    return RUN_HELP.replace("GROUPS\n", "\n".join(lines) + "\n")
+    folder = composing.config_folder().absolute()
+    with initialize_config_dir(str(folder), version_base="1.3"):
+        return text.format(groups="\n".join(_groups(_searched(arguments))))
+
+
+def _groups(searched: Sequence[str]) -> Iterator[str]:
+    """Lines that name each group, also those within others, and its alternatives."""
+    loader = GlobalHydra.instance().config_loader()
+    groups = loader.list_groups("")
+    while groups:
+        group = groups.pop(0)
+        groups[:0] = [f"{group}/{inner}" for inner in loader.list_groups(group)]
+        names = loader.get_group_options(group, overrides=[*searched])
+        if names and not group.startswith("hydra"):
+            yield textwrap.fill(
+                f"{group}: {', '.join(names)}", 80, subsequent_indent="    ", break_on_hyphens=False
+            )
 
 
 def _searched(arguments: Sequence[str]) -> list[str]:
     """`--config-dir` as an override, as Hydra itself takes it."""
-    words = [word for each in arguments for word in each.split("=", 1)]
-    named = [after for word, after in pairwise(words) if word in _FOLDERS]
-    folders = ",".join(f"'file://{Path(each).expanduser().absolute()}'" for each in named)
-    given = [each for each in arguments if each.startswith("hydra.searchpath=")]
+    words = [word for argument in arguments for word in argument.split("=", 1)]
+    named = [after for word, after in pairwise(words) if word in _CONFIG_DIR]
+    folders = ",".join(f"'file://{Path(name).expanduser().absolute()}'" for name in named)
+    given = [word for word in arguments if word.startswith("hydra.searchpath=")]
     return [f"hydra.searchpath=[{folders}]"] if folders else given
-
-
-def _folded(group: str, options: Sequence[str]) -> list[str]:
-    return textwrap.wrap(
-        f"{group}: {', '.join(options)}", _WIDTH, subsequent_indent="    ", break_on_hyphens=False
-    )
-
-
-RUN_HELP = """\
-usage: hlp run [GROUP=ALTERNATIVE …] [KEY=VALUE …]
-       hlp -m [GROUP=A,B …] [KEY=V,W …]   (a sweep)
-
-The whole method, from CAD models to scored poses. Stages already on disk are
-reused.
-
-Groups and their alternatives (choose with GROUP=ALTERNATIVE):
-
-GROUPS
-
-Change a value with KEY=VALUE, e.g. seed=1. Keys outside the groups (with their
-defaults):
-
-  output=DIR   this run's folder (outputs/EXPERIMENT/TIME)
-  work=DIR     folder of finished stages and MLflow's database (work)
-  seed=N       seed of all random numbers (0)
-  frames=N     use only N frames, spread evenly (all)
-  on_bad_frame=fail  end at a frame whose files are broken (report: its targets
-               count as wrong)
-
-hlp run                                    the built-in demo
-hlp run data=bop data.root=PATH            any data set in BOP's layout
-hlp run method=paper                       the paper's method (paper_literal: to
-                                           the letter)
-hlp run refinement=icp output=outputs/icp  another refiner
-hlp run experiment=oracle                  how much recall each stage loses
-hlp run experiment=basin                   from which errors a refiner recovers
-hlp run -m refinement=pso,icp seed=0,1     a sweep: a run for each combination;
-                                           the same command continues it
-hlp run executor=loky executor.workers=4   frames in several processes; the same
-                                           poses
-hlp run -m hydra/launcher=cores seed=0,1   runs of a sweep in parallel (or as
-                                           jobs: slurm)
-hlp run manifest=FILE                      repeat a run from its manifest.json
-hlp run warm_start.manifest=FILE           add objects to those of another run
-
-hlp run --cfg job        print the whole configuration
-hlp run --hydra-help     Hydra's own options"""

@@ -1,4 +1,4 @@
-"""What the command line chose: the overrides of a run, and the file of each group."""
+"""What the command line chose: the overrides of a run, and the alternative of each group."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -10,8 +10,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import DictConfig
 
 # Of the run itself rather than of what it does: keys, and groups with all that is in them.
-_PLACES = ("output", "work", "experiment", "data_folder")
-_PLACE_GROUPS = re.compile(r"(hydra|reporting)\b")
+_PLACES = re.compile(r"(output|work|experiment|data_folder)$|(hydra|reporting)\b")
 
 
 @dataclass(frozen=True)
@@ -26,12 +25,9 @@ class Chosen:
 def chosen_by_hydra() -> Chosen:
     """What the run that Hydra has just composed was given."""
     hydra = HydraConfig.get()
-    given = [str(each) for each in hydra.overrides.task]
-    return Chosen(
-        overrides_of(given),
-        groups_of(hydra),
-        " ".join(["hlp run", *(each for each in given if not each.startswith("output="))]),
-    )
+    given = [str(override) for override in hydra.overrides.task]
+    repeatable = (override for override in given if not override.startswith("output="))
+    return Chosen(overrides_of(given), groups_of(hydra), " ".join(["hlp run", *repeatable]))
 
 
 def overrides_of(given: Sequence[str]) -> dict[str, str]:
@@ -39,21 +35,19 @@ def overrides_of(given: Sequence[str]) -> dict[str, str]:
 
     Those that delete something or sweep are left out, and those that say where a run is stored.
     """
-    parsed = OverridesParser.create().parse_overrides([*given])
-    plain = (each for each in parsed if not each.is_delete() and not each.is_sweep_override())
-    values = {each.key_or_group: str(each.get_value_element_as_str()) for each in plain}
     return {
-        key: value
-        for key, value in values.items()
-        if key not in _PLACES and not _PLACE_GROUPS.match(key)
+        override.key_or_group: str(override.get_value_element_as_str())
+        for override in OverridesParser.create().parse_overrides([*given])
+        if not override.is_delete()
+        and not override.is_sweep_override()
+        and not _PLACES.match(override.key_or_group)
     }
 
 
 def groups_of(hydra: HydraConf | DictConfig) -> dict[str, str]:
     """The alternative of each of HLP's groups, from Hydra's own configuration."""
-    chosen = {str(group): name for group, name in hydra.runtime.choices.items() if name}
     return {
-        group: str(name)
-        for group, name in chosen.items()
-        if not group.startswith("hydra") and "@" not in group
+        str(group): str(name)
+        for group, name in hydra.runtime.choices.items()
+        if name and not str(group).startswith("hydra") and "@" not in str(group)
     }

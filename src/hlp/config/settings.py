@@ -10,9 +10,7 @@ from annotated_types import Ge, Le
 
 from hlp.data.dataset import DATASETS, DataSettings
 from hlp.evaluation.settings import EvaluationSettings
-from hlp.method.settings import (
-    MethodSettings,
-)
+from hlp.method.settings import MethodSettings
 from hlp.registry import Registry
 from hlp.reporting.mlflow_tracking import MlflowSettings
 from hlp.settings import Doc, Settings, SettingsError

@@ -9,8 +9,8 @@ In every group, `base` holds the defaults of the group's settings class. In a gr
       - _self_
     theta_deg: 5.0
 
-They are not files and are not listed. A module is imported when one of its defaults is used, unless
-an earlier process has kept it (`kept_defaults`).
+An alternative that is nothing but these defaults has no file: it is a row of
+`conf/alternatives.yaml`. The group `ladder` is rows of one file too.
 """
 
 from functools import cache
@@ -23,16 +23,14 @@ from hydra.plugins.config_source import ConfigResult, ConfigSource
 from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import OmegaConf
 
-from hlp.config.kept_defaults import keep_defaults, kept_defaults
 from hlp.errors import ConfigError
 from hlp.files import config_folder
 from hlp.registry import Registry
 from hlp.settings import defaults_of
 
-_BASE = "base"
 _SCHEME = "hlp-defaults"
 LADDER = "ladder"
-"""The config group whose alternatives are rows of one file."""
+"""The config group whose alternatives are rows of `conf/ladder.yaml`."""
 
 
 def provide_defaults() -> None:
@@ -45,7 +43,7 @@ def provide_defaults() -> None:
 @cache
 def group_kinds() -> dict[str, "type | Registry[Any]"]:
     """The settings class of each config group, or the registry of its alternatives."""
-    from hlp.config.settings import RunSettings
+    from hlp.config.settings import RunSettings  # NumPy and OpenCV, half a second
 
     kinds: dict[str, type | Registry[Any]] = {}
     for name, hint in get_type_hints(RunSettings, include_extras=True).items():
@@ -58,8 +56,19 @@ def group_kinds() -> dict[str, "type | Registry[Any]"]:
     return kinds
 
 
+@cache
+def rows() -> dict[str, dict[str, Any]]:
+    """Alternatives without a file, by group and name: what each is, and the ladder's values."""
+    listed, ladder = (
+        OmegaConf.to_container(OmegaConf.load(config_folder() / f"{name}.yaml"), resolve=False)
+        for name in ("alternatives", LADDER)
+    )
+    assert isinstance(listed, dict) and isinstance(ladder, dict)
+    return {**{str(group): dict(names) for group, names in listed.items()}, LADDER: dict(ladder)}
+
+
 class TypedDefaults(ConfigSource):
-    """The source from which Hydra reads `GROUP/base`, `GROUP/base_NAME` and rows of the ladder."""
+    """The source from which Hydra reads what has no file: defaults, and rows of a file."""
 
     @staticmethod
     def scheme() -> str:
@@ -67,50 +76,39 @@ class TypedDefaults(ConfigSource):
         return _SCHEME
 
     def load_config(self, config_path: str) -> ConfigResult:
-        """The defaults as a configuration."""
-        path = config_path.removesuffix(".yaml")
-        row = _ladder_row(path)
-        defaults = _defaults(path) if row is None else row
-        assert defaults is not None, config_path
+        """The values as a configuration."""
+        values = _values(config_path)
+        assert values is not None, config_path
         return ConfigResult(
             provider=self.provider,
             path=self.full_path(),
-            config=OmegaConf.create(defaults),
-            header={"package": None if row is None else "_global_"},
+            config=OmegaConf.create(values),
+            header={"package": "_global_" if config_path.startswith(f"{LADDER}/") else None},
         )
 
     def is_config(self, config_path: str) -> bool:
-        """Whether the path is a group's `base` or `base_NAME`, or a row of the ladder."""
-        path = config_path.removesuffix(".yaml")
-        return _ladder_row(path) is not None or _defaults(path) is not None
+        """Whether the path is a group's `base` or `base_NAME`, or an alternative without a file."""
+        return _values(config_path) is not None
 
     def is_group(self, config_path: str) -> bool:
-        """Whether it is the ladder, or what holds it; the other groups are those of the files."""
-        return config_path.strip("/") in {"", LADDER}
+        """Whether it is a group with rows, or what holds one."""
+        return any(f"{group}/".startswith(_inside(config_path)) for group in rows())
 
     def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
-        """The rows of the ladder; defaults are for other configurations and are not choices."""
-        groups = results_filter == ObjectType.GROUP
-        if not config_path.strip("/"):
-            return [LADDER] if groups else []
-        return [] if groups else sorted(ladder_rows())
+        """The rows of a group, and the groups in it; `base` is for other configurations."""
+        inside = _inside(config_path)
+        groups = {
+            group.removeprefix(inside).partition("/")[0]
+            for group in rows()
+            if group.startswith(inside)
+        }
+        names = rows().get(config_path.strip("/"), {})
+        found = {ObjectType.GROUP: groups, ObjectType.CONFIG: {*names}}
+        return sorted(groups | {*names} if results_filter is None else found[results_filter])
 
     def available(self) -> bool:
         """Always."""
         return True
-
-
-@cache
-def ladder_rows() -> dict[str, Any]:
-    """The configurations of the group `ladder`, which are rows of one file: `conf/ladder.yaml`."""
-    rows = OmegaConf.to_container(OmegaConf.load(config_folder() / f"{LADDER}.yaml"), resolve=False)
-    assert isinstance(rows, dict)
-    return {str(name): row for name, row in rows.items()}
-
-
-def _ladder_row(path: str) -> dict[str, Any] | None:
-    group, _, name = path.strip("/").rpartition("/")
-    return ladder_rows().get(name) if group == LADDER else None
 
 
 class TypedDefaultsPath(SearchPathPlugin):
@@ -121,29 +119,26 @@ class TypedDefaultsPath(SearchPathPlugin):
         search_path.append("hlp", f"{_SCHEME}://")
 
 
-def _defaults(config_path: str) -> dict[str, Any] | None:
-    """The defaults at a path such as `refinement/base_pso`; None if there are none."""
-    if config_path in kept_defaults():
-        return kept_defaults()[config_path]
-    found = _find(config_path)
-    if found is None:
-        return None
-    defaults = defaults_of(*found)
-    if found[0].__module__.partition(".")[0] == "hlp":  # a change of a plug-in would not be seen
-        keep_defaults(config_path, defaults)
-    return defaults
+def _inside(group: str) -> str:
+    """How the paths of what is in a group begin."""
+    return f"{group.strip('/')}/".lstrip("/")
 
 
-def _find(config_path: str) -> tuple[type, str | None] | None:
-    """The settings class of such a path, and its name; None if unknown."""
-    group, _, file = config_path.rpartition("/")
-    base, _, name = file.partition("_")
-    if base != _BASE or not group:
-        return None
-    kind = group_kinds().get(group)
+def _values(config_path: str) -> dict[str, Any] | None:
+    """The values at a path such as `refinement/base_pso` or `voting/joint`; None for no such."""
+    group, _, file = config_path.removesuffix(".yaml").strip("/").rpartition("/")
+    row = rows().get(group, {}).get(file)
+    if group == LADDER:
+        return row
+    if "/" in group:  # a group within another one: its values are in the defaults already
+        return None if row is None else {}
+    name = file.removeprefix("base_")
+    kind = group_kinds().get(group) if file == "base" or name != file or row else None
     if isinstance(kind, Registry):
         try:
-            return kind.find(name), name
+            return defaults_of(kind.find(name), name)
         except ConfigError:
             return None
-    return None if kind is None or name else (kind, None)
+    if kind is None or name != file:
+        return None
+    return defaults_of(kind, None if file == "base" else name)

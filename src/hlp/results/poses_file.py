@@ -1,6 +1,6 @@
-"""`poses.csv`: estimated poses in the results format of the BOP challenge."""
+"""`poses.csv`: estimated poses in the results format of the BOP challenge; `scores.csv`."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,16 +25,17 @@ def write_poses(path: Path, estimates: Sequence[PoseEstimate]) -> None:
     not timed. Numbers are exact (shortest round trip).
     """
     images: dict[tuple[int, int], list[dict[str, float]]] = {}
-    for each in estimates:
-        images.setdefault((each.scene_id, each.frame_id), []).append(each.seconds)
+    for estimate in estimates:
+        images.setdefault((estimate.scene_id, estimate.frame_id), []).append(estimate.seconds)
     times = {
         image: sum(sum(seconds.values()) for seconds in objects) if all(objects) else _NOT_TIMED
         for image, objects in images.items()
     }
-    rows = []
-    for each in estimates:
-        if each.pose_cam_obj is not None:
-            rows.append(pose_row(each, float(times[each.scene_id, each.frame_id])))
+    rows = [
+        pose_row(estimate, float(times[estimate.scene_id, estimate.frame_id]))
+        for estimate in estimates
+        if estimate.pose_cam_obj is not None
+    ]
     write_csv(path, POSE_COLUMNS, rows)
 
 
@@ -58,30 +59,71 @@ def read_poses(path: Path) -> list[PoseEstimate]:
 def _estimate(row: Mapping[str, Any], where: str) -> PoseEstimate:
     try:
         rotation = np.array([float(word) for word in row["R"].split()]).reshape(3, 3)
-        translation = (
-            np.array([float(word) for word in row["t"].split()]).reshape(3) / MILLIMETRES_PER_METRE
-        )
+        millimetres = np.array([float(word) for word in row["t"].split()]).reshape(3)
         score, time = float(row["score"]), float(row["time"])
-        ids = [int(row[key]) for key in ("scene_id", "im_id", "obj_id")]
+        scene, image, object_id = (int(row[key]) for key in POSE_COLUMNS[:3])
     except (ValueError, TypeError, AttributeError) as error:
         raise DataError(f"{where}: no pose in BOP's format ({error})") from error
-    if not np.isfinite([*rotation.ravel(), *translation, score]).all():
+    if not np.isfinite([*rotation.ravel(), *millimetres, score]).all():
         raise DataError(f"{where}: NaN or infinity")
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > _ROTATION_TOLERANCE:
         raise DataError(f"{where}: R is no rotation")
+    pose = rigid(rotation, millimetres / MILLIMETRES_PER_METRE)
     seconds = {"total": time} if time >= 0 else {}
-    return PoseEstimate(ids[0], ids[1], ids[2], rigid(rotation, translation), score, seconds)
+    return PoseEstimate(scene, image, object_id, pose, score, seconds)
 
 
 def _numbers(values: Any) -> str:
     return " ".join(repr(float(value)) for value in np.ravel(values))
 
 
-SCORE_COLUMNS = (
-    "scene_id", "im_id", "obj_id", "object", "found", "visible_fraction", "add_mm", "rotation_deg",
-    "translation_mm", "box_iou", "add_correct", "pose_correct", "box_correct", "mssd_recall",
-    "mspd_recall", "vsd_recall", "cause", "score", "add_s_correct",
-)  # fmt: skip
+def _millimetres(metres: float) -> float:
+    return float(metres * MILLIMETRES_PER_METRE)
+
+
+def _metres(text: str) -> float:
+    return float(text) / MILLIMETRES_PER_METRE
+
+
+def _degrees(angle: float) -> float:
+    return float(np.rad2deg(angle))
+
+
+def _radians(text: str) -> float:
+    return float(np.deg2rad(float(text)))
+
+
+def _verdict(text: str) -> bool:
+    return bool(int(text))
+
+
+_Column = tuple[str, Callable[[Any], int | float | str], Callable[[str], int | float | str]]
+_SCORES: dict[str, _Column] = {
+    "scene_id": ("scene_id", int, int),
+    "im_id": ("frame_id", int, int),
+    "obj_id": ("object_id", int, int),
+    "object": ("", str, str),
+    "found": ("found", int, _verdict),
+    "visible_fraction": ("visible_fraction", float, float),
+    "add_mm": ("add_error", _millimetres, _metres),
+    "rotation_deg": ("rotation_error", _degrees, _radians),
+    "translation_mm": ("translation_error", _millimetres, _metres),
+    "box_iou": ("box_iou", float, float),
+    "add_correct": ("add_correct", int, _verdict),
+    "pose_correct": ("pose_correct", int, _verdict),
+    "box_correct": ("box_correct", int, _verdict),
+    "mssd_recall": ("mssd_recall", float, float),
+    "mspd_recall": ("mspd_recall", float, float),
+    "vsd_recall": ("vsd_recall", float, float),
+    "cause": ("cause", str, str),
+    "score": ("score", float, float),
+    "add_s_correct": ("add_s_correct", int, _verdict),
+}
+"""Each column of scores.csv: the score's field, and what writes and reads a value of it.
+
+`object`, the object's name, is no field of a score.
+"""
+SCORE_COLUMNS = tuple(_SCORES)
 
 
 def write_scores(path: Path, scores: Sequence[TargetScore], names: Mapping[int, str]) -> None:
@@ -90,28 +132,11 @@ def write_scores(path: Path, scores: Sequence[TargetScore], names: Mapping[int, 
     `names` are the objects' names by id; raises KeyError for an object that has none.
     """
     rows = [
-        (
-            item.scene_id,
-            item.frame_id,
-            item.object_id,
-            names[item.object_id],
-            int(item.found),
-            float(item.visible_fraction),
-            float(item.add_error * MILLIMETRES_PER_METRE),
-            float(np.rad2deg(item.rotation_error)),
-            float(item.translation_error * MILLIMETRES_PER_METRE),
-            float(item.box_iou),
-            int(item.add_correct),
-            int(item.pose_correct),
-            int(item.box_correct),
-            float(item.mssd_recall),
-            float(item.mspd_recall),
-            float(item.vsd_recall),
-            item.cause,
-            float(item.score),
-            int(item.add_s_correct),
-        )
-        for item in scores
+        [
+            write(getattr(score, field)) if field else names[score.object_id]
+            for field, write, _ in _SCORES.values()
+        ]
+        for score in scores
     ]
     write_csv(path, SCORE_COLUMNS, rows)
 
@@ -123,32 +148,12 @@ def read_scores(path: Path) -> tuple[list[TargetScore], dict[int, str]]:
     """
     scores, names = [], {}
     for line, row in enumerate(read_csv(path, SCORE_COLUMNS), start=2):
-        scores.append(_score(row, f"{path}, line {line}"))
+        try:
+            values: dict[str, Any] = {
+                field: read(row[column]) for column, (field, _, read) in _SCORES.items() if field
+            }
+        except (ValueError, TypeError) as error:
+            raise DataError(f"{path}, line {line}: no score ({error})") from error
+        scores.append(TargetScore(**values))
         names[scores[-1].object_id] = str(row["object"])
     return scores, names
-
-
-def _score(row: Mapping[str, Any], where: str) -> TargetScore:
-    try:
-        return TargetScore(
-            scene_id=int(row["scene_id"]),
-            frame_id=int(row["im_id"]),
-            object_id=int(row["obj_id"]),
-            found=bool(int(row["found"])),
-            visible_fraction=float(row["visible_fraction"]),
-            add_error=float(row["add_mm"]) / MILLIMETRES_PER_METRE,
-            rotation_error=float(np.deg2rad(float(row["rotation_deg"]))),
-            translation_error=float(row["translation_mm"]) / MILLIMETRES_PER_METRE,
-            box_iou=float(row["box_iou"]),
-            add_correct=bool(int(row["add_correct"])),
-            pose_correct=bool(int(row["pose_correct"])),
-            box_correct=bool(int(row["box_correct"])),
-            mssd_recall=float(row["mssd_recall"]),
-            mspd_recall=float(row["mspd_recall"]),
-            vsd_recall=float(row["vsd_recall"]),
-            cause=str(row["cause"]),
-            score=float(row["score"]),
-            add_s_correct=bool(int(row["add_s_correct"])),
-        )
-    except (ValueError, TypeError) as error:
-        raise DataError(f"{where}: no score ({error})") from error

@@ -1,0 +1,157 @@
+"""KEY=VALUE arguments of the commands that need no configuration, such as `learn` and `predict`.
+
+Hydra takes a second to start and reads a comma as a sweep; these commands take file names.
+"""
+
+import dataclasses
+import json
+import os
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, TypeVar
+
+from hlp.errors import InputError
+from hlp.settings import read_settings
+
+T = TypeVar("T")
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """`: did you mean …?` if one of the known words is near, else nothing."""
+    close = get_close_matches(word, [*known], 1)
+    return f": did you mean {close[0]}?" if close else ""
+
+
+def split_arguments(arguments: Sequence[str]) -> dict[str, str]:
+    """KEY=VALUE arguments as a mapping; a key may be given as `data.KEY`, as in configurations.
+
+    Raises InputError for an argument of another form, or a key that is given twice.
+    """
+    given: dict[str, str] = {}
+    for argument in arguments:
+        key, _, value = argument.partition("=")
+        if not key or not value:
+            raise InputError(f"cannot use '{argument}': arguments have the form KEY=VALUE")
+        key = key.removeprefix("data.")
+        if key in given:
+            raise InputError(f"{key} is given twice")
+        given[key] = value
+    return given
+
+
+def check_known(given: Mapping[str, str], known: Sequence[str], command: str) -> None:
+    """Raise InputError for the first key that a command does not take."""
+    for key in given:
+        if key not in known:
+            hint = nearest(key, known) or ":"
+            raise InputError(f"{key} is no key of `hlp {command}`{hint} see `hlp {command} --help`")
+
+
+def check_mistyped(
+    given: Mapping[str, str], known: Collection[str], needed: Sequence[str], command: str
+) -> None:
+    """Raise InputError for a key that is none, but near one that is needed and absent."""
+    absent = [key for key in needed if key not in given]
+    for key in given:
+        hint = "" if key in known else nearest(key, absent)
+        if hint:
+            raise InputError(f"{key} is no key of `hlp {command}`{hint}")
+
+
+def known_arguments(arguments: Sequence[str], known: Sequence[str], command: str) -> dict[str, str]:
+    """KEY=VALUE arguments of a command that takes just these keys. Raises InputError."""
+    given = split_arguments(arguments)
+    check_known(given, known, command)
+    return given
+
+
+def is_true(given: Mapping[str, str], key: str, default: bool) -> bool:
+    """The value of a switch, which is true or false. Raises InputError for anything else."""
+    value = given.get(key, str(default).lower())
+    if value not in ("true", "false"):
+        raise InputError(f"{key}={value}: it is true or false")
+    return value == "true"
+
+
+def read_group(kind: type[T], given: Mapping[str, str], **fixed: Any) -> T:
+    """Settings of a class from those arguments that are its fields. Raises SettingsError."""
+    names = field_names(kind) - set(fixed)
+    values = {key: plain_value(value) for key, value in given.items() if key in names}
+    return read_settings(kind, values | fixed)
+
+
+def field_names(*kinds: Any) -> set[str]:
+    """The names of all fields of some settings classes."""
+    return {field.name for kind in kinds for field in dataclasses.fields(kind)}
+
+
+def of_single(
+    given: Mapping[str, str], keys: Collection[str], names: Collection[str]
+) -> dict[str, dict[str, str]]:
+    """Arguments KEY.NAME=VALUE, by name, of those keys that may be given for single objects.
+
+    Raises InputError for a name that is none of `names`.
+    """
+    found: dict[str, dict[str, str]] = {}
+    for argument, value in given.items():
+        key, dot, name = argument.partition(".")
+        if not dot or key not in keys:
+            continue
+        if name not in names:
+            raise InputError(f"{argument}: there is no object '{name}': {', '.join(names)}")
+        found.setdefault(name, {})[key] = value
+    return found
+
+
+def plain_value(text: str) -> Any:
+    """A number, list, true, false or null; anything else is text: a path, with ~ expanded."""
+    text = text.strip()
+    if len(text) > 1 and text[0] == text[-1] and text[0] in "'\"":
+        return text[1:-1]
+    try:
+        return json.loads(text)
+    except ValueError:
+        if re.fullmatch(r"[-+]?(\d+\.|\.\d+)([eE][-+]?\d+)?", text):  # .9 and 9., no JSON
+            return float(text)
+    if text.startswith("[") and text.endswith("]"):
+        return [plain_value(part) for part in text[1:-1].split(",") if part.strip()]
+    return str(Path(text).expanduser()) if text.startswith("~") else text
+
+
+def text_list(text: str) -> list[str]:
+    """Names or paths separated by commas, with or without brackets; one path may hold commas."""
+    if Path(text).expanduser().exists():
+        return [str(Path(text).expanduser())]
+    return [str(value) for value in plain_value(text if text.startswith("[") else f"[{text}]")]
+
+
+def names_of_objects(given: dict[str, str]) -> list[str] | None:
+    """The names that `objects` gives, which is taken out; None without. InputError for none."""
+    if "objects" not in given:
+        return None
+    names = text_list(given.pop("objects"))
+    if not names:
+        raise InputError("objects names none: leave it out to look for all of them")
+    return names
+
+
+def whole_number(given: Mapping[str, str], key: str, most: int = 1024) -> int | None:
+    """A key's whole number, 0 to `most`; None without. Raises InputError for anything else."""
+    if key not in given:
+        return None
+    value = plain_value(given[key])
+    if type(value) is not int or not 0 <= value <= most:
+        raise InputError(f"{key}={given[key]}: it must be a whole number, 0 to {most}")
+    return value
+
+
+def path_of(given: Mapping[str, str], key: str, default: str | Path) -> Path:
+    """The path of a key, with ~ expanded."""
+    return Path(given.get(key, default)).expanduser()
+
+
+def tracking_uri(work: str = "work") -> str:
+    """Where MLflow's runs are: its own MLFLOW_TRACKING_URI, or the database in the folder."""
+    return os.environ.get("MLFLOW_TRACKING_URI") or f"sqlite:///{work}/mlflow.db"

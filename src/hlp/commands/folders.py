@@ -1,0 +1,88 @@
+"""`hlp download`, `notebooks` and `clean`: fill folders of the user's, and empty the stages'."""
+
+import shutil
+import textwrap
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from hlp.commands.arguments import is_true, known_arguments, path_of, text_list
+from hlp.data.public.sets import IMAGES, SETS, find_set
+from hlp.errors import InputError
+from hlp.files import shipped_folder
+from hlp.stages.cleaning import KINDS, find_removable, remove
+
+_INDENT = " " * 11
+
+
+def download(arguments: Sequence[str]) -> None:
+    """Load a data set and say what to do with it."""
+    from hlp.data.public.download import download as load  # the help needs no network's library
+
+    name, *rest = arguments
+    if "=" in name:
+        raise InputError(f"'{name}': the name of a data set comes first: hlp download NAME …")
+    public = find_set(name)
+    given = known_arguments(rest, ("output", "images", "mirror"), "download")
+    images = given.get("images", next(iter(public.archives)))
+    folder = path_of(given, "output", f"data/{name}")
+    mirror = given.get("mirror")
+    print(public.what)
+    print(f"licence   {public.licence or 'not known to HLP'}; see {public.page}")
+    for file in public.files(images, mirror):
+        print(f"source    {file.url}")
+    load(public, folder, images, mirror)
+    print(f"Next: {public.next_step.format(folder=folder)}")
+
+
+def filled(text: str, arguments: Sequence[str]) -> str:
+    """The help with the data sets that there are."""
+    return text.format(
+        sets="\n".join(_listed()),
+        images="|".join(IMAGES),
+        lm=SETS["lm"].base,
+        voc2012=SETS["voc2012"].base,
+    )
+
+
+def _listed() -> Iterator[str]:
+    for public in SETS.values():
+        sizes = ", ".join(f"{size} ({images})" for images, size in public.sizes.items())
+        licence = public.licence or "not known here, see its page"
+        about = f"{sizes or 'size: see the server'}; licence: {licence}"
+        yield f"  {public.name:<8} {public.what}"
+        yield textwrap.fill(about, 80, initial_indent=_INDENT, subsequent_indent=_INDENT)
+
+
+def notebooks(arguments: Sequence[str]) -> None:
+    """Copy the notebooks that teach into a folder, none of them if one is there already."""
+    given = known_arguments(arguments, ("output",), "notebooks")
+    folder = path_of(given, "output", "notebooks")
+    sources = sorted(shipped_folder("notebooks").glob("*.ipynb"))
+    for source in sources:
+        if (folder / source.name).exists():
+            raise InputError(
+                f"{folder / source.name} is there already: choose another folder with output=DIR"
+            )
+    folder.mkdir(parents=True, exist_ok=True)
+    for source in sources:
+        print(shutil.copyfile(source, folder / source.name))
+
+
+def clean(arguments: Sequence[str]) -> None:
+    """List the outputs of stages that may go; with dry=false, remove them."""
+    given = known_arguments(arguments, ("work", "outputs", "kinds", "dry"), "clean")
+    kinds = text_list(given["kinds"]) if "kinds" in given else KINDS
+    for kind in kinds:
+        if kind not in KINDS:
+            raise InputError(f"kinds={kind}: choose from {', '.join(KINDS)}")
+    work, dry = path_of(given, "work", "work"), is_true(given, "dry", True)
+    outputs = [Path(name).expanduser() for name in text_list(given.get("outputs", "outputs"))]
+    found = [output for output in find_removable(work, outputs) if output.kind in kinds]
+    for output in found:
+        print(f"{output.kind:<12}  {output.size / 1e6:9.1f} MB  {output.folder}")
+    total = f"{sum(output.size for output in found) / 1e6:.1f} MB"
+    if dry:
+        print(f"{len(found)} outputs, {total}. Nothing was removed: dry=false removes them.")
+        return
+    remove(work, found)
+    print(f"{len(found)} outputs removed, {total}.")

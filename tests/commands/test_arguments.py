@@ -1,0 +1,174 @@
+"""Arguments of the commands that need no configuration, and what `hlp learn` makes of them."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import trimesh
+
+from hlp.cli import COMMANDS, main
+from hlp.commands import arguments as own
+from hlp.commands.learn import learning_request
+from hlp.data.own_frames import FrameFiles
+from hlp.errors import InputError
+from hlp.method.learn.mesh_models import MeshChoices, build_models
+from hlp.method.settings import MethodSettings
+
+
+def test_arguments_are_keys_and_values():
+    given = own.split_arguments(["rgb=a=b.png", "data.photographs=p"])
+    assert given == {"rgb": "a=b.png", "photographs": "p"}
+    for wrong in ("rgb", "=a", "rgb="):
+        with pytest.raises(ValueError, match="KEY=VALUE"):
+            own.split_arguments([wrong])
+    with pytest.raises(ValueError, match="given twice"):
+        own.split_arguments(["a=1", "a=2"])
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("1e-3", 0.001), ("3", 3), (".9", 0.9), ("-9.e1", -90.0), (".hidden", ".hidden"),
+     ("true", True), ("null", None), ("a,b (c).png", "a,b (c).png"),
+     ("[1, 2.5]", [1, 2.5]), ("[a,b]", ["a", "b"]),
+     ("'it is'", "it is"), ("a'b", "a'b")],
+)  # fmt: skip
+def test_values_are_read_as_they_look(text, value):
+    assert own.plain_value(text) == value
+
+
+def test_lists_of_files_are_separated_by_commas(tmp_path):
+    odd = tmp_path / "a,b.ply"
+    odd.touch()
+    assert own.text_list(str(odd)) == [str(odd)]
+    assert own.text_list("a.ply,b.obj") == ["a.ply", "b.obj"]
+    assert own.text_list("[a.ply, b.obj]") == ["a.ply", "b.obj"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["predict", "lernt=x", "rgb=a.png"], "lernt is no key of `hlp predict`: did you mean lea"),
+        (["predict", "learnt=x", "rgb=a", "depht=b"], "depht is no key of `hlp predict`: did you"),
+        (["predict", "learnt=x", "rgb=a", "depth_scale=1"], "depth is not set: give depth="),
+        (["learn", "mehs=a.ply"], "mehs is no key of `hlp learn`: did you mean mesh?"),
+        (["learn", "names=a"], "mesh is not set: give mesh=FILE"),
+        (["objects", "lst"], "cannot use 'lst': did you mean list? see `hlp objects --help`"),
+        (
+            ["objects", "export", "a"],
+            "cannot use 'export a': see `hlp objects export NAME|RUN FOLDER`",
+        ),
+        (["objects", "show"], "cannot use 'show': see `hlp objects show NAME|FOLDER`"),
+        (["report", "experimnt=demo"], "experimnt is no key of `hlp report`: did you mean exp"),
+        (["notebooks", "folder=here"], "folder is no key of `hlp notebooks`: see `hlp notebooks"),
+        (["clean", "dry=perhaps"], "dry=perhaps: it is true or false"),
+        (["ui", "open=perhaps"], "open=perhaps: it is true or false"),
+        (["ui", "port=here"], "port=here: it is a number"),
+        (["upload", "send"], "cannot use 'send': arguments have the form KEY=VALUE"),
+        (["download", "output=x"], "'output=x': the name of a data set comes first"),
+    ],
+)
+def test_a_mistyped_word_is_named_with_what_was_meant(words, said, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 1
+    assert capsys.readouterr().err.startswith(f"hlp: {said}")
+
+
+def test_settings_are_read_from_their_own_keys():
+    given = {"rgb": "a", "depth": "b", "intrinsics": "[1,2,3,4]", "depth_scale": "2", "x": "y"}
+    files = own.read_group(FrameFiles, given)
+    assert files == FrameFiles(rgb="a", depth="b", intrinsics=[1.0, 2.0, 3.0, 4.0], depth_scale=2.0)
+    with pytest.raises(ValueError, match="depth_scale is 0"):
+        own.read_group(FrameFiles, given | {"depth_scale": "0"})
+
+
+def test_a_key_may_be_given_for_one_object():
+    given = {"symmetries.cat": "none", "colors.my.obj": "false", "colors.cat": "true"}
+    given |= {"colors": "x", "codebook.cat": "y"}
+    found = own.of_single(given, ("symmetries", "colors"), ("cat", "my.obj"))
+    assert found == {"cat": {"symmetries": "none", "colors": "true"}, "my.obj": {"colors": "false"}}
+    with pytest.raises(ValueError, match=r"colors\.dog: there is no object 'dog': cat, my"):
+        own.of_single({"colors.dog": "x"}, ("colors",), ("cat", "my"))
+
+
+@pytest.fixture
+def meshes(tmp_path: Path) -> list[str]:
+    paths = [tmp_path / f"{name}.ply" for name in "ab"]
+    for path in paths:
+        trimesh.creation.cylinder(0.03, 0.1).export(path)
+    return [str(path) for path in paths]
+
+
+def test_each_mesh_is_learnt_with_its_own_choices(meshes):
+    given = {"symmetries": "none", "symmetries.b": "found", "colors.a": "false", "encoder": "pca"}
+    request = learning_request(given, meshes, ())
+    models = build_models(request.meshes, request.choices, 1, request.own_choices)
+    assert len(models[1].symmetries) == 1 < len(models[2].symmetries)
+    assert request.own_choices["a"] == MeshChoices(symmetries="none", colors=False)
+    assert request.choices.colors and request.own_choices["b"].colors
+    with pytest.raises(ValueError, match="there is no object 'c'"):
+        learning_request({"colors.c": "false"}, meshes, ())
+
+
+def test_objects_are_learnt_with_the_method_s_settings_and_what_is_given(meshes):
+    """In any pose: not with the settings of the demo."""
+    settings = learning_request({}, meshes, ()).settings
+    assert settings == MethodSettings()
+    given = {"encoder": "pca", "rendering.viewpoints": "99"}
+    settings = learning_request(given, meshes, ()).settings
+    assert (settings.encoder.name, settings.rendering.viewpoints) == ("pca", 99)
+
+
+def test_predicting_imports_no_framework():
+    """What a call with learnt objects imports: no training, no configuration, no tracking."""
+    code = (
+        "import sys, hlp.cli, hlp.runs.prediction, hlp.data.own_frames, hlp.runs.learnt_cache\n"
+        "slow = {'torch', 'pytorch_lightning', 'mlflow', 'hydra', 'omegaconf', 'trimesh',"
+        " 'matplotlib', 'pandas', 'sklearn', 'scipy.optimize'}\n"
+        "found = slow & set(sys.modules)\n"
+        "assert not found, found\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("text", ["many", "-1", "1.5", "true", "99999", "[1]", "nan"])
+def test_a_number_of_threads_is_no_word(text: str) -> None:
+    with pytest.raises(InputError, match="it must be a whole number, 0 to 1024"):
+        own.whole_number({"threads": text}, "threads")
+    assert own.whole_number({"threads": "4"}, "threads") == 4
+    assert own.whole_number({}, "threads") is None
+
+
+def test_no_object_is_no_choice() -> None:
+    assert own.names_of_objects({"objects": "a,b"}) == ["a", "b"]
+    assert own.names_of_objects({}) is None
+    with pytest.raises(InputError, match="objects names none"):
+        own.names_of_objects({"objects": "[]"})
+
+
+def test_exchanged_letters_are_near_and_other_words_are_not() -> None:
+    assert own.nearest("rnu", ["report", "run"]) == ": did you mean run?"
+    assert own.nearest("zebra", ["report", "run"]) == ""
+
+
+def test_mlflows_own_variable_is_honoured(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    assert own.tracking_uri("here") == "sqlite:///here/mlflow.db"
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "http://server:5000")
+    assert own.tracking_uri("here") == "http://server:5000"
+
+
+@pytest.mark.parametrize(
+    ("words", "goes_on"),
+    [
+        (["predict", "output=a"], True),
+        (["predict"], False),  # the next call has another folder
+        (["predict", "output=a", "track=true"], False),
+        (["run"], True),
+        (["live", "output=a"], False),
+    ],
+)
+def test_a_command_says_whether_it_goes_on_where_it_was_stopped(words, goes_on) -> None:
+    assert COMMANDS[words[0]].continues(words[1:]) == goes_on
