@@ -12,7 +12,7 @@ from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.records import Target
 from hlp.runs.run_stages import stages_of
 from hlp.runs.shown_targets import FrameResults
-from hlp.runs.swarm_traces import search_again
+from hlp.runs.stage_samples import search_again
 from hlp.stages.manifest import library_builds, processor
 from hlp.stages.store import StageStore
 from run_files import Row, logged_run, read_json, rows, stages

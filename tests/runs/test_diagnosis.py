@@ -12,6 +12,7 @@ from hlp.evaluation.settings import EvaluationSettings, WaterfallSettings
 from hlp.evaluation.waterfall import VoteCounts
 from hlp.geometry import project, rigid, transform
 from hlp.method.find.trace import STAGES, ObjectTrace
+from hlp.patches.holistic import HolisticSettings
 from hlp.records import (
     Frame,
     Hypotheses,
@@ -26,10 +27,11 @@ from hlp.records import (
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.pose_fit import PoseFit
 from hlp.rendering.rasterizer import render_depth
-from hlp.runs.diagnosis import explain_misses, note_frame, visible_pixels
+from hlp.runs.diagnosis import WindowClasses, explain_misses, note_frame, visible_pixels
 from hlp.stages.trace_files import read_trace, write_trace
 
 K = np.array([[570.0, 0.0, 80.0], [0.0, 570.0, 60.0], [0.0, 0.0, 1.0]])
+SHAPE = (120, 160)
 SETTINGS = EvaluationSettings(
     "test", [], 0.1, 5.0, 5.0, 0.5, 100, WaterfallSettings(30, 30, 15, 20, 5, 0.25, 0.5, 0.1)
 )
@@ -47,24 +49,26 @@ def _model():
 
 
 MODEL = _model()
+OWN = render_depth(MODEL.mesh, NEAR[None], K, SHAPE)[0] > 0
+"""What nothing hides of the first target."""
 
 
 def _frame():
     """Two boxes before a wall at 1.5 m."""
-    rendered = render_depth(MODEL.mesh, np.stack([NEAR, FAR]), K, (120, 160))
+    rendered = render_depth(MODEL.mesh, np.stack([NEAR, FAR]), K, SHAPE)
     depth = np.where(rendered > 0, rendered, 1.5).min(axis=0)
     targets = (Target(1, NEAR, 1.0), Target(1, FAR, 1.0))
-    return Frame(6, 3, np.zeros((120, 160, 3), np.uint8), depth, K, targets)
+    return Frame(6, 3, np.zeros((*SHAPE, 3), np.uint8), depth, K, targets)
 
 
 FRAME = _frame()
 TARGET = FRAME.targets[0]
 SOURCE = SimpleNamespace()
 CENTERS = np.rint(project(np.stack([NEAR[:3, 3], FAR[:3, 3]]), K)).astype(np.int16)
-PIXELS = np.concatenate(
-    [CENTERS, CENTERS, np.zeros((2, 2), np.int16), CENTERS, np.zeros((2, 2), np.int16)]
-)
+CORNER = np.zeros((2, 2), np.int16)
+PIXELS = np.concatenate([CENTERS, CENTERS, CORNER, CENTERS, CORNER])
 """Centres (x, y) of the patches that vote: on the boxes, and in the corner of the picture."""
+MISSED = TargetScore(6, 3, 1, True, 1.0, 0.1, 1.0, 0.1, 0.5, False, False, False)
 
 
 def _moved(pose, degrees, metres):
@@ -75,8 +79,24 @@ def _moved(pose, degrees, metres):
     return moved
 
 
-def _detection(folder, frame, mask, coarse, refined, sources, votes):
-    """A detection whose stages have left these: `refined` poses, the first of them the answer."""
+def _votes(pose, count):
+    return np.stack([_moved(pose, 4.0, 0.002 * i) for i in range(count)])
+
+
+WRONG, CLOSE = _moved(NEAR, 90.0, 0.2), _moved(NEAR, 20.0, 0.01)
+EVERYWHERE = np.ones(SHAPE, dtype=bool)
+LEFT = {
+    "mask": EVERYWHERE,
+    "coarse": [CLOSE, WRONG],
+    "refined": [WRONG, NEAR],
+    "sources": [1, 0],
+    "votes": _votes(NEAR, 6),
+}
+"""What the stages have left: the first of the `refined` poses is the answer."""
+NO_POSE = {"coarse": [], "refined": [], "sources": []}
+
+
+def _trace(frame, mask, coarse, refined, sources, votes):
     grid = np.stack(np.meshgrid(np.arange(0, 160, 8), np.arange(0, 120, 8)), -1).reshape(-1, 2)
     kept = frame.depth[grid[:, 1], grid[:, 0]] > 0
     poses, count = np.reshape(coarse, (-1, 4, 4)), len(refined)
@@ -87,7 +107,7 @@ def _detection(folder, frame, mask, coarse, refined, sources, votes):
         np.zeros((count, 2), dtype=int),
         (0,),
     )
-    found = ObjectTrace(
+    return ObjectTrace(
         Region(1, grid[kept].astype(float), np.ones(kept.sum(), np.float32), mask),
         votes=Votes(
             transform(votes, MODEL.centroid[None])[:, 0],
@@ -100,37 +120,25 @@ def _detection(folder, frame, mask, coarse, refined, sources, votes):
         refined=fine if refined else None,
         fits=(PoseFit(0.1, 0.9, 0.9, 3.0, 1.0),),
     )
+
+
+def _noted(folder, frame=FRAME, **left):
+    """A detection whose stages have left these on disk, and what is counted in the frame."""
+    found = _trace(frame, **{**LEFT, **left})
     for stage in STAGES:
         (folder / stage).mkdir()
         write_trace(folder / stage, frame.key, stage, {1: found})
     outputs = {
         stage: (lambda folder=folder / stage: SimpleNamespace(folder=folder)) for stage in STAGES
     }
-    dataset = SimpleNamespace(models={1: MODEL}, frames=SOURCE, wanted=lambda frame: {1: 1})
-    return SimpleNamespace(dataset=dataset, **outputs)
+    dataset = SimpleNamespace(models={1: MODEL}, frames=SOURCE)
+    trace = read_trace({stage: folder / stage for stage in STAGES}, frame.key)
+    return SimpleNamespace(dataset=dataset, **outputs), note_frame(dataset, frame, trace, SETTINGS)
 
 
-def _notes(detection, frame=FRAME):
-    """What is counted in the frame, from what the stages have left on disk."""
-    folders = {stage: getattr(detection, stage)().folder for stage in STAGES}
-    return note_frame(detection.dataset, frame, read_trace(folders, frame.key), SETTINGS)
-
-
-def _explained(detection, scores, frame=FRAME):
-    return explain_misses(detection, [_notes(detection, frame)], scores, SETTINGS)
-
-
-def _missed():
-    return TargetScore(6, 3, 1, True, 1.0, 0.1, 1.0, 0.1, 0.5, False, False, False)
-
-
-def _votes(pose, count):
-    return np.stack([_moved(pose, 4.0, 0.002 * i) for i in range(count)])
-
-
-WRONG = _moved(NEAR, 90.0, 0.2)
-CLOSE = _moved(NEAR, 20.0, 0.01)
-EVERYWHERE = np.ones((120, 160), dtype=bool)
+def _causes(folder, frame=FRAME, **left):
+    detection, notes = _noted(folder, frame, **left)
+    return [s.cause for s in explain_misses(detection, [notes], [MISSED, MISSED], SETTINGS)]
 
 
 @pytest.mark.parametrize(
@@ -140,61 +148,44 @@ EVERYWHERE = np.ones((120, 160), dtype=bool)
         ("refiner_diverged", {"refined": [WRONG, WRONG]}),
         ("screening", {"refined": [WRONG], "sources": [1]}),
         ("outside_basin", {"coarse": [WRONG, WRONG], "refined": [WRONG, WRONG]}),
-        ("few_votes", {"coarse": [], "refined": [], "votes": _votes(NEAR, 4)}),
-        ("wrong_region", {"coarse": [], "refined": [], "mask": ~EVERYWHERE}),
+        ("few_votes", {**NO_POSE, "votes": _votes(NEAR, 4)}),
+        ("wrong_region", {**NO_POSE, "mask": ~EVERYWHERE}),
+        # An answer on the surface, the wrong way round.
+        ("symmetric_flip", {"refined": [_moved(NEAR, 180.0, 0.0), NEAR], "sources": [0, 0]}),
     ],
 )
 def test_what_the_stages_left_tells_the_cause(tmp_path, cause, changed):
-    left = {
-        "mask": EVERYWHERE,
-        "coarse": [CLOSE, WRONG],
-        "refined": [WRONG, NEAR],
-        "sources": [1, 0],
-        "votes": _votes(NEAR, 6),
-    }
-    detection = _detection(tmp_path, FRAME, **{**left, **changed})
-    right = dataclasses.replace(_missed(), add_correct=True)
-    explained = _explained(detection, [_missed(), right])
-    assert [score.cause for score in explained] == [cause, ""]
-    assert explained[0] == dataclasses.replace(_missed(), cause=cause)
+    detection, notes = _noted(tmp_path, **changed)
+    right = dataclasses.replace(MISSED, add_correct=True)
+    explained = explain_misses(detection, [notes], [MISSED, right], SETTINGS)
+    assert explained == [dataclasses.replace(MISSED, cause=cause), right]
 
 
 def test_each_target_of_an_object_has_its_own_cause(tmp_path):
-    detection = _detection(tmp_path, FRAME, EVERYWHERE, [CLOSE], [WRONG], [0], _votes(FAR, 6))
-    explained = _explained(detection, [_missed(), _missed()])
-    assert [score.cause for score in explained] == ["refiner_diverged", "outside_basin"]
+    left = {"coarse": [CLOSE], "refined": [WRONG], "sources": [0], "votes": _votes(FAR, 6)}
+    assert _causes(tmp_path, **left) == ["refiner_diverged", "outside_basin"]
 
 
-def test_an_answer_on_the_surface_the_wrong_way_round_is_a_flip(tmp_path):
-    flipped = _moved(NEAR, 180.0, 0.0)
-    detection = _detection(
-        tmp_path, FRAME, EVERYWHERE, [CLOSE], [flipped, NEAR], [0, 0], _votes(NEAR, 6)
-    )
-    (score, _) = _explained(detection, [_missed(), _missed()])
-    assert score.cause == "symmetric_flip"
-
-
-def test_missing_depth_and_missing_windows(tmp_path):
-    shown = visible_pixels(SOURCE, FRAME, TARGET, MODEL)
-    blind = dataclasses.replace(FRAME, depth=np.where(shown, 0.0, FRAME.depth))
-    (tmp_path / "a").mkdir()
-    detection = _detection(tmp_path / "a", blind, ~EVERYWHERE, [], [], [], _votes(NEAR, 4))
-    assert _explained(detection, [_missed(), _missed()], blind)[0].cause == "depth_missing"
-    hidden = dataclasses.replace(FRAME, depth=np.full_like(FRAME.depth, 0.3))
-    (tmp_path / "b").mkdir()
-    detection = _detection(tmp_path / "b", hidden, EVERYWHERE, [], [], [], _votes(NEAR, 6))
-    assert _explained(detection, [_missed(), _missed()], hidden)[0].cause == "no_window"
+@pytest.mark.parametrize(
+    ("cause", "depth"),
+    [
+        ("depth_missing", np.where(OWN, 0.0, FRAME.depth)),
+        ("no_window", np.full_like(FRAME.depth, 0.3)),  # hidden
+    ],
+)
+def test_missing_depth_and_missing_windows(tmp_path, cause, depth):
+    frame = dataclasses.replace(FRAME, depth=depth)
+    assert _causes(tmp_path, frame, **NO_POSE)[0] == cause
 
 
 def test_visible_is_what_nothing_else_hides():
-    own = render_depth(MODEL.mesh, NEAR[None], K, (120, 160))[0] > 0
-    assert (visible_pixels(SOURCE, FRAME, TARGET, MODEL) == own).all()
+    assert (visible_pixels(SOURCE, FRAME, TARGET, MODEL) == OWN).all()
     depth = FRAME.depth.copy()
     depth[:, :60] = 0.5  # something stands before the left part
     depth[:, 60:64] = 0.0  # unknown
     shown = visible_pixels(SOURCE, dataclasses.replace(FRAME, depth=depth), TARGET, MODEL)
-    assert 0 < shown.sum() < own.sum()
-    assert (shown[:, 60:] == own[:, 60:]).all() and not shown[:, :60].any()
+    assert 0 < shown.sum() < OWN.sum()
+    assert (shown[:, 60:] == OWN[:, 60:]).all() and not shown[:, :60].any()
 
 
 def test_the_data_sets_own_mask_is_taken_where_it_has_one():
@@ -202,15 +193,43 @@ def test_the_data_sets_own_mask_is_taken_where_it_has_one():
     source = SimpleNamespace(visible_mask=lambda frame, target: given)
     assert visible_pixels(source, FRAME, TARGET, MODEL) is given
     source.visible_mask = lambda frame, target: None
-    own = render_depth(MODEL.mesh, NEAR[None], K, (120, 160))[0] > 0
-    assert (visible_pixels(source, FRAME, TARGET, MODEL) == own).all()
+    assert (visible_pixels(source, FRAME, TARGET, MODEL) == OWN).all()
 
 
 def test_votes_near_either_target_are_good_and_those_on_either_are_the_objects(tmp_path):
     votes = np.concatenate([_votes(NEAR, 3), _votes(FAR, 2), _votes(WRONG, 5)])
-    detection = _detection(tmp_path, FRAME, EVERYWHERE, [], [], [], votes)
-    (counted,) = _notes(detection).votes
-    weights = np.linspace(1.0, 2.0, 10)
-    assert counted == VoteCounts(
-        1, 10, 5, pytest.approx(15.0), pytest.approx(weights[:5].sum()), 6, 4
+    (counted,) = _noted(tmp_path, **NO_POSE, votes=votes)[1].votes
+    good = pytest.approx(np.linspace(1.0, 2.0, 10)[:5].sum())
+    assert counted == VoteCounts(1, 10, 5, pytest.approx(15.0), good, 6, 4)
+
+
+class ByBrightness:
+    """Background in the dark, class 1 in grey, class 2 in light windows."""
+
+    outputs = 3
+
+    def run(self, images):
+        level = images[..., :3].mean(axis=(1, 2, 3))
+        return np.eye(3, dtype=np.float32)[np.digitize(level, [80, 170])]
+
+
+def test_windows_are_counted_by_object_and_class_and_unseen_targets_are_not():
+    models = {i: SimpleNamespace(name=n, holistic_size=0.1) for i, n in ((5, "cat"), (9, "duck"))}
+    patches, machine = SimpleNamespace(holistic=HolisticSettings()), SimpleNamespace(threads=1)
+    settings = SimpleNamespace(patches=patches, machine=machine)
+    classes = WindowClasses(
+        SimpleNamespace(
+            models=models, classes=[5, 9], settings=settings, load_classifier=ByBrightness
+        )
     )
+    rgb = np.zeros((120, 400, 3), np.uint8)
+    rgb[:, 130:270], rgb[:, 270:] = 120, 250
+    camera = np.array([[500.0, 0, 200], [0, 500.0, 60], [0, 0, 1]])
+    # 50 px wide at 1 m: each window lies in one of the three stripes.
+    shown = [(9, (330, 60)), (5, (200, 60)), (5, (60, 60)), (5, (330, 60)), (9, None)]
+    targets = [SimpleNamespace(target=Target(i, np.eye(4)), middle=middle) for i, middle in shown]
+    frame = Frame(0, 0, rgb, np.ones((120, 400)), camera)
+    classes.count(frame, SimpleNamespace(targets=targets))
+    found = classes.summary()
+    assert found == {"cat": {"background": 1, "cat": 1, "duck": 1}, "duck": {"duck": 1}}
+    assert list(found) == ["cat", "duck"]

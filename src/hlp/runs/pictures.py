@@ -45,8 +45,8 @@ from hlp.runs.stage_samples import (
     patches_on_target,
     reconstruct,
     sample_windows,
+    swarms_of_target,
 )
-from hlp.runs.swarm_traces import swarms_of_target
 from hlp.stages.detection import DetectionStages
 
 if TYPE_CHECKING:
