@@ -24,12 +24,10 @@ LONG_FUNCTIONS = {
     "_sum_row": 50,
     "_sum_rows": 45,
     "add": 48,
-    "build_object_model": 59,
     "build_templates": 49,
     "cut_local_patches": 44,
     "draw_triangles": 60,
     "learn": 46,  # half of it is its docstring, as of `search`
-    "load_mesh": 46,
     "match_templates": 58,
     "predict": 56,
     "recall_by_time": 41,

@@ -1,8 +1,17 @@
-"""Reading frames for the doctor: what cannot be read, what makes no sense, and how many."""
+"""What is seen in frames alone: whether they can be read, intrinsics, units, registration."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
-from hlp.checks.frame_checks import read_frames
+from hlp.checks.frame_checks import (
+    check_depth_scale,
+    check_intrinsics,
+    check_object_size,
+    check_registration,
+    read_frames,
+)
 from hlp.errors import DataError
 
 KEYS = [f"000001_{i:06d}" for i in range(9)]
@@ -34,3 +43,88 @@ def test_frames_whose_values_make_no_sense_are_kept_with_a_finding(frames):
         ("values", KEYS[0]),
         ("files", KEYS[1]),
     }
+
+
+def _with_matrix(frame, change):
+    matrix = frame.camera_matrix.copy()
+    change(matrix)
+    return replace(frame, camera_matrix=matrix)
+
+
+def test_a_healthy_frame_has_no_finding(frames, models):
+    for frame in frames:
+        assert check_intrinsics(frame) == []
+        assert check_depth_scale(frame, list(models.values())) == []
+        assert check_depth_scale(frame, []) == []
+    assert check_object_size(list(models.values())) == []
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.67, 1.5])
+def test_intrinsics_of_images_of_another_size_are_named(frames, factor):
+    def change(matrix):
+        matrix[:2] *= factor
+
+    (finding,) = check_intrinsics(_with_matrix(frames[0], change))
+    assert finding.kind == "intrinsics" and "far from their middle" in finding.problem
+
+
+def test_impossible_and_exchanged_numbers_are_named(frames):
+    def millimetres(matrix):
+        matrix[[0, 1], [0, 1]] = 3.6
+
+    def exchanged(matrix):
+        matrix[1, 1] *= 0.6
+
+    (finding,) = check_intrinsics(_with_matrix(frames[0], millimetres))
+    assert "no depth camera" in finding.problem
+    (finding,) = check_intrinsics(_with_matrix(frames[0], exchanged))
+    assert "very different" in finding.problem
+
+
+@pytest.mark.parametrize("factor", [10.0, 0.1])
+def test_depth_in_another_unit_is_named(frames, models, factor):
+    wrong = replace(frames[0], depth=(frames[0].depth * factor).astype(np.float32))
+    (finding,) = check_depth_scale(wrong, list(models.values()))
+    assert finding.kind == "depth scale" and "Give depth_scale" in finding.advice
+
+
+def test_without_objects_only_impossible_distances_are_named(frames):
+    far = replace(frames[0], depth=frames[0].depth * np.float32(12))
+    (finding,) = check_depth_scale(far, [])
+    assert "few depth cameras" in finding.problem
+    assert check_depth_scale(replace(far, depth=np.zeros_like(far.depth)), []) == []
+
+
+def test_a_mesh_in_centimetres_is_named(models):
+    tiny = replace(models[1], diameter=models[1].diameter * 0.1)
+    (finding,) = check_object_size([tiny, models[2]])
+    assert finding.where == tiny.name and "mesh_scale=0.01" in finding.advice
+
+
+@pytest.mark.parametrize("shift", [(10, 0), (-10, 0), (0, 12), (8, -8)])
+def test_shifted_depth_is_named_with_the_shift_back(frames, shift):
+    moved = [
+        replace(each, depth=np.roll(each.depth, (shift[1], shift[0]), axis=(0, 1)))
+        for each in frames
+    ]
+    (finding,) = check_registration(moved)
+    assert finding.kind == "registration"
+    x, y = (int(part) for part in finding.problem.split("(")[1].split(")")[0].split(","))
+    assert abs(x + shift[0]) <= 1 and abs(y + shift[1]) <= 1
+
+
+def test_registered_depth_has_no_finding_nor_has_an_image_without_edges(frames):
+    assert check_registration(frames) == []
+    assert check_registration(frames[:1]) == []
+    flat = replace(frames[0], depth=np.ones_like(frames[0].depth))
+    assert check_registration([flat]) == []
+    assert check_registration([]) == []
+
+
+def test_noise_has_no_finding():
+    rng = np.random.default_rng(0)
+    for _ in range(2):
+        frame = type("F", (), {})()
+        frame.rgb = rng.integers(0, 255, (120, 160, 3)).astype(np.uint8)
+        frame.depth = rng.uniform(0.5, 1.5, (120, 160)).astype(np.float32)
+        assert check_registration([frame]) == []

@@ -43,10 +43,11 @@ def load_object_models(
     models = {}
     for name, settings in objects.items():
         path = _mesh_path(root, name, settings.id)
-        infos = _model_infos(path.parent)
+        listed = path.parent / _INFO
+        infos = read_as(listed, bop.ModelInfos) if listed.is_file() else {}
         info = infos.get(str(settings.id), bop.ModelInfo())
         diameter = None if info.diameter is None else info.diameter * MILLIMETRE
-        where = f"{path.parent / _INFO}, object {settings.id}"
+        where = f"{listed}, object {settings.id}"
         stated = any(_SYMMETRIES & other.model_fields_set for other in infos.values())
         symmetries = symmetry_motions(info, symmetry_steps, where) if stated else None
         model = build_object_model(
@@ -67,11 +68,9 @@ def symmetry_motions(
 
     As in the BOP toolkit, the rotations about all axes of continuous symmetries, discretised in
     `steps`, form one set, and each of it is combined with each discrete symmetry; rotations about
-    different axes are not combined. Raises ValueError if `steps` < 1, and one naming `where` if an
-    entry is no rotation or no axis, or there would be more than 10000 motions.
+    different axes are not combined. Raises DataError naming `where` if an entry is no rotation or
+    no axis, and ConfigError if there would be more than 10000 motions.
     """
-    if steps < 1:
-        raise ConfigError(f"symmetry_steps must be at least 1, not {steps}")
     stated_discrete, stated_continuous = info.symmetries_discrete, info.symmetries_continuous
     count = (1 + len(stated_discrete)) * max(1, len(stated_continuous) * steps)
     if count > _MOST_MOTIONS:
@@ -80,9 +79,10 @@ def symmetry_motions(
             f" {len(stated_discrete)} discrete symmetries, {count} motions in"
             f" {steps} steps: at most {_MOST_MOTIONS} are possible, set data.symmetry_steps"
         )
-    discrete = [np.eye(4)]
-    for number, values in enumerate(stated_discrete):
-        discrete.append(_discrete(values, f"{where}: symmetries_discrete.{number}"))
+    discrete = [np.eye(4)] + [
+        _discrete(values, f"{where}: symmetries_discrete.{number}")
+        for number, values in enumerate(stated_discrete)
+    ]
     continuous = [
         _turns(entry, steps, f"{where}: symmetries_continuous.{number}.axis")
         for number, entry in enumerate(stated_continuous)
@@ -144,20 +144,14 @@ def _file(root: Path, folder: str, object_id: int) -> Path:
 
 
 def _mesh_path(root: Path, name: str, object_id: int) -> Path:
-    tried = [_file(root, folder, object_id) for folder in _FOLDERS]
-    for path in tried:
-        if path.is_file():
-            return path
-    raise MissingFileError(
-        f"no mesh of object {object_id} ({name}), tried "
-        f"{' and '.join(str(path) for path in tried)}: check data.root and data.objects"
-    )
-
-
-def _model_infos(folder: Path) -> dict[str, bop.ModelInfo]:
-    """The entries of `models_info.json`; none if there is no such file."""
-    path = folder / _INFO
-    return dict(read_as(path, bop.ModelInfos)) if path.is_file() else {}
+    paths = [_file(root, folder, object_id) for folder in _FOLDERS]
+    found = next((path for path in paths if path.is_file()), None)
+    if found is None:
+        raise MissingFileError(
+            f"no mesh of object {object_id} ({name}), tried "
+            f"{' and '.join(map(str, paths))}: check data.root and data.objects"
+        )
+    return found
 
 
 AUTO = "auto"

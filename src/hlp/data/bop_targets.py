@@ -38,18 +38,18 @@ def list_targets(
         return {frame: _visible(scenes, frame, min_visible) for frame in frames}
     targets: dict[FrameId, dict[int, int]] = {}
     for row in read_as(targets_file, bop.Targets):
-        wanted = targets.setdefault((row.scene_id, row.im_id), {})
+        counts = targets.setdefault((row.scene_id, row.im_id), {})
         if row.obj_id is not None:
-            if row.obj_id in wanted:
+            if row.obj_id in counts:
                 raise DataError(
                     f"{targets_file} lists object {row.obj_id} of scene {row.scene_id}, image "
                     f"{row.im_id} twice: write one row with inst_count"
                 )
-            wanted[row.obj_id] = row.inst_count
-    for frame, wanted in targets.items():
-        if not wanted or min_visible > 0:
+            counts[row.obj_id] = row.inst_count
+    for frame, counts in targets.items():
+        if not counts or min_visible > 0:
             there = _visible(scenes, frame, min_visible)
-            limit = wanted or there
+            limit = counts or there
             targets[frame] = {i: min(n, limit[i]) for i, n in there.items() if i in limit}
     return targets
 
@@ -85,14 +85,14 @@ def is_broken(scene: Scene, frame_id: int) -> bool:
 
 
 def most_visible(
-    annotated: Sequence[Target], wanted: Mapping[int, int], where: str
+    annotated: Sequence[Target], counts: Mapping[int, int], where: str
 ) -> tuple[Target, ...]:
-    """For each wanted object (id -> number) the most visible instances.
+    """The most visible instances of each object, as many as `counts` says (id -> number).
 
-    Raises ValueError naming `where` if an object has fewer instances than wanted.
+    Raises ValueError naming `where` if an object has fewer instances.
     """
     chosen: list[Target] = []
-    for object_id, count in wanted.items():
+    for object_id, count in counts.items():
         instances = [target for target in annotated if target.object_id == object_id]
         if len(instances) < count:
             raise DataError(

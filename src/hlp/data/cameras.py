@@ -205,12 +205,8 @@ def _is_whole(path: Path) -> bool:
 
     True for kinds of files that have no mark at their end.
     """
-    end = _ENDS.get(path.suffix.lower(), b"")
     try:
-        with path.open("rb") as stream:
-            stream.seek(0, 2)
-            stream.seek(max(stream.tell() - len(end), 0))
-            return stream.read() == end if end else True
+        return path.read_bytes().endswith(_ENDS.get(path.suffix.lower(), b""))
     except OSError:
         return False
 

@@ -1,7 +1,7 @@
 """A user's own frames: colour and depth images or a video, intrinsics, no true poses."""
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated
@@ -94,33 +94,31 @@ class FrameReader:
     """
 
     def __init__(self, settings: CameraSettings) -> None:
-        self._files = settings
+        self.settings = settings
         self._videos: dict[Path, VideoFrames] = {}
         self._scale: float | None = None
 
     @cached_property
     def camera(self) -> Camera:
         """The colour camera. Raises what `read_camera` raises."""
-        camera = read_camera(self._files.intrinsics)
+        camera = read_camera(self.settings.intrinsics)
         if camera.distortion:
-            what = "undone" if self._files.undistort else "taken to be undone already"
+            what = "undone" if self.settings.undistort else "taken to be undone already"
             _logger.info("the distortion that the intrinsics state is %s", what)
-        return camera if self._files.undistort else Camera(camera.matrix, camera.size)
+        return camera if self.settings.undistort else replace(camera, distortion=())
 
     @cached_property
     def _depth_camera(self) -> Camera | None:
-        if self._files.depth_intrinsics is None:
+        if self.settings.depth_intrinsics is None:
             return None
-        return read_camera(self._files.depth_intrinsics, "depth_intrinsics")
+        return read_camera(self.settings.depth_intrinsics, "depth_intrinsics")
 
-    def depth_scale(self, example: Path) -> float:
+    def unit_of(self, example: Path) -> float:
         """Millimetres per unit of the depth images: given, stated, or guessed from an example."""
         if self._scale is None:
-            cameras = (self._depth_camera, read_camera(self._files.intrinsics))
-            stated = [
-                self._files.depth_scale,
-                *(camera.depth_scale for camera in cameras if camera),
-            ]
+            cameras = [self._depth_camera, self.camera]
+            by_files = [camera.depth_scale for camera in cameras if camera is not None]
+            stated = (self.settings.depth_scale, *by_files)
             self._scale = next((scale for scale in stated if scale is not None), None)
         if self._scale is None:
             self._scale, why = guess_unit(read_raw_depth(example), example)
@@ -139,7 +137,7 @@ class FrameReader:
             rgb = video.read(paths.video_index)
         check_size(self.camera, rgb.shape, paths.color, "intrinsics")
         raw = read_raw_depth(paths.depth)
-        scale = self.depth_scale(paths.depth)
+        scale = self.unit_of(paths.depth)
         depth = depth_metres(raw, scale, paths.depth)
         require_depths(depth, f"{paths.depth} at {scale:g} mm per unit")
         depth = self._registered(depth, rgb.shape[:2], paths)
@@ -154,10 +152,10 @@ class FrameReader:
         if camera is not None:
             check_size(camera, depth.shape, paths.depth, "depth_intrinsics")
             depth = undistorted(depth, camera, nearest=True)
-        elif self._files.depth_resize is not None:
+        elif self.settings.depth_resize is not None:
             if self.camera.distortion:
                 raise InputError("depth_resize: distorted images must have one size")
-            camera = resized_camera(self.camera.matrix, 1.0 / self._files.depth_resize, size)
+            camera = resized_camera(self.camera.matrix, 1.0 / self.settings.depth_resize, size)
         elif depth.shape != shape:
             raise DataError(
                 f"{paths.color} is {shape[1]}x{shape[0]} but its depth image is {size[0]}x{size[1]}"
@@ -169,35 +167,25 @@ class FrameReader:
         return resampled_depth(depth, camera, self.camera.matrix, shape)
 
 
-class OwnFrames:
-    """Frames without true poses (a `FrameSource`), as a `FrameReader` reads them.
+class OwnFrames(FrameReader):
+    """Frames without true poses (a `FrameSource`).
 
-    Constructing it reads no file. Frames are numbered in the order of their names. The unit of
-    depth is guessed from the first frame.
+    Frames are numbered in the order of their names. The unit of depth is guessed from the first.
     """
 
+    settings: FrameFiles
+
     def __init__(self, files: FrameFiles) -> None:
-        self._files = files
-        self._reader = FrameReader(files)
-
-    @property
-    def settings(self) -> FrameFiles:
-        """Where the frames are, and how they are read."""
-        return self._files
-
-    @property
-    def camera(self) -> Camera:
-        """The colour camera. Raises what `read_camera` raises."""
-        return self._reader.camera
+        super().__init__(files)
 
     @property
     def depth_scale(self) -> float:
         """Millimetres per unit of the depth images: given, stated by a file, or guessed."""
-        return self._reader.depth_scale(next(iter(self._paths.values())).depth)
+        return self.unit_of(next(iter(self._paths.values())).depth)
 
     @cached_property
     def _paths(self) -> dict[str, FramePaths]:
-        pairs = pair_frames(self._files.rgb, self._files.depth, count_video_frames)
+        pairs = pair_frames(self.settings.rgb, self.settings.depth, count_video_frames)
         return {frame_key(_SCENE_ID, number): pair for number, pair in enumerate(pairs)}
 
     @property
@@ -215,9 +203,9 @@ class OwnFrames:
     def load(self, key: str) -> Frame:
         """Decode one frame. Raises KeyError, FileNotFoundError, or ValueError for a broken file."""
         if key not in self._paths:
-            raise KeyError(f"no frame {key!r} in {self._files.rgb}")
+            raise KeyError(f"no frame {key!r} in {self.settings.rgb}")
         _ = self.depth_scale
-        rgb, depth = self._reader.read(self._paths[key])
+        rgb, depth = self.read(self._paths[key])
         return Frame(*parse_frame_key(key), rgb, depth, self.camera.matrix)
 
 

@@ -64,12 +64,10 @@ def load_mesh(path: Path, scale: float | None = MILLIMETRE) -> Mesh:
         raw = _parsed(path, skip_materials=True)
     if not isinstance(raw, trimesh.Trimesh) or len(raw.vertices) == 0 or len(raw.faces) == 0:
         raise DataError(f"{path} has no triangles: export it as a triangle mesh")
-    vertices, faces = _checked(path, raw)
-    diameter = mesh_diameter(vertices)
+    vertices, faces, diameter = _checked(path, raw)
     if scale is None:
         scale = guess_scale(path, diameter)
     check_scale(path, diameter, scale)
-    _check_surface(path, vertices, faces, diameter)
     vertices *= scale
     colors, texture, stated = mesh_colors(path, raw) if not missing else plain_colors(raw)
     colored = stated and np.ptp(colors) > 0  # one grey is what modelling programs write for none
@@ -103,8 +101,8 @@ def _parsed(path: Path, **options: Any) -> trimesh.Geometry:
 
 def _checked(
     path: Path, raw: trimesh.Trimesh
-) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-    """Vertices and triangles. Raises DataError where they are none."""
+) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"], float]:
+    """Vertices, triangles and diameter. Raises DataError where they are none, or show nothing."""
     vertices = np.array(raw.vertices, dtype=np.float64)
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         raise DataError(f"{path} has vertices without three coordinates: export it again")
@@ -116,13 +114,7 @@ def _checked(
         raise DataError(
             f"{path} has a triangle of vertex {wrong}, of {len(vertices)} vertices: export it again"
         )
-    return vertices, faces
-
-
-def _check_surface(
-    path: Path, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], diameter: float
-) -> None:
-    """Raise DataError where triangles are points or lines: such a mesh shows nothing."""
+    diameter = mesh_diameter(vertices)
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
     area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2.0
     if area < _LEAST_SURFACE * diameter**2:
@@ -130,6 +122,7 @@ def _check_surface(
             f"{path} has no surface: its {len(faces)} triangles are points or lines: repair the "
             "mesh, or export it again"
         )
+    return vertices, faces, diameter
 
 
 def decimate(mesh: Mesh, faces: int) -> Mesh:

@@ -64,6 +64,24 @@ def build_object_model(
     if diameter is None:
         diameter = mesh_diameter(mesh.vertices)
     symmetries, siblings = _symmetries(mesh, diameter, symmetries)
+    holistic, local = settings.holistic_size_mm, settings.local_size_mm
+    model = ObjectModel(
+        object_id=settings.id,
+        name=name,
+        mesh=mesh,
+        proxy=build_proxy(mesh, proxy_faces, diameter),
+        diameter=diameter,
+        symmetries=symmetries,
+        holistic_size=holistic_size(mesh.vertices) if holistic is None else holistic * MILLIMETRE,
+        local_size=local_size(diameter) if local is None else local * MILLIMETRE,
+        siblings=siblings,
+    )
+    _log(model)
+    return model
+
+
+def _log(model: ObjectModel) -> None:
+    name, mesh = model.name, model.mesh
     sides = " × ".join(
         f"{side * MILLIMETRES_PER_METRE:.0f}" for side in np.ptp(mesh.vertices, axis=0)
     )
@@ -74,19 +92,7 @@ def build_object_model(
     _logger.info("%s: %s mm, %d triangles", name, sides, len(mesh.faces))
     _logger.info(
         "%s: %d symmetries; its colours tell %d more poses of nearly the same shape apart",
-        *(name, len(symmetries) - 1, len(siblings)),
-    )
-    holistic, local = settings.holistic_size_mm, settings.local_size_mm
-    return ObjectModel(
-        object_id=settings.id,
-        name=name,
-        mesh=mesh,
-        proxy=build_proxy(mesh, proxy_faces, diameter),
-        diameter=diameter,
-        symmetries=symmetries,
-        holistic_size=holistic_size(mesh.vertices) if holistic is None else holistic * MILLIMETRE,
-        local_size=local_size(diameter) if local is None else local * MILLIMETRE,
-        siblings=siblings,
+        *(name, len(model.symmetries) - 1, len(model.siblings)),
     )
 
 
@@ -113,17 +119,17 @@ def build_proxy(mesh: Mesh, faces: int, diameter: float) -> Mesh:
     """
     poses, camera = _poses(mesh, diameter)
     full = render_depth(mesh, poses, camera, (_SIDE, _SIDE))
-    wanted = faces
+    count = faces
     while True:
-        proxy = decimate(mesh, wanted)
+        proxy = decimate(mesh, count)
         if proxy is mesh:
             return mesh
         drawn = render_depth(proxy, poses, camera, (_SIDE, _SIDE))
         either = (full > 0.0) | (drawn > 0.0)
         if np.count_nonzero(_alike(full, drawn, diameter)) >= _OVERLAP * np.count_nonzero(either):
             break
-        wanted *= 2
-    if wanted > faces:
+        count *= 2
+    if count > faces:
         _logger.info(
             "poses are drawn with %d triangles: %d lose its shape", len(proxy.faces), faces
         )
