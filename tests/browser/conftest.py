@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import pytest
-from shown_runs import ShownRuns
+from page import ShownRuns
 
 from hlp.reporting.results import read_results
 from tiny_run import TinyRun, start_run

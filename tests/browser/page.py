@@ -1,7 +1,8 @@
-"""What the browser tests do on pages: wait, find by words, take pictures, read the console."""
+"""What the browser tests look at, and do: wait, find by words, take pictures, read the console."""
 
 import io
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,19 @@ PATIENCE = 180  # s; a busy machine takes long for MLflow's pages
 # that a size is told in the next frame.
 KNOWN = ("ajax-api/2.0/mlflow/users/current", "ResizeObserver loop")
 LARGEST = 150_000  # bytes of a picture in the documentation
+
+
+@dataclass(frozen=True)
+class ShownRuns:
+    """A run and a sweep with their database; values, names and ADD(-S) recalls of its arms."""
+
+    work: Path
+    run: Path
+    sweep: Path
+    values: tuple[str, ...]
+    names: tuple[str, ...]
+    recalls: tuple[float, ...]
+    key: str
 
 
 def wait(browser: "Chrome", condition: Callable[["Chrome"], Any], what: str) -> Any:

@@ -4,8 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from page import errors, has_words, take_picture, wait
-from shown_runs import ShownRuns
+from page import ShownRuns, errors, has_words, take_picture, wait
 
 from served_ui import served_ui
 

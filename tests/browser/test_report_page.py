@@ -4,8 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from page import errors, take_picture, wait
-from shown_runs import ShownRuns
+from page import ShownRuns, errors, take_picture, wait
 
 if TYPE_CHECKING:
     from selenium.webdriver import Chrome

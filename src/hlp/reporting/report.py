@@ -51,7 +51,9 @@ def report_runs(folder: Path, layout: str, details: bool = False) -> str:
             parts += [f"Drawn: {path}" for path in drawn]
     for sweep in sweeps:
         parts += _sweep_parts(sweep, layout, heading)
-    parts += [_study_part(each, layout, heading) for each in studies if each.parent not in sweeps]
+    parts += [
+        _study_part(study, layout, heading) for study in studies if study.parent not in sweeps
+    ]
     if len(summaries) > 1:
         table = runs_table({str(run.relative_to(folder)): s for run, s in summaries.items()})
         shown = table.fitted(0, ends=True) if layout == "text" else table
@@ -65,8 +67,8 @@ def _study_part(study: Path, layout: str, heading: str) -> str:
     """A study's tables as Markdown; for a terminal, which they are too wide for, their names."""
     tables = sorted(study.glob("*.md"))
     if layout == "markdown":
-        return "\n\n".join([f"{heading}{study}", *(each.read_text("utf-8") for each in tables)])
-    return prose(f"Study: {study} ({', '.join(each.name for each in tables)})", layout)
+        return "\n\n".join([f"{heading}{study}", *(table.read_text("utf-8") for table in tables)])
+    return prose(f"Study: {study} ({', '.join(table.name for table in tables)})", layout)
 
 
 def _sweep_parts(folder: Path, layout: str, heading: str) -> list[str]:
@@ -167,5 +169,5 @@ def describe_repeats(files: Sequence[Path], names: Sequence[str], layout: str) -
     rows += [["mean", "", *means.values()], ["standard deviation", "", *deviations.values()]]
     whole = Table(["run", "targets", *METRIC_LABELS.values(), "AR"], rows)
     table = lay_out(whole.fitted(0, ends=True) if layout == "text" else whole, layout)
-    same = all(each == targets[0] for each in targets)
+    same = all(keys == targets[0] for keys in targets)
     return table if same else f"{table}\n\nThe runs were not asked for the same targets."

@@ -53,7 +53,7 @@ def find_learnt(given: str, cache: Path) -> Path:
         restore_replaced(named)
         if (named / RECORD).is_file():
             return named
-    known = ", ".join(each.name for each in list_learnt(cache)) or "nothing"
+    known = ", ".join(entry.name for entry in list_learnt(cache)) or "nothing"
     raise MissingFileError(
         f"learnt={given}: neither a folder of learnt objects nor a name; {cache} holds {known}. "
         "Learn objects with `hlp learn mesh=FILE`"
@@ -100,7 +100,7 @@ def remove_learnt(name: str, cache: Path) -> Path:
         raise InputError(f"{name} is no name in {cache}: delete other folders yourself")
     folder = find_learnt(name, cache) if (cache / name / RECORD).is_file() else None
     if folder is None or folder.parent != cache:
-        known = ", ".join(each.name for each in list_learnt(cache)) or "nothing"
+        known = ", ".join(entry.name for entry in list_learnt(cache)) or "nothing"
         raise MissingFileError(f"{cache} holds no {name}; it holds {known}")
     hidden = tempfile.mkdtemp(prefix=_REMOVED, dir=cache)  # a killed call leaves no half of it
     folder.rename(Path(hidden, name))

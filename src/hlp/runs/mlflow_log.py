@@ -22,7 +22,7 @@ from hlp.reporting.mlflow_pages import HEADLINES, experiment_tags, how_to_browse
 from hlp.reporting.mlflow_run import MlflowRun
 from hlp.reporting.mlflow_tracking import REVISION, track_run
 from hlp.reporting.model_registry import register
-from hlp.reporting.page.material import FOLDER, PANELS, drawn_stages, read_material
+from hlp.reporting.page.report_data import FOLDER, PANELS, drawn_stages, read_report_data
 from hlp.results.poses_file import SCORE_COLUMNS
 from hlp.stages.manifest import git_revision
 
@@ -125,7 +125,7 @@ def log_pictures(output: Path, tracker: MlflowRun) -> None:
     for path in drawn_stages(output).values():
         tracker.log_image(path, f"{_PICTURES}/stages - {path.stem.replace('_', ' ')}", 0)
     scores = read_targets(output / SCORES)
-    shown = read_material(output).targets
+    shown = read_report_data(output).targets
     missed = [key for key in sorted(shown) if key in scores and not scores[key].correct("add")]
     steps: dict[str, int] = {}
     for key in missed[:: max(1, -(-len(missed) // MOST_MISSES))]:

@@ -38,7 +38,7 @@ from hlp.reporting.figures.target_panels import (
     draw_overview,
     draw_panels,
 )
-from hlp.reporting.page.material import CAPTIONS, PANELS, STAGES, MaterialWriter
+from hlp.reporting.page.report_data import CAPTIONS, PANELS, STAGES, ReportDataWriter
 from hlp.runs.shown_targets import FrameResults, Scored, missed_targets, page_targets
 from hlp.runs.stage_samples import (
     entries_of_patches,
@@ -80,7 +80,7 @@ def draw_pictures(
         pictures.draw_frames()
         pictures.draw_stages()
     with _logged(f"the pictures of the report in {output}"):
-        pictures.keep_material({score.object_id for score in scores})
+        pictures.keep_report_data({score.object_id for score in scores})
 
 
 @contextmanager
@@ -244,9 +244,9 @@ class _Pictures:
         drawn = [swarm for swarm in swarms if swarm is not None]
         return swarm_figure(drawn) if drawn else None
 
-    def keep_material(self, object_ids: set[int]) -> None:
+    def keep_report_data(self, object_ids: set[int]) -> None:
         """What the run's page shows beside its results: objects, pictures and scenes."""
-        writer, models = MaterialWriter(self._output), self._detection.dataset.models
+        writer, models = ReportDataWriter(self._output), self._detection.dataset.models
         chosen = page_targets(self._scored) if self._run.settings.panels > 0 else []
         for key, frame, place in tqdm(chosen, "pictures of targets", unit="target", disable=None):
             shown = self._shown(frame, place)

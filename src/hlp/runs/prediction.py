@@ -182,7 +182,7 @@ class _Call:
 
     def _write(self, frame: Frame, found: _Found) -> None:
         image, models = self._frames.paths(frame.key).name, self._detector.models
-        rejected = [each.answer for each in found.rejections if each.answer is not None]
+        rejected = [r.answer for r in found.rejections if r.answer is not None]
         seconds = sum(answer.seconds for answer in [*found.detections, *rejected])
         named = set()
         for answer in found.detections:

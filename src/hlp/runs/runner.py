@@ -22,8 +22,8 @@ from hlp.reporting.figures.heat_maps import draw_confusion
 from hlp.reporting.figures.recall_time import draw_calibration
 from hlp.reporting.mlflow_pages import summary_metrics
 from hlp.reporting.mlflow_run import MlflowRun
-from hlp.reporting.page.material import PANELS, STAGES
 from hlp.reporting.page.parts import page_or_log, run_verdict
+from hlp.reporting.page.report_data import PANELS, STAGES
 from hlp.reporting.page.run_page import write_run_page
 from hlp.reporting.paper_reports import TABLES
 from hlp.reporting.tables.summary_tables import format_summary
@@ -128,7 +128,7 @@ def _score(
     dataset, settings = run.dataset, run.settings
     write_poses(output / POSES, estimates)
     saved = read_poses(output / POSES)
-    truths = [each.truth for each in notes]
+    truths = [noted.truth for noted in notes]
     scores = score_targets(
         tqdm(truths, desc="scoring", unit="frame", disable=None),
         dataset.models,
@@ -145,7 +145,7 @@ def _score(
         scores,
         names,
         timing.milliseconds(),
-        vote_quality([counts for each in notes for counts in each.votes], names),
+        vote_quality([counts for noted in notes for counts in noted.votes], names),
         settings.evaluation,
         settings.seed,
     )

@@ -33,7 +33,7 @@ class FrameResults:
         cls, detection: DetectionStages, key: str, estimates: Sequence[PoseEstimate]
     ) -> "FrameResults":
         """What lies on disk of a frame that did not fail; `estimates` are the run's."""
-        here = [each for each in estimates if frame_key(each.scene_id, each.frame_id) == key]
+        here = [e for e in estimates if frame_key(e.scene_id, e.frame_id) == key]
         return cls(detection.load(key), detection.read(key), tuple(here))
 
     @property

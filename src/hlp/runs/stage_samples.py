@@ -242,8 +242,8 @@ def search_again(
         # The first refinement of a look has the seed of the look, as its last one has.
         refiner, seed = settings.build(threads=1), int(refined.seeds[0][0])
         before = Refinement(pose, iterations)
-        polished = refiner.polish(model, seen, before, seed)
-        ends = (pose, polished.pose_cam_obj)
+        refined_once_more = refiner.polish(model, seen, before, seed)
+        ends = (pose, refined_once_more.pose_cam_obj)
         if not any(np.array_equal(end, stored) for end in ends):
             return None
     return np.stack(cost.rounds)

@@ -11,8 +11,8 @@ import pytest
 
 from box_scene import box_model
 from hlp.records import Frame, TargetScore
-from hlp.reporting.page.material import MaterialWriter
 from hlp.reporting.page.parts import page_or_log
+from hlp.reporting.page.report_data import ReportDataWriter
 from hlp.reporting.page.run_page import write_run_page
 from hlp.results.poses_file import write_scores
 from written_results import write_run
@@ -48,7 +48,7 @@ def keep(run: Path, *frames: int) -> None:
     pose[:3, 3] = 0.0, 0.0, 0.8
     camera = np.array([[100.0, 0.0, 80.0], [0.0, 100.0, 60.0], [0.0, 0.0, 1.0]])
     model = replace(box_model(), name="<cat>")
-    writer = MaterialWriter(run)
+    writer = ReportDataWriter(run)
     for frame in frames:
         shot = Frame(1, frame, np.full((120, 160, 3), 90, dtype=np.uint8), depth, camera)
         writer.add_target((1, frame, 6, 0), shot.rgb, shot, model, (pose, None))

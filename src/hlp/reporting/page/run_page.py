@@ -10,8 +10,8 @@ from hlp.records import MILLIMETRES_PER_METRE
 from hlp.reporting.comparison import ScoredTarget, read_targets
 from hlp.reporting.figures import run_charts
 from hlp.reporting.figures.saving import svg_in_base64
-from hlp.reporting.page.material import PageMaterial, drawn_stages, picture_path, read_material
 from hlp.reporting.page.parts import how_to_repeat, in_base64, render, run_verdict
+from hlp.reporting.page.report_data import ReportData, drawn_stages, picture_path, read_report_data
 from hlp.reporting.tables.summary_tables import (
     METRIC_LABELS,
     calibration_words,
@@ -38,10 +38,10 @@ def write_run_page(folder: Path) -> Path:
     Raises MissingFileError and DataError for files that are absent or broken.
     """
     summary, manifest = read_summary(folder / SUMMARY), read_json(folder / MANIFEST)
-    targets, material = read_targets(folder / SCORES), read_material(folder)
+    targets, kept = read_targets(folder / SCORES), read_report_data(folder)
     stages = drawn_stages(folder)
     room = _MOST_BYTES - sum(path.stat().st_size for path in stages.values())
-    pictures = _pictures(folder, material, targets, room)
+    pictures = _pictures(folder, kept, targets, room)
     config: Mapping[str, Any] = manifest.get("config", {})
     page = render(
         "run.html",
@@ -50,7 +50,7 @@ def write_run_page(folder: Path) -> Path:
         metrics=_metrics(summary),
         objects=objects_table(summary),
         lost=waterfall_tables(summary),
-        charts=_charts(folder, summary, list(targets.values()), material.diameters_mm),
+        charts=_charts(folder, summary, list(targets.values()), kept.diameters_mm),
         times=timing_words(summary),
         scores=" ".join(filter(None, (calibration_words(summary), false_alarm_words(summary)))),
         columns=_COLUMNS,
@@ -58,8 +58,8 @@ def write_run_page(folder: Path) -> Path:
         rows=_rows(targets, pictures),
         pictures=pictures,
         stages={words: in_base64(path) for words, path in stages.items()},
-        scenes=_scenes(material, targets),
-        left_out=len(material.targets) - len(pictures),
+        scenes=_scenes(kept, targets),
+        left_out=len(kept.targets) - len(pictures),
         **how_to_repeat(folder, manifest),
     )
     write_text(folder / PAGE, page)
@@ -135,15 +135,15 @@ def _rows(
 
 def _pictures(
     folder: Path,
-    material: PageMaterial,
+    kept: ReportData,
     scores: Mapping[TargetKey, ScoredTarget],
     room: int,
 ) -> dict[str, str]:
     """JPEGs in base64 by the targets' names, as many as there is room (bytes) for, misses first."""
     right = {key for key, target in scores.items() if target.correct("add")}
     pictures = {}
-    for key in sorted(material.targets, key=lambda key: key in right):
-        path = picture_path(folder, material.targets[key])
+    for key in sorted(kept.targets, key=lambda key: key in right):
+        path = picture_path(folder, kept.targets[key])
         room -= 0 if path is None else path.stat().st_size
         if path is not None and room >= 0:
             pictures[_name(key)] = in_base64(path)
@@ -151,14 +151,14 @@ def _pictures(
 
 
 def _scenes(
-    material: PageMaterial, targets: Mapping[TargetKey, ScoredTarget]
+    kept: ReportData, targets: Mapping[TargetKey, ScoredTarget]
 ) -> dict[str, dict[str, Any]]:
     """Models by object, and what is around each target that has a picture."""
     return {
-        "models": dict(material.objects),
+        "models": dict(kept.objects),
         "targets": {
             _name(key): {**scene, "object": targets[key].name}
-            for key, scene in material.targets.items()
+            for key, scene in kept.targets.items()
             if key in targets
         },
     }

@@ -1,6 +1,6 @@
 """What a run keeps for its page beside its results: pictures and scenes of some targets.
 
-<run's folder>/report/index.json      objects and targets, see `PageMaterial`
+<run's folder>/report/index.json      objects and targets, see `ReportData`
 <run's folder>/report/*.jpg           a picture of each of these targets
 """
 
@@ -51,8 +51,8 @@ def drawn_stages(run: Path) -> dict[str, Path]:
 
 
 @dataclass(frozen=True)
-class PageMaterial:
-    """The material as plain values for the page's script; empty for runs that kept none.
+class ReportData:
+    """Plain values for the page's script; empty for runs that kept none.
 
     `objects` by name: `diameter_mm`, `vertices` (mm), `edges`. `targets` by key: name of the
     `picture`, and the scene: its `middle` (mm), `points` (int16, tenths of a mm from there) and
@@ -68,27 +68,27 @@ class PageMaterial:
         return {name: float(values["diameter_mm"]) for name, values in self.objects.items()}
 
 
-def read_material(run: Path) -> PageMaterial:
-    """The material of a run's page; empty where the run has kept none.
+def read_report_data(run: Path) -> ReportData:
+    """What a run has kept for its page; empty where that is nothing.
 
     Raises DataError for a broken index.
     """
     path = run / FOLDER / _INDEX
     if not path.is_file():
-        return PageMaterial()
+        return ReportData()
     index = read_json(path)
     try:
         targets: dict[TargetKey, Mapping[str, Any]] = {}
         for target in index["targets"]:
             scene_id, frame_id, object_id, instance = map(int, target["key"])
             targets[scene_id, frame_id, object_id, instance] = target
-        return PageMaterial(dict(index["objects"]), targets)
+        return ReportData(dict(index["objects"]), targets)
     except (KeyError, TypeError, ValueError) as error:
-        raise DataError(f"{path} is no material of a page ({error!r})") from error
+        raise DataError(f"{path} is no index of a report ({error!r})") from error
 
 
 def picture_path(run: Path, target: Mapping[str, Any]) -> Path | None:
-    """A target's picture, if it is a JPEG within the material's folder: runs come from anywhere.
+    """A target's picture, if it is a JPEG within the report's folder: runs come from anywhere.
 
     None where it is absent, and where the index or a link names another file.
     """
@@ -100,8 +100,8 @@ def picture_path(run: Path, target: Mapping[str, Any]) -> Path | None:
         return path if stream.read(len(_JPEG)) == _JPEG else None
 
 
-class MaterialWriter:
-    """Writes the material of a run's page into its folder, in place of what was there.
+class ReportDataWriter:
+    """Writes what a run keeps for its page into its folder, in place of what was there.
 
     Raises OSError where it cannot be written.
     """

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hlp.reporting.page.material import picture_path
+from hlp.reporting.page.report_data import picture_path
 
 JPEG = b"\xff\xd8\xff\xe0rest"
 
