@@ -15,7 +15,7 @@ import numpy as np
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.learn.learnt_folder import LearntFolder
 from hlp.method.learn.score_calibration import search_scenes
-from hlp.method.stage_settings import FindSettings
+from hlp.method.settings import FindSettings
 from hlp.refinement.score_model import ScoreModel, fit_score_model
 
 _SEED = 1  # not that of learning

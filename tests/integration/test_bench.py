@@ -8,7 +8,7 @@ import pytest
 
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.find.search import search_frame
-from hlp.method.stage_settings import FindSettings
+from hlp.method.settings import FindSettings
 from hlp.observer import NOBODY
 from hlp.reporting.study_numbers import KINDS, read_numbers
 from hlp.results.summary_file import read_target_values

@@ -20,7 +20,7 @@ from hlp.errors import ConfigError
 from hlp.method.settings import MethodSettings
 from hlp.settings import read_settings
 from hlp.source_code import Code
-from hlp.stages.fingerprint import fingerprint, is_fingerprint, plain, stage_code
+from hlp.stages.manifest import fingerprint, is_fingerprint, plain, stage_code
 
 BASE: dict[str, Any] = {
     "stage": "codebook",
@@ -38,7 +38,7 @@ def name_of(**changes: Any) -> str:
 
 def test_a_name_is_the_same_in_another_process() -> None:
     code = (
-        "from hlp.source_code import Code; from hlp.stages.fingerprint import fingerprint; "
+        "from hlp.source_code import Code; from hlp.stages.manifest import fingerprint; "
         f"print(fingerprint(**{BASE!r}))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -153,7 +153,7 @@ def test_a_key_that_no_setting_declares_is_an_error_that_names_it(place, key, va
 def test_a_stages_code_is_what_its_modules_import_and_not_the_settings_of_other_stages() -> None:
     """A change of the refiner renders no views and trains no classifier."""
     training = "hlp.method.learn.classifier_training"
-    collected = ("hlp.method.settings", "hlp.method.stage_settings")
+    collected = ("hlp.method.settings",)
     names, _ = source_code._closure((training,), collected)
     assert not [name for name in names if name.startswith(("hlp.refinement", "hlp.voting"))]
     used = ("patches.holistic_pool", "models.classifier_training", "method.learn.training")

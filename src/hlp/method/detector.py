@@ -27,8 +27,7 @@ from hlp.method.find.search import search_frame
 from hlp.method.learn.backgrounds import GivenBackgrounds
 from hlp.method.learn.learnt_folder import LearntFolder
 from hlp.method.learn.unfinished_folder import restore_replaced
-from hlp.method.settings import Device, MethodSettings, TrackingSettings
-from hlp.method.stage_settings import FindSettings
+from hlp.method.settings import Device, FindSettings, MethodSettings, TrackingSettings
 from hlp.method.track.tracker import Track, Tracker, follow
 from hlp.records import Frame, ObjectModel
 from hlp.refinement.score_model import MIN_SCORE

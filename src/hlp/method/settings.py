@@ -1,7 +1,7 @@
-"""Settings of the method: how objects are learnt and found."""
+"""Settings of the method: how objects are learnt and found, and what each stage reads of them."""
 
-from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from dataclasses import dataclass, field, fields
+from typing import Annotated, Any, Literal, Self
 
 from annotated_types import Ge, Interval, Le
 
@@ -173,3 +173,124 @@ class TrackingSettings(Settings):
     prediction: Annotated[
         bool, Doc("start also from where the object is if it has moved on as before (D)")
     ] = True
+
+
+class StageSettings:
+    """Base of what a stage reads of `MethodSettings`: its fields are parts of them, by their names.
+
+    A stage is handed such a record, and its name is made of it. So a setting that a stage reads
+    cannot be missing in the name of its output.
+    """
+
+    @classmethod
+    def of(cls, settings: MethodSettings) -> Self:
+        """The part of the settings that the stage reads."""
+        values: dict[str, Any] = {}
+        for part in fields(cls):  # type: ignore[arg-type]
+            kind: Any = part.type
+            if isinstance(kind, type) and issubclass(kind, StageSettings):
+                values[part.name] = kind.of(settings)
+            else:
+                of = settings if hasattr(settings, part.name) else settings.patches
+                values[part.name] = getattr(of, part.name)
+        return cls(**values)
+
+    def named(self) -> dict[str, Any]:
+        """What a name is made of: every field, also of parts, but the machine.
+
+        It decides the time but not the result; its device is added.
+        """
+        values = {part.name: getattr(self, part.name) for part in fields(self)}  # type: ignore[arg-type]
+        values.pop("machine", None)
+        return {
+            name: value.named() if isinstance(value, StageSettings) else value
+            for name, value in values.items()
+        }
+
+
+@dataclass(frozen=True)
+class ViewsStage(StageSettings):
+    """Rendering views of an object."""
+
+    seed: int
+    rendering: ViewsSettings
+    machine: MachineSettings
+
+
+@dataclass(frozen=True)
+class ClassifierStage(StageSettings):
+    """Training the classifier of holistic patches."""
+
+    seed: int
+    holistic: HolisticSettings
+    pool: HolisticPoolSettings
+    classifier: ClassifierSettings
+    trainer: TrainerSettings
+    machine: MachineSettings
+
+
+@dataclass(frozen=True)
+class EncoderStage(StageSettings):
+    """Training the encoder of local patches."""
+
+    seed: int
+    encoder: EncoderSettings
+    local: LocalSettings
+    pairs: PairSettings
+    trainer: TrainerSettings
+
+
+@dataclass(frozen=True)
+class CodebookStage(StageSettings):
+    """Building the codebook of an object."""
+
+    seed: int
+    local: LocalSettings
+    entries: EntrySettings
+
+
+@dataclass(frozen=True)
+class RegionStage(StageSettings):
+    """Finding candidate regions."""
+
+    holistic: HolisticSettings
+    region: RegionSettings
+    closer: CloserSettings
+
+
+@dataclass(frozen=True)
+class CoarseStage(StageSettings):
+    """Finding coarse poses in regions."""
+
+    local: LocalSettings
+    grid: GridSettings
+    codebook: NeighboursSettings
+    voting: VotingSettings
+
+
+@dataclass(frozen=True)
+class FineStage(StageSettings):
+    """Refining coarse poses. The fallback searches regions and coarse poses once more."""
+
+    refinement: RefinementSettings
+    templates: TemplateSettings | None
+
+
+@dataclass(frozen=True)
+class FindSettings(StageSettings):
+    """Everything that a search over a frame reads."""
+
+    seed: int
+    regions: RegionStage
+    coarse: CoarseStage
+    fine: FineStage
+    machine: MachineSettings
+
+
+@dataclass(frozen=True)
+class ScoreStage(StageSettings):
+    """Calibrating the score of an object's poses by searches in rendered scenes."""
+
+    find: FindSettings
+    rendering: ViewsSettings
+    score: ScoreSettings

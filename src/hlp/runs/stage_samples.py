@@ -10,7 +10,7 @@ from hlp.codebook.neighbours import ExactNeighbours
 from hlp.config.build import evenly
 from hlp.data.dataset import TrainingImages
 from hlp.geometry import allocentric_to_egocentric, inverse, project, transform
-from hlp.method.stage_settings import ClassifierStage
+from hlp.method.settings import ClassifierStage
 from hlp.models.encoder import Encoder, patch_input
 from hlp.models.encoders import FeatureDecoder
 from hlp.patches.local import LocalSettings, cut_local_patches, join_patches, take_patches

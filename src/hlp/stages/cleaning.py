@@ -9,8 +9,7 @@ from pathlib import Path
 
 from hlp.errors import InputError, MissingFileError
 from hlp.files import MANIFEST
-from hlp.stages.fingerprint import is_fingerprint
-from hlp.stages.manifest import named_outputs
+from hlp.stages.manifest import is_fingerprint, named_outputs
 from hlp.stages.store import DAMAGED, IN_USE, PARTIAL, RECORD
 
 KINDS = ("partial", "damaged", "unreferenced")

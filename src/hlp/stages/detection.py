@@ -18,13 +18,11 @@ from hlp.method.find.estimator import PoseEstimator
 from hlp.method.find.search import search_frame
 from hlp.method.find.trace import STAGES, STEPS, Stage, Trace
 from hlp.method.learn.model_files import load_classifier
-from hlp.method.settings import MethodSettings
-from hlp.method.stage_settings import FindSettings
+from hlp.method.settings import FindSettings, MethodSettings
 from hlp.records import Frame, PoseEstimate, parse_frame_key
 from hlp.refinement.score_model import ScoreModel
 from hlp.stages.executor_settings import ExecutorSettings
-from hlp.stages.fingerprint import fingerprint, stage_code
-from hlp.stages.manifest import device_name
+from hlp.stages.manifest import device_name, fingerprint, stage_code
 from hlp.stages.store import Output, StageStore
 from hlp.stages.trace_files import has_arrays, read_trace, write_failure, write_trace
 from hlp.stages.training import TrainingStages

@@ -27,8 +27,7 @@ from hlp.errors import DataError
 from hlp.files import remove_unfinished, write_json
 from hlp.schemas.outputs import StageRecord
 from hlp.schemas.reading import checked_as, read_text_json
-from hlp.stages.fingerprint import plain
-from hlp.stages.manifest import library_versions
+from hlp.stages.manifest import library_versions, plain
 
 RECORD, IN_USE = "stage.json", ".in-use"
 PARTIAL, DAMAGED, LOCK = ".partial", ".damaged", ".lock"

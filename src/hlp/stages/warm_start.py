@@ -10,8 +10,7 @@ from annotated_types import Ge, Le
 from hlp.errors import ConfigError, DataError, MissingFileError
 from hlp.method.settings import MethodSettings
 from hlp.settings import Doc, Settings
-from hlp.stages.fingerprint import plain
-from hlp.stages.manifest import made_outputs
+from hlp.stages.manifest import made_outputs, plain
 from hlp.stages.store import Output, StageStore
 
 

@@ -17,7 +17,7 @@ from hlp.files import write_json
 from hlp.method.find.detections import describe_all
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.find.search import search_frame
-from hlp.method.stage_settings import FindSettings
+from hlp.method.settings import FindSettings
 from hlp.records import Frame, LocalPatches, PoseEstimate
 from hlp.reporting.figures.bars import draw_bench
 from hlp.reporting.tables.bench_table import (

@@ -29,7 +29,7 @@ from hlp.reporting.tables.study_tables import format_search, write_search
 from hlp.results.summary_file import write_target_values
 from hlp.runs import runner
 from hlp.settings import Doc, Settings
-from hlp.stages.fingerprint import fingerprint
+from hlp.stages.manifest import fingerprint
 from hlp.studies.study_run import study_code, study_run
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from hlp.reporting.page.study_page import write_study_page
 from hlp.runs.manifest import make_manifest
 from hlp.runs.mlflow_log import log_inputs, say_where, tracked
 from hlp.source_code import Code, code_of
-from hlp.stages.fingerprint import fingerprint
+from hlp.stages.manifest import fingerprint
 from hlp.stages.store import StageStore
 from hlp.stages.trace_files import has_arrays, write_arrays
 

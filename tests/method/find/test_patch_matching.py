@@ -14,7 +14,7 @@ from hlp.codebook.neighbours import ExactNeighbours, Neighbours
 from hlp.data.synthetic.objects import demo_objects
 from hlp.method.find import patch_matching
 from hlp.method.find.patch_matching import FrameMatches, PatchMatching, SearchGroup, search_groups
-from hlp.method.stage_settings import FindSettings
+from hlp.method.settings import FindSettings
 from hlp.patches.local import region_pixels
 from hlp.records import Codebook, Frame, LocalPatches
 from hlp.thread_team import ThreadTeam

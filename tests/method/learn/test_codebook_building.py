@@ -11,7 +11,7 @@ from hlp.data.synthetic.objects import demo_objects
 from hlp.geometry import allocentric_to_egocentric
 from hlp.method.learn import codebook_building as codebooks
 from hlp.method.learn.codebook_building import build_codebook
-from hlp.method.stage_settings import CodebookStage
+from hlp.method.settings import CodebookStage
 from hlp.patches.local import LocalSettings, depth_relief
 from hlp.records import Codebook, LocalPatches, ObjectModel, Views
 from hlp.rendering.views import ViewsSettings, render_views

@@ -12,7 +12,7 @@ from hlp.image_edges import color_edges
 from hlp.method.find.holistic_scan import FrameWindows, HolisticScan
 from hlp.method.find.patch_matching import FrameMatches, LearntObjects, PatchMatching
 from hlp.method.find.trace import ObjectTrace
-from hlp.method.stage_settings import FindSettings
+from hlp.method.settings import FindSettings
 from hlp.models.encoder import Encoder
 from hlp.observer import NOBODY, Observer
 from hlp.patches import window_choice

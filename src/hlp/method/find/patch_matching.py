@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hlp.codebook.neighbours import is_joint
-from hlp.method.stage_settings import CoarseStage, FindSettings
+from hlp.method.settings import CoarseStage, FindSettings
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
 from hlp.observer import NOBODY, Observer

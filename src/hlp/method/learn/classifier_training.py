@@ -13,7 +13,7 @@ from tqdm import tqdm
 from hlp.method.learn.backgrounds import Backgrounds
 from hlp.method.learn.model_files import CLASSIFIER, StartingWeights
 from hlp.method.learn.training import calibration_images, fit
-from hlp.method.stage_settings import ClassifierStage
+from hlp.method.settings import ClassifierStage
 from hlp.models.classifier_training import HolisticClassifier, copy_weights, raise_background
 from hlp.models.onnx_export import export_network
 from hlp.objects.distractors import distractor_scenes

@@ -7,7 +7,7 @@ from jaxtyping import Int
 
 from hlp.codebook.entries import make_codebook
 from hlp.codebook.neighbours import ExactNeighbours
-from hlp.method.stage_settings import CodebookStage
+from hlp.method.settings import CodebookStage
 from hlp.models.encoder import Encoder
 from hlp.patches.local import join_patches, surface_pixels, take_patches
 from hlp.patches.local_data import degrade_patches

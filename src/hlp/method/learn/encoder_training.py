@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from hlp.method.learn.backgrounds import Backgrounds
 from hlp.method.learn.training import calibration_images, fit
-from hlp.method.stage_settings import EncoderStage
+from hlp.method.settings import EncoderStage
 from hlp.models.encoders import STEM, EncoderModule
 from hlp.models.onnx_export import export_network
 from hlp.patches.local import join_patches

@@ -34,8 +34,13 @@ from hlp.method.learn.mesh_models import check_told_apart
 from hlp.method.learn.model_files import StartingWeights, read_weights, write_model
 from hlp.method.learn.score_calibration import calibrate_score
 from hlp.method.learn.unfinished_folder import SCORED, VIEWS, finish, folder_in_the_making, once
-from hlp.method.settings import MethodSettings
-from hlp.method.stage_settings import ClassifierStage, CodebookStage, EncoderStage, FindSettings
+from hlp.method.settings import (
+    ClassifierStage,
+    CodebookStage,
+    EncoderStage,
+    FindSettings,
+    MethodSettings,
+)
 from hlp.objects.object_model import mesh_identity
 from hlp.records import ObjectModel, Views
 from hlp.refinement.score_model import save_score_model

@@ -36,8 +36,7 @@ from hlp.errors import ConfigError, DamagedError, DataError, MissingFileError
 from hlp.files import read_json, write_json
 from hlp.method.find.patch_matching import load_codebooks, search_groups
 from hlp.method.learn.model_files import load_classifier, read_model
-from hlp.method.settings import Device, MethodSettings
-from hlp.method.stage_settings import CoarseStage
+from hlp.method.settings import CoarseStage, Device, MethodSettings
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
 from hlp.records import Codebook, ObjectModel
