@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
+from hlp.objects.random_shapes import random_shape
 from scipy.spatial.transform import Rotation
 
 from hlp import Detection, Detector
@@ -29,11 +30,10 @@ from hlp.data.synthetic.scenes import LINEMOD_CAMERA
 from hlp.data.synthetic.surfaces import draw_surroundings, random_surroundings
 from hlp.evaluation.errors import add_s
 from hlp.geometry import rigid
-from hlp.objects.random_shapes import random_shape
 from hlp.objects.shapes import merge, moved_by
 from hlp.records import MILLIMETRE, Frame, Mesh, ObjectModel, Target
 from hlp.rendering.rasterizer import render_scene
-from hlp.rendering.sensor import kinect, noisy_depth, noisy_rgb
+from hlp.rendering.sensor import Kinect, noisy_depth, noisy_rgb
 
 SETTINGS = ("score.scenes=0", "patches.pool.per_object=500", "patches.pairs.per_object=500")
 THERE = 7  # objects on the table
@@ -162,7 +162,7 @@ def render_frame(models: Sequence[ObjectModel], number: int) -> Frame:
     back = draw_surroundings(around, items, pose_cam_world, LINEMOD_CAMERA, _SHAPE, light)
     empty = index < 0
     rgb[empty], depth[empty] = back[0][empty], back[1][empty]
-    sensor = kinect(1.0)
+    sensor = Kinect()
     return Frame(
         scene_id=0,
         frame_id=number,

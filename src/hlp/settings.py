@@ -31,14 +31,17 @@ from typing import (
     get_type_hints,
 )
 
-from typing_extensions import Doc
+from annotated_types import Ge, Gt, Interval
+from typing_extensions import Doc as Doc
 
 from hlp.errors import ConfigError, DataError
 from hlp.registry import Registry
 
-__all__ = ["Doc", "Settings", "SettingsError", "defaults_of", "read_settings", "stored_as"]
-
 T = TypeVar("T")
+Count = Annotated[int, Ge(1)]
+NotNegative = Annotated[float, Ge(0)]
+Positive = Annotated[float, Gt(0)]
+Share = Annotated[float, Interval(ge=0, le=1)]
 _MISSING = dataclasses.MISSING
 _LONGEST = 60  # characters of a value or of a list of keys that a message shows
 _PLAIN: dict[Any, tuple[Any, str]] = {

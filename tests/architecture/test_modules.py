@@ -10,7 +10,6 @@ LONG = {
     "hlp.method.detector": 450,  # two thirds are docstrings with examples
     "hlp.method.find.estimator": 370,
     "hlp.records": 310,
-    "hlp.refinement.verification": 350,
     "hlp.stages.detection": 350,
     "hlp.stages.training": 305,
 }

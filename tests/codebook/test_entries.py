@@ -1,8 +1,7 @@
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation
 
-from hlp.codebook.entries import load_codebook, make_codebook, save_codebook
+from hlp.codebook.entries import make_codebook
 from hlp.data.synthetic.objects import demo_objects
 from hlp.geometry import rigid, rotation_distance
 from hlp.records import LocalPatches, Matches
@@ -50,14 +49,3 @@ def test_rotations_are_stored_relative_to_the_viewing_ray():
     seen_from = np.einsum("mji,mj->mi", poses[:, :3, :3], towards_camera)
     stored = np.einsum("mji,j->mi", codebook.rotations_cam_obj, [0.0, 0.0, -1.0])
     np.testing.assert_allclose(stored, seen_from, atol=1e-6)
-
-
-def test_a_codebook_survives_the_disk(tmp_path):
-    codebook = make_entries()[0]
-    save_codebook(tmp_path, codebook)
-    loaded = load_codebook(tmp_path)
-    for name, value in vars(codebook).items():
-        np.testing.assert_array_equal(getattr(loaded, name), value)
-    assert isinstance(loaded.object_id, int) and isinstance(loaded.feature_scale, float)
-    with pytest.raises(FileNotFoundError, match="codebook"):
-        load_codebook(tmp_path / "nowhere")

@@ -5,15 +5,14 @@ from pathlib import Path
 import numpy as np
 from test_inverted_lists import surface
 
-from hlp.codebook.inverted_lists import FEWEST, InvertedLists
-from hlp.codebook.joint_lists import JointListsSettings
+from hlp.codebook.inverted_lists import EXACT_BELOW, InvertedLists, JointListsSettings
 from hlp.codebook.neighbours import ExactNeighbours
 
 SETTINGS = JointListsSettings()
 
 
 def test_most_of_the_nearest_entries_of_all_objects_are_found() -> None:
-    objects = [surface(count, seed=seed) for seed, count in enumerate((FEWEST, 3000, 5000))]
+    objects = [surface(count, seed=seed) for seed, count in enumerate((EXACT_BELOW, 3000, 5000))]
     queries = surface(400, seed=9)
     found = SETTINGS.build(np.concatenate(objects), 0, 1).search(queries)
     exact = ExactNeighbours(np.concatenate(objects), 3).search(queries)
@@ -22,17 +21,17 @@ def test_most_of_the_nearest_entries_of_all_objects_are_found() -> None:
 
 
 def test_the_number_of_lists_follows_that_of_entries_up_to_a_limit() -> None:
-    few, many = surface(FEWEST), surface(4 * FEWEST)
+    few, many = surface(EXACT_BELOW), surface(4 * EXACT_BELOW)
     limited = JointListsSettings(lists=20)
     lists = [
         each.build(features, 0, 1).settings.lists
         for each, features in ((SETTINGS, few), (SETTINGS, many), (limited, many))
     ]
-    assert lists == [FEWEST // 450, 4 * FEWEST // 450, 20]
+    assert lists == [EXACT_BELOW // 450, 4 * EXACT_BELOW // 450, 20]
 
 
 def test_prepared_lists_are_not_trained_again(tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
-    features, queries = surface(2 * FEWEST), surface(50, seed=1)
+    features, queries = surface(2 * EXACT_BELOW), surface(50, seed=1)
     trained = SETTINGS.build(features, 3, 1).search(queries)
     SETTINGS.prepare(features, 3, tmp_path)
     monkeypatch.setattr("hlp.codebook.inverted_lists._train", lambda *_: 1 / 0)

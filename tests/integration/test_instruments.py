@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from hlp.method.find.estimator import FrameContext, PoseEstimator
-from hlp.refinement.none import NoneRefiner
+from hlp.refinement.refiner import NoneRefiner
 from hlp.reporting.study_numbers import KINDS, read_numbers
 from hlp.results.summary_file import read_target_values
 from run_files import logged_run, read_json, rows, stages

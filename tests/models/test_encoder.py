@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from hlp.models.encoder import NetworkEncoder, patch_input
+from hlp.models.encoder_training import PatchEncoder
 from hlp.models.network import load_network
 from hlp.models.onnx_export import export_network
-from hlp.models.patch_encoder import PatchEncoder
 from hlp.records import LocalPatches
 
 

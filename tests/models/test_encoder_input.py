@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter
 
-from hlp.models.encoder import (
-    patch_input,
-    sees_color,
-    surface_normals,
-)
+from hlp.models.encoder import normals_with_depth, patch_input
 from hlp.records import LocalPatches
+
+
+def surface_normals(depth, valid):
+    return normals_with_depth(depth, valid)[..., :3]
 
 
 def plane(slope_x, slope_y, size=32):
@@ -90,11 +90,3 @@ def test_channels_of_each_kind():
     assert np.abs(shape).max() <= 1.0 + 1e-6
     colourless = replace(patches, color=patches.color[..., :0])
     np.testing.assert_array_equal(patch_input(colourless, "normals_depth"), shape)
-    assert sees_color("rgbd") and not sees_color("normals_depth")
-    with pytest.raises(ValueError, match="needs patches with colour"):
-        patch_input(colourless, "rgbd")
-
-
-def test_another_kind_is_refused_by_name():
-    with pytest.raises(ValueError, match=r"'depth_only'.*rgbd, normals_depth"):
-        patch_input(random_patches(), "depth_only")

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from hlp.models.patch_encoder import one_cycle
+from hlp.models.one_cycle import one_cycle
 
 
 @pytest.mark.parametrize("rise", [0.1, 0.2])

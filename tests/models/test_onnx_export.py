@@ -5,9 +5,9 @@ import torch
 from torch import nn
 
 from hlp.models.classifier_training import HolisticCNN
+from hlp.models.encoder_training import PatchEncoder
 from hlp.models.network import INTEGER, SINGLE, Network
 from hlp.models.onnx_export import export_network, fuse, levels_layer, side_by_side, to_levels
-from hlp.models.patch_encoder import PatchEncoder
 
 
 def trained_encoder():

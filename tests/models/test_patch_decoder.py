@@ -6,11 +6,9 @@ import pytest
 import torch
 
 from hlp.errors import DataError
-from hlp.models.autoencoder import AutoencoderSettings
-from hlp.models.contrastive import ContrastiveSettings
-from hlp.models.contrastive_training import Autoencoder
-from hlp.models.encoders import FeatureDecoder
-from hlp.models.patch_encoder import DECODER, decode, save_decoder
+from hlp.models.encoder import FeatureDecoder
+from hlp.models.encoder_training import DECODER, Autoencoder, decode, save_decoder
+from hlp.models.network_encoders import AutoencoderSettings, ContrastiveSettings
 from hlp.models.pca import PcaSettings
 
 SETTINGS = AutoencoderSettings(dimension=16, widths=(8, 16))

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from hlp.models.patch_encoder import PatchEncoder
+from hlp.models.encoder_training import PatchEncoder
 
 
 @pytest.mark.parametrize(

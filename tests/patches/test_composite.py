@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import convolve
 
-from hlp.patches.composite import NOISE_LENGTH, compose_windows
+from hlp.patches.composite import NOISE_LENGTH, BackgroundPool, ObjectWindows, compose_windows
 from hlp.patches.holistic_data import draw_composites
 
 COUNT, SIZE, BACKGROUNDS = 60, 32, 7
@@ -27,7 +27,9 @@ def draws(seed=1):
 
 
 def composed(drawn, with_depth=True, threads=1):
-    return compose_windows(*make_windows(), drawn, NOISE, with_depth, threads)
+    made = make_windows()
+    windows, behind = ObjectWindows(*made[:3]), BackgroundPool(*made[3:])
+    return compose_windows(windows, behind, drawn, NOISE, with_depth, threads)
 
 
 def smooth(grid):

@@ -5,10 +5,9 @@ import numpy as np
 import pytest
 import torch
 
-from hlp.patches.holistic import depth_code
+from hlp.patches.composite import BackgroundPool
 from hlp.patches.holistic_data import HolisticDataModule
-from hlp.patches.holistic_pool import BACKGROUND, BackgroundPool, HolisticPool
-from window_reference import window_images
+from hlp.patches.holistic_pool import BACKGROUND, HolisticPool
 
 COUNT, SIZE, LABEL = 120, 16, 2
 
@@ -38,21 +37,6 @@ def module(pool, channels="rgbd", share=0.4, seed=0, backgrounds=None):
 
 def compose(data, seed=0):
     return data.compose(data.pool, np.random.default_rng(seed))
-
-
-@pytest.mark.parametrize(("channels", "count"), [("rgb", 3), ("rgbd", 4)])
-def test_images_have_the_classifiers_shape_and_range(channels, count):
-    images, labels = compose(module(make_pool(), channels))
-    assert images.shape == (COUNT, count, SIZE, SIZE) and images.dtype == torch.float32
-    assert images.min() >= -1 and images.max() <= 1
-    assert labels.dtype == torch.int64
-
-
-def test_depth_changes_no_colour():
-    with_depth, labels = compose(module(make_pool(), "rgbd"))
-    without, same = compose(module(make_pool(), "rgb"))
-    torch.testing.assert_close(with_depth[:, :3], without, rtol=0, atol=0)
-    assert torch.equal(labels, same)
 
 
 def test_background_alone_holds_no_pixel_of_the_object_and_is_labelled_so():
@@ -127,11 +111,3 @@ def test_the_same_seed_and_step_give_the_same_batch_whatever_ran_before():
         assert torch.equal(one, other)
     assert not torch.equal(batch(data, 6)[0], first[0])
     assert not torch.equal(batch(module(make_pool(), seed=1), 5)[0], first[0])
-
-
-def test_the_reference_of_windows_inverts_the_depth_code():
-    depth = np.linspace(0.85, 1.15, 49, dtype=np.float32).reshape(1, 7, 7)
-    code = depth_code(depth, np.array([1.0], np.float32), 0.2)
-    images = window_images(np.zeros((1, 7, 7, 3), np.uint8), code, "rgbd").numpy()
-    np.testing.assert_allclose(images[:, 3] * 0.2 + 1.0, depth, atol=0.2 / 127 / 2 * 1.01)
-    assert (images[:, :3] == -1.0).all()

@@ -10,7 +10,6 @@ from hlp.patches.holistic_pool import (
     HolisticPoolSettings,
     bake_backgrounds,
     bake_windows,
-    join_pools,
 )
 from hlp.records import Frame
 
@@ -28,10 +27,8 @@ RESOLUTION = 24
 
 
 def bake(views, model, settings=SETTINGS, seed=0, sizes=(0.1, 0.2)):
-    return bake_windows(
-        views, 3, model.holistic_size, sizes, model.centroid, RESOLUTION, settings,
-        np.random.default_rng(seed),
-    )  # fmt: skip
+    rng = np.random.default_rng(seed)
+    return bake_windows(views, model, 3, sizes, RESOLUTION, settings, rng)
 
 
 @pytest.fixture
@@ -110,13 +107,6 @@ def test_scale_jitter_is_bounded(views, model, cuts):
     assert ratio.std() > 0.02
 
 
-def test_joined_pools_keep_their_rows_together(views, model):
-    first, second = bake(views, model), bake(views, model, seed=1)
-    joined = join_pools([first, second])
-    np.testing.assert_array_equal(joined.color[144:], second.color)
-    np.testing.assert_array_equal(joined.labels, np.r_[first.labels, second.labels])
-
-
 def test_backgrounds_are_photographs_and_windows_of_frames(room: Frame):
     crops = np.random.default_rng(0).integers(0, 256, (7, 24, 24, 3)).astype(np.uint8)
     frames = [room, dataclasses.replace(room, frame_id=2)]
@@ -161,10 +151,8 @@ def test_a_frame_without_depth_gives_no_background(room: Frame):
 
 def test_a_colourless_object_has_another_colour_in_every_window_and_the_same_shading(views, model):
     colored = bake(views, model)
-    pool = bake_windows(
-        views, 3, model.holistic_size, (0.1, 0.2), model.centroid, RESOLUTION, SETTINGS,
-        np.random.default_rng(0), colored=False,
-    )  # fmt: skip
+    colourless = dataclasses.replace(model.mesh, colored=False)
+    pool = bake(views, dataclasses.replace(model, mesh=colourless))
     for name in ("depth", "mask", "labels"):
         np.testing.assert_array_equal(getattr(pool, name), getattr(colored, name))
     means = pool.color.mean(axis=(1, 2))

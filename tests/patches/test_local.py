@@ -86,21 +86,6 @@ def test_clamping_alone_keeps_the_colour_beyond(scene):
     assert clamped.color[0][~inside].std() > 20
 
 
-def test_pixels_beyond_the_clamp_do_not_change_a_masked_patch(scene):
-    rgb, depth = scene
-    pixels = np.array([[46, 30]])
-    other_rgb, other_depth = rgb.copy(), depth.copy()
-    other_rgb[:, 50:] = 255 - rgb[:, 50:]
-    other_depth[:, 50:] += 0.7
-    first = cut_local_patches(rgb, depth, CAMERA, pixels, SIZE, MASKED, 0.0)
-    second = cut_local_patches(other_rgb, other_depth, CAMERA, pixels, SIZE, MASKED, 0.0)
-    np.testing.assert_array_equal(first.depth, second.depth)
-    far = ~first.valid[0]
-    beside = np.zeros_like(far)  # bilinear colour mixes over one pixel
-    beside[:, :-1] = far[:, 1:]
-    np.testing.assert_array_equal(first.color[0][~beside], second.color[0][~beside])
-
-
 def test_patches_without_depth_or_with_too_little_of_it_are_left_out(scene):
     rgb, depth = scene
     pixels = np.array([[20, 30], [20, 75], [20, 59]])  # full, in the hole, at its border
@@ -154,18 +139,6 @@ def test_surface_pixels_are_drawn_from_the_surface_without_repetition():
     assert (surface_pixels(depth, 10, np.random.default_rng(1)) != drawn).any()
 
 
-@pytest.mark.parametrize("pixel", [(160, 120), (20, 20), (300, 200)])
-def test_a_wall_across_the_viewing_ray_is_flat_wherever_it_stands(pixel):
-    camera = np.array([[300.0, 0.0, 160.0], [0.0, 300.0, 120.0], [0.0, 0.0, 1.0]])
-    y, x = np.mgrid[:240, :320]
-    rays = np.stack([(x - 160) / 300, (y - 120) / 300, np.ones(x.shape)], axis=-1)
-    normal = rays[pixel[1], pixel[0]] / np.linalg.norm(rays[pixel[1], pixel[0]])
-    depth = (0.8 / (rays @ normal)).astype(np.float32)
-    rgb = np.zeros((240, 320, 3), np.uint8)
-    cut = cut_local_patches(rgb, depth, camera, np.array([pixel]), SIZE, MASKED, 0.0)
-    assert np.abs(cut.depth[0][cut.valid[0]]).max() < 0.02  # half a millimetre: nearest pixels
-
-
 def test_patches_without_colour_are_the_same_but_for_it():
     rng = np.random.default_rng(5)
     rgb = rng.integers(0, 256, (120, 160, 3)).astype(np.uint8)
@@ -177,10 +150,6 @@ def test_patches_without_colour_are_the_same_but_for_it():
     assert full.color.shape == (3, 32, 32, 3) and plain.color.shape == (3, 32, 32, 0)
     for name in ("depth", "valid", "points_cam", "pixels"):
         np.testing.assert_array_equal(getattr(full, name), getattr(plain, name))
-
-
-def test_no_patches_have_no_relief():
-    assert depth_relief(np.empty((0, 8, 8), np.float32)).shape == (0,)
 
 
 def test_relief_is_the_distance_from_the_best_plane():

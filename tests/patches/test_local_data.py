@@ -3,7 +3,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from scipy.ndimage import convolve
 
+from hlp.patches import local_data
 from hlp.patches.local_data import (
     PairDataModule,
     PatchDataModule,
@@ -82,12 +84,6 @@ def test_depth_noise_is_that_of_a_sensor():
     assert np.median(steps) < 60  # quantised: of some 250 pixels many agree
 
 
-def test_degradation_is_a_function_of_the_seed():
-    for one, other in zip(degraded(3), degraded(3), strict=True):
-        assert torch.equal(one, other)
-    assert not torch.equal(degraded(4)[1], degraded(3)[1])
-
-
 def test_degraded_patches_of_a_codebook_keep_their_places():
     patches = make_patches()
     rows = np.array([5, 2, 90])
@@ -162,3 +158,59 @@ def test_patches_under_another_light_keep_their_shape():
     assert batch["seen"].min() >= 0 and batch["seen"].max() <= 1
     assert torch.equal(batch["seen"], pair_batch(data, 4)["seen"])  # the step decides
     assert not torch.equal(batch["seen"], pair_batch(data, 5)["seen"])
+
+
+def generator():
+    return torch.Generator().manual_seed(0)
+
+
+def test_uniform_normal_and_smooth_noise_have_their_ranges():
+    drawn = local_data.uniform(generator(), (20_000,), -0.5, 1.5)
+    assert drawn.min() >= -0.5 and drawn.max() < 1.5
+    assert float(drawn.mean()) == pytest.approx(0.5, abs=0.02)
+    spread = float(local_data.normal(generator(), (20_000,), 0.3).std())
+    assert spread == pytest.approx(0.3, abs=0.01)
+    field = local_data.smooth_noise(generator(), 50, 32, 4)
+    assert float(field.diff(dim=2).abs().mean()) < 0.3 * float(field.std())
+
+
+def test_the_surface_keeps_black_black_and_a_grey_object_is_tinted_as_one():
+    grey = torch.full((4, 3, 8, 8), 0.5)
+    varied = local_data.vary_surface(grey, generator())
+    assert float(varied.flatten(2).std(dim=2).max()) < 1e-6  # one colour over the whole object
+    assert float(varied.mean(dim=(2, 3)).std()) > 0.05
+    assert torch.equal(local_data.vary_surface(torch.zeros_like(grey), generator()), 0 * grey)
+
+
+def test_the_camera_keeps_colours_between_0_and_1():
+    varied = local_data.vary_camera(torch.rand((200, 3, 16, 16)) * 3.0, generator())
+    assert varied.min() >= 0 and varied.max() <= 1
+    assert torch.isfinite(varied).all()
+
+
+def test_blur_smooths_its_share_with_the_binomial_kernel():
+    source = torch.rand((400, 3, 8, 8), generator=generator())
+    blurred = local_data.blur(source, generator(), 0.5)
+    line = np.array([0.25, 0.5, 0.25])
+    kernel = np.outer(line, line)
+    counts = {"sharp": 0, "once": 0, "twice": 0}
+    for image, result in zip(source.numpy(), blurred.numpy(), strict=True):
+        once = np.stack([convolve(c, kernel, mode="nearest") for c in image])
+        twice = np.stack([convolve(c, kernel, mode="nearest") for c in once])
+        for name, expected in (("sharp", image), ("once", once), ("twice", twice)):
+            counts[name] += np.allclose(result, expected, atol=1e-5)
+    assert sum(counts.values()) == 400
+    assert counts["sharp"] == pytest.approx(200, abs=40)
+    assert counts["once"] == pytest.approx(100, abs=35)
+
+
+def test_rectangles_are_rectangles_of_the_asked_size_and_share():
+    n, size = 600, 40
+    masks = local_data.rectangles(generator(), n, size, 0.5, 0.2, 0.6).numpy()
+    drawn = [mask for mask in masks if mask.any()]
+    assert 0.3 * n < len(drawn) < 0.5 * n  # half, but one in six of those lies off the image
+    for mask in drawn:
+        y, x = np.nonzero(mask)
+        assert mask[y.min() : y.max() + 1, x.min() : x.max() + 1].all()
+        assert max(np.ptp(y), np.ptp(x)) + 1 <= 0.6 * size + 1
+    assert not local_data.rectangles(generator(), n, size, 0.0, 0.2, 0.6).any()

@@ -3,15 +3,15 @@ import pytest
 
 from hlp.geometry import rotation_distance
 from hlp.patches import local_pool
-from hlp.patches.local import LocalSettings, join_patches, take_patches
+from hlp.patches.local import LocalSettings, take_patches
 from hlp.patches.local_data import degrade_patches
 from hlp.patches.local_pool import (
     PairSettings,
     bake_frame_patches,
     bake_pairs,
     cut_view_patches,
-    join_pairs,
 )
+from hlp.patches.sampling import join
 
 LOCAL = LocalSettings(16, 1.5, True)
 COUNT = 200
@@ -75,26 +75,11 @@ def test_patches_lie_in_the_order_of_their_pairs(baked, views, model):
             np.testing.assert_array_equal(pool.valid[i, side], alone.valid[0])
 
 
-def test_a_pool_holds_object_point_and_rotation_of_its_pairs(baked, model):
-    pool, _ = baked
-    assert (pool.object_ids == model.object_id).all()
-    np.testing.assert_allclose(pool.sizes, model.local_size)
-    assert pool.depth.dtype == np.float16
-
-
 def test_an_angle_of_0_pairs_each_patch_with_itself(views, model):
     pairs = PairSettings(40, 0.0)
     pool = bake_pairs(views, model.local_size, LOCAL, pairs, np.random.default_rng(0), True)
     np.testing.assert_array_equal(pool.color[:, 0], pool.color[:, 1])
     np.testing.assert_array_equal(pool.depth[:, 0], pool.depth[:, 1])
-
-
-def test_pairs_of_objects_are_joined_in_order(baked):
-    pool, _ = baked
-    joined = join_pairs([pool, pool])
-    assert len(joined.sizes) == 2 * COUNT
-    np.testing.assert_array_equal(joined.color[COUNT:], pool.color)
-    np.testing.assert_array_equal(joined.points_obj[COUNT:], pool.points_obj)
 
 
 def test_every_surface_pixel_of_a_view_gives_a_patch(views, model):
@@ -122,7 +107,7 @@ def test_colour_is_left_out_where_it_is_not_needed(views, model):
 def test_patches_are_joined_and_taken_by_row(views, model):
     pixels = np.stack(np.nonzero(views.depth[0].T > 0), axis=1)[::40]
     first = cut_view_patches(views, 0, pixels, model.local_size, LOCAL, True)
-    joined = join_patches([first, first])
+    joined = join([first, first])
     taken = take_patches(joined, np.array([len(first) + 2, 0]))
     np.testing.assert_array_equal(taken.points_cam, first.points_cam[[2, 0]])
     np.testing.assert_array_equal(taken.color, first.color[[2, 0]])
@@ -135,21 +120,6 @@ def test_frames_give_patches_of_every_size_with_enough_depth(room):
     for patches in found:
         assert 20 < len(patches) <= 30
         assert (patches.valid.mean(axis=(1, 2)) >= 0.2).all()
-
-
-def test_patches_of_frames_are_relative_to_their_own_size(room):
-    rises = []
-    for size in (0.04, 0.1):
-        rng = np.random.default_rng(0)  # the same pixels for both
-        (patches,) = bake_frame_patches([room], [size], 300, LOCAL, rng)
-        whole = patches.valid[:, 8].all(axis=1)
-        rise = patches.depth[whole, 8, 14] - patches.depth[whole, 8, 1]
-        rises.append(dict(zip(map(tuple, patches.pixels[whole]), rise, strict=True)))
-    both = sorted(rises[0].keys() & rises[1].keys())
-    assert len(both) > 50
-    first, second = (np.array([rise[pixel] for pixel in both]) for rise in rises)
-    assert np.median(first) > 0.1
-    np.testing.assert_allclose(np.median(first / second), 1.0, atol=0.1)
 
 
 def test_small_frames_give_what_they_have(room):

@@ -1,10 +1,15 @@
+import numpy as np
 import pytest
 import torch
 from torch import distributed
 
-from hlp.patches.pool_loader import pool_loader
+from hlp.patches.pool_loader import PoolDataModule
 
-POOL = {"row": torch.arange(23), "square": torch.arange(23) ** 2}
+POOL = {"row": np.arange(23), "square": np.arange(23) ** 2}
+
+
+def pool_loader(pool, batch_size, seed):
+    return PoolDataModule(pool, batch_size, seed).train_dataloader()
 
 
 def epoch(loader, number):

@@ -1,4 +1,3 @@
-import cv2
 import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
@@ -92,18 +91,6 @@ def test_a_square_far_larger_than_the_image_holds_little_of_it():
 def test_no_squares_give_no_patches():
     cut = sample_squares(ramp(10, 10), np.zeros((0, 2)), np.zeros(0), 8)
     assert cut.shape == (0, 8, 8, 2)
-
-
-def test_bleeding_is_a_quotient_of_box_filters_up_to_the_border():
-    rng = np.random.default_rng(5)
-    for shape in ((40, 31), (3, 8), (1, 1)):
-        mask = rng.random(shape) < 0.15
-        rgb = rng.integers(0, 256, (*shape, 3), dtype=np.uint8)
-        weight = cv2.boxFilter(mask.astype(np.float32), -1, (5, 5))
-        masked = np.where(mask[..., None], rgb, 0).astype(np.float32)
-        mean = cv2.boxFilter(masked, -1, (5, 5)) / np.maximum(weight, 1e-6)[..., None]
-        expected = np.where(mask[..., None], rgb, np.clip(mean, 0, 255).astype(np.uint8))
-        np.testing.assert_array_equal(bleed_color(rgb, mask), expected)
 
 
 def test_bleeding_continues_colour_by_the_mean_of_the_object_nearby():

@@ -1,5 +1,6 @@
 """Several instances of one object in a frame: each is chosen once, on pixels of its own."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,8 +9,8 @@ import pytest
 from hlp.geometry import transform
 from hlp.records import Hypotheses, Refinement
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
-from hlp.refinement.none import NoneSettings
 from hlp.refinement.pso import PsoSettings
+from hlp.refinement.refiner import NoneSettings
 from hlp.refinement.verification import VerificationSettings, Verifier, observe
 from hlp.rendering.light import FRONTAL_LIGHT
 from hlp.rendering.rasterizer import render_scene
@@ -30,14 +31,14 @@ def find(
 ) -> RefinedHypotheses | None:
     refiner = given.get("settings", NoneSettings()).build(1)
     scene = row[0]
+    settings = replace(
+        verification, candidates=8, max_improvement=given.get("max_improvement", 0.1)
+    )
     return refine_and_choose(
         refiner,
-        Verifier(scene.model, verification),
-        observe(scene.rgb, scene.depth, CAMERA, verification),
-        scene.model,
+        Verifier(scene.model, settings),
+        observe(scene.rgb, scene.depth, CAMERA, settings),
         Hypotheses(poses, np.ones(len(poses))),
-        candidates=8,
-        max_improvement=given.get("max_improvement", 0.1),
         seed=3,
         instances=count,
         good_enough=given.get("good_enough"),
@@ -97,7 +98,7 @@ def test_what_is_refined_onto_a_chosen_instance_is_never_the_cheapest(
     """Then no free pose is left, though more were refined; each of them has a cost."""
     poses = np.stack([row[1].pose, row[1].pose, disturbed(row[0], 2.0, 2.0, seed=1)])
     attracted = Attracted(row[1].pose)
-    found = find(row, poses, verification, 2, settings=attracted, max_improvement=-1.0)
+    found = find(row, poses, verification, 2, settings=attracted, max_improvement=0.0)
     assert found is not None and len(found.instances) == 1 and len(found.refined) == 3
     assert np.isfinite(found.costs[:2]).all() and np.isinf(found.costs[2:]).all()
     assert len(found.costs) == len(found.sources) == 3

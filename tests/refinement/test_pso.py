@@ -8,8 +8,7 @@ import pytest
 from hlp.geometry import rigid, rotation_distance
 from hlp.records import Hypotheses, Refinement
 from hlp.refinement.cost import CostSettings
-from hlp.refinement.pso import PolishSettings, PsoRefiner, PsoSettings, search
-from hlp.refinement.swarm_kernel import apply_offsets
+from hlp.refinement.pso import PolishSettings, PsoRefiner, PsoSettings, apply_offsets, search
 from hlp.refinement.verification import VerificationSettings
 from refinement_scene import Scene, disturbed, error, posed
 
@@ -94,21 +93,6 @@ def test_a_pose_that_cannot_be_bettered_is_kept(settings: PsoSettings) -> None:
     np.testing.assert_allclose(found, start(), atol=1e-12)
     assert iterations == settings.patience
     assert bowl.calls == settings.patience + 1
-
-
-def test_iterations_are_capped(settings: PsoSettings) -> None:
-    goal = apply_offsets(start(), np.array([[0.1, 0.1, 0.1, 0.0, 0.0, 0.0]]), CENTROID)[0]
-    bowl = Bowl(goal)
-    few = replace(settings, iterations=4)
-    assert search(bowl, start(), CENTROID, few, np.random.default_rng(0))[1] == 4
-    assert bowl.calls == 5
-
-
-def test_budget_ends_the_search(scene: Scene, settings: PsoSettings) -> None:
-    coarse = Hypotheses(np.stack([disturbed(scene, 20, 20, 1)] * 2), np.ones(2))
-    hasty = PsoRefiner(replace(settings, budget_ms=1e-3))
-    found = hasty.refine(scene.model, scene.seen, coarse, seed=0)
-    assert [each.iterations for each in found] == [0, 0]
 
 
 def test_hypotheses_after_the_budget_stay_as_they_are(scene: Scene, settings: PsoSettings) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from generated_values import SEEDS, motions, numbers, poses_in_front, share_of_examples, vectors
+from generated_values import SEEDS, numbers, poses_in_front, share_of_examples, vectors
 from hlp.records import Hypotheses
 from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.pso import PsoRefiner, PsoSettings, search
@@ -66,13 +66,3 @@ def test_a_refined_pose_fits_the_depth_no_worse_than_the_coarse_one(
     cost = DepthCost(scene.model.proxy, scene.depth, CAMERA, coarse, few.cost)
     before, after = cost.evaluate(np.stack([coarse, found.pose_cam_obj]))
     assert after <= before + 1e-6
-
-
-@share_of_examples(4)
-@given(motions(0.3), SEEDS)
-def test_equal_seeds_give_equal_poses(start, seed):
-    found = [
-        search(Rippled(seed), start, np.zeros(3), PsoSettings(), np.random.default_rng(seed))[0]
-        for _ in range(2)
-    ]
-    np.testing.assert_array_equal(*found)

@@ -9,9 +9,8 @@ from hlp.geometry import rigid
 from hlp.records import Hypotheses
 from hlp.refinement.cost import CostSettings
 from hlp.refinement.icp import IcpRefiner, IcpSettings
-from hlp.refinement.none import NoneRefiner
 from hlp.refinement.pso import PsoRefiner, PsoSettings
-from hlp.refinement.refiner import Refiner
+from hlp.refinement.refiner import NoneRefiner, Refiner
 from hlp.refinement.verification import VerificationSettings
 from refinement_scene import SHAPE, Scene, disturbed, error, make_scene, shifted_model
 
@@ -81,13 +80,6 @@ def test_small_perturbations_are_recovered_by_icp(icp_settings: IcpSettings) -> 
         errors += [error(scene, each.pose_cam_obj) for each in found]
     assert np.median(errors) < 0.003
     assert max(errors) < 0.1 * scene.model.diameter
-
-
-def test_none_leaves_the_poses(scene: Scene) -> None:
-    coarse = hypotheses(scene.pose, disturbed(scene, 30, 20, 0))
-    found = NoneRefiner().refine(scene.model, scene.seen, coarse, seed=0)
-    for each, pose in zip(found, coarse.poses_cam_obj, strict=True):
-        np.testing.assert_array_equal(each.pose_cam_obj, pose)
 
 
 def test_results_keep_the_order(scene: Scene, refiner: Refiner) -> None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hlp.refinement.swarm_kernel import update_personal_bests, update_swarm
+from hlp.refinement.pso import update_personal_bests, update_swarm
 
 RNG = np.random.default_rng(0)
 

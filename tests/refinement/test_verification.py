@@ -1,6 +1,6 @@
 """The verification cost against plain NumPy, and what it must tell apart."""
 
-from dataclasses import astuple, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -75,7 +75,7 @@ def image_distance(
 
 def evidence(scene: Scene, pose: np.ndarray, settings: VerificationSettings) -> Evidence:
     found = Verifier(scene.model, settings).evidence(seen(scene, settings), pose[None])
-    return Evidence(*(each[0] for each in astuple(found)))
+    return Evidence(*(values[0] for values in found))
 
 
 def seen(scene: Scene, settings: VerificationSettings) -> Observation:

@@ -44,8 +44,3 @@ def test_random_lights_stay_in_the_cameras_half_space() -> None:
     assert directions[:, 0].std() > 0.4 and directions[:, 1].std() > 0.4
     assert all(0.3 <= light.ambient <= 0.9 for light in lights)
     assert np.std([light.specular for light in lights]) > 0.05
-
-
-def test_random_light_depends_on_the_seed_alone() -> None:
-    assert random_light(np.random.default_rng(7)) == random_light(np.random.default_rng(7))
-    assert random_light(np.random.default_rng(7)) != random_light(np.random.default_rng(8))

@@ -5,7 +5,6 @@ import subprocess
 import sys
 import textwrap
 import threading
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -83,12 +82,6 @@ class TestPictures:
     def test_agrees_with_the_numba_rasterizer(self) -> None:
         assert_same_pictures(bumpy_ball(), random_poses(20), CAMERA, SHAPE)
 
-    def test_agrees_on_the_real_cat(self, shared_data: Path) -> None:
-        cat = trimesh.load(shared_data / "lm/models/obj_000006.ply", process=False)
-        cat.apply_scale(1e-3)
-        camera = np.array([[572.0, 0.0, 63.5], [0.0, 572.0, 63.5], [0.0, 0.0, 1.0]])
-        assert_same_pictures(as_mesh(cat), random_poses(5), camera, (128, 128))
-
     def test_silhouette_of_a_box_is_exact(self) -> None:
         # Front face at 0.5 m, between x = 10.2 and 20.8 px and y = 5.3 and 30.7 px: moved by half
         # a pixel either way, it would cover other pixels.
@@ -100,21 +93,6 @@ class TestPictures:
         expected[6:31, 11:21] = 0.5
         np.testing.assert_allclose(depth[5:32, 10:22], expected[5:32, 10:22], atol=1e-6)
         np.testing.assert_allclose(depth, expected, atol=1e-6)
-
-    def test_depth_of_a_ball_is_where_each_ray_meets_it(self) -> None:
-        # With several samples a pixel, depth would be off by up to a pixel's worth on slopes.
-        radius, distance = 0.05, 0.6
-        ball = as_mesh(trimesh.creation.icosphere(subdivisions=6, radius=radius))
-        _, depth = opengl.render_rgbd(ball, at(distance), CAMERA, SHAPE, LIGHT)
-        x, y = np.meshgrid(np.arange(SHAPE[1]), np.arange(SHAPE[0]))
-        ray = np.stack([(x - 31.3) / 300, (y - 22.6) / 310, np.ones(SHAPE)], axis=-1)
-        squared = (ray**2).sum(axis=-1)
-        under_root = distance**2 - squared * (distance**2 - radius**2)
-        inside = under_root > 1e-4  # well inside the outline
-        expected = (distance - np.sqrt(under_root[inside])) / squared[inside]
-        assert inside.sum() > 1000
-        np.testing.assert_allclose(depth[inside], expected, atol=5e-5)  # facets are flat
-        assert (depth[under_root < 0] == 0).all()
 
     def test_back_faces_are_drawn(self) -> None:
         corners = np.array([[-0.05, -0.05, 0.0], [0.05, -0.05, 0.0], [0.0, 0.05, 0.0]])

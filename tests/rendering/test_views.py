@@ -1,9 +1,7 @@
 """Views hold the whole object, centred, at the poses they state; files bring them back."""
 
 import dataclasses
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,8 +9,7 @@ import trimesh
 
 from hlp.geometry import project, transform
 from hlp.records import Mesh, ObjectModel, Views
-from hlp.rendering import opengl, views
-from hlp.rendering.rasterizer import render_rgbd
+from hlp.rendering import opengl
 from hlp.rendering.viewpoints import hemisphere
 from hlp.rendering.views import ViewsSettings, load_views, render_views, save_views
 
@@ -129,26 +126,6 @@ def test_pyrender_gives_the_same_views() -> None:
     assert np.mean(color_gap <= 1) >= 0.999
 
 
-@pytest.mark.parametrize(("name", "threads"), [("auto", 1), ("pyrender", 2)])
-def test_each_name_calls_its_renderer(
-    name: str, threads: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    calls: list[str] = []
-
-    def spy(called: str) -> Callable[..., Any]:
-        def render(*arguments: Any) -> Any:
-            calls.append(called)
-            return render_rgbd(*arguments)
-
-        return render
-
-    monkeypatch.setattr(views.rasterizer, "render_rgbd", spy("numba"))
-    monkeypatch.setattr(views.opengl, "render_rgbd", spy("pyrender"))
-    settings = dataclasses.replace(SETTINGS, name=name)
-    render_views(cone(), settings, seed=0, progress=False, threads=threads)
-    assert calls == [{"auto": "numba", "pyrender": "pyrender"}[name]] * 18
-
-
 def test_sphere_coverage_looks_from_below_too() -> None:
     settings = dataclasses.replace(SETTINGS, coverage="sphere")
     poses = render_views(cone(), settings, seed=0, progress=False).poses_cam_obj
@@ -177,11 +154,6 @@ def test_a_camera_inside_the_object_is_refused() -> None:
     settings = dataclasses.replace(SETTINGS, distance_mm=30.0)
     with pytest.raises(ValueError, match=r"rendering\.distance_mm.*thing"):
         render_views(cone(), settings, seed=0, progress=False)
-
-
-def test_as_many_views_as_the_papers() -> None:
-    settings = ViewsSettings()
-    assert settings.viewpoints * settings.in_plane_steps == 3600
 
 
 @pytest.fixture

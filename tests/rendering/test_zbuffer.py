@@ -7,7 +7,13 @@ from scipy.spatial.transform import Rotation
 
 from hlp.geometry import rigid
 from hlp.rendering.rasterizer import fill_triangles
-from hlp.rendering.zbuffer import VECTOR_WIDTH, draw_triangles, framed_buffer, project_vertices
+from hlp.rendering.zbuffer import (
+    VECTOR_WIDTH,
+    KernelMesh,
+    draw_triangles,
+    framed_buffer,
+    project_vertices,
+)
 
 CAMERA = np.array([[60.0, 0.0, 20.3], [0.0, 62.0, 17.8], [0.0, 0.0, 1.0]])
 HEIGHT, WIDTH = 37, 43
@@ -21,7 +27,8 @@ def drawn(
     project_vertices(pose, np.ascontiguousarray(vertices.T), CAMERA, corners)
     fast = framed_buffer(HEIGHT, WIDTH)
     seen = np.full(fast.shape, -1, dtype=np.int32)
-    draw_triangles(corners.astype(np.float32), faces, cull, fast, seen)
+    mesh = KernelMesh(vertices.T.copy(), faces, cull)
+    draw_triangles(corners.astype(np.float32), mesh, fast, seen)
     inside = slice(1, HEIGHT + 1), slice(1, WIDTH + 1)
     frame = np.ones(fast.shape, dtype=bool)
     frame[inside] = False
@@ -65,7 +72,7 @@ def test_the_nearest_face_is_seen_and_lanes_spill_nowhere() -> None:
     faces = np.array([[0, 1, 2], [3, 4, 5], [0, 1, 2]], dtype=np.int32)
     buffer = framed_buffer(HEIGHT, WIDTH)
     seen = np.full(buffer.shape, -1, dtype=np.int32)
-    draw_triangles(both, faces, False, buffer, seen)
+    draw_triangles(both, KernelMesh(both.astype(float), faces, False), buffer, seen)
     assert buffer.shape == (HEIGHT + 2, WIDTH + 1 + VECTOR_WIDTH)
     assert np.argwhere(seen >= 0).tolist() == [[6, WIDTH]]
     assert seen[6, WIDTH] == 1 and buffer[6, WIDTH] == 2.0

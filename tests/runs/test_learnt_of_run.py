@@ -9,7 +9,7 @@ import pytest
 from hlp import Detector
 from hlp.cli import main
 from hlp.codebook.entries import load_codebook
-from hlp.codebook.joint_lists import JointListsSettings
+from hlp.codebook.inverted_lists import JointListsSettings
 from hlp.commands.composing import compose_config
 from hlp.config.build import build_run
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings

@@ -249,7 +249,7 @@ FOUND = {"regions", "hypotheses", "poses"}
         ("hlp.patches.local_pool", {"encoder", "codebook", "score", "hypotheses", "poses"}),
         ("hlp.method.learn.training", ALL - {"views"}),
         ("hlp.codebook.entries", {"codebook", "score", "hypotheses", "poses"}),
-        ("hlp.voting.modes_kernel", {"score", "hypotheses", "poses"}),
+        ("hlp.voting.mean_shift", {"score", "hypotheses", "poses"}),
         ("hlp.refinement.pso", {"score", "poses"}),
         ("hlp.stages.trace_files", FOUND),
         ("hlp.method.settings", set()),

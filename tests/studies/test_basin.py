@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hlp.geometry import rigid
-from hlp.refinement.none import NoneSettings
+from hlp.refinement.refiner import NoneSettings
 from hlp.studies.basin import BasinSettings, perturbation_grid, perturbed_poses
 
 NONE = NoneSettings()

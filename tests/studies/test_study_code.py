@@ -49,7 +49,7 @@ def names() -> dict[str, str]:
     [
         ("hlp.refinement.icp", {"icp", "oracle", "search"}),
         ("fake_detection", {"icp", "pso", "oracle", "search"}),  # it reads the frames
-        ("hlp.refinement.none", set()),
+        ("hlp.models.pca", set()),
     ],
 )
 def test_what_was_measured_by_other_code_is_measured_anew(

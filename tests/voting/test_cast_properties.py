@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from generated_values import SEEDS, motions, numbers, point_sets, rotations, vectors
+from generated_values import motions, numbers, point_sets, rotations, vectors
 from hlp.codebook.entries import make_codebook
 from hlp.geometry import allocentric_to_egocentric, inverse, rigid, rotation_distance, transform
 from hlp.records import LocalPatches, Matches, Mesh, ObjectModel
@@ -67,17 +67,6 @@ def test_a_view_seen_along_another_ray_is_voted_for_with_its_pose_there(case, di
     centroids = transform(poses, np.tile(model.centroid, (len(turns), 1, 1)))[:, 0]
     np.testing.assert_allclose(votes.centroids_cam, centroids, atol=FLOAT32)
     assert rotation_distance(votes.rotations_cam_obj, poses[:, :3, :3]).max() < FLOAT32
-
-
-@given(exact_codebooks(), numbers(0.0, 2.0), SEEDS)
-def test_neighbours_beyond_the_limit_cast_no_vote(case, limit, seed):
-    model, _, seen, codebook, own = case
-    distances = np.random.default_rng(seed).uniform(0.0, 2.0, own.distances.shape)
-    votes = cast_votes(
-        patches_at(seen), Matches(own.indices, distances), codebook, model, limit, True
-    )
-    np.testing.assert_array_equal(votes.patches, np.flatnonzero(distances[:, 0] <= limit))
-    assert ((votes.weights > 0) & (votes.weights <= 1)).all()
 
 
 @given(st.lists(rotations(), min_size=1, max_size=6), motions(0.05), st.integers(2, 8), st.data())

@@ -175,18 +175,6 @@ def test_joint_modes_are_ranked_distinct_and_no_more_than_asked_for(hypotheses):
             assert apart > RADIUS or turned > ANGLE
 
 
-def test_joint_modes_are_the_means_of_their_votes():
-    votes = many_objects()
-    settings = dataclasses.replace(JOINT, mean_shift_iterations=30)
-    for pose in JointModes(settings).find(votes, CENTROID).poses_cam_obj:
-        chosen = inside(votes, pose)
-        weights = votes.weights[chosen]
-        mean = np.average(votes.centroids_cam[chosen], axis=0, weights=weights)
-        np.testing.assert_allclose(voted_center(pose), mean, atol=1e-9)
-        turned = Rotation.from_matrix(votes.rotations_cam_obj[chosen]).mean(weights=weights)
-        assert np.rad2deg(rotation_distance(pose[:3, :3], turned.as_matrix())) < 0.05
-
-
 def test_the_best_joint_mode_equals_brute_force():
     votes = join(make_votes((30, HERE, rotation(20), 0.006, 4.0, 1.0)), clutter(60))
     best, most = None, -1.0
@@ -227,21 +215,6 @@ def test_few_votes(finder):
     assert len(found) == 1 and found.support[0] == pytest.approx(0.7)
     np.testing.assert_allclose(voted_center(found.poses_cam_obj[0]), HERE, atol=1e-12)
     np.testing.assert_allclose(found.poses_cam_obj[0, :3, :3], rotation(40), atol=1e-9)
-
-
-@pytest.mark.parametrize("finder", [PaperModes(PAPER), JointModes(JOINT)])
-def test_modes_move_with_their_votes(finder):
-    votes = many_objects()
-    turn, shift = rotation(25, "y"), np.array([0.1, 0.0, 0.3])
-    moved = dataclasses.replace(
-        votes,
-        centroids_cam=votes.centroids_cam @ turn.T + shift,
-        rotations_cam_obj=turn @ votes.rotations_cam_obj,
-    )
-    before = finder.find(votes, CENTROID).poses_cam_obj[0]
-    after = finder.find(moved, CENTROID).poses_cam_obj[0]
-    np.testing.assert_allclose(after[:3, :3], turn @ before[:3, :3], atol=1e-8)
-    np.testing.assert_allclose(voted_center(after), turn @ voted_center(before) + shift, atol=1e-9)
 
 
 def test_the_kernels_are_as_wide_as_the_settings_say():

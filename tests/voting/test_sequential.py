@@ -4,8 +4,12 @@ from scipy.spatial.transform import Rotation
 
 from hlp.geometry import rotation_distance
 from hlp.records import Votes
-from hlp.voting.modes import PaperModes, PaperVotingSettings
-from hlp.voting.sequential import SequentialModes, SequentialVotingSettings
+from hlp.voting.modes import (
+    PaperModes,
+    PaperVotingSettings,
+    SequentialModes,
+    SequentialVotingSettings,
+)
 
 CENTROID = np.array([0.02, -0.01, 0.03])
 HERE, THERE = np.array([0.0, 0.0, 1.0]), np.array([0.1, 0.05, 0.9])

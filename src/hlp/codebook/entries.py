@@ -6,24 +6,23 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Interval
 from jaxtyping import Float, UInt32
 
+from hlp.arrays import Features, Poses
 from hlp.errors import DataError
 from hlp.files import read_npz
 from hlp.geometry import allocentric_to_egocentric
 from hlp.records import Codebook
-from hlp.settings import Doc, Settings
+from hlp.settings import Count, Doc, Settings, Share
 
 
 @dataclass(frozen=True)
 class EntrySettings(Settings):
     """Entries of an object's codebook."""
 
-    patches_per_view: Annotated[int, Ge(1), Doc("local patches drawn from every view (D)")] = 16
+    patches_per_view: Annotated[Count, Doc("local patches drawn from every view (D)")] = 16
     min_relief: Annotated[
-        float,
-        Interval(ge=0, le=1),
+        Share,
         Doc(
             "smallest relief of an entry's patch, in halves of its size: entries of flat patches "
             "match nothing where those of scenes do not vote (D; P: not said, 0)"
@@ -33,9 +32,9 @@ class EntrySettings(Settings):
 
 def make_codebook(
     object_id: int,
-    features: Float[np.ndarray, "m d"],
+    features: Features,
     points_cam: Float[np.ndarray, "m 3"],
-    poses_cam_obj: Float[np.ndarray, "m 4 4"],
+    poses_cam_obj: Poses,
     feature_scale: float,
 ) -> Codebook:
     """Make a codebook: features, each with what it votes for.
@@ -57,7 +56,7 @@ def make_codebook(
     )
 
 
-def _feature_bits(features: Float[np.ndarray, "m d"]) -> UInt32[np.ndarray, "m d"]:
+def _feature_bits(features: Features) -> UInt32[np.ndarray, "m d"]:
     """The upper 24 bits of each number as float32, rounded: 16 of its 24 significant ones.
 
     The distances of features to each other differ by far more than what is lost, 1 part in 10⁵.

@@ -5,66 +5,104 @@ Johnson, Douze & Jégou 2019, with 4-bit product codes compared in registers (An
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
-from jaxtyping import Float, Float32, Int64, UInt8
+from jaxtyping import Float32, Int64, UInt8
 
+from hlp.arrays import Features
 from hlp.codebook.neighbours import SEARCHES, ExactNeighbours
 from hlp.compiled import compiled
 from hlp.errors import DataError
 from hlp.files import read_npz
 from hlp.records import Matches
-from hlp.settings import Doc, Settings
+from hlp.settings import Count, Doc, Settings
 from hlp.thread_team import ThreadTeam, threads_here
 
 if TYPE_CHECKING:
     import faiss
 
-FEWEST = 4096
+EXACT_BELOW = 4096
 """Codebooks with fewer entries are searched exactly, which is just as fast."""
 _FILE = "lists.npz"
+_ENTRIES = 450  # in a list
 _NUMBERS_PER_CODE = 4  # numbers of a feature that one 4-bit code stands for
 
 
-@SEARCHES.register
 @dataclass(frozen=True)
-class InvertedListsSettings(Settings):
-    """Config group `codebook`: FAISS's inverted lists of short codes (D)."""
+class ListsSettings(Settings):
+    """What inverted lists of one object's entries, or of all objects', have in common."""
 
-    name: Literal["inverted_lists"] = "inverted_lists"
+    name: str = ""
     neighbours: Annotated[
         int, Ge(1), Le(1000), Doc("nearest entries of each patch that vote (P: k = 3)")
     ] = 3
     lists: Annotated[
-        int,
-        Ge(1),
-        Doc("number of lists; with 57,600 entries, each holds about 450 (D)"),
+        Count, Doc(f"number of lists; with 57,600 entries, each holds about {_ENTRIES} (D)")
     ] = 128
-    probes: Annotated[int, Ge(1), Doc("number of nearest lists that are searched (D)")] = 16
+    probes: Annotated[Count, Doc("number of nearest lists that are searched (D)")] = 16
     candidates: Annotated[
-        int, Ge(1), Doc("entries compared by their whole features, for each neighbour (D)")
+        Count, Doc("entries compared by their whole features, for each neighbour (D)")
     ] = 16
 
     dimension_multiple: ClassVar[int] = _NUMBERS_PER_CODE
 
     def build(
-        self,
-        features: Float[np.ndarray, "m d"],
-        seed: int,
-        threads: int,
-        folder: Path | None = None,
+        self, features: Features, seed: int, threads: int, folder: Path | None = None
     ) -> InvertedLists:
         """The lists, read from the folder if it holds them, otherwise trained with the seed."""
-        trained = None if folder is None else load_lists(folder, self, seed)
-        return InvertedLists(features, self, seed, trained, threads)
+        settings = self.for_entries(len(features))
+        trained = None if folder is None else load_lists(folder, settings, seed)
+        return InvertedLists(features, settings, seed, trained, threads)
 
-    def prepare(self, features: Float[np.ndarray, "m d"], seed: int, folder: Path) -> None:
+    def prepare(self, features: Features, seed: int, folder: Path) -> None:
         """Train the lists and write them into the folder."""
-        save_lists(folder, InvertedLists(features, self, seed), seed)
+        searched = InvertedLists(features, self.for_entries(len(features)), seed)
+        lists = searched.settings.lists
+        np.savez(folder / _FILE, trained=searched.trained, lists=lists, seed=seed)
+
+    def for_entries(self, entries: int) -> ListsSettings:
+        """The settings for so many entries."""
+        return self
+
+
+@SEARCHES.register
+@dataclass(frozen=True)
+class InvertedListsSettings(ListsSettings):
+    """Config group `codebook`: FAISS's inverted lists of short codes (D)."""
+
+    name: Literal["inverted_lists"] = "inverted_lists"
+
+
+@SEARCHES.register
+@dataclass(frozen=True)
+class JointListsSettings(ListsSettings):
+    """Config group `codebook`: inverted lists of all objects whose patches have one size (D).
+
+    A patch is looked up once and votes for the objects of its nearest entries alone: one that shows
+    an object hardly ever votes for another. Set `patches.local.size_mm`, so that the patches of all
+    objects have one size; otherwise only objects that happen to have the same size share an index.
+    """
+
+    name: Literal["joint_lists"] = "joint_lists"
+    neighbours: Annotated[
+        int, Ge(1), Le(1000), Doc("nearest entries, of any object, of each patch that vote (D)")
+    ] = 3
+    lists: Annotated[
+        Count, Doc(f"largest number of lists; with fewer entries there is one for {_ENTRIES} (D)")
+    ] = 1024
+    candidates: Annotated[
+        Count, Doc("entries compared by their whole features, for each neighbour (D)")
+    ] = 8
+
+    joint: ClassVar[bool] = True
+
+    def for_entries(self, entries: int) -> ListsSettings:
+        """The settings for so many entries."""
+        return replace(self, lists=min(self.lists, max(entries // _ENTRIES, 1)))
 
 
 class InvertedLists:
@@ -77,8 +115,8 @@ class InvertedLists:
 
     def __init__(
         self,
-        features: Float[np.ndarray, "m d"],
-        settings: InvertedListsSettings,
+        features: Features,
+        settings: ListsSettings,
         seed: int,
         trained: UInt8[np.ndarray, "bytes"] | None = None,
         threads: int = 1,
@@ -89,7 +127,7 @@ class InvertedLists:
         self.neighbours = min(settings.neighbours, len(self.features))
         self._team = ThreadTeam(threads)
         self._lists: faiss.Index | None = None
-        if len(self.features) >= FEWEST:
+        if len(self.features) >= EXACT_BELOW:
             if trained is None:
                 self._lists = _train(self.features, settings, seed)
             else:
@@ -105,7 +143,7 @@ class InvertedLists:
 
         return np.asarray(faiss.serialize_index(self._lists))
 
-    def search(self, queries: Float[np.ndarray, "n d"]) -> Matches:
+    def search(self, queries: Features) -> Matches:
         """The k approximately nearest features of each query, nearest first.
 
         Distances are exact. If the searched lists hold fewer than k entries, the rest are at an
@@ -120,8 +158,8 @@ class InvertedLists:
             import faiss
 
             faiss.omp_set_num_threads(threads_here(self._threads))
-            wanted = self.neighbours * self.settings.candidates
-            _, candidates = self._lists.search(single, wanted)
+            count = self.neighbours * self.settings.candidates
+            _, candidates = self._lists.search(single, count)
 
             def compare(first: int, last: int) -> None:
                 rows = slice(first, last)
@@ -133,15 +171,10 @@ class InvertedLists:
         return Matches(indices, np.sqrt(squared))
 
 
-def save_lists(folder: Path, searched: InvertedLists, seed: int) -> None:
-    """Write the trained lists beside a codebook."""
-    np.savez(folder / _FILE, trained=searched.trained, lists=searched.settings.lists, seed=seed)
-
-
 def load_lists(
-    folder: Path, settings: InvertedListsSettings, seed: int
+    folder: Path, settings: ListsSettings, seed: int
 ) -> UInt8[np.ndarray, "bytes"] | None:
-    """The lists that `save_lists` wrote; None if there are none for these settings."""
+    """The lists that `ListsSettings.prepare` wrote; None if there are none for these settings."""
     if not (folder / _FILE).is_file():
         return None
     stored = read_npz(folder / _FILE)
@@ -151,9 +184,7 @@ def load_lists(
     return trained if trained.size else None
 
 
-def _train(
-    features: Float[np.ndarray, "m d"], settings: InvertedListsSettings, seed: int
-) -> faiss.IndexIVFPQFastScan:
+def _train(features: Features, settings: ListsSettings, seed: int) -> faiss.IndexIVFPQFastScan:
     import faiss
 
     faiss.omp_set_num_threads(1)  # more threads would change the order of sums, and so the lists
@@ -169,9 +200,7 @@ def _train(
 
 
 def _restore(
-    trained: UInt8[np.ndarray, "bytes"],
-    features: Float[np.ndarray, "m d"],
-    settings: InvertedListsSettings,
+    trained: UInt8[np.ndarray, "bytes"], features: Features, settings: ListsSettings
 ) -> faiss.Index:
     """Raises DataError if the bytes are not the lists of these features and settings."""
     import faiss

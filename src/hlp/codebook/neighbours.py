@@ -9,9 +9,10 @@ import numpy as np
 from annotated_types import Ge, Le
 from jaxtyping import Float, Int
 
+from hlp.arrays import Features, Values
 from hlp.records import Matches
 from hlp.registry import Registry
-from hlp.settings import Doc, Settings
+from hlp.settings import Count, Doc, Settings
 
 _ROWS = 512  # queries in a block: bounds the distance matrix
 
@@ -19,7 +20,7 @@ _ROWS = 512  # queries in a block: bounds the distance matrix
 class Neighbours(Protocol):
     """Searches the features of one object, or of several at once."""
 
-    def search(self, queries: Float[np.ndarray, "n d"]) -> Matches:
+    def search(self, queries: Features) -> Matches:
         """The k nearest features of each query, nearest first, with Euclidean distances."""
 
 
@@ -32,29 +33,21 @@ class NeighboursSettings(Protocol):
     @property
     def name(self) -> str:
         """The alternative's name."""
-        ...
 
     @property
     def neighbours(self) -> int:
         """Number of nearest features that are found for each query."""
-        ...
 
     def build(
-        self,
-        features: Float[np.ndarray, "m d"],
-        seed: int,
-        threads: int,
-        folder: Path | None = None,
+        self, features: Features, seed: int, threads: int, folder: Path | None = None
     ) -> Neighbours:
         """The search among these features. The number of `threads` does not affect results.
 
         `folder` is the one given to `prepare` for these features (None: nothing was prepared).
         """
-        ...
 
-    def prepare(self, features: Float[np.ndarray, "m d"], seed: int, folder: Path) -> None:
+    def prepare(self, features: Features, seed: int, folder: Path) -> None:
         """Write into a folder whatever takes long to build, if anything."""
-        ...
 
 
 def is_joint(settings: NeighboursSettings) -> bool:
@@ -79,16 +72,12 @@ class ExactSettings(Settings):
     dimension_multiple: ClassVar[int] = 1
 
     def build(
-        self,
-        features: Float[np.ndarray, "m d"],
-        seed: int,
-        threads: int,
-        folder: Path | None = None,
+        self, features: Features, seed: int, threads: int, folder: Path | None = None
     ) -> "ExactNeighbours":
         """Exact search. `threads` is not used: BLAS has its own threads."""
         return ExactNeighbours(features, self.neighbours)
 
-    def prepare(self, features: Float[np.ndarray, "m d"], seed: int, folder: Path) -> None:
+    def prepare(self, features: Features, seed: int, folder: Path) -> None:
         """Nothing takes long."""
 
 
@@ -102,33 +91,29 @@ class KdForestSettings(Settings):
         int, Ge(1), Le(1000), Doc("nearest entries of each patch that vote (P: k = 3)")
     ] = 3
     trees: Annotated[int, Ge(1), Le(100), Doc("randomised trees (P)")] = 4
-    checks: Annotated[int, Ge(1), Doc("leaves visited for one query (D)")] = 256
+    checks: Annotated[Count, Doc("leaves visited for one query (D)")] = 256
 
     dimension_multiple: ClassVar[int] = 1
 
     def build(
-        self,
-        features: Float[np.ndarray, "m d"],
-        seed: int,
-        threads: int,
-        folder: Path | None = None,
+        self, features: Features, seed: int, threads: int, folder: Path | None = None
     ) -> "KdForest":
         """The trees, built with the seed. They are searched in one thread."""
         return KdForest(features, self.neighbours, self.trees, self.checks, seed)
 
-    def prepare(self, features: Float[np.ndarray, "m d"], seed: int, folder: Path) -> None:
+    def prepare(self, features: Features, seed: int, folder: Path) -> None:
         """Nothing: FLANN's trees are built when needed."""
 
 
 class ExactNeighbours:
     """Exact search: all distances, by one matrix product for each block of queries."""
 
-    def __init__(self, features: Float[np.ndarray, "m d"], neighbours: int) -> None:
+    def __init__(self, features: Features, neighbours: int) -> None:
         self.features = np.ascontiguousarray(features, dtype=np.float32)
         self.squares = np.einsum("md,md->m", self.features, self.features)
         self.neighbours = min(neighbours, len(features))
 
-    def search(self, queries: Float[np.ndarray, "n d"]) -> Matches:
+    def search(self, queries: Features) -> Matches:
         """The k nearest features of each query, nearest first."""
         single = np.ascontiguousarray(queries, dtype=np.float32)
         indices = np.empty((len(single), self.neighbours), dtype=np.int64)
@@ -141,7 +126,7 @@ class ExactNeighbours:
             distances[rows] = np.sqrt(np.einsum("nkd,nkd->nk", apart, apart))
         return Matches(indices, distances)
 
-    def nearest_distances(self, queries: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n"]:
+    def nearest_distances(self, queries: Features) -> Values:
         """The distance of each query to its nearest feature, to single precision of the squares."""
         distances = np.empty(len(queries), dtype=np.float32)
         for start in range(0, len(queries), _ROWS):
@@ -150,7 +135,7 @@ class ExactNeighbours:
             distances[rows] = np.sqrt(np.maximum(squared, 0.0))
         return distances
 
-    def _partial_squares(self, block: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n m"]:
+    def _partial_squares(self, block: Features) -> Float[np.ndarray, "n m"]:
         """|q − f|² = |q|² + |f|² − 2 q·f without |q|², which does not change a query's order."""
         partial = block @ self.features.T
         partial *= np.float32(-2.0)
@@ -162,12 +147,7 @@ class KdForest:
     """OpenCV's FLANN with randomised kd-trees. The same features and seed give the same trees."""
 
     def __init__(
-        self,
-        features: Float[np.ndarray, "m d"],
-        neighbours: int,
-        trees: int,
-        checks: int,
-        seed: int,
+        self, features: Features, neighbours: int, trees: int, checks: int, seed: int
     ) -> None:
         # FLANN keeps a pointer: the array must outlive the index.
         self.features = np.ascontiguousarray(features, dtype=np.float32)
@@ -177,7 +157,7 @@ class KdForest:
         flann_kd_tree = 1
         self.index = cv2.flann.Index(self.features, {"algorithm": flann_kd_tree, "trees": trees})
 
-    def search(self, queries: Float[np.ndarray, "n d"]) -> Matches:
+    def search(self, queries: Features) -> Matches:
         """The k approximately nearest features of each query, nearest first."""
         if len(queries) == 0:
             empty = np.zeros((0, self.neighbours))

@@ -15,7 +15,7 @@ from hlp.geometry import rigid, transform
 from hlp.objects.meshes import mesh_diameter
 from hlp.objects.object_model import ObjectSettings, build_object_model, check_unique
 from hlp.records import MILLIMETRE, MILLIMETRES_PER_METRE, ObjectModel
-from hlp.rendering.surface_samples import sample_surface
+from hlp.rendering.surface import sample_surface
 from hlp.schemas import bop
 from hlp.schemas.meaning import exact_rotation
 from hlp.schemas.reading import read_as

@@ -10,8 +10,8 @@ from hlp.codebook.inverted_lists import InvertedListsSettings
 from hlp.codebook.neighbours import SEARCHES, NeighboursSettings
 from hlp.models import classifier, encoder
 from hlp.models.classifier import ClassifierSettings
-from hlp.models.contrastive import ContrastiveSettings
-from hlp.models.encoders import ENCODERS, EncoderSettings
+from hlp.models.encoder import ENCODERS, EncoderSettings
+from hlp.models.network_encoders import ContrastiveSettings
 from hlp.patches.holistic import HolisticSettings, RegionSettings
 from hlp.patches.holistic_pool import HolisticPoolSettings
 from hlp.patches.local import GridSettings, LocalSettings

@@ -8,7 +8,7 @@ from annotated_types import Ge, Interval, Le
 from jaxtyping import Float, UInt8
 
 from hlp.models.network import Network
-from hlp.settings import Doc, Settings
+from hlp.settings import Count, Doc, NotNegative, Settings
 
 RESOLUTION = 64  # px of a window's side (paper, Fig. 3)
 CHUNK = 256
@@ -30,10 +30,10 @@ class ClassifierSettings(Settings):
     dropout: Annotated[
         float, Interval(ge=0, lt=1), Doc("dropout rate before each dense layer (D)")
     ] = 0.2
-    learning_rate: Annotated[float, Ge(0), Le(1), Doc("highest rate of the schedule (D)")] = 2.0e-3
-    weight_decay: Annotated[float, Ge(0), Le(1), Doc("of AdamW (D)")] = 1.0e-3
+    learning_rate: Annotated[NotNegative, Le(1), Doc("highest rate of the schedule (D)")] = 2.0e-3
+    weight_decay: Annotated[NotNegative, Le(1), Doc("of AdamW (D)")] = 1.0e-3
     epochs: Annotated[int, Ge(1), Le(10_000), Doc("passes over the pool of windows (D)")] = 12
-    batch_size: Annotated[int, Ge(1), Doc("windows in a batch (D)")] = 256
+    batch_size: Annotated[Count, Doc("windows in a batch (D)")] = 256
     min_batches: Annotated[
         int, Ge(0), Doc("few objects have few windows: further epochs until so many batches (D)")
     ] = 300

@@ -3,14 +3,12 @@
 import math
 from collections.abc import Mapping, Sequence
 
-import pytorch_lightning as pl
 import torch
-from pytorch_lightning.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
 from torch.nn import functional
 
 from hlp.models.classifier import RESOLUTION, ClassifierSettings
-from hlp.models.patch_encoder import one_cycle
+from hlp.models.one_cycle import OneCycleModule
 
 
 class HolisticCNN(nn.Module):
@@ -51,12 +49,11 @@ class HolisticCNN(nn.Module):
         return [*self.features, *self.head]
 
 
-class HolisticClassifier(pl.LightningModule):
+class HolisticClassifier(OneCycleModule[ClassifierSettings]):
     """Trains `HolisticCNN` by cross-entropy. Class 0 is background."""
 
     def __init__(self, settings: ClassifierSettings, channels: int, classes: int) -> None:
-        super().__init__()
-        self.settings = settings
+        super().__init__(settings, rise=0.2)
         self.network = HolisticCNN(
             channels, classes, settings.widths, settings.hidden, settings.dropout
         )
@@ -71,19 +68,8 @@ class HolisticClassifier(pl.LightningModule):
         scores = self.network(images)
         loss = functional.cross_entropy(scores.float(), labels, label_smoothing=0.02)
         accuracy = (scores.argmax(dim=1) == labels).float().mean()
-        self.log("loss", loss, on_step=False, on_epoch=True, prog_bar=True)
-        self.log("accuracy", accuracy, on_step=False, on_epoch=True, prog_bar=True)
+        self.log_means({"loss": loss, "accuracy": accuracy})
         return loss
-
-    def configure_optimizers(self) -> OptimizerLRScheduler:
-        """AdamW with one cycle over the whole training."""
-        optimizer = torch.optim.AdamW(
-            self.parameters(),
-            lr=self.settings.learning_rate,
-            weight_decay=self.settings.weight_decay,
-        )
-        steps = self.trainer.estimated_stepping_batches
-        return one_cycle(optimizer, self.settings.learning_rate, steps, 0.2)
 
 
 def raise_background(network: HolisticCNN, odds: float) -> None:

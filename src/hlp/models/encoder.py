@@ -1,16 +1,28 @@
-"""Local encoders during detection (paper, section 3.2)."""
+"""Local encoders (paper, section 3.2): the interface of alternatives, and networks in detection."""
 
-from typing import Literal, Protocol, get_args
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Float, Float32
 
+from hlp.arrays import DepthPatches, Features, MaskPatches
 from hlp.compiled import compiled
 from hlp.models.network import Network
 from hlp.records import LocalPatches
+from hlp.registry import Registry
+
+if TYPE_CHECKING:
+    from pytorch_lightning import LightningDataModule
+    from torch import Tensor
 
 RESOLUTION = 32  # px of a patch's side (paper, section 3.2)
+STEM = "encoder"
+"""Name, without its ending, of the ONNX files of a trained network."""
 _CHUNK = 512
+EncoderInput = Literal["rgbd", "normals_depth"]
 
 
 class Encoder(Protocol):
@@ -21,8 +33,81 @@ class Encoder(Protocol):
 
     sees_color: bool
 
-    def encode(self, patches: LocalPatches) -> Float[np.ndarray, "n d"]:
+    def encode(self, patches: LocalPatches) -> Features:
         """Features (n, d) float32 of n patches."""
+
+
+class EncoderModule(Protocol):
+    """A LightningModule that trains the encoder's network."""
+
+    network: Any
+    """The network; its `layers` are applied one after the other."""
+
+    def images(self, batch: Any) -> Tensor:
+        """The network's input (n, c, p, p) for a batch."""
+
+
+class EncoderTraining(Protocol):
+    """Data and tools for training an encoder. Data are made only when requested."""
+
+    def pair_batches(self, with_color: bool, batch_size: int) -> LightningDataModule:
+        """Pairs of rendered patches of one surface point, in two views and conditions."""
+
+    def pair_patches(self) -> tuple[DepthPatches, MaskPatches]:
+        """Relative depth and validity of one patch of each pair, as rendered."""
+
+    def frame_batches(
+        self, per_frame: int, batch_size: int, rooms: bool, varied_light: bool
+    ) -> LightningDataModule:
+        """Patches of RGB-D frames without the objects, `per_frame` of each frame.
+
+        With `rooms` also of the frames that are backgrounds. With `varied_light` a batch also holds
+        the patches' colour under another light. Raises ValueError if there are no such frames.
+        """
+
+    def fit(self, module: EncoderModule, data: LightningDataModule, epochs: int) -> None:
+        """Train a module; its network is written into `folder` as weights and ONNX (`STEM`)."""
+
+    @property
+    def folder(self) -> Path:
+        """The folder for everything that the encoder learns."""
+
+
+class EncoderSettings(Protocol):
+    """Settings of an encoder of local patches."""
+
+    needs_frames: ClassVar[bool]
+    """Whether it trains on RGB-D frames without the objects instead of on rendered views."""
+
+    @property
+    def name(self) -> str:
+        """The alternative's name."""
+
+    @property
+    def dimension(self) -> int:
+        """Length of the feature."""
+
+    def train(self, training: EncoderTraining) -> None:
+        """Train into `training.folder`. The caller has set torch's seed."""
+
+    def load(self, folder: Path, threads: int, device: str) -> Encoder:
+        """The encoder that `train` wrote into a folder. A network runs on the device."""
+
+
+@runtime_checkable
+class FeatureDecoder(Protocol):
+    """Settings of an encoder that can also turn features back into patches, for pictures."""
+
+    @property
+    def input(self) -> str:
+        """The channels of its patches, by the name that `patch_input` takes."""
+
+    def decode(self, folder: Path, features: Features) -> Float[np.ndarray, "n p p 4"] | None:
+        """Patches in [-1, 1] from features, by what `train` wrote; None if it wrote no decoder."""
+
+
+ENCODERS: Registry[EncoderSettings] = Registry("encoder", "hlp.models")
+"""Alternatives of config group `encoder`."""
 
 
 class NetworkEncoder:
@@ -35,14 +120,13 @@ class NetworkEncoder:
     def __init__(self, network: Network, kind: str, unit_length: bool) -> None:
         self.network = network
         self.kind = kind
-        self.sees_color = sees_color(kind)
+        self.sees_color = kind == "rgbd"
         self.unit_length = unit_length
 
-    def encode(self, patches: LocalPatches) -> Float[np.ndarray, "n d"]:
+    def encode(self, patches: LocalPatches) -> Features:
         """Features (n, d) float32 of n patches."""
-        features = empty_features(self.network.outputs)
         if len(patches) == 0:
-            return features
+            return np.zeros((0, self.network.outputs), dtype=np.float32)
         images = patch_input(patches, self.kind)
         starts = range(0, len(images), _CHUNK)
         features = np.concatenate([self.network.run(images[i : i + _CHUNK]) for i in starts])
@@ -52,19 +136,14 @@ class NetworkEncoder:
         return features
 
 
-EncoderInput = Literal["rgbd", "normals_depth"]
-
-
 def patch_input(patches: LocalPatches, kind: str) -> Float32[np.ndarray, "n p p 4"]:
     """Channels in [-1, 1] of cut patches.
 
     `rgbd` is the paper's input (section 3.2). `normals_depth` contains only shape and needs no
-    colour. Raises ValueError for another kind, and for `rgbd` without colour.
+    colour.
     """
-    if not sees_color(kind):
+    if kind != "rgbd":
         return normals_with_depth(patches.depth, patches.valid)
-    if patches.color.shape[-1] == 0:
-        raise ValueError("the encoder's input 'rgbd' needs patches with colour")
     out = np.empty((*patches.depth.shape, 4), dtype=np.float32)
     np.multiply(patches.color, np.float32(2.0 / 255.0), out=out[..., :3])
     out[..., :3] -= np.float32(1.0)
@@ -72,40 +151,16 @@ def patch_input(patches: LocalPatches, kind: str) -> Float32[np.ndarray, "n p p 
     return out
 
 
-def sees_color(kind: str) -> bool:
-    """Whether this kind of input needs colour. Raises ValueError for an unknown kind."""
-    if kind not in get_args(EncoderInput):
-        known = ", ".join(get_args(EncoderInput))
-        raise ValueError(f"unknown encoder input '{kind}': choose one of {known}")
-    return kind == "rgbd"
-
-
-def normals_with_depth(
-    depth: Float[np.ndarray, "n p p"], valid: Bool[np.ndarray, "n p p"]
-) -> Float32[np.ndarray, "n p p 4"]:
+def normals_with_depth(depth: DepthPatches, valid: MaskPatches) -> Float32[np.ndarray, "n p p 4"]:
     """Unit normals of the patches' depth, 0 where it is not valid, and the depth itself."""
     out = np.empty((*depth.shape, 4), dtype=np.float32)
-    normals_and_depth(np.asarray(depth, dtype=np.float32), valid, out)
+    _fill_normals(np.asarray(depth, dtype=np.float32), valid, out)
     return out
 
 
-def surface_normals(
-    depth: Float[np.ndarray, "n p p"], valid: Bool[np.ndarray, "n p p"]
-) -> Float32[np.ndarray, "n p p 3"]:
-    """Unit normals of the patches' depth, 0 where it is not valid."""
-    return normals_with_depth(depth, valid)[..., :3]
-
-
-def empty_features(dimension: int) -> Float32[np.ndarray, "0 d"]:
-    """Features of zero patches."""
-    return np.zeros((0, dimension), dtype=np.float32)
-
-
 @compiled()
-def normals_and_depth(
-    depth: Float[np.ndarray, "n p p"],
-    valid: Bool[np.ndarray, "n p p"],
-    out: Float[np.ndarray, "n p p 4"],
+def _fill_normals(
+    depth: DepthPatches, valid: MaskPatches, out: Float[np.ndarray, "n p p 4"]
 ) -> None:
     """Fill `out` with unit normals (0 where not valid) and the unchanged depth, all float32.
 

@@ -5,8 +5,9 @@ from threading import Lock
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Shaped
 
+from hlp.arrays import Features
 from hlp.errors import DataError, MissingDependencyError, MissingFileError
 from hlp.thread_team import threads_here
 
@@ -79,7 +80,7 @@ class Network:
             )
         return session
 
-    def run(self, images: Shaped[np.ndarray, "n p p c"]) -> Float[np.ndarray, "n d"]:
+    def run(self, images: Shaped[np.ndarray, "n p p c"]) -> Features:
         """The network's output for each image."""
         return np.asarray(self._session_here().run(None, {"images": images})[0])
 

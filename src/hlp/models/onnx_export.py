@@ -52,11 +52,11 @@ def fuse(layers: Iterable[nn.Module]) -> list[nn.Module]:
     """Copies of the layers for inference: batch norm fused into convolutions, no dropout."""
     found: list[nn.Module] = []
     for layer in layers:
-        each = copy.deepcopy(layer).cpu().float().eval().requires_grad_(False)
-        if isinstance(each, nn.BatchNorm2d) and isinstance(found[-1], nn.Conv2d):
-            found[-1] = fuse_conv_bn_eval(found[-1], each)
-        elif not isinstance(each, nn.Dropout):
-            found.append(each)
+        copied = copy.deepcopy(layer).cpu().float().eval().requires_grad_(False)
+        if isinstance(copied, nn.BatchNorm2d) and isinstance(found[-1], nn.Conv2d):
+            found[-1] = fuse_conv_bn_eval(found[-1], copied)
+        elif not isinstance(copied, nn.Dropout):
+            found.append(copied)
     return found
 
 
@@ -148,7 +148,7 @@ class _Graph:
 
     def _integers(self, values: Shaped[np.ndarray, "..."], steps: Shaped[np.ndarray, "n"]) -> str:
         zeros = np.zeros(len(steps), values.dtype)
-        constants = [self._constant(each) for each in (values, steps, zeros)]
+        constants = [self._constant(array) for array in (values, steps, zeros)]
         return self._node("DequantizeLinear", *constants, axis=0)
 
     def _set_range(self, activations: Tensor) -> None:

@@ -6,11 +6,11 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Float, Float32
 
+from hlp.arrays import DepthPatches, Features, MaskPatches
 from hlp.files import read_npz
-from hlp.models.encoder import empty_features, surface_normals
-from hlp.models.encoders import ENCODERS, EncoderTraining
+from hlp.models.encoder import ENCODERS, EncoderTraining, normals_with_depth
 from hlp.records import LocalPatches
 from hlp.settings import Doc, Settings, SettingsError
 
@@ -33,11 +33,10 @@ class PcaSettings(Settings):
     def __post_init__(self) -> None:
         """Raise SettingsError if there are fewer components than `dimension`."""
         super().__post_init__()
-        most = pca_components(self.cells)
+        most = 3 * self.cells**2  # three coordinates of the normal in each of the cells
         if self.dimension > most:
-            problem = (
-                f"is {self.dimension}: {self.cells} × {self.cells} normals have {most} components"
-            )
+            problem = f"{self.cells} × {self.cells} normals have {most} components"
+            problem = f"is {self.dimension}: {problem}"
             raise SettingsError("dimension", problem)
 
     def train(self, training: EncoderTraining) -> None:
@@ -64,10 +63,10 @@ class PcaEncoder:
         self.components = components
         self.cells = cells
 
-    def encode(self, patches: LocalPatches) -> Float[np.ndarray, "n d"]:
+    def encode(self, patches: LocalPatches) -> Features:
         """Features (n, d) float32 of n patches."""
         if len(patches) == 0:
-            return empty_features(len(self.components))
+            return np.zeros((0, len(self.components)), dtype=np.float32)
         flat = _averaged_normals(patches.depth, patches.valid, self.cells)
         # Not a product of matrices, whose sums BLAS orders by the number of patches: a feature must
         # not depend on the patches beside it.
@@ -75,14 +74,7 @@ class PcaEncoder:
         return np.asarray(products, dtype=np.float32)
 
 
-def pca_components(cells: int) -> int:
-    """Largest dimension of a feature: three coordinates of the normal in each of cells² cells."""
-    return 3 * cells**2
-
-
-def fit_pca(
-    depth: Float[np.ndarray, "n p p"], valid: Bool[np.ndarray, "n p p"], settings: PcaSettings
-) -> PcaEncoder:
+def fit_pca(depth: DepthPatches, valid: MaskPatches, settings: PcaSettings) -> PcaEncoder:
     """Principal components of patches' normals."""
     flat = _averaged_normals(depth, valid, settings.cells)
     mean = flat.mean(axis=0)
@@ -94,10 +86,10 @@ def fit_pca(
 
 
 def _averaged_normals(
-    depth: Float[np.ndarray, "n p p"], valid: Bool[np.ndarray, "n p p"], cells: int
+    depth: DepthPatches, valid: MaskPatches, cells: int
 ) -> Float32[np.ndarray, "n f"]:
     """Mean normal of each cell, one component after another. Uneven cells overlap."""
-    normals, size = surface_normals(depth, valid), depth.shape[1]
+    normals, size = normals_with_depth(depth, valid)[..., :3], depth.shape[1]
     first = np.arange(cells) * size // cells
     last = -(-np.arange(1, cells + 1) * size // cells)
     rows = np.stack([normals[:, a:b].mean(axis=1) for a, b in zip(first, last, strict=True)], 1)

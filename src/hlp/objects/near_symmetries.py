@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from hlp.geometry import inverse, rigid, rotation_distance, transform
 from hlp.records import Mesh
-from hlp.rendering.surface_samples import sample_surface
+from hlp.rendering.surface import sample_surface
 
 CONTINUOUS_STEPS = 72
 """Turns by 5° stand for a continuous axis: at its rim they are half a pixel or so apart."""

@@ -4,13 +4,14 @@ The random numbers of an image form one record; a compiled kernel then computes 
 pass, which keeps the image in the processor's cache.
 """
 
-from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from hlp.arrays import ColorPatches, DepthCodes, MaskPatches
 from hlp.compiled import compiled
+from hlp.thread_team import ThreadTeam
 
 NOISE_LENGTH = 1 << 20
 """Length of the table of standard normal values from which noise is read."""
@@ -49,12 +50,24 @@ COMPOSITE_DRAWS = np.dtype(
 """The random numbers of one image."""
 
 
+class ObjectWindows(NamedTuple):
+    """Windows of objects: colour, depth as coded by `depth_code`, and where the object is."""
+
+    color: ColorPatches
+    code: DepthCodes
+    mask: MaskPatches
+
+
+class BackgroundPool(NamedTuple):
+    """Background images; depth is coded as in windows, 0 throughout for images without depth."""
+
+    color: ColorPatches
+    depth: DepthCodes
+
+
 def compose_windows(
-    color: UInt8[np.ndarray, "n p p 3"],
-    code: UInt8[np.ndarray, "n p p"],
-    mask: Bool[np.ndarray, "n p p"],
-    background_color: UInt8[np.ndarray, "b p p 3"],
-    background_code: UInt8[np.ndarray, "b p p"],
+    windows: ObjectWindows,
+    backgrounds: BackgroundPool,
     draws: np.ndarray,
     noise: Float[np.ndarray, "t"],
     with_depth: bool,
@@ -62,43 +75,35 @@ def compose_windows(
 ) -> Float[np.ndarray, "n p p c"]:
     """Images in [-1, 1] of n windows: colour, and `with_depth` depth as the fourth channel.
 
-    `draws` (n,) is of type COMPOSITE_DRAWS. The code of a background without depth is 0 throughout.
-    The result does not depend on the number of `threads`.
+    `draws` (n,) is of type COMPOSITE_DRAWS. The result does not depend on the number of `threads`.
     """
-    out = np.empty((*mask.shape, 4 if with_depth else 3), dtype=np.float32)
-    bounds = np.linspace(0, len(mask), threads + 1).astype(int)
+    out = np.empty((*windows.mask.shape, 4 if with_depth else 3), dtype=np.float32)
 
-    def work(part: tuple[int, int]) -> None:
-        _compose(*part, color, code, mask, background_color, background_code, draws, noise, out)
+    def work(first: int, last: int) -> None:
+        part = slice(first, last)
+        some = ObjectWindows(*(array[part] for array in windows))
+        _compose(some, backgrounds, draws[part], noise, out[part])
 
-    with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(work, pairwise(bounds)))
+    ThreadTeam(threads).map_ranges(work, len(out))
     return out
 
 
 @compiled()
 def _compose(
-    first: int,
-    last: int,
-    color: UInt8[np.ndarray, "n p p 3"],
-    code: UInt8[np.ndarray, "n p p"],
-    mask: Bool[np.ndarray, "n p p"],
-    background_color: UInt8[np.ndarray, "b p p 3"],
-    background_code: UInt8[np.ndarray, "b p p"],
+    windows: ObjectWindows,
+    backgrounds: BackgroundPool,
     draws: np.ndarray,
     noise: Float[np.ndarray, "t"],
     out: Float[np.ndarray, "n p p c"],
 ) -> None:
+    color, code, mask = windows
     size = mask.shape[1]
     image = np.empty((size, size, 3), dtype=np.float32)
     lines = np.empty((size, size, 3), dtype=np.float32)
-    for i in range(first, last):
+    for i in range(len(mask)):
         draw = draws[i]
-        background, occluder = (
-            background_color[draw["background"]],
-            background_color[draw["occluder"]],
-        )
-        _compose_color(color[i], mask[i], background, occluder, draw, image)
+        pictures = backgrounds.color[draw["background"]], backgrounds.color[draw["occluder"]]
+        _compose_color(color[i], mask[i], *pictures, draw, image)
         _expose(image, draw)
         for _ in range(draw["blurs"]):
             _blur(image, lines)
@@ -110,9 +115,8 @@ def _compose(
                     out[i, y, x, c] = 2.0 * min(max(value, 0.0), 1.0) - 1.0
                     start += 1
         if out.shape[3] == 4:
-            _compose_depth(
-                code[i], mask[i], background_code[draw["background"]], draw, noise, start, out[i]
-            )
+            behind = backgrounds.depth[draw["background"]]
+            _compose_depth(code[i], mask[i], behind, draw, noise, start, out[i])
 
 
 @compiled()

@@ -4,12 +4,24 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Interval, Le, Unit
-from jaxtyping import Bool, Float, Int, UInt8
+from annotated_types import Ge, Le, Unit
 
+from hlp.arrays import (
+    CameraMatrix,
+    ColorPatches,
+    DepthCodes,
+    DepthPatches,
+    Flags,
+    Image,
+    Mask,
+    Pixels,
+    Positions,
+    Rgb,
+    Values,
+)
 from hlp.patches.sampling import sample_squares
 from hlp.records import Region
-from hlp.settings import Doc, Settings
+from hlp.settings import Count, Doc, NotNegative, Settings, Share
 
 _MIN_WEIGHT = 0.01
 _COMPARABLE = 0.1
@@ -20,7 +32,7 @@ class HolisticSettings(Settings):
     """What a window (holistic patch) is."""
 
     resolution: Annotated[
-        int, Ge(1), Unit("px"), Doc("side of a resized window, as the network takes it (P)")
+        Count, Unit("px"), Doc("side of a resized window, as the network takes it (P)")
     ] = 64
     channels: Annotated[
         Literal["rgb", "rgbd"],
@@ -40,8 +52,7 @@ class RegionSettings(Settings):
         Doc("step between windows; 16 makes a quarter of the paper's (D; P: 8)"),
     ] = 16
     threshold: Annotated[
-        float,
-        Interval(ge=0, le=1),
+        Share,
         Doc("windows with p(object) above this are accepted (D); 0: the most likely class (P)"),
     ] = 0.08
     min_windows: Annotated[
@@ -53,8 +64,7 @@ class RegionSettings(Settings):
         ),
     ] = 8
     square_side: Annotated[
-        float,
-        Ge(0),
+        NotNegative,
         Doc(
             "side, in diameters, of the squares around the windows' centres that make up the "
             "region (D); 0: the windows themselves (P)"
@@ -73,24 +83,22 @@ class RegionSettings(Settings):
 class Windows:
     """Window centres (x, y), the depth (m) that sets their side, and the side in pixels."""
 
-    centers: Float[np.ndarray, "n 2"]
-    depths: Float[np.ndarray, "n"]
-    sides: Float[np.ndarray, "n"]
+    centers: Positions
+    depths: Values
+    sides: Values
 
-    def at(self, rows: slice | Bool[np.ndarray, "n"]) -> "Windows":
+    def at(self, rows: slice | Flags) -> "Windows":
         """The windows of some rows."""
         return Windows(self.centers[rows], self.depths[rows], self.sides[rows])
 
 
-def pixel_grid(shape: tuple[int, int], step: int) -> Int[np.ndarray, "n 2"]:
+def pixel_grid(shape: tuple[int, int], step: int) -> Pixels:
     """Pixels (x, y) every `step` px, half a step away from the border, row by row."""
     y, x = np.mgrid[step // 2 : shape[0] : step, step // 2 : shape[1] : step]
     return np.stack([x.ravel(), y.ravel()], axis=1)
 
 
-def center_depths(
-    depth: Float[np.ndarray, "h w"], pixels: Int[np.ndarray, "n 2"], radius: int = 1
-) -> Float[np.ndarray, "n"]:
+def center_depths(depth: Image, pixels: Pixels, radius: int = 1) -> Values:
     """Median of the depths (m) present in the small square around each pixel; 0 if none is."""
     padded = np.pad(depth, radius)
     offsets = range(2 * radius + 1)
@@ -103,10 +111,7 @@ def center_depths(
 
 
 def metric_windows(
-    depth: Float[np.ndarray, "h w"],
-    camera_matrix: Float[np.ndarray, "3 3"],
-    metric_size: float,
-    step: int,
+    depth: Image, camera_matrix: CameraMatrix, metric_size: float, step: int
 ) -> Windows:
     """Windows on a grid, each of side f·s/z (Eq. 1) for an object of size s (m).
 
@@ -121,21 +126,15 @@ def metric_windows(
 
 
 def cut_windows(
-    rgb: UInt8[np.ndarray, "h w 3"],
-    depth: Float[np.ndarray, "h w"],
-    windows: Windows,
-    metric_size: float,
-    resolution: int,
-) -> tuple[UInt8[np.ndarray, "n p p 3"], UInt8[np.ndarray, "n p p"]]:
+    rgb: Rgb, depth: Image, windows: Windows, metric_size: float, resolution: int
+) -> tuple[ColorPatches, DepthCodes]:
     """Colour and depth of windows, resized; depth is coded by `depth_code`."""
     color = sample_squares(rgb, windows.centers, windows.sides, resolution)
     raw = sample_squares(depth, windows.centers, windows.sides, resolution, nearest=True)
     return color, depth_code(raw, windows.depths, metric_size)
 
 
-def depth_code(
-    depth: Float[np.ndarray, "n p p"], center: Float[np.ndarray, "n"], metric_size: float
-) -> UInt8[np.ndarray, "n p p"]:
+def depth_code(depth: DepthPatches, center: Values, metric_size: float) -> DepthCodes:
     """Depth relative to the centre's in units of the metric size, clamped to ±1, as 1…254.
 
     Missing depth becomes 255, next to depth far behind the object: neither is the object.
@@ -148,8 +147,8 @@ def depth_code(
 def candidate_region(
     object_id: int,
     windows: Windows,
-    probabilities: Float[np.ndarray, "n"],
-    is_best: Bool[np.ndarray, "n"],
+    probabilities: Values,
+    is_best: Flags,
     shape: tuple[int, int],
     extent: float,
     settings: RegionSettings,
@@ -171,9 +170,7 @@ def candidate_region(
     return Region(object_id, windows.centers, probabilities, mask)
 
 
-def region_weights(
-    region: Region, pixels: Float[np.ndarray, "n 2"], radii: Float[np.ndarray, "n"]
-) -> Float[np.ndarray, "n"]:
+def region_weights(region: Region, pixels: Positions, radii: Values) -> Values:
     """Weights, 0.01…1, of pixels (x, y): how probable it is that they show the region's object.
 
     The largest probability among the windows whose centres are within `radii` px, half the object's
@@ -187,9 +184,7 @@ def region_weights(
     return np.asarray(weights.max(axis=1, initial=_MIN_WEIGHT), dtype=np.float64)
 
 
-def union_of_squares(
-    centers: Float[np.ndarray, "n 2"], half_sides: Float[np.ndarray, "n"], shape: tuple[int, int]
-) -> Bool[np.ndarray, "h w"]:
+def union_of_squares(centers: Positions, half_sides: Values, shape: tuple[int, int]) -> Mask:
     """Pixels within any square, by a summed-area table of the squares' corners."""
     height, width = shape
     left, top = np.rint(centers - half_sides[:, None]).astype(int).T

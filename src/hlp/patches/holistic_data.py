@@ -1,17 +1,21 @@
 """Batches for the holistic classifier: windows composed with random backgrounds and effects."""
 
 import numpy as np
-import pytorch_lightning as pl
 import torch
 from torch import Tensor
-from torch.utils.data import DataLoader
 
-from hlp.patches.composite import COMPOSITE_DRAWS, NOISE_LENGTH, compose_windows
-from hlp.patches.holistic_pool import BACKGROUND, BackgroundPool, HolisticPool
-from hlp.patches.pool_loader import batch_number, pool_loader
+from hlp.patches.composite import (
+    COMPOSITE_DRAWS,
+    NOISE_LENGTH,
+    BackgroundPool,
+    ObjectWindows,
+    compose_windows,
+)
+from hlp.patches.holistic_pool import BACKGROUND, HolisticPool
+from hlp.patches.pool_loader import Batch, PoolDataModule
 
 
-class HolisticDataModule(pl.LightningDataModule):
+class HolisticDataModule(PoolDataModule):
     """Composites of pooled windows and backgrounds.
 
     A batch is a pair: images (n, c, p, p) in [-1, 1] with c = 3 (`rgb`) or 4 (`rgbd`), and labels
@@ -28,45 +32,29 @@ class HolisticDataModule(pl.LightningDataModule):
         seed: int,
         threads: int,
     ) -> None:
-        super().__init__()
-        self.pool = {
-            "color": torch.from_numpy(pool.color),
-            "depth": torch.from_numpy(pool.depth),
-            "mask": torch.from_numpy(pool.mask),
-            "label": torch.from_numpy(pool.labels),
-        }
+        windows = {"color": pool.color, "depth": pool.depth, "mask": pool.mask}
+        super().__init__({**windows, "label": pool.labels}, batch_size, seed)
         self.backgrounds = backgrounds
         self.channels = channels
         self.background_share = background_share
-        self.batch_size = batch_size
-        self.seed = seed
         self.threads = threads
         noise = np.random.default_rng(seed).standard_normal(NOISE_LENGTH, dtype=np.float32)
         self._noise = noise
 
-    def train_dataloader(self) -> DataLoader[dict[str, Tensor]]:
-        """Batches in an order that depends on seed and epoch only."""
-        return pool_loader(self.pool, self.batch_size, self.seed)
-
-    def on_before_batch_transfer(
-        self, batch: dict[str, Tensor], dataloader_idx: int
-    ) -> tuple[Tensor, Tensor]:
+    def on_before_batch_transfer(self, batch: Batch, dataloader_idx: int) -> tuple[Tensor, Tensor]:
         """Compose the batch on the CPU, seeded by its number."""
-        number = batch_number(self.trainer)
-        return self.compose(batch, np.random.default_rng([self.seed, number]))
+        return self.compose(batch, np.random.default_rng([self.seed, self.batch_number]))
 
-    def compose(self, batch: dict[str, Tensor], rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+    def compose(self, batch: Batch, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
         """Images and labels of one batch of pooled windows."""
         count, size = batch["mask"].shape[:2]
         draws = draw_composites(
             rng, count, size, len(self.backgrounds.color), self.background_share
         )
+        windows = (batch[name].numpy() for name in ("color", "depth", "mask"))
         images = compose_windows(
-            batch["color"].numpy(),
-            batch["depth"].numpy(),
-            batch["mask"].numpy(),
-            self.backgrounds.color,
-            self.backgrounds.depth,
+            ObjectWindows(*windows),
+            self.backgrounds,
             draws,
             self._noise,
             self.channels == "rgbd",

@@ -10,14 +10,16 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Interval
-from jaxtyping import Bool, Float, Int, UInt8
+from annotated_types import Ge
+from jaxtyping import Float
 
+from hlp.arrays import ColorPatches, DepthCodes, Flags, MaskPatches, Pixels, Rows, Values
 from hlp.geometry import project
+from hlp.patches.composite import BackgroundPool
 from hlp.patches.holistic import Windows, cut_windows
-from hlp.patches.sampling import bleed_color
-from hlp.records import Frame, Views
-from hlp.settings import Doc, Settings
+from hlp.patches.sampling import bleed_color, join
+from hlp.records import Frame, ObjectModel, Views
+from hlp.settings import Count, Doc, NotNegative, Settings, Share
 
 BACKGROUND = 0
 
@@ -29,38 +31,32 @@ class HolisticPoolSettings(Settings):
     What lies between centred and badly centred is not shown.
     """
 
-    per_object: Annotated[int, Ge(1), Doc("windows cut from each object's views (D)")] = 3000
+    per_object: Annotated[Count, Doc("windows cut from each object's views (D)")] = 3000
     off_center: Annotated[
-        float,
-        Interval(ge=0, le=1),
-        Doc("fraction that is badly centred and labelled background (D)"),
+        Share, Doc("fraction that is badly centred and labelled background (D)")
     ] = 0.25
     wrong_scale: Annotated[
-        float,
-        Interval(ge=0, le=1),
-        Doc("fraction with another object's size, labelled background (D)"),
+        Share, Doc("fraction with another object's size, labelled background (D)")
     ] = 0.10
     background_share: Annotated[
-        float,
-        Interval(ge=0, le=1),
+        Share,
         Doc(
             "fraction of each batch that shows only background; at least as much as one object, so "
             "1/2 where one is learnt, 1/3 where two are (D)"
         ),
     ] = 0.25
     center_tolerance: Annotated[
-        float,
-        Ge(0),
+        NotNegative,
         Doc("largest offset of a centred window from the centroid, in window sides (D)"),
     ] = 0.30
     off_center_from: Annotated[
-        float, Ge(0), Doc("smallest offset of a badly centred window, in window sides (D)")
+        NotNegative, Doc("smallest offset of a badly centred window, in window sides (D)")
     ] = 0.45
-    scale_jitter: Annotated[float, Ge(0), Doc("largest relative change of a window's size (D)")] = (
+    scale_jitter: Annotated[NotNegative, Doc("largest relative change of a window's size (D)")] = (
         0.08
     )
     backgrounds: Annotated[
-        int, Ge(1), Doc("number of crops of photographs, and of RGB-D frames (D)")
+        Count, Doc("number of crops of photographs, and of RGB-D frames (D)")
     ] = 8000
     distractor_scenes: Annotated[
         int,
@@ -90,61 +86,39 @@ class HolisticPool:
     `depth` is coded by `hlp.patches.holistic.depth_code`.
     """
 
-    color: UInt8[np.ndarray, "n p p 3"]
-    depth: UInt8[np.ndarray, "n p p"]
-    mask: Bool[np.ndarray, "n p p"]
-    labels: Int[np.ndarray, "n"]
-
-
-@dataclass(frozen=True)
-class BackgroundPool:
-    """Background images; `depth` is coded as in windows, 0 throughout for images without depth."""
-
-    color: UInt8[np.ndarray, "n p p 3"]
-    depth: UInt8[np.ndarray, "n p p"]
+    color: ColorPatches
+    depth: DepthCodes
+    mask: MaskPatches
+    labels: Rows
 
 
 def bake_windows(
     views: Views,
+    model: ObjectModel,
     label: int,
-    metric_size: float,
-    other_sizes: Sequence[float],
-    centroid: Float[np.ndarray, "3"],
+    sizes: Sequence[float],
     resolution: int,
     settings: HolisticPoolSettings,
     rng: np.random.Generator,
-    colored: bool = True,
 ) -> HolisticPool:
     """Cut one object's training windows by the rule for test images (Eq. 1).
 
     A window's side follows from the depth at its centre, not from the depth of the object's
-    centroid. Windows centred beside the object have a random depth near the object's. If the object
-    is not `colored`, nothing is known of its colour: it has another one in every window.
+    centroid. Windows centred beside the object have a random depth near the object's. `sizes` are
+    those of all objects, for windows of a wrong one. Of an object without colours nothing is known
+    of its colour: it has another one in every window.
     """
     per_view = int(np.ceil(settings.per_object / len(views)))
     order = rng.permutation(len(views))[: int(np.ceil(settings.per_object / per_view))]
     parts = [
-        _view_windows(
-            views,
-            int(i),
-            per_view,
-            label,
-            metric_size,
-            other_sizes,
-            centroid,
-            resolution,
-            settings,
-            rng,
-        )
+        _view_windows(views, int(i), per_view, model, label, sizes, resolution, settings, rng)
         for i in np.sort(order)
     ]
-    pool = join_pools(parts)
-    return pool if colored else replace(pool, color=_repainted(pool.color, rng))
+    pool = join(parts)
+    return pool if model.mesh.colored else replace(pool, color=_repainted(pool.color, rng))
 
 
-def _repainted(
-    color: UInt8[np.ndarray, "n p p 3"], rng: np.random.Generator
-) -> UInt8[np.ndarray, "n p p 3"]:
+def _repainted(color: ColorPatches, rng: np.random.Generator) -> ColorPatches:
     """The windows with their shading, each in another muted colour, from dark to bright."""
     count = len(color)
     mean = color.mean(axis=(1, 2, 3), dtype=np.float32)
@@ -156,18 +130,8 @@ def _repainted(
     return painted
 
 
-def join_pools(pools: Sequence[HolisticPool]) -> HolisticPool:
-    """One pool with the windows of several."""
-    return HolisticPool(
-        np.concatenate([p.color for p in pools]),
-        np.concatenate([p.depth for p in pools]),
-        np.concatenate([p.mask for p in pools]),
-        np.concatenate([p.labels for p in pools]),
-    )
-
-
 def bake_backgrounds(
-    photograph_crops: UInt8[np.ndarray, "n p p 3"],
+    photograph_crops: ColorPatches,
     frames: Sequence[Sequence[Frame]],
     metric_sizes: Sequence[float],
     resolution: int,
@@ -189,42 +153,37 @@ def _view_windows(
     views: Views,
     index: int,
     count: int,
+    model: ObjectModel,
     label: int,
-    metric_size: float,
-    other_sizes: Sequence[float],
-    centroid: Float[np.ndarray, "3"],
+    sizes: Sequence[float],
     resolution: int,
     settings: HolisticPoolSettings,
     rng: np.random.Generator,
 ) -> HolisticPool:
-    depth = np.asarray(views.depth[index])
+    depth, metric_size = np.asarray(views.depth[index]), model.holistic_size
     focal = float(views.camera_matrix[0, 0])
     pose = views.poses_cam_obj[index]
-    center_cam = pose[:3, :3] @ centroid + pose[:3, 3]
+    center_cam = pose[:3, :3] @ model.centroid + pose[:3, 3]
     middle = project(center_cam, views.camera_matrix)
     kinds = rng.random(count)
     off_center = kinds < settings.off_center
     wrong_scale = ~off_center & (kinds < settings.off_center + settings.wrong_scale)
     pixels, z = _window_centers(depth, middle, focal, metric_size, off_center, settings, rng)
     size = metric_size * np.exp(rng.uniform(-1, 1, count) * np.log1p(settings.scale_jitter))
-    other = rng.choice(np.asarray(other_sizes), count)
+    other = rng.choice(np.asarray(sizes), count)
     far_scale = np.abs(np.log(other / metric_size)) > np.log(1.3)
     stretched = metric_size * np.where(rng.random(count) < 0.5, 0.55, 1.8)
     size = np.where(wrong_scale, np.where(far_scale, other, stretched), size)
     windows = Windows(pixels.astype(np.float64), z, focal * size / z)
     rgb = bleed_color(np.asarray(views.rgb[index]), depth > 0)
-    scaled = [
-        cut_windows(rgb, depth, _single(windows, i), float(size[i]), resolution)
-        for i in range(count)
+    singles = [windows.at(slice(i, i + 1)) for i in range(count)]
+    cuts = [
+        cut_windows(rgb, depth, single, float(own), resolution)
+        for single, own in zip(singles, size, strict=True)
     ]
-    color = np.concatenate([c for c, _ in scaled])
-    code = np.concatenate([d for _, d in scaled])
+    color, code = (np.concatenate(parts) for parts in zip(*cuts, strict=True))
     labels = np.where(off_center | wrong_scale, BACKGROUND, label)
     return HolisticPool(color, code, code < 255, labels.astype(np.int64))
-
-
-def _single(windows: Windows, i: int) -> Windows:
-    return Windows(windows.centers[i : i + 1], windows.depths[i : i + 1], windows.sides[i : i + 1])
 
 
 def _window_centers(
@@ -232,10 +191,10 @@ def _window_centers(
     middle: Float[np.ndarray, "2"],
     focal: float,
     metric_size: float,
-    off_center: Bool[np.ndarray, "n"],
+    off_center: Flags,
     settings: HolisticPoolSettings,
     rng: np.random.Generator,
-) -> tuple[Int[np.ndarray, "n 2"], Float[np.ndarray, "n"]]:
+) -> tuple[Pixels, Values]:
     """Centres (x, y) near the centroid or off it, and the depths (m) for the windows' sides."""
     size = depth.shape[0]
     y, x = np.mgrid[:size, :size]
@@ -262,7 +221,7 @@ def _frame_windows(
     resolution: int,
     count: int,
     rng: np.random.Generator,
-) -> tuple[UInt8[np.ndarray, "n p p 3"], UInt8[np.ndarray, "n p p"]]:
+) -> tuple[ColorPatches, DepthCodes]:
     y, x = np.nonzero(frame.depth > 0)
     colors = [np.zeros((0, resolution, resolution, 3), np.uint8)]
     depths = [np.zeros((0, resolution, resolution), np.uint8)]

@@ -1,24 +1,34 @@
 """Local RGB-D patches of metric size (paper, section 3.2)."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Gt, Interval, Le, Unit
-from jaxtyping import Bool, Float, Int, UInt8
+from annotated_types import Ge, Gt, Le, Unit
+from jaxtyping import Float, UInt8
 
+from hlp.arrays import (
+    CameraMatrix,
+    DepthPatches,
+    Image,
+    Mask,
+    MaskPatches,
+    Pixels,
+    Positions,
+    Rgb,
+    Rows,
+    Values,
+)
 from hlp.compiled import compiled
 from hlp.geometry import back_project
 from hlp.patches.holistic import center_depths, pixel_grid
 from hlp.patches.sampling import sample_squares
 from hlp.records import MILLIMETRE, LocalPatches
-from hlp.settings import Doc, Settings
+from hlp.settings import Count, Doc, Positive, Settings, Share
 
 _FILL_COLOR = 128  # grey
 _ROUNDS = 8
 _FILL_DEPTH = 1.0  # the far end of the clamped range
-_FIELDS = tuple(LocalPatches.__dataclass_fields__)
 
 
 @dataclass(frozen=True)
@@ -26,12 +36,10 @@ class LocalSettings(Settings):
     """What a local patch is, in views and scenes alike."""
 
     resolution: Annotated[
-        int, Ge(1), Unit("px"), Doc("side of a resized patch, as the network takes it (P)")
+        Count, Unit("px"), Doc("side of a resized patch, as the network takes it (P)")
     ] = 32
     size_scale: Annotated[
-        float,
-        Gt(0),
-        Doc("factor of the object's local size; larger patches vote better (D; P: 1)"),
+        Positive, Doc("factor of the object's local size; larger patches vote better (D; P: 1)")
     ] = 1.5
     mask_beyond_clamp: Annotated[
         bool,
@@ -63,17 +71,14 @@ class GridSettings(Settings):
     step: Annotated[
         int, Ge(1), Le(1000), Unit("px"), Doc("step between local patches in the region (P)")
     ] = 8
-    min_valid: Annotated[
-        float, Interval(ge=0, le=1), Doc("smallest fraction of a patch within the metric cube (D)")
-    ] = 0.2
+    min_valid: Annotated[Share, Doc("smallest fraction of a patch within the metric cube (D)")] = (
+        0.2
+    )
     max_patches: Annotated[
-        int,
-        Ge(1),
-        Doc("largest number of patches; of more, those at likely windows are preferred (D)"),
+        Count, Doc("largest number of patches; of more, those at likely windows are preferred (D)")
     ] = 400
     min_relief: Annotated[
-        float,
-        Interval(ge=0, le=1),
+        Share,
         Doc(
             "smallest relief of a patch, in halves of its size: flat ones look alike on every "
             "object and on the table (D; P: not said, 0)"
@@ -82,10 +87,10 @@ class GridSettings(Settings):
 
 
 def cut_local_patches(
-    rgb: UInt8[np.ndarray, "h w 3"],
-    depth: Float[np.ndarray, "h w"],
-    camera_matrix: Float[np.ndarray, "3 3"],
-    pixels: Int[np.ndarray, "n 2"],
+    rgb: Rgb,
+    depth: Image,
+    camera_matrix: CameraMatrix,
+    pixels: Pixels,
     metric_size: float,
     settings: LocalSettings,
     min_valid: float,
@@ -107,19 +112,17 @@ def cut_local_patches(
     pixels, z = pixels[kept], z[kept]
     focal = float(camera_matrix[0, 0] + camera_matrix[1, 1]) / 2
     sides = focal * metric_size / z
-    centers = pixels.astype(np.float64)
+    centers, resolution = pixels.astype(np.float64), settings.resolution
     single = np.asarray(depth, dtype=np.float32)
-    raw = sample_squares(single, centers, sides, settings.resolution, nearest=True)
+    relative = sample_squares(single, centers, sides, resolution, nearest=True)
     if with_color:
-        color = sample_squares(rgb, centers, sides, settings.resolution)
+        color = sample_squares(rgb, centers, sides, resolution)
     else:
-        color = np.empty((*raw.shape, 0), dtype=np.uint8)
-    across, down = _along_ray(centers, sides, settings.resolution, camera_matrix)
-    lengths = np.linalg.norm(_rays(centers, camera_matrix), axis=1)
-    valid = np.empty(raw.shape, dtype=np.bool_)
+        color = np.empty((*relative.shape, 0), dtype=np.uint8)
+    along = _along_ray(centers, sides, resolution, camera_matrix)
     half = np.float32(metric_size / 2)
-    _normalise_depth(raw, z, half, lengths, across, down, settings.mask_beyond_clamp, color, valid)
-    relative = raw  # in place of the depths
+    valid = np.empty(relative.shape, dtype=np.bool_)
+    _normalise_depth(relative, z, half, *along, settings.mask_beyond_clamp, color, valid)
     full = valid.mean(axis=(1, 2)) >= min_valid
     if min_relief > 0.0:
         full &= depth_relief(relative) >= min_relief
@@ -127,7 +130,7 @@ def cut_local_patches(
     return LocalPatches(color[full], relative[full], valid[full], points[full], centers[full])
 
 
-def depth_relief(depth: Float[np.ndarray, "n p p"]) -> Float[np.ndarray, "n"]:
+def depth_relief(depth: DepthPatches) -> Values:
     """How far the depth of each patch is from its best plane: root of the mean squared residual.
 
     It is in the depth's unit, 0 for a plane however it is tilted. Silhouettes have relief, too.
@@ -142,41 +145,30 @@ def depth_relief(depth: Float[np.ndarray, "n p p"]) -> Float[np.ndarray, "n"]:
     return np.asarray(np.sqrt(np.maximum(squares, 0.0) / flat.shape[1]))
 
 
-def _rays(
-    pixels: Float[np.ndarray, "*n 2"], camera_matrix: Float[np.ndarray, "3 3"]
-) -> Float[np.ndarray, "*n 3"]:
-    return back_project(pixels, np.ones(pixels.shape[:-1]), camera_matrix)
-
-
 def _along_ray(
-    centers: Float[np.ndarray, "n 2"],
-    sides: Float[np.ndarray, "n"],
-    resolution: int,
-    camera_matrix: Float[np.ndarray, "3 3"],
-) -> tuple[Float[np.ndarray, "n p"], Float[np.ndarray, "n p"]]:
-    """Factors that turn depth along z into depth along the ray of the patch centre.
+    centers: Positions, sides: Values, resolution: int, camera_matrix: CameraMatrix
+) -> tuple[Values, Float[np.ndarray, "n p"], Float[np.ndarray, "n p"]]:
+    """Lengths of the centres' rays at z = 1, and factors for the depth along those rays.
 
-    Depth along the ray, divided by the length of the centre's ray with z = 1, is depth times
-    1 + across[column] + down[row].
+    Depth along the ray, divided by its length, is depth times 1 + across[column] + down[row].
     """
-    center = _rays(centers, camera_matrix)
+    rays = back_project(centers, np.ones(len(centers)), camera_matrix)
     offsets = sides[:, None] * ((np.arange(resolution) + 0.5) / resolution - 0.5)
-    focal = camera_matrix[[0, 1], [0, 1]]
-    shares = center[:, :2] / (center**2).sum(axis=1, keepdims=True) / focal
-    return offsets * shares[:, :1], offsets * shares[:, 1:]
+    shares = rays[:, :2] / (rays**2).sum(axis=1, keepdims=True) / camera_matrix[[0, 1], [0, 1]]
+    return np.linalg.norm(rays, axis=1), offsets * shares[:, :1], offsets * shares[:, 1:]
 
 
 @compiled()
 def _normalise_depth(
-    depth: Float[np.ndarray, "n p p"],
-    center_depth: Float[np.ndarray, "n"],
+    depth: DepthPatches,
+    center_depth: Values,
     half: np.float32,
-    lengths: Float[np.ndarray, "n"],
+    lengths: Values,
     across: Float[np.ndarray, "n p"],
     down: Float[np.ndarray, "n p"],
     mask: bool,
     color: UInt8[np.ndarray, "n p p c"],
-    valid: Bool[np.ndarray, "n p p"],
+    valid: MaskPatches,
 ) -> None:
     """Replace depths (m) by relative ones along the ray and fill `valid`.
 
@@ -199,25 +191,18 @@ def _normalise_depth(
                         color[i, y, x, channel] = _FILL_COLOR
 
 
-def join_patches(parts: Sequence[LocalPatches]) -> LocalPatches:
-    """One record with the patches of several."""
-    return LocalPatches(
-        *(np.concatenate([getattr(part, name) for part in parts]) for name in _FIELDS)
-    )
-
-
-def take_patches(patches: LocalPatches, rows: Int[np.ndarray, "m"]) -> LocalPatches:
+def take_patches(patches: LocalPatches, rows: Rows) -> LocalPatches:
     """The patches of some rows, in their order."""
-    return LocalPatches(*(getattr(patches, name)[rows] for name in _FIELDS))
+    return LocalPatches(*(values[rows] for values in vars(patches).values()))
 
 
-def region_pixels(mask: Bool[np.ndarray, "h w"], step: int) -> Int[np.ndarray, "n 2"]:
+def region_pixels(mask: Mask, step: int) -> Pixels:
     """Grid pixels (x, y), every `step` px, inside a candidate region."""
     grid = pixel_grid((mask.shape[0], mask.shape[1]), step)
     return np.asarray(grid[mask[grid[:, 1], grid[:, 0]]])
 
 
-def thin_out(weights: Float[np.ndarray, "n"], count: int) -> Int[np.ndarray, "m"]:
+def thin_out(weights: Values, count: int) -> Rows:
     """Indices of at most `count` items, in order, spread with a density that follows the weights.
 
     Item i is chosen with a share of min(1, c·w_i), c such that they add up to `count`, at even
@@ -234,9 +219,7 @@ def thin_out(weights: Float[np.ndarray, "n"], count: int) -> Int[np.ndarray, "m"
     return np.asarray(np.flatnonzero(np.diff(steps, prepend=0) > 0)[:count])
 
 
-def surface_pixels(
-    depth: Float[np.ndarray, "s s"], count: int, rng: np.random.Generator
-) -> Int[np.ndarray, "n 2"]:
+def surface_pixels(depth: Float[np.ndarray, "s s"], count: int, rng: np.random.Generator) -> Pixels:
     """At most `count` different random pixels (x, y) of a view's surface."""
     y, x = np.nonzero(depth > 0)
     chosen = rng.permutation(len(x))[:count]

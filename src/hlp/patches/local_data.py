@@ -1,26 +1,27 @@
-"""Batches for the local encoders: pairs of a clean patch and one with noise and clutter."""
+"""Batches for the local encoders, with random effects that make renderings look like photographs.
 
-import numpy as np
-import pytorch_lightning as pl
+White balance, exposure, saturation, blur, noise, occluders and surroundings. All random numbers
+come from a given generator.
+"""
+
 import torch
-from jaxtyping import Int
 from torch import Tensor
 from torch.nn import functional
-from torch.utils.data import DataLoader
 
-from hlp.patches import augmentation as aug
+from hlp.arrays import Rows
 from hlp.patches.local import take_patches
 from hlp.patches.local_pool import PairPool
-from hlp.patches.pool_loader import batch_number, pool_loader
+from hlp.patches.pool_loader import Batch, PoolDataModule
 from hlp.records import LocalPatches
 
 _FILL = 128.0 / 255.0
 # Like a Kinect at about one metre: noise and quantisation of depth (m).
 _DEPTH_NOISE = 0.0025
 _DEPTH_STEP = 0.003
+_GREY = torch.tensor([0.299, 0.587, 0.114])
 
 
-class PairDataModule(pl.LightningDataModule):
+class PairDataModule(PoolDataModule):
     """Pairs for contrastive training: a patch as a camera would see it, and a clean one.
 
     A batch is a dictionary. `noisy` and `clean` are triples of color (n, 3, p, p) in 0…1, depth and
@@ -30,29 +31,21 @@ class PairDataModule(pl.LightningDataModule):
     """
 
     def __init__(self, pool: PairPool, with_color: bool, batch_size: int, seed: int) -> None:
-        super().__init__()
-        self.with_color = with_color
-        self.pool = {
-            "color": torch.from_numpy(pool.color),
-            "depth": torch.from_numpy(pool.depth),
-            "valid": torch.from_numpy(pool.valid),
-            "size": torch.from_numpy(pool.sizes),
-            "object": torch.from_numpy(pool.object_ids),
-            "point": torch.from_numpy(pool.points_obj),
-            "rotation": torch.from_numpy(pool.rotations),
+        arrays = {
+            "color": pool.color,
+            "depth": pool.depth,
+            "valid": pool.valid,
+            "size": pool.sizes,
+            "object": pool.object_ids,
+            "point": pool.points_obj,
+            "rotation": pool.rotations,
         }
-        self.batch_size = batch_size
-        self.seed = seed
+        super().__init__(arrays, batch_size, seed)
+        self.with_color = with_color
 
-    def train_dataloader(self) -> DataLoader[dict[str, Tensor]]:
-        """Batches in an order that depends on seed and epoch only."""
-        return pool_loader(self.pool, self.batch_size, self.seed)
-
-    def on_before_batch_transfer(
-        self, batch: dict[str, Tensor], dataloader_idx: int
-    ) -> dict[str, object]:
+    def on_before_batch_transfer(self, batch: Batch, dataloader_idx: int) -> dict[str, object]:
         """Degrade the first patch of each pair on the CPU, seeded by the batch's number."""
-        gen = torch.Generator().manual_seed(self.seed * 1_000_003 + batch_number(self.trainer))
+        gen = torch.Generator().manual_seed(self.seed * 1_000_003 + self.batch_number)
         depth, valid = batch["depth"].float(), batch["valid"]
         seen_depth, seen, clutter = degrade_depth(depth[:, 0], valid[:, 0], batch["size"], gen)
         noisy_color, clean_color = None, None
@@ -60,13 +53,34 @@ class PairDataModule(pl.LightningDataModule):
             color = batch["color"].permute(0, 1, 4, 2, 3).float() / 255.0
             noisy_color = degrade_color(color[:, 0], seen, clutter, gen)
             clean_color = color[:, 1]
-        return {
+        pairs = {
             "noisy": (noisy_color, seen_depth, seen),
             "clean": (clean_color, depth[:, 1], valid[:, 1]),
-            "object": batch["object"],
-            "point": batch["point"],
-            "rotation": batch["rotation"],
         }
+        return {**pairs, **{name: batch[name] for name in ("object", "point", "rotation")}}
+
+
+class PatchDataModule(PoolDataModule):
+    """Local patches for the autoencoder: `color`, `depth`, `valid`, as they were cut.
+
+    With `varied_light` a batch also holds `seen`: the colour (n, 3, p, p) in 0…1 as a camera would
+    see it under another light.
+    """
+
+    def __init__(
+        self, patches: LocalPatches, batch_size: int, seed: int, varied_light: bool = False
+    ) -> None:
+        arrays = {"color": patches.color, "depth": patches.depth, "valid": patches.valid}
+        super().__init__(arrays, batch_size, seed)
+        self.varied_light = varied_light
+
+    def on_before_batch_transfer(self, batch: Batch, dataloader_idx: int) -> Batch:
+        """Vary the light on the CPU, seeded by the batch's number."""
+        if not self.varied_light:
+            return batch
+        gen = torch.Generator().manual_seed(self.seed * 1_000_003 + self.batch_number)
+        color = batch["color"].permute(0, 3, 1, 2).float() / 255.0
+        return {**batch, "seen": vary_camera(vary_surface(color, gen), gen)}
 
 
 def degrade_depth(
@@ -81,15 +95,15 @@ def degrade_depth(
     n, p = len(depth), depth.shape[-1]
     half = size[:, None, None] / 2
     depth, clutter = _add_clutter(depth, valid, gen)
-    noise = aug.normal(gen, (n, p, p), 1.0) + aug.smooth_noise(gen, n, p, 8)
-    level = aug.uniform(gen, (n, 1, 1), 0.2, 1.0) * _DEPTH_NOISE / half
-    depth = depth + noise * level + aug.normal(gen, (n, 1, 1), 0.5) * level
-    step = aug.uniform(gen, (n, 1, 1), 0.2, 1.0) * _DEPTH_STEP / half
+    noise = normal(gen, (n, p, p), 1.0) + smooth_noise(gen, n, p, 8)
+    level = uniform(gen, (n, 1, 1), 0.2, 1.0) * _DEPTH_NOISE / half
+    depth = depth + noise * level + normal(gen, (n, 1, 1), 0.5) * level
+    step = uniform(gen, (n, 1, 1), 0.2, 1.0) * _DEPTH_STEP / half
     depth = torch.round(depth / step) * step
-    occluder = aug.rectangles(gen, n, p, share=0.4, low=0.2, high=0.8)
+    occluder = rectangles(gen, n, p, share=0.4, low=0.2, high=0.8)
     middle = slice(p // 2 - 2, p // 2 + 2)
     occluder &= ~occluder[:, middle, middle].any(dim=(1, 2))[:, None, None]
-    holes = aug.smooth_noise(gen, n, p, 8) > aug.uniform(gen, (n, 1, 1), 1.2, 4.0)
+    holes = smooth_noise(gen, n, p, 8) > uniform(gen, (n, 1, 1), 1.2, 4.0)
     valid = (valid | clutter) & ~occluder & ~holes & (depth.abs() <= 1.0)
     return torch.where(valid, depth, torch.ones(())), valid, clutter
 
@@ -99,31 +113,28 @@ def degrade_color(color: Tensor, valid: Tensor, clutter: Tensor, gen: torch.Gene
 
     `valid` and `clutter` (n, p, p) are results of `degrade_depth`.
     """
-    paint = _clutter_colors(len(color), color.shape[-1], gen)
-    color = torch.where(clutter[:, None], paint, aug.vary_surface(color, gen))
-    return torch.where(valid[:, None], aug.vary_camera(color, gen), torch.tensor(_FILL))
+    n, size = len(color), color.shape[-2:]
+    tint = uniform(gen, (n, 3, 1, 1), 0.0, 1.0)
+    texture = torch.randn((n, 3, 4, 4), generator=gen) * uniform(gen, (n, 1, 1, 1), 0.0, 0.3)
+    paint = tint + functional.interpolate(texture, size=size, mode="bilinear")
+    color = torch.where(clutter[:, None], paint, vary_surface(color, gen))
+    return torch.where(valid[:, None], vary_camera(color, gen), torch.tensor(_FILL))
 
 
 def _add_clutter(depth: Tensor, valid: Tensor, gen: torch.Generator) -> tuple[Tensor, Tensor]:
     """Fill invalid pixels with slanted planes, like a table or a neighbour; depth and where."""
     n, p = len(depth), depth.shape[-1]
-    plane = aug.random_planes(gen, n, p, -0.3, 1.2)
-    plane = plane + aug.smooth_noise(gen, n, p, 4) * aug.uniform(gen, (n, 1, 1), 0.0, 0.2)
+    axis = torch.linspace(-0.5, 0.5, p)
+    plane = uniform(gen, (n, 1, 1), -0.3, 1.2)
+    slope = normal(gen, (n, 2, 1, 1), 0.5)
+    plane = plane + slope[:, 0] * axis[:, None] + slope[:, 1] * axis[None, :]
+    plane = plane + smooth_noise(gen, n, p, 4) * uniform(gen, (n, 1, 1), 0.0, 0.2)
     drawn = torch.rand((n, 1, 1), generator=gen) < 0.7
     shown = ~valid & drawn & (plane.abs() <= 1.0)
     return torch.where(shown, plane, depth), shown
 
 
-def _clutter_colors(n: int, p: int, gen: torch.Generator) -> Tensor:
-    """Random colours (n, 3, p, p) of clutter."""
-    tint = aug.uniform(gen, (n, 3, 1, 1), 0.0, 1.0)
-    texture = torch.randn((n, 3, 4, 4), generator=gen) * aug.uniform(gen, (n, 1, 1, 1), 0.0, 0.3)
-    return tint + functional.interpolate(texture, size=(p, p), mode="bilinear")
-
-
-def degrade_patches(
-    patches: LocalPatches, rows: Int[np.ndarray, "m"], size: float, seed: int
-) -> LocalPatches:
+def degrade_patches(patches: LocalPatches, rows: Rows, size: float, seed: int) -> LocalPatches:
     """The patches of some rows, of metric `size` (m), as a camera in clutter would see them.
 
     Patches without colour channels stay without.
@@ -142,36 +153,75 @@ def degrade_patches(
     return LocalPatches(rgb, depth.numpy(), valid.numpy(), chosen.points_cam, chosen.pixels)
 
 
-class PatchDataModule(pl.LightningDataModule):
-    """Local patches for the autoencoder: `color`, `depth`, `valid`, as they were cut.
+def uniform(gen: torch.Generator, shape: tuple[int, ...], low: float, high: float) -> Tensor:
+    """Uniform random numbers in [low, high)."""
+    return torch.rand(shape, generator=gen) * (high - low) + low
 
-    With `varied_light` a batch also holds `seen`: the colour (n, 3, p, p) in 0…1 as a camera would
-    see it under another light.
+
+def normal(gen: torch.Generator, shape: tuple[int, ...], sigma: float) -> Tensor:
+    """Normal random numbers with mean 0."""
+    return torch.randn(shape, generator=gen).mul_(sigma)
+
+
+def vary_surface(color: Tensor, gen: torch.Generator) -> Tensor:
+    """Random white balance, exposure and saturation of an object's colour (n, 3, h, w), 0…1."""
+    n = len(color)
+    gain = torch.exp(normal(gen, (n, 3, 1), 0.2) + uniform(gen, (n, 1, 1), -0.7, 0.35))
+    saturation = (1.0 + normal(gen, (n, 1, 1), 0.3)).clamp(min=0.0)
+    # grey + (colour − grey)·saturation, times gain, as one matrix: one pass instead of five.
+    mix = gain * (saturation * torch.eye(3) + (1.0 - saturation) * _GREY)
+    return (mix @ color.flatten(2)).view(color.shape)
+
+
+def vary_camera(color: Tensor, gen: torch.Generator) -> Tensor:
+    """Random exposure, gamma, contrast, blur (on half) and noise of images (n, 3, h, w), 0…1."""
+    n = len(color)
+    color = color * torch.exp(uniform(gen, (n, 1, 1, 1), -0.7, 0.2))
+    color.clamp_(0.0, 1.0).pow_(torch.exp(normal(gen, (n, 1, 1, 1), 0.2)))
+    mean = color.mean(dim=(1, 2, 3), keepdim=True)
+    contrast = (1.0 + normal(gen, (n, 1, 1, 1), 0.2)).clamp(min=0.3)
+    color.mul_(contrast).add_(mean * (1.0 - contrast))
+    color = blur(color, gen, share=0.5)
+    noise = normal(gen, tuple(color.shape), 1.0)
+    noise.mul_(uniform(gen, (n, 1, 1, 1), 0.0, 0.04))
+    return color.add_(noise).clamp_(0.0, 1.0)
+
+
+def blur(image: Tensor, gen: torch.Generator, share: float) -> Tensor:
+    """Binomial 3 × 3 blur of about a `share` of the images (n, c, h, w), of half of them twice."""
+    kernel = torch.tensor([0.25, 0.5, 0.25])
+    square = (kernel[:, None] * kernel)[None, None].expand(image.shape[1], 1, 3, 3)
+
+    def smooth(x: Tensor) -> Tensor:
+        padded = functional.pad(x, (1, 1, 1, 1), mode="replicate")
+        return functional.conv2d(padded, square, groups=image.shape[1])
+
+    drawn = torch.rand(len(image), generator=gen)
+    blurred = image.clone()
+    rows = torch.nonzero(drawn < share)[:, 0]
+    blurred[rows] = smooth(image[rows])
+    again = torch.nonzero(drawn < share / 2)[:, 0]
+    blurred[again] = smooth(blurred[again])
+    return blurred
+
+
+def rectangles(
+    gen: torch.Generator, n: int, size: int, share: float, low: float, high: float
+) -> Tensor:
+    """Boolean masks (n, size, size) with a rectangle on about a `share` of them, else empty.
+
+    Sides are `low`…`high` of the image's. Most rectangles are cut off by the border, as occluders
+    are in small patches.
     """
+    extent = uniform(gen, (n, 2), low, high)
+    start = uniform(gen, (n, 2), -0.3, 1.0)
+    axis = (torch.arange(size) + 0.5) / size
+    inside = (axis > start[..., None]) & (axis < (start + extent)[..., None])
+    drawn = torch.rand(n, generator=gen) < share
+    return inside[:, 0, :, None] & inside[:, 1, None, :] & drawn[:, None, None]
 
-    def __init__(
-        self, patches: LocalPatches, batch_size: int, seed: int, varied_light: bool = False
-    ) -> None:
-        super().__init__()
-        self.varied_light = varied_light
-        self.pool = {
-            "color": torch.from_numpy(patches.color),
-            "depth": torch.from_numpy(patches.depth),
-            "valid": torch.from_numpy(patches.valid),
-        }
-        self.batch_size = batch_size
-        self.seed = seed
 
-    def train_dataloader(self) -> DataLoader[dict[str, Tensor]]:
-        """Batches in an order that depends on seed and epoch only."""
-        return pool_loader(self.pool, self.batch_size, self.seed)
-
-    def on_before_batch_transfer(
-        self, batch: dict[str, Tensor], dataloader_idx: int
-    ) -> dict[str, Tensor]:
-        """Vary the light on the CPU, seeded by the batch's number."""
-        if not self.varied_light:
-            return batch
-        gen = torch.Generator().manual_seed(self.seed * 1_000_003 + batch_number(self.trainer))
-        color = batch["color"].permute(0, 3, 1, 2).float() / 255.0
-        return {**batch, "seen": aug.vary_camera(aug.vary_surface(color, gen), gen)}
+def smooth_noise(gen: torch.Generator, n: int, size: int, cells: int) -> Tensor:
+    """Smooth random fields (n, size, size): unit normal values at `cells`² points, interpolated."""
+    coarse = torch.randn((n, 1, cells, cells), generator=gen)
+    return functional.interpolate(coarse, size=(size, size), mode="bilinear")[:, 0]

@@ -5,15 +5,15 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, UInt8
 
+from hlp.arrays import Flags, Pixels, Points, Rows, Values
 from hlp.geometry import back_project, project, transform
 from hlp.patches.holistic import pixel_grid
-from hlp.patches.local import LocalSettings, cut_local_patches, join_patches, take_patches
-from hlp.patches.sampling import bleed_color
+from hlp.patches.local import LocalSettings, cut_local_patches, take_patches
+from hlp.patches.sampling import bleed_color, join
 from hlp.records import Frame, LocalPatches, Views
-from hlp.settings import Doc, Settings
+from hlp.settings import Count, Doc, NotNegative, Settings
 
 _FRAME_MIN_VALID = 0.2
 _SAME_SURFACE = 0.005  # m: a point is visible in a view whose depth agrees this well
@@ -23,8 +23,8 @@ _SAME_SURFACE = 0.005  # m: a point is visible in a view whose depth agrees this
 class PairSettings(Settings):
     """Which local patches count as the same: those of one surface point in two near views (D)."""
 
-    per_object: Annotated[int, Ge(1), Doc("number of pairs for each object (D)")] = 5000
-    max_angle_deg: Annotated[float, Ge(0), Doc("largest angle between the two views (D)")] = 12.0
+    per_object: Annotated[Count, Doc("number of pairs for each object (D)")] = 5000
+    max_angle_deg: Annotated[NotNegative, Doc("largest angle between the two views (D)")] = 12.0
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,9 @@ class PairPool:
     color: UInt8[np.ndarray, "n 2 p p 3"]
     depth: Float[np.ndarray, "n 2 p p"]
     valid: Bool[np.ndarray, "n 2 p p"]
-    sizes: Float[np.ndarray, "n"]
-    object_ids: Int[np.ndarray, "n"]
-    points_obj: Float[np.ndarray, "n 3"]
+    sizes: Values
+    object_ids: Rows
+    points_obj: Points
     rotations: Float[np.ndarray, "n 3 3"]
 
 
@@ -73,16 +73,6 @@ def bake_pairs(
         np.full(count, views.object_id),
         points_obj.astype(np.float32),
         views.poses_cam_obj[first, :3, :3].astype(np.float32),
-    )
-
-
-def join_pairs(pools: Sequence[PairPool]) -> PairPool:
-    """One pool with the pairs of several."""
-    return PairPool(
-        *(
-            np.concatenate([getattr(pool, name) for pool in pools])
-            for name in PairPool.__dataclass_fields__
-        )
     )
 
 
@@ -119,7 +109,7 @@ def bake_frame_patches(
 
 def _neighbouring_views(
     views: Views, pairs: PairSettings, rng: np.random.Generator
-) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
+) -> tuple[Rows, Rows]:
     first = np.sort(rng.integers(len(views), size=pairs.per_object))
     flat = views.poses_cam_obj[:, :3, :3].reshape(-1, 9)
     limit = 1.0 + 2.0 * np.cos(np.deg2rad(pairs.max_angle_deg))
@@ -132,9 +122,7 @@ def _neighbouring_views(
     return first, second
 
 
-def _surface_points(
-    views: Views, chosen: Int[np.ndarray, "n"], rng: np.random.Generator
-) -> tuple[Int[np.ndarray, "n 2"], Float[np.ndarray, "n 3"]]:
+def _surface_points(views: Views, chosen: Rows, rng: np.random.Generator) -> tuple[Pixels, Points]:
     pixels = np.empty((len(chosen), 2), dtype=np.int64)
     points = np.empty((len(chosen), 3))
     for view in np.unique(chosen):
@@ -150,9 +138,7 @@ def _surface_points(
     return pixels, points
 
 
-def _seen_from(
-    views: Views, chosen: Int[np.ndarray, "n"], points_obj: Float[np.ndarray, "n 3"]
-) -> tuple[Int[np.ndarray, "n 2"], Bool[np.ndarray, "n"]]:
+def _seen_from(views: Views, chosen: Rows, points_obj: Points) -> tuple[Pixels, Flags]:
     cam = transform(views.poses_cam_obj[chosen], points_obj[:, None, :])[:, 0]
     size = views.depth.shape[1]
     pixels = np.clip(np.rint(project(cam, views.camera_matrix)), 0, size - 1).astype(np.int64)
@@ -161,12 +147,7 @@ def _seen_from(
 
 
 def _cut_by_view(
-    views: Views,
-    chosen: Int[np.ndarray, "n"],
-    pixels: Int[np.ndarray, "n 2"],
-    size: float,
-    local: LocalSettings,
-    with_color: bool,
+    views: Views, chosen: Rows, pixels: Pixels, size: float, local: LocalSettings, with_color: bool
 ) -> LocalPatches:
     order = np.argsort(chosen, kind="stable")
     bounds = np.flatnonzero(np.diff(chosen[order])) + 1
@@ -174,13 +155,13 @@ def _cut_by_view(
         cut_view_patches(views, int(chosen[rows[0]]), pixels[rows], size, local, with_color)
         for rows in np.split(order, bounds)
     ]
-    return take_patches(join_patches(parts), np.argsort(order, kind="stable"))
+    return take_patches(join(parts), np.argsort(order, kind="stable"))
 
 
 def cut_view_patches(
     views: Views,
     view: int,
-    pixels: Int[np.ndarray, "n 2"],
+    pixels: Pixels,
     size: float,
     local: LocalSettings,
     with_color: bool,

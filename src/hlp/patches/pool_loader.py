@@ -5,8 +5,9 @@ gradients. For losses that are means over samples, and batches that divide evenl
 gradient of the whole batch. It is not for a contrastive loss, whose negatives come from one part.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
+import numpy as np
 import pytorch_lightning as pl
 import torch
 from torch import Tensor, distributed
@@ -15,11 +16,38 @@ from torch.utils.data import DataLoader, Dataset, Sampler
 Batch = dict[str, Tensor]
 
 
+class PoolDataModule(pl.LightningDataModule):
+    """Batches of a pool of arrays of equal length, without the last, incomplete batch.
+
+    A pool smaller than a batch gives one batch of all rows.
+    """
+
+    def __init__(self, pool: dict[str, np.ndarray], batch_size: int, seed: int) -> None:
+        super().__init__()
+        self.pool = {name: torch.from_numpy(values) for name, values in pool.items()}
+        self.batch_size = batch_size
+        self.seed = seed
+
+    def train_dataloader(self) -> DataLoader[Batch]:
+        """Batches in an order that depends on seed and epoch only."""
+        rows = len(next(iter(self.pool.values())))
+        sampler = _EpochBatches(rows, self.batch_size, self.seed)
+        return DataLoader(_PoolDataset(self.pool), sampler=sampler, batch_size=None)
+
+    @property
+    def batch_number(self) -> int:
+        """Number of the current batch, unique across processes, as a seed of its random draws."""
+        trainer = self.trainer
+        if trainer is None:
+            return 0
+        return trainer.global_step * trainer.world_size + trainer.global_rank
+
+
 class _PoolDataset(Dataset[Batch]):
     """An item is a whole batch, gathered by its rows."""
 
-    def __init__(self, pool: Mapping[str, Tensor]) -> None:
-        self.pool = dict(pool)
+    def __init__(self, pool: Batch) -> None:
+        self.pool = pool
 
     def __getitem__(self, rows: Tensor) -> Batch:
         return {name: values[rows] for name, values in self.pool.items()}
@@ -40,30 +68,8 @@ class _EpochBatches(Sampler[Tensor]):
     def __iter__(self) -> Iterator[Tensor]:
         gen = torch.Generator().manual_seed(self.seed * 100_003 + self.epoch)
         order = torch.randperm(self.rows, generator=gen)
-        rank, processes = _rank_and_processes()
+        rank, processes = 0, 1
+        if distributed.is_available() and distributed.is_initialized():
+            rank, processes = distributed.get_rank(), distributed.get_world_size()
         for start in range(0, len(self) * self.batch_size, self.batch_size):
             yield order[start : start + self.batch_size][rank::processes]
-
-
-def _rank_and_processes() -> tuple[int, int]:
-    """This process's rank among those that train together, and their number."""
-    if distributed.is_available() and distributed.is_initialized():
-        return distributed.get_rank(), distributed.get_world_size()
-    return 0, 1
-
-
-def batch_number(trainer: pl.Trainer | None) -> int:
-    """Number of the current batch, unique across processes, as a seed of its random draws."""
-    if trainer is None:
-        return 0
-    return trainer.global_step * trainer.world_size + trainer.global_rank
-
-
-def pool_loader(pool: Mapping[str, Tensor], batch_size: int, seed: int) -> DataLoader[Batch]:
-    """Batches of a pool of tensors of equal length, without the last, incomplete batch.
-
-    A pool smaller than a batch gives one batch of all rows.
-    """
-    rows = len(next(iter(pool.values())))
-    sampler = _EpochBatches(rows, batch_size, seed)
-    return DataLoader(_PoolDataset(pool), sampler=sampler, batch_size=None)

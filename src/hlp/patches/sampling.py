@@ -1,21 +1,33 @@
 """Cutting of square patches from an image, resized to one resolution."""
 
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any, TypeVar, cast
+
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int, Num, UInt8
+from jaxtyping import Float, Num
 
-from hlp.compiled import compiled
+from hlp.arrays import Mask, Positions, Rgb, Rows, Values
 
 # Bilinear sampling reads 2 x 2 pixels: patches that shrink by more than this would alias, and are
 # cut from an image halved by area averaging.
 MAX_SHRINK = 1.5
+Record = TypeVar("Record")
 _ROWS_PER_REMAP = 16384  # cv2.remap is limited to 32767 rows
+
+
+def join(parts: Sequence[Record]) -> Record:
+    """One record of arrays with the rows of several."""
+    names = [field.name for field in fields(cast(Any, parts[0]))]
+    arrays = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
+    return type(parts[0])(*arrays)
 
 
 def sample_squares(
     image: Num[np.ndarray, "h w *c"],
-    centers: Float[np.ndarray, "n 2"],
-    sides: Float[np.ndarray, "n"],
+    centers: Positions,
+    sides: Values,
     resolution: int,
     nearest: bool = False,
     border: float = 0.0,
@@ -39,9 +51,7 @@ def sample_squares(
     return out
 
 
-def halvings(
-    sides: Float[np.ndarray, "n"], resolution: int, shape: tuple[int, int]
-) -> Int[np.ndarray, "n"]:
+def halvings(sides: Values, resolution: int, shape: tuple[int, int]) -> Rows:
     """How often an image is halved before squares of `sides` pixels are cut from it."""
     shrink = np.maximum(np.asarray(sides, dtype=np.float64) / resolution / MAX_SHRINK, 1.0)
     levels = np.ceil(np.log2(shrink)).astype(int)
@@ -60,83 +70,20 @@ def area_shrink(image: Num[np.ndarray, "h w *c"], factor: int) -> Num[np.ndarray
     return np.asarray(cv2.resize(even, size, interpolation=cv2.INTER_AREA))
 
 
-def bleed_color(
-    rgb: UInt8[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]
-) -> UInt8[np.ndarray, "h w 3"]:
+def bleed_color(rgb: Rgb, mask: Mask) -> Rgb:
     """Continue a view's colours two pixels beyond its silhouette.
 
     Bilinear sampling at the silhouette would otherwise mix in the black outside of it, and networks
     would learn that objects have dark outlines.
     """
-    out = np.array(rgb)
-    _continue_colors(out, mask)
-    return out
-
-
-@compiled()
-def _continue_colors(rgb: UInt8[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> None:
-    """Set the pixels outside `mask` to the mean of the masked pixels of 5 × 5 about them, or 0."""
-    height, width = mask.shape
-    share = 1.0 / 25.0
-    # Sums over 5 rows of number and colours, with two more columns on both sides: an image is
-    # continued by its mirror image about the outermost pixels.
-    sums = np.zeros((width + 4, 4), dtype=np.int32)
-    bled = np.zeros_like(rgb)
-    for y in range(height):
-        _sum_rows(rgb, mask, y, sums)
-        for x in range(width):
-            known = np.int32(0)
-            for column in range(x, x + 5):
-                known += sums[column, 0]
-            if known == 0 or mask[y, x]:
-                continue
-            weight = np.float32(known * share)
-            for channel in range(3):
-                total = np.int32(0)
-                for column in range(x, x + 5):
-                    total += sums[column, channel + 1]
-                mean = np.float32(total * share) / weight
-                bled[y, x, channel] = np.uint8(min(mean, np.float32(255.0)))
-    for y in range(height):
-        for x in range(width):
-            if not mask[y, x]:
-                rgb[y, x] = bled[y, x]
-
-
-@compiled()
-def _sum_rows(
-    rgb: UInt8[np.ndarray, "h w 3"],
-    mask: Bool[np.ndarray, "h w"],
-    y: int,
-    sums: Int[np.ndarray, "w+4 4"],
-) -> None:
-    height, width = mask.shape
-    sums[:] = 0
-    for step in range(-2, 3):
-        row = _mirrored(y + step, height)
-        for x in range(width):
-            if mask[row, x]:
-                sums[x + 2, 0] += 1
-                for channel in range(3):
-                    sums[x + 2, channel + 1] += rgb[row, x, channel]
-    for outside in (-2, -1, width, width + 1):
-        inside = _mirrored(outside, width)
-        for column in range(4):
-            sums[outside + 2, column] = sums[inside + 2, column]
-
-
-@compiled()
-def _mirrored(index: int, length: int) -> int:
-    """The index inside 0 … length - 1, mirrored about the first and last element."""
-    if length == 1:
-        return 0
-    last = length - 1
-    inside = abs(index) % (2 * last)
-    return min(inside, 2 * last - inside)
+    share = cv2.boxFilter(mask.astype(np.float32), -1, (5, 5))
+    total = cv2.boxFilter((rgb * mask[..., None]).astype(np.float32), -1, (5, 5))
+    mean = np.minimum(total / np.maximum(share, 1e-6)[..., None], 255.0)
+    return np.where(mask[..., None], rgb, mean.astype(np.uint8))
 
 
 def _sample_positions(
-    centers: Float[np.ndarray, "n 2"], sides: Float[np.ndarray, "n"], resolution: int, factor: int
+    centers: Positions, sides: Values, resolution: int, factor: int
 ) -> tuple[Float[np.ndarray, "n p"], Float[np.ndarray, "n p"]]:
     steps = (np.arange(resolution) + 0.5) / resolution - 0.5
     offsets = np.asarray(sides)[:, None] * steps

@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Gt
-from jaxtyping import Bool, Float, Int
+from annotated_types import Ge
 
+from hlp.arrays import CameraMatrix, Flags, Point, Points, Positions, Rows, Values
 from hlp.geometry import back_project
 from hlp.patches.holistic import Windows, union_of_squares
 from hlp.records import Region
-from hlp.settings import Doc, Settings
+from hlp.settings import Count, Doc, NotNegative, Positive, Settings
 
 _PLANES = 3  # a table, the floor, a wall
 _MAX_DISTANCE = 0.010  # m from a plane, within the noise of a depth camera
@@ -39,7 +39,7 @@ class SizeGroup:
 class Plane:
     """A plane of the scene: the windows whose centres lie on it, and the area they cover (m²)."""
 
-    windows: Bool[np.ndarray, "n"]
+    windows: Flags
     area: float
 
 
@@ -55,18 +55,16 @@ def group_sizes(
     waiting = sorted(objects, key=lambda object_id: objects[object_id])
     while waiting:
         smallest = objects[waiting[0]][0]
-        members = [each for each in waiting if objects[each][0] <= smallest * max_ratio]
+        members = [i for i in waiting if objects[i][0] <= smallest * max_ratio]
         largest = objects[members[-1]][0]
         shared = smallest if largest == smallest else float(np.sqrt(smallest * largest))
-        diameter = max(objects[each][1] for each in members)
+        diameter = max(objects[i][1] for i in members)
         groups |= dict.fromkeys(members, SizeGroup(shared, diameter))
         waiting = waiting[len(members) :]
     return groups
 
 
-def find_planes(
-    windows: Windows, camera_matrix: Float[np.ndarray, "3 3"], step: int
-) -> list[Plane]:
+def find_planes(windows: Windows, camera_matrix: CameraMatrix, step: int) -> list[Plane]:
     """Up to three planes with the most window centres; windows are `step` px apart."""
     points = back_project(windows.centers, windows.depths, camera_matrix)
     rays = points / np.linalg.norm(points, axis=1, keepdims=True)
@@ -87,7 +85,7 @@ def find_planes(
     return planes
 
 
-def off_planes(planes: Sequence[Plane], count: int, diameter: float) -> Bool[np.ndarray, "n"]:
+def off_planes(planes: Sequence[Plane], count: int, diameter: float) -> Flags:
     """Which of `count` windows lie on no plane larger than the squared `diameter` (m).
 
     No face of the object can be that large, so the plane must be a support such as a table. Windows
@@ -101,14 +99,12 @@ def off_planes(planes: Sequence[Plane], count: int, diameter: float) -> Bool[np.
     return off
 
 
-def checkerboard(centers: Float[np.ndarray, "n 2"], step: int) -> Bool[np.ndarray, "n"]:
+def checkerboard(centers: Positions, step: int) -> Flags:
     """Half of a grid of windows `step` px apart, chosen like the dark squares of a checkerboard."""
     return np.asarray((centers // step).sum(axis=1) % 2 == 0)
 
 
-def _neighbour_share(
-    centers: Float[np.ndarray, "n 2"], chosen: Bool[np.ndarray, "n"], step: int
-) -> Float[np.ndarray, "n"]:
+def _neighbour_share(centers: Positions, chosen: Flags, step: int) -> Values:
     """Share of chosen windows among the (at most eight) neighbours of each window."""
     x, y = (centers // step).astype(int).T + 1
     grid = np.zeros((2, y.max() + 2, x.max() + 2))
@@ -118,9 +114,7 @@ def _neighbour_share(
     return np.asarray(found / np.maximum(there, 1))
 
 
-def _largest_plane(
-    points: Float[np.ndarray, "n 3"],
-) -> tuple[Float[np.ndarray, "3"], float]:
+def _largest_plane(points: Points) -> tuple[Point, float]:
     """Unit normal n and offset d (m) of the plane n·p = d with most points near it (RANSAC)."""
     corners = points[np.random.default_rng(0).integers(0, len(points), (_TRIES, 3))]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -148,8 +142,7 @@ class CloserSettings(Settings):
     """How much of a region is searched first, and what if that gave no right pose."""
 
     first_area: Annotated[
-        float,
-        Ge(0),
+        NotNegative,
         Doc(
             "of a larger region only the likeliest windows' squares are searched first, up to this "
             "area in squared diameters of the object, for each instance that may be there where "
@@ -162,18 +155,14 @@ class CloserSettings(Settings):
         Ge(0),
         Doc("most likely places that are searched if no pose is probably right (D); 0: none (P)"),
     ] = 12
-    together: Annotated[int, Ge(1), Doc("places that are searched at once (D)")] = 3
+    together: Annotated[Count, Doc("places that are searched at once (D)")] = 3
     side: Annotated[
-        float, Gt(0), Doc("side, in diameters, of the square around a place that is searched (D)")
+        Positive, Doc("side, in diameters, of the square around a place that is searched (D)")
     ] = 1.2
 
 
 def first_region(
-    region: Region,
-    radii: Float[np.ndarray, "n"],
-    square_side: float,
-    settings: CloserSettings,
-    instances: int = 1,
+    region: Region, radii: Values, square_side: float, settings: CloserSettings, instances: int = 1
 ) -> Region:
     """The likeliest part of a region that is larger than `first_area` for each of the `instances`.
 
@@ -206,9 +195,7 @@ def first_region(
     return replace(region, mask=mask & region.mask)
 
 
-def likely_regions(
-    region: Region, radii: Float[np.ndarray, "n"], settings: CloserSettings
-) -> Iterator[Region]:
+def likely_regions(region: Region, radii: Values, settings: CloserSettings) -> Iterator[Region]:
     """Regions of a few places each, the likeliest places first.
 
     `radii` are half the object's diameter in pixels, at the depth of each of the region's windows.
@@ -221,7 +208,7 @@ def likely_regions(
         yield replace(region, mask=mask)
 
 
-def likely_places(region: Region, radii: Float[np.ndarray, "n"], most: int) -> Int[np.ndarray, "m"]:
+def likely_places(region: Region, radii: Values, most: int) -> Rows:
     """The region's windows with the highest p(object), none within the radius of a likelier one."""
     left = region.probabilities.astype(np.float64)
     rows: list[int] = []

@@ -5,8 +5,9 @@ that a window needs is resampled once and stays in the processor's cache.
 """
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, UInt8, UInt64
+from jaxtyping import Float32, UInt8, UInt64
 
+from hlp.arrays import Image, Points, Rgb, Rows
 from hlp.compiled import compiled
 from hlp.patches.holistic import HolisticSettings, Windows
 from hlp.patches.sampling import area_shrink, halvings
@@ -27,11 +28,7 @@ class WindowImages:
     """
 
     def __init__(
-        self,
-        rgb: UInt8[np.ndarray, "h w 3"],
-        depth: Float[np.ndarray, "h w"],
-        settings: HolisticSettings,
-        team: ThreadTeam,
+        self, rgb: Rgb, depth: Image, settings: HolisticSettings, team: ThreadTeam
     ) -> None:
         self._rgb = rgb
         self._depth = np.ascontiguousarray(depth, dtype=np.float32)
@@ -64,7 +61,7 @@ class WindowImages:
         return self._padded[level]
 
 
-def _pad(image: UInt8[np.ndarray, "h w 3"]) -> Float32[np.ndarray, "h2 w2 4"]:
+def _pad(image: Rgb) -> Float32[np.ndarray, "h2 w2 4"]:
     height, width = image.shape[:2]
     out = np.zeros((height + 2 * _PAD + 1, width + 2 * _PAD + 1, _LANES), dtype=np.float32)
     out[_PAD : _PAD + height, _PAD : _PAD + width, :3] = image
@@ -74,8 +71,8 @@ def _pad(image: UInt8[np.ndarray, "h w 3"]) -> Float32[np.ndarray, "h2 w2 4"]:
 @compiled()
 def _cut_color(
     image: Float32[np.ndarray, "h2 w2 4"],
-    places: Float[np.ndarray, "n 3"],
-    rows: Int[np.ndarray, "m"],
+    places: Points,
+    rows: Rows,
     factor: int,
     out: UInt8[np.ndarray, "n p p 4"],
 ) -> None:
@@ -105,8 +102,8 @@ def _cut_color(
 
 @compiled()
 def _cut_depth(
-    depth: Float32[np.ndarray, "h w"],
-    places: Float[np.ndarray, "n 3"],
+    depth: Image,
+    places: Points,
     centers: Float32[np.ndarray, "n"],
     metric_size: np.float32,
     first: int,

@@ -10,12 +10,13 @@ from typing import Annotated
 
 import cv2
 import numpy as np
-from annotated_types import Ge, Gt, Le, Unit
-from jaxtyping import Bool, Float, Float32, Int
+from annotated_types import Ge, Le, Unit
+from jaxtyping import Float, Float32, Int
 
+from hlp.arrays import CameraMatrix, Image, Mask, Points, Pose, Poses, Rows, Values
 from hlp.geometry import project, transform
 from hlp.records import Mesh
-from hlp.refinement.cost_kernel import depth_edges, sum_costs, weigh
+from hlp.refinement.cost_kernel import Limits, RegionImages, depth_edges, sum_costs, weigh
 from hlp.rendering.rasterizer import NEAR
 from hlp.rendering.zbuffer import (
     add_frame,
@@ -24,7 +25,7 @@ from hlp.rendering.zbuffer import (
     prepare_mesh,
     project_vertices,
 )
-from hlp.settings import Doc, Settings
+from hlp.settings import Doc, NotNegative, Positive, Settings
 
 EdgeDistance = Float32[np.ndarray, "4 h w"]
 """Distance (px) to edges of each direction: see `verification.Observation`."""
@@ -37,33 +38,27 @@ class CostSettings(Settings):
     Chosen on perturbed true poses of seven LINEMOD objects in clutter.
     """
 
-    weight_depth: Annotated[float, Ge(0), Doc("weight w_d of depth (P)")] = 0.8
-    weight_edge: Annotated[float, Ge(0), Doc("weight w_e of edges (P)")] = 0.2
+    weight_depth: Annotated[NotNegative, Doc("weight w_d of depth (P)")] = 0.8
+    weight_edge: Annotated[NotNegative, Doc("weight w_e of edges (P)")] = 0.2
     weight_image_edge: Annotated[
-        float, Ge(0), Doc("weight w_e of an object whose edges the colour image shows too (D)")
+        NotNegative, Doc("weight w_e of an object whose edges the colour image shows too (D)")
     ] = 0.5
     tau_depth_mm: Annotated[
-        float,
-        Gt(0),
-        Doc("limit of depth differences; larger widens the basin, smaller is precise (D)"),
+        Positive, Doc("limit of depth differences; larger widens the basin, smaller is precise (D)")
     ] = 30.0
-    tau_edge_mm: Annotated[float, Gt(0), Doc("limit of the distances of edgelets (D)")] = 15.0
-    edge_step_mm: Annotated[float, Gt(0), Doc("smallest jump in depth that is an edge (D)")] = 15.0
+    tau_edge_mm: Annotated[Positive, Doc("limit of the distances of edgelets (D)")] = 15.0
+    edge_step_mm: Annotated[Positive, Doc("smallest jump in depth that is an edge (D)")] = 15.0
     missing_cost: Annotated[
-        float, Ge(0), Doc("cost of a rendered pixel where no depth was observed (D)")
+        NotNegative, Doc("cost of a rendered pixel where no depth was observed (D)")
     ] = 0.5
     occluder_cost: Annotated[
-        float,
-        Ge(0),
-        Doc("largest cost of an occluded pixel; 0 would favour hidden poses (D; P: 1)"),
+        NotNegative, Doc("largest cost of an occluded pixel; 0 would favour hidden poses (D; P: 1)")
     ] = 0.5
     uncovered_cost: Annotated[
-        float,
-        Ge(0),
-        Doc("cost of a pixel that only the coarse pose explains; 0: off (D; P: 0)"),
+        NotNegative, Doc("cost of a pixel that only the coarse pose explains; 0: off (D; P: 0)")
     ] = 1.0
     reference_mm: Annotated[
-        float, Ge(0), Doc("the coarse pose explains pixels whose depth differs by at most this (D)")
+        NotNegative, Doc("the coarse pose explains pixels whose depth differs by at most this (D)")
     ] = 30.0
     roi_size: Annotated[
         int,
@@ -72,7 +67,7 @@ class CostSettings(Settings):
         Unit("px"),
         Doc("long side of the compared region, which is never enlarged (D)"),
     ] = 48
-    roi_margin_mm: Annotated[float, Ge(0), Doc("margin around the coarse pose (D)")] = 30.0
+    roi_margin_mm: Annotated[NotNegative, Doc("margin around the coarse pose (D)")] = 30.0
 
 
 class DepthCost:
@@ -91,14 +86,13 @@ class DepthCost:
     def __init__(
         self,
         mesh: Mesh,
-        depth: Float[np.ndarray, "h w"],
-        camera_matrix: Float[np.ndarray, "3 3"],
-        pose_cam_obj: Float[np.ndarray, "4 4"],
+        depth: Image,
+        camera_matrix: CameraMatrix,
+        pose_cam_obj: Pose,
         settings: CostSettings,
         edge_distance: EdgeDistance | None = None,
     ) -> None:
-        self._settings = settings
-        self._vertices, self._faces, self._closed = prepare_mesh(mesh)
+        self._mesh = prepare_mesh(mesh)
         points = transform(pose_cam_obj, mesh.vertices)
         z = max(float(points[:, 2].mean()), NEAR)
         margin = settings.roi_margin_mm / 1000.0 * camera_matrix[0, 0] / z
@@ -108,82 +102,58 @@ class DepthCost:
         observed = depth[rows[:, None], columns]
         observed = np.where(np.isfinite(observed) & (observed > 0.0), observed, 0.0)
         self.observed = np.ascontiguousarray(observed, dtype=np.float64)
-        self._observed = add_frame(self.observed)
-        self._directed = edge_distance is not None
         if edge_distance is None:
-            self._edge_costs = add_frame(self._depth_edge_costs(z))[None]
+            distances = edge_distances(self.observed, settings.edge_step_mm / 1000.0)[None]
+            focal = self.camera_matrix[0, 0]
         else:
-            tau_pixels = settings.tau_edge_mm / 1000.0 * camera_matrix[0, 0] / z
-            costs = np.minimum(edge_distance[:, rows[:, None], columns] / tau_pixels, 1.0)
-            self._edge_costs = np.stack([add_frame(each) for each in costs])
-        self._reference = np.zeros_like(self._observed)
+            distances, focal = edge_distance[:, rows[:, None], columns], camera_matrix[0, 0]
+        tau_pixels = settings.tau_edge_mm / 1000.0 * focal / z
+        edge_costs = [add_frame(image) for image in np.minimum(distances / tau_pixels, 1.0)]
+        agreeing = np.zeros(self.observed.shape, dtype=np.bool_)
         if settings.uncovered_cost > 0.0:
             agreeing = self._agreeing(pose_cam_obj, settings.reference_mm / 1000.0)
-            self._reference = add_frame(agreeing)
-        self._agreed = float(np.count_nonzero(self._reference))
-
-    def evaluate(self, poses_cam_obj: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n"]:
-        """Cost in [0, 1] of each pose, lower is better."""
-        settings = self._settings
-        return weigh(
-            self.terms(poses_cam_obj),
-            self._agreed,
-            settings.weight_depth,
-            settings.weight_image_edge if self._directed else settings.weight_edge,
-            settings.uncovered_cost,
+        self._images = RegionImages(
+            add_frame(self.observed), np.stack(edge_costs), add_frame(agreeing)
         )
+        in_metres = settings.tau_depth_mm / 1000.0, settings.edge_step_mm / 1000.0
+        costs = settings.missing_cost, settings.occluder_cost
+        self._limits = Limits(*map(np.float32, (*in_metres, *costs)))
+        agreed, weight_edge = float(np.count_nonzero(agreeing)), settings.weight_edge
+        if edge_distance is not None:
+            weight_edge = settings.weight_image_edge
+        self._weights = agreed, settings.weight_depth, weight_edge, settings.uncovered_cost
 
-    def terms(self, poses_cam_obj: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 6"]:
+    def evaluate(self, poses_cam_obj: Poses) -> Values:
+        """Cost in [0, 1] of each pose, lower is better."""
+        return weigh(self.terms(poses_cam_obj), *self._weights)
+
+    def terms(self, poses_cam_obj: Poses) -> Float[np.ndarray, "n 6"]:
         """Sums from which the cost of each pose is computed.
 
         Depth costs, rendered pixels, rendered pixels with observed depth, edge costs, edgelets, and
         covered pixels among those where the coarse pose agreed with the observed depth.
         """
-        settings = self._settings
-        sums = np.empty((len(poses_cam_obj), 6))
-        sum_costs(
-            np.asarray(poses_cam_obj, dtype=np.float64),
-            self._vertices,
-            self._faces,
-            self._closed,
-            self.camera_matrix,
-            self._observed,
-            self._edge_costs,
-            self._reference,
-            np.float32(settings.tau_depth_mm / 1000.0),
-            np.float32(settings.edge_step_mm / 1000.0),
-            np.float32(settings.missing_cost),
-            np.float32(settings.occluder_cost),
-            sums,
-        )
-        return sums
+        poses = np.asarray(poses_cam_obj, dtype=np.float64)
+        return sum_costs(poses, self._mesh, self.camera_matrix, self._images, self._limits)
 
-    def render(self, pose_cam_obj: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "h w"]:
+    def render(self, pose_cam_obj: Pose) -> Image:
         """Depth of the mesh in the ROI (m, 0 = nothing)."""
         height, width = self.observed.shape
         buffer = framed_buffer(height, width)
-        corners = np.empty(self._vertices.shape, dtype=np.float32)
+        corners = np.empty(self._mesh.vertices.shape, dtype=np.float32)
         pose = np.asarray(pose_cam_obj, dtype=np.float64)
-        project_vertices(pose, self._vertices, self.camera_matrix, corners)
-        draw_triangles(corners, self._faces, self._closed, buffer, None)
+        project_vertices(pose, self._mesh.vertices, self.camera_matrix, corners)
+        draw_triangles(corners, self._mesh, buffer, None)
         inverse = buffer[1 : height + 1, 1 : width + 1].astype(np.float64)
         return np.where(inverse > 0.0, 1.0 / np.where(inverse > 0.0, inverse, 1.0), 0.0)
 
-    def _depth_edge_costs(self, z: float) -> Float[np.ndarray, "h w"]:
-        """Distance to O's closest edgelet in units of τ_e at depth z (m), at most 1."""
-        tau_pixels = self._settings.tau_edge_mm / 1000.0 * self.camera_matrix[0, 0] / z
-        step = self._settings.edge_step_mm / 1000.0
-        return np.asarray(np.minimum(edge_distances(self.observed, step) / tau_pixels, 1.0))
-
-    def _agreeing(
-        self, pose_cam_obj: Float[np.ndarray, "4 4"], tolerance: float
-    ) -> Bool[np.ndarray, "h w"]:
+    def _agreeing(self, pose_cam_obj: Pose, tolerance: float) -> Mask:
         rendered = self.render(pose_cam_obj)
         both = (rendered > 0.0) & (self.observed > 0.0)
         return np.asarray(both & (np.abs(rendered - self.observed) <= tolerance))
 
 
-def edge_distances(depth: Float[np.ndarray, "h w"], step: float) -> Float[np.ndarray, "h w"]:
+def edge_distances(depth: Image, step: float) -> Image:
     """Distance (px) of each pixel to the closest edgelet; infinite if there is none."""
     edges = depth_edges(depth, step)
     if not edges.any():
@@ -195,11 +165,11 @@ def edge_distances(depth: Float[np.ndarray, "h w"], step: float) -> Float[np.nda
 
 def _region(
     shape: tuple[int, int],
-    camera_matrix: Float[np.ndarray, "3 3"],
-    points_cam: Float[np.ndarray, "v 3"],
+    camera_matrix: CameraMatrix,
+    points_cam: Points,
     size: int,
     margin: float,
-) -> tuple[Int[np.ndarray, "r"], Int[np.ndarray, "c"], Float[np.ndarray, "3 3"]]:
+) -> tuple[Rows, Int[np.ndarray, "c"], Float[np.ndarray, "3 3"]]:
     """Rows and columns around projected points, at most `size` each, and their camera.
 
     `margin` (px) is added on each side. Sampling takes the nearest pixel and never enlarges:

@@ -5,12 +5,16 @@ that a pose covers are cleared and read. The loops are written so that the compi
 into vector instructions.
 """
 
-import numpy as np
-from jaxtyping import Bool, Float, Float32, Int
+from typing import NamedTuple
 
+import numpy as np
+from jaxtyping import Float, Float32
+
+from hlp.arrays import CameraMatrix, Image, Mask, Poses, Values
 from hlp.compiled import compiled
 from hlp.rendering.zbuffer import (
     VECTOR_WIDTH,
+    KernelMesh,
     draw_triangles,
     edge_direction,
     framed_buffer,
@@ -20,10 +24,31 @@ from hlp.rendering.zbuffer import (
 WORST = 1.0
 """Cost of a pose outside the image or without any observed depth where it is rendered."""
 _ONE, _ZERO, _INFINITE = np.float32(1.0), np.float32(0.0), np.float32(np.inf)
+_Framed = Float32[np.ndarray, "h+2 w+5"]
+
+
+class RegionImages(NamedTuple):
+    """What poses are compared with, in the frame of `zbuffer.framed_buffer`.
+
+    `edge_costs` is one image, or one for each of the verification's directions of an edge.
+    """
+
+    observed: _Framed
+    edge_costs: Float32[np.ndarray, "d h+2 w+5"]
+    reference: _Framed
+
+
+class Limits(NamedTuple):
+    """τ_d and the step of depth at an edge (m), and what pixels without or behind depth cost."""
+
+    tau: np.float32
+    step: np.float32
+    missing_cost: np.float32
+    occluder_cost: np.float32
 
 
 @compiled()
-def depth_edges(depth: Float[np.ndarray, "h w"], step: float) -> Bool[np.ndarray, "h w"]:
+def depth_edges(depth: Image, step: float) -> Mask:
     """Edgelets: pixels with a 4-neighbour that is farther by more than `step` (m) or has no depth.
 
     Only the near side of a discontinuity is marked, because it belongs to the object. The border of
@@ -55,7 +80,7 @@ def weigh(
     weight_depth: float,
     weight_edge: float,
     uncovered_cost: float,
-) -> Float[np.ndarray, "n"]:
+) -> Values:
     """Cost of each pose (paper, Eq. 2; see DepthCost) from its terms (see DepthCost.terms).
 
     `agreed` is the number of pixels where the coarse pose agreed with the observed depth.
@@ -74,91 +99,72 @@ def weigh(
 
 @compiled()
 def sum_costs(
-    poses: Float[np.ndarray, "n 4 4"],
-    vertices: Float[np.ndarray, "3 v"],
-    faces: Int[np.ndarray, "f 3"],
-    closed: bool,
-    camera: Float[np.ndarray, "3 3"],
-    observed: Float32[np.ndarray, "h+2 w+5"],
-    edge_costs: Float32[np.ndarray, "d h+2 w+5"],
-    reference: Float32[np.ndarray, "h+2 w+5"],
-    tau: np.float32,
-    step: np.float32,
-    missing_cost: np.float32,
-    occluder_cost: np.float32,
-    sums: Float[np.ndarray, "n 6"],
-) -> None:
-    """Draw the mesh in each pose and fill `sums` with its terms (see DepthCost.terms).
-
-    The images have the frame of `zbuffer.framed_buffer`, so that their pixels align with it.
-    `edge_costs` is one image, or one for each of the verification's directions of an edge.
-    """
+    poses: Poses, mesh: KernelMesh, camera: CameraMatrix, images: RegionImages, limits: Limits
+) -> Float[np.ndarray, "n 6"]:
+    """Draw the mesh in each pose and sum its terms (see DepthCost.terms)."""
+    observed, edge_costs = images.observed, images.edge_costs
     height, width = observed.shape[0] - 2, observed.shape[1] - 1 - VECTOR_WIDTH
     inverse = framed_buffer(height, width)
+    stride = inverse.shape[1]
     edge_cost = edge_costs[0].reshape(-1)
-    rows = inverse.reshape(-1), observed.reshape(-1), edge_cost, reference.reshape(-1)
-    corners = np.empty((3, vertices.shape[1]), dtype=np.float32)
-    for n in range(poses.shape[0]):
-        project_vertices(poses[n], vertices, camera, corners)
+    rows = inverse.reshape(-1), observed.reshape(-1), edge_cost, images.reference.reshape(-1)
+    corners = np.empty(mesh.vertices.shape, dtype=np.float32)
+    sums = np.zeros((len(poses), 6))
+    for n in range(len(poses)):
+        project_vertices(poses[n], mesh.vertices, camera, corners)
         top, bottom = _extent(corners[1], height)
-        sums[n] = 0.0
         if top > bottom:
             continue
         for y in range(max(top - 1, 0), min(bottom + 1, height - 1) + 1):
             inverse[y + 1, 1 : width + 1] = _ZERO
-        draw_triangles(corners, faces, closed, inverse, None)
-        stride = inverse.shape[1]
-        _sum_rows(
-            rows,
-            (top + 1) * stride,
-            (bottom + 2) * stride,
-            stride,
-            tau,
-            step,
-            missing_cost,
-            occluder_cost,
-            sums[n],
-        )
+        draw_triangles(corners, mesh, inverse, None)
+        _sum_rows(rows, (top + 1) * stride, (bottom + 2) * stride, stride, limits, sums[n])
         if len(edge_costs) > 1:
-            sums[n, 3] = _directed_edge_sum(
-                inverse, observed, edge_costs, top, bottom, tau, step, occluder_cost
+            covered = slice(top, bottom + 3)  # with the rows above and below
+            sums[n, 3] = _sum_directed_edges(
+                inverse[covered], observed[covered], edge_costs[:, covered], limits
             )
+    return sums
 
 
 @compiled(error_model="numpy")
-def _directed_edge_sum(
-    inverse: Float32[np.ndarray, "h+2 w+5"],
-    observed: Float32[np.ndarray, "h+2 w+5"],
+def _sum_directed_edges(
+    inverse: _Framed,
+    observed: _Framed,
     edge_costs: Float32[np.ndarray, "4 h+2 w+5"],
-    top: int,
-    bottom: int,
-    tau: np.float32,
-    step: np.float32,
-    occluder_cost: np.float32,
+    limits: Limits,
 ) -> np.float32:
     """The edge term of `_sum_rows`, where each edgelet's cost is that of its own direction."""
     total = _ZERO
-    for y in range(top + 1, bottom + 2):
+    for y in range(1, inverse.shape[0] - 1):
+        above, here, below = inverse[y - 1], inverse[y], inverse[y + 1]
         for x in range(1, inverse.shape[1] - VECTOR_WIDTH):
-            here = inverse[y, x]
-            if here <= _ZERO or here == _INFINITE:
+            if here[x] <= _ZERO or here[x] == _INFINITE:
                 continue
-            beside = min(inverse[y, x - 1], inverse[y, x + 1])
-            farthest = min(beside, min(inverse[y - 1, x], inverse[y + 1, x]))
-            rendered = _ONE / here
-            if not farthest < _ONE / (rendered + step):
+            rendered = _ONE / here[x]
+            if not _is_edgelet(rendered, here[x - 1], here[x + 1], above[x], below[x], limits.step):
                 continue
-            if observed[y, x] > _ZERO and rendered - observed[y, x] > tau:
-                total += occluder_cost
+            if observed[y, x] > _ZERO and rendered - observed[y, x] > limits.tau:
+                total += limits.occluder_cost
             else:
-                near = x - 1, x + 2
-                direction = edge_direction(
-                    inverse[y - 1, near[0] : near[1]],
-                    inverse[y, near[0] : near[1]],
-                    inverse[y + 1, near[0] : near[1]],
-                )
+                first, stop = x - 1, x + 2
+                direction = edge_direction(above[first:stop], here[first:stop], below[first:stop])
                 total += edge_costs[direction, y, x]
     return total
+
+
+@compiled(inline="always")
+def _is_edgelet(
+    rendered: np.float32,
+    left: np.float32,
+    right: np.float32,
+    above: np.float32,
+    below: np.float32,
+    step: np.float32,
+) -> bool:
+    """Whether a 4-neighbour, by its inverse depth, is empty or farther by more than the step."""
+    farthest: np.float32 = min(min(left, right), min(above, below))
+    return farthest < _ONE / (rendered + step)  # type: ignore[return-value]
 
 
 @compiled(fastmath={"nnan", "nsz", "reassoc"})
@@ -179,10 +185,7 @@ def _sum_rows(
     start: int,
     stop: int,
     stride: int,
-    tau: np.float32,
-    step: np.float32,
-    missing_cost: np.float32,
-    occluder_cost: np.float32,
+    limits: Limits,
     sums: Float[np.ndarray, "6"],
 ) -> None:
     """Add the terms of the pixels `start` to `stop`, which are whole rows including their frame.
@@ -194,6 +197,7 @@ def _sum_rows(
     reference, inverse = reference[start:stop], whole[start:stop]
     before, after = whole[start - 1 : stop - 1], whole[start + 1 : stop + 1]
     above, below = whole[start - stride : stop - stride], whole[start + stride : stop + stride]
+    tau, step, missing_cost, occluder_cost = limits
     depth_sum, edge_sum, pixels, seen, edges, covered = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
     per_tau = _ONE / tau
     for x in range(observed.shape[0]):
@@ -207,9 +211,7 @@ def _sum_rows(
         pixels += _ONE if drawn else _ZERO
         seen += _ONE if drawn & has_depth else _ZERO
         covered += reference[x] if drawn else _ZERO
-        # An edgelet: a 4-neighbour is empty or farther by more than the step.
-        farthest = min(min(before[x], after[x]), min(above[x], below[x]))
-        edge = drawn & (farthest < _ONE / (rendered + step))
+        edge = drawn & _is_edgelet(rendered, before[x], after[x], above[x], below[x], step)
         occluded = has_depth & (behind > tau)
         edges += _ONE if edge else _ZERO
         edge_sum += (occluder_cost if occluded else edge_cost[x]) if edge else _ZERO

@@ -8,15 +8,16 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Interval, Le
+from annotated_types import Ge, Le
 from jaxtyping import Float
 
+from hlp.arrays import CameraMatrix, Image, Points, Pose
 from hlp.geometry import back_project, rigid, transform
 from hlp.records import MILLIMETRES_PER_METRE, Hypotheses, ObjectModel, Refinement
 from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.refiner import REFINERS, Refiner, checked_poses, cost_around
 from hlp.refinement.verification import Observation, VerificationSettings
-from hlp.settings import Doc, Settings
+from hlp.settings import Count, Doc, NotNegative, Positive, Settings, Share
 
 
 @REFINERS.register
@@ -28,19 +29,15 @@ class IcpSettings(Settings):
     cost: CostSettings = field(default_factory=CostSettings)
     verification: VerificationSettings = field(default_factory=VerificationSettings)
     iterations: Annotated[int, Ge(1), Le(10_000), Doc("largest number of iterations (D)")] = 20
-    points: Annotated[
-        int, Ge(1), Doc("approximate number of points on the rendered surface (D)")
-    ] = 500
+    points: Annotated[Count, Doc("approximate number of points on the rendered surface (D)")] = 500
     max_correspondence_mm: Annotated[
-        float, Gt(0), Doc("pairs farther apart are ignored in the first iteration … (D)")
+        Positive, Doc("pairs farther apart are ignored in the first iteration … (D)")
     ] = 40.0
-    final_max_correspondence_mm: Annotated[float, Gt(0), Doc("… and in the last (D)")] = 10.0
+    final_max_correspondence_mm: Annotated[Positive, Doc("… and in the last (D)")] = 10.0
     trim: Annotated[
-        float,
-        Interval(ge=0, le=1),
-        Doc("fraction of the pairs, the closest, that is used; this excludes occluders (D)"),
+        Share, Doc("fraction of the pairs, the closest, that is used; this excludes occluders (D)")
     ] = 0.8
-    converged_mm: Annotated[float, Ge(0), Doc("stop when no point moves farther (D)")] = 0.05
+    converged_mm: Annotated[NotNegative, Doc("stop when no point moves farther (D)")] = 0.05
 
     def build(self, threads: int) -> "IcpRefiner":
         """The refiner; it uses one thread."""
@@ -70,9 +67,7 @@ class IcpRefiner(Refiner):
         return refined
 
 
-def align(
-    cost: DepthCost, pose_cam_obj: Float[np.ndarray, "4 4"], settings: IcpSettings
-) -> tuple[Float[np.ndarray, "4 4"], int]:
+def align(cost: DepthCost, pose_cam_obj: Pose, settings: IcpSettings) -> tuple[Pose, int]:
     """Aligned pose and the number of steps taken; the given pose if nothing can be matched.
 
     Correspondences farther apart than a limit are ignored. The limit shrinks geometrically from
@@ -106,9 +101,7 @@ def align(
     return pose, iteration + 1
 
 
-def _surface(
-    cost: DepthCost, pose_cam_obj: Float[np.ndarray, "4 4"], count: int
-) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+def _surface(cost: DepthCost, pose_cam_obj: Pose, count: int) -> tuple[Points, Points]:
     """About `count` visible points of the model, spread evenly in the image, and unit normals."""
     rendered = cost.render(pose_cam_obj)
     points = _points(rendered, cost.camera_matrix)
@@ -126,11 +119,7 @@ def _surface(
     return points[inside][keep], normals[keep] / length[keep, None]
 
 
-def _step(
-    points: Float[np.ndarray, "n 3"],
-    normals: Float[np.ndarray, "n 3"],
-    targets: Float[np.ndarray, "n 3"],
-) -> Float[np.ndarray, "4 4"]:
+def _step(points: Points, normals: Points, targets: Points) -> Pose:
     """Motion (R, t) that minimises Σ (n · (R p + t − target))², linearised about the mean of p.
 
     Motions that the surface does not constrain, such as a sphere's rotations, are left out.
@@ -145,8 +134,6 @@ def _step(
     return rigid(rotation, middle + solution[3:] - rotation @ middle)
 
 
-def _points(
-    depth: Float[np.ndarray, "h w"], camera_matrix: Float[np.ndarray, "3 3"]
-) -> Float[np.ndarray, "h w 3"]:
+def _points(depth: Image, camera_matrix: CameraMatrix) -> Float[np.ndarray, "h w 3"]:
     y, x = np.indices(depth.shape, dtype=np.float64)
     return back_project(np.stack([x, y], axis=-1), depth, camera_matrix)

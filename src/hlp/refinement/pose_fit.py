@@ -4,8 +4,9 @@ from dataclasses import astuple, dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
+from hlp.arrays import Image, Mask, Pose
 from hlp.geometry import project, transform
 from hlp.records import MILLIMETRES_PER_METRE
 from hlp.refinement.texture import color_agreement
@@ -57,9 +58,7 @@ class PoseFit:
         return cls(*(float(value) for value in values))
 
 
-def measure_fit(
-    verifier: Verifier, observation: Observation, pose_cam_obj: Float[np.ndarray, "4 4"]
-) -> PoseFit:
+def measure_fit(verifier: Verifier, observation: Observation, pose_cam_obj: Pose) -> PoseFit:
     """How well a pose of the verifier's object fits an image."""
     evidence = verifier.evidence(observation, pose_cam_obj[None])
     rendered, observed = _crop(verifier, observation, pose_cam_obj)
@@ -89,29 +88,23 @@ def measure_fit(
     )
 
 
-def relief_correlation(
-    first: Float[np.ndarray, "h w"],
-    second: Float[np.ndarray, "h w"],
-    among: Bool[np.ndarray, "h w"],
-) -> float:
+def relief_correlation(first: Image, second: Image, among: Mask) -> float:
     """Correlation of two depth images among some pixels, without the plane that fits each best.
 
     0 if there are too few pixels, or one of the images shows a plane.
     """
     left = _without_plane([first, second], among)
-    return 0.0 if len(left) < _LEAST_PIXELS else _correlation([left[:, 0]], [left[:, 1]])
+    return _correlation([left[:, 0]], [left[:, 1]]) if len(left) else 0.0
 
 
-def relief_size(depth: Float[np.ndarray, "h w"], among: Bool[np.ndarray, "h w"]) -> float:
+def relief_size(depth: Image, among: Mask) -> float:
     """Standard deviation (m) of depths among some pixels from their plane; 0 for too few."""
     left = _without_plane([depth], among)
-    return 0.0 if len(left) < _LEAST_PIXELS else float(np.sqrt(np.square(left).mean()))
+    return float(np.sqrt(np.square(left).mean())) if len(left) else 0.0
 
 
-def _without_plane(
-    images: list[Float[np.ndarray, "h w"]], among: Bool[np.ndarray, "h w"]
-) -> Float[np.ndarray, "n k"]:
-    """Depths of images among some pixels, each minus the plane that fits them best."""
+def _without_plane(images: list[Image], among: Mask) -> Float[np.ndarray, "n k"]:
+    """Depths of images among some pixels minus their best planes; none if the pixels are few."""
     y, x = np.nonzero(among)
     if len(y) < _LEAST_PIXELS:
         return np.zeros((0, len(images)))
@@ -122,11 +115,7 @@ def _without_plane(
     return np.asarray(depths - plane @ flat)
 
 
-def slope_correlation(
-    first: Float[np.ndarray, "h w"],
-    second: Float[np.ndarray, "h w"],
-    among: Bool[np.ndarray, "h w"],
-) -> float:
+def slope_correlation(first: Image, second: Image, among: Mask) -> float:
     """Correlation of the slopes of two depth images, about the mean slope of each.
 
     Slopes are differences, to the right and down, of depths averaged among the given pixels over
@@ -139,7 +128,7 @@ def slope_correlation(
     window = (2 * radius + 1, 2 * radius + 1)
     weight = among.astype(np.float32)
 
-    def total(image: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+    def total(image: Image) -> Image:
         single = np.asarray(image, dtype=np.float32)
         return np.asarray(
             cv2.boxFilter(single, -1, window, normalize=False, borderType=cv2.BORDER_CONSTANT)
@@ -148,7 +137,7 @@ def slope_correlation(
     count = total(weight)
     full = count > _FULL * window[0] * window[1]
     middle = float(np.median(first[y, x]))  # keeps the sums small: single precision
-    means = [total((each - middle) * weight) / np.maximum(count, 1.0) for each in (first, second)]
+    means = [total((d - middle) * weight) / np.maximum(count, 1.0) for d in (first, second)]
     across, down = (slice(None), slice(2 * radius, None)), (slice(2 * radius, None), slice(None))
     back, up = (slice(None), slice(None, -2 * radius)), (slice(None, -2 * radius), slice(None))
     slopes: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
@@ -172,9 +161,7 @@ def _correlation(first: list[np.ndarray], second: list[np.ndarray]) -> float:
     return float(np.clip(product / spread, -1.0, 1.0))
 
 
-def _share_inside(
-    verifier: Verifier, observation: Observation, pose_cam_obj: Float[np.ndarray, "4 4"]
-) -> float:
+def _share_inside(verifier: Verifier, observation: Observation, pose_cam_obj: Pose) -> float:
     """The share of the silhouette at a pose that lies in the image; 0 behind the camera."""
     points = transform(pose_cam_obj, verifier.mesh.vertices)
     if points[:, 2].min() <= 0.0:
@@ -197,9 +184,7 @@ def _share_inside(
     return float(inside.mean()) if len(inside) else 0.0
 
 
-def _crop(
-    verifier: Verifier, observation: Observation, pose_cam_obj: Float[np.ndarray, "4 4"]
-) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
+def _crop(verifier: Verifier, observation: Observation, pose_cam_obj: Pose) -> tuple[Image, Image]:
     """Rendered and observed depth in the bounding box of the object at a pose."""
     points = transform(pose_cam_obj, verifier.mesh.vertices)
     height, width = observation.depth.shape

@@ -8,12 +8,13 @@ import numpy as np
 from annotated_types import Ge, Le
 from jaxtyping import Float
 
+from hlp.arrays import Point, Pose, Poses, Values
+from hlp.compiled import compiled
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.refiner import REFINERS, Refiner, checked_poses, cost_around
-from hlp.refinement.swarm_kernel import apply_offsets, update_personal_bests, update_swarm
 from hlp.refinement.verification import Observation, VerificationSettings
-from hlp.settings import Doc, Settings, SettingsError
+from hlp.settings import Doc, NotNegative, Settings, SettingsError
 from hlp.thread_team import ThreadTeam, threads_here
 
 # Random streams of the polish and of tracking; hypotheses use streams 0, 1, …
@@ -24,8 +25,8 @@ _POLISH_STREAM, _FOLLOW_STREAM = 1 << 16, 1 << 17
 class PolishSettings(Settings):
     """The second search, about the chosen pose (D)."""
 
-    theta_deg: Annotated[float, Ge(0), Doc("half the side of the box in rotation (D)")] = 3.0
-    tau_mm: Annotated[float, Ge(0), Doc("half the side of the box in translation (D)")] = 3.0
+    theta_deg: Annotated[NotNegative, Doc("half the side of the box in rotation (D)")] = 3.0
+    tau_mm: Annotated[NotNegative, Doc("half the side of the box in translation (D)")] = 3.0
     patience: Annotated[int, Ge(0), Doc("iterations without gain before stopping (D)")] = 6
 
 
@@ -38,8 +39,8 @@ class FollowSettings(Settings):
     """
 
     particles: Annotated[int, Ge(1), Le(10_000), Doc("number of particles (D)")] = 15
-    theta_deg: Annotated[float, Ge(0), Doc("half the side of the box in rotation (D)")] = 3.0
-    tau_mm: Annotated[float, Ge(0), Doc("half the side of the box in translation (D)")] = 3.0
+    theta_deg: Annotated[NotNegative, Doc("half the side of the box in rotation (D)")] = 3.0
+    tau_mm: Annotated[NotNegative, Doc("half the side of the box in translation (D)")] = 3.0
     patience: Annotated[int, Ge(0), Doc("iterations without gain before stopping (D)")] = 6
 
 
@@ -52,15 +53,13 @@ class PsoSettings(Settings):
     cost: CostSettings = field(default_factory=CostSettings)
     verification: VerificationSettings = field(default_factory=VerificationSettings)
     particles: Annotated[int, Ge(1), Le(10_000), Doc("number of particles (P: N = 25)")] = 25
-    theta_deg: Annotated[float, Ge(0), Doc("θ, half the box in rotation (D; P: 5)")] = 10.0
-    tau_mm: Annotated[float, Ge(0), Doc("τ, half the box in translation (D; P: 5)")] = 10.0
+    theta_deg: Annotated[NotNegative, Doc("θ, half the box in rotation (D; P: 5)")] = 10.0
+    tau_mm: Annotated[NotNegative, Doc("τ, half the box in translation (D; P: 5)")] = 10.0
     phi_1: Annotated[
-        float,
-        Ge(0),
-        Doc("pull to the personal best (D: Clerc & Kennedy; constriction 0.7298)"),
+        NotNegative, Doc("pull to the personal best (D: Clerc & Kennedy; constriction 0.7298)")
     ] = 2.8
     phi_2: Annotated[
-        float, Ge(0), Doc("pull to the global best; phi_1 + phi_2 must be above 4 (D)")
+        NotNegative, Doc("pull to the global best; phi_1 + phi_2 must be above 4 (D)")
     ] = 1.3
     iterations: Annotated[int, Ge(0), Le(10_000), Doc("largest number of iterations (D)")] = 30
     patience: Annotated[int, Ge(0), Doc("iterations without gain before stopping (D; P: 1)")] = 6
@@ -72,8 +71,7 @@ class PsoSettings(Settings):
         Doc("a second, narrower search around the chosen pose (D); null: none (P)"),
     ] = field(default_factory=PolishSettings)
     budget_ms: Annotated[
-        float,
-        Ge(0),
+        NotNegative,
         Doc("limit of stage 3's wall time for an object; 0: none. Not reproducible (D)"),
     ] = 0.0
     gain: Annotated[
@@ -101,15 +99,7 @@ class PsoRefiner(Refiner):
     """Canonical PSO over six degrees of freedom around the coarse pose."""
 
     def __init__(self, settings: PsoSettings, threads: int = 1) -> None:
-        follow = settings.follow
         self._settings = settings
-        self._following = replace(
-            settings,
-            particles=follow.particles,
-            theta_deg=follow.theta_deg,
-            tau_mm=follow.tau_mm,
-            patience=follow.patience,
-        )
         self._threads = threads
         self._team = ThreadTeam(threads)
 
@@ -128,7 +118,6 @@ class PsoRefiner(Refiner):
         not begun when it is used up stay as they are. Poses are then not reproducible.
         """
         poses = checked_poses(hypotheses, model)
-        settings = self._settings
         # Threads refine whole hypotheses: one iteration is too short to be divided.
         at_once = min(threads_here(self._threads), len(poses))
         end = time.perf_counter() + self._remaining(spent)
@@ -138,10 +127,8 @@ class PsoRefiner(Refiner):
             if now > end:
                 return Refinement(poses[index], 0)
             deadline = now + (end - now) * min(at_once / (len(poses) - index), 1.0)
-            rng = np.random.default_rng([seed, index])
-            cost = cost_around(model, observation, poses[index], settings.cost)
-            best, iterations = search(cost, poses[index], model.centroid, settings, rng, deadline)
-            return Refinement(best, iterations)
+            stream = seed, index
+            return _search(model, observation, poses[index], self._settings, stream, deadline)
 
         return self._team.map(refine_one, len(poses))
 
@@ -157,32 +144,18 @@ class PsoRefiner(Refiner):
         polish, left = self._settings.polish, self._remaining(spent)
         if polish is None or left <= 0.0:
             return chosen
-        settings = replace(
-            self._settings,
-            theta_deg=polish.theta_deg,
-            tau_mm=polish.tau_mm,
-            patience=polish.patience,
-        )
-        pose = chosen.pose_cam_obj
-        cost = cost_around(model, observation, pose, settings.cost)
-        rng = np.random.default_rng([seed, _POLISH_STREAM])
-        deadline = time.perf_counter() + left
-        best, iterations = search(cost, pose, model.centroid, settings, rng, deadline)
-        return Refinement(best, chosen.iterations + iterations)
+        settings = replace(self._settings, **vars(polish))
+        stream, deadline = (seed, _POLISH_STREAM), time.perf_counter() + left
+        found = _search(model, observation, chosen.pose_cam_obj, settings, stream, deadline)
+        return Refinement(found.pose_cam_obj, chosen.iterations + found.iterations)
 
     def follow(
-        self,
-        model: ObjectModel,
-        observation: Observation,
-        pose_cam_obj: Float[np.ndarray, "4 4"],
-        seed: int,
+        self, model: ObjectModel, observation: Observation, pose_cam_obj: Pose, seed: int
     ) -> Refinement:
         """See `Refiner.follow`: one search with fewer particles in a smaller box."""
-        settings = self._following
         (pose,) = checked_poses(Hypotheses(pose_cam_obj[None], np.ones(1)), model)
-        cost = cost_around(model, observation, pose, settings.cost)
-        rng = np.random.default_rng([seed, _FOLLOW_STREAM])
-        return Refinement(*search(cost, pose, model.centroid, settings, rng))
+        settings = replace(self._settings, **vars(self._settings.follow))
+        return _search(model, observation, pose, settings, (seed, _FOLLOW_STREAM))
 
     def _remaining(self, spent: float) -> float:
         """Remaining seconds of the budget; infinite without a budget."""
@@ -190,14 +163,28 @@ class PsoRefiner(Refiner):
         return budget / 1000.0 - spent if budget > 0 else np.inf
 
 
+def _search(
+    model: ObjectModel,
+    observation: Observation,
+    pose_cam_obj: Pose,
+    settings: PsoSettings,
+    stream: tuple[int, int],
+    deadline: float = np.inf,
+) -> Refinement:
+    """One `search` around a pose, with a random stream of its own."""
+    cost = cost_around(model, observation, pose_cam_obj, settings.cost)
+    rng = np.random.default_rng(stream)
+    return Refinement(*search(cost, pose_cam_obj, model.centroid, settings, rng, deadline))
+
+
 def search(
     cost: DepthCost,
-    pose_cam_obj: Float[np.ndarray, "4 4"],
-    centroid: Float[np.ndarray, "3"],
+    pose_cam_obj: Pose,
+    centroid: Point,
     settings: PsoSettings,
     rng: np.random.Generator,
     deadline: float = np.inf,
-) -> tuple[Float[np.ndarray, "4 4"], int]:
+) -> tuple[Pose, int]:
     """The pose of lowest cost found around a pose, and the number of iterations.
 
     Positions are offsets from the box's centre in units of (θ, τ). With `recentre` the box follows
@@ -233,3 +220,76 @@ def search(
         idle = 0 if own_gain or personal_cost[best] < global_cost else idle + 1
         global_best, global_cost = personal_best[best].copy(), personal_cost[best]
     return apply_offsets(centre, global_best[None] * box, centroid)[0], iteration
+
+
+@compiled()
+def update_swarm(
+    position: Float[np.ndarray, "n 6"],
+    velocity: Float[np.ndarray, "n 6"],
+    personal_best: Float[np.ndarray, "n 6"],
+    global_best: Float[np.ndarray, "6"],
+    random: Float[np.ndarray, "2 n 6"],
+    phi: tuple[float, float],
+    constriction: float,
+) -> None:
+    """Move the particles in place, within [-1, 1] (Kennedy & Eberhart 1995; Clerc & Kennedy 2002).
+
+    `phi` are the weights of the personal and the global best; each is multiplied by a `random`
+    number in [0, 1) for each particle and dimension.
+    """
+    for n in range(len(position)):
+        for d in range(6):
+            speed = velocity[n, d]
+            speed += phi[0] * random[0, n, d] * (personal_best[n, d] - position[n, d])
+            speed += phi[1] * random[1, n, d] * (global_best[d] - position[n, d])
+            velocity[n, d] = speed * constriction
+            position[n, d] = min(max(position[n, d] + velocity[n, d], -1.0), 1.0)
+
+
+@compiled()
+def update_personal_bests(
+    position: Float[np.ndarray, "n 6"],
+    cost: Values,
+    personal_best: Float[np.ndarray, "n 6"],
+    personal_best_cost: Values,
+) -> int:
+    """Update the personal bests and their costs in place; index of the global best."""
+    best = 0
+    for n in range(len(position)):
+        if cost[n] < personal_best_cost[n]:
+            personal_best_cost[n] = cost[n]
+            personal_best[n] = position[n]
+        if personal_best_cost[n] < personal_best_cost[best]:
+            best = n
+    return best
+
+
+@compiled()
+def apply_offsets(pose_cam_obj: Pose, offsets: Float[np.ndarray, "n 6"], centroid: Point) -> Poses:
+    """Poses for offsets (α, β, γ in rad, t_r in m) from one pose.
+
+    R_r = R_x(α)·R_y(β)·R_z(γ) rotates the object about its `centroid` (object coordinates, m), then
+    t_r shifts it, both in camera coordinates.
+    """
+    poses = np.zeros((len(offsets), 4, 4))
+    rotation = np.empty((3, 3))
+    center_cam = np.empty(3)
+    for i in range(3):
+        center_cam[i] = pose_cam_obj[i, 3]
+        for k in range(3):
+            center_cam[i] += pose_cam_obj[i, k] * centroid[k]
+    for n in range(len(offsets)):
+        sa, sb, sc = np.sin(offsets[n, 0]), np.sin(offsets[n, 1]), np.sin(offsets[n, 2])
+        ca, cb, cc = np.cos(offsets[n, 0]), np.cos(offsets[n, 1]), np.cos(offsets[n, 2])
+        rotation[0, 0], rotation[0, 1], rotation[0, 2] = cb * cc, -cb * sc, sb
+        rotation[1, 0], rotation[1, 1] = ca * sc + sa * sb * cc, ca * cc - sa * sb * sc
+        rotation[2, 0], rotation[2, 1] = sa * sc - ca * sb * cc, sa * cc + ca * sb * sc
+        rotation[1, 2], rotation[2, 2] = -sa * cb, ca * cb
+        for i in range(3):
+            poses[n, i, 3] = center_cam[i] + offsets[n, 3 + i]
+            for j in range(3):
+                for k in range(3):
+                    poses[n, i, j] += rotation[i, k] * pose_cam_obj[k, j]
+                poses[n, i, 3] -= poses[n, i, j] * centroid[j]
+        poses[n, 3, 3] = 1.0
+    return poses

@@ -1,14 +1,17 @@
 """Interface of the refiners, and which coarse poses they accept."""
 
-from typing import Protocol
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
+from hlp.arrays import Point, Pose, Poses
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.verification import Observation, VerificationSettings
 from hlp.registry import Registry
+from hlp.settings import Settings
 
 
 class Refiner(Protocol):
@@ -28,7 +31,6 @@ class Refiner(Protocol):
         equal inputs and seeds give equal poses. Raises ValueError naming a hypothesis that is not
         finite or whose centroid is behind the camera.
         """
-        ...
 
     def polish(
         self,
@@ -42,11 +44,7 @@ class Refiner(Protocol):
         return chosen
 
     def follow(
-        self,
-        model: ObjectModel,
-        observation: Observation,
-        pose_cam_obj: Float[np.ndarray, "4 4"],
-        seed: int,
+        self, model: ObjectModel, observation: Observation, pose_cam_obj: Pose, seed: int
     ) -> Refinement:
         """The pose in a frame that comes soon after the one of `pose_cam_obj`, in little time.
 
@@ -62,16 +60,13 @@ class RefinementSettings(Protocol):
     @property
     def name(self) -> str:
         """The alternative's name."""
-        ...
 
     @property
     def verification(self) -> VerificationSettings:
         """The cost that ranks coarse poses and chooses among the refined ones."""
-        ...
 
     def build(self, threads: int) -> Refiner:
         """The refiner. The number of `threads` does not affect results."""
-        ...
 
 
 REFINERS: Registry[RefinementSettings] = Registry("refinement", "hlp.refinement")
@@ -79,10 +74,7 @@ REFINERS: Registry[RefinementSettings] = Registry("refinement", "hlp.refinement"
 
 
 def cost_around(
-    model: ObjectModel,
-    observation: Observation,
-    pose_cam_obj: Float[np.ndarray, "4 4"],
-    settings: CostSettings,
+    model: ObjectModel, observation: Observation, pose_cam_obj: Pose, settings: CostSettings
 ) -> DepthCost:
     """Cost of the poses near a coarse one (Eq. 2)."""
     return DepthCost(
@@ -95,9 +87,7 @@ def cost_around(
     )
 
 
-def refinable(
-    poses_cam_obj: Float[np.ndarray, "m 4 4"], centroid: Float[np.ndarray, "3"]
-) -> Bool[np.ndarray, "m"]:
+def refinable(poses_cam_obj: Poses, centroid: Point) -> Bool[np.ndarray, "m"]:
     """Which poses are finite and put the centroid (object coordinates, m) in front of the camera.
 
     Where the origin lies does not matter: a CAD file may have it far outside the object.
@@ -106,7 +96,7 @@ def refinable(
     return np.asarray(np.isfinite(poses_cam_obj).all(axis=(1, 2)) & (depths > 0.0))
 
 
-def checked_poses(hypotheses: Hypotheses, model: ObjectModel) -> Float[np.ndarray, "m 4 4"]:
+def checked_poses(hypotheses: Hypotheses, model: ObjectModel) -> Poses:
     """The coarse poses as float64. Raises ValueError naming the first that is not `refinable`."""
     poses = np.asarray(hypotheses.poses_cam_obj, dtype=np.float64)
     bad = np.flatnonzero(~refinable(poses, model.centroid))
@@ -115,3 +105,31 @@ def checked_poses(hypotheses: Hypotheses, model: ObjectModel) -> Float[np.ndarra
         problem = "puts the object behind the camera" if finite else "is not finite (nan or inf)"
         raise ValueError(f"hypothesis {bad[0]}: pose_cam_obj {problem}")
     return poses
+
+
+@REFINERS.register
+@dataclass(frozen=True)
+class NoneSettings(Settings):
+    """Config group `refinement`: coarse poses as they are, ranked as after refinement."""
+
+    name: Literal["none"] = "none"
+    verification: VerificationSettings = field(default_factory=VerificationSettings)
+
+    def build(self, threads: int) -> "NoneRefiner":
+        """The refiner; it has nothing to do."""
+        return NoneRefiner()
+
+
+class NoneRefiner(Refiner):
+    """Leaves every pose where it is."""
+
+    def refine(
+        self,
+        model: ObjectModel,
+        observation: Observation,
+        hypotheses: Hypotheses,
+        seed: int,
+        spent: float = 0.0,
+    ) -> list[Refinement]:
+        """See `Refiner.refine`. `seed` and `spent` are not used: nothing is random or timed."""
+        return [Refinement(pose, 0) for pose in checked_poses(hypotheses, model)]

@@ -12,8 +12,9 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
+from hlp.arrays import Flags
 from hlp.errors import DataError, MissingFileError
 from hlp.files import read_json, write_json
 from hlp.refinement.pose_fit import PoseFit
@@ -96,10 +97,7 @@ COLORLESS_SPREAD = ScoreModel(bias=0.8, cost=5.0, shape=0.5, edge=5.0, hidden=2.
 
 
 def fit_score_model(
-    fits: Sequence[PoseFit],
-    right: Bool[np.ndarray, "n"],
-    prior: ScoreModel = PRIOR,
-    spread: ScoreModel = SPREAD,
+    fits: Sequence[PoseFit], right: Flags, prior: ScoreModel = PRIOR, spread: ScoreModel = SPREAD
 ) -> ScoreModel:
     """The most probable weights, given poses that are right or not, and their prior.
 
@@ -172,8 +170,8 @@ def _inputs(fits: Sequence[PoseFit]) -> Float[np.ndarray, "n 4"]:
     pairs = np.array([(fit.relief, fit.slope) for fit in fits])
     shape = np.arctanh(np.clip(pairs, 0.0, _HIGHEST)).mean(axis=1)
     # Of a flat side, noise decides the correlations: they count as if they said nothing.
-    told = 1.0 / (1.0 + np.square(_NOISE_MM / np.maximum([fit.relief_mm for fit in fits], 1e-9)))
-    shape = _NEUTRAL + told * (shape - _NEUTRAL)
+    weight = 1.0 / (1.0 + np.square(_NOISE_MM / np.maximum([fit.relief_mm for fit in fits], 1e-9)))
+    shape = _NEUTRAL + weight * (shape - _NEUTRAL)
     others = np.array([(fit.edge, 1.0 - fit.visible_fraction) for fit in fits])
     return np.column_stack([[fit.cost for fit in fits], shape, others])
 

@@ -11,14 +11,20 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, UInt8
+from jaxtyping import Float, Float32
 
+from hlp.arrays import Image, Pose, Poses, Rgb, Values
 from hlp.geometry import inverse, project, rigid, rotation_distance, transform
 from hlp.records import Mesh, ObjectModel
-from hlp.refinement.texture_kernel import sum_color_differences, surface_and_normals
+from hlp.refinement.texture_kernel import (
+    LogarithmGrid,
+    SeenSurface,
+    sum_color_differences,
+    surface_and_normals,
+)
 from hlp.refinement.verification import Observation
-from hlp.rendering.color_grid import color_grid
 from hlp.rendering.rasterizer import NEAR, render_depth
+from hlp.rendering.surface import color_grid
 
 _SIZE = 128  # long side (px) of the compared region; not blurred, which would lose small print
 _TOLERANCE = 0.02  # m; pixels whose depth differs by more show something else
@@ -26,24 +32,9 @@ _OFFSET = 20.0  # of 255, added to colours, because the logarithm of dark ones i
 _LIMIT = 0.3  # of a difference of logarithms
 _WHITE_BALANCE = 0.3  # weight of the fitted white balance: colours matter where nothing is printed
 _MIN_PIXELS = 40
-_NEIGHBOURS = np.radians(20.0)  # turned by less, siblings look nearly the same
 _STEP = np.radians(7.0)  # siblings nearer than this are steps about a continuous axis
 _NEAR = np.radians(30.0)  # how far an object may turn between two frames of a sequence
 _PARTS = np.array([0.0, -0.6, -0.4, -0.2, 0.2, 0.4, 0.6])  # of such a step
-
-
-@dataclass(frozen=True)
-class SiblingChoice:
-    """The pose chosen among siblings, and how much better it agrees with the image's colours.
-
-    `difference` is the mean squared difference of the colours' logarithms (0 = the same), `margin`
-    how much larger it is for the best pose that is not a neighbour (> 20°) of the chosen one. Both
-    are infinite if there is nothing to compare.
-    """
-
-    pose_cam_obj: Float[np.ndarray, "4 4"]
-    difference: float
-    margin: float
 
 
 @dataclass(frozen=True)
@@ -60,31 +51,18 @@ class ColorAgreement:
     contrast: float = 0.0
 
 
-@dataclass(frozen=True)
-class _SeenSurface:
-    """Pixels that show the object: colours' logarithms, points in its coordinates, light basis."""
-
-    colors: Float32[np.ndarray, "p 3"]
-    points: Float[np.ndarray, "p 3"]
-    light: Float[np.ndarray, "p 4"]
-
-
-def choose_sibling(
-    observation: Observation, model: ObjectModel, pose_cam_obj: Float[np.ndarray, "4 4"]
-) -> SiblingChoice:
+def choose_sibling(observation: Observation, model: ObjectModel, pose_cam_obj: Pose) -> Pose:
     """The pose, or that of its siblings whose colours agree best with the image.
 
     About a continuous axis the angle is refined to 1°. The pose stays if the object has no
     siblings, or if fewer than 40 pixels show it.
     """
     if len(model.siblings) == 0:
-        return SiblingChoice(pose_cam_obj, np.inf, np.inf)
+        return pose_cam_obj
     return _choose(_seen_surface(observation, model.mesh, model, pose_cam_obj), model, pose_cam_obj)
 
 
-def choose_near_sibling(
-    observation: Observation, model: ObjectModel, pose_cam_obj: Float[np.ndarray, "4 4"]
-) -> SiblingChoice:
+def choose_near_sibling(observation: Observation, model: ObjectModel, pose_cam_obj: Pose) -> Pose:
     """What `choose_sibling` chooses, among those of its siblings that are less than 30° away.
 
     For an object that is tracked: it may have turned a little about an axis that depth hardly
@@ -93,32 +71,23 @@ def choose_near_sibling(
     angles = rotation_distance(model.siblings[:, :3, :3], np.eye(3))
     near = replace(model, siblings=model.siblings[angles < _NEAR])
     if len(near.siblings) == 0:
-        return SiblingChoice(pose_cam_obj, np.inf, np.inf)
+        return pose_cam_obj
     # The decimated mesh is 0.4 mm off and drawn in no time.
     seen = _seen_surface(observation, model.proxy, model, pose_cam_obj, every_other=True)
     return _choose(seen, near, pose_cam_obj)
 
 
-def _choose(
-    seen: _SeenSurface | None, model: ObjectModel, pose_cam_obj: Float[np.ndarray, "4 4"]
-) -> SiblingChoice:
+def _choose(seen: SeenSurface | None, model: ObjectModel, pose_cam_obj: Pose) -> Pose:
     if seen is None:
-        return SiblingChoice(pose_cam_obj, np.inf, np.inf)
+        return pose_cam_obj
     motions = np.concatenate([np.eye(4)[None], model.siblings])
-    found = _differences(seen, model, motions)
-    best = int(np.argmin(found))
-    apart = rotation_distance(motions[:, :3, :3], motions[best, :3, :3])
-    others = found[apart > _NEIGHBOURS]
-    fine = _between_neighbours(motions, apart, best)
-    fine_found = _differences(seen, model, fine)
-    motion = fine[int(np.argmin(fine_found))]
-    lowest = float(fine_found.min())
-    margin = float(others.min()) - lowest if len(others) else np.inf
-    return SiblingChoice(pose_cam_obj @ motion, lowest, margin)
+    best = int(np.argmin(_differences(seen, model, motions)))
+    fine = _parts_of_step(motions, best)
+    return np.asarray(pose_cam_obj @ fine[int(np.argmin(_differences(seen, model, fine)))])
 
 
 def color_agreement(
-    observation: Observation, model: ObjectModel, pose_cam_obj: Float[np.ndarray, "4 4"]
+    observation: Observation, model: ObjectModel, pose_cam_obj: Pose
 ) -> ColorAgreement:
     """How well the image's colours agree with the object's full texture at a pose."""
     mesh = model.mesh
@@ -129,7 +98,7 @@ def color_agreement(
     cells = np.floor((seen.points - grid.corner) / grid.cell).astype(np.int64)
     x, y, z = np.clip(cells, 0, np.array(grid.colors.shape[:3]) - 1).T
     expected = np.log(grid.colors[x, y, z] + np.float32(_OFFSET))
-    first, second = (_without_light(each, seen.light) for each in (seen.colors, expected))
+    first, second = (_without_light(colors, seen.light) for colors in (seen.colors, expected))
     spread = np.sqrt(float((first * first).sum()) * float((second * second).sum()))
     contrast = float(np.sqrt(np.square(second).sum(axis=1).mean()))
     if spread <= 0.0:
@@ -146,12 +115,11 @@ def _without_light(
     return np.concatenate([colors - brightness, rest], axis=1)
 
 
-def _between_neighbours(
-    motions: Float[np.ndarray, "n 4 4"], apart: Float[np.ndarray, "n"], best: int
-) -> Float[np.ndarray, "m 4 4"]:
+def _parts_of_step(motions: Poses, best: int) -> Poses:
     """The best motion and, where others are a step of an axis away, turns by parts of the step."""
     from scipy.spatial.transform import Rotation  # slow to import, and few objects need it
 
+    apart = rotation_distance(motions[:, :3, :3], motions[best, :3, :3])
     beside = int(np.argmin(np.where(apart > 1e-6, apart, np.inf)))
     if not 1e-6 < apart[beside] < _STEP:
         return motions[best : best + 1]
@@ -163,36 +131,23 @@ def _between_neighbours(
     return np.asarray(rigid(turns, point - turns @ point) @ motions[best])
 
 
-def _differences(
-    seen: _SeenSurface, model: ObjectModel, motions: Float[np.ndarray, "n 4 4"]
-) -> Float[np.ndarray, "n"]:
+def _differences(seen: SeenSurface, model: ObjectModel, motions: Poses) -> Values:
     """Mean squared difference of the colours' logarithms for the pose after each motion."""
     grid = color_grid(model.mesh)
-    found = np.empty(len(motions))
+    logarithms = np.log(np.arange(256, dtype=np.float32) + np.float32(_OFFSET))
+    with_logarithms = LogarithmGrid(grid.colors, grid.corner, grid.cell, logarithms)
     # The pixel that shows x at a pose T shows S⁻¹ x at T·S.
-    sum_color_differences(
-        seen.colors,
-        seen.points,
-        seen.light,
-        np.ascontiguousarray(inverse(motions)),
-        grid.colors,
-        grid.corner,
-        grid.cell,
-        np.log(np.arange(256, dtype=np.float32) + np.float32(_OFFSET)),
-        _LIMIT,
-        _WHITE_BALANCE,
-        found,
-    )
-    return found
+    back = np.ascontiguousarray(inverse(motions))
+    return sum_color_differences(seen, back, with_logarithms, _LIMIT, _WHITE_BALANCE)
 
 
 def _seen_surface(
     observation: Observation,
     mesh: Mesh,
     model: ObjectModel,
-    pose_cam_obj: Float[np.ndarray, "4 4"],
+    pose_cam_obj: Pose,
     every_other: bool = False,
-) -> _SeenSurface | None:
+) -> SeenSurface | None:
     """What the image shows of the object, drawn from a mesh; None if that is too little.
 
     With `every_other` pixel, like the white squares of a chessboard, it takes half the time.
@@ -215,12 +170,12 @@ def _seen_surface(
     light, _ = np.linalg.qr(np.concatenate([np.ones((count, 1)), normals], axis=1))
     points = transform(inverse(pose_cam_obj), surface)
     colors = np.log(rgb[used] + np.float32(_OFFSET))
-    return _SeenSurface(colors, points, np.ascontiguousarray(light))
+    return SeenSurface(colors, points, np.ascontiguousarray(light))
 
 
 def _crop(
-    observation: Observation, model: ObjectModel, pose_cam_obj: Float[np.ndarray, "4 4"]
-) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"], Float[np.ndarray, "3 3"]] | None:
+    observation: Observation, model: ObjectModel, pose_cam_obj: Pose
+) -> tuple[Rgb, Image, Float[np.ndarray, "3 3"]] | None:
     """Colour, depth and intrinsics of the object's bounding box, at most 128 px on a side."""
     points = transform(pose_cam_obj, model.proxy.vertices)
     if points[:, 2].min() <= NEAR:

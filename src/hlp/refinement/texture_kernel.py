@@ -1,16 +1,19 @@
 """Kernels of `texture`: a seen surface, and how an image's colours differ from those on it."""
 
-import numpy as np
-from jaxtyping import Bool, Float, Float32, UInt8
+from typing import NamedTuple
 
+import numpy as np
+from jaxtyping import Float, Float32, UInt8
+
+from hlp.arrays import CameraMatrix, Image, Mask, Point, Points, Pose, Poses, Values
 from hlp.compiled import compiled
 
 
 @compiled()
 def surface_and_normals(
-    depth: Float32[np.ndarray, "h w"],
-    used: Bool[np.ndarray, "h w"],
-    camera: Float[np.ndarray, "3 3"],
+    depth: Image,
+    used: Mask,
+    camera: CameraMatrix,
     points: Float[np.ndarray, "p 3"],
     normals: Float[np.ndarray, "p 3"],
 ) -> None:
@@ -48,13 +51,7 @@ def surface_and_normals(
 
 
 @compiled(inline="always")
-def _back_project(
-    x: int,
-    y: int,
-    depth: Float32[np.ndarray, "h w"],
-    camera: Float[np.ndarray, "3 3"],
-    point: Float[np.ndarray, "3"],
-) -> None:
+def _back_project(x: int, y: int, depth: Image, camera: CameraMatrix, point: Point) -> None:
     """Fill the point (m) that a pixel shows, as `geometry.back_project` computes it."""
     z = float(depth[y, x])
     point[0] = (x - camera[0, 2]) / camera[0, 0] * z
@@ -62,35 +59,42 @@ def _back_project(
     point[2] = z
 
 
+class SeenSurface(NamedTuple):
+    """Pixels that show the object: colours' logarithms, points in its coordinates, light basis."""
+
+    colors: Float32[np.ndarray, "p 3"]
+    points: Points
+    light: Float[np.ndarray, "p 4"]
+
+
+class LogarithmGrid(NamedTuple):
+    """A `ColorGrid`, with the logarithms of its colours' 256 values."""
+
+    colors: UInt8[np.ndarray, "x y z 3"]
+    corner: Point
+    cell: float
+    logarithms: Float32[np.ndarray, "256"]
+
+
 @compiled()
 def sum_color_differences(
-    observed: Float32[np.ndarray, "p 3"],
-    points: Float[np.ndarray, "p 3"],
-    light: Float[np.ndarray, "p 4"],
-    motions: Float[np.ndarray, "n 4 4"],
-    colors: UInt8[np.ndarray, "x y z 3"],
-    corner: Float[np.ndarray, "3"],
-    cell: float,
-    logarithms: Float32[np.ndarray, "256"],
-    limit: float,
-    white_balance: float,
-    differences: Float[np.ndarray, "n"],
-) -> None:
-    """Fill the mean squared difference of the colours for each motion; see `texture`.
+    seen: SeenSurface, motions: Poses, grid: LogarithmGrid, limit: float, white_balance: float
+) -> Values:
+    """The mean squared difference of the colours for each motion; see `texture`.
 
-    `observed` are the image's colours as logarithms, `points` where the pixels' rays meet the
-    object (m), `colors`, `corner` and `cell` a `ColorGrid` that is read at the moved points,
-    `logarithms` those of its values. The columns of `light` are orthonormal; what of the mean over
-    the channels they explain is light. The rest and each channel's deviation count up to `limit`;
-    `white_balance` is the weight of the channels' mean deviations.
+    The grid is read at the points after each motion. The columns of `light` are orthonormal; what
+    of the mean over the channels they explain is light. The rest and each channel's deviation count
+    up to `limit`; `white_balance` is the weight of the channels' mean deviations.
     """
+    points, light = seen.points, seen.light
+    differences = np.empty(len(motions))
     count = len(points)
     difference = np.empty((count, 4))
     shading = np.empty(light.shape[1])
     mean = np.empty(3)
     limit_squared = limit * limit
     for n in range(len(motions)):
-        _subtract_colors(observed, points, motions[n], colors, corner, cell, logarithms, difference)
+        _subtract_colors(seen, motions[n], grid, difference)
         shading[:] = 0.0
         mean[:] = 0.0
         for p in range(count):
@@ -111,20 +115,16 @@ def sum_color_differences(
         for channel in range(3):
             total += white_balance * mean[channel] * mean[channel]
         differences[n] = total
+    return differences
 
 
 @compiled(inline="always")
 def _subtract_colors(
-    observed: Float32[np.ndarray, "p 3"],
-    points: Float[np.ndarray, "p 3"],
-    motion: Float[np.ndarray, "4 4"],
-    colors: UInt8[np.ndarray, "x y z 3"],
-    corner: Float[np.ndarray, "3"],
-    cell: float,
-    logarithms: Float32[np.ndarray, "256"],
-    difference: Float[np.ndarray, "p 4"],
+    seen: SeenSurface, motion: Pose, grid: LogarithmGrid, difference: Float[np.ndarray, "p 4"]
 ) -> None:
     """Fill the channels' differences from their mean, and the mean itself in the last column."""
+    observed, points = seen.colors, seen.points
+    colors, corner, cell, logarithms = grid
     index = np.empty(3, dtype=np.int64)
     for p in range(len(points)):
         for axis in range(3):

@@ -5,22 +5,23 @@ from any source. In addition to depth and depth edges, it uses colour: the visib
 have the model's chromaticity. Brightness is ignored, since it depends on the light.
 """
 
-from dataclasses import dataclass, fields, replace
-from typing import Annotated
+from dataclasses import dataclass, replace
+from typing import Annotated, NamedTuple
 
 import cv2
 import numpy as np
 from annotated_types import Ge, Gt, Le, Unit
-from jaxtyping import Bool, Float, Float32, Int, Int8, UInt8
+from jaxtyping import Float32
 
+from hlp.arrays import CameraMatrix, Flags, Image, Mask, Pose, Poses, Rgb, Rows, Values
 from hlp.geometry import transform
 from hlp.image_edges import NO_EDGE, STEPS, color_edges
 from hlp.records import ObjectModel
 from hlp.refinement.cost_kernel import WORST, depth_edges
-from hlp.refinement.verification_kernel import COLOR_OFFSET, SUM_COUNT, sum_evidence
+from hlp.refinement.verification_kernel import COLOR_OFFSET, SeenImages, Tolerances, sum_evidence
 from hlp.rendering.rasterizer import render_depth
 from hlp.rendering.zbuffer import DIRECTIONS, prepare_mesh
-from hlp.settings import Doc, Settings
+from hlp.settings import Doc, NotNegative, Positive, Settings
 
 _NEAR_DIRECTION = 3  # 16ths of half a turn
 _MIN_SUPPORT, _MIN_SHARE = 1e-12, 0.01  # keep the logarithm of the support finite
@@ -28,10 +29,7 @@ _MIN_SUPPORT, _MIN_SHARE = 1e-12, 0.01  # keep the logarithm of the support fini
 
 @dataclass(frozen=True)
 class VerificationSettings(Settings):
-    """Cost that ranks coarse poses before refinement and chooses among the refined ones.
-
-    Chosen on the demo scenes.
-    """
+    """Cost that ranks coarse poses before refinement and chooses among the refined ones."""
 
     candidates: Annotated[
         int,
@@ -40,8 +38,7 @@ class VerificationSettings(Settings):
         Doc("largest number of coarse poses that are refined, those of least cost (D)"),
     ] = 16
     max_improvement: Annotated[
-        float,
-        Ge(0),
+        NotNegative,
         Doc(
             "a coarse pose whose cost is higher than the best refined one by more than this is "
             "not refined (D)"
@@ -56,31 +53,24 @@ class VerificationSettings(Settings):
         ),
     ] = None
     little_support: Annotated[
-        float, Ge(0), Doc("votes of less weight than this in all are little support (D)")
+        NotNegative, Doc("votes of less weight than this in all are little support (D)")
     ] = 0.25
     weight_depth: Annotated[
-        float,
-        Ge(0),
+        NotNegative,
         Doc("as in the search's cost (P: Eq. 2); only the ratios of the three weights count"),
     ] = 0.8
     weight_edge: Annotated[
-        float,
-        Ge(0),
-        Doc("poses sunk into a table have right depth and wrong edges (D; P: 0.2)"),
+        NotNegative, Doc("poses sunk into a table have right depth and wrong edges (D; P: 0.2)")
     ] = 0.3
     weight_color: Annotated[
-        float, Ge(0), Doc("chromaticity distinguishes things of the same shape (D; P: 0)")
+        NotNegative, Doc("chromaticity distinguishes things of the same shape (D; P: 0)")
     ] = 0.2
     tau_depth_mm: Annotated[
-        float,
-        Gt(0),
-        Doc("limit of depth differences; narrower than in the search, to judge poses (D)"),
+        Positive, Doc("limit of depth differences; narrower than in the search, to judge poses (D)")
     ] = 20.0
-    tau_edge_mm: Annotated[float, Gt(0), Doc("limit of the distances of edgelets (D)")] = 15.0
+    tau_edge_mm: Annotated[Positive, Doc("limit of the distances of edgelets (D)")] = 15.0
     tau_color: Annotated[
-        float,
-        Gt(0),
-        Doc("limit of chromaticity differences, |Δr| + |Δg| + |Δb| (D)"),
+        Positive, Doc("limit of chromaticity differences, |Δr| + |Δg| + |Δb| (D)")
     ] = 0.3
     tau_image_edge_mm: Annotated[
         float | None,
@@ -89,36 +79,31 @@ class VerificationSettings(Settings):
             "limit of distances to colour edges, of objects without colours; null: depth alone (D)"
         ),
     ] = 10.0
-    edge_step_mm: Annotated[float, Gt(0), Doc("smallest jump in depth that is an edge (D)")] = 15.0
+    edge_step_mm: Annotated[Positive, Doc("smallest jump in depth that is an edge (D)")] = 15.0
     missing_cost: Annotated[
-        float, Ge(0), Doc("cost of a rendered pixel where no depth was observed (D)")
+        NotNegative, Doc("cost of a rendered pixel where no depth was observed (D)")
     ] = 0.3
     occlusion_cost: Annotated[
-        float,
-        Ge(0),
-        Doc("cost of an occluded pixel; right poses may be half hidden (D; P: 1)"),
+        NotNegative, Doc("cost of an occluded pixel; right poses may be half hidden (D; P: 1)")
     ] = 0.1
     occlusion_share_cost: Annotated[
-        float,
-        Ge(0),
+        NotNegative,
         Doc("added to it, times the hidden fraction: few objects are mostly hidden (D; P: 0)"),
     ] = 0.2
-    occluded_edge_cost: Annotated[float, Ge(0), Doc("cost of an occluded edgelet (D; P: 1)")] = 0.5
+    occluded_edge_cost: Annotated[NotNegative, Doc("cost of an occluded edgelet (D; P: 1)")] = 0.5
     unexplained_cost: Annotated[
-        float,
-        Ge(0),
+        NotNegative,
         Doc("weight of pixels that only other poses at the same place explain (D; P: 0)"),
     ] = 0.2
     support_cost: Annotated[
-        float, Ge(0), Doc("weight of ln(largest support by votes / own support) (D; P: 0)")
+        NotNegative, Doc("weight of ln(largest support by votes / own support) (D; P: 0)")
     ] = 0.01
     roi_size: Annotated[
         int, Ge(1), Le(2048), Unit("px"), Doc("long side of the compared region (D)")
     ] = 64
 
 
-@dataclass(frozen=True)
-class Evidence:
+class Evidence(NamedTuple):
     """How an image agrees with each of n poses.
 
     Of the rendered pixels, `behind` is the share where the observed surface is behind the object by
@@ -130,18 +115,18 @@ class Evidence:
     edgelet, in units of τ_e and at most 1. `area` is the number of agreeing pixels of the image.
     """
 
-    area: Float[np.ndarray, "n"]
-    residual: Float[np.ndarray, "n"]
-    behind: Float[np.ndarray, "n"]
-    occluded: Float[np.ndarray, "n"]
-    missing: Float[np.ndarray, "n"]
-    color: Float[np.ndarray, "n"]
-    edge: Float[np.ndarray, "n"]
-    edges_occluded: Float[np.ndarray, "n"]
+    area: Values
+    residual: Values
+    behind: Values
+    occluded: Values
+    missing: Values
+    color: Values
+    edge: Values
+    edges_occluded: Values
 
-    def rows(self, chosen: Int[np.ndarray, "m"]) -> "Evidence":
+    def rows(self, chosen: Rows) -> "Evidence":
         """The evidence for some of the poses, in the order given."""
-        return Evidence(*(getattr(self, each.name)[chosen] for each in fields(self)))
+        return Evidence(*(values[chosen] for values in self))
 
 
 @dataclass(frozen=True)
@@ -154,9 +139,9 @@ class Observation:
     colour are not looked for. For `depth_edge_distance` depth alone counts.
     """
 
-    rgb: UInt8[np.ndarray, "h w 3"]
-    depth: Float32[np.ndarray, "h w"]
-    camera_matrix: Float[np.ndarray, "3 3"]
+    rgb: Rgb
+    depth: Image
+    camera_matrix: CameraMatrix
     edge_distance: Float32[np.ndarray, "4 h w"] | None
     depth_edge_distance: Float32[np.ndarray, "4 h w"]
 
@@ -166,10 +151,7 @@ class Observation:
 
 
 def observe(
-    rgb: UInt8[np.ndarray, "h w 3"],
-    depth: Float[np.ndarray, "h w"],
-    camera_matrix: Float[np.ndarray, "3 3"],
-    settings: VerificationSettings,
+    rgb: Rgb, depth: Image, camera_matrix: CameraMatrix, settings: VerificationSettings
 ) -> Observation:
     """Prepare a frame once for all poses and objects; depth in m, missing if 0 or not finite."""
     single = np.ascontiguousarray(depth, dtype=np.float32)
@@ -177,21 +159,17 @@ def observe(
     of_depth, distances = np.broadcast_to(distance, (DIRECTIONS, *distance.shape)), None
     if settings.tau_image_edge_mm is not None:
         ratio = np.float32(settings.tau_edge_mm / settings.tau_image_edge_mm)
-        of_color = [ratio * _distances(edges) for edges in _by_direction(color_edges(rgb))]
+        # An edge may be of each of the kernel's directions that is at most 34° off.
+        away = (np.arange(STEPS) - np.arange(0, STEPS, STEPS // DIRECTIONS)[:, None]) % STEPS
+        near, edges = np.minimum(away, STEPS - away) <= _NEAR_DIRECTION, color_edges(rgb)
+        of_color = [ratio * _distances((edges != NO_EDGE) & among[edges]) for among in near]
         distances = np.minimum(distance, np.stack(of_color))
     return Observation(
         np.ascontiguousarray(rgb), single, np.asarray(camera_matrix), distances, of_depth
     )
 
 
-def _by_direction(edges: Int8[np.ndarray, "h w"]) -> Bool[np.ndarray, "4 h w"]:
-    """Edges that may be of each of the kernel's directions: those at most 34° off."""
-    away = (np.arange(STEPS) - np.arange(0, STEPS, STEPS // DIRECTIONS)[:, None]) % STEPS
-    near = np.minimum(away, STEPS - away) <= _NEAR_DIRECTION
-    return np.asarray((edges != NO_EDGE) & near[:, edges])
-
-
-def _distances(edges: Bool[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
+def _distances(edges: Mask) -> Image:
     """Distance (px) to the nearest edge, infinite if there is none.
 
     Up to 2 % off, in a quarter of the time of exact distances.
@@ -209,29 +187,26 @@ class Verifier:
     """
 
     def __init__(self, model: ObjectModel, settings: VerificationSettings) -> None:
-        mesh = model.proxy
-        self._settings, self.model, self.mesh = settings, model, mesh
+        self.settings, self.model, self.mesh = settings, model, (mesh := model.proxy)
         self.tau_depth = settings.tau_depth_mm / 1000.0  # m
-        # The colours of a mesh without colours mean nothing.
+        self._limits = Tolerances(
+            self.tau_depth,
+            settings.tau_edge_mm / 1000.0,
+            settings.tau_color,
+            settings.edge_step_mm / 1000.0,
+        )
         self._weight_color = settings.weight_color if model.mesh.colored else 0.0
-        self._centroid, self._radius = model.centroid, model.diameter / 2.0
-        self._vertices, self._faces, self._closed = prepare_mesh(mesh)
         offset_colors = mesh.colors[mesh.faces].mean(axis=1) + COLOR_OFFSET
         chromaticity = offset_colors / offset_colors.sum(axis=1, keepdims=True)
         self._chromaticity = chromaticity.astype(np.float32)
 
-    def costs(
-        self, observation: Observation, poses_cam_obj: Float[np.ndarray, "n 4 4"]
-    ) -> Float[np.ndarray, "n"]:
+    def costs(self, observation: Observation, poses_cam_obj: Poses) -> Values:
         """Cost in [0, 1] of each pose, lower is better; comparable between poses of one object."""
         return self.weigh(self.evidence(observation, poses_cam_obj))
 
     def competing_costs(
-        self,
-        observation: Observation,
-        poses_cam_obj: Float[np.ndarray, "n 4 4"],
-        support: Float[np.ndarray, "n"],
-    ) -> Float[np.ndarray, "n"]:
+        self, observation: Observation, poses_cam_obj: Poses, support: Values
+    ) -> Values:
         """Cost in [0, 1] of each pose in competition with the others.
 
         Means over the rendered pixels favour poses in which little of the object is visible. So a
@@ -240,33 +215,27 @@ class Verifier:
         the logarithm of the largest `support` over its own, because votes are evidence, too.
         """
         found = self.evidence(observation, poses_cam_obj)
-        centers = transform(poses_cam_obj, self._centroid[None])[:, 0]
+        centers = transform(poses_cam_obj, self.model.centroid[None])[:, 0]
         distances = np.linalg.norm(centers[:, None] - centers, axis=-1)
-        largest = np.where(distances < self._radius, found.area, 0.0).max(axis=1, initial=1.0)
-        costs = self.weigh(found) + self._settings.unexplained_cost * (1.0 - found.area / largest)
+        near = distances < self.model.diameter / 2.0
+        largest = np.where(near, found.area, 0.0).max(axis=1, initial=1.0)
+        costs = self.weigh(found) + self.settings.unexplained_cost * (1.0 - found.area / largest)
         share = support / max(float(support.max(initial=0.0)), _MIN_SUPPORT)
-        costs -= self._settings.support_cost * np.log(np.maximum(share, _MIN_SHARE))
+        costs -= self.settings.support_cost * np.log(np.maximum(share, _MIN_SHARE))
         return np.asarray(np.minimum(costs, WORST))
 
-    def without_explained(
-        self, observation: Observation, pose_cam_obj: Float[np.ndarray, "4 4"]
-    ) -> Observation:
+    def without_explained(self, observation: Observation, pose_cam_obj: Pose) -> Observation:
         """The image without depth where the object at this pose explains it.
 
         Explained are the pixels of its silhouette that agree in depth up to τ_d.
         """
-        depth = observation.depth
-        camera, shape = observation.camera_matrix, (depth.shape[0], depth.shape[1])
+        depth, camera = observation.depth, observation.camera_matrix
+        shape = depth.shape[0], depth.shape[1]
         rendered = render_depth(self.mesh, pose_cam_obj[None], camera, shape, threads=1)[0]
         explained = (rendered > 0.0) & (np.abs(depth - rendered) <= self.tau_depth)
         return replace(observation, depth=np.where(explained, np.float32(0.0), depth))
 
-    def is_free(
-        self,
-        unexplained: Observation,
-        poses_cam_obj: Float[np.ndarray, "n 4 4"],
-        evidence: Evidence,
-    ) -> Bool[np.ndarray, "n"]:
+    def is_free(self, unexplained: Observation, poses_cam_obj: Poses, evidence: Evidence) -> Flags:
         """Whether more than half of the pixels that agree with each pose are still unexplained.
 
         `evidence` is that of the whole image, `unexplained` is made by `without_explained`.
@@ -274,25 +243,23 @@ class Verifier:
         left = self.evidence(unexplained, poses_cam_obj)
         return np.asarray(2.0 * left.area > evidence.area)
 
-    def are_likely(
-        self, costs: Float[np.ndarray, "n"], support: Float[np.ndarray, "n"]
-    ) -> Bool[np.ndarray, "n"]:
+    def are_likely(self, costs: Values, support: Values) -> Flags:
         """Whether coarse poses of these costs are worth refining, by the support of their votes.
 
         Most poses of an object that is not in the image have both a high cost and little support.
         """
-        settings = self._settings
-        if settings.unlikely_cost is None:
+        limit = self.settings.unlikely_cost
+        if limit is None:
             return np.ones(len(costs), dtype=bool)
-        return np.asarray((costs <= settings.unlikely_cost) | (support >= settings.little_support))
+        return np.asarray((costs <= limit) | (support >= self.settings.little_support))
 
-    def weigh(self, evidence: Evidence) -> Float[np.ndarray, "n"]:
+    def weigh(self, evidence: Evidence) -> Values:
         """Cost in [0, 1] of the evidence for each pose; `WORST` if there is no depth at all.
 
         An occluded pixel costs more, the more of the object is occluded: correct poses may be half
         occluded, but poses that are almost completely occluded are rarely correct.
         """
-        settings = self._settings
+        settings = self.settings
         pixel_cost = settings.occlusion_cost + settings.occlusion_share_cost * evidence.occluded
         depth = evidence.residual + evidence.behind
         depth += pixel_cost * evidence.occluded + settings.missing_cost * evidence.missing
@@ -303,46 +270,31 @@ class Verifier:
         total_weight = settings.weight_depth + settings.weight_edge + self._weight_color
         return np.where(evidence.missing < 1.0, np.clip(weighted / total_weight, 0.0, 1.0), WORST)
 
-    def evidence(
-        self, observation: Observation, poses_cam_obj: Float[np.ndarray, "n 4 4"]
-    ) -> Evidence:
+    def evidence(self, observation: Observation, poses_cam_obj: Poses) -> Evidence:
         """How the image agrees with each pose."""
-        settings = self._settings
-        sums = np.empty((len(poses_cam_obj), SUM_COUNT))
-        edge_distance = observation.edges_of(self.model)
-        sum_evidence(
+        edges = observation.edges_of(self.model)
+        edges = observation.depth_edge_distance if edges is None else edges
+        sums = sum_evidence(
             np.ascontiguousarray(poses_cam_obj, dtype=np.float64),
-            self._vertices,
-            self._faces,
-            self._closed,
+            prepare_mesh(self.mesh),
             self._chromaticity,
             observation.camera_matrix,
-            settings.roi_size,
-            observation.depth,
-            observation.rgb,
-            observation.depth_edge_distance if edge_distance is None else edge_distance,
-            settings.tau_depth_mm / 1000.0,
-            settings.tau_edge_mm / 1000.0,
-            settings.tau_color,
-            settings.edge_step_mm / 1000.0,
-            sums,
+            SeenImages(observation.depth, observation.rgb, edges),
+            self._limits,
+            self.settings.roi_size,
         )
-        return _normalised(sums)
-
-
-def _normalised(sums: Float[np.ndarray, "n 11"]) -> Evidence:
-    # The order in which `verification_kernel` fills the sums.
-    pixels, agreeing, behind, occluded, missing, edges, edges_occluded = sums.T[:7]
-    residual, color, edge, size = sums.T[7:]
-    per_pixel = 1.0 / np.maximum(pixels, 1.0)
-    seen_edges = edges - edges_occluded
-    return Evidence(
-        agreeing * size,
-        residual * per_pixel,
-        behind * per_pixel,
-        occluded * per_pixel,
-        np.where(pixels > missing, missing * per_pixel, 1.0),
-        np.where(agreeing > 0.0, color / np.maximum(agreeing, 1.0), 1.0),
-        np.where(seen_edges > 0.0, edge / np.maximum(seen_edges, 1.0), 1.0),
-        edges_occluded / np.maximum(edges, 1.0),
-    )
+        # The order in which `verification_kernel` fills the sums.
+        pixels, agreeing, behind, occluded, missing, edgelets, edgelets_occluded = sums.T[:7]
+        residual, color, edge, size = sums.T[7:]
+        per_pixel = 1.0 / np.maximum(pixels, 1.0)
+        seen_edges = edgelets - edgelets_occluded
+        return Evidence(
+            agreeing * size,
+            residual * per_pixel,
+            behind * per_pixel,
+            occluded * per_pixel,
+            np.where(pixels > missing, missing * per_pixel, 1.0),
+            np.where(agreeing > 0.0, color / np.maximum(agreeing, 1.0), 1.0),
+            np.where(seen_edges > 0.0, edge / np.maximum(seen_edges, 1.0), 1.0),
+            edgelets_occluded / np.maximum(edgelets, 1.0),
+        )

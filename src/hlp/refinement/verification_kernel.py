@@ -1,47 +1,65 @@
 """Compiled part of the verification: draw the mesh in many poses, compare each with the image."""
 
-import numpy as np
-from jaxtyping import Float, Float32, Int, Int32, UInt8
+from typing import NamedTuple
 
+import numpy as np
+from jaxtyping import Float, Float32, Int32, UInt8
+
+from hlp.arrays import CameraMatrix, Image, Poses, Rgb
 from hlp.compiled import compiled
-from hlp.rendering.zbuffer import draw_triangles, edge_direction, framed_buffer, project_vertices
+from hlp.rendering.zbuffer import (
+    KernelMesh,
+    draw_triangles,
+    edge_direction,
+    framed_buffer,
+    project_vertices,
+)
 
 COLOR_OFFSET = np.float32(4.0)
 """Added to every colour channel, because the chromaticity of dark pixels is mostly noise."""
-SUM_COUNT = 11
 _ONE, _ZERO, _INFINITE = np.float32(1.0), np.float32(0.0), np.float32(np.inf)
 _OFFSETS = np.float32(3.0) * COLOR_OFFSET
 
 
+class SeenImages(NamedTuple):
+    """What poses are compared with; `edge_distance` (px) is that of each of the `DIRECTIONS`."""
+
+    depth: Image
+    rgb: Rgb
+    edge_distance: Float32[np.ndarray, "4 h w"]
+
+
+class Tolerances(NamedTuple):
+    """Limits of differences in depth (m), of edges (m) and in colour; the step at an edge (m)."""
+
+    depth: float
+    edge: float
+    color: float
+    step: float
+
+
 @compiled()
 def sum_evidence(
-    poses: Float[np.ndarray, "n 4 4"],
-    vertices: Float[np.ndarray, "3 v"],
-    faces: Int[np.ndarray, "f 3"],
-    closed: bool,
+    poses: Poses,
+    mesh: KernelMesh,
     chromaticity: Float32[np.ndarray, "f 3"],
-    camera: Float[np.ndarray, "3 3"],
+    camera: CameraMatrix,
+    images: SeenImages,
+    limits: Tolerances,
     size: int,
-    depth: Float32[np.ndarray, "h w"],
-    rgb: UInt8[np.ndarray, "h w 3"],
-    edge_distance: Float32[np.ndarray, "4 h w"],
-    tau_depth: float,
-    tau_edge: float,
-    tau_color: float,
-    step: float,
-    sums: Float[np.ndarray, "n 11"],
-) -> None:
-    """Fill the sums of which `Evidence` is made for each pose.
+) -> Float[np.ndarray, "n 11"]:
+    """The sums of which `Evidence` is made for each pose.
 
-    Lengths are in m, `edge_distance` in pixels, for each of the `DIRECTIONS`. The image is read at
-    every k-th pixel, k the smallest number for which the object's bounding box has at most `size`
-    of them on a side. Pixels are never averaged, which would invent depth at edges.
+    The image is read at every k-th pixel, k the smallest number for which the object's bounding box
+    has at most `size` of them on a side. Pixels are never averaged, which would invent depth at
+    edges.
     """
-    corners = np.empty((3, vertices.shape[1]))
-    sampled = np.empty((3, vertices.shape[1]), dtype=np.float32)
+    depth, rgb, edge_distance = images
+    corners = np.empty(mesh.vertices.shape)
+    sampled = np.empty(mesh.vertices.shape, dtype=np.float32)
+    sums = np.zeros((len(poses), 11))
     for n in range(len(poses)):
-        sums[n] = 0.0
-        project_vertices(poses[n], vertices, camera, corners)
+        project_vertices(poses[n], mesh.vertices, camera, corners)
         left, columns, top, rows, stride = _sampling_grid(corners, depth.shape, size)
         if columns <= 0 or rows <= 0:
             continue
@@ -50,47 +68,38 @@ def sum_evidence(
         sampled[2] = corners[2]
         inverse = framed_buffer(rows, columns)
         seen = np.empty(inverse.shape, dtype=np.int32)
-        draw_triangles(sampled, faces, closed, inverse, seen)
-        tau_pixels = tau_edge * camera[0, 0] * corners[2].mean()
+        draw_triangles(sampled, mesh, inverse, seen)
+        tau_pixels = limits.edge * camera[0, 0] * corners[2].mean()
+        taus = np.float32(limits.depth), np.float32(tau_pixels), np.float32(limits.color)
         for j in range(rows):
             y = top + j * stride
-            _sum_row(
-                inverse[j + 1],
-                inverse[j],
-                inverse[j + 2],
-                seen[j + 1],
-                chromaticity,
-                depth[y, left::stride],
-                rgb[y, left::stride],
-                edge_distance[:, y, left::stride],
-                np.float32(tau_depth),
-                np.float32(tau_pixels),
-                np.float32(tau_color),
-                np.float32(step),
-                columns,
-                sums[n],
-            )
+            row = depth[y, left::stride], rgb[y, left::stride], edge_distance[:, y, left::stride]
+            around = inverse[j], inverse[j + 1], inverse[j + 2]
+            faces = chromaticity, seen[j + 1]
+            _sum_row(around, faces, row, taus, np.float32(limits.step), columns, sums[n])
         sums[n, 10] = stride * stride
+    return sums
 
 
 @compiled(error_model="numpy")
 def _sum_row(
-    inverse: Float32[np.ndarray, "c+5"],
-    above: Float32[np.ndarray, "c+5"],
-    below: Float32[np.ndarray, "c+5"],
-    seen: Int32[np.ndarray, "c+5"],
-    chromaticity: Float32[np.ndarray, "f 3"],
-    depth: Float32[np.ndarray, "c"],
-    rgb: UInt8[np.ndarray, "c 3"],
-    edge_distance: Float32[np.ndarray, "4 c"],
-    tau_depth: np.float32,
-    tau_pixels: np.float32,
-    tau_color: np.float32,
+    around: tuple[Float32[np.ndarray, "c+5"], ...],
+    faces: tuple[Float32[np.ndarray, "f 3"], Int32[np.ndarray, "c+5"]],
+    row: tuple[Float32[np.ndarray, "c"], UInt8[np.ndarray, "c 3"], Float32[np.ndarray, "4 c"]],
+    taus: tuple[np.float32, np.float32, np.float32],
     step: np.float32,
     columns: int,
     sums: Float[np.ndarray, "11"],
 ) -> None:
-    """Add the pixels of one row; `verification` states the order of the sums."""
+    """Add the pixels of one row; `verification` states the order of the sums.
+
+    `around` are the inverse depths of the row above, of the row itself and of that below, `faces`
+    the chromaticity of all faces and those that the row shows, `row` that of the images.
+    """
+    above, inverse, below = around
+    chromaticity, seen = faces
+    depth, rgb, edge_distance = row
+    tau_depth, tau_pixels, tau_color = taus
     pixels, missing, occluded, behind, agreeing, edges, occluded_edges = 0, 0, 0, 0, 0, 0, 0
     residual, color, edge_sum = _ZERO, _ZERO, _ZERO
     for i in range(columns):
@@ -109,9 +118,8 @@ def _sum_row(
         if present & (abs(difference) <= tau_depth):
             agreeing += 1
             residual += abs(difference) / tau_depth
-            color += min(
-                _chromaticity_difference(rgb[i], chromaticity[seen[i + 1]]) / tau_color, _ONE
-            )
+            apart = _chromaticity_difference(rgb[i], chromaticity[seen[i + 1]])
+            color += min(apart / tau_color, _ONE)
         # An edgelet: a 4-neighbour is empty or farther by more than the step.
         farthest = min(min(inverse[i], inverse[i + 2]), min(above[i + 1], below[i + 1]))
         if farthest * (rendered + step) < _ONE:

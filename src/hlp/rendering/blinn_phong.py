@@ -8,10 +8,10 @@ are physically based, unlike the numba renderer's).
 
 import numpy as np
 import pyrender
-from jaxtyping import Float, UInt8
 from OpenGL import GL  # type: ignore[import-untyped]
 from pyrender.shader_program import ShaderProgram
 
+from hlp.arrays import CameraMatrix, Image, Pose, Rgb
 from hlp.records import Mesh
 from hlp.rendering.light import Light
 
@@ -117,9 +117,7 @@ class _SingleSampleRenderer(pyrender.Renderer):  # type: ignore[misc]
         self._main_fb = None
         self._main_fb_dims = (0, 0)
 
-    def _read_main_framebuffer(
-        self, scene: pyrender.Scene, flags: int
-    ) -> tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]]:
+    def _read_main_framebuffer(self, scene: pyrender.Scene, flags: int) -> tuple[Rgb, Image]:
         width, height = self._main_fb_dims
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._main_fb)
         area = (0, 0, width, height)
@@ -154,12 +152,12 @@ class BlinnPhongScene:
     def render(
         self,
         mesh: Mesh,
-        pose_cam_obj: Float[np.ndarray, "4 4"],
-        camera_matrix: Float[np.ndarray, "3 3"],
+        pose_cam_obj: Pose,
+        camera_matrix: CameraMatrix,
         shape: tuple[int, int],
         light: Light,
         depth_range: tuple[float, float],
-    ) -> tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]]:
+    ) -> tuple[Rgb, Image]:
         """Colour and depth (m); what lies outside `depth_range` (m) is cut off."""
         self._scene.set_pose(self._show(mesh), np.asarray(pose_cam_obj, dtype=np.float64))
         self._camera.fx, self._camera.fy = camera_matrix[0, 0], camera_matrix[1, 1]

@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import UInt8
+
+from hlp.arrays import Points
 
 
 @dataclass(frozen=True)
@@ -41,9 +43,9 @@ def random_light(rng: np.random.Generator) -> Light:
 
 
 def shade(
-    albedo: Float[np.ndarray, "n 3"] | UInt8[np.ndarray, "n 3"],
-    normals: Float[np.ndarray, "n 3"],
-    view_directions: Float[np.ndarray, "n 3"],
+    albedo: Points | UInt8[np.ndarray, "n 3"],
+    normals: Points,
+    view_directions: Points,
     light: Light,
 ) -> UInt8[np.ndarray, "n 3"]:
     """Colours (0…255) of surface points under a light (Blinn-Phong).
@@ -66,7 +68,7 @@ def shade(
     return np.asarray(np.clip(np.rint(color), 0, 255), dtype=np.uint8)
 
 
-def _unit(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+def _unit(vectors: Points) -> Points:
     """Vectors scaled to unit length; a vector of length 0 stays 0."""
     vectors = np.asarray(vectors, dtype=np.float64)
     length = np.linalg.norm(vectors, axis=1, keepdims=True)

@@ -9,19 +9,17 @@ import logging
 import os
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float, UInt8
 
+from hlp.arrays import CameraMatrix, Image, Pose, Rgb
 from hlp.records import Mesh
 from hlp.rendering.light import Light
 
-_Picture = tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]]
+_Picture = tuple[Rgb, Image]
 
-NEAR = 0.01
-"""Near clipping plane (m)."""
-
+_NEAR = 0.01  # m: near clipping plane
 _MESHES_KEPT = 16
 _INSTALL = (
     "OpenGL cannot start. Install the system packages libegl1 libgl1 libxrender1 "
@@ -34,9 +32,24 @@ class _Context:
     """The process's OpenGL context, or why it has none, and the thread that it belongs to."""
 
     draw: Callable[..., _Picture] | None
-    problem: str
-    process: int
-    thread: int
+    problem: str | None
+    process: int = field(default_factory=os.getpid)
+    thread: int = field(default_factory=threading.get_ident)
+
+    @property
+    def problem_here(self) -> str | None:
+        """Why it cannot be used by the calling thread; None if it can."""
+        if self.problem is None and self.process != os.getpid():
+            return (
+                "OpenGL was started before this process was forked and is unusable in it: "
+                "start workers with spawn (or joblib's loky), or set rendering=numba"
+            )
+        if self.problem is None and self.thread != threading.get_ident():
+            return (
+                "OpenGL was started in another thread and only works there: "
+                "render from that thread, or set rendering=numba"
+            )
+        return self.problem
 
 
 _contexts: list[_Context] = []  # at most one; a list, so that it is never rebound
@@ -48,45 +61,30 @@ def opengl_problem() -> str | None:
 
     The first call starts OpenGL and binds it to the calling thread.
     """
-    context = _context()
-    if context.problem:
-        return context.problem
-    if context.process != os.getpid():
-        return (
-            "OpenGL was started before this process was forked and is unusable in it: "
-            "start workers with spawn (or joblib's loky), or set rendering=numba"
-        )
-    if context.thread != threading.get_ident():
-        return (
-            "OpenGL was started in another thread and only works there: "
-            "render from that thread, or set rendering=numba"
-        )
-    return None
+    return _context().problem_here
 
 
 def render_rgbd(
     mesh: Mesh,
-    pose_cam_obj: Float[np.ndarray, "4 4"],
-    camera_matrix: Float[np.ndarray, "3 3"],
+    pose_cam_obj: Pose,
+    camera_matrix: CameraMatrix,
     shape: tuple[int, int],
     light: Light,
-) -> tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]]:
+) -> _Picture:
     """Colour (black where nothing is) and depth (m, 0 = nothing) of one mesh in one pose.
 
     The mesh is uploaded on first use and recognised by identity: do not change its arrays.
     Raises RuntimeError if OpenGL cannot run, ValueError on a pose that is not finite.
     """
-    problem = opengl_problem()
-    if problem is not None:
+    draw, problem = _context().draw, _context().problem_here
+    if draw is None or problem is not None:
         raise RuntimeError(problem)
     if not np.isfinite(pose_cam_obj).all():
         raise ValueError("pose_cam_obj is not finite (nan or inf)")
-    draw = _context().draw
-    assert draw is not None
     # With a tight depth range the 24-bit buffer resolves far less than a micrometre.
     z = mesh.vertices @ pose_cam_obj[2, :3] + pose_cam_obj[2, 3]
     margin = 1e-3 * float(np.ptp(z)) + 1e-4
-    near, far = max(float(z.min()) - margin, NEAR), float(z.max()) + margin
+    near, far = max(float(z.min()) - margin, _NEAR), float(z.max()) + margin
     if far <= near:  # the whole mesh is behind the camera
         return np.zeros((*shape, 3), dtype=np.uint8), np.zeros(shape, dtype=np.float32)
     return draw(mesh, pose_cam_obj, camera_matrix, shape, light, (near, far))
@@ -95,22 +93,21 @@ def render_rgbd(
 def _context() -> _Context:
     with _starting:
         if not _contexts:
-            draw, problem = _start()
-            _contexts.append(_Context(draw, problem, os.getpid(), threading.get_ident()))
+            _contexts.append(_start())
         return _contexts[0]
 
 
-def _start() -> tuple[Callable[..., _Picture] | None, str]:
+def _start() -> _Context:
     os.environ.setdefault("PYOPENGL_PLATFORM", "egl")  # read by PyOpenGL when it is imported
     # PyOpenGL logs missing optional libraries as errors.
     logging.getLogger("OpenGL").setLevel(logging.CRITICAL)
     try:
         from hlp.rendering.blinn_phong import BlinnPhongScene
     except (ImportError, AttributeError, OSError) as error:
-        return None, f"{_INSTALL} ({type(error).__name__}: {error})"
+        return _Context(None, f"{_INSTALL} ({type(error).__name__}: {error})")
     from OpenGL.error import Error  # type: ignore[import-untyped]
 
     try:
-        return BlinnPhongScene(_MESHES_KEPT).render, ""
+        return _Context(BlinnPhongScene(_MESHES_KEPT).render, None)
     except (Error, AssertionError, AttributeError, OSError, RuntimeError, ValueError) as error:
-        return None, f"{_INSTALL} ({type(error).__name__}: {error})"
+        return _Context(None, f"{_INSTALL} ({type(error).__name__}: {error})")

@@ -6,15 +6,16 @@ Kernels are serial and release the GIL; threads render different poses.
 """
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, Int
 
+from hlp.arrays import CameraMatrix, Image, Pixels, Points, Pose, Poses, Rgb
 from hlp.compiled import compiled
 from hlp.geometry import transform
 from hlp.records import Mesh
 from hlp.rendering.light import Light, shade
+from hlp.thread_team import ThreadTeam
 
 NEAR = 0.01
 """Triangles with a corner nearer to the camera than this (m) are not drawn."""
@@ -22,9 +23,9 @@ NEAR = 0.01
 
 @compiled()
 def fill_triangles(
-    corners: Float[np.ndarray, "v 3"],
+    corners: Points,
     faces: Int[np.ndarray, "f 3"],
-    inverse_depth: Float[np.ndarray, "h w"],
+    inverse_depth: Image,
     triangles: Int[np.ndarray, "h w"],
 ) -> None:
     """Draw triangles into a z-buffer of inverse depths (1/m, 0 = nothing), keeping the nearest.
@@ -39,10 +40,10 @@ def fill_triangles(
 
 @compiled(inline="always")
 def _fill_triangle(
-    corners: Float[np.ndarray, "v 3"],
+    corners: Points,
     faces: Int[np.ndarray, "f 3"],
     face: int,
-    inverse_depth: Float[np.ndarray, "h w"],
+    inverse_depth: Image,
     triangles: Int[np.ndarray, "h w"],
 ) -> None:
     """Draw one triangle, see fill_triangles."""
@@ -78,22 +79,10 @@ def _fill_triangle(
             triangles[y, x] = face if nearest else triangles[y, x]
 
 
-def is_closed(faces: Int[np.ndarray, "f 3"], vertices: Float[np.ndarray, "v 3"]) -> bool:
-    """Whether a mesh is closed and wound outwards, so that its back faces are never visible."""
-    start = np.asarray(faces, dtype=np.int64).ravel()
-    end = np.roll(faces, -1, axis=1).astype(np.int64).ravel()
-    forth = np.sort(start * len(vertices) + end)
-    back = np.sort(end * len(vertices) + start)
-    if (np.diff(forth) == 0).any() or not np.array_equal(forth, back):
-        return False
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    return bool(np.einsum("ij,ij->", a, np.cross(b, c)) > 0.0)
-
-
 def render_depth(
     mesh: Mesh,
-    poses_cam_obj: Float[np.ndarray, "n 4 4"],
-    camera_matrix: Float[np.ndarray, "3 3"],
+    poses_cam_obj: Poses,
+    camera_matrix: CameraMatrix,
     shape: tuple[int, int],
     threads: int = 2,
 ) -> Float[np.ndarray, "n h w"]:
@@ -110,33 +99,28 @@ def render_depth(
         inverse_depth, _ = _draw(points, mesh.faces, camera_matrix, shape)
         depth[index] = _depth(inverse_depth)
 
-    if threads > 1 and len(depth) > 1:
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(draw, range(len(depth))))
-    else:
-        for index in range(len(depth)):
-            draw(index)
+    ThreadTeam(threads if len(depth) > 1 else 1).map(draw, len(depth))
     return depth
 
 
 def render_rgbd(
     mesh: Mesh,
-    pose_cam_obj: Float[np.ndarray, "4 4"],
-    camera_matrix: Float[np.ndarray, "3 3"],
+    pose_cam_obj: Pose,
+    camera_matrix: CameraMatrix,
     shape: tuple[int, int],
     light: Light,
-) -> tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]]:
+) -> tuple[Rgb, Image]:
     """Colour (black where nothing is) and depth (m, 0 = nothing) of one mesh in one pose."""
     rgb, depth, _ = render_scene([(mesh, pose_cam_obj)], camera_matrix, shape, light)
     return rgb, depth
 
 
 def render_scene(
-    parts: Sequence[tuple[Mesh, Float[np.ndarray, "4 4"]]],
-    camera_matrix: Float[np.ndarray, "3 3"],
+    parts: Sequence[tuple[Mesh, Pose]],
+    camera_matrix: CameraMatrix,
     shape: tuple[int, int],
     light: Light,
-) -> tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"], Int[np.ndarray, "h w"]]:
+) -> tuple[Rgb, Image, Int[np.ndarray, "h w"]]:
     """Colour, depth (m) and the index of the part seen at each pixel (-1 = nothing).
 
     `parts` are meshes with their poses, drawn into one z-buffer. Raises ValueError if there is no
@@ -147,17 +131,13 @@ def render_scene(
     poses = np.stack([np.asarray(pose, dtype=np.float64) for _, pose in parts])
     _require_finite(poses)
     meshes = [mesh for mesh, _ in parts]
-    points = np.concatenate(
-        [transform(pose, mesh.vertices) for pose, mesh in zip(poses, meshes, strict=True)]
-    )
-    normals = np.concatenate(
-        [mesh.normals @ pose[:3, :3].T for pose, mesh in zip(poses, meshes, strict=True)]
-    )
+    placed = list(zip(poses, meshes, strict=True))
+    points = np.concatenate([transform(pose, mesh.vertices) for pose, mesh in placed])
+    normals = np.concatenate([mesh.normals @ pose[:3, :3].T for pose, mesh in placed])
     colors = np.concatenate([mesh.colors for mesh in meshes])
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
     faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=True)])
     last_face = np.cumsum([len(mesh.faces) for mesh in meshes])
-
     inverse_depth, triangles = _draw(points, faces, camera_matrix, shape)
     seen = triangles >= 0
     corners = faces[triangles[seen]]
@@ -175,11 +155,11 @@ def render_scene(
 
 
 def _draw(
-    points_cam: Float[np.ndarray, "v 3"],
+    points_cam: Points,
     faces: Int[np.ndarray, "f 3"],
-    camera_matrix: Float[np.ndarray, "3 3"],
+    camera_matrix: CameraMatrix,
     shape: tuple[int, int],
-) -> tuple[Float[np.ndarray, "h w"], Int[np.ndarray, "h w"]]:
+) -> tuple[Image, Int[np.ndarray, "h w"]]:
     """Inverse depth (0 = nothing) and face index (-1 = nothing) of triangles in camera space."""
     z = points_cam[:, 2]
     inverse = np.where(z >= NEAR, 1.0 / np.where(z >= NEAR, z, 1.0), 0.0)
@@ -195,10 +175,8 @@ def _draw(
 
 
 def _corner_weights(
-    corners_cam: Float[np.ndarray, "n 3 3"],
-    pixels: Int[np.ndarray, "n 2"],
-    camera_matrix: Float[np.ndarray, "3 3"],
-) -> Float[np.ndarray, "n 3"]:
+    corners_cam: Float[np.ndarray, "n 3 3"], pixels: Pixels, camera_matrix: CameraMatrix
+) -> Points:
     """Perspective-correct weights of each triangle's corners where a pixel's ray meets it."""
     rays = np.ones((len(pixels), 3))
     rays[:, :2] = (pixels - camera_matrix[:2, 2]) / camera_matrix[[0, 1], [0, 1]]
@@ -210,14 +188,14 @@ def _corner_weights(
     return np.asarray(weights / weights.sum(axis=1, keepdims=True))
 
 
-def _depth(inverse_depth: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+def _depth(inverse_depth: Image) -> Image:
     drawn = inverse_depth > 0.0
     depth = np.zeros(inverse_depth.shape, dtype=np.float32)
     depth[drawn] = 1.0 / inverse_depth[drawn]
     return depth
 
 
-def _require_finite(poses_cam_obj: Float[np.ndarray, "n 4 4"]) -> None:
+def _require_finite(poses_cam_obj: Poses) -> None:
     bad = ~np.isfinite(poses_cam_obj).all(axis=(-2, -1))
     if bad.any():
         raise ValueError(f"poses_cam_obj[{int(np.flatnonzero(bad)[0])}] is not finite (nan or inf)")

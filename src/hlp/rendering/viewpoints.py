@@ -7,12 +7,14 @@ Directions are unit vectors in object coordinates; angles are radians.
 import numpy as np
 from jaxtyping import Bool, Float
 
+from hlp.arrays import Points, Values
+
 _MIRROR = np.array([1.0, 1.0, -1.0])
 # Below this distance from the pole the object's +z has no direction in the image.
 _POLE = 1e-6
 
 
-def thomson(count: int, seed: int) -> Float[np.ndarray, "n 3"]:
+def thomson(count: int, seed: int) -> Points:
     """`count` directions over the whole sphere at a minimum of the Coulomb energy.
 
     Starts from uniform random directions and finds a local minimum. Its energy is within 0.01 % of
@@ -22,7 +24,7 @@ def thomson(count: int, seed: int) -> Float[np.ndarray, "n 3"]:
     return _relax(_random_directions(count, seed), mirrored=False)
 
 
-def hemisphere(count: int, seed: int) -> Float[np.ndarray, "n 3"]:
+def hemisphere(count: int, seed: int) -> Points:
     """`count` directions on the upper half (z > 0) of the sphere, as evenly as `thomson`'s.
 
     Each charge has a mirror image below the equator, so this is the upper half of a symmetric
@@ -34,9 +36,7 @@ def hemisphere(count: int, seed: int) -> Float[np.ndarray, "n 3"]:
     return _relax(start, mirrored=True)
 
 
-def view_rotations(
-    viewpoints: Float[np.ndarray, "n 3"], in_plane: Float[np.ndarray, "m"]
-) -> Float[np.ndarray, "nm 3 3"]:
+def view_rotations(viewpoints: Points, in_plane: Values) -> Float[np.ndarray, "nm 3 3"]:
     """Rotations `cam_obj` (n·m, 3, 3), viewpoint-major, of cameras at `viewpoints` (n, 3).
 
     The camera looks from each viewpoint at the object's centre; the object's +z points up in the
@@ -50,22 +50,27 @@ def view_rotations(
     y_axis = -up / np.linalg.norm(up, axis=-1, keepdims=True)
     z_axis = -backward
     upright = np.stack([np.cross(y_axis, z_axis), y_axis, z_axis], axis=1)
-    cosine, sine = np.cos(in_plane), np.sin(in_plane)
-    turn = np.zeros((len(in_plane), 3, 3))
-    turn[:, 0, 0], turn[:, 0, 1] = cosine, -sine
-    turn[:, 1, 0], turn[:, 1, 1] = sine, cosine
-    turn[:, 2, 2] = 1.0
-    return np.asarray(np.einsum("mij,njk->nmik", turn, upright).reshape(-1, 3, 3))
+    turns = turns_in_plane(in_plane)
+    return np.asarray(np.einsum("mij,njk->nmik", turns, upright).reshape(-1, 3, 3))
 
 
-def _random_directions(count: int, seed: int) -> Float[np.ndarray, "n 3"]:
+def turns_in_plane(angles: Values) -> Float[np.ndarray, "n 3 3"]:
+    """Rotations about the optical axis, from the image's x axis towards its y axis."""
+    turns = np.zeros((len(angles), 3, 3))
+    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(angles)
+    turns[:, 1, 0], turns[:, 2, 2] = np.sin(angles), 1.0
+    turns[:, 0, 1] = -turns[:, 1, 0]
+    return turns
+
+
+def _random_directions(count: int, seed: int) -> Points:
     if count < 1:
         raise ValueError(f"the number of viewpoints must be at least 1, got {count}")
     points = np.random.default_rng(seed).normal(size=(count, 3))
     return np.asarray(points / np.linalg.norm(points, axis=1, keepdims=True))
 
 
-def _relax(start: Float[np.ndarray, "n 3"], mirrored: bool) -> Float[np.ndarray, "n 3"]:
+def _relax(start: Points, mirrored: bool) -> Points:
     """Nearest minimum of the Coulomb energy, by L-BFGS over unnormalised vectors.
 
     The energy depends on the directions only, so the sphere needs no constraint.
@@ -73,27 +78,22 @@ def _relax(start: Float[np.ndarray, "n 3"], mirrored: bool) -> Float[np.ndarray,
     if len(start) == 1 and not mirrored:
         return start  # a single charge is at rest anywhere
 
-    def energy(flat: Float[np.ndarray, "k"]) -> tuple[float, Float[np.ndarray, "k"]]:
+    def energy(flat: Values) -> tuple[float, Values]:
         vectors = flat.reshape(-1, 3)
         norms = np.linalg.norm(vectors, axis=1, keepdims=True)
         points = vectors / norms
-        value, slope = _repulsion(points, points, np.eye(len(points), dtype=bool))
+        own = np.eye(len(points), dtype=bool)
+        value, slope = _repulsion(points, points, own)
         if mirrored:
-            nothing = np.zeros((len(points), len(points)), dtype=bool)
-            below, below_slope = _repulsion(points, points * _MIRROR, nothing)
+            below, below_slope = _repulsion(points, points * _MIRROR, np.zeros_like(own))
             value, slope = value + below, slope + below_slope
         tangent = slope - (slope * points).sum(axis=1, keepdims=True) * points
         return value, (tangent / norms).ravel()
 
     from scipy.optimize import minimize  # only learning needs it, and it is slow to import
 
-    result = minimize(
-        energy,
-        start.ravel(),
-        jac=True,
-        method="L-BFGS-B",
-        options={"maxiter": 1000, "maxfun": 2000, "ftol": 1e-11, "gtol": 1e-6},
-    )
+    limits = {"maxiter": 1000, "maxfun": 2000, "ftol": 1e-11, "gtol": 1e-6}
+    result = minimize(energy, start.ravel(), jac=True, method="L-BFGS-B", options=limits)
     points = result.x.reshape(-1, 3)
     points /= np.linalg.norm(points, axis=1, keepdims=True)
     if mirrored:
@@ -103,10 +103,8 @@ def _relax(start: Float[np.ndarray, "n 3"], mirrored: bool) -> Float[np.ndarray,
 
 
 def _repulsion(
-    points: Float[np.ndarray, "n 3"],
-    charges: Float[np.ndarray, "n 3"],
-    excluded: Bool[np.ndarray, "n n"],
-) -> tuple[float, Float[np.ndarray, "n 3"]]:
+    points: Points, charges: Points, excluded: Bool[np.ndarray, "n n"]
+) -> tuple[float, Points]:
     """Half the energy of all points and charges, and its gradient with respect to the points.
 
     Half, because each pair occurs twice (charges are the points or their mirror images).

@@ -1,37 +1,28 @@
 """RGB-D views of an object from many viewpoints (stage 0), and their files."""
 
-import logging
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Le
-from jaxtyping import Float, UInt8
+from annotated_types import Ge, Le
+from jaxtyping import Float
 from tqdm import tqdm
 
+from hlp.arrays import Poses
 from hlp.errors import ConfigError, DataError, MissingFileError
 from hlp.files import write_array
 from hlp.geometry import rigid
-from hlp.records import MILLIMETRES_PER_METRE, Mesh, ObjectModel, Views
+from hlp.records import MILLIMETRES_PER_METRE, ObjectModel, Views
 from hlp.rendering import opengl, rasterizer
-from hlp.rendering.light import Light, random_light
+from hlp.rendering.light import random_light
 from hlp.rendering.viewpoints import hemisphere, thomson, view_rotations
-from hlp.settings import Doc, Settings, SettingsError
+from hlp.settings import Doc, Positive, Settings, SettingsError
+from hlp.thread_team import ThreadTeam
 
 _COVERAGES = {"hemisphere": hemisphere, "sphere": thomson}
-# `auto` is numba: it works on every machine, gives the same views everywhere and is faster on a
-# CPU (LINEMOD's cat, 31k faces, 128 px, one core: 250 views/s, pyrender on llvmpipe 150).
-_RENDERERS = {"auto": "numba", "numba": "numba", "pyrender": "pyrender"}
 _DEPTH_UNIT = 1e-4  # m
 _FILES = ("rgb", "depth", "poses_cam_obj", "camera_matrix")
-
-_Renderer = Callable[
-    [Mesh, Float[np.ndarray, "4 4"], Float[np.ndarray, "3 3"], tuple[int, int], Light],
-    tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]],
-]
 
 
 @dataclass(frozen=True)
@@ -57,12 +48,10 @@ class ViewsSettings(Settings):
         int, Ge(1), Le(3600), Doc("number of in-plane angles, 24° apart by default (D)")
     ] = 15
     distance_mm: Annotated[
-        float, Gt(0), Doc("from camera to object centroid; typical of LINEMOD (D)")
+        Positive, Doc("from camera to object centroid; typical of LINEMOD (D)")
     ] = 800.0
     focal_px: Annotated[
-        float,
-        Gt(0),
-        Doc("LINEMOD's focal length; reduced if the object does not fit in the crop (D)"),
+        Positive, Doc("LINEMOD's focal length; reduced if the object does not fit in the crop (D)")
     ] = 572.0
     size_px: Annotated[
         int, Ge(8), Le(1024), Doc("side of the square crop around the object (D)")
@@ -77,11 +66,7 @@ class ViewsSettings(Settings):
 
 
 def render_views(
-    model: ObjectModel,
-    settings: ViewsSettings,
-    seed: int,
-    progress: bool = True,
-    threads: int = 1,
+    model: ObjectModel, settings: ViewsSettings, seed: int, progress: bool = True, threads: int = 1
 ) -> Views:
     """Views of the full mesh, viewpoint-major, each under a different random light.
 
@@ -97,23 +82,18 @@ def render_views(
     shape = (settings.size_px, settings.size_px)
     rgb = np.zeros((len(poses), *shape, 3), dtype=np.uint8)
     depth = np.zeros((len(poses), *shape), dtype=np.float32)
-    render, threads = _renderer(settings, threads)
+    by_opengl = settings.name == "pyrender"
+    render = opengl.render_rgbd if by_opengl else rasterizer.render_rgbd
+    bar = tqdm(total=len(poses), desc=f"views of {model.name}", disable=None if progress else True)
 
     def draw(index: int) -> None:
         rgb[index], depth[index] = render(
             model.mesh, poses[index], camera_matrix, shape, lights[index]
         )
+        bar.update()
 
-    bar = tqdm(total=len(poses), desc=f"views of {model.name}", disable=None if progress else True)
     with bar:
-        if threads == 1:
-            for index in range(len(poses)):
-                draw(index)
-                bar.update()
-        else:
-            with ThreadPoolExecutor(threads) as pool:
-                for _ in pool.map(draw, range(len(poses))):
-                    bar.update()
+        ThreadTeam(1 if by_opengl else threads).map(draw, len(poses))
     return Views(model.object_id, rgb, depth, poses, camera_matrix)
 
 
@@ -130,12 +110,7 @@ def save_views(folder: Path, views: Views) -> None:
             f"depth of object {views.object_id} lies outside 0 to 6.5535 m; "
             "use a smaller rendering.distance_mm"
         )
-    arrays = (
-        views.rgb,
-        steps.astype(np.uint16),
-        views.poses_cam_obj,
-        views.camera_matrix,
-    )
+    arrays = views.rgb, steps.astype(np.uint16), views.poses_cam_obj, views.camera_matrix
     folder.mkdir(parents=True, exist_ok=True)
     for name, array in zip(_FILES, arrays, strict=True):
         write_array(folder / f"{name}.npy", array)
@@ -167,11 +142,10 @@ def _load(file: Path) -> np.ndarray:
         raise DataError(message) from error
 
 
-def _poses(model: ObjectModel, settings: ViewsSettings, seed: int) -> Float[np.ndarray, "n 4 4"]:
+def _poses(model: ObjectModel, settings: ViewsSettings, seed: int) -> Poses:
     viewpoints = _COVERAGES[settings.coverage](settings.viewpoints, seed)
-    angles = np.linspace(
-        settings.in_plane_min_deg, settings.in_plane_max_deg, settings.in_plane_steps
-    )
+    least, most = settings.in_plane_min_deg, settings.in_plane_max_deg
+    angles = np.linspace(least, most, settings.in_plane_steps)
     rotations = view_rotations(viewpoints, np.deg2rad(angles))
     on_axis = np.array([0.0, 0.0, settings.distance_mm / 1000.0])
     return rigid(rotations, on_axis - rotations @ model.centroid)
@@ -191,12 +165,3 @@ def _crop_camera(model: ObjectModel, settings: ViewsSettings) -> Float[np.ndarra
     focal = min(settings.focal_px, fitting)
     centre = (settings.size_px - 1) / 2
     return np.array([[focal, 0.0, centre], [0.0, focal, centre], [0.0, 0.0, 1.0]])
-
-
-def _renderer(settings: ViewsSettings, threads: int) -> tuple[_Renderer, int]:
-    """The renderer of the settings and the number of threads it may use (OpenGL: 1)."""
-    name = _RENDERERS[settings.name]
-    logging.getLogger(__name__).debug("views are rendered by %s", name)
-    if name == "numba":
-        return rasterizer.render_rgbd, threads
-    return opengl.render_rgbd, 1

@@ -6,13 +6,15 @@ the compiler can turn them into vector instructions. `rasterizer` is the referen
 """
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int32, Shaped
 
+from hlp.arrays import CameraMatrix, Points, Pose
 from hlp.compiled import compiled
 from hlp.records import Mesh
-from hlp.rendering.rasterizer import NEAR, is_closed
+from hlp.rendering.rasterizer import NEAR
 
 VECTOR_WIDTH = 4
 """Pixels of a row that are drawn at once (SIMD lanes)."""
@@ -25,12 +27,32 @@ _INFINITE, _EIGHTH = np.float32(np.inf), np.float32(np.tan(np.pi / 8.0))
 _TOLERANCE = np.float32(1e-5)
 
 
+class KernelMesh(NamedTuple):
+    """A mesh as kernels read it: vertices (m) by coordinate, faces, and whether it is closed."""
+
+    vertices: Float[np.ndarray, "3 v"]
+    faces: Int32[np.ndarray, "f 3"]
+    closed: bool
+
+
 @lru_cache(maxsize=32)
-def prepare_mesh(mesh: Mesh) -> tuple[Float[np.ndarray, "3 v"], Int32[np.ndarray, "f 3"], bool]:
-    """Vertices by coordinate (m), faces, and whether the mesh is closed; cached for each mesh."""
+def prepare_mesh(mesh: Mesh) -> KernelMesh:
+    """The mesh for kernels; cached for each mesh."""
     faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
-    closed = is_closed(faces, mesh.vertices)
-    return np.ascontiguousarray(mesh.vertices.T, dtype=np.float64), faces, closed
+    vertices = np.ascontiguousarray(mesh.vertices.T, dtype=np.float64)
+    return KernelMesh(vertices, faces, is_closed(faces, mesh.vertices))
+
+
+def is_closed(faces: Int[np.ndarray, "f 3"], vertices: Points) -> bool:
+    """Whether a mesh is closed and wound outwards, so that its back faces are never visible."""
+    start = np.asarray(faces, dtype=np.int64).ravel()
+    end = np.roll(faces, -1, axis=1).astype(np.int64).ravel()
+    forth = np.sort(start * len(vertices) + end)
+    back = np.sort(end * len(vertices) + start)
+    if (np.diff(forth) == 0).any() or not np.array_equal(forth, back):
+        return False
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    return bool(np.einsum("ij,ij->", a, np.cross(b, c)) > 0.0)
 
 
 @compiled()
@@ -55,9 +77,9 @@ def add_frame(image: Shaped[np.ndarray, "h w"]) -> Float32[np.ndarray, "h+2 w+5"
 
 @compiled()
 def project_vertices(
-    pose: Float[np.ndarray, "4 4"],
+    pose: Pose,
     vertices: Float[np.ndarray, "3 v"],
-    camera: Float[np.ndarray, "3 3"],
+    camera: CameraMatrix,
     corners: Float[np.ndarray, "3 v"],
 ) -> None:
     """Fill `corners` with (x px, y px, 1/z) of each vertex; 1/z = 0 if z < NEAR."""
@@ -77,22 +99,22 @@ def project_vertices(
 @compiled()
 def draw_triangles(
     corners: Float32[np.ndarray, "3 v"],
-    faces: Int[np.ndarray, "f 3"],
-    cull: bool,
+    mesh: KernelMesh,
     inverse: Float32[np.ndarray, "h+2 w+5"],
     triangles: Int32[np.ndarray, "h+2 w+5"] | None,
 ) -> None:
     """Like `rasterizer.fill_triangles`, in single precision, into a `framed_buffer`.
 
-    `corners` are (x px, y px, 1/z) of each vertex; pixel (0, 0) is the first inside the frame.
-    `cull` skips back faces, which is correct for closed meshes (see `rasterizer.is_closed`).
-    `triangles`, unless it is None, receives the index of the face seen at each pixel.
+    `corners` are (x px, y px, 1/z) of each vertex; pixel (0, 0) is the first inside the frame. Back
+    faces of a closed mesh are skipped. `triangles`, unless it is None, receives the index of the
+    face seen at each pixel.
     """
     height, stride = inverse.shape[0] - 2, inverse.shape[1]
     width = stride - 1 - VECTOR_WIDTH
     flat = inverse.reshape(-1)
     if triangles is not None:  # resolved at compile time
         seen = triangles.reshape(-1)
+    faces, cull = mesh.faces, mesh.closed
     for face in range(faces.shape[0]):
         a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
         ax, ay, wa = corners[0, a], corners[1, a], corners[2, a]

@@ -20,7 +20,7 @@ from jaxtyping import UInt8
 from tqdm import tqdm
 
 from hlp.config.build import Run, evenly
-from hlp.models.encoders import FeatureDecoder
+from hlp.models.encoder import FeatureDecoder
 from hlp.records import PoseEstimate, Target, TargetScore, frame_key
 from hlp.reporting.figures.panels import write_picture
 from hlp.reporting.figures.saving import save_jpeg

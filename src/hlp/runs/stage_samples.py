@@ -11,10 +11,10 @@ from hlp.config.build import evenly
 from hlp.data.dataset import TrainingImages
 from hlp.geometry import allocentric_to_egocentric, inverse, project, transform
 from hlp.method.settings import ClassifierStage
-from hlp.models.encoder import Encoder, patch_input
-from hlp.models.encoders import FeatureDecoder
-from hlp.patches.local import LocalSettings, cut_local_patches, join_patches, take_patches
+from hlp.models.encoder import Encoder, FeatureDecoder, patch_input
+from hlp.patches.local import LocalSettings, cut_local_patches, take_patches
 from hlp.patches.local_pool import cut_view_patches
+from hlp.patches.sampling import join
 from hlp.records import (
     Codebook,
     Frame,
@@ -113,7 +113,7 @@ def entries_of_patches(
         cut += [entry_patch(views, codebook, int(entry), size, local) for entry in entries]
         apart = distances_on_object(codebook.points_obj[entries], true_places[row], model)
         name = f"{model.name} {frame.key}"
-        shown.append(PatchEntries(name, join_patches(cut), matches.distances[row], apart))
+        shown.append(PatchEntries(name, join(cut), matches.distances[row], apart))
     return shown
 
 
@@ -238,7 +238,7 @@ def search_again(
     rng = np.random.default_rng(refined.seeds[row])
     pose, iterations = search(cost, start, model.centroid, settings, rng)
     if not np.array_equal(pose, stored):  # it was chosen, so that it was moved further
-        pose = choose_sibling(seen, model, pose).pose_cam_obj
+        pose = choose_sibling(seen, model, pose)
         # The first refinement of a look has the seed of the look, as its last one has.
         refiner, seed = settings.build(threads=1), int(refined.seeds[0][0])
         before = Refinement(pose, iterations)

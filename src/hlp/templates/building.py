@@ -5,19 +5,20 @@ the depth image says how large the object appears at each place.
 """
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import cv2
 import numpy as np
 from annotated_types import Ge, Le, Unit
-from jaxtyping import Bool, Float, Float32, Int8, UInt8
+from jaxtyping import Float, Float32, Int8, UInt8
 
+from hlp.arrays import CameraMatrix, Image, Mask, Values
 from hlp.geometry import rigid
 from hlp.image_edges import NO_EDGE, STEPS, edges
 from hlp.records import ObjectModel
 from hlp.rendering.rasterizer import render_depth
-from hlp.rendering.viewpoints import thomson, view_rotations
-from hlp.settings import Doc, Settings
+from hlp.rendering.viewpoints import thomson, turns_in_plane, view_rotations
+from hlp.settings import Doc, NotNegative, Settings
 
 DIRECTIONS = 8
 """Directions of features, of half a turn."""
@@ -41,7 +42,7 @@ class TemplateSettings(Settings):
         int, Ge(0), Le(32), Unit("px"), Doc("distance at which an edge still counts (D)")
     ] = 4
     least_match: Annotated[
-        float, Ge(0), Le(1), Doc("share of features that a template must find (D)")
+        NotNegative, Le(1), Doc("share of features that a template must find (D)")
     ] = 0.45
     compared: Annotated[
         int, Ge(1), Le(10_000), Doc("best matches of which the cost is computed (D)")
@@ -56,12 +57,11 @@ class TemplateSettings(Settings):
         int, Ge(1), Le(10_000), Doc("coarse poses that are kept of each place (D)")
     ] = 4
     match_weight: Annotated[
-        float, Ge(0), Doc("weight of the share of features found against the cost (D)")
+        NotNegative, Doc("weight of the share of features found against the cost (D)")
     ] = 0.4
 
 
-@dataclass(frozen=True)
-class Templates:
+class Templates(NamedTuple):
     """Views of one object by their edges.
 
     A template is laid on the image by its anchor, a point of the surface near the middle of the
@@ -88,51 +88,56 @@ def build_templates(model: ObjectModel, settings: TemplateSettings) -> Templates
     views = view_rotations(thomson(settings.views, 0), np.zeros(1))
     poses = rigid(views, np.array([0.0, 0.0, distance]) - views @ model.centroid)
     angles = 2.0 * np.pi * np.arange(settings.turns) / settings.turns
-    turns = np.zeros((len(angles), 3, 3))
-    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(angles)
-    turns[:, 1, 0], turns[:, 2, 2] = np.sin(angles), 1.0
-    turns[:, 0, 1] = -turns[:, 1, 0]
-    found: list[tuple[np.ndarray, ...]] = []
-    for view, depth in zip(
-        views, render_depth(model.proxy, poses, camera, (side, side)), strict=True
-    ):
-        direction = _view_edges(depth, camera)
-        points = _features(direction != NO_EDGE, depth > 0.0, settings.features)
-        if len(points) < settings.features:
-            continue
-        anchor = _anchor(depth)
-        ray = np.array([*(anchor - centre) / _FOCAL, 1.0])
-        at_anchor = float(depth[anchor[1], anchor[0]])
-        from_centroid = ray * at_anchor - [0.0, 0.0, distance]
-        offsets = (points - anchor) * (distance / _FOCAL)
-        shown = _spread(np.argwhere(_inside(depth > 0.0))[:, ::-1], _SURFACE)
-        surface = np.zeros((_SURFACE, 3))
-        surface[: len(shown), :2] = (shown - anchor) * (distance / _FOCAL)
-        surface[: len(shown), 2] = depth[shown[:, 1], shown[:, 0]] - at_anchor
-        of_points = direction[points[:, 1], points[:, 0]] * (np.pi / STEPS)
-        turned = (of_points + angles[:, None]) * (DIRECTIONS / np.pi)
-        found.append(
-            (
-                turns @ view,
-                turns @ from_centroid,
-                np.einsum("tij,fj->tfi", turns[:, :2, :2], offsets).astype(np.float32),
-                (np.floor(turned + 0.5).astype(int) % DIRECTIONS).astype(np.uint8),
-                np.einsum("tij,sj->tsi", turns, surface).astype(np.float32),
-            )
-        )
-    if not found:
-        nothing = np.zeros((0, settings.features, 2), dtype=np.float32)
-        directions, surface = (
-            nothing[..., 0].astype(np.uint8),
-            np.zeros((0, _SURFACE, 3), np.float32),
-        )
-        return Templates(np.zeros((0, 3, 3)), np.zeros((0, 3)), nothing, directions, surface)
-    return Templates(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+    nothing = Templates(
+        np.zeros((0, 3, 3)),
+        np.zeros((0, 3)),
+        np.zeros((0, settings.features, 2), dtype=np.float32),
+        np.zeros((0, settings.features), dtype=np.uint8),
+        np.zeros((0, _SURFACE, 3), dtype=np.float32),
+    )
+    depths = render_depth(model.proxy, poses, camera, (side, side))
+    found = [
+        made
+        for view, depth in zip(views, depths, strict=True)
+        if (made := _turned_view(view, depth, camera, distance, angles, settings.features))
+    ]
+    return Templates(*(np.concatenate(parts) for parts in zip(nothing, *found, strict=True)))
 
 
-def _view_edges(
-    depth: Float32[np.ndarray, "h w"], camera: Float[np.ndarray, "3 3"]
-) -> Int8[np.ndarray, "h w"]:
+def _turned_view(
+    view: Float[np.ndarray, "3 3"],
+    depth: Image,
+    camera: CameraMatrix,
+    distance: float,
+    angles: Values,
+    features: int,
+) -> Templates | None:
+    """The templates of one view, one for each angle in its plane; None if it shows too little."""
+    direction = _view_edges(depth, camera)
+    points = _features(direction != NO_EDGE, depth > 0.0, features)
+    if len(points) < features:
+        return None
+    anchor = _anchor(depth)
+    at_anchor = float(depth[anchor[1], anchor[0]])
+    from_centroid = np.array([*(anchor - camera[0, 2]) / _FOCAL, 1.0]) * at_anchor
+    from_centroid -= [0.0, 0.0, distance]
+    offsets = (points - anchor) * (distance / _FOCAL)
+    shown = _spread(np.argwhere(_inside(depth > 0.0))[:, ::-1], _SURFACE)
+    surface = np.zeros((_SURFACE, 3))
+    surface[: len(shown), :2] = (shown - anchor) * (distance / _FOCAL)
+    surface[: len(shown), 2] = depth[shown[:, 1], shown[:, 0]] - at_anchor
+    turns, of_points = turns_in_plane(angles), direction[points[:, 1], points[:, 0]]
+    turned = (of_points * (np.pi / STEPS) + angles[:, None]) * (DIRECTIONS / np.pi)
+    return Templates(
+        turns @ view,
+        turns @ from_centroid,
+        np.einsum("tij,fj->tfi", turns[:, :2, :2], offsets).astype(np.float32),
+        (np.floor(turned + 0.5).astype(int) % DIRECTIONS).astype(np.uint8),
+        np.einsum("tij,sj->tsi", turns, surface).astype(np.float32),
+    )
+
+
+def _view_edges(depth: Image, camera: CameraMatrix) -> Int8[np.ndarray, "h w"]:
     """Edges of the silhouette, and where the surface turns or has a step."""
     drawn = depth > 0.0
     y, x = np.mgrid[: depth.shape[0], : depth.shape[1]]
@@ -149,9 +154,7 @@ def _view_edges(
     return edges(np.ascontiguousarray(image, dtype=np.float32), _LEAST)
 
 
-def _features(
-    among: Bool[np.ndarray, "h w"], drawn: Bool[np.ndarray, "h w"], count: int
-) -> np.ndarray:
+def _features(among: Mask, drawn: Mask, count: int) -> np.ndarray:
     """Edge points (x, y) spread over outline and inner edges; fewer where there are not as many."""
     inside = _inside(drawn)
     outline = np.argwhere(among & ~inside)[:, ::-1]
@@ -162,7 +165,7 @@ def _features(
     return np.concatenate([chosen, chosen_inner])
 
 
-def _inside(drawn: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+def _inside(drawn: Mask) -> Mask:
     return np.asarray(cv2.erode(drawn.view(np.uint8), np.ones((5, 5), np.uint8)) > 0)
 
 
@@ -178,7 +181,7 @@ def _spread(points: np.ndarray, count: int) -> np.ndarray:
     return np.asarray(points[chosen])
 
 
-def _anchor(depth: Float32[np.ndarray, "h w"]) -> np.ndarray:
+def _anchor(depth: Image) -> np.ndarray:
     """The pixel (x, y) nearest the middle around which all is object, or that is object."""
     drawn = (depth > 0.0).view(np.uint8)
     inner = cv2.erode(drawn, _INNER)

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Int8, Int32, UInt8
+from jaxtyping import Float, Float32, Int, Int8, Int32, UInt8
 
+from hlp.arrays import CameraMatrix, Image, Mask, Points, Poses, Values
 from hlp.compiled import compiled
 from hlp.geometry import allocentric_to_egocentric, rigid, transform
 from hlp.image_edges import NO_EDGE, STEPS
@@ -27,8 +28,8 @@ _SAME_SHIFT, _SAME_TURN = 0.08, np.deg2rad(14.0)  # of the diameter: matches of 
 class Matches:
     """Poses at which templates match, best first, and the share of features found of each."""
 
-    poses_cam_obj: Float[np.ndarray, "m 4 4"]
-    shares: Float[np.ndarray, "m"]
+    poses_cam_obj: Poses
+    shares: Values
 
 
 def spread_edges(directions: Int8[np.ndarray, "h w"], reach: int) -> UInt8[np.ndarray, "8 h w"]:
@@ -67,11 +68,11 @@ def _mark(
 def match_templates(
     templates: Templates,
     answers: UInt8[np.ndarray, "8 h w"],
-    depth: Float32[np.ndarray, "h w"],
-    camera_matrix: Float[np.ndarray, "3 3"],
+    depth: Image,
+    camera_matrix: CameraMatrix,
     model: ObjectModel,
     settings: TemplateSettings,
-    mask: Bool[np.ndarray, "h w"] | None,
+    mask: Mask | None,
     team: ThreadTeam,
 ) -> Matches:
     """Lay every template on a grid of places with depth (in the `mask`); the best matches.
@@ -82,30 +83,16 @@ def match_templates(
     smooth = cv2.medianBlur(np.ascontiguousarray(depth, dtype=np.float32), _MEDIAN)
     there = np.isfinite(smooth) & (smooth > _NEAREST)
     there = there if mask is None else there & mask
-    y, x = (
-        step * each + step // 2 for each in np.nonzero(there[step // 2 :: step, step // 2 :: step])
-    )
+    y, x = step * np.argwhere(there[step // 2 :: step, step // 2 :: step]).T + step // 2
     places, depths = np.stack([x, y], axis=1).astype(np.float32), smooth[y, x]
     shares = np.zeros((len(places), _PER_PLACE), dtype=np.float32)
     rows = np.full(shares.shape, -1, dtype=np.int32)
     focal, ahead = np.float32(camera_matrix[0, 0]), templates.anchors_cam[:, 2].astype(np.float32)
+    limits = np.float32(_DEPTH_LIMIT * model.diameter), np.float32(settings.least_match)
 
-    def scan(start: int, stop: int) -> None:
-        _scan(
-            answers,
-            places[start:stop],
-            depths[start:stop],
-            focal,
-            templates.offsets,
-            templates.directions,
-            templates.surface,
-            smooth,
-            np.float32(_DEPTH_LIMIT * model.diameter),
-            ahead,
-            np.float32(settings.least_match),
-            shares[start:stop],
-            rows[start:stop],
-        )
+    def scan(a: int, b: int) -> None:
+        found = shares[a:b], rows[a:b]
+        _scan(answers, smooth, places[a:b], depths[a:b], focal, templates, ahead, limits, *found)
 
     team.map_ranges(scan, len(places))
     place, column = np.nonzero(shares >= settings.least_match)
@@ -125,7 +112,7 @@ def match_templates(
 
 
 def at_different_places(
-    poses_cam_obj: Float[np.ndarray, "n 4 4"], model: ObjectModel, most: int
+    poses_cam_obj: Poses, model: ObjectModel, most: int
 ) -> Int[np.ndarray, "k"]:
     """Rows of poses, the best of which come first, without those with `most` better ones nearby."""
     centers = transform(poses_cam_obj, model.centroid[None])[:, 0]
@@ -139,21 +126,20 @@ def at_different_places(
 @compiled(fastmath=True)
 def _scan(
     answers: UInt8[np.ndarray, "8 h w"],
+    depth: Image,
     places: Float32[np.ndarray, "p 2"],
     depths: Float32[np.ndarray, "p"],
     focal: np.float32,
-    offsets: Float32[np.ndarray, "t f 2"],
-    directions: UInt8[np.ndarray, "t f"],
-    surface: Float32[np.ndarray, "t s 3"],
-    depth: Float32[np.ndarray, "h w"],
-    limit: np.float32,
+    templates: Templates,
     ahead: Float32[np.ndarray, "t"],
-    least: np.float32,
+    limits: tuple[np.float32, np.float32],
     shares: Float32[np.ndarray, "p k"],
     rows: Int32[np.ndarray, "p k"],
 ) -> None:
     """The best templates at each place, and the shares of their features that the image has."""
     height, width = answers.shape[1:]
+    offsets, directions, surface = templates.offsets, templates.directions, templates.surface
+    limit, least = limits
     count, last = offsets.shape[1], shares.shape[1] - 1
     fewest = least * np.float32(_SAME * _FIRST)
     half = np.float32(0.5)
@@ -188,7 +174,7 @@ def _scan(
 
 @compiled()
 def _choose_different(
-    centers: Float[np.ndarray, "n 3"],
+    centers: Points,
     rotations: Float[np.ndarray, "n 3 3"],
     shift: float,
     trace: float,

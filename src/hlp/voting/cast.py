@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
+from hlp.arrays import Values
 from hlp.geometry import allocentric_to_egocentric
 from hlp.records import Codebook, LocalPatches, Matches, ObjectModel, Votes
 
@@ -20,7 +21,7 @@ def cast_votes(
     model: ObjectModel,
     max_distance: float,
     weighted_by_distance: bool,
-    patch_weights: Float[np.ndarray, "n"] | None = None,
+    patch_weights: Values | None = None,
 ) -> Votes:
     """One vote per accepted neighbour: rotation R, centroid p_cam + R·(centroid − p_obj).
 

@@ -11,7 +11,7 @@ from hlp.method.find.instances import find_instances, resolve_conflicts
 from hlp.method.find.trace import ObjectTrace
 from hlp.records import Hypotheses, Refinement, Region
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
-from hlp.refinement.none import NoneSettings
+from hlp.refinement.refiner import NoneSettings
 from hlp.refinement.verification import VerificationSettings, Verifier, observe
 from refinement_scene import CAMERA, Scene, disturbed, make_row
 
@@ -153,10 +153,8 @@ class Twins:
 
     def refine(self, object_id: int, given: Hypotheses, rest: Any = None) -> Any:
         self.asked.append(object_id)
-        return refine_and_choose(
-            NoneSettings().build(1), self._verifier, self.context.observation, self.scene.model,
-            given, 8, 0.1, 0, 1, rest,
-        )  # fmt: skip
+        refiner, seen = NoneSettings().build(1), self.context.observation
+        return refine_and_choose(refiner, self._verifier, seen, given, 0, 1, rest)
 
     def resolve(self, **poses: list[np.ndarray]) -> tuple[dict[int, Any], dict[int, Any]]:
         """What was found of objects, given their coarse poses, before and after conflicts."""

@@ -11,7 +11,7 @@ from hlp.errors import DataError
 from hlp.method.learn.model_files import read_model, write_model
 from hlp.objects.object_model import model_identity
 from hlp.records import Texture
-from hlp.rendering.color_grid import color_grid
+from hlp.rendering.surface import color_grid
 
 
 @pytest.fixture(scope="module")

@@ -4,11 +4,10 @@ import torch
 
 from hlp.method.learn.model_files import load_classifier
 from hlp.method.settings import MachineSettings
-from hlp.models.autoencoder import AutoencoderSettings
 from hlp.models.classifier_training import HolisticCNN
-from hlp.models.contrastive import ContrastiveSettings
+from hlp.models.encoder_training import PatchEncoder
+from hlp.models.network_encoders import AutoencoderSettings, ContrastiveSettings
 from hlp.models.onnx_export import export_network
-from hlp.models.patch_encoder import PatchEncoder
 from hlp.models.pca import PcaSettings
 from hlp.records import LocalPatches
 

@@ -13,7 +13,7 @@ from hlp.errors import DataError
 from hlp.method.learn.model_files import HISTORY, WEIGHTS, read_history, read_weights
 from hlp.method.learn.training import CheckpointFiles, fit, last_checkpoint
 from hlp.method.settings import TrainerSettings
-from hlp.patches.pool_loader import pool_loader
+from hlp.patches.pool_loader import PoolDataModule
 
 CPU = TrainerSettings("cpu", "cpu", 1, "auto", "32-true", 2)
 EPOCHS = 4
@@ -23,18 +23,13 @@ class StopError(RuntimeError):
     pass
 
 
-class Data(pl.LightningDataModule):
+class Data(PoolDataModule):
     """Batches with noise drawn from the trainer's step, as the real ones have."""
 
     def __init__(self, seed: int) -> None:
-        super().__init__()
-        gen = torch.Generator().manual_seed(7)
-        images = torch.randn((48, 2, 8, 8), generator=gen)
-        self.pool = {"image": images, "label": (images.mean(dim=(1, 2, 3)) > 0).long()}
-        self.seed = seed
-
-    def train_dataloader(self):
-        return pool_loader(self.pool, 16, self.seed)
+        images = torch.randn((48, 2, 8, 8), generator=torch.Generator().manual_seed(7))
+        labels = (images.mean(dim=(1, 2, 3)) > 0).long()
+        super().__init__({"image": images.numpy(), "label": labels.numpy()}, 16, seed)
 
     def on_before_batch_transfer(self, batch, dataloader_idx):
         gen = torch.Generator().manual_seed(self.trainer.global_step)

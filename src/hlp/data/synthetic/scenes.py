@@ -22,7 +22,7 @@ from hlp.geometry import inverse, project, transform
 from hlp.records import Frame, Target, frame_key
 from hlp.rendering.light import Light
 from hlp.rendering.rasterizer import render_depth, render_scene
-from hlp.rendering.sensor import kinect, noisy_depth, noisy_rgb
+from hlp.rendering.sensor import Kinect, noisy_depth, noisy_rgb
 from hlp.settings import Doc, Settings, SettingsError
 from hlp.source_code import source_digest
 
@@ -169,7 +169,7 @@ class SyntheticScenes:
     def _make(self, key: str) -> Frame:
         number = self._number(key)
         scene = self.scene(key)
-        sensor = kinect(self._settings.noise)
+        sensor = Kinect(self._settings.noise)
         rng = self._rng(number, "sensor")
         return Frame(
             scene_id=number,

@@ -23,7 +23,7 @@ from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
 from hlp.refinement.pose_fit import PoseFit, measure_fit
 from hlp.refinement.texture import choose_near_sibling
 from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
-from hlp.rendering.color_grid import color_grid
+from hlp.rendering.surface import color_grid
 from hlp.templates.building import build_templates
 from hlp.templates.matching import at_different_places, match_templates, spread_edges
 from hlp.thread_team import ThreadTeam
@@ -257,7 +257,6 @@ class PoseEstimator:
         if len(hypotheses) == 0:
             return None
         context.observer.enter("screen")
-        verification = self.settings.fine.refinement.verification
 
         def good_enough(pose_cam_obj: Pose) -> bool:
             return self.score(context, object_id, pose_cam_obj) >= (min_score or 0.0)
@@ -266,10 +265,7 @@ class PoseEstimator:
             self._refiner,
             self.verifier(object_id),
             context.observation,
-            self.learnt.models[object_id],
             hypotheses,
-            verification.candidates,
-            verification.max_improvement,
             self._seed(context.frame, object_id),
             instances,
             unexplained,
@@ -282,7 +278,7 @@ class PoseEstimator:
         seen, model = context.observation, self.learnt.models[object_id]
         seed = self._seed(context.frame, object_id)
         pose = self._refiner.follow(model, seen, pose_cam_obj, seed)
-        return choose_near_sibling(seen, model, pose.pose_cam_obj).pose_cam_obj
+        return choose_near_sibling(seen, model, pose.pose_cam_obj)
 
     def _seed(self, frame: Frame, object_id: int) -> int:
         return derive_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id)

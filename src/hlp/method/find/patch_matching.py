@@ -17,7 +17,8 @@ from hlp.method.settings import CoarseStage, FindSettings
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
 from hlp.observer import NOBODY, Observer
-from hlp.patches.local import cut_local_patches, join_patches, take_patches
+from hlp.patches.local import cut_local_patches, take_patches
+from hlp.patches.sampling import join
 from hlp.records import Codebook, Frame, LocalPatches, Matches, ObjectModel
 from hlp.refinement.score_model import ScoreModel
 from hlp.thread_team import ThreadTeam
@@ -240,5 +241,5 @@ class _Known:
             np.concatenate([getattr(matches, name) for _, matches in together])
             for name in ("indices", "distances")
         )
-        patches = join_patches([own for own, _ in together])
+        patches = join([own for own, _ in together])
         self.found = [(patches, Matches(indices, distances))]

@@ -30,7 +30,7 @@ from hlp.patches.procedural_backgrounds import procedural_backgrounds
 from hlp.records import Frame, Mesh, ObjectModel, Target
 from hlp.rendering.light import random_light
 from hlp.rendering.rasterizer import render_depth, render_scene
-from hlp.rendering.sensor import kinect, noisy_depth, noisy_rgb
+from hlp.rendering.sensor import Kinect, noisy_depth, noisy_rgb
 from hlp.rendering.viewpoints import view_rotations
 from hlp.rendering.views import ViewsSettings
 
@@ -259,8 +259,7 @@ def _sensed(
 
     Colours have another saturation and black level, and are shifted by up to 2 px.
     """
-    sensor = kinect(float(rng.uniform(*_NOISE)))
-    sensor = replace(sensor, edge_jitter=int(rng.integers(1, _EDGE_JITTER + 1)))
+    sensor = Kinect(float(rng.uniform(*_NOISE)), int(rng.integers(1, _EDGE_JITTER + 1)))
     grey = rgb.mean(axis=2, keepdims=True)
     colors = grey + (rgb - grey) * rng.uniform(0.5, 1.1) + rng.uniform(0.0, 25.0)
     shift = np.array([[1.0, 0.0, rng.uniform(-2, 2)], [0.0, 1.0, rng.uniform(-2, 2)]])

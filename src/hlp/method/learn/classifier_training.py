@@ -17,14 +17,14 @@ from hlp.method.settings import ClassifierStage
 from hlp.models.classifier_training import HolisticClassifier, copy_weights, raise_background
 from hlp.models.onnx_export import export_network
 from hlp.objects.distractors import distractor_scenes
+from hlp.patches.composite import BackgroundPool
 from hlp.patches.holistic_data import HolisticDataModule
 from hlp.patches.holistic_pool import (
-    BackgroundPool,
     HolisticPool,
     bake_backgrounds,
     bake_windows,
-    join_pools,
 )
+from hlp.patches.sampling import join
 from hlp.records import ObjectModel, Views
 
 
@@ -86,17 +86,15 @@ def _windows(
     for label, model in enumerate(tqdm(models, "windows cut", unit="object", disable=None), 1):
         pool = bake_windows(
             views_of(model.object_id),
+            model,
             label,
-            model.holistic_size,
             [other.holistic_size for other in models],
-            model.centroid,
             settings.holistic.resolution,
             settings.pool,
             np.random.default_rng([settings.seed, model.object_id]),
-            model.mesh.colored,
         )
         pools.append(pool)
-    return join_pools(pools)
+    return join(pools)
 
 
 def _backgrounds(

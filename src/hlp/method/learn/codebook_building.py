@@ -9,9 +9,10 @@ from hlp.codebook.entries import make_codebook
 from hlp.codebook.neighbours import ExactNeighbours
 from hlp.method.settings import CodebookStage
 from hlp.models.encoder import Encoder
-from hlp.patches.local import join_patches, surface_pixels, take_patches
+from hlp.patches.local import surface_pixels, take_patches
 from hlp.patches.local_data import degrade_patches
 from hlp.patches.local_pool import cut_view_patches
+from hlp.patches.sampling import join
 from hlp.records import Codebook, ObjectModel, Views
 
 _SCALE_SAMPLE = 1024
@@ -43,13 +44,13 @@ def build_codebook(
             cut_view_patches(views, view, pixels[view], size, local, encoder.sees_color)
             for view in range(start, stop)
         ]
-        block = join_patches(cut)
+        block = join(cut)
         features.append(encoder.encode(block))
         points.append(block.points_cam)
         rows = sample - first[start]
         sampled.append(take_patches(block, rows[(rows >= 0) & (rows < len(block))]))
     entries = np.concatenate(features)
-    some = join_patches(sampled)
+    some = join(sampled)
     seen = degrade_patches(some, np.arange(len(some)), size, settings.seed)
     nearest = ExactNeighbours(entries, 1).nearest_distances(encoder.encode(seen))
     return make_codebook(

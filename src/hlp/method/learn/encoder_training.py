@@ -15,11 +15,11 @@ from tqdm import tqdm
 from hlp.method.learn.backgrounds import Backgrounds
 from hlp.method.learn.training import calibration_images, fit
 from hlp.method.settings import EncoderStage
-from hlp.models.encoders import STEM, EncoderModule
+from hlp.models.encoder import STEM, EncoderModule
 from hlp.models.onnx_export import export_network
-from hlp.patches.local import join_patches
 from hlp.patches.local_data import PairDataModule, PatchDataModule
-from hlp.patches.local_pool import PairPool, bake_frame_patches, bake_pairs, join_pairs
+from hlp.patches.local_pool import PairPool, bake_frame_patches, bake_pairs
+from hlp.patches.sampling import join
 from hlp.records import ObjectModel, Views
 
 
@@ -42,7 +42,7 @@ def train_encoder(
 
 @dataclass(frozen=True)
 class _Training:
-    """What encoders train with (`hlp.models.encoders.EncoderTraining`)."""
+    """What encoders train with (`hlp.models.encoder.EncoderTraining`)."""
 
     models: Mapping[int, ObjectModel]
     views_of: Callable[[int], Views]
@@ -66,7 +66,7 @@ class _Training:
         local = self.settings.local
         sizes = sorted({local.side_of(model.local_size) for model in self.models.values()})
         rng = np.random.default_rng(self.settings.seed)
-        patches = join_patches(bake_frame_patches(frames, sizes, per_frame, local, rng))
+        patches = join(bake_frame_patches(frames, sizes, per_frame, local, rng))
         return PatchDataModule(patches, batch_size, self.settings.seed, varied_light)
 
     def fit(self, module: EncoderModule, data: pl.LightningDataModule, epochs: int) -> None:
@@ -83,4 +83,4 @@ class _Training:
             rng, views = np.random.default_rng([settings.seed, object_id]), self.views_of(object_id)
             size = settings.local.side_of(model.local_size)
             pools.append(bake_pairs(views, size, settings.local, settings.pairs, rng, with_color))
-        return join_pairs(pools)
+        return join(pools)

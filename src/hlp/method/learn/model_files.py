@@ -16,7 +16,7 @@ from hlp.files import read_json, read_npz, write_json
 from hlp.method.settings import MachineSettings
 from hlp.models.network import Network, load_network
 from hlp.records import ColorGrid, Mesh, ObjectModel, Texture
-from hlp.rendering.color_grid import color_grid
+from hlp.rendering.surface import color_grid
 from hlp.settings import Settings, stored_as
 
 if TYPE_CHECKING:

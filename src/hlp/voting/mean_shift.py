@@ -1,30 +1,69 @@
-"""Compiled mean shift in translation × rotation with a flat kernel.
+"""Mean shift in translation × rotation with a flat kernel, compiled."""
 
-Votes are stored by coordinate: `positions` (3, v) in m, `quats` (4, v) unit quaternions. Two votes
-agree if their squared distance is at most `radius_squared` (m²) and the cosine of half the angle
-between them is at least `cosine`. q and −q are the same rotation.
-"""
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from hlp.arrays import Points, Values
 from hlp.compiled import compiled
+from hlp.thread_team import ThreadTeam
 
 # Allows the compiler to reorder sums, so that loops become vector instructions.
 _FAST = {"reassoc", "contract", "nsz"}
 
 
-@compiled(fastmath=_FAST)
-def sum_support(
-    positions: Float[np.ndarray, "3 v"],
-    quats: Float[np.ndarray, "4 v"],
-    weights: Float[np.ndarray, "v"],
+_SEEDS_PER_MODE = 4
+
+
+class KernelVotes(NamedTuple):
+    """Votes by coordinate, and when two of them agree.
+
+    `positions` are in m, `quats` unit quaternions; q and −q are the same rotation. Two votes agree
+    if their squared distance is at most `radius_squared` (m²) and the cosine of half the angle
+    between them is at least `cosine`.
+    """
+
+    positions: Float[np.ndarray, "3 v"]
+    quats: Float[np.ndarray, "4 v"]
+    weights: Values
+    radius_squared: float
+    cosine: float
+
+
+def find_modes(
+    centroids: Points,
+    quats: Float[np.ndarray, "v 4"],
+    weights: Values,
     radius_squared: float,
     cosine: float,
-    first: int,
-    support: Float[np.ndarray, "n"],
-) -> None:
+    steps: int,
+    limit: int,
+    team: ThreadTeam,
+) -> tuple[Float[np.ndarray, "m 7"], Values]:
+    """At most `limit` distinct modes (centroid, quaternion) of votes, and the weight at each.
+
+    Votes agree as in `KernelVotes`; with a cosine of 0 rotations do not matter, with an infinite
+    radius centroids do not. The mode of most weight comes first. Each mean shift takes as many
+    `steps`.
+    """
+    columns = np.ascontiguousarray(centroids.T), np.ascontiguousarray(quats.T)
+    votes = KernelVotes(*columns, weights, radius_squared, cosine)
+    support = np.empty(len(weights))
+    team.map_ranges(lambda a, b: sum_support(votes, a, support[a:b]), len(support))
+    # More seeds than requested modes, because several may shift to the same mode.
+    seeds = choose_distinct(votes._replace(weights=support), _SEEDS_PER_MODE * limit)
+    means, found = np.hstack([centroids[seeds], quats[seeds]]), np.empty(len(seeds))
+    team.map_ranges(lambda a, b: shift_modes(votes, steps, means[a:b], found[a:b]), len(seeds))
+    columns = np.ascontiguousarray(means[:, :3].T), np.ascontiguousarray(means[:, 3:].T)
+    kept = choose_distinct(KernelVotes(*columns, found, radius_squared, cosine), limit)
+    return means[kept], found[kept]
+
+
+@compiled(fastmath=_FAST)
+def sum_support(votes: KernelVotes, first: int, support: Values) -> None:
     """Fill `support` with the total weight of the votes that agree with vote `first` + n."""
+    positions, quats, weights, radius_squared, cosine = votes
     x, y, z = positions[0], positions[1], positions[2]
     a, b, c, d = quats[0], quats[1], quats[2], quats[3]
     for n in range(len(support)):
@@ -37,17 +76,11 @@ def sum_support(
 
 
 @compiled()
-def choose_distinct(
-    positions: Float[np.ndarray, "3 v"],
-    quats: Float[np.ndarray, "4 v"],
-    support: Float[np.ndarray, "v"],
-    radius_squared: float,
-    cosine: float,
-    limit: int,
-) -> Int[np.ndarray, "s"]:
-    """At most `limit` indices by falling support, none of which agrees with an earlier one."""
+def choose_distinct(votes: KernelVotes, limit: int) -> Int[np.ndarray, "s"]:
+    """At most `limit` indices by falling weight, none of which agrees with an earlier one."""
+    positions, quats, weights, radius_squared, cosine = votes
     chosen = np.empty(limit, dtype=np.int64)
-    remaining = support.copy()
+    remaining = weights.copy()
     for count in range(limit):
         best = np.argmax(remaining)
         if remaining[best] < 0.0:
@@ -67,23 +100,17 @@ def choose_distinct(
 
 @compiled()
 def shift_modes(
-    positions: Float[np.ndarray, "3 v"],
-    quats: Float[np.ndarray, "4 v"],
-    weights: Float[np.ndarray, "v"],
-    radius_squared: float,
-    cosine: float,
-    steps: int,
-    means: Float[np.ndarray, "s 7"],
-    mode_support: Float[np.ndarray, "s"],
+    votes: KernelVotes, steps: int, means: Float[np.ndarray, "s 7"], mode_support: Values
 ) -> None:
     """Shift each mean (position, quaternion) `steps` times; fill `mode_support` with its support.
 
     A mean that no vote agrees with any more jumps to the vote with the nearest position.
     """
+    positions, quats, weights = votes.positions, votes.quats, votes.weights
     sums = np.empty(8)
     for s in range(len(means)):
         for shift in range(steps + 1):
-            _sum_agreeing(positions, quats, weights, radius_squared, cosine, means[s], sums)
+            _sum_agreeing(votes, means[s], sums)
             if sums[7] <= 0.0:
                 j = _nearest(positions, means[s])
                 sums[:3], sums[3:7], sums[7] = positions[:, j], quats[:, j], 1.0
@@ -96,18 +123,13 @@ def shift_modes(
 
 @compiled(fastmath=_FAST)
 def _sum_agreeing(
-    positions: Float[np.ndarray, "3 v"],
-    quats: Float[np.ndarray, "4 v"],
-    weights: Float[np.ndarray, "v"],
-    radius_squared: float,
-    cosine: float,
-    mean: Float[np.ndarray, "7"],
-    sums: Float[np.ndarray, "8"],
+    votes: KernelVotes, mean: Float[np.ndarray, "7"], sums: Float[np.ndarray, "8"]
 ) -> None:
     """Weighted sums of the agreeing votes: position (3), quaternion (4), weight.
 
     Of q and −q the one on the side of the mean's quaternion counts.
     """
+    positions, quats, weights, radius_squared, cosine = votes
     x, y, z = positions[0], positions[1], positions[2]
     a, b, c, d = quats[0], quats[1], quats[2], quats[3]
     u, v, w, e, f, g, h = mean[0], mean[1], mean[2], mean[3], mean[4], mean[5], mean[6]

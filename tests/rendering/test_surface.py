@@ -4,8 +4,7 @@ import numpy as np
 import trimesh
 
 from hlp.records import Mesh, Texture
-from hlp.rendering.color_grid import color_grid
-from hlp.rendering.surface_samples import sample_surface, sample_texture
+from hlp.rendering.surface import color_grid, sample_surface, sample_texture
 
 
 def _box():

@@ -1,30 +1,116 @@
-"""Contrastive training of the local encoder, and that of the paper's autoencoder.
+"""Training of the encoders that are networks: contrastively, or as the paper's autoencoder.
 
 The two patches of a pair show the same surface point in neighbouring views, one clean and one
 degraded. InfoNCE (van den Oord et al., 2018) replaces the paper's reconstruction objective:
 reconstruction keeps light and clutter in the feature, InfoNCE removes them.
 """
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
-import pytorch_lightning as pl
+import numpy as np
 import torch
+from jaxtyping import Float
 from pytorch_lightning.utilities.types import OptimizerLRScheduler
-from torch import Tensor
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save
+from torch import Tensor, nn
 from torch.nn import functional
 
-from hlp.models.autoencoder import AutoencoderSettings
-from hlp.models.contrastive import ContrastiveSettings
-from hlp.models.encoder import normals_with_depth, sees_color
-from hlp.models.patch_encoder import PatchDecoder, PatchEncoder, one_cycle
+from hlp.arrays import Features
+from hlp.errors import DataError
+from hlp.files import replaced
+from hlp.models.encoder import RESOLUTION, normals_with_depth
+from hlp.models.network_encoders import AutoencoderSettings, ContrastiveSettings
+from hlp.models.one_cycle import OneCycleModule
+
+DECODER = "decoder.safetensors"
 
 
-class ContrastiveEncoder(pl.LightningModule):
+class PatchEncoder(nn.Module):
+    """Strided convolutions and a dense layer: (n, 4, 32, 32) in [-1, 1] → (n, dimension)."""
+
+    def __init__(self, widths: Sequence[int], dimension: int) -> None:
+        super().__init__()
+        layers: list[nn.Module] = []
+        previous = 4
+        for width in widths:
+            layers += [
+                nn.Conv2d(previous, width, 3, stride=2, padding=1),
+                nn.BatchNorm2d(width),
+                nn.LeakyReLU(0.1, inplace=True),
+            ]
+            previous = width
+        self.side = RESOLUTION // 2 ** len(widths)
+        self.convolutions = nn.Sequential(*layers)
+        self.dense = nn.Linear(previous * self.side**2, dimension)
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Features (n, dimension)."""
+        return torch.as_tensor(self.dense(self.convolutions(images).flatten(1)))
+
+    @property
+    def layers(self) -> list[nn.Module]:
+        """The layers in their order."""
+        return [*self.convolutions, nn.Flatten(), self.dense]
+
+
+class PatchDecoder(nn.Module):
+    """The mirror image of `PatchEncoder`: (n, dimension) → (n, 4, 32, 32) in [-1, 1].
+
+    `widths` are the encoder's.
+    """
+
+    def __init__(self, widths: Sequence[int], dimension: int) -> None:
+        super().__init__()
+        self.side = RESOLUTION // 2 ** len(widths)
+        back = tuple(widths)[::-1]
+        self.expand = nn.Linear(dimension, back[0] * self.side**2)
+        layers: list[nn.Module] = []
+        for width, following in zip(back, (*back[1:], 4), strict=True):
+            layers += [nn.ConvTranspose2d(width, following, 4, stride=2, padding=1)]
+            layers += [nn.LeakyReLU(0.1, inplace=True)]
+        self.convolutions = nn.Sequential(*layers[:-1], nn.Tanh())
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Patches (n, 4, 32, 32)."""
+        start = self.expand(features).unflatten(1, (-1, self.side, self.side))
+        return torch.as_tensor(self.convolutions(start))
+
+
+def save_decoder(decoder: PatchDecoder, folder: Path) -> None:
+    """Write the decoder's weights (`decoder.safetensors`)."""
+    weights = {name: value.contiguous() for name, value in decoder.state_dict().items()}
+    with replaced(folder / DECODER) as stream:
+        stream.write(save(weights))
+
+
+def decode(
+    folder: Path, widths: Sequence[int], features: Features
+) -> Float[np.ndarray, "n p p 4"] | None:
+    """Patches, channels last, that the decoder in a folder makes of features; None without one.
+
+    `widths` are the encoder's. Raises DataError for a damaged file.
+    """
+    path = folder / DECODER
+    if not path.is_file():
+        return None
+    decoder = PatchDecoder(widths, features.shape[1])
+    try:
+        decoder.load_state_dict(load_file(path))
+    except (SafetensorError, RuntimeError) as error:
+        raise DataError(f"{path} is no decoder of this encoder ({error})") from error
+    with torch.inference_mode():
+        images = decoder.eval()(torch.from_numpy(np.asarray(features, dtype=np.float32)))
+    return np.asarray(images.permute(0, 2, 3, 1).numpy())
+
+
+class ContrastiveEncoder(OneCycleModule[ContrastiveSettings]):
     """Trains `PatchEncoder` so that the patches of a pair are each other's nearest neighbours."""
 
     def __init__(self, settings: ContrastiveSettings) -> None:
-        super().__init__()
-        self.settings = settings
+        super().__init__(settings, rise=0.1)
         self.network = PatchEncoder(settings.widths, settings.dimension)
 
     def images(self, batch: dict[str, Any]) -> Tensor:
@@ -65,22 +151,12 @@ class ContrastiveEncoder(pl.LightningModule):
         near = same & (apart < self.settings.exclude_mm) & (turned > limit)
         return torch.as_tensor(near & ~torch.eye(len(near), dtype=torch.bool, device=near.device))
 
-    def configure_optimizers(self) -> OptimizerLRScheduler:
-        """AdamW with one cycle over the whole training."""
-        settings = self.settings
-        optimizer = torch.optim.AdamW(
-            self.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
-        )
-        steps = self.trainer.estimated_stepping_batches
-        return one_cycle(optimizer, settings.learning_rate, steps, 0.1)
 
-
-class Autoencoder(pl.LightningModule):
+class Autoencoder(OneCycleModule[AutoencoderSettings]):
     """Encoder to a feature and mirrored decoder back to the patch; trained on the squared error."""
 
     def __init__(self, settings: AutoencoderSettings) -> None:
-        super().__init__()
-        self.settings = settings
+        super().__init__(settings, rise=0.1)
         self.network = PatchEncoder(settings.widths, settings.dimension)
         self.decoder = PatchDecoder(settings.widths, settings.dimension)
 
@@ -102,30 +178,21 @@ class Autoencoder(pl.LightningModule):
         images = self.images(batch)
         seen = self._images(batch["seen"], batch) if "seen" in batch else images
         loss = functional.mse_loss(self(seen).float(), images)
-        self.log("loss", loss, on_step=False, on_epoch=True, prog_bar=True)
+        self.log_means({"loss": loss})
         return loss
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
         """AdamW at a constant rate, or with one cycle over the whole training."""
-        settings = self.settings
-        optimizer = torch.optim.AdamW(
-            self.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
-        )
-        if not settings.one_cycle:
-            return optimizer
-        steps = self.trainer.estimated_stepping_batches
-        return one_cycle(optimizer, settings.learning_rate, steps, 0.1)
+        return super().configure_optimizers() if self.settings.one_cycle else self.adamw()
 
 
 def encoder_input(color: Tensor | None, depth: Tensor, valid: Tensor, kind: str) -> Tensor:
     """Channels (n, 4, p, p) in [-1, 1] of colour (n, 3, p, p) in 0…1 and depth, valid (n, p, p).
 
-    The kinds are those of `patch_input`. Raises ValueError for another kind, and for `rgbd` without
-    colour.
+    The kinds are those of `patch_input`.
     """
-    if sees_color(kind):
-        if color is None:
-            raise ValueError("the encoder's input 'rgbd' needs patches with colour")
+    if kind == "rgbd":
+        assert color is not None
         return torch.cat([color * 2.0 - 1.0, depth[:, None]], dim=1)
     images = normals_with_depth(depth.cpu().numpy(), valid.cpu().numpy())
     # Channels stay last in memory, which is fastest for the network.

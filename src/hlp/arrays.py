@@ -1,0 +1,30 @@
+"""Names for the arrays that most functions of the method take or return, with their shapes.
+
+Lengths are in metres, pixels are counted (x, y) from the centre of the first one.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+Pose = Float[np.ndarray, "4 4"]
+"""A rigid motion, nearly always from object to camera coordinates."""
+Poses = Float[np.ndarray, "n 4 4"]
+CameraMatrix = Float[np.ndarray, "3 3"]
+Point = Float[np.ndarray, "3"]
+Points = Float[np.ndarray, "n 3"]
+Pixels = Int[np.ndarray, "n 2"]
+Positions = Float[np.ndarray, "n 2"]
+"""Places in an image, also between pixels."""
+Image = Float[np.ndarray, "h w"]
+"""An image of one channel: depth, 0 where it is missing, or what is computed from it."""
+Rgb = UInt8[np.ndarray, "h w 3"]
+Mask = Bool[np.ndarray, "h w"]
+Values = Float[np.ndarray, "n"]
+Flags = Bool[np.ndarray, "n"]
+Rows = Int[np.ndarray, "n"]
+Features = Float[np.ndarray, "n d"]
+DepthPatches = Float[np.ndarray, "n p p"]
+DepthCodes = UInt8[np.ndarray, "n p p"]
+"""Depth in 8 bits: see `patches.holistic.depth_code`."""
+MaskPatches = Bool[np.ndarray, "n p p"]
+ColorPatches = UInt8[np.ndarray, "n p p 3"]

@@ -1,0 +1,103 @@
+"""Points spread evenly over a mesh with their colours, and the colours in a grid of cells."""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float32, Int
+
+from hlp.arrays import Points, Positions
+from hlp.records import ColorGrid, Mesh, Texture
+
+# Two irrational steps whose multiples fill the unit square evenly (Roberts' R2 sequence).
+_STEPS = (0.7548776662466927, 0.5698402909980532)
+_CELLS = 160  # along the bounding box's diagonal: 1.2 mm for 20 cm, a pixel's width at 0.7 m
+_SAMPLES_PER_CELL = 3.0
+_BLUR = 1.2  # cells
+_MARGIN = 4  # cells around the bounding box
+
+
+class SurfaceSamples(NamedTuple):
+    """Points (m) on a surface, the unit normals of their triangles, and their colours (0…255)."""
+
+    points: Points
+    normals: Points
+    colors: Float32[np.ndarray, "n 3"]
+
+
+def sample_surface(mesh: Mesh, count: int) -> SurfaceSamples:
+    """`count` points, as many on each triangle as its area asks for; the same ones every time."""
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    cross = np.cross(b - a, c - a)
+    double_area = np.linalg.norm(cross, axis=1)
+    reached = np.cumsum(double_area)
+    places = (np.arange(count) + 0.5) * (reached[-1] / count)
+    face = np.minimum(np.searchsorted(reached, places), len(reached) - 1)
+    square = (0.5 + np.arange(count)[:, None] * np.array(_STEPS)) % 1.0
+    folded = np.where(square.sum(axis=1, keepdims=True) > 1.0, 1.0 - square, square)
+    weights = np.concatenate([folded, 1.0 - folded.sum(axis=1, keepdims=True)], axis=1)
+    corners = mesh.faces[face]
+    points = np.einsum("ni,nij->nj", weights, mesh.vertices[corners])
+    normals = cross[face] / np.maximum(double_area[face], 1e-300)[:, None]
+    return SurfaceSamples(points, normals, _colors(mesh, corners, weights))
+
+
+def _colors(
+    mesh: Mesh, corners: Int[np.ndarray, "n 3"], weights: Points
+) -> Float32[np.ndarray, "n 3"]:
+    """Colours (0…255) at weighted means of triangles' corners, from the texture if it exists."""
+    if mesh.texture is None:
+        mixed = np.einsum("ni,nij->nj", weights, mesh.colors[corners].astype(np.float64))
+        return np.asarray(mixed, dtype=np.float32)
+    return sample_texture(mesh.texture, np.einsum("ni,nij->nj", weights, mesh.texture.uv[corners]))
+
+
+def sample_texture(texture: Texture, uv: Positions) -> Float32[np.ndarray, "n 3"]:
+    """Colours (0…255) at texture coordinates, linear between the four nearest texels."""
+    height, width = texture.image.shape[:2]
+    x, y = uv[:, 0] * width - 0.5, (1.0 - uv[:, 1]) * height - 0.5
+    left, top = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+    right_share = (x - left)[:, None].astype(np.float32)
+    bottom_share = (y - top)[:, None].astype(np.float32)
+    rows = [top % height, (top + 1) % height]
+    columns = [left % width, (left + 1) % width]
+    image = texture.image
+    upper, lower = (
+        image[row, columns[0]] * (1 - right_share) + image[row, columns[1]] * right_share
+        for row in rows
+    )
+    return np.asarray(upper * (1 - bottom_share) + lower * bottom_share, dtype=np.float32)
+
+
+def color_grid(mesh: Mesh) -> ColorGrid:
+    """The colours of a mesh, from its texture if it has one, in cells.
+
+    A cell has the mean colour of the surface in it and beside it (a Gaussian of 1.2 cells), or the
+    colour of the nearest cell with a surface. The grid is made once for each mesh.
+    """
+    return _made(mesh) if mesh.color_grid is None else mesh.color_grid
+
+
+@lru_cache(maxsize=64)
+def _made(mesh: Mesh) -> ColorGrid:
+    from scipy.ndimage import distance_transform_edt, gaussian_filter  # slow to import
+
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    cell = float(np.linalg.norm(high - low)) / _CELLS
+    corner = low - _MARGIN * cell
+    shape = tuple(np.ceil((high - low) / cell).astype(int) + 2 * _MARGIN)
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2.0
+    samples = sample_surface(mesh, int(_SAMPLES_PER_CELL * area / cell**2) + 1)
+    cells = np.floor((samples.points - corner) / cell).astype(np.int64)
+    flat = np.ravel_multi_index(tuple(cells.T), shape)
+    size = int(np.prod(shape))
+    count = np.bincount(flat, minlength=size).reshape(shape).astype(np.float64)
+    weight = gaussian_filter(count, _BLUR, truncate=2.0)
+    nearest = tuple(distance_transform_edt(count == 0, return_distances=False, return_indices=True))
+    colors = np.empty((*shape, 3), dtype=np.uint8)
+    for channel in range(3):
+        total = np.bincount(flat, samples.colors[:, channel], minlength=size).reshape(shape)
+        mean = gaussian_filter(total, _BLUR, truncate=2.0) / np.maximum(weight, 1e-9)
+        colors[..., channel] = np.clip(np.rint(mean), 0, 255)[nearest]
+    return ColorGrid(colors, corner, cell)
