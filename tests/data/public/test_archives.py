@@ -7,7 +7,7 @@ from collections import namedtuple
 
 import pytest
 
-from hlp.data.public.archives import unpack
+from hlp.data.public.download import unpack
 from hlp.errors import DataError, DiskFullError
 
 GOOD = {"models/a.ply": b"ply" * 1000, "test/000001/rgb/000000.png": b"png" * 2000, "x.json": b"{}"}
@@ -83,10 +83,14 @@ def test_links_and_devices_are_refused(tmp_path, folder):
     assert not content_of(folder)
 
 
-def test_bombs_are_refused_by_what_they_state(tmp_path, folder):
+def test_bombs_and_full_disks_are_known_by_what_is_stated(tmp_path, folder, monkeypatch):
     archive = zipped(tmp_path / "a", {f"{i}": bytes(20_000_000) for i in range(3)})
     with pytest.raises(DataError, match="states 60000000 unpacked"):
         unpack(archive, folder, "lm")
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(1, 1, 50_000_100))
+    with pytest.raises(DiskFullError, match="output=FOLDER"):
+        unpack(zipped(tmp_path / "b", GOOD), folder, "lm")
     assert not content_of(folder)
 
 
@@ -126,12 +130,3 @@ def test_damage_is_named(tmp_path, folder, pack):
         archive.write_bytes(whole[:at] + bytes([whole[at] ^ 255]) + whole[at + 1 :])
         with pytest.raises(DataError, match="a is damaged"):
             unpack(archive, folder, "lm")
-
-
-def test_a_full_disk_is_said_before_unpacking(tmp_path, folder, monkeypatch):
-    archive = zipped(tmp_path / "a", GOOD)
-    usage = namedtuple("usage", "total used free")
-    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(1, 1, 50_000_100))
-    with pytest.raises(DiskFullError, match="output=FOLDER"):
-        unpack(archive, folder, "lm")
-    assert not content_of(folder)
