@@ -72,6 +72,14 @@ def with_pose(**values: Any) -> Callable[[Path], None]:
     return edited("scene_gt.json", lambda entries: [{**entries[0], **values}])
 
 
+def camera(**values: Any) -> Callable[[Path], None]:
+    return edited("scene_camera.json", lambda entry: {**entry, **values})
+
+
+def visible(fraction: Any) -> Callable[[Path], None]:
+    return edited("scene_gt_info.json", lambda _: [{"visib_fract": fraction}])
+
+
 def stated(targets: Any) -> list[tuple[int, float]]:
     return [(target.object_id, target.visible_fraction) for target in targets]
 
@@ -288,48 +296,21 @@ CASES = {
         "one channel",
     ),
     "no camera": (edited("scene_camera.json", lambda _: None), "has no cam_K for frame 12"),
-    "null camera": (edited("scene_camera.json", lambda _: {"cam_K": None}), "cam_K is null"),
     "a list as camera": (edited("scene_camera.json", lambda _: [1]), "must be an object"),
-    "eight numbers": (
-        edited("scene_camera.json", lambda e: {"cam_K": e["cam_K"][:8]}),
-        "must have 9",
-    ),
-    "words": (edited("scene_camera.json", lambda e: {"cam_K": ["f"] * 9}), "cam_K.0 is 'f'"),
-    "no focal length": (
-        edited("scene_camera.json", lambda e: {"cam_K": [0.0, *e["cam_K"][1:]]}),
-        "focal lengths must be finite and positive",
-    ),
+    "null camera": (camera(cam_K=None), "cam_K is null"),
+    "eight numbers": (camera(cam_K=K[:8]), "must have 9"),
+    "words": (camera(cam_K=["f"] * 9), "cam_K.0 is 'f'"),
+    "no focal length": (camera(cam_K=[0.0, *K[1:]]), "focal lengths must be finite and positive"),
     "intrinsics of a larger image": (
-        edited("scene_camera.json", lambda e: {"cam_K": [2 * v for v in e["cam_K"][:8]] + [1]}),
+        camera(cam_K=[2 * value for value in K[:8]] + [1]),
         "principal point (80, 60) lies outside the image of 80x60",
     ),
-    "focal lengths in millimetres": (
-        edited("scene_camera.json", lambda e: {"cam_K": [1.9, 0, 40, 0, 1.9, 30, 0, 0, 1]}),
-        "fx is 1.9 px",
-    ),
-    "columns for rows": (
-        edited(
-            "scene_camera.json",
-            lambda e: {"cam_K": np.reshape(e["cam_K"], (3, 3)).T.ravel().tolist()},
-        ),
-        "fx 0 cx 0 fy cy 0 0 1",
-    ),
-    "depth_scale 0": (
-        edited("scene_camera.json", lambda e: {**e, "depth_scale": 0}),
-        "depth_scale",
-    ),
-    "depth_scale NaN": (
-        edited("scene_camera.json", lambda e: {**e, "depth_scale": float("nan")}),
-        "depth_scale is nan",
-    ),
-    "depth_scale below 0": (
-        edited("scene_camera.json", lambda e: {**e, "depth_scale": -1.0}),
-        "depth_scale is -1.0",
-    ),
-    "null depth_scale": (
-        edited("scene_camera.json", lambda e: {**e, "depth_scale": None}),
-        "depth_scale is null: it must be a number",
-    ),
+    "millimetres": (camera(cam_K=[1.9, 0, 40, 0, 1.9, 30, 0, 0, 1]), "fx is 1.9 px"),
+    "columns": (camera(cam_K=np.reshape(K, (3, 3)).T.tolist()), "fx 0 cx 0 fy cy 0 0 1"),
+    "depth_scale 0": (camera(depth_scale=0), "depth_scale"),
+    "depth_scale NaN": (camera(depth_scale=float("nan")), "depth_scale is nan"),
+    "depth_scale below 0": (camera(depth_scale=-1.0), "depth_scale is -1.0"),
+    "null depth_scale": (camera(depth_scale=None), "depth_scale is null: it must be a number"),
     "no pose": (edited("scene_gt.json", lambda _: []), "1 of object 1 should be found, 0 have"),
     "an object for a list": (edited("scene_gt.json", lambda e: e[0]), "must be a list"),
     "a number for an object": (edited("scene_gt.json", lambda _: [7]), "must be an object"),
@@ -349,18 +330,12 @@ CASES = {
     "a scaled rotation": (with_pose(cam_R_m2c=(UPRIGHT * 1.01).tolist()), "is no rotation"),
     "a rotation of zeros": (with_pose(cam_R_m2c=[0.0] * 9), "is no rotation"),
     "infinity": (with_pose(cam_R_m2c=[float("inf")] * 9), "is inf: it must be a finite number"),
-    "a visible fraction of 2": (
-        edited("scene_gt_info.json", lambda _: [{"visib_fract": 2.0}]),
-        "visib_fract is 2.0: it must be less than or equal to 1",
-    ),
+    "a visible fraction of 2": (visible(2.0), "visib_fract is 2.0: it must be less than or equal"),
     "visible fractions of more instances": (
         edited("scene_gt_info.json", lambda e: [*e, *e]),
         "scene_gt_info.json has 2 instances, but there are 1 poses",
     ),
-    "a null visible fraction": (
-        edited("scene_gt_info.json", lambda _: [{"visib_fract": None}]),
-        "visib_fract is null",
-    ),
+    "a null visible fraction": (visible(None), "visib_fract is null"),
 }
 
 

@@ -158,9 +158,9 @@ class BopFrames(FileFrames):
         return chosen
 
     @cached_property
-    def keys(self) -> tuple[str, ...]:
-        """Frame keys, e.g. `000006_000012`, in order of scene and frame."""
-        return tuple(frame_key(*ids) for ids in self.targets)
+    def _entries(self) -> dict[str, dict[int, int]]:
+        """Numbers of instances by object, in order of scene and frame."""
+        return {frame_key(*frame): counts for frame, counts in self.targets.items()}
 
     def stated_targets(self, key: str) -> tuple[StatedTarget, ...]:
         """See `CheckedFrames`."""
@@ -168,7 +168,7 @@ class BopFrames(FileFrames):
         scene = self._scenes.get(frame[0])
         there = [] if scene is None else stated_instances(scene, frame[1])
         stated: list[StatedTarget] = []
-        for object_id, count in self.targets[frame].items():
+        for object_id, count in self._entries[key].items():
             fractions = sorted((f for i, f in there if i == object_id), key=lambda f: -f)
             fractions += [float("nan")] * (count - len(fractions))
             stated += [StatedTarget(object_id, fraction) for fraction in fractions[:count]]
@@ -226,7 +226,7 @@ class BopFrames(FileFrames):
         scene, where = self._scene(key)
         camera = scene.camera(frame[1])
         annotated = annotated_targets(scene, frame[1], where)
-        found = most_visible(annotated, self.targets[frame], where)
+        found = most_visible(annotated, self._entries[key], where)
         return StatedFrame(
             scene.image(COLOR, frame[1]),
             scene.image(DEPTH, frame[1]),

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from annotated_types import Ge, Gt
@@ -64,10 +64,15 @@ class FileFrames(ABC):
     def __init__(self, root: Path, max_megapixels: float = MAX_MEGAPIXELS) -> None:
         self._root, self._max_megapixels = Path(root), max_megapixels
 
-    @property
+    @cached_property
     @abstractmethod
+    def _entries(self) -> Mapping[str, Any]:
+        """Frame keys, in order, and where a frame's files are."""
+
+    @property
     def keys(self) -> tuple[str, ...]:
         """Frame keys, in order."""
+        return tuple(self._entries)
 
     @abstractmethod
     def identity(self) -> str:
@@ -90,7 +95,7 @@ class FileFrames(ABC):
         return image_size(path, self._max_megapixels, depth=True)
 
     def __len__(self) -> int:
-        return len(self.keys)
+        return len(self._entries)
 
     def load(self, key: str) -> Frame:
         """Decode one frame with its targets.
@@ -130,7 +135,7 @@ class FileFrames(ABC):
 
     def require_key(self, key: str) -> None:
         """Raise KeyError for an unknown key."""
-        if key not in self.keys:
+        if key not in self._entries:
             raise KeyError(f"no frame {key!r} in {self._root}")
 
 
@@ -165,7 +170,7 @@ class RgbdFrames(FileFrames):
         self._scene_id = scene_id
 
     @cached_property
-    def _paths(self) -> dict[str, tuple[Path, Path]]:
+    def _entries(self) -> dict[str, tuple[Path, Path]]:
         color, depth = self._root / "rgb", self._root / "depth"
         if not color.is_dir() or not depth.is_dir():
             raise MissingFileError(f"{self._root} has no folders rgb and depth: check the path")
@@ -178,14 +183,9 @@ class RgbdFrames(FileFrames):
                 raise MissingFileError(f"no depth image {partner} for {path}")
         return {frame_key(self._scene_id, number): pair for number, pair in enumerate(pairs)}
 
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """Frame keys, numbered in the order of the file names."""
-        return tuple(self._paths)
-
     def identity(self) -> str:
         """Hash of images and intrinsics."""
-        pairs = [path for pair in self._paths.values() for path in pair]
+        pairs = [path for pair in self._entries.values() for path in pair]
         return content_hash([self._root / "camera.json", *pairs])
 
     def stated_targets(self, key: str) -> tuple[StatedTarget, ...]:
@@ -196,7 +196,7 @@ class RgbdFrames(FileFrames):
         camera = read_as(self._root / "camera.json", CameraEntry)
         where = f"{self._root / 'camera.json'}: cam_K"
         matrix = camera_matrix(camera.cam_K, where)
-        return StatedFrame(*self._paths[key], camera.depth_scale, matrix, where)
+        return StatedFrame(*self._entries[key], camera.depth_scale, matrix, where)
 
 
 @dataclass(frozen=True)

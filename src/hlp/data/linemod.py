@@ -119,7 +119,7 @@ class LinemodFrames(FileFrames):
         self._matrix = camera_matrix(camera, "data.camera_matrix")
 
     @cached_property
-    def _frames(self) -> dict[str, tuple[int, int]]:
+    def _entries(self) -> dict[str, tuple[int, int]]:
         """Object and number of each frame."""
         frames: dict[str, tuple[int, int]] = {}
         for object_id, name in sorted(self._names.items()):
@@ -134,23 +134,18 @@ class LinemodFrames(FileFrames):
             )
         return frames
 
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """Frame keys, `<object id>_<frame number>`."""
-        return tuple(self._frames)
-
     def stated_targets(self, key: str) -> tuple[StatedTarget, ...]:
         """See `CheckedFrames`."""
-        return (StatedTarget(self._frames[key][0]),)
+        return (StatedTarget(self._entries[key][0]),)
 
     def identity(self) -> str:
         """Hash of images, poses and intrinsics, and of what is missing."""
-        files = [path for key in self._frames for path in self._files(key)]
-        return content_hash(files, repr((list(self._frames), self._matrix.tolist())))
+        files = [path for key in self._entries for path in self._files(key)]
+        return content_hash(files, repr((list(self._entries), self._matrix.tolist())))
 
     def _files(self, key: str) -> tuple[Path, Path, Path, Path]:
         """Colour, depth, rotation, translation."""
-        object_id, n = self._frames[key]
+        object_id, n = self._entries[key]
         folder = self._root / self._names[object_id] / "data"
         color, depth = folder / f"color{n}.jpg", folder / f"depth{n}.dpt"
         return color, depth, folder / f"rot{n}.rot", folder / f"tra{n}.tra"
@@ -165,5 +160,5 @@ class LinemodFrames(FileFrames):
         color, depth, rot, tra = self._files(key)
         rotation = exact_rotation(read_numbers(rot, 9, 1).reshape(3, 3), str(rot))
         pose = np.asarray(rigid(rotation, read_numbers(tra, 3, 1) * _CENTIMETRE))
-        targets = [(Target(self._frames[key][0], pose), str(tra))]
+        targets = [(Target(self._entries[key][0], pose), str(tra))]
         return StatedFrame(color, depth, 1.0, self._matrix, "data.camera_matrix", targets)

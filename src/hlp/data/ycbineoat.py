@@ -97,7 +97,7 @@ class YcbineoatFrames(FileFrames):
         self._depth_scale = depth_scale
 
     @cached_property
-    def _files(self) -> dict[str, tuple[Path, Path, Path]]:
+    def _entries(self) -> dict[str, tuple[Path, Path, Path]]:
         """Colour image, pose and depth image of each frame."""
         images = self._sorted("rgb", EXTENSIONS)
         poses = self._sorted(_POSES, (".txt",))
@@ -128,11 +128,6 @@ class YcbineoatFrames(FileFrames):
             raise MissingFileError(f"{folder} has no file {' or '.join(extensions)}")
         return sorted(found, key=lambda path: natural(path.name))
 
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """Frame keys, numbered in the order of the file names."""
-        return tuple(self._files)
-
     def stated_targets(self, key: str) -> tuple[StatedTarget, ...]:
         """See `CheckedFrames`."""
         self.require_key(key)
@@ -140,11 +135,11 @@ class YcbineoatFrames(FileFrames):
 
     def identity(self) -> str:
         """Hash of images, poses and intrinsics, and of what is missing."""
-        files = [path for paths in self._files.values() for path in paths]
+        files = [path for paths in self._entries.values() for path in paths]
         return content_hash([self._root / _CAMERA, *files], repr(self._depth_scale))
 
     def _stated(self, key: str) -> StatedFrame:
-        color, pose, depth = self._files[key]
+        color, pose, depth = self._entries[key]
         camera = str(self._root / _CAMERA)
         targets = [(Target(_OBJECT_ID, read_pose(pose)), str(pose))]
         matrix = read_camera(camera).matrix

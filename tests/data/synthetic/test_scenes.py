@@ -151,13 +151,6 @@ def test_training_frames_hold_no_target() -> None:
     assert len(np.unique(scene.index)) > 6
 
 
-def test_training_frames_are_those_of_the_default_configuration() -> None:
-    trained = training_frames(count=1, seed=5)
-    default = demo_settings(width=640, height=480, scenes=1, seed=5)
-    expected = SyntheticScenes(default, targets=False)
-    assert same(trained.load(trained.keys[0]), expected.load(expected.keys[0]))
-
-
 def test_noise_makes_depth_incomplete_and_rough() -> None:
     clean = SyntheticScenes(demo_settings(scenes=1, noise=0.0))
     noisy = SyntheticScenes(demo_settings(scenes=1, noise=1.0))
