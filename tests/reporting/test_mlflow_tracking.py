@@ -1,11 +1,14 @@
+"""How a run in MLflow is opened, goes on and ends."""
+
 import multiprocessing
 import os
 import signal
 import subprocess
 import sys
 import time
+from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from mlflow import MlflowClient
@@ -13,13 +16,14 @@ from mlflow.exceptions import MlflowException
 
 import hlp
 from hlp.errors import ConfigError, DataError, is_expected
+from hlp.reporting.mlflow_run import LoggedAs, MlflowRun
 from hlp.reporting.mlflow_store import owner_tags
-from hlp.reporting.mlflow_tracking import (
-    ChildRun,
-    MlflowSettings,
-    as_child_run,
-    track_run,
-)
+from hlp.reporting.mlflow_tracking import ChildRun, MlflowSettings, as_child_run, track_run
+
+if TYPE_CHECKING:
+    from mlflow.entities import Run
+
+DISK = OSError("disk")
 
 
 @pytest.fixture(scope="module")
@@ -27,79 +31,65 @@ def settings(mlflow_settings: MlflowSettings) -> MlflowSettings:
     return mlflow_settings
 
 
+def tracked(
+    settings: MlflowSettings, name: str = "demo", error: BaseException | None = None, **given: Any
+) -> "Run":
+    """A run that ends at once, or with an error, as MLflow has it."""
+    expected = nullcontext() if error is None else pytest.raises(type(error), match=str(error))
+    with expected, track_run(settings, name, {}, **given) as run:
+        if error is not None:
+            raise error
+    return MlflowClient(settings.uri).get_run(run.run_id)
+
+
 def test_crash_leaves_a_failed_run_with_its_traceback(settings: MlflowSettings) -> None:
-    with pytest.raises(ValueError, match="no views"), track_run(settings, "demo", {}) as tracker:
-        raise ValueError("no views")
-    run = MlflowClient(settings.uri).get_run(tracker.run_id)
+    run = tracked(settings, error=ValueError("no views"))
     assert run.info.status == "FAILED"
     assert run.data.tags["error"] == "ValueError: no views"
     text = (Path(run.info.artifact_uri.removeprefix("file://")) / "traceback.txt").read_text()
     assert "test_mlflow_tracking.py" in text
     assert text.endswith("ValueError: no views\n")
+    assert tracked(settings, error=KeyboardInterrupt("Ctrl-C")).info.status == "KILLED"
 
 
-def test_interruption_leaves_a_killed_run(settings: MlflowSettings) -> None:
-    with pytest.raises(KeyboardInterrupt), track_run(settings, "demo", {}) as tracker:
-        raise KeyboardInterrupt
-    assert MlflowClient(settings.uri).get_run(tracker.run_id).info.status == "KILLED"
-
-
-def test_an_arm_has_its_parent_and_its_own_name(settings: MlflowSettings) -> None:
+def test_a_child_has_its_parent_and_its_own_name(settings: MlflowSettings) -> None:
     swept = {"refinement": "icp", "seed": "0"}
     with (
         track_run(settings, "sweep", {}) as parent,
         as_child_run(ChildRun("demo 0: refinement=icp", parent.run_id, swept)),
-        track_run(settings, "as ever", {"refinement": {"name": "icp"}, "seed": 0}) as child,
     ):
-        pass
-    run = MlflowClient(settings.uri).get_run(child.run_id)
-    assert run.info.run_name == "demo 0: refinement=icp"
-    assert run.data.tags["mlflow.parentRunId"] == parent.run_id
-    assert run.data.params == {"refinement": "icp", "seed": "0"}
-    with track_run(settings, "alone", {}) as alone:
-        pass
-    tags = MlflowClient(settings.uri).get_run(alone.run_id).data.tags
-    assert "mlflow.parentRunId" not in tags
+        child = tracked(settings, "as ever")
+    assert child.info.run_name == "demo 0: refinement=icp"
+    assert child.data.tags["mlflow.parentRunId"] == parent.run_id
+    assert child.data.params == {"refinement": "icp", "seed": "0"}
+    assert "mlflow.parentRunId" not in tracked(settings, "alone").data.tags
 
 
 def test_a_run_goes_on(settings: MlflowSettings) -> None:
-    client = MlflowClient(settings.uri)
-    with (
-        pytest.raises(OSError, match="disk"),
-        track_run(settings, "s", {}, params={"a": 1}) as first,
-    ):
-        raise OSError("disk")
-    with track_run(settings, "s", {}, resume=first.run_id, params={"a": 2}) as again:
-        assert client.get_run(first.run_id).info.status == "RUNNING"
-    assert again.run_id == first.run_id
-    run = client.get_run(first.run_id)
+    first = tracked(settings, "s", DISK, params={"a": 1}).info.run_id
+    with track_run(settings, "s", {}, resume=first, params={"a": 2}) as again:
+        assert MlflowClient(settings.uri).get_run(first).info.status == "RUNNING"
+    assert again.run_id == first
+    run = MlflowClient(settings.uri).get_run(first)
     assert run.info.status == "FINISHED"
     assert "error" not in run.data.tags
-    with track_run(settings, "sweep", {}, resume="0" * 32) as new:  # another database by now
-        pass
-    assert new.run_id != "0" * 32
-    assert client.get_run(new.run_id).info.run_name == "sweep"
     assert run.data.params == {"a": "1"}  # MLflow lets none be changed
+    new = tracked(settings, "sweep", resume="0" * 32)  # another database by now
+    assert new.info.run_id != "0" * 32 and new.info.run_name == "sweep"
 
 
 def test_a_retried_child_is_the_same_child(settings: MlflowSettings) -> None:
     """Of another parent it is another one."""
-    ids = []
     with track_run(settings, "sweep", {}) as parent:
         child = ChildRun("demo 0: seed=0", parent.run_id, {"seed": "0"})
-        with (
-            pytest.raises(OSError, match="disk"),
-            as_child_run(child),
-            track_run(settings, "", {}, params={"config": "unread"}) as first,
-        ):
-            raise OSError("disk")
-        for of in (child, child, ChildRun(child.name, "0" * 32, {"seed": "0"})):
-            with as_child_run(of), track_run(settings, "", {}, params={"a": "1"}) as again:
-                ids.append(again.run_id)
-    assert ids[0] == ids[1] == first.run_id  # however it ended
-    assert ids[2] != first.run_id
-    params = MlflowClient(settings.uri).get_run(first.run_id).data.params
-    assert params == {"seed": "0", "config": "unread", "a": "1"}
+        with as_child_run(child):
+            first = tracked(settings, "", DISK, params={"config": "unread"})
+            again = [tracked(settings, "", params={"a": "1"}) for _ in range(2)]
+        with as_child_run(ChildRun(child.name, "0" * 32, {"seed": "0"})):
+            other = tracked(settings, "")
+    assert {run.info.run_id for run in again} == {first.info.run_id}  # however it ended
+    assert other.info.run_id != first.info.run_id
+    assert again[1].data.params == {"seed": "0", "config": "unread", "a": "1"}
 
 
 def begin_and_die(settings: MlflowSettings) -> None:
@@ -119,9 +109,8 @@ def test_runs_of_dead_processes_are_closed_as_killed(settings: MlflowSettings) -
         (run,) = client.search_runs([experiment], f"attributes.run_name = '{name}'")
         return str(run.info.status)
 
-    elsewhere = client.create_run(
-        experiment, run_name="elsewhere", tags=owner_tags() | {"hlp.host": "another"}
-    )
+    tags = owner_tags() | {"hlp.host": "another"}
+    elsewhere = client.create_run(experiment, run_name="elsewhere", tags=tags)
     assert status("dies") == "RUNNING"
     with track_run(settings, "lives", {}), track_run(settings, "next", {}):
         assert status("dies") == "KILLED"
@@ -130,12 +119,26 @@ def test_runs_of_dead_processes_are_closed_as_killed(settings: MlflowSettings) -
     client.set_terminated(elsewhere.info.run_id)
 
 
+def test_a_run_whose_server_goes_away_goes_on_aside(caplog: pytest.LogCaptureFixture) -> None:
+    here, aside = (LoggedAs(object(), place, place) for place in ("here", "aside"))  # type: ignore[arg-type]
+
+    def call(client: object, run_id: str) -> str:
+        if client is here.client:
+            raise MlflowException("API request to http://server failed")
+        return run_id
+
+    run = MlflowRun(here, lambda: aside)
+    assert [run.send(call), run.send(call)] == ["aside", "aside"]
+    assert run.run_id == "aside" and caplog.text.count("hlp upload") == 1
+    with pytest.raises(MlflowException, match="API request"):
+        MlflowRun(here).send(call)
+
+
 @pytest.mark.parametrize("uri", ["nonsense://x", "sqlite:////dev/null/db"])
 def test_an_address_that_cannot_be_used_is_named_in_seconds(uri: str) -> None:
     begun = time.monotonic()
-    wrong = MlflowSettings("mlflow", uri, "hlp")
-    with pytest.raises((ConfigError, OSError)) as caught, track_run(wrong, "demo", {}):
-        pass
+    with pytest.raises((ConfigError, OSError)) as caught:
+        tracked(MlflowSettings(uri=uri))
     assert time.monotonic() - begun < 30.0
     assert is_expected(caught.value)
 
@@ -153,21 +156,16 @@ def test_a_server_that_dies_meanwhile_hides_no_error(
         gone()
 
 
-def test_a_database_that_cannot_be_written_is_one_line_however_early_or_late(
-    settings: MlflowSettings, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("call", ["create_run", "set_terminated"])  # at the beginning, at the end
+def test_a_database_that_cannot_be_written_is_one_line(
+    settings: MlflowSettings, monkeypatch: pytest.MonkeyPatch, call: str
 ) -> None:
     def full(*_: Any, **__: Any) -> None:
         raise MlflowException("database or disk is full\n[SQL: INSERT INTO runs]")
 
-    with pytest.raises(DataError, match=r"failed: database or disk is full$"):  # noqa: SIM117
-        with track_run(settings, "at its end", {}):
-            monkeypatch.setattr(MlflowClient, "set_terminated", full)
-    monkeypatch.setattr(MlflowClient, "create_run", full)
-    with (
-        pytest.raises(DataError, match=r"failed: database or disk is full$"),
-        track_run(settings, "at its beginning", {}),
-    ):
-        pass
+    monkeypatch.setattr(MlflowClient, call, full)
+    with pytest.raises(DataError, match=r"failed: database or disk is full$"):
+        tracked(settings)
 
 
 def test_nothing_is_told_to_mlflows_makers() -> None:
@@ -190,7 +188,7 @@ def log_one(settings: MlflowSettings, barrier: Any, number: int) -> None:
 @pytest.mark.slow
 @pytest.mark.thorough
 def test_processes_that_start_together_share_one_new_database(tmp_path: Path) -> None:
-    settings = MlflowSettings("mlflow", f"sqlite:///{tmp_path / 'mlflow.db'}", "race")
+    settings = MlflowSettings(uri=f"sqlite:///{tmp_path / 'mlflow.db'}", experiment="race")
     context = multiprocessing.get_context("spawn")
     barrier = context.Barrier(8)
     runs = [context.Process(target=log_one, args=(settings, barrier, i)) for i in range(8)]

@@ -43,9 +43,19 @@ def test_nothing_is_drawn_without_panels_but_the_objects_of_the_page(tmp_path: P
     ]
 
 
-def test_a_report_that_fails_is_logged(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    draw(tmp_path, 0, dataset=None)
-    assert "pictures of the report" in caplog.text and "could not be made" in caplog.text
+@pytest.mark.parametrize(("folder", "panels"), [("report", 0), ("panels", 2), ("stages", 2)])
+def test_a_folder_that_cannot_be_cleared_or_filled_is_logged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture,
+    folder: str, panels: int,
+) -> None:  # fmt: skip
+    def fail(*_: Any) -> None:
+        raise OSError("read-only")
+
+    names = {"report": "ReportDataWriter", "panels": "evenly", "stages": "CAPTIONS"}
+    monkeypatch.setattr(pictures, names[folder], fail)
+    draw(tmp_path, panels)
+    words = "the report" if folder == "report" else str(tmp_path / folder)
+    assert any(words in line and "could not be made" in line for line in caplog.messages)
 
 
 def score(frame: int, object_id: int, right: bool, found: bool = True, cause: str = "") -> Any:

@@ -77,8 +77,10 @@ def draw_pictures(
             scored.setdefault(key, []).append(score)
     pictures = _Pictures(run, detection, estimates, scored, output)
     if run.settings.panels > 0:
-        pictures.draw_frames()
-        pictures.draw_stages()
+        with _logged(f"the pictures in {output / PANELS}"):
+            pictures.draw_frames()
+        with _logged(f"the pictures in {output / STAGES}"):
+            pictures.draw_stages()
     with _logged(f"the pictures of the report in {output}"):
         pictures.keep_report_data({score.object_id for score in scores})
 

@@ -115,7 +115,7 @@ def error_histogram(targets: Targets, kind: str) -> "Figure":
     figure, ax = _figure(2.5)
     ax.hist(
         [within[right], within[~right]],
-        np.linspace(0.0, end, _BINS + 1),
+        np.linspace(0.0, end, _BINS + 1).tolist(),
         stacked=True,
         color=[_BLUE, _ORANGE],
         label=["right", "wrong"],
