@@ -17,7 +17,7 @@ DOCS_STAMP := $(VENV)/.docs-installed
 PYTHON ?=
 WORKERS ?= 2
 MINUTES ?= 10
-# Each process takes the tests of half of the folders, so that it seldom makes what another has made.
+# Each process takes the tests of half of the folders, so that it seldom makes what another makes.
 AT_ONCE = -n $(WORKERS) --dist worksteal
 BROWSER ?=
 SLOW ?= slow
@@ -66,7 +66,7 @@ demo: $(STAMP) ## poses of synthetic objects: train, recover, score, log to MLfl
 	@$(BIN)/hlp run work=$(WORK)
 
 test: $(STAMP) ## the tests
-	@$(BIN)/python -m pytest -q $(AT_ONCE)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -q $(AT_ONCE)
 
 test-slow: $(STAMP) ## the tests that take longer; those that need a browser fail without one if BROWSER=required
 	@HLP_BROWSER=$(BROWSER) $(BIN)/python -m pytest -q $(AT_ONCE) -m "$(SLOW)"

@@ -96,7 +96,7 @@ def test_basin_maps_every_refiner_from_the_same_starts(
     starts = ("task.rotation_deg=[0,25]", "task.translation_mm=[0,200]", "task.perturbations=2")
     output = tmp_path / "maps"
     run_experiment(tiny_run, "basin", output, "task.compared=[pso,none]", "task.frames=1", *starts)
-    assert (stages(output, reused=False), stages(output, reused=True)) == ({"basin": 1}, {})
+    assert (stages(output, reused=False), stages(output, reused=True)) == ({"basin": 2}, {})
     cells = {
         (r["refiner"], r["object"], float(r["rotation_deg"]), float(r["translation_mm"])): r
         for r in rows(output / "basin.csv")
