@@ -4,6 +4,7 @@ import os
 
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # before torch is imported anywhere
 
+import gc
 import logging
 import sys
 from collections.abc import Iterator
@@ -41,6 +42,11 @@ settings.register_profile(
 settings.load_profile("thorough" if "HLP_EXAMPLES" in os.environ else "fast")
 
 provide_defaults()  # to every configuration that a test composes
+
+
+def pytest_collection_finish() -> None:
+    """Garbage is not looked for in what all tests have imported, which would take a second."""
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)

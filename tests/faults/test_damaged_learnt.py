@@ -6,13 +6,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from damage import WAYS, damage
+from damage import damage
 
 from forked_hlp import run_hlp
-from hlp import Detector
-from hlp.data.synthetic.objects import demo_objects
-from hlp.errors import DataError
-from tiny_method import write_mesh
 
 pytestmark = pytest.mark.slow
 
@@ -51,13 +47,3 @@ def test_no_command_uses_damaged_objects(copy: Path, name: str) -> None:
         assert ended.stderr.startswith("hlp: "), (command, ended.stderr)
         assert str(Path("learnt", name)) in ended.stderr, (command, ended.stderr)
         assert ended.stderr.count("\n") == 1, command
-
-
-@pytest.mark.parametrize("way", WAYS)
-def test_nothing_is_added_to_damaged_objects(copy: Path, tmp_path: Path, way: str) -> None:
-    camera = next(model for model in demo_objects().values() if model.name == "camera")
-    damage([copy / "objects" / "bear" / "codebook.npz"], way)
-    before = {path: path.read_bytes() for path in files(copy)}
-    with pytest.raises(DataError, match=r"codebook\.npz is damaged"):
-        Detector.load(copy).add({"camera": write_mesh(tmp_path, camera)})
-    assert {path: path.read_bytes() for path in files(copy)} == before

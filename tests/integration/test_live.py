@@ -55,11 +55,6 @@ def start(folder: Path, *arguments: str) -> "subprocess.Popen[str]":
     )
 
 
-def start_own_camera(folder: Path, *arguments: str) -> "subprocess.Popen[str]":
-    (folder / "own.py").write_text(OWN)
-    return start(folder, "source=own.py:simulated", *arguments)
-
-
 def ended(process: "subprocess.Popen[str]") -> tuple[list[dict[str, Any]], str]:
     """The remaining answers and the messages of a process."""
     out, messages = process.communicate(timeout=120)
@@ -89,7 +84,8 @@ def check_pose(found: dict[str, Any], true: np.ndarray) -> None:
 
 
 def test_each_image_of_an_own_camera_is_answered(learnt: Path, tmp_path: Path) -> None:
-    process = start_own_camera(tmp_path, f"learnt={learnt}", "overlay=last.png")
+    (tmp_path / "own.py").write_text(OWN)
+    process = start(tmp_path, "source=own.py:simulated", f"learnt={learnt}", "overlay=last.png")
     (ready, *lines), messages = ended(process)
     assert process.returncode == 0, messages
     assert ready == {"ready": True, "objects": ["bear"]}
@@ -141,17 +137,6 @@ def test_a_program_names_images_and_reads_answers(
     assert line["image"] == 2 and line["error"].startswith("no image none.png")
     rest, messages = ended(process)
     assert (process.returncode, rest, messages) == (0, [], "")
-
-
-def test_it_ends_when_nobody_reads_the_answers(learnt: Path, tmp_path: Path) -> None:
-    process = start_own_camera(tmp_path, f"learnt={learnt}")
-    assert answer(process)["ready"] and process.stdout is not None and process.stderr is not None
-    process.stdout.close()
-    assert process.stderr.read() == ""
-    assert process.wait(timeout=60) == 0
-    assert process.stdin is not None
-    process.stdin.close()
-    process.stderr.close()
 
 
 @pytest.mark.parametrize(
