@@ -7,6 +7,7 @@ import sqlite3
 import subprocess
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -23,6 +24,18 @@ from hlp.reporting.mlflow_store import (
 from hlp.reporting.mlflow_tracking import MlflowSettings, track_run
 
 
+def client_of(folder: Path) -> MlflowClient:
+    return MlflowClient(f"sqlite:///{folder / 'mlflow.db'}")
+
+
+def run(folder: Path) -> str:
+    """The id of a new run in the database of a folder."""
+    settings = MlflowSettings(uri=f"sqlite:///{folder / 'mlflow.db'}")
+    with track_run(settings, "demo", {"seed": 0}) as tracker:
+        pass
+    return tracker.run_id
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a database of one run, which has an artifact."""
@@ -31,37 +44,22 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def settings(folder: Path) -> MlflowSettings:
-    return MlflowSettings("mlflow", f"sqlite:///{folder / 'mlflow.db'}", "hlp")
-
-
-def run(folder: Path) -> str:
-    with track_run(settings(folder), "demo", {"seed": 0}) as tracker:
-        pass
-    return tracker.run_id
-
-
 def test_nothing_but_a_whole_database_has_its_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    database = tmp_path / "mlflow.db"
-
     def cut_off(*_: object) -> None:
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
         patch.setattr(mlflow_store.os, "replace", cut_off)
         with pytest.raises(KeyboardInterrupt):
-            prepare_database(database)
-    assert not database.exists()
-    (tmp_path / ".mlflow.db.new").write_bytes(b"half")
-    (tmp_path / ".mlflow.db.new-journal").write_bytes(b"half")
+            prepare_database(tmp_path / "mlflow.db")
+    assert not (tmp_path / "mlflow.db").exists()
+    for ending in ("", "-journal"):
+        (tmp_path / f".mlflow.db.new{ending}").write_bytes(b"half")
     run(tmp_path)
-    names = {path.name for path in tmp_path.iterdir()}
-    assert {name for name in names if not name.endswith(".lock")} == {
-        "mlflow.db",
-        "mlflow-artifacts",
-    }
+    names = {path.name for path in tmp_path.iterdir() if path.suffix != ".lock"}
+    assert names == {"mlflow.db", "mlflow-artifacts"}
 
 
 DAMAGE = {
@@ -81,55 +79,11 @@ def test_a_damaged_database_is_kept_and_a_new_one_begun(
     damaged = DAMAGE[how]((made / "mlflow.db").read_bytes())
     database.write_bytes(damaged)
     run_id = run(tmp_path)
-    assert MlflowClient(settings(tmp_path).uri).get_run(run_id).info.status == "FINISHED"
+    assert client_of(tmp_path).get_run(run_id).info.status == "FINISHED"
     if damaged:
         assert (tmp_path / "mlflow.db.damaged").read_bytes() == damaged
-        (message,) = [each for each in caplog.messages if "is damaged" in each]
+        (message,) = [line for line in caplog.messages if "is damaged" in line]
         assert str(database) in message
-
-
-def test_a_sound_database_is_left_alone(made: Path, caplog: pytest.LogCaptureFixture) -> None:
-    before = len(MlflowClient(settings(made).uri).search_runs(["1"]))
-    run(made)
-    assert len(MlflowClient(settings(made).uri).search_runs(["1"])) == before + 1
-    assert caplog.messages == []
-
-
-def test_a_moved_folder_keeps_its_artifacts_and_gets_the_new_ones(
-    made: Path, tmp_path: Path
-) -> None:
-    moved = Path(shutil.copytree(made, tmp_path / "moved ö"))
-    before = {path.name for path in (made / "mlflow-artifacts").iterdir()}
-    run_id = run(moved)
-    client = MlflowClient(settings(moved).uri)
-    for each in client.search_runs(["1"]):
-        folder = Path(unquote(each.info.artifact_uri.removeprefix("file://")))
-        assert folder.is_relative_to(moved)
-        assert (folder / "config.yaml").is_file()
-    assert (moved / "mlflow-artifacts" / run_id / "artifacts" / "config.yaml").is_file()
-    assert {path.name for path in (made / "mlflow-artifacts").iterdir()} == before
-
-
-def test_another_programs_database_is_not_touched(tmp_path: Path) -> None:
-    database = tmp_path / "theirs.db"
-    connection = sqlite3.connect(database)
-    connection.execute("create table notes (text)")
-    connection.commit()
-    connection.close()
-    before = database.read_bytes()
-    prepare_database(database)
-    assert database.read_bytes() == before
-
-
-def test_removing_a_database_leaves_what_lies_beside_it(made: Path, tmp_path: Path) -> None:
-    alone, shared = tmp_path / "alone", tmp_path / "shared"
-    for folder in (alone, shared):
-        shutil.copytree(made, folder)
-    (shared / "notes.txt").write_text("mine")
-    for folder in (alone, shared):
-        remove_database(folder / "mlflow.db")
-    assert not alone.exists()
-    assert [each.name for each in shared.iterdir()] == ["notes.txt"]
 
 
 def test_a_folder_of_its_name_is_kept_too(tmp_path: Path) -> None:
@@ -138,11 +92,48 @@ def test_a_folder_of_its_name_is_kept_too(tmp_path: Path) -> None:
     assert (tmp_path / "mlflow.db").is_file() and (tmp_path / "mlflow.db.damaged").is_dir()
 
 
-def test_this_process_lives() -> None:
-    assert not owner_is_dead(owner_tags())
+def test_a_sound_database_is_left_alone(made: Path, caplog: pytest.LogCaptureFixture) -> None:
+    before = len(client_of(made).search_runs(["1"]))
+    run(made)
+    assert len(client_of(made).search_runs(["1"])) == before + 1
+    assert caplog.messages == []
+
+
+def test_another_programs_database_is_not_touched(tmp_path: Path) -> None:
+    database = tmp_path / "theirs.db"
+    with closing(sqlite3.connect(database)) as connection:
+        connection.execute("create table notes (text)")
+        connection.commit()
+    before = database.read_bytes()
+    prepare_database(database)
+    assert database.read_bytes() == before
+
+
+def test_a_moved_folder_keeps_its_artifacts_and_gets_the_new_ones(
+    made: Path, tmp_path: Path
+) -> None:
+    moved = Path(shutil.copytree(made, tmp_path / "moved ö"))
+    before = {path.name for path in (made / "mlflow-artifacts").iterdir()}
+    run_id = run(moved)
+    for logged in client_of(moved).search_runs(["1"]):
+        folder = Path(unquote(logged.info.artifact_uri.removeprefix("file://")))
+        assert folder.is_relative_to(moved)
+        assert (folder / "config.yaml").is_file()
+    assert (moved / "mlflow-artifacts" / run_id / "artifacts" / "config.yaml").is_file()
+    assert {path.name for path in (made / "mlflow-artifacts").iterdir()} == before
+
+
+def test_removing_a_database_leaves_what_lies_beside_it(made: Path, tmp_path: Path) -> None:
+    alone, shared = (Path(shutil.copytree(made, tmp_path / name)) for name in ("alone", "shared"))
+    (shared / "notes.txt").write_text("mine")
+    for folder in (alone, shared):
+        remove_database(folder / "mlflow.db")
+    assert not alone.exists()
+    assert [path.name for path in shared.iterdir()] == ["notes.txt"]
 
 
 def test_a_process_that_ended_is_dead_also_before_it_is_waited_for() -> None:
+    assert not owner_is_dead(owner_tags())
     code = "import json; from hlp.reporting.mlflow_store import owner_tags as tags"
     code += "; print(json.dumps(tags()))"
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)

@@ -52,11 +52,9 @@ _PAD, _SMALL = 8, 0.42
 def titled(picture: Image, title: str, scale: float = 0.5) -> Image:
     """The picture below a bar with its title (ASCII), which is made narrower if it is too long."""
     width = picture.shape[1]
-    (long, _), _ = cv2.getTextSize(title, _FONT, scale, 1)
     bar = np.full((round(TITLE_HEIGHT / 0.5 * scale), width, 3), _DARK, dtype=np.uint8)
-    scale = min(scale, scale * (width - 2 * _PAD) / max(long, 1))
-    place = (_PAD, len(bar) - _PAD)
-    cv2.putText(bar, title, place, _FONT, scale, _LIGHT, 1, cv2.LINE_AA)
+    scale *= min(1.0, (width - 2 * _PAD) / max(size_of(title, scale)[0], 1))
+    write_words(bar, title, (_PAD, len(bar) - _PAD), scale)
     return np.vstack([bar, picture])
 
 
@@ -66,22 +64,35 @@ def with_legend(picture: Image, entries: Sequence[tuple[str, Color]]) -> Image:
     x = _PAD
     for words, color in entries:
         cv2.rectangle(bar, (x, 5), (x + 10, 15), color, -1)
-        x = _write(bar, words, x + 15) + 14
+        x = write_words(bar, words, (x + 15, 14)) + 14
     return np.vstack([picture, bar])
 
 
 def with_scale(picture: Image, color_map: int, high: str) -> Image:
     """The picture above a bar with a colour map's colours, from 0 to `high`."""
     bar = np.full((LEGEND_HEIGHT, picture.shape[1], 3), _DARK, dtype=np.uint8)
-    left, length = _write(bar, "0", _PAD) + 8, picture.shape[1] // 4
+    left, length = write_words(bar, "0", (_PAD, 14)) + 8, picture.shape[1] // 4
     ramp = np.linspace(0, 255, length).astype(np.uint8)[None]
     colors = cv2.cvtColor(cv2.applyColorMap(ramp, color_map), cv2.COLOR_BGR2RGB)
     bar[5:15, left : left + length] = colors
-    _write(bar, high, left + length + 8)
+    write_words(bar, high, (left + length + 8, 14))
     return np.vstack([picture, bar])
 
 
-def _write(bar: Image, words: str, x: int) -> int:
-    """Write words into a bar; where they end."""
-    cv2.putText(bar, words, (x, 14), _FONT, _SMALL, _LIGHT, 1, cv2.LINE_AA)
-    return x + int(cv2.getTextSize(words, _FONT, _SMALL, 1)[0][0])
+def size_of(words: str, scale: float = _SMALL) -> tuple[int, int]:
+    """Width and height of written words (px)."""
+    width, height = cv2.getTextSize(words, _FONT, scale, 1)[0]
+    return int(width), int(height)
+
+
+def write_words(
+    picture: Image,
+    words: str,
+    place: tuple[int, int],
+    scale: float = _SMALL,
+    color: Color = _LIGHT,
+    thickness: int = 1,
+) -> int:
+    """Write words (ASCII) into the picture itself, from a place on; x of their end."""
+    cv2.putText(picture, words, place, _FONT, scale, color, thickness, cv2.LINE_AA)
+    return place[0] + size_of(words, scale)[0]

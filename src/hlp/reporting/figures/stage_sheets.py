@@ -9,20 +9,19 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from hlp.records import MILLIMETRES_PER_METRE, LocalPatches, Views
-from hlp.reporting.figures.saving import titled, with_legend
+from hlp.reporting.figures.saving import Image, size_of, titled, with_legend, write_words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d.axes3d import Axes3D  # type: ignore[import-untyped]
 
-Image = UInt8[np.ndarray, "h w 3"]
 Sheet = UInt8[np.ndarray, "_ _ 3"]
 
 NOTHING = 128
 """Grey level where a tile shows nothing: that of patches beyond the range of depth."""
 _DEPTHS = cv2.COLORMAP_VIRIDIS  # without any grey, which means that there is no depth
 _GAP, _DARK, _WORDS = 4, 24, 16
-_FONT, _SMALL, _LIGHT = cv2.FONT_HERSHEY_SIMPLEX, 0.38, (235, 235, 235)
+_SMALL = 0.38  # of words
 _NEAR, _FAR = "#0072b2", "#b9d3e6"
 _FROM = {"from the side": (12.0, -60.0), "from above": (90.0, -90.0)}
 _DIGITS = 4  # by which equal directions are told
@@ -248,7 +247,7 @@ def resized(tile: Image, size: int) -> Image:
 def below(tile: Image, words: str) -> Image:
     """The tile with words (ASCII) below it."""
     bar = np.full((_WORDS, tile.shape[1], 3), _DARK, dtype=np.uint8)
-    cv2.putText(bar, words, (2, _WORDS - 5), _FONT, _SMALL, _LIGHT, 1, cv2.LINE_AA)
+    write_words(bar, words, (2, _WORDS - 5), _SMALL)
     return np.vstack([tile, bar])
 
 
@@ -261,17 +260,13 @@ def sheet(rows: Sequence[tuple[str, Sequence[Image]]]) -> Sheet:
     if longest == 0:
         raise ValueError("a sheet needs at least one tile")
     height, width, _ = next(tiles[0].shape for _, tiles in rows if tiles)
-    lengths = [cv2.getTextSize(name, _FONT, _SMALL, 1)[0][0] for name, _ in rows]
-    left = max(lengths) + 2 * _GAP
+    left = max(size_of(name, _SMALL)[0] for name, _ in rows) + 2 * _GAP
     shape = (len(rows) * (height + _GAP), left + longest * (width + _GAP), 3)
     whole = np.full(shape, _DARK, dtype=np.uint8)
     for row, (name, tiles) in enumerate(rows):
         top = row * (height + _GAP)
         line = whole[top : top + height]
-        label = np.full((height, left, 3), _DARK, dtype=np.uint8)
-        place = (_GAP, height // 2 + 4)
-        cv2.putText(label, name, place, _FONT, _SMALL, _LIGHT, 1, cv2.LINE_AA)
-        line[:, :left] = label
+        write_words(line, name, (_GAP, height // 2 + 4), _SMALL)
         for column, tile in enumerate(tiles):
             at = left + column * (width + _GAP)
             line[:, at : at + width] = tile

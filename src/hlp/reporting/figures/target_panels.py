@@ -35,9 +35,15 @@ from hlp.reporting.figures.panels import (
     outline,
     weight_by_cell,
 )
-from hlp.reporting.figures.saving import titled, with_legend, with_scale
+from hlp.reporting.figures.saving import (
+    Image,
+    size_of,
+    titled,
+    with_legend,
+    with_scale,
+    write_words,
+)
 
-Image = UInt8[np.ndarray, "h w 3"]
 Pose = Float[np.ndarray, "4 4"]
 
 COARSE_COLOR = (255, 255, 255)
@@ -49,7 +55,6 @@ _BEFORE, _SAME, _BEHIND = (33, 102, 172), (247, 247, 247), (178, 24, 43)
 _NOTHING = 40  # grey level where there is no depth
 _MARGIN = 1.35  # of the poses' boxes around all of them
 _NARROWEST = 32.0  # px of a frame that are enlarged
-_FONT, _SIZE = cv2.FONT_HERSHEY_SIMPLEX, 0.42
 
 
 @dataclass(frozen=True)
@@ -265,11 +270,11 @@ def _write(picture: Image, shown: ShownPose, camera: Float[np.ndarray, "3 3"]) -
     if center[0, 2] <= 0:
         return
     x, y = np.clip(np.rint(project(center, camera)[0]), -1e4, 1e4).astype(int)
-    (long, high), _ = cv2.getTextSize(shown.words, _FONT, _SIZE, 1)
+    long, high = size_of(shown.words)
     height, width = picture.shape[:2]
     place = (
         int(np.clip(x - long // 2, 2, max(width - long - 2, 2))),
         int(np.clip(y + 18, high + 2, height - 26)),
     )
     for color, thickness in (((20, 20, 20), 3), ((255, 255, 255), 1)):
-        cv2.putText(picture, shown.words, place, _FONT, _SIZE, color, thickness, cv2.LINE_AA)
+        write_words(picture, shown.words, place, color=color, thickness=thickness)
