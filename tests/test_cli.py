@@ -1,109 +1,71 @@
-"""The command line; runs in processes of their own, with stand-ins for all groups and the run."""
+"""The command line: what is composed, run, said and returned; runs are stand-ins."""
 
 import json
+import logging
 import os
-import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+from omegaconf import DictConfig, OmegaConf
 
 import hlp
 from hlp.cli import main
-from hlp.files import config_folder
+from hlp.commands.composing import compose_config
+from hlp.config import build
+from hlp.errors import MissingFileError
 from hlp.records import TargetScore
 from hlp.results.poses_file import write_scores
 
-STAND_INS = {
-    "data": ("demo", "linemod_bop"),
-    "rendering": ("auto",),
-    "patches": ("hlp", "paper"),
-    "classifier": ("cnn",),
-    "encoder": ("contrastive", "cae", "cae_cycle", "cae_varied", "pca"),
-    "codebook": ("inverted_lists", "exact", "joint_lists", "kd_forest"),
-    "voting": ("joint", "paper", "sequential"),
-    "refinement": ("pso", "icp", "paper"),
-    "evaluation": ("symmetries",),
-    "machine": ("local", "cuda"),
-    "score": ("rendered",),
-    "executor": ("serial", "loky"),
-    "trainer": ("cpu", "gpu"),
-    "task": ("evaluate", "oracle", "basin", "bench", "search"),
-}
+Said = pytest.CaptureFixture[str]
 
-DRIVER = """
-import json, logging, sys, types
-from pathlib import Path
-import hlp.cli, hlp.config, hlp.files
 
-def build_run(config, chosen=None):
-    from omegaconf import OmegaConf
-    from hlp.errors import MissingFileError
+def stand_in(config: DictConfig, chosen: object = None) -> SimpleNamespace:
+    """In place of `build_run`: a run that writes its configuration into its folder."""
     if config.seed == 13:
         raise MissingFileError("data.root: no folder /nowhere")
     if config.seed == 14:
         raise KeyError("a bug")
-    config = OmegaConf.to_container(config, resolve=True)
-    task = types.SimpleNamespace(run=lambda run, output: run_task(config, output))
-    return types.SimpleNamespace(settings=types.SimpleNamespace(task=task))
 
-def run_task(config, output):
-    logging.getLogger("hlp.run").info("running %s", config["seed"])
-    (output / "seen.json").write_text(json.dumps(config))
+    def run(itself: object, output: Path) -> None:
+        logging.getLogger("hlp.run").info("running %s", config.seed)
+        (output / "seen.json").write_text(json.dumps(OmegaConf.to_container(config, resolve=True)))
 
-hlp.config.build = types.ModuleType("hlp.config.build")
-hlp.config.build.build_run = build_run
-sys.modules["hlp.config.build"] = hlp.config.build
-hlp.files.config_folder = lambda: Path("conf").absolute()
-hlp.cli.main()
-"""
-
-Hlp = Callable[..., "subprocess.CompletedProcess[str]"]
+    return SimpleNamespace(settings=SimpleNamespace(task=SimpleNamespace(run=run)))
 
 
 @pytest.fixture
-def call(tmp_path: Path) -> Hlp:
-    """`hlp` in an empty folder, with conf/'s real composition over stand-in alternatives."""
-    conf = tmp_path / "conf"
-    for group in ("method", "experiment", "reporting"):
-        shutil.copytree(config_folder() / group, conf / group)
-    shutil.copy(config_folder() / "config.yaml", conf)
-    for group, names in STAND_INS.items():
-        (conf / group).mkdir()
-        for name in names:
-            (conf / group / f"{name}.yaml").write_text(f"name: {name}\nsize: 1\n")
-    (conf / "alternatives.yaml").write_text("{}")
-    (conf / "ladder.yaml").write_text("{}")
-    (conf / "experiment" / "mine.yaml").write_text(
-        "# @package _global_\n"
-        "defaults:\n  - override /method: paper\n  - override /encoder: pca\n\n"
-        "name: mine\nvoting:\n  size: 7\n"
-    )
-    (tmp_path / "driver.py").write_text(DRIVER)
-
-    def run(*arguments: str, **variables: str) -> "subprocess.CompletedProcess[str]":
-        environment = {**os.environ, "PYTHONPATH": str(Path(hlp.__file__).parents[1])}
-        return subprocess.run(
-            [sys.executable, "driver.py", *arguments],
-            cwd=tmp_path,
-            env=environment | variables,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-
-    return run
+def folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Path]:
+    """An empty working folder; logging is as before afterwards: Hydra's handlers would stay."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["hlp"])
+    monkeypatch.setattr(build, "build_run", stand_in)
+    root = logging.getLogger()
+    handlers, level = root.handlers[:], root.level
+    yield tmp_path
+    for handler in root.handlers:
+        if handler not in handlers:
+            handler.close()
+    root.handlers[:] = handlers
+    root.setLevel(level)
 
 
-def seen(folder: Path) -> dict[str, dict[str, str]]:
-    found: dict[str, dict[str, str]] = json.loads((folder / "seen.json").read_text())
-    return found
+def seen(folder: Path) -> Any:
+    return json.loads((folder / "seen.json").read_text())
 
 
-def choices(folder: Path) -> dict[str, str]:
-    return {group: seen(folder)[group]["name"] for group in STAND_INS}
+def fails(words: list[str], capsys: Said, code: int = 1) -> str:
+    """What `hlp` says on standard error."""
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == code
+    said = capsys.readouterr().err
+    assert said.startswith("hlp: ") and "Traceback" not in said
+    return said
 
 
 def test_the_package_is_the_command_line_too() -> None:
@@ -113,110 +75,105 @@ def test_the_package_is_the_command_line_too() -> None:
     assert done.stdout == f"hlp {hlp.__version__}\n"
 
 
-def test_default_run_is_the_demo(call: Hlp, tmp_path: Path) -> None:
-    done = call("run")
-    assert done.returncode == 0
-    assert "running 0" in done.stdout
-    (folder,) = (tmp_path / "outputs" / "demo").iterdir()
-    assert choices(folder) == {group: names[0] for group, names in STAND_INS.items()}
-    assert seen(folder)["output"] == str(folder)
-    assert (folder / ".hydra" / "config.yaml").is_file()
-
-
-def test_method_chooses_and_the_command_line_wins(call: Hlp, tmp_path: Path) -> None:
-    call("run", "encoder=pca", "method=paper", "refinement=icp", "output=out")
-    found = choices(tmp_path / "out")
-    assert found["voting"] == "sequential"
-    assert found["codebook"] == "kd_forest"
-    assert found["encoder"] == "pca"
-    assert found["refinement"] == "icp"
-
-
-def test_experiment_wins_over_method_and_loses_to_the_command_line(
-    call: Hlp, tmp_path: Path
-) -> None:
-    call("run", "experiment=mine", "codebook=exact", "output=out")
-    found = choices(tmp_path / "out")
-    assert found["voting"] == "sequential"  # of the method that the experiment chose
-    assert found["encoder"] == "pca"  # of the experiment itself
-    assert found["codebook"] == "exact"  # of the command line
-    assert seen(tmp_path / "out")["voting"]["size"] == 7
-    call("run", "experiment=mine", "method=hlp", "voting.size=9", "output=other")
-    assert choices(tmp_path / "other")["voting"] == "joint"
-    assert seen(tmp_path / "other")["voting"]["size"] == 9
-
-
-@pytest.mark.slow
-@pytest.mark.thorough
-def test_arms_of_a_sweep_have_folders_of_their_own(call: Hlp, tmp_path: Path) -> None:
-    done = call("-m", "refinement=pso,icp", "output=sweep")
-    assert done.returncode == 0
-    assert [choices(tmp_path / "sweep" / arm)["refinement"] for arm in "01"] == ["pso", "icp"]
-
-
-@pytest.mark.slow
-@pytest.mark.thorough
-def test_failed_arm_stops_no_other(call: Hlp, tmp_path: Path) -> None:
-    done = call("run", "-m", "seed=13,1", "output=sweep")
-    assert done.returncode == 1
-    assert "data.root: no folder /nowhere" in done.stdout
-    assert seen(tmp_path / "sweep" / "1")["seed"] == 1
-
-
-@pytest.mark.parametrize(
-    ("argument", "word"),
-    [("sede=1", "sede"), ("encoder=none", "contrastive"), ("seed=13", "data.root")],
-)
-def test_error_is_one_message_that_names_the_key(call: Hlp, argument: str, word: str) -> None:
-    failed = call("run", argument)
-    assert failed.returncode == 1
-    assert failed.stderr.startswith("hlp: ")
-    assert word in failed.stderr
-    assert "Traceback" not in failed.stderr
-    assert "Traceback" in call("run", argument, HLP_TRACEBACK="1").stderr
-
-
-def test_bug_keeps_its_traceback(call: Hlp) -> None:
-    failed = call("run", "seed=14")
-    assert failed.returncode == 1
-    assert "KeyError: 'a bug'" in failed.stderr
-    assert "in build_run" in failed.stderr
-
-
-def test_bench_is_a_task_of_its_own_on_the_same_data(call: Hlp, tmp_path: Path) -> None:
-    done = call("bench", "experiment=mine", "frames=3", "output=out")
-    assert done.returncode == 0, done.stderr
-    found = json.loads((tmp_path / "out" / "seen.json").read_text())
-    assert (found["task"]["name"], found["name"], found["frames"]) == ("bench", "mine", 3)
-
-
-@pytest.mark.slow
-@pytest.mark.thorough
-def test_anytime_is_a_sweep_of_budgets(call: Hlp, tmp_path: Path) -> None:
-    (tmp_path / "conf" / "refinement" / "pso.yaml").write_text("name: pso\nbudget_ms: 0.0\n")
-    done = call("run", "experiment=anytime", "output=sweep")
-    assert done.returncode == 0, done.stderr
-    arms = sorted((tmp_path / "sweep").glob("*/seen.json"), key=lambda path: path.parent.name)
-    budgets = [json.loads(path.read_text())["refinement"]["budget_ms"] for path in arms]
-    assert budgets == [0, 5, 10, 20, 40]
-    call("-m", "experiment=anytime", "refinement.budget_ms=5,7", "output=other")
-    assert len(list((tmp_path / "other").glob("*/seen.json"))) == 2
-
-
-Said = pytest.CaptureFixture[str]
-
-
 def test_a_bare_command_lists_the_commands_and_an_unknown_one_is_named(capsys: Said) -> None:
     main([])
     usage = capsys.readouterr().out
     assert "\n  run " in usage and "\n  report " in usage
     main(["--help"])
     assert capsys.readouterr().out == usage
-    with pytest.raises(SystemExit) as ended:
-        main(["rnu"])
-    assert ended.value.code == 2
-    said = capsys.readouterr().err
+    said = fails(["rnu"], capsys, 2)
     assert "no command 'rnu': did you mean run?" in said and usage.strip() in said
+
+
+def test_the_default_run_is_the_demo(folder: Path, capsys: Said) -> None:
+    main(["run"])
+    assert "running 0\n" in capsys.readouterr().out
+    (output,) = (folder / "outputs" / "demo").iterdir()
+    config = seen(output)
+    assert (config["name"], config["output"]) == ("demo", str(output))
+    assert config["data"]["name"] == "synthetic" and config["task"]["name"] == "evaluate"
+    assert (output / ".hydra" / "config.yaml").is_file()
+
+
+def test_bench_is_a_task_of_its_own_on_the_same_data(folder: Path) -> None:
+    main(["bench", "experiment=table1", "frames=3", "output=out"])
+    config = seen(folder / "out")
+    assert (config["task"]["name"], config["name"], config["frames"]) == ("bench", "table1", 3)
+
+
+MINE = """\
+# @package _global_
+defaults:
+  - override /method: paper
+  - override /encoder: pca
+
+name: mine
+voting:
+  hypotheses: 7
+"""
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ("method=paper encoder=pca refinement=icp", "sequential 5 kd_forest pca icp"),
+        ("experiment=mine codebook=exact", "sequential 7 exact pca pso"),
+        ("experiment=mine method=hlp voting.hypotheses=9", "joint 9 inverted_lists pca pso"),
+    ],
+)
+def test_experiments_win_over_methods_and_the_command_line_over_both(
+    given: str, expected: str, tmp_path: Path
+) -> None:
+    (tmp_path / "experiment").mkdir()
+    (tmp_path / "experiment" / "mine.yaml").write_text(MINE)
+    path = f"hydra.searchpath=[file://{tmp_path}]"
+    config = compose_config(path, "output=out", *given.split())
+    groups = (config.codebook, config.encoder, config.refinement)
+    found = (config.voting.name, config.voting.hypotheses, *(group.name for group in groups))
+    assert " ".join(map(str, found)) == expected
+
+
+@pytest.mark.slow
+@pytest.mark.thorough
+def test_runs_of_a_sweep_have_folders_of_their_own_and_one_that_fails_stops_no_other(
+    folder: Path, capsys: Said
+) -> None:
+    main(["-m", "refinement=pso,icp", "output=sweep"])
+    names = [seen(folder / "sweep" / number)["refinement"]["name"] for number in "01"]
+    assert names == ["pso", "icp"]
+    with pytest.raises(SystemExit):
+        main(["run", "-m", "seed=13,1", "output=other"])
+    assert "data.root: no folder /nowhere" in capsys.readouterr().out
+    assert seen(folder / "other" / "1")["seed"] == 1
+
+
+@pytest.mark.slow
+@pytest.mark.thorough
+def test_anytime_is_a_sweep_of_budgets(folder: Path) -> None:
+    for number, (given, values) in enumerate(
+        {"": [0, 5, 10, 20, 40], "refinement.budget_ms=5,7": [5, 7]}.items()
+    ):
+        main(["-m", "experiment=anytime", f"output=sweep{number}", *filter(None, [given])])
+        found = [seen(path.parent) for path in folder.glob(f"sweep{number}/*/seen.json")]
+        assert sorted(config["refinement"]["budget_ms"] for config in found) == values
+
+
+@pytest.mark.parametrize(
+    ("argument", "word"),
+    [("sede=1", "sede"), ("encoder=none", "contrastive"), ("seed=13", "data.root")],
+)
+def test_an_error_is_one_message_that_names_the_key(
+    argument: str, word: str, folder: Path, capsys: Said, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert word in fails(["run", argument], capsys)
+    monkeypatch.setenv("HLP_TRACEBACK", "1")
+    with pytest.raises(Exception, match=word):
+        main(["run", argument])
+
+
+def test_a_bug_keeps_its_traceback(folder: Path) -> None:
+    with pytest.raises(KeyError, match="a bug"):
+        main(["run", "seed=14"])
 
 
 @pytest.mark.parametrize(
@@ -230,22 +187,14 @@ def test_a_bare_command_lists_the_commands_and_an_unknown_one_is_named(capsys: S
     ],
 )
 def test_what_cannot_be_reported_or_compared_is_named(
-    command: str, words: str, capsys: Said, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    command: str, words: str, folder: Path, capsys: Said
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(SystemExit) as ended:
-        main(command.split())
-    assert ended.value.code == 1
-    said = capsys.readouterr().err
-    assert said.startswith("hlp: ") and words in said
+    assert words in fails(command.split(), capsys)
 
 
-def test_report_compares_two_runs(
-    capsys: Said, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_report_compares_two_runs(folder: Path, capsys: Said) -> None:
     for name, right in (("a", False), ("b", True)):
         score = TargetScore(1, 2, 6, True, 1.0, 0.009, 0.1, 0.009, 0.9, right, True, True)
-        write_scores(tmp_path / name / "scores.csv", [score], {6: "cat"})
+        write_scores(folder / name / "scores.csv", [score], {6: "cat"})
     main(["report", "runs=[a, b]"])
     assert "Changed verdicts of ADD(-S): 1" in capsys.readouterr().out

@@ -1,23 +1,35 @@
+"""Names of frames: each has one, and it leads back; the shapes of records are checked in tests."""
+
 import numpy as np
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from hlp.records import Texture, frame_key, parse_frame_key
 
-
-@pytest.mark.parametrize(
-    ("ids", "key"), [((6, 12), "000006_000012"), ((0, 1234567), "000000_1234567")]
-)
-def test_frame_keys_hold_scene_and_frame(ids: tuple[int, int], key: str) -> None:
-    assert frame_key(*ids) == key
-    assert parse_frame_key(key) == ids
+IDS = st.integers(0, 10**8)
 
 
-@pytest.mark.parametrize(
-    "text", ["", "000006", "6_12", "000006_00001x", "000006_000012_1", "-00006_000012"]
-)
-def test_other_texts_are_refused(text: str) -> None:
-    with pytest.raises(ValueError, match="is no frame key"):
-        parse_frame_key(text)
+@given(IDS, IDS)
+@example(0, 1234567)
+def test_a_frame_comes_back_from_its_key(scene, frame):
+    assert parse_frame_key(frame_key(scene, frame)) == (scene, frame)
+    assert frame_key(6, 12) == "000006_000012"
+
+
+@given(st.text("0123456789_²٣ -", max_size=20))
+@example("000006_00001x")
+@example("000006_000012_1")
+@example("-00006_000012")
+@example("000006_0000²²")
+@example("00000٣_000012")
+def test_no_other_text_is_a_key(text):
+    try:
+        ids = parse_frame_key(text)
+    except ValueError as error:
+        assert "is no frame key" in str(error)
+    else:
+        assert frame_key(*ids) == text
 
 
 def test_shapes_of_records_are_checked_while_tests_run() -> None:

@@ -88,7 +88,7 @@ class Settings:
             unit = next((unit for unit in _MOST_OF_UNITS if name.endswith(unit)), "")
             if mistake := _mistake(hint, getattr(self, name), _MOST_OF_UNITS.get(unit, _MOST)):
                 problem = f"is {_shown(mistake.value)}: it must be {mistake.expected}"
-                raise SettingsError(_join(name, mistake.place), problem)
+                raise SettingsError(".".join((name, *mistake.place)), problem)
 
 
 def read_settings(kind: type[T], values: Mapping[str, Any], key: str = "") -> T:
@@ -143,7 +143,7 @@ def _hints(kind: Any) -> dict[str, Any]:
 class _Mistake(NamedTuple):
     """What is wrong in a value: where in it, what stands there, and what must."""
 
-    place: str
+    place: tuple[str, ...]
     value: Any
     expected: str
 
@@ -157,19 +157,19 @@ def _mistake(hint: Any, value: Any, most: float) -> _Mistake | None:
     if origin is Annotated:
         return _bound_mistake(parts[0], parts[1:], value, most)
     if origin is Literal:
-        return None if value in parts else _Mistake("", value, " or ".join(map(repr, parts)))
+        return None if value in parts else _Mistake((), value, " or ".join(map(repr, parts)))
     if origin in (Union, types.UnionType):
         return _union_mistake(parts, value, most)
     if origin in (tuple, list):
         if not isinstance(value, tuple | list):
-            return _Mistake("", value, "a list")
+            return _Mistake((), value, "a list")
         kinds = _kinds_of_items(parts, len(value))
         if len(kinds) != len(value):
-            return _Mistake("", value, f"a list of {len(kinds)}")
+            return _Mistake((), value, f"a list of {len(kinds)}")
         return _first_within(zip(map(str, range(len(value))), kinds, value, strict=True), most)
     is_record = dataclasses.is_dataclass(hint) and not dataclasses.is_dataclass(value)
     if is_record or (origin is dict and not isinstance(value, Mapping)):
-        return _Mistake("", value, "a mapping of keys to values")
+        return _Mistake((), value, "a mapping of keys to values")
     if origin is dict:
         return _first_within(((key, parts[1], inner) for key, inner in value.items()), most)
     return _plain_mistake(hint, value, most)
@@ -178,11 +178,11 @@ def _mistake(hint: Any, value: Any, most: float) -> _Mistake | None:
 def _plain_mistake(hint: Any, value: Any, most: float) -> _Mistake | None:
     kinds, words = _PLAIN.get(hint, (object, ""))
     if not isinstance(value, kinds) or (isinstance(value, bool) and hint in (int, float, str)):
-        return _Mistake("", value, words)
+        return _Mistake((), value, words)
     if hint in (int, float) and not abs(value) < math.inf:
-        return _Mistake("", value, "a finite number")
+        return _Mistake((), value, "a finite number")
     if hint in (int, float) and abs(value) > most:
-        return _Mistake("", value, f"at most {most:g}" if value > 0 else f"at least {-most:g}")
+        return _Mistake((), value, f"at most {most:g}" if value > 0 else f"at least {-most:g}")
     return None
 
 
@@ -195,7 +195,7 @@ def _bound_mistake(bare: Any, facts: Sequence[Any], value: Any, most: float) -> 
         for bound, words, holds in _BOUNDS:
             limit = getattr(fact, bound, None)
             if isinstance(value, int | float) and limit is not None and not holds(value, limit):
-                return _Mistake("", value, f"{words} {limit}")
+                return _Mistake((), value, f"{words} {limit}")
     return None
 
 
@@ -208,14 +208,14 @@ def _union_mistake(parts: Sequence[Any], value: Any, most: float) -> _Mistake | 
     within = [mistake for mistake in found if mistake.place or mistake.expected not in _KINDS]
     if within:
         return within[0]
-    return _Mistake("", value, " or ".join(mistake.expected for mistake in found))
+    return _Mistake((), value, " or ".join(mistake.expected for mistake in found))
 
 
 def _first_within(items: Iterable[tuple[str, Any, Any]], most: float) -> _Mistake | None:
     """The first mistake of values inside another one, given their places and types."""
     for place, hint, value in items:
         if mistake := _mistake(hint, value, most):
-            return mistake._replace(place=_join(place, mistake.place))
+            return mistake._replace(place=(str(place), *mistake.place))
     return None
 
 
@@ -296,4 +296,4 @@ def _cut(text: str) -> str:
 
 
 def _join(key: str, name: str) -> str:
-    return f"{key}.{name}" if key and name else key or name
+    return f"{key}.{name}" if key else name
