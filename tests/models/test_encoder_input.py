@@ -28,16 +28,6 @@ def test_normals_of_a_tilted_plane_are_exact(slope):
     np.testing.assert_allclose(inner, np.broadcast_to(expected, inner.shape), atol=1e-5)
 
 
-def test_normals_are_unit_vectors_where_valid_and_0_elsewhere():
-    rng = np.random.default_rng(0)
-    depth = rng.random((4, 32, 32), dtype=np.float32)
-    valid = rng.random((4, 32, 32)) < 0.6
-    normals = surface_normals(depth, valid)
-    np.testing.assert_allclose(np.linalg.norm(normals[valid], axis=1), 1.0, atol=1e-5)
-    assert (normals[~valid] == 0).all()
-    assert (normals[valid][:, 2] < 0).all()  # towards the camera
-
-
 def test_what_is_not_valid_does_not_reach_the_normals():
     depth = plane(0.4, 0.1)
     valid = np.ones(depth.shape, dtype=bool)

@@ -103,11 +103,6 @@ def test_threshold_0_accepts_where_the_object_is_the_most_likely_class():
     assert accepted == [True, False, True]
 
 
-def test_a_threshold_accepts_by_probability():
-    accepted, _ = region([0.4, 0.1, 0.2], [False, True, False], 0.2, 0)
-    assert accepted == [True, False, False]
-
-
 def test_windows_far_less_probable_than_the_first_do_not_make_up_for_too_few():
     best = np.zeros(4, bool)
     assert region([0.02, 0.5, 0.051, 0.01], best, 0.3, 3)[0] == [False, True, True, False]

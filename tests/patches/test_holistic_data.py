@@ -53,11 +53,6 @@ def test_background_alone_holds_no_pixel_of_the_object_and_is_labelled_so():
     assert changed[~alone].all()
 
 
-def test_share_0_shows_every_object_and_share_1_none():
-    assert (compose(module(make_pool(), share=0.0))[1] == LABEL).all()
-    assert (compose(module(make_pool(), share=1.0))[1] == BACKGROUND).all()
-
-
 def test_the_void_around_the_object_never_shows():
     pool = make_pool()
     void = ~pool.mask

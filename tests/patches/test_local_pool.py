@@ -75,13 +75,6 @@ def test_patches_lie_in_the_order_of_their_pairs(baked, views, model):
             np.testing.assert_array_equal(pool.valid[i, side], alone.valid[0])
 
 
-def test_an_angle_of_0_pairs_each_patch_with_itself(views, model):
-    pairs = PairSettings(40, 0.0)
-    pool = bake_pairs(views, model.local_size, LOCAL, pairs, np.random.default_rng(0), True)
-    np.testing.assert_array_equal(pool.color[:, 0], pool.color[:, 1])
-    np.testing.assert_array_equal(pool.depth[:, 0], pool.depth[:, 1])
-
-
 def test_every_surface_pixel_of_a_view_gives_a_patch(views, model):
     y, x = np.nonzero(views.depth[5] > 0)
     pixels = np.stack([x, y], axis=1)

@@ -9,10 +9,6 @@ def pictures():
     return procedural_backgrounds(200, 64, np.random.default_rng(0))
 
 
-def test_shape_and_type(pictures):
-    assert pictures.shape == (200, 64, 64, 3) and pictures.dtype == np.uint8
-
-
 def test_they_differ_in_brightness_colour_and_texture(pictures):
     values = pictures.astype(float)
     brightness = values.mean(axis=(1, 2, 3))

@@ -39,12 +39,6 @@ def test_thomson_reaches_the_known_optimum(count: int) -> None:
     assert best * (1 - 1e-8) <= coulomb_energy(points) <= best * 1.005
 
 
-def test_thomson_at_the_number_of_views_used() -> None:
-    points = thomson(400, seed=0)
-    assert coulomb_energy(points) == pytest.approx(75582.448512213, rel=1e-3)
-    assert spacings(points).min() > 0.85 * spacings(points).max()
-
-
 @pytest.mark.parametrize("count", [1, 2, 10, 100])
 def test_hemisphere_is_the_upper_half_of_an_even_sphere(count: int) -> None:
     upper = hemisphere(count, seed=1)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from hlp.geometry import rigid, rotation_distance, transform
+from hlp.geometry import rigid, transform
 from hlp.image_edges import NO_EDGE, color_edges, edges
 from hlp.records import Mesh, ObjectModel
 from hlp.rendering.light import FRONTAL_LIGHT
@@ -131,12 +131,6 @@ def test_an_object_without_enough_edges_has_no_templates(plate: ObjectModel) -> 
     answers = spread_edges(color_edges(rgb), SETTINGS.reach)
     found = match_templates(none, answers, depth, CAMERA, plate, SETTINGS, None, ThreadTeam(1))
     assert found.poses_cam_obj.shape == (0, 4, 4)
-
-
-def test_rotations_cover_all_turns(templates: Templates) -> None:
-    turned = templates.rotations_cam_obj.reshape(-1, SETTINGS.turns, 3, 3)
-    steps = rotation_distance(turned[:, 1:], turned[:, :-1])
-    np.testing.assert_allclose(steps, 2.0 * np.pi / SETTINGS.turns, atol=1e-6)
 
 
 def test_few_poses_of_one_place_are_kept(plate: ObjectModel) -> None:

@@ -217,27 +217,6 @@ def test_few_votes(finder):
     np.testing.assert_allclose(found.poses_cam_obj[0, :3, :3], rotation(40), atol=1e-9)
 
 
-def test_the_kernels_are_as_wide_as_the_settings_say():
-    def pair(degrees, metres=0.0):
-        there = HERE + np.array([metres, 0.0, 0.0])
-        return make_votes(
-            (20, HERE, rotation(0), 0.0005, 0.2, 1.0),
-            (15, there, rotation(degrees), 0.0005, 0.2, 1.0),
-        )
-
-    joint = JointModes(JOINT)
-    assert joint.find(pair(16.0), CENTROID).support[0] == 35.0
-    np.testing.assert_array_equal(joint.find(pair(20.0), CENTROID).support, [20.0, 15.0])
-    assert joint.find(pair(0.0, 0.018), CENTROID).support[0] == 35.0
-    np.testing.assert_array_equal(joint.find(pair(0.0, 0.022), CENTROID).support, [20.0, 15.0])
-    for degrees, alone in ((4.0, False), (6.0, True)):
-        pose = PaperModes(PAPER).find(pair(degrees), CENTROID).poses_cam_obj[0]
-        turned = np.rad2deg(rotation_distance(pose[:3, :3], rotation(0)))
-        assert turned < 0.2 if alone else turned == pytest.approx(degrees * 15 / 35, abs=0.2)
-    assert PaperModes(PAPER).find(pair(0.0, 0.009), CENTROID).support[0] == 35.0
-    assert PaperModes(PAPER).find(pair(0.0, 0.013), CENTROID).support[0] == 20.0
-
-
 def test_modes_are_ranked_by_the_votes_of_the_mode_not_of_the_seed():
     # Around a hollow ball no vote sees all the others, but their mean does.
     directions = np.random.default_rng(0).normal(size=(20, 3))

@@ -14,12 +14,12 @@ from annotated_types import Ge, Le
 from jaxtyping import Float32, Int64, UInt8
 
 from hlp.arrays import Features
-from hlp.codebook.neighbours import SEARCHES, ExactNeighbours
+from hlp.codebook.neighbours import SEARCHES, ExactNeighbours, SearchSettings
 from hlp.compiled import compiled
 from hlp.errors import DataError
 from hlp.files import read_npz
 from hlp.records import Matches
-from hlp.settings import Count, Doc, Settings
+from hlp.settings import Count, Doc
 from hlp.thread_team import ThreadTeam, threads_here
 
 if TYPE_CHECKING:
@@ -33,13 +33,9 @@ _NUMBERS_PER_CODE = 4  # numbers of a feature that one 4-bit code stands for
 
 
 @dataclass(frozen=True)
-class ListsSettings(Settings):
+class ListsSettings(SearchSettings):
     """What inverted lists of one object's entries, or of all objects', have in common."""
 
-    name: str = ""
-    neighbours: Annotated[
-        int, Ge(1), Le(1000), Doc("nearest entries of each patch that vote (P: k = 3)")
-    ] = 3
     lists: Annotated[
         Count, Doc(f"number of lists; with 57,600 entries, each holds about {_ENTRIES} (D)")
     ] = 128

@@ -59,17 +59,27 @@ SEARCHES: Registry[NeighboursSettings] = Registry("codebook", "hlp.codebook")
 """Alternatives of config group `codebook`."""
 
 
-@SEARCHES.register
 @dataclass(frozen=True)
-class ExactSettings(Settings):
-    """Config group `codebook`: exact search."""
+class SearchSettings(Settings):
+    """What the alternatives have in common."""
 
-    name: Literal["exact"] = "exact"
+    name: str = ""
     neighbours: Annotated[
         int, Ge(1), Le(1000), Doc("nearest entries of each patch that vote (P: k = 3)")
     ] = 3
 
     dimension_multiple: ClassVar[int] = 1
+
+    def prepare(self, features: Features, seed: int, folder: Path) -> None:
+        """Nothing takes long, unless an alternative says otherwise."""
+
+
+@SEARCHES.register
+@dataclass(frozen=True)
+class ExactSettings(SearchSettings):
+    """Config group `codebook`: exact search."""
+
+    name: Literal["exact"] = "exact"
 
     def build(
         self, features: Features, seed: int, threads: int, folder: Path | None = None
@@ -77,32 +87,21 @@ class ExactSettings(Settings):
         """Exact search. `threads` is not used: BLAS has its own threads."""
         return ExactNeighbours(features, self.neighbours)
 
-    def prepare(self, features: Features, seed: int, folder: Path) -> None:
-        """Nothing takes long."""
-
 
 @SEARCHES.register
 @dataclass(frozen=True)
-class KdForestSettings(Settings):
+class KdForestSettings(SearchSettings):
     """Config group `codebook`: randomised kd-trees (FLANN), the paper's."""
 
     name: Literal["kd_forest"] = "kd_forest"
-    neighbours: Annotated[
-        int, Ge(1), Le(1000), Doc("nearest entries of each patch that vote (P: k = 3)")
-    ] = 3
     trees: Annotated[int, Ge(1), Le(100), Doc("randomised trees (P)")] = 4
     checks: Annotated[Count, Doc("leaves visited for one query (D)")] = 256
-
-    dimension_multiple: ClassVar[int] = 1
 
     def build(
         self, features: Features, seed: int, threads: int, folder: Path | None = None
     ) -> "KdForest":
         """The trees, built with the seed. They are searched in one thread."""
         return KdForest(features, self.neighbours, self.trees, self.checks, seed)
-
-    def prepare(self, features: Features, seed: int, folder: Path) -> None:
-        """Nothing: FLANN's trees are built when needed."""
 
 
 class ExactNeighbours:

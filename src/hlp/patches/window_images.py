@@ -56,16 +56,14 @@ class WindowImages:
         return out if with_depth else np.ascontiguousarray(out[..., :3])
 
     def _halved(self, level: int) -> Float32[np.ndarray, "h2 w2 4"]:
+        """The image, halved so often and padded."""
         if level not in self._padded:
-            self._padded[level] = _pad(area_shrink(self._rgb, 2**level))
+            image = area_shrink(self._rgb, 2**level)
+            (height, width), more = image.shape[:2], 2 * _PAD + 1
+            padded = np.zeros((height + more, width + more, _LANES), dtype=np.float32)
+            padded[_PAD : _PAD + height, _PAD : _PAD + width, :3] = image
+            self._padded[level] = padded
         return self._padded[level]
-
-
-def _pad(image: Rgb) -> Float32[np.ndarray, "h2 w2 4"]:
-    height, width = image.shape[:2]
-    out = np.zeros((height + 2 * _PAD + 1, width + 2 * _PAD + 1, _LANES), dtype=np.float32)
-    out[_PAD : _PAD + height, _PAD : _PAD + width, :3] = image
-    return out
 
 
 @compiled()

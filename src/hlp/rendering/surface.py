@@ -4,7 +4,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32, Int
+from jaxtyping import Float32
 
 from hlp.arrays import Points, Positions
 from hlp.records import ColorGrid, Mesh, Texture
@@ -39,17 +39,13 @@ def sample_surface(mesh: Mesh, count: int) -> SurfaceSamples:
     corners = mesh.faces[face]
     points = np.einsum("ni,nij->nj", weights, mesh.vertices[corners])
     normals = cross[face] / np.maximum(double_area[face], 1e-300)[:, None]
-    return SurfaceSamples(points, normals, _colors(mesh, corners, weights))
-
-
-def _colors(
-    mesh: Mesh, corners: Int[np.ndarray, "n 3"], weights: Points
-) -> Float32[np.ndarray, "n 3"]:
-    """Colours (0…255) at weighted means of triangles' corners, from the texture if it exists."""
     if mesh.texture is None:
         mixed = np.einsum("ni,nij->nj", weights, mesh.colors[corners].astype(np.float64))
-        return np.asarray(mixed, dtype=np.float32)
-    return sample_texture(mesh.texture, np.einsum("ni,nij->nj", weights, mesh.texture.uv[corners]))
+        colors = mixed.astype(np.float32)
+    else:
+        uv = np.einsum("ni,nij->nj", weights, mesh.texture.uv[corners])
+        colors = sample_texture(mesh.texture, uv)
+    return SurfaceSamples(points, normals, colors)
 
 
 def sample_texture(texture: Texture, uv: Positions) -> Float32[np.ndarray, "n 3"]:

@@ -11,8 +11,6 @@ from hlp.thread_team import ThreadTeam
 
 # Allows the compiler to reorder sums, so that loops become vector instructions.
 _FAST = {"reassoc", "contract", "nsz"}
-
-
 _SEEDS_PER_MODE = 4
 
 
