@@ -370,6 +370,13 @@ def test_the_targets_of_a_bad_frame_are_known_and_its_identity_differs(
     assert after.identity() != identity
 
 
+def test_a_pose_far_beyond_the_depths_is_refused(root: Path) -> None:
+    with_pose(cam_t_m2c=[0.0, 0.0, 10_000.0])(root)
+    with pytest.raises(DataError, match=r"places the object at 10 m, but the depth image reaches"):
+        frames_of(root).load(BROKEN)
+    assert frames_of(root).read(BROKEN).targets[0].pose_cam_obj[2, 3] == 10.0
+
+
 def test_a_wrong_unit_of_depth_is_said_of_all_frames(root: Path, models: Any) -> None:
     path = scene_file(root, "scene_camera.json")
     content = json.loads(path.read_text())
