@@ -13,8 +13,7 @@ def spreads(scale: float) -> dict[str, dict[str, float]]:
 
 def bench_path(scale: float, recall: float) -> dict[str, Any]:
     views = {"first": spreads(scale), "further": spreads(scale / 4), "frame": spreads(2 * scale)}
-    by_objects = {"1": {"median_ms": 10.0 * scale, "frames": 3}}
-    return {"add_recall": recall, **views, "by_objects": by_objects}
+    return {"add_recall": recall, **views}
 
 
 def bench_result() -> dict[str, Any]:
@@ -54,14 +53,5 @@ def bench_result() -> dict[str, Any]:
         "paths": {"configured": bench_path(1.0, 0.8), "reference": bench_path(3.0, 0.7)},
         "compared": {"reference": {"changes": {}, "ratio": ratio, **agreed}},
         "tolerance": {"mm": 1.0, "deg": 0.5},
-        "regions_of_all": {"objects": 15, "median_ms": 111.0, "p95_ms": 130.0, "cpu_ms": 200.0},
         "objects_at_once": {"median_ms": 17.0, "p95_ms": 30.0, "cpu_ms": 31.0},
-        "search": {
-            "queries": 170.0,
-            "recall": 0.987,
-            "recall_of_nearest": 0.99,
-            "median_ms": 2.0,
-            "exact_ms": 20.0,
-            "ratio": 10.0,
-        },
     }

@@ -14,7 +14,7 @@ from hlp.reporting.study_numbers import KINDS, read_numbers
 from hlp.results.summary_file import read_target_values
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
-from hlp.studies.bench_times import PARTS, PartClock, compare_searches, load_timed
+from hlp.studies.bench_times import PARTS, PartClock
 from run_files import read_json
 from table_text import unpadded
 from tiny_run import TinyRun
@@ -54,8 +54,6 @@ def test_bench_states_every_part_of_every_path(bench: Path) -> None:
             assert spreads["network" if view == "first" else "refine"]["median_ms"] > 0
             assert all(spread["median_ms"] <= spread["p95_ms"] for spread in spreads.values())
             assert spreads["total"]["cpu_ms"] > 0
-        assert [counted["frames"] for counted in path["by_objects"].values()] == [2] * 5
-    assert result["regions_of_all"]["objects"] == 8 and result["regions_of_all"]["median_ms"] > 0
     at_once = result["objects_at_once"]
     assert 0 < at_once["median_ms"] <= at_once["p95_ms"] and at_once["cpu_ms"] > 0
     workload, loading = result["workload"], result["loading_s"]
@@ -64,7 +62,6 @@ def test_bench_states_every_part_of_every_path(bench: Path) -> None:
     assert 0 < loading["classifier"] < 5
     assert 100 < result["memory"]["peak_mib"] <= result["memory"]["all_paths_mib"]
     assert result["memory"]["learnt_too"] == []
-    assert result["search"]["recall"] == 1.0  # the tiny run's search is exact
     stages = read_json(bench / "manifest.json")["stages"]
     assert stages and all(event["reused"] for event in stages)
 
@@ -107,24 +104,6 @@ def test_a_search_that_is_timed_has_the_same_answers(tiny_run: TinyRun) -> None:
         if observer is clock:
             assert set(clock.stop()) == set(PARTS)
     assert found[0] == found[1]
-
-
-@pytest.mark.parametrize(
-    ("overrides", "indices"),
-    [(("codebook=inverted_lists",), 2), (("codebook=joint_lists", "patches.local.size_mm=45"), 1)],
-)
-def test_each_index_is_compared_with_an_exact_search_once_a_frame(
-    tiny_run: TinyRun, overrides: tuple[str, ...], indices: int
-) -> None:
-    run, estimator = estimator_of(tiny_run, *overrides)
-    objects = run.dataset.target_ids[:2]
-    load_timed(estimator, {object_id: str(object_id) for object_id in objects})
-    context = estimator.prepare(run.dataset.frames.load(run.keys[0]))
-    regions = [estimator.find_region(context, object_id) for object_id in objects]
-    patches = [estimator.find_hypotheses(context, region).patches for region in regions]
-    compared = compare_searches(estimator, dict(zip(objects, patches, strict=True)))
-    assert [search["queries"] for search in compared] == [len(own) for own in patches[:indices]]
-    assert all(0.5 < search["recall"] <= 1.0 for search in compared)
 
 
 def test_a_wrong_path_is_named_before_anything_is_learnt(tiny_run: TinyRun, tmp_path: Path) -> None:

@@ -14,7 +14,6 @@ from hlp.studies.bench_times import (
     bench_targets,
     compare_paths,
     summarise_path,
-    summarise_search,
     summarise_spent,
 )
 
@@ -54,8 +53,6 @@ def test_times_of_first_and_further_objects_and_of_whole_frames():
     assert path["further"]["network"]["median_ms"] == 0
     assert path["further"]["total"]["median_ms"] == pytest.approx(7)
     assert path["frame"]["refine"]["median_ms"] == pytest.approx((12 + 9) / 2)
-    assert path["by_objects"]["1"] == {"median_ms": pytest.approx(57), "frames": 2}
-    assert path["by_objects"]["2"] == {"median_ms": pytest.approx(42), "frames": 1}
 
 
 def test_times_and_verdicts_by_target():
@@ -115,25 +112,6 @@ def test_paths_are_paired_by_frame_and_agree_by_share():
 def test_times_of_whole_frames_have_median_and_spread():
     found = summarise_spent([Spent(0.04, 0.05), Spent(0.08, 0.01)])
     assert found == pytest.approx({"median_ms": 60, "p95_ms": 78, "cpu_ms": 30})
-
-
-def test_recall_of_a_search_is_over_queries_not_frames():
-    tried = [
-        {"queries": 30, "own": 0.001, "exact": 0.010, "recall": 1.0, "nearest": 1.0},
-        {"queries": 10, "own": 0.003, "exact": 0.030, "recall": 0.6, "nearest": 0.8},
-    ]
-    found = summarise_search(tried)
-    assert found == pytest.approx(
-        {
-            "queries": 20,
-            "recall": 0.9,
-            "recall_of_nearest": 0.95,
-            "median_ms": 2.0,
-            "exact_ms": 20.0,
-            "ratio": 10.0,
-        }
-    )
-    assert summarise_search([]) is None
 
 
 def spin(seconds):

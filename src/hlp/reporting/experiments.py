@@ -7,7 +7,7 @@ from statistics import fmean, stdev
 from typing import TYPE_CHECKING, Any
 
 from hlp.files import SCORES, write_csv, write_text
-from hlp.reporting.comparison import Difference, mean_and_spread, read_targets, verdict_difference
+from hlp.reporting.comparison import Difference, mean_and_spread, paired_difference, read_targets
 from hlp.reporting.figures.bars import Bar, Panel, draw_bars, recall_bar
 from hlp.reporting.figures.saving import save_figure
 from hlp.reporting.paper_reports import (
@@ -225,7 +225,7 @@ def steps_of_ladder(results: Sequence[Result]) -> list[LadderStep]:
     for name, result in runs.items():
         given: Mapping[str, str | None] = result.config["arm"]
         before = given["before"] or ""
-        gain = verdict_difference(verdicts.get(before, {}), verdicts[name])
+        gain = paired_difference(verdicts.get(before, {}), verdicts[name], "verdict")
         other = runs.get(before, result).total_ms["median"]
         spent = result.total_ms["median"] - other
         steps.append(LadderStep(name, given["change"] or "", before, result, gain, spent))

@@ -1,6 +1,6 @@
 """The paper's Fig. 9, its Tables 1 and 2, and swarm against ICP: its numbers beside ours."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import fmean, pstdev
@@ -21,53 +21,41 @@ if TYPE_CHECKING:
 class Trend:
     """A figure of recall and time against one setting.
 
-    `keys` are the configuration keys that change along the axis, and `value` gives a run's value as
-    text. `paper_values` are the values that the paper chose. `note` says how far the figure can be
-    compared with the paper.
+    `keys` are the configuration keys that change along the axis, `form` is how a run's values of
+    them are written. `paper_values` are those that the paper chose. `note` says how far the figure
+    can be compared with the paper.
     """
 
     title: str
     axis: str
     keys: tuple[str, ...]
-    value: Callable[[Result], str]
     paper_values: tuple[str, ...]
+    form: str = "{}"
     note: str = "The paper's text gives no values for this figure: compare the trends, not numbers."
 
+    def value(self, result: Result) -> str:
+        """A run's value on the axis; of a config group, the name of its file."""
+        values = []
+        for key in self.keys:
+            group, _, name = key.partition(".")
+            given = result.config[group][name or "name"]
+            values.append(given if name else result.chosen.get(key, given))
+        return self.form.format(*values)
 
-def _box(result: Result) -> str:
-    refinement = result.config["refinement"]
-    return f"{{{refinement['theta_deg']:g}°, {refinement['tau_mm']:g} mm}}"
 
-
+_BOX = ("refinement.theta_deg", "refinement.tau_mm")
 TRENDS = {
-    "fig9a": Trend(
-        "Fig. 9a",
-        "length of the local feature",
-        ("encoder.dimension",),
-        lambda result: str(result.config["encoder"]["dimension"]),
-        ("200",),
-    ),
-    "fig9b": Trend(
-        "Fig. 9b",
-        "particles N",
-        ("refinement.particles",),
-        lambda result: str(result.config["refinement"]["particles"]),
-        ("25",),
-    ),
+    "fig9a": Trend("Fig. 9a", "length of the local feature", ("encoder.dimension",), ("200",)),
+    "fig9b": Trend("Fig. 9b", "particles N", ("refinement.particles",), ("25",)),
     "fig9c": Trend(
-        "Fig. 9c",
-        "box of the search {θ, τ}",
-        ("refinement.theta_deg", "refinement.tau_mm"),
-        _box,
-        ("{5°, 5 mm}",),
+        "Fig. 9c", "box of the search {θ, τ}", _BOX, ("{5°, 5 mm}",), "{{{:g}°, {:g} mm}}"
     ),
     "pso_vs_icp": Trend(
         "PSO against ICP",
         "refinement",
         ("refinement",),
-        lambda result: result.chosen.get("refinement", str(result.config["refinement"]["name"])),
         ("pso", "paper"),
-        "The paper discusses it in words.",
+        note="The paper discusses it in words.",
     ),
 }
 """The figures by the name of their experiment."""

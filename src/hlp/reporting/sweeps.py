@@ -8,10 +8,8 @@ from pathlib import Path
 from hlp.files import MANIFEST, SCORES
 from hlp.reporting.comparison import (
     Difference,
-    mean_difference,
-    median_difference,
+    paired_difference,
     read_targets,
-    verdict_difference,
 )
 from hlp.reporting.results import Result, read_results
 from hlp.reporting.study_numbers import ADD, KINDS, RUN, Kind, Number, read_numbers
@@ -147,13 +145,12 @@ class Sweep:
         if (first := self.reference) is None:
             return found
         for name, number in self.numbers.items():
-            of_recall = verdict_difference if self.name == RUN else mean_difference
-            minus = median_difference if number.quantity == "time" else of_recall
+            quantity = "verdict" if self.name == RUN else number.quantity
             for run, _ in self.finished:
                 if run is first or run.frames_identity != first.frames_identity:
                     continue  # targets of equal names may be of other frames
-                of = minus(first.targets.get(name, {}), run.targets.get(name, {}))
-                if of is not None:
+                values = first.targets.get(name, {}), run.targets.get(name, {})
+                if (of := paired_difference(*values, quantity)) is not None:
                     found.setdefault(name, {})[run.folder.name] = of
         return found
 

@@ -1,7 +1,7 @@
 """Time and memory of each part of detection, and of other settings on the same frames."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -18,7 +18,7 @@ from hlp.method.find.detections import describe_all
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.find.search import search_frame
 from hlp.method.settings import FindSettings
-from hlp.records import Frame, LocalPatches, PoseEstimate
+from hlp.records import Frame, PoseEstimate
 from hlp.reporting.figures.bars import draw_bench
 from hlp.reporting.tables.bench_table import (
     CONFIGURED,
@@ -37,12 +37,10 @@ from hlp.studies.bench_times import (
     TimedDetection,
     bench_targets,
     compare_paths,
-    compare_searches,
     describe_machine,
     load_timed,
     peak_mib,
     summarise_path,
-    summarise_search,
     summarise_spent,
 )
 from hlp.studies.study_run import chosen_frames, object_names, study_run
@@ -92,7 +90,7 @@ def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
         found = _find_again(run)
         frame = run.dataset.frames.load(keys[0])
         estimators, loaded, peak = _make_estimators(run, paths, store, frame)
-        detections, searches = _measure(run, estimators, keys)
+        detections = _measure(run, estimators, keys)
         memory = {"peak_mib": peak, "all_paths_mib": peak_mib(), "learnt_too": made}
         summary, targets = _summarise(run, task, keys, detections)
         result = {
@@ -101,8 +99,6 @@ def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
             "loading_s": {**found, **loaded},
             "memory": memory,
             **summary,
-            "search": summarise_search(searches),
-            "regions_of_all": _regions_of_all(run, store, keys),
             "objects_at_once": _objects_at_once(run, estimators[CONFIGURED], keys),
         }
         write_json(output / "bench.json", result)
@@ -145,13 +141,6 @@ def _find_again(run: Run) -> dict[str, float]:
     return {"models": read - begun, "finding": time.perf_counter() - read}
 
 
-def _estimator(
-    run: Run, settings: RunSettings, store: StageStore, object_ids: Sequence[int]
-) -> PoseEstimator:
-    training = TrainingStages(run.dataset, settings.method, store)
-    return PoseEstimator(training, FindSettings.of(settings.method), tuple(object_ids))
-
-
 def _make_estimators(
     run: Run, paths: Mapping[str, RunSettings], store: StageStore, frame: Frame
 ) -> tuple[dict[str, PoseEstimator], dict[str, Any], float]:
@@ -163,7 +152,9 @@ def _make_estimators(
     dataset = run.dataset
     estimators: dict[str, PoseEstimator] = {}
     for name, settings in paths.items():
-        estimators[name] = _estimator(run, settings, store, dataset.target_ids)
+        training = TrainingStages(dataset, settings.method, store)
+        find = FindSettings.of(settings.method)
+        estimators[name] = PoseEstimator(training, find, dataset.target_ids)
         objects = {number: dataset.models[number].name for number in dataset.target_ids}
         loading = load_timed(estimators[name], objects)
         _detect_all(estimators[name], frame, tuple(dataset.wanted(frame)))
@@ -172,71 +163,24 @@ def _make_estimators(
     return estimators, loaded, peak
 
 
-def _measure(
-    run: Run, estimators: Mapping[str, PoseEstimator], keys: Sequence[str]
-) -> tuple[Detections, list[dict[str, float]]]:
-    """Detections of every object in every frame by every path, and searches of the configured one.
+def _measure(run: Run, estimators: Mapping[str, PoseEstimator], keys: Sequence[str]) -> Detections:
+    """Detections of every object in every frame by every path.
 
     The order of the paths rotates from frame to frame, so that other load on the machine affects
     all of them; so does the order of a frame's objects.
     """
     detections: Detections = {name: [] for name in estimators}
-    searches = []
     for turn, key in enumerate(tqdm(keys, desc="bench", unit="frame", disable=None)):
         frame = run.dataset.frames.load(key)
         objects = np.roll([*run.dataset.wanted(frame)], -turn).tolist()
         for name in np.roll([*estimators], -turn).tolist():
-            found = _detect_all(estimators[name], frame, objects)
-            detections[name] += [detection for detection, _ in found]
-            if name == CONFIGURED:
-                patches = {each.estimate.object_id: own for each, own in found}
-                searches += compare_searches(estimators[name], patches)
-    return detections, searches
-
-
-def _time_frames(
-    run: Run, keys: Sequence[str], words: str, look: Callable[[Frame], object]
-) -> dict[str, float]:
-    """Times of what `look` does in each frame."""
-    spent = []
-    for key in tqdm(keys, desc=words, unit="frame", disable=None):
-        frame = run.dataset.frames.load(key)
-        begun, busy = time.perf_counter(), time.process_time()
-        look(frame)
-        spent.append(Spent(time.perf_counter() - begun, time.process_time() - busy))
-    return summarise_spent(spent)
-
-
-def _regions_of_all(run: Run, store: StageStore, keys: Sequence[str]) -> dict[str, Any]:
-    """Times of stage 1 for all objects of the classifier, also those that are no targets."""
-    counts = dict.fromkeys(run.dataset.models, 1)
-    estimator = _estimator(run, run.settings, store, [*counts])
-    estimator.load(())
-
-    def look(frame: Frame) -> None:
-        context = estimator.prepare(frame)
-        search_frame(estimator, context, counts, stop_after="regions", by_threads=False)
-
-    return {"objects": len(counts), **_time_frames(run, keys, "regions of all objects", look)}
-
-
-def _objects_at_once(run: Run, estimator: PoseEstimator, keys: Sequence[str]) -> dict[str, float]:
-    """Times of whole frames whose objects are searched at once by several threads.
-
-    So do `Detector` and `hlp predict`. The paths search one after another, to measure the parts.
-    """
-
-    def look(frame: Frame) -> None:
-        context, counts = estimator.prepare(frame), run.dataset.wanted(frame)
-        trace = search_frame(estimator, context, counts, min_score=0.0)
-        describe_all(estimator, context, trace)
-
-    return _time_frames(run, keys, "objects at once", look)
+            detections[name] += _detect_all(estimators[name], frame, objects)
+    return detections
 
 
 def _detect_all(
     estimator: PoseEstimator, frame: Frame, object_ids: Sequence[int]
-) -> list[tuple[TimedDetection, LocalPatches]]:
+) -> list[TimedDetection]:
     """Find every object in one frame; what they share is part of the first one's time."""
     found = []
     clock, context = PartClock(), None
@@ -244,12 +188,27 @@ def _detect_all(
         context = estimator.prepare(frame, observer=clock) if context is None else context
         trace = search_frame(estimator, context, {object_id: 1}, by_threads=False)[object_id]
         spent, refined = clock.stop(), trace.refined
-        assert trace.region is not None and trace.patches is not None
+        assert trace.region is not None
         pose = None if refined is None else refined.refined[refined.best].pose_cam_obj
         estimate = PoseEstimate(frame.scene_id, frame.frame_id, object_id, pose, 1.0)
-        timed = TimedDetection(estimate, place, spent, np.packbits(trace.region.mask))
-        found.append((timed, trace.patches))
+        found.append(TimedDetection(estimate, place, spent, np.packbits(trace.region.mask)))
     return found
+
+
+def _objects_at_once(run: Run, estimator: PoseEstimator, keys: Sequence[str]) -> dict[str, float]:
+    """Times of whole frames whose objects are searched at once by several threads.
+
+    So do `Detector` and `hlp predict`. The paths search one after another, to measure the parts.
+    """
+    spent = []
+    for key in tqdm(keys, desc="objects at once", unit="frame", disable=None):
+        frame = run.dataset.frames.load(key)
+        begun, busy = time.perf_counter(), time.process_time()
+        context, counts = estimator.prepare(frame), run.dataset.wanted(frame)
+        trace = search_frame(estimator, context, counts, min_score=0.0)
+        describe_all(estimator, context, trace)
+        spent.append(Spent(time.perf_counter() - begun, time.process_time() - busy))
+    return summarise_spent(spent)
 
 
 def _workload(run: Run, estimator: PoseEstimator, frame: Frame, frames: int) -> dict[str, Any]:

@@ -18,12 +18,10 @@ import pandas as pd
 import torch
 from jaxtyping import UInt8
 
-from hlp.codebook.neighbours import ExactNeighbours
 from hlp.config.settings import RunSettings
 from hlp.evaluation.errors import nearest_symmetric_pose, rotation_error, translation_error
 from hlp.method.find.estimator import PoseEstimator
-from hlp.method.find.patch_matching import SearchGroup
-from hlp.records import LocalPatches, ObjectModel, PoseEstimate, TargetScore
+from hlp.records import ObjectModel, PoseEstimate, TargetScore
 from hlp.results.summary_file import TargetKey, numbered_targets
 from hlp.stages.manifest import library_versions
 
@@ -94,22 +92,15 @@ def summarise_path(
     """Times (ms) of the first object in a frame, of each further one and of whole frames.
 
     Each by part, by stage and in all: median and 95th percentile of the wall time, median of the
-    CPU time. `by_objects` is the median time to look for that many objects in a frame: the first
-    ones of each frame with at least as many. `add_recall` is the share of right targets.
+    CPU time. `add_recall` is the share of right targets.
     """
     wall, cpu = (_milliseconds(detections, clock) for clock in ("wall", "cpu"))
-    places = wall.index.get_level_values("place")
-    frames = ["scene", "frame"]
-    until = wall["total"].groupby(frames).cumsum().groupby(places + 1).agg(["median", "size"])
+    places, frame = wall.index.get_level_values("place"), ["scene", "frame"]
     return {
         "add_recall": float(np.mean([score.add_correct for score in scores])),
         "first": _spreads(wall[places == 0], cpu[places == 0]),
         "further": _spreads(wall[places > 0], cpu[places > 0]),
-        "frame": _spreads(wall.groupby(frames).sum(), cpu.groupby(frames).sum()),
-        "by_objects": {
-            str(count): {"median_ms": float(row["median"]), "frames": int(row["size"])}
-            for count, row in until.iterrows()
-        },
+        "frame": _spreads(wall.groupby(frame).sum(), cpu.groupby(frame).sum()),
     }
 
 
@@ -209,49 +200,6 @@ def _overlap(a: UInt8[np.ndarray, "b"], b: UInt8[np.ndarray, "b"]) -> float:
     """Intersection over union of two masks, one bit per pixel; 1 if both are empty."""
     union = int(np.bitwise_count(a | b).sum())
     return int(np.bitwise_count(a & b).sum()) / union if union else 1.0
-
-
-def compare_searches(
-    estimator: PoseEstimator, patches: Mapping[int, LocalPatches]
-) -> list[dict[str, float]]:
-    """Each index compared with an exact search, by the features of its first object with patches.
-
-    `queries`, seconds of both searches (`own`, `exact`), `recall`, the share of the exact k nearest
-    entries that were found, and `nearest`, the share of queries whose nearest entry was found.
-    """
-    first: dict[SearchGroup, LocalPatches] = {}
-    for object_id, own in patches.items():
-        if len(own) > 0:
-            first.setdefault(estimator.matching.group(object_id), own)
-    compared = []
-    for group, own in first.items():
-        exact = ExactNeighbours(group.features, estimator.settings.coarse.codebook.neighbours)
-        queries = estimator.encoder.encode(own)
-        begun = time.perf_counter()
-        found = group.search.search(queries).indices
-        middle = time.perf_counter()
-        true = exact.search(queries).indices
-        times = {"own": middle - begun, "exact": time.perf_counter() - middle}
-        right = (found[:, :, None] == true[:, None, :]).any(axis=1)
-        shares = {"recall": float(right.mean()), "nearest": float(np.mean(right[:, 0]))}
-        compared.append({"queries": len(queries), **times, **shares})
-    return compared
-
-
-def summarise_search(searches: Sequence[Mapping[str, float]]) -> dict[str, float] | None:
-    """Recalls over all queries of `compare_searches`, medians of time; None without queries."""
-    if not searches:
-        return None
-    table = pd.DataFrame(searches)
-    own, exact = table["own"].median(), table["exact"].median()
-    return {
-        "queries": float(table["queries"].median()),
-        "recall": float(np.average(table["recall"], weights=table["queries"])),
-        "recall_of_nearest": float(np.average(table["nearest"], weights=table["queries"])),
-        "median_ms": float(1e3 * own),
-        "exact_ms": float(1e3 * exact),
-        "ratio": float(exact / own),
-    }
 
 
 def load_timed(estimator: PoseEstimator, objects: Mapping[int, str]) -> dict[str, Any]:

@@ -118,18 +118,18 @@ def check_harmless(config: Mapping[str, Any], manifest: Path, overrides: Sequenc
         refuse("executor.address", address, why)
 
 
-def _entries(config: Mapping[str, Any], manifest: Path) -> Iterator[tuple[str, Any]]:
+def _entries(
+    value: Any, manifest: Path, key: str = "", depth: int = 0
+) -> Iterator[tuple[str, Any]]:
     """All keys, joined by dots, and their values, those of lists too."""
-    left: list[tuple[str, Any, int]] = [("", config, 0)]
-    while left:
-        key, value, depth = left.pop()
-        if depth > _DEEPEST:
-            raise DataError(f"{manifest}: config is nested more than {_DEEPEST} deep")
-        if key:
-            yield key, value
-        items: Iterator[tuple[str, Any]] = iter(())
-        if isinstance(value, Mapping):
-            items = ((f"{key}.{name}" if key else str(name), item) for name, item in value.items())
-        elif isinstance(value, list):
-            items = ((f"{key}[{index}]", item) for index, item in enumerate(value))
-        left += [(name, item, depth + 1) for name, item in items]
+    if depth > _DEEPEST:
+        raise DataError(f"{manifest}: config is nested more than {_DEEPEST} deep")
+    if key:
+        yield key, value
+    items: dict[str, Any] = {}
+    if isinstance(value, Mapping):
+        items = {f"{key}.{name}" if key else str(name): item for name, item in value.items()}
+    elif isinstance(value, list):
+        items = {f"{key}[{place}]": item for place, item in enumerate(value)}
+    for name, item in items.items():
+        yield from _entries(item, manifest, name, depth + 1)

@@ -85,8 +85,7 @@ def _open_sweep(config: DictConfig) -> None:
         "run_id": tracker.run_id,
         "process": os.getpid(),
     }
-    _OPEN.enter_context(_recorded(folder, record))
-    _OPEN.enter_context(_drawn(folder, tracker))
+    _OPEN.enter_context(_recorded(folder, record, tracker))
 
 
 @contextmanager
@@ -162,29 +161,26 @@ def _absent_data(config: DictConfig) -> str | None:
 
 
 @contextmanager
-def _recorded(folder: Path, record: dict[str, Any]) -> Iterator[None]:
-    """Record in `sweep.json` whether the sweep ended."""
+def _recorded(folder: Path, record: dict[str, Any], tracker: MlflowRun) -> Iterator[None]:
+    """Record in `sweep.json` whether the sweep ended; then its tables, figures and page.
+
+    These are drawn after the last run has ended, also if some failed.
+    """
     write_json(folder / SWEEP, {**record, "status": "RUNNING"})
     status = "STOPPED"
     try:
-        yield
+        try:
+            yield
+        except Exception:  # that of a run; it is raised again
+            try:
+                _draw(folder, tracker)
+            except Exception:
+                logging.getLogger(__name__).exception("the tables of %s could not be made", folder)
+            raise
+        _draw(folder, tracker)
         status = FINISHED
     finally:
         write_json(folder / SWEEP, {**record, "status": status})
-
-
-@contextmanager
-def _drawn(folder: Path, tracker: MlflowRun) -> Iterator[None]:
-    """Tables, figures and page of the runs, after the last one has ended; also if some failed."""
-    try:
-        yield
-    except Exception:  # that of a run; it is raised again
-        try:
-            _draw(folder, tracker)
-        except Exception:
-            logging.getLogger(__name__).exception("the tables of %s could not be made", folder)
-        raise
-    _draw(folder, tracker)
 
 
 def _draw(folder: Path, tracker: MlflowRun) -> None:

@@ -31,18 +31,9 @@ def test_tables_state_the_machine_and_every_unit() -> None:
     )
     row = ["10.0", "20.0", "15.0", "2.5", "5.0", "3.8", "20.0", "40.0", "30.0"]
     assert cells(text, "network") == row
-    assert cells(text, "reference") == [
-        "x3.00",
-        "x3.00",
-        "x3.00",
-        "0.700",
-        "0.900",
-        "0.950",
-        "0.500",
-    ]
-    assert "all 15 objects" in text and "111.0 ms" in text
+    assert " ".join(cells(text, "reference")) == "x3.00 x3.00 x3.00 0.700 0.900 0.950 0.500"
     assert "17.0 ms (95 %: 30.0; CPU 31.0); one after another: 20.0 ms" in text
-    assert "recall 0.987" in text and "each object 0.40" in text and "900 MiB" in text
+    assert "each object 0.40" in text and "900 MiB" in text
 
 
 def test_one_object_a_frame_has_no_further_ones(tmp_path: Path) -> None:
@@ -63,17 +54,7 @@ def test_saved_results_are_divided_path_by_path(tmp_path: Path) -> None:
     for name, content in (("a", bench_result()), ("b", slower)):
         (tmp_path / f"{name}.json").write_text(json.dumps(content))
     text = compare_benches(tmp_path / "a.json", tmp_path / "b.json")
-    assert cells(text, "network") == [
-        "10.0",
-        "15.0",
-        "x1.50",
-        "2.5",
-        "3.8",
-        "x1.50",
-        "20.0",
-        "30.0",
-        "x1.50",
-    ]
+    assert " ".join(cells(text, "network")) == "10.0 15.0 x1.50 2.5 3.8 x1.50 20.0 30.0 x1.50"
     assert cells(text, "ADD(-S) recall") == ["0.800", "0.750"]
     assert "The two did not measure the same: particles 25 and 50." in text
     assert "'reference'" not in text

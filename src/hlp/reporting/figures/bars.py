@@ -215,7 +215,7 @@ def bench_bars(result: Mapping[str, Any]) -> "Figure":
     their sum.
     """
     timed = {
-        f"{name}: {TIMED[unit]}": path[unit]
+        f"{name}: {unit}": path[unit]
         for name, path in result["paths"].items()
         for unit in TIMED
         if path[unit]
