@@ -1,6 +1,5 @@
 """Reports of single experiments: the paper's figures and tables, recordings, ladder."""
 
-import csv
 import json
 from pathlib import Path
 from typing import Any
@@ -31,16 +30,11 @@ from hlp.reporting.results import Result, read_results
 from hlp.reporting.tables.table import TERMINAL
 from hlp.results.intervals import difference_interval
 from hlp.results.poses_file import write_scores
-from table_text import unpadded
+from table_text import csv_rows, unpadded
 from written_results import CONFIG, scored, write_run, write_sweep
 
 OBJECTS = {"cat": 0.9, "ape": 0.8}
 ENDINGS = ("png", "svg", "md", "csv", "tex")
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as stream:
-        return list(csv.DictReader(stream))
 
 
 def boxes(folder: Path) -> Path:
@@ -61,7 +55,7 @@ def test_a_sweep_gets_figure_and_table_in_every_format_and_the_same_again(tmp_pa
     png, svg, markdown, table, latex = files = write_reports(folder)
     assert {path.name for path in files} == {f"fig9c.{ending}" for ending in ENDINGS}
     assert cv2.imread(str(png)).shape[1] > 600 and svg.stat().st_size
-    rows = rows_of(table)
+    rows = csv_rows(table)
     assert [row["box of the search {θ, τ}"] for row in rows] == ["{2°, 2 mm}", "{5°, 5 mm}"] * 2
     assert [row[""] for row in rows] == ["method paper"] * 2 + ["method hlp"] * 2
     text = markdown.read_text()
@@ -221,7 +215,7 @@ def test_all_data_sets_stand_in_one_table(tmp_path: Path) -> None:
         write_run(folder / str(number), "recordings", summary, [f"data={name}"])
     (folder / "1").mkdir()
     markdown, table = write_reports(folder)
-    rows = rows_of(table)
+    rows = csv_rows(table)
     assert [*rows[0]] == [
         "data", "frames", "targets", "ADD(-S)", "95 %", "5cm5deg", "AR", "VSD", "MSSD", "MSPD",
         "ECE", "ms",
@@ -245,7 +239,7 @@ def test_of_several_seeds_mean_and_standard_deviation_follow(tmp_path: Path) -> 
     for number, (seed, name, recall) in enumerate(runs):
         summary = {**scored(recall, 40.0 + 10 * seed, {"cat": recall}), "bop": BOP}
         write_run(folder / str(number), "recordings", summary, [f"seed={seed}", f"data={name}"])
-    rows = rows_of(write_reports(folder)[1])
+    rows = csv_rows(write_reports(folder)[1])
     assert [(row["data"], row["seed"], row["ADD(-S)"], row["ms"]) for row in rows[:5]] == [
         ("board", "0", "0.900", "40"),
         ("board", "1", "0.800", "50"),
@@ -263,7 +257,7 @@ def test_of_several_seeds_mean_and_standard_deviation_follow(tmp_path: Path) -> 
 
 def test_summaries_without_bops_recalls_leave_the_cells_empty(tmp_path: Path) -> None:
     folder = write_run(tmp_path / "run", "recordings", scored(0.5, 9.0, {"cat": 0.5}))
-    (row,) = rows_of(write_reports(folder)[1])
+    (row,) = csv_rows(write_reports(folder)[1])
     assert (row["data"], row["AR"]) == ("bop", "")
 
 
@@ -294,7 +288,7 @@ def test_a_row_a_step_with_what_it_gains_against_the_one_before_it(tmp_path: Pat
     png, svg, markdown, table = files = write_reports(ladder(tmp_path / "sweep"))
     assert {path.name for path in files} == {f"ladder.{e}" for e in ("png", "svg", "md", "csv")}
     assert png.stat().st_size and svg.stat().st_size
-    rows = rows_of(table)
+    rows = csv_rows(table)
     assert [*rows[0]] == [
         "arm", "change", "ADD(-S)", "95 %", "5cm5deg", "IoU", "AR", "ms", "against",
         "ADD(-S) gained", "95 % of it", "ms more",
@@ -326,5 +320,5 @@ def test_gains_are_those_of_the_paired_bootstrap(tmp_path: Path) -> None:
 
 
 def test_a_step_whose_predecessor_was_not_run_stands_alone(tmp_path: Path) -> None:
-    rows = rows_of(write_reports(ladder(tmp_path / "sweep", ("literal", "best")))[-1])
+    rows = csv_rows(write_reports(ladder(tmp_path / "sweep", ("literal", "best")))[-1])
     assert [row["against"] for row in rows] == ["–", "–"]

@@ -1,7 +1,6 @@
 """What sweeps of runs and of studies end with: tables, figures, pages."""
 
 import base64
-import csv
 import json
 import re
 from pathlib import Path
@@ -28,6 +27,7 @@ from hlp.reporting.tables.study_tables import basin_cells, write_basins
 from hlp.results.intervals import blocks_of, difference_interval
 from hlp.results.poses_file import write_scores
 from hlp.results.summary_file import write_target_values
+from table_text import csv_rows
 from written_results import scored, write_run, write_sweep
 
 PARTICLES = "refinement.particles"
@@ -36,11 +36,6 @@ PARTICLES = "refinement.particles"
 def only(folder: Path) -> Sweep:
     (found,) = read_sweeps(folder)
     return found
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as stream:
-        return list(csv.DictReader(stream))
 
 
 def set_defaults(folder: Path, **defaults: str) -> None:
@@ -83,7 +78,7 @@ def runs(tmp_path: Path) -> Path:
     return folder
 
 
-def test_runs_are_compared_with_the_default_target_by_target(runs: Path) -> None:
+def test_runs_are_compared_with_the_default_or_the_first_target_by_target(runs: Path) -> None:
     found = only(runs)
     assert found.is_default and found.reference is found.runs[1]
     difference = found.difference(found.runs[0], "ADD(-S)")
@@ -94,6 +89,10 @@ def test_runs_are_compared_with_the_default_target_by_target(runs: Path) -> None
     drawn = -np.random.default_rng(1).binomial(10, 0.3, 100_000) / 10
     assert (low, high) == pytest.approx(tuple(np.percentile(drawn, [2.5, 97.5])), abs=0.051)
     assert found.difference(found.runs[1], "ADD(-S)") is None
+    set_defaults(runs, refinement_particles="7")
+    found = only(runs)
+    assert not found.is_default and found.reference is found.runs[0]
+    assert "+0.300 (+0.000 to +0.600) against the first run, not surely more" in found.verdict
 
 
 def test_the_table_of_runs_has_all_numbers_and_fits_a_terminal(runs: Path) -> None:
@@ -101,7 +100,7 @@ def test_the_table_of_runs_has_all_numbers_and_fits_a_terminal(runs: Path) -> No
     timing = {"cpu_ms": 71.6, "wall_ms": 50.0, "load": 1.26, "cores": 2}
     more = {"timing": timing, "bop": {"ar": 0.654}}
     summary.write_text(json.dumps({**json.loads(summary.read_text()), **more}))
-    rows = rows_of(write_files(runs, only(runs))[1])
+    rows = csv_rows(write_files(runs, only(runs))[1])
     assert [*rows[0]] == [
         "particles", "targets", "ADD(-S)", "95 %", "5cm5deg", "IoU.5", "AR", "ms", "ms 95 %",
         "CPU ms", "load", "to default", "95 % of it",
@@ -122,13 +121,6 @@ def test_the_table_of_runs_has_all_numbers_and_fits_a_terminal(runs: Path) -> No
         "sweep by particles: 2 of 3 runs finished; highest ADD(-S): particles 25 (0.900); that is"
         " the default; without a result: particles 50 (see 2/hlp.log)."
     )
-
-
-def test_without_a_default_among_them_the_first_run_is_compared_with(runs: Path) -> None:
-    set_defaults(runs, refinement_particles="7")
-    found = only(runs)
-    assert not found.is_default and found.reference is found.runs[0]
-    assert "+0.300 (+0.000 to +0.600) against the first run, not surely more" in found.verdict
 
 
 @pytest.mark.parametrize(
@@ -205,6 +197,8 @@ def test_the_page_of_runs_shows_figures_objects_and_leads_to_theirs(runs: Path) 
     written = [(runs / f"{name}.svg").read_bytes() for name in ("sweep", "recall_by_time")]
     assert list(map(base64.b64decode, drawn)) == written
     assert "<td>cat</td><td>0.600</td><td>0.900</td>" in text
+    with pytest.raises(DataError, match="holds no finished run"):
+        write_sweep_page(write_sweep(runs.parent / "empty", ["a"], []))
 
 
 def begin_study(folder: Path, task: str, particles: int, finished: bool = True) -> Path:
@@ -279,11 +273,11 @@ def test_every_study_has_a_row_with_what_differs(benches: Path) -> None:
     )
 
 
-def test_table_and_figure_of_studies_are_written_and_reported(benches: Path) -> None:
+def test_table_figure_and_page_of_studies_are_written_and_reported(benches: Path) -> None:
     written = write_files(benches, only(benches))
     assert [path.name for path in written] == ["bench.md", "bench.csv", "bench.png", "bench.svg"]
     assert "Made by `hlp -m task=bench a=1,2`." in written[0].read_text()
-    rows = rows_of(written[1])
+    rows = csv_rows(written[1])
     assert [row["MiB"] for row in rows] == ["912.3", "912.3", ""]
     assert [row["load"] for row in rows] == ["1.25", "1.25", ""]
     assert [row[PARTICLES] for row in rows] == ["15", "150", "50"]
@@ -293,6 +287,12 @@ def test_table_and_figure_of_studies_are_written_and_reported(benches: Path) -> 
     assert "<!-- 15 * -->" in drawn and "load" not in drawn
     report = report_runs(benches.parent, "text")
     assert describe_sweep(only(benches), "text") in report and "bench.csv" in report
+    pages = [benches, benches / "0", benches / "1"]
+    assert write_pages(benches) == [folder / "report.html" for folder in pages]
+    text = write_sweep_page(benches).read_text()
+    assert "2 of 3 runs finished" in text and "hlp -m task=bench a=1,2" in text
+    assert '<a href="1/report.html">' in text and "10/report.html" not in text
+    assert "image/svg+xml;base64," in text and "http" not in text
 
 
 def test_recalls_of_an_oracle_matrix_have_intervals(tmp_path: Path) -> None:
@@ -309,9 +309,9 @@ def test_recalls_of_an_oracle_matrix_have_intervals(tmp_path: Path) -> None:
     assert said.count("0.100-0.900") == 2  # of the first cell alone
     assert max(map(len, said.splitlines())) <= 80
     _, rows, *_ = write_files(sweep, only(sweep))
-    ends = [(row["true/est"], row["true/est 95 % low"]) for row in rows_of(rows)]
+    ends = [(row["true/est"], row["true/est 95 % low"]) for row in csv_rows(rows)]
     assert ends == [("0.25", "0.1"), ("0.5", "0.1")]
-    assert "lost region 95 % low" not in rows_of(rows)[0]
+    assert "lost region 95 % low" not in csv_rows(rows)[0]
 
 
 def write_targets(folder: Path, **values: np.ndarray) -> None:
@@ -347,7 +347,7 @@ def test_studies_are_paired_with_the_default_target_by_target(benches: Path) -> 
     said = describe_sweep(sweep, "text")
     assert shown.rows[0][1] in said and max(map(len, said.splitlines())) <= 80
     _, rows, *_ = write_files(benches, sweep)
-    first, second, _ = rows_of(rows)
+    first, second, _ = csv_rows(rows)
     assert float(first["ADD(-S) difference"]) == pytest.approx(gained)
     assert float(first["ADD(-S) difference 95 % low"]) == pytest.approx(low)
     assert second["ADD(-S) difference"] == "" and "CPU first difference" not in first
@@ -406,18 +406,6 @@ def test_the_best_trial_of_each_search(tmp_path: Path) -> None:
     assert rows == [["0", "2", "0.900", "123"], ["1", "2", "", ""]]
     assert not only(sweep).differences and only(sweep).best is None
     assert len(write_files(sweep, only(sweep))) == 4
-
-
-def test_the_page_of_studies_shows_them_all(benches: Path) -> None:
-    with pytest.raises(DataError, match="holds no finished run"):
-        write_sweep_page(write_sweep(benches.parent / "empty", ["a"], []))
-    written = write_pages(benches)
-    assert written == [benches / "report.html", *(benches / f"{i}" / "report.html" for i in (0, 1))]
-    write_files(benches, only(benches))
-    text = write_sweep_page(benches).read_text()
-    assert "2 of 3 runs finished" in text and "hlp -m task=bench a=1,2" in text
-    assert '<a href="1/report.html">' in text and "10/report.html" not in text
-    assert "image/svg+xml;base64," in text and "http" not in text
 
 
 def test_each_kind_has_a_table_of_its_own(benches: Path) -> None:

@@ -119,8 +119,8 @@ def changes_table(pairs: Sequence[Pair]) -> Table:
     changed = [pair for pair in pairs if pair[1].correct("add") != pair[2].correct("add")]
     rows = []
     for target, a, b in sorted(changed, key=lambda p: (p[2].correct("add"), p[0][2], p[0])):
-        errors = [f"{1e3 * each.score.add_error:.1f}" for each in (a, b)]
-        errors += [f"{np.rad2deg(each.score.rotation_error):.1f}" for each in (a, b)]
+        errors = [f"{1e3 * run.score.add_error:.1f}" for run in (a, b)]
+        errors += [f"{np.rad2deg(run.score.rotation_error):.1f}" for run in (a, b)]
         named = ["lost" if a.correct("add") else "gained", f"{target[0]}/{target[1]}", b.name]
         rows.append([*named, f"{b.score.visible_fraction:.2f}", *errors])
     errors = ["A: mm", "B: mm", "A: deg", "B: deg"]

@@ -180,13 +180,13 @@ def _values(result: Result, keys: Sequence[str]) -> dict[str, str]:
 def _repeat_rows(repeats: Sequence[Result], keys: Sequence[str]) -> list[dict[str, str]]:
     """A row a result; of several, which differ by their seeds, also their mean and spread."""
     rows = [
-        {"frames": str(each.frames), **run_cells(each.summary), **_values(each, keys)}
-        for each in repeats
+        {"frames": str(result.frames), **run_cells(result.summary), **_values(result, keys)}
+        for result in repeats
     ]
     if _SEED not in keys or len(repeats) < 2:
         return rows
-    means, spreads = mean_and_spread([_shares(each.summary) for each in repeats])
-    times = [each.total_ms["median"] for each in repeats]
+    means, spreads = mean_and_spread([_shares(result.summary) for result in repeats])
+    times = [result.total_ms["median"] for result in repeats]
     for name, shares, time in (("mean", means, fmean(times)), ("spread", spreads, stdev(times))):
         rows.append({**_values(repeats[0], keys), **shares, _SEED: name, "ms": f"{time:.0f}"})
     return rows

@@ -197,7 +197,11 @@ def object_recalls_table(runs: Runs) -> Table:
             known = [recall for recall in column.recalls if recall is not None]
             row += [format_share(statistic(known)), *([""] if column.intervals else [])]
         rows.append(row)
-    total = ["all targets", str(first["targets"]), *("" for each in columns if not each.intervals)]
+    total = [
+        "all targets",
+        str(first["targets"]),
+        *("" for column in columns if not column.intervals),
+    ]
     for run in runs.values():
         total += [format_share(run.add["recall"]), format_interval(run.add["ci95"])]
     return Table(table.header, [*rows, total])

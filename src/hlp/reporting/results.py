@@ -115,7 +115,7 @@ def _read_run(folder: Path) -> Result:
 
 def chosen_values(folder: Path) -> dict[str, str]:
     """The overrides of a run as text by key. Raises DataError for a broken file of them."""
-    pairs = (each.lstrip("+").split("=", 1) for each in _overrides(folder) if "=" in each)
+    pairs = (pair.lstrip("+").split("=", 1) for pair in _overrides(folder) if "=" in pair)
     return {key: value for key, value in pairs}
 
 
@@ -129,6 +129,6 @@ def _overrides(folder: Path) -> list[str]:
         given = yaml.safe_load(path.read_text(encoding="utf-8")) if path.is_file() else []
     except (yaml.YAMLError, RecursionError) as error:
         raise DataError(f"{path} is no YAML: {str(error).splitlines()[0]}") from error
-    if not isinstance(given, list) or not all(isinstance(each, str) for each in given):
+    if not isinstance(given, list) or not all(isinstance(word, str) for word in given):
         raise DataError(f"{path} is {shown(given)}: it must be a list of overrides")
-    return [each for each in given if not each.startswith("output=")]
+    return [word for word in given if not word.startswith("output=")]

@@ -170,7 +170,7 @@ def _write_numbers(path: Path, sweep: Sweep) -> None:
         for part in (name, f"{name} difference")
         for column in (part, *_ends(part, (0.0, 0.0)))
     ]
-    columns = [*sweep.keys, *(each for each in possible if any(each in row for row in rows))]
+    columns = [*sweep.keys, *(name for name in possible if any(name in row for row in rows))]
     write_csv(path, columns, [[row.get(column, "") for column in columns] for row in rows])
 
 

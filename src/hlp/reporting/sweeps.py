@@ -113,9 +113,9 @@ class Sweep:
             return None
         sign = -1.0 if self.numbers[name].quantity == "time" else 1.0
 
-        def rank(each: tuple[SweepRun, Mapping[str, Number]]) -> tuple[float, float]:
-            time = each[1].get("ms")
-            return sign * each[1][name].value, -time.value if time else 0.0
+        def rank(found: tuple[SweepRun, Mapping[str, Number]]) -> tuple[float, float]:
+            time = found[1].get("ms")
+            return sign * found[1][name].value, -time.value if time else 0.0
 
         return max(found, key=rank)[0]
 
@@ -223,7 +223,7 @@ def read_sweeps(folder: Path) -> list[Sweep]:
             elif (numbers := read_numbers(run, kind)) is not None:
                 named = {number.name: number for number in numbers}
                 identity = read_as(run / MANIFEST, Manifest).data.frames
-                result = next((each for each in found.results if each.folder == run), None)
+                result = next((result for result in found.results if result.folder == run), None)
                 of_kind = result if name == RUN else None
                 runs.append(SweepRun(values, run, named, identity, of_kind))
         finished = [run for run in runs if run.numbers is not None]

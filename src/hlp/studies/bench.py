@@ -117,7 +117,7 @@ def _summarise(
     truths = [FrameTruth.of(run.dataset.frames.load(key)) for key in keys]
     models, evaluation = run.dataset.models, run.settings.evaluation
     scores = {
-        name: score_targets(truths, models, [each.estimate for each in own], evaluation)
+        name: score_targets(truths, models, [found.estimate for found in own], evaluation)
         for name, own in detections.items()
     }
     times = {name: summarise_path(own, scores[name]) for name, own in detections.items()}

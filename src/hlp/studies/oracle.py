@@ -186,7 +186,9 @@ def _poses_by_cell(
         name: replace(stored, hypotheses=Hypotheses(pose[None], np.ones(1)))
         for name, pose in coarse.items()
     }
-    refined = {name: _refined(detection, context, object_id, each) for name, each in given.items()}
+    refined = {
+        name: _refined(detection, context, object_id, start) for name, start in given.items()
+    }
     found: dict[Cell, Pose | None] = {}
     for region, start in (("estimated", stored), ("true", true)):
         found[region, "estimated"] = _refined(detection, context, object_id, start)

@@ -66,7 +66,7 @@ def study_code(module: str, *alternatives: object) -> Code:
 
     `alternatives` are the settings of refiners, encoders, …, and the source of the frames.
     """
-    return code_of(module, *sorted({type(each).__module__ for each in alternatives}))
+    return code_of(module, *sorted({type(settings).__module__ for settings in alternatives}))
 
 
 def stage_of_frames(

@@ -62,7 +62,7 @@ def _open_sweep(config: DictConfig) -> None:
         _OPEN.enter_context(FileLock(folder / LOCK).acquire(timeout=0))
     except Timeout as error:
         raise InputError(f"another sweep is writing into {folder}") from error
-    overrides = [each for each in config.hydra.overrides.task if not each.startswith("output=")]
+    overrides = [word for word in config.hydra.overrides.task if not word.startswith("output=")]
     swept = _swept_keys(config)
     command = " ".join(["hlp -m", *overrides])
     settings = _tracking(config)
@@ -100,8 +100,8 @@ def unfinished_sweep(arguments: Sequence[str], folder: Path) -> Path | None:
 
     None if it is still running, or if the arguments name an output folder.
     """
-    overrides = [each for each in arguments if not each.startswith(("-", "hydra"))]
-    if any(each.startswith("output=") for each in overrides):
+    overrides = [word for word in arguments if not word.startswith(("-", "hydra"))]
+    if any(word.startswith("output=") for word in overrides):
         return None
     found = sorted(folder.glob(f"*/*/{SWEEP}"), key=lambda path: path.stat().st_mtime)
     for path in reversed(found):
@@ -232,7 +232,7 @@ def _swept_keys(config: DictConfig) -> list[str]:
     given = OmegaConf.select(config, "hydra.sweeper.params") or {}
     overrides = [*(f"{key}={value}" for key, value in given.items()), *config.hydra.overrides.task]
     parsed = OverridesParser.create().parse_overrides(overrides)
-    keys = [each.key_or_group for each in parsed if each.is_sweep_override()]
+    keys = [override.key_or_group for override in parsed if override.is_sweep_override()]
     return list(dict.fromkeys(keys))
 
 
@@ -241,7 +241,7 @@ def _swept_values(
 ) -> dict[str, str]:
     """A configuration's values of these keys; of a group, the name of its file."""
     parsed = OverridesParser.create().parse_overrides([*overrides])
-    named = {each.key_or_group: each for each in parsed}
+    named = {override.key_or_group: override for override in parsed}
     values = {}
     for key in keys:
         value = OmegaConf.select(config, key)

@@ -1,6 +1,5 @@
 """Tables and CSV files of the oracle, the basins and the search."""
 
-import csv
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +19,7 @@ from hlp.reporting.tables.study_tables import (
     write_oracle,
     write_search,
 )
-from table_text import unpadded
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as stream:
-        return list(csv.DictReader(stream))
+from table_text import csv_rows, unpadded
 
 
 def recall(share: float, targets: int = 10) -> dict[str, Any]:
@@ -66,7 +60,7 @@ def test_the_oracle_has_a_row_an_object_and_a_column_a_cell(tmp_path: Path) -> N
     write_oracle(tmp_path, ORACLE)
     written = unpadded((tmp_path / "oracle.md").read_text())
     assert "| cup | 10 | 0.200 (0.10-0.20) | 0.800 (0.40-0.80) |" in written.splitlines()
-    rows = rows_of(tmp_path / "oracle.csv")
+    rows = csv_rows(tmp_path / "oracle.csv")
     assert [row["object"] for row in rows] == ["cat", "cup", "all"] * 2
     assert rows[4] == {
         "object": "cup",
@@ -102,7 +96,7 @@ def test_basins_count_every_cell_in_the_order_of_the_study(tmp_path: Path) -> No
     columns = ["refiner", "object", "rotation_deg", "translation_mm", "right"]
     cells = basin_cells(pd.DataFrame(tried, columns=columns))
     write_basins(tmp_path, cells)
-    rows = rows_of(tmp_path / "basin.csv")
+    rows = csv_rows(tmp_path / "basin.csv")
     assert len(rows) == 2 * 3 * 6
     order = [(row["refiner"], row["object"]) for row in rows[::6]]
     assert order == [
@@ -157,7 +151,7 @@ def test_trials_are_ranked_within_the_limit_first(tmp_path: Path) -> None:
     assert table[-1] == "Best within the limit: refinement.particles=20 refinement.theta_deg=6.0"
     assert format_search({**SEARCH, "best": None}).endswith("No trial within 100 ms.")
     write_search(tmp_path, SEARCH)
-    rows = rows_of(tmp_path / "search.csv")
+    rows = csv_rows(tmp_path / "search.csv")
     assert [row["refinement.particles"] for row in rows] == ["25", "50", "10", "20"]
     assert [row["add_recall"] for row in rows] == ["0.8", "0.9", "", "0.8"]
     assert [row["error"] for row in rows] == ["", "", "no depth", ""]

@@ -220,17 +220,17 @@ def bench_bars(result: Mapping[str, Any]) -> "Figure":
         for unit in TIMED
         if path[unit]
     }
-    stages = dict.fromkeys(part for each in timed.values() for part in each if "stage " in part)
+    stages = dict.fromkeys(part for times in timed.values() for part in times if "stage " in part)
     series = {
         stage: [
-            Bar(each[stage]["median_ms"], format_ms(each[stage]["median_ms"]))
-            if stage in each
+            Bar(times[stage]["median_ms"], format_ms(times[stage]["median_ms"]))
+            if stage in times
             else None
-            for each in timed.values()
+            for times in timed.values()
         ]
         for stage in stages
     }
-    totals = [format_ms(each[TOTAL]["median_ms"]) for each in timed.values()]
+    totals = [format_ms(times[TOTAL]["median_ms"]) for times in timed.values()]
     title = "ms, medians of a frame's first object, of further ones, of whole frames"
     return draw_bars([*timed], [Panel("", series, stacked=True, totals=totals)], title)
 

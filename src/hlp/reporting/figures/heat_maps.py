@@ -54,13 +54,13 @@ def draw_heat_maps(
     width = max(_CELL[0] * len(columns) * len(maps) + 2.2, 5.4)
     figure = Figure(figsize=(width, max(_CELL[1] * len(rows) + 1.7, 2.8)), layout="constrained")
     panels = figure.subplots(1, len(maps), sharey=True, squeeze=False)[0]
-    for ax, each in zip(panels, maps, strict=True):
-        _draw_map(ax, each)
+    for ax, heat_map in zip(panels, maps, strict=True):
+        _draw_map(ax, heat_map)
         turned = {"rotation": 45, "ha": "right"} if max(map(len, columns)) > 9 else {}
         ax.set_xticks(range(len(columns)), columns, fontsize=8, **turned)
         ax.set_yticks(range(len(rows)), rows, fontsize=8)
         ax.set_xlabel(axes[0], fontsize=8)
-        ax.set_title(each.title, fontsize=9)
+        ax.set_title(heat_map.title, fontsize=9)
         if marked is not None:
             row, column = marked
             frame = Rectangle((column - 0.47, row - 0.47), 0.94, 0.94, fill=False)

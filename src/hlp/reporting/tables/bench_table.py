@@ -164,7 +164,7 @@ def _machine(machine: Result) -> str:
 
 
 def _workload(workload: Result) -> str:
-    entries = [each["codebook_entries"] for each in workload["objects"].values()]
+    entries = [found["codebook_entries"] for found in workload["objects"].values()]
     few, most = min(entries), max(entries)
     width, height = workload["image"]
     particles = f" with {workload['particles']} particles" if workload["particles"] else ""

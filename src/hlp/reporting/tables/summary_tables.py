@@ -28,7 +28,7 @@ def format_summary(summary: Mapping[str, Any], layout: str = "text") -> str:
     tables = (objects_table(summary), time_table(summary), total_table(summary))
     objects, times, total = (lay_out(table, layout) if table.rows else "" for table in tables)
     said = (RECALL, bop_words(summary), calibration_words(summary), false_alarm_words(summary))
-    recall, *words = (prose(each, layout) for each in (*said, timing_words(summary)))
+    recall, *words = (prose(sentence, layout) for sentence in (*said, timing_words(summary)))
     parts = [recall, objects, *words[:-1], times, words[-1], total]
     return "\n\n".join(part for part in parts if part)
 
@@ -180,7 +180,7 @@ def waterfall_tables(summary: Mapping[str, Any]) -> list[Table]:
     tables = []
     for group, title in WATERFALL_GROUPS.items():
         rows = [
-            [name, str(sum(counts.values())), *(str(counts[each]) for each in (CORRECT, *causes))]
+            [name, str(sum(counts.values())), *(str(counts[cause]) for cause in (CORRECT, *causes))]
             for name, counts in {**waterfall[group], "all": total}.items()
         ]
         tables.append(Table([title, *header], rows))
@@ -195,8 +195,8 @@ def votes_table(summary: Mapping[str, Any]) -> Table:
     votes = summary.get("votes", {"per_object": {}})
     groups = {**votes["per_object"], "all": votes["total"]} if "total" in votes else {}
     rows = [
-        [name, _ms(each["votes"]), *(format_share(each[key]) for key in VOTE_LABELS)]
-        for name, each in groups.items()
+        [name, _ms(quality["votes"]), *(format_share(quality[key]) for key in VOTE_LABELS)]
+        for name, quality in groups.items()
     ]
     return Table(["votes", "number", *VOTE_LABELS.values()], rows)
 

@@ -73,7 +73,7 @@ class Table:
         return [Table(part[0], part[1:]) for part in picked]
 
     def _widths(self) -> list[int]:
-        return [max(map(len, each)) for each in zip(self.header, *self.rows, strict=True)]
+        return [max(map(len, column)) for column in zip(self.header, *self.rows, strict=True)]
 
     def text(self) -> str:
         """The table for a terminal: columns padded with spaces, a rule below the header."""
