@@ -17,7 +17,8 @@ class OnePerImage:
         assert rgb.shape == (2, 3, 3) and depth.shape == (2, 3) and camera_matrix.shape == (3, 3)
         assert options == {"max_instances": 1}
         found = {"score": float(rgb[0, 0, 0]), "visible_fraction": 0.5, "seconds": 0.25}
-        return [SimpleNamespace(object="cat", pose_cam_obj=np.eye(4), **found)]
+        found |= {"object": "cat", "pose_cam_obj": np.eye(4).tolist(), "residual_mm": 1.0}
+        return [SimpleNamespace(to_dict=lambda: found)]
 
 
 def images(count: int) -> dict[str, np.ndarray]:
@@ -37,7 +38,7 @@ def test_rows_name_their_image() -> None:
         (0, "cat", 0.0),
         (1, "cat", 1.0),
     ]
-    assert rows[0]["pose_cam_obj"] == np.eye(4).tolist()
+    assert rows[0]["pose_cam_obj"] == np.eye(4).tolist() and "residual_mm" not in rows[0]
 
 
 def test_what_is_missing_or_too_few_is_named() -> None:

@@ -14,13 +14,13 @@ import numpy as np
 from hlp.errors import InputError
 from hlp.geometry import rigid
 from hlp.method.detector import Detector
-from hlp.method.find.detections import Detection
 from hlp.records import CameraImage, ObjectModel
 from hlp.rendering.light import FRONTAL_LIGHT
 from hlp.rendering.rasterizer import render_scene
 from hlp.rendering.viewpoints import view_rotations
 
 _IMAGES = ("rgb", "depth", "camera_matrix")
+_COLUMNS = ("object", "score", "pose_cam_obj", "visible_fraction", "seconds")
 
 
 class PosesOfImages:
@@ -48,20 +48,10 @@ class PosesOfImages:
             raise InputError(f"each image has {', '.join(_IMAGES)}: there are {counts}")
         images = zip(*(model_input[key] for key in _IMAGES), strict=True)
         return [
-            {"image": number, **_plain(found)}
+            {"image": number} | {key: found.to_dict()[key] for key in _COLUMNS}
             for number, image in enumerate(images)
             for found in self.detector.detect(*image, **(params or {}))
         ]
-
-
-def _plain(detection: Detection) -> dict[str, Any]:
-    return {
-        "object": detection.object,
-        "score": float(detection.score),
-        "pose_cam_obj": detection.pose_cam_obj.tolist(),
-        "visible_fraction": float(detection.visible_fraction),
-        "seconds": float(detection.seconds),
-    }
 
 
 def _load_pyfunc(path: str) -> PosesOfImages:

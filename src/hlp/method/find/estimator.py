@@ -76,12 +76,8 @@ class PoseEstimator:
         self.learnt, self.settings = learnt, settings
         self.object_ids = tuple(learnt.models if object_ids is None else object_ids)
         threads, fine = settings.machine.threads, settings.fine
-        self.team = ThreadTeam(threads)
-        """For work on several objects at once."""
-        self.matching = PatchMatching(
-            learnt, settings, self.object_ids, lambda: self.encoder, self.team
-        )
-        """The codebooks."""
+        self.team = team = ThreadTeam(threads)  # for work on several objects at once
+        self.matching = PatchMatching(learnt, settings, self.object_ids, lambda: self.encoder, team)
         self.verifier = cache(lambda i: Verifier(learnt.models[i], fine.refinement.verification))
         """The cost that compares poses of an object, given its id."""
         self.score_model = cache(learnt.load_score_model)
@@ -178,8 +174,7 @@ class PoseEstimator:
         context.observer.enter("cut")
         frame, model = context.frame, self.learnt.models[region.object_id]
         codebook = self.matching.group(region.object_id).codebooks[region.object_id]
-        pixels = self._patch_pixels(frame, region)
-        cut, matches = context.matches.match(region.object_id, pixels)
+        cut, matches = context.matches.match(region.object_id, self._patch_pixels(frame, region))
         matched = time.perf_counter()
         context.observer.enter("vote")
         voting, weights = self.settings.coarse.voting, None
@@ -230,8 +225,7 @@ class PoseEstimator:
         context.observer.enter("templates")
         templates = self._templates(object_id, settings)
         seen = context.observation if unexplained is None else unexplained
-        edges = context.edge_answers(settings.reach)
-        view = edges, seen.depth, seen.camera_matrix
+        view = context.edge_answers(settings.reach), seen.depth, seen.camera_matrix
         found = match_templates(templates, *view, model, settings, context.mask, self.team)
         costs = self.verifier(object_id).costs(context.observation, found.poses_cam_obj)
         order = np.argsort(costs - settings.match_weight * found.shares, kind="stable")
@@ -287,8 +281,8 @@ class PoseEstimator:
         """How well a pose fits the frame; measured once for every pose."""
         key = object_id, pose_cam_obj.tobytes()
         if key not in context.fits:
-            verifier = self.verifier(object_id)
-            context.fits[key] = measure_fit(verifier, context.observation, pose_cam_obj)
+            seen = context.observation
+            context.fits[key] = measure_fit(self.verifier(object_id), seen, pose_cam_obj)
         return context.fits[key]
 
     def score(self, context: FrameContext, object_id: int, pose_cam_obj: Pose) -> float:

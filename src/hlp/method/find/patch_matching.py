@@ -236,10 +236,10 @@ class _Known:
             x, y = np.rint(patches.pixels).astype(np.int64).T
             self.rows[y, x] = row + np.arange(len(patches))
             row += len(patches)
-        together = [*self.found, *found]
+        everything = [*self.found, *found]
         indices, distances = (
-            np.concatenate([getattr(matches, name) for _, matches in together])
+            np.concatenate([getattr(matches, name) for _, matches in everything])
             for name in ("indices", "distances")
         )
-        patches = join([own for own, _ in together])
+        patches = join([own for own, _ in everything])
         self.found = [(patches, Matches(indices, distances))]
