@@ -64,16 +64,6 @@ def test_an_edit_in_what_is_imported_changes_the_digest_and_any_other_does_not(
     assert after(init, "import os\n", "outside.encoder") not in (first, edited)
 
 
-def test_a_module_under_another_name_is_another(package: Path) -> None:
-    first = source_digest("outside.encoder")
-    sizes = package / "outside" / "deep" / "sizes.py"
-    text = sizes.read_text()
-    sizes.rename(sizes.with_name("widths.py"))
-    layers = package / "outside" / "deep" / "layers.py"
-    assert after(layers, layers.read_text().replace("sizes", "widths"), "outside.encoder") != first
-    assert sizes.with_name("widths.py").read_text() == text
-
-
 def test_hlps_modules_count_by_source_for_a_plug_in(
     package: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

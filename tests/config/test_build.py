@@ -98,9 +98,6 @@ def test_what_the_test_scenes_look_like_is_no_reason_to_train_again(default, key
 WRONG = [
     ("seed", "abc", r"^seed is 'abc': it must be a whole number$"),
     ("rendering.viewpoints", 3.5, r"^rendering\.viewpoints is 3\.5: it must be a whole number$"),
-    ("rendering.viewpoints", "3", r"^rendering\.viewpoints is '3': it must be a whole number$"),
-    ("rendering.viewpoints", True, r"^rendering\.viewpoints is True: .* whole number$"),
-    ("rendering.viewpoints", 0, r"^rendering\.viewpoints is 0: it must be at least 1$"),
     ("rendering.viewpoint", 9, r"^rendering\.viewpoint is no key: did you mean viewpoints\?$"),
     ("rendering.focal_px", math.nan, r"^rendering\.focal_px is nan: it must be a finite number$"),
     ("patches.region.stride", 8, r"^patches\.region\.stride is no key"),
@@ -115,6 +112,13 @@ WRONG = [
     ("encoder.name", "cea", r"^encoder\.name is 'cea': choose one of cae, contrastive, pca$"),
     ("encoder.widths", [32, "a"], r"^encoder\.widths\.1 is 'a': it must be a whole number$"),
     ("encoder.dimension", 150, r"^encoder\.dimension is 150: codebook=inverted_lists takes .* 4$"),
+    ("encoder.dimension", 0, r"^encoder\.dimension is 0"),
+    ("encoder.widths", [8] * 6, r"^encoder\.widths is .*1 to 5"),
+    ("classifier.widths", [0, 16], r"^classifier\.widths\.0 is 0: it must be at least 1"),
+    ("classifier.widths", [], r"^classifier\.widths is \[\]: .*1 to 6"),
+    ("classifier.widths", [8] * 7, r"^classifier\.widths is .*1 to 6"),
+    ("trainer.accelerator", "warp", r"^trainer\.accelerator is 'warp': it must be 'cpu' or"),
+    ("trainer.precision", "12-bit", r"^trainer\.precision is '12-bit': it must be '32-true' or"),
     ("frames", 0, r"^frames is 0: it must be at least 1$"),
     ("data.objects", [4, 9], r"^data\.objects\.1 is 9: it must be at most 8$"),
     ("data.objects", [6, 5], r"^data\.objects is \[6, 5\]: it must be \[least, most\]$"),
@@ -207,24 +211,6 @@ def test_bad_frames_are_known_when_the_run_is_built(bop_config):
         build_run(config)
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "words"),
-    [
-        ("trainer.accelerator", "warp", r"trainer\.accelerator is 'warp': it must be 'cpu' or"),
-        ("trainer.precision", "12-bit", r"trainer\.precision is '12-bit': it must be '32-true' or"),
-        ("classifier.widths", [0, 16], r"classifier\.widths.* is 0: it must be at least 1"),
-        ("classifier.widths", [], r"classifier\.widths is \[\]: .*1 to 6"),
-        ("classifier.widths", [8] * 7, r"classifier\.widths is .*1 to 6"),
-        ("encoder.widths", [8] * 6, r"encoder\.widths is .*1 to 5"),
-        ("encoder.dimension", 150, r"encoder\.dimension is 150: .* multiples of"),
-        ("encoder.dimension", 0, r"encoder\.dimension is 0"),
-    ],
-)
-def test_settings_that_no_network_has_are_refused(default, key, value, words):
-    with pytest.raises(ValueError, match=words):
-        build_settings(changed(default, key, value))
-
-
 @pytest.mark.parametrize("names", [["teapot"], ["box", "teapot"]])
 def test_a_symmetric_object_that_no_data_set_has_is_an_error(names):
     with pytest.raises(ValueError, match=r"evaluation\.symmetric names teapot.*objects: box"):
@@ -241,41 +227,51 @@ def test_names_of_another_set_that_match_nothing_are_said(caplog):
     assert "evaluation=bop_numbers" in record.message
 
 
-def test_a_data_set_without_root_is_asked_for(board):
-    with pytest.raises(ValueError, match=r"^data\.root is not set: set data\.root=VALUE$"):
-        build_run(board)
-
-
-def test_a_root_that_is_not_there_is_named(tmp_path, bop_config):
-    with pytest.raises(FileNotFoundError, match=rf"^data\.root is no folder: {tmp_path}/nowhere"):
-        build_run(bop_config(root=tmp_path / "nowhere"))
-
-
-def test_a_missing_mesh_is_named_with_its_object(bop, bop_config):
+def no_mesh(bop):
     (bop / "models" / "obj_000001.ply").unlink()
-    with pytest.raises(FileNotFoundError, match=r"object 1 \(box\).*models/obj_000001\.ply"):
-        build_run(bop_config())
 
 
-def test_a_broken_mesh_is_named(bop, bop_config):
+def broken_mesh(bop):
     (bop / "models" / "obj_000001.ply").write_bytes(b"ply\nnonsense")
-    with pytest.raises(ValueError, match=r"obj_000001\.ply"):
-        build_run(bop_config())
 
 
-def test_a_missing_split_is_named(bop_config):
-    with pytest.raises(FileNotFoundError, match=r"^data\.split is no folder: .*/lm/train"):
-        build_run(bop_config(split="train"))
+def no_targets(bop):
+    (bop / "test" / "000003" / "scene_gt.json").write_text("{}")
 
 
-@pytest.mark.parametrize("key", ["photographs", "rooms", "rgbd_frames"])
-def test_folders_for_training_are_checked_before_any_stage(bop_config, tmp_path, key):
-    with pytest.raises(FileNotFoundError, match=rf"^data\.{key} is no folder: .*/nowhere"):
-        build_run(bop_config(**{key: str(tmp_path / "nowhere")}))
-    empty = tmp_path / "empty"
-    empty.mkdir()
-    with pytest.raises(FileNotFoundError, match="empty"):
-        build_run(bop_config(**{key: str(empty)}))
+@pytest.mark.parametrize(
+    ("change", "data", "error", "message"),
+    [
+        (None, {"root": "???"}, ValueError, r"^data\.root is not set: set data\.root=VALUE$"),
+        (None, {"root": "nowhere"}, FileNotFoundError, r"^data\.root is no folder: nowhere"),
+        (None, {"split": "train"}, FileNotFoundError, r"^data\.split is no folder: .*/lm/train"),
+        (no_mesh, {}, FileNotFoundError, r"object 1 \(box\).*models/obj_000001\.ply"),
+        (broken_mesh, {}, ValueError, r"obj_000001\.ply"),
+        (no_targets, {}, ValueError, "lists no target"),
+        *(
+            (None, {key: folder}, FileNotFoundError, message)
+            for key in ("photographs", "rooms", "rgbd_frames")
+            for folder, message in (
+                ("nowhere", rf"^data\.{key} is no folder: .*nowhere"),
+                ("empty", "empty"),
+            )
+        ),
+    ],
+)
+def test_what_is_missing_of_a_data_set_is_named_before_any_stage(
+    bop, bop_config, change, data, error, message, monkeypatch, tmp_path
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty").mkdir()
+    if change is not None:
+        change(bop)
+    with pytest.raises(error, match=message):
+        build_run(bop_config(**data))
+
+
+def test_data_without_a_frame_are_refused(default):
+    with pytest.raises(ValueError, match=r"^data holds no frame with a target$"):
+        build_run(changed(default, "data.scenes", 0))
 
 
 def test_the_autoencoder_asks_for_frames_before_any_stage(bop_config, tmp_path, monkeypatch):
@@ -290,14 +286,6 @@ def test_the_autoencoder_asks_for_frames_before_any_stage(bop_config, tmp_path, 
         cv2.imwrite(str(frames / kind / "000001.png"), np.zeros((8, 8), np.uint16))
     config.data.rgbd_frames = str(frames)
     assert build_run(config).dataset.encoder_frames is not None
-
-
-def test_a_data_set_without_targets_is_refused(default, bop, bop_config):
-    (bop / "test" / "000003" / "scene_gt.json").write_text("{}")
-    with pytest.raises(ValueError, match="lists no target"):
-        build_run(bop_config())
-    with pytest.raises(ValueError, match=r"^data holds no frame with a target$"):
-        build_run(changed(default, "data.scenes", 0))
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 7, 99])

@@ -57,18 +57,6 @@ def test_the_recalls_interval_is_scipys_over_blocks() -> None:
     np.testing.assert_allclose(recall_interval(right, blocks, 20_000, 2), theirs, atol=0.008)
 
 
-def test_frames_that_resemble_their_neighbours_widen_it() -> None:
-    """Runs of ten right and ten wrong frames tell less than as many independent ones."""
-    alike = np.arange(400) // 10 % 2 == 0
-    frames = [(0, i) for i in range(400)]
-    low, high = recall_interval(alike, blocks_of(frames), 2000, 0)
-    single = recall_interval(alike, np.arange(400), 2000, 0)
-    one_period = np.arange(400) // 20 % 2 == 0
-    wide = recall_interval(one_period, blocks_of(frames), 2000, 0)
-    assert high - low < single[1] - single[0]  # every block holds one whole period
-    assert wide[1] - wide[0] > 2 * (single[1] - single[0])
-
-
 @pytest.mark.parametrize("right", [True, False])
 def test_where_all_agree_it_is_wilsons(right: bool) -> None:
     verdicts = np.full(19, right)
@@ -122,13 +110,3 @@ def test_medians_of_many_targets_are_drawn_in_parts(monkeypatch: pytest.MonkeyPa
     whole = median_difference_interval(first, second, blocks, 500, seed=0)
     monkeypatch.setattr("hlp.results.intervals._AT_ONCE", 900)
     assert median_difference_interval(first, second, blocks, 500, seed=0) == whole
-
-
-def test_pairing_narrows_the_differences_interval() -> None:
-    """Runs that agree in all but one target differ by at most that one; unpaired they would not."""
-    rng = np.random.default_rng(0)
-    first = rng.random(60) < 0.5
-    second = first.copy()
-    second[7] = ~first[7]
-    low, high = difference_interval(first, second, np.arange(60), 2000, seed=0)
-    assert max(abs(low), abs(high)) <= 4 / 60
