@@ -87,8 +87,8 @@ def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]])
     """Replace a file's content by a header and rows of comma-separated values."""
     text = io.StringIO()
     plain, quoted = (
-        csv.writer(text, lineterminator="\n", quoting=each)
-        for each in (csv.QUOTE_MINIMAL, csv.QUOTE_ALL)
+        csv.writer(text, lineterminator="\n", quoting=quoting)
+        for quoting in (csv.QUOTE_MINIMAL, csv.QUOTE_ALL)
     )
     plain.writerow(columns)
     for row in rows:  # unquoted, a carriage return would end the line when it is read

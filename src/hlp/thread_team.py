@@ -22,7 +22,7 @@ def threads_here(threads: int) -> int:
     The share grows when others of the team run out of items.
     """
     shares: _Shares | None = getattr(_own, "shares", None)
-    return threads if shares is None else min(threads, shares.each())
+    return threads if shares is None else min(threads, shares.of_one())
 
 
 class _Shares:
@@ -32,7 +32,7 @@ class _Shares:
         self._threads, self._working = threads, workers
         self._guard = threading.Lock()
 
-    def each(self) -> int:
+    def of_one(self) -> int:
         """How many threads each of the workers may use now."""
         return self._threads // max(self._working, 1)
 

@@ -24,8 +24,12 @@ _CHOICE = re.compile(r"[\w/]+=[\w.-]+")
 _WITHIN = re.compile(r"^In '(?!config')([^']+)': ")
 _OPTIONS = re.compile(r"Available options in '[^']+':\n((?:\t.+\n)+)")
 # Launchers that come with a plugin of Hydra's, and the extra that installs it.
-_LAUNCHERS = "hydra/launcher"
-_EXTRAS = {"joblib": "joblib", "submitit_slurm": "slurm", "submitit_local": "slurm"}
+_LAUNCHERS = "hydra/launcher/"
+_EXTRAS = {
+    "hydra/launcher/joblib": "joblib",
+    "hydra/launcher/submitit_slurm": "slurm",
+    "hydra/launcher/submitit_local": "slurm",
+}
 
 
 def hydra_in_words(error: BaseException) -> str:
@@ -78,10 +82,9 @@ def _no_key(text: str, key: str) -> str:
 
 
 def _no_default(text: str, file: str, named: str) -> str:
-    group, _, name = named.rpartition("/")
-    if group == _LAUNCHERS and name in _EXTRAS:
-        chosen_group, _, chosen = file.rpartition("/")
-        return _no_launcher(chosen if chosen_group == _LAUNCHERS else name, _EXTRAS[name])
+    group, _, _ = named.rpartition("/")
+    if named in _EXTRAS:
+        return _no_launcher(file if file.startswith(_LAUNCHERS) else named, _EXTRAS[named])
     names = {path.stem for path in (config_folder() / group).glob("*.yaml")}
     known = [f"{group}/{name}".lstrip("/") for name in sorted(names | {*rows().get(group, {})})]
     return f"{file}.yaml: its defaults name {named}, which is no file{nearest(named, known)}"
@@ -89,16 +92,16 @@ def _no_default(text: str, file: str, named: str) -> str:
 
 def _no_alternative(text: str, named: str) -> str:
     group, _, name = named.rpartition("/")
-    if group == _LAUNCHERS and name in _EXTRAS:
-        return _no_launcher(name, _EXTRAS[name])
+    if named in _EXTRAS:
+        return _no_launcher(named, _EXTRAS[named])
     options = _OPTIONS.search(text)
     known = options[1].split() if options else []
     listed = f" There are {', '.join(known)}" if known else ""
     return f"{group}={name} is no alternative{nearest(name, known) or '.'}{listed}"
 
 
-def _no_launcher(name: str, extra: str) -> str:
-    return f"{_LAUNCHERS}={name} needs the extra '{extra}': pip install 'hlp[{extra}]'"
+def _no_launcher(named: str, extra: str) -> str:
+    return f"{'='.join(named.rsplit('/', 1))} needs the extra '{extra}': pip install 'hlp[{extra}]'"
 
 
 _KINDS: dict[str, Callable[..., str]] = {

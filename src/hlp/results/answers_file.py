@@ -4,9 +4,9 @@ A call that was stopped leaves the answers so far, and what it was asked for: th
 same request continues after them.
 """
 
-import itertools
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import takewhile
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -46,10 +46,10 @@ class AnswersFile:
                 f"another process writes into {folder}: wait for it, or name another folder"
             ) from error
         kept, rows = self._kept(request)
-        self.answered = {_ids(each): "error" not in each for each in kept}
+        self.answered = {_ids(answer): "error" not in answer for answer in kept}
         (folder / JSON).unlink(missing_ok=True)
         (folder / _REQUEST).unlink(missing_ok=True)
-        write_text(folder / LINES, "".join(f"{json.dumps(each)}\n" for each in kept))
+        write_text(folder / LINES, "".join(f"{json.dumps(answer)}\n" for answer in kept))
         write_text(folder / POSES, "".join([",".join(POSE_COLUMNS) + "\n", *self._own(rows)]))
         write_text(folder / _REQUEST, request)
         self._csv = (folder / POSES).open("a", encoding="utf-8")
@@ -92,9 +92,8 @@ class AnswersFile:
             rows = (self._folder / POSES).read_text("utf-8").splitlines()[1:]
         except (OSError, UnicodeDecodeError):
             return [], []
-        whole = itertools.takewhile(lambda each: each is not None, map(_answer, lines))
-        found = [each for each in whole if each is not None]
-        return [each for each in found if _ids(each) != _ids(found[-1])], rows
+        found = [*takewhile(bool, map(_answer, lines))]
+        return [answer for answer in found if _ids(answer) != _ids(found[-1])], rows
 
     def _own(self, rows: Sequence[str]) -> Iterator[str]:
         """The rows of those frames that are answered."""
@@ -115,13 +114,13 @@ class AnswersFile:
             stream.write(b"\n]}\n")
 
 
-def _answer(line: str) -> dict[str, Any] | None:
-    """The answer of a line; None if it is damaged."""
+def _answer(line: str) -> dict[str, Any]:
+    """The answer of a line; empty if it is damaged."""
     try:
-        content = json.loads(line)
-        return content if all(type(each) is int for each in _ids(content)) else None
+        content: dict[str, Any] = json.loads(line)
+        return content if all(type(number) is int for number in _ids(content)) else {}
     except (ValueError, KeyError, TypeError):
-        return None
+        return {}
 
 
 def _ids(answer: Mapping[str, Any]) -> _FrameIds:

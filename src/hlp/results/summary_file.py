@@ -83,8 +83,9 @@ def write_target_values(folder: Path, values: TargetValues, names: Mapping[int, 
 
     `names` are the objects' names by id; raises KeyError for an object that has none.
     """
-    keys = sorted({key for each in values.values() for key in each})
-    rows = [[*key, names[key[2]], *(each.get(key, "") for each in values.values())] for key in keys]
+    numbers = values.values()
+    keys = sorted({key for by_target in numbers for key in by_target})
+    rows = [[*key, names[key[2]], *(column.get(key, "") for column in numbers)] for key in keys]
     write_csv(folder / FILE, [*_COLUMNS, *values], rows)
 
 
