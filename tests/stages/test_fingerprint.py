@@ -143,7 +143,7 @@ def test_a_key_that_no_setting_declares_is_an_error_that_names_it(place, key, va
     inside = content
     for name in place:
         inside = inside[name]
-    assume(key not in inside)
+    assume(key and key not in inside)
     inside[key] = value
     with pytest.raises(ConfigError) as caught:
         read_settings(MethodSettings, content)
