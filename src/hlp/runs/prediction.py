@@ -77,9 +77,8 @@ def predict(
             _logger.info("%d of %d frames are answered already", len(file.answered), len(frames))
         hidden = None if len(left) > 1 else True
         decoded = _decoded(frames, left, masks)
-        for key, frame, mask, error in tqdm(
-            decoded, "poses", len(left), unit="frame", disable=hidden
-        ):
+        progress = tqdm(decoded, "poses", len(left), unit="frame", disable=hidden)
+        for key, frame, mask, error in progress:
             problem = error if frame is None else call.answer(frame, mask)
             if problem is not None:
                 if len(frames) == 1:

@@ -71,20 +71,18 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         report_bad_frames(run)
         store = StageStore(Path(settings.work))
         detection = stages_of(run, store, settings.on_bad_frame)
-        training = detection.training
-        render_in_workers(training, settings.executor)
-        classes = WindowClasses(training)
+        render_in_workers(detection.training, settings.executor)
+        classes = WindowClasses(detection.training)
         estimates, notes = _find(run, detection, classes)
-        trained = log_training(training, tracker)
+        trained = log_training(detection.training, tracker)
         require_some(detection.failed, len(run.keys))
         timing = measure_times(run, detection, estimates)
         counts = classes.summary()
         summary = _score(run, detection, estimates, notes, timing, counts, output)
         tracker.log_metrics(summary_metrics(summary))
         log_tables(summary, output, tracker)
-        made = make_manifest(run, store)
-        made["poses"] = poses_digest(output / POSES)
-        write_json(output / MANIFEST, made)
+        digest = {"poses": poses_digest(output / POSES)}
+        write_json(output / MANIFEST, make_manifest(run, store) | digest)
         if settings.name in TABLES:
             write_reports(output)
         page_or_log(write_run_page, output)
@@ -129,12 +127,9 @@ def _score(
     write_poses(output / POSES, estimates)
     saved = read_poses(output / POSES)
     truths = [noted.truth for noted in notes]
+    shown = tqdm(truths, desc="scoring", unit="frame", disable=None)
     scores = score_targets(
-        tqdm(truths, desc="scoring", unit="frame", disable=None),
-        dataset.models,
-        saved,
-        settings.evaluation,
-        dataset.evaluation_meshes,
+        shown, dataset.models, saved, settings.evaluation, dataset.evaluation_meshes
     )
     scores = explain_misses(detection, notes, scores, settings.evaluation)
     scores = with_failed_frames(run, detection.failed, scores)
