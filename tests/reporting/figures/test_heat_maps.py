@@ -8,10 +8,9 @@ import pandas as pd
 import pytest
 
 from hlp.reporting.figures.heat_maps import (
-    Confusion,
     HeatMap,
     basin_maps,
-    confusion_figure,
+    confusion_map,
     draw_basins,
     draw_confusion,
     draw_heat_maps,
@@ -110,16 +109,15 @@ def test_the_oracle_matrix_has_a_row_an_object_and_a_column_a_cell() -> None:
 COUNTS = {"cat": {"cat": 7, "background": 3}, "duck": {"lamp": 1, "duck": 1}}
 
 
-def test_columns_are_the_objects_then_other_classes_then_background() -> None:
-    found = Confusion.of(COUNTS)
-    assert found.objects == ("cat", "duck")
-    assert found.classes == ("cat", "duck", "lamp", "background")
-    np.testing.assert_array_equal(found.counts, [[7, 0, 0, 3], [0, 1, 1, 0]])
-    assert found.right == 8
-    np.testing.assert_allclose(found.shares, [[0.7, 0, 0, 0.3], [0, 0.5, 0.5, 0]])
-    (ax,) = confusion_figure(found).axes
-    np.testing.assert_allclose(ax.images[0].get_array(), found.shares)
+def test_windows_are_counted_by_object_and_class_background_last() -> None:
+    figure = confusion_map(COUNTS)
+    (ax,) = figure.axes
+    np.testing.assert_allclose(ax.images[0].get_array(), [[0.7, 0, 0, 0.3], [0, 0.5, 0.5, 0]])
     assert [text.get_text() for text in ax.texts] == ["7", "", "", "3", "", "1", "1", ""]
+    names = [label.get_text() for label in ax.get_xticklabels()]
+    assert names == ["cat", "duck", "lamp", "background"]
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["cat", "duck"]
+    assert figure.get_suptitle() == "8 of 12 windows at targets are classified right"
 
 
 def test_the_figure_is_written_unless_there_is_no_window(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from hlp.reporting.figures.saving import save_figure
 from hlp.reporting.tables.study_tables import ALL_TARGETS, head_of, recalls_by_errors
@@ -126,51 +126,27 @@ def oracle_map(result: Mapping[str, Any]) -> "Figure":
     return draw_heat_maps([HeatMap("", recalls, ends=(0.0, 1.0))], names, columns, axes, title)
 
 
-@dataclass(frozen=True)
-class Confusion:
-    """Windows by true object (rows) and by the class that the classifier finds most likely."""
-
-    objects: tuple[str, ...]
-    classes: tuple[str, ...]
-    counts: Int[np.ndarray, "o c"]
-
-    @classmethod
-    def of(cls, counts: Mapping[str, Mapping[str, int]]) -> "Confusion":
-        """From `window_classes` of `summary.json`.
-
-        Columns are the objects, then what else was said, background last.
-        """
-        objects = tuple(counts)
-        others = dict.fromkeys(said for row in counts.values() for said in row)
-        wrong = [said for said in others if said not in objects]
-        classes = (*objects, *sorted(wrong, key=lambda said: said == "background"))
-        table = [[counts[true].get(said, 0) for said in classes] for true in objects]
-        return cls(objects, classes, np.array(table, dtype=np.int64).reshape(len(objects), -1))
-
-    @property
-    def right(self) -> int:
-        """Windows whose most likely class is their object."""
-        return int(np.trace(self.counts))
-
-    @property
-    def shares(self) -> np.ndarray:
-        """The counts as shares of their rows."""
-        return np.asarray(self.counts / np.maximum(self.counts.sum(axis=1, keepdims=True), 1))
-
-
 def draw_confusion(folder: Path, counts: Mapping[str, Mapping[str, int]]) -> None:
     """Write confusion.png and confusion.svg; nothing without any window.
 
     `counts` are `window_classes` of `summary.json`.
     """
     if counts:
-        save_figure(confusion_figure(Confusion.of(counts)), folder / "confusion")
+        save_figure(confusion_map(counts), folder / "confusion")
 
 
-def confusion_figure(found: Confusion) -> "Figure":
-    """Numbers of windows, shaded by their share of a row."""
-    counts = HeatMap("", found.counts.astype(float), lambda n: f"{n:.0f}" if n else "", "Blues",
-                     (0.0, 1.0), found.shares)  # fmt: skip
+def confusion_map(counts: Mapping[str, Mapping[str, int]]) -> "Figure":
+    """Numbers of windows by true object (rows) and most likely class, shaded by share of a row.
+
+    Columns are the objects, then what else was said, background last.
+    """
+    others = dict.fromkeys(said for row in counts.values() for said in row if said not in counts)
+    classes = [*counts, *sorted(others, key=lambda said: said == "background")]
+    table = np.array([[row.get(said, 0) for said in classes] for row in counts.values()], float)
+    shares = table / np.maximum(table.sum(axis=1, keepdims=True), 1)
+    ends = (0.0, 1.0)
+    shown = HeatMap("", table, lambda n: f"{n:.0f}" if n else "", "Blues", ends, shares)
     axes = ("most likely class of the window", "object that it shows")
-    title = f"{found.right} of {found.counts.sum()} windows at targets are classified right"
-    return draw_heat_maps([counts], found.objects, found.classes, axes, title)
+    total, right = int(table.sum()), int(np.trace(table))
+    title = f"{right} of {total} windows at targets are classified right"
+    return draw_heat_maps([shown], [*counts], classes, axes, title)
