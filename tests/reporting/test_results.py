@@ -16,16 +16,16 @@ def sweep_of_eleven(folder: Path) -> Path:
     return folder
 
 
-def test_arms_are_read_in_their_order_and_with_what_was_chosen(tmp_path: Path) -> None:
+def test_runs_are_read_in_their_order_and_with_what_was_chosen(tmp_path: Path) -> None:
     found = read_results(sweep_of_eleven(tmp_path / "sweep"))
-    particles = [each.config["refinement"]["particles"] for each in found.results]
+    particles = [run.config["refinement"]["particles"] for run in found.results]
     assert particles == list(range(1, 12))
     assert found.results[10].chosen == {"refinement.particles": "11"}
     assert (found.command, found.unfinished) == ("hlp -m experiment=fig9b seed=1", [])
     assert (found.results[0].experiment, found.results[0].frames) == ("fig9b", 2)
 
 
-def test_an_arm_without_manifest_is_not_finished(tmp_path: Path) -> None:
+def test_a_run_without_manifest_is_not_finished(tmp_path: Path) -> None:
     folder = sweep_of_eleven(tmp_path / "sweep")
     (folder / "3" / "manifest.json").unlink()
     found = read_results(folder)
@@ -34,7 +34,7 @@ def test_an_arm_without_manifest_is_not_finished(tmp_path: Path) -> None:
     assert found.chosen[folder / "3"] == {"refinement.particles": "4"}
 
 
-def test_sweeps_and_single_runs_are_found_but_not_arms(tmp_path: Path) -> None:
+def test_sweeps_and_single_runs_are_found_but_not_runs_of_sweeps(tmp_path: Path) -> None:
     sweep = sweep_of_eleven(tmp_path / "a" / "sweep")
     run = write_run(tmp_path / "b", "table1", SUMMARY, ["experiment=table1", "output=b"])
     assert result_folders(tmp_path) == [sweep, run]

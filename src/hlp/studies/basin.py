@@ -35,6 +35,7 @@ from hlp.settings import Doc, Settings, SettingsError
 from hlp.stages.store import StageStore
 from hlp.stages.trace_files import read_arrays
 from hlp.studies.study_run import (
+    FrameCount,
     chosen_frames,
     object_names,
     stage_of_frames,
@@ -57,9 +58,7 @@ class BasinSettings(Settings):
         "icp",
         "none",
     )
-    frames: Annotated[
-        int | None, Ge(1), Doc("number of frames, spread evenly over the run's; null: all (D)")
-    ] = 6
+    frames: FrameCount = 6
     rotation_deg: Annotated[
         tuple[Annotated[float, Ge(0)], ...],
         Doc("coarse poses are rotated about the centroid by these angles … (D)"),

@@ -43,7 +43,7 @@ from hlp.studies.bench_times import (
     summarise_path,
     summarise_spent,
 )
-from hlp.studies.study_run import chosen_frames, object_names, study_run
+from hlp.studies.study_run import FrameCount, chosen_frames, object_names, study_run
 
 Detections = dict[str, list[TimedDetection]]
 
@@ -54,9 +54,7 @@ class BenchSettings(Settings):
     """Config group `task`: time and memory of detection, also with other settings."""
 
     name: Literal["bench"] = "bench"
-    frames: Annotated[
-        int | None, Ge(1), Doc("number of frames, spread evenly over the run's; null: all (D)")
-    ] = 30
+    frames: FrameCount = 30
     same_mm: Annotated[float, Ge(0), Doc("two poses count as the same within this … (D)")] = 1.0
     same_deg: Annotated[float, Ge(0), Doc("… and this, up to the object's symmetries (D)")] = 0.5
     compared: Annotated[

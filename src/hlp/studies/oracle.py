@@ -46,6 +46,7 @@ from hlp.stages.store import StageStore
 from hlp.stages.trace_files import read_arrays
 from hlp.studies.basin import perturbed_poses
 from hlp.studies.study_run import (
+    FrameCount,
     chosen_frames,
     object_names,
     stage_of_frames,
@@ -76,9 +77,7 @@ class OracleSettings(Settings):
     """
 
     name: Literal["oracle"] = "oracle"
-    frames: Annotated[
-        int | None, Ge(1), Doc("number of frames, spread evenly over the run's; null: all (D)")
-    ] = 30
+    frames: FrameCount = 30
     noise_deg: Annotated[
         float, Ge(0), Doc("the noisy coarse pose is the true one, rotated by this … (D)")
     ] = 10.0

@@ -4,9 +4,10 @@ import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Ge
 from tqdm import tqdm
 
 from hlp.config.build import Run, evenly
@@ -18,10 +19,16 @@ from hlp.reporting.page.parts import page_or_log
 from hlp.reporting.page.study_page import write_study_page
 from hlp.runs.manifest import make_manifest
 from hlp.runs.mlflow_log import log_inputs, say_where, tracked
+from hlp.settings import Doc
 from hlp.source_code import Code, code_of
 from hlp.stages.manifest import fingerprint
 from hlp.stages.store import StageStore
 from hlp.stages.trace_files import has_arrays, write_arrays
+
+FrameCount = Annotated[
+    int | None, Ge(1), Doc("number of frames, spread evenly over the run's; null: all (D)")
+]
+"""How many frames a study looks at."""
 
 
 @contextmanager
