@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 
 from hlp.patches.holistic import union_of_squares
-from hlp.patches.window_choice import (
-    CloserSettings,
-    first_region,
-    likely_places,
-    likely_regions,
-)
+from hlp.patches.window_choice import CloserSettings, first_region, likely_places, likely_regions
 from hlp.records import Region
 
 

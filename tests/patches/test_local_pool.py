@@ -5,12 +5,7 @@ from hlp.geometry import rotation_distance
 from hlp.patches import local_pool
 from hlp.patches.local import LocalSettings, take_patches
 from hlp.patches.local_data import degrade_patches
-from hlp.patches.local_pool import (
-    PairSettings,
-    bake_frame_patches,
-    bake_pairs,
-    cut_view_patches,
-)
+from hlp.patches.local_pool import PairSettings, bake_frame_patches, bake_pairs, cut_view_patches
 from hlp.patches.sampling import join
 
 LOCAL = LocalSettings(16, 1.5, True)

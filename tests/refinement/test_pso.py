@@ -8,7 +8,7 @@ import pytest
 from hlp.geometry import rigid, rotation_distance
 from hlp.records import Hypotheses, Refinement
 from hlp.refinement.cost import CostSettings
-from hlp.refinement.pso import PolishSettings, PsoRefiner, PsoSettings, apply_offsets, search
+from hlp.refinement.pso import PsoRefiner, PsoSettings, apply_offsets, search
 from hlp.refinement.verification import VerificationSettings
 from refinement_scene import Scene, disturbed, error, posed
 
@@ -32,21 +32,7 @@ class Bowl:
 
 @pytest.fixture
 def settings(cost_settings: CostSettings, verification: VerificationSettings) -> PsoSettings:
-    return PsoSettings(
-        "pso",
-        cost_settings,
-        verification,
-        25,
-        10.0,
-        10.0,
-        2.8,
-        1.3,
-        60,
-        10,
-        True,
-        PolishSettings(3.0, 3.0, 6),
-        0.0,
-    )
+    return PsoSettings(cost=cost_settings, verification=verification, iterations=60, patience=10)
 
 
 def start() -> np.ndarray:

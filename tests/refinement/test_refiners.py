@@ -17,28 +17,20 @@ from refinement_scene import SHAPE, Scene, disturbed, error, make_scene, shifted
 
 @pytest.fixture
 def pso_settings(cost_settings: CostSettings, verification: VerificationSettings) -> PsoSettings:
-    return PsoSettings(
-        "pso", cost_settings, verification, 25, 10.0, 10.0, 2.8, 1.3, 30, 6, True, None, 0.0
-    )
+    return PsoSettings(cost=cost_settings, verification=verification, polish=None)
 
 
 @pytest.fixture
 def icp_settings(cost_settings: CostSettings, verification: VerificationSettings) -> IcpSettings:
-    return IcpSettings("icp", cost_settings, verification, 20, 500, 40.0, 10.0, 0.8, 0.05)
+    return IcpSettings(cost=cost_settings, verification=verification)
 
 
 @pytest.fixture(params=["pso", "icp", "none"])
 def refiner(
-    request: pytest.FixtureRequest,
-    pso_settings: PsoSettings,
-    icp_settings: IcpSettings,
+    request: pytest.FixtureRequest, pso_settings: PsoSettings, icp_settings: IcpSettings
 ) -> Refiner:
-    refiners: dict[str, Refiner] = {
-        "pso": PsoRefiner(pso_settings, threads=2),
-        "icp": IcpRefiner(icp_settings),
-        "none": NoneRefiner(),
-    }
-    return refiners[request.param]
+    built = PsoRefiner(pso_settings, threads=2), IcpRefiner(icp_settings), NoneRefiner()
+    return dict(zip(("pso", "icp", "none"), built, strict=True))[request.param]
 
 
 def hypotheses(*poses: np.ndarray) -> Hypotheses:

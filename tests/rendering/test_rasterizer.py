@@ -33,11 +33,7 @@ def rays(shape: tuple[int, int]) -> np.ndarray:
     """Ray through each pixel centre, z = 1 (by the camera's definition, not by our code)."""
     y, x = np.mgrid[: shape[0], : shape[1]]
     return np.stack(
-        [
-            (x - CAMERA[0, 2]) / CAMERA[0, 0],
-            (y - CAMERA[1, 2]) / CAMERA[1, 1],
-            np.ones(shape),
-        ],
+        [(x - CAMERA[0, 2]) / CAMERA[0, 0], (y - CAMERA[1, 2]) / CAMERA[1, 1], np.ones(shape)],
         axis=-1,
     )
 
