@@ -104,7 +104,7 @@ def test_edges_are_compared_with_those_of_their_own_direction(
         used.add(direction)
         total += min(given[direction][at][y, x] / tau_pixels, 1.0)
     assert used == {0, 1, 2, 3}
-    np.testing.assert_allclose(found[3], total, rtol=0.02)
+    np.testing.assert_allclose(found[3], total, rtol=1e-4)
     np.testing.assert_array_equal(np.delete(found, 3), np.delete(others, 3))
 
 
