@@ -56,7 +56,7 @@ class CountedFrames:
     def load(self, key: str) -> Frame:
         self.loads.append(key)
         scene, frame = (int(part) for part in key.split("_"))
-        targets = tuple(Target(each, np.eye(4)) for each in OBJECTS)
+        targets = tuple(Target(object_id, np.eye(4)) for object_id in OBJECTS)
         depth = np.ones(SHAPE, np.float32)
         return Frame(scene, frame, np.zeros((*SHAPE, 3), np.uint8), depth, np.eye(3), targets)
 
@@ -66,11 +66,11 @@ def fake_dataset() -> Any:
     model = SimpleNamespace(holistic_size=0.1, local_size=0.05, diameter=0.12)
     return SimpleNamespace(
         models=dict.fromkeys(OBJECTS, model),
-        model_identities={each: f"model {each}" for each in OBJECTS},
+        model_identities={object_id: f"model {object_id}" for object_id in OBJECTS},
         target_ids=OBJECTS,
         frames=frames,
         frames_identity=frames.identity(),
-        wanted=lambda frame: dict.fromkeys((each.object_id for each in frame.targets), 1),
+        wanted=lambda frame: dict.fromkeys((target.object_id for target in frame.targets), 1),
         search_all=False,
         settings=None,
     )
@@ -191,6 +191,6 @@ class FakeEstimator:
             return None
         moved = hypotheses.poses_cam_obj.copy()
         moved[:, 0, 3] += [1.0, 2.0]
-        refined = [Refinement(each, 3) for each in moved]
+        refined = [Refinement(pose, 3) for pose in moved]
         seeds = np.array([[0, 0], [0, 1]])
         return RefinedHypotheses(refined, np.array([0.5, 0.25]), np.array([1, 0]), seeds, (1,))

@@ -25,8 +25,8 @@ def vectors(low: float, high: float, length: int = 3) -> st.SearchStrategy[np.nd
 
 
 def rotations() -> st.SearchStrategy[np.ndarray]:
-    quaternions = vectors(-1.0, 1.0, 4).filter(lambda each: np.linalg.norm(each) > 0.1)
-    return quaternions.map(lambda each: Rotation.from_quat(each).as_matrix())
+    quaternions = vectors(-1.0, 1.0, 4).filter(lambda quaternion: np.linalg.norm(quaternion) > 0.1)
+    return quaternions.map(lambda quaternion: Rotation.from_quat(quaternion).as_matrix())
 
 
 def motions(reach: float = 2.0) -> st.SearchStrategy[np.ndarray]:

@@ -59,7 +59,7 @@ class SimulatedCamera:
         for number, poses in enumerate(zip(*self.paths.values(), strict=True)):
             named = zip(self.paths, poses, strict=True)
             parts = [(self.models[name.split("#")[0]], pose) for name, pose in named]
-            shown = [each for each in parts if np.isfinite(each[1]).all()]
+            shown = [part for part in parts if np.isfinite(part[1]).all()]
             yield picture(shown, number, f"{number:06d}")
 
     def close(self) -> None:

@@ -13,7 +13,7 @@ from nbformat import NotebookNode
 def execute(path: Path, parameters: str) -> NotebookNode:
     """Run a notebook in its folder, with other values in its parameters cell."""
     notebook = nbformat.read(path, as_version=4)
-    (cell,) = [each for each in notebook.cells if "parameters" in each.metadata.get("tags", [])]
+    (cell,) = [cell for cell in notebook.cells if "parameters" in cell.metadata.get("tags", [])]
     assert {line.split(" = ")[0] for line in cell.source.splitlines()} == {
         line.split(" = ")[0] for line in parameters.splitlines()
     }

@@ -82,8 +82,8 @@ def make_row() -> list[Scene]:
     turn = trimesh.transformations.rotation_matrix
     rotations = [(turn(2.2, [1, 0, 0]) @ turn(a, [0, 0, 1]))[:3, :3] for a in (0.4, 2.0, 4.5)]
     poses = [
-        posed(model, each, np.array([x, -0.01, 0.62]))
-        for each, x in zip(rotations, (-0.13, 0.0, 0.13), strict=True)
+        posed(model, rotation, np.array([x, -0.01, 0.62]))
+        for rotation, x in zip(rotations, (-0.13, 0.0, 0.13), strict=True)
     ]
     table = as_mesh(trimesh.creation.box((0.8, 0.8, 0.01)))
     box = as_mesh(trimesh.creation.box((0.03, 0.06, 0.03)), (60, 140, 90))

@@ -12,25 +12,13 @@ LONG = {
 }
 """Modules above 300 lines, and what they may have at most; none may join them."""
 LONG_FUNCTIONS = {
-    "_draw_recalls": 42,
-    "_live": 42,
-    "_receive": 43,
-    "_scan": 47,
-    "_score": 45,
+    "_scan": 46,
     "_sum_row": 50,
-    "_sum_rows": 45,
-    "add": 48,
-    "build_templates": 49,
-    "cut_local_patches": 44,
+    "_sum_rows": 41,
+    "cut_local_patches": 42,
     "draw_triangles": 60,
-    "match_templates": 58,
-    "recall_by_time": 41,
-    "render_scene": 41,
-    "run_bench": 42,
+    "match_templates": 44,
     "search": 43,
-    "sum_color_differences": 48,
-    "sum_costs": 50,
-    "sum_evidence": 57,
     "track_run": 44,
 }
 """Functions above 40 lines, docstring and all, and what they may have at most."""
@@ -53,8 +41,8 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
         graph[name] = set()
         for statement in ast.parse(path.read_text()).body:
             if isinstance(statement, ast.ImportFrom) and statement.module in known:
-                names = (f"{statement.module}.{each.name}" for each in statement.names)
-                graph[name] |= {each if each in known else statement.module for each in names}
+                names = (f"{statement.module}.{alias.name}" for alias in statement.names)
+                graph[name] |= {full if full in known else statement.module for full in names}
     assert len(graph) > 100
     TopologicalSorter(graph).prepare()
 

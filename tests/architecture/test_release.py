@@ -37,12 +37,12 @@ def test_exact_versions_are_in_the_ranges_of_an_extra(extra: str) -> None:
 
 
 def test_what_is_not_pinned_belongs_to_an_extra() -> None:
-    named = {canonicalize_name(Requirement(each).name) for all_ in EXTRAS.values() for each in all_}
+    named = {canonicalize_name(Requirement(line).name) for all_ in EXTRAS.values() for line in all_}
     assert {*NOT_PINNED} <= named - {*pinned()}
 
 
 def test_ranges_of_dev_are_those_of_the_extra_that_it_repeats() -> None:
-    ranges = {Requirement(each).name: each for each in EXTRAS["dev"]}
+    ranges = {Requirement(line).name: line for line in EXTRAS["dev"]}
     for extra, lines in EXTRAS.items():
         for line in lines if extra != "dev" else ():
             assert ranges.get(Requirement(line).name, line) == line, f"{extra}: {line}"
@@ -62,5 +62,5 @@ def test_the_citation_has_what_its_format_requires() -> None:
     assert str(cited["version"]) == hlp.__version__
     paper = cited["preferred-citation"]
     assert {"type", "title", "authors"} <= {*paper}
-    names = [f"{each['given-names']} {each['family-names']}" for each in paper["authors"]]
+    names = [f"{author['given-names']} {author['family-names']}" for author in paper["authors"]]
     assert names == ["Haoruo Zhang", "Qixin Cao"]

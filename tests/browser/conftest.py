@@ -42,8 +42,8 @@ def browser(programs: tuple[str, str]) -> Iterator["Chrome"]:
     options = ChromeOptions()
     options.binary_location = chromium
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    for each in ("--headless=new", "--window-size=1440,900", "--disable-dev-shm-usage"):
-        options.add_argument(each)
+    for option in ("--headless=new", "--window-size=1440,900", "--disable-dev-shm-usage"):
+        options.add_argument(option)
     if hasattr(os, "geteuid") and os.geteuid() == 0:
         options.add_argument("--no-sandbox")  # Chromium refuses to start as root with it
     try:

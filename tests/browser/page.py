@@ -42,8 +42,8 @@ def wait(browser: "Chrome", condition: Callable[["Chrome"], Any], what: str) -> 
 
 
 def has_words(browser: "Chrome", *words: str) -> None:
-    for each in words:
-        wait(browser, lambda page, each=each: each in text_of(page), f"'{each}' on the page")
+    for word in words:
+        wait(browser, lambda page, word=word: word in text_of(page), f"'{word}' on the page")
 
 
 def text_of(browser: "Chrome") -> str:
@@ -53,8 +53,8 @@ def text_of(browser: "Chrome") -> str:
 def errors(browser: "Chrome") -> list[str]:
     """Errors on the console since the last call."""
     found = browser.get_log("browser")
-    severe = [each["message"] for each in found if each["level"] == "SEVERE"]
-    return [each for each in severe if not any(known in each for known in KNOWN)]
+    severe = [entry["message"] for entry in found if entry["level"] == "SEVERE"]
+    return [entry for entry in severe if not any(known in entry for known in KNOWN)]
 
 
 def take_picture(browser: "Chrome", folder: Path | None, name: str) -> None:

@@ -53,7 +53,9 @@ def click(browser: "Chrome", path: str, what: str) -> None:
     from selenium.webdriver.common.by import By
 
     def done(page: "Chrome") -> bool:
-        found = [each for each in page.find_elements(By.XPATH, path) if each.is_displayed()]
+        found = [
+            element for element in page.find_elements(By.XPATH, path) if element.is_displayed()
+        ]
         try:
             found[0].click()
         except (ElementClickInterceptedException, IndexError):
@@ -76,7 +78,7 @@ def metric_columns(browser: "Chrome") -> list[str]:
         const left = head => head.getBoundingClientRect().x;
         return heads.sort((a, b) => left(a) - left(b)).map(head => head.innerText.trim());
     """
-    return [str(each) for each in browser.execute_script(words)]
+    return [str(text) for text in browser.execute_script(words)]
 
 
 def expand(browser: "Chrome", sweep: str, arms: tuple[str, ...]) -> None:
@@ -93,7 +95,7 @@ def cell(browser: "Chrome", run: str, metric: str) -> str:
         const other = `.ag-row[row-index="${row.getAttribute("row-index")}"]`;
         const cells = [...document.querySelectorAll(`${other} .ag-cell`)];
         const name = "metrics.`" + arguments[1] + "`";
-        return cells.find(each => each.getAttribute("col-id") == name).innerText;
+        return cells.find(element => element.getAttribute("col-id") == name).innerText;
     """
     return str(wait(browser, lambda page: page.execute_script(words, run, metric), metric))
 
@@ -111,8 +113,8 @@ def unfold(browser: "Chrome") -> None:
     """Show all of the description, which MLflow folds if it is long."""
     from selenium.webdriver.common.by import By
 
-    for each in browser.find_elements(By.XPATH, "//*[text()='Show more']"):
-        each.click()
+    for element in browser.find_elements(By.XPATH, "//*[text()='Show more']"):
+        element.click()
 
 
 def see_image(browser: "Chrome", title: str) -> None:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 def column(browser: "Chrome", number: int) -> list[str]:
     rows = "[...document.querySelectorAll('#list tbody tr')]"
     words = f"return {rows}.map(row => row.cells[{number}].textContent)"
-    return [str(each) for each in browser.execute_script(words)]
+    return [str(text) for text in browser.execute_script(words)]
 
 
 @pytest.mark.slow
