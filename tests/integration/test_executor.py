@@ -141,7 +141,7 @@ def test_an_error_in_a_worker_is_the_runs(
 ) -> None:
     """A frame that cannot be searched, in whichever worker."""
 
-    def fail(*_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise FileNotFoundError("the frame has gone")
 
     detection = detection_of(tiny_run, work, "executor=threading")
