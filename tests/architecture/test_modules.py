@@ -1,6 +1,7 @@
 """No circle of imports; modules and functions short enough to be read in one go."""
 
 import ast
+from collections import Counter
 from collections.abc import Iterator
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -67,3 +68,9 @@ def test_functions_are_short() -> None:
         if n > LONG_FUNCTIONS.get(name, 40)
     }
     assert lines == {}
+
+
+def test_test_files_have_names_of_their_own() -> None:
+    """Tests of no package are modules of one name space."""
+    names = Counter(path.name for path in (SOURCE.parent / "tests").rglob("test_*.py"))
+    assert [name for name, count in names.items() if count > 1] == []
