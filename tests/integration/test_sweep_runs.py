@@ -94,7 +94,7 @@ def test_sweep_and_report_write_the_papers_figure(
     assert [row["refinement"] for row in found] == ["icp", "none"]
     assert found[0]["targets"] == found[1]["targets"]
     (folder / "pso_vs_icp.svg").unlink()
-    report.command(["experiment=pso_vs_icp"])
+    report.report(["experiment=pso_vs_icp"])
     printed = capsys.readouterr().out
     assert "PSO against ICP" in printed
     assert "in 2 frames of synthetic data" in printed
