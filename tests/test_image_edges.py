@@ -51,7 +51,7 @@ def test_gradients_are_those_of_scipy() -> None:
     ]
     gradients = np.array([[ndimage.sobel(each, axis=a) for each in smooth] for a in (1, 0)])
     best = np.square(gradients).sum(axis=0).argmax(axis=0)[None]
-    g_x, g_y = (np.take_along_axis(each, best, axis=0)[0] for each in gradients)
+    g_x, g_y = (np.take_along_axis(gradient, best, axis=0)[0] for gradient in gradients)
     expected = np.floor(np.arctan2(g_y, g_x) / np.pi * STEPS + 0.5).astype(int) % STEPS
     at = found[5:-5, 5:-5] != NO_EDGE
     assert at.sum() > 100

@@ -34,7 +34,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     (folder / "broken.py").write_text("raise RuntimeError('imported')\n")
     monkeypatch.syspath_prepend(tmp_path)
     yield folder.name
-    for name in [each for each in sys.modules if each.startswith(folder.name)]:
+    for name in [module for module in sys.modules if module.startswith(folder.name)]:
         del sys.modules[name]
 
 

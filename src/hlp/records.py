@@ -66,9 +66,9 @@ class ObjectModel:
 
     `mesh` is the full model, `proxy` the decimated one that the refiner renders. `diameter` is the
     largest distance between two vertices (m). `symmetries` are the rigid motions (n, 4, 4) that map
-    the object onto itself, the identity first; continuous symmetries are discretised. `siblings`
-    (k, 4, 4), without the identity, map its shape nearly onto itself, but not its colours: depth
-    hardly tells a pose T from its siblings T·S. `holistic_size` and `local_size` are the metric
+    the object onto itself, the identity first; continuous symmetries are discretised. The motions
+    `near_symmetries` (k, 4, 4), without the identity, map its shape nearly onto itself, but not its
+    colours: depth hardly tells a pose T from T·S. `holistic_size` and `local_size` are the metric
     sides (m) of its patches (paper, Eq. 1).
     """
 
@@ -80,7 +80,7 @@ class ObjectModel:
     symmetries: Float[np.ndarray, "n 4 4"]
     holistic_size: float
     local_size: float
-    siblings: Float[np.ndarray, "k 4 4"] = field(default_factory=lambda: np.empty((0, 4, 4)))
+    near_symmetries: Float[np.ndarray, "k 4 4"] = field(default_factory=lambda: np.empty((0, 4, 4)))
 
     @cached_property  # takes a millisecond for a scanned mesh and is used often
     def centroid(self) -> Float[np.ndarray, "3"]:

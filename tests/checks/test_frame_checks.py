@@ -31,7 +31,7 @@ def test_of_many_files_that_cannot_be_read_the_first_are_named(frames, odd, show
     kept, findings = read_frames(_loader(frames[0], KEYS[:odd]), KEYS, 9)
     assert len(kept) == len(KEYS) - odd
     assert [each.kind for each in findings] == ["files"] * shown
-    assert [each.where[:13] for each in findings] == KEYS[:shown]
+    assert [finding.where[:13] for finding in findings] == KEYS[:shown]
     assert more in findings[-1].where and ("more" in findings[-1].where) == bool(more)
 
 
@@ -39,7 +39,7 @@ def test_frames_whose_values_make_no_sense_are_kept_with_a_finding(frames):
     load, read = _loader(frames[0], KEYS[:2]), _loader(frames[0], KEYS[1:2])
     kept, findings = read_frames(load, KEYS, 9, read)
     assert len(kept) == len(KEYS) - 1
-    assert {(each.kind, each.where) for each in findings} == {
+    assert {(finding.kind, finding.where) for finding in findings} == {
         ("values", KEYS[0]),
         ("files", KEYS[1]),
     }
@@ -104,8 +104,8 @@ def test_a_mesh_in_centimetres_is_named(models):
 @pytest.mark.parametrize("shift", [(10, 0), (-10, 0), (0, 12), (8, -8)])
 def test_shifted_depth_is_named_with_the_shift_back(frames, shift):
     moved = [
-        replace(each, depth=np.roll(each.depth, (shift[1], shift[0]), axis=(0, 1)))
-        for each in frames
+        replace(frame, depth=np.roll(frame.depth, (shift[1], shift[0]), axis=(0, 1)))
+        for frame in frames
     ]
     (finding,) = check_registration(moved)
     assert finding.kind == "registration"

@@ -63,7 +63,7 @@ def exchanged(frame):
 
 def test_exchanged_colours_are_found_and_true_ones_are_not(frames, models, named):
     true = [exchange_gain(each, named, answers(each, models)) for each in frames]
-    wrong = [exchange_gain(exchanged(each), named, answers(each, models)) for each in frames]
+    wrong = [exchange_gain(exchanged(frame), named, answers(frame, models)) for frame in frames]
     np.testing.assert_allclose(true, np.negative(wrong), atol=1e-6)
     assert check_color_order(true) == []
     (finding,) = check_color_order(wrong)
@@ -96,8 +96,8 @@ def shifted(frame, right, down):
 @pytest.mark.parametrize(("right", "down"), [(10, 0), (-10, 0), (0, 10), (5, -10)])
 def test_a_shift_is_named(frames, models, named, right, down):
     found = [
-        shift_agreements(shifted(each, right, down), named, answers(each, models, visible=0.7))
-        for each in frames
+        shift_agreements(shifted(frame, right, down), named, answers(frame, models, visible=0.7))
+        for frame in frames
     ]
     (finding,) = check_color_shift(found)
     assert finding.kind == "registration" and finding.where == "3 frames"
@@ -105,7 +105,9 @@ def test_a_shift_is_named(frames, models, named, right, down):
 
 
 def test_registered_images_have_no_finding(frames, models, named):
-    found = [shift_agreements(each, named, answers(each, models, visible=0.7)) for each in frames]
+    found = [
+        shift_agreements(frame, named, answers(frame, models, visible=0.7)) for frame in frames
+    ]
     assert all(each.shape == (5, 5) and each.argmax() == 12 for each in found)
     assert check_color_shift(found) == []
     assert check_color_shift([]) == []

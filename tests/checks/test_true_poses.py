@@ -9,7 +9,9 @@ from hlp.checks.true_poses import FAULTS, Sample, agreement, check_true_poses
 
 
 def _with_poses(frame, change):
-    targets = [replace(each, pose_cam_obj=change(each.pose_cam_obj)) for each in frame.targets]
+    targets = [
+        replace(target, pose_cam_obj=change(target.pose_cam_obj)) for target in frame.targets
+    ]
     return replace(frame, targets=tuple(targets))
 
 
@@ -75,7 +77,7 @@ def test_meshes_in_centimetres_are_named(frames, models):
 
 def test_a_healthy_set_has_no_finding(frames, models):
     assert check_true_poses(frames, models) == []
-    assert check_true_poses([replace(each, targets=()) for each in frames], models) == []
+    assert check_true_poses([replace(frame, targets=()) for frame in frames], models) == []
 
 
 def test_poses_that_nothing_explains_are_named_as_such(frames, models):
@@ -97,7 +99,7 @@ def test_undoing_a_fault_that_is_not_there_spoils_the_agreement(frames, models):
     assert healthy > 0.8
     for fault in FAULTS:
         if fault.kind not in {"registration", "rotations"}:  # small shifts, nearly symmetric turns
-            assert agreement([fault.undo(each) for each in samples]) < healthy, fault
+            assert agreement([fault.undo(sample) for sample in samples]) < healthy, fault
 
 
 @pytest.mark.parametrize(("stated", "kind"), [(0.58, "intrinsics"), (0.1, "mesh unit")])

@@ -78,7 +78,7 @@ class Stub:
     objects = ("bear",)
 
     def __init__(self, models, score):
-        self.models = {each.name: each for each in models.values()}
+        self.models = {model.name: model for model in models.values()}
         self.score, self.asked = score, []
 
     def search(self, rgb, depth, camera_matrix, objects, max_instances, min_score):

@@ -29,7 +29,7 @@ def test_the_sweep_runs_every_arm_once_after_the_one_it_is_compared_with(
     arms: dict[str, RunSettings],
 ) -> None:
     experiment = yaml.safe_load((CONF / "experiment" / "ladder.yaml").read_text())
-    swept = [each.strip() for each in experiment["hydra"]["sweeper"]["params"]["ladder"].split(",")]
+    swept = [part.strip() for part in experiment["hydra"]["sweeper"]["params"]["ladder"].split(",")]
     assert sorted(swept) == ARMS
     for number, name in enumerate(swept):
         before = arms[name].arm.before

@@ -24,12 +24,12 @@ def settings_classes() -> list[type]:
     found: list[type] = [RunSettings]
     for kind in group_kinds().values():
         registered = kind.alternatives().values() if isinstance(kind, Registry) else [kind]
-        found += [each for each in dict.fromkeys(registered) if each not in found]
+        found += [one for one in dict.fromkeys(registered) if one not in found]
     for kind in found:  # grows while it is walked
         for hint in get_type_hints(kind).values():
             parts = [hint, *get_args(hint)]
             inner = [
-                each for each in parts if isinstance(each, type) and issubclass(each, Settings)
+                part for part in parts if isinstance(part, type) and issubclass(part, Settings)
             ]
             found += [each for each in inner if each not in found]
     return found
@@ -38,7 +38,7 @@ def settings_classes() -> list[type]:
 @pytest.mark.parametrize("kind", settings_classes(), ids=lambda kind: kind.__name__)
 def test_every_field_says_what_it_means(kind: type) -> None:
     for name, hint in get_type_hints(kind, include_extras=True).items():
-        if name not in {each.name for each in dataclasses.fields(kind)} - {"name"}:
+        if name not in {field.name for field in dataclasses.fields(kind)} - {"name"}:
             continue
         grouped = kind is RunSettings and name in group_kinds()
         nested = isinstance(hint, type) and issubclass(hint, Settings)

@@ -366,7 +366,7 @@ def test_the_targets_of_a_bad_frame_are_known_and_its_identity_differs(
     assert [(each.object_id, each.visible_fraction) for each in stated] == [(1, 0.05)]
     CASES[case][0](root)
     after = BopFrames(root, "test", "targets.json", models)
-    assert [each.object_id for each in after.stated_targets(BROKEN)] == [1]
+    assert [target.object_id for target in after.stated_targets(BROKEN)] == [1]
     assert after.identity() != identity
 
 

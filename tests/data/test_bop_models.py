@@ -57,7 +57,7 @@ def test_a_list_that_states_no_symmetry_at_all_leaves_them_to_the_mesh(root, sta
     (root / "models" / "models_info.json").write_text(json.dumps(info))
     model = load_object_models(root, {"ape": APE}, 2000, 36)[1]
     assert len(model.symmetries) == (1 if states else 4)
-    assert len(model.siblings) == (3 if states else 0)
+    assert len(model.near_symmetries) == (3 if states else 0)
 
 
 def test_an_absent_mesh_names_the_object_and_where_it_was_sought(root):

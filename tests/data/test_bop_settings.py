@@ -71,7 +71,7 @@ def test_the_list_of_targets_says_what_is_learnt(root):
     write_targets(root / "test_targets_bop19.json", [(6, 0, 6, 2)])
     dataset = BopSettings(root=str(root)).build()
     assert dataset.target_ids == (6,)
-    fractions = [each.visible_fraction for each in dataset.frames.load("000006_000000").targets]
+    fractions = [target.visible_fraction for target in dataset.frames.load("000006_000000").targets]
     assert fractions == [0.7, 0.2]
     assert _names(root, targets=None) == {1: "obj_000001", 6: "obj_000006"}
 
@@ -84,7 +84,10 @@ def test_targets_can_be_restricted_to_visible_ones(root, listed):
     frames = BopSettings(root=str(root), min_visible=0.3).build().frames
     assert frames.keys == ("000006_000000",)
     targets = frames.load("000006_000000").targets
-    assert [(each.object_id, each.visible_fraction) for each in targets] == [(1, 0.9), (6, 0.7)]
+    assert [(target.object_id, target.visible_fraction) for target in targets] == [
+        (1, 0.9),
+        (6, 0.7),
+    ]
     (root / "test" / "000006" / "scene_gt_info.json").unlink()  # then nothing is known: all count
     assert len(BopSettings(root=str(root), min_visible=0.3).build().frames) == 2
 

@@ -58,7 +58,7 @@ def test_images_come_in_order_and_end_when_nothing_new_comes(folder: Path) -> No
     for number in (10, 9, 2):
         put(folder, number)
     images = list(camera(folder))
-    assert [each.name for each in images] == ["2", "9", "10"]
+    assert [image.name for image in images] == ["2", "9", "10"]
     first = images[0]
     assert isinstance(first, CameraImage)
     np.testing.assert_allclose(first.depth, 1.002)
@@ -107,7 +107,7 @@ def test_of_several_new_images_the_newest_may_be_taken(folder: Path) -> None:
     images = iter(camera(folder, newest=True))
     assert next(images).name == "3"
     put(folder, 4)
-    assert [each.name for each in images] == ["4"]
+    assert [image.name for image in images] == ["4"]
 
 
 def test_numbers_pair_images_of_different_names(folder: Path) -> None:

@@ -71,7 +71,7 @@ def test_models_come_from_each_objects_folder(root):
         LinemodSettings(root=str(root), objects=objects, mesh_scale=1.0).build()
     key = "000006_000000"
     dataset.frames.check(key, models)
-    assert [each.object_id for each in dataset.frames.stated_targets(key)] == [6]
+    assert [target.object_id for target in dataset.frames.stated_targets(key)] == [6]
     _write_matrix(root / "cat/data/tra0.tra", np.array([[0.01], [-0.02], [1.0]]))
     with pytest.raises(ValueError, match=r"tra0\.tra .*translations are in centimetres"):
         dataset.frames.check(key, models)

@@ -57,7 +57,9 @@ def test_the_unit_is_given_or_stated_or_guessed_once(root, caplog):
     source = frames(root, camera_file(root))
     for each in source.keys:
         source.load(each)
-    assert [each.message.startswith("depth is in millimetres") for each in caplog.records] == [True]
+    assert [record.message.startswith("depth is in millimetres") for record in caplog.records] == [
+        True
+    ]
     np.save(root / "depth.npy", np.full((30, 40), 1.5))
     frame = frames(root, rgb="rgb/a.jpg", depth="depth.npy").load(key)
     np.testing.assert_allclose(frame.depth, 1.5)

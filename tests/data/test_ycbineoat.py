@@ -139,7 +139,7 @@ def test_a_bad_frame_costs_itself_alone(root, spoil, words):
     found = find_bad_frames(fresh, keys)
     assert [*found] == [keys[1]]
     assert words in found[keys[1]]
-    assert [each.object_id for each in fresh.frames.stated_targets(keys[1])] == [1]
+    assert [target.object_id for target in fresh.frames.stated_targets(keys[1])] == [1]
     assert fresh.frames.identity() != identity
 
 

@@ -29,7 +29,7 @@ def frame() -> Frame:
     """A demo scene that shows the bear clearly."""
     scenes = SyntheticScenes(dataclasses.replace(DEMO, scenes=12, width=320, height=240))
     frames = [scenes.load(key) for key in scenes.keys]
-    bear = next(each.object_id for each in demo_objects().values() if each.name == "bear")
+    bear = next(item.object_id for item in demo_objects().values() if item.name == "bear")
     return max(frames, key=lambda each: visible(each, bear))
 
 

@@ -43,14 +43,17 @@ def test_a_learnt_object_is_found_where_it_is(learnt: Path, frame: Frame) -> Non
 def test_what_is_not_good_enough_is_rejected_with_the_reason(learnt: Path, frame: Frame) -> None:
     detector, given = Detector.load(learnt), (frame.rgb, frame.depth, frame.camera_matrix)
     result = detector.search(*given, max_instances=1, min_score=1.0)
-    assert [each.score for each in result.detections] == [1.0] * len(result.detections)
+    assert [detection.score for detection in result.detections] == [1.0] * len(result.detections)
     assert {each.object for each in result.rejections} == {"bear", "can"}
     for each in result.rejections:
         assert each.answer is not None and each.answer.score < 1.0
         assert each.reason == f"the score {each.answer.score:.2f} of the best pose is below 1"
     nothing = detector.search(frame.rgb, np.zeros_like(frame.depth), frame.camera_matrix)
     assert nothing.detections == []
-    assert all(each.answer is None and "has depth" in each.reason for each in nothing.rejections)
+    assert all(
+        rejection.answer is None and "has depth" in rejection.reason
+        for rejection in nothing.rejections
+    )
     assert len(nothing.rejections) == 2
     for wrong, name in (({"max_instances": 0}, "max_instances"), ({"min_score": 2}, "min_score")):
         with pytest.raises(InputError, match=f"{name} is"):

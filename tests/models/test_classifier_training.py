@@ -26,7 +26,7 @@ def test_shapes_and_parameter_counts(widths, channels, classes):
         expected += kernel**2 * previous * width + 2 * width  # no bias before batch norm
         previous, side, kernel = width, side // 2, 3
     expected += previous * side**2 * 32 + 32 + 32 * classes + classes
-    assert sum(each.numel() for each in network.parameters()) == expected
+    assert sum(parameter.numel() for parameter in network.parameters()) == expected
 
 
 def test_training_tells_classes_apart():

@@ -15,4 +15,4 @@ def test_shapes_and_parameter_counts(widths, dimension):
         expected += 9 * previous * width + width + 2 * width  # convolution, bias, batch norm
         previous, side = width, side // 2
     expected += previous * side**2 * dimension + dimension
-    assert sum(each.numel() for each in network.parameters()) == expected
+    assert sum(parameter.numel() for parameter in network.parameters()) == expected

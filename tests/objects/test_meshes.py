@@ -227,7 +227,7 @@ def test_the_unit_is_guessed_and_said(tmp_path, caplog, size, scale):
         mesh = load_mesh(path, None)
     assert np.ptp(mesh.vertices[:, 0]) == pytest.approx(size * scale, rel=1e-5)
     assert f"mesh_scale={scale:g}" in caplog.text
-    warned = [each.getMessage() for each in caplog.records if each.levelname == "WARNING"]
+    warned = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
     assert [each.count("the mesh is in centimetres") for each in warned] == [1] * (size == 15.0)
 
 
@@ -242,7 +242,7 @@ def test_gltf_in_millimetres_is_taken_for_them_with_a_warning(tmp_path, caplog):
     path = tmp_path / "a.glb"
     path.write_bytes(trimesh.Scene([trimesh.creation.box((60, 90, 120))]).export(file_type="glb"))
     assert np.ptp(load_mesh(path, None).vertices, axis=0).max() == pytest.approx(0.12)
-    assert [each.levelname for each in caplog.records] == ["WARNING"]
+    assert [record.levelname for record in caplog.records] == ["WARNING"]
 
 
 def test_the_diameter_of_very_many_corners_is_right_to_a_thousandth():

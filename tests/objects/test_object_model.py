@@ -56,7 +56,7 @@ def test_a_listed_diameter_and_symmetries_win(mesh_path):
     assert model.diameter == 0.2
     assert model.local_size == local_size(0.2)
     np.testing.assert_array_equal(model.symmetries, symmetries)
-    assert len(model.siblings) == 0
+    assert len(model.near_symmetries) == 0
 
 
 def test_symmetries_not_given_are_found_in_the_shape(mesh_path):

@@ -67,7 +67,7 @@ def test_of_a_large_region_the_likeliest_windows_come_first() -> None:
     areas = [
         union_of_squares(centers[order[:n]], radii[order[:n]] * 0.7, (480, 640)) for n in range(99)
     ]
-    assert any((found.mask == each).all() for each in areas)
+    assert any((found.mask == area).all() for area in areas)
 
 
 def test_a_small_region_is_searched_whole() -> None:

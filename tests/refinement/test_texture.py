@@ -1,4 +1,4 @@
-"""Choice among siblings by texture, on synthetic scenes with exact poses."""
+"""Choice among near symmetries by texture, on synthetic scenes with exact poses."""
 
 from dataclasses import replace
 
@@ -12,8 +12,8 @@ from hlp.records import Mesh, ObjectModel, Texture
 from hlp.refinement import texture
 from hlp.refinement.texture import (
     ColorAgreement,
-    choose_near_sibling,
-    choose_sibling,
+    choose_by_texture,
+    choose_nearby_by_texture,
     color_agreement,
 )
 from hlp.refinement.texture_kernel import (
@@ -33,7 +33,7 @@ HALF_TURNS = [np.diag([*signs, 1.0]) for signs in ([-1, -1, 1], [1, -1, -1], [-1
 LIGHT = Light(direction=(0.3, -0.5, -0.8), ambient=0.4, diffuse=0.6, specular=0.2, shininess=15.0)
 
 
-def _model(shape, siblings):
+def _model(shape, near_symmetries):
     """A finely divided shape (m) with smooth random colours on its vertices."""
     fine = trimesh.Trimesh(*trimesh.remesh.subdivide_to_size(shape.vertices, shape.faces, 0.006))
     points = np.array(fine.vertices)
@@ -44,7 +44,9 @@ def _model(shape, siblings):
     )
     diameter = float(np.linalg.norm(np.ptp(points, axis=0)))
     symmetries = np.eye(4)[None]
-    return ObjectModel(1, "box", mesh, mesh, diameter, symmetries, 0.1, 0.04, np.stack(siblings))
+    return ObjectModel(
+        1, "box", mesh, mesh, diameter, symmetries, 0.1, 0.04, np.stack(near_symmetries)
+    )
 
 
 def _scene(model, seed, hidden=False):
@@ -80,7 +82,7 @@ def test_the_flip_that_the_colours_show_is_chosen(seed, hidden):
     pose, observation = _scene(model, seed, hidden)
     for motion in [np.eye(4), *HALF_TURNS]:
         start = _disturbed(pose, seed) @ motion
-        chosen = choose_sibling(observation, model, start)
+        chosen = choose_by_texture(observation, model, start)
         wrong = rotation_distance(chosen[:3, :3], pose[:3, :3])
         assert np.degrees(wrong) < 3.0
 
@@ -94,7 +96,7 @@ def test_the_angle_about_an_axis_is_found_to_a_few_degrees():
     for seed, angle in ((0, 47.0), (1, 122.0), (2, -88.5)):
         pose, observation = _scene(model, seed)
         turned = Rotation.from_rotvec([0, 0, np.radians(angle)]).as_matrix()
-        chosen = choose_sibling(observation, model, pose @ rigid(turned, np.zeros(3)))
+        chosen = choose_by_texture(observation, model, pose @ rigid(turned, np.zeros(3)))
         wrong = rotation_distance(chosen[:3, :3], pose[:3, :3])
         assert np.degrees(wrong) < 4.0
 
@@ -108,13 +110,13 @@ def test_a_tracked_pose_turns_by_a_few_steps_and_not_by_half_a_turn():
     pose, observation = _scene(model, 0)
     for angle, near in ((13.0, True), (-22.0, True), (180.0, False)):
         turned = rigid(Rotation.from_rotvec([0, 0, np.radians(angle)]).as_matrix(), np.zeros(3))
-        chosen = choose_near_sibling(observation, model, pose @ turned)
+        chosen = choose_nearby_by_texture(observation, model, pose @ turned)
         wrong = np.degrees(rotation_distance(chosen[:3, :3], pose[:3, :3]))
         assert wrong < 4.0 if near else wrong > 140.0
     box = _model(trimesh.creation.box((0.06, 0.10, 0.15)), HALF_TURNS)
     pose, observation = _scene(box, 0)
     flipped = pose @ HALF_TURNS[0]
-    assert choose_near_sibling(observation, box, flipped) is flipped
+    assert choose_nearby_by_texture(observation, box, flipped) is flipped
 
 
 def test_a_texture_decides_like_colours_on_the_vertices():
@@ -146,18 +148,18 @@ def test_a_texture_decides_like_colours_on_the_vertices():
     rgb[rows, columns] = image[np.clip(picked[0], 0, 63), np.clip(picked[1], 0, 63)]
     observation = observe(rgb, depth, CAMERA, VerificationSettings())
     for start in (pose, pose @ HALF_TURNS[0]):
-        chosen = choose_sibling(observation, model, start)
+        chosen = choose_by_texture(observation, model, start)
         np.testing.assert_allclose(chosen, pose, atol=1e-9)
 
 
 def test_without_siblings_or_pixels_the_pose_stays():
     model = _model(trimesh.creation.box((0.06, 0.10, 0.15)), HALF_TURNS)
     pose, observation = _scene(model, 0)
-    alone = replace(model, siblings=np.empty((0, 4, 4)))
-    assert choose_sibling(observation, alone, pose) is pose
+    alone = replace(model, near_symmetries=np.empty((0, 4, 4)))
+    assert choose_by_texture(observation, alone, pose) is pose
     for shift in ([0, 0, -2.0], [0, 0, 0.5], [5.0, 0, 0]):
         away = rigid(np.eye(3), np.array(shift, dtype=float)) @ pose
-        chosen = choose_sibling(observation, model, away)
+        chosen = choose_by_texture(observation, model, away)
         assert chosen is away
 
 
@@ -239,7 +241,7 @@ def test_agreement_of_colours_is_the_correlation_without_light():
     seen = texture._seen_surface(observation, model.mesh, model, pose)
     grid = color_grid(model.mesh)
     cells = ((seen.points - grid.corner) // grid.cell).astype(int)
-    drawn = np.log([20.0 + grid.colors[tuple(np.maximum(each, 0))] for each in cells])
+    drawn = np.log([20.0 + grid.colors[tuple(np.maximum(cell, 0))] for cell in cells])
     vectors = []
     for colors in (seen.colors.astype(float), drawn):
         mean = colors.mean(axis=1)

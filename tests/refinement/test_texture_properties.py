@@ -1,4 +1,4 @@
-"""Choosing among siblings: an answer is always a sibling, whichever of them the search began at."""
+"""Choosing among near symmetries: the answer is one of them, whichever the search began at."""
 
 import numpy as np
 import trimesh
@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from generated_values import SEEDS, numbers, rotations, share_of_examples
 from hlp.geometry import rigid, rotation_distance
 from hlp.records import Mesh, ObjectModel
-from hlp.refinement.texture import choose_near_sibling, choose_sibling
+from hlp.refinement.texture import choose_by_texture, choose_nearby_by_texture
 from hlp.refinement.verification import VerificationSettings, observe
 from hlp.rendering.light import FRONTAL_LIGHT
 from hlp.rendering.rasterizer import render_scene
@@ -38,11 +38,11 @@ def test_the_start_does_not_decide_which_sibling_is_chosen(rotation, distance, s
     rgb, depth, _ = render_scene([(model.mesh, pose)], CAMERA, SHAPE, FRONTAL_LIGHT)
     observation = observe(rgb, depth.astype(np.float32), CAMERA, VerificationSettings())
     first, second = (
-        choose_sibling(observation, model, pose @ motion) for motion in (ALL[0], ALL[begun])
+        choose_by_texture(observation, model, pose @ motion) for motion in (ALL[0], ALL[begun])
     )
     np.testing.assert_allclose(first, second, atol=1e-9)
     assert np.abs(pose @ ALL - first).max(axis=(1, 2)).min() < 1e-9
     assert rotation_distance(first[:3, :3], rotation) < 1e-6  # nothing blurs it
     # No sibling is near, so that a tracked object is not turned over.
     turned = pose @ ALL[begun]
-    assert choose_near_sibling(observation, model, turned) is turned
+    assert choose_nearby_by_texture(observation, model, turned) is turned

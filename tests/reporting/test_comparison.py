@@ -66,7 +66,9 @@ def test_tables_say_who_is_right_where(tmp_path: Path) -> None:
 def test_instances_of_one_object_in_a_frame_are_compared_one_by_one(tmp_path: Path) -> None:
     """Three cats in one image: the first changes, the others do not."""
     for name, verdicts in (("a", (True, False, True)), ("b", (False, False, True))):
-        write_scores(tmp_path / f"{name}.csv", [score(0, 6, each) for each in verdicts], NAMES)
+        write_scores(
+            tmp_path / f"{name}.csv", [score(0, 6, verdict) for verdict in verdicts], NAMES
+        )
     first, second = (read_targets(tmp_path / f"{name}.csv") for name in "ab")
     assert list(first) == [(1, 0, 6, 0), (1, 0, 6, 1), (1, 0, 6, 2)]
     pairs = [(target, first[target], second[target]) for target in first]
@@ -101,7 +103,7 @@ def test_what_cannot_be_compared_is_named(tmp_path: Path) -> None:
 
 def test_mean_and_standard_deviation_of_a_sample() -> None:
     shares = np.random.default_rng(2).random((4, 3))
-    means, spreads = mean_and_spread([dict(zip("abc", each, strict=True)) for each in shares])
+    means, spreads = mean_and_spread([dict(zip("abc", share, strict=True)) for share in shares])
     found = [[float(each[name]) for name in "abc"] for each in (means, spreads)]
     np.testing.assert_allclose(found[0], shares.mean(axis=0), atol=6e-4)
     np.testing.assert_allclose(found[1], shares.std(axis=0, ddof=1), atol=6e-5)

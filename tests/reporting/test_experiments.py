@@ -115,7 +115,7 @@ def test_the_experiment_is_named_as_its_file_and_sweeps_what_it_shows(name: str)
     assert config.name == name
     if name in TRENDS:
         assert set(params) <= set(TRENDS[name].keys)
-        values = [each for given in params.values() for each in str(given).split(",")]
+        values = [part for given in params.values() for part in str(given).split(",")]
         assert len(values) >= 3
     else:
         assert params == {}

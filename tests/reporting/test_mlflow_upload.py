@@ -22,7 +22,7 @@ def free_port() -> int:
 
 
 def files(client: MlflowClient, run_id: str) -> set[str]:
-    return {each.path for each in client.list_artifacts(run_id)}
+    return {artifact.path for artifact in client.list_artifacts(run_id)}
 
 
 def history(client: MlflowClient, run_id: str, name: str) -> list[tuple[int, float]]:
@@ -74,7 +74,7 @@ def test_what_a_dead_server_misses_is_sent_later(tmp_path: Path) -> None:
         assert {run.info.status for run in runs.values()} == {"FINISHED"}
         assert sent.data.params == {"a.b": "1"}
         assert history(client, sent.info.run_id, "sweep/add") == [(0, 0.0), (1, 0.25), (2, 0.5)]
-        assert [each.dataset.name for each in sent.inputs.dataset_inputs] == ["frames"]
+        assert [logged.dataset.name for logged in sent.inputs.dataset_inputs] == ["frames"]
         assert files(client, sent.info.run_id) == {"config.yaml", "images"}
         assert continued.info.run_id == begun_as
         assert continued.data.metrics == {"add": 0.5, "ms": 40.0, "encoder/loss": 0.25}

@@ -54,13 +54,13 @@ def test_a_registered_model_finds_what_the_detector_finds(
 def test_mlflow_knows_what_the_model_takes_and_returns(model: "PyFuncModel") -> None:
     """And the example that is shown with it is one that the model can be called with."""
     signature = model.metadata.signature
-    takes = {each.name: (str(each.type), each.shape) for each in signature.inputs}
+    takes = {column.name: (str(column.type), column.shape) for column in signature.inputs}
     assert takes == {
         "rgb": ("uint8", (-1, -1, -1, 3)),
         "depth": ("float32", (-1, -1, -1)),
         "camera_matrix": ("float64", (-1, 3, 3)),
     }
-    options = {each.name: each.default for each in signature.params}
+    options = {param.name: param.default for param in signature.params}
     assert list(options["objects"]) == ["bear", "can"]
     assert options["max_instances"] == 10
     example = model.input_example

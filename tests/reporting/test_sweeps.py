@@ -318,8 +318,8 @@ def write_targets(folder: Path, **values: np.ndarray) -> None:
     """Values of two objects in each of 40 frames, at most."""
     keys = [(1, frame, object_id, 0) for frame in range(40) for object_id in (1, 2)]
     named = {
-        name.replace("_", " "): dict(zip(keys, map(float, each), strict=False))
-        for name, each in values.items()
+        name.replace("_", " "): dict(zip(keys, map(float, value), strict=False))
+        for name, value in values.items()
     }
     write_target_values(folder, named, {1: "a", 2: "b"})
 

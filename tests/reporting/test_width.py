@@ -73,7 +73,7 @@ def whole_summary(names: Sequence[str] = tuple(ADD_BY_OBJECT)) -> dict[str, Any]
 def wider(printed: str) -> list[str]:
     """The lines of more than 80 columns; a word that names a path does not count."""
     lines = printed.splitlines()
-    return [each for each in lines if len(each) > 80 and "/" not in max(each.split(), key=len)]
+    return [line for line in lines if len(line) > 80 and "/" not in max(line.split(), key=len)]
 
 
 def write_verdicts(folder: Path, wrong: int) -> None:
@@ -88,7 +88,7 @@ def write_verdicts(folder: Path, wrong: int) -> None:
 
 def test_the_end_of_a_run() -> None:
     assert not wider(format_summary(whole_summary()))
-    assert not wider(format_summary(whole_summary([each.name for each in demo_objects().values()])))
+    assert not wider(format_summary(whole_summary([item.name for item in demo_objects().values()])))
     assert not wider(format_summary(whole_summary(["a_very_long_name_of_an_object_" * 3])))
     assert max(map(len, format_summary(whole_summary(), "markdown").splitlines())) > 80
 

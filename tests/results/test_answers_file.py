@@ -23,7 +23,7 @@ def test_every_answer_is_on_disk_at_once(tmp_path):
     write_poses(tmp_path / "whole.csv", [ESTIMATE])
     assert (tmp_path / "whole.csv").read_text() == (tmp_path / "out" / "poses.csv").read_text()
     poses = json.loads((tmp_path / "out" / "poses.json").read_text())["poses"]
-    assert [each["im_id"] for each in poses] == [3, 4]
+    assert [pose["im_id"] for pose in poses] == [3, 4]
 
 
 def test_an_interrupted_call_leaves_the_lines_and_no_old_document(tmp_path):

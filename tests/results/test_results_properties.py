@@ -49,7 +49,7 @@ SCORES = st.lists(
 @given(ESTIMATES)
 def test_poses_come_back(tmp_path: Path, estimates):
     write_poses(tmp_path / "poses.csv", estimates)
-    sent = [each for each in estimates if each.pose_cam_obj is not None]
+    sent = [estimate for estimate in estimates if estimate.pose_cam_obj is not None]
     back = read_poses(tmp_path / "poses.csv")
     assert len(back) == len(sent)
     for ours, theirs in zip(back, sent, strict=True):
@@ -67,7 +67,7 @@ def test_poses_come_back(tmp_path: Path, estimates):
 
 @given(ESTIMATES)
 def test_answers_of_a_stream_come_back_as_csv_and_json(tmp_path: Path, estimates):
-    posed = [each for each in estimates if each.pose_cam_obj is not None]
+    posed = [estimate for estimate in estimates if estimate.pose_cam_obj is not None]
     with AnswersFile(tmp_path) as answers:
         for each in posed:
             answers.add({"score": each.score, "t": each.pose_cam_obj[:3, 3].tolist()}, each)
@@ -81,7 +81,7 @@ def test_answers_of_a_stream_come_back_as_csv_and_json(tmp_path: Path, estimates
 def test_scores_come_back(tmp_path: Path, scores, names):
     write_scores(tmp_path / "scores.csv", scores, dict(enumerate(names)))
     back, back_names = read_scores(tmp_path / "scores.csv")
-    assert back_names == {each.object_id: names[each.object_id] for each in scores}
+    assert back_names == {score.object_id: names[score.object_id] for score in scores}
     assert len(back) == len(scores)
     for ours, theirs in zip(back, scores, strict=True):
         for field in dataclasses.fields(TargetScore):

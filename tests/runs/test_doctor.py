@@ -40,7 +40,7 @@ def healthy(tmp_path_factory):
             }
             for each in frame.targets
         ]
-        shown |= {each.object_id for each in frame.targets}
+        shown |= {target.object_id for target in frame.targets}
     (scene / "scene_camera.json").write_text(json.dumps(cameras))
     (scene / "scene_gt.json").write_text(json.dumps(truths))
     info = {}
@@ -105,7 +105,7 @@ def test_a_fault_in_the_files_of_a_data_set_is_named(healthy, tmp_path, plant, k
     root = shutil.copytree(healthy, tmp_path / "set")
     plant(root / "test" / "000001")
     findings = doctor.examine_dataset(root, None)
-    assert {each.kind for each in findings} == kinds, [str(each) for each in findings]
+    assert {each.kind for each in findings} == kinds, [str(finding) for finding in findings]
 
 
 def test_a_healthy_set_has_no_finding_and_is_drawn(healthy, tmp_path):

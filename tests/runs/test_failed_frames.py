@@ -43,13 +43,18 @@ def scored() -> Any:
     pose[2, 3] = 0.8
     ids = ((6, 1), (7, 1))
     truths = [FrameTruth(*each, np.eye(3), 640, (Target(1, pose),)) for each in ids]
-    found = [PoseEstimate(*each, 1, pose, 0.9) for each in ids]
+    found = [PoseEstimate(*keys, 1, pose, 0.9) for keys in ids]
     return score_targets(truths, {1: model()}, found, EvaluationSettings())
 
 
 def test_they_count_as_wrong_in_the_order_of_the_frames() -> None:
     scores = with_failed_frames(run_of(), REASONS, scored())
-    assert [(each.scene_id, each.frame_id) for each in scores] == [(6, 1), (6, 2), (6, 2), (7, 1)]
+    assert [(score.scene_id, score.frame_id) for score in scores] == [
+        (6, 1),
+        (6, 2),
+        (6, 2),
+        (7, 1),
+    ]
     summary = summarise(scores, {1: "box"}, {}, {}, EvaluationSettings(), 0)
     assert summary["targets"] == 4
     assert [summary["metrics"][name]["recall"] for name in ("add", "5cm5deg", "iou50")] == [0.5] * 3

@@ -18,7 +18,7 @@ def test_panels_are_logged_by_frame_and_pictures_of_stages_by_name(
 
     monkeypatch.setattr(mlflow_log, "read_targets", lambda _: {})
     panels = ("000002_000014_cat.jpg", "000002_000014_poses.jpg")
-    for file in (*(f"panels/{each}" for each in panels), "stages/swarm_costs.jpg"):
+    for file in (*(f"panels/{panel}" for panel in panels), "stages/swarm_costs.jpg"):
         (tmp_path / file).parent.mkdir(exist_ok=True)
         (tmp_path / file).write_bytes(b"")
     tracker: Any = Tracker()

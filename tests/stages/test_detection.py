@@ -129,7 +129,7 @@ def test_stages_one_at_a_time_write_what_stages_together_write(tmp_path: Path) -
     for stage in STAGES:
         assert apart.made[stage].fingerprint == together.made[stage].fingerprint
     assert apart.reused == set()  # its own
-    assert [set(each.seconds) for each in apart.estimates()] == [set(STEPS)] * 6
+    assert [set(estimate.seconds) for estimate in apart.estimates()] == [set(STEPS)] * 6
 
 
 def test_what_is_on_disk_is_reused_by_name(tmp_path: Path) -> None:
@@ -186,20 +186,20 @@ def test_estimates_are_the_cheapest_hypotheses_with_the_times_of_this_pass(tmp_p
     assert [(f"{e.scene_id:06d}_{e.frame_id:06d}", e.object_id) for e in estimates] == [
         (key, each) for key in KEYS for each in OBJECTS
     ]
-    for each in estimates:
-        key = f"{each.scene_id:06d}_{each.frame_id:06d}"
-        if (key, each.object_id) == NOT_FOUND:
-            assert each.pose_cam_obj is None and each.score == 0.0
+    for estimate in estimates:
+        key = f"{estimate.scene_id:06d}_{estimate.frame_id:06d}"
+        if (key, estimate.object_id) == NOT_FOUND:
+            assert estimate.pose_cam_obj is None and estimate.score == 0.0
         else:
             frame = stages.dataset.frames.load(key)
             context = stages.estimator.prepare(frame)
-            covered = stages.estimator.find_region(context, each.object_id).mask.sum()
-            fit = stages.estimator.measure_fit(context, each.object_id, each.pose_cam_obj)
-            assert each.score == PRIOR.known_present().score(fit)
-            np.testing.assert_array_equal(each.pose_cam_obj[:3, 3], [2.0, 0.0, covered])
-        assert set(each.seconds) == set(STEPS)
-        assert (each.seconds["local"], each.seconds["voting"]) == (0.25, 0.125)
-        assert 0.0 < each.seconds["refinement"] < 0.1
+            covered = stages.estimator.find_region(context, estimate.object_id).mask.sum()
+            fit = stages.estimator.measure_fit(context, estimate.object_id, estimate.pose_cam_obj)
+            assert estimate.score == PRIOR.known_present().score(fit)
+            np.testing.assert_array_equal(estimate.pose_cam_obj[:3, 3], [2.0, 0.0, covered])
+        assert set(estimate.seconds) == set(STEPS)
+        assert (estimate.seconds["local"], estimate.seconds["voting"]) == (0.25, 0.125)
+        assert 0.0 < estimate.seconds["refinement"] < 0.1
 
 
 def test_times_on_disk_are_nobodys(tmp_path: Path) -> None:
@@ -208,7 +208,7 @@ def test_times_on_disk_are_nobodys(tmp_path: Path) -> None:
     refined = stages_in(tmp_path)
     again = stages_in(tmp_path)
     assert [each.seconds for each in refined.estimates()] == [{}] * 6
-    assert [each.seconds for each in again.estimates()] == [{}] * 6
+    assert [estimate.seconds for estimate in again.estimates()] == [{}] * 6
     assert again.first_use_seconds is None
 
 
@@ -221,8 +221,8 @@ def test_loading_and_compiling_are_the_first_uses_and_no_frames(
     stages = stages_in(tmp_path)
     estimates = stages.estimates()
     assert stages.first_use_seconds is not None and 0.3 <= stages.first_use_seconds < 1.0
-    for each in estimates:
-        assert each.seconds["holistic"] + each.seconds["refinement"] < 0.1
+    for estimate in estimates:
+        assert estimate.seconds["holistic"] + estimate.seconds["refinement"] < 0.1
 
 
 BAD = KEYS[1]
@@ -263,7 +263,7 @@ def test_the_others_are_found_bit_for_bit(tmp_path: Path, caplog: pytest.LogCapt
     assert seen == [KEYS[0], KEYS[2]]
     assert {(e.scene_id, e.frame_id) for e in estimates} == {(0, 1), (4, 1)}
     assert stages.failed == {BAD: "depth/000002.png is truncated"}
-    (line,) = [each.message for each in caplog.records if each.levelname == "WARNING"]
+    (line,) = [record.message for record in caplog.records if record.levelname == "WARNING"]
     assert BAD in line and "depth/000002.png is truncated" in line
     sound = stages_in(tmp_path / "sound")
     sound.estimates()

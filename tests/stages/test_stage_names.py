@@ -78,12 +78,12 @@ def changed(before: Mapping[str, str], after: Mapping[str, str]) -> set[str]:
 
 
 def leaves(settings: Any, prefix: str = "") -> Iterator[str]:
-    for each in dataclasses.fields(settings):
-        value = getattr(settings, each.name)
+    for field in dataclasses.fields(settings):
+        value = getattr(settings, field.name)
         if dataclasses.is_dataclass(value):
-            yield from leaves(value, f"{prefix}{each.name}.")
+            yield from leaves(value, f"{prefix}{field.name}.")
         else:
-            yield f"{prefix}{each.name}"
+            yield f"{prefix}{field.name}"
 
 
 def other(value: Any) -> Any:

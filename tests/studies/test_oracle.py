@@ -67,7 +67,7 @@ def test_verdicts_by_target_have_the_means_of_the_matrix():
     heads = ["est/est", "true/est", "est/true", "true/true", "est/true±", "true/true±"]
     expected = dict(zip(heads, (cell["add"]["recall"] for cell in result["cells"]), strict=True))
     expected |= {f"lost {stage}": lost for stage, lost in result["lost"].items()}
-    means = {name: sum(each.values()) / len(each) for name, each in targets.items()}
+    means = {name: sum(target.values()) / len(target) for name, target in targets.items()}
     assert means == pytest.approx(expected)
     assert targets["est/est"][0, 5, 1, 0] == 1.0 and targets["est/est"][0, 6, 1, 0] == 0.0
     assert targets["lost region"][0, 6, 1, 0] == 1.0

@@ -104,8 +104,8 @@ def _shown(folder: Path) -> str:
             f"  size        {size} mm, diameter {model.diameter * 1000:.0f} mm",
             f"  mesh        {len(model.mesh.faces)} triangles, {len(model.proxy.faces)} to refine; "
             f"{color if model.mesh.colored else 'no colours'}",
-            f"  symmetries  {len(model.symmetries) - 1}; {len(model.siblings)} more that only "
-            "colours tell apart",
+            f"  symmetries  {len(model.symmetries) - 1}; "
+            f"{len(model.near_symmetries)} more that only colours tell apart",
             f"  patches     windows {model.holistic_size * 1000:.0f} mm, "
             f"local {local.side_of(model.local_size) * 1000:.0f} mm",
         ]

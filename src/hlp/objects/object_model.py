@@ -57,13 +57,13 @@ def build_object_model(
     With `scale` None the unit is guessed; the log states the size that the object has then. By
     default the diameter is the largest distance between two vertices, and the symmetries are found
     in the mesh: the motions that leave its shape nearly as it is and that its colours do not break.
-    Those that they break are its siblings; with stated `symmetries`, all that these lack. A mesh
-    without colours has no siblings. Raises what `load_mesh` raises.
+    Those that they break are its near symmetries; with stated `symmetries`, all that these lack. A
+    mesh without colours has none. Raises what `load_mesh` raises.
     """
     mesh = load_mesh(mesh_path, scale)
     if diameter is None:
         diameter = mesh_diameter(mesh.vertices)
-    symmetries, siblings = _symmetries(mesh, diameter, symmetries)
+    symmetries, near_symmetries = _symmetries(mesh, diameter, symmetries)
     holistic, local = settings.holistic_size_mm, settings.local_size_mm
     model = ObjectModel(
         object_id=settings.id,
@@ -74,7 +74,7 @@ def build_object_model(
         symmetries=symmetries,
         holistic_size=holistic_size(mesh.vertices) if holistic is None else holistic * MILLIMETRE,
         local_size=local_size(diameter) if local is None else local * MILLIMETRE,
-        siblings=siblings,
+        near_symmetries=near_symmetries,
     )
     _log(model)
     return model
@@ -92,7 +92,7 @@ def _log(model: ObjectModel) -> None:
     _logger.info("%s: %s mm, %d triangles", name, sides, len(mesh.faces))
     _logger.info(
         "%s: %d symmetries; its colours tell %d more poses of nearly the same shape apart",
-        *(name, len(model.symmetries) - 1, len(model.siblings)),
+        *(name, len(model.symmetries) - 1, len(model.near_symmetries)),
     )
 
 
@@ -168,11 +168,11 @@ def check_unique(objects: Mapping[str, ObjectSettings]) -> None:
 
 
 def model_identity(model: ObjectModel) -> str:
-    """Hash of an object's id, meshes, diameter, symmetries and siblings, not of its patch sizes."""
+    """Hash of an object's id, meshes, diameter and (near) symmetries, not of its patch sizes."""
     digest = hashlib.blake2b(f"{model.object_id} {model.diameter!r}".encode(), digest_size=16)
     for part in (mesh_identity(model.mesh), mesh_identity(model.proxy)):
         digest.update(part.encode())
-    for motions in (model.symmetries, model.siblings):
+    for motions in (model.symmetries, model.near_symmetries):
         digest.update(f"\0{motions.shape}".encode())
         digest.update(np.ascontiguousarray(motions).tobytes())
     return digest.hexdigest()

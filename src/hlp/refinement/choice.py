@@ -15,7 +15,7 @@ from hlp.arrays import Flags, Pose, Poses, Rows, Values
 from hlp.observer import NOBODY, Observer
 from hlp.records import Hypotheses, Refinement
 from hlp.refinement.refiner import Refiner, refinable
-from hlp.refinement.texture import choose_sibling
+from hlp.refinement.texture import choose_by_texture
 from hlp.refinement.verification import Evidence, Observation, Verifier
 
 _FURTHER = 4  # hypotheses refined for one more instance where their number is not known
@@ -67,9 +67,9 @@ def refine_and_choose(
     likely (`Verifier.are_likely`); None if no other is left. The rest is refined in order of
     verification cost, two at a time and at most `candidates`, until the next one costs more than
     the best refined pose by `max_improvement`: refinement hardly ever lowers a cost by that much.
-    Of the poses that depth cannot tell from the chosen one (`ObjectModel.siblings`), that whose
-    colours agree best with the image takes its place. Then it is polished; the polished pose is
-    kept unless its cost, among the refined poses, is higher than before.
+    Of the poses that depth cannot tell from the chosen one (`ObjectModel.near_symmetries`), that
+    whose colours agree best with the image takes its place. Then it is polished; the polished pose
+    is kept unless its cost, among the refined poses, is higher than before.
 
     This is repeated for every further one of up to `instances`, with the hypotheses for which more
     than half of the agreeing pixels are not explained by an instance that was chosen before.
@@ -142,9 +142,9 @@ class _InstanceSearch:
             return None
         self._costs[rows] = self._competing_costs(rows)
         row = int(rows[np.argmin(self._costs[rows])])
-        if len(self._model.siblings) > 0:
+        if len(self._model.near_symmetries) > 0:
             refined = self._refined[row]
-            pose = choose_sibling(self._observation, self._model, refined.pose_cam_obj)
+            pose = choose_by_texture(self._observation, self._model, refined.pose_cam_obj)
             self._refined[row] = replace(refined, pose_cam_obj=pose)
             self._costs[rows] = self._competing_costs(rows)
         self._polish(row, rows)

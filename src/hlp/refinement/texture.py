@@ -1,10 +1,11 @@
 """Which of the poses that depth cannot tell apart the colours of an image agree with best.
 
-The poses T·S of an object whose shape the motions S (`ObjectModel.siblings`) leave nearly as it is
-show the same surface with other colours. So the surface is drawn once, from the full mesh, and each
-sibling's colours are read where its motion takes the surface points, from a grid filled by the full
-texture. Colours are compared as logarithms, after light, shading and white balance were fitted;
-differences count up to a limit, because highlights and things in front are not in the texture.
+The poses T·S of an object whose shape the motions S (`ObjectModel.near_symmetries`) leave nearly as
+it is show the same surface with other colours. So the surface is drawn once, from the full mesh,
+and the colours of each are read where its motion takes the surface points, from a grid filled by
+the full texture. Colours are compared as logarithms, after light, shading and white balance were
+fitted; differences count up to a limit, because highlights and things in front are not in the
+texture.
 """
 
 from dataclasses import dataclass, replace
@@ -32,7 +33,7 @@ _OFFSET = 20.0  # of 255, added to colours, because the logarithm of dark ones i
 _LIMIT = 0.3  # of a difference of logarithms
 _WHITE_BALANCE = 0.3  # weight of the fitted white balance: colours matter where nothing is printed
 _MIN_PIXELS = 40
-_STEP = np.radians(7.0)  # siblings nearer than this are steps about a continuous axis
+_STEP = np.radians(7.0)  # those nearer than this are steps about a continuous axis
 _NEAR = np.radians(30.0)  # how far an object may turn between two frames of a sequence
 _PARTS = np.array([0.0, -0.6, -0.4, -0.2, 0.2, 0.4, 0.6])  # of such a step
 
@@ -51,26 +52,28 @@ class ColorAgreement:
     contrast: float = 0.0
 
 
-def choose_sibling(observation: Observation, model: ObjectModel, pose_cam_obj: Pose) -> Pose:
-    """The pose, or that of its siblings whose colours agree best with the image.
+def choose_by_texture(observation: Observation, model: ObjectModel, pose_cam_obj: Pose) -> Pose:
+    """The pose, or that of its near symmetries whose colours agree best with the image.
 
     About a continuous axis the angle is refined to 1°. The pose stays if the object has no
-    siblings, or if fewer than 40 pixels show it.
+    near symmetries, or if fewer than 40 pixels show it.
     """
-    if len(model.siblings) == 0:
+    if len(model.near_symmetries) == 0:
         return pose_cam_obj
     return _choose(_seen_surface(observation, model.mesh, model, pose_cam_obj), model, pose_cam_obj)
 
 
-def choose_near_sibling(observation: Observation, model: ObjectModel, pose_cam_obj: Pose) -> Pose:
-    """What `choose_sibling` chooses, among those of its siblings that are less than 30° away.
+def choose_nearby_by_texture(
+    observation: Observation, model: ObjectModel, pose_cam_obj: Pose
+) -> Pose:
+    """What `choose_by_texture` chooses, among the poses less than 30° away.
 
     For an object that is tracked: it may have turned a little about an axis that depth hardly
     tells, but not by half a turn.
     """
-    angles = rotation_distance(model.siblings[:, :3, :3], np.eye(3))
-    near = replace(model, siblings=model.siblings[angles < _NEAR])
-    if len(near.siblings) == 0:
+    angles = rotation_distance(model.near_symmetries[:, :3, :3], np.eye(3))
+    near = replace(model, near_symmetries=model.near_symmetries[angles < _NEAR])
+    if len(near.near_symmetries) == 0:
         return pose_cam_obj
     # The decimated mesh is 0.4 mm off and drawn in no time.
     seen = _seen_surface(observation, model.proxy, model, pose_cam_obj, every_other=True)
@@ -80,7 +83,7 @@ def choose_near_sibling(observation: Observation, model: ObjectModel, pose_cam_o
 def _choose(seen: SeenSurface | None, model: ObjectModel, pose_cam_obj: Pose) -> Pose:
     if seen is None:
         return pose_cam_obj
-    motions = np.concatenate([np.eye(4)[None], model.siblings])
+    motions = np.concatenate([np.eye(4)[None], model.near_symmetries])
     best = int(np.argmin(_differences(seen, model, motions)))
     fine = _parts_of_step(motions, best)
     return np.asarray(pose_cam_obj @ fine[int(np.argmin(_differences(seen, model, fine)))])

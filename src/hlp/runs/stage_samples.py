@@ -27,7 +27,7 @@ from hlp.records import (
 from hlp.refinement.cost import DepthCost
 from hlp.refinement.pso import PsoSettings, search
 from hlp.refinement.refiner import cost_around
-from hlp.refinement.texture import choose_sibling
+from hlp.refinement.texture import choose_by_texture
 from hlp.refinement.verification import Observation, observe
 from hlp.reporting.figures.stage_sheets import PatchEntries, ReconstructedPatches
 from hlp.reporting.figures.swarm_costs import Swarm, SwarmsOfTarget
@@ -238,7 +238,7 @@ def search_again(
     rng = np.random.default_rng(refined.seeds[row])
     pose, iterations = search(cost, start, model.centroid, settings, rng)
     if not np.array_equal(pose, stored):  # it was chosen, so that it was moved further
-        pose = choose_sibling(seen, model, pose)
+        pose = choose_by_texture(seen, model, pose)
         # The first refinement of a look has the seed of the look, as its last one has.
         refiner, seed = settings.build(threads=1), int(refined.seeds[0][0])
         before = Refinement(pose, iterations)

@@ -51,7 +51,7 @@ def test_a_whole_file_is_loaded_once(server, tmp_path, caplog):
         assert fetch(archive(server), tmp_path / "a.zip") == about
     assert (tmp_path / "a.zip").read_bytes() == CONTENT
     assert server.asked == [("a.zip", 0)]
-    assert [each.name for each in tmp_path.iterdir()] == ["a.zip"]
+    assert [path.name for path in tmp_path.iterdir()] == ["a.zip"]
     assert "verified: size alone" in caplog.text
 
 
@@ -148,13 +148,13 @@ def test_the_result_is_a_bop_set(hub, tmp_path, capsys):
     assert f"Next: hlp run data=bop data.root={folder}" in said
     frames = BopSettings(root=str(folder)).build().frames
     assert frames.keys == ("000006_000000",)
-    assert [each.object_id for each in frames.load(frames.keys[0]).targets] == [1, 6, 6]
+    assert [target.object_id for target in frames.load(frames.keys[0]).targets] == [1, 6, 6]
     sources = json.loads((folder / SOURCES).read_text())
-    assert {each["url"].removeprefix(f"{hub.address}/"): each["sha256"] for each in
+    assert {source["url"].removeprefix(f"{hub.address}/"): source["sha256"] for source in
             sources["archives"]} == {
         name: hashlib.sha256(content).hexdigest() for name, content in hub.files.items()
     }  # fmt: skip
-    assert [each.name for each in folder.parent.iterdir()] == ["lm"]
+    assert [path.name for path in folder.parent.iterdir()] == ["lm"]
 
 
 def test_a_call_after_an_interruption_continues(hub, tmp_path):

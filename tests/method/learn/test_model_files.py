@@ -25,7 +25,7 @@ def model():
     return dataclasses.replace(
         plain,
         mesh=dataclasses.replace(plain.mesh, texture=texture),
-        siblings=np.diag([-1.0, -1.0, 1.0, 1.0])[None],
+        near_symmetries=np.diag([-1.0, -1.0, 1.0, 1.0])[None],
     )
 
 
@@ -34,7 +34,7 @@ def test_a_model_comes_back_with_its_texture_and_siblings(tmp_path, model):
     back = read_model(tmp_path)
     assert model_identity(back) == model_identity(model)
     np.testing.assert_array_equal(back.mesh.texture.image, model.mesh.texture.image)
-    np.testing.assert_array_equal(back.siblings, model.siblings)
+    np.testing.assert_array_equal(back.near_symmetries, model.near_symmetries)
     assert back.proxy.texture is None and back.mesh.colored
 
 
@@ -85,8 +85,8 @@ def test_identity_follows_texture_and_siblings(model, part):
         mesh = dataclasses.replace(mesh, texture=dataclasses.replace(texture, uv=texture.uv / 2))
     elif part == "colored":
         mesh = dataclasses.replace(mesh, colored=False)
-    siblings = model.siblings[:0] if part == "siblings" else model.siblings
-    other = dataclasses.replace(model, mesh=mesh, siblings=siblings)
+    near_symmetries = model.near_symmetries[:0] if part == "siblings" else model.near_symmetries
+    other = dataclasses.replace(model, mesh=mesh, near_symmetries=near_symmetries)
     assert model_identity(other) != model_identity(model)
 
 

@@ -56,7 +56,7 @@ BUDGETS = [
 
 def test_budgets_are_one_line_in_the_order_of_their_time(tmp_path: Path) -> None:
     ax = drawn(sweep(tmp_path, ["refinement.budget_ms"], BUDGETS))
-    (line,) = [each for each in ax.get_lines() if len(each.get_xdata()) == 3][:1]
+    (line,) = [curve for curve in ax.get_lines() if len(curve.get_xdata()) == 3][:1]
     assert list(line.get_xdata()) == [120.0, 180.0, 300.0]
     assert list(line.get_ydata()) == [0.7, 0.8, 0.9]
     assert [text.get_text() for text in ax.texts] == ["20 ms", "80 ms", "no limit"]
@@ -71,11 +71,11 @@ def test_the_front_is_a_step_and_what_it_beats_is_hollow(tmp_path: Path) -> None
     beaten = (["refinement.budget_ms=40"], 0.75, 200.0)  # slower than 80 ms, and worse
     folder = sweep(tmp_path, ["refinement.budget_ms"], [*BUDGETS, beaten])
     ax = drawn(folder)
-    (front,) = [each for each in ax.get_lines() if each.get_label() == FRONT]
+    (front,) = [curve for curve in ax.get_lines() if curve.get_label() == FRONT]
     assert list(front.get_xdata())[:3] == [120.0, 180.0, 300.0]
     assert list(front.get_ydata()) == [0.7, 0.8, 0.9, 0.9]
     assert front.get_drawstyle() == "steps-post"
-    hollow = [each for each in ax.get_lines() if each.get_markerfacecolor() == "white"]
+    hollow = [line for line in ax.get_lines() if line.get_markerfacecolor() == "white"]
     assert [(*each.get_xdata(), *each.get_ydata()) for each in hollow] == [(200.0, 0.75)]
     draw(folder)
     rows = csv_rows(folder / "recall_by_time.csv")
@@ -166,7 +166,7 @@ def test_limit_front_and_best_trial_are_drawn_and_failures_are_not() -> None:
     assert (*star.get_xdata(), *star.get_ydata()) == (190.0, 0.9)
     (points,) = ax.collections
     assert points.get_offsets().tolist() == [[150.0, 0.8], [190.0, 0.9], [260.0, 0.95]]
-    colors = [tuple(each) for each in points.get_facecolors()]
+    colors = [tuple(facecolor) for facecolor in points.get_facecolors()]
     assert colors[0] == colors[1] != colors[2]  # over the limit
     assert [(text.get_text(), text.xy) for text in ax.texts] == [
         ("unchanged configuration", (150.0, 0.8))

@@ -21,7 +21,7 @@ from hlp.patches.local import region_pixels, thin_out
 from hlp.records import Frame, Hypotheses, ObjectModel, Region
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
 from hlp.refinement.pose_fit import PoseFit, measure_fit
-from hlp.refinement.texture import choose_near_sibling
+from hlp.refinement.texture import choose_nearby_by_texture
 from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
 from hlp.rendering.surface import color_grid
 from hlp.templates.building import build_templates
@@ -272,7 +272,7 @@ class PoseEstimator:
         seen, model = context.observation, self.learnt.models[object_id]
         seed = self._seed(context.frame, object_id)
         pose = self._refiner.follow(model, seen, pose_cam_obj, seed)
-        return choose_near_sibling(seen, model, pose.pose_cam_obj)
+        return choose_nearby_by_texture(seen, model, pose.pose_cam_obj)
 
     def _seed(self, frame: Frame, object_id: int) -> int:
         return derive_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id)

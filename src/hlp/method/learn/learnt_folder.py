@@ -3,7 +3,7 @@
 <folder>/learnt.json            format, objects, the classifier's classes, settings, checksums of
                                 all files
 <folder>/classifier/, encoder/  the networks
-<folder>/objects/NAME/          object.json, model.npz (meshes, symmetries, siblings),
+<folder>/objects/NAME/          object.json, model.npz (meshes, symmetries, near_symmetries),
                                 colors.npz if the mesh has colours, texture.png if it has a texture,
                                 codebook.npz, lists.npz of its search
 <folder>/searches/NAME/         lists.npz of the search in several codebooks at once (joint_lists)

@@ -50,7 +50,7 @@ def write_model(folder: Path, model: ObjectModel) -> None:
         for part, mesh in (("mesh", model.mesh), ("proxy", model.proxy))
         for field in _MESH_FIELDS
     }
-    arrays |= {"symmetries": model.symmetries, "siblings": model.siblings}
+    arrays |= {"symmetries": model.symmetries, "siblings": model.near_symmetries}
     if (texture := model.mesh.texture) is not None:
         arrays["mesh_uv"] = texture.uv
         _, encoded = cv2.imencode(".png", texture.image[..., ::-1])
