@@ -7,10 +7,10 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 LIMITS = {
-    "lines of src": 42_596,  # aim: 24,000
-    "modules of src": 320,  # aim: 220
-    "lines of tests": 36_040,  # aim: 22,000
-    "files of conf": 60,
+    "lines of src": 37_158,  # aim: 24,000
+    "modules of src": 250,  # aim: 220
+    "lines of tests": 32_650,  # aim: 22,000
+    "files of conf": 58,
     "words of docs": 12_000,
     "words of README": 600,
     "words of CHANGELOG": 800,
