@@ -1,9 +1,20 @@
 import threading
+from collections.abc import Iterator
 
 import numpy as np
+import pytest
 from threadpoolctl import ThreadpoolController
 
-from hlp.method.compute_threads import one_blas_thread, set_compute_threads
+from hlp.method.compute_threads import one_blas_thread, set_compute_threads, take_blas
+
+
+@pytest.fixture
+def libraries() -> Iterator[ThreadpoolController]:
+    """The numerical libraries, BLAS with two threads, whatever the environment says."""
+    found = ThreadpoolController()
+    take_blas()
+    with found.limit(limits=2, user_api="blas"):
+        yield found
 
 
 def blas_threads() -> set[int]:
@@ -12,23 +23,21 @@ def blas_threads() -> set[int]:
     return {each["num_threads"] for each in found}
 
 
-def test_blas_has_one_thread_until_the_last_block_ends() -> None:
+def test_blas_has_one_thread_until_the_last_block_ends(libraries) -> None:
     """Blocks of two threads overlap: the first one that ends is not the last."""
-    libraries = ThreadpoolController()
-    with libraries.limit(limits=2, user_api="blas"):
-        first, second = one_blas_thread(libraries), one_blas_thread(libraries)
-        first.__enter__()
-        assert blas_threads() == {1}
-        second.__enter__()
-        first.__exit__(None, None, None)
-        assert blas_threads() == {1}
-        second.__exit__(None, None, None)
-        assert blas_threads() == {2}
+    first, second = one_blas_thread(libraries), one_blas_thread(libraries)
+    first.__enter__()
+    assert blas_threads() == {1}
+    second.__enter__()
+    first.__exit__(None, None, None)
+    assert blas_threads() == {1}
+    second.__exit__(None, None, None)
+    assert blas_threads() == {2}
 
 
-def test_any_thread_of_python_sets_them() -> None:
+def test_any_thread_of_python_sets_them(libraries) -> None:
     """Also where another one, which still lives, has set them first."""
-    libraries, found = ThreadpoolController(), []
+    found = []
 
     def block() -> None:
         with one_blas_thread(libraries):
@@ -39,9 +48,8 @@ def test_any_thread_of_python_sets_them() -> None:
         set_compute_threads(1)
         found.append(blas_threads())
 
-    with libraries.limit(limits=2, user_api="blas"):
-        for each in (block, whole_process):
-            thread = threading.Thread(target=each)
-            thread.start()
-            thread.join()
+    for work in (block, whole_process):
+        thread = threading.Thread(target=work)
+        thread.start()
+        thread.join()
     assert found == [{1}, {2}, {1}]

@@ -14,12 +14,12 @@ def set_compute_threads(threads: int) -> None:
 
     The number of BLAS threads changes the last bits of sums. BLAS has little to do and gets one.
     """
-    _take_blas()
+    take_blas()
     threadpool_limits(1, user_api="blas")
     cv2.setNumThreads(threads)
 
 
-def _take_blas() -> None:
+def take_blas() -> None:
     """Let this thread of Python set BLAS's threads, whichever has set them before.
 
     Since threadpoolctl 3.8 only the first thread that does may do so again, and what others ask for
@@ -44,7 +44,7 @@ class OneBlasThread:
         """The block; `libraries` are those that are limited."""
         with self._guard:
             if self._inside == 0:
-                _take_blas()
+                take_blas()
                 self._limit = libraries.limit(limits=1, user_api="blas")
             self._inside += 1
         try:
@@ -53,7 +53,7 @@ class OneBlasThread:
             with self._guard:
                 self._inside -= 1
                 if self._inside == 0:
-                    _take_blas()
+                    take_blas()
                     self._limit.restore_original_limits()
 
 
