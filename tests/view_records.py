@@ -1,10 +1,10 @@
-"""Records of views that are made without rendering."""
+"""Records of views and of patches that are made without rendering."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hlp.geometry import rigid
-from hlp.records import Views
+from hlp.records import LocalPatches, Views
 
 
 def square_views() -> Views:
@@ -18,3 +18,15 @@ def square_views() -> Views:
     depth = np.zeros((8, 16, 16), np.float32)
     depth[:, 4:12, 4:12] = 0.5
     return Views(1, rgb, depth, np.stack(poses), np.array([[50.0, 0, 8], [0, 50.0, 8], [0, 0, 1]]))
+
+
+def random_patches(count: int, seed: int = 0) -> LocalPatches:
+    """Local patches of noise, a tenth of whose pixels has no depth."""
+    rng = np.random.default_rng(seed)
+    return LocalPatches(
+        rng.integers(0, 256, (count, 32, 32, 3)).astype(np.uint8),
+        rng.uniform(-1, 1, (count, 32, 32)).astype(np.float32),
+        rng.random((count, 32, 32)) < 0.9,
+        np.zeros((count, 3)),
+        np.zeros((count, 2)),
+    )

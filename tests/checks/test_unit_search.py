@@ -55,6 +55,13 @@ def test_an_object_that_is_found_or_absent_has_no_finding(frames):
     assert check_by_search([], 0.0, lambda _: 0.9) == []
 
 
+def test_where_an_object_is_found_only_colours_are_tried(frames):
+    """The other searches take seconds each, and could not bring enough."""
+    searched = []
+    check_by_search(frames[:1], 0.65, lambda frame: searched.append(frame) or 0.0)
+    assert len(searched) == 1
+
+
 def test_the_only_frame_must_show_it_more_clearly(frames):
     def find_best(frame):
         return 0.85 if frame.camera_matrix[0, 0] > frames[0].camera_matrix[0, 0] else 0.05

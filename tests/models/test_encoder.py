@@ -9,17 +9,7 @@ from hlp.models.encoder_training import PatchEncoder
 from hlp.models.network import load_network
 from hlp.models.onnx_export import export_network
 from hlp.records import LocalPatches
-
-
-def random_patches(count, seed=0):
-    rng = np.random.default_rng(seed)
-    return LocalPatches(
-        rng.integers(0, 256, (count, 32, 32, 3)).astype(np.uint8),
-        rng.uniform(-1, 1, (count, 32, 32)).astype(np.float32),
-        rng.random((count, 32, 32)) < 0.9,
-        np.zeros((count, 3)),
-        np.zeros((count, 2)),
-    )
+from view_records import random_patches
 
 
 def rows(patches, chosen):

@@ -5,7 +5,7 @@ import pytest
 from scipy.ndimage import uniform_filter
 
 from hlp.models.encoder import normals_with_depth, patch_input
-from hlp.records import LocalPatches
+from view_records import random_patches
 
 
 def surface_normals(depth, valid):
@@ -57,19 +57,8 @@ def test_normals_are_what_whole_array_operations_give():
     )
 
 
-def random_patches(count=5):
-    rng = np.random.default_rng(1)
-    return LocalPatches(
-        rng.integers(0, 256, (count, 32, 32, 3)).astype(np.uint8),
-        rng.uniform(-1, 1, (count, 32, 32)).astype(np.float32),
-        rng.random((count, 32, 32)) < 0.9,
-        np.zeros((count, 3)),
-        np.zeros((count, 2)),
-    )
-
-
 def test_channels_of_each_kind():
-    patches = random_patches()
+    patches = random_patches(5, seed=1)
     rgbd = patch_input(patches, "rgbd")
     assert rgbd.dtype == np.float32
     np.testing.assert_allclose(rgbd[..., :3], patches.color / 127.5 - 1, atol=1e-6)

@@ -87,12 +87,16 @@ def test_the_flip_that_the_colours_show_is_chosen(seed, hidden):
         assert np.degrees(wrong) < 3.0
 
 
-def test_the_angle_about_an_axis_is_found_to_a_few_degrees():
+def _round_model():
+    """A cylinder that looks alike by depth in steps of 5° about its axis."""
     angles = np.arange(1, 72) * np.radians(5.0)
     turns = Rotation.from_rotvec(angles[:, None] * [0.0, 0.0, 1.0]).as_matrix()
-    model = _model(
-        trimesh.creation.cylinder(0.035, 0.12, sections=48), list(rigid(turns, np.zeros(3)))
-    )
+    cylinder = trimesh.creation.cylinder(0.035, 0.12, sections=48)
+    return _model(cylinder, list(rigid(turns, np.zeros(3))))
+
+
+def test_the_angle_about_an_axis_is_found_to_a_few_degrees():
+    model = _round_model()
     for seed, angle in ((0, 47.0), (1, 122.0), (2, -88.5)):
         pose, observation = _scene(model, seed)
         turned = Rotation.from_rotvec([0, 0, np.radians(angle)]).as_matrix()
@@ -102,11 +106,7 @@ def test_the_angle_about_an_axis_is_found_to_a_few_degrees():
 
 
 def test_a_tracked_pose_turns_by_a_few_steps_and_not_by_half_a_turn():
-    angles = np.arange(1, 72) * np.radians(5.0)
-    turns = Rotation.from_rotvec(angles[:, None] * [0.0, 0.0, 1.0]).as_matrix()
-    model = _model(
-        trimesh.creation.cylinder(0.035, 0.12, sections=48), list(rigid(turns, np.zeros(3)))
-    )
+    model = _round_model()
     pose, observation = _scene(model, 0)
     for angle, near in ((13.0, True), (-22.0, True), (180.0, False)):
         turned = rigid(Rotation.from_rotvec([0, 0, np.radians(angle)]).as_matrix(), np.zeros(3))

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from hlp.geometry import rigid
+from hlp.geometry import project, rigid, transform
 from hlp.rendering.rasterizer import fill_triangles
 from hlp.rendering.zbuffer import (
     VECTOR_WIDTH,
@@ -34,7 +34,9 @@ def drawn(
     frame[inside] = False
     assert np.isinf(fast[frame]).all() and (seen[frame] == -1).all()
     depth, owner = np.zeros((HEIGHT, WIDTH)), np.full((HEIGHT, WIDTH), -1, dtype=np.int32)
-    fill_triangles(np.ascontiguousarray(corners.T), faces, depth, owner)
+    points = transform(pose, vertices)
+    projected = np.column_stack([project(points, CAMERA), 1.0 / points[:, 2]])
+    fill_triangles(projected, faces, depth, owner)
     return fast[inside], seen[inside], depth, owner
 
 

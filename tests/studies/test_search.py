@@ -3,14 +3,12 @@
 import csv
 import json
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import pytest
-import torch
 from hydra import compose, initialize_config_dir
 
 from hlp.commands.composing import config_folder
@@ -23,21 +21,12 @@ from hlp.results.summary_file import read_target_values
 from hlp.studies import search
 from hlp.studies.search import SearchSettings, check_within, nested, read_space
 
-pytestmark = [pytest.mark.slow, pytest.mark.thorough]
+pytestmark = [pytest.mark.slow, pytest.mark.thorough, pytest.mark.usefixtures("threads")]
 
 LIMIT = 200.0
 SMALL = ("data.width=320", "data.height=240", "task=search", f"task.limit_ms={LIMIT}")
 TARGET = TargetScore(1, 1, 1, True, 1.0, 0.0, 0.0, 0.0, 1.0, True, True, True)
 Tried = list[dict[str, Any]]
-
-
-@pytest.fixture(autouse=True)
-def threads() -> Iterator[None]:
-    """A search sets the number of threads of torch and OpenCV."""
-    number = torch.get_num_threads()
-    yield
-    torch.set_num_threads(number)
-    cv2.setNumThreads(-1)
 
 
 @pytest.fixture
