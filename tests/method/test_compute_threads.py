@@ -36,10 +36,14 @@ def test_blas_has_one_thread_until_the_last_block_ends(libraries) -> None:
 
 
 def test_any_thread_of_python_sets_them(libraries) -> None:
-    """Also where another one, which still lives, has set them first."""
+    """Also where another one, which still lives, has set them first.
+
+    FAISS's BLAS asks OpenMP, which has a number for each thread of Python: that of the environment.
+    """
     found = []
 
     def block() -> None:
+        found.append(blas_threads())
         with one_blas_thread(libraries):
             found.append(blas_threads())
         found.append(blas_threads())
@@ -52,4 +56,5 @@ def test_any_thread_of_python_sets_them(libraries) -> None:
         thread = threading.Thread(target=work)
         thread.start()
         thread.join()
-    assert found == [{1}, {2}, {1}]
+    before, *others = found
+    assert 2 in before and others == [{1}, before, {1}]
