@@ -20,6 +20,7 @@ import hlp
 _IMPORTED = [module.name for module in pkgutil.walk_packages(hlp.__path__, "hlp.")]
 _IMPORTED.remove("hlp.rendering.blinn_phong")
 _IMPORTED += ["matplotlib.pyplot", "mlflow.store.tracking.sqlalchemy_store"]
+os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")  # as `hlp` does, before OpenCV is imported
 _CONTEXT = multiprocessing.get_context("forkserver")
 _CONTEXT.set_forkserver_preload(_IMPORTED)
 _numbers = itertools.count()
