@@ -94,3 +94,10 @@ def test_kernels_are_kept_in_the_users_cache_and_the_package_is_not_written(pack
 def test_where_nothing_can_be_kept_every_process_compiles(package: Path) -> None:
     for _ in range(2):
         assert call(package, XDG_CACHE_HOME="/proc/nowhere") == [7.0, 0, 1]  # not even root's
+
+
+def test_kernels_that_others_may_write_are_not_run(package: Path) -> None:
+    folder = package.parent / "cache" / "hlp" / "kernels"
+    folder.mkdir(parents=True)
+    folder.chmod(0o777)
+    assert call(package) == [7.0, 0, 1] and not any(folder.iterdir())

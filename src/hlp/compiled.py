@@ -80,7 +80,7 @@ class _Kernel:
 
 @cache
 def kernel_folder() -> Path | None:
-    """Where compiled kernels are kept; None if no such folder can be written."""
+    """Where compiled kernels are kept; None if no folder can be written, by this user alone."""
     import numba
 
     config: Any = numba.config
@@ -91,7 +91,10 @@ def kernel_folder() -> Path | None:
         return None
     with suppress(OSError):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    return folder if os.access(folder, os.W_OK | os.X_OK) else None
+        about = folder.stat()  # what lies there is run unseen
+        if about.st_uid == os.getuid() and not about.st_mode & 0o022:
+            return folder if os.access(folder, os.W_OK | os.X_OK) else None
+    return None
 
 
 @contextmanager

@@ -163,7 +163,6 @@ def turned(axis: list[float], offset: list[float]) -> Any:
 
 
 HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0]).ravel().tolist()
-QUARTER = [0.0, -1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 MODELS: dict[str, Case] = {
     "models_info: a list": (models("[1]"), "the content is [1]: it must be an object"),
     "models_info: deep": (models(DEEP), "nested deeper"),

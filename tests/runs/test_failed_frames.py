@@ -49,12 +49,8 @@ def scored() -> Any:
 
 def test_they_count_as_wrong_in_the_order_of_the_frames() -> None:
     scores = with_failed_frames(run_of(), REASONS, scored())
-    assert [(score.scene_id, score.frame_id) for score in scores] == [
-        (6, 1),
-        (6, 2),
-        (6, 2),
-        (7, 1),
-    ]
+    places = [(score.scene_id, score.frame_id) for score in scores]
+    assert places == [(6, 1), (6, 2), (6, 2), (7, 1)]
     summary = summarise(scores, {1: "box"}, {}, {}, EvaluationSettings(), 0)
     assert summary["targets"] == 4
     assert [summary["metrics"][name]["recall"] for name in ("add", "5cm5deg", "iou50")] == [0.5] * 3

@@ -14,7 +14,7 @@ import pytest
 from hlp.checks import Finding
 from hlp.data.own_frames import FrameFiles, OwnFrames
 from hlp.data.synthetic.objects import demo_objects
-from hlp.errors import DamagedError, DataError
+from hlp.errors import DamagedError, DataError, InputError
 from hlp.method.find.detections import Rejection, SearchResult
 from hlp.records import Frame
 from hlp.runs import answers, fault_watch
@@ -114,6 +114,16 @@ def test_what_is_learnt_is_damaged_and_no_frame_is_to_blame(detector: Any, tmp_p
     with pytest.raises(DamagedError):
         predict(detector, frames(tmp_path), tmp_path / "out", PredictionOptions())
     assert (tmp_path / "out" / "poses.jsonl").read_text() == ""
+
+
+def test_a_sequence_of_an_unknown_object_replaces_no_answers(detector: Any, tmp_path: Path) -> None:
+    def tracker(*_: Any) -> None:
+        raise InputError("there is no object 'beer'")
+
+    detector.tracker = tracker
+    with pytest.raises(InputError):
+        predict(detector, frames(tmp_path), tmp_path / "out", PredictionOptions(track=True))
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("count", [1, 2])

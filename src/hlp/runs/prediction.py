@@ -68,9 +68,9 @@ def predict(
     a line of poses.jsonl names its error. Raises DataError if there is no other, and DamagedError
     or MissingFileError for a file of what is learnt.
     """
+    call = _Call(detector, frames, output, options)
     request = "" if options.track else _request(detector, frames, options, masks)
     with AnswersFile(output, request) as file:
-        call = _Call(detector, frames, output, options, file)
         failed = sum(not used for used in file.answered.values())
         left = [key for key in frames.keys if parse_frame_key(key) not in file.answered]
         if file.answered:
@@ -79,7 +79,7 @@ def predict(
         decoded = _decoded(frames, left, masks)
         progress = tqdm(decoded, "poses", len(left), unit="frame", disable=hidden)
         for key, frame, mask, error in progress:
-            problem = error if frame is None else call.answer(frame, mask)
+            problem = error if frame is None else call.answer(frame, mask, file)
             if problem is not None:
                 if len(frames) == 1:
                     raise problem
@@ -151,9 +151,8 @@ class _Call:
         frames: OwnFrames,
         output: Path,
         options: PredictionOptions,
-        file: AnswersFile,
     ) -> None:
-        self._detector, self._frames, self._output, self._file = detector, frames, output, file
+        self._detector, self._frames, self._output = detector, frames, output
         self._search = _search(detector, options)
         keys, panels = frames.keys, options.panels
         count = (1 if len(keys) == 1 else 0) if panels is None else min(panels, len(keys))
@@ -161,13 +160,13 @@ class _Call:
         self._answered = 0
         self.watch = FaultWatch(detector, options.objects)
 
-    def answer(self, frame: Frame, mask: _Mask) -> HlpError | None:
+    def answer(self, frame: Frame, mask: _Mask, file: AnswersFile) -> HlpError | None:
         """Answer a frame; its error, if it cannot be used."""
         try:
             found = self._search(frame, mask)
             if self._answered == 0:  # after what decoding and loading had to say
                 _say(answers.HEADER)
-            self._write(frame, found)
+            self._write(frame, found, file)
             self._answered += 1
             if frame.key in self._drawn:
                 self._draw(frame, found)
@@ -179,7 +178,7 @@ class _Call:
             self.watch.add(frame, found)
         return None
 
-    def _write(self, frame: Frame, found: _Found) -> None:
+    def _write(self, frame: Frame, found: _Found, file: AnswersFile) -> None:
         image, models = self._frames.paths(frame.key).name, self._detector.models
         rejected = [r.answer for r in found.rejections if r.answer is not None]
         seconds = sum(answer.seconds for answer in [*found.detections, *rejected])
@@ -191,7 +190,7 @@ class _Call:
                 **self._about(frame, models[answer.object], True, seconds),
                 **answers.detection_values(answer),
             }
-            self._file.add(values, estimate)
+            file.add(values, estimate)
             _say(answers.pose_line(image, answer.object, answer.score, answer.pose_cam_obj))
             named.add(answer.object)
         for rejection in found.rejections:
@@ -203,7 +202,7 @@ class _Call:
                 **({"score": 0.0} if best is None else answers.detection_values(best)),
                 "reason": rejection.reason,
             }
-            self._file.add(values, None)
+            file.add(values, None)
             _say(answers.missing_line(image, rejection.object, rejection.reason))
             named.add(rejection.object)
 
@@ -229,9 +228,7 @@ class _Call:
         write_picture(self._output / "panels" / f"{name}.png", draw_detections(frame, poses))
 
 
-def _search(
-    detector: Detector, options: PredictionOptions
-) -> Callable[[Frame, _Mask], SearchResult | TrackingResult]:
+def _search(detector: Detector, options: PredictionOptions) -> Callable[[Frame, _Mask], _Found]:
     if options.track:
         settings = TrackingSettings(min_score=options.min_score)
         return detector.tracker(options.objects, options.max_instances, settings).search
