@@ -116,13 +116,12 @@ def vsd(
     observed_depth: Depth,
     camera_matrix: Float[np.ndarray, "3 3"],
     tolerances: Sequence[float],
-    delta: float = VSD_DELTA,
 ) -> Float[np.ndarray, "t"]:
     """Visible surface discrepancy (ibid.), one value for each misalignment tolerance (m).
 
     Depth maps (h, w) are in metres, 0 where there is none: the model rendered at both poses, and
     the image. Distances are along the viewing rays. A rendered pixel is visible if it lies at most
-    `delta` behind the observed one or none was observed; a pixel of the estimate also where the
+    `VSD_DELTA` behind the observed one or none was observed; a pixel of the estimate also where the
     truth is visible.
     """
     height, width = true_depth.shape
@@ -131,7 +130,7 @@ def vsd(
     estimated, true, observed = (d * rays for d in (estimated_depth, true_depth, observed_depth))
 
     def visible(rendered: Depth) -> Bool[np.ndarray, "h w"]:
-        return np.asarray((rendered > 0) & ((rendered - observed <= delta) | (observed == 0)))
+        return np.asarray((rendered > 0) & ((rendered - observed <= VSD_DELTA) | (observed == 0)))
 
     true_seen = visible(true)
     estimated_seen = visible(estimated) | (true_seen & (estimated > 0))

@@ -143,12 +143,12 @@ class _ObjectScorer:
         recalls = self._bop_recalls.of(true_poses, poses, truth.camera_matrix, truth.width, depth)
         matched = self._match(true_poses, poses)
         scores = []
-        for target, row, own in zip(targets, matched, recalls.tolist(), strict=True):
+        for target, row, recall in zip(targets, matched, recalls.tolist(), strict=True):
             of = truth.scene_id, truth.frame_id, target.object_id, target.visible_fraction
             scores.append(
-                missed_score(*of, own)
+                missed_score(*of, recall)
                 if row is None
-                else self._score(truth, target, *found[row], own)
+                else self._score(truth, target, *found[row], recall)
             )
         return scores
 

@@ -32,7 +32,7 @@ from hlp.method.track.tracker import Track, Tracker, follow
 from hlp.records import Frame, ObjectModel
 from hlp.refinement.score_model import MIN_SCORE
 
-Path = str | PathLike[str]
+AnyPath = str | PathLike[str]
 Rgb = UInt8[np.ndarray, "h w 3"]
 Depth = Float[np.ndarray, "h w"]
 Camera = Float[np.ndarray, "3 3"]
@@ -60,7 +60,7 @@ class Detector:
     """
 
     def __init__(
-        self, folder: Path, threads: int | None = None, device: Device | None = None
+        self, folder: AnyPath, threads: int | None = None, device: Device | None = None
     ) -> None:
         """Open a folder of learnt objects; see `load`."""
         # Files are read later, from any working directory.
@@ -92,8 +92,8 @@ class Detector:
     @classmethod
     def learn(
         cls,
-        meshes: Mapping[str, Path],
-        folder: Path,
+        meshes: Mapping[str, AnyPath],
+        folder: AnyPath,
         *,
         settings: MethodSettings | None = None,
         mesh_scale: float | None = None,
@@ -129,7 +129,7 @@ class Detector:
 
     @classmethod
     def load(
-        cls, folder: Path, *, threads: int | None = None, device: Device | None = None
+        cls, folder: AnyPath, *, threads: int | None = None, device: Device | None = None
     ) -> "Detector":
         """Open a folder that `learn` wrote, here or on another machine.
 
@@ -173,7 +173,7 @@ class Detector:
 
     def add(
         self,
-        meshes: Mapping[str, Path],
+        meshes: Mapping[str, AnyPath],
         *,
         mesh_scale: float | None = None,
         background_frames: Iterable[Frame] = (),
@@ -362,7 +362,7 @@ class Detector:
 
 
 def _build_models(
-    meshes: Mapping[str, Path], mesh_scale: float | None, first_id: int
+    meshes: Mapping[str, AnyPath], mesh_scale: float | None, first_id: int
 ) -> dict[int, ObjectModel]:
     from hlp.method.learn.mesh_models import MeshChoices, build_models  # with trimesh
 

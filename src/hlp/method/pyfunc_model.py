@@ -14,6 +14,7 @@ import numpy as np
 from hlp.errors import InputError
 from hlp.geometry import rigid
 from hlp.method.detector import Detector
+from hlp.method.find.detections import plain
 from hlp.records import CameraImage, ObjectModel
 from hlp.rendering.light import FRONTAL_LIGHT
 from hlp.rendering.rasterizer import render_scene
@@ -48,7 +49,7 @@ class PosesOfImages:
             raise InputError(f"each image has {', '.join(_IMAGES)}: there are {counts}")
         images = zip(*(model_input[key] for key in _IMAGES), strict=True)
         return [
-            {"image": number} | {key: found.to_dict()[key] for key in _COLUMNS}
+            {"image": number} | {key: plain(getattr(found, key)) for key in _COLUMNS}
             for number, image in enumerate(images)
             for found in self.detector.detect(*image, **(params or {}))
         ]

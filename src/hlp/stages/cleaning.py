@@ -1,14 +1,12 @@
 """What may go from a store: partial outputs of crashed runs, damaged ones, unreferenced ones."""
 
-import fcntl
 import shutil
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from hlp.errors import InputError, MissingFileError
-from hlp.files import MANIFEST
+from hlp.errors import MissingFileError
+from hlp.files import MANIFEST, locked
 from hlp.stages.manifest import is_fingerprint, named_outputs
 from hlp.stages.store import DAMAGED, IN_USE, PARTIAL, RECORD
 
@@ -58,20 +56,10 @@ def _kind(folder: Path, named: set[tuple[str, str]]) -> str | None:
 
 def remove(work: Path, outputs: Sequence[Removable]) -> None:
     """Remove outputs from the store in `work`. Raises InputError while a run uses the store."""
-    with _unused(work):
+    # Runs that are about to begin wait until this is done.
+    with locked(work / IN_USE, f"a run is using {work}: wait until it has ended"):
         for output in outputs:
             if output.folder.is_dir() and not output.folder.is_symlink():
                 shutil.rmtree(output.folder)
             else:
                 output.folder.unlink()
-
-
-@contextmanager
-def _unused(work: Path) -> Iterator[None]:
-    """Keep runs from beginning to use a store. Raises InputError while one uses it."""
-    with (work / IN_USE).open("ab") as stream:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise InputError(f"a run is using {work}: wait until it has ended") from error
-        yield

@@ -111,7 +111,7 @@ def named_outputs(path: Path) -> list[tuple[str, str, str]]:
 
     The name is empty for an output of all objects. Raises what `read_manifest` raises.
     """
-    stages = read_manifest(path).get("stages") or ()
+    stages = read_manifest(path).get("stages", ())
     try:
         made = [(str(s["stage"]), str(s.get("of", "")), str(s["fingerprint"])) for s in stages]
     except (TypeError, KeyError, AttributeError) as error:

@@ -7,14 +7,14 @@
 <root>/.in-use                         held by all runs, so that nothing is removed meanwhile
 """
 
-import fcntl
 import logging
 import os
 import shutil
+import sys
 import time
 import weakref
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -188,17 +188,17 @@ class StageStore:
     def _hold_in_use(self) -> None:
         """Share the lock on the store until this object goes; waits while it is being cleaned.
 
-        The system frees the lock of a dead process. Without effect in a store that this process
-        may only read.
+        The system frees the lock of a dead process. Without effect on Windows, and in a store that
+        this process may only read.
         """
-        if self._in_use is not None:
+        if self._in_use is not None or sys.platform == "win32":
             return
-        try:
+        import fcntl
+
+        with suppress(OSError):  # no folder yet, a read-only one, or a file system without locks
             self._in_use = (self.root / IN_USE).open("ab")
             weakref.finalize(self, self._in_use.close)
             fcntl.flock(self._in_use, fcntl.LOCK_SH)
-        except OSError:  # no folder yet, a read-only one, or a file system without locks
-            return
 
 
 @contextmanager

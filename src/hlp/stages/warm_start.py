@@ -81,11 +81,12 @@ def _labels(
     manifest: Path, upstream: Mapping[str, str], views: Mapping[int, str]
 ) -> Mapping[int, int]:
     now = {name: label for label, (_, name) in enumerate(sorted(views.items()), start=1)}
-    known = {int(key[6:]): name for key, name in upstream.items() if key.startswith("views_")}
-    gone = [object_id for object_id, name in sorted(known.items()) if name not in now]
+    views_of = ((key.partition("views_")[2], name) for key, name in upstream.items())
+    known = sorted((int(object_id), name) for object_id, name in views_of if object_id)
+    gone = [object_id for object_id, name in known if name not in now]
     if gone:
         raise ConfigError(
             f"warm_start.manifest: {manifest} knows objects that this run does not "
             f"have, or has with other views: {gone}"
         )
-    return {0: 0} | {label: now[name] for label, (_, name) in enumerate(sorted(known.items()), 1)}
+    return {0: 0} | {label: now[name] for label, (_, name) in enumerate(known, start=1)}

@@ -19,14 +19,15 @@ _SAME_TURN = np.deg2rad(15.0)
 _SAME_SHIFT = 0.1  # of the diameter
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """A part of a detection as a value for JSON; what is not finite as None."""
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if not dataclasses.is_dataclass(value):
         return value
-    return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
 
 
 @dataclass(frozen=True)
@@ -87,8 +88,7 @@ class Detection:
         Returns:
             Arrays as lists, `runner_up` and `fit` as dictionaries, what is not finite as None.
         """
-        values: dict[str, Any] = _plain(self)
-        return values
+        return {field.name: plain(getattr(self, field.name)) for field in dataclasses.fields(self)}
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,8 @@ def sort_answers(
             reason = f"the score {answer.score:.2f} of the best pose is below {min_score:g}"
             rejections.append(Rejection(answer.object, reason, answer))
     reason = "nothing looks like the object where the image has depth and no other object is found"
-    return SearchResult(detections, rejections + [Rejection(i, reason, None) for i in missing])
+    rejections += [Rejection(name, reason, None) for name in missing]
+    return SearchResult(detections, rejections)
 
 
 def describe_all(estimator: PoseEstimator, context: FrameContext, trace: Trace) -> list[Detection]:

@@ -52,7 +52,8 @@ class FrameContext:
 
     def __post_init__(self) -> None:
         self.fits: dict[tuple[int, bytes], PoseFit] = {}
-        self.edge_answers = cache(lambda reach: spread_edges(color_edges(self.frame.rgb), reach))
+        rgb = self.frame.rgb  # without `self`, so that a frame's memory is free with the context
+        self.edge_answers = cache(lambda reach: spread_edges(color_edges(rgb), reach))
         """What templates are compared with: see `templates.matching.spread_edges`."""
 
     @cached_property

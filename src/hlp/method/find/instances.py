@@ -87,7 +87,8 @@ def find_instances(
         missing = instances - len(right)
         coarse = coarse_poses(missing, rest.left)
         found = estimator.refine(context, object_id, coarse, missing, rest.left, min_score)
-        attempts.add(found and replace(found, sources=np.full_like(found.sources, -1)))
+        if found is not None:
+            attempts.add(replace(found, sources=np.full_like(found.sources, -1)))
     return attempts.merged(instances)
 
 
@@ -123,7 +124,7 @@ class _Attempts:
         object_id: int,
         unexplained: Observation | None,
     ) -> None:
-        self._of = estimator, context
+        self._estimator, self._context = estimator, context
         self._object_id, self._unexplained = object_id, unexplained
         self._found: list[RefinedHypotheses] = []
         self._answers: list[tuple[float, int, Pose]] = []  # score, row of all, pose
@@ -132,17 +133,16 @@ class _Attempts:
         """Add what the next search found."""
         if found is None:
             return
-        estimator, context = self._of
         start = sum(len(before.refined) for before in self._found)
         self._found.append(found)
         for row, pose in zip(found.instances, found.chosen_poses, strict=True):
-            score = estimator.score(context, self._object_id, pose)
+            score = self._estimator.score(self._context, self._object_id, pose)
             self._answers.append((score, start + row, pose))
 
     def different(self) -> list[tuple[float, int, Pose]]:
         """The answers, the most probable first, without those on pixels of better ones."""
         kept: list[tuple[float, int, Pose]] = []
-        rest = Unexplained(*self._of, self._unexplained)
+        rest = Unexplained(self._estimator, self._context, self._unexplained)
         for answer in sorted(self._answers, key=lambda answer: -answer[0]):
             if not kept or rest.is_free(self._object_id, answer[2]):
                 kept.append(answer)
@@ -215,4 +215,4 @@ def _best_first(
                 cost = float(refined.costs[row])
                 rank = -estimator.score(context, object_id, pose) if by_score else cost
                 instances.append((rank, object_id, row, pose))
-    return [(object_id, pose) for *_, object_id, _, pose in sorted(instances, key=lambda i: i[:3])]
+    return [(object_id, pose) for _, object_id, _, pose in sorted(instances, key=lambda i: i[:3])]

@@ -237,9 +237,5 @@ class _Known:
             self.rows[y, x] = row + np.arange(len(patches))
             row += len(patches)
         everything = [*self.found, *found]
-        indices, distances = (
-            np.concatenate([getattr(matches, name) for _, matches in everything])
-            for name in ("indices", "distances")
-        )
         patches = join([own for own, _ in everything])
-        self.found = [(patches, Matches(indices, distances))]
+        self.found = [(patches, join([own for _, own in everything]))]

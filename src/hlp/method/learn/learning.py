@@ -118,7 +118,7 @@ def remove(folder: Path, name: str) -> None:
     if not left:
         raise InputError(f"{name!r} is the last object in {folder}: delete the folder instead")
     gone = (f"{OBJECTS}/{name}/", f"{SEARCHES}/")
-    files = {path: sum_ for path, sum_ in record.files.items() if not path.startswith(gone)}
+    files = {path: checksum for path, checksum in record.files.items() if not path.startswith(gone)}
     kept = replace(record, objects=left, files=files)
     searches = write_searches(folder, kept)
     write_record(folder, replace(kept, files={**files, **searches}))

@@ -15,7 +15,7 @@ from typing import Any
 import pytorch_lightning as pl
 import torch
 from lightning_fabric.plugins import CheckpointIO
-from pytorch_lightning.callbacks import Checkpoint, TQDMProgressBar
+from pytorch_lightning.callbacks import Callback, Checkpoint, TQDMProgressBar
 from safetensors.torch import save
 from torch import Tensor, nn
 
@@ -69,6 +69,9 @@ def fit(
 
 def _make_trainer(trainer: TrainerSettings, epochs: int, folder: Path) -> pl.Trainer:
     terminal = sys.stderr.isatty()
+    callbacks: list[Callback] = [_Epochs(folder, trainer.torch_threads)]
+    if terminal:
+        callbacks.append(TQDMProgressBar())
     return pl.Trainer(
         accelerator=trainer.accelerator,
         devices=trainer.devices,
@@ -76,7 +79,7 @@ def _make_trainer(trainer: TrainerSettings, epochs: int, folder: Path) -> pl.Tra
         precision=trainer.precision,
         max_epochs=epochs,
         use_distributed_sampler=False,  # our loaders divide the batches themselves
-        callbacks=[_Epochs(folder, trainer.torch_threads), *[TQDMProgressBar()] * terminal],
+        callbacks=callbacks,
         plugins=[CheckpointFiles()],
         logger=False,
         enable_progress_bar=terminal,

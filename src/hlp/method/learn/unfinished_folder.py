@@ -1,10 +1,8 @@
 """A folder of learnt objects in the making: continued after an interruption, published whole."""
 
-import fcntl
 import glob
 import itertools
 import logging
-import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -15,7 +13,7 @@ from typing import Any
 
 from hlp.checksums import find_damaged, folder_checksums, seal_is_whole, sealed
 from hlp.errors import DamagedError, DataError, InputError, MissingFileError
-from hlp.files import read_json, remove_unfinished, write_json
+from hlp.files import locked, read_json, remove_unfinished, write_json
 from hlp.method.learn.learnt_folder import (
     RECORD,
     LearntRecord,
@@ -101,25 +99,10 @@ def _set_aside_damaged(folder: Path) -> bool:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Keep other processes from learning into the same folder; the system frees a dead one's lock.
-
-    Raises InputError while another process holds it, and where it is a link: a folder from somebody
-    else may hold one to any file.
-    """
+    """Keep other processes from learning into the same folder. Raises what `locked` raises."""
     path = folder.with_name(f".{folder.name}.lock")
     path.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
-    except OSError as error:
-        if path.is_symlink():
-            raise InputError(f"{path} is a link, which no lock is: remove it") from error
-        raise
-    with os.fdopen(lock):
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            problem = f"another process is learning into {folder.name}: wait for it"
-            raise InputError(problem) from error
+    with locked(path, f"another process is learning into {folder.name}: wait for it"):
         yield
         path.unlink(missing_ok=True)
 
