@@ -109,3 +109,4 @@ def test_mean_and_standard_deviation_of_a_sample() -> None:
     np.testing.assert_allclose(found[1], shares.std(axis=0, ddof=1), atol=6e-5)
     unknown = mean_and_spread([{"a": 0.25, "b": None}, {"a": 0.75, "b": 0.5}])
     assert unknown == ({"a": "0.500", "b": ""}, {"a": "0.3536", "b": ""})
+    assert mean_and_spread([{"a": None}] * 2) == ({"a": ""}, {"a": ""})

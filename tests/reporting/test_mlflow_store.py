@@ -15,12 +15,7 @@ import pytest
 from mlflow import MlflowClient
 
 from hlp.reporting import mlflow_store
-from hlp.reporting.mlflow_store import (
-    owner_is_dead,
-    owner_tags,
-    prepare_database,
-    remove_database,
-)
+from hlp.reporting.mlflow_store import owner_is_dead, owner_tags, prepare_database, remove_database
 from hlp.reporting.mlflow_tracking import MlflowSettings, track_run
 
 

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -132,6 +133,26 @@ def test_a_run_whose_server_goes_away_goes_on_aside(caplog: pytest.LogCaptureFix
     assert run.run_id == "aside" and caplog.text.count("hlp upload") == 1
     with pytest.raises(MlflowException, match="API request"):
         MlflowRun(here).send(call)
+
+
+def test_what_goes_on_aside_is_a_run_of_its_own(
+    settings: MlflowSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An earlier one of the same child, which is kept there too, may have been sent already."""
+    settings = replace(settings, unsent=f"sqlite:///{tmp_path / 'mlflow.db'}")
+    monkeypatch.setattr("hlp.reporting.mlflow_tracking.is_local", lambda uri: False)
+
+    def go_away(client: MlflowClient, _: str) -> None:
+        if client.tracking_uri == settings.uri:
+            raise MlflowException("API request to http://server failed")
+
+    aside = []
+    for _ in range(2):
+        with as_child_run(ChildRun("a", "1" * 32, {})), track_run(settings, "", {}) as run:
+            run.send(go_away)
+            aside.append(run.run_id)
+    there = [MlflowClient(settings.unsent).get_run(run_id) for run_id in dict.fromkeys(aside)]
+    assert len(there) == 2 and len({run.data.tags["hlp.continues"] for run in there}) == 1
 
 
 @pytest.mark.parametrize("uri", ["nonsense://x", "sqlite:////dev/null/db"])

@@ -406,6 +406,9 @@ def test_the_best_trial_of_each_search(tmp_path: Path) -> None:
     assert rows == [["0", "2", "0.900", "123"], ["1", "2", "", ""]]
     assert not only(sweep).differences and only(sweep).best is None
     assert len(write_files(sweep, only(sweep))) == 4
+    (sweep / "0" / "search.json").write_text(json.dumps({"trials": [1, 2], "best": None}))
+    begin_study(sweep / "2", "search", 2, finished=False)
+    assert sweep_table(only(sweep)).rows == [["0", "2"], ["1", "2"], ["2", "no result"]]
 
 
 def test_each_kind_has_a_table_of_its_own(benches: Path) -> None:

@@ -5,11 +5,7 @@ from pathlib import Path
 import pytest
 
 from hlp.errors import DataError
-from hlp.results.summary_file import (
-    numbered_targets,
-    read_target_values,
-    write_target_values,
-)
+from hlp.results.summary_file import numbered_targets, read_target_values, write_target_values
 
 
 def test_values_are_read_as_they_were_written(tmp_path: Path) -> None:

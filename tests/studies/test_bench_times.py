@@ -56,10 +56,7 @@ def test_times_of_first_and_further_objects_and_of_whole_frames():
 
 
 def test_times_and_verdicts_by_target():
-    looks = [
-        look(1, 0, {"windows": 10, "refine": 5}),
-        look(2, 1, {"refine": 7}),
-    ]
+    looks = [look(1, 0, {"windows": 10, "refine": 5}), look(2, 1, {"refine": 7})]
     scores = [
         SimpleNamespace(scene_id=1, frame_id=1, object_id=1, add_correct=True),
         SimpleNamespace(scene_id=1, frame_id=1, object_id=1, add_correct=False),
@@ -102,11 +99,7 @@ def test_paths_are_paired_by_frame_and_agree_by_share():
     found = compare_paths(
         {"own": own, "other": other}, scores, MODELS, ("own", "other"), (1.0, 0.5)
     )
-    assert found == {
-        "same_pose": 1.0,
-        "same_verdict": 0.5,
-        "region_iou": pytest.approx((1 / 3 + 1) / 2),
-    }
+    assert found == pytest.approx({"same_pose": 1.0, "same_verdict": 0.5, "region_iou": 2 / 3})
 
 
 def test_times_of_whole_frames_have_median_and_spread():

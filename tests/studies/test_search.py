@@ -190,7 +190,13 @@ def test_a_space_is_read_as_ranges_and_choices() -> None:
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"low": 5, "high": 5}, {"low": 1}, {"choices": [1]}, {"low": 0, "high": 1, "log": True}],
+    [
+        {"low": 5, "high": 5},
+        {"low": 1},
+        {"choices": [1]},
+        {"low": 0, "high": 1, "log": True},
+        {"low": 1, "high": 5, "step": 0.5},
+    ],
 )
 def test_a_range_that_holds_nothing_is_named(wrong: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=r"task\.space\.parameters\.a\.b is"):

@@ -12,12 +12,7 @@ from hlp.errors import DataError
 from hlp.records import TargetScore
 from hlp.reporting.tables.summary_tables import METRIC_LABELS
 from hlp.reporting.tables.table import Table, check_layout, lay_out, prose
-from hlp.results.intervals import (
-    blocks_of,
-    difference_interval,
-    median_difference_interval,
-    wilson,
-)
+from hlp.results.intervals import blocks_of, difference_interval, median_difference_interval, wilson
 from hlp.results.poses_file import read_scores
 from hlp.results.summary_file import METRICS, TargetKey, numbered_targets
 
@@ -174,6 +169,8 @@ def mean_and_spread(
     Empty for a share that one of the repeats does not know.
     """
     table = pd.DataFrame(repeats, dtype=float)
-    means = table.mean(skipna=False).map("{:.3f}".format, na_action="ignore").fillna("")
-    spreads = table.std(skipna=False).map("{:.4f}".format, na_action="ignore").fillna("")
-    return means.to_dict(), spreads.to_dict()
+    means, spreads = table.mean(skipna=False).items(), table.std(skipna=False).items()
+    return (
+        {str(name): "" if np.isnan(mean) else f"{mean:.3f}" for name, mean in means},
+        {str(name): "" if np.isnan(spread) else f"{spread:.4f}" for name, spread in spreads},
+    )

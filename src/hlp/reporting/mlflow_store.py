@@ -8,7 +8,6 @@ import os
 import platform
 import shutil
 import sqlite3
-import sys
 from collections.abc import Mapping
 from contextlib import closing, suppress
 from pathlib import Path
@@ -220,7 +219,7 @@ def owner_tags() -> dict[str, str]:
 def owner_is_dead(tags: Mapping[str, str]) -> bool:
     """Whether the process that a run's tags name has ended; False if that cannot be known."""
     number = tags.get(_PROCESS, "")
-    if tags.get(_HOST) != platform.node() or not number.isdecimal() or sys.platform == "win32":
+    if tags.get(_HOST) != platform.node() or not number.isdecimal():
         return False
     try:
         os.kill(int(number), 0)

@@ -172,7 +172,8 @@ class _Opening:
         if self.child is not None:
             name, resume = self.child.name, _same_child(client, experiment_id, self.child)
             tags |= self.child.tags
-        logged = None if resume is None else _reopen(client, resume)
+        is_aside = CONTINUES in more  # it is sent to the run at the server: a run of its own
+        logged = None if resume is None or is_aside else _reopen(client, resume)
         if resume is None or logged is None:
             created = client.create_run(experiment_id, run_name=name, tags=tags)
             resume = str(created.info.run_id)

@@ -59,7 +59,7 @@ def sweep_table(sweep: Sweep, *, whole: bool = True) -> Table:
         for name in compared:
             row += _difference_cells(sweep, run, name)
         if run.numbers is None:
-            row[header.index(sweep.first_main or ADD)] = "no result"
+            row[header.index(sweep.first_main or names[0])] = "no result"
         rows.append(row)
     return Table(header, rows)
 

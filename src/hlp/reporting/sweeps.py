@@ -6,11 +6,7 @@ from functools import cached_property
 from pathlib import Path
 
 from hlp.files import MANIFEST, SCORES
-from hlp.reporting.comparison import (
-    Difference,
-    paired_difference,
-    read_targets,
-)
+from hlp.reporting.comparison import Difference, paired_difference, read_targets
 from hlp.reporting.results import Result, read_results
 from hlp.reporting.study_numbers import ADD, KINDS, RUN, Kind, Number, read_numbers
 from hlp.results.summary_file import TargetKey, read_target_values

@@ -32,12 +32,7 @@ from hlp.records import (
     parse_frame_key,
 )
 from hlp.reporting.figures.heat_maps import draw_oracle
-from hlp.reporting.tables.study_tables import (
-    format_oracle,
-    head_of,
-    oracle_metrics,
-    write_oracle,
-)
+from hlp.reporting.tables.study_tables import format_oracle, head_of, oracle_metrics, write_oracle
 from hlp.results.summary_file import METRICS, TargetKey, numbered_targets, write_target_values
 from hlp.runs.run_stages import stages_of
 from hlp.settings import Doc, Settings

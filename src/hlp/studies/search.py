@@ -241,7 +241,7 @@ def read_space(parameters: Mapping[str, Any], prefix: str = "") -> dict[str, "Ba
             continue
         try:
             space[key] = _distribution(given)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, ArithmeticError) as error:
             raise ConfigError(f"{_KEY}.{key} is {dict(given)}: {error}") from error
     return space
 

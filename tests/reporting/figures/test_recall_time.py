@@ -26,12 +26,8 @@ def sweep(folder: Path, swept: list[str], runs: list[tuple[list[str], float, flo
     """Runs given by their overrides, recall and median ms."""
     write_sweep(folder / "sweep", swept, [])
     for number, (overrides, recall, ms) in enumerate(runs):
-        write_run(
-            folder / "sweep" / str(number),
-            "x",
-            scored(recall, ms, {"cat": recall}),
-            ["seed=1", *overrides],
-        )
+        summary = scored(recall, ms, {"cat": recall})
+        write_run(folder / "sweep" / str(number), "x", summary, ["seed=1", *overrides])
     return folder / "sweep"
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from hlp.reporting.figures.saving import save_figure
 from hlp.reporting.tables.bench_table import TIMED, TOTAL, format_ms
-from hlp.reporting.tables.summary_tables import METRIC_LABELS, WATERFALL_GROUPS
+from hlp.reporting.tables.summary_tables import METRIC_LABELS
 from hlp.results.summary_file import CORRECT
 
 if TYPE_CHECKING:
@@ -246,11 +246,10 @@ def draw_waterfall(folder: Path, waterfall: Mapping[str, Any]) -> None:
 def stacked_bars(waterfall: Mapping[str, Any]) -> "Figure":
     """A bar for each object and each class of visible fraction: misses stacked by cause."""
     groups = {
-        f"{name} ({sum(counts.values())})" if part == "per_object" else
-        f"visible {name} ({sum(counts.values())})": counts
-        for part in WATERFALL_GROUPS
+        f"{before}{name} ({sum(counts.values())})": counts
+        for part, before in (("per_object", ""), ("per_visibility", "visible "))
         for name, counts in waterfall[part].items()
-    }  # fmt: skip
+    }
     lost = {cause: count for cause, count in waterfall["total"].items() if cause != CORRECT}
     series = {
         cause.replace("_", " "): [

@@ -172,26 +172,23 @@ def trials_table(result: Result) -> Table:
     limit = result["limit_ms"]
     succeeded = [trial for trial in result["trials"] if trial["error"] is None]
     ranked = sorted(succeeded, key=lambda t: (t["time_ms"] > limit, -t["recall"], t["time_ms"]))
-    rows = [
-        [
-            str(trial["trial"]),
-            f"{trial['recall']:.3f}",
-            f"{trial['time_ms']:.0f}" + (" (over)" if trial["time_ms"] > limit else ""),
-            *(f"{v:.3g}" if isinstance(v, float) else str(v) for v in trial["values"].values()),
-        ]
-        for trial in ranked[:_TRIALS]
-    ]
-    keys = [key.rpartition(".")[2] for key in result["trials"][0]["values"]]
-    return Table(["trial", "ADD(-S) recall", "ms", *keys], rows)
+    keys, rows = list(result["trials"][0]["values"]), []
+    for trial in ranked[:_TRIALS]:
+        time = f"{trial['time_ms']:.0f}" + (" (over)" if trial["time_ms"] > limit else "")
+        values = (trial["values"][key] for key in keys)
+        shown = [f"{value:.3g}" if isinstance(value, float) else str(value) for value in values]
+        rows.append([str(trial["trial"]), f"{trial['recall']:.3f}", time, *shown])
+    return Table(["trial", "ADD(-S) recall", "ms", *(key.rpartition(".")[2] for key in keys)], rows)
 
 
 def write_search(folder: Path, result: Result) -> None:
     """Write search.csv, one row a trial, and search.md."""
     write_text(folder / "search.md", format_search(result, "markdown") + "\n")
     keys = list(result["trials"][0]["values"])
-    rows = [
-        [trial["trial"], *(trial["values"][key] for key in keys), trial["recall"], trial["time_ms"],
-         trial["error"] or ""]
-        for trial in result["trials"]
-    ]  # fmt: skip
+    rows = []
+    for trial in result["trials"]:
+        values = [trial["values"][key] for key in keys]
+        rows.append(
+            [trial["trial"], *values, trial["recall"], trial["time_ms"], trial["error"] or ""]
+        )
     write_csv(folder / "search.csv", ["trial", *keys, "add_recall", "median_ms", "error"], rows)
