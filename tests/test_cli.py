@@ -141,8 +141,9 @@ def test_runs_of_a_sweep_have_folders_of_their_own_and_one_that_fails_stops_no_o
     main(["-m", "refinement=pso,icp", "output=sweep"])
     names = [seen(folder / "sweep" / number)["refinement"]["name"] for number in "01"]
     assert names == ["pso", "icp"]
-    with pytest.raises(SystemExit):
+    with pytest.raises(SystemExit) as ended:
         main(["run", "-m", "seed=13,1", "output=other"])
+    assert ended.value.code == 1
     assert "data.root: no folder /nowhere" in capsys.readouterr().out
     assert seen(folder / "other" / "1")["seed"] == 1
 

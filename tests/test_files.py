@@ -4,15 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hlp.files import (
-    read_csv,
-    read_json,
-    replaced,
-    write_array,
-    write_csv,
-    write_json,
-    write_text,
-)
+from hlp.files import read_csv, read_json, replaced, write_array, write_csv, write_json, write_text
 
 
 def test_content_comes_back(tmp_path: Path) -> None:

@@ -26,17 +26,23 @@ if TYPE_CHECKING:
 
 __version__ = "0.3.0"
 _HOMES = {
-    "hlp.method.arguments": ("RgbdFrame",),
-    "hlp.method.detector": ("Detector",),
-    "hlp.method.find.detections": (
-        "Detection", "Rejection", "RunnerUp", "SearchResult", "TrackedDetection", "TrackingResult",
-    ),
-    "hlp.method.settings": ("MethodSettings", "TrackingSettings"),
-    "hlp.method.track.tracker": ("Tracker",),
-    "hlp.records": ("CameraImage", "Frame", "ObjectModel"),
-    "hlp.refinement.pose_fit": ("PoseFit",),
-}  # fmt: skip
-"""Everything that stands in a public signature, by the module that it is in."""
+    "CameraImage": "hlp.records",
+    "Detection": "hlp.method.find.detections",
+    "Detector": "hlp.method.detector",
+    "Frame": "hlp.records",
+    "MethodSettings": "hlp.method.settings",
+    "ObjectModel": "hlp.records",
+    "PoseFit": "hlp.refinement.pose_fit",
+    "Rejection": "hlp.method.find.detections",
+    "RgbdFrame": "hlp.method.arguments",
+    "RunnerUp": "hlp.method.find.detections",
+    "SearchResult": "hlp.method.find.detections",
+    "TrackedDetection": "hlp.method.find.detections",
+    "Tracker": "hlp.method.track.tracker",
+    "TrackingResult": "hlp.method.find.detections",
+    "TrackingSettings": "hlp.method.settings",
+}
+"""Everything that stands in a public signature, and the module that it is in."""
 __all__ = [
     "CameraImage",
     "Detection",
@@ -58,7 +64,6 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     # Imported at first use, so that `import hlp` alone, as in the command line, stays fast.
-    for module, names in _HOMES.items():
-        if name in names:
-            return getattr(import_module(module), name)
+    if name in _HOMES:
+        return getattr(import_module(_HOMES[name]), name)
     raise AttributeError(f"module 'hlp' has no attribute {name!r}")

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from importlib import import_module
 
 import hlp
-from hlp.commands import completion, help_text
+from hlp.commands import MULTIRUN, completion, help_text
 from hlp.commands.ending import fails_in_one_line, messages_on, stops_in_one_line
 
-_MULTIRUN = ("-m", "--multirun")
 _HELP = {"-h", "--help"}
 
 
@@ -22,7 +21,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     `HLP_TRACEBACK=1` shows an error's traceback instead of one line.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
-    if given and given[0] in _MULTIRUN:
+    if given and given[0] in MULTIRUN:
         given = ["run", *given]
     name, *rest = given or ["--help"]
     if name in _HELP:
@@ -113,12 +112,21 @@ COMMANDS = {
         "learn", "learn your own objects from their CAD models", needs_arguments=True
     ),
     "predict": _Command(
-        "predict", "poses of learnt objects in your own frames", _if_predicted_one_by_one, True
+        "predict",
+        "poses of learnt objects in your own frames",
+        _if_predicted_one_by_one,
+        needs_arguments=True,
     ),
     "live": _Command(
-        "live", "poses in the images of a camera, as they come", _never, True, messages="stderr"
+        "live",
+        "poses in the images of a camera, as they come",
+        _never,
+        needs_arguments=True,
+        messages="stderr",
     ),
-    "objects": _Command("objects", "what is learnt: list, show, remove, export", _never, True),
+    "objects": _Command(
+        "objects", "what is learnt: list, show, remove, export", _never, needs_arguments=True
+    ),
     "doctor": _Command("doctor", "what is wrong with data, learnt objects or this machine", _never),
     "report": _Command(
         "report",

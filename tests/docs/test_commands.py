@@ -8,9 +8,8 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from markdown_pages import EXAMPLES, commands, write_files
 
 from hlp.cli import COMMANDS
-from hlp.commands import composing, help_text
+from hlp.commands import MULTIRUN, composing, help_text
 from hlp.commands.arguments import split_arguments
-from hlp.commands.composing import MULTIRUN
 from hlp.config.build import build_settings
 from hlp.data.public.sets import find_set
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
+MULTIRUN = {"-m", "--multirun"}
 _FILLED_BY = {"run": "run", "download": "folders"}
 """Commands whose help lists what there is, and the modules that fill it in."""
 

@@ -9,7 +9,7 @@ import os
 import re
 from collections.abc import Sequence
 
-from hlp.commands import help_text
+from hlp.commands import MULTIRUN, help_text
 
 OPTIONS = ("-sc", "--shell-completion")
 _CONFIGURED = ("run", "bench", "search")
@@ -40,7 +40,7 @@ def complete(arguments: Sequence[str], commands: Sequence[str]) -> None:
         print(_ZSH[action])
     elif not action.startswith("query="):
         _ask_hydra(arguments)
-    elif words and words[:-1] and words[0] in (*_CONFIGURED, "-m", "--multirun"):
+    elif words and words[:-1] and words[0] in {*_CONFIGURED, *MULTIRUN}:
         overrides = words[1:] if words[0] in _CONFIGURED else words
         os.environ["COMP_LINE"] = " ".join([program, *overrides])
         # In the form for fish, Hydra's words stand one below the other, as zsh wants them too.

@@ -11,13 +11,13 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
+from hlp.commands import MULTIRUN
 from hlp.commands.ending import fail, fails_in_one_line, in_words
 from hlp.config.typed_defaults import provide_defaults
 from hlp.errors import HlpError, InputError, is_expected
 from hlp.files import config_folder as config_folder
 from hlp.studies.sweep import sweep_open
 
-MULTIRUN = {"-m", "--multirun"}
 _ALONE = (MULTIRUN, {"-c", "--cfg"}, {"-i", "--info"}, {"-r", "--run"})
 _OPTIONS_WITH_VALUE = {
     "--cfg", "-c", "--info", "-i", "--package", "-p", "--config-dir", "-cd", "--config-name", "-cn",

@@ -44,7 +44,8 @@ def hydra_in_words(error: BaseException) -> str:
             return in_words(text, *found.groups())
     if isinstance(error, OmegaConfBaseException):
         where = f"{error.full_key}: " if error.full_key else ""
-        return f"{where}{text.partition(chr(10))[0] or type(error).__name__}"
+        first = text.partition("\n")[0]
+        return f"{where}{first or type(error).__name__}"
     return text
 
 

@@ -16,7 +16,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
-from hlp.commands import composing
+from hlp.commands import MULTIRUN, composing
 from hlp.config.chosen import chosen_by_hydra
 from hlp.config.typed_defaults import provide_defaults
 from hlp.errors import InputError
@@ -32,7 +32,7 @@ def run(arguments: Sequence[str], name: str = "run") -> None:
         _repeat(arguments)
         return
     folder = None
-    if composing.MULTIRUN & {*arguments}:
+    if MULTIRUN & {*arguments}:
         folder = sweep.unfinished_sweep(arguments, Path("outputs"))
     if folder is not None:
         print(f"continuing the sweep in {folder}")

@@ -8,11 +8,7 @@ from pathlib import Path
 import platformdirs
 
 from hlp.errors import DataError, InputError, MissingFileError
-from hlp.method.learn.learnt_folder import (
-    RECORD,
-    check_files,
-    read_record,
-)
+from hlp.method.learn.learnt_folder import RECORD, check_files, read_record
 from hlp.method.learn.unfinished_folder import restore_replaced
 
 _REMOVED = ".removed-"

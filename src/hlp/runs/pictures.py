@@ -32,12 +32,7 @@ from hlp.reporting.figures.stage_sheets import (
     viewpoint_figure,
 )
 from hlp.reporting.figures.swarm_costs import swarm_figure
-from hlp.reporting.figures.target_panels import (
-    SeenTarget,
-    ShownPose,
-    draw_overview,
-    draw_panels,
-)
+from hlp.reporting.figures.target_panels import SeenTarget, ShownPose, draw_overview, draw_panels
 from hlp.reporting.page.report_data import CAPTIONS, PANELS, STAGES, ReportDataWriter
 from hlp.runs.shown_targets import FrameResults, Scored, missed_targets, page_targets
 from hlp.runs.stage_samples import (

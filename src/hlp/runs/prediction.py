@@ -218,10 +218,8 @@ class _Call:
         }
 
     def _draw(self, frame: Frame, found: _Found) -> None:
-        from hlp.reporting.figures.panels import (  # not needed for a folder
-            draw_detections,
-            write_picture,
-        )
+        # Not needed for a folder.
+        from hlp.reporting.figures.panels import draw_detections, write_picture
 
         models, name = self._detector.models, self._frames.paths(frame.key).name
         poses = [(models[answer.object], answer.pose_cam_obj) for answer in found.detections]

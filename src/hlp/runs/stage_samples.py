@@ -15,15 +15,7 @@ from hlp.models.encoder import Encoder, FeatureDecoder, patch_input
 from hlp.patches.local import LocalSettings, cut_local_patches, take_patches
 from hlp.patches.local_pool import cut_view_patches
 from hlp.patches.sampling import join
-from hlp.records import (
-    Codebook,
-    Frame,
-    LocalPatches,
-    ObjectModel,
-    Refinement,
-    Target,
-    Views,
-)
+from hlp.records import Codebook, Frame, LocalPatches, ObjectModel, Refinement, Target, Views
 from hlp.refinement.cost import DepthCost
 from hlp.refinement.pso import PsoSettings, search
 from hlp.refinement.refiner import cost_around
