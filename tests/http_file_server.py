@@ -65,6 +65,7 @@ def answer(request: BaseHTTPRequestHandler, served: Served) -> None:
     if served.hub and not request.path.startswith("/cdn"):
         request.send_response(302)
         stated = served.sha256 or hashlib.sha256(content).hexdigest()
+        request.send_header("X-Repo-Commit", "c0")
         request.send_header("X-Linked-ETag", f'"{stated}"')
         request.send_header("X-Linked-Size", str(len(content)))
         other_host = served.address.replace("127.0.0.1", "localhost")

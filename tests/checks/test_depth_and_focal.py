@@ -3,12 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hlp.checks.corrections import (
-    CorrectedFits,
-    Correction,
-    check_corrections,
-    correction_gains,
-)
+from hlp.checks.corrections import CorrectedFits, Correction, check_corrections, correction_gains
 from hlp.geometry import project, transform
 from hlp.method.find.detections import Detection
 from hlp.refinement.pose_fit import PoseFit

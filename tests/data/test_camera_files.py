@@ -78,6 +78,7 @@ def written(folder, name, content):
         ("a.json", REALSENSE, (640, 480), ()),
         ("a.json", REALSENSE | {"model": "Brown Conrady", "coeffs": D}, (640, 480), tuple(D)),
         ("a.json", {"width": 640, "height": 480, "intrinsic_matrix": COLUMNS}, (640, 480), ()),
+        ("a.json", {"intrinsic_matrix": K}, None, ()),
         ("a.json", {"class_name": "PinholeCameraParameters", "extrinsic": [],
                     "intrinsic": {"width": 640, "height": 480, "intrinsic_matrix": COLUMNS}},
          (640, 480), ()),

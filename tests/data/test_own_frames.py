@@ -48,18 +48,16 @@ def test_images_of_folders_are_frames_in_order(root):
 
 def test_the_unit_is_given_or_stated_or_guessed_once(root, caplog):
     key = "000000_000000"
-    assert frames(root, camera_file(root, depth_scale=0.5)).load(key).depth[0, 0] == pytest.approx(
-        1.0005
-    )
+    stated = frames(root, camera_file(root, depth_scale=0.5)).load(key)
+    assert stated.depth[0, 0] == pytest.approx(1.0005)
     given = frames(root, camera_file(root, depth_scale=0.5), depth_scale=0.1).load(key)
     assert given.depth[0, 0] == pytest.approx(0.2001)
     caplog.set_level("INFO", "hlp")
     source = frames(root, camera_file(root))
     for each in source.keys:
         source.load(each)
-    assert [record.message.startswith("depth is in millimetres") for record in caplog.records] == [
-        True
-    ]
+    (record,) = caplog.records
+    assert record.message.startswith("depth is in millimetres")
     np.save(root / "depth.npy", np.full((30, 40), 1.5))
     frame = frames(root, rgb="rgb/a.jpg", depth="depth.npy").load(key)
     np.testing.assert_allclose(frame.depth, 1.5)

@@ -91,14 +91,17 @@ def exchange_gain(
     The mean difference of the correlations at the poses whose shape fits; None if there is no such
     pose of an object with colours. `models` are by the names of the answers.
     """
+    fitting = colored_answers(models, answers)
+    if not fitting:
+        return None
     stated = observe(frame.rgb, frame.depth, frame.camera_matrix, VerificationSettings())
     exchanged = replace(stated, rgb=np.ascontiguousarray(frame.rgb[..., ::-1]))
     gains = [
         color_agreement(exchanged, models[answer.object], answer.pose_cam_obj).correlation
         - color_agreement(stated, models[answer.object], answer.pose_cam_obj).correlation
-        for answer in colored_answers(models, answers)
+        for answer in fitting
     ]
-    return float(np.mean(gains)) if gains else None
+    return float(np.mean(gains))
 
 
 def check_color_order(gains: Sequence[float | None]) -> list[Finding]:

@@ -67,8 +67,7 @@ class Fault:
         matrix[:2] *= self.image
         pose = self.change(sample.pose)
         pose[:3, 3] *= self.translation
-        proxy = sample.model.proxy
-        model = sample.model
+        model, proxy = sample.model, sample.model.proxy
         if self.mesh != 1.0:
             model = replace(model, proxy=replace(proxy, vertices=proxy.vertices * self.mesh))
         return Sample(replace(sample.frame, depth=depth, camera_matrix=matrix), model, pose)

@@ -55,12 +55,12 @@ class Scene(ABC):
 
     @abstractmethod
     def _entry(self, kind: str, frame_id: int) -> tuple[Any, Path]:
-        """What a text file states of a frame, None if nothing; and the file."""
+        """What a text file states of a frame, empty if nothing; and the file."""
 
     def camera(self, frame_id: int) -> bop.CameraEntry:
         """The frame's camera. Raises DataError if there is none, or a broken one."""
         entry, path = self._entry(_CAMERA, frame_id)
-        if entry is None or (isinstance(entry, dict) and "cam_K" not in entry):
+        if isinstance(entry, dict) and "cam_K" not in entry:
             raise DataError(f"{path} has no cam_K for frame {frame_id}")
         return checked_as(entry, bop.CameraEntry, f"{path}, frame {frame_id}")
 
@@ -73,12 +73,12 @@ class Scene(ABC):
         return self._listed(_INFO, bop.Infos, frame_id)
 
     def unchecked(self, frame_id: int) -> tuple[Any, Any]:
-        """What stands at the place of `truth` and of `info`, whatever it is; None if nothing."""
+        """What stands at the place of `truth` and of `info`, whatever it is; empty if nothing."""
         return self._entry(_TRUTH, frame_id)[0], self._entry(_INFO, frame_id)[0]
 
     def _listed(self, kind: str, schema: type[T], frame_id: int) -> T:
         entry, path = self._entry(kind, frame_id)
-        return checked_as([] if entry is None else entry, schema, f"{path}, frame {frame_id}")
+        return checked_as(entry, schema, f"{path}, frame {frame_id}")
 
 
 def list_scenes(split: Path) -> dict[int, Scene]:
@@ -127,7 +127,8 @@ class ScenewiseScene(Scene):
         return dict(read_as(path, bop.Scene))
 
     def _entry(self, kind: str, frame_id: int) -> tuple[Any, Path]:
-        return self._content(kind).get(str(frame_id)), self._file(kind)
+        missing: Any = {} if kind == _CAMERA else []
+        return self._content(kind).get(str(frame_id), missing), self._file(kind)
 
     @property
     def frame_ids(self) -> tuple[int, ...]:
@@ -189,7 +190,7 @@ class ImagewiseScene(Scene):
     def _entry(self, kind: str, frame_id: int) -> tuple[Any, Path]:
         path = self._file(kind, frame_id)
         if kind == _INFO and not path.is_file():
-            return None, path
+            return [], path
         if kind == _TRUTH and not path.is_file():
             raise _no_poses(path)
         return read_text_json(path), path

@@ -202,7 +202,7 @@ def _matrix(values: Any, where: str, by_columns: bool = False) -> Float[np.ndarr
         flat = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
     if len(flat) != 9:
         raise InputError(f"{where}: {values!r} is neither nine numbers of K nor [fx,fy,cx,cy]")
-    if by_columns:
+    if by_columns and len(values) == 9:  # people who write rows as lists write rows
         flat = [flat[3 * column + row] for row in range(3) for column in range(3)]
     return camera_matrix(flat, where)
 

@@ -17,13 +17,7 @@ from annotated_types import Ge, Gt, Le
 
 from hlp.data.frame_paths import FramePaths, is_pattern, pairs_so_far
 from hlp.data.own_frames import CameraSettings, FrameFiles, FrameReader
-from hlp.errors import (
-    DataError,
-    HlpError,
-    InputError,
-    MissingDependencyError,
-    MissingFileError,
-)
+from hlp.errors import DataError, HlpError, InputError, MissingDependencyError, MissingFileError
 from hlp.records import CameraImage
 from hlp.settings import Doc, Settings
 

@@ -132,15 +132,14 @@ def image_size(path: Path, most_megapixels: float, depth: bool = False) -> tuple
         f"with more than {most_megapixels:g} megapixels: make it smaller, or raise "
         "data.max_megapixels"
     )
+    _existing(path)
     try:
-        with Image.open(_existing(path)) as image:
+        with Image.open(path) as image:
             width, height, mode = image.width, image.height, image.mode
     except PermissionError as error:
         raise DataError(f"{path} may not be read: give yourself the right to") from error
     except Image.DecompressionBombError as error:
         raise DataError(f"{path} is an image {too_large}") from error
-    except MissingFileError:
-        raise
     except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:
         raise DataError(f"{path} is truncated or no image: copy or download it again") from error
     if width * height > most_megapixels * 1e6:

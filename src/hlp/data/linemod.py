@@ -125,7 +125,7 @@ class LinemodFrames(FileFrames):
         for object_id, name in sorted(self._names.items()):
             images = (self._root / name / "data").glob("color*.jpg")
             numbers = [path.stem.removeprefix("color") for path in images]
-            for number in sorted(int(text) for text in numbers if text.isdigit()):
+            for number in sorted(int(text) for text in numbers if text.isdecimal()):
                 frames[frame_key(object_id, number)] = (object_id, number)
         if not frames:
             raise MissingFileError(

@@ -16,12 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from hlp.geometry import rigid
 from hlp.objects.meshes import mesh_diameter
-from hlp.objects.shapes import (
-    merge,
-    moved_by,
-    random_color,
-    random_shape,
-)
+from hlp.objects.shapes import merge, moved_by, random_color, random_shape
 from hlp.records import Frame, Mesh
 from hlp.rendering.light import random_light
 from hlp.rendering.rasterizer import render_scene

@@ -116,7 +116,8 @@ def _checked(
         )
     diameter = mesh_diameter(vertices)
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
-    area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2.0
+    with np.errstate(all="ignore"):  # of sizes that no object has
+        area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2.0
     if area < _LEAST_SURFACE * diameter**2:
         raise DataError(
             f"{path} has no surface: its {len(faces)} triangles are points or lines: repair the "

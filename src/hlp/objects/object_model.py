@@ -12,7 +12,7 @@ from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Gt
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from hlp.errors import ConfigError
 from hlp.geometry import rigid
@@ -125,8 +125,9 @@ def build_proxy(mesh: Mesh, faces: int, diameter: float) -> Mesh:
         if proxy is mesh:
             return mesh
         drawn = render_depth(proxy, poses, camera, (_SIDE, _SIDE))
-        either = (full > 0.0) | (drawn > 0.0)
-        if np.count_nonzero(_alike(full, drawn, diameter)) >= _OVERLAP * np.count_nonzero(either):
+        either, both = (full > 0.0) | (drawn > 0.0), (full > 0.0) & (drawn > 0.0)
+        alike = both & (np.abs(full - drawn) <= _NEAR * diameter)
+        if np.count_nonzero(alike) >= _OVERLAP * np.count_nonzero(either):
             break
         count *= 2
     if count > faces:
@@ -146,14 +147,6 @@ def _poses(
     centre = (_SIDE - 1) / 2.0
     camera = np.array([[_FOCAL, 0.0, centre], [0.0, _FOCAL, centre], [0.0, 0.0, 1.0]])
     return rigid(rotations, ahead - rotations @ middle), camera
-
-
-def _alike(
-    first: Float[np.ndarray, "n h w"], second: Float[np.ndarray, "n h w"], diameter: float
-) -> Bool[np.ndarray, "n h w"]:
-    """Pixels where both meshes are drawn, at nearly the same depth."""
-    both = (first > 0.0) & (second > 0.0)
-    return np.asarray(both & (np.abs(first - second) <= _NEAR * diameter))
 
 
 def check_unique(objects: Mapping[str, ObjectSettings]) -> None:

@@ -114,7 +114,7 @@ def camera_matrix(
 
 def require_depths(metres: Float[np.ndarray, "h w"], where: str) -> None:
     """Half of a depth image (m, 0 where missing) lies at distances that a camera measures."""
-    median = float(np.median(metres[metres > 0]))
+    median = float(np.median(metres[metres > 0])) if metres.any() else 0.0
     if not NEAREST <= median <= FARTHEST:
         raise DataError(
             f"{where}: half of the depth is nearer than {median:.3g} m, it must be {NEAREST:g} to "

@@ -91,6 +91,9 @@ def test_bombs_and_full_disks_are_known_by_what_is_stated(tmp_path, folder, monk
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(1, 1, 50_000_100))
     with pytest.raises(DiskFullError, match="output=FOLDER"):
         unpack(zipped(tmp_path / "b", GOOD), folder, "lm")
+    monkeypatch.setattr("hlp.data.public.download._MOST_MEMBERS", 2)
+    with pytest.raises(DataError, match="'2' is one of more than 2"):
+        unpack(archive, folder, "lm")
     assert not content_of(folder)
 
 

@@ -83,6 +83,13 @@ def test_another_call_continues_what_is_left_of_the_same_version(server, tmp_pat
     (tmp_path / "c.zip..part").write_bytes(b"another version" * 1000)
     fetch(archive(server), tmp_path / "c.zip")
     assert (tmp_path / "c.zip").read_bytes() == CONTENT
+    (tmp_path / f"d.zip.md5{MD5}.part").write_bytes(CONTENT[:99])  # its checksum tells it
+    fetch(archive(server, checksum=f"md5:{MD5}"), tmp_path / "d.zip")
+    assert server.asked[-1] == ("a.zip", 99)
+    (tmp_path / f"e.zip.md5{MD5}.part").write_bytes(CONTENT + b"more")  # then it is loaded anew
+    with pytest.raises(NetworkError, match="nothing is loaded yet"):
+        fetch(archive(server, checksum=f"md5:{MD5}"), tmp_path / "e.zip")
+    assert not list(tmp_path.glob("e.zip*"))
 
 
 def test_checksums_are_compared(server, tmp_path, caplog):
@@ -92,6 +99,7 @@ def test_checksums_are_compared(server, tmp_path, caplog):
     assert not list(tmp_path.iterdir())
     fetch(archive(server, checksum=f"md5:{MD5}"), tmp_path / "a.zip")
     server.hub = True
+    fetch(archive(server, checksum=f"md5:{MD5}"), tmp_path / "f.zip")
     fetch(archive(server, checksum=f"sha256:{SHA256}"), tmp_path / "b.zip")
     assert "verified: md5 known" in caplog.text and "verified: sha256 known\n" in caplog.text
     server.sha256 = "1" * 64
@@ -102,6 +110,8 @@ def test_checksums_are_compared(server, tmp_path, caplog):
         with pytest.raises(DataError, match="is not the file that it should be: it"):
             fetch(archive(server, **known), tmp_path / "d.zip")
     assert len(server.asked) == asked
+    server.hub, server.etag = False, "1" * 64  # of another server, it is no checksum
+    fetch(archive(server), tmp_path / "e.zip")
 
 
 def test_what_keeps_a_file_from_being_loaded_is_named(server, tmp_path, monkeypatch):

@@ -14,7 +14,7 @@ import stat
 import tarfile
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -30,6 +30,7 @@ from hlp.files import write_json
 SOURCES = "sources.json"
 """What a loaded folder was made from: addresses, sizes and checksums of the archives, licence."""
 _SHA256 = re.compile(r"[0-9a-f]{64}")
+_MOST_MEMBERS = 2_000_000
 _MOST_RATIO = 20.0  # unpacked bytes per packed one; images and binary meshes have about 1 to 4
 _FREE_OF_RATIO = 50_000_000  # bytes: text may be packed better
 _RESERVE = 50e6  # bytes that stay free
@@ -111,22 +112,25 @@ def _receive(archive: Archive, target: Path) -> tuple[Path, str | None]:
     """
     import httpx2
     from huggingface_hub import get_hf_file_metadata
+    from huggingface_hub.errors import HfHubHTTPError
     from huggingface_hub.file_download import http_get
 
     part = target
     try:
         about = get_hf_file_metadata(archive.url, token=False)  # a mirror must not get the user's
-        etag = about.etag or ""
-        stated = _compared(archive, etag, about.size)
+        # Another server's ETag may look like a checksum, and be none: only a hub names a commit.
+        stated = _compared(archive, about.etag if about.commit_hash else None, about.size)
         # A part is continued only as the beginning of the same version.
-        part = target.with_name(f"{target.name}.{re.sub(r'[^0-9a-zA-Z]', '', etag)[:64]}.part")
-        have = part.stat().st_size if etag and part.is_file() else 0
+        version = re.sub(r"[^0-9a-zA-Z]", "", about.etag or archive.checksum or "")[:64]
+        part = target.with_name(f"{target.name}.{version}.part")
+        have = part.stat().st_size if version and part.is_file() else 0
         require_room(target.parent, (about.size or have) - have, f"the rest of {archive.name}")
         with part.open("ab" if have else "wb") as stream:
             http_get(
                 about.location,
                 stream,
                 resume_size=have,
+                headers={"Accept-Encoding": "identity"},
                 expected_size=about.size or archive.size,
                 displayed_filename=archive.name,
             )
@@ -135,6 +139,8 @@ def _receive(archive: Archive, target: Path) -> tuple[Path, str | None]:
     except (httpx2.HTTPError, OSError) as error:
         if not isinstance(error, httpx2.HTTPError) and error.errno is not None:
             raise  # of the disk
+        if isinstance(error, HfHubHTTPError) and error.response.status_code == 416:
+            part.unlink()  # it does not end before the file
         have = part.stat().st_size if part.is_file() else 0
         kept = f"{have / 1e6:.1f} MB are kept in {part}" if have else "nothing is loaded yet"
         reason = str(error).partition("\n")[0] or type(error).__name__
@@ -145,11 +151,12 @@ def _receive(archive: Archive, target: Path) -> tuple[Path, str | None]:
     return part, stated
 
 
-def _compared(archive: Archive, etag: str, size: int | None) -> str | None:
-    """The checksum that a server states, if any. Raises DataError for another than the known."""
-    stated = f"sha256:{etag}" if _SHA256.fullmatch(etag) else None
-    if stated and archive.checksum not in (None, stated):
-        raise _wrong(archive, f"its checksum is {stated}, not {archive.checksum}")
+def _compared(archive: Archive, etag: str | None, size: int | None) -> str | None:
+    """The checksum that a hub states, if any. Raises DataError for another than the known."""
+    stated = f"sha256:{etag}" if _SHA256.fullmatch(etag or "") else None
+    known = archive.checksum or ""
+    if stated and known.startswith("sha256:") and known != stated:
+        raise _wrong(archive, f"its checksum is {stated}, not {known}")
     if size and archive.size not in (None, size):
         raise _wrong(archive, f"it has {size} bytes, not {archive.size}")
     return stated
@@ -170,7 +177,7 @@ class Member:
     size: int
     is_folder: bool
     is_plain: bool
-    open: Callable[[], IO[bytes] | None]
+    open: Callable[[], IO[bytes]]
 
 
 def unpack(archive: Path, folder: Path, root: str) -> int:
@@ -183,7 +190,8 @@ def unpack(archive: Path, folder: Path, root: str) -> int:
     try:
         with _opened(archive) as members:
             files = _checked(archive, members)
-            total, packed = sum(member.size for member in members), archive.stat().st_size
+            total = sum(member.size for member in files.values())
+            packed = archive.stat().st_size
             if total > _MOST_RATIO * packed + _FREE_OF_RATIO:
                 raise DataError(
                     f"{archive} takes {packed} bytes and states {total} unpacked: no data set does "
@@ -194,8 +202,8 @@ def unpack(archive: Path, folder: Path, root: str) -> int:
                 inner = path.parts[1:] if path.parts[0] == root else path.parts
                 target = folder.joinpath(*(inner or path.parts))
                 target.parent.mkdir(parents=True, exist_ok=True)
-                with target.open("wb") as stream:
-                    shutil.copyfileobj(member.open(), stream)  # type: ignore[arg-type]
+                with member.open() as source, target.open("wb") as stream:
+                    shutil.copyfileobj(source, stream)
             return len(files)
     except _BROKEN as error:
         raise DataError(f"{archive} is damaged ({error}): delete it and call again") from error
@@ -212,26 +220,27 @@ def require_room(folder: Path, needed: float, what: str) -> None:
 
 
 @contextmanager
-def _opened(archive: Path) -> Iterator[list[Member]]:
+def _opened(archive: Path) -> Iterator[Iterator[Member]]:
+    """The members one by one: of a tar file, they are known only as it is read."""
     if zipfile.is_zipfile(archive):
         with zipfile.ZipFile(archive) as packed:
-            yield [
+            yield (
                 Member(
                     # Names end at a zero byte in `filename`.
                     info.orig_filename, info.file_size, info.is_dir(), _is_plain(info),
                     partial(packed.open, info),
                 )
                 for info in packed.infolist()
-            ]  # fmt: skip
+            )  # fmt: skip
     else:
         with tarfile.open(archive) as tape:
-            yield [
+            yield (
                 Member(
                     info.name, info.size, info.isdir(), info.isreg() or info.isdir(),
-                    partial(tape.extractfile, info),
+                    partial(tape.extractfile, info),  # type: ignore[arg-type]
                 )
                 for info in tape
-            ]  # fmt: skip
+            )  # fmt: skip
 
 
 def _is_plain(info: zipfile.ZipInfo) -> bool:
@@ -239,10 +248,12 @@ def _is_plain(info: zipfile.ZipInfo) -> bool:
     return not info.flag_bits & _ENCRYPTED and kind in (0, stat.S_IFREG, stat.S_IFDIR)
 
 
-def _checked(archive: Path, members: Sequence[Member]) -> dict[PurePosixPath, Member]:
+def _checked(archive: Path, members: Iterator[Member]) -> dict[PurePosixPath, Member]:
     """The files by their paths, none twice and none a folder of another."""
     files: dict[PurePosixPath, Member] = {}
-    for member in members:
+    for number, member in enumerate(members):
+        if number >= _MOST_MEMBERS:
+            raise _unsafe(archive, member.name, f"is one of more than {_MOST_MEMBERS}")
         if not member.is_plain:
             raise _unsafe(archive, member.name, "is encrypted, a link or a device")
         parts = member.name.rstrip("/").split("/")
