@@ -17,7 +17,7 @@ DOCS_STAMP := $(VENV)/.docs-installed
 PYTHON ?=
 WORKERS ?= 2
 MINUTES ?= 10
-# Each process takes the tests of half of the folders, so that it seldom makes what another makes.
+# Each process takes the tests of its share of the folders, so that it seldom makes what another makes.
 AT_ONCE = -n $(WORKERS) --dist worksteal
 BROWSER ?=
 SLOW ?= slow

@@ -66,7 +66,7 @@ def test_symmetric_siblings_of_a_pose_have_equal_errors(estimated, true, thing, 
 def test_the_nearest_symmetric_pose_is_a_sibling_and_none_is_nearer(estimated, true, thing):
     _, group = thing
     nearest = nearest_symmetric_pose(estimated, true, group)
-    near_symmetries = true @ group
-    assert np.abs(near_symmetries - nearest).max(axis=(1, 2)).min() < 1e-12
-    distances = rotation_distance(estimated[None, :3, :3], near_symmetries[:, :3, :3])
+    siblings = true @ group
+    assert np.abs(siblings - nearest).max(axis=(1, 2)).min() < 1e-12
+    distances = rotation_distance(estimated[None, :3, :3], siblings[:, :3, :3])
     assert rotation_error(estimated, nearest) <= distances.min() + 1e-12

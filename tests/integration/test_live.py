@@ -139,6 +139,15 @@ def test_a_program_names_images_and_reads_answers(
     assert (process.returncode, rest, messages) == (0, [], "")
 
 
+def test_it_ends_when_nobody_reads_the_answers(learnt: Path, tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(OWN)
+    with start(tmp_path, "source=own.py:simulated", f"learnt={learnt}") as process:
+        assert answer(process)["ready"] and process.stdout is not None
+        process.stdout.close()
+        assert process.stderr is not None and process.stderr.read() == ""
+    assert process.returncode == 0
+
+
 @pytest.mark.parametrize(
     ("given", "words"),
     [

@@ -8,11 +8,19 @@ import pytest
 from hlp.geometry import rigid, rotation_distance
 from hlp.records import Hypotheses, Refinement
 from hlp.refinement.cost import CostSettings
-from hlp.refinement.pso import PsoRefiner, PsoSettings, apply_offsets, search
+from hlp.refinement.pso import (
+    PsoRefiner,
+    PsoSettings,
+    apply_offsets,
+    search,
+    update_personal_bests,
+    update_swarm,
+)
 from hlp.refinement.verification import VerificationSettings
 from refinement_scene import Scene, disturbed, error, posed
 
 CENTROID = np.array([0.02, -0.01, 0.03])
+RNG = np.random.default_rng(0)
 
 
 class Bowl:
@@ -79,6 +87,8 @@ def test_a_pose_that_cannot_be_bettered_is_kept(settings: PsoSettings) -> None:
     np.testing.assert_allclose(found, start(), atol=1e-12)
     assert iterations == settings.patience
     assert bowl.calls == settings.patience + 1
+    few = replace(settings, iterations=4)
+    assert search(Bowl(start()), start(), CENTROID, few, np.random.default_rng(0))[1] == 4
 
 
 def test_hypotheses_after_the_budget_stay_as_they_are(scene: Scene, settings: PsoSettings) -> None:
@@ -159,3 +169,29 @@ def test_it_stops_when_no_particle_betters_its_own_best(settings: PsoSettings) -
             gained = (np.diff(own, axis=0) < 0).any(axis=1)
         assert gained[:-1].all() and not gained[-1]
     assert spent["particle"] > spent["swarm"]
+
+
+def test_flight_is_the_textbooks() -> None:
+    position, velocity, personal_best = RNG.uniform(-1, 1, (3, 25, 6))
+    global_best, random = RNG.uniform(-1, 1, 6), RNG.random((2, 25, 6))
+    pulls = 2.8 * random[0] * (personal_best - position), 1.4 * random[1] * (global_best - position)
+    expected = 0.73 * (velocity + sum(pulls))
+    before = position.copy()
+    update_swarm(position, velocity, personal_best, global_best, random, (2.8, 1.4), 0.73)
+    np.testing.assert_allclose(velocity, expected, rtol=1e-12)
+    np.testing.assert_allclose(position, np.clip(before + expected, -1, 1), rtol=1e-12)
+    assert (np.abs(position) == 1.0).any() and (np.abs(position) < 1.0).any()
+
+
+def test_memory_holds_each_particles_best_and_names_the_swarms() -> None:
+    position, personal_best = RNG.uniform(-1, 1, (2, 25, 6))
+    cost, personal_best_cost = RNG.random((2, 25))
+    better = cost < personal_best_cost
+    expected = np.where(better[:, None], position, personal_best)
+    lowest = np.minimum(cost, personal_best_cost)
+    best = update_personal_bests(position, cost, personal_best, personal_best_cost)
+    np.testing.assert_array_equal(personal_best, expected)
+    np.testing.assert_array_equal(personal_best_cost, lowest)
+    assert best == lowest.argmin()
+    equal = np.full(25, 0.5)
+    assert update_personal_bests(position, np.ones(25), personal_best, equal) == 0  # the first

@@ -29,8 +29,12 @@ def icp_settings(cost_settings: CostSettings, verification: VerificationSettings
 def refiner(
     request: pytest.FixtureRequest, pso_settings: PsoSettings, icp_settings: IcpSettings
 ) -> Refiner:
-    built = PsoRefiner(pso_settings, threads=2), IcpRefiner(icp_settings), NoneRefiner()
-    return dict(zip(("pso", "icp", "none"), built, strict=True))[request.param]
+    refiners: dict[str, Refiner] = {
+        "pso": PsoRefiner(pso_settings, threads=2),
+        "icp": IcpRefiner(icp_settings),
+        "none": NoneRefiner(),
+    }
+    return refiners[request.param]
 
 
 def hypotheses(*poses: np.ndarray) -> Hypotheses:

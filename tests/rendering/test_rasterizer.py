@@ -1,4 +1,4 @@
-"""The z-buffer against a slow ray caster written here, and against closed forms."""
+"""The z-buffer against closed forms."""
 
 import numpy as np
 import pytest
@@ -8,20 +8,11 @@ from hlp.geometry import rigid
 from hlp.records import Mesh
 from hlp.rendering.light import Light
 from hlp.rendering.rasterizer import render_depth, render_rgbd, render_scene
+from refinement_scene import as_mesh
 
 CAMERA = np.array([[70.0, 0.0, 31.3], [0.0, 72.0, 24.6], [0.0, 0.0, 1.0]])
 SHAPE = (48, 64)
 AMBIENT = Light((0.0, 0.0, -1.0), ambient=1.0, diffuse=0.0, specular=0.0, shininess=1.0)
-
-
-def as_mesh(shape: trimesh.Trimesh, color: tuple[int, int, int] = (200, 100, 50)) -> Mesh:
-    vertices = np.asarray(shape.vertices, dtype=np.float64)
-    return Mesh(
-        vertices=vertices,
-        faces=np.asarray(shape.faces, dtype=np.int64),
-        colors=np.tile(np.array(color, dtype=np.uint8), (len(vertices), 1)),
-        normals=np.array(shape.vertex_normals),
-    )
 
 
 def random_pose(rng: np.random.Generator, z: float) -> np.ndarray:

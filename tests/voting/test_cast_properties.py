@@ -78,7 +78,7 @@ def test_symmetric_siblings_of_a_vote_become_one_vote(given_, place, order, data
     sibling = group[data.draw(st.integers(0, order - 1)), :3, :3]
     again = canonical_rotations(votes @ sibling, group)
     alike = rotation_distance(canonical, again) < 1e-6
-    # Where two near_symmetries are equally near to the reference, either may be taken.
+    # Where two siblings are equally near to the reference, either may be taken.
     reference = np.array([[1, 0, 0], [0, -(0.5**0.5), -(0.5**0.5)], [0, 0.5**0.5, -(0.5**0.5)]])
     near, near_again = (rotation_distance(each, reference) for each in (canonical, again))
     tied = np.abs(near - near_again) < 1e-6

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hlp.geometry import quaternions, rotation_distance
+from hlp.patches.sampling import join
 from hlp.records import Votes
 from hlp.voting.modes import JointModes, JointVotingSettings, PaperModes, PaperVotingSettings
 
@@ -39,11 +40,6 @@ def clutter(count, seed=9):
         Rotation.random(count, random_state=seed).as_matrix(),
         np.ones(count), np.arange(count), np.zeros((count, 2)),
     )  # fmt: skip
-
-
-def join(*parts):
-    names = [field.name for field in dataclasses.fields(Votes)]
-    return Votes(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
 
 
 def rotation(degrees, axis="x"):
@@ -88,7 +84,7 @@ def test_the_papers_modes_equal_brute_force(seed):
         (40, HERE, rotation(30), 0.004, 2.0, 1.0),
         (25, THERE, rotation(120, "y"), 0.004, 2.0, 1.0),
     )
-    votes = join(make_votes(*groups, seed=seed), clutter(40, seed))
+    votes = join([make_votes(*groups, seed=seed), clutter(40, seed)])
     found = PaperModes(PAPER).find(votes, CENTROID)
     assert len(found) == 1
     pose = found.poses_cam_obj[0]
@@ -117,13 +113,10 @@ def test_q_and_minus_q_are_one_rotation(finder, quat):
 
 def two_objects():
     """Most votes lie HERE, but of any rotation; most of one rotation lie THERE."""
-    return join(
-        make_votes(
-            (20, HERE, rotation(20), 0.003, 1.0, 1.0),
-            (25, THERE, rotation(100, "y"), 0.003, 1.0, 1.0),
-        ),
-        dataclasses.replace(clutter(15), centroids_cam=np.tile(HERE, (15, 1))),
-    )
+    first = 20, HERE, rotation(20), 0.003, 1.0, 1.0
+    second = 25, THERE, rotation(100, "y"), 0.003, 1.0, 1.0
+    turned = dataclasses.replace(clutter(15), centroids_cam=np.tile(HERE, (15, 1)))
+    return join([make_votes(first, second), turned])
 
 
 def test_joint_modes_pair_no_translation_with_the_rotation_of_another_hypothesis():
@@ -149,7 +142,7 @@ def many_objects(seed=3):
          0.006, 4.0, 1.0 - 0.02 * i)
         for i in range(8)
     ]  # fmt: skip
-    return join(make_votes(*groups, seed=seed), clutter(60, seed))
+    return join([make_votes(*groups, seed=seed), clutter(60, seed)])
 
 
 def inside(votes, pose):
@@ -176,7 +169,7 @@ def test_joint_modes_are_ranked_distinct_and_no_more_than_asked_for(hypotheses):
 
 
 def test_the_best_joint_mode_equals_brute_force():
-    votes = join(make_votes((30, HERE, rotation(20), 0.006, 4.0, 1.0)), clutter(60))
+    votes = join([make_votes((30, HERE, rotation(20), 0.006, 4.0, 1.0)), clutter(60)])
     best, most = None, -1.0
     for center, turn in zip(votes.centroids_cam, votes.rotations_cam_obj, strict=True):
         for _ in range(20):
@@ -198,7 +191,7 @@ def test_only_the_strongest_votes_count_where_there_are_too_many(finder):
     weak = make_votes((50, HERE, rotation(20), 0.003, 1.0, 0.1))
     strong = make_votes((4, THERE, rotation(90), 0.003, 1.0, 0.9))
     settings = PAPER if finder is PaperModes else JOINT
-    votes = join(weak, strong)
+    votes = join([weak, strong])
     every = finder(settings).find(votes, CENTROID)
     few = finder(dataclasses.replace(settings, max_votes=10)).find(votes, CENTROID)
     np.testing.assert_allclose(voted_center(every.poses_cam_obj[0]), HERE, atol=0.004)
@@ -225,7 +218,7 @@ def test_modes_are_ranked_by_the_votes_of_the_mode_not_of_the_seed():
     ball = dataclasses.replace(ball, centroids_cam=THERE + 0.65 * RADIUS * directions)
     apart = np.linalg.norm(ball.centroids_cam[:, None] - ball.centroids_cam, axis=2)
     assert (apart <= RADIUS).sum(axis=1).max() < 16
-    votes = join(make_votes((16, HERE, rotation(20), 0.001, 1.0, 1.0)), ball)
+    votes = join([make_votes((16, HERE, rotation(20), 0.001, 1.0, 1.0)), ball])
     found = JointModes(JOINT).find(votes, CENTROID)
     np.testing.assert_allclose(voted_center(found.poses_cam_obj[0]), THERE, atol=0.006)
     np.testing.assert_array_equal(found.support[:2], [20.0, 16.0])
@@ -233,10 +226,8 @@ def test_modes_are_ranked_by_the_votes_of_the_mode_not_of_the_seed():
 
 def test_without_shifts_the_support_of_a_mode_is_that_of_its_vote():
     """The compiled count of agreeing votes against SciPy's distances and angles, vote by vote."""
-    votes = join(
-        make_votes(*[(60, HERE + 0.03 * i, rotation(25 * i), 0.02, 15.0, 1.0) for i in range(4)]),
-        clutter(50),
-    )
+    groups = [(60, HERE + 0.03 * i, rotation(25 * i), 0.02, 15.0, 1.0) for i in range(4)]
+    votes = join([make_votes(*groups), clutter(50)])
     rng = np.random.default_rng(1)
     votes = dataclasses.replace(votes, weights=rng.uniform(0.1, 1.0, len(votes)))
     angles = rotation_distance(votes.rotations_cam_obj[:, None], votes.rotations_cam_obj[None])
@@ -256,7 +247,7 @@ def test_without_shifts_the_support_of_a_mode_is_that_of_its_vote():
 
 
 def test_threads_change_no_bit():
-    votes = join(many_objects(), clutter(300))
+    votes = join([many_objects(), clutter(300)])
     one, two = (JointModes(JOINT, threads).find(votes, CENTROID) for threads in (1, 2))
     np.testing.assert_array_equal(one.poses_cam_obj, two.poses_cam_obj)
     np.testing.assert_array_equal(one.support, two.support)

@@ -130,15 +130,7 @@ class ContrastiveEncoder(OneCycleModule[ContrastiveSettings]):
         own = torch.arange(len(logits), device=logits.device)
         loss = (functional.cross_entropy(logits, own) + functional.cross_entropy(logits.T, own)) / 2
         accuracy = (logits.argmax(dim=1) == own).float().mean()
-        self.log("loss", loss, on_step=False, on_epoch=True, prog_bar=True, batch_size=len(logits))
-        self.log(
-            "accuracy",
-            accuracy,
-            on_step=False,
-            on_epoch=True,
-            prog_bar=True,
-            batch_size=len(logits),
-        )
+        self.log_means({"loss": loss, "accuracy": accuracy}, batch_size=len(logits))
         return loss
 
     def _near(self, batch: dict[str, Any]) -> Tensor:

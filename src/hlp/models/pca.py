@@ -35,8 +35,8 @@ class PcaSettings(Settings):
         super().__post_init__()
         most = 3 * self.cells**2  # three coordinates of the normal in each of the cells
         if self.dimension > most:
-            problem = f"{self.cells} × {self.cells} normals have {most} components"
-            problem = f"is {self.dimension}: {problem}"
+            normals = f"{self.cells} × {self.cells} normals"
+            problem = f"is {self.dimension}: {normals} have {most} components"
             raise SettingsError("dimension", problem)
 
     def train(self, training: EncoderTraining) -> None:

@@ -115,12 +115,14 @@ class DepthCost:
         self._images = RegionImages(
             add_frame(self.observed), np.stack(edge_costs), add_frame(agreeing)
         )
-        in_metres = settings.tau_depth_mm / 1000.0, settings.edge_step_mm / 1000.0
-        costs = settings.missing_cost, settings.occluder_cost
-        self._limits = Limits(*map(np.float32, (*in_metres, *costs)))
-        agreed, weight_edge = float(np.count_nonzero(agreeing)), settings.weight_edge
-        if edge_distance is not None:
-            weight_edge = settings.weight_image_edge
+        self._limits = Limits(
+            tau=np.float32(settings.tau_depth_mm / 1000.0),
+            step=np.float32(settings.edge_step_mm / 1000.0),
+            missing_cost=np.float32(settings.missing_cost),
+            occluder_cost=np.float32(settings.occluder_cost),
+        )
+        agreed = float(np.count_nonzero(agreeing))
+        weight_edge = settings.weight_edge if edge_distance is None else settings.weight_image_edge
         self._weights = agreed, settings.weight_depth, weight_edge, settings.uncovered_cost
 
     def evaluate(self, poses_cam_obj: Poses) -> Values:

@@ -4,9 +4,8 @@ from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 import numpy as np
-from jaxtyping import Bool
 
-from hlp.arrays import Point, Pose, Poses
+from hlp.arrays import Flags, Point, Pose, Poses
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.verification import Observation, VerificationSettings
@@ -87,7 +86,7 @@ def cost_around(
     )
 
 
-def refinable(poses_cam_obj: Poses, centroid: Point) -> Bool[np.ndarray, "m"]:
+def refinable(poses_cam_obj: Poses, centroid: Point) -> Flags:
     """Which poses are finite and put the centroid (object coordinates, m) in front of the camera.
 
     Where the origin lies does not matter: a CAD file may have it far outside the object.

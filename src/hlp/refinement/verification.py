@@ -187,7 +187,9 @@ class Verifier:
     """
 
     def __init__(self, model: ObjectModel, settings: VerificationSettings) -> None:
-        self.settings, self.model, self.mesh = settings, model, (mesh := model.proxy)
+        mesh = model.proxy
+        self.settings, self.model, self.mesh = settings, model, mesh
+        self._kernel_mesh = prepare_mesh(mesh)
         self.tau_depth = settings.tau_depth_mm / 1000.0  # m
         self._limits = Tolerances(
             self.tau_depth,
@@ -195,6 +197,7 @@ class Verifier:
             settings.tau_color,
             settings.edge_step_mm / 1000.0,
         )
+        # The colours of a mesh without colours mean nothing.
         self._weight_color = settings.weight_color if model.mesh.colored else 0.0
         offset_colors = mesh.colors[mesh.faces].mean(axis=1) + COLOR_OFFSET
         chromaticity = offset_colors / offset_colors.sum(axis=1, keepdims=True)
@@ -276,7 +279,7 @@ class Verifier:
         edges = observation.depth_edge_distance if edges is None else edges
         sums = sum_evidence(
             np.ascontiguousarray(poses_cam_obj, dtype=np.float64),
-            prepare_mesh(self.mesh),
+            self._kernel_mesh,
             self._chromaticity,
             observation.camera_matrix,
             SeenImages(observation.depth, observation.rgb, edges),

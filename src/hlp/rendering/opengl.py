@@ -76,7 +76,7 @@ def render_rgbd(
     The mesh is uploaded on first use and recognised by identity: do not change its arrays.
     Raises RuntimeError if OpenGL cannot run, ValueError on a pose that is not finite.
     """
-    draw, problem = _context().draw, _context().problem_here
+    draw, problem = _context().draw, opengl_problem()
     if draw is None or problem is not None:
         raise RuntimeError(problem)
     if not np.isfinite(pose_cam_obj).all():

@@ -99,7 +99,7 @@ def render_depth(
         inverse_depth, _ = _draw(points, mesh.faces, camera_matrix, shape)
         depth[index] = _depth(inverse_depth)
 
-    ThreadTeam(threads if len(depth) > 1 else 1).map(draw, len(depth))
+    ThreadTeam(threads).map(draw, len(depth))
     return depth
 
 
@@ -176,7 +176,7 @@ def _draw(
 
 def _corner_weights(
     corners_cam: Float[np.ndarray, "n 3 3"], pixels: Pixels, camera_matrix: CameraMatrix
-) -> Points:
+) -> Float[np.ndarray, "n 3"]:
     """Perspective-correct weights of each triangle's corners where a pixel's ray meets it."""
     rays = np.ones((len(pixels), 3))
     rays[:, :2] = (pixels - camera_matrix[:2, 2]) / camera_matrix[[0, 1], [0, 1]]

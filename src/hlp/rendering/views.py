@@ -35,7 +35,8 @@ class ViewsSettings(Settings):
     """
 
     name: Annotated[
-        Literal["auto", "numba", "pyrender"], Doc("the renderer; auto is numba, see auto.yaml (D)")
+        Literal["auto", "numba", "pyrender"],
+        Doc("the renderer; auto is numba, which runs everywhere (D)"),
     ] = "auto"
     viewpoints: Annotated[int, Ge(1), Le(20_000), Doc("number of viewing directions (D)")] = 240
     coverage: Annotated[

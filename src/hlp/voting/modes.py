@@ -165,8 +165,8 @@ class PaperModes:
         settings = self.settings
         centroids, quats, weights = _heaviest_votes(votes, settings.max_votes)
         squares = (centroids**2).sum(axis=1)
-        distances = squares[:, None] + squares - 2.0 * centroids @ centroids.T
-        support = (distances <= settings.radius**2) @ weights
+        squared = squares[:, None] + squares - 2.0 * centroids @ centroids.T
+        support = (squared <= settings.radius**2) @ weights
         center = centroids[[int(np.argmax(support))]]
         rotation = quats[[int(np.argmax((np.abs(quats @ quats.T) >= settings.cosine) @ weights))]]
         for _ in range(settings.mean_shift_iterations):
