@@ -39,10 +39,7 @@ class VerificationSettings(Settings):
     ] = 16
     max_improvement: Annotated[
         NotNegative,
-        Doc(
-            "a coarse pose whose cost is higher than the best refined one by more than this is "
-            "not refined (D)"
-        ),
+        Doc("coarse poses that cost more than the best refined one plus this are not refined (D)"),
     ] = 0.1
     unlikely_cost: Annotated[
         float | None,
@@ -187,9 +184,8 @@ class Verifier:
     """
 
     def __init__(self, model: ObjectModel, settings: VerificationSettings) -> None:
-        mesh = model.proxy
-        self.settings, self.model, self.mesh = settings, model, mesh
-        self._kernel_mesh = prepare_mesh(mesh)
+        self.settings, self.model, self.mesh = settings, model, model.proxy
+        self._kernel_mesh = prepare_mesh(self.mesh)
         self.tau_depth = settings.tau_depth_mm / 1000.0  # m
         self._limits = Tolerances(
             self.tau_depth,
@@ -199,7 +195,7 @@ class Verifier:
         )
         # The colours of a mesh without colours mean nothing.
         self._weight_color = settings.weight_color if model.mesh.colored else 0.0
-        offset_colors = mesh.colors[mesh.faces].mean(axis=1) + COLOR_OFFSET
+        offset_colors = self.mesh.colors[self.mesh.faces].mean(axis=1) + COLOR_OFFSET
         chromaticity = offset_colors / offset_colors.sum(axis=1, keepdims=True)
         self._chromaticity = chromaticity.astype(np.float32)
 
