@@ -114,8 +114,7 @@ def cut_local_patches(
     sides = focal * metric_size / z
     centers, resolution = pixels.astype(np.float64), settings.resolution
     single = np.asarray(depth, dtype=np.float32)
-    # In metres at first: `_normalise_depth` makes them relative.
-    relative = sample_squares(single, centers, sides, resolution, nearest=True)
+    relative = sample_squares(single, centers, sides, resolution, nearest=True)  # m at first
     if with_color:
         color = sample_squares(rgb, centers, sides, resolution)
     else:

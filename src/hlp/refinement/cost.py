@@ -99,9 +99,8 @@ class DepthCost:
         rows, columns, self.camera_matrix = _region(
             depth.shape, camera_matrix, points, settings.roi_size, margin
         )
-        observed = depth[rows[:, None], columns]
-        observed = np.where(np.isfinite(observed) & (observed > 0.0), observed, 0.0)
-        self.observed = np.ascontiguousarray(observed, dtype=np.float64)
+        observed = depth[rows[:, None], columns].astype(np.float64)
+        self.observed = np.where(np.isfinite(observed) & (observed > 0.0), observed, 0.0)
         if edge_distance is None:
             distances = edge_distances(self.observed, settings.edge_step_mm / 1000.0)[None]
             focal = self.camera_matrix[0, 0]
