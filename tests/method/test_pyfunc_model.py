@@ -17,8 +17,7 @@ class OnePerImage:
         assert rgb.shape == (2, 3, 3) and depth.shape == (2, 3) and camera_matrix.shape == (3, 3)
         assert options == {"max_instances": 1}
         found = {"score": float(rgb[0, 0, 0]), "visible_fraction": 0.5, "seconds": 0.25}
-        found |= {"object": "cat", "pose_cam_obj": np.eye(4), "residual_mm": 1.0}
-        return [SimpleNamespace(**found)]
+        return [SimpleNamespace(object="cat", pose_cam_obj=np.eye(4), residual_mm=1.0, **found)]
 
 
 def images(count: int) -> dict[str, np.ndarray]:

@@ -7,6 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 
 from fake_detection import FakeEstimator, method_settings
@@ -167,9 +169,6 @@ def test_the_data_change_the_names_of_what_is_made_from_them(
 
     def after(**changes: Any) -> set[str]:
         return changed(before, names(settings, dataclasses.replace(dataset, **changes)))
-
-    import cv2
-    import numpy as np
 
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((80, 80, 3), np.uint8))
     learnt_by_classifier = {"classifier", "score", "regions", "hypotheses", "poses"}
