@@ -141,14 +141,18 @@ def _receive(archive: Archive, target: Path) -> tuple[Path, str | None]:
             raise  # of the disk
         if isinstance(error, HfHubHTTPError) and error.response.status_code == 416:
             part.unlink()  # it does not end before the file
-        have = part.stat().st_size if part.is_file() else 0
-        kept = f"{have / 1e6:.1f} MB are kept in {part}" if have else "nothing is loaded yet"
-        reason = str(error).partition("\n")[0] or type(error).__name__
-        raise NetworkError(
-            f"{archive.url} cannot be loaded ({reason}); {kept}: check the network, and call again "
-            "to continue, or give another server with mirror=URL"
-        ) from error
+        raise _cut_off(archive, part, error) from error
     return part, stated
+
+
+def _cut_off(archive: Archive, part: Path, error: Exception) -> NetworkError:
+    have = part.stat().st_size if part.is_file() else 0
+    kept = f"{have / 1e6:.1f} MB are kept in {part}" if have else "nothing is loaded yet"
+    reason = str(error).partition("\n")[0] or type(error).__name__
+    return NetworkError(
+        f"{archive.url} cannot be loaded ({reason}); {kept}: check the network, and call again "
+        "to continue, or give another server with mirror=URL"
+    )
 
 
 def _compared(archive: Archive, etag: str | None, size: int | None) -> str | None:
