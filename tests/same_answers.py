@@ -14,7 +14,7 @@ from hlp.method.find.trace import ObjectTrace
 from hlp.refinement.pose_fit import PoseFit
 from hlp.runs.learning import learnt_of_run
 from hlp.runs.manifest import MANIFEST
-from hlp.runs.run_stages import stages_of
+from hlp.runs.runner import stages_of
 from hlp.stages.store import StageStore
 
 

@@ -4,7 +4,7 @@ import pytest
 import requests
 
 from hlp.cli import main
-from hlp.reporting.mlflow_tracking import MlflowSettings, track_run
+from hlp.reporting.mlflow.tracking import MlflowSettings, track_run
 from served_ui import served_ui
 
 Captured = pytest.CaptureFixture[str]

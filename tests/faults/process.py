@@ -14,8 +14,8 @@ from typing import Any
 from forked_hlp import Ended, run_hlp
 
 PLACES = {
-    "database begun": ("hlp.reporting.mlflow_store", "artifacts_uri", 0),
-    "database made": ("hlp.reporting.mlflow_store.os", "replace", 1),
+    "database begun": ("hlp.reporting.mlflow.store", "artifacts_uri", 0),
+    "database made": ("hlp.reporting.mlflow.store.os", "replace", 1),
     "run opened": ("hlp.runs.runner", "log_inputs", 0),
     "views begun": ("hlp.rendering.views", "_poses", 1),
     "views half written": ("hlp.rendering.views", "write_array", 2),
@@ -63,9 +63,9 @@ COMMAND_PLACES = {
     "first image": ("hlp.runs.live", "_line", 0),
     "second image": ("hlp.runs.live", "_line", 1),
     "page half written": ("hlp.files.os", "replace", 0),
-    "run created": ("hlp.reporting.mlflow_upload", "_send_values", 0),
-    "artifacts sent": ("hlp.reporting.mlflow_upload.tempfile", "TemporaryDirectory", 0),
-    "run sent": ("hlp.reporting.mlflow_upload", "remove_database", 0),
+    "run created": ("hlp.reporting.mlflow.upload", "_send_values", 0),
+    "artifacts sent": ("hlp.reporting.mlflow.upload.tempfile", "TemporaryDirectory", 0),
+    "run sent": ("hlp.reporting.mlflow.upload", "remove_database", 0),
 }
 """Places in other commands."""
 

@@ -14,7 +14,7 @@ from process import CODES, LEARNING_PLACES, LINES, PLACES, SWEEP_PLACES, stop_hl
 
 from forked_hlp import run_hlp
 from hlp.data.synthetic.objects import demo_objects
-from hlp.reporting.mlflow_pages import HEADLINES
+from hlp.reporting.mlflow.pages import HEADLINES
 from run_files import arms_of, logged_runs, poses_of, read_json
 from tiny_method import write_mesh
 from tiny_run import TinyRun

@@ -12,7 +12,7 @@ import hlp
 from hlp.errors import DataError
 from hlp.method.find.trace import STAGES
 from hlp.method.learn.model_files import read_history, read_weights
-from hlp.runs.run_stages import stages_of
+from hlp.runs.runner import stages_of
 from hlp.stages.detection import DetectionStages
 from hlp.stages.frame_task import FrameTask, Worker, render_in_workers
 from hlp.stages.store import StageStore

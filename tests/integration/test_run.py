@@ -10,7 +10,7 @@ import pytest
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.records import Target
-from hlp.runs.run_stages import stages_of
+from hlp.runs.runner import stages_of
 from hlp.runs.shown_targets import FrameResults
 from hlp.runs.stage_samples import search_again
 from hlp.stages.manifest import library_builds, processor

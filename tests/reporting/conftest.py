@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from hlp.reporting.mlflow_tracking import MlflowSettings
+from hlp.reporting.mlflow.tracking import MlflowSettings
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from hlp.reporting.mlflow_pages import (
+from hlp.reporting.mlflow.pages import (
     experiment_path,
     experiment_tags,
     how_to_browse,

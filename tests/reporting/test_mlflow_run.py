@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 from mlflow import MlflowClient
 
-from hlp.reporting.mlflow_run import LoggedAs, MlflowRun, flatten, metric_name
-from hlp.reporting.mlflow_tracking import REVISION, MlflowSettings, track_run
+from hlp.reporting.mlflow.run import LoggedAs, MlflowRun, flatten, metric_name
+from hlp.reporting.mlflow.tracking import REVISION, MlflowSettings, track_run
 
 LOSSES = [{"loss": 0.5, "accuracy": 0.75}, {"loss": 0.25, "accuracy": 0.875}]
 PATIENCE = 300.0  # s; a busy machine takes long to import MLflow

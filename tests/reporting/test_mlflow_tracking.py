@@ -17,9 +17,9 @@ from mlflow.exceptions import MlflowException
 
 import hlp
 from hlp.errors import ConfigError, DataError, is_expected
-from hlp.reporting.mlflow_run import LoggedAs, MlflowRun
-from hlp.reporting.mlflow_store import owner_tags
-from hlp.reporting.mlflow_tracking import ChildRun, MlflowSettings, as_child_run, track_run
+from hlp.reporting.mlflow.run import LoggedAs, MlflowRun
+from hlp.reporting.mlflow.store import owner_tags
+from hlp.reporting.mlflow.tracking import ChildRun, MlflowSettings, as_child_run, track_run
 
 if TYPE_CHECKING:
     from mlflow.entities import Run
@@ -140,7 +140,7 @@ def test_what_goes_on_aside_is_a_run_of_its_own(
 ) -> None:
     """An earlier one of the same child, which is kept there too, may have been sent already."""
     settings = replace(settings, unsent=f"sqlite:///{tmp_path / 'mlflow.db'}")
-    monkeypatch.setattr("hlp.reporting.mlflow_tracking.is_local", lambda uri: False)
+    monkeypatch.setattr("hlp.reporting.mlflow.tracking.is_local", lambda uri: False)
 
     def go_away(client: MlflowClient, _: str) -> None:
         if client.tracking_uri == settings.uri:
@@ -191,7 +191,7 @@ def test_a_database_that_cannot_be_written_is_one_line(
 
 def test_nothing_is_told_to_mlflows_makers() -> None:
     code = (
-        "import os; from hlp.reporting.mlflow_store import import_client; import_client();"
+        "import os; from hlp.reporting.mlflow.store import import_client; import_client();"
         "from mlflow.telemetry.utils import is_telemetry_disabled as off; assert off()"
     )
     clean = ("MLFLOW_DISABLE_TELEMETRY", "DO_NOT_TRACK", "CI", "PYTEST_CURRENT_TEST")

@@ -10,9 +10,9 @@ import pytest
 from mlflow import MlflowClient
 
 from hlp.errors import HlpError
-from hlp.reporting.mlflow_pages import newest_page, server
-from hlp.reporting.mlflow_tracking import PARENT, ChildRun, MlflowSettings, as_child_run, track_run
-from hlp.reporting.mlflow_upload import send_runs, unsent_database
+from hlp.reporting.mlflow.pages import newest_page, server
+from hlp.reporting.mlflow.tracking import PARENT, ChildRun, MlflowSettings, as_child_run, track_run
+from hlp.reporting.mlflow.upload import send_runs, unsent_database
 
 
 def free_port() -> int:

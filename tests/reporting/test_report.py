@@ -6,7 +6,7 @@ import pytest
 
 from hlp.errors import InputError
 from hlp.records import TargetScore
-from hlp.reporting.mlflow_tracking import MlflowSettings, track_run
+from hlp.reporting.mlflow.tracking import MlflowSettings, track_run
 from hlp.reporting.report import describe_named, report_runs, scores_file
 from hlp.reporting.tables.summary_tables import (
     format_summary,

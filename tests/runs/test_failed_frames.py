@@ -13,7 +13,7 @@ from hlp.evaluation.settings import EvaluationSettings
 from hlp.evaluation.summary import summarise
 from hlp.objects.shapes import rounded_box
 from hlp.records import ObjectModel, PoseEstimate, Target
-from hlp.runs.run_stages import describe_failed, require_some, say_failed, with_failed_frames
+from hlp.runs.runner import describe_failed, require_some, say_failed, with_failed_frames
 
 KEYS = ("000006_000001", "000006_000002", "000007_000001")
 REASONS = {KEYS[1]: "rgb/000002.png is truncated"}

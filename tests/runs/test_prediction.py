@@ -10,15 +10,23 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from hlp.checks import Finding
 from hlp.data.own_frames import FrameFiles, OwnFrames
 from hlp.data.synthetic.objects import demo_objects
 from hlp.errors import DamagedError, DataError, InputError
-from hlp.method.find.detections import Rejection, SearchResult
+from hlp.method.find.detections import Detection, Rejection, SearchResult
 from hlp.records import Frame
-from hlp.runs import answers, fault_watch
-from hlp.runs.prediction import PredictionOptions, predict
+from hlp.refinement.pose_fit import PoseFit
+from hlp.runs import fault_watch
+from hlp.runs.prediction import (
+    HEADER,
+    PredictionOptions,
+    detection_values,
+    pose_line,
+    predict,
+)
 
 FILES = ("poses.csv", "poses.json", "poses.jsonl")
 
@@ -92,7 +100,8 @@ def test_a_broken_first_frame_keeps_neither_the_header_nor_the_checks_from_the_o
     assert checked == ["000000_000001"]
     assert "the camera is odd" in caplog.text and "1 of 3 frames could not be used" in caplog.text
     header, *printed = capsys.readouterr().out.splitlines()
-    assert header == answers.HEADER and len(printed) == 2 and header not in printed
+    assert header == HEADER and len(printed) == 2 and header not in printed
+    assert all(line.endswith("not found: nothing looks like it") for line in printed)
     lines = [json.loads(x) for x in (tmp_path / "out" / "poses.jsonl").read_text().splitlines()]
     assert ["error" in line for line in lines] == [True, False, False]
 
@@ -199,3 +208,29 @@ def test_damaged_answers_of_a_stopped_call_are_made_again(
     assert predict(detector, own, output, PredictionOptions()) == 4
     assert detector.searched == 4
     assert len((output / "poses.jsonl").read_text().splitlines()) == 4
+
+
+POSE = np.eye(4)
+POSE[:3, :3] = Rotation.from_rotvec([10.0, -20.0, 30.0], degrees=True).as_matrix()
+POSE[:3, 3] = [0.1, -0.25, 0.7]
+
+
+def test_a_line_holds_translation_and_rotation_vector_below_the_header() -> None:
+    line = pose_line("a", "bolt", 0.876, POSE)
+    numbers = [float(word) for word in line.split()[2:]]
+    assert numbers == [0.88, 100.0, -250.0, 700.0, 10.0, -20.0, 30.0]
+    assert line.split()[:2] == ["a", "bolt"]
+    assert len(line) == len(HEADER)
+
+
+def test_a_pose_has_the_keys_of_bop() -> None:
+    fit = PoseFit(0.1, 0.9, 0.9, 1.0, 1.0)
+    found = Detection("bolt", 0.876, POSE, 0.9, 0.1, 1.5, POSE[None], None, fit)
+    values = detection_values(found)
+    np.testing.assert_array_equal(np.reshape(values.pop("cam_R_m2c"), (3, 3)), POSE[:3, :3])
+    assert values == {
+        "score": 0.876,
+        "cam_t_m2c": [100.0, -250.0, 700.0],
+        "visible_fraction": 0.9,
+        "residual_mm": 1.5,
+    }

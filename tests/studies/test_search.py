@@ -15,7 +15,7 @@ from hlp.commands.composing import config_folder
 from hlp.config.build import Run, build_run
 from hlp.errors import DataError
 from hlp.records import TargetScore
-from hlp.reporting.mlflow_tracking import track_run
+from hlp.reporting.mlflow.tracking import track_run
 from hlp.results.poses_file import write_scores
 from hlp.results.summary_file import read_target_values
 from hlp.studies import search

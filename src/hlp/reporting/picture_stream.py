@@ -63,6 +63,7 @@ class PictureStream:
 
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
+    request_queue_size = _CLIENTS
     stream: PictureStream
 
     def __init__(self, *given: Any) -> None:

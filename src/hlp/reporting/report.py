@@ -8,7 +8,7 @@ from hlp.errors import InputError, MissingFileError
 from hlp.files import MANIFEST, SCORES, SUMMARY, SWEEP
 from hlp.reporting.comparison import compare_runs, mean_and_spread, read_targets
 from hlp.reporting.figures.bars import draw_waterfall
-from hlp.reporting.mlflow_store import database_path, import_client, is_local
+from hlp.reporting.mlflow.store import database_path, import_client, is_local
 from hlp.reporting.page.run_page import write_run_page
 from hlp.reporting.page.study_page import study_folders, write_study_page, write_sweep_page
 from hlp.reporting.results import result_folders

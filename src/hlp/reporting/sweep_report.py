@@ -11,8 +11,8 @@ from hlp.reporting.figures.bars import Bar, Panel, draw_bars, run_panels
 from hlp.reporting.figures.heat_maps import HeatMap, draw_heat_maps
 from hlp.reporting.figures.recall_time import draw_trade_off
 from hlp.reporting.figures.saving import save_figure
-from hlp.reporting.mlflow_pages import headline_metrics
-from hlp.reporting.mlflow_run import MlflowRun
+from hlp.reporting.mlflow.pages import headline_metrics
+from hlp.reporting.mlflow.run import MlflowRun
 from hlp.reporting.study_numbers import ADD, RUN, Number
 from hlp.reporting.sweeps import Sweep, SweepRun, say_difference, short_key
 from hlp.reporting.tables.table import Table, format_interval, lay_out, prose

@@ -22,7 +22,7 @@ from hlp.records import CameraImage, Frame, ObjectModel
 from hlp.rendering.light import FRONTAL_LIGHT
 from hlp.rendering.rasterizer import render_rgbd
 from hlp.reporting.picture_stream import PictureStream
-from hlp.runs.answers import detection_values
+from hlp.runs.prediction import detection_values
 from hlp.settings import Doc
 
 Line = Mapping[str, Any]

@@ -18,10 +18,10 @@ from hlp.method.learn.model_files import read_history
 from hlp.method.pyfunc_model import example_image
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.reporting.comparison import read_targets
-from hlp.reporting.mlflow_pages import HEADLINES, experiment_tags, how_to_browse, short_name
-from hlp.reporting.mlflow_run import MlflowRun
-from hlp.reporting.mlflow_tracking import REVISION, track_run
-from hlp.reporting.model_registry import register
+from hlp.reporting.mlflow.pages import HEADLINES, experiment_tags, how_to_browse, short_name
+from hlp.reporting.mlflow.registry import register
+from hlp.reporting.mlflow.run import MlflowRun
+from hlp.reporting.mlflow.tracking import REVISION, track_run
 from hlp.reporting.page.report_data import FOLDER, PANELS, drawn_stages, read_report_data
 from hlp.results.poses_file import SCORE_COLUMNS
 from hlp.stages.manifest import git_revision

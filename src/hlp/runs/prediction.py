@@ -8,30 +8,70 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+import cv2
 import numpy as np
 from annotated_types import Ge, Interval
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from tqdm import tqdm
 
 import hlp
 from hlp.data.own_frames import OwnFrames, SearchMasks
 from hlp.errors import DamagedError, DataError, HlpError, MissingFileError
 from hlp.method.detector import MOST_INSTANCES, Detector
-from hlp.method.find.detections import SearchResult, TrackingResult
+from hlp.method.find.detections import Detection, SearchResult, TrackedDetection, TrackingResult
 from hlp.method.learn.learnt_folder import RECORD
 from hlp.method.settings import TrackingSettings
-from hlp.records import Frame, ObjectModel, PoseEstimate, parse_frame_key
+from hlp.records import (
+    MILLIMETRES_PER_METRE,
+    Frame,
+    ObjectModel,
+    PoseEstimate,
+    parse_frame_key,
+)
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.results.answers_file import LINES, AnswersFile
-from hlp.runs import answers
 from hlp.runs.fault_watch import FaultWatch
 from hlp.settings import Doc, Settings
 
+HEADER = (
+    f"{'frame':<24} {'object':<16} {'score':>5} {'x mm':>8} {'y mm':>8} {'z mm':>8} "
+    f"{'rx deg':>7} {'ry deg':>7} {'rz deg':>7}"
+)
+"""Above the lines of `pose_line`."""
 _AHEAD = 2  # frames decoded beside detection
 _logger = logging.getLogger(__name__)
 _Mask = Bool[np.ndarray, "h w"] | None
 _Found = SearchResult | TrackingResult
 _Decoded = tuple[str, Frame | None, _Mask, HlpError | None]
+
+
+def pose_line(image: str, name: str, score: float, pose: Float[np.ndarray, "4 4"]) -> str:
+    """Image, object, score, translation (mm) and rotation vector (degrees).
+
+    The rotation vector points along the axis of rotation, and its length is the angle.
+    """
+    shift = " ".join(f"{value:8.1f}" for value in pose[:3, 3] * MILLIMETRES_PER_METRE)
+    angles = np.rad2deg(cv2.Rodrigues(pose[:3, :3])[0].ravel())
+    turn = " ".join(f"{value:7.1f}" for value in angles)
+    return f"{image:<24} {name:<16} {score:5.2f} {shift} {turn}"
+
+
+def detection_values(found: Detection) -> dict[str, Any]:
+    """Score, pose and fit; the pose with BOP's keys: `cam_R_m2c` by rows, `cam_t_m2c` in mm.
+
+    In a sequence also its track.
+    """
+    pose = np.asarray(found.pose_cam_obj, dtype=np.float64)
+    values: dict[str, Any] = {
+        "score": found.score,
+        "cam_R_m2c": pose[:3, :3].ravel().tolist(),
+        "cam_t_m2c": (pose[:3, 3] * MILLIMETRES_PER_METRE).tolist(),
+        "visible_fraction": found.visible_fraction,
+        "residual_mm": found.residual_mm,
+    }
+    if isinstance(found, TrackedDetection):
+        values |= {"track": found.track, "tracked": found.tracked}
+    return values
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,7 +205,7 @@ class _Call:
         try:
             found = self._search(frame, mask)
             if self._answered == 0:  # after what decoding and loading had to say
-                _say(answers.HEADER)
+                _say(HEADER)
             self._write(frame, found, file)
             self._answered += 1
             if frame.key in self._drawn:
@@ -188,10 +228,10 @@ class _Call:
             estimate = PoseEstimate(*ids, answer.pose_cam_obj, answer.score, {"total": seconds})
             values = {
                 **self._about(frame, models[answer.object], True, seconds),
-                **answers.detection_values(answer),
+                **detection_values(answer),
             }
             file.add(values, estimate)
-            _say(answers.pose_line(image, answer.object, answer.score, answer.pose_cam_obj))
+            _say(pose_line(image, answer.object, answer.score, answer.pose_cam_obj))
             named.add(answer.object)
         for rejection in found.rejections:
             if rejection.object in named:  # one more instance that was looked for in vain
@@ -199,11 +239,11 @@ class _Call:
             best = rejection.answer
             values = {
                 **self._about(frame, models[rejection.object], False, seconds),
-                **({"score": 0.0} if best is None else answers.detection_values(best)),
+                **({"score": 0.0} if best is None else detection_values(best)),
                 "reason": rejection.reason,
             }
             file.add(values, None)
-            _say(answers.missing_line(image, rejection.object, rejection.reason))
+            _say(f"{image:<24} {rejection.object:<16} not found: {rejection.reason}")
             named.add(rejection.object)
 
     def _about(

@@ -8,25 +8,28 @@ from typing import Any
 from tqdm import tqdm
 
 from hlp.config.build import Run
+from hlp.data.dataset import CheckedFrames
+from hlp.errors import DataError
 from hlp.evaluation.evaluator import score_targets
 from hlp.evaluation.summary import count_false_alarms, summarise
-from hlp.evaluation.waterfall import vote_quality
+from hlp.evaluation.waterfall import BAD_FRAME, missed_score, vote_quality
 from hlp.files import MANIFEST, PAGE, POSES, SCORES, SUMMARY, write_json
 from hlp.method.compute_threads import set_compute_threads
 from hlp.method.find.trace import Trace
-from hlp.records import PoseEstimate
+from hlp.records import PoseEstimate, TargetScore, frame_key, parse_frame_key
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.reporting.experiments import describe_table, write_reports
 from hlp.reporting.figures.bars import draw_waterfall
 from hlp.reporting.figures.heat_maps import draw_confusion
 from hlp.reporting.figures.recall_time import draw_calibration
-from hlp.reporting.mlflow_pages import summary_metrics
-from hlp.reporting.mlflow_run import MlflowRun
+from hlp.reporting.mlflow.pages import summary_metrics
+from hlp.reporting.mlflow.run import MlflowRun
 from hlp.reporting.page.parts import page_or_log, run_verdict
 from hlp.reporting.page.report_data import PANELS, STAGES
 from hlp.reporting.page.run_page import write_run_page
 from hlp.reporting.paper_reports import TABLES
 from hlp.reporting.tables.summary_tables import format_summary
+from hlp.reporting.tables.table import prose
 from hlp.results.poses_file import read_poses, write_poses, write_scores
 from hlp.runs.diagnosis import FrameNotes, WindowClasses, explain_misses, note_frame
 from hlp.runs.manifest import make_manifest, poses_digest
@@ -39,18 +42,14 @@ from hlp.runs.mlflow_log import (
     tracked,
 )
 from hlp.runs.pictures import draw_pictures
-from hlp.runs.run_stages import (
-    describe_failed,
-    report_bad_frames,
-    require_some,
-    say_failed,
-    stages_of,
-    with_failed_frames,
-)
 from hlp.runs.timing import Timing, measure_times
-from hlp.stages.detection import DetectionStages
+from hlp.stages.detection import DetectionStages, OnBadFrame
 from hlp.stages.frame_task import render_in_workers
 from hlp.stages.store import StageStore
+from hlp.stages.training import TrainingStages
+
+_NAMED = 10  # frames that the last message names
+_logger = logging.getLogger(__name__)
 
 
 def run_method(run: Run, output: Path) -> dict[str, Any]:
@@ -68,7 +67,8 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
     (output / MANIFEST).unlink(missing_ok=True)
     with tracked(run, output) as tracker:
         log_inputs(run, tracker)
-        report_bad_frames(run)
+        for key, reason in run.bad_frames.items():
+            _logger.warning("frame %s cannot be used: %s", key, reason)
         store = StageStore(Path(settings.work))
         detection = stages_of(run, store, settings.on_bad_frame)
         render_in_workers(detection.training, settings.executor)
@@ -77,8 +77,7 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         trained = log_training(detection.training, tracker)
         require_some(detection.failed, len(run.keys))
         timing = measure_times(run, detection, estimates)
-        counts = classes.summary()
-        summary = _score(run, detection, estimates, notes, timing, counts, output)
+        summary = _score(run, detection, estimates, notes, timing, classes.summary(), output)
         tracker.log_metrics(summary_metrics(summary))
         log_tables(summary, output, tracker)
         digest = {"poses": poses_digest(output / POSES)}
@@ -156,10 +155,78 @@ def _score(
 
 
 def _say_where(run: Run, output: Path, tracker: MlflowRun) -> None:
-    say = logging.getLogger(__name__).info
+    say = _logger.info
     say("\nResults   %s (summary.json, scores.csv, poses.csv, manifest.json)", output)
     if (output / PAGE).is_file():
         say("Report    %s (open it in a browser)", output / PAGE)
     if run.settings.panels > 0:
         say("Pictures  %s, %s (what each stage saw)", output / PANELS, output / STAGES)
     say_where(run, tracker)
+
+
+def stages_of(run: Run, store: StageStore, on_bad_frame: OnBadFrame = "fail") -> DetectionStages:
+    """Training and detection stages over the run's frames; nothing is computed yet.
+
+    `on_bad_frame` "report" is for those who count the targets of bad frames as wrong. Raises
+    DataError for the first frame that is known to be bad, with "fail".
+    """
+    if on_bad_frame == "fail":
+        run.require_sound_frames()
+    settings = run.settings
+    training = TrainingStages(run.dataset, settings.method, store, settings.warm_start)
+    return DetectionStages(
+        run.dataset,
+        settings.method,
+        training,
+        store,
+        run.keys,
+        settings.executor,
+        on_bad_frame,
+        run.bad_frames,
+    )
+
+
+def require_some(failed: Mapping[str, str], frames: int) -> None:
+    """Raise DataError if all of a run's frames have failed."""
+    if len(failed) == frames:
+        first = next(iter(failed.values()))
+        raise DataError(f"none of the {frames} frames can be used; the first: {first}")
+
+
+def with_failed_frames(
+    run: Run, failed: Mapping[str, str], scores: Sequence[TargetScore]
+) -> list[TargetScore]:
+    """The scores and those of the frames that failed, in the order of the run's frames."""
+    if not failed:
+        return list(scores)
+    source = run.dataset.frames
+    assert isinstance(source, CheckedFrames)  # of others, a bad frame ends the run
+    lost = [
+        missed_score(*parse_frame_key(key), t.object_id, t.visible_fraction, cause=BAD_FRAME)
+        for key in failed
+        for t in source.stated_targets(key)
+    ]
+    place = {key: number for number, key in enumerate(run.keys)}
+    return sorted([*scores, *lost], key=lambda s: place[frame_key(s.scene_id, s.frame_id)])
+
+
+def describe_failed(failed: Mapping[str, str]) -> list[dict[str, object]]:
+    """`frames_failed` of `summary.json`: the frames and the reasons."""
+    described: list[dict[str, object]] = []
+    for key, reason in sorted(failed.items()):
+        scene_id, frame_id = parse_frame_key(key)
+        described.append({"scene_id": scene_id, "im_id": frame_id, "reason": reason})
+    return described
+
+
+def say_failed(failed: Mapping[str, str], frames: int) -> None:
+    """What a run says of them at its end; nothing if there is none."""
+    if not failed:
+        return
+    named = ", ".join(sorted(failed)[:_NAMED])
+    more = ", …" if len(failed) > _NAMED else ""
+    words = (
+        f"{len(failed)} of {frames} frames could not be used; their targets count as wrong: "
+        f"{named}{more} (the reasons are in summary.json)"
+    )
+    _logger.warning("\n%s", prose(words, "text"))

@@ -34,7 +34,7 @@ from hlp.records import (
 from hlp.reporting.figures.heat_maps import draw_oracle
 from hlp.reporting.tables.study_tables import format_oracle, head_of, oracle_metrics, write_oracle
 from hlp.results.summary_file import METRICS, TargetKey, numbered_targets, write_target_values
-from hlp.runs.run_stages import stages_of
+from hlp.runs.runner import stages_of
 from hlp.settings import Doc, Settings
 from hlp.stages.detection import DetectionStages
 from hlp.stages.store import StageStore

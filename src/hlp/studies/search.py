@@ -23,8 +23,8 @@ from hlp.files import SCORES, write_json
 from hlp.method.find.estimator import derive_seed
 from hlp.reporting.comparison import read_targets
 from hlp.reporting.figures.recall_time import write_search_figure
-from hlp.reporting.mlflow_pages import short_name
-from hlp.reporting.mlflow_tracking import ChildRun, as_child_run
+from hlp.reporting.mlflow.pages import short_name
+from hlp.reporting.mlflow.tracking import ChildRun, as_child_run
 from hlp.reporting.tables.study_tables import format_search, write_search
 from hlp.results.summary_file import write_target_values
 from hlp.runs import runner

@@ -14,7 +14,7 @@ from hlp.config.build import Run, evenly
 from hlp.files import MANIFEST, write_json
 from hlp.method.compute_threads import set_compute_threads
 from hlp.records import Frame
-from hlp.reporting.mlflow_run import MlflowRun
+from hlp.reporting.mlflow.run import MlflowRun
 from hlp.reporting.page.parts import page_or_log
 from hlp.reporting.page.study_page import write_study_page
 from hlp.runs.manifest import make_manifest

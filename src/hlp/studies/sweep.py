@@ -25,9 +25,9 @@ from omegaconf import DictConfig, OmegaConf
 from hlp.config.chosen import chosen_by_hydra, groups_of, overrides_of
 from hlp.errors import DataError, HlpError, InputError, MissingFileError
 from hlp.files import SWEEP, read_json, write_json
-from hlp.reporting.mlflow_pages import experiment_tags, short_name
-from hlp.reporting.mlflow_run import MlflowRun
-from hlp.reporting.mlflow_tracking import ChildRun, MlflowSettings, as_child_run, track_run
+from hlp.reporting.mlflow.pages import experiment_tags, short_name
+from hlp.reporting.mlflow.run import MlflowRun
+from hlp.reporting.mlflow.tracking import ChildRun, MlflowSettings, as_child_run, track_run
 from hlp.settings import read_settings
 from hlp.stages.executor_settings import ends_with
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from hlp.errors import DataError, is_expected
-from hlp.reporting.mlflow_pages import experiment_tags
-from hlp.reporting.mlflow_run import LoggedAs, MlflowRun, metric_name
-from hlp.reporting.mlflow_store import (
+from hlp.reporting.mlflow.pages import experiment_tags
+from hlp.reporting.mlflow.run import LoggedAs, MlflowRun, metric_name
+from hlp.reporting.mlflow.store import (
     database_path,
     import_client,
     is_away,

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hlp.errors import MissingFileError, NetworkError
-from hlp.reporting.mlflow_run import LoggedAs, MlflowRun
-from hlp.reporting.mlflow_store import (
+from hlp.reporting.mlflow.run import LoggedAs, MlflowRun
+from hlp.reporting.mlflow.store import (
     SQLITE,
     database_path,
     import_client,
@@ -17,7 +17,7 @@ from hlp.reporting.mlflow_store import (
     prepare_database,
     remove_database,
 )
-from hlp.reporting.mlflow_tracking import CONTINUES, PARENT, SEND_TO
+from hlp.reporting.mlflow.tracking import CONTINUES, PARENT, SEND_TO
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
