@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from hlp.registry import Registry
+from hlp.settings import Doc
 
 UNITS = {
     "mm": "mm",
@@ -57,8 +58,8 @@ def tables_of(kind: type, prefix: str, defaults: Any = None) -> list[Table]:
     for field in dataclasses.fields(kind):
         if not field.init:
             continue
-        facts = list(_facts(hints[field.name], field))
-        default = _default(field, facts, defaults)
+        facts = _facts(hints[field.name])
+        default = _default(field, defaults)
         inner = list(settings_classes(hints[field.name]))
         if len(inner) == 1 and inner[0] is not kind:
             value = default if isinstance(default, inner[0]) else None
@@ -71,8 +72,7 @@ def tables_of(kind: type, prefix: str, defaults: Any = None) -> list[Table]:
                 f"{prefix}{field.name}",
                 kind_of(hints[field.name]),
                 shown(default),
-                next((str(each.unit) for each in facts if hasattr(each, "unit")), "")
-                or unit_of(field.name),
+                unit_of(field.name),
                 range_of(facts),
                 description_of(facts),
             )
@@ -125,20 +125,13 @@ def range_of(facts: list[Any]) -> str:
             bound = getattr(fact, name, None)
             if isinstance(bound, int | float):
                 found[sign] = f"{sign} {bound:g}"
-        for name, sign in (("min_length", "at least"), ("max_length", "at most")):
-            if getattr(fact, name, None):
-                found[sign] = f"{sign} {getattr(fact, name)} entries"
     return ", ".join(found.values())
 
 
 def description_of(facts: list[Any]) -> str:
     """The description among a field's facts."""
-    for fact in facts:
-        for name in ("description", "documentation"):
-            text = getattr(fact, name, None)
-            if isinstance(text, str):
-                return " ".join(text.split())
-    return ""
+    texts = (fact.documentation for fact in facts if isinstance(fact, Doc))
+    return " ".join(next(texts, "").split())
 
 
 def unit_of(key: str) -> str:
@@ -189,13 +182,9 @@ def _row(columns: Mapping[str, list[str]], index: int | None = None) -> str:
 
 def _bare(hint: Any) -> Any:
     """A type without what `Annotated` and aliases add to it."""
-    while True:
-        if get_origin(hint) is Annotated:
-            hint = get_args(hint)[0]
-        elif hasattr(hint, "__value__"):  # `type X = …`
-            hint = hint.__value__
-        else:
-            return hint
+    while get_origin(hint) is Annotated:
+        hint = get_args(hint)[0]
+    return hint
 
 
 def _is_mapping(hint: Any) -> bool:
@@ -203,8 +192,8 @@ def _is_mapping(hint: Any) -> bool:
     return inspect.isclass(origin) and issubclass(origin, Mapping)
 
 
-def _facts(hint: Any, field: "dataclasses.Field[Any]") -> Iterator[Any]:
-    """What annotations, pydantic's `Field` and the field's metadata say; a union's parts too."""
+def _facts(hint: Any) -> list[Any]:
+    """What annotations say; those of a union's parts too."""
     found: list[Any] = []
     if get_origin(hint) is Annotated:
         found += get_args(hint)[1:]
@@ -212,27 +201,12 @@ def _facts(hint: Any, field: "dataclasses.Field[Any]") -> Iterator[Any]:
         for part in get_args(_bare(hint)):
             if get_origin(part) is Annotated:
                 found += get_args(part)[1:]
-    found += [field.default, types.SimpleNamespace(**field.metadata)]
-    for fact in found:
-        if _is_field_info(fact):
-            extra = fact.json_schema_extra
-            yield types.SimpleNamespace(**extra) if isinstance(extra, dict) else fact
-            yield from fact.metadata
-        yield fact
+    return found
 
 
-def _is_field_info(value: Any) -> bool:
-    return type(value).__name__ == "FieldInfo"
-
-
-def _default(field: "dataclasses.Field[Any]", facts: list[Any], instance: Any) -> Any:
+def _default(field: "dataclasses.Field[Any]", instance: Any) -> Any:
     if instance is not None:
         return getattr(instance, field.name)
     if field.default_factory is not dataclasses.MISSING:
         return field.default_factory()
-    if field.default is not dataclasses.MISSING and not _is_field_info(field.default):
-        return field.default
-    for fact in facts:
-        if _is_field_info(fact) and not fact.is_required():
-            return fact.get_default(call_default_factory=True)
-    return dataclasses.MISSING
+    return field.default

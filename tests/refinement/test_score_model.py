@@ -112,7 +112,7 @@ def test_weights_come_back_from_a_file_and_a_damaged_one_is_named(tmp_path: Path
     path = tmp_path / "score.json"
     path.write_text('{"bias": 1, "cost": null, "shape": 2, "edge": 0, "hidden": 0}')
     with pytest.raises(
-        DataError, match=r"score\.json: cost is None: it must be a number: it is damaged"
+        DataError, match=r"score\.json: cost is null: it must be a number: it is damaged"
     ):
         load_score_model(tmp_path)
     path.write_text('{"bias": 1, "cost": NaN, "shape": 2, "edge": 0, "hidden": 0}')

@@ -148,8 +148,8 @@ def test_what_is_damaged_is_set_aside_and_made_again(
     ("values", "words"),
     [
         ({"seconds": "1"}, "seconds is '1': it must be a number"),
-        ({"seconds": -1.0}, "seconds is -1.0: it must be greater than or equal to 0"),
-        ({"files": ["data.txt"]}, "files is ['data.txt']: it must be an object"),
+        ({"seconds": -1.0}, "seconds is -1.0: it must be at least 0"),
+        ({"files": ["data.txt"]}, "files is ['data.txt']: it must be a mapping"),
         ({"files": {"data.txt": 1}}, "files.data.txt is 1: it must be text"),
         ({"stage": 7}, "stage is 7: it must be text"),
     ],

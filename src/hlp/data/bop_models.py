@@ -3,6 +3,7 @@
 Format: Hodan et al., BOP (ECCV 2018), docs/bop_datasets_format.md of the BOP toolkit.
 """
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -18,11 +19,13 @@ from hlp.records import MILLIMETRE, MILLIMETRES_PER_METRE, ObjectModel
 from hlp.rendering.surface import sample_surface
 from hlp.schemas import bop
 from hlp.schemas.meaning import exact_rotation
-from hlp.schemas.reading import read_as
+from hlp.schemas.reading import read_as, read_text_json
+from hlp.settings import stored_as
 
 _FOLDERS = ("models", "models_eval")
 _INFO = "models_info.json"
 _NAMES = "names.json"
+_NAME = re.compile(r"\w[\w .+-]*")  # it becomes the name of files
 _SYMMETRIES = {"symmetries_discrete", "symmetries_continuous"}
 _MOST_MOTIONS = 10000
 _ROUNDING = 0.01  # of symmetries, which people write by hand
@@ -44,11 +47,12 @@ def load_object_models(
     for name, settings in objects.items():
         path = _mesh_path(root, name, settings.id)
         listed = path.parent / _INFO
-        infos = read_as(listed, bop.ModelInfos) if listed.is_file() else {}
+        content = read_text_json(listed) if listed.is_file() else {}
+        infos = stored_as(bop.ModelInfos, content, str(listed))
         info = infos.get(str(settings.id), bop.ModelInfo())
         diameter = None if info.diameter is None else info.diameter * MILLIMETRE
         where = f"{listed}, object {settings.id}"
-        stated = any(_SYMMETRIES & other.model_fields_set for other in infos.values())
+        stated = any(_SYMMETRIES & entry.keys() for entry in content.values())
         symmetries = symmetry_motions(info, symmetry_steps, where) if stated else None
         model = build_object_model(
             name, settings, path, MILLIMETRE, proxy_faces, diameter, symmetries
@@ -108,7 +112,9 @@ def _turns(entry: bop.ContinuousSymmetry, steps: int, where: str) -> Float[np.nd
     with np.errstate(over="ignore"):  # of numbers that are no direction: 1e300
         length = float(np.linalg.norm(axis))
     if not 0 < length < np.inf:
-        raise DataError(f"{where} is {entry.axis}: it must be a direction of a positive length")
+        raise DataError(
+            f"{where} is {list(entry.axis)}: it must be a direction of a positive length"
+        )
     angles = np.arange(steps)[:, None] * (2.0 * np.pi / steps)
     turns = Rotation.from_rotvec(angles * axis / length).as_matrix()
     offset = np.asarray(entry.offset, dtype=np.float64) * MILLIMETRE
@@ -124,6 +130,9 @@ def name_objects(root: Path, object_ids: Iterable[int]) -> dict[str, ObjectSetti
     for folder in _FOLDERS:
         if not names and (path := root / folder / _NAMES).is_file():
             names = read_as(path, bop.Names)
+            for name in names.values():
+                if not _NAME.fullmatch(name):
+                    raise DataError(f"{path}: {name!r} cannot name an object")
     objects: dict[str, ObjectSettings] = {}
     for object_id in object_ids:
         name = names.get(str(object_id), f"obj_{object_id:06d}")

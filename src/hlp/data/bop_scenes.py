@@ -19,7 +19,8 @@ from jaxtyping import Bool
 from hlp.data.images import find_image, read_rgb
 from hlp.errors import DataError, MissingFileError
 from hlp.schemas import bop
-from hlp.schemas.reading import checked_as, read_as, read_text_json
+from hlp.schemas.reading import read_as, read_text_json
+from hlp.settings import stored_as
 
 T = TypeVar("T")
 Mask = Bool[np.ndarray, "h w"]
@@ -62,7 +63,7 @@ class Scene(ABC):
         entry, path = self._entry(_CAMERA, frame_id)
         if isinstance(entry, dict) and "cam_K" not in entry:
             raise DataError(f"{path} has no cam_K for frame {frame_id}")
-        return checked_as(entry, bop.CameraEntry, f"{path}, frame {frame_id}")
+        return stored_as(bop.CameraEntry, entry, f"{path}, frame {frame_id}")
 
     def truth(self, frame_id: int) -> list[bop.TruthEntry]:
         """The annotated instances. Raises MissingFileError if no truth is stated, DataError."""
@@ -78,7 +79,7 @@ class Scene(ABC):
 
     def _listed(self, kind: str, schema: type[T], frame_id: int) -> T:
         entry, path = self._entry(kind, frame_id)
-        return checked_as(entry, schema, f"{path}, frame {frame_id}")
+        return stored_as(schema, entry, f"{path}, frame {frame_id}")
 
 
 def list_scenes(split: Path) -> dict[int, Scene]:
@@ -230,7 +231,7 @@ class ImagewiseScene(Scene):
         if str(number) not in masks:
             raise DataError(f"{path} has no mask {number} of run lengths")
         where = f"{path}, mask {number}"
-        return path, _from_run_lengths(checked_as(masks[str(number)], bop.RunLengths, where), where)
+        return path, _from_run_lengths(stored_as(bop.RunLengths, masks[str(number)], where), where)
 
     def text_files(self, frame_ids: list[int]) -> list[Path]:
         """The JSON files of these frames."""

@@ -68,7 +68,8 @@ def annotated_targets(scene: Scene, frame_id: int, where: str) -> list[Target]:
             f"{where}: {about} has {len(infos)} instances, but there are {len(entries)} poses: "
             "they must be the same ones in the same order"
         )
-    visible = [info.visib_fract for info in infos] or [float("nan")] * len(entries)
+    stated = [info.visib_fract for info in infos] or [None] * len(entries)
+    visible = [float("nan") if fraction is None else fraction for fraction in stated]
     return [
         Target(entry.obj_id, _pose(entry, where), fraction)
         for entry, fraction in zip(entries, visible, strict=False)

@@ -18,7 +18,7 @@ from hlp.arrays import Flags
 from hlp.errors import DataError, MissingFileError
 from hlp.files import read_json, write_json
 from hlp.refinement.pose_fit import PoseFit
-from hlp.settings import Settings, stored_as
+from hlp.settings import Stored, stored_as
 
 MIN_SCORE = 0.5
 """An answer with a lower score is more likely wrong than right: the object was not found."""
@@ -131,7 +131,7 @@ def fit_score_model(
 
 
 @dataclass(frozen=True)
-class _Weights(Settings):
+class _Weights(Stored):
     """What score.json must say."""
 
     bias: float

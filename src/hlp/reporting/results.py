@@ -12,7 +12,8 @@ from hlp.errors import DataError
 from hlp.files import MANIFEST, SUMMARY, SWEEP
 from hlp.results.summary_file import read_summary
 from hlp.schemas.outputs import Manifest, Sweep
-from hlp.schemas.reading import read_as, shown
+from hlp.schemas.reading import read_as
+from hlp.settings import shown
 
 
 @dataclass(frozen=True)

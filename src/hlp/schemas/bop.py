@@ -5,12 +5,14 @@ not named here are not read.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StrictStr
+from annotated_types import Ge, Le, Len
 
-_Finite = Annotated[float, Field(allow_inf_nan=False)]
-_Id = Annotated[int, Field(ge=0)]
+from hlp.settings import Count, Positive, ReadBy, SettingsError, Share, Stored, shown
+
+_Id = Annotated[int, Ge(0), Le(2**31 - 1)]
 
 
 def _flat(values: Any) -> Any:
@@ -20,23 +22,21 @@ def _flat(values: Any) -> Any:
     return values
 
 
-_Matrix3 = Annotated[list[_Finite], BeforeValidator(_flat), Field(min_length=9, max_length=9)]
-_Matrix4 = Annotated[list[_Finite], BeforeValidator(_flat), Field(min_length=16, max_length=16)]
-_Vector3 = Annotated[list[_Finite], BeforeValidator(_flat), Field(min_length=3, max_length=3)]
+_Vector3 = Annotated[tuple[float, ...], Len(3, 3), ReadBy(_flat)]
+_Matrix3 = Annotated[tuple[float, ...], Len(9, 9), ReadBy(_flat)]
+_Matrix4 = Annotated[tuple[float, ...], Len(16, 16), ReadBy(_flat)]
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(extra="ignore", strict=True)
-
-
-class CameraEntry(_Entry):
+@dataclass(frozen=True)
+class CameraEntry(Stored):
     """A frame's entry in scene_camera.json; also camera.json of a folder of frames."""
 
     cam_K: _Matrix3  # noqa: N815
-    depth_scale: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 1.0
+    depth_scale: Positive = 1.0
 
 
-class TruthEntry(_Entry):
+@dataclass(frozen=True)
+class TruthEntry(Stored):
     """An annotated instance in scene_gt.json."""
 
     obj_id: _Id
@@ -44,51 +44,63 @@ class TruthEntry(_Entry):
     cam_t_m2c: _Vector3
 
 
-class InfoEntry(_Entry):
-    """What scene_gt_info.json says of an annotated instance."""
+@dataclass(frozen=True)
+class InfoEntry(Stored):
+    """What scene_gt_info.json says of an annotated instance; None where it says nothing."""
 
-    visib_fract: Annotated[float, Field(ge=0, le=1)] = float("nan")
+    visib_fract: Share | None = None
 
 
-class TargetRow(_Entry):
+@dataclass(frozen=True)
+class TargetRow(Stored):
     """A row of a list of targets; that of 2024 names frames alone."""
 
     scene_id: _Id
     im_id: _Id
     obj_id: _Id | None = None
-    inst_count: Annotated[int, Field(ge=1)] = 1
+    inst_count: Count = 1
 
 
-class ContinuousSymmetry(_Entry):
+@dataclass(frozen=True)
+class ContinuousSymmetry(Stored):
     """An axis of revolution."""
 
     axis: _Vector3
     offset: _Vector3
 
 
-class ModelInfo(_Entry):
+@dataclass(frozen=True)
+class ModelInfo(Stored):
     """An object's entry in models_info.json."""
 
-    diameter: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
-    symmetries_discrete: list[_Matrix4] = []
-    symmetries_continuous: list[ContinuousSymmetry] = []
+    diameter: Positive | None = None
+    symmetries_discrete: tuple[_Matrix4, ...] = ()
+    symmetries_continuous: tuple[ContinuousSymmetry, ...] = ()
 
 
-class RunLengths(_Entry):
+@dataclass(frozen=True)
+class RunLengths(Stored):
     """A mask: COCO's uncompressed run lengths, column by column, beginning with zeros."""
 
-    size: Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=2, max_length=2)]
-    counts: list[_Id]
+    size: tuple[Count, Count]
+    counts: Any  # whole numbers: there are too many to check each by its type
+
+    def __post_init__(self) -> None:
+        """Raise SettingsError naming what is wrong."""
+        super().__post_init__()
+        counts = self.counts
+        if not isinstance(counts, list) or {*map(type, counts)} != {int} or min(counts) < 0:
+            problem = f"is {shown(counts)}: it must be a list of whole numbers from 0"
+            raise SettingsError("counts", problem)
 
 
-Scene = dict[StrictStr, Any]
+Scene = dict[str, Any]
 """A scene's file: an entry for each frame, which is checked when the frame is."""
 Truths = list[TruthEntry]
 Infos = list[InfoEntry]
 Targets = list[TargetRow]
-ModelInfos = dict[StrictStr, ModelInfo]
-Names = dict[StrictStr, Annotated[StrictStr, Field(pattern=r"^\w[\w .+-]*$")]]
-"""Names of objects, which become names of files."""
+ModelInfos = dict[str, ModelInfo]
+Names = dict[str, str]
 
 
 def whole_ids(names: Sequence[str]) -> list[int]:

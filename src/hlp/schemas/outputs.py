@@ -1,42 +1,43 @@
-"""stage.json, which HLP writes beside each output of a stage."""
+"""The JSON files that HLP writes beside its outputs, as far as it reads them again."""
 
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, StrictStr
+from annotated_types import Ge, Le
+
+from hlp.settings import Stored
 
 
-class StageRecord(BaseModel):
+@dataclass(frozen=True)
+class StageRecord(Stored):
     """stage.json of a finished output; `files` are checksums by path, `seconds` that it took."""
-
-    model_config = ConfigDict(extra="ignore", strict=True)
 
     stage: str
     fingerprint: str
-    seconds: Annotated[float, Field(ge=0, allow_inf_nan=False)]
-    files: dict[StrictStr, StrictStr]
+    seconds: Annotated[float, Ge(0), Le(1e9)]
+    files: dict[str, str]
 
 
-class _Record(BaseModel):
-    model_config = ConfigDict(extra="ignore", strict=True)
-
-
-class ManifestData(_Record):
+@dataclass(frozen=True)
+class ManifestData(Stored):
     """The part of a manifest that names the frames; `frames` is the hash of their content."""
 
     keys: list[str]
     frames: str = ""
 
 
-class Manifest(_Record):
+@dataclass(frozen=True)
+class Manifest(Stored):
     """manifest.json of a run."""
 
     config: dict[str, Any]
     data: ManifestData
 
 
-class Sweep(_Record):
+@dataclass(frozen=True)
+class Sweep(Stored):
     """sweep.json."""
 
     overrides: list[str]
     swept: list[str]
-    defaults: dict[str, Any] = {}
+    defaults: dict[str, Any] = field(default_factory=dict)

@@ -4,34 +4,17 @@ Every message names the file, the key, what stood there and what is expected the
 """
 
 import json
-from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import Any, TypeVar
 
 from hlp.errors import DataError, MissingFileError
-
-if TYPE_CHECKING:  # it takes 0.1 s to import, and intrinsics need none
-    from pydantic import TypeAdapter, ValidationError
+from hlp.settings import stored_as
 
 T = TypeVar("T")
 
 MOST_BYTES = 512 * 1024**2
 """A larger JSON file is an error: it would fill the memory. BOP's largest have 100 MB."""
 _DEEPEST = 64  # lists and objects within each other
-_LONGEST = 60  # characters of a value that a message shows
-_EXPECTED = {
-    "missing": "",
-    "int_type": "a whole number",
-    "float_type": "a number",
-    "string_type": "text",
-    "bool_type": "true or false",
-    "list_type": "a list",
-    "tuple_type": "a list",
-    "dict_type": "an object {…}",
-    "model_type": "an object {…}",
-    "model_attributes_type": "an object {…}",
-    "finite_number": "a finite number",
-}
 
 
 def read_text_json(path: Path, most_bytes: int = MOST_BYTES) -> Any:
@@ -77,24 +60,7 @@ def read_as(path: Path, kind: type[T]) -> T:
     Raises what `read_text_json` raises, and DataError for the first thing that is not as `kind`
     says.
     """
-    return checked_as(read_text_json(path), kind, str(path))
-
-
-def checked_as(content: Any, kind: type[T], where: str) -> T:
-    """Parsed JSON as a schema describes it. Raises DataError that begins with `where`."""
-    from pydantic import ValidationError
-
-    try:
-        adapter = _adapter(cast(Any, kind))
-        return cast(T, adapter.validate_python(content, strict=True))
-    except ValidationError as error:
-        raise DataError(f"{where}: {_problem(error)}") from error
-
-
-def shown(value: Any) -> str:
-    """A value as a message shows it."""
-    text = "null" if value is None else repr(value)
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+    return stored_as(kind, read_text_json(path), str(path))
 
 
 class _DoubleKeyError(Exception):
@@ -117,31 +83,3 @@ def _inner(value: Any) -> list[Any]:
 
 def _too_deep(where: str) -> DataError:
     return DataError(f"{where} is nested deeper than {_DEEPEST} levels: no file of this kind is")
-
-
-@cache
-def _adapter(kind: Any) -> "TypeAdapter[Any]":
-    from pydantic import TypeAdapter
-
-    return TypeAdapter(kind)
-
-
-def _problem(error: "ValidationError") -> str:
-    """The first of pydantic's errors in words: key, what stood there, what is expected."""
-    first = error.errors(include_url=False)[0]
-    key = ".".join(map(str, first["loc"])) or "the content"
-    kind, given, limits = first["type"], first["input"], first.get("ctx", {})
-    if kind == "missing":
-        return f"{key} is missing"
-    if kind in ("too_short", "too_long"):
-        length = limits.get("min_length", limits.get("max_length"))
-        return f"{key} has {limits['actual_length']} numbers, it must have {length}: {shown(given)}"
-    if kind == "value_error":
-        return f"{key} is {shown(given)}: {limits['error']}"
-    return f"{key} is {shown(given)}: it must be {_expected(first['type'], first['msg'])}"
-
-
-def _expected(kind: str, message: str) -> str:
-    if kind in _EXPECTED:
-        return _EXPECTED[kind]
-    return message.removeprefix("Input should be ").replace("Input should", "").strip()

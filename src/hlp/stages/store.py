@@ -26,7 +26,8 @@ from hlp.checksums import find_damaged, folder_checksums, seal_is_whole, sealed
 from hlp.errors import DataError
 from hlp.files import remove_unfinished, write_json
 from hlp.schemas.outputs import StageRecord
-from hlp.schemas.reading import checked_as, read_text_json
+from hlp.schemas.reading import read_text_json
+from hlp.settings import stored_as
 from hlp.stages.manifest import library_versions, plain
 
 RECORD, IN_USE = "stage.json", ".in-use"
@@ -247,7 +248,7 @@ def _verify(folder: Path) -> Mapping[str, Any]:
     record = read_text_json(path)
     if not seal_is_whole(record):
         raise DataError(f"{path} is damaged, or from an earlier version of HLP")
-    stated = checked_as(record, StageRecord, str(path))
+    stated = stored_as(StageRecord, record, str(path))
     if (stated.stage, stated.fingerprint) != (folder.parent.name, folder.name):
         raise DataError(f"{folder} is an output of another name")
     for name in find_damaged(folder, stated.files):

@@ -96,7 +96,7 @@ def test_identity_follows_texture_and_siblings(model, part):
         ({"id": "1"}, "id is '1': it must be a whole number"),
         ({"colored": 1}, "colored is 1: it must be true or false"),
         ({"diameter": 0.0}, "diameter is 0.0: it must be above 0"),
-        ({"name": None}, "name is None: it must be text"),
+        ({"name": None}, "name is null: it must be text"),
     ],
 )
 def test_an_object_that_is_not_as_its_schema_is_named(tmp_path, model, values, words):

@@ -30,7 +30,7 @@ RECORD = LearntRecord({"bear": 1, "can": 4}, (1, 3, 4), MethodSettings(), {"a/b"
         ({"objects": {"bear": 1.5}}, "objects.bear is 1.5: it must be a whole number"),
         ({"objects": {"bear": -1}}, "objects.bear is -1: it must be at least 0"),
         ({"classes": {}}, "classes is {}: it must be a list"),
-        ({"files": {"a": None}}, "files.a is None: it must be text"),
+        ({"files": {"a": None}}, "files.a is null: it must be text"),
         ({"settings": 7}, "settings is 7: it must be a mapping"),
         ({"settings": {"seed": "0"}}, "settings: seed is '0': it must be a whole number"),
     ],

@@ -41,7 +41,7 @@ from hlp.models.encoder import Encoder
 from hlp.models.network import Network
 from hlp.records import Codebook, ObjectModel
 from hlp.refinement.score_model import ScoreModel, load_score_model
-from hlp.settings import Settings, read_settings, stored_as
+from hlp.settings import Stored, read_settings, stored_as
 
 FORMAT = 4
 RECORD = "learnt.json"
@@ -73,7 +73,7 @@ class LearntRecord:
 
 
 @dataclass(frozen=True)
-class _Learnt(Settings):
+class _Learnt(Stored):
     """What `learnt.json` must say."""
 
     objects: dict[str, Annotated[int, Ge(0)]]

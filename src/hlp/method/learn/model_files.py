@@ -17,7 +17,7 @@ from hlp.method.settings import MachineSettings
 from hlp.models.network import Network, load_network
 from hlp.records import ColorGrid, Mesh, ObjectModel, Texture
 from hlp.rendering.surface import color_grid
-from hlp.settings import Settings, stored_as
+from hlp.settings import Stored, stored_as
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -31,7 +31,7 @@ _MESH_FIELDS = ("vertices", "faces", "colors", "normals")
 
 
 @dataclass(frozen=True)
-class _LearntObject(Settings):
+class _LearntObject(Stored):
     """What `object.json` must say (metres)."""
 
     id: Annotated[int, Ge(0)]
