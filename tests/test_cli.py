@@ -152,7 +152,7 @@ def test_runs_of_a_sweep_have_folders_of_their_own_and_one_that_fails_stops_no_o
 @pytest.mark.thorough
 def test_anytime_is_a_sweep_of_budgets(folder: Path) -> None:
     for number, (given, values) in enumerate(
-        {"": [0, 5, 10, 20, 40], "refinement.budget_ms=5,7": [5, 7]}.items()
+        {"": [None, 5, 10, 20, 40], "refinement.budget_ms=5,7": [5, 7]}.items()
     ):
         main(["-m", "experiment=anytime", f"output=sweep{number}", *filter(None, [given])])
         found = [seen(path.parent) for path in folder.glob(f"sweep{number}/*/seen.json")]

@@ -98,7 +98,7 @@ ALSO = {
         "idle_s=1"
     ],
     "search task.limit_ms=300": ["task.trials=2"],
-    "-m experiment=anytime": ["refinement.budget_ms=0,5"],
+    "-m experiment=anytime": ["refinement.budget_ms=null,5"],
     "run data=linemod data.root=/path/to/linemod": [
         f"~data.objects.{name}" for name in ALL_OBJECTS if name != "ape"
     ],

@@ -98,8 +98,8 @@ def region(probabilities, best, threshold, min_windows):
     return [bool(found.mask[5, 10 * i + 5]) for i in range(count)], found
 
 
-def test_threshold_0_accepts_where_the_object_is_the_most_likely_class():
-    accepted, _ = region([0.4, 0.9, 0.3], [True, False, True], 0.0, 0)
+def test_without_a_threshold_windows_are_accepted_where_the_object_is_the_most_likely_class():
+    accepted, _ = region([0.4, 0.9, 0.3], [True, False, True], None, 0)
     assert accepted == [True, False, True]
 
 
@@ -115,12 +115,12 @@ def test_too_few_windows_are_made_up_by_the_most_probable():
     assert accepted == [True, True, True, False]
     assert not best.any()  # the caller's array stays as it was
     np.testing.assert_array_equal(found.probabilities, [0.06, 0.2, 0.05, 0.04])
-    accepted, _ = region([0.06, 0.5], [False, True], 0.0, 8)
+    accepted, _ = region([0.06, 0.5], [False, True], None, 8)
     assert accepted == [True, True]
 
 
 def test_no_window_accepted_is_an_empty_region():
-    accepted, found = region([0.1, 0.2], [False, False], 0.0, 0)
+    accepted, found = region([0.1, 0.2], [False, False], None, 0)
     assert accepted == [False, False] and not found.mask.any()
     empty = candidate_region(
         1, windows_at(np.zeros((0, 2)), []), np.zeros(0), np.zeros(0, bool), (8, 9), 1.0,
@@ -129,7 +129,7 @@ def test_no_window_accepted_is_an_empty_region():
     assert empty.mask.shape == (8, 9) and not empty.mask.any()
 
 
-@pytest.mark.parametrize(("reach", "extent", "scale"), [(0.0, 3.0, 1.0), (0.6, 1.5, 0.9)])
+@pytest.mark.parametrize(("reach", "extent", "scale"), [(None, 3.0, 1.0), (0.6, 1.5, 0.9)])
 def test_the_mask_is_the_union_of_the_squares(reach, extent, scale):
     rng = np.random.default_rng(2)
     shape = (60, 80)
@@ -137,7 +137,7 @@ def test_the_mask_is_the_union_of_the_squares(reach, extent, scale):
     sides = rng.uniform(2, 30, 25)
     found = candidate_region(
         1, windows_at(centers, sides), np.ones(25), np.ones(25, bool), shape, extent,
-        RegionSettings(8, 0.0, 0, reach, "exact"),
+        RegionSettings(8, None, 0, reach, "exact"),
     )  # fmt: skip
     expected = np.zeros(shape, bool)
     for (cx, cy), side in zip(centers, sides, strict=True):

@@ -163,11 +163,11 @@ class TrackingSettings(Settings):
         ),
     ] = MIN_SCORE
     search_every: Annotated[
-        int,
-        Ge(0),
+        int | None,
+        Ge(1),
         Doc(
             "frames between two searches for more instances of an object that is tracked; "
-            "0: none. An object that is not tracked is searched in every frame (D)"
+            "null: none. An object that is not tracked is searched in every frame (D)"
         ),
     ] = 30
     prediction: Annotated[

@@ -38,11 +38,11 @@ class ClassifierSettings(Settings):
         int, Ge(0), Doc("few objects have few windows: further epochs until so many batches (D)")
     ] = 300
     prior_objects: Annotated[
-        int,
-        Ge(0),
+        int | None,
+        Ge(1),
         Doc(
             "where fewer objects are learnt, background is taken to be as much more likely as it "
-            "is among so many; 0: as likely as in training (D)"
+            "is among so many; null: as likely as in training (D)"
         ),
     ] = 15
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Le, Unit
+from annotated_types import Ge, Gt, Interval, Le, Unit
 
 from hlp.arrays import (
     CameraMatrix,
@@ -21,7 +21,7 @@ from hlp.arrays import (
 )
 from hlp.patches.sampling import sample_squares
 from hlp.records import Region
-from hlp.settings import Count, Doc, NotNegative, Settings, Share
+from hlp.settings import Count, Doc, Settings
 
 _MIN_WEIGHT = 0.01
 _COMPARABLE = 0.1
@@ -52,8 +52,9 @@ class RegionSettings(Settings):
         Doc("step between windows; 16 makes a quarter of the paper's (D; P: 8)"),
     ] = 16
     threshold: Annotated[
-        Share,
-        Doc("windows with p(object) above this are accepted (D); 0: the most likely class (P)"),
+        float | None,
+        Interval(gt=0, le=1),
+        Doc("windows with p(object) above this are accepted (D); null: the most likely class (P)"),
     ] = 0.08
     min_windows: Annotated[
         int,
@@ -64,10 +65,11 @@ class RegionSettings(Settings):
         ),
     ] = 8
     square_side: Annotated[
-        NotNegative,
+        float | None,
+        Gt(0),
         Doc(
             "side, in diameters, of the squares around the windows' centres that make up the "
-            "region (D); 0: the windows themselves (P)"
+            "region (D); null: the windows themselves (P)"
         ),
     ] = 0.7
     scan: Annotated[
@@ -158,13 +160,13 @@ def candidate_region(
     `is_best` is True where the object is the arg-max class. `extent` is the object's diameter in
     units of the windows' metric size: a long object may extend beyond the union of its windows.
     """
-    accepted = is_best if settings.threshold == 0 else probabilities > settings.threshold
+    accepted = is_best if settings.threshold is None else probabilities > settings.threshold
     if accepted.sum() < settings.min_windows and len(probabilities):
         order = np.argsort(-probabilities, kind="stable")[: settings.min_windows]
         comparable = probabilities[order] >= _COMPARABLE * probabilities.max()
         accepted = accepted.copy()
         accepted[order[comparable]] = True
-    scale = settings.square_side * extent if settings.square_side > 0 else 1.0
+    scale = 1.0 if settings.square_side is None else settings.square_side * extent
     half_sides = windows.sides[accepted] * scale / 2
     mask = union_of_squares(windows.centers[accepted], half_sides, shape)
     return Region(object_id, windows.centers, probabilities, mask)

@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge
+from annotated_types import Ge, Gt
 
 from hlp.arrays import CameraMatrix, Flags, Point, Points, Positions, Rows, Values
 from hlp.geometry import back_project
 from hlp.patches.holistic import Windows, union_of_squares
 from hlp.records import Region
-from hlp.settings import Count, Doc, NotNegative, Positive, Settings
+from hlp.settings import Count, Doc, Positive, Settings
 
 _PLANES = 3  # a table, the floor, a wall
 _MAX_DISTANCE = 0.010  # m from a plane, within the noise of a depth camera
@@ -142,18 +142,19 @@ class CloserSettings(Settings):
     """How much of a region is searched first, and what if that gave no right pose."""
 
     first_area: Annotated[
-        NotNegative,
+        float | None,
+        Gt(0),
         Doc(
             "of a larger region only the likeliest windows' squares are searched first, up to this "
             "area in squared diameters of the object, for each instance that may be there where "
-            "their number is not known (D); 0: the whole region (P)"
+            "their number is not known (D); null: the whole region (P)"
         ),
     ] = 6.0
 
     places: Annotated[
-        int,
-        Ge(0),
-        Doc("most likely places that are searched if no pose is probably right (D); 0: none (P)"),
+        int | None,
+        Ge(1),
+        Doc("likeliest places that are searched if no pose is probably right (D); null: none (P)"),
     ] = 12
     together: Annotated[Count, Doc("places that are searched at once (D)")] = 3
     side: Annotated[
@@ -171,7 +172,7 @@ def first_region(
     of the region's windows; that of the likeliest window is the unit of the area.
     """
     order = np.argsort(-region.probabilities, kind="stable")
-    if settings.first_area == 0 or len(order) == 0:
+    if settings.first_area is None or len(order) == 0:
         return region
     largest = settings.first_area * instances * (2.0 * radii[order[0]]) ** 2
     if np.count_nonzero(region.mask) <= largest:
@@ -200,7 +201,7 @@ def likely_regions(region: Region, radii: Values, settings: CloserSettings) -> I
 
     `radii` are half the object's diameter in pixels, at the depth of each of the region's windows.
     """
-    rows = likely_places(region, radii, settings.places)
+    rows = likely_places(region, radii, settings.places or 0)
     for start in range(0, len(rows), settings.together):
         chosen = rows[start : start + settings.together]
         half_sides = radii[chosen] * settings.side

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Le
+from annotated_types import Ge, Gt, Le
 from jaxtyping import Float
 
 from hlp.arrays import Point, Pose, Poses, Values
@@ -71,9 +71,10 @@ class PsoSettings(Settings):
         Doc("a second, narrower search around the chosen pose (D); null: none (P)"),
     ] = field(default_factory=PolishSettings)
     budget_ms: Annotated[
-        NotNegative,
-        Doc("limit of stage 3's wall time for an object; 0: none. Not reproducible (D)"),
-    ] = 0.0
+        float | None,
+        Gt(0),
+        Doc("limit of stage 3's wall time for an object; null: none. Not reproducible (D)"),
+    ] = None
     gain: Annotated[
         Literal["swarm", "particle"],
         Doc(
@@ -114,7 +115,7 @@ class PsoRefiner(Refiner):
         """See `Refiner.refine`. Each hypothesis has its own random stream.
 
         As many hypotheses are refined at once as there are threads. With a time budget
-        (`budget_ms` > 0) the remaining time is divided evenly among the remaining hypotheses; those
+        (`budget_ms`) the remaining time is divided evenly among the remaining hypotheses; those
         not begun when it is used up stay as they are. Poses are then not reproducible.
         """
         poses = checked_poses(hypotheses, model)
@@ -160,7 +161,7 @@ class PsoRefiner(Refiner):
     def _remaining(self, spent: float) -> float:
         """Remaining seconds of the budget; infinite without a budget."""
         budget = self._settings.budget_ms
-        return budget / 1000.0 - spent if budget > 0 else np.inf
+        return np.inf if budget is None else budget / 1000.0 - spent
 
 
 def _search(

@@ -80,10 +80,10 @@ class VerificationSettings(Settings):
     missing_cost: Annotated[
         NotNegative, Doc("cost of a rendered pixel where no depth was observed (D)")
     ] = 0.3
-    occlusion_cost: Annotated[
+    occluder_cost: Annotated[
         NotNegative, Doc("cost of an occluded pixel; right poses may be half hidden (D; P: 1)")
     ] = 0.1
-    occlusion_share_cost: Annotated[
+    occluder_share_cost: Annotated[
         NotNegative,
         Doc("added to it, times the hidden fraction: few objects are mostly hidden (D; P: 0)"),
     ] = 0.2
@@ -259,7 +259,7 @@ class Verifier:
         occluded, but poses that are almost completely occluded are rarely correct.
         """
         settings = self.settings
-        pixel_cost = settings.occlusion_cost + settings.occlusion_share_cost * evidence.occluded
+        pixel_cost = settings.occluder_cost + settings.occluder_share_cost * evidence.occluded
         depth = evidence.residual + evidence.behind
         depth += pixel_cost * evidence.occluded + settings.missing_cost * evidence.missing
         edge = (1.0 - evidence.edges_occluded) * evidence.edge

@@ -102,7 +102,7 @@ def test_objects_and_instances_keep_their_numbers(detector: Detector) -> None:
 def test_further_instances_are_searched_every_so_many_frames(detector: Detector) -> None:
     late = hidden(path(BEAR, 6, (0.05, -0.05, 0.75)), 0, 2)
     paths = {"bear#1": path(BEAR, 6, (-0.12, -0.02, 0.7)), "bear#2": late}
-    for every, expected in ((3, [1, 1, 1, 2, 2, 2]), (0, [1] * 6)):
+    for every, expected in ((3, [1, 1, 1, 2, 2, 2]), (None, [1] * 6)):
         settings = TrackingSettings(search_every=every)
         camera = SimulatedCamera(paths, MODELS)
         answers = list(detector.track(camera, ["bear"], 2, settings))

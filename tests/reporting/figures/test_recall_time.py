@@ -44,7 +44,7 @@ def draw(folder: Path) -> list[Path]:
 
 
 BUDGETS = [
-    (["refinement.budget_ms=0"], 0.9, 300.0),
+    (["refinement.budget_ms=null"], 0.9, 300.0),
     (["refinement.budget_ms=20"], 0.7, 120.0),
     (["refinement.budget_ms=80"], 0.8, 180.0),
 ]
@@ -109,7 +109,7 @@ def test_files_are_written_and_the_report_names_them(tmp_path: Path) -> None:
     rows = csv_rows(written[0])
     assert [row["add_recall"] for row in rows] == ["0.9", "0.7", "0.8"]
     assert cv2.imread(str(written[1])).shape[1] > 400
-    assert [row["refinement.budget_ms"] for row in rows] == ["0", "20", "80"]
+    assert [row["refinement.budget_ms"] for row in rows] == ["null", "20", "80"]
     assert (rows[0]["targets"], rows[0]["median_ms"], rows[0]["p95_ms"]) == ("20", "300.0", "600.0")
     assert [float(rows[0][key]) for key in ("ci95_low", "ci95_high")] == [0.9 - 0.1, 0.9 + 0.04]
     picture = written[2].read_bytes()

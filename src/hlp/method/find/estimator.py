@@ -150,7 +150,7 @@ class PoseEstimator:
             both = region.mask & context.mask
             return replace(region, mask=both if both.any() else context.mask)
         radii = self._radii(context.frame, region.centers, model)
-        side = settings.region.square_side
+        side = settings.region.square_side or 0.0  # then centres of windows alone
         return window_choice.first_region(region, radii, side, settings.closer, instances)
 
     def likely_regions(self, context: FrameContext, region: Region) -> Iterator[Region]:

@@ -117,11 +117,12 @@ class Tracker:
         counts = {}
         for object_id in ids:
             tracked = sum(track.object_id == object_id for track, _ in step.found)
-            missing, since = self._max_instances - tracked, self._since_search.get(object_id, every)
+            missing, since = self._max_instances - tracked, self._since_search.get(object_id)
             again = tracked == 0 or any(track.object_id == object_id for track in lost)
-            if missing > 0 and (again or 0 < every <= since):
+            due = every is not None and (since is None or since >= every)
+            if missing > 0 and (again or due):
                 counts[object_id] = missing
-            since = 0 if object_id in counts else self._since_search.get(object_id, 0)
+            since = 0 if object_id in counts else since or 0
             self._since_search[object_id] = since + 1
         rejections = step.search(counts, self.settings.min_score, lost, self._numbers)
         self._tracks = tuple(track for track, _ in step.found)

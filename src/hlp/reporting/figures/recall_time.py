@@ -99,8 +99,8 @@ def _budget_labels(runs: Sequence[Result], longest: float) -> list[tuple[str, Po
     for run in runs:
         if BUDGET not in run.chosen:
             continue
-        value, (time, recall) = float(run.chosen[BUDGET]), _point(run)
-        text = f"{value:g} ms" if value else "no limit"
+        value, (time, recall) = run.chosen[BUDGET], _point(run)
+        text = "no limit" if value == "null" else f"{float(value):g} ms"
         if labels and time - labels[-1][1][0] < _NEAR * longest:
             others, (first_time, lowest) = labels.pop()
             labels.append((f"{others}\n{text}", (first_time, min(lowest, recall))))
