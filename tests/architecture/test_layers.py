@@ -50,6 +50,7 @@ def calling(arguments: list[str], *libraries: str) -> str:
     return f"{call}\n    {without(*libraries)}"
 
 
+@pytest.mark.slow  # torch and Lightning
 def test_importing_does_nothing(tmp_path: Path) -> None:
     """Every module is imported in one fresh process, in an empty folder.
 

@@ -10,6 +10,7 @@ from hydra import compose, initialize_config_dir
 from hlp.config.build import build_settings
 from hlp.config.settings import RunSettings
 
+pytestmark = pytest.mark.slow  # forty arms are composed
 CONF = Path(__file__).parents[2] / "conf"
 ARMS = sorted(yaml.safe_load((CONF / "ladder.yaml").read_text()))
 BOARD = ("data=bop", "data.root=folder", "output=out", "hydra.mode=RUN")

@@ -35,6 +35,7 @@ def root(tmp_path):
     return tmp_path
 
 
+@pytest.mark.usefixtures("no_near_symmetries")
 def test_colours_come_from_models_and_what_is_missing_there_from_models_eval(root):
     models = load_object_models(root, {"ape": APE, "bowl": BOWL}, 2000, 36)
     assert [(key, model.name) for key, model in models.items()] == [(1, "ape"), (3, "bowl")]
@@ -44,6 +45,7 @@ def test_colours_come_from_models_and_what_is_missing_there_from_models_eval(roo
     assert models[1].mesh.vertices.max() == pytest.approx(0.045)
 
 
+@pytest.mark.usefixtures("no_near_symmetries")
 def test_without_a_list_the_diameter_is_measured(root):
     (root / "models" / "models_info.json").unlink()
     model = load_object_models(root, {"ape": APE}, 2000, 36)[1]
@@ -133,6 +135,7 @@ def test_several_axes_join_and_combine_with_the_discrete_ones_as_in_the_toolkit(
     np.testing.assert_allclose(motions[0], np.eye(4), atol=1e-12)
 
 
+@pytest.mark.usefixtures("no_near_symmetries")
 def test_symmetries_of_linemod_leave_the_surfaces_where_they_are(shared_data):
     objects = {"bowl": BOWL, "eggbox": ObjectSettings(10, None, None)}
     models = load_object_models(shared_data / "lm", objects, 2000, 12)

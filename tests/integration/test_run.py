@@ -262,7 +262,7 @@ def dataset(tmp_path: Path) -> Path:
     ("overrides", "words"),
     [
         (["refinement.partikles=3"], ["refinement.partikles"]),
-        (["encoder=none"], ["encoder=none is no alternative", "contrastive"]),
+        (["encoder=none"], ["Could not find 'encoder/none'", "contrastive"]),
         (["refinement.particles=0"], ["refinement.particles is 0", "at least 1"]),
         (["experiment=linemod_bop", "data.root=nowhere"], ["data.root is no folder", "nowhere"]),
         (

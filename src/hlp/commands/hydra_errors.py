@@ -1,12 +1,11 @@
-"""Errors of the configuration, in overrides or YAML files, in one sentence that says what to do.
+"""Errors of the configuration, in overrides or YAML files, in one line that says what to do.
 
-Hydra says most of what is wrong in prose alone. This module reads that of Hydra 1.3 (see
-pyproject.toml); a message that is worded otherwise is shown as it is.
+Hydra names file and key in its first line, which is shown; what may have been meant is added.
 """
 
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from hydra.core.global_hydra import GlobalHydra
@@ -17,101 +16,56 @@ from yaml import MarkedYAMLError
 
 from hlp.commands.arguments import nearest
 from hlp.commands.composing import compose_config
-from hlp.config.typed_defaults import rows
-from hlp.files import config_folder
 
 _CHOICE = re.compile(r"[\w/]+=[\w.-]+")
-_WITHIN = re.compile(r"^In '(?!config')([^']+)': ")
-_OPTIONS = re.compile(r"Available options in '[^']+':\n((?:\t.+\n)+)")
-# Launchers that come with a plugin of Hydra's, and the extra that installs it.
+_NAMED = re.compile(r"'([^']+)'")
 _LAUNCHERS = "hydra/launcher/"
-_EXTRAS = {
-    "hydra/launcher/joblib": "joblib",
-    "hydra/launcher/submitit_slurm": "slurm",
-    "hydra/launcher/submitit_local": "slurm",
-}
+# Launchers that come with a plugin of Hydra's, and the extra that installs it.
+_EXTRAS = {"joblib": "joblib", "submitit_slurm": "slurm", "submitit_local": "slurm"}
 
 
 def hydra_in_words(error: BaseException) -> str:
-    """An error of Hydra's as one sentence; its own message if it is of an unknown kind."""
-    text = str(error)
+    """An error of Hydra's in one line; other ones as they are."""
+    text = str(error) or type(error).__name__
+    first, *more = text.splitlines()
     if isinstance(error, MarkedYAMLError):
-        return _no_yaml(error)
-    if (override := getattr(error, "override", None)) is not None:
-        return _unreadable(str(override), text)
-    for pattern, in_words in _KINDS.items():
-        if found := re.search(pattern, text):
-            return in_words(text, *found.groups())
+        mark = error.problem_mark or error.context_mark
+        place = f"{mark.name}, line {mark.line + 1}" if mark is not None else "a configuration"
+        return f"{place} is not YAML: {error.problem or error.context}"
     if isinstance(error, OmegaConfBaseException):
-        where = f"{error.full_key}: " if error.full_key else ""
-        first = text.partition("\n")[0]
-        return f"{where}{first or type(error).__name__}"
-    return text
+        return f"{error.full_key}: {first}" if error.full_key else first
+    if not isinstance(error, HydraException):
+        return text
+    if (override := getattr(error, "override", None)) is not None:
+        return (
+            f"cannot read '{override}' ({first}): settings are given as KEY=VALUE; a value with "
+            "signs such as []{}(), or spaces is quoted twice: KEY='\"VALUE\"'"
+        )
+    if first.startswith("Ambiguous"):  # a list, a text or a sweep: Hydra says what to type
+        return " ".join([first, *more])
+    options = [line.strip() for line in more if line.startswith("\t") and "=" not in line]
+    return _with_hint(first.removeprefix("In 'config': ").rstrip("."), options)
 
 
-def _no_yaml(error: MarkedYAMLError) -> str:
-    mark = error.problem_mark or error.context_mark
-    place = f"{mark.name}, line {mark.line + 1}" if mark is not None else "a configuration"
-    return f"{place} is not YAML: {error.problem or error.context}"
-
-
-def _unreadable(override: str, text: str) -> str:
-    if "=" not in override:
-        return f"cannot use '{override}': settings are given as KEY=VALUE, e.g. seed=1"
-    lines = [line for line in text.splitlines() if not line.startswith(("Error parsing", "See "))]
-    why = f" ({lines[0]})" if lines else ""
-    key, _, value = override.partition("=")
-    return (
-        f"cannot read '{override}'{why}: close all brackets and quotes; a value with signs such as"
-        f" []{{}}(), or spaces is quoted twice: '{key}=\"{value}\"'"
-    )
-
-
-def _several(text: str, key: str, values: str) -> str:
-    return f"{key}={values} is several values: add -m for a sweep, or {key}=[{values}] as a list"
-
-
-def _no_key(text: str, key: str) -> str:
-    known = _all_keys()
+def _with_hint(said: str, options: list[str]) -> str:
+    """The message, and what may have been meant by the name that it ends with."""
+    names = _NAMED.findall(said)
+    launchers = [name.removeprefix(_LAUNCHERS) for name in names if name.startswith(_LAUNCHERS)]
+    if launchers and launchers[-1] in _EXTRAS:
+        extra = _EXTRAS[launchers[-1]]
+        return (
+            f"hydra/launcher={launchers[0]} needs the extra '{extra}': pip install 'hlp[{extra}]'"
+        )
+    if options:
+        hint = nearest(names[-1].rpartition("/")[2], options) or "."
+        return f"{said}{hint} There are {', '.join(options)}"
+    if "override" not in said:
+        return said
+    key, known = names[-1], _all_keys()
     if key in known:
-        group = key.partition(".")[0]
-        return f"{key} is no key of the chosen {group}: `hlp run {group}=… --cfg job` prints them"
-    within = _WITHIN.search(text)
-    file = f"{within[1]}.yaml: " if within else ""
-    hint = nearest(key, _keys_of_choices()) or nearest(key, known) or ";"
-    return f"{file}{key} is no key{hint} `hlp run --cfg job` prints all keys"
-
-
-def _no_default(text: str, file: str, named: str) -> str:
-    group, _, _ = named.rpartition("/")
-    if named in _EXTRAS:
-        return _no_launcher(file if file.startswith(_LAUNCHERS) else named, _EXTRAS[named])
-    names = {path.stem for path in (config_folder() / group).glob("*.yaml")}
-    known = [f"{group}/{name}".lstrip("/") for name in sorted(names | {*rows().get(group, {})})]
-    return f"{file}.yaml: its defaults name {named}, which is no file{nearest(named, known)}"
-
-
-def _no_alternative(text: str, named: str) -> str:
-    group, _, name = named.rpartition("/")
-    if named in _EXTRAS:
-        return _no_launcher(named, _EXTRAS[named])
-    options = _OPTIONS.search(text)
-    known = options[1].split() if options else []
-    listed = f" There are {', '.join(known)}" if known else ""
-    return f"{group}={name} is no alternative{nearest(name, known) or '.'}{listed}"
-
-
-def _no_launcher(named: str, extra: str) -> str:
-    return f"{'='.join(named.rsplit('/', 1))} needs the extra '{extra}': pip install 'hlp[{extra}]'"
-
-
-_KINDS: dict[str, Callable[..., str]] = {
-    r"Ambiguous value for argument '([^'=]+)=(.+)'": _several,
-    r"Could not override '([^']+)'": _no_key,
-    r"In '([^']+)': Could not load '([^']+)'": _no_default,
-    r"Could not find '([^']+)'": _no_alternative,
-}
-"""What a message of each kind holds, and what makes a sentence of it and of its groups."""
+        return f"{said}: the chosen {key.partition('.')[0]} has no such key"
+    hint = nearest(key, _keys_of_choices()) or nearest(key, known) or ":"
+    return f"{said}{hint} `hlp run --cfg job` prints all keys"
 
 
 def _keys_of_choices() -> list[str]:

@@ -150,6 +150,7 @@ def hub(tmp_path):
         yield served
 
 
+@pytest.mark.usefixtures("no_near_symmetries")
 def test_the_result_is_a_bop_set(hub, tmp_path, capsys):
     folder = tmp_path / "sets" / "lm"
     main(["download", "lm", f"output={folder}", f"mirror={hub.address}/"])

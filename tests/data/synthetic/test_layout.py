@@ -17,9 +17,8 @@ def points_of(item: layout.Item) -> np.ndarray:
     return transform(item.pose_world_obj, item.mesh.vertices)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_nothing_touches_and_everything_stands_on_the_table(seed: int) -> None:
-    items = some_items(seed)
+def test_nothing_touches_and_everything_stands_on_the_table() -> None:
+    items = some_items(0)
     points = [points_of(item) for item in items]
     for item, own in zip(items, points, strict=True):
         assert own[:, 2].min() == pytest.approx(0.0, abs=1e-9)
