@@ -12,15 +12,15 @@ from hlp.records import ObjectModel
 TINY = (
     "encoder=pca",
     "codebook=exact",
-    "rendering.viewpoints=80",
-    "rendering.in_plane_steps=5",
+    "rendering.viewpoints=60",
+    "rendering.in_plane_steps=4",
     "rendering.size_px=64",
-    "patches.pool.per_object=300",
-    "patches.pool.backgrounds=300",
+    "patches.pool.per_object=200",
+    "patches.pool.backgrounds=200",
     "patches.pool.distractor_scenes=2",
-    "patches.pairs.per_object=300",
+    "patches.pairs.per_object=200",
     "classifier.epochs=3",
-    "score.scenes=4",
+    "score.scenes=2",
     "classifier.min_batches=0",
 )
 

@@ -13,17 +13,16 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 MILLIMETRE = 1e-3
-"""One millimetre in metres: a factor that converts millimetres to metres."""
+"""One millimetre in metres."""
 MILLIMETRES_PER_METRE = 1000.0
-"""A factor that converts metres to millimetres."""
 
 
 @dataclass(frozen=True, eq=False)
 class Texture:
     """An image laid on a mesh, and the place of each of the mesh's v vertices in it.
 
-    `uv` are OpenGL's texture coordinates: u grows from 0 at the image's left border to 1 at the
-    right one, v from 0 at the bottom to 1 at the top. Outside of 0…1 the image repeats.
+    `uv` are OpenGL's texture coordinates: u grows from 0 at the left border to 1 at the right one,
+    v from 0 at the bottom to 1 at the top. Outside of 0…1 the image repeats.
     """
 
     image: UInt8[np.ndarray, "h w 3"]
@@ -32,10 +31,7 @@ class Texture:
 
 @dataclass(frozen=True, eq=False)
 class ColorGrid:
-    """An object's surface colours in cubic cells of side `cell` (m).
-
-    The first cell has its corner at `corner` (m).
-    """
+    """An object's surface colours in cubic cells of side `cell` (m), the first at `corner` (m)."""
 
     colors: UInt8[np.ndarray, "x y z 3"]
     corner: Float[np.ndarray, "3"]
@@ -136,8 +132,8 @@ class CameraImage:
     """One RGB-D image as a camera delivers it.
 
     `rgb` has red first. `depth` is in metres along the optical axis, registered to the colour, 0 or
-    NaN where missing. `camera_matrix` is in pixels, with pixel centres at integers. `name` is what
-    the image is called in answers, `captured` when it was taken (s since 1970; None: unknown).
+    NaN where missing. `camera_matrix` is in pixels. `name` is what the image is called in answers,
+    `captured` when it was taken (s since 1970; None: unknown).
     """
 
     rgb: UInt8[np.ndarray, "h w 3"]
@@ -228,7 +224,7 @@ class Matches:
 class Votes:
     """Votes for the object's centroid (m) and rotation in the camera's frame.
 
-    `patches` is the index of the local patch that cast each vote, `pixels` its centre (x, y).
+    `patches` is the index of the local patch that cast a vote, `pixels` that patch's centre (x, y).
     """
 
     centroids_cam: Float[np.ndarray, "v 3"]
@@ -243,10 +239,7 @@ class Votes:
 
 @dataclass(frozen=True)
 class Hypotheses:
-    """Coarse poses of one object in one frame, best first.
-
-    `support` is the total weight of the votes that agree with each.
-    """
+    """Coarse poses of an object in a frame, best first; `support` is the weight of their votes."""
 
     poses_cam_obj: Float[np.ndarray, "m 4 4"]
     support: Float[np.ndarray, "m"]
@@ -280,13 +273,12 @@ class PoseEstimate:
 
 @dataclass(frozen=True)
 class TargetScore:
-    """Errors of one target and whether it counts as found. A missing pose has infinite errors.
+    """Errors of one target and whether it counts as found; the defaults are those without a pose.
 
-    `add_error` (m) is ADD(-S): ADD, or ADD-S for objects that count as symmetric. The three recalls
-    are BOP's, averaged over its thresholds; nan if not computed. `cause` is why the target was
-    missed (evaluation.waterfall), empty if it was found or the cause was not computed. `score` is
-    the estimate's, nan without one; `add_s_correct` says whether its ADD-S is below the limit: the
-    score is the probability of that.
+    `add_error` (m) is ADD, or ADD-S for objects that count as symmetric. The three recalls are
+    BOP's, averaged over its thresholds; nan if not computed. `cause` is why a target was missed
+    (evaluation.waterfall), empty if that was not computed. `score` is the estimate's: the
+    probability of `add_s_correct`, that ADD-S is below the limit.
     """
 
     scene_id: int
@@ -294,16 +286,16 @@ class TargetScore:
     object_id: int
     found: bool
     visible_fraction: float
-    add_error: float
-    rotation_error: float
-    translation_error: float
-    box_iou: float
-    add_correct: bool
-    pose_correct: bool
-    box_correct: bool
-    mssd_recall: float = float("nan")
-    mspd_recall: float = float("nan")
-    vsd_recall: float = float("nan")
+    add_error: float = np.inf
+    rotation_error: float = np.inf
+    translation_error: float = np.inf
+    box_iou: float = 0.0
+    add_correct: bool = False
+    pose_correct: bool = False
+    box_correct: bool = False
+    mssd_recall: float = np.nan
+    mspd_recall: float = np.nan
+    vsd_recall: float = np.nan
     cause: str = ""
-    score: float = float("nan")
+    score: float = np.nan
     add_s_correct: bool = False

@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
+from hlp.arrays import Point, Pose
 from hlp.checks import Finding, counted
 from hlp.checks.frame_checks import check_depth_scale
 from hlp.errors import InputError
@@ -53,9 +53,7 @@ class Correction:
         depth = (frame.depth * self.depth).astype(np.float32)
         return replace(frame, depth=depth, camera_matrix=matrix)
 
-    def pose(
-        self, pose_cam_obj: Float[np.ndarray, "4 4"], centroid: Float[np.ndarray, "3"]
-    ) -> Float[np.ndarray, "4 4"]:
+    def pose(self, pose_cam_obj: Pose, centroid: Point) -> Pose:
         """A pose of which the object's centroid is where the corrected frame shows it."""
         seen = transform(pose_cam_obj, centroid[None])[0]
         moved = seen * self.depth * np.array([1.0 / self.focal, 1.0 / self.focal, 1.0])

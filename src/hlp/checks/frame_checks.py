@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Float
 
+from hlp.arrays import Image, Mask, Rgb
 from hlp.checks import Finding
 from hlp.errors import HlpError
 from hlp.objects.mesh_colors import SMALL
@@ -191,7 +192,7 @@ def _contrast_by_shift(frame: Frame) -> Float[np.ndarray, "s s"] | None:
     return np.array([[strength[y + dy, x + dx].mean() for dx in shifts] for dy in shifts])
 
 
-def _color_edges(rgb: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w"]:
+def _color_edges(rgb: Rgb) -> Image:
     """Gradient relative to that of the neighbourhood, so that few strong edges do not decide."""
     grey = cv2.GaussianBlur(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float32), (0, 0), 1.0)
     gradient = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1))
@@ -199,7 +200,7 @@ def _color_edges(rgb: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w"]:
     return np.asarray(np.minimum(relative, 4.0))
 
 
-def _depth_edges(depth: Float[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+def _depth_edges(depth: Image) -> Mask:
     """The nearer pixel of every jump in depth, along rows and columns, across small gaps."""
     edges = np.zeros(depth.shape, dtype=bool)
     for values, found in ((depth, edges), (depth.T, edges.T)):

@@ -8,14 +8,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
+from hlp.arrays import Pose
 from hlp.checks import Finding
 from hlp.geometry import inverse, rigid
 from hlp.records import Frame, ObjectModel
 from hlp.rendering.rasterizer import render_depth
 
-Pose = Float[np.ndarray, "4 4"]
 _AGREES = 0.02  # m
 _FITS = 0.5  # share of an object's pixels that agree where everything is right
 _CLEARLY_FITS = 0.9  # then no fault is looked for

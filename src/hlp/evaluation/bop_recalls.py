@@ -12,16 +12,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import ConvexHull, QhullError
 
+from hlp.arrays import CameraMatrix, Image, Mask, Points, Pose, Values
 from hlp.evaluation import errors
-from hlp.evaluation.errors import VSD_DELTA
 from hlp.geometry import project, transform
 from hlp.records import Frame, Mesh, ObjectModel, Target
 from hlp.rendering.rasterizer import NEAR, render_depth
-
-Pose = Float[np.ndarray, "4 4"]
-Camera = Float[np.ndarray, "3 3"]
-Depth = Float[np.ndarray, "h w"]
-Mask = Bool[np.ndarray, "h w"]
 
 FRACTIONS = np.arange(1, 11) * 0.05
 """Thresholds of VSD, its tolerances as fractions of the diameter, and thresholds of MSSD."""
@@ -42,9 +37,9 @@ class BopRecalls:
         self,
         true_poses: Sequence[Pose],
         estimates: Sequence[Pose],
-        camera_matrix: Camera,
+        camera_matrix: CameraMatrix,
         width: int,
-        depth: Depth | None,
+        depth: Image | None,
     ) -> Float[np.ndarray, "n 3"]:
         """Recalls of VSD, MSSD and MSPD of each of n instances, averaged over BOP's thresholds.
 
@@ -60,14 +55,15 @@ class BopRecalls:
         recalls = np.full((len(true_poses), 3), np.nan)
         if depth is not None:
             vsd = np.array([self._vsd(*pair, camera_matrix, depth) for pair in pairs])
-            recalls[:, 0] = _recall(vsd.reshape(shape), FRACTIONS)
-        recalls[:, 1] = _recall(mssd.reshape(shape), FRACTIONS * self._diameter)
-        recalls[:, 2] = _recall(mspd.reshape(shape), PIXELS * width / _WIDTH)
+            recalls[:, 0] = match(vsd.reshape(shape), FRACTIONS).mean(axis=(1, 2))
+        limits = FRACTIONS * self._diameter, PIXELS * width / _WIDTH
+        recalls[:, 1] = match(mssd.reshape(shape), limits[0]).mean(axis=(1, 2))
+        recalls[:, 2] = match(mspd.reshape(shape), limits[1]).mean(axis=(1, 2))
         return recalls
 
     def _vsd(
-        self, estimated: Pose, true: Pose, camera_matrix: Camera, observed: Depth
-    ) -> Float[np.ndarray, "t"]:
+        self, estimated: Pose, true: Pose, camera_matrix: CameraMatrix, observed: Image
+    ) -> Values:
         """VSD for each tolerance. Only the part of the image with the object is rendered."""
         height, width = observed.shape
         boxes = [self._box(pose, camera_matrix, width, height) for pose in (estimated, true)]
@@ -82,7 +78,7 @@ class BopRecalls:
         return errors.vsd(rendered[0], rendered[1], seen, crop, tolerances)
 
     def _box(
-        self, pose: Pose, camera_matrix: Camera, width: int, height: int
+        self, pose: Pose, camera_matrix: CameraMatrix, width: int, height: int
     ) -> tuple[np.ndarray, np.ndarray]:
         """First and (exclusive) last x and y of the pixels that may show the object."""
         points, size = transform(pose, self._hull), np.array([width, height])
@@ -93,7 +89,7 @@ class BopRecalls:
         return np.clip(low, 0, size).astype(int), np.clip(high, 0, size).astype(int)
 
 
-def hull_vertices(mesh: Mesh) -> Float[np.ndarray, "v 3"]:
+def hull_vertices(mesh: Mesh) -> Points:
     """The vertices of a mesh that lie on its convex hull; all vertices of a flat mesh."""
     vertices = np.asarray(mesh.vertices, dtype=np.float64)
     try:
@@ -102,16 +98,7 @@ def hull_vertices(mesh: Mesh) -> Float[np.ndarray, "v 3"]:
         return vertices
 
 
-def _recall(
-    distances: Float[np.ndarray, "m n t"], limits: Float[np.ndarray, "k"]
-) -> Float[np.ndarray, "n"]:
-    """Share of tolerances and limits for which each of n instances has a matching estimate."""
-    return np.asarray(match(distances, limits).mean(axis=(1, 2)))
-
-
-def match(
-    distances: Float[np.ndarray, "m n t"], limits: Float[np.ndarray, "k"]
-) -> Bool[np.ndarray, "n t k"]:
+def match(distances: Float[np.ndarray, "m n t"], limits: Values) -> Bool[np.ndarray, "n t k"]:
     """Which of n instances are matched by one of m estimates, for each of k limits.
 
     As in the BOP toolkit, each estimate in turn takes the closest instance that is still free, if
@@ -131,11 +118,11 @@ def match(
 def unoccluded_mask(frame: Frame, target: Target, model: ObjectModel) -> Mask:
     """Pixels where nothing is seen in front of the target (BOP's rule for visibility).
 
-    The object in its true pose lies in front of the observed depth, at it, or at most `VSD_DELTA`
-    behind it. Pixels without depth count. Renders `model.proxy`.
+    The object in its true pose lies in front of the observed depth, at it, or at most
+    `errors.VSD_DELTA` behind it. Pixels without depth count. Renders `model.proxy`.
     """
     rendered = _rendered(model.proxy, frame, target)
-    hidden = (frame.depth > 0) & (rendered - frame.depth > VSD_DELTA)
+    hidden = (frame.depth > 0) & (rendered - frame.depth > errors.VSD_DELTA)
     return np.asarray((rendered > 0) & ~hidden)
 
 
@@ -149,6 +136,6 @@ def measured_mask(frame: Frame, target: Target, model: ObjectModel, tolerance: f
     return np.asarray(both & (np.abs(rendered - frame.depth) <= tolerance))
 
 
-def _rendered(mesh: Mesh, frame: Frame, target: Target) -> Depth:
+def _rendered(mesh: Mesh, frame: Frame, target: Target) -> Image:
     shape, poses = (frame.depth.shape[0], frame.depth.shape[1]), target.pose_cam_obj[None]
     return np.asarray(render_depth(mesh, poses, frame.camera_matrix, shape, threads=1)[0])

@@ -10,30 +10,26 @@ paper calls it AD.
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy.spatial import cKDTree
 
+from hlp.arrays import CameraMatrix, Flags, Image, Mask, Points, Pose, Poses, Values
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.geometry import back_project, inverse, project, rotation_distance, transform
 from hlp.records import ObjectModel
-
-Pose = Float[np.ndarray, "4 4"]
-Vertices = Float[np.ndarray, "v 3"]
-Depth = Float[np.ndarray, "h w"]
-Symmetries = Float[np.ndarray, "s 4 4"]
 
 VSD_DELTA = 0.015
 """BOP's tolerance (m): a surface counts as visible up to this far behind the observed depth."""
 _MOTIONS = 1024  # symmetric poses at a time: 10 000 with 3000 votes would take 2 GB
 
 
-def add(estimated: Pose, true: Pose, vertices: Vertices) -> float:
+def add(estimated: Pose, true: Pose, vertices: Points) -> float:
     """ADD: mean distance between the vertices at both poses (Hinterstoisser et al., ACCV 2012)."""
     differences = transform(estimated, vertices) - transform(true, vertices)
     return float(np.linalg.norm(differences, axis=1).mean())
 
 
-def add_s(estimated: Pose, true: Pose, vertices: Vertices, tree: cKDTree | None = None) -> float:
+def add_s(estimated: Pose, true: Pose, vertices: Points, tree: cKDTree | None = None) -> float:
     """ADD-S: mean distance from each true vertex to the closest estimated one (ibid.).
 
     For symmetric objects. `tree` may hold a kd-tree over `vertices` that is built once: distances
@@ -54,16 +50,14 @@ def translation_error(estimated: Pose, true: Pose) -> float:
     return float(np.linalg.norm(estimated[:3, 3] - true[:3, 3]))
 
 
-def nearest_symmetric_pose(estimated: Pose, true: Pose, symmetries: Symmetries) -> Pose:
+def nearest_symmetric_pose(estimated: Pose, true: Pose, symmetries: Poses) -> Pose:
     """Of all true poses that look alike, the one whose rotation is closest to the estimate's."""
     alike = true @ symmetries
     angles = rotation_distance(estimated[:3, :3], alike[:, :3, :3])
     return np.asarray(alike[int(np.argmin(angles))])
 
 
-def box_iou(
-    estimated: Pose, true: Pose, vertices: Vertices, camera_matrix: Float[np.ndarray, "3 3"]
-) -> float:
+def box_iou(estimated: Pose, true: Pose, vertices: Points, camera_matrix: CameraMatrix) -> float:
     """Intersection over union of the axis-aligned boxes of the projected vertices.
 
     0 if any part of the object lies behind the camera: its projection would mean nothing.
@@ -80,7 +74,7 @@ def box_iou(
     return float(shared / (np.prod(high[0] - low[0]) + np.prod(high[1] - low[1]) - shared))
 
 
-def mssd(estimated: Pose, true: Pose, vertices: Vertices, symmetries: Symmetries) -> float:
+def mssd(estimated: Pose, true: Pose, vertices: Points, symmetries: Poses) -> float:
     """Maximum symmetry-aware surface distance (Hodan et al., BOP Challenge 2020).
 
     The largest distance of any vertex, minimised over the symmetries. It is convex in the vertex,
@@ -92,11 +86,7 @@ def mssd(estimated: Pose, true: Pose, vertices: Vertices, symmetries: Symmetries
 
 
 def mspd(
-    estimated: Pose,
-    true: Pose,
-    vertices: Vertices,
-    symmetries: Symmetries,
-    camera_matrix: Float[np.ndarray, "3 3"],
+    estimated: Pose, true: Pose, vertices: Points, symmetries: Poses, camera_matrix: CameraMatrix
 ) -> float:
     """Maximum symmetry-aware projection distance in pixels (ibid.).
 
@@ -111,12 +101,12 @@ def mspd(
 
 
 def vsd(
-    estimated_depth: Depth,
-    true_depth: Depth,
-    observed_depth: Depth,
-    camera_matrix: Float[np.ndarray, "3 3"],
+    estimated_depth: Image,
+    true_depth: Image,
+    observed_depth: Image,
+    camera_matrix: CameraMatrix,
     tolerances: Sequence[float],
-) -> Float[np.ndarray, "t"]:
+) -> Values:
     """Visible surface discrepancy (ibid.), one value for each misalignment tolerance (m).
 
     Depth maps (h, w) are in metres, 0 where there is none: the model rendered at both poses, and
@@ -129,7 +119,7 @@ def vsd(
     rays = np.linalg.norm(back_project(pixels, np.ones((height, width)), camera_matrix), axis=-1)
     estimated, true, observed = (d * rays for d in (estimated_depth, true_depth, observed_depth))
 
-    def visible(rendered: Depth) -> Bool[np.ndarray, "h w"]:
+    def visible(rendered: Image) -> Mask:
         return np.asarray((rendered > 0) & ((rendered - observed <= VSD_DELTA) | (observed == 0)))
 
     true_seen = visible(true)
@@ -145,12 +135,12 @@ def vsd(
 
 def near_truth(
     rotations_cam_obj: Float[np.ndarray, "n 3 3"],
-    centroids_cam: Float[np.ndarray, "n 3"],
+    centroids_cam: Points,
     true: Pose,
     model: ObjectModel,
     settings: EvaluationSettings,
     bounds: tuple[float, float],
-) -> Bool[np.ndarray, "n"]:
+) -> Flags:
     """Which pairs of rotation and centroid lie within `bounds` (degrees, mm) of the true pose.
 
     For an object that the policy calls symmetric, any of the poses that look alike counts as true.
@@ -170,12 +160,12 @@ def near_truth(
 
 
 def poses_near_truth(
-    poses_cam_obj: Float[np.ndarray, "n 4 4"],
+    poses_cam_obj: Poses,
     true: Pose,
     model: ObjectModel,
     settings: EvaluationSettings,
     bounds: tuple[float, float],
-) -> Bool[np.ndarray, "n"]:
+) -> Flags:
     """`near_truth` for poses. Distances are between centroids, so a pure turn has distance 0."""
     centroids = transform(poses_cam_obj, model.centroid[None])[:, 0]
     return near_truth(poses_cam_obj[:, :3, :3], centroids, true, model, settings, bounds)

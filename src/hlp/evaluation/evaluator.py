@@ -7,21 +7,18 @@ target, or beyond the number of targets, are ignored.
 import math
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 
+from hlp.arrays import CameraMatrix, Flags, Image, Pose, Poses
 from hlp.errors import DataError
 from hlp.evaluation import errors
 from hlp.evaluation.bop_recalls import BopRecalls
 from hlp.evaluation.settings import EvaluationSettings
-from hlp.evaluation.waterfall import missed_score
 from hlp.records import Frame, Mesh, ObjectModel, PoseEstimate, Target, TargetScore
-
-Pose = Float[np.ndarray, "4 4"]
 
 _FEW_VERTICES = 2000
 
@@ -36,7 +33,7 @@ class FrameTruth:
 
     scene_id: int
     frame_id: int
-    camera_matrix: Float[np.ndarray, "3 3"]
+    camera_matrix: CameraMatrix
     width: int
     targets: tuple[Target, ...]
     packed_depth: bytes | None = None
@@ -52,7 +49,7 @@ class FrameTruth:
             frame.scene_id, frame.frame_id, frame.camera_matrix, width, frame.targets, packed
         )
 
-    def unpacked_depth(self) -> Float[np.ndarray, "h w"] | None:
+    def unpacked_depth(self) -> Image | None:
         """The depth image (m)."""
         if self.packed_depth is None:
             return None
@@ -75,14 +72,17 @@ def score_targets(
     Of an object with n targets in a frame, the n estimates with the highest scores count. In that
     order, each is matched to the free target with the smallest ADD(-S), first those that are right,
     then the others. BOP's errors are matched by the same rule for each threshold. A target without
-    an estimate, or whose estimate has no pose, is wrong with infinite errors.
-
-    Raises ValueError for a pose with NaN, DataError for a target whose object has no model.
+    an estimate, or whose estimate has no pose, is wrong with infinite errors. Raises
+    ValueError for a pose with NaN, DataError for a target whose object has no model.
     """
     found: dict[tuple[int, int, int], list[PoseEstimate]] = {}
     for estimate in estimates:
-        _check_finite(estimate)
         key = (estimate.scene_id, estimate.frame_id, estimate.object_id)
+        if estimate.pose_cam_obj is not None and not np.isfinite(estimate.pose_cam_obj).all():
+            raise ValueError(
+                f"the estimate of object {estimate.object_id} in scene {estimate.scene_id}, frame"
+                f" {estimate.frame_id} holds NaN or infinity"
+            )
         found.setdefault(key, []).append(estimate)
     scorers: dict[int, _ObjectScorer] = {}
     scores = []
@@ -100,11 +100,8 @@ def score_targets(
 
 
 def add_correct(
-    poses_cam_obj: Float[np.ndarray, "n 4 4"],
-    true_pose: Float[np.ndarray, "4 4"],
-    model: ObjectModel,
-    settings: EvaluationSettings,
-) -> Bool[np.ndarray, "n"]:
+    poses_cam_obj: Poses, true_pose: Pose, model: ObjectModel, settings: EvaluationSettings
+) -> Flags:
     """Verdict of ADD(-S) on many poses of one target, by the same policy as `score_targets`."""
     scorer = _ObjectScorer(model, settings, model.mesh)
     distances = np.array([scorer.add_error(pose, true_pose) for pose in poses_cam_obj])
@@ -128,10 +125,7 @@ class _ObjectScorer:
         return BopRecalls(self._model, self._bop_mesh)
 
     def score(
-        self,
-        truth: FrameTruth,
-        depth: Float[np.ndarray, "h w"] | None,
-        estimates: Sequence[PoseEstimate],
+        self, truth: FrameTruth, depth: Image | None, estimates: Sequence[PoseEstimate]
     ) -> list[TargetScore]:
         """Scores of all targets of this object in one frame."""
         targets = [t for t in truth.targets if t.object_id == self._model.object_id]
@@ -143,13 +137,20 @@ class _ObjectScorer:
         recalls = self._bop_recalls.of(true_poses, poses, truth.camera_matrix, truth.width, depth)
         matched = self._match(true_poses, poses)
         scores = []
-        for target, row, recall in zip(targets, matched, recalls.tolist(), strict=True):
-            of = truth.scene_id, truth.frame_id, target.object_id, target.visible_fraction
-            scores.append(
-                missed_score(*of, recall)
-                if row is None
-                else self._score(truth, target, *found[row], recall)
+        for target, row, (vsd, mssd, mspd) in zip(targets, matched, recalls.tolist(), strict=True):
+            score = TargetScore(
+                truth.scene_id,
+                truth.frame_id,
+                target.object_id,
+                found=False,
+                visible_fraction=target.visible_fraction,
+                mssd_recall=mssd,
+                mspd_recall=mspd,
+                vsd_recall=vsd,
             )
+            if row is not None:
+                score = self._found(score, target.pose_cam_obj, *found[row], truth.camera_matrix)
+            scores.append(score)
         return scores
 
     def _match(self, true_poses: Sequence[Pose], poses: Sequence[Pose]) -> list[int | None]:
@@ -171,25 +172,22 @@ class _ObjectScorer:
             return errors.add_s(estimated, true, self._vertices, self._tree)
         return errors.add(estimated, true, self._vertices)
 
-    def _score(
-        self, truth: FrameTruth, target: Target, pose: Pose, score: float, recalls: Sequence[float]
+    def _found(
+        self, missed: TargetScore, true: Pose, pose: Pose, score: float, camera: CameraMatrix
     ) -> TargetScore:
-        settings, true = self._settings, target.pose_cam_obj
+        """The score of a target that got a pose, of that score, from the one without."""
+        settings = self._settings
         alike = true
         if self._symmetric:
             alike = errors.nearest_symmetric_pose(pose, true, self._model.symmetries)
         add_error = self.add_error(pose, true)
         add_s_error = errors.add_s(pose, true, self._few_vertices, self._few_tree)
         turn, shift = errors.rotation_error(pose, alike), errors.translation_error(pose, alike)
-        iou = errors.box_iou(pose, true, self._vertices, truth.camera_matrix)
+        iou = errors.box_iou(pose, true, self._vertices, camera)
         near = shift < settings.translation_cm * 1e-2
-        vsd, mssd, mspd = recalls
-        return TargetScore(
-            truth.scene_id,
-            truth.frame_id,
-            target.object_id,
+        return replace(
+            missed,
             found=True,
-            visible_fraction=target.visible_fraction,
             add_error=add_error,
             rotation_error=turn,
             translation_error=shift,
@@ -197,18 +195,6 @@ class _ObjectScorer:
             add_correct=add_error < self.add_limit,
             pose_correct=near and turn < math.radians(settings.rotation_deg),
             box_correct=iou >= settings.iou,
-            vsd_recall=vsd,
-            mssd_recall=mssd,
-            mspd_recall=mspd,
             score=score,
             add_s_correct=add_s_error < self.add_limit,
-        )
-
-
-def _check_finite(estimate: PoseEstimate) -> None:
-    pose = estimate.pose_cam_obj
-    if pose is not None and not np.isfinite(pose).all():
-        raise ValueError(
-            f"the estimate of object {estimate.object_id} in scene {estimate.scene_id}, frame"
-            f" {estimate.frame_id} holds NaN or infinity"
         )

@@ -7,8 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
+from hlp.arrays import Flags, Values
 from hlp.evaluation.evaluator import FrameTruth
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.evaluation.waterfall import by_object, count_causes
@@ -127,9 +128,7 @@ def count_false_alarms(
     return {"searched": len(best), "alarms": alarms, "min_score": min_score, "rate": rate}
 
 
-def expected_calibration_error(
-    scores: Float[np.ndarray, "n"], right: Bool[np.ndarray, "n"], bins: int = _BINS
-) -> float:
+def expected_calibration_error(scores: Values, right: Flags, bins: int = _BINS) -> float:
     """Mean of |share of right answers − mean score| over bins of equal width, by their answers.
 
     Guo et al., On Calibration of Modern Neural Networks (ICML 2017), Eq. 3. Raises ValueError
@@ -139,9 +138,7 @@ def expected_calibration_error(
     return float((count * np.abs(score - share)).sum() / count.sum())
 
 
-def reliability(
-    scores: Float[np.ndarray, "n"], right: Bool[np.ndarray, "n"], bins: int = _BINS
-) -> Float[np.ndarray, "b 3"]:
+def reliability(scores: Values, right: Flags, bins: int = _BINS) -> Float[np.ndarray, "b 3"]:
     """Number of answers, mean score and share of right ones of each bin that has any."""
     if len(scores) == 0:
         raise ValueError("no answer to calibrate")
@@ -155,9 +152,7 @@ def reliability(
     return np.column_stack([count[used], total[used] / count[used], hits[used] / count[used]])
 
 
-def risk_coverage(
-    scores: Float[np.ndarray, "n"], right: Bool[np.ndarray, "n"]
-) -> tuple[Float[np.ndarray, "t"], Float[np.ndarray, "t"]]:
+def risk_coverage(scores: Values, right: Flags) -> tuple[Values, Values]:
     """Coverage and risk at every threshold, the highest score first; equal scores come together.
 
     Raises ValueError without answers.
@@ -171,7 +166,7 @@ def risk_coverage(
     return count[last] / len(scores), risk[last]
 
 
-def area_under_risk_coverage(scores: Float[np.ndarray, "n"], right: Bool[np.ndarray, "n"]) -> float:
+def area_under_risk_coverage(scores: Values, right: Flags) -> float:
     """Mean risk over all coverages (Geifman et al., ICLR 2019); 0 is best.
 
     Answers with equal scores are in random order: each has their expected risk. Raises ValueError

@@ -22,8 +22,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
+from hlp.arrays import Flags, Rows
 from hlp.evaluation.settings import WaterfallSettings
 from hlp.records import TargetScore
 from hlp.results.summary_file import CORRECT
@@ -73,9 +74,9 @@ class TargetResults:
     """
 
     counts: TargetCounts
-    near_basin: Bool[np.ndarray, "m"]
-    refined: Int[np.ndarray, "c"]
-    right: Bool[np.ndarray, "c"]
+    near_basin: Flags
+    refined: Rows
+    right: Flags
     flipped: bool
 
 
@@ -137,37 +138,6 @@ def _count(scores: Sequence[TargetScore]) -> dict[str, int]:
     return {name: counts[name] for name in (CORRECT, *CAUSES)}
 
 
-def missed_score(
-    scene_id: int,
-    frame_id: int,
-    object_id: int,
-    visible_fraction: float,
-    bop_recalls: Sequence[float] = (0.0, 0.0, 0.0),
-    cause: str = "",
-) -> TargetScore:
-    """The score of a target without a pose. `bop_recalls` are those of VSD, MSSD and MSPD."""
-    infinite = float("inf")
-    vsd, mssd, mspd = bop_recalls
-    return TargetScore(
-        scene_id,
-        frame_id,
-        object_id,
-        found=False,
-        visible_fraction=visible_fraction,
-        add_error=infinite,
-        rotation_error=infinite,
-        translation_error=infinite,
-        box_iou=0.0,
-        add_correct=False,
-        pose_correct=False,
-        box_correct=False,
-        vsd_recall=vsd,
-        mssd_recall=mssd,
-        mspd_recall=mspd,
-        cause=cause,
-    )
-
-
 @dataclass(frozen=True)
 class VoteCounts:
     """Numbers of votes for one object in one frame: all, good ones, and the weight of both.
@@ -188,9 +158,9 @@ class VoteCounts:
     def of(
         cls,
         object_id: int,
-        good: Bool[np.ndarray, "v"],
+        good: Flags,
         weights: Float[np.ndarray, "v"],
-        on_object: Bool[np.ndarray, "v"],
+        on_object: Flags,
     ) -> "VoteCounts":
         """Count votes, given which are good and which were cast by patches on the object."""
         counts = len(good), int(good.sum())

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import UInt8
 
+from hlp.arrays import Positions, Rgb
 from hlp.errors import DataError
 from hlp.records import Texture
 
@@ -48,9 +49,7 @@ def mesh_colors(path: Path, raw: trimesh.Trimesh) -> tuple[Colors, Texture | Non
     return colors[:, :3].copy(), None, True
 
 
-def texture_colors(
-    image: UInt8[np.ndarray, "h w 3"], uv: Float[np.ndarray, "n 2"]
-) -> UInt8[np.ndarray, "n 3"]:
+def texture_colors(image: Rgb, uv: Positions) -> UInt8[np.ndarray, "n 3"]:
     """The texels at texture coordinates (see `records.Texture`)."""
     height, width = image.shape[:2]
     column = np.floor(uv[:, 0] * width).astype(np.int64) % width

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
+from hlp.arrays import Points
 from hlp.errors import ConfigError, DataError, MissingFileError
 from hlp.objects.mesh_colors import (
     check_scale,
@@ -99,9 +100,7 @@ def _parsed(path: Path, **options: Any) -> trimesh.Geometry:
         trimesh.util.log.setLevel(level)
 
 
-def _checked(
-    path: Path, raw: trimesh.Trimesh
-) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"], float]:
+def _checked(path: Path, raw: trimesh.Trimesh) -> tuple[Points, Int[np.ndarray, "f 3"], float]:
     """Vertices, triangles and diameter. Raises DataError where they are none, or show nothing."""
     vertices = np.array(raw.vertices, dtype=np.float64)
     if vertices.ndim != 2 or vertices.shape[1] != 3:
@@ -149,7 +148,7 @@ def decimate(mesh: Mesh, faces: int) -> Mesh:
     return Mesh(vertices, kept, mesh.colors[nearest], normals, colored=mesh.colored)
 
 
-def _simplified(mesh: Mesh, faces: int) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, "g 3"]]:
+def _simplified(mesh: Mesh, faces: int) -> tuple[Points, Int[np.ndarray, "g 3"]]:
     """At most `faces` triangles by quadric error, and their vertices in millimetres.
 
     The library stops early at many open edges or coplanar triangles. Then, and where a mesh is very
@@ -178,8 +177,8 @@ def _simplified(mesh: Mesh, faces: int) -> tuple[Float[np.ndarray, "w 3"], Int[n
 
 
 def _merged(
-    points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"], cells: int
-) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, "g 3"]]:
+    points: Points, triangles: Int[np.ndarray, "f 3"], cells: int
+) -> tuple[Points, Int[np.ndarray, "g 3"]]:
     """Vertices of one cell of a grid made one, at their mean; triangles that are none left out.
 
     `cells` is the number of cells along the longest side of the bounding box.
@@ -200,7 +199,7 @@ def _merged(
     return means, kept[np.sort(first)].astype(np.int32)
 
 
-def mesh_diameter(vertices: Float[np.ndarray, "v 3"]) -> float:
+def mesh_diameter(vertices: Points) -> float:
     """Largest distance between two vertices (m), computed on the convex hull.
 
     Of a hull of more than 20 000 corners, those farthest in 1024 directions are compared: the
@@ -222,7 +221,7 @@ def mesh_diameter(vertices: Float[np.ndarray, "v 3"]) -> float:
     return max(float(cdist(block, corners).max()) for block in blocks)
 
 
-def _farthest(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "k 3"]:
+def _farthest(points: Points) -> Points:
     """The points that lie farthest in directions spread over the sphere."""
     height = 1.0 - (np.arange(_DIRECTIONS) + 0.5) / _DIRECTIONS  # of the upper half
     angle = np.arange(_DIRECTIONS) * np.pi * (3.0 - np.sqrt(5.0))
@@ -241,9 +240,7 @@ def _farthest(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "k 3"]:
     return np.asarray(points[np.unique(chosen)])
 
 
-def _vertex_normals(
-    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
-) -> Float[np.ndarray, "v 3"]:
+def _vertex_normals(vertices: Points, faces: Int[np.ndarray, "f 3"]) -> Points:
     """Normals weighted by the areas of the triangles around each vertex."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     area = np.cross(b - a, c - a)
@@ -253,7 +250,7 @@ def _vertex_normals(
     return _unit_normals(total)
 
 
-def _unit_normals(normals: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "v 3"]:
+def _unit_normals(normals: Points) -> Points:
     """Normals at unit length; +z for vertices without a triangle of positive area."""
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     usable = np.isfinite(length) & (length > 0)

@@ -11,11 +11,12 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from hlp.arrays import Flags, Point, Points, Pose, Poses, Values
 from hlp.geometry import inverse, rigid, rotation_distance, transform
 from hlp.records import Mesh
 from hlp.rendering.surface import sample_surface
@@ -47,8 +48,8 @@ _SMOOTHED = 12  # samples whose colours are averaged: about 3 mm around a sample
 class NearSymmetries:
     """Motions (n, 4, 4) without the identity: `unbroken` by the colours, and `broken`."""
 
-    unbroken: Float[np.ndarray, "n 4 4"]
-    broken: Float[np.ndarray, "k 4 4"]
+    unbroken: Poses
+    broken: Poses
 
 
 @dataclass(frozen=True)
@@ -56,10 +57,10 @@ class _Turn:
     """A turn by 2π / order about an axis (unit) through a point."""
 
     order: int
-    axis: Float[np.ndarray, "3"]
-    point: Float[np.ndarray, "3"]
+    axis: Point
+    point: Point
 
-    def by(self, angles: Float[np.ndarray, "a"]) -> Float[np.ndarray, "a 4 4"]:
+    def by(self, angles: Values) -> Poses:
         """Motions of turns by angles (rad)."""
         turns = Rotation.from_rotvec(angles[:, None] * self.axis).as_matrix()
         return rigid(turns, self.point - turns @ self.point)
@@ -84,9 +85,7 @@ def find_near_symmetries(mesh: Mesh, diameter: float) -> NearSymmetries:
     return NearSymmetries(group[~broken], group[broken])
 
 
-def without(
-    motions: Float[np.ndarray, "n 4 4"], known: Float[np.ndarray, "k 4 4"]
-) -> Float[np.ndarray, "m 4 4"]:
+def without(motions: Poses, known: Poses) -> Poses:
     """The motions that are turned by more than 10° against each of the known ones."""
     apart = rotation_distance(motions[:, None, :3, :3], known[None, :, :3, :3])
     return np.asarray(motions[(apart > _SAME_TURN).all(axis=1)])
@@ -113,11 +112,9 @@ def _same(turn: _Turn, other: _Turn) -> bool:
     return turn.order == other.order and abs(turn.axis @ other.axis) > _SAME_AXIS
 
 
-def _best_apart(
-    directions: Float[np.ndarray, "a 3"], costs: Float[np.ndarray, "a"], limit: float
-) -> list[Float[np.ndarray, "3"]]:
+def _best_apart(directions: Points, costs: Values, limit: float) -> list[Point]:
     """The directions of least cost below a limit that are at least 15° apart."""
-    chosen: list[Float[np.ndarray, "3"]] = []
+    chosen: list[Point] = []
     for index in np.argsort(costs, kind="stable"):
         if costs[index] > limit or len(chosen) == _CANDIDATES:
             break
@@ -126,9 +123,7 @@ def _best_apart(
     return chosen
 
 
-def _exact_turn(
-    motion: Float[np.ndarray, "4 4"], order: int, center: Float[np.ndarray, "3"]
-) -> _Turn | None:
+def _exact_turn(motion: Pose, order: int, center: Point) -> _Turn | None:
     """The turn by exactly 2π / order that is nearest to a motion; None if that is not near."""
     rotation = motion[:3, :3]
     vector = Rotation.from_matrix(rotation).as_rotvec()
@@ -170,7 +165,7 @@ def _about_continuous_axis(
     )
 
 
-def _subgroup(kept: Bool[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
+def _subgroup(kept: Flags) -> Flags:
     """Of turns by 1, 2, … steps, those of the largest subgroup that is kept as a whole."""
     count = len(kept) + 1
     for order in (6, 5, 4, 3, 2):
@@ -183,9 +178,7 @@ def _subgroup(kept: Bool[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
     return np.zeros(len(kept), bool)
 
 
-def _completed(
-    shape: ShapeDistance, motions: list[Float[np.ndarray, "4 4"]]
-) -> Float[np.ndarray, "n 4 4"]:
+def _completed(shape: ShapeDistance, motions: list[Pose]) -> Poses:
     """The motions with all their products that pass, without the identity."""
     group = [np.eye(4), *motions]
     grown = True
@@ -200,7 +193,7 @@ def _completed(
     return np.stack(group)[1:] if len(group) > 1 else np.empty((0, 4, 4))
 
 
-def _hemisphere(count: int) -> Float[np.ndarray, "n 3"]:
+def _hemisphere(count: int) -> Points:
     """Directions spread evenly over the upper hemisphere (Fibonacci's spiral)."""
     index = np.arange(count) + 0.5
     z = index / count
@@ -241,7 +234,7 @@ class ShapeDistance:
         cells = ((points - self._corner) / self._cell).astype(np.int32)
         return np.asarray(np.clip(cells, 0, _CELLS + 2 * _MARGIN - 1))
 
-    def coarse_distances(self, rotations: Float[np.ndarray, "r 3 3"]) -> Float[np.ndarray, "r"]:
+    def coarse_distances(self, rotations: Float[np.ndarray, "r 3 3"]) -> Values:
         """Mean distance (m) of the surface, turned about its centre, from itself, to 1 % or so."""
         points = self._points[:: _SAMPLES // _COARSE] - self.center
         turned = np.einsum("rij,pj->rpi", rotations, points) + self.center
@@ -249,7 +242,7 @@ class ShapeDistance:
         found = self._grid[cells[..., 0], cells[..., 1], cells[..., 2]]
         return np.asarray(found.mean(axis=1), dtype=np.float64)
 
-    def distances(self, motion: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "n"]:
+    def distances(self, motion: Pose) -> Values:
         """Distances (m) of the moved surface from the surface, and of the surface from the moved.
 
         Near a sample they are those to its plane.
@@ -264,7 +257,7 @@ class ShapeDistance:
             found.append(np.where(along < self._reach, across, distance))
         return np.concatenate(found)
 
-    def are_alike(self, motions: Float[np.ndarray, "n 4 4"]) -> bool:
+    def are_alike(self, motions: Poses) -> bool:
         """Whether all motions leave 95 % of the surface within 3 % of the diameter, 99 % in 6 %."""
         for motion in motions:
             most, nearly_all = np.quantile(self.distances(motion), [0.95, 0.99]) / self.diameter
@@ -272,7 +265,7 @@ class ShapeDistance:
                 return False
         return True
 
-    def aligned(self, motion: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:
+    def aligned(self, motion: Pose) -> Pose:
         """The motion that maps the surface best onto itself near a given one (point-to-plane ICP).
 
         The farthest fifth of the points is left out of each step.
@@ -293,7 +286,7 @@ class ShapeDistance:
             motion = rigid(turn, step[3:] + self.center - turn @ self.center) @ motion
         return motion
 
-    def color_difference(self, motion: Float[np.ndarray, "4 4"]) -> float:
+    def color_difference(self, motion: Pose) -> float:
         """Root mean square difference (of 255) of the smoothed colours after a motion."""
         _, nearest = self._tree.query(transform(motion, self._points[::_COLORS]))
         return float(np.sqrt(np.mean((self._colors[nearest] - self._colors[::_COLORS]) ** 2)))

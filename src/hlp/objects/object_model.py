@@ -14,6 +14,7 @@ import numpy as np
 from annotated_types import Ge, Gt
 from jaxtyping import Float
 
+from hlp.arrays import Points, Poses
 from hlp.errors import ConfigError
 from hlp.geometry import rigid
 from hlp.objects.meshes import decimate, load_mesh, mesh_diameter
@@ -50,7 +51,7 @@ def build_object_model(
     scale: float | None,
     proxy_faces: int,
     diameter: float | None = None,
-    symmetries: Float[np.ndarray, "n 4 4"] | None = None,
+    symmetries: Poses | None = None,
 ) -> ObjectModel:
     """Load one object; `scale` is metres per unit of the mesh file, `diameter` in metres.
 
@@ -96,9 +97,7 @@ def _log(model: ObjectModel) -> None:
     )
 
 
-def _symmetries(
-    mesh: Mesh, diameter: float, stated: Float[np.ndarray, "n 4 4"] | None
-) -> tuple[Float[np.ndarray, "m 4 4"], Float[np.ndarray, "k 4 4"]]:
+def _symmetries(mesh: Mesh, diameter: float, stated: Poses | None) -> tuple[Poses, Poses]:
     """Symmetries, with the identity, and what would be some without colours."""
     from hlp.objects.near_symmetries import find_near_symmetries, without
 
@@ -137,9 +136,7 @@ def build_proxy(mesh: Mesh, faces: int, diameter: float) -> Mesh:
     return proxy
 
 
-def _poses(
-    mesh: Mesh, diameter: float
-) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, "3 3"]]:
+def _poses(mesh: Mesh, diameter: float) -> tuple[Poses, Float[np.ndarray, "3 3"]]:
     """Poses from all sides, and the camera's matrix."""
     rotations = view_rotations(thomson(_VIEWS, 0), np.zeros(1))
     middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2.0
@@ -188,7 +185,7 @@ _LOCAL_DIAMETERS = (0.102, 0.172, 0.261)
 _LOCAL_SIZES = (0.03, 0.04, 0.08)
 
 
-def holistic_size(vertices: Float[np.ndarray, "v 3"]) -> float:
+def holistic_size(vertices: Points) -> float:
     """Side (m) of the holistic patch: 1.08 times the middle extent of the bounding box.
 
     At most 20 cm, rounded to the centimetre. In the paper: Ape 8, Driller 20, Bowl 18 cm.

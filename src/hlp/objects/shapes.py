@@ -10,15 +10,15 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
+from hlp.arrays import Flags, Point, Points, Pose
 from hlp.geometry import rigid, transform
 from hlp.records import Mesh
 
 SPACING = 0.004  # m
 _COARSE = 0.007  # m, of random shapes
 Color = tuple[int, int, int]
-Points = Float[np.ndarray, "n 3"]
 
 
 def solid(vertices: Points, faces: Int[np.ndarray, "f 3"], color: Color) -> Mesh:
@@ -61,7 +61,7 @@ def moved(
     return moved_by(mesh, rigid(turn, np.asarray(translation, dtype=np.float64)))
 
 
-def moved_by(mesh: Mesh, motion: Float[np.ndarray, "4 4"]) -> Mesh:
+def moved_by(mesh: Mesh, motion: Pose) -> Mesh:
     """The mesh after a rigid motion."""
     return replace(
         mesh,
@@ -70,7 +70,7 @@ def moved_by(mesh: Mesh, motion: Float[np.ndarray, "4 4"]) -> Mesh:
     )
 
 
-def painted(mesh: Mesh, where: Bool[np.ndarray, "v"], color: Color) -> Mesh:
+def painted(mesh: Mesh, where: Flags, color: Color) -> Mesh:
     """The mesh with another colour at the vertices `where`."""
     colors = mesh.colors.copy()
     colors[where] = color
@@ -202,7 +202,7 @@ def _grid_surface(grid: Float[np.ndarray, "rows columns 3"], color: Color) -> Me
     return solid(grid.reshape(-1, 3), faces, color)
 
 
-def _box_grid(half: Float[np.ndarray, "3"], spacing: float) -> tuple[Points, np.ndarray]:
+def _box_grid(half: Point, spacing: float) -> tuple[Points, np.ndarray]:
     """Vertices and faces of a box about the origin, each side a regular grid."""
     vertices, faces, count = [], [], 0
     for axis in range(3):

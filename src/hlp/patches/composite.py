@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from hlp.arrays import ColorPatches, DepthCodes, MaskPatches
+from hlp.arrays import ColorPatches, DepthCodes, MaskPatches, Values
 from hlp.compiled import compiled
 from hlp.thread_team import ThreadTeam
 
@@ -69,7 +69,7 @@ def compose_windows(
     windows: ObjectWindows,
     backgrounds: BackgroundPool,
     draws: np.ndarray,
-    noise: Float[np.ndarray, "t"],
+    noise: Values,
     with_depth: bool,
     threads: int,
 ) -> Float[np.ndarray, "n p p c"]:
@@ -93,7 +93,7 @@ def _compose(
     windows: ObjectWindows,
     backgrounds: BackgroundPool,
     draws: np.ndarray,
-    noise: Float[np.ndarray, "t"],
+    noise: Values,
     out: Float[np.ndarray, "n p p c"],
 ) -> None:
     color, code, mask = windows
@@ -189,7 +189,7 @@ def _compose_depth(
     mask: Bool[np.ndarray, "p p"],
     background: UInt8[np.ndarray, "p p"],
     draw: np.void,
-    noise: Float[np.ndarray, "t"],
+    noise: Values,
     start: int,
     out: Float[np.ndarray, "p p 4"],
 ) -> None:

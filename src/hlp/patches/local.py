@@ -113,15 +113,13 @@ def cut_local_patches(
     focal = float(camera_matrix[0, 0] + camera_matrix[1, 1]) / 2
     sides = focal * metric_size / z
     centers, resolution = pixels.astype(np.float64), settings.resolution
-    single = np.asarray(depth, dtype=np.float32)
-    relative = sample_squares(single, centers, sides, resolution, nearest=True)  # m at first
+    metres = np.asarray(depth, dtype=np.float32)
+    relative = sample_squares(metres, centers, sides, resolution, nearest=True)
+    color = np.empty((*relative.shape, 0), dtype=np.uint8)
     if with_color:
         color = sample_squares(rgb, centers, sides, resolution)
-    else:
-        color = np.empty((*relative.shape, 0), dtype=np.uint8)
     along = _along_ray(centers, sides, resolution, camera_matrix)
-    half = np.float32(metric_size / 2)
-    valid = np.empty(relative.shape, dtype=np.bool_)
+    half, valid = np.float32(metric_size / 2), np.empty(relative.shape, dtype=np.bool_)
     _normalise_depth(relative, z, half, *along, settings.mask_beyond_clamp, color, valid)
     full = valid.mean(axis=(1, 2)) >= min_valid
     if min_relief > 0.0:

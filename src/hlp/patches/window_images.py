@@ -5,9 +5,9 @@ that a window needs is resampled once and stays in the processor's cache.
 """
 
 import numpy as np
-from jaxtyping import Float, Float32, UInt8, UInt64
+from jaxtyping import Float32, UInt8, UInt64
 
-from hlp.arrays import Image, Rgb, Rows
+from hlp.arrays import Image, Points, Rgb, Rows
 from hlp.compiled import compiled
 from hlp.patches.holistic import HolisticSettings, Windows
 from hlp.patches.sampling import area_shrink, halvings
@@ -69,7 +69,7 @@ class WindowImages:
 @compiled()
 def _cut_color(
     image: Float32[np.ndarray, "h2 w2 4"],
-    places: Float[np.ndarray, "n 3"],
+    places: Points,
     rows: Rows,
     factor: int,
     out: UInt8[np.ndarray, "n p p 4"],
@@ -101,7 +101,7 @@ def _cut_color(
 @compiled()
 def _cut_depth(
     depth: Image,
-    places: Float[np.ndarray, "n 3"],
+    places: Points,
     centers: Float32[np.ndarray, "n"],
     metric_size: np.float32,
     first: int,

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import UInt8
 
 from hlp.arrays import Points
 
@@ -43,7 +43,7 @@ def random_light(rng: np.random.Generator) -> Light:
 
 
 def shade(
-    albedo: Float[np.ndarray, "n 3"] | UInt8[np.ndarray, "n 3"],
+    albedo: Points | UInt8[np.ndarray, "n 3"],
     normals: Points,
     view_directions: Points,
     light: Light,

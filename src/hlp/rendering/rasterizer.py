@@ -176,7 +176,7 @@ def _draw(
 
 def _corner_weights(
     corners_cam: Float[np.ndarray, "n 3 3"], pixels: Pixels, camera_matrix: CameraMatrix
-) -> Float[np.ndarray, "n 3"]:
+) -> Points:
     """Perspective-correct weights of each triangle's corners where a pixel's ray meets it."""
     rays = np.ones((len(pixels), 3))
     rays[:, :2] = (pixels - camera_matrix[:2, 2]) / camera_matrix[[0, 1], [0, 1]]

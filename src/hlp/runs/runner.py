@@ -12,7 +12,7 @@ from hlp.data.dataset import CheckedFrames
 from hlp.errors import DataError
 from hlp.evaluation.evaluator import score_targets
 from hlp.evaluation.summary import count_false_alarms, summarise
-from hlp.evaluation.waterfall import BAD_FRAME, missed_score, vote_quality
+from hlp.evaluation.waterfall import BAD_FRAME, vote_quality
 from hlp.files import MANIFEST, PAGE, POSES, SCORES, SUMMARY, write_json
 from hlp.method.compute_threads import set_compute_threads
 from hlp.method.find.trace import Trace
@@ -202,9 +202,18 @@ def with_failed_frames(
     source = run.dataset.frames
     assert isinstance(source, CheckedFrames)  # of others, a bad frame ends the run
     lost = [
-        missed_score(*parse_frame_key(key), t.object_id, t.visible_fraction, cause=BAD_FRAME)
+        TargetScore(
+            *parse_frame_key(key),
+            target.object_id,
+            found=False,
+            visible_fraction=target.visible_fraction,
+            mssd_recall=0.0,
+            mspd_recall=0.0,
+            vsd_recall=0.0,
+            cause=BAD_FRAME,
+        )
         for key in failed
-        for t in source.stated_targets(key)
+        for target in source.stated_targets(key)
     ]
     place = {key: number for number, key in enumerate(run.keys)}
     return sorted([*scores, *lost], key=lambda s: place[frame_key(s.scene_id, s.frame_id)])

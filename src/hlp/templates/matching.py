@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, Int, Int8, Int32, UInt8
+from jaxtyping import Float, Float32, Int8, Int32, UInt8
 
-from hlp.arrays import CameraMatrix, Image, Mask, Points, Poses, Values
+from hlp.arrays import CameraMatrix, Image, Mask, Points, Poses, Rows, Values
 from hlp.compiled import compiled
 from hlp.geometry import allocentric_to_egocentric, rigid, transform
 from hlp.image_edges import NO_EDGE, STEPS
@@ -111,9 +111,7 @@ def match_templates(
     return Matches(poses, found[best].astype(np.float64))
 
 
-def at_different_places(
-    poses_cam_obj: Poses, model: ObjectModel, most: int
-) -> Int[np.ndarray, "k"]:
+def at_different_places(poses_cam_obj: Poses, model: ObjectModel, most: int) -> Rows:
     """Rows of poses, the best of which come first, without those with `most` better ones nearby."""
     centers = transform(poses_cam_obj, model.centroid[None])[:, 0]
     near = np.linalg.norm(centers[:, None] - centers, axis=-1) < _PLACE * model.diameter
@@ -178,7 +176,7 @@ def _choose_different(
     rotations: Float[np.ndarray, "n 3 3"],
     shift: float,
     trace: float,
-    chosen: Int[np.ndarray, "k"],
+    chosen: Rows,
 ) -> int:
     """Choose poses that differ from all that were chosen before; how many were."""
     count = 0

@@ -28,7 +28,6 @@ from hlp.source_code import source_digest
 
 LINEMOD_CAMERA = np.array([[572.4114, 0, 325.2611], [0, 573.57043, 242.04899], [0, 0, 1.0]])
 """LINEMOD's intrinsics (px) at 640×480; other image sizes scale them."""
-_BACKGROUND_FRAMES = 40
 _BACKGROUND_SEED = 1_000_000  # far from the seeds of scenes with targets
 _CACHED = 64  # frames of 2 MB each at full size
 
@@ -82,6 +81,9 @@ class SyntheticSettings(Settings):
         20.0
     )
     tilt_deg: Annotated[float, Ge(0), Doc("largest lean of an object (D)")] = 5.0
+    background_frames: Annotated[
+        int, Ge(0), Le(1000), Doc("scenes without the objects, to train with (D)")
+    ] = 40
 
     def __post_init__(self) -> None:
         """Raise SettingsError naming the key that makes no scene."""
@@ -93,7 +95,7 @@ class SyntheticSettings(Settings):
 
     def build(self) -> Dataset:
         """The demo's objects and scenes; frames without the objects to train with."""
-        background = training_frames(_BACKGROUND_FRAMES, _BACKGROUND_SEED)
+        background = training_frames(self.background_frames, _BACKGROUND_SEED)
         models = demo_objects()
         return Dataset(
             models,
