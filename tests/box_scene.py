@@ -3,8 +3,9 @@
 import numpy as np
 import trimesh
 
-from hlp.records import Frame, Mesh, ObjectModel
+from hlp.records import Frame, ObjectModel
 from hlp.rendering.rasterizer import render_depth
+from refinement_scene import as_mesh
 
 SHAPE = (240, 320)
 CAMERA = np.array([[300.0, 0.0, 159.5], [0.0, 300.0, 119.5], [0.0, 0.0, 1.0]])
@@ -18,12 +19,7 @@ def at(x: float, y: float, z: float) -> np.ndarray:
 
 def box_model() -> ObjectModel:
     shape = trimesh.creation.box((0.1, 0.14, 0.2))
-    mesh = Mesh(
-        np.asarray(shape.vertices),
-        np.asarray(shape.faces),
-        np.full((8, 3), 200, dtype=np.uint8),
-        np.asarray(shape.vertex_normals),
-    )
+    mesh = as_mesh(shape, (200, 200, 200))
     return ObjectModel(1, "box", mesh, mesh, float(np.hypot(0.1, 0.14)), np.eye(4)[None], 0.2, 0.1)
 
 

@@ -22,6 +22,7 @@ install_import_hook(["hlp.records", "hlp.geometry"], "beartype.beartype")
 from hlp.config.typed_defaults import provide_defaults
 from hlp.records import Mesh
 from made_once import made_once
+from refinement_scene import Scene, make_row, make_scene
 from tiny_run import TINY, Call, TinyRun, make_tiny_run
 
 # Properties: few examples, the same in every run; HLP_EXAMPLES=2000 tries that many new ones.
@@ -155,3 +156,15 @@ def call(
     for name in set(os.environ) - set(variables):
         del os.environ[name]
     os.environ.update(variables)
+
+
+@pytest.fixture(scope="session")
+def scene() -> Scene:
+    """An object on a table, for the tests of refinement."""
+    return make_scene(0)
+
+
+@pytest.fixture(scope="session")
+def row() -> list[Scene]:
+    """Three instances beside each other."""
+    return make_row()

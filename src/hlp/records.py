@@ -168,8 +168,7 @@ class LocalPatches:
     `color` is in 0…255; it has no channels (c = 0) if the encoder does not use colour. `depth` is
     measured along the viewing ray of the patch centre, relative to the centre's depth, in units of
     half the patch's metric size, and clamped to [-1, 1]. `valid` is False where depth is missing or
-    clamped. `points_cam` are the patch centres in camera coordinates (m), `pixels` in the image
-    (x, y).
+    clamped. `points_cam` (m) and `pixels` (x, y) are the patch centres in camera and image.
     """
 
     color: UInt8[np.ndarray, "n p p c"]

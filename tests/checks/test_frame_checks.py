@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from faults import FOCAL, with_depth, with_matrix
 from hlp.checks.frame_checks import (
     check_depth_scale,
     check_intrinsics,
@@ -13,6 +14,7 @@ from hlp.checks.frame_checks import (
     read_frames,
 )
 from hlp.errors import DataError
+from hlp.records import Frame
 
 KEYS = [f"000001_{i:06d}" for i in range(9)]
 
@@ -45,12 +47,6 @@ def test_frames_whose_values_make_no_sense_are_kept_with_a_finding(frames):
     }
 
 
-def _with_matrix(frame, change):
-    matrix = frame.camera_matrix.copy()
-    change(matrix)
-    return replace(frame, camera_matrix=matrix)
-
-
 def test_a_healthy_frame_has_no_finding(frames, models):
     for frame in frames:
         assert check_intrinsics(frame) == []
@@ -59,37 +55,30 @@ def test_a_healthy_frame_has_no_finding(frames, models):
     assert check_object_size(list(models.values())) == []
 
 
-@pytest.mark.parametrize("factor", [0.5, 0.67, 1.5])
-def test_intrinsics_of_images_of_another_size_are_named(frames, factor):
-    def change(matrix):
-        matrix[:2] *= factor
-
-    (finding,) = check_intrinsics(_with_matrix(frames[0], change))
-    assert finding.kind == "intrinsics" and "far from their middle" in finding.problem
-
-
-def test_impossible_and_exchanged_numbers_are_named(frames):
-    def millimetres(matrix):
-        matrix[[0, 1], [0, 1]] = 3.6
-
-    def exchanged(matrix):
-        matrix[1, 1] *= 0.6
-
-    (finding,) = check_intrinsics(_with_matrix(frames[0], millimetres))
-    assert "no depth camera" in finding.problem
-    (finding,) = check_intrinsics(_with_matrix(frames[0], exchanged))
-    assert "very different" in finding.problem
+@pytest.mark.parametrize(
+    ("factor", "where", "words"),
+    [
+        *((factor, slice(0, 2), "far from their middle") for factor in (0.5, 0.67, 1.5)),
+        (0.005, FOCAL, "no depth camera"),  # in millimetres
+        (0.6, (1, 1), "very different"),
+    ],
+)
+def test_impossible_intrinsics_and_those_of_images_of_another_size_are_named(
+    frames, factor, where, words
+):
+    (finding,) = check_intrinsics(with_matrix(frames[0], factor, where))
+    assert finding.kind == "intrinsics" and words in finding.problem
 
 
 @pytest.mark.parametrize("factor", [10.0, 0.1])
 def test_depth_in_another_unit_is_named(frames, models, factor):
-    wrong = replace(frames[0], depth=(frames[0].depth * factor).astype(np.float32))
+    wrong = with_depth(frames[0], factor)
     (finding,) = check_depth_scale(wrong, list(models.values()))
     assert finding.kind == "depth scale" and "Give depth_scale" in finding.advice
 
 
 def test_without_objects_only_impossible_distances_are_named(frames):
-    far = replace(frames[0], depth=frames[0].depth * np.float32(12))
+    far = with_depth(frames[0], 12)
     (finding,) = check_depth_scale(far, [])
     assert "few depth cameras" in finding.problem
     assert check_depth_scale(replace(far, depth=np.zeros_like(far.depth)), []) == []
@@ -123,8 +112,6 @@ def test_registered_depth_has_no_finding_nor_has_an_image_without_edges(frames):
 
 def test_noise_has_no_finding():
     rng = np.random.default_rng(0)
-    for _ in range(2):
-        frame = type("F", (), {})()
-        frame.rgb = rng.integers(0, 255, (120, 160, 3)).astype(np.uint8)
-        frame.depth = rng.uniform(0.5, 1.5, (120, 160)).astype(np.float32)
-        assert check_registration([frame]) == []
+    rgb = rng.integers(0, 255, (120, 160, 3)).astype(np.uint8)
+    depth = rng.uniform(0.5, 1.5, (120, 160)).astype(np.float32)
+    assert check_registration([Frame(0, 0, rgb, depth, np.eye(3))]) == []

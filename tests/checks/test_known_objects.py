@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from faults import exchanged
 from hlp.checks.known_objects import (
     all_answers,
     check_color_order,
@@ -55,10 +56,6 @@ def test_colours_are_compared_where_the_shape_fits(frames, models, named, grey):
     bad = [replace(good, fit=replace(FITS, **{key: 0.7})) for key in ("relief", "slope")]
     assert colored_answers(named, [good, *bad]) == [good]
     assert colored_answers(grey, [good]) == []
-
-
-def exchanged(frame):
-    return replace(frame, rgb=np.ascontiguousarray(frame.rgb[..., ::-1]))
 
 
 def test_exchanged_colours_are_found_and_true_ones_are_not(frames, models, named):

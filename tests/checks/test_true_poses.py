@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from faults import with_depth, with_matrix
 from hlp.checks import true_poses
 from hlp.checks.true_poses import FAULTS, Sample, agreement, check_true_poses
 
@@ -13,12 +14,6 @@ def _with_poses(frame, change):
         replace(target, pose_cam_obj=change(target.pose_cam_obj)) for target in frame.targets
     ]
     return replace(frame, targets=tuple(targets))
-
-
-def _with_matrix(frame, rows, factor):
-    matrix = frame.camera_matrix.copy()
-    matrix[rows] *= factor
-    return replace(frame, camera_matrix=matrix)
 
 
 def _transposed(pose):
@@ -33,16 +28,15 @@ def _scaled(pose, factor):
     return moved
 
 
-FOCAL = ([0, 1], [0, 1])
 PLANTED = {
-    "depth x10": (lambda f: replace(f, depth=f.depth * np.float32(10)), "depth scale", "10 times"),
-    "depth x0.9": (lambda f: replace(f, depth=f.depth * np.float32(0.9)), "depth scale", "0.9"),
-    "focal x0.5": (lambda f: _with_matrix(f, FOCAL, 0.5), "intrinsics", "about 0.5"),
-    "focal x0.75": (lambda f: _with_matrix(f, FOCAL, 0.75), "intrinsics", "about 0.75"),
-    "focal x1.3": (lambda f: _with_matrix(f, FOCAL, 1.3), "intrinsics", r"about 1\.[23]"),
-    "focal x1.9": (lambda f: _with_matrix(f, FOCAL, 1.9), "intrinsics", r"about (1\.9|2)"),
+    "depth x10": (lambda f: with_depth(f, 10), "depth scale", "10 times"),
+    "depth x0.9": (lambda f: with_depth(f, 0.9), "depth scale", "0.9"),
+    "focal x0.5": (lambda f: with_matrix(f, 0.5), "intrinsics", "about 0.5"),
+    "focal x0.75": (lambda f: with_matrix(f, 0.75), "intrinsics", "about 0.75"),
+    "focal x1.3": (lambda f: with_matrix(f, 1.3), "intrinsics", r"about 1\.[23]"),
+    "focal x1.9": (lambda f: with_matrix(f, 1.9), "intrinsics", r"about (1\.9|2)"),
     "K of images half as large": (
-        lambda f: _with_matrix(f, slice(0, 2), 0.5), "intrinsics", "images 0.5 times",
+        lambda f: with_matrix(f, 0.5, slice(0, 2)), "intrinsics", "images 0.5 times",
     ),
     "transposed rotations": (lambda f: _with_poses(f, _transposed), "rotations", "transposed"),
     "inverted poses": (lambda f: _with_poses(f, np.linalg.inv), "poses", "camera to object"),

@@ -1,9 +1,9 @@
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from faults import exchanged, with_depth, with_matrix
 from hlp.checks.corrections import best_score, check_by_search
 from hlp.errors import InputError
 from hlp.method.find.detections import SearchResult
@@ -22,25 +22,15 @@ def finder(truth, size_matters=True):
     return find_best
 
 
-def _focal(frame, factor):
-    matrix = frame.camera_matrix.copy()
-    matrix[[0, 1], [0, 1]] *= factor
-    return replace(frame, camera_matrix=matrix)
-
-
-def _exchanged(frame):
-    return replace(frame, rgb=np.ascontiguousarray(frame.rgb[..., ::-1]))
-
-
 @pytest.mark.parametrize(
     ("plant", "kind", "words"),
     [
-        (lambda f: replace(f, depth=f.depth * np.float32(10)), "depth scale", "10 times"),
-        (lambda f: replace(f, depth=f.depth * np.float32(0.1)), "depth scale", "0.1 times"),
-        (lambda f: replace(f, depth=f.depth * np.float32(0.9)), "depth scale", "0.91 times"),
-        (lambda f: _focal(f, 0.5), "intrinsics", "0.5 times"),
-        (lambda f: _focal(f, 1.9), "intrinsics", "1.9 times"),
-        (lambda f: _exchanged(f), "colours", "red and"),
+        (lambda f: with_depth(f, 10), "depth scale", "10 times"),
+        (lambda f: with_depth(f, 0.1), "depth scale", "0.1 times"),
+        (lambda f: with_depth(f, 0.9), "depth scale", "0.91 times"),
+        (lambda f: with_matrix(f, 0.5), "intrinsics", "0.5 times"),
+        (lambda f: with_matrix(f, 1.9), "intrinsics", "1.9 times"),
+        (exchanged, "colours", "red and"),
     ],
 )
 def test_the_fault_that_hides_the_object_is_named(frames, plant, kind, words):
@@ -70,11 +60,11 @@ def test_the_only_frame_must_show_it_more_clearly(frames):
     assert len(check_by_search([frames[0], frames[0]], 0.05, find_best)) == 1
 
 
-@pytest.mark.parametrize("fault", [lambda f: _focal(f, 0.5), lambda f: _exchanged(f)])
+@pytest.mark.parametrize("fault", [lambda f: with_matrix(f, 0.5), exchanged])
 def test_the_change_must_find_objects_in_the_next_frame_too(frames, fault):
     """In the first frame something looks like the object after a change, in the second nothing."""
     planted, find_best = fault(frames[0]), finder(frames[0])
-    other = replace(planted, depth=planted.depth * np.float32(3))
+    other = with_depth(planted, 3)
     assert len(check_by_search([planted, planted, other], 0.05, find_best)) == 1
     assert check_by_search([planted, other], 0.05, find_best) == []
 
@@ -102,5 +92,5 @@ def test_the_best_score_of_a_frame(frames, models):
     assert stub.asked == [None, ["can"]]
     assert best_score(Stub(models, 0.0), frames[0]) == 0.0
     assert best_score(Stub(models, None), frames[0]) == 0.0
-    far = replace(frames[0], depth=frames[0].depth * np.float32(100))
+    far = with_depth(frames[0], 100)
     assert best_score(stub, far) == 0.0 and len(stub.asked) == 2

@@ -1,7 +1,5 @@
 """Codebooks on disk: features come back with 16 significant bits, everything else whole."""
 
-from pathlib import Path
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -19,7 +17,7 @@ FEATURES = arrays.arrays(
 
 
 @given(FEATURES, st.integers(0, 2**31), st.floats(1e-6, 1e6), SEEDS)
-def test_a_codebook_comes_back_rounded_once(tmp_path: Path, features, object_id, scale, seed):
+def test_a_codebook_comes_back_rounded_once(tmp_path, features, object_id, scale, seed):
     rng = np.random.default_rng(seed)
     rotations = rng.normal(size=(len(features), 3, 3)).astype(np.float32)
     points = rng.normal(size=(len(features), 3)).astype(np.float32)

@@ -1,22 +1,15 @@
-"""Boxes as object models, for the tests of this folder."""
-
-from collections.abc import Sequence
+"""Boxes as object models and poses of them, for the tests of this folder."""
 
 import numpy as np
 import trimesh
+from scipy.spatial.transform import Rotation
 
+from hlp.geometry import rigid
 from hlp.records import ObjectModel
 from refinement_scene import as_mesh
 
 
-def box_model(
-    extents: Sequence[float],
-    object_id: int = 1,
-    name: str = "box",
-    symmetries: np.ndarray | None = None,
-    center: Sequence[float] = (0.0, 0.0, 0.0),
-    fine: bool = True,
-) -> ObjectModel:
+def box_model(extents, object_id=1, name="box", symmetries=None, center=(0.0, 0.0, 0.0), fine=True):
     """A box about a place in object coordinates (m), with or without vertices between corners."""
     box = trimesh.creation.box(extents)
     box = box.subdivide().subdivide() if fine else box
@@ -24,3 +17,15 @@ def box_model(
     mesh, diameter = as_mesh(box), float(np.linalg.norm(extents))
     motions = np.eye(4)[None] if symmetries is None else symmetries
     return ObjectModel(object_id, name, mesh, mesh, diameter, motions, 0.08, 0.03)
+
+
+EXTENTS = (0.06, 0.08, 0.10)
+TRUE = rigid(Rotation.from_euler("xyz", [0.4, 0.2, 0.1]).as_matrix(), np.array([0.01, 0.0, 0.8]))
+
+
+def moved(dx=0.0, dy=0.0, dz=0.0, degrees=0.0):
+    """The true pose, turned about the camera's y axis and shifted (m)."""
+    pose = TRUE.copy()
+    pose[:3, :3] = Rotation.from_euler("y", degrees, degrees=True).as_matrix() @ pose[:3, :3]
+    pose[:3, 3] += [dx, dy, dz]
+    return pose

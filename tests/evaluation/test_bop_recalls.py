@@ -2,30 +2,21 @@
 
 import numpy as np
 import pytest
-from boxes import box_model
+from boxes import EXTENTS, TRUE, box_model, moved
 from scipy.spatial.transform import Rotation
 
 from hlp.evaluation.bop_recalls import FRACTIONS, PIXELS, BopRecalls, match
 from hlp.geometry import inverse, rigid
 from hlp.records import Mesh
 
-EXTENTS = np.array([0.06, 0.08, 0.10])
 DIAMETER = float(np.linalg.norm(EXTENTS))
 K = np.array([[570.0, 0.0, 81.3], [0.0, 560.0, 58.6], [0.0, 0.0, 1.0]])
 SHAPE = (120, 160)
-TRUE = rigid(Rotation.from_euler("xyz", [0.4, 0.2, 0.1]).as_matrix(), np.array([0.01, 0.0, 0.8]))
 QUARTER = rigid(Rotation.from_euler("z", 90, degrees=True).as_matrix(), np.zeros(3))
 
 
 MODEL = box_model(EXTENTS, fine=False)
 RECALLS = BopRecalls(MODEL, MODEL.mesh)
-
-
-def _moved(dx=0.0, dy=0.0, dz=0.0, degrees=0.0):
-    pose = TRUE.copy()
-    pose[:3, :3] = Rotation.from_euler("y", degrees, degrees=True).as_matrix() @ pose[:3, :3]
-    pose[:3, 3] += [dx, dy, dz]
-    return pose
 
 
 def _box_depth(pose, offset):
@@ -34,7 +25,7 @@ def _box_depth(pose, offset):
     rays = np.stack([(x - K[0, 2]) / K[0, 0], (y - K[1, 2]) / K[1, 1], np.ones(SHAPE)], axis=-1)
     to_object = inverse(pose)
     start, along = to_object[:3, 3], rays @ to_object[:3, :3].T
-    ends = np.stack([(side * EXTENTS / 2 - start) / along for side in (-1, 1)])
+    ends = np.stack([(side * np.array(EXTENTS) / 2 - start) / along for side in (-1, 1)])
     enter, leave = ends.min(axis=0).max(axis=-1), ends.max(axis=0).min(axis=-1)
     return np.where((enter < leave) & (enter > 0), enter, 0.0)
 
@@ -73,11 +64,11 @@ def _scene(occluder=False, holes=False):
     ("estimated", "scene"),
     [
         (TRUE, {}),
-        (_moved(dx=0.004, degrees=3.0), {}),
-        (_moved(dx=0.01, dz=0.02), {"occluder": True}),
-        (_moved(dz=-0.03, degrees=10.0), {"occluder": True, "holes": True}),
-        (_moved(dx=0.11), {}),  # partly outside the image
-        (_moved(dx=-0.05, dy=0.06), {"holes": True}),
+        (moved(dx=0.004, degrees=3.0), {}),
+        (moved(dx=0.01, dz=0.02), {"occluder": True}),
+        (moved(dz=-0.03, degrees=10.0), {"occluder": True, "holes": True}),
+        (moved(dx=0.11), {}),  # partly outside the image
+        (moved(dx=-0.05, dy=0.06), {"holes": True}),
     ],
 )
 def test_vsd_is_the_toolkits_on_an_independent_rendering(estimated, scene):
@@ -94,7 +85,7 @@ def test_vsd_is_the_toolkits_on_an_independent_rendering(estimated, scene):
 
 
 @pytest.mark.parametrize(
-    "estimated", [_moved(dx=0.3), _moved(dx=5.0), _moved(dz=-2.0), _moved(dz=-0.8)]
+    "estimated", [moved(dx=0.3), moved(dx=5.0), moved(dz=-2.0), moved(dz=-0.8)]
 )
 def test_vsd_of_a_pose_that_misses_the_object_is_that_of_the_whole_image(estimated):
     found = RECALLS._vsd(estimated, TRUE, K, _scene())
@@ -124,14 +115,14 @@ def test_matching_is_greedy_for_every_limit_and_tolerance():
 
 
 def test_without_estimates_nothing_is_matched():
-    recalls = RECALLS.of([TRUE, _moved(dx=0.1)], [], K, 160, _scene())
+    recalls = RECALLS.of([TRUE, moved(dx=0.1)], [], K, 160, _scene())
     np.testing.assert_array_equal(recalls, np.zeros((2, 3)))
 
 
 def test_recalls_of_several_instances_count_matches_below_each_threshold():
     """A wrong estimate of the highest score takes no instance from a right one."""
-    left, right = _moved(dx=-0.06), _moved(dx=0.06)
-    wrong, near = _moved(dx=-0.06, dz=0.09), _moved(dx=-0.06, dz=0.01)
+    left, right = moved(dx=-0.06), moved(dx=0.06)
+    wrong, near = moved(dx=-0.06, dz=0.09), moved(dx=-0.06, dz=0.01)
     vsd, mssd, mspd = RECALLS.of([left, right], [wrong, near], K, 160, _scene()).T
     distance = 0.01 / DIAMETER
     assert mssd[0] == pytest.approx((distance < FRACTIONS).mean())
@@ -156,7 +147,7 @@ def test_mssd_and_mspd_take_the_nearest_symmetric_pose():
 def test_errors_are_measured_on_the_given_mesh():
     """The mesh of `models_eval` may be another one than the model's."""
     half = Mesh(MODEL.mesh.vertices * 0.5, MODEL.mesh.faces, MODEL.mesh.colors, MODEL.mesh.normals)
-    turned = _moved(degrees=40.0)
+    turned = moved(degrees=40.0)
     full_recall = RECALLS.of([TRUE], [turned], K, 640, None)[0, 1]
     half_recall = BopRecalls(MODEL, half).of([TRUE], [turned], K, 640, None)[0, 1]
     assert half_recall > full_recall

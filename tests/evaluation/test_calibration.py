@@ -15,7 +15,7 @@ from hlp.evaluation.summary import (
 from hlp.records import TargetScore
 
 
-def answers(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+def answers(count, seed):
     """Scores of two decimals, so that some are equal, and verdicts that follow them loosely."""
     rng = np.random.default_rng(seed)
     scores = rng.random(count).round(2)
@@ -23,7 +23,7 @@ def answers(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("bins", [1, 7, 10])
-def test_calibration_error_is_that_of_its_definition(bins: int) -> None:
+def test_calibration_error_is_that_of_its_definition(bins):
     scores, right = answers(500, 1)
     expected = 0.0
     for b in range(bins):
@@ -35,7 +35,7 @@ def test_calibration_error_is_that_of_its_definition(bins: int) -> None:
     assert reliability(scores, right, bins)[:, 0].sum() == 500
 
 
-def test_scores_that_mean_what_they_say_have_no_error() -> None:
+def test_scores_that_mean_what_they_say_have_no_error():
     rng = np.random.default_rng(0)
     scores = rng.random(200_000)
     right = rng.random(200_000) < scores
@@ -44,7 +44,7 @@ def test_scores_that_mean_what_they_say_have_no_error() -> None:
     assert expected_calibration_error(np.ones(4), np.array([False] * 4)) == 1.0
 
 
-def test_risk_at_each_coverage_is_that_of_the_answers_above_the_threshold() -> None:
+def test_risk_at_each_coverage_is_that_of_the_answers_above_the_threshold():
     scores, right = answers(300, 2)
     coverage, risk = risk_coverage(scores, right)
     thresholds = sorted(set(scores), reverse=True)
@@ -55,7 +55,7 @@ def test_risk_at_each_coverage_is_that_of_the_answers_above_the_threshold() -> N
         assert risk[i] == pytest.approx((~right[kept]).mean())
 
 
-def test_area_is_the_mean_over_random_orders_of_equal_scores() -> None:
+def test_area_is_the_mean_over_random_orders_of_equal_scores():
     scores, right = answers(60, 3)
     rng = np.random.default_rng(4)
     areas = []
@@ -68,7 +68,7 @@ def test_area_is_the_mean_over_random_orders_of_equal_scores() -> None:
     assert area_under_risk_coverage(perfect, perfect > 0.0) == pytest.approx(0.1 / 10)
 
 
-def test_what_is_no_answer_is_refused() -> None:
+def test_what_is_no_answer_is_refused():
     with pytest.raises(ValueError, match="no answer"):
         expected_calibration_error(np.zeros(0), np.zeros(0, bool))
     with pytest.raises(ValueError, match="no answer"):
@@ -77,7 +77,7 @@ def test_what_is_no_answer_is_refused() -> None:
         expected_calibration_error(np.array([1.5]), np.array([True]))
 
 
-def test_summary_counts_the_answers_and_not_what_was_not_found() -> None:
+def test_summary_counts_the_answers_and_not_what_was_not_found():
     target = TargetScore(1, 2, 3, True, 1.0, 0.001, 0.1, 0.001, 0.9, True, True, True)
     targets = [
         replace(target, score=0.9, add_s_correct=True),

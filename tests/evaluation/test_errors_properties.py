@@ -13,7 +13,7 @@ ALONE = np.eye(4)[None]
 
 
 @st.composite
-def symmetric_objects(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
+def symmetric_objects(draw):
     """Vertices and the cyclic group of 2 to 6 motions, about any axis, that maps them to them."""
     place = draw(motions(0.02))
     order = draw(st.integers(2, 6))

@@ -2,8 +2,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from boxes import box_model
-from scipy.spatial.transform import Rotation
+from boxes import EXTENTS, TRUE, box_model, moved
 
 from hlp.evaluation import errors
 from hlp.evaluation.evaluator import FrameTruth, add_correct, score_targets
@@ -15,20 +14,10 @@ from hlp.rendering.rasterizer import render_depth
 K = np.array([[570.0, 0.0, 80.0], [0.0, 570.0, 60.0], [0.0, 0.0, 1.0]])
 SETTINGS = EvaluationSettings(symmetric=("cup",))
 HALF_TURN = rigid(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
-TRUE = rigid(Rotation.from_euler("xyz", [0.4, 0.2, 0.1]).as_matrix(), np.array([0.01, 0.0, 0.8]))
-EXTENTS = (0.06, 0.08, 0.10)
 MODELS = {
     1: box_model(EXTENTS, 1, "cat"),
     2: box_model(EXTENTS, 2, "cup", np.stack([np.eye(4), HALF_TURN])),
 }
-
-
-def _moved(dx=0.0, dz=0.0, degrees=0.0):
-    turn = Rotation.from_euler("y", degrees, degrees=True).as_matrix()
-    pose = TRUE.copy()
-    pose[:3, :3] = turn @ pose[:3, :3]
-    pose[:3, 3] += [dx, 0.0, dz]
-    return pose
 
 
 def _scores(targets, estimates, settings=SETTINGS, meshes=None, frame_id=3):
@@ -54,7 +43,7 @@ def test_the_true_pose_is_right_in_every_respect():
 
 def test_verdicts_have_their_limits():
     limit = 0.1 * MODELS[1].diameter
-    assert [_one(_moved(dx=limit * f)).add_correct for f in (0.99, 1.01)] == [True, False]
+    assert [_one(moved(dx=limit * f)).add_correct for f in (0.99, 1.01)] == [True, False]
     for given, right in (
         ({"dz": 0.049}, True),
         ({"dz": 0.051}, False),
@@ -62,8 +51,8 @@ def test_verdicts_have_their_limits():
         ({"degrees": 5.1}, False),
         ({"degrees": 5.1, "dz": 0.049}, False),
     ):
-        assert _one(_moved(**given)).pose_correct == right, given
-    pose = _moved(dx=0.02)
+        assert _one(moved(**given)).pose_correct == right, given
+    pose = moved(dx=0.02)
     iou = _one(pose).box_iou
     assert 0.3 < iou < 1
     assert _one(pose, dataclasses.replace(SETTINGS, iou=iou)).box_correct
@@ -102,10 +91,10 @@ def test_the_policy_decides_which_objects_are_symmetric():
 
 def test_bop_recalls_average_over_ten_thresholds():
     # 0.22 of the diameter: below the thresholds 0.25 … 0.50, which are six of ten.
-    assert _one(_moved(dz=0.22 * MODELS[1].diameter)).mssd_recall == pytest.approx(0.6)
+    assert _one(moved(dz=0.22 * MODELS[1].diameter)).mssd_recall == pytest.approx(0.6)
     # 160 px wide images have thresholds of 1.25 … 12.5 px.
-    score = _one(_moved(dx=0.004))
-    offset = errors.mspd(_moved(dx=0.004), TRUE, MODELS[1].mesh.vertices, np.eye(4)[None], K)
+    score = _one(moved(dx=0.004))
+    offset = errors.mspd(moved(dx=0.004), TRUE, MODELS[1].mesh.vertices, np.eye(4)[None], K)
     assert score.mspd_recall == pytest.approx(np.mean(offset < 1.25 * np.arange(1, 11)))
     assert 0 < score.mspd_recall < 1
 
@@ -118,18 +107,18 @@ def test_vsd_needs_the_depth_which_is_kept_only_if_asked_for():
     np.testing.assert_array_equal(truth.unpacked_depth(), depth)
     assert (truth.width, truth.targets) == (160, frame.targets)
     recalls = []
-    for pose in (TRUE, _moved(dx=0.3), None):
+    for pose in (TRUE, moved(dx=0.3), None):
         (score,) = score_targets([truth], MODELS, [PoseEstimate(6, 3, 1, pose, 0.5)], SETTINGS)
         recalls.append(score.vsd_recall)
     assert recalls == [1.0, 0.0, 0.0] and np.isnan(_one(TRUE).vsd_recall)
 
 
-LEFT, RIGHT = _moved(dx=-0.05), _moved(dx=0.05)
+LEFT, RIGHT = moved(dx=-0.05), moved(dx=0.05)
 BOTH = [(LEFT, 1), (RIGHT, 1)]
 
 
 def test_instances_are_matched_once_each_the_surest_estimate_first():
-    first, second = _scores(BOTH, [(_moved(dx=-0.04), 0.9, 1), (LEFT, 0.3, 1)])
+    first, second = _scores(BOTH, [(moved(dx=-0.04), 0.9, 1), (LEFT, 0.3, 1)])
     assert first.translation_error == pytest.approx(0.01)
     assert second.translation_error == pytest.approx(0.10)
     only, lost = _scores(BOTH, [(RIGHT, 0.5, 1)])
@@ -137,18 +126,18 @@ def test_instances_are_matched_once_each_the_surest_estimate_first():
 
 
 def test_a_wrong_estimate_takes_no_target_from_a_right_one():
-    wrong = _moved(dx=-0.05, dz=0.03)
+    wrong = moved(dx=-0.05, dz=0.03)
     first, second = _scores(BOTH, [(wrong, 0.9, 1), (LEFT, 0.3, 1)])
     assert first.add_correct and first.add_error == 0.0 and first.score == 0.3
     assert second.found and not second.add_correct and second.score == 0.9
 
 
 def test_as_many_estimates_count_as_there_are_targets_the_surest_ones():
-    given = [(RIGHT, 0.7, 1), (_moved(dz=0.4), 0.9, 1), (LEFT, 0.8, 1)]
+    given = [(RIGHT, 0.7, 1), (moved(dz=0.4), 0.9, 1), (LEFT, 0.8, 1)]
     first, second = _scores(BOTH, given)
     assert first.add_correct and not second.add_correct
     assert second.mssd_recall == 0.0
-    (score,) = _scores([(TRUE, 1)], [(TRUE, 0.2, 1), (_moved(dx=0.3), 0.8, 1)])
+    (score,) = _scores([(TRUE, 1)], [(TRUE, 0.2, 1), (moved(dx=0.3), 0.8, 1)])
     assert not score.add_correct
 
 
@@ -156,7 +145,7 @@ def test_bops_errors_are_measured_on_another_mesh_if_there_is_one():
     mesh = MODELS[1].mesh
     small = dataclasses.replace(mesh, vertices=mesh.vertices * 0.5)
     own, other = (
-        _scores([(TRUE, 1)], [(_moved(degrees=35.0), 0.5, 1)], meshes=meshes)[0]
+        _scores([(TRUE, 1)], [(moved(degrees=35.0), 0.5, 1)], meshes=meshes)[0]
         for meshes in (None, {1: small})
     )
     assert other.mssd_recall > own.mssd_recall and other.add_error == own.add_error
@@ -179,8 +168,8 @@ def test_a_threshold_that_is_not_positive_is_named(key):
 
 @pytest.mark.parametrize("object_id", [1, 2])
 def test_verdicts_of_many_poses_are_those_of_scoring_them_one_by_one(object_id):
-    moved = [_moved(0.02 * dx, 0.0, 8.0 * turn) for dx, turn in np.ndindex(4, 4)]
-    poses = np.stack([TRUE, TRUE @ HALF_TURN, *moved])
+    others = [moved(0.02 * dx, degrees=8.0 * turn) for dx, turn in np.ndindex(4, 4)]
+    poses = np.stack([TRUE, TRUE @ HALF_TURN, *others])
     verdicts = add_correct(poses, TRUE, MODELS[object_id], SETTINGS)
     scored = [_one(pose, object_id=object_id).add_correct for pose in poses]
     assert verdicts.tolist() == scored and verdicts[0] and not verdicts.all()

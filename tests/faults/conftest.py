@@ -2,16 +2,14 @@
 
 import json
 import os
-from pathlib import Path
 
 import pytest
 
 from frame_files import write_image
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
-from hlp.records import Frame
 from tiny_method import write_mesh
-from tiny_run import TINY, TinyRun, make_tiny_run
+from tiny_run import TINY, make_tiny_run
 
 os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")  # it is imported before HLP could say so
 
@@ -20,16 +18,16 @@ OBJECTS = 2
 
 
 @pytest.fixture(scope="session")
-def scenes() -> SyntheticScenes:
+def scenes():
     """The frames of all tests here."""
     return SyntheticScenes(SCENES)
 
 
 @pytest.fixture(scope="session")
-def tiny_run(tmp_path_factory: pytest.TempPathFactory, scenes: SyntheticScenes) -> TinyRun:
+def tiny_run(tmp_path_factory, scenes):
     """A run of two objects in two frames, which are files."""
 
-    def overrides(folder: Path) -> tuple[str, ...]:
+    def overrides(folder):
         if not (folder / "set").is_dir():
             write_set(folder / "set", scenes)
         settings = (setting for setting in TINY if not setting.startswith("data."))
@@ -38,7 +36,7 @@ def tiny_run(tmp_path_factory: pytest.TempPathFactory, scenes: SyntheticScenes) 
     return make_tiny_run(tmp_path_factory, "faults", overrides)
 
 
-def write_set(root: Path, scenes: SyntheticScenes) -> None:
+def write_set(root, scenes):
     """Two of the demo's scenes in BOP's layout, with two of its objects annotated."""
     frames = [scenes.load(key) for key in scenes.keys]
     both = set.intersection(*({t.object_id for t in frame.targets} for frame in frames))
@@ -52,7 +50,7 @@ def write_set(root: Path, scenes: SyntheticScenes) -> None:
         _write_scene(root / "test" / f"{number:06d}", frame, chosen)
 
 
-def _write_scene(folder: Path, frame: Frame, chosen: list[int]) -> None:
+def _write_scene(folder, frame, chosen):
     write_image(folder, "000000", frame)
     targets = [target for target in frame.targets if target.object_id in chosen]
     truth = [

@@ -1,10 +1,8 @@
 """Ways in which a file can be damaged."""
 
 import os
-from collections.abc import Callable, Iterable, Mapping
-from pathlib import Path
 
-WAYS: Mapping[str, Callable[[bytes], bytes]] = {
+WAYS = {
     "empty": lambda content: b"",
     "cut": lambda content: content[: len(content) // 2],
     "flipped": lambda content: _flipped(content, len(content) // 2),
@@ -12,7 +10,7 @@ WAYS: Mapping[str, Callable[[bytes], bytes]] = {
 }
 
 
-def damage(paths: Iterable[Path], way: str) -> int:
+def damage(paths, way):
     """Damage all files among the paths; their number."""
     files = [path for path in paths if path.is_file() and path.stat().st_size > 0]
     for path in files:
@@ -20,5 +18,5 @@ def damage(paths: Iterable[Path], way: str) -> int:
     return len(files)
 
 
-def _flipped(content: bytes, at: int) -> bytes:
+def _flipped(content, at):
     return content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :]

@@ -9,9 +9,8 @@ import signal
 import time
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-from forked_hlp import Ended, run_hlp
+from forked_hlp import run_hlp
 
 PLACES = {
     "database begun": ("hlp.reporting.mlflow.store", "artifacts_uri", 0),
@@ -87,7 +86,7 @@ LINES = {
 """What it says, by that number."""
 
 
-def stop_hlp(folder: Path, place: str, number: int, *arguments: str) -> Ended:
+def stop_hlp(folder, place, number, *arguments):
     """Call `hlp`, which gets a signal at a place, and then is gone with all its workers."""
     places = {**PLACES, **LEARNING_PLACES, **COMMAND_PLACES, **SWEEP_PLACES}
     ended = run_hlp(folder, *arguments, first=[partial(stop_at, *places[place], number)])
@@ -96,7 +95,7 @@ def stop_hlp(folder: Path, place: str, number: int, *arguments: str) -> Ended:
     return ended
 
 
-def stop_at(module: str, name: str, calls: int, number: int) -> None:
+def stop_at(module, name, calls, number):
     """Replace a function by one that sends this process a signal after some calls.
 
     One of another library's is given by the module of HLP that calls it: hlp.files.os.
@@ -105,7 +104,7 @@ def stop_at(module: str, name: str, calls: int, number: int) -> None:
     whole, left = getattr(target, name), [calls]
 
     @functools.wraps(whole)
-    def stopped(*given: Any, **named: Any) -> Any:
+    def stopped(*given, **named):
         left[0] -= 1
         if left[0] == -1:
             os.kill(os.getpid(), number)
@@ -114,13 +113,13 @@ def stop_at(module: str, name: str, calls: int, number: int) -> None:
     setattr(target, name, stopped)
 
 
-def limit_files(longest: int) -> None:
+def limit_files(longest):
     """No file of this process becomes longer than so many bytes."""
     # Python turns the signal that comes with it into EFBIG.
     resource.setrlimit(resource.RLIMIT_FSIZE, (longest, resource.RLIM_INFINITY))
 
 
-def obey_permissions() -> None:
+def obey_permissions():
     """Give up root's right to read and write everything, where this process has it (Linux)."""
     header = (ctypes.c_uint32 * 2)(0x20080522, 0)  # version 3 of the interface, this process
     sets = (ctypes.c_uint32 * 6)()  # effective, permitted, inheritable, each of 64 bits
@@ -131,7 +130,7 @@ def obey_permissions() -> None:
     assert libc.capset(header, sets) == 0
 
 
-def wait_until_gone(folder: Path, seconds: float = 20.0) -> bool:
+def wait_until_gone(folder, seconds=20.0):
     """Whether no process works in a folder any more, at the latest after some seconds (Linux)."""
     end = time.monotonic() + seconds
     while _is_used(folder) and time.monotonic() < end:
@@ -139,7 +138,7 @@ def wait_until_gone(folder: Path, seconds: float = 20.0) -> bool:
     return not _is_used(folder)
 
 
-def _is_used(folder: Path) -> bool:
+def _is_used(folder):
     for process in Path("/proc").glob("[0-9]*"):
         try:
             if (process / "cwd").readlink() == folder:

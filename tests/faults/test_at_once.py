@@ -1,19 +1,17 @@
 """Several processes at work in the same folders."""
 
 import shutil
-from pathlib import Path
 
 import pytest
 
 from forked_hlp import Running, run_hlp
 from run_files import logged_runs, poses_of, stages
-from tiny_run import TinyRun
 
 pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 
 
 @pytest.fixture
-def learnt(tiny_run: TinyRun, tmp_path: Path) -> Path:
+def learnt(tiny_run, tmp_path):
     """A folder with what the tiny run has learnt, but for one codebook, and without a database."""
     for stage in ("views", "classifier", "encoder", "codebook"):
         shutil.copytree(tiny_run.folder / "work" / stage, tmp_path / "work" / stage)
@@ -21,7 +19,7 @@ def learnt(tiny_run: TinyRun, tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_two_identical_runs_at_once_make_everything_once(tiny_run: TinyRun, learnt: Path) -> None:
+def test_two_identical_runs_at_once_make_everything_once(tiny_run, learnt):
     """Also the database. A report that is asked for meanwhile sees whole results or none."""
     outputs = [learnt / name for name in ("one", "two")]
     command = ("run", *tiny_run.overrides, "machine.threads=1")
@@ -45,6 +43,6 @@ def test_two_identical_runs_at_once_make_everything_once(tiny_run: TinyRun, lear
     assert run_hlp(learnt, "report", "output=one").returncode == 0
 
 
-def statuses(folder: Path) -> list[str]:
+def statuses(folder):
     """How the runs of a folder's database ended."""
     return [run.info.status for run in logged_runs(folder)[1]]

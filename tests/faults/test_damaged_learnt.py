@@ -16,16 +16,16 @@ FRAMES = ("rgb=rgb", "depth=depth", "intrinsics=[60,60,31.5,23.5]", "depth_scale
 
 
 @pytest.fixture
-def copy(learnt: Path, tmp_path: Path) -> Path:
+def copy(learnt, tmp_path):
     return Path(shutil.copytree(learnt, tmp_path / "learnt"))
 
 
-def files(folder: Path) -> list[Path]:
+def files(folder):
     return sorted(path for path in folder.rglob("*") if path.is_file())
 
 
 @pytest.mark.parametrize("name", ["learnt.json", "classifier/classifier.onnx"])
-def test_no_command_uses_damaged_objects(copy: Path, name: str) -> None:
+def test_no_command_uses_damaged_objects(copy, name):
     damage([copy / name], "flipped")
     (copy.parent / "rgb").mkdir()
     (copy.parent / "depth").mkdir()
@@ -33,7 +33,7 @@ def test_no_command_uses_damaged_objects(copy: Path, name: str) -> None:
         cv2.imwrite(str(copy.parent / "rgb" / f"{number}.png"), np.full((48, 64, 3), 90, np.uint8))
         depth = np.full((48, 64), 700, np.uint16)
         cv2.imwrite(str(copy.parent / "depth" / f"{number}.png"), depth)
-    commands: tuple[tuple[str, ...], ...] = (
+    commands = (
         ("live", "source=folder", "learnt=learnt", "idle_s=1", *FRAMES),
         ("objects", "register", "learnt", "model", "uri=sqlite:///mlflow.db"),
         ("objects", "export", "learnt", "copy"),

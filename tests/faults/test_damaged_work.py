@@ -7,7 +7,6 @@ import pytest
 from damage import WAYS, damage
 
 from run_files import poses_of, stages
-from tiny_run import Call, TinyRun
 
 pytestmark = pytest.mark.slow
 
@@ -15,12 +14,12 @@ MADE = ("views", "classifier", "encoder", "codebook", "regions", "hypotheses", "
 
 
 @pytest.fixture
-def work(tiny_run: TinyRun, tmp_path: Path) -> Path:
+def work(tiny_run, tmp_path):
     """A copy of the tiny run's work folder."""
     return Path(shutil.copytree(tiny_run.folder / "work", tmp_path / "work"))
 
 
-def run_again(call: Call, tiny_run: TinyRun, work: Path) -> str:
+def run_again(call, tiny_run, work):
     """The same command; what it said. The poses must be the same."""
     output, uri = work.parent / "again", f"sqlite:///{work / 'mlflow.db'}"
     overrides = (f"work='{work}'", f"output='{output}'", f"reporting.uri='{uri}'")
@@ -31,9 +30,7 @@ def run_again(call: Call, tiny_run: TinyRun, work: Path) -> str:
     return said
 
 
-def test_every_file_of_every_stage_damaged_in_turn_in_all_ways(
-    tiny_run: TinyRun, call: Call, work: Path
-) -> None:
+def test_every_file_of_every_stage_damaged_in_turn_in_all_ways(tiny_run, call, work):
     """So that every output has to be made again."""
     files = [path for stage in MADE for path in sorted((work / stage).glob("*/*"))]
     files = [path for path in files if path.is_file()]
@@ -50,9 +47,7 @@ def test_every_file_of_every_stage_damaged_in_turn_in_all_ways(
     assert stages(work.parent / "again", reused=False) == {}
 
 
-def test_a_damaged_file_costs_only_the_output_that_it_is_in(
-    tiny_run: TinyRun, call: Call, work: Path
-) -> None:
+def test_a_damaged_file_costs_only_the_output_that_it_is_in(tiny_run, call, work):
     views = sorted(path.parent for path in (work / "views").glob("*/rgb.npy"))
     damage([views[0] / "stage.json"], "empty")
     damage([views[1] / "rgb.npy"], "flipped")
@@ -65,9 +60,7 @@ def test_a_damaged_file_costs_only_the_output_that_it_is_in(
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["my wörk (2)", "a=b, {c} [d] & #e"])
-def test_a_work_folder_may_be_moved_and_have_any_name(
-    tiny_run: TinyRun, call: Call, work: Path, name: str
-) -> None:
+def test_a_work_folder_may_be_moved_and_have_any_name(tiny_run, call, work, name):
     moved = work.parent / name
     work.rename(moved)
     before = {path.name for path in (tiny_run.folder / "work" / "mlflow-artifacts").iterdir()}

@@ -4,7 +4,6 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -13,13 +12,13 @@ from process import limit_files, obey_permissions
 
 from forked_hlp import run_hlp
 from run_files import poses_of, stages
-from tiny_run import TinyRun, start_hlp
+from tiny_run import start_hlp
 
 pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 
 
 @pytest.fixture
-def work(tiny_run: TinyRun, tmp_path: Path) -> Path:
+def work(tiny_run, tmp_path):
     """A copy of the tiny run's work folder, without the views of one object and without poses."""
     work = Path(shutil.copytree(tiny_run.folder / "work", tmp_path / "work"))
     shutil.rmtree(min(path.parent for path in (work / "views").glob("*/rgb.npy")))
@@ -27,7 +26,7 @@ def work(tiny_run: TinyRun, tmp_path: Path) -> Path:
     return work
 
 
-def ends_well(tiny_run: TinyRun, folder: Path, *overrides: str) -> None:
+def ends_well(tiny_run, folder, *overrides):
     """The same command in a folder; the poses must be the same."""
     command = ("run", *tiny_run.overrides, "machine.threads=2", "output=again", *overrides)
     ended = run_hlp(folder, *command)
@@ -35,9 +34,7 @@ def ends_well(tiny_run: TinyRun, folder: Path, *overrides: str) -> None:
     assert poses_of(folder / "again") == poses_of(tiny_run.output)
 
 
-def fails_in_few_lines(
-    tiny_run: TinyRun, folder: Path, *overrides: str, first: Sequence[Callable[[], object]] = ()
-) -> str:
+def fails_in_few_lines(tiny_run, folder, *overrides, first=()):
     """The same command, which cannot work; what it said."""
     command = ("run", *tiny_run.overrides, "machine.threads=2", "output=again", *overrides)
     ended = run_hlp(folder, *command, first=first)
@@ -49,9 +46,7 @@ def fails_in_few_lines(
 
 
 @pytest.mark.parametrize("longest", [2_000_000, 300_000])
-def test_a_file_that_cannot_be_written_whole(
-    tiny_run: TinyRun, tmp_path: Path, work: Path, longest: int
-) -> None:
+def test_a_file_that_cannot_be_written_whole(tiny_run, tmp_path, work, longest):
     """No room for the views (the first limit), or for the database (the second)."""
     if longest < 2_000_000:
         (work / "mlflow.db").unlink()
@@ -61,7 +56,7 @@ def test_a_file_that_cannot_be_written_whole(
 
 
 @pytest.fixture
-def full_disk(tmp_path: Path) -> Iterator[Path]:
+def full_disk(tmp_path):
     """A file system of three megabytes."""
     disk = tmp_path / "disk"
     disk.mkdir()
@@ -73,9 +68,7 @@ def full_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.mark.parametrize("what", ["views", "database", "output"])
-def test_a_full_disk(
-    tiny_run: TinyRun, tmp_path: Path, work: Path, full_disk: Path, what: str
-) -> None:
+def test_a_full_disk(tiny_run, tmp_path, work, full_disk, what):
     place = {"views": work / "views", "output": tmp_path / "again"}.get(what)
     overrides = (f"reporting.uri=sqlite:///{full_disk}/mlflow.db",) if what == "database" else ()
     (full_disk / "filling").write_bytes(bytes(2_900_000))
@@ -91,9 +84,7 @@ def test_a_full_disk(
 
 @pytest.mark.skipif(sys.platform != "linux", reason="takes root's rights away as Linux has them")
 @pytest.mark.parametrize("what", ["views", "mlflow.db", "output"])
-def test_a_folder_that_may_only_be_read(
-    tiny_run: TinyRun, tmp_path: Path, work: Path, what: str
-) -> None:
+def test_a_folder_that_may_only_be_read(tiny_run, tmp_path, work, what):
     closed = {"views": work / "views", "mlflow.db": work, "output": tmp_path / "closed"}[what]
     closed.mkdir(exist_ok=True)
     overrides = (f"output={closed}/again",) if what == "output" else ()
@@ -107,9 +98,7 @@ def test_a_folder_that_may_only_be_read(
     ends_well(tiny_run, tmp_path)
 
 
-def test_a_work_folder_of_links_on_another_disk(
-    tiny_run: TinyRun, tmp_path: Path, work: Path
-) -> None:
+def test_a_work_folder_of_links_on_another_disk(tiny_run, tmp_path, work):
     """Stage folders, single outputs and the database's folder are links."""
     memory = Path("/dev/shm")  # noqa: S108 (a disk of its own, and a name of its own in it)
     other = memory if os.access(memory, os.W_OK) else tmp_path
@@ -130,9 +119,7 @@ def test_a_work_folder_of_links_on_another_disk(
         shutil.rmtree(elsewhere, ignore_errors=True)
 
 
-def test_without_home_and_without_a_folder_for_temporary_files(
-    tiny_run: TinyRun, tmp_path: Path, work: Path
-) -> None:
+def test_without_home_and_without_a_folder_for_temporary_files(tiny_run, tmp_path, work):
     """A process that imports everything anew, as in a container of a user without a name."""
     absent = str(tmp_path / "absent")
     done = start_hlp(

@@ -7,6 +7,6 @@ from process import COMMAND_PLACES, LEARNING_PLACES, PLACES, SWEEP_PLACES
 
 
 @pytest.mark.parametrize("places", [PLACES, LEARNING_PLACES, COMMAND_PLACES, SWEEP_PLACES])
-def test_every_place_is_a_function(places: dict[str, tuple[str, str, int]]) -> None:
+def test_every_place_is_a_function(places):
     for module, name, _ in places.values():
         assert callable(getattr(pkgutil.resolve_name(module), name))

@@ -3,25 +3,20 @@
 import json
 import shutil
 import signal
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
 
 import pytest
 from process import stop_hlp
 
 from forked_hlp import run_hlp
 from frame_files import write_image
-from hlp.data.synthetic.scenes import SyntheticScenes
 from hlp.runs.manifest import poses_digest
 from run_files import logged_runs
-from tiny_run import TinyRun
 
 pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 
 
 @pytest.fixture
-def folder(learnt: Path, scenes: SyntheticScenes, tmp_path: Path) -> Path:
+def folder(learnt, scenes, tmp_path):
     """Learnt objects in `work`, two frames, and nothing else."""
     shutil.copytree(learnt, tmp_path / "work" / "objects" / "both")
     for key, name in zip(scenes.keys, "ab", strict=True):
@@ -33,18 +28,18 @@ def folder(learnt: Path, scenes: SyntheticScenes, tmp_path: Path) -> Path:
     return tmp_path
 
 
-def kill(folder: Path, place: str, *arguments: str) -> str:
+def kill(folder, place, *arguments):
     return stop_hlp(folder, place, signal.SIGKILL, *arguments).stdout
 
 
-def succeed(folder: Path, *arguments: str) -> str:
+def succeed(folder, *arguments):
     ended = run_hlp(folder, *arguments)
     assert ended.returncode == 0, ended.stderr
     return ended.stdout
 
 
 @pytest.mark.parametrize("place", ["copy begun", "copy made"])
-def test_objects_export(folder: Path, place: str) -> None:
+def test_objects_export(folder, place):
     export = ("objects", "export", "both", "copy", "work=work")
     kill(folder, place, *export)
     assert not (folder / "copy").exists()
@@ -57,7 +52,7 @@ def test_objects_export(folder: Path, place: str) -> None:
 
 
 @pytest.mark.parametrize("place", ["entry hidden", "entry half removed"])
-def test_objects_remove(folder: Path, place: str) -> None:
+def test_objects_remove(folder, place):
     cache = folder / "work" / "objects"
     shutil.copytree(cache / "both", cache / "other")
     kill(folder, place, "objects", "remove", "both", "work=work")
@@ -70,7 +65,7 @@ def test_objects_remove(folder: Path, place: str) -> None:
 PREDICT = ("predict", "learnt=both", "rgb=rgb", "depth=depth", "intrinsics=camera.txt", "work=work")
 
 
-def test_predict(folder: Path) -> None:
+def test_predict(folder):
     """The same command continues after what was answered, to the poses of an undisturbed one.
 
     The document of all answers is there only when they are all in it.
@@ -87,11 +82,11 @@ def test_predict(folder: Path) -> None:
     assert (folder / "last" / "poses.json").is_file()
 
 
-def untimed(line: str) -> Mapping[str, Any]:
+def untimed(line):
     return {key: value for key, value in json.loads(line).items() if key not in ("ms", "captured")}
 
 
-def test_live(folder: Path) -> None:
+def test_live(folder):
     """Killed, it has answered what it had seen; started again, it answers everything."""
     live = ("live", "source=folder", "learnt=both", "rgb=rgb", "depth=depth", "work=work")
     live = (*live, "intrinsics=camera.txt", "idle_s=2")
@@ -103,7 +98,7 @@ def test_live(folder: Path) -> None:
     assert [untimed(line) for line in succeed(folder, *live).splitlines()] == whole
 
 
-def test_report(tiny_run: TinyRun, tmp_path: Path) -> None:
+def test_report(tiny_run, tmp_path):
     shutil.copytree(tiny_run.output, tmp_path / "run")
     before = (tmp_path / "run" / "report.html").read_bytes()
     kill(tmp_path, "page half written", "report", "output=run")
@@ -117,7 +112,7 @@ def test_report(tiny_run: TinyRun, tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def unsent(tiny_run: TinyRun, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def unsent(tiny_run, tmp_path_factory):
     """A folder with a run that its server has missed."""
     folder = tmp_path_factory.mktemp("unsent")
     shutil.copytree(tiny_run.folder / "work", folder / "work")
@@ -129,7 +124,7 @@ def unsent(tiny_run: TinyRun, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("place", "left"), [("run created", 1), ("artifacts sent", 1), ("run sent", 0)]
 )
-def test_upload(unsent: Path, tmp_path: Path, place: str, left: int) -> None:
+def test_upload(unsent, tmp_path, place, left):
     """No run reaches the server twice, and each reaches it whole."""
     shutil.copytree(unsent / "work" / "unsent", tmp_path / "work" / "unsent")
     upload = ("upload", "uri=sqlite:///server/mlflow.db")

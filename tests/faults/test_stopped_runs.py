@@ -6,7 +6,6 @@ One place after the other, each in the call that continues the one before.
 import shutil
 import signal
 from collections import Counter
-from pathlib import Path
 
 import pytest
 from damage import WAYS, damage
@@ -17,7 +16,6 @@ from hlp.data.synthetic.objects import demo_objects
 from hlp.reporting.mlflow.pages import HEADLINES
 from run_files import arms_of, logged_runs, poses_of, read_json
 from tiny_method import write_mesh
-from tiny_run import TinyRun
 
 pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 
@@ -29,7 +27,7 @@ LEARNING = (
 )
 
 
-def stop_everywhere(folder: Path, places: dict, command: tuple[str, ...], begun: str) -> None:
+def stop_everywhere(folder, places, command, begun):
     """Stop a command at each place; every second time, damage the files that it had begun."""
     for turn, place in enumerate(places):
         number = list(CODES)[turn % len(CODES)]
@@ -42,7 +40,7 @@ def stop_everywhere(folder: Path, places: dict, command: tuple[str, ...], begun:
             damage(folder.glob(begun), list(WAYS)[turn // 2 % len(WAYS)])
 
 
-def test_a_run_ends_with_the_same_poses(tiny_run: TinyRun, tmp_path: Path) -> None:
+def test_a_run_ends_with_the_same_poses(tiny_run, tmp_path):
     command = ("run", *tiny_run.overrides, "machine.threads=2", "output=last")
     stop_everywhere(tmp_path, PLACES, command, "work/*/*.partial/**/*")
     assert not (tmp_path / "last" / "manifest.json").exists()
@@ -56,7 +54,7 @@ def test_a_run_ends_with_the_same_poses(tiny_run: TinyRun, tmp_path: Path) -> No
     assert not list((tmp_path / "work").rglob("*.partial"))
 
 
-def test_a_sweep_loses_no_setting_and_does_none_twice(tiny_run: TinyRun, tmp_path: Path) -> None:
+def test_a_sweep_loses_no_setting_and_does_none_twice(tiny_run, tmp_path):
     """It continues in the same folder, as the same runs of MLflow."""
     shutil.copytree(tiny_run.folder / "work", tmp_path / "work")
     (tmp_path / "work" / "mlflow.db").unlink()
@@ -81,7 +79,7 @@ def test_a_sweep_loses_no_setting_and_does_none_twice(tiny_run: TinyRun, tmp_pat
     assert "RUNNING" not in {run.info.status for run in logged_runs(tmp_path)[1]}
 
 
-def test_learning_ends_with_the_same_files(tmp_path: Path) -> None:
+def test_learning_ends_with_the_same_files(tmp_path):
     for model in demo_objects().values():
         if model.name in ("bear", "can"):
             write_mesh(tmp_path, model)

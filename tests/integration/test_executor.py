@@ -13,30 +13,26 @@ from hlp.errors import DataError
 from hlp.method.find.trace import STAGES
 from hlp.method.learn.model_files import read_history, read_weights
 from hlp.runs.runner import stages_of
-from hlp.stages.detection import DetectionStages
 from hlp.stages.frame_task import FrameTask, Worker, render_in_workers
 from hlp.stages.store import StageStore
 from hlp.stages.trace_files import read_arrays
-from tiny_run import TinyRun
 
 pytestmark = [pytest.mark.slow, pytest.mark.thorough, pytest.mark.usefixtures("threads")]
 
 
 @pytest.fixture
-def work(tiny_run: TinyRun, tmp_path: Path) -> Path:
+def work(tiny_run, tmp_path):
     """What the tiny run has learnt, and nothing that it has found."""
     for stage in ("views", "classifier", "encoder", "codebook"):
         shutil.copytree(tiny_run.folder / "work" / stage, tmp_path / "work" / stage)
     return tmp_path / "work"
 
 
-def detection_of(tiny_run: TinyRun, work: Path, *overrides: str) -> DetectionStages:
+def detection_of(tiny_run, work, *overrides):
     return stages_of(tiny_run.build(f"work={work}", *overrides), StageStore(work))
 
 
-def find_in_workers(
-    detection: DetectionStages, tiny_run: TinyRun, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def find_in_workers(detection, tiny_run, monkeypatch):
     """Every stage is made, has the name that the tiny run's has, and holds the same bits."""
     monkeypatch.setattr(detection, "find", None)  # the run's own process finds nothing
     detection.poses()
@@ -51,7 +47,7 @@ def find_in_workers(
                 np.testing.assert_array_equal(found[name], expected[name])
 
 
-def made(detection: DetectionStages) -> list[str]:
+def made(detection):
     return [event.stage for event in detection.store.events if not event.reused]
 
 
@@ -60,22 +56,15 @@ def made(detection: DetectionStages) -> list[str]:
     [("loky", 2, 1), ("threading", 2, 1), ("loky", 1, 2), ("loky", 4, 1), ("threading", 1, 2)],
 )
 def test_workers_of_this_machine_find_the_same_bits(
-    tiny_run: TinyRun,
-    work: Path,
-    executor: str,
-    workers: int,
-    threads_each: int,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    tiny_run, work, executor, workers, threads_each, monkeypatch
+):
     """However many workers there are, and however many threads each of them has."""
     counts = (f"executor.workers={workers}", f"executor.threads={threads_each}")
     detection = detection_of(tiny_run, work, f"executor={executor}", *counts)
     find_in_workers(detection, tiny_run, monkeypatch)
 
 
-def test_a_dask_cluster_of_two_processes_finds_the_same_bits(
-    tiny_run: TinyRun, work: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_dask_cluster_of_two_processes_finds_the_same_bits(tiny_run, work, monkeypatch):
     distributed = pytest.importorskip("distributed", reason="dask is not installed")
     monkeypatch.setenv("PYTHONPATH", str(Path(hlp.__file__).parents[1]))
     with distributed.LocalCluster(
@@ -89,9 +78,7 @@ def test_a_dask_cluster_of_two_processes_finds_the_same_bits(
     assert list(at_work.values()) == [True, True]  # each of the two has had a frame
 
 
-def test_a_worker_of_other_data_finds_nothing(
-    tiny_run: TinyRun, work: Path, tmp_path: Path
-) -> None:
+def test_a_worker_of_other_data_finds_nothing(tiny_run, work, tmp_path):
     detection = detection_of(tiny_run, work, "executor=loky")
     right = Worker.of(detection.training, detection.executor)
     other = dataclasses.replace(right, made_from={**right.made_from, "frames": "others"})
@@ -101,7 +88,7 @@ def test_a_worker_of_other_data_finds_nothing(
     assert not list(tmp_path.glob("*.npz"))
 
 
-def test_two_processes_train_the_classifier(tiny_run: TinyRun, work: Path) -> None:
+def test_two_processes_train_the_classifier(tiny_run, work):
     """Lightning's DDP on the tiny run's windows: another classifier, as good as one process's."""
     cpu, ddp = (detection_of(tiny_run, work, f"trainer={name}") for name in ("cpu", "ddp"))
     one, two = cpu.training.classifier(), ddp.training.classifier()
@@ -114,9 +101,7 @@ def test_two_processes_train_the_classifier(tiny_run: TinyRun, work: Path) -> No
 
 
 @pytest.mark.parametrize("executor", ["loky", "threading"])
-def test_workers_render_missing_views_and_the_same(
-    tiny_run: TinyRun, work: Path, executor: str
-) -> None:
+def test_workers_render_missing_views_and_the_same(tiny_run, work, executor):
     before = detection_of(tiny_run, work).training
     first, second, *_ = sorted(before.dataset.models)
     expected = {i: before.load_views(i) for i in (first, second)}
@@ -136,12 +121,10 @@ def test_workers_render_missing_views_and_the_same(
             np.testing.assert_array_equal(getattr(found, field.name), getattr(views, field.name))
 
 
-def test_an_error_in_a_worker_is_the_runs(
-    tiny_run: TinyRun, work: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_error_in_a_worker_is_the_runs(tiny_run, work, monkeypatch):
     """A frame that cannot be searched, in whichever worker."""
 
-    def fail(*_: object, **__: object) -> None:
+    def fail(*_, **__):
         raise FileNotFoundError("the frame has gone")
 
     detection = detection_of(tiny_run, work, "executor=threading")

@@ -1,33 +1,29 @@
 """Oracle matrix and basin map on the tiny run's dataset and stages."""
 
-from pathlib import Path
-from typing import Any
-
 import pytest
 
-from hlp.method.find.estimator import FrameContext, PoseEstimator
+from hlp.method.find.estimator import PoseEstimator
 from hlp.refinement.refiner import NoneRefiner
 from hlp.reporting.study_numbers import KINDS, read_numbers
 from hlp.results.summary_file import read_target_values
 from run_files import logged_run, read_json, rows, stages
-from tiny_run import TinyRun
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("threads")]
 
 
-def run_experiment(tiny_run: TinyRun, name: str, output: Path, *overrides: str) -> None:
+def run_experiment(tiny_run, name, output, *overrides):
     run = tiny_run.build(f"experiment={name}", *overrides)
     run.settings.task.run(run, output)
 
 
-def logged_metrics(tiny_run: TinyRun, output: Path) -> dict[str, float]:
+def logged_metrics(tiny_run, output):
     _, run = logged_run(tiny_run.folder, output)
     assert run.info.status == "FINISHED"
-    metrics: dict[str, float] = run.data.metrics
+    metrics = run.data.metrics
     return metrics
 
 
-def assert_targets_have_the_means_of_the_study(output: Path, study: str) -> None:
+def assert_targets_have_the_means_of_the_study(output, study):
     numbers = read_numbers(output, KINDS[study])
     assert numbers is not None
     targets = read_target_values(output)
@@ -35,9 +31,7 @@ def assert_targets_have_the_means_of_the_study(output: Path, study: str) -> None
     assert means == pytest.approx({number.name: number.value for number in numbers})
 
 
-def test_oracle_fills_the_matrix_from_the_runs_own_stages(
-    tiny_run: TinyRun, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_oracle_fills_the_matrix_from_the_runs_own_stages(tiny_run, tmp_path, capsys):
     output = tmp_path / "matrix"
     run_experiment(tiny_run, "oracle", output)
     assert stages(output, reused=False).keys() == {"oracle"}
@@ -63,14 +57,12 @@ def test_oracle_fills_the_matrix_from_the_runs_own_stages(
     assert metrics["oracle/region_true/coarse_true"] == found["true", "true"]
 
 
-def test_interrupted_oracle_goes_on_where_it_stopped(
-    tiny_run: TinyRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_interrupted_oracle_goes_on_where_it_stopped(tiny_run, tmp_path, monkeypatch):
     refine = PoseEstimator.refine
-    refined: set[int] = set()
+    refined = set()
     stopped = {12}
 
-    def noted(self: PoseEstimator, context: FrameContext, *given: Any) -> Any:
+    def noted(self, context, *given):
         if context.frame.scene_id in stopped:
             raise KeyboardInterrupt
         refined.add(context.frame.scene_id)
@@ -90,9 +82,7 @@ def test_interrupted_oracle_goes_on_where_it_stopped(
     assert read_json(tmp_path / "one" / "oracle.json")["frames"] == 1
 
 
-def test_basin_maps_every_refiner_from_the_same_starts(
-    tiny_run: TinyRun, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_basin_maps_every_refiner_from_the_same_starts(tiny_run, tmp_path, capsys):
     starts = ("task.rotation_deg=[0,25]", "task.translation_mm=[0,200]", "task.perturbations=2")
     output = tmp_path / "maps"
     run_experiment(tiny_run, "basin", output, "task.compared=[pso,none]", "task.frames=1", *starts)
@@ -116,9 +106,7 @@ def test_basin_maps_every_refiner_from_the_same_starts(
     assert logged_metrics(tiny_run, output)["basin/none/all"] < 0.5
 
 
-def test_a_refiner_that_is_added_leaves_the_others_as_they_are(
-    tiny_run: TinyRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_refiner_that_is_added_leaves_the_others_as_they_are(tiny_run, tmp_path, monkeypatch):
     small = ("task.frames=1", "task.rotation_deg=[0]", "task.translation_mm=[0,10]")
     first, second = tmp_path / "first", tmp_path / "second"
     run_experiment(tiny_run, "basin", first, *small, "task.compared=[none]")

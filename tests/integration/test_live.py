@@ -7,7 +7,6 @@ import subprocess
 import sys
 import urllib.request
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -18,7 +17,6 @@ from forked_hlp import run_hlp
 from frame_files import write_image
 from hlp.data.synthetic.objects import demo_objects
 from hlp.evaluation.errors import add_s
-from hlp.records import CameraImage
 from moving_scene import CAMERA, SimulatedCamera, path
 
 pytestmark = pytest.mark.slow
@@ -42,7 +40,7 @@ START = (
 )
 
 
-def start(folder: Path, *arguments: str) -> "subprocess.Popen[str]":
+def start(folder, *arguments):
     found = [str(Path(hlp.__file__).parents[1]), str(Path(__file__).parents[1])]
     return subprocess.Popen(
         [sys.executable, "-c", START, "live", "objects=bear", *arguments],
@@ -55,35 +53,35 @@ def start(folder: Path, *arguments: str) -> "subprocess.Popen[str]":
     )
 
 
-def ended(process: "subprocess.Popen[str]") -> tuple[list[dict[str, Any]], str]:
+def ended(process):
     """The remaining answers and the messages of a process."""
     out, messages = process.communicate(timeout=120)
     return [json.loads(line) for line in out.splitlines()], messages
 
 
-def answer(process: "subprocess.Popen[str]") -> dict[str, Any]:
+def answer(process):
     assert process.stdout is not None
-    line: dict[str, Any] = json.loads(process.stdout.readline())
+    line = json.loads(process.stdout.readline())
     return line
 
 
 @pytest.fixture(scope="module")
-def images() -> list[CameraImage]:
+def images():
     return list(SimulatedCamera({"bear": POSES}, {"bear": BEAR}))
 
 
-def write(folder: Path, image: CameraImage) -> dict[str, str]:
+def write(folder, image):
     return write_image(folder, image.name, image)
 
 
-def check_pose(found: dict[str, Any], true: np.ndarray) -> None:
+def check_pose(found, true):
     pose = np.eye(4)
     pose[:3, :3] = np.array(found["cam_R_m2c"]).reshape(3, 3)
     pose[:3, 3] = np.array(found["cam_t_m2c"]) / 1000.0
     assert add_s(pose, true, BEAR.mesh.vertices) < 0.1 * BEAR.diameter
 
 
-def test_each_image_of_an_own_camera_is_answered(learnt: Path, tmp_path: Path) -> None:
+def test_each_image_of_an_own_camera_is_answered(learnt, tmp_path):
     (tmp_path / "own.py").write_text(OWN)
     process = start(tmp_path, "source=own.py:simulated", f"learnt={learnt}", "overlay=last.png")
     (ready, *lines), messages = ended(process)
@@ -101,9 +99,7 @@ def test_each_image_of_an_own_camera_is_answered(learnt: Path, tmp_path: Path) -
     assert not list(tmp_path.glob(".last*"))
 
 
-def test_a_folder_is_followed_until_ctrl_c(
-    learnt: Path, tmp_path: Path, images: list[CameraImage]
-) -> None:
+def test_a_folder_is_followed_until_ctrl_c(learnt, tmp_path, images):
     write(tmp_path, images[0])
     files = ("source=folder", "rgb=rgb", "depth=depth", INTRINSICS, "depth_scale=1")
     process = start(tmp_path, *files, f"learnt={learnt}", "page=0")
@@ -121,9 +117,7 @@ def test_a_folder_is_followed_until_ctrl_c(
     assert rest == [] and messages == "hlp: stopped after 2 images\n"
 
 
-def test_a_program_names_images_and_reads_answers(
-    learnt: Path, tmp_path: Path, images: list[CameraImage]
-) -> None:
+def test_a_program_names_images_and_reads_answers(learnt, tmp_path, images):
     process = start(tmp_path, "source=stdin", f"learnt={learnt}", INTRINSICS, "depth_scale=1")
     assert process.stdin is not None and answer(process)["ready"]
     for image, true in zip(images[:2], POSES, strict=False):
@@ -139,7 +133,7 @@ def test_a_program_names_images_and_reads_answers(
     assert (process.returncode, rest, messages) == (0, [], "")
 
 
-def test_it_ends_when_nobody_reads_the_answers(learnt: Path, tmp_path: Path) -> None:
+def test_it_ends_when_nobody_reads_the_answers(learnt, tmp_path):
     (tmp_path / "own.py").write_text(OWN)
     with start(tmp_path, "source=own.py:simulated", f"learnt={learnt}") as process:
         assert answer(process)["ready"] and process.stdout is not None
@@ -159,7 +153,7 @@ def test_it_ends_when_nobody_reads_the_answers(learnt: Path, tmp_path: Path) -> 
         (["source=stdin", "learnt=nowhere", "work=."], "neither a folder of learnt objects"),
     ],
 )
-def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, given: list[str], words: str) -> None:
+def test_what_is_wrong_is_said_in_one_line(tmp_path, given, words):
     said = run_hlp(tmp_path, "live", *given)
     assert (said.returncode, said.stdout) == (1, "")
     assert said.stderr.startswith("hlp: ") and words in said.stderr

@@ -15,7 +15,7 @@ BLOCK = re.compile(r'```\w+ title="([^"]+)"\n(.*?)```', re.DOTALL)
 
 
 @pytest.fixture
-def plug_in(tmp_path: Path) -> Path:
+def plug_in(tmp_path):
     """A folder with the example's files, and what pip would write beside them."""
     for name, content in BLOCK.findall(CONTRIBUTING.read_text()):
         path = tmp_path / name
@@ -35,7 +35,7 @@ def plug_in(tmp_path: Path) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.thorough
-def test_the_example_is_found_by_its_name_and_runs(plug_in: Path) -> None:
+def test_the_example_is_found_by_its_name_and_runs(plug_in):
     chosen = ("--config-dir", str(plug_in / "conf"), "encoder=cells", "encoder.cells=4")
     tiny = [setting for setting in TINY if not setting.startswith("encoder=")]
     done = run_hlp(plug_in, "run", *chosen, *tiny, "panels=0", "output=out")
@@ -45,7 +45,7 @@ def test_the_example_is_found_by_its_name_and_runs(plug_in: Path) -> None:
     assert read_json(plug_in / "out" / "summary.json")["targets"] > 0
 
 
-def test_every_value_is_shown_and_a_mistake_is_named(plug_in: Path) -> None:
+def test_every_value_is_shown_and_a_mistake_is_named(plug_in):
     """A folder on the search path will do as well as an option."""
     path = f"hydra.searchpath=[file://{plug_in / 'conf'}]"
     done = run_hlp(plug_in, "run", "--cfg", "job", path, "encoder=cells")

@@ -3,13 +3,12 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
-from forked_hlp import Ended, run_hlp
+from forked_hlp import run_hlp
 from frame_files import write_camera, write_image
 from hlp import Detector
 from hlp.cli import main
@@ -45,21 +44,21 @@ class Own:
     truths: tuple[Target, ...]
 
     @property
-    def given(self) -> dict[str, str]:
+    def given(self):
         return {key: str(self.folder / name) for key, name in FILES.items()}
 
-    def predict(self, output: str, *arguments: str, **given: str) -> Ended:
+    def predict(self, output, *arguments, **given):
         """`hlp predict` with KEY=VALUE as `given`."""
         pairs = (f"{key}={value}" for key, value in given.items())
         return run_hlp(self.folder, "predict", *pairs, *arguments, f"output={output}", "work=work")
 
-    def answers(self, output: str) -> list[dict[str, Any]]:
-        poses: list[dict[str, Any]] = read_json(self.folder / output / "poses.json")["poses"]
+    def answers(self, output):
+        poses = read_json(self.folder / output / "poses.json")["poses"]
         return poses
 
 
 @pytest.fixture(scope="module")
-def own(tmp_path_factory: pytest.TempPathFactory) -> Own:
+def own(tmp_path_factory):
     folder = tmp_path_factory.mktemp("predict") / "files (of Ann's, mine)"
     settings = SyntheticSettings(width=320, height=240, objects=(5, 5), clutter=(1, 3))
     scenes = SyntheticScenes(settings)
@@ -73,14 +72,14 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> Own:
 
 
 @pytest.fixture(scope="module")
-def first(own: Own) -> Ended:
+def first(own):
     ended = own.predict("first", *TINY, "panels=9", **own.given)
     assert ended.returncode == 0, ended.stderr
     return ended
 
 
 @pytest.mark.slow
-def test_poses_are_near_the_true_ones(own: Own, first: Ended) -> None:
+def test_poses_are_near_the_true_ones(own, first):
     found = own.answers("first")
     assert [Path(answer["rgb"]).name for answer in found] == ["view_0.png", "view_2.png"]
     for answer, truth in zip(found, own.truths, strict=True):
@@ -93,7 +92,7 @@ def test_poses_are_near_the_true_ones(own: Own, first: Ended) -> None:
 
 
 @pytest.mark.slow
-def test_every_form_of_the_answer_says_the_same(own: Own, first: Ended) -> None:
+def test_every_form_of_the_answer_says_the_same(own, first):
     output, found = own.folder / "first", own.answers("first")
     lines = [json.loads(line) for line in (output / "poses.jsonl").read_text().splitlines()]
     assert lines == found
@@ -111,7 +110,7 @@ def test_every_form_of_the_answer_says_the_same(own: Own, first: Ended) -> None:
 
 
 @pytest.mark.slow
-def test_new_frames_are_looked_at_without_learning_again(own: Own, first: Ended) -> None:
+def test_new_frames_are_looked_at_without_learning_again(own, first):
     """One known frame, one in which nothing is seen, and one that is broken."""
     new = own.folder / "new"
     for kind in ("rgb", "depth"):
@@ -141,10 +140,10 @@ def test_new_frames_are_looked_at_without_learning_again(own: Own, first: Ended)
 
 
 @pytest.mark.slow
-def test_learnt_objects_are_used_by_name_and_by_path(own: Own, first: Ended) -> None:
+def test_learnt_objects_are_used_by_name_and_by_path(own, first):
     """What the first call learnt has a name in the cache; a box where nothing is finds nothing."""
 
-    def objects(*words: str) -> str:
+    def objects(*words):
         ended = run_hlp(own.folder, "objects", *words, "work=work")
         assert ended.returncode == 0, ended.stderr
         return ended.stdout
@@ -178,13 +177,7 @@ def test_learnt_objects_are_used_by_name_and_by_path(own: Own, first: Ended) -> 
         (["mesh=my drill.ply", "name=a/b"], "give output"),
     ],
 )
-def test_learning_says_what_is_wrong_before_it_begins(
-    own: Own,
-    given: list[str],
-    words: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_learning_says_what_is_wrong_before_it_begins(own, given, words, monkeypatch, capsys):
     monkeypatch.chdir(own.folder)
     with pytest.raises(SystemExit) as ended:
         main(["learn", *given, "work=work"])
@@ -193,7 +186,7 @@ def test_learning_says_what_is_wrong_before_it_begins(
     assert said.startswith("hlp: ") and words in said
 
 
-def test_help_says_what_to_give_and_what_is_wrong_is_named(own: Own) -> None:
+def test_help_says_what_to_give_and_what_is_wrong_is_named(own):
     shown = run_hlp(own.folder, "predict", "--help")
     assert shown.returncode == 0
     assert "hlp predict model=bracket.ply" in shown.stdout
@@ -209,7 +202,7 @@ def test_help_says_what_to_give_and_what_is_wrong_is_named(own: Own) -> None:
 
 
 @pytest.mark.slow
-def test_the_python_api_finds_the_same_poses(own: Own, first: Ended, tmp_path: Path) -> None:
+def test_the_python_api_finds_the_same_poses(own, first, tmp_path):
     """One code path: what `hlp predict` learns and finds, `Detector` does, to the last bit."""
     general = ("output=o", "~experiment", "name=learn", "data=bop", "data.root=.")
     settings = build_settings(compose_config(*general, *TINY)).method

@@ -1,7 +1,6 @@
 """The method on real frames, which are skipped where they are absent, and the shipped defaults."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from hlp.data.bop import BopSettings
 from hlp.data.file_frames import RgbdFrames
 from hlp.evaluation.errors import add, add_s
 from hlp.method.track.tracker import Track
-from hlp.records import Frame, ObjectModel
 from run_files import read_json
 from same_answers import compare_answers
 from tiny_method import tiny_method
@@ -44,7 +42,7 @@ def player():
 """
 
 
-def test_the_demo_finds_its_objects(tmp_path: Path) -> None:
+def test_the_demo_finds_its_objects(tmp_path):
     """`make demo` with nothing changed: measured .94, of 142 targets."""
     done = start_run(tmp_path, "output=demo", threads=2)
     assert done.returncode == 0, done.stderr
@@ -54,9 +52,7 @@ def test_the_demo_finds_its_objects(tmp_path: Path) -> None:
     assert summary["metrics"]["5cm5deg"]["recall"] >= 0.82
 
 
-def test_cat_and_driller_are_found_and_a_detector_finds_the_same(
-    shared_data: Path, tmp_path: Path
-) -> None:
+def test_cat_and_driller_are_found_and_a_detector_finds_the_same(shared_data, tmp_path):
     root = tmp_path / "lm"
     root.mkdir()
     for name in ("models", "test"):
@@ -91,7 +87,7 @@ def test_cat_and_driller_are_found_and_a_detector_finds_the_same(
     assert compare_answers(overrides, tmp_path / "real", tmp_path / "learnt") >= 6
 
 
-def test_the_cat_is_found_by_the_python_api(shared_data: Path, tmp_path: Path) -> None:
+def test_the_cat_is_found_by_the_python_api(shared_data, tmp_path):
     """Learnt alone, from its CAD model, with nothing set: every tenth of its frames.
 
     Measured 1.00; without the closer look at likely places .65 to .75.
@@ -113,9 +109,7 @@ def test_the_cat_is_found_by_the_python_api(shared_data: Path, tmp_path: Path) -
     assert np.mean(right) >= 0.85
 
 
-def learn_recorded(
-    shared_data: Path, name: str, folder: Path, *overrides: str
-) -> tuple[list[Frame], Detector]:
+def learn_recorded(shared_data, name, folder, *overrides):
     """The frames of a recording, and a detector of its object."""
     root = shared_data / name
     if not root.is_dir():
@@ -127,7 +121,7 @@ def learn_recorded(
     return [source.load(key) for key in source.keys], detector
 
 
-def test_a_bottle_in_a_robots_hand_is_followed(shared_data: Path, tmp_path: Path) -> None:
+def test_a_bottle_in_a_robots_hand_is_followed(shared_data, tmp_path):
     """From a pose that is known; these frames lie a tenth of a second apart."""
     frames, detector = learn_recorded(shared_data, "mustard", tmp_path / "learnt")
     first, *frames = [frame for frame in frames if frame.frame_id >= 14]
@@ -141,7 +135,7 @@ def test_a_bottle_in_a_robots_hand_is_followed(shared_data: Path, tmp_path: Path
         assert add(found.pose_cam_obj, true, model.mesh.vertices) < 0.1 * model.diameter
 
 
-def test_a_recording_is_played_to_hlp_live(shared_data: Path, tmp_path: Path) -> None:
+def test_a_recording_is_played_to_hlp_live(shared_data, tmp_path):
     """Three cups that stand elsewhere in each frame: most are found, by whichever way."""
     finer = ("rendering.viewpoints=200", "classifier.epochs=6")
     frames, detector = learn_recorded(shared_data, "cup", tmp_path / "learnt", *finer)
@@ -159,7 +153,7 @@ def test_a_recording_is_played_to_hlp_live(shared_data: Path, tmp_path: Path) ->
     assert right >= 9  # of 18
 
 
-def is_found(answers: list[dict[str, list[float]]], true: np.ndarray, model: ObjectModel) -> bool:
+def is_found(answers, true, model):
     for answer in answers:
         pose = np.eye(4)
         pose[:3, :3] = np.reshape(answer["cam_R_m2c"], (3, 3))

@@ -4,35 +4,31 @@ import json
 import re
 import shutil
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from hlp.data.synthetic.scenes import SyntheticScenes
 from hlp.errors import DataError, HlpError
 from hlp.method.find.estimator import PoseEstimator
-from hlp.records import Frame
-from run_files import Row, logged_run, logged_runs, read_json, rows, stages
-from tiny_run import Call, TinyRun, start_run
+from run_files import logged_run, logged_runs, read_json, rows, stages
+from tiny_run import start_run
 
 pytestmark = pytest.mark.slow
 
 LEARNT = {"views": 8, "classifier": 1, "encoder": 1, "codebook": 8}
 
 
-def poses_without_times(path: Path) -> list[Row]:
+def poses_without_times(path):
     return [{key: value for key, value in row.items() if key != "time"} for row in rows(path)]
 
 
-def statuses(folder: Path) -> dict[str, str]:
+def statuses(folder):
     """Status of every MLflow run, by the name of its output folder."""
     _, found = logged_runs(folder)
     return {Path(run.data.tags["output"]).name: run.info.status for run in found}
 
 
-def test_other_refinement_makes_only_poses_and_links_to_the_run_that_trained(
-    tiny_run: TinyRun, call: Call
-) -> None:
+def test_other_refinement_makes_only_poses_and_links_to_the_run_that_trained(tiny_run, call):
     code, said, _ = call(*tiny_run.overrides, "refinement.particles=15", "output=fewer")
     assert code == 0
     output = tiny_run.folder / "fewer"
@@ -53,18 +49,16 @@ def test_other_refinement_makes_only_poses_and_links_to_the_run_that_trained(
     assert "classifier/loss" not in run.data.metrics
 
 
-def test_a_run_decodes_every_frame_once(
-    tiny_run: TinyRun, call: Call, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_decodes_every_frame_once(tiny_run, call, monkeypatch):
     """Detection, scores and causes of misses share one decode, found or not.
 
     Only panels, report and pictures of the stages, which show chosen frames and targets, decode
     these again.
     """
-    decoded: list[str] = []
+    decoded = []
     load = SyntheticScenes.load
 
-    def counted(self: SyntheticScenes, key: str) -> Frame:
+    def counted(self, key):
         if self._targets:  # the others are rooms, for training
             decoded.append(key)
         return load(self, key)
@@ -82,10 +76,8 @@ def test_a_run_decodes_every_frame_once(
 
 
 @pytest.mark.parametrize("error", [DataError("depth is odd"), ValueError("a bug")])
-def test_crash_leaves_a_failed_run(
-    tiny_run: TinyRun, call: Call, monkeypatch: pytest.MonkeyPatch, error: Exception
-) -> None:
-    def fail(*_: Any) -> None:
+def test_crash_leaves_a_failed_run(tiny_run, call, monkeypatch, error):
+    def fail(*_):
         raise error
 
     monkeypatch.setattr(PoseEstimator, "refine", fail)
@@ -103,7 +95,7 @@ def test_crash_leaves_a_failed_run(
 
 
 @pytest.mark.thorough
-def test_same_seed_same_poses_whatever_the_threads(tiny_run: TinyRun, tmp_path: Path) -> None:
+def test_same_seed_same_poses_whatever_the_threads(tiny_run, tmp_path):
     """Everything is made again in another folder, by one thread instead of two."""
     again = start_run(tmp_path, *tiny_run.overrides, "output=again", threads=1)
     assert again.returncode == 0, again.stderr
@@ -122,13 +114,13 @@ def test_same_seed_same_poses_whatever_the_threads(tiny_run: TinyRun, tmp_path: 
 
 
 @pytest.fixture
-def manifest(tiny_run: TinyRun, tmp_path: Path) -> Path:
+def manifest(tiny_run, tmp_path):
     """The tiny run's manifest, in another place than the run."""
     return Path(shutil.copy(tiny_run.output / "manifest.json", tmp_path / "kept.json"))
 
 
 @pytest.mark.thorough
-def test_same_manifest_same_poses(tiny_run: TinyRun, call: Call, manifest: Path) -> None:
+def test_same_manifest_same_poses(tiny_run, call, manifest):
     """Refined anew, with one thread; what came before is on disk."""
     for folder in (tiny_run.folder / "work" / "poses").iterdir():
         if folder.is_dir():
@@ -149,7 +141,7 @@ def test_same_manifest_same_poses(tiny_run: TinyRun, call: Call, manifest: Path)
 
 
 @pytest.mark.thorough
-def test_other_poses_and_other_code_are_said(tiny_run: TinyRun, call: Call, manifest: Path) -> None:
+def test_other_poses_and_other_code_are_said(tiny_run, call, manifest):
     changed = read_json(manifest)
     changed |= {"code": "0" * 16, "poses": "0" * 16}
     changed["versions"]["numpy"] = "1.0"
@@ -166,7 +158,7 @@ def test_other_poses_and_other_code_are_said(tiny_run: TinyRun, call: Call, mani
 
 
 @pytest.mark.thorough
-def test_what_cannot_be_repeated_stops_before_any_stage(call: Call, manifest: Path) -> None:
+def test_what_cannot_be_repeated_stops_before_any_stage(call, manifest):
     code, said, error = call(f"manifest={manifest}", "refinement=icp")
     assert (code, said) == (1, "")
     assert "refinement=icp: " in error

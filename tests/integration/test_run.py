@@ -9,15 +9,13 @@ import pytest
 
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
-from hlp.records import Target
 from hlp.runs.runner import stages_of
 from hlp.runs.shown_targets import FrameResults
 from hlp.runs.stage_samples import search_again
 from hlp.stages.manifest import library_builds, processor
 from hlp.stages.store import StageStore
-from run_files import Row, logged_run, read_json, rows, stages
+from run_files import logged_run, read_json, rows, stages
 from same_answers import compare_answers
-from tiny_run import Call, TinyRun
 
 METRICS = ("add", "5cm5deg", "iou50")
 VERDICTS = {"add": "add_correct", "5cm5deg": "pose_correct", "iou50": "box_correct"}
@@ -25,12 +23,12 @@ LEARNT = {"views": 8, "classifier": 1, "encoder": 1, "codebook": 8}
 FOUND = {"regions": 1, "hypotheses": 1, "poses": 1}
 
 
-def target_of(row: Row) -> tuple[int, int, int]:
+def target_of(row):
     return int(row["scene_id"]), int(row["im_id"]), int(row["obj_id"])
 
 
 @pytest.fixture(scope="module")
-def truth() -> dict[tuple[int, int, int], Target]:
+def truth():
     """Targets of the two frames, from the demo dataset itself (frames 0 and 12 of its 24)."""
     scenes = SyntheticScenes(
         SyntheticSettings(width=320, height=240, objects=(5, 5), clutter=(1, 3))
@@ -43,7 +41,7 @@ def truth() -> dict[tuple[int, int, int], Target]:
     }
 
 
-def test_summary_says_what_the_scores_say(tiny_run: TinyRun) -> None:
+def test_summary_says_what_the_scores_say(tiny_run):
     summary = read_json(tiny_run.output / "summary.json")
     scores = rows(tiny_run.output / "scores.csv")
     assert {"targets", "metrics", "per_object", "timing_ms", "waterfall"} <= summary.keys()
@@ -78,9 +76,7 @@ def test_summary_says_what_the_scores_say(tiny_run: TinyRun) -> None:
     assert timing["first_use_seconds"] > 0.0
 
 
-def test_scores_have_one_row_a_target(
-    tiny_run: TinyRun, truth: dict[tuple[int, int, int], Target]
-) -> None:
+def test_scores_have_one_row_a_target(tiny_run, truth):
     scores = rows(tiny_run.output / "scores.csv")
     assert [target_of(row) for row in scores] == sorted(truth)
     names = {object_id: model.name for object_id, model in demo_objects().items()}
@@ -90,9 +86,7 @@ def test_scores_have_one_row_a_target(
         assert float(row["visible_fraction"]) == pytest.approx(seen)
 
 
-def test_poses_are_in_bops_format_and_give_the_scores(
-    tiny_run: TinyRun, truth: dict[tuple[int, int, int], Target]
-) -> None:
+def test_poses_are_in_bops_format_and_give_the_scores(tiny_run, truth):
     """R, t in millimetres, and the errors in scores.csv follow from them and the true poses."""
     path = tiny_run.output / "poses.csv"
     assert path.read_text().splitlines()[0] == "scene_id,im_id,obj_id,score,R,t,time"
@@ -130,7 +124,7 @@ def test_poses_are_in_bops_format_and_give_the_scores(
         assert 0.0 < float(times.pop()) < 600.0
 
 
-def test_manifest_says_what_made_the_result(tiny_run: TinyRun) -> None:
+def test_manifest_says_what_made_the_result(tiny_run):
     manifest = read_json(tiny_run.output / "manifest.json")
     assert manifest["seed"] == 0
     assert manifest["config"]["patches"]["pool"]["per_object"] == 60
@@ -146,7 +140,7 @@ def test_manifest_says_what_made_the_result(tiny_run: TinyRun) -> None:
     assert stages(tiny_run.output, reused=True) == {}
 
 
-def test_panels_are_pictures(tiny_run: TinyRun) -> None:
+def test_panels_are_pictures(tiny_run):
     poses, target = sorted(
         (tiny_run.output / "panels").iterdir(), key=lambda p: "_poses" not in p.name
     )
@@ -161,7 +155,7 @@ def test_panels_are_pictures(tiny_run: TinyRun) -> None:
         assert path.stat().st_size < 200_000
 
 
-def test_a_run_draws_what_each_stage_works_with(tiny_run: TinyRun) -> None:
+def test_a_run_draws_what_each_stage_works_with(tiny_run):
     drawn = list((tiny_run.output / "stages").iterdir())
     pictures = {"viewpoints", "views", "training_windows", "nearest_entries", "swarm_costs"}
     assert {path.stem for path in drawn} - {"missed_swarm_costs"} == pictures
@@ -170,7 +164,7 @@ def test_a_run_draws_what_each_stage_works_with(tiny_run: TinyRun) -> None:
         assert min(cv2.imread(str(path)).shape[:2]) > 100
 
 
-def test_its_searches_are_repeated_to_the_poses_that_it_has_found(tiny_run: TinyRun) -> None:
+def test_its_searches_are_repeated_to_the_poses_that_it_has_found(tiny_run):
     run, compared = tiny_run.build("machine.threads=1"), 0
     detection = stages_of(run, StageStore(tiny_run.folder / "work"))
     for key in detection.keys:
@@ -188,13 +182,13 @@ def test_its_searches_are_repeated_to_the_poses_that_it_has_found(tiny_run: Tiny
     assert compared > 5
 
 
-def test_a_detector_finds_the_same_poses(tiny_run: TinyRun, tmp_path: Path) -> None:
+def test_a_detector_finds_the_same_poses(tiny_run, tmp_path):
     work = f"work={tiny_run.folder / 'work'}"
     overrides = (*tiny_run.overrides, work)
     assert compare_answers(overrides, tiny_run.output, tmp_path / "learnt") >= 8
 
 
-def test_console_tells_the_stages_and_where_the_results_are(tiny_run: TinyRun) -> None:
+def test_console_tells_the_stages_and_where_the_results_are(tiny_run):
     said = tiny_run.process.stdout
     assert tiny_run.process.stderr == ""
     assert said.count("made   views of ") == 8
@@ -210,13 +204,13 @@ def test_console_tells_the_stages_and_where_the_results_are(tiny_run: TinyRun) -
     assert f"sqlite:///{tiny_run.made_in / 'work' / 'mlflow.db'}" in said
 
 
-def test_mlflow_has_the_run_with_all_of_it(tiny_run: TinyRun) -> None:
+def test_mlflow_has_the_run_with_all_of_it(tiny_run):
     client, run = logged_run(tiny_run.folder, tiny_run.made_in / "first")
     summary = read_json(tiny_run.output / "summary.json")
     assert run.info.status == "FINISHED"
     assert run.info.run_name.startswith("pca, width 320")
     assert run.data.params["encoder"] == "pca"
-    assert run.data.params["rendering.viewpoints"] == "24"
+    assert run.data.params["rendering.viewpoints"] == "20"
     assert not {"work", "output", "seed"} & set(run.data.params)
     assert (run.data.tags["encoder"], run.data.tags["refinement"]) == ("pca", "pso")
     assert "encoder=pca" in run.data.tags["command"]
@@ -236,7 +230,7 @@ def test_mlflow_has_the_run_with_all_of_it(tiny_run: TinyRun) -> None:
     assert all(inputs[f"model of {name}"] == digest for name, digest in data["models"].items())
 
 
-def test_the_report_shows_every_target_and_stands_alone(tiny_run: TinyRun) -> None:
+def test_the_report_shows_every_target_and_stands_alone(tiny_run):
     page = (tiny_run.output / "report.html").read_text()
     index = read_json(tiny_run.output / "report" / "index.json")
     scores = rows(tiny_run.output / "scores.csv")
@@ -251,7 +245,7 @@ def test_the_report_shows_every_target_and_stands_alone(tiny_run: TinyRun) -> No
 
 
 @pytest.fixture
-def dataset(tmp_path: Path) -> Path:
+def dataset(tmp_path):
     """A data set without any mesh."""
     for folder in ("models", "test", "photos", "rooms"):
         (tmp_path / "lm" / folder).mkdir(parents=True)
@@ -275,13 +269,8 @@ def dataset(tmp_path: Path) -> Path:
     ],
 )
 def test_wrong_input_is_named_before_any_stage(
-    call: Call,
-    dataset: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    overrides: list[str],
-    words: list[str],
-) -> None:
+    call, dataset, tmp_path, monkeypatch, overrides, words
+):
     monkeypatch.chdir(tmp_path)
     code, said, error = call(*[override.format(root=dataset) for override in overrides])
     assert code in {1, 2}

@@ -9,26 +9,22 @@ import numpy as np
 import pytest
 import torch
 
-from hlp.config.build import Run
 from hlp.method.learn.model_files import read_history, read_weights
 from hlp.models.classifier_training import HolisticCNN
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
 from hlp.stages.warm_start import WarmStartSettings
-from tiny_run import TinyRun
 
 pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 
 
 @pytest.fixture
-def run(tiny_run: TinyRun, tmp_path: Path) -> Run:
+def run(tiny_run, tmp_path):
     shutil.copytree(tiny_run.folder / "work" / "views", tmp_path / "work" / "views")
     return tiny_run.build(f"work={tmp_path / 'work'}")
 
 
-def training_of(
-    run: Run, left_out: int | None = None, manifest: Path | None = None
-) -> TrainingStages:
+def training_of(run, left_out=None, manifest=None):
     """Learns all objects but one, or all from what a manifest names."""
     models = {i: model for i, model in run.dataset.models.items() if i != left_out}
     dataset = dataclasses.replace(run.dataset, models=models, target_ids=tuple(models))
@@ -37,14 +33,14 @@ def training_of(
     return TrainingStages(dataset, run.settings.method, store, settings)
 
 
-def manifest_of(training: TrainingStages, path: Path) -> Path:
+def manifest_of(training, path):
     stages = [dataclasses.asdict(event) for event in training.store.events]
     path.write_text(json.dumps({"config": {}, "stages": stages}))
     return path
 
 
 @pytest.fixture
-def earlier(run: Run) -> TrainingStages:
+def earlier(run):
     """Has learnt all objects but the third."""
     training = training_of(run, left_out=sorted(run.dataset.models)[2])
     training.classifier()
@@ -53,9 +49,7 @@ def earlier(run: Run) -> TrainingStages:
     return training
 
 
-def test_an_added_object_costs_its_codebook_and_a_short_training(
-    run: Run, earlier: TrainingStages, tmp_path: Path
-) -> None:
+def test_an_added_object_costs_its_codebook_and_a_short_training(run, earlier, tmp_path):
     added = sorted(run.dataset.models)[2]
     now = training_of(run, manifest=manifest_of(earlier, tmp_path / "manifest.json"))
     assert now.encoder() == earlier.encoder()
@@ -80,9 +74,7 @@ def test_an_added_object_costs_its_codebook_and_a_short_training(
     assert (kept - before[last]).abs().mean() < 0.3 * (kept - start[: len(kept)]).abs().mean()
 
 
-def test_what_cannot_be_gone_on_from_is_named(
-    run: Run, earlier: TrainingStages, tmp_path: Path
-) -> None:
+def test_what_cannot_be_gone_on_from_is_named(run, earlier, tmp_path):
     manifest = manifest_of(earlier, tmp_path / "manifest.json")
     fewer = training_of(run, left_out=min(run.dataset.models), manifest=manifest)
     with pytest.raises(ValueError, match="knows objects that this run does not"):

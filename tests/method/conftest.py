@@ -6,7 +6,6 @@ import pytest
 
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
-from hlp.records import Frame
 
 DEMO = SyntheticSettings(
     scenes=12,
@@ -25,7 +24,7 @@ DEMO = SyntheticSettings(
 
 
 @pytest.fixture(scope="session")
-def frame() -> Frame:
+def frame():
     """A demo scene that shows the bear clearly."""
     scenes = SyntheticScenes(dataclasses.replace(DEMO, scenes=12, width=320, height=240))
     frames = [scenes.load(key) for key in scenes.keys]
@@ -33,5 +32,5 @@ def frame() -> Frame:
     return max(frames, key=lambda each: visible(each, bear))
 
 
-def visible(frame: Frame, object_id: int) -> float:
+def visible(frame, object_id):
     return max((t.visible_fraction for t in frame.targets if t.object_id == object_id), default=0.0)

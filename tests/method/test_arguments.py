@@ -1,8 +1,6 @@
 """What a caller may give to a detector wrongly: an error that names the argument, no traceback."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +23,7 @@ DEPTH = np.full((24, 32), 0.8, np.float32)
 K = np.array([[30.0, 0.0, 15.5], [0.0, 30.0, 11.5], [0.0, 0.0, 1.0]])
 
 
-def camera(**changes: float) -> np.ndarray:
+def camera(**changes):
     places = {"fx": (0, 0), "fy": (1, 1), "skew": (0, 1), "cx": (0, 2)}
     changed = K.copy()
     for name, value in changes.items():
@@ -33,28 +31,28 @@ def camera(**changes: float) -> np.ndarray:
     return changed
 
 
-def frame(rgb: Any = RGB, depth: Any = DEPTH, camera_matrix: Any = K) -> Callable[[], object]:
+def frame(rgb=RGB, depth=DEPTH, camera_matrix=K):
     return lambda: checked_frame(rgb, depth, camera_matrix)
 
 
-def limits(most: Any = 1, score: Any = 0.5) -> Callable[[], object]:
+def limits(most=1, score=0.5):
     return lambda: check_limits(most, score)
 
 
-def mask(given: Any) -> Callable[[], object]:
+def mask(given):
     return lambda: checked_mask(given, (24, 32))
 
 
-def names(given: Any) -> Callable[[], object]:
+def names(given):
     return lambda: checked_names(given, ["bear"], Path("learnt"))
 
 
-def pose(given: Any) -> Callable[[], object]:
+def pose(given):
     return lambda: checked_pose(given)
 
 
 GRADIENT = torch.full((24, 32), 0.8, requires_grad=True)
-CASES: dict[str, tuple[Callable[[], object], str]] = {
+CASES = {
     "grey rgb": (frame(RGB[..., 0]), "rgb is uint8 (24, 32): it must be uint8"),
     "rgb of fractions": (frame(RGB / 255.0), "rgb is float64"),
     "depth of integers": (frame(depth=(DEPTH * 1000).astype(np.uint16)), "in metres; for millim"),
@@ -109,7 +107,7 @@ CASES: dict[str, tuple[Callable[[], object], str]] = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_wrong_argument_is_named(case: str) -> None:
+def test_a_wrong_argument_is_named(case):
     call, words = CASES[case]
     with pytest.raises(InputError) as caught:
         call()
@@ -126,13 +124,13 @@ def test_a_wrong_argument_is_named(case: str) -> None:
         torch.from_numpy(DEPTH),
     ],
 )
-def test_the_layout_of_an_array_does_not_matter(depth: Any) -> None:
+def test_the_layout_of_an_array_does_not_matter(depth):
     given = checked_frame(np.asfortranarray(RGB), depth, K.tolist())
     assert given.depth.dtype == np.float32 and np.array_equal(given.depth, DEPTH)
     assert np.array_equal(given.rgb, RGB) and np.array_equal(given.camera_matrix, K)
 
 
-def test_what_is_masked_or_no_distance_is_missing() -> None:
+def test_what_is_masked_or_no_distance_is_missing():
     marked = np.ma.masked_array(DEPTH.astype(np.float64), mask=np.zeros(DEPTH.shape, bool))
     marked[3, 4] = np.ma.masked
     marked[5, 6] = 1e300  # infinite in single precision

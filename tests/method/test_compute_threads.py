@@ -1,5 +1,4 @@
 import threading
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -9,7 +8,7 @@ from hlp.method.compute_threads import one_blas_thread, set_compute_threads, tak
 
 
 @pytest.fixture
-def libraries() -> Iterator[ThreadpoolController]:
+def libraries():
     """The numerical libraries, BLAS with two threads, whatever the environment says."""
     found = ThreadpoolController()
     take_blas()
@@ -17,13 +16,13 @@ def libraries() -> Iterator[ThreadpoolController]:
         yield found
 
 
-def blas_threads() -> set[int]:
+def blas_threads():
     np.ones((2, 2)) @ np.ones((2, 2))
     found = ThreadpoolController().select(user_api="blas").info()
     return {each["num_threads"] for each in found}
 
 
-def test_blas_has_one_thread_until_the_last_block_ends(libraries) -> None:
+def test_blas_has_one_thread_until_the_last_block_ends(libraries):
     """Blocks of two threads overlap: the first one that ends is not the last."""
     first, second = one_blas_thread(libraries), one_blas_thread(libraries)
     first.__enter__()
@@ -35,20 +34,20 @@ def test_blas_has_one_thread_until_the_last_block_ends(libraries) -> None:
     assert blas_threads() == {2}
 
 
-def test_any_thread_of_python_sets_them(libraries) -> None:
+def test_any_thread_of_python_sets_them(libraries):
     """Also where another one, which still lives, has set them first.
 
     FAISS's BLAS asks OpenMP, which has a number for each thread of Python: that of the environment.
     """
     found = []
 
-    def block() -> None:
+    def block():
         found.append(blas_threads())
         with one_blas_thread(libraries):
             found.append(blas_threads())
         found.append(blas_threads())
 
-    def whole_process() -> None:
+    def whole_process():
         set_compute_threads(1)
         found.append(blas_threads())
 

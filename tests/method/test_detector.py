@@ -6,8 +6,6 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,15 +14,14 @@ from hlp import Detector
 from hlp.data.synthetic.objects import demo_objects
 from hlp.errors import InputError
 from hlp.evaluation.errors import add_s
-from hlp.records import Frame
 from hlp.settings import SettingsError
 
-EVERY: dict[str, Any] = {"max_instances": 1, "min_score": 0.0}  # as if the object were there
+EVERY = {"max_instances": 1, "min_score": 0.0}  # as if the object were there
 
 MODELS = {model.name: model for model in demo_objects().values()}
 
 
-def test_a_learnt_object_is_found_where_it_is(learnt: Path, frame: Frame) -> None:
+def test_a_learnt_object_is_found_where_it_is(learnt, frame):
     bear = MODELS["bear"]
     (target,) = [t for t in frame.targets if t.object_id == bear.object_id]
     (found,) = Detector.load(learnt).detect(
@@ -40,7 +37,7 @@ def test_a_learnt_object_is_found_where_it_is(learnt: Path, frame: Frame) -> Non
     assert add_s(found.pose_cam_obj, target.pose_cam_obj, bear.mesh.vertices) < 0.1 * bear.diameter
 
 
-def test_what_is_not_good_enough_is_rejected_with_the_reason(learnt: Path, frame: Frame) -> None:
+def test_what_is_not_good_enough_is_rejected_with_the_reason(learnt, frame):
     detector, given = Detector.load(learnt), (frame.rgb, frame.depth, frame.camera_matrix)
     result = detector.search(*given, max_instances=1, min_score=1.0)
     assert [detection.score for detection in result.detections] == [1.0] * len(result.detections)
@@ -60,7 +57,7 @@ def test_what_is_not_good_enough_is_rejected_with_the_reason(learnt: Path, frame
             detector.detect(*given, **wrong)
 
 
-def test_a_roughly_known_pose_is_refined(learnt: Path, frame: Frame) -> None:
+def test_a_roughly_known_pose_is_refined(learnt, frame):
     bear, detector = MODELS["bear"], Detector.load(learnt)
     (target,) = [t for t in frame.targets if t.object_id == bear.object_id]
     given = (frame.rgb, frame.depth, frame.camera_matrix)
@@ -80,7 +77,7 @@ def test_a_roughly_known_pose_is_refined(learnt: Path, frame: Frame) -> None:
         detector.refine(*given, "bear", rough[:3])
 
 
-def test_the_same_image_gives_the_same_poses(learnt: Path, frame: Frame, tmp_path: Path) -> None:
+def test_the_same_image_gives_the_same_poses(learnt, frame, tmp_path):
     """In another folder, in any order, with other threads, and from threads at the same time."""
     given = (frame.rgb, frame.depth, frame.camera_matrix)
     expected = {each.object: each for each in Detector.load(learnt).detect(*given, **EVERY)}
@@ -97,14 +94,12 @@ def test_the_same_image_gives_the_same_poses(learnt: Path, frame: Frame, tmp_pat
         np.testing.assert_array_equal(one.pose_cam_obj, expected[one.object].pose_cam_obj)
 
 
-def test_the_shared_part_of_an_image_counts_for_the_first_object(
-    learnt: Path, frame: Frame, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_shared_part_of_an_image_counts_for_the_first_object(learnt, frame, monkeypatch):
     detector = Detector.load(learnt)
     detector.warm_up()
     prepare, clock, late = detector._estimator.prepare, time.perf_counter, [0.0]
 
-    def slowly(*given: Any) -> object:
+    def slowly(*given):
         late[0] = 1000.0
         return prepare(*given)
 
@@ -115,7 +110,7 @@ def test_the_shared_part_of_an_image_counts_for_the_first_object(
     assert seconds["bear"] > 1000.0 > seconds["can"] > 0.0
 
 
-def test_objects_may_be_named_by_any_iterable(learnt: Path, frame: Frame) -> None:
+def test_objects_may_be_named_by_any_iterable(learnt, frame):
     detector, given = Detector.load(learnt), (frame.rgb, frame.depth, frame.camera_matrix)
     (found,) = detector.detect(*given, objects=(name for name in ["bear"]), **EVERY)
     assert found.object == "bear"
@@ -127,7 +122,7 @@ def test_objects_may_be_named_by_any_iterable(learnt: Path, frame: Frame) -> Non
         detector.detect(frame.rgb[..., 0], frame.depth, frame.camera_matrix)
 
 
-def test_missing_depth_may_be_nan(learnt: Path, frame: Frame) -> None:
+def test_missing_depth_may_be_nan(learnt, frame):
     holes, detector = np.where(frame.depth > 0, frame.depth, np.nan), Detector.load(learnt)
     one, two = (
         detector.detect(frame.rgb, depth, frame.camera_matrix) for depth in (frame.depth, holes)
@@ -138,7 +133,7 @@ def test_missing_depth_may_be_nan(learnt: Path, frame: Frame) -> None:
 HEAVY = ("torch", "pytorch_lightning", "mlflow", "hydra", "omegaconf", "matplotlib", "trimesh")
 
 
-def test_detection_imports_no_framework(learnt: Path, frame: Frame, tmp_path: Path) -> None:
+def test_detection_imports_no_framework(learnt, frame, tmp_path):
     """In a fresh process, from loading to the first pose; nor what only some systems have."""
     np.savez(tmp_path / "frame.npz", rgb=frame.rgb, depth=frame.depth, camera=frame.camera_matrix)
     code = (
@@ -159,8 +154,8 @@ def test_detection_imports_no_framework(learnt: Path, frame: Frame, tmp_path: Pa
 
 
 def test_a_detector_is_pickled_as_its_folder_and_finds_it_from_anywhere(
-    learnt: Path, frame: Frame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    learnt, frame, tmp_path, monkeypatch
+):
     monkeypatch.chdir(learnt.parent)
     detector = pickle.loads(pickle.dumps(Detector.load(f"{learnt.name}/", threads=1)))
     monkeypatch.chdir(tmp_path)
@@ -170,6 +165,6 @@ def test_a_detector_is_pickled_as_its_folder_and_finds_it_from_anywhere(
 
 
 @pytest.mark.parametrize("threads", [1.5, "2", True, 10**6])
-def test_threads_are_a_whole_number(learnt: Path, threads: Any) -> None:
+def test_threads_are_a_whole_number(learnt, threads):
     with pytest.raises(SettingsError, match="threads is"):
         Detector.load(learnt, threads=threads)

@@ -3,9 +3,7 @@
 import json
 import re
 import shutil
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -20,24 +18,24 @@ MODELS = {model.name: model for model in demo_objects().values()}
 
 
 @pytest.fixture
-def folder(learnt: Path, tmp_path: Path) -> Path:
+def folder(learnt, tmp_path):
     """A copy of the learnt objects."""
     return Path(shutil.copytree(learnt, tmp_path / "learnt"))
 
 
-def rewrite(folder: Path, **values: Any) -> None:
+def rewrite(folder, **values):
     """Give the record other values, with a right checksum."""
     record = json.loads((folder / RECORD).read_text()) | values
     record.pop("checksum")
     (folder / RECORD).write_text(json.dumps(sealed(record)))
 
 
-def test_a_folder_holds_nothing_that_runs_code(learnt: Path) -> None:
+def test_a_folder_holds_nothing_that_runs_code(learnt):
     kinds = {path.suffix for path in learnt.rglob("*") if path.is_file()}
     assert kinds <= {".json", ".npz", ".safetensors", ".onnx", ".csv"}, kinds
 
 
-def test_wrong_folders_and_names_are_refused(learnt: Path, folder: Path, tmp_path: Path) -> None:
+def test_wrong_folders_and_names_are_refused(learnt, folder, tmp_path):
     with pytest.raises(MissingFileError, match="no learnt objects"):
         Detector.load(tmp_path)
     mesh, new = write_mesh(tmp_path, MODELS["bear"]), tmp_path / "new"
@@ -58,13 +56,13 @@ def test_wrong_folders_and_names_are_refused(learnt: Path, folder: Path, tmp_pat
         Detector.load(folder)
 
 
-def flip_a_byte(path: Path) -> None:
+def flip_a_byte(path):
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
     path.write_bytes(content)
 
 
-DAMAGE: dict[str, Callable[[Path], object]] = {
+DAMAGE = {
     "flipped": flip_a_byte,
     "cut": lambda path: path.write_bytes(path.read_bytes()[: path.stat().st_size // 2]),
     "gone": Path.unlink,
@@ -72,9 +70,7 @@ DAMAGE: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.mark.parametrize("how", DAMAGE)
-def test_every_damaged_and_missing_file_is_named_before_anything_is_detected(
-    learnt: Path, folder: Path, how: str
-) -> None:
+def test_every_damaged_and_missing_file_is_named_before_anything_is_detected(learnt, folder, how):
     files = [path.relative_to(learnt) for path in learnt.rglob("*") if path.is_file()]
     assert len(files) > 10
     for name in files:
@@ -88,9 +84,7 @@ def test_every_damaged_and_missing_file_is_named_before_anything_is_detected(
 
 
 @pytest.mark.parametrize("file", ["learnt.json", "classifier/weights.safetensors"])
-def test_learning_into_a_damaged_folder_makes_it_again(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str
-) -> None:
+def test_learning_into_a_damaged_folder_makes_it_again(folder, tmp_path, monkeypatch, file):
     """The damaged one is kept; nothing is added to it."""
     from hlp.method.learn import learning
 
@@ -107,7 +101,7 @@ def test_learning_into_a_damaged_folder_makes_it_again(
 
 
 @pytest.mark.parametrize("name", ["../../secret", "/etc", ".", "a/b"])
-def test_a_folder_names_no_file_outside_of_it(folder: Path, name: str) -> None:
+def test_a_folder_names_no_file_outside_of_it(folder, name):
     record = json.loads((folder / RECORD).read_text())
     for changed in ({"objects": {name: 1}}, {"files": {f"classifier/../../{name}": "0"}}):
         rewrite(folder, **(record | changed))
@@ -115,7 +109,7 @@ def test_a_folder_names_no_file_outside_of_it(folder: Path, name: str) -> None:
             Detector.load(folder).warm_up()
 
 
-def test_a_plug_in_that_is_not_installed_is_no_damage(folder: Path) -> None:
+def test_a_plug_in_that_is_not_installed_is_no_damage(folder):
     settings = json.loads((folder / RECORD).read_text())["settings"]
     settings["encoder"]["name"] = "cells"
     rewrite(folder, settings=settings)

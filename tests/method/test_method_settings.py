@@ -18,16 +18,16 @@ from hlp.settings import read_settings
 CONF = Path(__file__).parents[2] / "conf"
 
 
-def composed(*overrides: str) -> MethodSettings:
+def composed(*overrides):
     with initialize_config_dir(str(CONF), version_base="1.3"):
         return build_settings(compose("config", overrides=["output=out", *overrides])).method
 
 
-def test_defaults_are_what_hlp_run_composes_for_any_data() -> None:
+def test_defaults_are_what_hlp_run_composes_for_any_data():
     assert MethodSettings() == composed("data=bop", "data.root=folder")
 
 
-def test_linemod_differs_in_its_range_of_poses_alone() -> None:
+def test_linemod_differs_in_its_range_of_poses_alone():
     linemod = composed("experiment=linemod_bop", "data.root=lm")
     assert linemod.rendering.coverage == "hemisphere"
     assert replace(linemod, rendering=MethodSettings().rendering) == MethodSettings()
@@ -43,12 +43,12 @@ def test_linemod_differs_in_its_range_of_poses_alone() -> None:
         ("refinement=none", "voting=paper", "rendering=pyrender", "trainer=ddp"),
     ],
 )
-def test_they_come_back_from_json(overrides: tuple[str, ...]) -> None:
+def test_they_come_back_from_json(overrides):
     settings = composed(*overrides)
     assert read_settings(MethodSettings, json.loads(json.dumps(asdict(settings)))) == settings
 
 
-def test_reading_them_needs_no_framework() -> None:
+def test_reading_them_needs_no_framework():
     code = (
         "import sys\n"
         "from dataclasses import asdict\n"
@@ -62,10 +62,10 @@ def test_reading_them_needs_no_framework() -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_what_does_not_go_together_is_refused() -> None:
+def test_what_does_not_go_together_is_refused():
     settings = MethodSettings()
     with pytest.raises(ConfigError, match=r"^encoder\.dimension is 150: .* multiples of 4$"):
-        replace(settings, encoder=replace(settings.encoder, dimension=150))  # type: ignore[type-var]
+        replace(settings, encoder=replace(settings.encoder, dimension=150))
     with pytest.raises(ConfigError, match=r"^encoder\.dimension is 433: .* have 432 components$"):
         values = asdict(settings) | {"encoder": {"name": "pca", "dimension": 433}}
         read_settings(MethodSettings, values)

@@ -4,29 +4,24 @@ import doctest
 import json
 import shutil
 import typing
-from pathlib import Path
 from types import FunctionType
-from typing import Any
 
 import numpy as np
 import pytest
 
 import hlp
-from hlp.records import Frame
 
 GIVEN = ("Detection", "Detector", "Tracker")
 
 
-def examples() -> dict[str, doctest.DocTest]:
+def examples():
     finder = doctest.DocTestFinder(exclude_empty=True)
     found = [test for name in GIVEN for test in finder.find(getattr(hlp, name), name)]
     return {test.name: test for test in found if test.examples}
 
 
 @pytest.mark.parametrize("name", examples())
-def test_examples_of_docstrings_run(
-    name: str, learnt: Path, frame: Frame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_examples_of_docstrings_run(name, learnt, frame, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copytree(learnt, "learnt")
     image = hlp.CameraImage(frame.rgb, frame.depth, frame.camera_matrix)
@@ -43,7 +38,7 @@ def test_examples_of_docstrings_run(
     assert not report, "".join(report)
 
 
-def test_public_methods_have_examples() -> None:
+def test_public_methods_have_examples():
     methods = {
         f"Detector.{name}"
         for name, value in vars(hlp.Detector).items()
@@ -52,7 +47,7 @@ def test_public_methods_have_examples() -> None:
     assert methods - examples().keys() == {"Detector.warm_up"}
 
 
-def test_all_of_a_public_signature_is_exported() -> None:
+def test_all_of_a_public_signature_is_exported():
     exported = [getattr(hlp, name) for name in hlp.__all__]
     classes = [value for value in exported if isinstance(value, type)]
     signatures = [
@@ -66,14 +61,14 @@ def test_all_of_a_public_signature_is_exported() -> None:
     assert named and named <= {*classes}
 
 
-def parts(hint: Any) -> set[type]:
+def parts(hint):
     """HLP's classes in a type hint."""
     own = isinstance(hint, type) and getattr(hint, "__module__", "").startswith("hlp.")
     inner = [parts(part) for part in typing.get_args(hint)]
     return set().union(*inner, {hint} if own else set())
 
 
-def test_what_is_printed_and_what_goes_to_json(learnt: Path, frame: Frame) -> None:
+def test_what_is_printed_and_what_goes_to_json(learnt, frame):
     detector = hlp.Detector.load(learnt, threads=1)
     assert repr(detector) == (
         f"Detector({str(learnt)!r}, objects=['bear', 'can'], encoder=pca, codebook=exact, "

@@ -1,5 +1,4 @@
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,14 +12,14 @@ from hlp.method.pyfunc_model import PosesOfImages, example_image
 class OnePerImage:
     """In place of a detector: an object whose score is the first pixel's red."""
 
-    def detect(self, rgb: Any, depth: Any, camera_matrix: Any, **options: Any) -> list[Any]:
+    def detect(self, rgb, depth, camera_matrix, **options):
         assert rgb.shape == (2, 3, 3) and depth.shape == (2, 3) and camera_matrix.shape == (3, 3)
         assert options == {"max_instances": 1}
         found = {"score": float(rgb[0, 0, 0]), "visible_fraction": 0.5, "seconds": 0.25}
         return [SimpleNamespace(object="cat", pose_cam_obj=np.eye(4), residual_mm=1.0, **found)]
 
 
-def images(count: int) -> dict[str, np.ndarray]:
+def images(count):
     rgb = np.zeros((count, 2, 3, 3), np.uint8)
     rgb[:, 0, 0, 0] = np.arange(count)
     return {
@@ -30,8 +29,8 @@ def images(count: int) -> dict[str, np.ndarray]:
     }
 
 
-def test_rows_name_their_image() -> None:
-    model = PosesOfImages(OnePerImage())  # type: ignore[arg-type]
+def test_rows_name_their_image():
+    model = PosesOfImages(OnePerImage())
     rows = model.predict(images(2), {"max_instances": 1})
     assert [(row["image"], row["object"], row["score"]) for row in rows] == [
         (0, "cat", 0.0),
@@ -40,8 +39,8 @@ def test_rows_name_their_image() -> None:
     assert rows[0]["pose_cam_obj"] == np.eye(4).tolist() and "residual_mm" not in rows[0]
 
 
-def test_what_is_missing_or_too_few_is_named() -> None:
-    model = PosesOfImages(OnePerImage())  # type: ignore[arg-type]
+def test_what_is_missing_or_too_few_is_named():
+    model = PosesOfImages(OnePerImage())
     with pytest.raises(InputError, match="depth is missing"):
         model.predict({"rgb": images(1)["rgb"]})
     with pytest.raises(InputError, match="'depth': 1"):
@@ -49,7 +48,7 @@ def test_what_is_missing_or_too_few_is_named() -> None:
 
 
 @pytest.mark.parametrize("model", demo_objects().values(), ids=lambda model: model.name)
-def test_the_example_shows_the_whole_object_in_the_middle(model) -> None:
+def test_the_example_shows_the_whole_object_in_the_middle(model):
     image = example_image(model)
     checked_frame(image.rgb, image.depth, image.camera_matrix)
     seen = image.depth < image.depth.max()

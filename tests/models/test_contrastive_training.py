@@ -7,7 +7,7 @@ from scipy.special import logsumexp
 from hlp.models.encoder import patch_input
 from hlp.models.encoder_training import ContrastiveEncoder, encoder_input
 from hlp.models.network_encoders import ContrastiveSettings
-from hlp.records import LocalPatches
+from view_records import random_patches
 
 # Steps are called without a trainer: their logging has nowhere to go, and says so.
 pytestmark = pytest.mark.filterwarnings("ignore:.*self.trainer.*:UserWarning")
@@ -108,13 +108,10 @@ def test_a_pair_is_never_its_own_neighbour(module):
 
 @pytest.mark.parametrize("kind", ["rgbd", "normals_depth"])
 def test_training_sees_patches_as_detection_does(kind):
-    rng = np.random.default_rng(1)
-    color = rng.integers(0, 256, (5, 32, 32, 3)).astype(np.uint8)
-    depth = rng.uniform(-1, 1, (5, 32, 32)).astype(np.float32)
-    valid = rng.random((5, 32, 32)) < 0.9
-    patches = LocalPatches(color, depth, valid, np.zeros((5, 3)), np.zeros((5, 2)))
-    levels = torch.from_numpy(color).permute(0, 3, 1, 2) / 255.0
-    found = encoder_input(levels, torch.from_numpy(depth), torch.from_numpy(valid), kind)
+    patches = random_patches(5, seed=1)
+    levels = torch.from_numpy(patches.color).permute(0, 3, 1, 2) / 255.0
+    depth, valid = torch.from_numpy(patches.depth), torch.from_numpy(patches.valid)
+    found = encoder_input(levels, depth, valid, kind)
     assert found.shape == (5, 4, 32, 32)
     expected = patch_input(patches, kind).transpose(0, 3, 1, 2)
     np.testing.assert_allclose(found.numpy(), expected, atol=1e-6)

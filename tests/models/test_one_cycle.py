@@ -8,9 +8,9 @@ from hlp.models.one_cycle import one_cycle
 
 @pytest.mark.parametrize("rise", [0.1, 0.2])
 @pytest.mark.parametrize("steps", [1, 2, 5, 9, 10, 11, 20, 100])
-def test_the_rate_rises_and_falls_to_nothing(steps: int, rise: float) -> None:
+def test_the_rate_rises_and_falls_to_nothing(steps, rise):
     optimizer = torch.optim.AdamW([torch.zeros(1, requires_grad=True)], lr=1.0)
-    schedule = one_cycle(optimizer, 1.0, steps, rise)["lr_scheduler"]["scheduler"]  # type: ignore[index, call-overload]
+    schedule = one_cycle(optimizer, 1.0, steps, rise)["lr_scheduler"]["scheduler"]
     rates = []
     for _ in range(steps):
         rates.append(optimizer.param_groups[0]["lr"])

@@ -8,15 +8,12 @@ from hlp.models.classifier_training import HolisticCNN
 from hlp.models.encoder_training import PatchEncoder
 from hlp.models.network import INTEGER, SINGLE, Network
 from hlp.models.onnx_export import export_network, fuse, levels_layer, side_by_side, to_levels
+from networks import trained
 
 
 def trained_encoder():
-    """A network whose batch norms have seen data, as training leaves them."""
     torch.manual_seed(0)
-    network = PatchEncoder((8, 12, 16), 24).train()
-    for _ in range(3):
-        network(torch.rand(16, 4, 32, 32) * 2 - 1)
-    return network
+    return trained(PatchEncoder((8, 12, 16), 24), 32)
 
 
 def unit_images(count, seed):
@@ -94,8 +91,7 @@ def test_a_channel_of_small_weights_keeps_its_bias(tmp_path, weight):
 
 def test_fusing_leaves_out_batch_norm_and_dropout():
     torch.manual_seed(0)
-    network = HolisticCNN(4, 3, (4, 8), 16, 0.5).train()
-    network(torch.randn(16, 4, 64, 64))
+    network = trained(HolisticCNN(4, 3, (4, 8), 16, 0.5), 64)
     fused = fuse(network.layers)
     assert not any(isinstance(each, nn.BatchNorm2d | nn.Dropout) for each in fused)
     images = torch.randn(5, 4, 64, 64)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -5,7 +7,8 @@ from torch.nn import functional
 
 from hlp.models.encoder import normals_with_depth
 from hlp.models.pca import PcaSettings, fit_pca
-from hlp.records import LocalPatches
+from hlp.patches.local import take_patches
+from view_records import random_patches
 
 CELLS = 4
 
@@ -15,13 +18,7 @@ def make_patches(count, seed=0):
     coarse = torch.randn((count, 1, 5, 5), generator=gen)
     depth = functional.interpolate(coarse, (32, 32), mode="bilinear")[:, 0] * 0.3
     valid = torch.rand((count, 32, 32), generator=gen) < 0.95
-    return LocalPatches(
-        np.zeros((count, 32, 32, 3), np.uint8),
-        depth.numpy(),
-        valid.numpy(),
-        np.zeros((count, 3)),
-        np.zeros((count, 2)),
-    )
+    return replace(random_patches(count), depth=depth.numpy(), valid=valid.numpy())
 
 
 def averaged(patches):
@@ -63,7 +60,7 @@ def test_features_are_projections_and_keep_distances():
 def test_a_patch_has_one_feature_in_whatever_company():
     patches = make_patches(50)
     pca = fitted(patches, 8)
-    alone = LocalPatches(*(getattr(patches, name)[7:8] for name in vars(patches)))
+    alone = take_patches(patches, np.array([7]))
     np.testing.assert_allclose(pca.encode(alone)[0], pca.encode(patches)[7], atol=1e-5)
 
 

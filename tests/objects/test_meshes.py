@@ -3,8 +3,6 @@
 import json
 import struct
 import time
-from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -13,7 +11,7 @@ import trimesh
 from PIL import Image
 from scipy.spatial.distance import pdist
 
-from bad_input import Case, check, of_file, written
+from bad_input import check, of_file, written
 from hlp.objects import meshes
 from hlp.objects.mesh_colors import PLAIN_COLOR
 from hlp.objects.meshes import decimate, load_mesh, mesh_diameter
@@ -265,21 +263,21 @@ def test_a_mesh_of_a_million_triangles_is_decimated_when_it_is_loaded(tmp_path):
 BOX = trimesh.creation.box((70, 80, 90))
 
 
-def mesh(name: str, content: str | bytes) -> Any:
+def mesh(name, content):
     return of_file(load_mesh, name, content)
 
 
-def ply(vertices: str, faces: str, count: int = 3, head: str = "ply\nformat ascii 1.0\n") -> str:
+def ply(vertices, faces, count=3, head="ply\nformat ascii 1.0\n"):
     return (
         f"{head}element vertex {count}\nproperty float x\nproperty float y\nproperty float z\n"
         f"element face 1\nproperty list uchar int vertex_indices\nend_header\n{vertices}\n{faces}\n"
     )
 
 
-def textured_mesh(uv: str) -> Any:
+def textured_mesh(uv):
     """A tetrahedron with a texture, one of whose corners has these texture coordinates."""
 
-    def read(folder: Path) -> object:
+    def read(folder):
         pixels = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
         written(folder / "a.png", cv2.imencode(".png", pixels)[1].tobytes())
         written(folder / "a.mtl", "newmtl a\nmap_Kd a.png\n")
@@ -296,7 +294,7 @@ BINARY_STL = bytes(BOX.export(file_type="stl"))
 CORNERS = "0 0 0\n90 0 0\n0 90 0"
 TINY = trimesh.creation.box((0.07, 0.08, 0.09))
 HUGE = trimesh.creation.box((70000, 80000, 90000))
-MESHES: dict[str, Case] = {
+MESHES = {
     "no mesh": (lambda folder: load_mesh(folder / "a.ply"), "no mesh"),
     "mesh: a folder": (load_mesh, "no mesh"),
     "ply: empty": (mesh("a.ply", ""), "cannot be read as a mesh"),
@@ -338,5 +336,5 @@ MESHES: dict[str, Case] = {
 
 
 @pytest.mark.parametrize("case", MESHES)
-def test_what_is_no_mesh_is_said_by_an_error_of_our_own(tmp_path: Path, case: str) -> None:
+def test_what_is_no_mesh_is_said_by_an_error_of_our_own(tmp_path, case):
     check(MESHES[case], tmp_path)

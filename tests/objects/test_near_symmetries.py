@@ -116,11 +116,6 @@ def test_print_breaks_a_continuous_axis_and_leaves_its_own_turns():
     assert len(two.unbroken) >= 1
 
 
-def test_the_same_mesh_gives_the_same_motions():
-    mesh = _mesh(BOX)
-    np.testing.assert_array_equal(_find(mesh).unbroken, _find(mesh).unbroken)
-
-
 def test_motions_near_known_ones_are_left_out():
     turns = Rotation.from_rotvec(np.radians([[0, 0, 4], [0, 0, 90], [0, 0, 180]])).as_matrix()
     motions = np.tile(np.eye(4), (3, 1, 1))

@@ -35,38 +35,36 @@ def _build(path, holistic=None, local=None, **more):
     )
 
 
-def test_sizes_given_in_millimetres_win(mesh_path):
-    model = _build(mesh_path, 150.0, 40.0)
-    assert (model.object_id, model.name) == (4, "cam")
-    assert model.holistic_size == pytest.approx(0.15)
-    assert model.local_size == pytest.approx(0.04)
-
-
-def test_sizes_not_given_follow_the_rules(mesh_path):
+def test_what_is_not_given_follows_the_rules_and_geometry_makes_the_identity(mesh_path):
     model = _build(mesh_path)
+    assert (model.object_id, model.name) == (4, "cam")
     diameter = np.sqrt(0.1**2 + 0.06**2 + 0.08**2)
     assert model.diameter == pytest.approx(diameter)
     assert model.holistic_size == holistic_size(model.mesh.vertices) == 0.09
     assert model.local_size == local_size(diameter)
+    assert len(model.symmetries) == 4
+    assert len(model.mesh.faces) == 48 and len(model.proxy.faces) <= 12
+    sized = _build(mesh_path, 150.0, 40.0)
+    assert (sized.holistic_size, sized.local_size) == pytest.approx((0.15, 0.04))
+    assert model_identity(model) == model_identity(sized)
+    mesh, vertices, colors = model.mesh, model.mesh.vertices.copy(), model.mesh.colors.copy()
+    vertices[0, 0] += 1e-6
+    colors[0, 0] ^= 1
+    changed = [
+        dataclasses.replace(model, mesh=dataclasses.replace(mesh, vertices=vertices)),
+        dataclasses.replace(model, mesh=dataclasses.replace(mesh, colors=colors)),
+        dataclasses.replace(model, proxy=mesh),
+        dataclasses.replace(model, diameter=0.15),
+    ]
+    assert len({model_identity(item) for item in [model, *changed]}) == 5
 
 
 def test_a_listed_diameter_and_symmetries_win(mesh_path):
     symmetries = np.stack([np.eye(4), np.diag([-1.0, -1.0, 1.0, 1.0])])
     model = _build(mesh_path, diameter=0.2, symmetries=symmetries)
-    assert model.diameter == 0.2
-    assert model.local_size == local_size(0.2)
+    assert (model.diameter, model.local_size) == (0.2, local_size(0.2))
     np.testing.assert_array_equal(model.symmetries, symmetries)
     assert len(model.near_symmetries) == 0
-
-
-def test_symmetries_not_given_are_found_in_the_shape(mesh_path):
-    assert len(_build(mesh_path).symmetries) == 4
-
-
-def test_the_proxy_is_the_decimated_mesh(mesh_path):
-    model = _build(mesh_path)
-    assert len(model.mesh.faces) == 48
-    assert len(model.proxy.faces) <= 12
 
 
 @pytest.mark.parametrize(
@@ -82,22 +80,6 @@ def test_two_objects_of_one_id_and_none_at_all_are_refused():
         check_unique({"cam": ObjectSettings(4, None, None), "can": ObjectSettings(4, 1.0, 1.0)})
     with pytest.raises(ValueError, match="no object"):
         check_unique({})
-
-
-def test_identity_follows_geometry_but_not_patch_sizes(mesh_path):
-    model = _build(mesh_path)
-    assert model_identity(model) == model_identity(_build(mesh_path, 150.0, 40.0))
-    vertices = model.mesh.vertices.copy()
-    vertices[0, 0] += 1e-6
-    colors = model.mesh.colors.copy()
-    colors[0, 0] ^= 1
-    changed = [
-        dataclasses.replace(model, mesh=dataclasses.replace(model.mesh, vertices=vertices)),
-        dataclasses.replace(model, mesh=dataclasses.replace(model.mesh, colors=colors)),
-        dataclasses.replace(model, proxy=model.mesh),
-        dataclasses.replace(model, diameter=0.15),
-    ]
-    assert len({model_identity(item) for item in [model, *changed]}) == 5
 
 
 OBJECTS = Path(__file__).parents[2] / "conf" / "data" / "objects" / "linemod.yaml"
@@ -140,7 +122,7 @@ def test_the_configuration_holds_what_the_rules_give(shared_data):
         assert (entry["holistic_size_mm"], entry["local_size_mm"]) == (holistic, local), name
 
 
-def perforated_plate() -> trimesh.Trimesh:
+def perforated_plate():
     """A plate with many round holes: large flat faces, most triangles on the holes' walls."""
     parts = []
     for x in range(8):
@@ -151,7 +133,7 @@ def perforated_plate() -> trimesh.Trimesh:
     return trimesh.util.concatenate(parts)
 
 
-def silhouettes(mesh, diameter: float) -> np.ndarray:
+def silhouettes(mesh, diameter):
     camera = np.array([[1000.0, 0, 60], [0, 1000.0, 60], [0, 0, 1]])
     turn = trimesh.transformations.rotation_matrix
     middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
@@ -163,7 +145,7 @@ def silhouettes(mesh, diameter: float) -> np.ndarray:
     return render_depth(mesh, np.array(poses), camera, (120, 120)) > 0
 
 
-def test_a_part_of_many_small_features_keeps_them() -> None:
+def test_a_part_of_many_small_features_keeps_them():
     mesh = as_mesh(perforated_plate())
     diameter = mesh_diameter(mesh.vertices)
     proxy = build_proxy(mesh, 200, diameter)
@@ -172,12 +154,12 @@ def test_a_part_of_many_small_features_keeps_them() -> None:
     assert (full & drawn).sum() > 0.85 * (full | drawn).sum()
 
 
-def test_a_smooth_surface_needs_no_more_triangles_than_are_asked_for() -> None:
+def test_a_smooth_surface_needs_no_more_triangles_than_are_asked_for():
     mesh = as_mesh(trimesh.creation.icosphere(subdivisions=4, radius=0.05))
     assert len(build_proxy(mesh, 500, 0.1).faces) <= 500
 
 
-def test_a_mesh_of_few_triangles_stays_and_too_few_are_refused() -> None:
+def test_a_mesh_of_few_triangles_stays_and_too_few_are_refused():
     mesh = as_mesh(trimesh.creation.box((0.1, 0.05, 0.02)))
     assert build_proxy(mesh, 500, 0.12) is mesh
     with pytest.raises(ConfigError, match="at least 4 faces"):

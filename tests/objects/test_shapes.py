@@ -3,12 +3,11 @@ import pytest
 import trimesh
 
 from hlp.objects import shapes
-from hlp.records import Mesh
 
 GREY = (120, 120, 120)
 
 
-def as_trimesh(mesh: Mesh) -> trimesh.Trimesh:
+def as_trimesh(mesh):
     return trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
 
 
@@ -23,7 +22,7 @@ def as_trimesh(mesh: Mesh) -> trimesh.Trimesh:
     ],
     ids=["cylinder", "ellipsoid", "box", "tube", "cone"],
 )
-def test_shapes_are_closed_and_enclose_their_volume(mesh: Mesh, volume: float) -> None:
+def test_shapes_are_closed_and_enclose_their_volume(mesh, volume):
     solid = as_trimesh(mesh)
     assert solid.is_watertight
     assert solid.is_winding_consistent
@@ -32,7 +31,7 @@ def test_shapes_are_closed_and_enclose_their_volume(mesh: Mesh, volume: float) -
 
 
 @pytest.mark.parametrize("rounding", [0.002, 0.01, 0.02])
-def test_rounded_box_has_its_size_and_rounded_corners(rounding: float) -> None:
+def test_rounded_box_has_its_size_and_rounded_corners(rounding):
     mesh = shapes.rounded_box((0.04, 0.06, 0.08), rounding, GREY)
     np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), (0.04, 0.06, 0.08), atol=1e-12)
     corner = np.array([0.02, 0.03, 0.04])
@@ -40,7 +39,7 @@ def test_rounded_box_has_its_size_and_rounded_corners(rounding: float) -> None:
     assert nearest >= (np.sqrt(3) - 1) * rounding - 1e-9
 
 
-def test_ellipsoid_normals_are_those_of_its_gradient() -> None:
+def test_ellipsoid_normals_are_those_of_its_gradient():
     radii = np.array([0.03, 0.04, 0.05])
     mesh = shapes.ellipsoid(radii, GREY)
     gradient = mesh.vertices / radii**2
@@ -48,7 +47,7 @@ def test_ellipsoid_normals_are_those_of_its_gradient() -> None:
     assert np.einsum("ij,ij->i", gradient, mesh.normals).min() > np.cos(np.radians(3))
 
 
-def test_moved_turns_then_shifts_vertices_and_normals() -> None:
+def test_moved_turns_then_shifts_vertices_and_normals():
     mesh = shapes.cylinder(0.01, 0.1, GREY)
     lying = shapes.moved(mesh, (0.0, 0.0, 1.0), (0, 90, 0))
     np.testing.assert_allclose(lying.vertices[:, 0], mesh.vertices[:, 2], atol=1e-12)
@@ -56,7 +55,7 @@ def test_moved_turns_then_shifts_vertices_and_normals() -> None:
     np.testing.assert_allclose(lying.normals[:, 0], mesh.normals[:, 2], atol=1e-12)
 
 
-def test_merge_keeps_triangles_and_colors_of_each_part() -> None:
+def test_merge_keeps_triangles_and_colors_of_each_part():
     red = shapes.ellipsoid((0.01, 0.01, 0.01), (200, 0, 0))
     blue = shapes.moved(shapes.cylinder(0.01, 0.02, (0, 0, 200)), (1.0, 0.0, 0.0))
     both = shapes.merge([red, blue])

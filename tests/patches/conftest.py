@@ -4,26 +4,26 @@ import numpy as np
 import pytest
 
 from hlp.data.synthetic.objects import demo_objects
-from hlp.records import Frame, ObjectModel, Views
+from hlp.records import Frame
 from hlp.rendering.views import ViewsSettings, render_views
 
 SETTINGS = ViewsSettings("numba", 12, "hemisphere", -10.0, 10.0, 3, 700.0, 300.0, 72)
 
 
 @pytest.fixture(scope="session")
-def model() -> ObjectModel:
+def model():
     """A demo object, not symmetric; its sizes are set so that a view holds whole windows."""
     first = next(iter(demo_objects().values()))
     return dataclasses.replace(first, holistic_size=0.10, local_size=0.04)
 
 
 @pytest.fixture(scope="session")
-def views(model: ObjectModel) -> Views:
+def views(model):
     return render_views(model, SETTINGS, seed=1, progress=False)
 
 
 @pytest.fixture(scope="session")
-def room() -> Frame:
+def room():
     """A slanted wall seen by a camera, with a hole in its depth."""
     y, x = np.mgrid[:96, :128]
     depth = (0.8 + 0.002 * x).astype(np.float32)

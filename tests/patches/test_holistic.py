@@ -12,7 +12,7 @@ from hlp.patches.holistic import (
     pixel_grid,
     region_weights,
 )
-from hlp.records import Frame, Region
+from hlp.records import Region
 
 CAMERA = np.array([[570.0, 0.0, 320.0], [0.0, 574.0, 240.0], [0.0, 0.0, 1.0]])
 
@@ -74,7 +74,7 @@ def test_depth_code_counts_in_steps_of_the_metric_size():
     np.testing.assert_allclose(decoded, expected, atol=0.2 / 127 * 1.01)
 
 
-def test_cut_windows_holds_the_colour_and_the_coded_depth_of_each(room: Frame):
+def test_cut_windows_holds_the_colour_and_the_coded_depth_of_each(room):
     windows = metric_windows(room.depth, room.camera_matrix, 0.1, 16)
     color, code = cut_windows(room.rgb, room.depth, windows, 0.1, 12)
     assert color.shape == (len(windows.sides), 12, 12, 3)

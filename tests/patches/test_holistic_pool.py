@@ -11,7 +11,6 @@ from hlp.patches.holistic_pool import (
     bake_backgrounds,
     bake_windows,
 )
-from hlp.records import Frame
 
 SETTINGS = HolisticPoolSettings(
     per_object=144,
@@ -107,7 +106,7 @@ def test_scale_jitter_is_bounded(views, model, cuts):
     assert ratio.std() > 0.02
 
 
-def test_backgrounds_are_photographs_and_windows_of_frames(room: Frame):
+def test_backgrounds_are_photographs_and_windows_of_frames(room):
     crops = np.random.default_rng(0).integers(0, 256, (7, 24, 24, 3)).astype(np.uint8)
     frames = [room, dataclasses.replace(room, frame_id=2)]
     pool = bake_backgrounds(crops, [frames, []], [0.1, 0.2], 24, 30, np.random.default_rng(0))
@@ -118,7 +117,7 @@ def test_backgrounds_are_photographs_and_windows_of_frames(room: Frame):
     assert (np.abs(pool.depth[7:, 12, 12].astype(int) - 128) < 10).mean() > 0.7
 
 
-def test_every_group_of_frames_gives_as_many_backgrounds(room: Frame):
+def test_every_group_of_frames_gives_as_many_backgrounds(room):
     red = dataclasses.replace(room, rgb=np.broadcast_to([255, 0, 0], room.rgb.shape).astype("u1"))
     crops = np.zeros((0, 24, 24, 3), np.uint8)
     pool = bake_backgrounds(crops, [[red], [room] * 3], [0.1], 24, 30, np.random.default_rng(0))
@@ -142,7 +141,7 @@ def test_the_odds_of_an_object_are_those_of_its_windows(views, model, objects):
     )
 
 
-def test_a_frame_without_depth_gives_no_background(room: Frame):
+def test_a_frame_without_depth_gives_no_background(room):
     blind = dataclasses.replace(room, depth=np.zeros_like(room.depth))
     crops = np.zeros((2, 24, 24, 3), np.uint8)
     pool = bake_backgrounds(crops, [[blind]], [0.1], 24, 10, np.random.default_rng(0))

@@ -8,19 +8,19 @@ from hlp.patches.window_choice import CloserSettings, first_region, likely_place
 from hlp.records import Region
 
 
-def region_of(centers: list[tuple[float, float]], probabilities: list[float]) -> Region:
+def region_of(centers, probabilities):
     mask = np.zeros((60, 80), dtype=bool)
     return Region(4, np.array(centers, float).reshape(-1, 2), np.array(probabilities), mask)
 
 
-def test_a_window_beside_a_likelier_one_is_no_place_of_its_own() -> None:
+def test_a_window_beside_a_likelier_one_is_no_place_of_its_own():
     rng = np.random.default_rng(2)
     centers = rng.uniform(0, 60, (200, 2))
     region = Region(4, centers, rng.uniform(0, 1, 200), np.zeros((60, 80), dtype=bool))
     radii = rng.uniform(5, 15, 200)
     rows = likely_places(region, radii, 8)
     assert len(rows) == 8
-    expected: list[int] = []  # one after another, by their definition
+    expected = []  # one after another, by their definition
     for row in np.argsort(-region.probabilities):
         near = [np.linalg.norm(centers[row] - centers[k]) < radii[k] for k in expected]
         if not any(near):
@@ -28,14 +28,14 @@ def test_a_window_beside_a_likelier_one_is_no_place_of_its_own() -> None:
     assert rows.tolist() == expected[:8]
 
 
-def test_improbable_windows_are_no_places() -> None:
+def test_improbable_windows_are_no_places():
     region = region_of([(10, 10), (50, 10), (70, 50)], [0.5, 0.01, 0.3])
     assert likely_places(region, np.full(3, 5.0), 9).tolist() == [0, 2]
     none = region_of([], [])
     assert likely_places(none, np.zeros(0), 9).tolist() == []
 
 
-def test_squares_of_a_few_places_at_a_time() -> None:
+def test_squares_of_a_few_places_at_a_time():
     region = region_of([(10, 10), (40, 10), (70, 50)], [0.2, 0.4, 0.3])
     settings = CloserSettings(places=3, together=2, side=1.0)
     first, second = likely_regions(region, np.full(3, 6.0), settings)
@@ -46,13 +46,13 @@ def test_squares_of_a_few_places_at_a_time() -> None:
 
 
 @pytest.mark.parametrize("places", [None, 1])
-def test_no_more_places_than_asked_for(places: int | None) -> None:
+def test_no_more_places_than_asked_for(places):
     region = region_of([(10, 10), (40, 10)], [0.2, 0.4])
     found = list(likely_regions(region, np.full(2, 6.0), CloserSettings(places=places)))
     assert len(found) == (places or 0)
 
 
-def test_of_a_large_region_the_likeliest_windows_come_first() -> None:
+def test_of_a_large_region_the_likeliest_windows_come_first():
     rng = np.random.default_rng(5)
     centers, probabilities = rng.uniform(0, (640, 480), (400, 2)), rng.uniform(0, 1, 400)
     radii = np.full(400, 40.0)
@@ -70,7 +70,7 @@ def test_of_a_large_region_the_likeliest_windows_come_first() -> None:
     assert any((found.mask == area).all() for area in areas)
 
 
-def test_a_small_region_is_searched_whole() -> None:
+def test_a_small_region_is_searched_whole():
     mask = np.zeros((60, 80), dtype=bool)
     mask[10:30, 10:30] = True
     region = Region(4, np.array([[20.0, 20.0]]), np.array([0.9]), mask)

@@ -1,51 +1,42 @@
 """Which hypotheses are refined and in what order, which one is chosen, and how it is polished."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
-from hlp.records import Hypotheses, ObjectModel, Refinement
-from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
-from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
-from refinement_scene import CAMERA, Scene, disturbed, error, shifted_model
+from hlp.records import Hypotheses, Refinement
+from hlp.refinement.choice import refine_and_choose
+from hlp.refinement.verification import Verifier, observe
+from refinement_scene import CAMERA, disturbed, error, shifted_model
 
 
 class Recorder:
     """Leaves poses where they are and records its calls."""
 
-    def __init__(self) -> None:
-        self.asked: list[np.ndarray] = []
-        self.spent: list[float] = []
-        self.polished: list[np.ndarray] = []
+    def __init__(self):
+        self.asked = []
+        self.spent = []
+        self.polished = []
 
     def refine(
-        self, model: ObjectModel, observation: Observation,
-        hypotheses: Hypotheses, seed: int, spent: float = 0.0,
-    ) -> list[Refinement]:  # fmt: skip
+        self, model, observation,
+        hypotheses, seed, spent=0.0):  # fmt: skip
         self.asked.append(hypotheses.poses_cam_obj)
         self.spent.append(spent)
         return [Refinement(pose, 1) for pose in hypotheses.poses_cam_obj]
 
     def polish(
-        self, model: ObjectModel, observation: Observation,
-        answer: Refinement, seed: int, spent: float = 0.0,
-    ) -> Refinement:  # fmt: skip
+        self, model, observation,
+        answer, seed, spent=0.0):  # fmt: skip
         self.polished.append(answer.pose_cam_obj)
         self.spent.append(spent)
         return Refinement(answer.pose_cam_obj, answer.iterations + 1)
 
 
 def try_to_choose(
-    scene: Scene,
-    verification: VerificationSettings,
-    refiner: Recorder,
-    poses: np.ndarray,
-    candidates: int = 8,
-    max_improvement: float = 0.1,
-    support: np.ndarray | None = None,
-) -> RefinedHypotheses | None:
+    scene, verification, refiner, poses, candidates=8, max_improvement=0.1, support=None
+):
     # By default all have the same support, which therefore adds nothing to the cost.
     hypotheses = Hypotheses(poses, np.ones(len(poses)) if support is None else support)
     settings = replace(verification, candidates=candidates, max_improvement=max_improvement)
@@ -53,21 +44,19 @@ def try_to_choose(
     return refine_and_choose(refiner, Verifier(scene.model, settings), seen, hypotheses, seed=3)
 
 
-def choose(*args: Any, **options: Any) -> RefinedHypotheses:
+def choose(*args, **options):
     result = try_to_choose(*args, **options)
     assert result is not None
     return result
 
 
 @pytest.fixture
-def poses(scene: Scene) -> np.ndarray:
+def poses(scene):
     """From bad to good: the last is right."""
     return np.stack([disturbed(scene, 12 * k, 6 * k, seed=k) for k in range(6)][::-1])
 
 
-def test_the_best_is_found_refined_first_and_polished(
-    scene: Scene, verification: VerificationSettings, poses: np.ndarray
-) -> None:
+def test_the_best_is_found_refined_first_and_polished(scene, verification, poses):
     refiner = Recorder()
     result = choose(scene, verification, refiner, poses, max_improvement=1.0)
     assert len(refiner.asked) == 3 and len(result.refined) == len(result.costs) == 6
@@ -81,18 +70,14 @@ def test_the_best_is_found_refined_first_and_polished(
     assert 0 < refiner.spent[0] < refiner.spent[1] < refiner.spent[-1]
 
 
-def test_no_more_are_refined_than_asked_for(
-    scene: Scene, verification: VerificationSettings, poses: np.ndarray
-) -> None:
+def test_no_more_are_refined_than_asked_for(scene, verification, poses):
     result = choose(scene, verification, Recorder(), poses, candidates=3, max_improvement=1.0)
     observation = observe(scene.rgb, scene.depth, CAMERA, verification)
     costs = Verifier(scene.model, verification).costs(observation, poses)
     np.testing.assert_array_equal(result.sources, np.argsort(costs)[:3])
 
 
-def test_hypotheses_that_cost_far_more_are_not_refined(
-    scene: Scene, verification: VerificationSettings, poses: np.ndarray
-) -> None:
+def test_hypotheses_that_cost_far_more_are_not_refined(scene, verification, poses):
     observation = observe(scene.rgb, scene.depth, CAMERA, verification)
     costs = np.sort(Verifier(scene.model, verification).costs(observation, poses))
     apart = costs[2] - costs[0]
@@ -102,9 +87,7 @@ def test_hypotheses_that_cost_far_more_are_not_refined(
     assert len(few.refined) == 2 < len(more.refined)
 
 
-def test_costly_hypotheses_of_little_support_are_not_refined(
-    scene: Scene, verification: VerificationSettings, poses: np.ndarray
-) -> None:
+def test_costly_hypotheses_of_little_support_are_not_refined(scene, verification, poses):
     observation = observe(scene.rgb, scene.depth, CAMERA, verification)
     costs = Verifier(scene.model, verification).costs(observation, poses)
     limit = float(np.sort(costs)[1:3].mean())
@@ -123,20 +106,17 @@ def test_costly_hypotheses_of_little_support_are_not_refined(
 class Polisher(Recorder):
     """Polishes every pose to a given one."""
 
-    def __init__(self, polished: np.ndarray) -> None:
+    def __init__(self, polished):
         super().__init__()
         self.result = polished
 
     def polish(
-        self, model: ObjectModel, observation: Observation,
-        answer: Refinement, seed: int, spent: float = 0.0,
-    ) -> Refinement:  # fmt: skip
+        self, model, observation,
+        answer, seed, spent=0.0):  # fmt: skip
         return Refinement(self.result, answer.iterations + 1)
 
 
-def test_the_cost_is_that_of_the_polished_pose(
-    scene: Scene, verification: VerificationSettings, poses: np.ndarray
-) -> None:
+def test_the_cost_is_that_of_the_polished_pose(scene, verification, poses):
     """Among the other refined poses, whose costs stay as they are."""
     coarse = poses[:4]
     result = choose(scene, verification, Polisher(scene.pose), coarse, max_improvement=1.0)
@@ -151,18 +131,14 @@ def test_the_cost_is_that_of_the_polished_pose(
     np.testing.assert_array_equal(result.costs[others], plain.costs[others])
 
 
-def test_a_polish_that_makes_the_pose_worse_is_undone(
-    scene: Scene, verification: VerificationSettings, poses: np.ndarray
-) -> None:
+def test_a_polish_that_makes_the_pose_worse_is_undone(scene, verification, poses):
     result = choose(scene, verification, Polisher(poses[0]), poses)
     plain = choose(scene, verification, Recorder(), poses)
     np.testing.assert_array_equal(result.refined[result.best].pose_cam_obj, poses[-1])
     np.testing.assert_array_equal(result.costs, plain.costs)
 
 
-def test_hypotheses_behind_the_camera_or_not_finite_are_dropped(
-    scene: Scene, verification: VerificationSettings, poses: np.ndarray
-) -> None:
+def test_hypotheses_behind_the_camera_or_not_finite_are_dropped(scene, verification, poses):
     bad = poses.copy()
     bad[0, 0, 0] = np.nan
     bad[2, 2, 3] *= -1.0
@@ -174,18 +150,14 @@ def test_hypotheses_behind_the_camera_or_not_finite_are_dropped(
     assert result.sources[result.best] == 5
 
 
-def test_without_a_hypothesis_in_front_of_the_camera_there_is_no_result(
-    scene: Scene, verification: VerificationSettings, poses: np.ndarray
-) -> None:
+def test_without_a_hypothesis_in_front_of_the_camera_there_is_no_result(scene, verification, poses):
     poses[:, 2, 3] *= -1.0
     refiner = Recorder()
     assert try_to_choose(scene, verification, refiner, poses) is None
     assert refiner.asked == [] and refiner.polished == []
 
 
-def test_the_origin_may_lie_behind_the_camera(
-    scene: Scene, verification: VerificationSettings, poses: np.ndarray
-) -> None:
+def test_the_origin_may_lie_behind_the_camera(scene, verification, poses):
     """A mesh whose coordinates are a metre off gives the same poses in the camera."""
     along_axis = scene.pose[2, :3]  # the optical axis in object coordinates
     model, shifted = shifted_model(scene.model, along_axis, poses)

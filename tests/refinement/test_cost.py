@@ -9,13 +9,13 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from hlp.geometry import project
-from hlp.refinement.cost import CostSettings, DepthCost
+from hlp.refinement.cost import DepthCost
 from hlp.refinement.cost_kernel import WORST, depth_edges
 from hlp.rendering.rasterizer import render_depth
-from refinement_scene import CAMERA, SHAPE, Scene, as_mesh, disturbed
+from refinement_scene import CAMERA, SHAPE, as_mesh, disturbed
 
 
-def slow_edges(depth: np.ndarray, step: float) -> np.ndarray:
+def slow_edges(depth, step):
     """Pixel by pixel: a 4-neighbour is empty or lies farther by more than the step."""
     height, width = depth.shape
     edges = np.zeros(depth.shape, dtype=bool)
@@ -26,9 +26,7 @@ def slow_edges(depth: np.ndarray, step: float) -> np.ndarray:
     return edges
 
 
-def slow_cost(
-    scene: Scene, cost: DepthCost, coarse: np.ndarray, pose: np.ndarray, s: CostSettings
-) -> float:
+def slow_cost(scene, cost, coarse, pose, s):
     """Eq. 2 on the region's grid, with NumPy and a k-d tree over the observed edgelets."""
     observed, camera = cost.observed, cost.camera_matrix
     first, rendered = render_depth(
@@ -58,9 +56,7 @@ def slow_cost(
 
 
 @pytest.mark.parametrize("changes", [{}, {"uncovered_cost": 0.0, "roi_size": 50}])
-def test_cost_equals_the_slow_reference(
-    scene: Scene, cost_settings: CostSettings, changes: dict[str, float]
-) -> None:
+def test_cost_equals_the_slow_reference(scene, cost_settings, changes):
     settings = replace(cost_settings, **changes)
     coarse = disturbed(scene, 12, 12, seed=1)
     cost = DepthCost(scene.model.proxy, scene.depth, CAMERA, coarse, settings)
@@ -70,9 +66,7 @@ def test_cost_equals_the_slow_reference(
     np.testing.assert_allclose(cost.evaluate(poses), expected, atol=1e-6)
 
 
-def test_edges_are_compared_with_those_of_their_own_direction(
-    scene: Scene, cost_settings: CostSettings
-) -> None:
+def test_edges_are_compared_with_those_of_their_own_direction(scene, cost_settings):
     """With distances given by direction, against loops written here; the rest stays as it is."""
     pose = disturbed(scene, 6, 6, seed=2)
     given = np.random.default_rng(1).uniform(0, 30, (4, *scene.depth.shape)).astype(np.float32)
@@ -108,9 +102,7 @@ def test_edges_are_compared_with_those_of_their_own_direction(
     np.testing.assert_array_equal(np.delete(found, 3), np.delete(others, 3))
 
 
-def test_an_open_mesh_costs_the_same_from_its_inside(
-    scene: Scene, cost_settings: CostSettings
-) -> None:
+def test_an_open_mesh_costs_the_same_from_its_inside(scene, cost_settings):
     """Without its culled triangles a mesh is open: nothing may be culled then."""
     model = scene.model
     half = replace(model.proxy, faces=model.proxy.faces[::2, ::-1])
@@ -121,9 +113,7 @@ def test_an_open_mesh_costs_the_same_from_its_inside(
 
 
 @pytest.mark.parametrize("opened", [False, True])
-def test_pixels_are_those_of_the_reference_renderer(
-    scene: Scene, cost_settings: CostSettings, opened: bool
-) -> None:
+def test_pixels_are_those_of_the_reference_renderer(scene, cost_settings, opened):
     """Single precision draws what double precision draws: small triangles, slivers, cut objects."""
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.05)
     ball.apply_scale([1.0, 1.0, 0.02])  # slivers where it bends
@@ -145,9 +135,7 @@ def test_pixels_are_those_of_the_reference_renderer(
     np.testing.assert_allclose(drawn_pixels, expected_pixels, atol=1)
 
 
-def test_region_samples_pixels_of_the_image_under_its_own_camera(
-    scene: Scene, cost_settings: CostSettings
-) -> None:
+def test_region_samples_pixels_of_the_image_under_its_own_camera(scene, cost_settings):
     """A ramp as depth says where each sample comes from: at most half a pixel from its ray."""
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     for size in (1000, 96, 41):
@@ -170,7 +158,7 @@ def test_region_samples_pixels_of_the_image_under_its_own_camera(
     )
 
 
-def test_edges_are_on_the_near_side() -> None:
+def test_edges_are_on_the_near_side():
     depth = np.full((6, 8), 1.0)
     depth[:, 4:] = 0.9
     depth[2, 1] = 0.0
@@ -184,9 +172,7 @@ def test_edges_are_on_the_near_side() -> None:
 
 
 @pytest.mark.parametrize("fill", [0.0, np.nan])
-def test_without_depth_or_out_of_the_image_the_cost_is_the_worst(
-    scene: Scene, cost_settings: CostSettings, fill: float
-) -> None:
+def test_without_depth_or_out_of_the_image_the_cost_is_the_worst(scene, cost_settings, fill):
     empty = np.full(SHAPE, fill, dtype=np.float32)
     away, behind = scene.pose.copy(), scene.pose.copy()
     away[0, 3], behind[2, 3] = 5.0, -1.0
@@ -195,7 +181,7 @@ def test_without_depth_or_out_of_the_image_the_cost_is_the_worst(
         assert cost.evaluate(pose[None])[0] == WORST
 
 
-def test_what_is_not_finite_is_missing() -> None:
+def test_what_is_not_finite_is_missing():
     depth = np.full((5, 5), 1.0)
     depth[2, 2] = 0.0
     missing = depth_edges(depth, 0.1)

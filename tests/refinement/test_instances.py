@@ -1,34 +1,21 @@
 """Several instances of one object in a frame: each is chosen once, on pixels of its own."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-import pytest
 
 from hlp.geometry import transform
 from hlp.records import Hypotheses, Refinement
-from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
+from hlp.refinement.choice import refine_and_choose
 from hlp.refinement.pso import PsoSettings
 from hlp.refinement.refiner import NoneSettings
-from hlp.refinement.verification import VerificationSettings, Verifier, observe
+from hlp.refinement.verification import Verifier, observe
 from hlp.rendering.light import FRONTAL_LIGHT
 from hlp.rendering.rasterizer import render_scene
-from refinement_scene import CAMERA, SHAPE, Scene, disturbed, make_row
+from refinement_scene import CAMERA, SHAPE, disturbed
 
 
-@pytest.fixture(scope="module")
-def row() -> list[Scene]:
-    return make_row()
-
-
-def find(
-    row: list[Scene],
-    poses: np.ndarray,
-    verification: VerificationSettings,
-    count: int,
-    **given: Any,
-) -> RefinedHypotheses | None:
+def find(row, poses, verification, count, **given):
     refiner = given.get("settings", NoneSettings()).build(1)
     scene = row[0]
     settings = replace(
@@ -45,12 +32,12 @@ def find(
     )
 
 
-def centres(row: list[Scene], found: RefinedHypotheses) -> np.ndarray:
+def centres(row, found):
     poses = np.stack([found.refined[i].pose_cam_obj for i in found.instances])
     return transform(poses, row[0].model.centroid[None])[:, 0]
 
 
-def test_every_instance_is_found_once(row: list[Scene], verification: VerificationSettings) -> None:
+def test_every_instance_is_found_once(row, verification):
     """Though the hypotheses near the first one all cost less than those of the last, hidden one."""
     poses = np.concatenate(
         [[disturbed(scene, 1.0 + k, 1.0 + k, seed=k) for k in range(5)] for scene in row]
@@ -67,9 +54,7 @@ def test_every_instance_is_found_once(row: list[Scene], verification: Verificati
     assert (costs < 0.3).all() and costs[2] > costs[:2].max()
 
 
-def test_there_are_no_more_instances_than_things_to_stand_on(
-    row: list[Scene], verification: VerificationSettings
-) -> None:
+def test_there_are_no_more_instances_than_things_to_stand_on(row, verification):
     """Hypotheses on explained pixels are no further instance, however many are asked for."""
     poses = np.stack([disturbed(row[1], 2.0 * k, 2.0 * k, seed=k) for k in range(6)])
     found = find(row, poses, verification, 4)
@@ -79,22 +64,20 @@ def test_there_are_no_more_instances_than_things_to_stand_on(
 class Attracted:
     """Whatever it refines becomes one pose."""
 
-    def __init__(self, pose: np.ndarray) -> None:
+    def __init__(self, pose):
         self._refined = Refinement(pose, 1)
 
-    def build(self, threads: int) -> "Attracted":
+    def build(self, threads):
         return self
 
-    def refine(self, _model: Any, _seen: Any, batch: Hypotheses, *_: Any) -> Any:
+    def refine(self, _model, _seen, batch, *_):
         return [self._refined] * len(batch.poses_cam_obj)
 
-    def polish(self, *_: Any) -> Refinement:
+    def polish(self, *_):
         return self._refined
 
 
-def test_what_is_refined_onto_a_chosen_instance_is_never_the_cheapest(
-    row: list[Scene], verification: VerificationSettings
-) -> None:
+def test_what_is_refined_onto_a_chosen_instance_is_never_the_cheapest(row, verification):
     """Then no free pose is left, though more were refined; each of them has a cost."""
     poses = np.stack([row[1].pose, row[1].pose, disturbed(row[0], 2.0, 2.0, seed=1)])
     attracted = Attracted(row[1].pose)
@@ -104,9 +87,7 @@ def test_what_is_refined_onto_a_chosen_instance_is_never_the_cheapest(
     assert len(found.costs) == len(found.sources) == 3
 
 
-def test_the_first_instance_does_not_depend_on_how_many_are_asked_for(
-    row: list[Scene], verification: VerificationSettings
-) -> None:
+def test_the_first_instance_does_not_depend_on_how_many_are_asked_for(row, verification):
     poses = np.stack([disturbed(scene, 3.0, 3.0, seed=k) for k, scene in enumerate(row)])
     one, three = (find(row, poses, verification, count) for count in (1, 3))
     assert one is not None and three is not None
@@ -116,9 +97,7 @@ def test_the_first_instance_does_not_depend_on_how_many_are_asked_for(
     assert one.costs[one.best] == three.costs[three.best]
 
 
-def test_explained_pixels_have_no_depth_and_others_keep_theirs(
-    row: list[Scene], verification: VerificationSettings
-) -> None:
+def test_explained_pixels_have_no_depth_and_others_keep_theirs(row, verification):
     scene = row[1]
     verifier = Verifier(scene.model, verification)
     before = observe(scene.rgb, scene.depth, CAMERA, verification)
@@ -133,9 +112,7 @@ def test_explained_pixels_have_no_depth_and_others_keep_theirs(
     )
 
 
-def test_only_a_search_without_known_number_is_kept_short(
-    row: list[Scene], verification: VerificationSettings
-) -> None:
+def test_only_a_search_without_known_number_is_kept_short(row, verification):
     """Of eight free hypotheses for the second instance, all are refined if it is known to exist."""
     poses = np.stack([row[0].pose, *(disturbed(row[1], 6.0, 6.0, seed=k) for k in range(8))])
     known = find(row, poses, verification, 2)
@@ -144,13 +121,11 @@ def test_only_a_search_without_known_number_is_kept_short(
     assert len(open_end.refined) < len(known.refined) == 9
 
 
-def test_an_instance_that_is_not_good_enough_is_the_last(
-    row: list[Scene], verification: VerificationSettings
-) -> None:
+def test_an_instance_that_is_not_good_enough_is_the_last(row, verification):
     poses = np.stack([disturbed(scene, 3.0, 3.0, seed=k) for k, scene in enumerate(row)])
-    asked: list[np.ndarray] = []
+    asked = []
 
-    def second_is_not(pose: np.ndarray) -> bool:
+    def second_is_not(pose):
         asked.append(pose)
         return len(asked) < 2
 

@@ -4,21 +4,21 @@ import numpy as np
 import pytest
 
 from hlp.refinement.pose_fit import PoseFit, measure_fit, relief_correlation, slope_correlation
-from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
+from hlp.refinement.verification import VerificationSettings, Verifier, observe
 from hlp.rendering.rasterizer import render_depth
-from refinement_scene import CAMERA, Scene, disturbed, make_scene
+from refinement_scene import CAMERA, disturbed
 
 SETTINGS = VerificationSettings()
 
 
-def bumps(seed: int) -> np.ndarray:
+def bumps(seed):
     """A smooth surface (m) at about 1 m."""
     y, x = np.mgrid[0.0:80.0, 0.0:100.0]
     a, b, c = np.random.default_rng(seed).uniform(0.05, 0.12, 3)
     return np.asarray(1.0 + 0.01 * (np.sin(a * x + seed) + np.cos(b * y) + np.sin(c * (x + y))))
 
 
-def test_relief_is_the_correlation_of_what_planes_leave() -> None:
+def test_relief_is_the_correlation_of_what_planes_leave():
     first, second = bumps(1), bumps(2)
     among = np.random.default_rng(0).random(first.shape) < 0.3
     y, x = np.nonzero(among)
@@ -32,7 +32,7 @@ def test_relief_is_the_correlation_of_what_planes_leave() -> None:
 
 
 @pytest.mark.parametrize("compare", [relief_correlation, slope_correlation])
-def test_place_and_tilt_do_not_matter_but_shape_does(compare) -> None:
+def test_place_and_tilt_do_not_matter_but_shape_does(compare):
     y, x = np.mgrid[0.0:80.0, 0.0:100.0]
     first, everywhere = bumps(1), np.ones((80, 100), dtype=bool)
     tilted = first + 0.03 + 0.002 * x - 0.001 * y
@@ -44,23 +44,16 @@ def test_place_and_tilt_do_not_matter_but_shape_does(compare) -> None:
 
 
 @pytest.fixture(scope="module")
-def scene() -> Scene:
-    return make_scene(0)
-
-
-@pytest.fixture(scope="module")
-def observation(scene: Scene) -> Observation:
+def observation(scene):
     return observe(scene.rgb, scene.depth, CAMERA, SETTINGS)
 
 
 @pytest.fixture(scope="module")
-def verifier(scene: Scene) -> Verifier:
+def verifier(scene):
     return Verifier(scene.model, SETTINGS)
 
 
-def test_the_right_pose_fits_better_in_every_respect(
-    scene: Scene, observation: Observation, verifier: Verifier
-) -> None:
+def test_the_right_pose_fits_better_in_every_respect(scene, observation, verifier):
     right = measure_fit(verifier, observation, scene.pose)
     wrong = measure_fit(verifier, observation, disturbed(scene, 40.0, 20.0, seed=1))
     assert right.cost < wrong.cost
@@ -72,9 +65,7 @@ def test_the_right_pose_fits_better_in_every_respect(
     assert right.cost == pytest.approx(verifier.weigh(evidence)[0])
 
 
-def test_a_pose_outside_the_image_or_behind_the_camera_fits_nothing(
-    scene: Scene, observation: Observation, verifier: Verifier
-) -> None:
+def test_a_pose_outside_the_image_or_behind_the_camera_fits_nothing(scene, observation, verifier):
     for shift in ([5.0, 0.0, 0.0], [0.0, 0.0, -2.0], [-0.2, 0.0, 0.0]):
         pose = scene.pose.copy()
         pose[:3, 3] += shift
@@ -87,9 +78,7 @@ def test_a_pose_outside_the_image_or_behind_the_camera_fits_nothing(
 
 
 @pytest.mark.parametrize(("shift", "axis"), [(0.35, 0), (-0.3, 0), (0.25, 1), (-0.2, 1)])
-def test_what_lies_outside_the_image_is_not_visible(
-    scene: Scene, observation: Observation, verifier: Verifier, shift: float, axis: int
-) -> None:
+def test_what_lies_outside_the_image_is_not_visible(scene, observation, verifier, shift, axis):
     pose = scene.pose.copy()
     pose[axis, 3] += shift
     height, width = observation.depth.shape
@@ -103,6 +92,6 @@ def test_what_lies_outside_the_image_is_not_visible(
     assert fit.visible_fraction == pytest.approx(expected * (1.0 - occluded), abs=0.02)
 
 
-def test_a_fit_comes_back_from_an_array() -> None:
+def test_a_fit_comes_back_from_an_array():
     fit = PoseFit(0.2, 0.9, -0.5, np.inf, 0.75)
     assert PoseFit.from_array(fit.as_array()) == fit

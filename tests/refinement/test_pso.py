@@ -7,7 +7,6 @@ import pytest
 
 from hlp.geometry import rigid, rotation_distance
 from hlp.records import Hypotheses, Refinement
-from hlp.refinement.cost import CostSettings
 from hlp.refinement.pso import (
     PsoRefiner,
     PsoSettings,
@@ -16,8 +15,7 @@ from hlp.refinement.pso import (
     update_personal_bests,
     update_swarm,
 )
-from hlp.refinement.verification import VerificationSettings
-from refinement_scene import Scene, disturbed, error, posed
+from refinement_scene import disturbed, error, posed
 
 CENTROID = np.array([0.02, -0.01, 0.03])
 RNG = np.random.default_rng(0)
@@ -26,11 +24,11 @@ RNG = np.random.default_rng(0)
 class Bowl:
     """Distance to a known pose: 1 for each radian and for each 0.1 m of the centroid."""
 
-    def __init__(self, goal: np.ndarray) -> None:
+    def __init__(self, goal):
         self.goal = goal
         self.calls = 0
 
-    def evaluate(self, poses: np.ndarray) -> np.ndarray:
+    def evaluate(self, poses):
         self.calls += 1
         middle = poses[:, :3, :3] @ CENTROID + poses[:, :3, 3]
         goal = self.goal[:3, :3] @ CENTROID + self.goal[:3, 3]
@@ -39,15 +37,15 @@ class Bowl:
 
 
 @pytest.fixture
-def settings(cost_settings: CostSettings, verification: VerificationSettings) -> PsoSettings:
+def settings(cost_settings, verification):
     return PsoSettings(cost=cost_settings, verification=verification, iterations=60, patience=10)
 
 
-def start() -> np.ndarray:
+def start():
     return rigid(np.eye(3), np.array([0.0, 0.0, 0.8]))
 
 
-def test_offsets_rotate_about_the_centroid_in_the_papers_order() -> None:
+def test_offsets_rotate_about_the_centroid_in_the_papers_order():
     a, b, c = steps = np.array([0.3, -0.5, 0.7])
     shift = np.array([0.01, 0.02, -0.03])
     x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
@@ -60,9 +58,7 @@ def test_offsets_rotate_about_the_centroid_in_the_papers_order() -> None:
     np.testing.assert_allclose(result[:3, :3] @ CENTROID + result[:3, 3], before + shift)
 
 
-def test_swarm_reaches_goals_outside_its_box_only_when_the_box_follows(
-    settings: PsoSettings,
-) -> None:
+def test_swarm_reaches_goals_outside_its_box_only_when_the_box_follows(settings):
     goal = apply_offsets(start(), np.array([[0.5, -0.3, 0.2, 0.03, -0.02, 0.01]]), CENTROID)[0]
     follows, _ = search(Bowl(goal), start(), CENTROID, settings, np.random.default_rng(0))
     fixed = replace(settings, recentre=False)
@@ -74,14 +70,14 @@ def test_swarm_reaches_goals_outside_its_box_only_when_the_box_follows(
 
 
 @pytest.mark.parametrize("recentre", [True, False])
-def test_swarm_finds_a_goal_in_its_box(settings: PsoSettings, recentre: bool) -> None:
+def test_swarm_finds_a_goal_in_its_box(settings, recentre):
     goal = apply_offsets(start(), np.array([[0.1, -0.12, 0.05, 0.005, -0.007, 0.003]]), CENTROID)[0]
     long = replace(settings, recentre=recentre, iterations=200, patience=40)
     found, _ = search(Bowl(goal), start(), CENTROID, long, np.random.default_rng(1))
     assert Bowl(goal).evaluate(found[None])[0] < 1e-5
 
 
-def test_a_pose_that_cannot_be_bettered_is_kept(settings: PsoSettings) -> None:
+def test_a_pose_that_cannot_be_bettered_is_kept(settings):
     bowl = Bowl(start())
     found, iterations = search(bowl, start(), CENTROID, settings, np.random.default_rng(0))
     np.testing.assert_allclose(found, start(), atol=1e-12)
@@ -91,7 +87,7 @@ def test_a_pose_that_cannot_be_bettered_is_kept(settings: PsoSettings) -> None:
     assert search(Bowl(start()), start(), CENTROID, few, np.random.default_rng(0))[1] == 4
 
 
-def test_hypotheses_after_the_budget_stay_as_they_are(scene: Scene, settings: PsoSettings) -> None:
+def test_hypotheses_after_the_budget_stay_as_they_are(scene, settings):
     """`spent` belongs to the budget; without a budget it changes nothing."""
     coarse = Hypotheses(np.stack([disturbed(scene, 20, 20, 1)] * 2), np.ones(2))
     given = (scene.model, scene.seen, coarse, 0)
@@ -104,7 +100,7 @@ def test_hypotheses_after_the_budget_stay_as_they_are(scene: Scene, settings: Ps
     assert [each.iterations for each in unlimited.refine(*given, spent=61.0)] == [2, 2]
 
 
-def test_hypotheses_have_their_own_streams(scene: Scene, settings: PsoSettings) -> None:
+def test_hypotheses_have_their_own_streams(scene, settings):
     """What becomes of one hypothesis does not depend on those before it."""
     first, second = (
         disturbed(scene, 20, 10, 1),
@@ -119,7 +115,7 @@ def test_hypotheses_have_their_own_streams(scene: Scene, settings: PsoSettings) 
     np.testing.assert_array_equal(found[0].pose_cam_obj, found[1].pose_cam_obj)
 
 
-def test_polish_makes_the_answer_more_exact(scene: Scene, settings: PsoSettings) -> None:
+def test_polish_makes_the_answer_more_exact(scene, settings):
     refiner = PsoRefiner(settings)
     before, after = [], []
     for seed in range(4):
@@ -131,9 +127,7 @@ def test_polish_makes_the_answer_more_exact(scene: Scene, settings: PsoSettings)
     assert np.mean(after) < 0.6 * np.mean(before)
 
 
-def test_no_polish_where_none_is_set_or_no_time_is_left(
-    scene: Scene, settings: PsoSettings
-) -> None:
+def test_no_polish_where_none_is_set_or_no_time_is_left(scene, settings):
     answer = Refinement(disturbed(scene, 2, 2, 0), 5)
     given = (scene.model, scene.seen, answer, 0)
     assert PsoRefiner(replace(settings, polish=None)).polish(*given) is answer
@@ -142,15 +136,15 @@ def test_no_polish_where_none_is_set_or_no_time_is_left(
     assert late.polish(*given, spent=0.0) is not answer
 
 
-def test_it_stops_when_no_particle_betters_its_own_best(settings: PsoSettings) -> None:
+def test_it_stops_when_no_particle_betters_its_own_best(settings):
     """The text's "until no particle improves", against counting iterations here."""
 
     class Counted(Bowl):
-        def __init__(self, goal: np.ndarray) -> None:
+        def __init__(self, goal):
             super().__init__(goal)
-            self.costs: list[np.ndarray] = []
+            self.costs = []
 
-        def evaluate(self, poses: np.ndarray) -> np.ndarray:
+        def evaluate(self, poses):
             found = super().evaluate(poses)
             self.costs.append(found.copy())  # the search changes what it is given
             return found
@@ -160,7 +154,7 @@ def test_it_stops_when_no_particle_betters_its_own_best(settings: PsoSettings) -
     spent = {}
     for gain in ("swarm", "particle"):
         cost = Counted(goal)
-        chosen = replace(few, gain=gain)  # type: ignore[arg-type]
+        chosen = replace(few, gain=gain)
         _, spent[gain] = search(cost, start(), CENTROID, chosen, np.random.default_rng(0))
         own = np.minimum.accumulate(np.stack(cost.costs), axis=0)
         if gain == "swarm":
@@ -171,7 +165,7 @@ def test_it_stops_when_no_particle_betters_its_own_best(settings: PsoSettings) -
     assert spent["particle"] > spent["swarm"]
 
 
-def test_flight_is_the_textbooks() -> None:
+def test_flight_is_the_textbooks():
     position, velocity, personal_best = RNG.uniform(-1, 1, (3, 25, 6))
     global_best, random = RNG.uniform(-1, 1, 6), RNG.random((2, 25, 6))
     pulls = 2.8 * random[0] * (personal_best - position), 1.4 * random[1] * (global_best - position)
@@ -183,7 +177,7 @@ def test_flight_is_the_textbooks() -> None:
     assert (np.abs(position) == 1.0).any() and (np.abs(position) < 1.0).any()
 
 
-def test_memory_holds_each_particles_best_and_names_the_swarms() -> None:
+def test_memory_holds_each_particles_best_and_names_the_swarms():
     position, personal_best = RNG.uniform(-1, 1, (2, 25, 6))
     cost, personal_best_cost = RNG.random((2, 25))
     better = cost < personal_best_cost

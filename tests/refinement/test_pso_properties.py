@@ -10,24 +10,24 @@ from generated_values import SEEDS, numbers, poses_in_front, share_of_examples, 
 from hlp.records import Hypotheses
 from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.pso import PsoRefiner, PsoSettings, search
-from refinement_scene import CAMERA, Scene, disturbed
+from refinement_scene import CAMERA, disturbed
 
 
 class Rippled:
     """A cost with many minima: waves over the twelve numbers of a pose."""
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed):
         rng = np.random.default_rng(seed)
         self.waves = rng.normal(scale=20.0, size=(12, 5))
         self.lowest = np.inf
 
-    def evaluate(self, poses: np.ndarray) -> np.ndarray:
+    def evaluate(self, poses):
         costs = np.sin(poses[:, :3].reshape(-1, 12) @ self.waves).sum(axis=1)
         self.lowest = min(self.lowest, float(costs.min()))
         return costs
 
 
-def settings() -> st.SearchStrategy[PsoSettings]:
+def settings():
     return st.builds(
         PsoSettings,
         particles=st.integers(1, 12),
@@ -57,7 +57,7 @@ def test_the_answer_is_the_best_pose_that_was_tried(chosen, start, centroid, see
 @share_of_examples(4)
 @given(numbers(0.0, 30.0), numbers(0.0, 30.0), SEEDS)
 def test_a_refined_pose_fits_the_depth_no_worse_than_the_coarse_one(
-    scene: Scene, degrees, millimetres, seed
+    scene, degrees, millimetres, seed
 ):
     coarse = disturbed(scene, degrees, millimetres, seed)
     few = replace(PsoSettings(), particles=6, iterations=4, cost=CostSettings())

@@ -7,29 +7,25 @@ import pytest
 
 from hlp.geometry import rigid
 from hlp.records import Hypotheses
-from hlp.refinement.cost import CostSettings
 from hlp.refinement.icp import IcpRefiner, IcpSettings
 from hlp.refinement.pso import PsoRefiner, PsoSettings
-from hlp.refinement.refiner import NoneRefiner, Refiner
-from hlp.refinement.verification import VerificationSettings
-from refinement_scene import SHAPE, Scene, disturbed, error, make_scene, shifted_model
+from hlp.refinement.refiner import NoneRefiner
+from refinement_scene import SHAPE, disturbed, error, make_scene, shifted_model
 
 
 @pytest.fixture
-def pso_settings(cost_settings: CostSettings, verification: VerificationSettings) -> PsoSettings:
+def pso_settings(cost_settings, verification):
     return PsoSettings(cost=cost_settings, verification=verification, polish=None)
 
 
 @pytest.fixture
-def icp_settings(cost_settings: CostSettings, verification: VerificationSettings) -> IcpSettings:
+def icp_settings(cost_settings, verification):
     return IcpSettings(cost=cost_settings, verification=verification)
 
 
 @pytest.fixture(params=["pso", "icp", "none"])
-def refiner(
-    request: pytest.FixtureRequest, pso_settings: PsoSettings, icp_settings: IcpSettings
-) -> Refiner:
-    refiners: dict[str, Refiner] = {
+def refiner(request, pso_settings, icp_settings):
+    refiners = {
         "pso": PsoRefiner(pso_settings, threads=2),
         "icp": IcpRefiner(icp_settings),
         "none": NoneRefiner(),
@@ -37,11 +33,11 @@ def refiner(
     return refiners[request.param]
 
 
-def hypotheses(*poses: np.ndarray) -> Hypotheses:
+def hypotheses(*poses):
     return Hypotheses(np.stack(poses), np.ones(len(poses)))
 
 
-def test_perturbed_poses_are_recovered_by_pso(pso_settings: PsoSettings) -> None:
+def test_perturbed_poses_are_recovered_by_pso(pso_settings):
     refiner, errors = PsoRefiner(pso_settings), []
     for seed in range(4):
         scene = make_scene(seed)
@@ -52,9 +48,7 @@ def test_perturbed_poses_are_recovered_by_pso(pso_settings: PsoSettings) -> None
     assert sum(each < 0.1 * scene.model.diameter for each in errors) >= 7
 
 
-def test_the_next_frames_pose_is_followed(
-    pso_settings: PsoSettings, icp_settings: IcpSettings
-) -> None:
+def test_the_next_frames_pose_is_followed(pso_settings, icp_settings):
     for refiner in (PsoRefiner(pso_settings), IcpRefiner(icp_settings)):
         errors = []
         for seed in range(4):
@@ -67,7 +61,7 @@ def test_the_next_frames_pose_is_followed(
         PsoRefiner(pso_settings).follow(scene.model, scene.seen, -last, 0)
 
 
-def test_small_perturbations_are_recovered_by_icp(icp_settings: IcpSettings) -> None:
+def test_small_perturbations_are_recovered_by_icp(icp_settings):
     refiner, errors = IcpRefiner(icp_settings), []
     for seed in range(4):
         scene = make_scene(seed)
@@ -78,7 +72,7 @@ def test_small_perturbations_are_recovered_by_icp(icp_settings: IcpSettings) -> 
     assert max(errors) < 0.1 * scene.model.diameter
 
 
-def test_results_keep_the_order(scene: Scene, refiner: Refiner) -> None:
+def test_results_keep_the_order(scene, refiner):
     far = disturbed(scene, 170, 60, 3)
     coarse = hypotheses(far, disturbed(scene, 3, 3, 1))
     found = refiner.refine(scene.model, scene.seen, coarse, seed=0)
@@ -89,7 +83,7 @@ def test_results_keep_the_order(scene: Scene, refiner: Refiner) -> None:
         np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
 
 
-def test_same_seed_same_poses(scene: Scene, refiner: Refiner) -> None:
+def test_same_seed_same_poses(scene, refiner):
     coarse = hypotheses(disturbed(scene, 20, 10, 1), disturbed(scene, 10, 20, 2))
     first, second = (refiner.refine(scene.model, scene.seen, coarse, seed=5) for _ in range(2))
     for a, b in zip(first, second, strict=True):
@@ -97,7 +91,7 @@ def test_same_seed_same_poses(scene: Scene, refiner: Refiner) -> None:
         assert a.iterations == b.iterations
 
 
-def test_no_depth_gives_the_coarse_pose(scene: Scene, refiner: Refiner) -> None:
+def test_no_depth_gives_the_coarse_pose(scene, refiner):
     empty = np.zeros(SHAPE, dtype=np.float32)
     away = scene.pose.copy()
     away[0, 3] = 3.0
@@ -107,12 +101,12 @@ def test_no_depth_gives_the_coarse_pose(scene: Scene, refiner: Refiner) -> None:
         np.testing.assert_allclose(each.pose_cam_obj, pose, atol=1e-15)
 
 
-def test_no_hypotheses_no_results(scene: Scene, refiner: Refiner) -> None:
+def test_no_hypotheses_no_results(scene, refiner):
     none = Hypotheses(np.zeros((0, 4, 4)), np.zeros(0))
     assert refiner.refine(scene.model, scene.seen, none, seed=0) == []
 
 
-def test_a_bad_hypothesis_is_named(scene: Scene, refiner: Refiner) -> None:
+def test_a_bad_hypothesis_is_named(scene, refiner):
     bad, behind = scene.pose.copy(), scene.pose.copy()
     bad[1, 1], behind[2, 3] = np.nan, -0.5
     with pytest.raises(ValueError, match=r"hypothesis 1.*finite"):
@@ -121,7 +115,7 @@ def test_a_bad_hypothesis_is_named(scene: Scene, refiner: Refiner) -> None:
         refiner.refine(scene.model, scene.seen, hypotheses(behind), seed=0)
 
 
-def test_the_meshs_origin_does_not_matter(scene: Scene, refiner: Refiner) -> None:
+def test_the_meshs_origin_does_not_matter(scene, refiner):
     """Coordinates a metre off their origin, even behind the camera, give the same poses."""
     coarse = np.stack([disturbed(scene, 20, 10, 1), disturbed(scene, 10, 20, 2)])
     expected = refiner.refine(scene.model, scene.seen, hypotheses(*coarse), seed=5)
@@ -134,7 +128,7 @@ def test_the_meshs_origin_does_not_matter(scene: Scene, refiner: Refiner) -> Non
             np.testing.assert_allclose(pose, b.pose_cam_obj, atol=1e-9)
 
 
-def test_threads_do_not_change_the_poses_of_pso(scene: Scene, pso_settings: PsoSettings) -> None:
+def test_threads_do_not_change_the_poses_of_pso(scene, pso_settings):
     coarse = hypotheses(disturbed(scene, 20, 10, 1))
     one, two = (
         PsoRefiner(pso_settings, threads).refine(scene.model, scene.seen, coarse, seed=5)[0]
@@ -143,9 +137,7 @@ def test_threads_do_not_change_the_poses_of_pso(scene: Scene, pso_settings: PsoS
     np.testing.assert_array_equal(one.pose_cam_obj, two.pose_cam_obj)
 
 
-def test_the_search_for_objects_without_colours_weighs_colour_edges(
-    scene: Scene, pso_settings: PsoSettings
-) -> None:
+def test_the_search_for_objects_without_colours_weighs_colour_edges(scene, pso_settings):
     """Their weight changes where the swarm ends; of coloured objects it changes nothing."""
     coarse = hypotheses(disturbed(scene, 20, 10, 1))
     for colored in (True, False):

@@ -1,7 +1,6 @@
 """The score's logistic regression on poses whose truth is known."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,7 +21,7 @@ from hlp.refinement.score_model import (
 OPTIONS = {"xatol": 1e-7, "fatol": 1e-10, "maxiter": 9999, "maxfev": 9999, "adaptive": True}
 
 
-def fits_of(costs: np.ndarray, shapes: np.ndarray) -> list[PoseFit]:
+def fits_of(costs, shapes):
     """Fits whose relief and slope have the given mean Fisher transform."""
     return [
         PoseFit(float(c), float(np.tanh(z - 0.1)), float(np.tanh(z + 0.1)), 2.0, 1.0)
@@ -30,14 +29,14 @@ def fits_of(costs: np.ndarray, shapes: np.ndarray) -> list[PoseFit]:
     ]
 
 
-def drawn(count: int, truth: ScoreModel, seed: int) -> tuple[list[PoseFit], np.ndarray]:
+def drawn(count, truth, seed):
     rng = np.random.default_rng(seed)
     fits = fits_of(rng.uniform(0.1, 0.4, count), rng.uniform(0.2, 2.5, count))
     chance = np.array([truth.score(fit) for fit in fits])
     return fits, rng.random(count) < chance
 
 
-def test_many_poses_teach_the_weights_that_drew_them() -> None:
+def test_many_poses_teach_the_weights_that_drew_them():
     truth = ScoreModel(bias=2.0, cost=-20.0, shape=2.2)
     fits, right = drawn(60_000, truth, 0)
     found = fit_score_model(fits, right)
@@ -48,7 +47,7 @@ def test_many_poses_teach_the_weights_that_drew_them() -> None:
     assert found.bias == pytest.approx(truth.bias - odds, abs=0.15)
 
 
-def test_an_object_of_which_little_is_seen_is_not_found_unless_it_is_known_to_be_there() -> None:
+def test_an_object_of_which_little_is_seen_is_not_found_unless_it_is_known_to_be_there():
     full = PoseFit(0.05, 0.99, 0.99, 1.0, 1.0)
     scores = [PRIOR.score(replace(full, visible_fraction=v)) for v in (0.0, 0.15, 0.29, 0.31)]
     assert scores[:2] == [0.0, 0.25]
@@ -59,7 +58,7 @@ def test_an_object_of_which_little_is_seen_is_not_found_unless_it_is_known_to_be
     assert 0.9 < hidden < COLORLESS_PRIOR.known_present().score(full)
 
 
-def test_weights_are_the_minimum_of_the_penalised_likelihood() -> None:
+def test_weights_are_the_minimum_of_the_penalised_likelihood():
     fits, right = drawn(40, ScoreModel(5.0, -30.0, 1.0), 1)
     rng = np.random.default_rng(6)
     fits = [
@@ -73,7 +72,7 @@ def test_weights_are_the_minimum_of_the_penalised_likelihood() -> None:
     weight = np.where(right, 0.6 / right.mean(), 0.4 / (~right).mean())
     prior = COLORLESS_PRIOR.weights()
 
-    def loss(w: np.ndarray) -> float:
+    def loss(w):
         p = 1.0 / (1.0 + np.exp(-x @ w))
         likelihood = (weight * np.log(np.where(right, p, 1.0 - p))).sum()
         return float(-likelihood + 0.5 * np.square((w - prior) / COLORLESS_SPREAD.weights()).sum())
@@ -85,7 +84,7 @@ def test_weights_are_the_minimum_of_the_penalised_likelihood() -> None:
     assert fixed.edge == PRIOR.edge and fixed.hidden == PRIOR.hidden
 
 
-def test_a_better_fit_never_has_a_lower_score() -> None:
+def test_a_better_fit_never_has_a_lower_score():
     """Also where the poses say the contrary."""
     rng = np.random.default_rng(2)
     costs = rng.uniform(0.1, 0.4, 2000)
@@ -99,13 +98,13 @@ def test_a_better_fit_never_has_a_lower_score() -> None:
     )
 
 
-def test_poses_of_one_kind_teach_nothing() -> None:
+def test_poses_of_one_kind_teach_nothing():
     fits, _ = drawn(10, PRIOR, 3)
     assert fit_score_model(fits, np.zeros(10, dtype=bool)) == PRIOR
     assert fit_score_model([], np.zeros(0, dtype=bool)) == PRIOR
 
 
-def test_weights_come_back_from_a_file_and_a_damaged_one_is_named(tmp_path: Path) -> None:
+def test_weights_come_back_from_a_file_and_a_damaged_one_is_named(tmp_path):
     model = ScoreModel(1.5, -12.25, 0.125, -3.5, -0.25)
     save_score_model(tmp_path, model)
     assert load_score_model(tmp_path) == model
@@ -123,8 +122,8 @@ def test_weights_come_back_from_a_file_and_a_damaged_one_is_named(tmp_path: Path
         load_score_model(tmp_path)
 
 
-def test_colours_that_contradict_lower_the_score_of_colourful_objects_alone() -> None:
-    def score(color: float, contrast: float) -> float:
+def test_colours_that_contradict_lower_the_score_of_colourful_objects_alone():
+    def score(color, contrast):
         return PRIOR.score(PoseFit(0.15, 0.9, 0.9, 1.0, 1.0, color, contrast))
 
     assert score(0.6, 0.8) == score(1.0, 0.8) == score(-1.0, 0.0) > 0.9
@@ -136,21 +135,21 @@ def test_colours_that_contradict_lower_the_score_of_colourful_objects_alone() ->
     assert away == pytest.approx(-50.0 * 0.2 * 0.25)
 
 
-def test_the_shape_of_a_flat_side_says_little() -> None:
-    def score(relief: float, relief_mm: float) -> float:
+def test_the_shape_of_a_flat_side_says_little():
+    def score(relief, relief_mm):
         return PRIOR.score(PoseFit(0.15, relief, relief, 1.0, 1.0, relief_mm=relief_mm))
 
     assert score(0.0, 0.0) == pytest.approx(score(0.99, 0.0))
     assert score(0.3, 50.0) < score(0.3, 1.0) < score(0.97, 1.0) < score(0.97, 50.0)
 
 
-def test_colours_are_no_part_of_the_fit() -> None:
+def test_colours_are_no_part_of_the_fit():
     fits, right = drawn(400, ScoreModel(2.0, -20.0, 2.2), 5)
     told = [replace(fit, color=0.0, contrast=0.5) for fit in fits]
     assert fit_score_model(told, right) == fit_score_model(fits, right)
 
 
-def test_colours_do_not_count_for_an_object_that_is_known_to_be_there() -> None:
+def test_colours_do_not_count_for_an_object_that_is_known_to_be_there():
     known = PRIOR.known_present()
     contradicting, agreeing = (PoseFit(0.2, 0.8, 0.8, 1.0, 1.0, c, 0.8) for c in (0.0, 1.0))
     assert known.score(contradicting) == known.score(agreeing) > PRIOR.score(agreeing)

@@ -11,19 +11,18 @@ from hlp.records import Mesh
 from hlp.refinement.cost_kernel import WORST, depth_edges
 from hlp.refinement.verification import (
     Evidence,
-    Observation,
     VerificationSettings,
     Verifier,
     observe,
 )
 from hlp.rendering.light import Light
 from hlp.rendering.rasterizer import render_depth, render_rgbd
-from refinement_scene import CAMERA, SHAPE, Scene, disturbed, error, make_scene
+from refinement_scene import CAMERA, SHAPE, disturbed, error, make_scene
 
 AMBIENT = Light((0.0, 0.0, -1.0), 1.0, 0.0, 0.0, 1.0)
 
 
-def reference(scene: Scene, pose: np.ndarray, settings: VerificationSettings) -> Evidence:
+def reference(scene, pose, settings):
     """Evidence over the whole image, spelled out."""
     rendered = render_depth(scene.model.proxy, pose[None], CAMERA, SHAPE)[0].astype(float)
     albedo, _ = render_rgbd(scene.model.proxy, pose, CAMERA, SHAPE, AMBIENT)
@@ -55,9 +54,7 @@ def reference(scene: Scene, pose: np.ndarray, settings: VerificationSettings) ->
     )
 
 
-def image_distance(
-    scene: Scene, rendered: np.ndarray, settings: VerificationSettings, reach: float
-) -> np.ndarray:
+def image_distance(scene, rendered, settings, reach):
     """Distance to the next colour edge whose gradient is at most 34° off that of the rendering."""
     inverse = np.where(rendered > 0, 1.0 / np.where(rendered > 0, rendered, 1.0), 0.0)
     turn = np.arctan2(sobel(inverse, axis=0), sobel(inverse, axis=1))
@@ -73,24 +70,22 @@ def image_distance(
     return chosen / reach * settings.tau_edge_mm / settings.tau_image_edge_mm
 
 
-def evidence(scene: Scene, pose: np.ndarray, settings: VerificationSettings) -> Evidence:
+def evidence(scene, pose, settings):
     found = Verifier(scene.model, settings).evidence(seen(scene, settings), pose[None])
     return Evidence(*(values[0] for values in found))
 
 
-def seen(scene: Scene, settings: VerificationSettings) -> Observation:
+def seen(scene, settings):
     return observe(scene.rgb, scene.depth, CAMERA, settings)
 
 
-def cost(scene: Scene, pose: np.ndarray, settings: VerificationSettings) -> float:
+def cost(scene, pose, settings):
     return float(Verifier(scene.model, settings).costs(seen(scene, settings), pose[None])[0])
 
 
 @pytest.mark.parametrize("colored", [True, False])
 @pytest.mark.parametrize("step", [(0, 0), (15, 10), (60, 30)])
-def test_evidence_is_what_plain_numpy_finds(
-    scene: Scene, verification: VerificationSettings, step: tuple[float, float], colored: bool
-) -> None:
+def test_evidence_is_what_plain_numpy_finds(scene, verification, step, colored):
     mesh = replace(scene.model.mesh, colored=colored)
     scene = replace(scene, model=replace(scene.model, mesh=mesh))
     pose = disturbed(scene, *step, seed=2)
@@ -103,9 +98,7 @@ def test_evidence_is_what_plain_numpy_finds(
     assert found.edge == pytest.approx(expected.edge, abs=0.02)
 
 
-def test_a_coarser_grid_sees_much_the_same(
-    scene: Scene, verification: VerificationSettings
-) -> None:
+def test_a_coarser_grid_sees_much_the_same(scene, verification):
     fine = evidence(scene, scene.pose, replace(verification, roi_size=1000))
     coarse = evidence(scene, scene.pose, replace(verification, roi_size=40))
     assert coarse.area == pytest.approx(fine.area, rel=0.1)
@@ -113,7 +106,7 @@ def test_a_coarser_grid_sees_much_the_same(
         assert getattr(coarse, name) == pytest.approx(getattr(fine, name), abs=0.05), name
 
 
-def test_the_cost_weighs_the_evidence(verification: VerificationSettings) -> None:
+def test_the_cost_weighs_the_evidence(verification):
     shares = (0.1, 0.2, 0.4, 0.3, 0.5, 0.6, 0.25)
     seen = Evidence(np.zeros(1), *(np.array([share]) for share in shares))
     depth = 0.1 + 0.2 + (0.1 + 0.2 * 0.4) * 0.4 + 0.3 * 0.3
@@ -123,7 +116,7 @@ def test_the_cost_weighs_the_evidence(verification: VerificationSettings) -> Non
     assert verifier.weigh(seen) == pytest.approx([expected])
 
 
-def test_the_true_pose_costs_least(verification: VerificationSettings) -> None:
+def test_the_true_pose_costs_least(verification):
     for seed in range(3):
         scene = make_scene(seed)
         true = cost(scene, scene.pose, verification)
@@ -133,9 +126,7 @@ def test_the_true_pose_costs_least(verification: VerificationSettings) -> None:
             assert true < cost(scene, pose, verification) - 0.03
 
 
-def test_occlusion_costs_less_than_free_space_but_not_nothing(
-    verification: VerificationSettings,
-) -> None:
+def test_occlusion_costs_less_than_free_space_but_not_nothing(verification):
     scene = make_scene(0, hidden=False)
     wall = replace_depth(scene, np.full(SHAPE, 0.3, dtype=np.float32))
     behind = replace_depth(scene, np.full(SHAPE, 2.0, dtype=np.float32))
@@ -143,13 +134,11 @@ def test_occlusion_costs_less_than_free_space_but_not_nothing(
     assert true < cost(wall, scene.pose, verification) < cost(behind, scene.pose, verification)
 
 
-def replace_depth(scene: Scene, depth: np.ndarray) -> Scene:
+def replace_depth(scene, depth):
     return replace(scene, depth=depth)
 
 
-def test_colour_distinguishes_objects_of_the_same_shape(
-    scene: Scene, verification: VerificationSettings
-) -> None:
+def test_colour_distinguishes_objects_of_the_same_shape(scene, verification):
     model = scene.model
     blue = np.tile(np.array([40, 60, 190], dtype=np.uint8), (len(model.proxy.vertices), 1))
     painted = Mesh(model.proxy.vertices, model.proxy.faces, blue, model.proxy.normals)
@@ -161,9 +150,7 @@ def test_colour_distinguishes_objects_of_the_same_shape(
     assert Verifier(other, blind).costs(*args)[0] == Verifier(model, blind).costs(*args)[0]
 
 
-def test_colour_takes_no_part_for_a_mesh_without_colours(
-    scene: Scene, verification: VerificationSettings
-) -> None:
+def test_colour_takes_no_part_for_a_mesh_without_colours(scene, verification):
     grey = replace(scene.model, mesh=replace(scene.model.mesh, colored=False))
     verification = replace(verification, tau_image_edge_mm=None)
     observation, poses = seen(scene, verification), scene.pose[None]
@@ -172,9 +159,7 @@ def test_colour_takes_no_part_for_a_mesh_without_colours(
     assert Verifier(grey, verification).costs(observation, poses) == expected
 
 
-def test_competing_poses_pay_for_a_smaller_agreeing_area(
-    scene: Scene, verification: VerificationSettings
-) -> None:
+def test_competing_poses_pay_for_a_smaller_agreeing_area(scene, verification):
     away = scene.pose.copy()
     away[:3, 3] += [0.12, 0.05, 0.04]  # elsewhere, on the table: no competitor
     poses = np.stack([scene.pose, disturbed(scene, 25, 5, seed=4), away])
@@ -191,7 +176,7 @@ def test_competing_poses_pay_for_a_smaller_agreeing_area(
     )
 
 
-def test_poses_with_few_votes_pay_for_it(scene: Scene, verification: VerificationSettings) -> None:
+def test_poses_with_few_votes_pay_for_it(scene, verification):
     poses = np.repeat(scene.pose[None], 3, axis=0)
     verifier = Verifier(scene.model, verification)
     found = verifier.competing_costs(seen(scene, verification), poses, np.array([5.0, 50.0, 0.0]))
@@ -200,17 +185,13 @@ def test_poses_with_few_votes_pay_for_it(scene: Scene, verification: Verificatio
 
 
 @pytest.mark.parametrize("light", [0.4, 1.0])
-def test_brightness_does_not_count(
-    scene: Scene, verification: VerificationSettings, light: float
-) -> None:
+def test_brightness_does_not_count(scene, verification, light):
     dimmed = replace(scene, rgb=(scene.rgb * light).astype(np.uint8))
     assert evidence(dimmed, scene.pose, verification).color < 0.2
 
 
 @pytest.mark.parametrize("fill", [0.0, np.nan])
-def test_without_depth_or_out_of_the_image_the_cost_is_the_worst(
-    scene: Scene, verification: VerificationSettings, fill: float
-) -> None:
+def test_without_depth_or_out_of_the_image_the_cost_is_the_worst(scene, verification, fill):
     empty = replace_depth(scene, np.full(SHAPE, fill, dtype=np.float32))
     away, behind = scene.pose.copy(), scene.pose.copy()
     away[0, 3], behind[2, 3] = 5.0, -1.0
@@ -219,7 +200,7 @@ def test_without_depth_or_out_of_the_image_the_cost_is_the_worst(
     assert cost(scene, behind, verification) == WORST
 
 
-def test_poses_are_judged_alone(scene: Scene, verification: VerificationSettings) -> None:
+def test_poses_are_judged_alone(scene, verification):
     """What was drawn or summed of one pose is gone before the next."""
     poses = np.stack([disturbed(scene, 10, 10, seed=k) for k in range(5)])
     verifier, observation = Verifier(scene.model, verification), seen(scene, verification)
@@ -227,7 +208,7 @@ def test_poses_are_judged_alone(scene: Scene, verification: VerificationSettings
     np.testing.assert_array_equal(verifier.costs(observation, poses), alone)
 
 
-def test_colour_edges_count_for_objects_without_colours_only(scene: Scene) -> None:
+def test_colour_edges_count_for_objects_without_colours_only(scene):
     gray = replace(scene.model, mesh=replace(scene.model.mesh, colored=False))
     seen = scene.seen
     assert seen.edges_of(replace(gray, mesh=replace(gray.mesh, colored=True))) is None

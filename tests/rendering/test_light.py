@@ -1,9 +1,9 @@
 import numpy as np
 
-from hlp.rendering.light import Light, random_light, shade
+from hlp.rendering.light import random_light, shade
 
 
-def shade_one(albedo: list[float], normal: list[float], view: list[float], light: Light) -> list:
+def shade_one(albedo, normal, view, light):
     """Blinn-Phong for one point, scalar by scalar."""
     n = np.array(normal) / np.linalg.norm(normal)
     v = np.array(view) / np.linalg.norm(view)
@@ -22,7 +22,7 @@ def shade_one(albedo: list[float], normal: list[float], view: list[float], light
     ]
 
 
-def test_shade_equals_the_scalar_formula() -> None:
+def test_shade_equals_the_scalar_formula():
     rng = np.random.default_rng(0)
     albedo = rng.uniform(0, 255, (200, 3))
     normals, views = rng.normal(size=(200, 3)), rng.normal(size=(200, 3))
@@ -35,7 +35,7 @@ def test_shade_equals_the_scalar_formula() -> None:
         np.testing.assert_array_equal(shade(albedo, normals, views, light), expected)
 
 
-def test_random_lights_stay_in_the_cameras_half_space() -> None:
+def test_random_lights_stay_in_the_cameras_half_space():
     rng = np.random.default_rng(1)
     lights = [random_light(rng) for _ in range(200)]
     directions = np.array([light.direction for light in lights])

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import textwrap
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ import trimesh
 from hlp.records import Mesh
 from hlp.rendering import opengl, rasterizer
 from hlp.rendering.light import Light, random_light
+from refinement_scene import as_mesh
 
 CAMERA = np.array([[300.0, 0.0, 31.3], [0.0, 310.0, 22.6], [0.0, 0.0, 1.0]])
 SHAPE = (48, 67)
@@ -20,29 +22,21 @@ LIGHT = Light((0.0, 0.6, -0.8), ambient=0.4, diffuse=0.5, specular=0.3, shinines
 
 
 @pytest.fixture
-def working_opengl() -> None:
+def working_opengl():
     problem = opengl.opengl_problem()
     if problem is not None:
         pytest.skip(problem)
 
 
-def as_mesh(shape: trimesh.Trimesh, seed: int = 0) -> Mesh:
-    colors = np.random.default_rng(seed).integers(0, 256, (len(shape.vertices), 3))
-    return Mesh(
-        vertices=np.array(shape.vertices),
-        faces=np.array(shape.faces),
-        colors=colors.astype(np.uint8),
-        normals=np.array(shape.vertex_normals),
-    )
-
-
-def bumpy_ball(seed: int = 0) -> Mesh:
+def bumpy_ball(seed=0):
     ball = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
     bumps = np.random.default_rng(seed).uniform(0.8, 1.2, (len(ball.vertices), 1))
-    return as_mesh(trimesh.Trimesh(ball.vertices * bumps, ball.faces, process=False), seed)
+    mesh = as_mesh(trimesh.Trimesh(ball.vertices * bumps, ball.faces, process=False))
+    colors = np.random.default_rng(seed).integers(0, 256, mesh.colors.shape)
+    return replace(mesh, colors=colors.astype(np.uint8))
 
 
-def random_poses(count: int) -> np.ndarray:
+def random_poses(count):
     rng = np.random.default_rng(1)
     poses = np.stack(
         [trimesh.transformations.random_rotation_matrix(rng.random(3)) for _ in range(count)]
@@ -51,13 +45,11 @@ def random_poses(count: int) -> np.ndarray:
     return poses
 
 
-def at(z: float) -> np.ndarray:
+def at(z):
     return trimesh.transformations.translation_matrix([0, 0, z])
 
 
-def assert_same_pictures(
-    mesh: Mesh, poses: np.ndarray, camera: np.ndarray, shape: tuple[int, int]
-) -> None:
+def assert_same_pictures(mesh, poses, camera, shape):
     rng = np.random.default_rng(2)
     depth_gaps, color_gaps, silhouette = [], [], []
     for pose in poses:
@@ -79,10 +71,10 @@ def assert_same_pictures(
 
 @pytest.mark.usefixtures("working_opengl")
 class TestPictures:
-    def test_agrees_with_the_numba_rasterizer(self) -> None:
+    def test_agrees_with_the_numba_rasterizer(self):
         assert_same_pictures(bumpy_ball(), random_poses(20), CAMERA, SHAPE)
 
-    def test_silhouette_of_a_box_is_exact(self) -> None:
+    def test_silhouette_of_a_box_is_exact(self):
         # Front face at 0.5 m, between x = 10.2 and 20.8 px and y = 5.3 and 30.7 px: moved by half
         # a pixel either way, it would cover other pixels.
         low = (np.array([10.2, 5.3]) - CAMERA[:2, 2]) / CAMERA[[0, 1], [0, 1]] * 0.5
@@ -94,7 +86,7 @@ class TestPictures:
         np.testing.assert_allclose(depth[5:32, 10:22], expected[5:32, 10:22], atol=1e-6)
         np.testing.assert_allclose(depth, expected, atol=1e-6)
 
-    def test_back_faces_are_drawn(self) -> None:
+    def test_back_faces_are_drawn(self):
         corners = np.array([[-0.05, -0.05, 0.0], [0.05, -0.05, 0.0], [0.0, 0.05, 0.0]])
         pictures = []
         for order in ([0, 1, 2], [0, 2, 1]):
@@ -109,7 +101,7 @@ class TestPictures:
         np.testing.assert_array_equal(pictures[0][1], pictures[1][1])
         np.testing.assert_array_equal(pictures[0][0], pictures[1][0])
 
-    def test_sizes_and_meshes_may_change_from_call_to_call(self) -> None:
+    def test_sizes_and_meshes_may_change_from_call_to_call(self):
         meshes = [bumpy_ball(seed) for seed in range(opengl._MESHES_KEPT + 2)]
         first = opengl.render_rgbd(meshes[0], at(0.5), CAMERA, SHAPE, LIGHT)
         others = [opengl.render_rgbd(mesh, at(0.5), CAMERA, (9, 7), LIGHT)[0] for mesh in meshes]
@@ -119,16 +111,16 @@ class TestPictures:
         np.testing.assert_array_equal(first[0], again[0])
         np.testing.assert_array_equal(first[1], again[1])
 
-    def test_an_object_behind_the_camera_is_not_seen(self) -> None:
+    def test_an_object_behind_the_camera_is_not_seen(self):
         rgb, depth = opengl.render_rgbd(bumpy_ball(), at(-0.5), CAMERA, SHAPE, LIGHT)
         assert not rgb.any() and not depth.any()
 
-    def test_a_pose_that_is_not_finite_is_refused(self) -> None:
+    def test_a_pose_that_is_not_finite_is_refused(self):
         with pytest.raises(ValueError, match="not finite"):
             opengl.render_rgbd(bumpy_ball(), np.full((4, 4), np.nan), CAMERA, SHAPE, LIGHT)
 
-    def test_another_thread_is_told_why_it_cannot_render(self) -> None:
-        problems: list[str | None] = []
+    def test_another_thread_is_told_why_it_cannot_render(self):
+        problems = []
         thread = threading.Thread(target=lambda: problems.append(opengl.opengl_problem()))
         thread.start()
         thread.join()
@@ -136,7 +128,7 @@ class TestPictures:
         assert opengl.opengl_problem() is None  # here it still works
 
 
-def run_python(code: str) -> str:
+def run_python(code):
     result = subprocess.run(
         [sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, timeout=60
     )
@@ -145,7 +137,7 @@ def run_python(code: str) -> str:
 
 
 @pytest.mark.usefixtures("working_opengl")
-def test_a_forked_child_is_told_why_it_cannot_render() -> None:
+def test_a_forked_child_is_told_why_it_cannot_render():
     printed = run_python("""
         import os
         from hlp.rendering.opengl import opengl_problem
@@ -158,7 +150,7 @@ def test_a_forked_child_is_told_why_it_cannot_render() -> None:
     assert "forked" in printed and "spawn" in printed
 
 
-def test_importing_starts_nothing() -> None:
+def test_importing_starts_nothing():
     run_python("""
         import os, sys
         before = dict(os.environ)
@@ -168,7 +160,7 @@ def test_importing_starts_nothing() -> None:
     """)
 
 
-def test_missing_libraries_are_named() -> None:
+def test_missing_libraries_are_named():
     printed = run_python("""
         import sys
         sys.modules["pyrender"] = None  # importing it raises ImportError

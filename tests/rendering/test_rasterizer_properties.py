@@ -12,7 +12,7 @@ SHAPE = (24, 32)
 CLEAR = 1e-6  # barycentric; nearer to an edge than this, a pixel may count as inside or outside
 
 
-def cast(mesh: Mesh, camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def cast(mesh, camera):
     """Depth (rays, triangles) where a ray hits for certain, and where it may; else infinite."""
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]].reshape(2, -1)
     focal, middle = camera[[0, 1], [0, 1]], camera[:2, 2]
@@ -30,7 +30,7 @@ def cast(mesh: Mesh, camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @st.composite
-def triangles(draw: st.DrawFn) -> tuple[Mesh, np.ndarray]:
+def triangles(draw):
     """Triangles in front of a camera, some beyond the image's border, none seen edge-on."""
     rng = np.random.default_rng(draw(SEEDS))
     focal = draw(numbers(10.0, 60.0))

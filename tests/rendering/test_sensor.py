@@ -7,18 +7,16 @@ from hlp.rendering.sensor import Kinect, noisy_depth, noisy_rgb, projector_shado
 FOCAL = 572.0
 
 
-def rng(seed: int = 0) -> np.random.Generator:
+def rng(seed=0):
     return np.random.default_rng(seed)
 
 
-def wall(distance: float, count: int = 1) -> np.ndarray:
+def wall(distance, count=1):
     return np.full((count, 120, 160), distance, dtype=np.float32)
 
 
 @pytest.mark.parametrize("z", [0.6, 1.0, 2.0, 3.0])
-def test_axial_noise_and_quantisation_grow_with_the_square_of_depth(
-    z: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_axial_noise_and_quantisation_grow_with_the_square_of_depth(z, monkeypatch):
     monkeypatch.setattr(sensor, "_DEPTH_UNIT", 1e-6)
     ramp = np.linspace(0.97 * z, 1.03 * z, 120 * 160, dtype=np.float32).reshape(1, 120, 160)
     step = np.median(np.diff(np.unique(sensor._measured(ramp, FOCAL, rng(), 0.0))))
@@ -30,7 +28,7 @@ def test_axial_noise_and_quantisation_grow_with_the_square_of_depth(
     assert read.mean() == pytest.approx(z, abs=0.0003 * z * z)
 
 
-def test_kinect_reads_a_wall_with_the_sum_of_both_and_in_whole_millimetres() -> None:
+def test_kinect_reads_a_wall_with_the_sum_of_both_and_in_whole_millimetres():
     read = noisy_depth(wall(1.003, 8), FOCAL, rng(), Kinect())
     seen = read[read > 0]
     assert 0.0013 < seen.std() < 0.0022
@@ -41,7 +39,7 @@ def test_kinect_reads_a_wall_with_the_sum_of_both_and_in_whole_millimetres() -> 
     assert (noisy == 0).mean() == pytest.approx(24e-4, rel=0.15)
 
 
-def test_shadow_lies_left_of_the_nearer_surface_and_has_the_parallax_width() -> None:
+def test_shadow_lies_left_of_the_nearer_surface_and_has_the_parallax_width():
     depth = wall(1.2)
     depth[:, 30:90, 80:110] = 0.8
     shadow = projector_shadow(depth, FOCAL, 0.075)[0]
@@ -54,7 +52,7 @@ def test_shadow_lies_left_of_the_nearer_surface_and_has_the_parallax_width() -> 
     assert (read[shadow] == 0).all()
 
 
-def test_shadow_agrees_with_tracing_rays_to_the_projector() -> None:
+def test_shadow_agrees_with_tracing_rays_to_the_projector():
     columns = np.arange(160)
     near = 0.7 + 0.1 * np.sin(columns / 9.0)
     row = np.where((columns > 60) & (columns < 100), near, 1.5).astype(np.float32)
@@ -68,10 +66,10 @@ def test_shadow_agrees_with_tracing_rays_to_the_projector() -> None:
     assert shadow.sum() > 20
 
 
-def test_grazing_surfaces_are_lost_and_frontal_ones_kept() -> None:
+def test_grazing_surfaces_are_lost_and_frontal_ones_kept():
     y = (np.arange(120) - 60)[:, None] / FOCAL
 
-    def lost(degrees: float) -> float:
+    def lost(degrees):
         # A plane tilted about the x axis: z (1 − y tan θ) = 1 gives the angle θ at the middle.
         plane = 1.0 / (1.0 - y * np.tan(np.radians(degrees)))
         depth = np.broadcast_to(plane, (120, 160)).astype(np.float32)[None, 50:70]
@@ -82,7 +80,7 @@ def test_grazing_surfaces_are_lost_and_frontal_ones_kept() -> None:
     assert lost(86) > 0.95
 
 
-def test_jitter_moves_edges_by_a_pixel_and_nothing_else() -> None:
+def test_jitter_moves_edges_by_a_pixel_and_nothing_else():
     depth = wall(1.5)
     depth[:, :, 80:] = 0.8
     read = sensor._jittered(depth, sensor._jumps(depth), rng(), 1)
@@ -92,7 +90,7 @@ def test_jitter_moves_edges_by_a_pixel_and_nothing_else() -> None:
     assert set(np.unique(read)) == set(np.unique(depth))
 
 
-def test_missing_and_far_depth_stay_missing_and_a_quarter_of_the_edges_is_lost() -> None:
+def test_missing_and_far_depth_stay_missing_and_a_quarter_of_the_edges_is_lost():
     depth = wall(1.0)
     depth[:, :40] = 0.0
     depth[:, 40:80] = 9.0
@@ -103,14 +101,14 @@ def test_missing_and_far_depth_stay_missing_and_a_quarter_of_the_edges_is_lost()
     assert 0.1 < (read[:, 81:, 119:121] == 0).mean() < 0.45
 
 
-def test_ideal_sensor_changes_nothing() -> None:
+def test_ideal_sensor_changes_nothing():
     depth = np.abs(rng().normal(1.0, 0.2, (2, 40, 50))).astype(np.float32)
     np.testing.assert_array_equal(noisy_depth(depth, FOCAL, rng(), Kinect(0.0)), depth)
     rgb = rng().integers(0, 256, (2, 40, 50, 3), dtype=np.uint8)
     np.testing.assert_array_equal(noisy_rgb(rgb, rng(), Kinect(0.0)), rgb)
 
 
-def test_same_generator_same_reading_for_images_and_batches() -> None:
+def test_same_generator_same_reading_for_images_and_batches():
     depth = wall(1.0)
     depth[:, 40:80, 60:100] = 0.8
     one = noisy_depth(depth[0], FOCAL, rng(3), Kinect())
@@ -122,7 +120,7 @@ def test_same_generator_same_reading_for_images_and_batches() -> None:
     assert (depth[0, 40:80, 60:100] == np.float32(0.8)).all()
 
 
-def test_color_noise_gain_and_blur() -> None:
+def test_color_noise_gain_and_blur():
     grey = np.full((64, 60, 60, 3), 120, dtype=np.uint8)
     read = noisy_rgb(grey, rng(), Kinect()).astype(float)
     within = (read - read.mean(axis=(1, 2), keepdims=True)).std()

@@ -17,7 +17,7 @@ BEST_ENERGY = {
 }
 
 
-def spacings(points: np.ndarray) -> np.ndarray:
+def spacings(points):
     """Distance of each point to its nearest neighbour."""
     distance = np.linalg.norm(points[:, None] - points[None], axis=-1)
     np.fill_diagonal(distance, np.inf)
@@ -31,7 +31,7 @@ def coulomb_energy(points):
 
 
 @pytest.mark.parametrize("count", BEST_ENERGY)
-def test_thomson_reaches_the_known_optimum(count: int) -> None:
+def test_thomson_reaches_the_known_optimum(count):
     points = thomson(count, seed=3)
     assert points.shape == (count, 3)
     np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1.0, atol=1e-12)
@@ -40,7 +40,7 @@ def test_thomson_reaches_the_known_optimum(count: int) -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2, 10, 100])
-def test_hemisphere_is_the_upper_half_of_an_even_sphere(count: int) -> None:
+def test_hemisphere_is_the_upper_half_of_an_even_sphere(count):
     upper = hemisphere(count, seed=1)
     assert upper.shape == (count, 3)
     assert (upper[:, 2] > 0).all()
@@ -48,7 +48,7 @@ def test_hemisphere_is_the_upper_half_of_an_even_sphere(count: int) -> None:
     assert coulomb_energy(whole) < 1.05 * coulomb_energy(thomson(2 * count, seed=1))
 
 
-def test_hemisphere_is_evenly_spread() -> None:
+def test_hemisphere_is_evenly_spread():
     upper = hemisphere(200, seed=0)
     # Nearest neighbours on a triangular lattice with as many points on the half sphere's area.
     lattice = np.sqrt(2 / np.sqrt(3) * 2 * np.pi / 200)
@@ -58,14 +58,14 @@ def test_hemisphere_is_evenly_spread() -> None:
     assert abs(upper[:, 2].mean() - 0.5) < 0.01
 
 
-def test_too_few_viewpoints_are_refused() -> None:
+def test_too_few_viewpoints_are_refused():
     with pytest.raises(ValueError, match="at least 1"):
         thomson(0, seed=0)
     with pytest.raises(ValueError, match="at least 1"):
         hemisphere(0, seed=0)
 
 
-def test_cameras_look_at_the_object_the_right_way_up() -> None:
+def test_cameras_look_at_the_object_the_right_way_up():
     viewpoints = thomson(30, seed=2)
     rotations = view_rotations(viewpoints, np.zeros(1))
     identity = np.broadcast_to(np.eye(3), (30, 3, 3))
@@ -78,7 +78,7 @@ def test_cameras_look_at_the_object_the_right_way_up() -> None:
     np.testing.assert_allclose(up_in_camera[:, 0], 0.0, atol=1e-12)
 
 
-def test_cameras_at_the_poles() -> None:
+def test_cameras_at_the_poles():
     poles = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
     rotations = view_rotations(poles, np.zeros(1))
     np.testing.assert_allclose(np.linalg.det(rotations), 1.0)
@@ -86,7 +86,7 @@ def test_cameras_at_the_poles() -> None:
     np.testing.assert_allclose(rotations @ [0, 1, 0], [[0, -1, 0]] * 2, atol=1e-12)
 
 
-def test_in_plane_angles_turn_the_image_viewpoint_by_viewpoint() -> None:
+def test_in_plane_angles_turn_the_image_viewpoint_by_viewpoint():
     viewpoints = thomson(3, seed=0)
     angles = np.array([-0.4, 0.0, 0.7])
     rotations = view_rotations(viewpoints, angles)

@@ -1,17 +1,17 @@
 """Views hold the whole object, centred, at the poses they state; files bring them back."""
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
 from hlp.geometry import project, transform
-from hlp.records import Mesh, ObjectModel, Views
+from hlp.records import ObjectModel
 from hlp.rendering import opengl
 from hlp.rendering.viewpoints import hemisphere
 from hlp.rendering.views import ViewsSettings, load_views, render_views, save_views
+from refinement_scene import as_mesh
 
 SETTINGS = ViewsSettings(
     name="numba",
@@ -26,25 +26,20 @@ SETTINGS = ViewsSettings(
 )
 
 
-def as_model(shape: trimesh.Trimesh) -> ObjectModel:
-    mesh = Mesh(
-        vertices=np.array(shape.vertices),
-        faces=np.array(shape.faces),
-        colors=np.full((len(shape.vertices), 3), (200, 100, 50), np.uint8),
-        normals=np.array(shape.vertex_normals),
-    )
+def as_model(shape):
+    mesh = as_mesh(shape, (200, 100, 50))
     diameter = float(np.linalg.norm(mesh.vertices[:, None] - mesh.vertices[None], axis=-1).max())
     return ObjectModel(7, "thing", mesh, mesh, diameter, np.eye(4)[None], 0.08, 0.03)
 
 
-def cone(scale: float = 1.0) -> ObjectModel:
+def cone(scale=1.0):
     """A cone far from the origin of its coordinates, tip up."""
     shape = trimesh.creation.cone(radius=0.03 * scale, height=0.06 * scale)
     shape.apply_translation([0.3, -0.2, 0.1])
     return as_model(shape)
 
 
-def test_poses_put_the_centroid_on_the_axis_and_cover_the_viewpoints() -> None:
+def test_poses_put_the_centroid_on_the_axis_and_cover_the_viewpoints():
     model = cone()
     rendered = render_views(model, SETTINGS, seed=4, progress=False)
     assert len(rendered) == 18 and rendered.object_id == 7
@@ -59,7 +54,7 @@ def test_poses_put_the_centroid_on_the_axis_and_cover_the_viewpoints() -> None:
     np.testing.assert_allclose(angles, [[-30.0, 0.0, 30.0]] * 6, atol=1e-9)
 
 
-def test_pictures_are_of_the_stated_pose_and_the_tip_is_up() -> None:
+def test_pictures_are_of_the_stated_pose_and_the_tip_is_up():
     model = cone()
     rendered = render_views(model, SETTINGS, seed=0, progress=False)
     assert rendered.rgb.dtype == np.uint8 and rendered.depth.dtype == np.float32
@@ -78,7 +73,7 @@ def test_pictures_are_of_the_stated_pose_and_the_tip_is_up() -> None:
 
 
 @pytest.mark.parametrize("scale", [0.5, 2.0, 5.0])
-def test_the_object_always_fits(scale: float) -> None:
+def test_the_object_always_fits(scale):
     model = cone(scale)
     rendered = render_views(model, SETTINGS, seed=0, progress=False)
     for border in (np.s_[:, 0], np.s_[:, -1], np.s_[:, :, 0], np.s_[:, :, -1]):
@@ -91,7 +86,7 @@ def test_the_object_always_fits(scale: float) -> None:
         assert np.ptp(rows) > 0.75 * SETTINGS.size_px
 
 
-def test_light_differs_from_view_to_view() -> None:
+def test_light_differs_from_view_to_view():
     one_pose = dataclasses.replace(
         SETTINGS, viewpoints=1, in_plane_min_deg=0.0, in_plane_max_deg=0.0, in_plane_steps=4
     )
@@ -101,7 +96,7 @@ def test_light_differs_from_view_to_view() -> None:
         assert (rendered.rgb[0] != rendered.rgb[other]).any()
 
 
-def test_threads_change_nothing_and_the_seed_does() -> None:
+def test_threads_change_nothing_and_the_seed_does():
     alone = render_views(cone(), SETTINGS, seed=0, progress=False)
     shared = render_views(cone(), SETTINGS, seed=0, progress=False, threads=3)
     np.testing.assert_array_equal(alone.rgb, shared.rgb)
@@ -110,7 +105,7 @@ def test_threads_change_nothing_and_the_seed_does() -> None:
     assert not np.allclose(alone.poses_cam_obj, other.poses_cam_obj)
 
 
-def test_pyrender_gives_the_same_views() -> None:
+def test_pyrender_gives_the_same_views():
     problem = opengl.opengl_problem()
     if problem is not None:
         pytest.skip(problem)
@@ -126,7 +121,7 @@ def test_pyrender_gives_the_same_views() -> None:
     assert np.mean(color_gap <= 1) >= 0.999
 
 
-def test_sphere_coverage_looks_from_below_too() -> None:
+def test_sphere_coverage_looks_from_below_too():
     settings = dataclasses.replace(SETTINGS, coverage="sphere")
     poses = render_views(cone(), settings, seed=0, progress=False).poses_cam_obj
     assert (poses[:, 2, 2] > 0.3).any() and (poses[:, 2, 2] < -0.3).any()
@@ -145,23 +140,23 @@ def test_sphere_coverage_looks_from_below_too() -> None:
         ("in_plane_max_deg", -40.0),
     ],
 )
-def test_a_senseless_setting_is_refused_by_name(key: str, value: object) -> None:
+def test_a_senseless_setting_is_refused_by_name(key, value):
     with pytest.raises(ValueError, match=rf"^{key} is "):
         dataclasses.replace(SETTINGS, **{key: value})
 
 
-def test_a_camera_inside_the_object_is_refused() -> None:
+def test_a_camera_inside_the_object_is_refused():
     settings = dataclasses.replace(SETTINGS, distance_mm=30.0)
     with pytest.raises(ValueError, match=r"rendering\.distance_mm.*thing"):
         render_views(cone(), settings, seed=0, progress=False)
 
 
 @pytest.fixture
-def few_views() -> Views:
+def few_views():
     return render_views(cone(), SETTINGS, seed=0, progress=False)
 
 
-def test_files_bring_the_views_back(tmp_path: Path, few_views: Views) -> None:
+def test_files_bring_the_views_back(tmp_path, few_views):
     save_views(tmp_path / "new" / "folder", few_views)
     loaded = load_views(tmp_path / "new" / "folder", object_id=7)
     assert loaded.object_id == 7
@@ -174,7 +169,7 @@ def test_files_bring_the_views_back(tmp_path: Path, few_views: Views) -> None:
     assert not loaded.rgb.flags.owndata and not loaded.rgb.flags.writeable  # still on disk
 
 
-def test_files_name_no_object(tmp_path: Path, few_views: Views) -> None:
+def test_files_name_no_object(tmp_path, few_views):
     """The views of a mesh are the same whatever id it has in a data set."""
     for object_id in (7, 3):
         save_views(tmp_path / str(object_id), dataclasses.replace(few_views, object_id=object_id))
@@ -185,13 +180,13 @@ def test_files_name_no_object(tmp_path: Path, few_views: Views) -> None:
     assert load_views(tmp_path / "7", object_id=3).object_id == 3
 
 
-def test_depth_that_does_not_fit_the_files_is_refused(tmp_path: Path, few_views: Views) -> None:
+def test_depth_that_does_not_fit_the_files_is_refused(tmp_path, few_views):
     far = dataclasses.replace(few_views, depth=few_views.depth + 6.0)
     with pytest.raises(ValueError, match=r"6\.5535"):
         save_views(tmp_path, far)
 
 
-def test_missing_and_damaged_files_are_named(tmp_path: Path, few_views: Views) -> None:
+def test_missing_and_damaged_files_are_named(tmp_path, few_views):
     save_views(tmp_path, few_views)
     whole = (tmp_path / "depth.npy").read_bytes()
     for kept in (len(whole) // 2, 20, 0):

@@ -19,9 +19,7 @@ CAMERA = np.array([[60.0, 0.0, 20.3], [0.0, 62.0, 17.8], [0.0, 0.0, 1.0]])
 HEIGHT, WIDTH = 37, 43
 
 
-def drawn(
-    vertices: np.ndarray, faces: np.ndarray, pose: np.ndarray, cull: bool
-) -> tuple[np.ndarray, ...]:
+def drawn(vertices, faces, pose, cull):
     """Inverse depths and faces seen: of the fast z-buffer, then of the reference."""
     corners = np.empty((3, len(vertices)))
     project_vertices(pose, np.ascontiguousarray(vertices.T), CAMERA, corners)
@@ -42,7 +40,7 @@ def drawn(
 
 @pytest.mark.parametrize("subdivisions", [0, 1, 3, 5])
 @pytest.mark.parametrize("cull", [False, True])
-def test_pixels_depths_and_faces_are_those_of_the_reference(subdivisions: int, cull: bool) -> None:
+def test_pixels_depths_and_faces_are_those_of_the_reference(subdivisions, cull):
     """Triangles from many pixels wide to far below one, half of the poses cut by the border."""
     ball = trimesh.creation.icosphere(subdivisions=subdivisions, radius=0.1)
     ball.apply_scale([1.0, 0.7, 1.3])
@@ -64,7 +62,7 @@ def test_pixels_depths_and_faces_are_those_of_the_reference(subdivisions: int, c
     assert differing <= 0.002 * covered
 
 
-def test_the_nearest_face_is_seen_and_lanes_spill_nowhere() -> None:
+def test_the_nearest_face_is_seen_and_lanes_spill_nowhere():
     """A triangle of one pixel at the right border: the lanes beyond it draw nothing."""
     corners = np.array(
         [[WIDTH - 1.4, WIDTH - 0.6, WIDTH - 1.0], [4.6, 4.6, 5.4], [1.0, 1.0, 1.0]],

@@ -1,6 +1,5 @@
 import gc
 import json
-from pathlib import Path
 
 import pytest
 
@@ -11,17 +10,17 @@ from hlp.stages.store import StageStore
 USED, UNUSED, BEGUN = "0123456789abcdef", "f" * 16, "a" * 16
 
 
-def write(folder: Path) -> None:
+def write(folder):
     (folder / "data").write_bytes(bytes(1000))
 
 
-def stop(folder: Path) -> None:
+def stop(folder):
     (folder / "half").write_bytes(bytes(500))
     raise KeyboardInterrupt
 
 
 @pytest.fixture
-def work(tmp_path: Path) -> Path:
+def work(tmp_path):
     """A used, an unused, a partial and a damaged output, and other files."""
     work = tmp_path / "work"
     store = StageStore(work)
@@ -40,7 +39,7 @@ def work(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def outputs(tmp_path: Path) -> Path:
+def outputs(tmp_path):
     """Results of one run, which used an output of each stage."""
     folder = tmp_path / "outputs" / "demo" / "now"
     folder.mkdir(parents=True)
@@ -49,12 +48,12 @@ def outputs(tmp_path: Path) -> Path:
     return tmp_path / "outputs"
 
 
-def found(work: Path, *outputs: Path) -> set[tuple[str, str]]:
+def found(work, *outputs):
     listed = find_removable(work, outputs)
     return {(each.kind, each.folder.relative_to(work).as_posix()) for each in listed}
 
 
-def test_lists_what_no_run_needs(work: Path, outputs: Path) -> None:
+def test_lists_what_no_run_needs(work, outputs):
     begun, damaged = f"codebook/{BEGUN}.partial", f"codebook/{USED}.damaged"
     crashed = {("partial", begun), ("damaged", damaged)}
     assert found(work, outputs) == {*crashed, ("unreferenced", f"views/{UNUSED}")}
@@ -65,7 +64,7 @@ def test_lists_what_no_run_needs(work: Path, outputs: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["bolt", "bolt-0a1b2c3d", UNUSED, "e" * 16])
-def test_learnt_objects_are_not_listed(work: Path, outputs: Path, name: str) -> None:
+def test_learnt_objects_are_not_listed(work, outputs, name):
     before = found(work, outputs)
     folder = work / "objects" / name
     folder.mkdir(parents=True)
@@ -73,7 +72,7 @@ def test_learnt_objects_are_not_listed(work: Path, outputs: Path, name: str) -> 
     assert found(work, outputs) == before
 
 
-def test_removes_what_it_lists(work: Path, outputs: Path) -> None:
+def test_removes_what_it_lists(work, outputs):
     remove(work, find_removable(work, [outputs]))
     assert found(work, outputs) == set()
     left = {path.relative_to(work).as_posix() for path in work.glob("*/*") if path.is_dir()}
@@ -82,7 +81,7 @@ def test_removes_what_it_lists(work: Path, outputs: Path) -> None:
     assert store.holds("views", USED) and store.holds("codebook", USED)
 
 
-def test_nothing_is_removed_while_a_run_uses_the_store(work: Path, outputs: Path) -> None:
+def test_nothing_is_removed_while_a_run_uses_the_store(work, outputs):
     pytest.importorskip("fcntl")
     store = StageStore(work)
     assert store.holds("views", UNUSED)
@@ -94,7 +93,7 @@ def test_nothing_is_removed_while_a_run_uses_the_store(work: Path, outputs: Path
     assert not (work / "views" / UNUSED).exists()
 
 
-def test_a_broken_manifest_and_a_missing_store_are_named(work: Path, outputs: Path) -> None:
+def test_a_broken_manifest_and_a_missing_store_are_named(work, outputs):
     (manifest,) = outputs.rglob("manifest.json")
     manifest.write_text(json.dumps({"config": {}, "stages": [1]}))
     with pytest.raises(DataError, match=r"manifest\.json is damaged"):

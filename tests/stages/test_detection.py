@@ -3,9 +3,7 @@
 A frame whose files are broken costs itself: its files hold the reason, the others their bits.
 """
 
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +21,6 @@ from fake_detection import (
 from hlp.data.dataset import StatedTarget
 from hlp.errors import DataError, MissingFileError
 from hlp.method.find.trace import STAGES, STEPS
-from hlp.records import Frame
 from hlp.refinement.score_model import PRIOR
 from hlp.stages import detection
 from hlp.stages.detection import DetectionStages
@@ -35,26 +32,26 @@ FIRST = KEYS[0]
 
 
 @pytest.fixture(autouse=True)
-def fake(monkeypatch: pytest.MonkeyPatch) -> None:
+def fake(monkeypatch):
     monkeypatch.setattr(detection, "PoseEstimator", FakeEstimator)
 
 
-def stages_in(work: Path, frames: Any = None, **options: Any) -> Any:
+def stages_in(work, frames=None, **options):
     dataset = SimpleNamespace(**{**vars(fake_dataset()), "frames": frames or CountedFrames()})
-    training: Any = FakeTraining()
-    return DetectionStages(dataset, SETTINGS, training, StageStore(work), KEYS, **options)  # type: ignore[arg-type]
+    training = FakeTraining()
+    return DetectionStages(dataset, SETTINGS, training, StageStore(work), KEYS, **options)
 
 
-def events(stages: Any, *, reused: bool) -> list[str]:
+def events(stages, *, reused):
     return [event.stage for event in stages.store.events if event.reused == reused]
 
 
-def files(work: Path) -> dict[str, bytes]:
+def files(work):
     """All files of arrays by stage and frame."""
     return {f"{path.parts[-3]}/{path.stem}": path.read_bytes() for path in work.glob("*/*/*.npz")}
 
 
-def test_a_frame_is_decoded_once_for_all_three_stages(tmp_path: Path) -> None:
+def test_a_frame_is_decoded_once_for_all_three_stages(tmp_path):
     stages = stages_in(tmp_path)
     stages.poses()
     assert stages.dataset.frames.loads == [*KEYS]
@@ -64,11 +61,11 @@ def test_a_frame_is_decoded_once_for_all_three_stages(tmp_path: Path) -> None:
     assert stages.dataset.frames.loads == [*KEYS]  # nothing is asked for twice
 
 
-def visited(stages: Any) -> dict[str, Any]:
+def visited(stages):
     """What a visitor that looks at every frame is given."""
     found = {}
 
-    def visit(key: str, trace: Any) -> None:
+    def visit(key, trace):
         assert key not in found and stages.load(key).key == key
         found[key] = trace
 
@@ -76,7 +73,7 @@ def visited(stages: Any) -> dict[str, Any]:
     return found
 
 
-def test_who_visits_the_frames_has_them_decoded_once_and_what_is_on_disk(tmp_path: Path) -> None:
+def test_who_visits_the_frames_has_them_decoded_once_and_what_is_on_disk(tmp_path):
     stages = stages_in(tmp_path)
     found = visited(stages)
     assert stages.dataset.frames.loads == [*KEYS] == [*found]
@@ -88,7 +85,7 @@ def test_who_visits_the_frames_has_them_decoded_once_and_what_is_on_disk(tmp_pat
     assert stages.dataset.frames.loads == [*KEYS] * 2
 
 
-def test_frames_that_need_no_work_are_visited_too(tmp_path: Path) -> None:
+def test_frames_that_need_no_work_are_visited_too(tmp_path):
     stages_in(tmp_path).hypotheses()
     later, again = stages_in(tmp_path), stages_in(tmp_path)
     later.estimator.fails_at = ("refine", KEYS[1], OBJECTS[0])
@@ -104,9 +101,7 @@ def test_frames_that_need_no_work_are_visited_too(tmp_path: Path) -> None:
     assert fourth.dataset.frames.loads == []
 
 
-def test_every_object_goes_through_every_step_once_and_the_first_frame_twice(
-    tmp_path: Path,
-) -> None:
+def test_every_object_goes_through_every_step_once_and_the_first_frame_twice(tmp_path):
     stages = stages_in(tmp_path)
     stages.poses()
     wanted = []
@@ -117,7 +112,7 @@ def test_every_object_goes_through_every_step_once_and_the_first_frame_twice(
     assert stages.estimator.loaded == 1
 
 
-def test_stages_one_at_a_time_write_what_stages_together_write(tmp_path: Path) -> None:
+def test_stages_one_at_a_time_write_what_stages_together_write(tmp_path):
     together, apart = stages_in(tmp_path / "together"), stages_in(tmp_path / "apart")
     together.poses()
     apart.regions()
@@ -132,7 +127,7 @@ def test_stages_one_at_a_time_write_what_stages_together_write(tmp_path: Path) -
     assert [set(estimate.seconds) for estimate in apart.estimates()] == [set(STEPS)] * 6
 
 
-def test_what_is_on_disk_is_reused_by_name(tmp_path: Path) -> None:
+def test_what_is_on_disk_is_reused_by_name(tmp_path):
     stages_in(tmp_path).hypotheses()
     before = files(tmp_path)
     later = stages_in(tmp_path)
@@ -149,7 +144,7 @@ def test_what_is_on_disk_is_reused_by_name(tmp_path: Path) -> None:
     assert third.reused == {*STAGES} and third.dataset.frames.loads == []
 
 
-def test_an_interrupted_pass_continues_at_the_frame_where_it_stopped(tmp_path: Path) -> None:
+def test_an_interrupted_pass_continues_at_the_frame_where_it_stopped(tmp_path):
     stages = stages_in(tmp_path)
     stages.estimator.fails_at = ("refine", KEYS[1], OBJECTS[1])
     with pytest.raises(KeyboardInterrupt) as caught:
@@ -168,7 +163,7 @@ def test_an_interrupted_pass_continues_at_the_frame_where_it_stopped(tmp_path: P
     assert not [*tmp_path.glob("*/*.partial")]
 
 
-def test_a_frame_of_which_one_stage_is_lacking_is_made_for_all(tmp_path: Path) -> None:
+def test_a_frame_of_which_one_stage_is_lacking_is_made_for_all(tmp_path):
     stages = stages_in(tmp_path)
     stages.estimator.fails_at = ("region", KEYS[1], OBJECTS[0])
     with pytest.raises(KeyboardInterrupt):
@@ -180,7 +175,7 @@ def test_a_frame_of_which_one_stage_is_lacking_is_made_for_all(tmp_path: Path) -
     assert resumed.dataset.frames.loads == [*KEYS]
 
 
-def test_estimates_are_the_cheapest_hypotheses_with_the_times_of_this_pass(tmp_path: Path) -> None:
+def test_estimates_are_the_cheapest_hypotheses_with_the_times_of_this_pass(tmp_path):
     stages = stages_in(tmp_path)
     estimates = stages.estimates()
     assert [(f"{e.scene_id:06d}_{e.frame_id:06d}", e.object_id) for e in estimates] == [
@@ -202,7 +197,7 @@ def test_estimates_are_the_cheapest_hypotheses_with_the_times_of_this_pass(tmp_p
         assert 0.0 < estimate.seconds["refinement"] < 0.1
 
 
-def test_times_on_disk_are_nobodys(tmp_path: Path) -> None:
+def test_times_on_disk_are_nobodys(tmp_path):
     """Not those of a run that finds all, nor of one that finds only the first two stages."""
     stages_in(tmp_path).hypotheses()
     refined = stages_in(tmp_path)
@@ -212,9 +207,7 @@ def test_times_on_disk_are_nobodys(tmp_path: Path) -> None:
     assert again.first_use_seconds is None
 
 
-def test_loading_and_compiling_are_the_first_uses_and_no_frames(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_loading_and_compiling_are_the_first_uses_and_no_frames(tmp_path, monkeypatch):
     import time
 
     monkeypatch.setattr(FakeEstimator, "load", lambda *_: time.sleep(0.3))
@@ -233,20 +226,20 @@ class BreakingFrames(CountedFrames):
 
     error: Exception = DataError("depth/000002.png is truncated")
 
-    def load(self, key: str) -> Frame:
+    def load(self, key):
         frame = super().load(key)
         if key == BAD:
             raise self.error
         return frame
 
-    def check(self, key: str, models: Any) -> None:
+    def check(self, key, models):
         """Nothing is seen without decoding."""
 
-    def stated_targets(self, key: str) -> tuple[StatedTarget, ...]:
+    def stated_targets(self, key):
         return (StatedTarget(3),)
 
 
-def assert_same(stages: Any, sound: Any) -> None:
+def assert_same(stages, sound):
     """All frames but the bad one hold the same bits."""
     for stage, output in stages.made.items():
         for key in set(KEYS) - {BAD}:
@@ -257,7 +250,7 @@ def assert_same(stages: Any, sound: Any) -> None:
                 np.testing.assert_array_equal(found[name], expected[name])
 
 
-def test_the_others_are_found_bit_for_bit(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_the_others_are_found_bit_for_bit(tmp_path, caplog):
     stages, seen = stages_in(tmp_path / "bad", BreakingFrames(), on_bad_frame="report"), []
     estimates = stages.estimates(lambda key, found: seen.append(key))
     assert seen == [KEYS[0], KEYS[2]]
@@ -272,7 +265,7 @@ def test_the_others_are_found_bit_for_bit(tmp_path: Path, caplog: pytest.LogCapt
     assert stored == "depth/000002.png is truncated"
 
 
-def test_another_run_reads_of_the_failure_on_disk(tmp_path: Path) -> None:
+def test_another_run_reads_of_the_failure_on_disk(tmp_path):
     stages_in(tmp_path, BreakingFrames(), on_bad_frame="report").estimates()
     again = stages_in(tmp_path, BreakingFrames(), on_bad_frame="report")
     assert len(again.estimates()) == 4
@@ -281,7 +274,7 @@ def test_another_run_reads_of_the_failure_on_disk(tmp_path: Path) -> None:
         stages_in(tmp_path, BreakingFrames()).estimates()
 
 
-def test_a_frame_known_to_be_bad_is_not_decoded_and_has_a_result_of_its_own(tmp_path: Path) -> None:
+def test_a_frame_known_to_be_bad_is_not_decoded_and_has_a_result_of_its_own(tmp_path):
     frames = CountedFrames()
     stages = stages_in(tmp_path, frames, on_bad_frame="report", bad_frames={BAD: "no image"})
     assert len(stages.estimates()) == 4
@@ -302,12 +295,10 @@ def test_a_frame_known_to_be_bad_is_not_decoded_and_has_a_result_of_its_own(tmp_
         ({"on_bad_frame": "report"}, DataError("truncated"), False),  # its targets are not known
     ],
 )
-def test_everything_else_ends_the_run(
-    tmp_path: Path, options: Any, error: Exception, of_files: bool
-) -> None:
+def test_everything_else_ends_the_run(tmp_path, options, error, of_files):
     frames = BreakingFrames()
     frames.error = error
     if not of_files:
-        frames = SimpleNamespace(**{n: getattr(frames, n) for n in ("keys", "load", "identity")})  # type: ignore[assignment]
+        frames = SimpleNamespace(**{n: getattr(frames, n) for n in ("keys", "load", "identity")})
     with pytest.raises(type(error)):
         stages_in(tmp_path, frames, **options).estimates()

@@ -7,7 +7,6 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +21,7 @@ from hlp.settings import read_settings
 from hlp.source_code import Code
 from hlp.stages.manifest import fingerprint, is_fingerprint, plain, stage_code
 
-BASE: dict[str, Any] = {
+BASE = {
     "stage": "codebook",
     "code": Code("0123", {"numpy": "2.4.6"}),
     "seed": 0,
@@ -32,11 +31,11 @@ BASE: dict[str, Any] = {
 TREES = st.dictionaries(texts(), json_values(), max_size=5)
 
 
-def name_of(**changes: Any) -> str:
+def name_of(**changes):
     return fingerprint(**(BASE | changes))
 
 
-def test_a_name_is_the_same_in_another_process() -> None:
+def test_a_name_is_the_same_in_another_process():
     code = (
         "from hlp.source_code import Code; from hlp.stages.manifest import fingerprint; "
         f"print(fingerprint(**{BASE!r}))"
@@ -60,11 +59,11 @@ def test_a_name_is_the_same_in_another_process() -> None:
     ],
     ids=str,
 )
-def test_every_ingredient_counts(change: dict[str, object]) -> None:
+def test_every_ingredient_counts(change):
     assert name_of(**change) != name_of()
 
 
-def shuffled(value: Any, draw: st.DataObject) -> Any:
+def shuffled(value, draw):
     """The same with the keys of its objects in another order."""
     if isinstance(value, dict):
         names = draw.draw(st.permutations(list(value)))
@@ -99,7 +98,7 @@ class Icp:
     step_deg: float
 
 
-def test_values_have_a_plain_form() -> None:
+def test_values_have_a_plain_form():
     assert plain(Pso(25, 5.0)) == plain(Pso(25, 5.0)) != plain(Icp(25, 5.0))
     settings = {"k": 3, "encoder": {"levels": (1, 2), "width": np.int64(32)}}
     assert name_of(settings=settings) == name_of()
@@ -122,12 +121,12 @@ def test_values_have_a_plain_form() -> None:
     ],
     ids=["nan", "inner nan", "array", "set", "object", "class", "key"],
 )
-def test_what_has_no_plain_form_is_refused_by_name(value, error, words) -> None:
+def test_what_has_no_plain_form_is_refused_by_name(value, error, words):
     with pytest.raises(error, match=words):
         plain(value)
 
 
-def places(tree: Any, path: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
+def places(tree, path=()):
     """Paths of the objects in a tree."""
     if not isinstance(tree, dict):
         return []
@@ -150,7 +149,7 @@ def test_a_key_that_no_setting_declares_is_an_error_that_names_it(place, key, va
     assert ".".join((*place, key)) in str(caught.value)
 
 
-def test_a_stages_code_is_what_its_modules_import_and_not_the_settings_of_other_stages() -> None:
+def test_a_stages_code_is_what_its_modules_import_and_not_the_settings_of_other_stages():
     """A change of the refiner renders no views and trains no classifier."""
     training = "hlp.method.learn.classifier_training"
     collected = ("hlp.method.settings",)

@@ -1,8 +1,6 @@
 """A worker's networks are those of the run that sends it frames."""
 
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
@@ -14,10 +12,10 @@ from hlp.stages.store import Output
 SETTINGS = method_settings()
 
 
-def task_of(work: Path, classifier: str) -> Any:
+def task_of(work, classifier):
     """A task of a run whose classifier has this fingerprint; all else is the same."""
     learnt = {("classifier", 0): Output(classifier, work / "classifier" / classifier)}
-    data: Any = DATA
+    data = DATA
     made_from = what_makes(fake_dataset())
     worker = Worker(data, SETTINGS, work, made_from, learnt)
     return FrameTask(worker, {"regions": work}, ("regions",))
@@ -27,21 +25,19 @@ DATA = SimpleNamespace(build=fake_dataset)
 
 
 @pytest.fixture(autouse=True)
-def fake(monkeypatch: pytest.MonkeyPatch) -> None:
+def fake(monkeypatch):
     monkeypatch.setattr(detection, "PoseEstimator", FakeEstimator)
     monkeypatch.setattr(frame_task, "_KEPT", SimpleNamespace())
 
 
-def test_networks_stay_loaded_from_frame_to_frame(tmp_path: Path) -> None:
+def test_networks_stay_loaded_from_frame_to_frame(tmp_path):
     task_of(tmp_path, "one")(KEYS[0])
     kept = frame_task._KEPT.detection
     task_of(tmp_path, "one")(KEYS[1])
     assert frame_task._KEPT.detection is kept
 
 
-def test_a_run_that_learnt_otherwise_with_equal_settings_has_its_own_networks(
-    tmp_path: Path,
-) -> None:
+def test_a_run_that_learnt_otherwise_with_equal_settings_has_its_own_networks(tmp_path):
     """Other photographs or another start make another classifier; the settings are the same."""
     task_of(tmp_path, "one")(KEYS[0])
     kept = frame_task._KEPT.detection

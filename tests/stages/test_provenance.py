@@ -4,7 +4,6 @@ import json
 import platform
 import subprocess
 from importlib.metadata import FileHash, PackagePath
-from pathlib import Path
 
 import pytest
 import torch
@@ -26,7 +25,7 @@ from tiny_method import tiny_method
 NAME = "0123456789abcdef"
 
 
-def git(folder: Path, *words: str) -> str:
+def git(folder, *words):
     who = ("-c", "user.name=a", "-c", "user.email=a@b")
     done = subprocess.run(
         ["git", *who, *words], cwd=folder, check=True, capture_output=True, text=True
@@ -35,7 +34,7 @@ def git(folder: Path, *words: str) -> str:
 
 
 @pytest.fixture
-def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def package(tmp_path, monkeypatch):
     """A package in a checkout."""
     folder = tmp_path / "src" / "hlp"
     folder.mkdir(parents=True)
@@ -47,9 +46,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def test_revision_is_the_commit_and_says_what_was_changed_since(
-    package: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_revision_is_the_commit_and_says_what_was_changed_since(package, monkeypatch):
     commit, digest = git(package, "rev-parse", "HEAD"), code_digest()
     assert git_revision() == commit
     (package / "__init__.py").write_text("changed = True\n")
@@ -68,7 +65,7 @@ def test_revision_is_the_commit_and_says_what_was_changed_since(
 class Installed:
     """A distribution whose installer recorded these files with their hashes."""
 
-    def __init__(self, **hashes: str | None) -> None:
+    def __init__(self, **hashes):
         self.files = []
         for name, value in hashes.items():
             path = PackagePath(f"library/{name.replace('_', '.')}")
@@ -76,8 +73,8 @@ class Installed:
             self.files.append(path)
 
 
-def test_a_build_is_known_by_its_compiled_files(monkeypatch: pytest.MonkeyPatch) -> None:
-    def builds(**hashes: str | None) -> dict[str, str]:
+def test_a_build_is_known_by_its_compiled_files(monkeypatch):
+    def builds(**hashes):
         monkeypatch.setattr(provenance, "distribution", lambda name: Installed(**hashes))
         return library_builds()
 
@@ -90,7 +87,7 @@ def test_a_build_is_known_by_its_compiled_files(monkeypatch: pytest.MonkeyPatch)
     assert builds(init_py="c", core_so=None) == {}
 
 
-def test_this_machine_and_its_libraries_are_named() -> None:
+def test_this_machine_and_its_libraries_are_named():
     assert library_builds().keys() >= {"numpy", "torch", "onnxruntime"}
     found = processor()
     assert found["system"] == " ".join((platform.system(), platform.machine()))
@@ -100,7 +97,7 @@ def test_this_machine_and_its_libraries_are_named() -> None:
 
 
 @pytest.mark.parametrize("there", [True, False])
-def test_a_device_is_named_by_what_computes(there: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_device_is_named_by_what_computes(there, monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: there)
     monkeypatch.setattr(torch.cuda, "get_device_name", lambda: "RTX 5090")
     monkeypatch.setattr(torch.backends.mps, "is_available", lambda: False)
@@ -108,7 +105,7 @@ def test_a_device_is_named_by_what_computes(there: bool, monkeypatch: pytest.Mon
     assert found == (["RTX 5090", "RTX 5090", "cpu"] if there else ["gpu", "cpu", "cpu"])
 
 
-def start(folder: Path, stages: object) -> None:
+def start(folder, stages):
     """Read a warm start from a manifest that names these outputs."""
     (folder / "manifest.json").write_text(json.dumps({"config": {}, "stages": stages}))
     store = StageStore(folder / "work")
@@ -116,18 +113,18 @@ def start(folder: Path, stages: object) -> None:
 
 
 @pytest.mark.parametrize("name", ["../../secret", "/etc", "", NAME.upper(), NAME + "0", 7])
-def test_a_manifest_names_no_other_folder(tmp_path: Path, name: object) -> None:
+def test_a_manifest_names_no_other_folder(tmp_path, name):
     with pytest.raises(DataError, match=r"manifest\.json: .* is no fingerprint"):
         start(tmp_path, [{"stage": "classifier", "fingerprint": name}])
 
 
 @pytest.mark.parametrize("stages", [1, [1], [{}], "abc", [{"stage": "classifier"}]])
-def test_a_damaged_manifest_is_named(tmp_path: Path, stages: object) -> None:
+def test_a_damaged_manifest_is_named(tmp_path, stages):
     with pytest.raises(DataError, match=r"manifest\.json is damaged"):
         start(tmp_path, stages)
 
 
-def test_a_missing_and_a_damaged_classifier_are_named(tmp_path: Path) -> None:
+def test_a_missing_and_a_damaged_classifier_are_named(tmp_path):
     stages = [{"stage": "classifier", "fingerprint": NAME}]
     with pytest.raises(MissingFileError, match="has no classifier"):
         start(tmp_path, stages)

@@ -2,10 +2,8 @@
 
 import copy
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -14,8 +12,6 @@ import pytest
 from fake_detection import FakeEstimator, method_settings
 from hlp import source_code
 from hlp.config.build import build_settings
-from hlp.data.dataset import Dataset
-from hlp.method.settings import MethodSettings
 from hlp.stages import detection
 from hlp.stages.detection import DetectionStages
 from hlp.stages.store import Opened, StageStore
@@ -33,21 +29,21 @@ ALL = {"views", "classifier", "encoder", "codebook", "score", "regions", "hypoth
 class NothingIsMade(StageStore):
     """A store that takes every output for finished."""
 
-    def get_or_make(self, stage: str, fingerprint: str, *_: Any, **__: Any) -> Path:
+    def get_or_make(self, stage, fingerprint, *_, **__):
         return self.root / stage / fingerprint
 
     @contextmanager
-    def open(self, stage: str, fingerprint: str, *_: Any, **__: Any) -> Iterator[Opened]:
+    def open(self, stage, fingerprint, *_, **__):
         yield Opened(self.root / stage / fingerprint, True)
 
 
 @pytest.fixture(autouse=True)
-def fake(monkeypatch: pytest.MonkeyPatch) -> None:
+def fake(monkeypatch):
     monkeypatch.setattr(detection, "PoseEstimator", FakeEstimator)
 
 
 @pytest.fixture(scope="module")
-def dataset() -> Dataset:
+def dataset():
     from hydra import compose, initialize_config_dir
 
     from hlp.commands.composing import config_folder
@@ -59,9 +55,7 @@ def dataset() -> Dataset:
     return dataclasses.replace(built, models=some, target_ids=tuple(some))
 
 
-def names(
-    settings: MethodSettings, dataset: Dataset, keys: tuple[str, ...] = KEYS
-) -> dict[str, str]:
+def names(settings, dataset, keys=KEYS):
     """Fingerprints of all stages' outputs by stage and object."""
     store = NothingIsMade(Path("nowhere"))
     training = TrainingStages(dataset, settings, store)
@@ -73,13 +67,13 @@ def names(
     return made | {stage: output.fingerprint for stage, output in stages.made.items()}
 
 
-def changed(before: Mapping[str, str], after: Mapping[str, str]) -> set[str]:
+def changed(before, after):
     """Stages of which any output has another name."""
     assert before.keys() == after.keys()
     return {name.split()[0] for name in before if before[name] != after[name]}
 
 
-def leaves(settings: Any, prefix: str = "") -> Iterator[str]:
+def leaves(settings, prefix=""):
     for field in dataclasses.fields(settings):
         value = getattr(settings, field.name)
         if dataclasses.is_dataclass(value):
@@ -88,7 +82,7 @@ def leaves(settings: Any, prefix: str = "") -> Iterator[str]:
             yield f"{prefix}{field.name}"
 
 
-def other(value: Any) -> Any:
+def other(value):
     """Another value of the same kind; whether it makes sense does not matter here."""
     if isinstance(value, bool):
         return not value
@@ -101,7 +95,7 @@ def other(value: Any) -> Any:
     return 1.5
 
 
-def with_other(settings: Any, key: str) -> Any:
+def with_other(settings, key):
     """The settings with another value at a dotted key; nothing checks it."""
     first, _, rest = key.partition(".")
     value = getattr(settings, first)
@@ -138,9 +132,7 @@ READ_BY_NONE = {"patches.name", "machine.name", "machine.threads"}
 
 
 @pytest.mark.parametrize("choice", CHOICES, ids=str)
-def test_each_key_renames_the_stages_that_read_it_and_no_others(
-    choice: tuple[str, ...], dataset: Dataset
-) -> None:
+def test_each_key_renames_the_stages_that_read_it_and_no_others(choice, dataset):
     settings = method_settings(*choice)
     before = names(settings, dataset)
     found = {
@@ -155,19 +147,17 @@ def test_each_key_renames_the_stages_that_read_it_and_no_others(
         assert stages == expected, key
 
 
-def test_another_alternative_with_the_same_values_is_another_name(dataset: Dataset) -> None:
+def test_another_alternative_with_the_same_values_is_another_name(dataset):
     pso, icp = method_settings("refinement=pso"), method_settings("refinement=icp")
     both = names(pso, dataset), names(icp, dataset)
     assert changed(*both) == {"poses", "score"}
 
 
-def test_the_data_change_the_names_of_what_is_made_from_them(
-    dataset: Dataset, tmp_path: Path
-) -> None:
+def test_the_data_change_the_names_of_what_is_made_from_them(dataset, tmp_path):
     settings = method_settings()
     before = names(settings, dataset)
 
-    def after(**changes: Any) -> set[str]:
+    def after(**changes):
         return changed(before, names(settings, dataclasses.replace(dataset, **changes)))
 
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((80, 80, 3), np.uint8))
@@ -193,7 +183,7 @@ def test_the_data_change_the_names_of_what_is_made_from_them(
     assert changed(before, more) == {"regions", "hypotheses", "poses"}
 
 
-def test_one_mesh_under_two_ids_shares_its_views_and_nothing_else(dataset: Dataset) -> None:
+def test_one_mesh_under_two_ids_shares_its_views_and_nothing_else(dataset):
     model = next(iter(dataset.models.values()))
     one, six = (
         names(
@@ -211,20 +201,20 @@ def test_one_mesh_under_two_ids_shares_its_views_and_nothing_else(dataset: Datas
 
 
 @pytest.fixture
-def edit(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], None]]:
+def edit(monkeypatch):
     """Adds a line to a module's source, as far as digests know."""
     read = source_code._read
-    edited: set[str] = set()
+    edited = set()
 
-    def with_a_line_more(name: str) -> bytes | None:
+    def with_a_line_more(name):
         content = read(name)
         return content + b"#\n" if content is not None and name in edited else content
 
-    def forget() -> None:
+    def forget():
         source_code.code_of.cache_clear()
         source_code.source_digest.cache_clear()
 
-    def add(module: str) -> None:
+    def add(module):
         assert read(module) is not None
         edited.add(module)
         forget()
@@ -256,9 +246,7 @@ FOUND = {"regions", "hypotheses", "poses"}
         ("hlp.runs.runner", set()),
     ],
 )
-def test_an_edit_changes_the_names_of_the_stages_that_run_it(
-    module: str, stages: set[str], dataset: Dataset, edit: Callable[[str], None]
-) -> None:
+def test_an_edit_changes_the_names_of_the_stages_that_run_it(module, stages, dataset, edit):
     before = names(method_settings(), dataclasses.replace(dataset))
     edit(module)
     after = names(method_settings(), dataclasses.replace(dataset))
@@ -266,12 +254,12 @@ def test_an_edit_changes_the_names_of_the_stages_that_run_it(
 
 
 def test_another_version_of_a_library_changes_the_names_of_the_stages_that_use_it(
-    dataset: Dataset, monkeypatch: pytest.MonkeyPatch, edit: Callable[[str], None]
-) -> None:
+    dataset, monkeypatch, edit
+):
     before = names(method_settings(), dataset)
     versions = source_code._versions
 
-    def newer(modules: Any) -> dict[str, str]:
+    def newer(modules):
         return {name: f"{v}.1" if name == "torch" else v for name, v in versions(modules).items()}
 
     monkeypatch.setattr(source_code, "_versions", newer)

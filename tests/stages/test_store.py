@@ -3,9 +3,7 @@ import multiprocessing
 import os
 import signal
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from filelock import FileLock
@@ -19,26 +17,22 @@ NAME = "0123456789abcdef"
 DESCRIPTION = {"settings": {"k": 3}, "upstream": {"views": "aa"}}
 
 
-def write(folder: Path) -> None:
+def write(folder):
     (folder / "data.txt").write_text("done")
 
 
-def fail_if_called(folder: Path) -> None:
+def fail_if_called(folder):
     raise AssertionError(f"made again: {folder}")
 
 
-def ask(
-    root: Path, make: Callable[[Path], None] = write, stage: str = "codebook", of: str = ""
-) -> StageStore:
+def ask(root, make=write, stage="codebook", of=""):
     """A store that was asked for one output."""
     store = StageStore(root)
     assert store.get_or_make(stage, NAME, make, DESCRIPTION, of) == root / stage / NAME
     return store
 
 
-def test_makes_once_then_reuses_and_says_so(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_makes_once_then_reuses_and_says_so(tmp_path, caplog):
     with caplog.at_level("INFO"):
         first, again = ask(tmp_path, of="cat"), ask(tmp_path, fail_if_called)
     folder = tmp_path / "codebook" / NAME
@@ -56,17 +50,15 @@ def test_makes_once_then_reuses_and_says_so(
 
 
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
-def test_interrupted_work_publishes_nothing_and_is_continued(
-    tmp_path: Path, error: BaseException
-) -> None:
+def test_interrupted_work_publishes_nothing_and_is_continued(tmp_path, error):
     store = StageStore(tmp_path)
 
-    def fail(folder: Path) -> None:
+    def fail(folder):
         (folder / "epoch-3").touch()
         (folder / ".data.txt.4711").write_text("half")  # as a killed process leaves it
         raise error
 
-    def resume(folder: Path) -> None:
+    def resume(folder):
         assert (folder / "epoch-3").exists()
         write(folder)
 
@@ -80,15 +72,13 @@ def test_interrupted_work_publishes_nothing_and_is_continued(
     assert not list(folder.parent.glob("*.partial"))
 
 
-def flip(path: Path) -> None:
+def flip(path):
     content = bytearray(path.read_bytes())
     content[0] ^= 4
     path.write_bytes(content)
 
 
-def edit(
-    folder: Path, resealed: bool = False, without: tuple[str, ...] = (), **values: Any
-) -> None:
+def edit(folder, resealed=False, without=(), **values):
     record = json.loads((folder / "stage.json").read_text()) | values
     record = {key: value for key, value in record.items() if key not in without}
     if resealed:
@@ -97,15 +87,15 @@ def edit(
     (folder / "stage.json").write_text(json.dumps(record))
 
 
-def data(change: Callable[[Path], object]) -> Callable[[Path], object]:
+def data(change):
     return lambda folder: change(folder / "data.txt")
 
 
-def record(text: str) -> Callable[[Path], object]:
+def record(text):
     return lambda folder: (folder / "stage.json").write_text(text)
 
 
-DAMAGE: dict[str, Callable[[Path], object]] = {
+DAMAGE = {
     "file flipped": data(flip),
     "file cut": data(lambda path: path.write_text("don")),
     "file gone": data(Path.unlink),
@@ -124,9 +114,7 @@ DAMAGE: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.mark.parametrize("how", DAMAGE)
-def test_what_is_damaged_is_set_aside_and_made_again(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, how: str
-) -> None:
+def test_what_is_damaged_is_set_aside_and_made_again(tmp_path, caplog, how):
     ask(tmp_path)
     folder = tmp_path / "codebook" / NAME
     DAMAGE[how](folder)
@@ -154,9 +142,7 @@ def test_what_is_damaged_is_set_aside_and_made_again(
         ({"stage": 7}, "stage is 7: it must be text"),
     ],
 )
-def test_a_record_that_is_not_as_its_schema_is_named(
-    tmp_path: Path, values: dict[str, Any], words: str
-) -> None:
+def test_a_record_that_is_not_as_its_schema_is_named(tmp_path, values, words):
     ask(tmp_path)
     folder = tmp_path / "codebook" / NAME
     edit(folder, resealed=True, **values)
@@ -166,7 +152,7 @@ def test_a_record_that_is_not_as_its_schema_is_named(
 
 
 @pytest.mark.parametrize("what", ["empty folder", "file", "link to nowhere"])
-def test_what_no_store_wrote_is_set_aside(tmp_path: Path, what: str) -> None:
+def test_what_no_store_wrote_is_set_aside(tmp_path, what):
     folder = tmp_path / "codebook" / NAME
     folder.parent.mkdir()
     {
@@ -178,7 +164,7 @@ def test_what_no_store_wrote_is_set_aside(tmp_path: Path, what: str) -> None:
     assert (folder / "data.txt").read_text() == "done"
 
 
-def test_only_the_last_damaged_output_is_kept(tmp_path: Path) -> None:
+def test_only_the_last_damaged_output_is_kept(tmp_path):
     for text in ("first", "second"):
         ask(tmp_path)
         (tmp_path / "codebook" / NAME / "data.txt").write_text(text)
@@ -187,7 +173,7 @@ def test_only_the_last_damaged_output_is_kept(tmp_path: Path) -> None:
     assert (aside / "data.txt").read_text() == "second"
 
 
-def test_a_store_reads_every_file_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_store_reads_every_file_once(tmp_path, monkeypatch):
     ask(tmp_path)
     read = []
     monkeypatch.setattr(
@@ -199,24 +185,24 @@ def test_a_store_reads_every_file_once(tmp_path: Path, monkeypatch: pytest.Monke
     assert read == ["data.txt"]
 
 
-def slow_make(folder: Path) -> None:
+def slow_make(folder):
     with (folder.parent.parent / "calls").open("a") as calls:
         calls.write(f"{os.getpid()}\n")
     time.sleep(0.3)
     write(folder)
 
 
-def ask_at_once(root: Path, barrier: Any, answers: Any) -> None:
+def ask_at_once(root, barrier, answers):
     barrier.wait()
     answers.put(ask(root, slow_make).events[0].reused)
 
 
-def die(folder: Path) -> None:
+def die(folder):
     (folder / "epoch-3").touch()
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def test_runs_at_once_compute_it_once_and_one_that_died_holds_nobody_up(tmp_path: Path) -> None:
+def test_runs_at_once_compute_it_once_and_one_that_died_holds_nobody_up(tmp_path):
     """One is killed while it makes the output: its lock file stays, the lock does not."""
     context = multiprocessing.get_context("spawn")
     dead = context.Process(target=ask, args=(tmp_path, die))

@@ -1,8 +1,6 @@
 """What is written of a frame comes back as it was, whole or not at all."""
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from fake_detection import OBJECTS, SHAPE, CountedFrames, FakeEstimator
 from hlp.errors import DataError
 from hlp.method.find.search import search_frame
-from hlp.method.find.trace import STAGES, ObjectTrace, Stage, Trace
+from hlp.method.find.trace import STAGES, ObjectTrace
 from hlp.records import Hypotheses, Votes
 from hlp.stages.trace_files import (
     has_arrays,
@@ -27,13 +25,13 @@ ARRAYS = {"6/poses": np.arange(32.0).reshape(2, 4, 4), "6/mask": np.arange(9, dt
 
 
 @pytest.fixture
-def trace() -> Trace:
-    estimator: Any = FakeEstimator()
+def trace():
+    estimator = FakeEstimator()
     counts = dict.fromkeys(OBJECTS, 1)
     return search_frame(estimator, estimator.prepare(FRAME), counts, by_threads=False)
 
 
-def written(folder: Path, trace: Trace, stages: tuple[Stage, ...] = STAGES) -> Trace:
+def written(folder, trace, stages=STAGES):
     folders = {stage: folder / stage for stage in stages}
     for stage, own in folders.items():
         own.mkdir()
@@ -43,7 +41,7 @@ def written(folder: Path, trace: Trace, stages: tuple[Stage, ...] = STAGES) -> T
     return found
 
 
-def test_regions_and_refined_poses_come_back_exactly(trace: Trace, tmp_path: Path) -> None:
+def test_regions_and_refined_poses_come_back_exactly(trace, tmp_path):
     found = written(tmp_path, trace)
     assert [*found] == [*trace]
     for object_id, before in trace.items():
@@ -59,7 +57,7 @@ def test_regions_and_refined_poses_come_back_exactly(trace: Trace, tmp_path: Pat
     assert bits == -(-SHAPE[0] * SHAPE[1] // 8)  # a bit a pixel
 
 
-def test_hypotheses_come_back_exactly_and_votes_to_a_micrometre(tmp_path: Path) -> None:
+def test_hypotheses_come_back_exactly_and_votes_to_a_micrometre(tmp_path):
     rng = np.random.default_rng(0)
     turns = Rotation.random(30, rng=0).as_matrix()
     centroids = rng.uniform(-2.0, 2.0, (30, 3))
@@ -77,7 +75,7 @@ def test_hypotheses_come_back_exactly_and_votes_to_a_micrometre(tmp_path: Path) 
     np.testing.assert_array_equal(found.votes.pixels, pixels)
 
 
-def test_votes_of_one_patch_keep_belonging_together(trace: Trace, tmp_path: Path) -> None:
+def test_votes_of_one_patch_keep_belonging_together(trace, tmp_path):
     """Patches are numbered anew, since those that cast no vote are not stored."""
     patches = np.array([4, 4, 2, 9, 2])
     pixels = np.array([[8.0, 16.0], [0.0, 40.0], [8.0, 8.0]])[[0, 0, 1, 2, 1]]
@@ -88,16 +86,16 @@ def test_votes_of_one_patch_keep_belonging_together(trace: Trace, tmp_path: Path
     np.testing.assert_array_equal(same, patches[:, None] == patches)
 
 
-def test_an_object_without_an_answer_is_known_to_have_been_looked_for(tmp_path: Path) -> None:
+def test_an_object_without_an_answer_is_known_to_have_been_looked_for(tmp_path):
     assert written(tmp_path, {7: ObjectTrace()}, ("poses",)) == {7: ObjectTrace()}
 
 
-def test_a_failure_stands_in_place_of_a_trace(tmp_path: Path) -> None:
+def test_a_failure_stands_in_place_of_a_trace(tmp_path):
     write_failure(tmp_path, "key", "the depth is gone")
     assert read_trace({"regions": tmp_path}, "key") == "the depth is gone"
 
 
-def test_a_frame_without_anything_is_a_file_too(tmp_path: Path) -> None:
+def test_a_frame_without_anything_is_a_file_too(tmp_path):
     write_trace(tmp_path, "key", "poses", {})
     assert read_trace({"poses": tmp_path}, "key") == {} and has_arrays(tmp_path, "key")
 
@@ -113,7 +111,7 @@ DAMAGE = {
 
 
 @pytest.mark.parametrize("how", DAMAGE)
-def test_a_damaged_file_is_named_and_a_missing_one_is_no_damage(tmp_path: Path, how: str) -> None:
+def test_a_damaged_file_is_named_and_a_missing_one_is_no_damage(tmp_path, how):
     write_arrays(tmp_path, "key", ARRAYS)
     assert has_arrays(tmp_path, "key")
     path = tmp_path / "key.npz"

@@ -12,7 +12,7 @@ from hlp.image_edges import NO_EDGE, color_edges, edges
 from hlp.records import Mesh, ObjectModel
 from hlp.rendering.light import FRONTAL_LIGHT
 from hlp.rendering.rasterizer import render_scene
-from hlp.templates.building import DIRECTIONS, Templates, TemplateSettings, build_templates
+from hlp.templates.building import DIRECTIONS, TemplateSettings, build_templates
 from hlp.templates.matching import at_different_places, match_templates, spread_edges
 from hlp.thread_team import ThreadTeam
 from refinement_scene import as_mesh
@@ -23,7 +23,7 @@ SETTINGS = TemplateSettings()
 
 
 @pytest.fixture(scope="module")
-def plate() -> ObjectModel:
+def plate():
     """A letter F, 10 cm long and 12 mm thick: no symmetry, no colour."""
     boxes = []
     for size, at in (
@@ -40,11 +40,11 @@ def plate() -> ObjectModel:
 
 
 @pytest.fixture(scope="module")
-def templates(plate: ObjectModel) -> Templates:
+def templates(plate):
     return build_templates(plate, SETTINGS)
 
 
-def scene(plate: ObjectModel, turn: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def scene(plate, turn):
     """RGB, depth and true pose of the plate on a table that is tilted towards the camera."""
     flat = trimesh.transformations.rotation_matrix(np.pi - 0.25, [1, 0, 0])[:3, :3]
     rotation = flat @ trimesh.transformations.rotation_matrix(turn, [0, 0, 1])[:3, :3]
@@ -62,9 +62,7 @@ def scene(plate: ObjectModel, turn: float) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 @pytest.mark.parametrize("turn", [0.1, 2.0, 4.4])
-def test_a_flat_part_without_colour_is_found(
-    plate: ObjectModel, templates: Templates, turn: float
-) -> None:
+def test_a_flat_part_without_colour_is_found(plate, templates, turn):
     rgb, depth, pose = scene(plate, turn)
     answers = spread_edges(color_edges(rgb), SETTINGS.reach)
     team = ThreadTeam(2)
@@ -82,7 +80,7 @@ def test_a_flat_part_without_colour_is_found(
     assert len(none.shares) == 0
 
 
-def test_a_template_is_what_its_view_shows(plate: ObjectModel, templates: Templates) -> None:
+def test_a_template_is_what_its_view_shows(plate, templates):
     """Laid on a picture of its own view, all its features are found, with all depths."""
     for row in range(5, len(templates.offsets), 177):
         rotation, center = templates.rotations_cam_obj[row], np.array([0.0, 0.0, 0.5])
@@ -105,7 +103,7 @@ def test_a_template_is_what_its_view_shows(plate: ObjectModel, templates: Templa
         assert np.median(np.abs(deep - templates.surface[row][:, 2])) < 0.002
 
 
-def test_answers_are_those_of_plain_numpy() -> None:
+def test_answers_are_those_of_plain_numpy():
     rng = np.random.default_rng(0)
     directions = np.where(rng.random((30, 40)) < 0.02, rng.integers(16, size=(30, 40)), NO_EDGE)
     found = spread_edges(directions.astype(np.int8), 2)
@@ -123,7 +121,7 @@ def test_answers_are_those_of_plain_numpy() -> None:
     np.testing.assert_array_equal(found, expected)
 
 
-def test_an_object_without_enough_edges_has_no_templates(plate: ObjectModel) -> None:
+def test_an_object_without_enough_edges_has_no_templates(plate):
     small = replace(plate, mesh=plate.mesh, diameter=20.0)  # a speck in views of 20 m
     none = build_templates(small, SETTINGS)
     assert len(none.offsets) == 0
@@ -133,7 +131,7 @@ def test_an_object_without_enough_edges_has_no_templates(plate: ObjectModel) -> 
     assert found.poses_cam_obj.shape == (0, 4, 4)
 
 
-def test_few_poses_of_one_place_are_kept(plate: ObjectModel) -> None:
+def test_few_poses_of_one_place_are_kept(plate):
     """The first ones, wherever the mesh's origin and however the object is turned."""
     middles = np.array([[0.0, 0.0, 0.6]] * 3 + [[0.2, 0.0, 0.6]] + [[0.0, 0.001, 0.6]])
     turns = [trimesh.transformations.rotation_matrix(t, [0, 0, 1])[:3, :3] for t in range(5)]

@@ -14,7 +14,7 @@ from hlp.voting.cast import canonical_rotations, cast_votes
 FLOAT32 = 2e-6  # rounding of what a codebook stores, in metres and radians
 
 
-def model_of(points: np.ndarray, symmetries: np.ndarray | None = None) -> ObjectModel:
+def model_of(points, symmetries=None):
     count = len(points)
     flat = np.zeros((count, 3), np.uint8)
     mesh = Mesh(points, np.zeros((1, 3), np.int64), flat, np.zeros((count, 3)))
@@ -22,7 +22,7 @@ def model_of(points: np.ndarray, symmetries: np.ndarray | None = None) -> Object
     return ObjectModel(1, "thing", mesh, mesh, 0.1, symmetries, 0.1, 0.04)
 
 
-def patches_at(points_cam: np.ndarray) -> LocalPatches:
+def patches_at(points_cam):
     count = len(points_cam)
     none = np.zeros((count, 2, 2))
     pixels = np.zeros((count, 2))
@@ -30,7 +30,7 @@ def patches_at(points_cam: np.ndarray) -> LocalPatches:
 
 
 @st.composite
-def exact_codebooks(draw: st.DrawFn):
+def exact_codebooks(draw):
     """A view with the centroid on the optical axis, and a codebook of all of its points."""
     points = draw(point_sets()) + draw(vectors(-0.1, 0.1))
     model = model_of(points)

@@ -7,7 +7,14 @@ from scipy.spatial.transform import Rotation
 from hlp.geometry import quaternions, rotation_distance
 from hlp.patches.sampling import join
 from hlp.records import Votes
-from hlp.voting.modes import JointModes, JointVotingSettings, PaperModes, PaperVotingSettings
+from hlp.voting.modes import (
+    JointModes,
+    JointVotingSettings,
+    PaperModes,
+    PaperVotingSettings,
+    SequentialModes,
+    SequentialVotingSettings,
+)
 
 PAPER = PaperVotingSettings("paper", 3.0, False, False, 10.0, 5.0, 3000, 30)
 JOINT = JointVotingSettings("joint", 3.0, True, True, 20.0, 18.0, 1500, 5, 5)
@@ -251,3 +258,71 @@ def test_threads_change_no_bit():
     one, two = (JointModes(JOINT, threads).find(votes, CENTROID) for threads in (1, 2))
     np.testing.assert_array_equal(one.poses_cam_obj, two.poses_cam_obj)
     np.testing.assert_array_equal(one.support, two.support)
+
+
+@pytest.fixture
+def scattered():
+    """40 votes for HERE, 30 of them at 20°; 12 each for four far places, all of them at 120°."""
+    table = [(12, THERE + 0.1 * k, rotation(120), 0.002, 1.7, 1.0) for k in range(4)]
+    here = [
+        (count, HERE, rotation(degrees), 0.002, 1.7, 1.0) for count, degrees in ((30, 20), (10, 60))
+    ]
+    return make_votes(*here, *table)
+
+
+def pose_of(votes, settings):
+    pose = SequentialModes(settings).find(votes, CENTROID).poses_cam_obj[0]
+    return voted_center(pose), pose[:3, :3]
+
+
+def brute_force(votes, radius, angle):
+    """The definition, from every vote in loops: where most centroids lie, then most rotations."""
+    best = max(votes.centroids_cam, key=lambda c: within(votes.centroids_cam, c, radius).sum())
+    for _ in range(30):
+        best = votes.centroids_cam[within(votes.centroids_cam, best, radius)].mean(axis=0)
+    turns = Rotation.from_matrix(votes.rotations_cam_obj[within(votes.centroids_cam, best, radius)])
+    near = [(turns * turn.inv()).magnitude() <= angle for turn in turns]
+    turn = turns[near[int(np.argmax([one.sum() for one in near]))]].mean()
+    for _ in range(30):
+        turn = turns[(turns * turn.inv()).magnitude() <= angle].mean()
+    return best, turn.as_matrix()
+
+
+def within(points, center, radius):
+    return np.linalg.norm(points - center, axis=1) <= radius
+
+
+def test_it_is_the_mean_shift_of_the_definition(scattered):
+    center, turn = pose_of(scattered, SequentialVotingSettings(mean_shift_iterations=30))
+    expected_center, expected_rotation = brute_force(scattered, 0.010, np.deg2rad(5.0))
+    np.testing.assert_allclose(center, expected_center, atol=1e-9)
+    assert rotation_distance(turn, expected_rotation) < 1e-3
+
+
+def test_rotations_are_those_at_the_translation_found(scattered):
+    center, turn = pose_of(scattered, SequentialVotingSettings())
+    truth = rotation(20)
+    assert np.linalg.norm(center - HERE) < 0.002
+    assert rotation_distance(turn, truth) < np.deg2rad(2.0)
+    # Most votes of all are for 120°, so independent modes pair HERE with another place's rotation.
+    apart = PaperModes(PaperVotingSettings()).find(scattered, CENTROID).poses_cam_obj[0]
+    assert rotation_distance(apart[:3, :3], truth) > np.deg2rad(90.0)
+
+
+def test_several_poses_are_ordered_by_the_votes_that_agree_with_them(scattered):
+    settings = SequentialVotingSettings(hypotheses=4)
+    found = SequentialModes(settings).find(scattered, CENTROID)
+    np.testing.assert_array_equal(found.support, [30.0, 12.0, 12.0, 12.0])
+    centers = found.poses_cam_obj[:, :3, :3] @ CENTROID + found.poses_cam_obj[:, :3, 3]
+    np.testing.assert_array_equal(within(centers, HERE, 0.003), [True, False, False, False])
+    every = SequentialModes(SequentialVotingSettings(hypotheses=9)).find(scattered, CENTROID)
+    np.testing.assert_array_equal(every.support, [30.0, 12.0, 12.0, 12.0, 12.0, 10.0])
+    np.testing.assert_array_equal(every.poses_cam_obj[:4], found.poses_cam_obj)
+
+
+def test_threads_change_nothing_and_no_votes_give_no_pose(scattered):
+    settings = SequentialVotingSettings(hypotheses=5)
+    one, four = (SequentialModes(settings, n).find(scattered, CENTROID) for n in (1, 4))
+    np.testing.assert_array_equal(one.poses_cam_obj, four.poses_cam_obj)
+    none = make_votes((0, HERE, np.eye(3), 0.0, 0.0, 1.0))
+    assert len(SequentialModes(settings).find(none, CENTROID)) == 0

@@ -79,12 +79,8 @@ def match_templates(
 
     Of matches with nearly the same pose only the best is kept.
     """
-    step = settings.step
     smooth = cv2.medianBlur(np.ascontiguousarray(depth, dtype=np.float32), _MEDIAN)
-    there = np.isfinite(smooth) & (smooth > _NEAREST)
-    there = there if mask is None else there & mask
-    y, x = step * np.argwhere(there[step // 2 :: step, step // 2 :: step]).T + step // 2
-    places, depths = np.stack([x, y], axis=1).astype(np.float32), smooth[y, x]
+    places, depths = _grid_places(smooth, mask, settings.step)
     shares = np.zeros((len(places), _PER_PLACE), dtype=np.float32)
     rows = np.full(shares.shape, -1, dtype=np.int32)
     focal, ahead = np.float32(camera_matrix[0, 0]), templates.anchors_cam[:, 2].astype(np.float32)
@@ -109,6 +105,16 @@ def match_templates(
     best = best[: _choose_different(centers, rotations, shift, trace, best)]
     poses = rigid(rotations[best], centers[best] - rotations[best] @ model.centroid)
     return Matches(poses, found[best].astype(np.float64))
+
+
+def _grid_places(
+    depth: Image, mask: Mask | None, step: int
+) -> tuple[Float32[np.ndarray, "p 2"], Float32[np.ndarray, "p"]]:
+    """Pixels (x, y) every `step` px that have depth and lie in the mask, and their depths."""
+    there = np.isfinite(depth) & (depth > _NEAREST)
+    there = there if mask is None else there & mask
+    y, x = step * np.argwhere(there[step // 2 :: step, step // 2 :: step]).T + step // 2
+    return np.stack([x, y], axis=1).astype(np.float32), depth[y, x]
 
 
 def at_different_places(poses_cam_obj: Poses, model: ObjectModel, most: int) -> Rows:

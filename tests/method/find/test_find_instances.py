@@ -1,8 +1,6 @@
 """Which poses are instances: of one object, then of objects that claim the same pixels."""
 
-from collections.abc import Iterator
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,14 +11,14 @@ from hlp.records import Hypotheses, Refinement, Region
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
 from hlp.refinement.refiner import NoneSettings
 from hlp.refinement.verification import VerificationSettings, Verifier, observe
-from refinement_scene import CAMERA, Scene, disturbed, make_row
+from refinement_scene import CAMERA, disturbed
 
 REGION = Region(5, np.zeros((0, 2)), np.zeros(0), np.zeros((4, 4), dtype=bool))
 NONE = Hypotheses(np.zeros((0, 4, 4)), np.zeros(0))
-CONTEXT: Any = SimpleNamespace(observation="all")
+CONTEXT = SimpleNamespace(observation="all")
 
 
-def pose(score: float) -> np.ndarray:
+def pose(score):
     """A pose whose score stands in its translation."""
     made = np.eye(4)
     made[0, 3] = score
@@ -33,20 +31,20 @@ class Looks:
     `taken` has the score of a pose that stands on the pixels of a better one.
     """
 
-    def __init__(self, *looks: list[float] | None, taken: float | None = None) -> None:
+    def __init__(self, *looks, taken=None):
         self.looks, self.taken = [*looks], taken
-        self.asked: list[tuple[int, Any]] = []
+        self.asked = []
 
-    def has_templates(self, _: int) -> bool:
+    def has_templates(self, _):
         return False
 
-    def likely_regions(self, _: Any, region: Region) -> Iterator[Region]:
+    def likely_regions(self, _, region):
         return (region for _ in range(len(self.looks)))
 
-    def find_hypotheses(self, _: Any, region: Region) -> ObjectTrace:
+    def find_hypotheses(self, _, region):
         return ObjectTrace(region, hypotheses=NONE)
 
-    def refine(self, _: Any, __: int, ___: Any, instances: int, rest: Any, ____: Any) -> Any:
+    def refine(self, _, __, ___, instances, rest, ____):
         self.asked.append((instances, rest))
         scores = self.looks.pop(0)
         if scores is None:
@@ -56,10 +54,10 @@ class Looks:
         seeds = np.zeros((len(found), 2), dtype=int)
         return RefinedHypotheses(found, np.zeros(len(found)), np.arange(len(found)), seeds, rows)
 
-    def score(self, _: Any, __: int, found: np.ndarray) -> float:
+    def score(self, _, __, found):
         return float(found[0, 3])
 
-    def verifier(self, _: int) -> Any:
+    def verifier(self, _):
         return SimpleNamespace(
             without_explained=lambda before, found: f"{before}-{found[0, 3]:g}",
             evidence=lambda *_: None,
@@ -67,7 +65,7 @@ class Looks:
         )
 
 
-def search(estimator: Any, *given: Any, **options: Any) -> tuple[list[float], list[int]]:
+def search(estimator, *given, **options):
     """Scores and sources of the instances that were found."""
     found = find_instances(estimator, CONTEXT, REGION, NONE, *given, **options)
     if found is None:
@@ -87,13 +85,13 @@ def search(estimator: Any, *given: Any, **options: Any) -> tuple[list[float], li
         ([None, None], [], [], 2),
     ],
 )
-def test_likely_places_are_searched_until_a_pose_is_right(looks, scores, sources, asked) -> None:
+def test_likely_places_are_searched_until_a_pose_is_right(looks, scores, sources, asked):
     estimator = Looks(*looks)
     assert search(estimator) == (scores, sources)
     assert estimator.asked == [(1, None)] * asked
 
 
-def test_missing_instances_are_looked_for_where_the_others_are_not() -> None:
+def test_missing_instances_are_looked_for_where_the_others_are_not():
     estimator = Looks([0.2, 0.9, 0.1], [0.7, 0.3], [0.4])
     assert search(estimator, 3, "rest")[0] == [0.9, 0.7, 0.4]
     assert estimator.asked == [(3, "rest"), (2, "rest-0.9"), (1, "rest-0.9-0.7")]
@@ -114,18 +112,18 @@ def test_missing_instances_are_looked_for_where_the_others_are_not() -> None:
         ([[0.4, 0.1], [0.3]], 10, 0.3, [0.4, 0.3, 0.1]),
     ],
 )
-def test_where_the_number_of_instances_is_not_known(looks, most, min_score, scores) -> None:
+def test_where_the_number_of_instances_is_not_known(looks, most, min_score, scores):
     assert search(Looks(*looks), most, min_score=min_score)[0] == scores
 
 
-def test_no_instance_is_answered_twice() -> None:
+def test_no_instance_is_answered_twice():
     """A worse pose of what a better one explains already is no further answer."""
     estimator = Looks([0.4, 0.1], [0.9, 0.2], taken=0.4)
     assert search(estimator, 10, min_score=0.3)[0] == [0.9, 0.2, 0.1]
 
 
-def test_without_the_fallback_the_first_look_is_the_only_one_and_needs_no_score() -> None:
-    estimator: Any = Looks([0.2], [0.9])
+def test_without_the_fallback_the_first_look_is_the_only_one_and_needs_no_score():
+    estimator = Looks([0.2], [0.9])
     estimator.score = None
     assert search(estimator, fallback=False) == ([0.2], [1])
     assert len(estimator.asked) == 1
@@ -134,36 +132,36 @@ def test_without_the_fallback_the_first_look_is_the_only_one_and_needs_no_score(
 class Twins:
     """Two objects of the same shape under the ids 1 and 2; nothing is refined."""
 
-    def __init__(self, scene: Scene, scores: dict[int, float] | None = None) -> None:
+    def __init__(self, scene, scores=None):
         self.scene, self.scores, self.asked = scene, scores, list[int]()
         settings = VerificationSettings()
-        self.context: Any = SimpleNamespace(
+        self.context = SimpleNamespace(
             observation=observe(scene.rgb, scene.depth, CAMERA, settings)
         )
         self._verifier = Verifier(scene.model, settings)
 
-    def verifier(self, _: int) -> Verifier:
+    def verifier(self, _):
         return self._verifier
 
-    def has_templates(self, _: int) -> bool:
+    def has_templates(self, _):
         return self.scores is not None
 
-    def score(self, _: Any, object_id: int, __: Any) -> float:
+    def score(self, _, object_id, __):
         return 1.0 if self.scores is None else self.scores[object_id]
 
-    def refine(self, object_id: int, given: Hypotheses, rest: Any = None) -> Any:
+    def refine(self, object_id, given, rest=None):
         self.asked.append(object_id)
         refiner, seen = NoneSettings().build(1), self.context.observation
         return refine_and_choose(refiner, self._verifier, seen, given, 0, 1, rest)
 
-    def resolve(self, **poses: list[np.ndarray]) -> tuple[dict[int, Any], dict[int, Any]]:
+    def resolve(self, **poses):
         """What was found of objects, given their coarse poses, before and after conflicts."""
         given = {
             int(name[1:]): Hypotheses(np.stack(own), np.ones(len(own)))
             for name, own in poses.items()
         }
         found = {i: self.refine(i, own) for i, own in given.items()}
-        estimator: Any = self
+        estimator = self
         again = resolve_conflicts(
             estimator, self.context, found, lambda i, rest: self.refine(i, given[i], rest)
         )
@@ -171,23 +169,18 @@ class Twins:
 
 
 @pytest.fixture(scope="module")
-def row() -> list[Scene]:
-    return make_row()
-
-
-@pytest.fixture(scope="module")
-def elsewhere(row: list[Scene]) -> np.ndarray:
+def elsewhere(row):
     """Where another thing of the same shape stands."""
     return disturbed(row[1], 6.0, 6.0, seed=2)
 
 
 @pytest.fixture(scope="module")
-def off(row: list[Scene]) -> np.ndarray:
+def off(row):
     """A pose near the true one, which costs more."""
     return disturbed(row[0], 4.0, 4.0, seed=1)
 
 
-def test_what_stands_on_anothers_pixels_is_chosen_anew(row, off, elsewhere) -> None:
+def test_what_stands_on_anothers_pixels_is_chosen_anew(row, off, elsewhere):
     estimator = Twins(row[0])
     found, resolved = estimator.resolve(o1=[row[0].pose], o2=[off, elsewhere])
     assert found[2].sources[found[2].best] == 0
@@ -195,20 +188,20 @@ def test_what_stands_on_anothers_pixels_is_chosen_anew(row, off, elsewhere) -> N
     assert resolved[2].sources[resolved[2].best] == 1
 
 
-def test_an_object_that_has_nothing_of_its_own_is_not_found(row, off) -> None:
+def test_an_object_that_has_nothing_of_its_own_is_not_found(row, off):
     found, resolved = Twins(row[0]).resolve(o1=[off], o2=[row[0].pose])
     assert resolved[1] is None and resolved[2] is found[2]
 
 
 @pytest.mark.parametrize("scores", [{1: 0.9, 2: 0.6}, {1: 0.6, 2: 0.9}])
-def test_of_objects_without_colours_the_more_probable_one_stays(row, off, scores) -> None:
+def test_of_objects_without_colours_the_more_probable_one_stays(row, off, scores):
     """The costs of different objects cannot be compared: that of the second is less both times."""
     found, resolved = Twins(row[0], scores).resolve(o1=[off], o2=[row[0].pose])
     winner = max(scores, key=scores.__getitem__)
     assert resolved[winner] is found[winner] and resolved[3 - winner] is None
 
 
-def test_objects_beside_each_other_keep_their_poses(row, elsewhere) -> None:
+def test_objects_beside_each_other_keep_their_poses(row, elsewhere):
     found, resolved = Twins(row[0]).resolve(o1=[row[0].pose], o2=[elsewhere])
     assert resolved == found
     alone, same = Twins(row[0]).resolve(o1=[row[0].pose])

@@ -1,8 +1,6 @@
 """The objects of a frame are searched by several threads at once."""
 
 import threading
-from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,52 +10,50 @@ from hlp.method.find.trace import STEPS, ObjectTrace
 from hlp.records import Hypotheses, Region
 from hlp.thread_team import ThreadTeam
 
-CONTEXT: Any = None
+CONTEXT = None
 
 
 class Estimator:
     """Finds nothing of any object; waits in stage 2 until `at_once` objects are searched."""
 
-    def __init__(
-        self, threads: int, at_once: int, probability: dict[int, float] | None = None
-    ) -> None:
+    def __init__(self, threads, at_once, probability=None):
         self.team = ThreadTeam(threads)
-        self.done: list[Any] = []
-        self.searched: list[int] = []
+        self.done = []
+        self.searched = []
         self._probability = probability or {}
         self._barrier = threading.Barrier(at_once, timeout=10)
 
-    def share_work(self, context: Any, object_ids: list[int]) -> None:
+    def share_work(self, context, object_ids):
         self.done.append(("shared", object_ids))
 
-    def find_region(self, context: Any, object_id: int, instances: int) -> Region:
+    def find_region(self, context, object_id, instances):
         self.done.append((object_id, instances))
         seen = [self._probability[object_id]] if object_id in self._probability else []
         centers, nowhere = np.zeros((len(seen), 2)), np.zeros((4, 4), dtype=bool)
         return Region(object_id, centers, np.array(seen), nowhere)
 
-    def share_patches(self, context: Any, regions: Iterable[Region]) -> None:
+    def share_patches(self, context, regions):
         self.done.append(("shared patches", sorted(region.object_id for region in regions)))
 
-    def find_hypotheses(self, context: Any, region: Region) -> Any:
+    def find_hypotheses(self, context, region):
         self.searched.append(region.object_id)
         self._barrier.wait()
         none = Hypotheses(np.zeros((0, 4, 4)), np.zeros(0))
         return ObjectTrace(region, hypotheses=none, seconds={"local": 0.0, "voting": 0.0})
 
-    def refine(self, *_: Any) -> None:
+    def refine(self, *_):
         return None
 
-    def likely_regions(self, *_: Any) -> Any:
+    def likely_regions(self, *_):
         return iter(())
 
-    def has_templates(self, object_id: int) -> bool:
+    def has_templates(self, object_id):
         return False
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
-def test_threads_search_different_objects(threads: int) -> None:
-    estimator: Any = Estimator(threads, threads)
+def test_threads_search_different_objects(threads):
+    estimator = Estimator(threads, threads)
     counts = {5: 1, 3: 2, 9: 1, 4: 1, 8: 1, 2: 1}
     trace = search_frame(estimator, CONTEXT, counts, min_score=0.5)
     assert list(trace) == list(counts) and all(found.refined is None for found in trace.values())
@@ -67,16 +63,16 @@ def test_threads_search_different_objects(threads: int) -> None:
     assert search_frame(estimator, CONTEXT, {}, min_score=0.5) == {}
 
 
-def test_what_the_classifier_is_least_sure_of_is_searched_first() -> None:
+def test_what_the_classifier_is_least_sure_of_is_searched_first():
     """Answers stay in the order in which objects were asked for."""
-    estimator: Any = Estimator(1, 1, {5: 0.9, 3: 0.2, 9: 1.0, 4: 0.5})
+    estimator = Estimator(1, 1, {5: 0.9, 3: 0.2, 9: 1.0, 4: 0.5})
     trace = search_frame(estimator, CONTEXT, dict.fromkeys((5, 3, 9, 7, 4), 1), min_score=0.5)
     assert estimator.searched == [7, 3, 4, 5, 9]
     assert [*trace] == [5, 3, 9, 7, 4]
 
 
-def test_a_search_stops_after_a_stage_and_takes_what_is_given() -> None:
-    estimator: Any = Estimator(1, 1)
+def test_a_search_stops_after_a_stage_and_takes_what_is_given():
+    estimator = Estimator(1, 1)
     counts = {5: 2, 3: 1}
     alone = {"by_threads": False}
     regions = search_frame(estimator, CONTEXT, counts, stop_after="regions", **alone)

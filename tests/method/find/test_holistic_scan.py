@@ -11,6 +11,7 @@ from hlp.models.network import load_network
 from hlp.models.onnx_export import export_network
 from hlp.patches.holistic import HolisticSettings, RegionSettings, cut_windows, metric_windows
 from hlp.records import Frame
+from networks import trained
 from window_reference import window_images
 
 HOLISTIC = HolisticSettings(64, "rgbd")
@@ -31,8 +32,7 @@ def objects():
 @pytest.fixture(scope="module")
 def network():
     torch.manual_seed(0)
-    network = HolisticCNN(4, 5, (4, 8), 16, 0.1)
-    network(torch.randn(64, 4, 64, 64))  # batch norm's statistics
+    network = trained(HolisticCNN(4, 5, (4, 8), 16, 0.1), 64)
     network.head[-1].weight.data *= 10  # so that windows differ
     return network.eval()
 

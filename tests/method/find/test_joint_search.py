@@ -10,7 +10,6 @@ from hlp import Detector
 from hlp.data.synthetic.objects import demo_objects
 from hlp.method.learn import learning
 from hlp.method.learn.learnt_folder import SEARCHES
-from hlp.records import Frame
 from hlp.refinement.score_model import PRIOR
 from made_once import made_once
 from tiny_method import tiny_method, write_mesh
@@ -20,13 +19,13 @@ JOINT = ("codebook=joint_lists", "patches.local.size_mm=45")
 
 
 @pytest.fixture(scope="module")
-def joint(tmp_path_factory: pytest.TempPathFactory, learnt: Path) -> Path:
+def joint(tmp_path_factory, learnt):
     """A folder of the demo's bear and can that share an index; the classifier is a copied one."""
 
-    def train(*given: object) -> None:
+    def train(*given):
         shutil.copytree(learnt / "classifier", Path(str(given[4])), dirs_exist_ok=True)
 
-    def make(folder: Path) -> None:
+    def make(folder):
         meshes = {name: write_mesh(folder, MODELS[name]) for name in ("bear", "can")}
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(learning, "train_classifier", train)
@@ -36,19 +35,19 @@ def joint(tmp_path_factory: pytest.TempPathFactory, learnt: Path) -> Path:
     return made_once(tmp_path_factory, "joint", make) / "objects"
 
 
-def no_training(monkeypatch: pytest.MonkeyPatch) -> None:
+def no_training(monkeypatch):
     monkeypatch.setattr("hlp.codebook.inverted_lists._train", lambda *_: 1 / 0)
 
 
-def searches(folder: Path) -> list[str]:
+def searches(folder):
     return sorted(
         path.relative_to(folder / SEARCHES).name for path in (folder / SEARCHES).iterdir()
     )
 
 
 def test_the_bear_is_found_by_any_number_of_threads_and_whoever_else_is_looked_for(
-    joint: Path, frame: Frame, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    joint, frame, monkeypatch
+):
     no_training(monkeypatch)
     image = frame.rgb, frame.depth, frame.camera_matrix
     one, two = (Detector.load(joint, threads=threads) for threads in (1, 2))
@@ -62,9 +61,7 @@ def test_the_bear_is_found_by_any_number_of_threads_and_whoever_else_is_looked_f
     assert np.linalg.norm(apart) < 0.1 * MODELS["bear"].diameter
 
 
-def test_removing_an_object_leaves_an_index_of_the_others(
-    joint: Path, frame: Frame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_removing_an_object_leaves_an_index_of_the_others(joint, frame, tmp_path, monkeypatch):
     folder = shutil.copytree(joint, tmp_path / "learnt")
     (before,) = searches(folder)
     detector = Detector.load(folder)
@@ -78,9 +75,7 @@ def test_removing_an_object_leaves_an_index_of_the_others(
 
 
 @pytest.mark.slow
-def test_adding_an_object_makes_an_index_of_all(
-    joint: Path, frame: Frame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_adding_an_object_makes_an_index_of_all(joint, frame, tmp_path, monkeypatch):
     folder = shutil.copytree(joint, tmp_path / "learnt")
     before = searches(folder)
     Detector.load(folder).add({"duck": write_mesh(tmp_path, MODELS["duck"])})

@@ -4,19 +4,18 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
-from hlp.codebook.neighbours import ExactNeighbours, Neighbours
+from hlp.codebook.neighbours import ExactNeighbours
 from hlp.data.synthetic.objects import demo_objects
 from hlp.method.find import patch_matching
 from hlp.method.find.patch_matching import FrameMatches, PatchMatching, SearchGroup, search_groups
 from hlp.method.settings import FindSettings
 from hlp.patches.local import region_pixels
-from hlp.records import Codebook, Frame, LocalPatches
+from hlp.records import Codebook
 from hlp.thread_team import ThreadTeam
 from tiny_method import tiny_method
 
@@ -37,11 +36,11 @@ class Encoder:
 
     sees_color = False
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.seen = 0
         self._lock = threading.Lock()
 
-    def encode(self, patches: LocalPatches) -> np.ndarray:
+    def encode(self, patches):
         with self._lock:
             self.seen += len(patches)
         size = patches.depth.shape[1] ** 2
@@ -56,29 +55,27 @@ class Learnt:
 
     models = MODELS
 
-    def load_codebook(self, object_id: int) -> Codebook:
+    def load_codebook(self, object_id):
         rng = np.random.default_rng(object_id)
         count = 40 + object_id
         features = rng.normal(scale=20.0, size=(count, DIMENSION)).astype(np.float32)
         rotations = np.tile(np.eye(3, dtype=np.float32), (count, 1, 1))
         return Codebook(object_id, features, rotations, np.zeros((count, 3), np.float32), 1.0)
 
-    def search_folder(self, object_ids: Any) -> None:
+    def search_folder(self, object_ids):
         return None
 
 
-def matching(settings: Any, encoder: Encoder) -> PatchMatching:
-    learnt: Any = Learnt()
+def matching(settings, encoder):
+    learnt = Learnt()
     return PatchMatching(learnt, settings, tuple(MODELS), lambda: encoder, ThreadTeam(2))
 
 
-def matches_of(
-    frame: Frame, encoder: Encoder | None = None, settings: Any = SHARED
-) -> FrameMatches:
+def matches_of(frame, encoder=None, settings=SHARED):
     return FrameMatches(matching(settings, encoder or Encoder()), frame)
 
 
-def regions(frame: Frame) -> list[np.ndarray]:
+def regions(frame):
     """Pixels of three regions that overlap, in no order."""
     rng = np.random.default_rng(1)
     parts = []
@@ -89,7 +86,7 @@ def regions(frame: Frame) -> list[np.ndarray]:
     return parts
 
 
-def test_each_object_is_searched_alone_or_with_those_of_the_same_patch_size() -> None:
+def test_each_object_is_searched_alone_or_with_those_of_the_same_patch_size():
     ids = list(MODELS)
     assert search_groups(MODELS, reversed(ids), OWN.coarse) == [(i,) for i in ids]
     assert search_groups(MODELS, reversed(ids), SHARED.coarse) == [tuple(ids)]
@@ -98,7 +95,7 @@ def test_each_object_is_searched_alone_or_with_those_of_the_same_patch_size() ->
     assert search_groups(models, ids, JOINT.coarse) == [(ids[0], ids[2]), (ids[1],)]
 
 
-def test_a_patch_votes_for_the_objects_of_its_nearest_entries_alone(frame: Frame) -> None:
+def test_a_patch_votes_for_the_objects_of_its_nearest_entries_alone(frame):
     """Beside the distances to all entries of all objects, by NumPy."""
     encoder = Encoder()
     frame_matches = matches_of(frame, encoder)
@@ -118,20 +115,18 @@ def test_a_patch_votes_for_the_objects_of_its_nearest_entries_alone(frame: Frame
     assert voters == 3 * len(patches)
 
 
-def assert_same(found: tuple[LocalPatches, Any], expected: tuple[LocalPatches, Any]) -> None:
+def assert_same(found, expected):
     for one, other in zip(found, expected, strict=True):
         for name in vars(one):
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
-def places(found: list[tuple[LocalPatches, Any]]) -> int:
+def places(found):
     return len(np.unique(np.concatenate([patches.pixels for patches, _ in found]), axis=0))
 
 
 @pytest.mark.parametrize("shared_first", [False, True])
-def test_each_patch_is_cut_once_and_is_what_it_would_be_alone(
-    shared_first: bool, frame: Frame
-) -> None:
+def test_each_patch_is_cut_once_and_is_what_it_would_be_alone(shared_first, frame):
     encoder = Encoder()
     of_frame = matches_of(frame, encoder)
     asked = dict(zip(MODELS, regions(frame), strict=True))
@@ -143,11 +138,11 @@ def test_each_patch_is_cut_once_and_is_what_it_would_be_alone(
         assert_same(found[object_id], matches_of(frame).match(object_id, pixels))
 
 
-def test_a_group_is_loaded_once_for_all_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_group_is_loaded_once_for_all_threads(monkeypatch):
     shared = matching(SHARED, Encoder())
     load = Learnt.load_codebook
 
-    def load_slowly(self: Learnt, object_id: int) -> Codebook:
+    def load_slowly(self, object_id):
         time.sleep(0.02)
         return load(self, object_id)
 
@@ -156,7 +151,7 @@ def test_a_group_is_loaded_once_for_all_threads(monkeypatch: pytest.MonkeyPatch)
     assert all(group is groups[0] for group in groups)
 
 
-def test_threads_may_ask_at_once(frame: Frame) -> None:
+def test_threads_may_ask_at_once(frame):
     encoder, parts = Encoder(), regions(frame)
     of_frame = matches_of(frame, encoder)
     alone = [matches_of(frame).match(1, pixels) for pixels in parts]
@@ -167,7 +162,7 @@ def test_threads_may_ask_at_once(frame: Frame) -> None:
     assert encoder.seen == places(alone)
 
 
-def test_no_pixels_and_pixels_without_depth_have_no_patches(frame: Frame) -> None:
+def test_no_pixels_and_pixels_without_depth_have_no_patches(frame):
     empty = matches_of(replace(frame, depth=0.0 * frame.depth))
     for pixels in (np.zeros((0, 2), dtype=np.int64), np.array([[50, 60], [58, 60]])):
         patches, matches = empty.match(1, pixels)
@@ -182,16 +177,14 @@ class DocumentedCodebook:
     neighbours: int = 3
     dimension_multiple: ClassVar[int] = 1
 
-    def build(
-        self, features: np.ndarray, seed: int, threads: int, folder: Path | None = None
-    ) -> Neighbours:
+    def build(self, features, seed, threads, folder=None):
         return ExactNeighbours(features, self.neighbours)
 
-    def prepare(self, features: np.ndarray, seed: int, folder: Path) -> None:
+    def prepare(self, features, seed, folder):
         raise AssertionError("nothing is prepared")
 
 
-def test_a_codebook_of_ones_own_needs_the_documented_protocol_alone(frame: Frame) -> None:
+def test_a_codebook_of_ones_own_needs_the_documented_protocol_alone(frame):
     own = replace(OWN, coarse=replace(OWN.coarse, codebook=DocumentedCodebook()))
     (pixels, *_) = regions(frame)
     found, expected = (matches_of(frame, None, some).match(1, pixels) for some in (own, OWN))
@@ -200,14 +193,12 @@ def test_a_codebook_of_ones_own_needs_the_documented_protocol_alone(frame: Frame
 
 
 @pytest.mark.parametrize(("size_mm", "side"), [(None, 0.038 * 1.5), (45.0, 0.045 * 1.5)])
-def test_patches_are_cut_at_the_side_that_settings_tell(
-    size_mm: float | None, side: float, frame: Frame, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_patches_are_cut_at_the_side_that_settings_tell(size_mm, side, frame, monkeypatch):
     """An object's own size of 38 mm makes patches of 57 mm."""
-    cut_at: list[float] = []
+    cut_at = []
     cut = patch_matching.cut_local_patches
 
-    def noted(*given: Any) -> LocalPatches:
+    def noted(*given):
         cut_at.append(given[4])
         return cut(*given)
 
@@ -220,9 +211,9 @@ def test_patches_are_cut_at_the_side_that_settings_tell(
     assert cut_at == [local.side_of(0.038)] == [pytest.approx(side)]
 
 
-def test_features_are_held_once() -> None:
-    learnt: Any = Learnt()
-    settings: Any = SHARED
+def test_features_are_held_once():
+    learnt = Learnt()
+    settings = SHARED
     group = SearchGroup(learnt, tuple(MODELS), settings)
     for object_id, codebook in group.codebooks.items():
         assert np.shares_memory(codebook.features, group.features)

@@ -17,17 +17,17 @@ from hlp.records import ObjectModel
 from refinement_scene import as_mesh
 
 
-def plate() -> ObjectModel:
+def plate():
     mesh = as_mesh(trimesh.creation.box((0.12, 0.08, 0.01)))
     return ObjectModel(1, "plate", mesh, mesh, 0.145, np.eye(4)[None], 0.1, 0.04)
 
 
-def random_pose(model: ObjectModel, rng: np.random.Generator) -> np.ndarray:
+def random_pose(model, rng):
     rotation = Rotation.random(random_state=rng).as_matrix()
     return rigid(rotation, np.array([0.1, -0.05, 0.7]) - rotation @ model.centroid)
 
 
-def test_a_plate_lies_on_a_face_mostly_on_a_large_one() -> None:
+def test_a_plate_lies_on_a_face_mostly_on_a_large_one():
     model, rng = plate(), np.random.default_rng(0)
     flat = 0
     for _ in range(60):
@@ -42,7 +42,7 @@ def test_a_plate_lies_on_a_face_mostly_on_a_large_one() -> None:
     assert flat > 40
 
 
-def test_more_of_the_object_lie_beside_it_and_walls_around_it() -> None:
+def test_more_of_the_object_lie_beside_it_and_walls_around_it():
     model, rng = plate(), np.random.default_rng(1)
     for _ in range(20):
         pose = random_pose(model, rng)
@@ -64,7 +64,7 @@ def test_more_of_the_object_lie_beside_it_and_walls_around_it() -> None:
             assert np.linalg.norm(corners - center, axis=1).min() > 0.5 * model.diameter
 
 
-def test_only_an_object_without_colours_is_painted() -> None:
+def test_only_an_object_without_colours_is_painted():
     mesh, rng = as_mesh(trimesh.creation.box((1, 1, 1))), np.random.default_rng(2)
     assert with_random_color(mesh, rng) is mesh
     painted = with_random_color(replace(mesh, colored=False), rng)

@@ -12,11 +12,11 @@ from refinement_scene import make_model
 VIEWS = ViewsSettings()
 
 
-def scene(number: int, present: bool = True, views: ViewsSettings = VIEWS) -> Frame:
+def scene(number, present=True, views=VIEWS):
     return calibration_scene(make_model(), present, views, (), number, seed=0)
 
 
-def test_the_object_is_where_the_truth_says() -> None:
+def test_the_object_is_where_the_truth_says():
     """The image's depth agrees with the model over most of what is said to be visible."""
     model, agreeing = make_model(), []
     for number in range(4):
@@ -31,21 +31,21 @@ def test_the_object_is_where_the_truth_says() -> None:
     assert 0.5 < np.median(agreeing) <= 1.05
 
 
-def test_a_scene_without_the_object_has_no_target() -> None:
+def test_a_scene_without_the_object_has_no_target():
     frame = scene(2, present=False)
     assert frame.targets == ()
     assert frame.rgb.dtype == np.uint8 and frame.depth.dtype == np.float32
     assert (frame.depth > 0.0).mean() > 0.5
 
 
-def test_equal_numbers_give_equal_scenes_and_others_do_not() -> None:
+def test_equal_numbers_give_equal_scenes_and_others_do_not():
     one, same, other = scene(1), scene(1), scene(3)
     np.testing.assert_array_equal(one.rgb, same.rgb)
     np.testing.assert_array_equal(one.depth, same.depth)
     assert not np.array_equal(one.depth, other.depth)
 
 
-def test_poses_are_those_of_the_views() -> None:
+def test_poses_are_those_of_the_views():
     """From above and upright: the object's z axis never points down in the image."""
     views = ViewsSettings(coverage="hemisphere", in_plane_min_deg=-30.0, in_plane_max_deg=30.0)
     for number in range(5):
@@ -58,7 +58,7 @@ def test_poses_are_those_of_the_views() -> None:
             assert up[1] < 0.5
 
 
-def test_frames_of_the_user_are_backgrounds() -> None:
+def test_frames_of_the_user_are_backgrounds():
     camera = np.array([[300.0, 0.0, 160.0], [0.0, 300.0, 120.0], [0.0, 0.0, 1.0]])
     rgb = np.full((240, 320, 3), 90, np.uint8)
     room = Frame(0, 0, rgb, np.full((240, 320), 2.5, np.float32), camera)

@@ -13,7 +13,7 @@ from hlp.method.learn import codebook_building as codebooks
 from hlp.method.learn.codebook_building import build_codebook
 from hlp.method.settings import CodebookStage
 from hlp.patches.local import LocalSettings, depth_relief
-from hlp.records import Codebook, LocalPatches, ObjectModel, Views
+from hlp.records import Codebook
 from hlp.rendering.views import ViewsSettings, render_views
 
 PER_VIEW = 9
@@ -25,29 +25,27 @@ class Depths:
 
     sees_color = False
 
-    def encode(self, patches: LocalPatches) -> np.ndarray:
+    def encode(self, patches):
         return patches.depth.reshape(len(patches), -1).astype(np.float32)
 
 
 @pytest.fixture(scope="module")
-def model() -> ObjectModel:
+def model():
     return replace(next(iter(demo_objects().values())), local_size=0.04)
 
 
 @pytest.fixture(scope="module")
-def views(model: ObjectModel) -> Views:
+def views(model):
     settings = ViewsSettings("numba", 12, "hemisphere", -10.0, 10.0, 2, 700.0, 300.0, 72)
     return render_views(model, settings, seed=1, progress=False)
 
 
 @pytest.fixture(scope="module")
-def codebook(model: ObjectModel, views: Views) -> Codebook:
+def codebook(model, views):
     return build_codebook(model, views, Depths(), SETTINGS)
 
 
-def test_entries_are_points_of_the_surface_in_their_views(
-    codebook: Codebook, model: ObjectModel, views: Views
-) -> None:
+def test_entries_are_points_of_the_surface_in_their_views(codebook, model, views):
     assert codebook.object_id == model.object_id
     assert codebook.features.shape == (PER_VIEW * len(views), 64)
     surface = cKDTree(model.mesh.vertices)
@@ -61,13 +59,7 @@ def test_entries_are_points_of_the_surface_in_their_views(
 
 
 @pytest.mark.parametrize("block", [1, 5, 7])
-def test_blocks_leave_no_trace(
-    block: int,
-    codebook: Codebook,
-    model: ObjectModel,
-    views: Views,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_blocks_leave_no_trace(block, codebook, model, views, monkeypatch):
     """A block may end anywhere, hold a single view or none of the sample for the scale."""
     monkeypatch.setattr(codebooks, "_SCALE_SAMPLE", 5)
     whole = build_codebook(model, views, Depths(), SETTINGS)
@@ -78,7 +70,7 @@ def test_blocks_leave_no_trace(
         np.testing.assert_array_equal(getattr(again, field.name), getattr(whole, field.name))
 
 
-def test_entries_of_flat_patches_are_left_out(model: ObjectModel, views: Views) -> None:
+def test_entries_of_flat_patches_are_left_out(model, views):
     """Unless a view has no others."""
     wanted = 0.15
     for least, expected in ((wanted, wanted), (1.0, 0.0)):
@@ -90,7 +82,7 @@ def test_entries_of_flat_patches_are_left_out(model: ObjectModel, views: Views) 
         assert PER_VIEW * len(views) * 0.7 < len(found.features) <= PER_VIEW * len(views)
 
 
-def test_the_scale_is_the_distance_to_a_degraded_self(codebook: Codebook) -> None:
+def test_the_scale_is_the_distance_to_a_degraded_self(codebook):
     """Degraded patches lie nearer to their own entry than entries lie to each other."""
     features = codebook.features
     apart = np.median(np.linalg.norm(features - features[::-1], axis=1))

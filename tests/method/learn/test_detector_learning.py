@@ -12,7 +12,6 @@ from hlp.data.synthetic.objects import demo_objects
 from hlp.errors import ConfigError, InputError
 from hlp.method.learn.learnt_folder import RECORD
 from hlp.method.learn.model_files import read_model
-from hlp.records import Frame
 from hlp.refinement.score_model import PRIOR
 from tiny_method import tiny_method, write_mesh
 
@@ -20,7 +19,7 @@ MODELS = {model.name: model for model in demo_objects().values()}
 
 
 @pytest.mark.slow
-def test_objects_are_added_and_removed(learnt: Path, frame: Frame, tmp_path: Path) -> None:
+def test_objects_are_added_and_removed(learnt, frame, tmp_path):
     folder = shutil.copytree(learnt, tmp_path / "learnt")
     detector = Detector.load(folder)
     before = read_model(folder / "objects" / "bear")
@@ -51,9 +50,7 @@ def test_objects_are_added_and_removed(learnt: Path, frame: Frame, tmp_path: Pat
 
 @pytest.mark.slow
 @pytest.mark.thorough
-def test_an_interrupted_call_goes_on_where_it_stopped(
-    learnt: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupted_call_goes_on_where_it_stopped(learnt, tmp_path, monkeypatch):
     from hlp.method.learn import learning
 
     meshes = {name: write_mesh(tmp_path, MODELS[name]) for name in ("bear", "can")}
@@ -73,9 +70,7 @@ def test_an_interrupted_call_goes_on_where_it_stopped(
         np.testing.assert_array_equal(one[name], two[name])
 
 
-def test_an_interrupted_call_with_other_backgrounds_starts_anew(
-    frame: Frame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupted_call_with_other_backgrounds_starts_anew(frame, tmp_path, monkeypatch):
     from hlp.method.learn import learning
 
     meshes = {"bear": write_mesh(tmp_path, MODELS["bear"])}
@@ -91,8 +86,8 @@ def test_an_interrupted_call_with_other_backgrounds_starts_anew(
 
 
 def test_an_encoder_without_the_frames_it_needs_fails_before_anything_is_trained(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    tmp_path, monkeypatch
+):
     from hlp.method.learn import learning
 
     monkeypatch.setattr(learning, "train_classifier", lambda *_: 1 / 0)
@@ -102,13 +97,11 @@ def test_an_encoder_without_the_frames_it_needs_fails_before_anything_is_trained
     assert not (tmp_path / "learnt.partial").exists()
 
 
-def test_objects_are_added_by_way_of_any_path_beside_any_folder(
-    learnt: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_objects_are_added_by_way_of_any_path_beside_any_folder(learnt, tmp_path, monkeypatch):
     """A link stays one, `.` has no name, and a copy that the user made is not touched."""
     from hlp.method.learn import learning
 
-    def train(*given: object) -> None:
+    def train(*given):
         shutil.copytree(learnt / "classifier", Path(str(given[4])), dirs_exist_ok=True)
 
     monkeypatch.setattr(learning, "train_classifier", train)
@@ -128,7 +121,7 @@ def test_objects_are_added_by_way_of_any_path_beside_any_folder(
     assert names == {"learnt", "learnt.old", "link", "duck.ply", "lamp.ply"}
 
 
-def test_two_processes_do_not_learn_into_one_folder(tmp_path: Path) -> None:
+def test_two_processes_do_not_learn_into_one_folder(tmp_path):
     mesh = write_mesh(tmp_path, MODELS["bear"])
     fcntl = pytest.importorskip("fcntl")
     with (tmp_path / ".learnt.lock").open("w") as stream:

@@ -1,6 +1,5 @@
 import os
 import pickle
-from pathlib import Path
 
 import pytest
 import pytorch_lightning as pl
@@ -26,7 +25,7 @@ class StopError(RuntimeError):
 class Data(PoolDataModule):
     """Batches with noise drawn from the trainer's step, as the real ones have."""
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed):
         images = torch.randn((48, 2, 8, 8), generator=torch.Generator().manual_seed(7))
         labels = (images.mean(dim=(1, 2, 3)) > 0).long()
         super().__init__({"image": images.numpy(), "label": labels.numpy()}, 16, seed)
@@ -40,7 +39,7 @@ class Data(PoolDataModule):
 class Net(pl.LightningModule):
     """Batch norm, dropout, momentum and a schedule: all the state that a resumed run needs."""
 
-    def __init__(self, stop_at: int | None = None) -> None:
+    def __init__(self, stop_at=None):
         super().__init__()
         self.network = nn.Sequential(
             nn.Conv2d(2, 4, 3, stride=2),
@@ -51,7 +50,7 @@ class Net(pl.LightningModule):
             nn.Linear(36, 2),
         )
         self.stop_at = stop_at
-        self.seen: list[float] = []
+        self.seen = []
 
     def training_step(self, batch, _):
         if self.global_step == self.stop_at:
@@ -152,7 +151,7 @@ def test_a_damaged_checkpoint_is_dropped_for_the_one_before(tmp_path, how, caplo
 
 
 class Attack:
-    def __init__(self, touched: Path) -> None:
+    def __init__(self, touched):
         self.touched = touched
 
     def __reduce__(self):
@@ -185,7 +184,7 @@ class Alone(Data):
 class Plain(Net):
     """Without batch norm and dropout, which know one process's share only."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__()
         self.network = nn.Sequential(nn.Conv2d(2, 4, 3), nn.ReLU(), nn.Flatten(), nn.Linear(144, 2))
 

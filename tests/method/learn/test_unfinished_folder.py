@@ -48,7 +48,7 @@ def test_a_record_comes_back_and_what_is_not_as_its_schema_is_named(tmp_path, va
     assert isinstance(caught.value, DamagedError) == ("seed" not in words)
 
 
-def make(folder: Path, marker: str = ".done.json") -> bool:
+def make(folder, marker=".done.json"):
     """Make the content unless it is there; whether it was made."""
     with once(folder, marker) as missing:
         if missing:
@@ -60,9 +60,7 @@ def make(folder: Path, marker: str = ".done.json") -> bool:
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("content", [b"", b"numbres", b"[" * 100_000, None])
-def test_content_is_made_once_unless_it_is_damaged(
-    tmp_path: Path, name: str, content: bytes | None
-) -> None:
+def test_content_is_made_once_unless_it_is_damaged(tmp_path, name, content):
     folder = tmp_path / "object"
     with pytest.raises(ZeroDivisionError), once(folder):
         (folder / "codebook.npz").write_bytes(b"half")
@@ -77,7 +75,7 @@ def test_content_is_made_once_unless_it_is_damaged(
     assert not make(folder)
 
 
-def replace_folder(folder: Path, content: bytes) -> None:
+def replace_folder(folder, content):
     """Replace a learnt folder, as adding objects does."""
     with folder_in_the_making(folder, {"made_from": "x"}, replaces=True) as partial:
         (partial / "weights").write_bytes(content)
@@ -85,7 +83,7 @@ def replace_folder(folder: Path, content: bytes) -> None:
 
 
 @pytest.fixture
-def killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def killed(tmp_path, monkeypatch):
     """A learnt folder whose replacing was killed between the two renames."""
     folder = tmp_path / "learnt"
     folder.mkdir()
@@ -93,7 +91,7 @@ def killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     write_record(folder, LearntRecord({"bolt": 1}, (1,), MethodSettings()))
     rename = Path.rename
 
-    def stop_at_the_second(path: Path, target: Path) -> Path:
+    def stop_at_the_second(path, target):
         if path.suffix == ".partial":
             raise KeyboardInterrupt
         return rename(path, target)
@@ -105,7 +103,7 @@ def killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def test_a_folder_that_a_killed_process_had_renamed_comes_back(killed: Path) -> None:
+def test_a_folder_that_a_killed_process_had_renamed_comes_back(killed):
     restore_replaced(killed)
     assert (killed / "weights").read_bytes() == b"old"
     assert {path.name for path in killed.parent.iterdir() if path.is_dir()} == {
@@ -116,9 +114,7 @@ def test_a_folder_that_a_killed_process_had_renamed_comes_back(killed: Path) -> 
     assert [path.name for path in killed.parent.iterdir() if path.is_dir()] == ["learnt"]
 
 
-def test_it_comes_back_when_it_is_looked_for_but_not_what_the_user_took_away(
-    killed: Path, tmp_path: Path
-) -> None:
+def test_it_comes_back_when_it_is_looked_for_but_not_what_the_user_took_away(killed, tmp_path):
     assert find_learnt("learnt", tmp_path) == killed
     assert (killed / "weights").read_bytes() == b"old"
     shutil.rmtree(killed)
@@ -127,7 +123,7 @@ def test_it_comes_back_when_it_is_looked_for_but_not_what_the_user_took_away(
     assert not killed.exists()
 
 
-def test_a_folder_is_not_brought_back_while_it_is_being_replaced(killed: Path) -> None:
+def test_a_folder_is_not_brought_back_while_it_is_being_replaced(killed):
     fcntl = pytest.importorskip("fcntl")
     with killed.with_name(".learnt.lock").open("w") as stream:
         fcntl.flock(stream, fcntl.LOCK_EX)
@@ -136,7 +132,7 @@ def test_a_folder_is_not_brought_back_while_it_is_being_replaced(killed: Path) -
     assert not killed.exists()
 
 
-def test_a_lock_that_is_a_link_empties_nobodys_file(tmp_path: Path) -> None:
+def test_a_lock_that_is_a_link_empties_nobodys_file(tmp_path):
     """A folder from somebody else may bring one, with what makes a reader bring it back."""
     mine = tmp_path / "mine.txt"
     mine.write_text("of the user")

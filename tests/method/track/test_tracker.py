@@ -1,7 +1,5 @@
 """Tracking through sequences of a simulated camera, whose poses are known."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import trimesh
@@ -12,7 +10,7 @@ from hlp.errors import InputError
 from hlp.evaluation.errors import add_s
 from hlp.geometry import project, rigid, rotation_distance, transform
 from hlp.method.track.tracker import Track, part_near
-from hlp.records import Frame, ObjectModel
+from hlp.records import Frame
 from moving_scene import SimulatedCamera, path
 
 MODELS = {model.name: model for model in demo_objects().values()}
@@ -21,21 +19,21 @@ NEAR = (-0.05, -0.02, 0.7)
 
 
 @pytest.fixture(scope="module")
-def detector(learnt: Path) -> Detector:
+def detector(learnt):
     return Detector.load(learnt)
 
 
-def is_right(pose: np.ndarray, true: np.ndarray, model: ObjectModel) -> bool:
+def is_right(pose, true, model):
     return add_s(pose, true, model.mesh.vertices) < 0.1 * model.diameter
 
 
-def hidden(poses: np.ndarray, first: int, last: int) -> np.ndarray:
+def hidden(poses, first, last):
     poses = poses.copy()
     poses[first:last] = np.nan
     return poses
 
 
-def test_an_object_is_detected_once_and_then_tracked(detector: Detector) -> None:
+def test_an_object_is_detected_once_and_then_tracked(detector):
     poses = path(BEAR, 6, NEAR)
     images = list(SimulatedCamera({"bear": poses}, MODELS))
     answers = list(detector.track(images, ["bear"], 1))
@@ -56,7 +54,7 @@ def test_an_object_is_detected_once_and_then_tracked(detector: Detector) -> None
     assert [found.tracked for found in tracker.update(images[2])] == [False]
 
 
-def test_a_lost_object_is_detected_again_in_the_same_frame(detector: Detector) -> None:
+def test_a_lost_object_is_detected_again_in_the_same_frame(detector):
     """It jumps by 20 cm and half a turn: no refiner gets there, and one number stays."""
     here = path(BEAR, 2, NEAR)
     there = path(BEAR, 2, (0.13, 0.03, 0.75)) @ trimesh.transformations.rotation_matrix(
@@ -70,7 +68,7 @@ def test_a_lost_object_is_detected_again_in_the_same_frame(detector: Detector) -
     assert {found[0].track for found in answers} == {0}
 
 
-def test_an_object_that_is_gone_is_not_found_and_why_is_said(detector: Detector) -> None:
+def test_an_object_that_is_gone_is_not_found_and_why_is_said(detector):
     poses = hidden(path(BEAR, 4, NEAR), 2, 3)
     tracker = detector.tracker(["bear"], 1)
     results = [tracker.search(image) for image in SimulatedCamera({"bear": poses}, MODELS)]
@@ -81,7 +79,7 @@ def test_an_object_that_is_gone_is_not_found_and_why_is_said(detector: Detector)
     assert not results[3].detections[0].tracked
 
 
-def test_objects_and_instances_keep_their_numbers(detector: Detector) -> None:
+def test_objects_and_instances_keep_their_numbers(detector):
     """Two bears and a can, which move past each other."""
     paths = {
         "bear#1": path(BEAR, 5, (-0.12, -0.02, 0.7)),
@@ -89,7 +87,7 @@ def test_objects_and_instances_keep_their_numbers(detector: Detector) -> None:
         "can": path(CAN, 5, (0.12, 0.06, 0.65), step_mm=-3.0),
     }
     answers = list(detector.track(SimulatedCamera(paths, MODELS), None, 2))
-    owners: dict[int, str] = {}
+    owners = {}
     for index, found in enumerate(answers):
         for name, poses in paths.items():
             model = MODELS[name.split("#")[0]]
@@ -99,7 +97,7 @@ def test_objects_and_instances_keep_their_numbers(detector: Detector) -> None:
         assert all(one.tracked for one in found if one.track in owners) or index == 0
 
 
-def test_further_instances_are_searched_every_so_many_frames(detector: Detector) -> None:
+def test_further_instances_are_searched_every_so_many_frames(detector):
     late = hidden(path(BEAR, 6, (0.05, -0.05, 0.75)), 0, 2)
     paths = {"bear#1": path(BEAR, 6, (-0.12, -0.02, 0.7)), "bear#2": late}
     for every, expected in ((3, [1, 1, 1, 2, 2, 2]), (None, [1] * 6)):
@@ -109,14 +107,14 @@ def test_further_instances_are_searched_every_so_many_frames(detector: Detector)
         assert [len(found) for found in answers] == expected
 
 
-def test_a_wrong_frame_is_refused_and_forgets_nothing(detector: Detector) -> None:
+def test_a_wrong_frame_is_refused_and_forgets_nothing(detector):
     one, two = SimulatedCamera({"bear": path(BEAR, 2, NEAR)}, MODELS)
     tracker = detector.tracker(["bear"], 1)
     tracker.update(one)
     with pytest.raises(InputError, match="depth has negative"):
         tracker.update(CameraImage(two.rgb, -two.depth, two.camera_matrix))
     with pytest.raises(InputError, match="rgb, depth and camera_matrix"):
-        tracker.update(two.rgb)  # type: ignore[arg-type]
+        tracker.update(two.rgb)
     assert [one.tracked for one in tracker.update(two)] == [True]
     with pytest.raises(InputError, match="max_instances"):
         detector.tracker(max_instances=0)
@@ -126,7 +124,7 @@ def test_a_wrong_frame_is_refused_and_forgets_nothing(detector: Detector) -> Non
         TrackingSettings(min_score=2.0)
 
 
-def test_the_predicted_pose_moves_on_by_one_more_step() -> None:
+def test_the_predicted_pose_moves_on_by_one_more_step():
     """On a path of constant velocity the prediction is the next pose."""
     poses = path(BEAR, 3, NEAR, step_mm=12.0, turn_deg=7.0)
     track = Track(0, BEAR.object_id, 1.0, poses[1], poses[0])
@@ -142,7 +140,7 @@ def test_the_predicted_pose_moves_on_by_one_more_step() -> None:
     assert rotation_distance(start[:3, :3], poses[1][:3, :3]) < 1e-6
 
 
-def test_a_part_of_a_frame_judges_a_pose_as_the_whole_does(detector: Detector) -> None:
+def test_a_part_of_a_frame_judges_a_pose_as_the_whole_does(detector):
     """The part is a window of the image, with the camera that sees the same points in it."""
     poses = path(BEAR, 2, NEAR)
     (image, _) = SimulatedCamera({"bear": poses}, MODELS)
