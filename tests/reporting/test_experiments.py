@@ -2,31 +2,24 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
 
 from hlp.commands.composing import config_folder
 from hlp.config.build import build_settings
 from hlp.records import TargetScore
-from hlp.reporting.experiments import (
-    describe_reports,
-    describe_table,
-    steps_of_ladder,
-    write_reports,
-)
+from hlp.reporting.experiments import describe_reports, describe_table, write_reports
 from hlp.reporting.paper_reports import (
     TABLES,
     TRENDS,
-    metric_recalls_table,
+    metric_recalls,
     object_recalls_table,
     trend_table,
 )
-from hlp.reporting.results import Result, read_results
+from hlp.reporting.results import Result
 from hlp.reporting.tables.table import TERMINAL
 from hlp.results.intervals import difference_interval
 from hlp.results.poses_file import write_scores
@@ -35,6 +28,18 @@ from written_results import CONFIG, scored, write_run, write_sweep
 
 OBJECTS = {"cat": 0.9, "ape": 0.8}
 ENDINGS = ("png", "svg", "md", "csv", "tex")
+
+
+def write_verdicts(run: Path, right: list[int], visible: float = 0.9) -> None:
+    """Two targets in each frame; the last one of all is `visible`."""
+    scores = [
+        TargetScore(1, i // 2, i % 2, True, 0.9, 0.001, 0.01, 0.001, 0.9, *[bool(verdict)] * 3)
+        for i, verdict in enumerate(right[:-1])
+    ]
+    last, verdict = len(right) - 1, bool(right[-1])
+    errors = (0.001, 0.01, 0.001, 0.9)
+    scores.append(TargetScore(1, last // 2, last % 2, True, visible, *errors, *[verdict] * 3))
+    write_scores(run / "scores.csv", scores, {0: "ape", 1: "can"})
 
 
 def boxes(folder: Path) -> Path:
@@ -46,14 +51,16 @@ def boxes(folder: Path) -> Path:
         given = [f"refinement.theta_deg={theta}", f"method={method}", "experiment=fig9c"]
         box = {"theta_deg": float(theta), "tau_mm": float(theta)}
         summary = scored(0.5 + 0.1 * i, 100.0, OBJECTS)
-        write_run(folder / str(i), "fig9c", summary, given, refinement=box)
+        write_verdicts(
+            write_run(folder / str(i), "fig9c", summary, given, refinement=box), [1, 1, i % 2, 0]
+        )
     return folder
 
 
 def test_a_sweep_gets_figure_and_table_in_every_format_and_the_same_again(tmp_path: Path) -> None:
     folder = boxes(tmp_path / "sweep")
-    png, svg, markdown, table, latex = files = write_reports(folder)
-    assert {path.name for path in files} == {f"fig9c.{ending}" for ending in ENDINGS}
+    png, svg, markdown, table, latex, figures = files = write_reports(folder)
+    assert {path.name for path in files[:-1]} == {f"fig9c.{ending}" for ending in ENDINGS}
     assert cv2.imread(str(png)).shape[1] > 600 and svg.stat().st_size
     rows = csv_rows(table)
     assert [row["box of the search {θ, τ}"] for row in rows] == ["{2°, 2 mm}", "{5°, 5 mm}"] * 2
@@ -63,13 +70,16 @@ def test_a_sweep_gets_figure_and_table_in_every_format_and_the_same_again(tmp_pa
     assert "compare the trends, not numbers" in text
     assert "40 targets in 2 frames of lm (bop)" in text
     assert r"\{5$^\circ$, 5 mm\} & method hlp & 40 & 0.800" in unpadded(latex.read_text())
+    keys = "refinement.theta_deg, refinement.tau_mm, method"
+    assert figures.read_text().splitlines()[:3] == [
+        "figure,setting,value,add,add_low,add_high,5cm5deg,ar,difference,difference_low,"
+        "difference_high",
+        f'9c,"{keys} paper","{{2°, 2 mm}}",.500,.400,.540,.300,,-.250,-.500,.000',
+        f'9c,"{keys} paper","{{5°, 5 mm}}",.600,.500,.640,.400,,,,',
+    ]
     before = [path.read_bytes() for path in files]
     assert [path.read_bytes() for path in write_reports(folder)] == before
     assert describe_table(folder) == ""
-
-
-def test_unfinished_runs_are_counted(tmp_path: Path) -> None:
-    folder = boxes(tmp_path / "sweep")
     (folder / "2" / "manifest.json").unlink()
     said = describe_reports(tmp_path, "markdown")
     assert "left out: 1." in said and said.count("{2°, 2 mm}") == 1
@@ -107,18 +117,13 @@ def test_other_experiments_have_no_report(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", [*TRENDS, *TABLES])
 def test_the_experiment_is_named_as_its_file_and_sweeps_what_it_shows(name: str) -> None:
+    overrides = [f"experiment={name}", "output=out"]
     with initialize_config_dir(str(config_folder()), version_base="1.3"):
-        config = compose(
-            "config", overrides=[f"experiment={name}", "output=out"], return_hydra_config=True
-        )
-    params = OmegaConf.to_container(config.hydra.sweeper.params or OmegaConf.create())
+        config = compose("config", overrides=overrides, return_hydra_config=True)
+    params = dict(config.hydra.sweeper.params or {})
     assert config.name == name
-    if name in TRENDS:
-        assert set(params) <= set(TRENDS[name].keys)
-        values = [part for given in params.values() for part in str(given).split(",")]
-        assert len(values) >= 3
-    else:
-        assert params == {}
+    assert set(params) <= set(TRENDS[name].keys if name in TRENDS else ())
+    assert name in TABLES or str(params.values()).count(",") >= 2
 
 
 def test_one_key_moves_both_sides_of_the_box() -> None:
@@ -134,37 +139,24 @@ def test_one_key_moves_both_sides_of_the_box() -> None:
             assert (settings.theta_deg, settings.tau_mm) == box
 
 
-def result(add: float, ms: float, chosen: str = "pso", **groups: dict[str, Any]) -> Result:
-    config = {key: {**value, **groups.get(key, {})} for key, value in CONFIG.items()}
-    summary = scored(add, ms, {"cat": add})
-    return Result({"name": "x", **config}, summary, 2, {"refinement": chosen})
-
-
-def test_values_are_those_of_the_configuration() -> None:
-    box = {"particles": 50, "theta_deg": 2.0, "tau_mm": 7.5}
-    run = result(0.5, 9.0, "paper", encoder={"dimension": 600}, refinement=box)
-    found = {name: trend.value(run) for name, trend in TRENDS.items()}
-    assert found == {
-        "fig9a": "600",
-        "fig9b": "50",
-        "fig9c": "{2°, 7.5 mm}",
-        "pso_vs_icp": "paper",
-    }
-    # What the paper chose is the tests' CONFIG: 200 dimensions, 25 particles, {5°, 5 mm}.
-    assert all(trend.value(result(0.5, 9.0)) in trend.paper_values for trend in TRENDS.values())
+def trained(length: int, add: float = 0.5, ms: float = 9.0) -> Result:
+    """A run with features of that length, and for the rest what the paper chose."""
+    config = {"name": "x", **CONFIG, "encoder": {"dimension": length}}
+    return Result(config, scored(add, ms, {"cat": add}), 2, {"refinement": "pso"})
 
 
 def test_papers_numbers_stand_beside_its_own_setting_alone() -> None:
-    lengths = ((100, 0.7, 300.0), (200, 0.8, 350.0), (400, 0.75, 500.0))
-    runs = [result(add, ms, encoder={"dimension": length}) for length, add, ms in lengths]
-    table = trend_table(TRENDS["fig9a"], {"": runs})
-    rows = [dict(zip(table.header, row, strict=True)) for row in table.rows]
-    assert [[*row.values()] for row in rows] == [
+    runs = [trained(100, 0.7, 300.0), trained(200, 0.8, 350.0), trained(400, 0.75, 500.0)]
+    table = trend_table(TRENDS["fig9a"], [("", run) for run in runs])
+    assert [*map(list, table.rows)] == [
         ["100", "20", "0.700", "0.600-0.740", "0.500", "0.750", "75", "300", "600", "", ""],
         ["200", "20", "0.800", "0.700-0.840", "0.600", "0.850", "88", "350", "700", "0.960", "800"],
         ["400", "20", "0.750", "0.650-0.790", "0.550", "0.800", "125", "500", "1000", "", ""],
     ]
     assert table.header[0] == "length of the local feature" and table.header[-2] == "paper ADD(-S)"
+    values = {name: trend.value(runs[1]) for name, trend in TRENDS.items()}
+    assert values == {"fig9a": "200", "fig9b": "25", "fig9c": "{5°, 5 mm}", "pso_vs_icp": "pso"}
+    assert all(trend.is_papers(runs[1]) for trend in TRENDS.values())
 
 
 def run(add: float, objects: dict[str, float]) -> Result:
@@ -194,7 +186,7 @@ def test_table_1_of_two_runs_leaves_blank_what_one_was_not_asked_for() -> None:
 
 
 def test_table_2_has_the_printed_numbers_beside_ours() -> None:
-    table = metric_recalls_table({"ours": run(0.7, OBJECTS)})
+    table = metric_recalls({"ours": run(0.7, OBJECTS)}).table("recall")
     assert list(table.header) == ["recall", "paper", "Brachmann et al.", "ours", "95 %"]
     assert [list(row) for row in table.rows] == [
         ["ADD(-S)", "0.632", "0.566", "0.700", "0.600-0.740"],
@@ -207,14 +199,17 @@ BOP = {"ar": 0.7, "vsd": 0.6, "mssd": 0.7, "mspd": 0.8}
 
 
 def test_all_data_sets_stand_in_one_table(tmp_path: Path) -> None:
-    """The second of three has no folder, so its run has no result."""
+    """The second of three has no folder, so its run has no result; the last has no BOP recalls."""
     overrides = ["experiment=recordings", "data_folder=data"]
     folder = write_sweep(tmp_path / "sweep", ["data"], overrides)
     for number, name in ((0, "board"), (2, "demo")):
-        summary = {**scored(0.9 - 0.1 * number, 40.0, {"cat": 0.9}), "bop": BOP}
+        summary = {
+            **scored(0.9 - 0.1 * number, 40.0, {"cat": 0.9}),
+            "bop": BOP if not number else {},
+        }
         write_run(folder / str(number), "recordings", summary, [f"data={name}"])
     (folder / "1").mkdir()
-    markdown, table = write_reports(folder)
+    markdown, table, figures = write_reports(folder)
     rows = csv_rows(table)
     assert [*rows[0]] == [
         "data", "frames", "targets", "ADD(-S)", "95 %", "5cm5deg", "AR", "VSD", "MSSD", "MSPD",
@@ -222,7 +217,12 @@ def test_all_data_sets_stand_in_one_table(tmp_path: Path) -> None:
     ]  # fmt: skip
     assert [(row["data"], row["ADD(-S)"], row["AR"], row["VSD"]) for row in rows] == [
         ("board", "0.900", "0.700", "0.600"),
-        ("demo", "0.700", "0.700", "0.600"),
+        ("demo", "0.700", "", ""),
+    ]
+    assert figures.read_text().splitlines() == [
+        "data,targets,add_seed_0,add,add_low,add_high,5cm5deg,ar,ece",
+        "board,20,.900,.900,.800,.940,.700,.700,",
+        "demo,20,.700,.700,.600,.740,.500,,",
     ]
     text = markdown.read_text()
     assert "Made by `hlp -m experiment=recordings data_folder=data`." in text
@@ -238,8 +238,11 @@ def test_of_several_seeds_mean_and_standard_deviation_follow(tmp_path: Path) -> 
     runs = [(0, "board", 0.9), (0, "demo", 0.7), (1, "board", 0.8), (1, "demo", 0.7)]
     for number, (seed, name, recall) in enumerate(runs):
         summary = {**scored(recall, 40.0 + 10 * seed, {"cat": recall}), "bop": BOP}
-        write_run(folder / str(number), "recordings", summary, [f"seed={seed}", f"data={name}"])
-    rows = csv_rows(write_reports(folder)[1])
+        given = [f"seed={seed}", f"data={name}"]
+        made = write_run(folder / str(number), "recordings", summary, given)
+        write_verdicts(made, [1, 1, 0, seed], 0.5 if name == "board" else 0.9)
+    _, table, figures = write_reports(folder)
+    rows = csv_rows(table)
     assert [(row["data"], row["seed"], row["ADD(-S)"], row["ms"]) for row in rows[:5]] == [
         ("board", "0", "0.900", "40"),
         ("board", "1", "0.800", "50"),
@@ -249,16 +252,16 @@ def test_of_several_seeds_mean_and_standard_deviation_follow(tmp_path: Path) -> 
     ]
     assert [row["AR"] for row in rows[4:]] == ["0.700", "0.700", "0.700", "0.0000"]
     assert [row["ECE"] for row in rows] == [""] * 8
+    assert figures.read_text().splitlines() == [
+        "data,targets,add_seed_0,add_seed_1,add,add_low,add_high,5cm5deg,ar,ece",
+        "board,20,.900,.800,.850,.800,.940,.650,.700,",
+        "board below 0.6 visible,1,.000,1.000,.500,,,.500,,",
+        "demo,20,.700,.700,.700,.600,.740,.500,.700,",
+    ]
     assert "spread: standard deviation between seeds." in (folder / "recordings.md").read_text()
     lines = describe_reports(tmp_path, "text").split("\n")
-    table = [line for line in lines if line.startswith(("board", "demo"))]
-    assert len(table) == 8 and max(map(len, table)) <= 80
-
-
-def test_summaries_without_bops_recalls_leave_the_cells_empty(tmp_path: Path) -> None:
-    folder = write_run(tmp_path / "run", "recordings", scored(0.5, 9.0, {"cat": 0.5}))
-    (row,) = csv_rows(write_reports(folder)[1])
-    assert (row["data"], row["AR"]) == ("bop", "")
+    shown = [line for line in lines if line.startswith(("board", "demo"))]
+    assert len(shown) == 8 and max(map(len, shown)) <= 80
 
 
 RIGHT = {"literal": [0, 0, 0, 1], "modes": [1, 0, 1, 1], "best": [1, 1, 1, 0]}
@@ -275,18 +278,15 @@ def ladder(folder: Path, names: tuple[str, ...] = ("literal", "modes", "best")) 
         manifest = json.loads((run / "manifest.json").read_text())
         manifest["config"]["arm"] = {"change": f"what {name} is", "before": BEFORE[name]}
         (run / "manifest.json").write_text(json.dumps(manifest))
-        verdicts = [bool(right) for right in RIGHT[name]]
-        scores = [
-            TargetScore(1, i // 2, i % 2, True, 0.9, 0.001, 0.01, 0.001, 0.9, right, right, right)
-            for i, right in enumerate(verdicts)
-        ]
-        write_scores(run / "scores.csv", scores, {0: "ape", 1: "can"})
+        write_verdicts(run, RIGHT[name], 0.5)
     return folder
 
 
 def test_a_row_a_step_with_what_it_gains_against_the_one_before_it(tmp_path: Path) -> None:
-    png, svg, markdown, table = files = write_reports(ladder(tmp_path / "sweep"))
-    assert {path.name for path in files} == {f"ladder.{e}" for e in ("png", "svg", "md", "csv")}
+    png, svg, markdown, table, figures = files = write_reports(ladder(tmp_path / "sweep"))
+    assert {path.name for path in files[:-1]} == {
+        f"ladder.{e}" for e in ("png", "svg", "md", "csv")
+    }
     assert png.stat().st_size and svg.stat().st_size
     rows = csv_rows(table)
     assert [*rows[0]] == [
@@ -302,6 +302,17 @@ def test_a_row_a_step_with_what_it_gains_against_the_one_before_it(tmp_path: Pat
     assert [row["AR"] for row in rows] == ["0.500", "0.625", "0.750"]
     # Both frames of `modes` gain one target of two: resamples are alike, and Wilson's width stands.
     assert rows[1]["95 % of it"] == "+0.010 to +0.990"
+    # Frame 0 gains one of two targets, frame 1 loses one: an interval of the paired bootstrap.
+    before, after = (np.array(RIGHT[name], dtype=bool) for name in ("modes", "best"))
+    assert difference_interval(before, after, np.array([0, 0, 1, 1]), 10_000, 0) == (-0.5, 0.5)
+    assert rows[2]["95 % of it"] == "-0.500 to +0.500"
+    assert figures.read_text().splitlines() == [
+        "step,change,add,add_low,add_high,5cm5deg,iou50,ar,visible_below_0.6,from,gain,gain_low,"
+        "gain_high",
+        "literal,what literal is,.250,.150,.290,.050,.300,.500,1.000,,,,",
+        "modes,what modes is,.750,.650,.790,.550,.800,.625,1.000,literal,+.500,+.010,+.990",
+        "best,what best is,.750,.650,.790,.550,.800,.750,.000,modes,.000,-.500,+.500",
+    ]
     text = markdown.read_text()
     assert "Made by `hlp -m experiment=ladder`." in text and "what modes is" in text
     shown = unpadded(describe_reports(tmp_path, "markdown"))
@@ -311,14 +322,7 @@ def test_a_row_a_step_with_what_it_gains_against_the_one_before_it(tmp_path: Pat
     assert unpadded(row) == "modes 0.750 80 literal +0.500 +0.010 to +0.990 -20"
 
 
-def test_gains_are_those_of_the_paired_bootstrap(tmp_path: Path) -> None:
-    *_, best = steps_of_ladder(read_results(ladder(tmp_path / "sweep")).results)
-    before, after = (np.array(RIGHT[name], dtype=bool) for name in ("modes", "best"))
-    low, high = difference_interval(before, after, np.array([0, 0, 1, 1]), 10_000, 0)
-    # Frame 0 gains one of two targets, frame 1 loses one.
-    assert best.gain == (pytest.approx(0.0), (low, high)) and (low, high) == (-0.5, 0.5)
-
-
 def test_a_step_whose_predecessor_was_not_run_stands_alone(tmp_path: Path) -> None:
-    rows = csv_rows(write_reports(ladder(tmp_path / "sweep", ("literal", "best")))[-1])
-    assert [row["against"] for row in rows] == ["–", "–"]
+    *_, table, figures = write_reports(ladder(tmp_path / "sweep", ("literal", "best")))
+    assert [row["against"] for row in csv_rows(table)] == ["–", "–"]
+    assert [row["gain"] for row in csv_rows(figures)] == ["", ""]

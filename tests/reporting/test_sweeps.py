@@ -393,7 +393,7 @@ def test_refiners_are_compared_by_their_mean_over_all_starts(tmp_path: Path) -> 
         tried = pd.Series(rng.random(len(index)) < 0.5, index, name="right")
         write_basins(begin_study(sweep / str(run), "basin", run), basin_cells(tried.reset_index()))
         expected.append([tried["pso"].mean(), tried["icp"].mean()])
-    found = [[n.value for n in numbers.values()] for _, numbers in only(sweep).finished]
+    found = [[n.value for n in run.numbers.values()] for run in only(sweep).finished]
     np.testing.assert_allclose(found, expected)
 
 

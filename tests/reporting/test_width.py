@@ -11,7 +11,6 @@ import pytest
 from hlp.commands import report
 from hlp.data.synthetic.objects import demo_objects
 from hlp.records import TargetScore
-from hlp.reporting.paper_results import ADD_BY_OBJECT
 from hlp.reporting.tables.bench_table import format_bench
 from hlp.reporting.tables.study_tables import (
     basin_cells,
@@ -19,7 +18,7 @@ from hlp.reporting.tables.study_tables import (
     format_oracle,
     format_search,
 )
-from hlp.reporting.tables.summary_tables import format_summary
+from hlp.reporting.tables.summary_tables import ADD_BY_OBJECT, format_summary
 from hlp.results.poses_file import write_scores
 from written_bench import bench_result
 from written_results import scored, write_run, write_sweep

@@ -18,7 +18,7 @@ from hlp.data.dataset import Dataset, find_bad_frames
 from hlp.errors import ConfigError, DataError
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.models.network import require_device
-from hlp.reporting.paper_results import ADD_BY_OBJECT
+from hlp.reporting.tables.summary_tables import ADD_BY_OBJECT
 from hlp.settings import read_settings
 
 _MOST = 8  # names that a message shows

@@ -25,6 +25,8 @@ EXPLAINED = (
     " test on the targets that only one run has right. It assumes that targets are independent, so"
     " the interval is the safer guide."
 )
+WELL_VISIBLE = 0.6
+"""Visible fraction from which a target counts as well visible."""
 Difference = tuple[float, tuple[float, float]]
 """A difference of two means or medians, and its 95 % interval."""
 
@@ -53,6 +55,17 @@ def read_targets(path: Path) -> dict[TargetKey, ScoredTarget]:
         key: ScoredTarget(names[score.object_id], score)
         for key, score in zip(keys, scores, strict=True)
     }
+
+
+def recall_of(targets: Sequence[ScoredTarget], metric: str) -> float:
+    """Share of one or more targets that are right by a metric of `summary.json`."""
+    return float(np.mean([target.correct(metric) for target in targets]))
+
+
+def difference_cells(found: Difference, form: str = "{:+.3f}") -> list[str]:
+    """A difference and its interval as they stand in tables: `+0.100`, `-0.012 to +0.210`."""
+    value, low, high = map(form.format, (found[0], *found[1]))
+    return [value, f"{low} to {high}"]
 
 
 def compare_runs(first: Path, second: Path, names: tuple[str, str], layout: str) -> str:
@@ -100,10 +113,10 @@ def differences_table(pairs: Sequence[Pair], metric: str) -> Table:
         first = np.array([before.correct(metric) for _, before, _ in group])
         second = np.array([after.correct(metric) for _, _, after in group])
         blocks = blocks_of([target[:2] for target, _, _ in group])
-        low, high = difference_interval(first, second, blocks, RESAMPLINGS, SEED)
+        ends = difference_interval(first, second, blocks, RESAMPLINGS, SEED)
         lost, gained = int((first & ~second).sum()), int((second & ~first).sum())
         recalls = [f"{first.mean():.3f}", f"{second.mean():.3f}"]
-        difference = [f"{second.mean() - first.mean():+.3f}", f"{low:+.3f} to {high:+.3f}"]
+        difference = difference_cells((second.mean() - first.mean(), ends))
         changed = [str(lost), str(gained), f"{mcnemar_exact(lost, gained):.3g}"]
         rows.append([name, str(len(group)), *recalls, *difference, *changed])
     return Table(["object", "targets", "A", "B", "B - A", "95 %", "only A", "only B", "p"], rows)

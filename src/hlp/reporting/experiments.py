@@ -6,46 +6,56 @@ from pathlib import Path
 from statistics import fmean, stdev
 from typing import TYPE_CHECKING, Any
 
-from hlp.files import SCORES, write_csv, write_text
-from hlp.reporting.comparison import Difference, mean_and_spread, paired_difference, read_targets
-from hlp.reporting.figures.bars import Bar, Panel, draw_bars, recall_bar
+from hlp.files import write_csv, write_text
+from hlp.reporting.comparison import WELL_VISIBLE, mean_and_spread, recall_of
 from hlp.reporting.figures.saving import save_figure
+from hlp.reporting.ladder import (
+    LADDER,
+    LADDER_NOTE,
+    draw_ladder,
+    ladder_tables,
+    step_figures,
+    steps_of_ladder,
+)
 from hlp.reporting.paper_reports import (
-    METRICS_NOTE,
-    OBJECTS_NOTE,
+    NOTES,
     TABLES,
     TRENDS,
-    draw_recalls,
     draw_trend,
     measured_on,
-    metric_columns,
-    metric_recalls_table,
-    object_columns,
+    metric_recalls,
+    object_recalls,
     object_recalls_table,
-    objects_of,
+    trend_figures,
     trend_note,
     trend_table,
 )
 from hlp.reporting.results import Result, ResultSet, read_results, result_folders
 from hlp.reporting.tables.summary_tables import BOP_RECALLS, METRIC_LABELS, run_cells
-from hlp.reporting.tables.table import Table, lay_out, prose
+from hlp.reporting.tables.table import Table, lay_out, prose, result_share
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-RECORDINGS, LADDER = "recordings", "ladder"
-"""Names of two experiments, and of the files of their tables."""
+RECORDINGS = "recordings"
+"""Name of an experiment, and of the files of its table."""
+FIGURES = "figures.csv"
+"""The main figures of an experiment, in the form of `docs/results/`."""
 
 
 @dataclass(frozen=True)
 class Report:
-    """A table with its caption, `notes`, and a figure; `narrow` is the table for a terminal."""
+    """A table with its caption, `notes`, and a figure; `narrow` is the table for a terminal.
+
+    `figures` is what figures.csv holds.
+    """
 
     name: str
     table: Table
     notes: list[str]
     figure: "Figure | None" = None
     narrow: Table | None = None
+    figures: Table | None = None
 
 
 def reports_of(found: ResultSet) -> list[Report]:
@@ -60,14 +70,16 @@ def reports_of(found: ResultSet) -> list[Report]:
         elif name == RECORDINGS:
             made.append(_recordings(results, found))
         elif name == LADDER and (steps := steps_of_ladder(results)):
-            made.append(_ladder(steps, found))
+            table, narrow = ladder_tables(steps)
+            notes, figure = [*_made_by(found), LADDER_NOTE], draw_ladder(steps)
+            made.append(Report(LADDER, table, notes, figure, narrow, step_figures(steps)))
     return made
 
 
 def write_reports(folder: Path) -> list[Path]:
     """Write the reports of a sweep or run: NAME.md, .csv, .png and .svg; those files.
 
-    The paper's also as NAME.tex.
+    The paper's also as NAME.tex. figures.csv holds the main figures, as result files keep them.
     """
     return [path for made in reports_of(read_results(folder)) for path in _write(folder, made)]
 
@@ -99,14 +111,18 @@ def describe_table(folder: Path) -> str:
 
 def _write(folder: Path, made: Report) -> list[Path]:
     markdown, rows, latex = (folder / f"{made.name}.{ending}" for ending in ("md", "csv", "tex"))
-    drawn = save_figure(made.figure, folder / made.name) if made.figure else []
-    picture = [f"![{made.name}]({drawn[1].name})"] if drawn else []
+    written = save_figure(made.figure, folder / made.name) if made.figure else []
+    picture = [f"![{made.name}]({written[1].name})"] if written else []
     write_text(markdown, "\n\n".join([*picture, *made.notes, made.table.markdown()]) + "\n")
     write_csv(rows, made.table.header, made.table.rows)
-    if made.name not in {*TRENDS, *TABLES}:
-        return [*drawn, markdown, rows]
-    write_text(latex, made.table.latex() + "\n")
-    return [*drawn, markdown, rows, latex]
+    written += [markdown, rows]
+    if made.name in {*TRENDS, *TABLES}:
+        write_text(latex, made.table.latex() + "\n")
+        written.append(latex)
+    if made.figures is not None:
+        write_csv(folder / FIGURES, made.figures.header, made.figures.rows)
+        written.append(folder / FIGURES)
+    return written
 
 
 def _made_by(found: ResultSet) -> list[str]:
@@ -122,24 +138,23 @@ def _in_words(result: Result, swept: Sequence[str], without: Sequence[str] = ())
 
 def _trend(name: str, results: Sequence[Result], found: ResultSet) -> Report:
     trend, data = TRENDS[name], measured_on(results[0])
-    series: dict[str, list[Result]] = {}
-    for result in results:
-        series.setdefault(_in_words(result, found.swept, trend.keys), []).append(result)
+    words = [_in_words(result, found.swept, trend.keys) for result in results]
+    runs = sorted(zip(words, results, strict=True), key=lambda run: words.index(run[0]))
     notes = [f"{trend.title}, {data}.", *_made_by(found), trend_note(trend)]
-    return Report(name, trend_table(trend, series), notes, draw_trend(trend, series, data))
+    figure, figures = draw_trend(trend, runs, data), trend_figures(trend, runs)
+    return Report(name, trend_table(trend, runs), notes, figure, figures=figures)
 
 
 def _table(name: str, results: Sequence[Result], found: ResultSet) -> Report:
     runs = {_in_words(result, found.swept) or "ours": result for result in results}
-    title = f"{TABLES[name]}, {measured_on(results[0])}"
+    title, note = f"{TABLES[name]}, {measured_on(results[0])}", NOTES[name]
     if name == "table1":
-        table, note = object_recalls_table(runs), OBJECTS_NOTE
-        rows, columns = objects_of(runs), object_columns(runs)
+        recalls, table = object_recalls(runs), object_recalls_table(runs)
     else:
-        table, note = metric_recalls_table(runs), METRICS_NOTE
-        rows, columns = [*METRIC_LABELS.values()], metric_columns(runs)
+        recalls = metric_recalls(runs)
+        table = recalls.table("recall")
     notes = [f"{title}.", *_made_by(found), note]
-    return Report(name, table, notes, draw_recalls(rows, columns, title, note))
+    return Report(name, table, notes, recalls.figure(title, note))
 
 
 _DATA, _SEED = "data", "seed"
@@ -168,7 +183,9 @@ def _recordings(results: Sequence[Result], found: ResultSet) -> Report:
     table = Table(header, [[row.get(name, "") for name in header] for row in rows])
     spread = [" spread: standard deviation between seeds."] if _SEED in keys else []
     notes = [*_made_by(found), "".join([_NOTE, *spread])]
-    return Report(RECORDINGS, table, notes, None, table.without("frames", *bop).fitted(0))
+    narrow = table.without("frames", *bop).fitted(0)
+    figures = recording_figures({", ".join(same): runs for same, runs in repeats.items()})
+    return Report(RECORDINGS, table, notes, None, narrow, figures)
 
 
 def _values(result: Result, keys: Sequence[str]) -> dict[str, str]:
@@ -199,73 +216,36 @@ def _shares(summary: Mapping[str, Any]) -> dict[str, float | None]:
     return {**recalls, **bop, "ECE": summary.get("calibration", {}).get("ece")}
 
 
-@dataclass(frozen=True)
-class LadderStep:
-    """One run of the ladder: what it changes, and what it gains against the run it starts from."""
+def recording_figures(repeats: Mapping[str, Sequence[Result]]) -> Table:
+    """A row a data set: recalls by seed, and means over them; another for its hidden targets.
 
-    name: str
-    change: str
-    before: str
-    result: Result
-    gain: Difference | None
-    milliseconds: float
-
-
-def steps_of_ladder(results: Sequence[Result]) -> list[LadderStep]:
-    """The steps among some results, in the order of the sweep."""
-    runs = {result.chosen[LADDER]: result for result in results if LADDER in result.chosen}
-    verdicts = {
-        name: {
-            key: float(target.correct("add"))
-            for key, target in read_targets(result.folder / SCORES).items()
-        }
-        for name, result in runs.items()
-    }
-    steps = []
-    for name, result in runs.items():
-        given: Mapping[str, str | None] = result.config["arm"]
-        before = given["before"] or ""
-        gain = paired_difference(verdicts.get(before, {}), verdicts[name], "verdict")
-        other = runs.get(before, result).total_ms["median"]
-        spent = result.total_ms["median"] - other
-        steps.append(LadderStep(name, given["change"] or "", before, result, gain, spent))
-    return steps
-
-
-def _ladder(steps: Sequence[LadderStep], found: ResultSet) -> Report:
-    against = ["against", "ADD(-S) gained", "95 % of it", "ms more"]
-    wide = ["change", "95 %", "5cm5deg", "IoU", "AR"]  # for which a terminal has no room
-    shown = ["ADD(-S)", "95 %", "5cm5deg", "IoU.5", "AR", "ms"]
+    The interval is that of the first seed.
+    """
+    seeds = sorted({result.seed for own in repeats.values() for result in own})
     rows = []
-    for step in steps:
-        cells, gained = run_cells(step.result.summary), ["–"] * len(against)
-        if step.gain is not None:
-            recall, (low, high) = step.gain
-            interval = f"{low:+.3f} to {high:+.3f}"
-            gained = [step.before, f"{recall:+.3f}", interval, f"{step.milliseconds:+.0f}"]
-        rows.append([step.name, step.change, *(cells[name] for name in shown), *gained])
-    header = ["arm", "change", *(name.removesuffix(".5") for name in shown), *against]
-    table = Table(header, rows)
-    narrow = table.without(*wide)
-    names = [name.removeprefix("ADD(-S) ") for name in narrow.header]
-    note = (
-        "Each step differs by one decision from that under *against*; what it gains is over the"
-        " targets of both, with the 95 % interval of the paired bootstrap over blocks of"
-        " neighbouring frames. AR: BOP's average recall. ms: median for one object in one frame."
+    for data, own in repeats.items():
+        shares = {result.seed: _shares(result.summary) for result in own}
+        ends = [*map(result_share, own[0].add["ci95"])]
+        rows.append([data, str(own[0].targets), *_mean_cells(shares, seeds, ends)])
+        hidden = {result.seed: targets for result in own if (targets := result.hidden_targets)}
+        if hidden:
+            name, count = f"{data} below {WELL_VISIBLE:g} visible", len(hidden[own[0].seed])
+            recalls: dict[str, dict[str, float | None]] = {
+                seed: {METRIC_LABELS[key]: recall_of(targets, key) for key in ("add", "5cm5deg")}
+                for seed, targets in hidden.items()
+            }
+            rows.append([name, str(count), *_mean_cells(recalls, seeds, ["", ""])])
+    by_seed = [f"add_seed_{seed}" for seed in seeds]
+    means = ["add", "add_low", "add_high", "5cm5deg", "ar", "ece"]
+    return Table(["data", "targets", *by_seed, *means], rows)
+
+
+def _mean_cells(
+    shares: Mapping[str, Mapping[str, float | None]], seeds: Sequence[str], ends: Sequence[str]
+) -> list[str]:
+    by_seed = [result_share(shares.get(seed, {}).get("ADD(-S)")) for seed in seeds]
+    means, _ = mean_and_spread([*shares.values()])
+    add, *others = (
+        means.get(name, "").replace("0.", ".", 1) for name in ("ADD(-S)", "5cm5deg", "AR", "ECE")
     )
-    notes = [*_made_by(found), note]
-    fitted = Table(names, narrow.rows).fitted(0, names.index("against"))
-    return Report(LADDER, table, notes, _draw_ladder(steps), fitted)
-
-
-def _draw_ladder(steps: Sequence[LadderStep]) -> "Figure":
-    """A row a step, the first at the top: recall on the left, the gain on the right."""
-    recalls = [recall_bar(step.result.add) for step in steps]
-    gains = [
-        None if step.gain is None else Bar(step.gain[0], f"{step.gain[0]:+.3f}", step.gain[1])
-        for step in steps
-    ]
-    panels = [Panel("ADD(-S) recall, 95 % interval", {"": recalls}, recall=True)]
-    if any(gains):
-        panels.append(Panel("gained against the step that it starts from", {"": gains}))
-    return draw_bars([step.name for step in steps], panels, measured_on(steps[0].result))
+    return [*by_seed, add, *ends, *others]

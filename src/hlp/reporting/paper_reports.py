@@ -6,15 +6,28 @@ from pathlib import Path
 from statistics import fmean, pstdev
 from typing import TYPE_CHECKING, Any
 
-from hlp.reporting import paper_results
-from hlp.reporting.figures.bars import Bar, Panel, draw_bars, run_panels
-from hlp.reporting.paper_results import ADD_MEAN, ADD_STD, MS_PER_FRAME
+from hlp.reporting.comparison import paired_difference
+from hlp.reporting.figures.bars import Panel, draw_bars, recall_bar, run_panels
 from hlp.reporting.results import Result
-from hlp.reporting.tables.summary_tables import METRIC_LABELS, run_cells
-from hlp.reporting.tables.table import Table, format_interval, format_share
+from hlp.reporting.tables.summary_tables import (
+    ADD_BY_OBJECT,
+    ADD_MEAN,
+    ADD_STD,
+    METRIC_LABELS,
+    MS_PER_FRAME,
+    result_cells,
+    run_cells,
+)
+from hlp.reporting.tables.table import Table, format_interval, format_share, result_difference
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+OCCLUSION = {
+    "paper": {"add": 0.632, "5cm5deg": 0.362, "iou50": 0.799},
+    "Brachmann et al.": {"add": 0.566, "5cm5deg": 0.227, "iou50": 0.620},
+}
+"""Recall on the Occlusion set as the paper's Table 2 prints it, by the keys of `summary.json`."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +55,10 @@ class Trend:
             values.append(given if name else result.chosen.get(key, given))
         return self.form.format(*values)
 
+    def is_papers(self, result: Result) -> bool:
+        """Whether a run has the value that the paper chose."""
+        return self.value(result) in self.paper_values
+
 
 _BOX = ("refinement.theta_deg", "refinement.tau_mm")
 TRENDS = {
@@ -60,8 +77,8 @@ TRENDS = {
 }
 """The figures by the name of their experiment."""
 
-Series = Mapping[str, Sequence[Result]]
-"""Runs by the other swept settings in words (empty if there are none)."""
+Runs = Sequence[tuple[str, Result]]
+"""Runs with their further swept settings in words (empty if there are none)."""
 
 
 def trend_note(trend: Trend) -> str:
@@ -73,42 +90,54 @@ def trend_note(trend: Trend) -> str:
     )
 
 
-def trend_table(trend: Trend, series: Series) -> Table:
+def trend_table(trend: Trend, runs: Runs) -> Table:
     """A row for each run: recalls, the 95 % interval of ADD(-S), times, and the paper's numbers.
 
     The paper's numbers stand in the row of the setting that it chose.
     """
-    several = [""] if len(series) > 1 else []
+    several = [""] if len({words for words, _ in runs}) > 1 else []
     add, *others = METRIC_LABELS.values()
     ours = ["targets", add, "95 %", *others, "ms refinement", "ms", "ms 95 %"]
     rows = []
-    for name, result in _each(series):
-        value, cells = trend.value(result), run_cells(result.summary)
-        chosen = value in trend.paper_values
+    for words, result in runs:
+        cells, chosen = run_cells(result.summary), trend.is_papers(result)
         paper = [f"{ADD_MEAN:.3f}", f"{MS_PER_FRAME:.0f}"] if chosen else ["", ""]
-        rows.append([value, *(name for _ in several), *(cells[column] for column in ours), *paper])
+        named = [trend.value(result), *(words for _ in several)]
+        rows.append([*named, *(cells[column] for column in ours), *paper])
     return Table([trend.axis, *several, *ours, "paper ADD(-S)", "paper ms"], rows)
 
 
-def _each(series: Series) -> list[tuple[str, Result]]:
-    return [(name, result) for name, results in series.items() for result in results]
+def trend_figures(trend: Trend, runs: Runs) -> Table:
+    """Recalls of each run, and their paired difference to the paper's choice."""
+    shown = ["add", "add_low", "add_high", "5cm5deg", "ar"]
+    papers = {words: result for words, result in runs if trend.is_papers(result)}
+    rows = []
+    for words, result in runs:
+        cells, before = result_cells(result.summary), papers.get(words, result)
+        found = None
+        if before is not result:
+            found = paired_difference(before.verdicts, result.verdicts, "verdict")
+        setting = ", ".join(filter(None, (*trend.keys, words)))
+        named = [trend.title.removeprefix("Fig. "), setting, trend.value(result)]
+        rows.append([*named, *(cells[name] for name in shown), *result_difference(found)])
+    differences = ["difference", "difference_low", "difference_high"]
+    return Table(["figure", "setting", "value", *shown, *differences], rows)
 
 
-def draw_trend(trend: Trend, series: Series, data: str) -> "Figure":
+def draw_trend(trend: Trend, runs: Runs, data: str) -> "Figure":
     """ADD(-S) and 5cm5deg recall with 95 % intervals, and the times of the stages.
 
     `data` says in words what was measured on. The paper's choice is marked, its recall a point.
     """
-    runs = _each(series)
-    values = [trend.value(result) for _, result in runs]
-    chosen = [row for row, value in enumerate(values) if value in trend.paper_values]
+    chosen = [row for row, (_, result) in enumerate(runs) if trend.is_papers(result)]
     add, *others = run_panels([result.summary for _, result in runs])
     if chosen:
         points = [ADD_MEAN if row in chosen else None for row in range(len(runs))]
         add = replace(add, published={"paper, Table 1": points})
     rows = [
-        ", ".join(filter(None, (value, name))) + " (paper's choice)" * (row in chosen)
-        for row, (value, (name, _)) in enumerate(zip(values, runs, strict=True))
+        ", ".join(filter(None, (trend.value(result), words)))
+        + " (paper's choice)" * (row in chosen)
+        for row, (words, result) in enumerate(runs)
     ]
     title = f"{trend.title}, {trend.axis}: {data}"
     return draw_bars(rows, [add, *others], title, trend_note(trend), chosen)
@@ -116,122 +145,91 @@ def draw_trend(trend: Trend, series: Series, data: str) -> "Figure":
 
 TABLES = {"table1": "Table 1: ADD(-S) recall", "table2": "Table 2: recall"}
 """Titles of the tables by the name of their experiment."""
-OBJECTS_NOTE = (
-    "Paper: Table 1, LINEMOD's whole sequences (left out if any object is not one of LINEMOD's);"
-    f" its mean of 15 objects is {ADD_MEAN:.3f}, its standard deviation {ADD_STD:.3f}. Ours: with"
-    " the 95 % interval of the bootstrap over blocks of neighbouring frames; where all are right or"
-    " none, Wilson's."
-)
-METRICS_NOTE = (
-    "Paper, and Brachmann et al. as it quotes them: Table 2, the Occlusion set. Ours: recall over"
-    " all targets, with the 95 % interval of the bootstrap over blocks of neighbouring frames."
-)
-Runs = Mapping[str, Result]
-"""Results by the run's label."""
+NOTES = {
+    "table1": "Paper: Table 1, LINEMOD's whole sequences (left out if any object is not one of"
+    f" LINEMOD's); its mean of 15 objects is {ADD_MEAN:.3f}, its standard deviation {ADD_STD:.3f}."
+    " Ours: with the 95 % interval of the bootstrap over blocks of neighbouring frames; where all"
+    " are right or none, Wilson's.",
+    "table2": "Paper, and Brachmann et al. as it quotes them: Table 2, the Occlusion set. Ours:"
+    " recall over all targets, with the 95 % interval of the bootstrap over blocks of neighbouring"
+    " frames.",
+}
 
 
 @dataclass(frozen=True)
-class RecallColumn:
-    """A column of recalls, one for each row of the table; None where a column has no number.
+class Recalls:
+    """Recalls row by row: those printed in papers, and ours by the run's label.
 
-    `intervals` (95 %) is empty for published numbers, which come without.
+    Ours are metrics of `summary.json`, empty where a run was not asked.
     """
 
-    label: str
-    recalls: list[float | None]
-    intervals: list[tuple[float, float] | None]
+    rows: Sequence[str]
+    printed: Mapping[str, Sequence[float]]
+    ours: Mapping[str, Sequence[Mapping[str, Any]]]
 
-    def cells(self) -> dict[str, list[str]]:
-        """The cells of each row by column: the recalls and, of our own, the intervals."""
-        cells = {self.label: [format_share(recall) for recall in self.recalls]}
-        if self.intervals:
-            cells["95 %"] = [format_interval(ends) if ends else "" for ends in self.intervals]
-        return cells
+    def table(self, head: str) -> Table:
+        """A column for each series, and the 95 % interval behind each of ours."""
+        names = [name for label in self.ours for name in (label, "95 %")]
+        rows = []
+        for row, name in enumerate(self.rows):
+            cells = [format_share(recalls[row]) for recalls in self.printed.values()]
+            for scores in self.ours.values():
+                ends = scores[row].get("ci95")  # older runs have none
+                cells += [format_share(scores[row].get("recall"))]
+                cells += [format_interval(ends) if ends else ""]
+            rows.append([name, *cells])
+        return Table([head, *self.printed, *names], rows)
 
-
-def objects_of(runs: Runs) -> list[str]:
-    """Names of all objects that any of the runs looked for, in order."""
-    return list(dict.fromkeys(name for run in runs.values() for name in run.summary["per_object"]))
-
-
-def object_columns(runs: Runs) -> list[RecallColumn]:
-    """Columns of Table 1: ADD(-S) recall per object, the paper's first if all are LINEMOD's."""
-    names, known = objects_of(runs), paper_results.ADD_BY_OBJECT
-    linemod = all(name in known for name in names)
-    columns = [RecallColumn("paper", [known[name] for name in names], [])] if linemod else []
-    for label, run in runs.items():
-        scores = [run.summary["per_object"].get(name, {}).get("add", {}) for name in names]
-        recalls = [score.get("recall") for score in scores]
-        ends = [score.get("ci95") for score in scores]  # older runs have none
-        columns.append(RecallColumn(label, recalls, ends))
-    return columns
+    def figure(self, title: str, note: str) -> "Figure":
+        """A bar with its interval for each of ours; printed recalls are points."""
+        measured = {
+            label: [recall_bar(score) if score else None for score in scores]
+            for label, scores in self.ours.items()
+        }
+        return draw_bars(
+            self.rows, [Panel("recall", measured, published=self.printed)], title, note
+        )
 
 
-def metric_columns(runs: Runs) -> list[RecallColumn]:
-    """Columns of Table 2: recall over all targets by each metric, the paper's first."""
-    printed = {
-        "paper": paper_results.OCCLUSION,
-        "Brachmann et al.": paper_results.OCCLUSION_BRACHMANN,
+def object_recalls(runs: Mapping[str, Result]) -> Recalls:
+    """Of Table 1: ADD(-S) recall per object, the paper's too if all objects are LINEMOD's."""
+    objects = {label: run.summary["per_object"] for label, run in runs.items()}
+    names = [*dict.fromkeys(name for own in objects.values() for name in own)]
+    linemod = all(name in ADD_BY_OBJECT for name in names)
+    printed = {"paper": [ADD_BY_OBJECT[name] for name in names]} if linemod else {}
+    ours = {
+        label: [own.get(name, {}).get("add", {}) for name in names]
+        for label, own in objects.items()
     }
-    columns = [
-        RecallColumn(label, [recalls[key] for key in METRIC_LABELS], [])
-        for label, recalls in printed.items()
-    ]
-    for label, run in runs.items():
-        scores = [run.summary["metrics"][key] for key in METRIC_LABELS]
-        recalls = [score["recall"] for score in scores]
-        columns.append(RecallColumn(label, recalls, [score["ci95"] for score in scores]))
-    return columns
+    return Recalls(names, printed, ours)
 
 
-def object_recalls_table(runs: Runs) -> Table:
+def object_recalls_table(runs: Mapping[str, Result]) -> Table:
     """Table 1: a row an object, then mean and standard deviation of the objects, all targets."""
-    names, columns = objects_of(runs), object_columns(runs)
-    first = next(iter(runs.values())).summary
-    asked = [str(first["per_object"].get(name, {}).get("targets", "")) for name in names]
-    table = _recalls_table({"object": names, "targets": asked}, columns)
-    rows = [*table.rows]
+    found, first = object_recalls(runs), next(iter(runs.values())).summary
+    table = found.table("object")
+    asked = [str(first["per_object"].get(name, {}).get("targets", "")) for name in found.rows]
+    rows = [[row[0], count, *row[1:]] for row, count in zip(table.rows, asked, strict=True)]
     for title, statistic in (("mean of objects", fmean), ("standard deviation", pstdev)):
-        row = [title, ""]
-        for column in columns:
-            known = [recall for recall in column.recalls if recall is not None]
-            row += [format_share(statistic(known)), *([""] if column.intervals else [])]
+        row = [title, "", *(f"{statistic(recalls):.3f}" for recalls in found.printed.values())]
+        for scores in found.ours.values():
+            row += [f"{statistic(score['recall'] for score in scores if score):.3f}", ""]
         rows.append(row)
-    total = [
-        "all targets",
-        str(first["targets"]),
-        *("" for column in columns if not column.intervals),
-    ]
+    total = ["all targets", str(first["targets"]), *("" for _ in found.printed)]
     for run in runs.values():
         total += [format_share(run.add["recall"]), format_interval(run.add["ci95"])]
-    return Table(table.header, [*rows, total])
+    return Table([table.header[0], "targets", *table.header[1:]], [*rows, total])
 
 
-def metric_recalls_table(runs: Runs) -> Table:
-    """Table 2: a row a metric."""
-    return _recalls_table({"recall": [*METRIC_LABELS.values()]}, metric_columns(runs))
-
-
-def _recalls_table(first: Mapping[str, Sequence[str]], columns: Sequence[RecallColumn]) -> Table:
-    cells = [*first.items(), *(pair for column in columns for pair in column.cells().items())]
-    header, by_column = zip(*cells, strict=True)
-    return Table(header, [list(row) for row in zip(*by_column, strict=True)])
-
-
-def draw_recalls(
-    rows: Sequence[str], columns: Sequence[RecallColumn], title: str, note: str
-) -> "Figure":
-    """A bar with its 95 % interval for each row and column of ours; points are others' numbers."""
-    measured: dict[str, list[Bar | None]] = {
-        column.label: [
-            None if recall is None else Bar(recall, format_share(recall), ends)
-            for recall, ends in zip(column.recalls, column.intervals, strict=True)
-        ]
-        for column in columns
-        if column.intervals
+def metric_recalls(runs: Mapping[str, Result]) -> Recalls:
+    """Of Table 2: recall over all targets by each metric, the printed ones first."""
+    printed = {
+        label: [recalls[key] for key in METRIC_LABELS] for label, recalls in OCCLUSION.items()
     }
-    published = {column.label: column.recalls for column in columns if not column.intervals}
-    return draw_bars(rows, [Panel("recall", measured, published=published)], title, note)
+    ours = {
+        label: [run.summary["metrics"][key] for key in METRIC_LABELS] for label, run in runs.items()
+    }
+    return Recalls([*METRIC_LABELS.values()], printed, ours)
 
 
 def measured_on(result: Result) -> str:

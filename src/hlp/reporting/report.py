@@ -2,11 +2,10 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from statistics import fmean
 
 from hlp.errors import InputError, MissingFileError
 from hlp.files import MANIFEST, SCORES, SUMMARY, SWEEP
-from hlp.reporting.comparison import compare_runs, mean_and_spread, read_targets
+from hlp.reporting.comparison import compare_runs, mean_and_spread, read_targets, recall_of
 from hlp.reporting.figures.bars import draw_waterfall
 from hlp.reporting.mlflow.store import database_path, import_client, is_local
 from hlp.reporting.page.run_page import write_run_page
@@ -156,8 +155,7 @@ def describe_repeats(files: Sequence[Path], names: Sequence[str], layout: str) -
         scored = read_targets(path)
         targets.append(scored.keys())
         found: dict[str, float | None] = {
-            label: fmean(target.correct(key) for target in scored.values())
-            for key, label in METRIC_LABELS.items()
+            label: recall_of([*scored.values()], key) for key, label in METRIC_LABELS.items()
         }
         average = average_recalls([target.score for target in scored.values()])["ar"]
         recalls.append({**found, "AR": average})

@@ -3,14 +3,16 @@
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from hlp.errors import DataError
-from hlp.files import MANIFEST, SUMMARY, SWEEP
-from hlp.results.summary_file import read_summary
+from hlp.files import MANIFEST, SCORES, SUMMARY, SWEEP
+from hlp.reporting.comparison import WELL_VISIBLE, ScoredTarget, read_targets
+from hlp.results.summary_file import TargetKey, read_summary
 from hlp.schemas.outputs import Manifest, Sweep
 from hlp.schemas.reading import read_as
 from hlp.settings import shown
@@ -35,6 +37,28 @@ class Result:
     def experiment(self) -> str:
         """Name of the experiment."""
         return str(self.config["name"])
+
+    @property
+    def seed(self) -> str:
+        """The seed of everything that is random."""
+        return str(self.chosen.get("seed", self.config.get("seed", 0)))
+
+    @cached_property
+    def scores(self) -> Mapping[TargetKey, ScoredTarget]:
+        """The scored targets; empty if they were removed."""
+        path = self.folder / SCORES
+        return read_targets(path) if path.is_file() else {}
+
+    @property
+    def verdicts(self) -> dict[TargetKey, float]:
+        """1 for each target that is right by ADD(-S), 0 for each other."""
+        return {key: float(target.correct("add")) for key, target in self.scores.items()}
+
+    @property
+    def hidden_targets(self) -> list[ScoredTarget]:
+        """The targets that are not well visible."""
+        scored = self.scores.values()
+        return [found for found in scored if found.score.visible_fraction < WELL_VISIBLE]
 
     @property
     def targets(self) -> int:

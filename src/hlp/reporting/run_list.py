@@ -8,7 +8,7 @@ import numpy as np
 
 from hlp.errors import DataError, InputError, MissingFileError
 from hlp.files import MANIFEST, SCORES, SUMMARY, SWEEP, read_json
-from hlp.reporting.comparison import ScoredTarget, read_targets
+from hlp.reporting.comparison import WELL_VISIBLE, ScoredTarget, read_targets, recall_of
 from hlp.reporting.sweeps import read_sweeps
 from hlp.reporting.tables.summary_tables import METRIC_LABELS
 from hlp.reporting.tables.table import LAYOUTS, Table, check_layout, format_share, lay_out
@@ -18,7 +18,6 @@ _HEADER = ["folder", "state", "targets", "ADD(-S)", "95 %", "5cm5deg", "ms"]
 _SWEEP_STATES = {"FINISHED": "runs", "STOPPED": "stopped", "RUNNING": "begun"}
 _HYDRA = ".hydra"  # Hydra writes it before anything else
 _UNKNOWN = [""] * (len(_HEADER) - 2)
-_WELL_VISIBLE = 0.6  # visible fraction from which a target counts as well visible
 
 
 def describe_outputs(folder: Path, layout: str) -> str:
@@ -111,29 +110,25 @@ def selection_table(scores: Sequence[ScoredTarget], names: Sequence[str]) -> Tab
         if name not in known:
             raise InputError(f"objects: no target is a {name}; there are {', '.join(known)}")
     chosen = [target for target in scores if target.name in names]
-    seen = [target for target in chosen if target.score.visible_fraction >= _WELL_VISIBLE]
-    hidden = [target for target in chosen if target.score.visible_fraction < _WELL_VISIBLE]
+    seen = [target for target in chosen if target.score.visible_fraction >= WELL_VISIBLE]
+    hidden = [target for target in chosen if target.score.visible_fraction < WELL_VISIBLE]
     groups = {
         "all": chosen,
-        f"{_WELL_VISIBLE:g} and more": seen,
-        f"less than {_WELL_VISIBLE:g}": hidden,
+        f"{WELL_VISIBLE:g} and more": seen,
+        f"less than {WELL_VISIBLE:g}": hidden,
     }
     rows = []
     for title, group in groups.items():
         if group:
-            recalls = [format_share(_recall(group, metric)) for metric in METRIC_LABELS]
+            recalls = [format_share(recall_of(group, metric)) for metric in METRIC_LABELS]
             means = [format_share(_mean_of_objects(group, metric)) for metric in METRIC_LABELS]
             rows.append([title, str(len(group)), *recalls, *means])
     shown = METRIC_LABELS.values()
     return Table(["visible", "targets", *shown, *(f"mean {label}" for label in shown)], rows)
 
 
-def _recall(targets: Sequence[ScoredTarget], metric: str) -> float:
-    return float(np.mean([target.correct(metric) for target in targets]))
-
-
 def _mean_of_objects(targets: Sequence[ScoredTarget], metric: str) -> float:
     by_object: dict[str, list[ScoredTarget]] = {}
     for target in targets:
         by_object.setdefault(target.name, []).append(target)
-    return float(np.mean([_recall(group, metric) for group in by_object.values()]))
+    return float(np.mean([recall_of(group, metric) for group in by_object.values()]))

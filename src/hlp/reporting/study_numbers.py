@@ -49,16 +49,16 @@ class Kind:
     note: str
 
 
-def read_numbers(folder: Path, kind: Kind) -> list[Number] | None:
-    """The numbers of a run or study; None if the folder holds none of this kind.
+def read_numbers(folder: Path, kind: Kind) -> dict[str, Number]:
+    """The numbers of a run or study by name; empty if the folder holds none of this kind.
 
     Raises DataError for a broken file.
     """
     path = folder / kind.file
     if not path.is_file():
-        return None
+        return {}
     try:
-        return kind.read(path)
+        return {number.name: number for number in kind.read(path)}
     except DataError:
         raise
     except (KeyError, TypeError, AttributeError, ValueError, IndexError) as error:

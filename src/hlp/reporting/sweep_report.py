@@ -37,8 +37,8 @@ def sweep_table(sweep: Sweep, *, whole: bool = True) -> Table:
     names = [n for n, number in sweep.numbers.items() if whole or not number.more] or [ADD]
     with_interval = {
         name
-        for _, numbers in sweep.finished
-        for name, number in numbers.items()
+        for run in sweep.finished
+        for name, number in run.numbers.items()
         if number.interval is not None and (whole or number.main)
     }
     compared = _mains(sweep) if len(_mains(sweep)) == 1 else []
@@ -51,14 +51,14 @@ def sweep_table(sweep: Sweep, *, whole: bool = True) -> Table:
     for run in sweep.runs:
         row = _values(sweep, run, whole)
         for name in names:
-            number = (run.numbers or {}).get(name)
+            number = run.numbers.get(name)
             row.append(number.text if number else "")
             if name in with_interval:
                 ends = number.interval if number else None
                 row.append("" if ends is None else format_interval(ends))
         for name in compared:
             row += _difference_cells(sweep, run, name)
-        if run.numbers is None:
+        if not run.numbers:
             row[header.index(sweep.first_main or names[0])] = "no result"
         rows.append(row)
     return Table(header, rows)
@@ -85,15 +85,12 @@ def _cut(value: str) -> str:
 
 
 def _difference_cells(sweep: Sweep, run: SweepRun, name: str) -> list[str]:
-    if run.numbers is None:
+    if not run.numbers:
         return ["", ""]
     if run is sweep.reference:
         return [sweep.against, ""]
     found = sweep.difference(run, name)
-    if found is None:
-        return ["–", ""]
-    words, _, interval = say_difference(sweep.numbers[name], found).partition(" ")
-    return [words, interval.strip("()")]
+    return ["–", ""] if found is None else say_difference(sweep.numbers[name], found)
 
 
 def differences_table(sweep: Sweep, *, whole: bool = True) -> Table | None:
@@ -105,7 +102,7 @@ def differences_table(sweep: Sweep, *, whole: bool = True) -> Table | None:
     if not names or len(_mains(sweep)) == 1:
         return None
     rows = []
-    for run, _ in sweep.finished:
+    for run in sweep.finished:
         cells = [_difference_cells(sweep, run, name) for name in names]
         joined = [f"{words} ({interval})" if interval else words for words, interval in cells]
         rows.append([*_values(sweep, run, whole), *joined])
@@ -154,49 +151,48 @@ def write_sweep(folder: Path, sweep: Sweep) -> list[Path]:
 
 def _write_numbers(path: Path, sweep: Sweep) -> None:
     """All numbers of studies: each with its interval, and its difference with that interval."""
-    rows: list[dict[str, float | str]] = []
+    rows = []
     for run in sweep.runs:
         row: dict[str, float | str] = {key: run.values.get(key, "") for key in sweep.keys}
-        for name, number in (run.numbers or {}).items():
-            row[name] = number.value
-            row |= _ends(name, number.interval)
-            if (found := sweep.difference(run, name)) is not None:
-                row[f"{name} difference"] = found[0]
-                row |= _ends(f"{name} difference", found[1])
+        for name in sweep.numbers:
+            number, difference = run.numbers.get(name), sweep.difference(run, name)
+            row |= _with_ends(name, (number.value, number.interval) if number else None)
+            row |= _with_ends(f"{name} difference", difference)
         rows.append(row)
-    possible = [
-        column
-        for name in sweep.numbers
-        for part in (name, f"{name} difference")
-        for column in (part, *_ends(part, (0.0, 0.0)))
+    columns = [
+        name for name in rows[0] if name in sweep.keys or any(row[name] != "" for row in rows)
     ]
-    columns = [*sweep.keys, *(name for name in possible if any(name in row for row in rows))]
-    write_csv(path, columns, [[row.get(column, "") for column in columns] for row in rows])
+    write_csv(path, columns, [[row[name] for name in columns] for row in rows])
 
 
-def _ends(name: str, interval: tuple[float, float] | None) -> dict[str, float]:
-    return dict(zip((f"{name} 95 % low", f"{name} 95 % high"), interval or (), strict=False))
+def _with_ends(
+    name: str, found: tuple[float, tuple[float, float] | None] | None
+) -> dict[str, float | str]:
+    """Cells of a number and of the ends of its interval, by column."""
+    value, ends = ("", None) if found is None else found
+    low, high = ends or ("", "")
+    return {name: value, f"{name} 95 % low": low, f"{name} 95 % high": high}
 
 
 def sweep_figure(sweep: Sweep) -> "Figure | None":
     """Heat maps for two keys, bars otherwise; None without any result."""
     if not sweep.finished:
         return None
-    complete = all(key in run.values for key in sweep.keys for run, _ in sweep.finished)
+    complete = all(key in run.values for key in sweep.keys for run in sweep.finished)
     if sweep.name == RUN and len(sweep.keys) == 2 and complete:
         return _grid(sweep)
-    rows = [f"{run.short_label}{' *' * (run is sweep.best)}" for run, _ in sweep.finished]
-    panels = _number_panels([numbers for _, numbers in sweep.finished])
+    rows = [f"{run.short_label}{' *' * (run is sweep.best)}" for run in sweep.finished]
+    panels = _number_panels([run.numbers for run in sweep.finished])
     if sweep.name == RUN:
         panels = run_panels([result.summary for _, result in sweep.results])
         name = next(iter(_mains(sweep)))
         bars = []
-        for run, _ in sweep.finished:
+        for run in sweep.finished:
             found = sweep.difference(run, name)
             bars.append(found and Bar(found[0], f"{found[0]:+.3f}", found[1]))
         if any(bars):
             panels.insert(1, Panel(f"{name} recall minus that of the {sweep.against}", {"": bars}))
-    marked = [row for row, (run, _) in enumerate(sweep.finished) if run is sweep.reference]
+    marked = [row for row, run in enumerate(sweep.finished) if run is sweep.reference]
     return draw_bars(rows, panels, _title(sweep), marked=marked if sweep.is_default else ())
 
 
@@ -258,9 +254,9 @@ def log_sweeps(sweeps: Sequence[Sweep], written: Sequence[Path], tracker: Mlflow
     """
     tracker.describe("\n\n".join(describe_sweep(sweep, "markdown") for sweep in sweeps))
     for sweep in sweeps:
-        steps = steps_of(sweep.keys, [run.values for run, _ in sweep.finished])
-        for step, (run, numbers) in zip(steps, sweep.finished, strict=True):
-            named = {f"{sweep.name}/{name}": number.value for name, number in numbers.items()}
+        steps = steps_of(sweep.keys, [run.values for run in sweep.finished])
+        for step, run in zip(steps, sweep.finished, strict=True):
+            named = {f"{sweep.name}/{name}": n.value for name, n in run.numbers.items()}
             metrics = headline_metrics(run.result.summary) if run.result else named
             tracker.log_metrics({f"{RUN}/{name}": value for name, value in metrics.items()}, step)
         if sweep.best is not None:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from hlp.files import MANIFEST, SCORES
-from hlp.reporting.comparison import Difference, paired_difference, read_targets
+from hlp.files import MANIFEST
+from hlp.reporting.comparison import Difference, difference_cells, paired_difference
 from hlp.reporting.results import Result, read_results
 from hlp.reporting.study_numbers import ADD, KINDS, RUN, Kind, Number, read_numbers
 from hlp.results.summary_file import TargetKey, read_target_values
@@ -18,14 +18,14 @@ _LOG = "hlp.log"
 
 @dataclass(frozen=True)
 class SweepRun:
-    """One run: its values of the swept keys, and its numbers by name; None if it is unfinished.
+    """One run: its values of the swept keys, and its numbers by name; none if it is unfinished.
 
     `frames_identity` is the hash of all frames of the data set. `result` is that of a plain run.
     """
 
     values: Mapping[str, str]
     folder: Path
-    numbers: Mapping[str, Number] | None
+    numbers: Mapping[str, Number]
     frames_identity: str = ""
     result: Result | None = None
 
@@ -45,9 +45,7 @@ class SweepRun:
         """The numbers target by target, as far as they are on disk."""
         if self.result is None:
             return read_target_values(self.folder)
-        path = self.folder / SCORES
-        targets = read_targets(path) if path.is_file() else {}
-        return {ADD: {key: float(found.correct("add")) for key, found in targets.items()}}
+        return {ADD: self.result.verdicts}
 
 
 @dataclass(frozen=True)
@@ -71,9 +69,9 @@ class Sweep:
         return KINDS[self.name]
 
     @property
-    def finished(self) -> list[tuple[SweepRun, Mapping[str, Number]]]:
+    def finished(self) -> list[SweepRun]:
         """The runs that have numbers."""
-        return [(run, run.numbers) for run in self.runs if run.numbers is not None]
+        return [run for run in self.runs if run.numbers]
 
     @property
     def results(self) -> list[tuple[SweepRun, Result]]:
@@ -83,7 +81,7 @@ class Sweep:
     @cached_property
     def numbers(self) -> Mapping[str, Number]:
         """All numbers by name, in their order, with the values of the last run that has them."""
-        return {name: number for _, found in self.finished for name, number in found.items()}
+        return {name: number for run in self.finished for name, number in run.numbers.items()}
 
     @property
     def against(self) -> str:
@@ -103,17 +101,17 @@ class Sweep:
         same targets.
         """
         name = self.first_main
-        found = [(run, numbers) for run, numbers in self.finished if name in numbers]
-        same = {(run.frames_identity, frozenset(run.targets.get(name, ()))) for run, _ in found}
+        found = [run for run in self.finished if name in run.numbers]
+        same = {(run.frames_identity, frozenset(run.targets.get(name, ()))) for run in found}
         if len(found) < 2 or len(same) > 1:
             return None
         sign = -1.0 if self.numbers[name].quantity == "time" else 1.0
 
-        def rank(found: tuple[SweepRun, Mapping[str, Number]]) -> tuple[float, float]:
-            time = found[1].get("ms")
-            return sign * found[1][name].value, -time.value if time else 0.0
+        def rank(run: SweepRun) -> tuple[float, float]:
+            time = run.numbers.get("ms")
+            return sign * run.numbers[name].value, -time.value if time else 0.0
 
-        return max(found, key=rank)[0]
+        return max(found, key=rank)
 
     @cached_property
     def best(self) -> SweepRun | None:
@@ -142,7 +140,7 @@ class Sweep:
             return found
         for name, number in self.numbers.items():
             quantity = "verdict" if self.name == RUN else number.quantity
-            for run, _ in self.finished:
+            for run in self.finished:
                 if run is first or run.frames_identity != first.frames_identity:
                     continue  # targets of equal names may be of other frames
                 values = first.targets.get(name, {}), run.targets.get(name, {})
@@ -167,14 +165,13 @@ class Sweep:
             if self.highest is not self.best:
                 tie = f"a tie with it: {self._measured(self.highest)}"
                 words.append(f"{tie}, {self._compared(self.highest)}")
-        if failed := [run for run in self.runs if run.numbers is None]:
+        if failed := [run for run in self.runs if not run.numbers]:
             logs = ", ".join(str(Path(run.folder.name, _LOG)) for run in failed)
             words.append(f"without a result: {'; '.join(r.label for r in failed)} (see {logs})")
         return "; ".join(words) + "."
 
     def _measured(self, run: SweepRun) -> str:
-        number = (run.numbers or {})[self.first_main]
-        return f"{run.label} ({number.text})"
+        return f"{run.label} ({run.numbers[self.first_main].text})"
 
     def _compared(self, run: SweepRun) -> str:
         name = "the default" if self.is_default else "the first run"
@@ -186,14 +183,13 @@ class Sweep:
         low, high = found[1]
         sure = "surely" if low > 0 or high < 0 else "not surely"
         word = "less" if number.quantity == "time" else "more"
-        return f"{say_difference(number, found)} against {name}, {sure} {word}"
+        words, interval = say_difference(number, found)
+        return f"{words} ({interval}) against {name}, {sure} {word}"
 
 
-def say_difference(number: Number, found: Difference) -> str:
-    """A difference with its 95 % interval: recalls with three decimals, times with one."""
-    form = "{:+.1f}" if number.quantity == "time" else "{:+.3f}"
-    difference, low, high = map(form.format, (found[0], *found[1]))
-    return f"{difference} ({low} to {high})"
+def say_difference(number: Number, found: Difference) -> list[str]:
+    """A difference, and its 95 % interval: recalls with three decimals, times with one."""
+    return difference_cells(found, "{:+.1f}" if number.quantity == "time" else "{:+.3f}")
 
 
 def short_key(key: str) -> str:
@@ -208,24 +204,22 @@ def read_sweeps(folder: Path) -> list[Sweep]:
     has finished. Raises DataError for a broken file.
     """
     found = read_results(folder)
-    chosen = found.chosen
+    results = {result.folder: result for result in found.results}
     sweeps = []
     for name, kind in KINDS.items():
         runs = []
-        for run in chosen:
-            values = {key: chosen[run][key] for key in found.swept if key in chosen[run]}
+        for run, chosen in found.chosen.items():
+            values = {key: chosen[key] for key in found.swept if key in chosen}
             if run in found.unfinished:
-                runs.append(SweepRun(values, run, None))
-            elif (numbers := read_numbers(run, kind)) is not None:
-                named = {number.name: number for number in numbers}
+                runs.append(SweepRun(values, run, {}))
+            elif numbers := read_numbers(run, kind):
                 identity = read_as(run / MANIFEST, Manifest).data.frames
-                result = next((result for result in found.results if result.folder == run), None)
-                of_kind = result if name == RUN else None
-                runs.append(SweepRun(values, run, named, identity, of_kind))
-        finished = [run for run in runs if run.numbers is not None]
+                of_kind = results.get(run) if name == RUN else None
+                runs.append(SweepRun(values, run, numbers, identity, of_kind))
+        finished = [run for run in runs if run.numbers]
         default = [run for run in finished if _holds(run.values, found.defaults)]
         reference = next(iter([*default, *finished]), None)
-        if finished or (runs and name == RUN and len(runs) == len(chosen)):
+        if finished or (runs and name == RUN and len(runs) == len(found.chosen)):
             sweep = Sweep(name, runs, found.swept, found.command, reference, bool(default))
             sweeps.append(sweep)
     return sweeps

@@ -16,7 +16,7 @@ from hlp.reporting.figures.bars import (
     run_panels,
     stacked_bars,
 )
-from hlp.reporting.paper_reports import TRENDS, RecallColumn, draw_recalls, draw_trend
+from hlp.reporting.paper_reports import TRENDS, Recalls, draw_trend
 from hlp.reporting.results import Result
 from written_bench import bench_result
 from written_results import CONFIG, scored
@@ -78,8 +78,8 @@ def test_papers_choice_is_marked_with_its_recall() -> None:
         config = {**CONFIG, "refinement": {**CONFIG["refinement"], "particles": particles}}
         return Result(config, scored(add, 100.0, {"cat": add}), 2, {})
 
-    series = {"method paper": [run(5, 0.7), run(25, 0.8)], "method hlp": [run(25, 0.9)]}
-    figure = draw_trend(TRENDS["fig9b"], series, "a set")
+    paper = [("method paper", run(5, 0.7)), ("method paper", run(25, 0.8))]
+    figure = draw_trend(TRENDS["fig9b"], [*paper, ("method hlp", run(25, 0.9))], "a set")
     add, _, time = figure.axes
     assert words(add.get_yticklabels()) == [
         "5, method paper", "25, method paper (paper's\nchoice)", "25, method hlp (paper's\nchoice)",
@@ -91,12 +91,12 @@ def test_papers_choice_is_marked_with_its_recall() -> None:
 
 
 def test_others_numbers_are_points_and_unknown_ones_have_no_bar() -> None:
-    columns = [
-        RecallColumn("paper", [0.979, 0.970], []),
-        RecallColumn("a", [0.5, None], [(0.4, 0.6), None]),
-        RecallColumn("b", [0.9, 0.8], [(0.7, 0.95), (0.6, 0.85)]),
-    ]
-    (ax,) = draw_recalls(["cat", "ape"], columns, "title", "note").axes
+    ours = {
+        "a": [{"recall": 0.5, "ci95": [0.4, 0.6]}, {}],
+        "b": [{"recall": 0.9, "ci95": [0.7, 0.95]}, {"recall": 0.8, "ci95": [0.6, 0.85]}],
+    }
+    recalls = Recalls(["cat", "ape"], {"paper": [0.979, 0.970]}, ours)
+    (ax,) = recalls.figure("title", "note").axes
     assert [length for *_, length in bars_of(ax)] == [0.5, 0.9, 0.8]
     (paper,) = [line for line in ax.get_lines() if line.get_label() == "paper"]
     assert paper.get_xydata().tolist() == [[0.979, 0], [0.970, 1]]

@@ -11,7 +11,7 @@ from hlp.records import TargetScore
 from hlp.reporting.comparison import ScoredTarget
 from hlp.reporting.figures import run_charts
 from hlp.reporting.figures.saving import svg_in_base64
-from hlp.reporting.paper_results import ADD_BY_OBJECT
+from hlp.reporting.tables.summary_tables import ADD_BY_OBJECT
 from written_summary import summary
 
 

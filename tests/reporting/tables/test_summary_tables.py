@@ -1,7 +1,9 @@
 import pytest
 
-from hlp.reporting.paper_results import ADD_BY_OBJECT, ADD_MEAN, ADD_STD
 from hlp.reporting.tables.summary_tables import (
+    ADD_BY_OBJECT,
+    ADD_MEAN,
+    ADD_STD,
     format_summary,
     objects_table,
     runs_table,

@@ -198,9 +198,9 @@ def run_panels(summaries: Sequence[Mapping[str, Any]]) -> list[Panel]:
 
 
 def recall_bar(metric: Mapping[str, Any]) -> Bar:
-    """A recall of `summary.json` with its interval."""
-    low, high = map(float, metric["ci95"])
-    return Bar(float(metric["recall"]), f"{metric['recall']:.3f}", (low, high))
+    """A recall of `summary.json` with its interval, which older ones lack for objects."""
+    recall, ends = float(metric["recall"]), metric.get("ci95")
+    return Bar(recall, f"{recall:.3f}", (float(ends[0]), float(ends[1])) if ends else None)
 
 
 def draw_bench(folder: Path, result: Mapping[str, Any]) -> list[Path]:

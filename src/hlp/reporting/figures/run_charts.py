@@ -8,8 +8,8 @@ import numpy as np
 
 from hlp.records import MILLIMETRES_PER_METRE
 from hlp.reporting.comparison import ScoredTarget
-from hlp.reporting.figures.bars import Bar, Panel, draw_bars
-from hlp.reporting.paper_results import ADD_BY_OBJECT
+from hlp.reporting.figures.bars import Bar, Panel, draw_bars, recall_bar
+from hlp.reporting.tables.summary_tables import ADD_BY_OBJECT
 from hlp.results.intervals import wilson
 
 if TYPE_CHECKING:
@@ -26,12 +26,7 @@ Targets = Sequence[ScoredTarget]
 def object_bars(summary: Mapping[str, Any]) -> "Figure":
     """ADD(-S) recall of each object with its 95 % interval; the paper's as a diamond."""
     scores = summary["per_object"]
-    bars = []
-    for score in scores.values():
-        recall, ends = float(score["add"]["recall"]), score["add"].get("ci95")  # of older runs None
-        bars.append(
-            Bar(recall, f"{recall:.3f}", (float(ends[0]), float(ends[1])) if ends else None)
-        )
+    bars = [recall_bar(score["add"]) for score in scores.values()]
     linemod = all(name in ADD_BY_OBJECT for name in scores)
     published = {"paper": [ADD_BY_OBJECT[name] for name in scores]} if linemod else {}
     panel = Panel("ADD(-S) recall, 95 % interval", {"ours": bars}, recall=True, published=published)

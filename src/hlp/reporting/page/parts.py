@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from hlp.reporting.paper_results import ADD_BY_OBJECT, MS_PER_FRAME
 from hlp.reporting.results import run_command
+from hlp.reporting.tables.summary_tables import ADD_BY_OBJECT, MS_PER_FRAME
 from hlp.results.summary_file import CORRECT
 
 if TYPE_CHECKING:
