@@ -31,7 +31,7 @@ PLACES = {
     "frame of a worker": ("hlp.runs.runner", "note_frame", 0),
     "one of three stages": ("hlp.stages.store", "_flush", 1),
     "scores": ("hlp.runs.runner", "write_scores", 0),
-    "tables": ("hlp.runs.runner", "log_tables", 0),
+    "numbers": ("hlp.runs.runner", "summary_metrics", 0),
     "manifest": ("hlp.runs.runner", "make_manifest", 0),
 }
 """Module, function, and the number of its calls that still go well, in the order of a run."""

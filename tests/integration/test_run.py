@@ -222,8 +222,6 @@ def test_mlflow_has_the_run_with_all_of_it(tiny_run):
     artifacts = {item.path for item in client.list_artifacts(run.info.run_id)}
     files = {"summary.json", "scores.csv", "poses.csv", "manifest.json", "config.yaml"}
     assert artifacts >= files | {"panels", "stages"}
-    tables = {item.path for item in client.list_artifacts(run.info.run_id, "tables")}
-    assert tables == {"tables/objects.json", "tables/targets.json"}
     inputs = {used.dataset.name: used.dataset.digest for used in run.inputs.dataset_inputs}
     data = read_json(tiny_run.output / "manifest.json")["data"]
     assert inputs["synthetic frames"] == data["frames"]

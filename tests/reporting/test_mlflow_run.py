@@ -1,6 +1,5 @@
 """What a run writes into MLflow while it goes, and how it ends."""
 
-import json
 import logging
 import re
 import threading
@@ -32,7 +31,6 @@ def test_a_run_holds_what_was_logged(mlflow_settings: MlflowSettings, tmp_path: 
         tracker.log_metrics({"add/recall": 0.5, "add/recall_eggbox [2]": 1.0, "nothing": None})
         tracker.log_artifact(tmp_path / "summary.json")
         tracker.log_artifacts(tmp_path / "panels", "panels")
-        tracker.log_table("per_object", {"object": ["cat", "ape"], "add": (0.5, 1.0)})
         tracker.log_input("lm frames", "0" * 40, "../data/lm", "evaluation")
         tracker.log_input("photographs", "12ab", "../data/photos", "training")
 
@@ -49,8 +47,6 @@ def test_a_run_holds_what_was_logged(mlflow_settings: MlflowSettings, tmp_path: 
     assert (artifacts / "summary.json").read_text() == "{}"
     assert (artifacts / "panels" / "frame.png").read_bytes() == b"png"
     assert "x" * 7000 in (artifacts / "config.yaml").read_text()
-    table = json.loads((artifacts / "per_object.json").read_text())
-    assert table == {"columns": ["object", "add"], "data": [["cat", 0.5], ["ape", 1.0]]}
     inputs = {
         data.dataset.name: (data.dataset.digest, data.dataset.source, data.tags[0].value)
         for data in run.inputs.dataset_inputs

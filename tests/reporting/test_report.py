@@ -21,14 +21,11 @@ from table_text import unpadded
 from written_summary import older_summary, summary
 
 
-def test_report_tells_the_waterfall_and_draws_it(tmp_path: Path) -> None:
+def test_report_tells_the_waterfall(tmp_path: Path) -> None:
     (tmp_path / "summary.json").write_text(json.dumps(summary()))
     text = report_runs(tmp_path, "text")
     for table in (*waterfall_tables(summary()), votes_table(summary())):
         assert table.text() in text
-    assert str(tmp_path / "waterfall.png") in text
-    assert (tmp_path / "waterfall.png").is_file()
-    assert (tmp_path / "waterfall.svg").is_file()
 
 
 def test_summaries_of_before_there_were_causes_are_still_read(tmp_path: Path) -> None:
@@ -36,7 +33,6 @@ def test_summaries_of_before_there_were_causes_are_still_read(tmp_path: Path) ->
     text = report_runs(tmp_path, "text")
     assert list(total_table(older_summary()).rows)[1] == ["no region", "2", "0.250"]
     assert total_table(older_summary()).text() in text
-    assert not list(tmp_path.glob("waterfall.*"))
 
 
 def test_report_lists_runs_oldest_first_then_side_by_side(tmp_path: Path) -> None:

@@ -100,21 +100,18 @@ def test_the_report_of_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert not wider(printed)
 
 
-@pytest.mark.parametrize("name", ["demo", "table1", "fig9b"])
-def test_the_report_of_a_sweep(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    swept = ["refinement.particles", "seed"]
-    sweep = write_sweep(tmp_path / "sweep", swept, [f"experiment={name}", "refinement.particles=5"])
-    for arm, particles in enumerate((15, 25, 50)):
-        given = [f"refinement.particles={particles}", "seed=0"]
-        write_run(
-            sweep / str(arm), name, whole_summary(), given, refinement={"particles": particles}
-        )
-        write_verdicts(sweep / str(arm), arm)
+def test_the_report_of_a_sweep(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of three experiments at once: one without a report, a table of the paper, a figure."""
+    sweep = write_sweep(tmp_path / "sweep", ["refinement.particles", "experiment"], ["seed=5"])
+    for number, name in enumerate(("demo", "table1", "fig9b")):
+        given = [f"refinement.particles={15 * number}", f"experiment={name}"]
+        particles = {"particles": 15 * number}
+        run = write_run(sweep / str(number), name, whole_summary(), given, refinement=particles)
+        write_verdicts(run, number)
     report.report([f"output={tmp_path}"])
     printed = capsys.readouterr().out
     assert "3 of 3 runs finished" in printed and "All runs below" in printed
+    assert "Table 1" in printed and "Fig. 9b" in printed
     assert not wider(printed)
 
 
@@ -135,7 +132,7 @@ def test_the_ends_of_studies() -> None:
     oracle = {"frames": 30, "noise_deg": 10.0, "noise_mm": 12.5, "cells": cells, "lost": lost}
     assert not wider(format_oracle(oracle))
 
-    errors = [float(each) for each in range(0, 70, 5)]
+    errors = [float(error) for error in range(0, 70, 5)]
     refiners = ["pso", "icp", "none", "a_refiner_of_ones_own"]
     columns = ["refiner", "object", "rotation_deg", "translation_mm"]
     index = pd.MultiIndex.from_product([refiners, names, errors, errors], names=columns)

@@ -12,7 +12,6 @@ from hlp.evaluation.settings import EvaluationSettings, WaterfallSettings
 from hlp.evaluation.waterfall import VoteCounts
 from hlp.geometry import project, rigid, transform
 from hlp.method.find.trace import STAGES, ObjectTrace
-from hlp.patches.holistic import HolisticSettings
 from hlp.records import (
     Frame,
     Hypotheses,
@@ -27,7 +26,7 @@ from hlp.records import (
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.pose_fit import PoseFit
 from hlp.rendering.rasterizer import render_depth
-from hlp.runs.diagnosis import WindowClasses, explain_misses, note_frame, visible_pixels
+from hlp.runs.diagnosis import explain_misses, note_frame, visible_pixels
 from hlp.stages.trace_files import read_trace, write_trace
 
 K = np.array([[570.0, 0.0, 80.0], [0.0, 570.0, 60.0], [0.0, 0.0, 1.0]])
@@ -201,35 +200,3 @@ def test_votes_near_either_target_are_good_and_those_on_either_are_the_objects(t
     (counted,) = _noted(tmp_path, **NO_POSE, votes=votes)[1].votes
     good = pytest.approx(np.linspace(1.0, 2.0, 10)[:5].sum())
     assert counted == VoteCounts(1, 10, 5, pytest.approx(15.0), good, 6, 4)
-
-
-class ByBrightness:
-    """Background in the dark, class 1 in grey, class 2 in light windows."""
-
-    outputs = 3
-
-    def run(self, images):
-        level = images[..., :3].mean(axis=(1, 2, 3))
-        return np.eye(3, dtype=np.float32)[np.digitize(level, [80, 170])]
-
-
-def test_windows_are_counted_by_object_and_class_and_unseen_targets_are_not():
-    models = {i: SimpleNamespace(name=n, holistic_size=0.1) for i, n in ((5, "cat"), (9, "duck"))}
-    patches, machine = SimpleNamespace(holistic=HolisticSettings()), SimpleNamespace(threads=1)
-    settings = SimpleNamespace(patches=patches, machine=machine)
-    classes = WindowClasses(
-        SimpleNamespace(
-            models=models, classes=[5, 9], settings=settings, load_classifier=ByBrightness
-        )
-    )
-    rgb = np.zeros((120, 400, 3), np.uint8)
-    rgb[:, 130:270], rgb[:, 270:] = 120, 250
-    camera = np.array([[500.0, 0, 200], [0, 500.0, 60], [0, 0, 1]])
-    # 50 px wide at 1 m: each window lies in one of the three stripes.
-    shown = [(9, (330, 60)), (5, (200, 60)), (5, (60, 60)), (5, (330, 60)), (9, None)]
-    targets = [SimpleNamespace(target=Target(i, np.eye(4)), middle=middle) for i, middle in shown]
-    frame = Frame(0, 0, rgb, np.ones((120, 400)), camera)
-    classes.count(frame, SimpleNamespace(targets=targets))
-    found = classes.summary()
-    assert found == {"cat": {"background": 1, "cat": 1, "duck": 1}, "duck": {"duck": 1}}
-    assert list(found) == ["cat", "duck"]

@@ -2,6 +2,7 @@
 
 import sys
 import threading
+import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
@@ -10,6 +11,7 @@ from hlp.errors import InputError
 HOST = "127.0.0.1"
 _BOUNDARY = "picture"
 _CLIENTS = 16  # at once
+_INTERVAL = 0.01  # s between two looks for another picture
 _PATIENCE = 10.0  # s, with a client that neither asks nor reads
 _PAGE = b"""<!doctype html><html lang="en"><meta charset="utf-8"><title>hlp live</title>
 <style>body{margin:0;background:#111}img{max-width:100vw;max-height:100vh}</style>
@@ -26,8 +28,8 @@ class PictureStream:
     """
 
     def __init__(self, port: int) -> None:
-        self._changed = threading.Condition()
-        self._picture, self._number, self._closed = b"", 0, False
+        self._shown: tuple[bytes, int] = b"", 0
+        self._closed = False
         try:
             self._server = _Server((HOST, port), _Handler)
         except (OSError, OverflowError) as error:
@@ -42,21 +44,19 @@ class PictureStream:
 
     def show(self, jpeg: bytes) -> None:
         """Replace the picture."""
-        with self._changed:
-            self._picture, self._number = jpeg, self._number + 1
-            self._changed.notify_all()
+        self._shown = jpeg, self._shown[1] + 1
 
     def next(self, after: int) -> tuple[bytes, int]:
         """The first picture after the one of a number, and its number; no bytes at the end."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._closed or self._number > after)
-            return (b"" if self._number <= after else self._picture), self._number
+        while True:
+            closed, (picture, number) = self._closed, self._shown
+            if number > after or closed:
+                return (picture if number > after else b""), number
+            time.sleep(_INTERVAL)
 
     def close(self) -> None:
         """Stop serving."""
-        with self._changed:
-            self._closed = True
-            self._changed.notify_all()
+        self._closed = True
         self._server.shutdown()
         self._server.server_close()
 

@@ -6,7 +6,6 @@ from pathlib import Path
 from hlp.errors import InputError, MissingFileError
 from hlp.files import MANIFEST, SCORES, SUMMARY, SWEEP
 from hlp.reporting.comparison import compare_runs, mean_and_spread, read_targets, recall_of
-from hlp.reporting.figures.bars import draw_waterfall
 from hlp.reporting.mlflow.store import database_path, import_client, is_local
 from hlp.reporting.page.run_page import write_run_page
 from hlp.reporting.page.study_page import study_folders, write_study_page, write_sweep_page
@@ -21,7 +20,7 @@ from hlp.reporting.tables.summary_tables import (
     waterfall_tables,
 )
 from hlp.reporting.tables.table import Table, check_layout, format_share, lay_out, prose
-from hlp.results.summary_file import Summary, average_recalls, read_summary
+from hlp.results.summary_file import average_recalls, read_summary
 
 
 def report_runs(folder: Path, layout: str, details: bool = False) -> str:
@@ -29,8 +28,8 @@ def report_runs(folder: Path, layout: str, details: bool = False) -> str:
 
     `layout` is `text` or `markdown`. The tables of a run follow if it is the only one, or with
     `details`. Of studies (oracle, basin, bench, search) there are the tables or their names. Draws
-    each run's waterfall into its folder, and figures into each sweep's. Raises ValueError for
-    another layout or a broken summary, and MissingFileError where no finished run is found.
+    figures into each sweep's folder. Raises ValueError for another layout or a broken summary, and
+    MissingFileError where no finished run is found.
     """
     check_layout(layout)
     sweeps = sorted(path.parent for path in folder.rglob(SWEEP))
@@ -42,12 +41,10 @@ def report_runs(folder: Path, layout: str, details: bool = False) -> str:
     heading = "## " if layout == "markdown" else ""
     parts = []
     for run, summary in summaries.items():
-        drawn = _draw(run, summary)
         if details or len(summaries) == 1:
             parts.append(f"{heading}{run}\n\n{format_summary(summary, layout)}")
             tables = (*waterfall_tables(summary), votes_table(summary))
             parts += [lay_out(table, layout) for table in tables if table.rows]
-            parts += [f"Drawn: {path}" for path in drawn]
     for sweep in sweeps:
         parts += _sweep_parts(sweep, layout, heading)
     parts += [
@@ -79,13 +76,6 @@ def _sweep_parts(folder: Path, layout: str, heading: str) -> list[str]:
         return []
     names = ", ".join(path.name for path in written)
     return [f"{heading}{folder}\n\n{described}", prose(f"Written: {folder} ({names})", layout)]
-
-
-def _draw(run: Path, summary: Summary) -> list[Path]:
-    if not waterfall_tables(summary):
-        return []
-    draw_waterfall(run, summary["waterfall"])
-    return [run / "waterfall.png", run / "waterfall.svg"]
 
 
 def write_pages(folder: Path) -> list[Path]:

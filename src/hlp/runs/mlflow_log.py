@@ -1,4 +1,4 @@
-"""What a run logs to MLflow besides its files: name, tags, data sets, tables, pictures."""
+"""What a run logs to MLflow besides its files: name, tags, data sets, pictures."""
 
 import logging
 import os
@@ -6,24 +6,23 @@ import platform
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hlp.data.dataset import frames_identity
-from hlp.files import SCORES, read_csv
+from hlp.files import SCORES
 from hlp.method.detector import MOST_INSTANCES
 from hlp.method.learn.learnt_folder import LearntFolder
 from hlp.method.learn.model_files import read_history
 from hlp.method.pyfunc_model import example_image
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.reporting.comparison import read_targets
-from hlp.reporting.mlflow.pages import HEADLINES, experiment_tags, how_to_browse, short_name
+from hlp.reporting.mlflow.pages import experiment_tags, how_to_browse, short_name
 from hlp.reporting.mlflow.registry import register
 from hlp.reporting.mlflow.run import MlflowRun
 from hlp.reporting.mlflow.tracking import REVISION, track_run
 from hlp.reporting.page.report_data import FOLDER, PANELS, drawn_stages, read_report_data
-from hlp.results.poses_file import SCORE_COLUMNS
 from hlp.stages.manifest import git_revision
 
 if TYPE_CHECKING:
@@ -95,22 +94,6 @@ def log_training(training: "TrainingStages", tracker: MlflowRun) -> list[str]:
         ]
         said.append(tracker.log_training(stage, output.fingerprint, rows))
     return [words for words in said if words]
-
-
-def log_tables(summary: Mapping[str, Any], output: Path, tracker: MlflowRun) -> None:
-    """Log recalls per object and the scores of every target, as tables on MLflow's page."""
-    objects = summary["per_object"]
-    columns: dict[str, list[Any]] = {
-        "object": list(objects),
-        "targets": [scores["targets"] for scores in objects.values()],
-    }
-    for key in HEADLINES[:3]:
-        columns[key] = [scores[key]["recall"] for scores in objects.values()]
-    tracker.log_table("tables/objects", columns)
-    rows = read_csv(output / SCORES, SCORE_COLUMNS)
-    tracker.log_table(
-        "tables/targets", {name: [row[name] for row in rows] for name in SCORE_COLUMNS}
-    )
 
 
 def log_pictures(output: Path, tracker: MlflowRun) -> None:

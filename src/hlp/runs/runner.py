@@ -20,7 +20,6 @@ from hlp.records import PoseEstimate, TargetScore, frame_key, parse_frame_key
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.reporting.experiments import describe_table, write_reports
 from hlp.reporting.figures.bars import draw_waterfall
-from hlp.reporting.figures.heat_maps import draw_confusion
 from hlp.reporting.figures.recall_time import draw_calibration
 from hlp.reporting.mlflow.pages import summary_metrics
 from hlp.reporting.mlflow.run import MlflowRun
@@ -31,12 +30,11 @@ from hlp.reporting.paper_reports import TABLES
 from hlp.reporting.tables.summary_tables import format_summary
 from hlp.reporting.tables.table import prose
 from hlp.results.poses_file import read_poses, write_poses, write_scores
-from hlp.runs.diagnosis import FrameNotes, WindowClasses, explain_misses, note_frame
+from hlp.runs.diagnosis import FrameNotes, explain_misses, note_frame
 from hlp.runs.manifest import make_manifest, poses_digest
 from hlp.runs.mlflow_log import (
     log_inputs,
     log_pictures,
-    log_tables,
     log_training,
     say_where,
     tracked,
@@ -72,14 +70,12 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         store = StageStore(Path(settings.work))
         detection = stages_of(run, store, settings.on_bad_frame)
         render_in_workers(detection.training, settings.executor)
-        classes = WindowClasses(detection.training)
-        estimates, notes = _find(run, detection, classes)
+        estimates, notes = _find(run, detection)
         trained = log_training(detection.training, tracker)
         require_some(detection.failed, len(run.keys))
         timing = measure_times(run, detection, estimates)
-        summary = _score(run, detection, estimates, notes, timing, classes.summary(), output)
+        summary = _score(run, detection, estimates, notes, timing, output)
         tracker.log_metrics(summary_metrics(summary))
-        log_tables(summary, output, tracker)
         digest = {"poses": poses_digest(output / POSES)}
         write_json(output / MANIFEST, make_manifest(run, store) | digest)
         if settings.name in TABLES:
@@ -94,19 +90,13 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
     return summary
 
 
-def _find(
-    run: Run, detection: DetectionStages, classes: WindowClasses
-) -> tuple[list[PoseEstimate], list[FrameNotes]]:
-    """Find the objects in all frames; what scoring needs of each frame, in order.
-
-    Classes of windows are counted meanwhile, while a frame's images are there.
-    """
+def _find(run: Run, detection: DetectionStages) -> tuple[list[PoseEstimate], list[FrameNotes]]:
+    """Find the objects in all frames; what scoring needs of each frame, in order."""
     notes: dict[str, FrameNotes] = {}
 
     def look(key: str, found: Trace) -> None:
         frame = detection.load(key)
         notes[key] = note_frame(run.dataset, frame, found, run.settings.evaluation)
-        classes.count(frame, notes[key])
 
     estimates = detection.estimates(look)
     return estimates, [notes[key] for key in run.keys if key not in detection.failed]
@@ -118,7 +108,6 @@ def _score(
     estimates: Sequence[PoseEstimate],
     notes: Sequence[FrameNotes],
     timing: Timing,
-    classes: Mapping[str, Mapping[str, int]],
     output: Path,
 ) -> dict[str, Any]:
     """Write poses.csv, then score the poses as read from it."""
@@ -145,12 +134,10 @@ def _score(
     )
     summary["timing"] = timing.summary()
     summary["false_alarms"] = count_false_alarms(truths, estimates, MIN_SCORE)
-    summary["window_classes"] = classes
     summary["frames_failed"] = describe_failed(detection.failed)
     write_json(output / SUMMARY, summary)
     draw_waterfall(output, summary["waterfall"])
     draw_calibration(output, summary["calibration"])
-    draw_confusion(output, classes)
     return summary
 
 

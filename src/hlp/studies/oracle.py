@@ -128,12 +128,8 @@ def _stage(
 ) -> Path:
     """Folder with the pose of every target in every cell."""
     settings = detection.settings
-    decided = {
-        "noise_deg": task.noise_deg,
-        "noise_mm": task.noise_mm,
-        "agree_mm": task.agree_mm,
-        "refinement": settings.refinement,
-    }
+    noise = {"noise_deg": task.noise_deg, "noise_mm": task.noise_mm}
+    decided = {**noise, "agree_mm": task.agree_mm, "refinement": settings.refinement}
     upstream = {"hypotheses": detection.hypotheses().fingerprint}
     chosen = (settings.encoder, settings.codebook, settings.voting, settings.refinement)
     code = study_code(__name__, *chosen, run.dataset.frames)
@@ -148,13 +144,14 @@ def _find(detection: DetectionStages, task: OracleSettings, frame: Frame) -> dic
     """
     context = detection.estimator.prepare(frame)
     stored = detection.read(frame.key, ("regions", "hypotheses"))
-    arrays = {}
-    for object_id in detection.dataset.wanted(frame):
-        target = next(target for target in frame.targets if target.object_id == object_id)
-        found = _poses_by_cell(detection, context, target, stored[object_id], task)
-        for (region, coarse), pose in found.items():
-            arrays[f"{object_id}/{region}/{coarse}"] = pose
-    return arrays
+    first = {target.object_id: target for target in reversed(frame.targets)}
+    return {
+        f"{object_id}/{region}/{coarse}": pose
+        for object_id in detection.dataset.wanted(frame)
+        for (region, coarse), pose in _poses_by_cell(
+            detection, context, first[object_id], stored[object_id], task
+        ).items()
+    }
 
 
 def _poses_by_cell(
@@ -175,15 +172,11 @@ def _poses_by_cell(
         model = detection.dataset.models[object_id]
         visible = measured_mask(frame, target, model, task.agree_mm / 1e3)
     true = ObjectTrace(Region(object_id, np.zeros((0, 2)), np.zeros(0), visible))
-    coarse = {"true": target.pose_cam_obj, "noisy": _noisy(detection, frame, target, task)}
-    given = {
-        name: replace(stored, hypotheses=Hypotheses(pose[None], np.ones(1)))
-        for name, pose in coarse.items()
-    }
-    refined = {
-        name: _refined(detection, context, object_id, start) for name, start in given.items()
-    }
-    found: dict[Cell, Pose | None] = {}
+    refined, found = {}, dict[Cell, Pose | None]()
+    noisy = _noisy(detection, frame, target, task)
+    for name, pose in (("true", target.pose_cam_obj), ("noisy", noisy)):
+        start = replace(stored, hypotheses=Hypotheses(pose[None], np.ones(1)))
+        refined[name] = _refined(detection, context, object_id, start)
     for region, start in (("estimated", stored), ("true", true)):
         found[region, "estimated"] = _refined(detection, context, object_id, start)
         if start.region is not None and (start.region.mask & visible).any():

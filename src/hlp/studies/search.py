@@ -8,7 +8,6 @@ import logging
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from functools import reduce
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -24,6 +23,7 @@ from hlp.method.find.estimator import derive_seed
 from hlp.reporting.comparison import read_targets
 from hlp.reporting.figures.recall_time import write_search_figure
 from hlp.reporting.mlflow.pages import short_name
+from hlp.reporting.mlflow.run import flatten
 from hlp.reporting.mlflow.tracking import ChildRun, as_child_run
 from hlp.reporting.tables.study_tables import format_search, write_search
 from hlp.results.summary_file import write_target_values
@@ -35,7 +35,6 @@ from hlp.studies.study_run import study_code, study_run
 if TYPE_CHECKING:
     from optuna import Study
     from optuna.distributions import BaseDistribution
-    from optuna.trial import FrozenTrial
 
 # Keys that change neither a trial's recall nor its time.
 _NOT_SEARCHED = ("output", "work", "reporting", "panels", "task")
@@ -103,9 +102,9 @@ def run_search(run: Run, task: SearchSettings, output: Path) -> dict[str, Any]:
         resumed = study.user_attrs.get(_RUN_ID)
         with study_run(run, output, resumed) as (_, tracker):
             study.set_user_attr(_RUN_ID, tracker.run_id)
-            while len(_tried(study)) < task.trials:
+            while len(_trials(study, folder)) < task.trials:
                 _try(study, run, task, space, folder, tracker.run_id)
-            result = _result(study, task, folder)
+            result = _result(task, _trials(study, folder))
             write_json(output / "search.json", result)
             write_search(output, result)
             write_search_figure(output, result)
@@ -174,11 +173,6 @@ def _open(folder: Path, seed: int, own: Mapping[str, Any]) -> "Study":
     return study
 
 
-def _tried(study: "Study") -> list["FrozenTrial"]:
-    """Trials that ended, with a result or an error; not those that were interrupted."""
-    return [trial for trial in study.trials if {_TIME, _ERROR} & set(trial.user_attrs)]
-
-
 def _try(
     study: "Study", run: Run, task: SearchSettings, space: Space, folder: Path, parent: str
 ) -> None:
@@ -207,9 +201,9 @@ def _try(
     study.tell(trial, summary["metrics"]["add"]["recall"])
 
 
-def _result(study: "Study", task: SearchSettings, folder: Path) -> dict[str, Any]:
-    """Content of `search.json`: all trials, and the best one within the limit (None: no trial)."""
-    trials = [
+def _trials(study: "Study", folder: Path) -> list[dict[str, Any]]:
+    """Trials that ended, with a result or an error; not those that were interrupted."""
+    return [
         {
             "trial": trial.number,
             "values": trial.params,
@@ -218,8 +212,13 @@ def _result(study: "Study", task: SearchSettings, folder: Path) -> dict[str, Any
             "error": trial.user_attrs.get(_ERROR),
             "folder": str(folder / str(trial.number)),
         }
-        for trial in _tried(study)
+        for trial in study.trials
+        if {_TIME, _ERROR} & set(trial.user_attrs)
     ]
+
+
+def _result(task: SearchSettings, trials: list[dict[str, Any]]) -> dict[str, Any]:
+    """Content of `search.json`: all trials, and the best one within the limit (None: no trial)."""
     within = [t for t in trials if t["error"] is None and t["time_ms"] <= task.limit_ms]
     best = max(within, key=lambda trial: (trial["recall"], -trial["time_ms"]), default=None)
     return {"space": task.space.name, "limit_ms": task.limit_ms, "best": best, "trials": trials}
@@ -272,12 +271,11 @@ def check_within(space: Space, config: Mapping[str, Any]) -> dict[str, Any]:
     Raises ConfigError naming a setting that is not in the configuration, or whose value there lies
     outside the space.
     """
-    own = {}
+    own, values = {}, flatten(config)
     for key, distribution in space.items():
-        try:
-            value = reduce(lambda node, part: node[part], key.split("."), config)
-        except (KeyError, TypeError) as error:
-            raise ConfigError(f"{_KEY}.{key}: the configuration has no {key}") from error
+        if key not in values:
+            raise ConfigError(f"{_KEY}.{key}: the configuration has no {key}")
+        value = values[key]
         low, *_, high = ends = _ends(distribution)
         is_number = isinstance(value, int | float) and not hasattr(distribution, "choices")
         if value not in ends and not (is_number and low <= value <= high):

@@ -1,4 +1,4 @@
-"""Heat maps: sweeps of two settings, basins of refiners, the oracle matrix, confusion."""
+"""Heat maps: sweeps of two settings, basins of refiners, the oracle matrix."""
 
 from pathlib import Path
 
@@ -10,9 +10,7 @@ import pytest
 from hlp.reporting.figures.heat_maps import (
     HeatMap,
     basin_maps,
-    confusion_map,
     draw_basins,
-    draw_confusion,
     draw_heat_maps,
     oracle_map,
 )
@@ -104,24 +102,3 @@ def test_the_oracle_matrix_has_a_row_an_object_and_a_column_a_cell() -> None:
     assert [label.get_text() for label in ax.get_yticklabels()] == ["cat", "can", "all targets"]
     title = figure.get_suptitle()
     assert title.endswith("Lost by each stage: region +0.010, coarse pose -0.020")
-
-
-COUNTS = {"cat": {"cat": 7, "background": 3}, "duck": {"lamp": 1, "duck": 1}}
-
-
-def test_windows_are_counted_by_object_and_class_background_last() -> None:
-    figure = confusion_map(COUNTS)
-    (ax,) = figure.axes
-    np.testing.assert_allclose(ax.images[0].get_array(), [[0.7, 0, 0, 0.3], [0, 0.5, 0.5, 0]])
-    assert [text.get_text() for text in ax.texts] == ["7", "", "", "3", "", "1", "1", ""]
-    names = [label.get_text() for label in ax.get_xticklabels()]
-    assert names == ["cat", "duck", "lamp", "background"]
-    assert [label.get_text() for label in ax.get_yticklabels()] == ["cat", "duck"]
-    assert figure.get_suptitle() == "8 of 12 windows at targets are classified right"
-
-
-def test_the_figure_is_written_unless_there_is_no_window(tmp_path: Path) -> None:
-    draw_confusion(tmp_path, {})
-    assert not list(tmp_path.iterdir())
-    draw_confusion(tmp_path, COUNTS)
-    assert {path.name for path in tmp_path.iterdir()} == {"confusion.png", "confusion.svg"}

@@ -1,4 +1,4 @@
-"""Heat maps with their numbers: sweeps of two settings, basins, the oracle matrix, confusion."""
+"""Heat maps with their numbers: sweeps of two settings, basins, the oracle matrix."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,8 +24,7 @@ _BRIGHT = 0.55  # luminance from which numbers are black
 class HeatMap:
     """Values and how they are written into their cells; NaN is said to be no result.
 
-    `ends` are the values of the darkest and the brightest colour (None: those of the data). Colours
-    are those of `shades`, where they are given.
+    `ends` are the values of the darkest and the brightest colour (None: those of the data).
     """
 
     title: str
@@ -33,7 +32,6 @@ class HeatMap:
     write: Callable[[float], str] = "{:.3f}".format
     colors: str = "viridis"
     ends: tuple[float | None, float | None] = (None, None)
-    shades: Float[np.ndarray, "rows columns"] | None = None
 
 
 def draw_heat_maps(
@@ -73,13 +71,12 @@ def draw_heat_maps(
 
 
 def _draw_map(ax: "Axes", given: HeatMap) -> None:
-    shades = given.values if given.shades is None else given.shades
-    image = ax.imshow(shades, cmap=given.colors, aspect="auto", vmin=given.ends[0],
+    image = ax.imshow(given.values, cmap=given.colors, aspect="auto", vmin=given.ends[0],
                       vmax=given.ends[1])  # fmt: skip
     for (row, column), value in np.ndenumerate(given.values):
         words, color = "no result", "0.5"
         if not np.isnan(value):
-            red, green, blue, _ = image.cmap(image.norm(shades[row, column]))
+            red, green, blue, _ = image.cmap(image.norm(value))
             bright = 0.299 * red + 0.587 * green + 0.114 * blue > _BRIGHT
             words, color = given.write(value), "black" if bright else "white"
         ax.text(column, row, words, ha="center", va="center", fontsize=8, color=color)
@@ -124,29 +121,3 @@ def oracle_map(result: Mapping[str, Any]) -> "Figure":
     title = f"ADD(-S) recall of {result['frames']} frames\nLost by each stage: {lost}"
     columns = [head_of(cell) for cell in result["cells"]]
     return draw_heat_maps([HeatMap("", recalls, ends=(0.0, 1.0))], names, columns, axes, title)
-
-
-def draw_confusion(folder: Path, counts: Mapping[str, Mapping[str, int]]) -> None:
-    """Write confusion.png and confusion.svg; nothing without any window.
-
-    `counts` are `window_classes` of `summary.json`.
-    """
-    if counts:
-        save_figure(confusion_map(counts), folder / "confusion")
-
-
-def confusion_map(counts: Mapping[str, Mapping[str, int]]) -> "Figure":
-    """Numbers of windows by true object (rows) and most likely class, shaded by share of a row.
-
-    Columns are the objects, then what else was said, background last.
-    """
-    others = dict.fromkeys(said for row in counts.values() for said in row if said not in counts)
-    classes = [*counts, *sorted(others, key=lambda said: said == "background")]
-    table = np.array([[row.get(said, 0) for said in classes] for row in counts.values()], float)
-    shares = table / np.maximum(table.sum(axis=1, keepdims=True), 1)
-    ends = (0.0, 1.0)
-    shown = HeatMap("", table, lambda n: f"{n:.0f}" if n else "", "Blues", ends, shares)
-    axes = ("most likely class of the window", "object that it shows")
-    total, right = int(table.sum()), int(np.trace(table))
-    title = f"{right} of {total} windows at targets are classified right"
-    return draw_heat_maps([shown], [*counts], classes, axes, title)

@@ -1,4 +1,4 @@
-"""What a run writes into MLflow while it goes: numbers, parameters, files, images, tables."""
+"""What a run writes into MLflow while it goes: numbers, parameters, files, images."""
 
 import json
 import logging
@@ -188,11 +188,6 @@ class MlflowRun:
     def log_artifacts(self, path: Path, folder: str | None = None) -> None:
         """Copy a folder's content into the run's artifacts, below `folder`."""
         self.send(lambda client, run_id: client.log_artifacts(run_id, str(path), folder))
-
-    def log_table(self, name: str, columns: Mapping[str, Sequence[Any]]) -> None:
-        """Log a table, as `<name>.json`, which MLflow's pages show."""
-        data = {column: list(values) for column, values in columns.items()}
-        self.send(lambda client, run_id: client.log_table(run_id, data, f"{name}.json"))
 
     @contextmanager
     def system_metrics(self, interval: float = _INTERVAL) -> Iterator[None]:

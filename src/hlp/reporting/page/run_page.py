@@ -23,7 +23,7 @@ from hlp.reporting.tables.summary_tables import (
 from hlp.results.summary_file import TargetKey, read_summary
 
 _MOST_BYTES = 10_500_000  # of pictures: in base64 about 14 MB
-_FIGURES = ("waterfall", "confusion", "calibration")  # that lie as SVG in a run's folder
+_FIGURES = ("waterfall", "calibration")  # that lie as SVG in a run's folder
 _COLUMNS = (
     "scene", "image", "object", "", "verdict", "cause", "visible", "ADD(-S) mm", "rotation °",
     "shift mm", "score",
