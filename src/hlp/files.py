@@ -37,6 +37,9 @@ PAGE = "report.html"
 SWEEP = "sweep.json"
 """What was swept. The sweep's runs are in the folders 0, 1, … beside it."""
 
+MOST_BYTES = 512 * 1024**2
+"""A larger JSON file is an error: it would fill the memory. BOP's largest have 100 MB."""
+_DEEPEST = 64  # lists and objects within each other in JSON
 _UNFINISHED = re.compile(r"\..+\.\d+")
 NO_ARRAYS = (
     ValueError, TypeError, KeyError, EOFError, OSError, zipfile.BadZipFile, zlib.error,
@@ -137,14 +140,63 @@ def write_array(path: Path, array: np.ndarray) -> None:
         stream.write(array.data)
 
 
-def read_json(path: Path) -> Any:
-    """Parsed JSON. Raises MissingFileError, or DataError naming a file that is not JSON."""
+def read_json(path: Path, most_bytes: int = MOST_BYTES) -> Any:
+    """Parsed JSON of a bounded file.
+
+    Raises MissingFileError; DataError for a file that is too large, no JSON, not in UTF-8, nested
+    too deeply, or that states a key twice.
+    """
     if not path.is_file():
         raise MissingFileError(f"there is no file {path}")
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise DataError(f"{path} is no JSON: {error}") from error
+        if (size := path.stat().st_size) > most_bytes:
+            raise DataError(f"{path} has {size} bytes: at most {most_bytes} are read")
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise DataError(f"{path} is no JSON: it is not in UTF-8 ({error.reason})") from error
+    except PermissionError as error:
+        raise DataError(f"{path} may not be read: give yourself the right to") from error
+    return parse_json(text, str(path))
+
+
+def parse_json(text: str, where: str) -> Any:
+    """Parsed JSON of a text; see `read_json`."""
+    try:
+        content = json.loads(text, object_pairs_hook=_without_doubles)
+    except RecursionError as error:
+        raise _too_deep(where) from error
+    except _DoubleKeyError as error:
+        raise DataError(f"{where} states the key {error} twice: leave one out") from error
+    except ValueError as error:
+        raise DataError(f"{where} is no JSON: {error}") from error
+    level: list[Any] = [content]
+    for _ in range(_DEEPEST):
+        level = [inner for outer in level for inner in _inner(outer)]
+        if not level:
+            return content
+    raise _too_deep(where)
+
+
+class _DoubleKeyError(Exception):
+    """A key is stated twice in one object."""
+
+
+def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise _DoubleKeyError(repr(next(name for name in names if names.count(name) > 1)))
+    return found
+
+
+def _inner(value: Any) -> list[Any]:
+    """The lists and objects that a list or object holds."""
+    held = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return [inner for inner in held if isinstance(inner, dict | list)]
+
+
+def _too_deep(where: str) -> DataError:
+    return DataError(f"{where} is nested deeper than {_DEEPEST} levels: no file of this kind is")
 
 
 def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, Any]]:

@@ -14,12 +14,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache
+from pathlib import Path
 from typing import Annotated, Any, TypeVar, Union, cast, get_type_hints
 
 from annotated_types import Ge, Gt, Interval
 from typing_extensions import Doc as Doc
 
 from hlp.errors import ConfigError, DataError
+from hlp.files import read_json
 from hlp.registry import Registry
 from hlp.value_types import A_MAPPING, ValueType, kinds_of_items, mistake_in, type_of
 
@@ -97,6 +99,11 @@ def stored_as(kind: type[T], content: Any, where: str) -> T:
         key = ".".join(mistake.place) or "the content"
         raise DataError(f"{where}: {key} is {shown(mistake.value)}: it must be {mistake.expected}")
     return cast(T, value)
+
+
+def read_as(path: Path, kind: type[T]) -> T:
+    """A JSON file as its type says; see `read_json` and `stored_as` for what is raised."""
+    return stored_as(kind, read_json(path), str(path))
 
 
 def shown(value: Any) -> str:

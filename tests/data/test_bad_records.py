@@ -6,12 +6,12 @@ from typing import Any
 import pytest
 
 from bad_input import DEEP, Case, check, of_file, written
+from hlp.files import read_json
 from hlp.method.learn.learnt_folder import read_record
 from hlp.refinement.score_model import load_score_model
 from hlp.reporting.results import read_results
 from hlp.results.poses_file import read_poses, read_scores
 from hlp.results.summary_file import read_summary
-from hlp.schemas.reading import read_text_json
 from hlp.stages.manifest import read_manifest
 
 BROKEN_JSON = {
@@ -27,15 +27,15 @@ BROKEN_JSON = {
     "[" * 80 + "]" * 80: "nested deeper than 64",
 }
 JSON: dict[str, Case] = {
-    f"json {text[:20]!r} {len(text)}": (of_file(read_text_json, "a.json", text), said)
+    f"json {text[:20]!r} {len(text)}": (of_file(read_json, "a.json", text), said)
     for text, said in BROKEN_JSON.items()
 } | {
-    "json in UTF-16": (of_file(read_text_json, "a.json", '{"a": 1}'.encode("utf-16")), "UTF-8"),
-    "json of zeros": (of_file(read_text_json, "a.json", b"\0" * 64), "is no JSON"),
-    "json that is a folder": (read_text_json, "there is no file"),
-    "no json": (lambda folder: read_text_json(folder / "none.json"), "there is no file"),
+    "json in UTF-16": (of_file(read_json, "a.json", '{"a": 1}'.encode("utf-16")), "UTF-8"),
+    "json of zeros": (of_file(read_json, "a.json", b"\0" * 64), "is no JSON"),
+    "json that is a folder": (read_json, "there is no file"),
+    "no json": (lambda folder: read_json(folder / "none.json"), "there is no file"),
     "large json": (
-        lambda folder: read_text_json(written(folder / "a.json", "[" + "1," * 99 + "1]"), 100),
+        lambda folder: read_json(written(folder / "a.json", "[" + "1," * 99 + "1]"), 100),
         "has 201 bytes: at most 100",
     ),
 }

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from spoiled_files import is_clean, spoiled
 
 from hlp.data.bop_models import name_objects, symmetry_motions
-from hlp.data.bop_scenes import ImagewiseScene, list_scenes
+from hlp.data.bop_scenes import Scene, list_scenes
 from hlp.data.bop_targets import annotated_targets, list_targets, most_visible
 from hlp.data.camera_files import read_camera
 from hlp.data.file_frames import read_numbers
@@ -21,7 +21,7 @@ from hlp.data.ycbineoat import read_pose
 from hlp.errors import DataError
 from hlp.schemas import bop
 from hlp.schemas.meaning import camera_matrix
-from hlp.schemas.reading import read_as
+from hlp.settings import read_as
 
 K = [500.0, 0, 40, 0, 510.0, 30, 0, 0, 1]
 POSE = {"obj_id": 1, "cam_R_m2c": np.eye(3).ravel().tolist(), "cam_t_m2c": [1.0, 0, 700]}
@@ -76,7 +76,7 @@ def test_scenes(tmp_path: Path, name: str, data: st.DataObject) -> None:
 def test_masks(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "000006_000000.mask_visib.json"
     path.write_bytes(content)
-    scene = ImagewiseScene(tmp_path, 6)
+    scene = Scene(tmp_path, 6)
     is_clean(lambda: scene.visible_mask(0, 0), path)
 
 

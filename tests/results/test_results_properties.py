@@ -14,7 +14,7 @@ from hlp.records import PoseEstimate, TargetScore
 from hlp.results.answers_file import AnswersFile
 from hlp.results.poses_file import read_poses, read_scores, write_poses, write_scores
 from hlp.schemas.outputs import Manifest
-from hlp.schemas.reading import read_as
+from hlp.settings import read_as
 
 IDS = st.integers(0, 10**6)
 SECONDS = st.dictionaries(texts(), st.floats(0.0, 1e3), max_size=3)

@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from hlp.data.bop_scenes import list_scenes
 from hlp.errors import ConfigError, DataError, MissingFileError
+from hlp.files import read_json
 from hlp.geometry import rigid, transform
 from hlp.objects.meshes import mesh_diameter
 from hlp.objects.object_model import ObjectSettings, build_object_model, check_unique
@@ -19,8 +20,7 @@ from hlp.records import MILLIMETRE, MILLIMETRES_PER_METRE, ObjectModel
 from hlp.rendering.surface import sample_surface
 from hlp.schemas import bop
 from hlp.schemas.meaning import exact_rotation
-from hlp.schemas.reading import read_as, read_text_json
-from hlp.settings import stored_as
+from hlp.settings import read_as, stored_as
 
 _FOLDERS = ("models", "models_eval")
 _INFO = "models_info.json"
@@ -47,7 +47,7 @@ def load_object_models(
     for name, settings in objects.items():
         path = _mesh_path(root, name, settings.id)
         listed = path.parent / _INFO
-        content = read_text_json(listed) if listed.is_file() else {}
+        content = read_json(listed) if listed.is_file() else {}
         infos = stored_as(bop.ModelInfos, content, str(listed))
         info = infos.get(str(settings.id), bop.ModelInfo())
         diameter = None if info.diameter is None else info.diameter * MILLIMETRE

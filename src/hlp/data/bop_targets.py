@@ -17,7 +17,7 @@ from hlp.geometry import rigid
 from hlp.records import MILLIMETRE, Target
 from hlp.schemas import bop
 from hlp.schemas.meaning import exact_rotation
-from hlp.schemas.reading import read_as
+from hlp.settings import read_as
 
 FrameId = tuple[int, int]
 

@@ -14,8 +14,8 @@ import yaml
 from jaxtyping import Float
 
 from hlp.errors import InputError, MissingFileError
+from hlp.files import parse_json
 from hlp.schemas.meaning import camera_matrix
-from hlp.schemas.reading import parse_json
 
 _MOST_BYTES = 64 * 1024**2
 _DEEPEST = 20  # brackets within brackets

@@ -31,8 +31,7 @@ from hlp.schemas.meaning import (
     require_in_front,
     require_near_depths,
 )
-from hlp.schemas.reading import read_as
-from hlp.settings import Doc, Settings
+from hlp.settings import Doc, Settings, read_as
 
 MAX_MEGAPIXELS = 50.0
 

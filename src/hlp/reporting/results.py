@@ -14,8 +14,7 @@ from hlp.files import MANIFEST, SCORES, SUMMARY, SWEEP
 from hlp.reporting.comparison import WELL_VISIBLE, ScoredTarget, read_targets
 from hlp.results.summary_file import TargetKey, read_summary
 from hlp.schemas.outputs import Manifest, Sweep
-from hlp.schemas.reading import read_as
-from hlp.settings import shown
+from hlp.settings import read_as, shown
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from hlp.reporting.results import Result, read_results
 from hlp.reporting.study_numbers import ADD, KINDS, RUN, Kind, Number, read_numbers
 from hlp.results.summary_file import TargetKey, read_target_values
 from hlp.schemas.outputs import Manifest
-from hlp.schemas.reading import read_as
+from hlp.settings import read_as
 
 _LOG = "hlp.log"
 

@@ -20,7 +20,7 @@ import numpy as np
 
 import hlp
 from hlp.errors import DataError
-from hlp.schemas.reading import read_text_json
+from hlp.files import read_json
 from hlp.source_code import Code, code_of
 
 # It collects the settings of the whole method. Their values are in each fingerprint already, and
@@ -100,7 +100,7 @@ def plain(value: Any, key: str = "settings") -> Any:
 
 def read_manifest(path: Path) -> dict[str, Any]:
     """Read `manifest.json`. Raises MissingFileError, or DataError if it is no manifest."""
-    manifest = read_text_json(path)
+    manifest = read_json(path)
     if not isinstance(manifest, dict) or not isinstance(manifest.get("config"), dict):
         raise DataError(f"{path} is no manifest of a run: it has no config")
     return manifest

@@ -24,9 +24,8 @@ from filelock import FileLock, Timeout
 
 from hlp.checksums import find_damaged, folder_checksums, seal_is_whole, sealed
 from hlp.errors import DataError
-from hlp.files import remove_unfinished, write_json
+from hlp.files import read_json, remove_unfinished, write_json
 from hlp.schemas.outputs import StageRecord
-from hlp.schemas.reading import read_text_json
 from hlp.settings import stored_as
 from hlp.stages.manifest import library_versions, plain
 
@@ -245,7 +244,7 @@ def _verify(folder: Path) -> Mapping[str, Any]:
     path = folder / RECORD
     if not path.is_file():
         raise DataError(f"{folder} is no finished output: it has no {RECORD}")
-    record = read_text_json(path)
+    record = read_json(path)
     if not seal_is_whole(record):
         raise DataError(f"{path} is damaged, or from an earlier version of HLP")
     stated = stored_as(StageRecord, record, str(path))
