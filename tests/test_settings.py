@@ -6,11 +6,20 @@ from dataclasses import asdict, dataclass, field
 from typing import Annotated, Any, Literal
 
 import pytest
-from annotated_types import Ge, Gt, Interval, Le
+from annotated_types import Ge, Gt, Interval, Le, Len
 
-from hlp.errors import ConfigError
+from hlp.errors import ConfigError, DataError
 from hlp.registry import Registry
-from hlp.settings import Doc, Settings, SettingsError, defaults_of, read_settings
+from hlp.settings import (
+    Doc,
+    ReadBy,
+    Settings,
+    SettingsError,
+    Stored,
+    defaults_of,
+    read_settings,
+    stored_as,
+)
 
 TOOLS: Registry[Any] = Registry("tool", "hlp.voting")
 
@@ -126,8 +135,9 @@ def test_ranges_and_choices_hold_in_python_too() -> None:
         Hammer(weight=float("nan"))
     with pytest.raises(SettingsError, match=r"^name is 'axe': it must be 'hammer' or 'mallet'$"):
         Hammer(name="axe")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="height is 0"):
-        Bench(place="attic", height=0)
+    for height in (0, 1.5, True):
+        with pytest.raises(ValueError, match=f"height is {height}: it must be"):
+            Bench(place="attic", height=height)  # type: ignore[arg-type]
 
 
 def test_an_error_survives_the_way_from_a_worker() -> None:
@@ -171,16 +181,31 @@ def test_lengths_and_angles_are_bounded_by_their_names() -> None:
         Cone(10.0, 2e5, 2e5)
 
 
+@dataclass(frozen=True)
+class Part(Stored):
+    sizes: Annotated[tuple[float, ...], Len(2, 2), ReadBy(lambda sizes: sizes or [1, 2])]
+    name: str = "plain"
+
+
+def test_what_a_file_holds_is_read_without_what_is_not_declared() -> None:
+    assert stored_as(list[Part], [{"sizes": [], "more": 1}], "a.json") == [Part((1.0, 2.0))]
+    assert stored_as(dict[str, Part], {"x": {"sizes": [3, 4], "name": "y"}}, "a.json") == {
+        "x": Part((3.0, 4.0), "y")
+    }
+
+
 @pytest.mark.parametrize(
-    ("values", "said"),
+    ("kind", "content", "said"),
     [
-        ({"height": 1.5}, "height is 1.5: it must be a whole number or null"),
-        ({"height": True}, "height is True: it must be a whole number or null"),
-        ({"share": "1"}, "share is '1': it must be a number"),
-        ({"used": 1}, "used is 1: it must be true or false"),
-        ({"place": 3}, "place is 3: it must be text"),
+        (Part, [1], "the content is [1]: it must be a mapping of keys to values"),
+        (Part, {}, "sizes is missing"),
+        (list[Part], {}, "the content is {}: it must be a list"),
+        (list[Part], [None], "0 is null: it must be a mapping of keys to values"),
+        (list[Part], [{"sizes": [1, 2]}, {"sizes": [1]}], "1.sizes is [1]: it must be a list of 2"),
+        (dict[str, Part], {"x": {"sizes": [1, "2"]}}, "x.sizes.1 is '2': it must be a number"),
     ],
 )
-def test_types_are_checked_in_python_too(values: dict[str, Any], said: str) -> None:
-    with pytest.raises(SettingsError, match=said):
-        Bench(**{"place": "attic", **values})
+def test_what_is_wrong_in_a_file_is_named(kind: Any, content: Any, said: str) -> None:
+    with pytest.raises(DataError) as caught:
+        stored_as(kind, content, "a.json")
+    assert str(caught.value) == f"a.json: {said}"

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 
@@ -49,31 +49,24 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(2)
 
 
-def _always(arguments: Sequence[str]) -> bool:
-    return True
-
-
-def _never(arguments: Sequence[str]) -> bool:
-    return False
-
-
-def _if_predicted_one_by_one(arguments: Sequence[str]) -> bool:
-    """A sequence is tracked from its start."""
-    named = any(argument.startswith("output=") for argument in arguments)
-    return named and "track=true" not in arguments
-
-
 @dataclass(frozen=True)
 class _Command:
     """A function of its name in a module of `hlp.commands`."""
 
     module: str
     summary: str
-    continues: Callable[[Sequence[str]], bool] = _always
-    """Whether the same command with these arguments, called again, goes on where it was stopped."""
+    goes_on: bool = True
+    """Whether the same command, called again, goes on where it was stopped."""
     needs_arguments: bool = False
     messages: str = "stdout"
     """The stream of HLP's messages; none where Hydra sets up the logging."""
+
+    def continues(self, arguments: Sequence[str]) -> bool:
+        """Whether it goes on with these arguments: a sequence is tracked from its start."""
+        if self.module != "predict":
+            return self.goes_on
+        named = any(argument.startswith("output=") for argument in arguments)
+        return named and "track=true" not in arguments
 
 
 def _usage() -> str:
@@ -114,36 +107,37 @@ COMMANDS = {
     "predict": _Command(
         "predict",
         "poses of learnt objects in your own frames",
-        _if_predicted_one_by_one,
         needs_arguments=True,
     ),
     "live": _Command(
         "live",
         "poses in the images of a camera, as they come",
-        _never,
+        goes_on=False,
         needs_arguments=True,
         messages="stderr",
     ),
     "objects": _Command(
-        "objects", "what is learnt: list, show, remove, export", _never, needs_arguments=True
+        "objects", "what is learnt: list, show, remove, export", goes_on=False, needs_arguments=True
     ),
-    "doctor": _Command("doctor", "what is wrong with data, learnt objects or this machine", _never),
+    "doctor": _Command(
+        "doctor", "what is wrong with data, learnt objects or this machine", goes_on=False
+    ),
     "report": _Command(
         "report",
         "tables and pages of finished runs, with the paper's numbers",
-        _never,
+        goes_on=False,
         messages="stderr",
     ),
     "runs": _Command(
-        "report", "what lies in outputs/, with the main figures", _never, messages="stderr"
+        "report", "what lies in outputs/, with the main figures", goes_on=False, messages="stderr"
     ),
-    "ui": _Command("report", "the runs in a browser, by MLflow", _never),
+    "ui": _Command("report", "the runs in a browser, by MLflow", goes_on=False),
     "upload": _Command("report", "send runs to an MLflow server that was unreachable"),
     "bench": _Command("run", "time and memory of every stage on this machine", messages=""),
     "search": _Command("run", "search for the best settings within a time limit", messages=""),
     "download": _Command(
         "folders", "public data sets in a form that HLP reads", needs_arguments=True
     ),
-    "notebooks": _Command("folders", "copy the notebooks that teach into a folder", _never),
-    "clean": _Command("folders", "outputs of stages that may go, and their sizes", _never),
+    "notebooks": _Command("folders", "copy the notebooks that teach into a folder", goes_on=False),
+    "clean": _Command("folders", "outputs of stages that may go, and their sizes", goes_on=False),
 }

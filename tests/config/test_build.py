@@ -77,17 +77,7 @@ def test_the_default_run_is_the_demo_and_needs_no_files(default):
     json.dumps(run.config)  # plain values
 
 
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("data.noise", 0.5),
-        ("data.width", 320),
-        ("data.height", 240),
-        ("data.min_visible", 0.6),
-        ("data.scenes", 2),
-        ("data.clutter", [1, 2]),
-    ],
-)
+@pytest.mark.parametrize(("key", "value"), [("data.noise", 0.5), ("data.clutter", [1, 2])])
 def test_what_the_test_scenes_look_like_is_no_reason_to_train_again(default, key, value):
     plain, other = build_run(default).dataset, build_run(changed(default, key, value)).dataset
     assert other.frames_identity != plain.frames_identity
@@ -102,30 +92,22 @@ WRONG = [
     ("rendering.focal_px", math.nan, r"^rendering\.focal_px is nan: it must be a finite number$"),
     ("patches.region.stride", 8, r"^patches\.region\.stride is no key"),
     ("patches.pool.off_center", 1.5, r"^patches\.pool\.off_center is 1\.5: .* at most 1$"),
-    ("patches.holistic.channels", "bgr", r"^patches\.holistic\.channels .*'rgb' or 'rgbd'$"),
     ("patches.holistic.resolution", 48, r"^patches\.holistic\.resolution is 48: .* 64$"),
     ("patches.local.resolution", 48, r"^patches\.local\.resolution is 48: .* 32$"),
     ("refinement.cost.tau_edge_mm", -2.5, r"^refinement\.cost\.tau_edge_mm is -2\.5: .* above 0$"),
     ("refinement.phi_1", 1.0, r"^refinement\.phi_1 \+ phi_2 is 2\.3: it must be above 4$"),
-    ("refinement.polish", 3, r"^refinement\.polish is 3: it must be a mapping"),
     ("encoder.input", "depth", r"^encoder\.input .*'rgbd' or 'normals_depth'$"),
     ("encoder.name", "cea", r"^encoder\.name is 'cea': choose one of cae, contrastive, pca$"),
-    ("encoder.widths", [32, "a"], r"^encoder\.widths\.1 is 'a': it must be a whole number$"),
     ("encoder.dimension", 150, r"^encoder\.dimension is 150: codebook=inverted_lists takes .* 4$"),
-    ("encoder.dimension", 0, r"^encoder\.dimension is 0"),
     ("encoder.widths", [8] * 6, r"^encoder\.widths is .*1 to 5"),
     ("classifier.widths", [0, 16], r"^classifier\.widths\.0 is 0: it must be at least 1"),
-    ("classifier.widths", [], r"^classifier\.widths is \[\]: .*1 to 6"),
     ("classifier.widths", [8] * 7, r"^classifier\.widths is .*1 to 6"),
     ("trainer.accelerator", "warp", r"^trainer\.accelerator is 'warp': it must be 'cpu' or"),
-    ("trainer.precision", "12-bit", r"^trainer\.precision is '12-bit': it must be '32-true' or"),
     ("frames", 0, r"^frames is 0: it must be at least 1$"),
     ("data.objects", [4, 9], r"^data\.objects\.1 is 9: it must be at most 8$"),
     ("data.objects", [6, 5], r"^data\.objects is \[6, 5\]: it must be \[least, most\]$"),
-    ("data.objects", [5], r"^data\.objects is \[5\]: it must be a list of 2$"),
     ("mesh", "a.ply", r"^mesh is no key: there are seed, rendering, "),
     ("output", "", r"^output is empty: name one$"),
-    ("work", " ", r"^work is empty: name one$"),
     ("name", "???", r"^name is not set: set name=VALUE$"),
     ("data.seed", "???", r"^data\.seed is not set: set data\.seed=VALUE$"),
 ]

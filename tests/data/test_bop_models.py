@@ -10,7 +10,7 @@ import trimesh
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from bad_input import DEEP, Case, check, written
+from bad_input import Case, check, written
 from hlp.data.bop_models import load_object_models, symmetry_motions
 from hlp.objects.mesh_colors import PLAIN_COLOR
 from hlp.objects.object_model import ObjectSettings
@@ -169,20 +169,14 @@ def turned(axis: list[float], offset: list[float]) -> Any:
 HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0]).ravel().tolist()
 MODELS: dict[str, Case] = {
     "models_info: a list": (models("[1]"), "the content is [1]: it must be a mapping"),
-    "models_info: deep": (models(DEEP), "nested deeper"),
-    "models_info: no JSON": (models("?"), "is no JSON"),
     "models_info: null": (models(None), "1 is null: it must be a mapping"),
     "models_info: metres": (models({"diameter": 0.1393}), "must be in millimetres"),
     "models_info: tenth": (models({"diameter": 13.93}), "the mesh's is 139.2"),
     "models_info: another mesh": (models({"diameter": 300.0}), "diameter is 300"),
     "models_info: no size": (models({"diameter": 0}), "1.diameter is 0"),
-    "models_info: below 0": (models({"diameter": -1.0}), "1.diameter is -1.0"),
     "models_info: NaN": (models('{"1": {"diameter": NaN}}'), "1.diameter is nan"),
-    "models_info: infinity": (models('{"1": {"diameter": Infinity}}'), "1.diameter is inf"),
     "models_info: text": (models({"diameter": "139"}), "1.diameter is '139': it must be a number"),
-    "models_info: true": (models({"diameter": True}), "1.diameter is True"),
     "symmetries: null": (models({"symmetries_discrete": None}), "is null: it must be a list"),
-    "symmetries: an object": (models({"symmetries_discrete": {}}), "it must be a list"),
     "symmetries: 15 numbers": (
         models({"symmetries_discrete": [HALF_TURN[:15]]}),
         "it must be a list of 16",
@@ -209,10 +203,6 @@ MODELS: dict[str, Case] = {
     "symmetries: no axis": (
         models({"symmetries_continuous": [{"offset": [0, 0, 0]}]}),
         "1.symmetries_continuous.0.axis is missing",
-    ),
-    "symmetries: no offset": (
-        models({"symmetries_continuous": [{"axis": [0, 0, 1]}]}),
-        "offset is missing",
     ),
     "symmetries: null axis": (
         models({"symmetries_continuous": [{"axis": None, "offset": [0, 0, 0]}]}),

@@ -100,11 +100,7 @@ def posed(matrix):
     return lambda root: np.savetxt(root / "annotated_poses/0000001.txt", matrix)
 
 
-def pixels(path, values):
-    return lambda root: cv2.imwrite(str(root / path), values) and None
-
-
-DEPTH, COLOR = f"depth/{STAMPS[1]}.png", f"rgb/{STAMPS[1]}.png"
+DEPTH = f"depth/{STAMPS[1]}.png"
 
 
 @pytest.mark.parametrize(
@@ -112,19 +108,12 @@ DEPTH, COLOR = f"depth/{STAMPS[1]}.png", f"rgb/{STAMPS[1]}.png"
     [
         (gone(DEPTH), "no image"),
         (rewritten(DEPTH, "?"), "is truncated or no image"),
-        (rewritten(COLOR, "?"), "is truncated or no image"),
-        (pixels(COLOR, np.zeros((20, 20, 3), np.uint8)), "20x20 but its depth image is 40x30"),
-        (pixels(DEPTH, np.ones((30, 40), np.uint8)), "16-bit"),
         (rewritten("annotated_poses/0000001.txt", "x y"), "0000001.txt"),
-        (rewritten("annotated_poses/0000001.txt", ""), "0000001.txt"),
         (posed(np.eye(3)), "must hold 16 finite numbers"),
         (posed(np.full((4, 4), np.nan)), "must hold 16 finite numbers"),
         (posed(pose(1).T), "is no pose: it must be R t / 0 0 0 1"),
-        (posed(np.diag([1.0, 1.0, 1.02, 1.0])), "is no rotation: its rows"),
-        (posed(np.diag([1.0, 1.0, -1.0, 1.0])), "reflection"),
         (posed(pose(1) @ np.diag([1.1, 1.1, 1.1, 1.0])), "is no rotation"),
         (posed(at(600.0)), "places the object 600 m away"),
-        (posed(at(-0.6)), "behind the camera"),
         (posed(at(0.001)), "around the camera: translations are in metres"),
     ],
 )

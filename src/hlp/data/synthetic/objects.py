@@ -35,6 +35,18 @@ BROWN, CREAM, DARK = (133, 88, 52), (214, 189, 150), (38, 36, 38)
 
 def _toy() -> list[Mesh]:
     """Body and head of bear and rabbit; one arm is raised, so that they are not symmetric."""
+    lowered = [
+        (0, 0.03, 0.075),
+        (0.016, 0.044, 0.058),
+        (0.034, 0.042, 0.048),
+        (0.042, 0.038, 0.047),
+    ]
+    raised = [
+        (0, -0.03, 0.075),
+        (0.008, -0.052, 0.086),
+        (0.012, -0.062, 0.11),
+        (0.012, -0.064, 0.122),
+    ]
     return [
         moved(ellipsoid((0.038, 0.036, 0.044), BROWN), (0.0, 0.0, 0.050)),
         moved(ellipsoid((0.030, 0.026, 0.033), CREAM), (0.013, 0.0, 0.049)),
@@ -43,26 +55,7 @@ def _toy() -> list[Mesh]:
         moved(ellipsoid((0.034, 0.037, 0.031), BROWN), (0.008, 0.0, 0.113)),
         moved(ellipsoid((0.017, 0.017, 0.012), CREAM), (0.037, 0.0, 0.105)),
         moved(ellipsoid((0.006, 0.008, 0.005), DARK), (0.053, 0.0, 0.111)),
-        tube(
-            [
-                (0, 0.030, 0.075),
-                (0.016, 0.044, 0.058),
-                (0.034, 0.042, 0.048),
-                (0.042, 0.038, 0.047),
-            ],
-            (0.011, 0.011, 0.012, 0.004),
-            BROWN,
-        ),
-        tube(
-            [
-                (0, -0.03, 0.075),
-                (0.008, -0.052, 0.086),
-                (0.012, -0.062, 0.11),
-                (0.012, -0.064, 0.122),
-            ],
-            (0.011, 0.011, 0.012, 0.004),
-            BROWN,
-        ),
+        *(tube(arm, (0.011, 0.011, 0.012, 0.004), BROWN) for arm in (lowered, raised)),
     ]
 
 
@@ -204,17 +197,11 @@ def turns_about_z(steps: int) -> Float[np.ndarray, "n 4 4"]:
 
 @lru_cache(maxsize=1)
 def _models() -> tuple[ObjectModel, ...]:
-    shapes = [
-        ("bear", _bear()),
-        ("bowl", _bowl()),
-        ("camera", _camera()),
-        ("can", _can()),
-        ("drill", _drill()),
-        ("duck", _duck()),
-        ("lamp", _lamp()),
-        ("rabbit", _rabbit()),
-    ]
-    return tuple(_model(i, name, _centred(mesh)) for i, (name, mesh) in enumerate(shapes, start=1))
+    shapes = (_bear, _bowl, _camera, _can, _drill, _duck, _lamp, _rabbit)
+    return tuple(
+        _model(number, shape.__name__.removeprefix("_"), _centred(shape()))
+        for number, shape in enumerate(shapes, start=1)
+    )
 
 
 def _model(object_id: int, name: str, mesh: Mesh) -> ObjectModel:

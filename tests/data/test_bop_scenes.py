@@ -1,0 +1,156 @@
+"""Scenes in both of BOP's layouts, and lists of targets."""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bad_input import DEEP, Case, check, of_file, written
+from bop_folder import make_imagewise, write_scene, write_targets
+from hlp.data.bop import BopFrames
+from hlp.data.bop_scenes import list_scenes
+from hlp.data.bop_targets import annotated_targets, list_targets
+from hlp.errors import DataError, MissingFileError
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    write_scene(tmp_path / "test")
+    write_targets(tmp_path / "targets.json", [(6, 12, 1, 1), (6, 0, 1, 1), (6, 0, 6, 1)])
+    return tmp_path
+
+
+def test_targets_are_those_listed_or_all_that_is_annotated(root):
+    scenes = list_scenes(root / "test")
+    listed = {(6, 12): {1: 1}, (6, 0): {1: 1, 6: 1}}
+    assert list_targets(scenes, root / "targets.json") == listed
+    assert list_targets(scenes, None) == {(6, 0): {1: 1, 6: 2}, (6, 12): {1: 1}}
+    assert [target.object_id for target in annotated_targets(scenes[6], 0, "here")] == [1, 6, 6]
+
+
+# The folder of the files and what their names begin with.
+LAYOUTS = {"in the split": (".", "000006_"), "in a folder of the scene": ("000006", "")}
+LAYOUTS["in a folder of the scene, with its number"] = ("000006", "000006_")
+
+
+@pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS)
+def test_both_layouts_give_the_same_frames(root, tmp_path, layout):
+    folder, prefix = layout
+    make_imagewise(root / "test" / "000006", tmp_path / "single" / folder, prefix)
+    expected, found = BopFrames(root, "test", None), BopFrames(tmp_path, "single", None)
+    assert found.keys == expected.keys == ("000006_000000", "000006_000012")
+    assert found.targets == expected.targets
+    for key in expected.keys:
+        a, b = expected.load(key), found.load(key)
+        np.testing.assert_array_equal(a.rgb, b.rgb)
+        np.testing.assert_array_equal(a.depth, b.depth)
+        np.testing.assert_array_equal(a.camera_matrix, b.camera_matrix)
+        for one, other in zip(a.targets, b.targets, strict=True):
+            assert (one.object_id, one.visible_fraction) == (
+                other.object_id,
+                other.visible_fraction,
+            )
+            np.testing.assert_array_equal(one.pose_cam_obj, other.pose_cam_obj)
+            mask = expected.visible_mask(a, one)
+            np.testing.assert_array_equal(found.visible_mask(b, other), mask)
+
+
+def test_the_identity_follows_the_content_of_single_files(root, tmp_path):
+    make_imagewise(root / "test" / "000006", tmp_path / "single", "000006_")
+    before = BopFrames(tmp_path, "single", None).identity()
+    path = tmp_path / "single" / "000006_000012.gt.json"
+    path.write_text(path.read_text().replace("700", "701"))
+    assert BopFrames(tmp_path, "single", None).identity() != before
+
+
+@pytest.mark.parametrize("color", ["gray/tif", "gray/png", "rgb/jpg"])
+def test_grey_images_and_other_extensions_are_read(tmp_path, color):
+    write_scene(tmp_path / "test", color)
+    frames = BopFrames(tmp_path, "test", None)
+    frame = frames.load(frames.keys[0])
+    assert frame.rgb.shape == (60, 80, 3)
+    if color.startswith("gray"):
+        assert (frame.rgb == frame.rgb[..., :1]).all()
+    assert frames.identity()
+
+
+def test_scene_folders_may_have_any_number_of_digits(root):
+    shutil.move(root / "test" / "000006", root / "test" / "6")
+    (root / "test" / "notes").mkdir()
+    assert BopFrames(root, "test", None).keys[0] == "000006_000000"
+
+
+def test_what_is_absent_is_named(root, tmp_path):
+    make_imagewise(root / "test" / "000006", tmp_path / "single", "000006_")
+    (tmp_path / "single" / "000006_000012.depth.png").unlink()
+    (tmp_path / "single" / "000006_000000.mask_visib.json").write_text('{"0": {"size": [2, 2]}}')
+    frames = BopFrames(tmp_path, "single", None)
+    with pytest.raises(MissingFileError, match=r"000006_000012\.depth\.png"):
+        frames.load("000006_000012")
+    frame = frames.load("000006_000000")
+    with pytest.raises(DataError, match=r"000006_000000\.mask_visib.*mask 0: counts is missing"):
+        frames.visible_mask(frame, frame.targets[0])
+    with pytest.raises(MissingFileError, match="no scene 7"):
+        frames._scene("000007_000000")
+
+
+def listed(text: str) -> Any:
+    return of_file(lambda path: list_targets({}, path), "targets.json", text)
+
+
+ROW = {"scene_id": 1, "im_id": 2, "obj_id": 3, "inst_count": 1}
+TARGETS: dict[str, Case] = {
+    "targets: an object": (listed('{"6": [1, 2]}'), "it must be a list"),
+    "targets: a number": (listed("7"), "the content is 7"),
+    "targets: null row": (listed("[null]"), "0 is null: it must be a mapping"),
+    "targets: deep": (listed(DEEP), "nested deeper"),
+    "targets: one object twice": (listed(json.dumps([ROW, ROW])), "lists object 3"),
+    "targets: no scene": (listed('[{"im_id": 1}]'), "0.scene_id is missing"),
+    "targets: no image": (listed('[{"scene_id": 1}]'), "0.im_id is missing"),
+}
+for _key in ROW:
+    for _value, _said in (("1", "'1'"), (1.5, "1.5"), (-1, "-1"), (True, "True"), ([1], "[1]")):
+        _name = f"targets: {_key} {_value!r}"
+        TARGETS[_name] = (listed(json.dumps([{**ROW, _key: _value}])), f"0.{_key} is {_said}")
+TARGETS["targets: no instance"] = (
+    listed(json.dumps([{**ROW, "inst_count": 0}])),
+    "inst_count is 0: it must be at least 1",
+)
+
+
+def two_folders(folder: Path) -> object:
+    (folder / "6").mkdir()
+    (folder / "000006").mkdir()
+    return list_scenes(folder)
+
+
+SCENES: dict[str, Case] = {
+    "no split": (lambda folder: list_scenes(folder / "test"), "no folder"),
+    "two folders of a scene": (two_folders, "two folders of scene 6"),
+    "no scene": (list_scenes, "no scene in"),
+}
+for _text, _said in (
+    ("[]", "must be a mapping"),
+    ("null", "must be a mapping"),
+    ('{"a": {}}', "the key 'a' is no id"),
+    ('{"-1": {}}', "the key '-1' is no id"),
+    ('{"01": {}}', "the key '01' is no id"),
+    ('{"1.5": {}}', "the key '1.5' is no id"),
+    (DEEP, "nested deeper"),
+):
+
+    def _frames(folder: Path, text: str = _text) -> object:
+        written(folder / "000001" / "scene_camera.json", text)
+        return list_scenes(folder)[1].frame_ids
+
+    SCENES[f"scene_camera: {_text[:9]}"] = (_frames, _said)
+
+TEXTS = {**TARGETS, **SCENES}
+
+
+@pytest.mark.parametrize("case", TEXTS)
+def test_what_is_wrong_with_lists_and_scenes_is_said(tmp_path: Path, case: str) -> None:
+    check(TEXTS[case], tmp_path)
