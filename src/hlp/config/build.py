@@ -62,8 +62,7 @@ def build_run(config: DictConfig, chosen: Chosen | None = None) -> Run:
     keys = dataset.frames.keys
     if not keys:
         raise ConfigError("data holds no frame with a target")
-    if settings.frames is not None:
-        keys = evenly(keys, settings.frames)
+    keys = evenly(keys, settings.frames)
     plain = OmegaConf.to_container(config, resolve=True)
     assert isinstance(plain, dict)
     bad = find_bad_frames(dataset, keys)
@@ -114,8 +113,10 @@ def build_settings(config: DictConfig) -> RunSettings:
     return read_settings(RunSettings, {str(key): value for key, value in values.items()})
 
 
-def evenly(keys: tuple[str, ...], count: int) -> tuple[str, ...]:
-    """`count` of the keys, spread evenly. Raises ConfigError below 1."""
+def evenly(keys: tuple[str, ...], count: int | None) -> tuple[str, ...]:
+    """`count` of the keys, spread evenly; None: all. Raises ConfigError below 1."""
+    if count is None:
+        return keys
     if count < 1:
         raise ConfigError(f"frames is {count}: set a number of frames from 1, or null for all")
     if count >= len(keys):

@@ -23,7 +23,7 @@ from hlp.evaluation.evaluator import FrameTruth, add_correct
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.evaluation.waterfall import TargetCounts, TargetResults, VoteCounts, cause_of
 from hlp.method.find.trace import ObjectTrace, Stage, Trace
-from hlp.records import Frame, ObjectModel, Region, Target, TargetScore, Votes, frame_key
+from hlp.records import Frame, ObjectModel, Region, Target, TargetScore, frame_key
 from hlp.stages.detection import DetectionStages
 from hlp.stages.trace_files import read_trace
 
@@ -47,6 +47,7 @@ def note_frame(
     dataset: Dataset, frame: Frame, trace: Trace, settings: EvaluationSettings
 ) -> FrameNotes:
     """Count what the stages found in a frame; a vote is good near the true pose of any target."""
+    bounds = (settings.waterfall.vote_deg, settings.waterfall.vote_mm)
     counted: list[VoteCounts] = []
     notes: list[tuple[Target, TargetCounts]] = []
     for object_id in dict.fromkeys(target.object_id for target in frame.targets):
@@ -56,7 +57,8 @@ def note_frame(
         good, shown = [], []
         for target in frame.targets:
             if target.object_id == object_id:
-                good.append(good_votes(votes, target, model, settings))
+                places = votes.rotations_cam_obj, votes.centroids_cam, target.pose_cam_obj
+                good.append(near_truth(*places, model, settings, bounds))
                 shown.append(visible_pixels(dataset.frames, frame, target, model))
                 counts = _count(frame, shown[-1], region, int(good[-1].sum()))
                 notes.append((target, counts))
@@ -64,16 +66,6 @@ def note_frame(
         on_object = np.any(shown, axis=0)[y, x]
         counted.append(VoteCounts.of(object_id, np.any(good, axis=0), votes.weights, on_object))
     return FrameNotes(FrameTruth.of(frame, with_depth=True), tuple(counted), tuple(notes))
-
-
-def good_votes(
-    votes: Votes, target: Target, model: ObjectModel, settings: EvaluationSettings
-) -> Bool[np.ndarray, "v"]:
-    """Which votes are near a target's true pose."""
-    bounds = (settings.waterfall.vote_deg, settings.waterfall.vote_mm)
-    return near_truth(
-        votes.rotations_cam_obj, votes.centroids_cam, target.pose_cam_obj, model, settings, bounds
-    )
 
 
 def visible_pixels(source: FrameSource, frame: Frame, target: Target, model: ObjectModel) -> Mask:

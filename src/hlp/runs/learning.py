@@ -4,12 +4,13 @@ import logging
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hlp.codebook.entries import load_codebook
 from hlp.codebook.neighbours import is_joint
-from hlp.data.file_frames import FolderSettings
+from hlp.data.file_frames import FolderImages, FolderSettings
 from hlp.errors import DataError, MissingFileError
 from hlp.method.learn import learning
 from hlp.method.learn.learnt_folder import (
@@ -25,6 +26,7 @@ from hlp.method.learn.mesh_models import MeshChoices, build_models
 from hlp.method.learn.model_files import write_model
 from hlp.method.learn.unfinished_folder import finish
 from hlp.method.settings import MethodSettings
+from hlp.records import ObjectModel
 from hlp.refinement.score_model import PRIOR, save_score_model
 from hlp.runs.learnt_cache import describe_learnt
 from hlp.stages.manifest import made_outputs
@@ -50,34 +52,35 @@ class LearningRequest:
     backgrounds: FolderSettings = field(default_factory=lambda: FolderSettings(name="files"))
     settings: MethodSettings = field(default_factory=MethodSettings)
 
+    @cached_property
+    def models(self) -> dict[int, ObjectModel]:
+        """The objects, read from their meshes and numbered from 1."""
+        return build_models(self.meshes, self.choices, 1, self.own_choices)
+
+    @cached_property
+    def images(self) -> FolderImages:
+        """What stands behind and before the objects while they are learnt."""
+        return self.backgrounds.training_images()
+
 
 def learn_into(folder: Path, request: LearningRequest) -> Path:
     """Learn objects into a new folder. Raises what learning raises; says what it found and made."""
-    models = build_models(request.meshes, request.choices, 1, request.own_choices)
-    backgrounds = request.backgrounds.training_images()
-    learning.learn(models, folder, request.settings, backgrounds)
-    _say_what(folder)
+    learning.learn(request.models, folder, request.settings, request.images)
+    entry = describe_learnt(folder)
+    _logger.info("%s: %s, %.0f MB", ", ".join(entry.objects), folder, entry.size / 1e6)
     return folder
 
 
 def learn_once(cache: Path, request: LearningRequest) -> Path:
     """The folder in the cache for exactly this request; learns the objects if there is none."""
-    models = build_models(request.meshes, request.choices, 1, request.own_choices)
-    backgrounds = request.backgrounds.training_images()
-    identity = learning.learning_request(models, request.settings, backgrounds)["made_from"]
+    made_from = learning.learning_request(request.models, request.settings, request.images)
+    identity = made_from["made_from"]
     folder = cache / f"{'+'.join(request.meshes)}-{identity[:8]}"
     if (folder / RECORD).is_file():
         read_record(folder)
         _logger.info("learnt before: %s", folder)
         return folder
-    learning.learn(models, folder, request.settings, backgrounds)
-    _say_what(folder)
-    return folder
-
-
-def _say_what(folder: Path) -> None:
-    entry = describe_learnt(folder)
-    _logger.info("%s: %s, %.0f MB", ", ".join(entry.objects), folder, entry.size / 1e6)
+    return learn_into(folder, request)
 
 
 def learnt_of_run(run: "Run", manifest: Path, folder: Path) -> None:

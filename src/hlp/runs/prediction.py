@@ -31,6 +31,7 @@ from hlp.records import (
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.results.answers_file import LINES, AnswersFile
 from hlp.runs.fault_watch import FaultWatch
+from hlp.runs.shown_targets import spread
 from hlp.settings import Doc, Settings
 
 HEADER = (
@@ -195,8 +196,8 @@ class _Call:
         self._detector, self._frames, self._output = detector, frames, output
         self._search = _search(detector, options)
         keys, panels = frames.keys, options.panels
-        count = (1 if len(keys) == 1 else 0) if panels is None else min(panels, len(keys))
-        self._drawn = {keys[i * len(keys) // count] for i in range(count)}
+        count = int(len(keys) == 1) if panels is None else panels
+        self._drawn = set(spread(keys, count))
         self._answered = 0
         self.watch = FaultWatch(detector, options.objects)
 

@@ -19,8 +19,9 @@ from hlp.method.find.trace import Trace
 from hlp.records import PoseEstimate, TargetScore, frame_key, parse_frame_key
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.reporting.experiments import describe_table, write_reports
-from hlp.reporting.figures.bars import draw_waterfall
-from hlp.reporting.figures.recall_time import draw_calibration
+from hlp.reporting.figures.bars import stacked_bars
+from hlp.reporting.figures.recall_time import calibration_figure
+from hlp.reporting.figures.saving import save_figure
 from hlp.reporting.mlflow.pages import summary_metrics
 from hlp.reporting.mlflow.run import MlflowRun
 from hlp.reporting.page.parts import page_or_log, run_verdict
@@ -136,8 +137,9 @@ def _score(
     summary["false_alarms"] = count_false_alarms(truths, estimates, MIN_SCORE)
     summary["frames_failed"] = describe_failed(detection.failed)
     write_json(output / SUMMARY, summary)
-    draw_waterfall(output, summary["waterfall"])
-    draw_calibration(output, summary["calibration"])
+    save_figure(stacked_bars(summary["waterfall"]), output / "waterfall")
+    if summary["calibration"]["answers"]:
+        save_figure(calibration_figure(summary["calibration"]), output / "calibration")
     return summary
 
 

@@ -15,7 +15,7 @@ from annotated_types import Ge
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
-from hlp.config.build import Run
+from hlp.config.build import Run, evenly
 from hlp.config.settings import TASKS
 from hlp.evaluation.evaluator import add_correct
 from hlp.geometry import rigid
@@ -36,7 +36,6 @@ from hlp.stages.store import StageStore
 from hlp.stages.trace_files import read_arrays
 from hlp.studies.study_run import (
     FrameCount,
-    chosen_frames,
     object_names,
     stage_of_frames,
     study_code,
@@ -100,7 +99,7 @@ def run_basin(run: Run, task: BasinSettings, output: Path) -> pd.DataFrame:
     stopped. Everything is logged as one MLflow run.
     """
     with study_run(run, output) as (store, tracker):
-        keys, names = chosen_frames(run, task.frames), object_names(run)
+        keys, names = evenly(run.keys, task.frames), object_names(run)
         verdicts = {
             name: _score(run, keys, _stage(run, task, name, keys, store)) for name in task.compared
         }

@@ -10,22 +10,22 @@ import numpy as np
 from annotated_types import Ge
 from tqdm import tqdm
 
-from hlp.config.build import Run, with_changes
+from hlp.config.build import Run, evenly, with_changes
 from hlp.config.settings import TASKS, RunSettings
 from hlp.evaluation.evaluator import FrameTruth, score_targets
-from hlp.files import write_json
+from hlp.files import write_json, write_text
 from hlp.method.find.detections import describe_all
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.find.search import search_frame
 from hlp.method.settings import FindSettings
 from hlp.records import Frame, PoseEstimate
-from hlp.reporting.figures.bars import draw_bench
+from hlp.reporting.figures.bars import bench_bars
+from hlp.reporting.figures.saving import save_figure
 from hlp.reporting.tables.bench_table import (
     CONFIGURED,
     TIMED,
     bench_metrics,
     format_bench,
-    write_bench,
 )
 from hlp.results.summary_file import TargetKey, write_target_values
 from hlp.settings import Doc, Settings
@@ -43,7 +43,7 @@ from hlp.studies.bench_times import (
     summarise_path,
     summarise_spent,
 )
-from hlp.studies.study_run import FrameCount, chosen_frames, object_names, study_run
+from hlp.studies.study_run import FrameCount, object_names, study_run
 
 Detections = dict[str, list[TimedDetection]]
 
@@ -81,7 +81,7 @@ def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
     paths |= {name: with_changes(run, changes) for name, changes in task.compared.items()}
     with study_run(run, output) as (store, tracker):
         machine = describe_machine(run.settings)
-        keys = chosen_frames(run, task.frames)
+        keys = evenly(run.keys, task.frames)
         for settings in paths.values():
             TrainingStages(run.dataset, settings.method, store).make_for(run.dataset.target_ids)
         made = sorted({event.stage for event in store.events if not event.reused})
@@ -101,8 +101,8 @@ def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
         }
         write_json(output / "bench.json", result)
         write_target_values(output, targets, object_names(run))
-        write_bench(output, result)
-        draw_bench(output, result)
+        write_text(output / "bench.md", format_bench(result, "markdown") + "\n")
+        save_figure(bench_bars(result), output / "bench")
         tracker.log_metrics(bench_metrics(result))
     print(format_bench(result))
     return result

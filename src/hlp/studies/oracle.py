@@ -11,7 +11,7 @@ from annotated_types import Ge
 from jaxtyping import Float
 from tqdm import tqdm
 
-from hlp.config.build import Run
+from hlp.config.build import Run, evenly
 from hlp.config.settings import TASKS
 from hlp.data.dataset import annotated_mask
 from hlp.evaluation.bop_recalls import measured_mask
@@ -31,7 +31,8 @@ from hlp.records import (
     TargetScore,
     parse_frame_key,
 )
-from hlp.reporting.figures.heat_maps import draw_oracle
+from hlp.reporting.figures.heat_maps import oracle_map
+from hlp.reporting.figures.saving import save_figure
 from hlp.reporting.tables.study_tables import format_oracle, head_of, oracle_metrics, write_oracle
 from hlp.results.summary_file import METRICS, TargetKey, numbered_targets, write_target_values
 from hlp.runs.runner import stages_of
@@ -42,7 +43,6 @@ from hlp.stages.trace_files import read_arrays
 from hlp.studies.basin import perturbed_poses
 from hlp.studies.study_run import (
     FrameCount,
-    chosen_frames,
     object_names,
     stage_of_frames,
     study_code,
@@ -98,7 +98,7 @@ def run_oracle(run: Run, task: OracleSettings, output: Path) -> dict[str, Any]:
     """
     dataset, settings = run.dataset, run.settings
     with study_run(run, output) as (store, tracker):
-        keys = chosen_frames(run, task.frames)
+        keys = evenly(run.keys, task.frames)
         found = _read(_stage(run, stages_of(run, store), task, keys, store), keys)
         loaded = tqdm(keys, desc="scores", unit="frame", disable=None)
         truths = [FrameTruth.of(dataset.frames.load(key)) for key in loaded]
@@ -113,7 +113,7 @@ def run_oracle(run: Run, task: OracleSettings, output: Path) -> dict[str, Any]:
         write_json(output / "oracle.json", result)
         write_target_values(output, oracle_targets(scores), names)
         write_oracle(output, result)
-        draw_oracle(output, result)
+        save_figure(oracle_map(result), output / "oracle")
         tracker.log_metrics(oracle_metrics(result))
     print(format_oracle(result))
     return result

@@ -21,7 +21,8 @@ from hlp.errors import ConfigError, InputError, MissingDependencyError, is_expec
 from hlp.files import SCORES, write_json
 from hlp.method.find.estimator import derive_seed
 from hlp.reporting.comparison import read_targets
-from hlp.reporting.figures.recall_time import write_search_figure
+from hlp.reporting.figures.recall_time import search_points
+from hlp.reporting.figures.saving import save_figure
 from hlp.reporting.mlflow.pages import short_name
 from hlp.reporting.mlflow.run import flatten
 from hlp.reporting.mlflow.tracking import ChildRun, as_child_run
@@ -107,7 +108,8 @@ def run_search(run: Run, task: SearchSettings, output: Path) -> dict[str, Any]:
             result = _result(task, _trials(study, folder))
             write_json(output / "search.json", result)
             write_search(output, result)
-            write_search_figure(output, result)
+            if any(trial["error"] is None for trial in result["trials"]):
+                save_figure(search_points(result), output / "search")
             _write_targets(output, result["best"])
             if result["best"] is not None:
                 found = {name: result["best"][name] for name in ("recall", _TIME)}

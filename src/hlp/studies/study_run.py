@@ -10,7 +10,7 @@ import numpy as np
 from annotated_types import Ge
 from tqdm import tqdm
 
-from hlp.config.build import Run, evenly
+from hlp.config.build import Run
 from hlp.files import MANIFEST, write_json
 from hlp.method.compute_threads import set_compute_threads
 from hlp.records import Frame
@@ -56,11 +56,6 @@ def study_run(
     written = sorted(path.name for path in output.iterdir() if not path.name.startswith("."))
     say("\nResults   %s (%s)", output, ", ".join(written))
     say_where(run, tracker)
-
-
-def chosen_frames(run: Run, count: int | None) -> tuple[str, ...]:
-    """`count` of the run's frames, spread evenly (None: all)."""
-    return run.keys if count is None else evenly(run.keys, count)
 
 
 def object_names(run: Run) -> dict[int, str]:

@@ -12,10 +12,10 @@ from hlp.reporting.figures.bars import (
     Panel,
     bench_bars,
     draw_bars,
-    draw_waterfall,
     run_panels,
     stacked_bars,
 )
+from hlp.reporting.figures.saving import save_figure
 from hlp.reporting.paper_reports import TRENDS, Recalls, draw_trend
 from hlp.reporting.results import Result
 from written_bench import bench_result
@@ -151,12 +151,12 @@ def test_bars_are_the_shares_lost_stacked_by_cause() -> None:
 
 
 def test_png_and_svg_are_written_and_the_same_again(tmp_path: Path) -> None:
-    draw_waterfall(tmp_path, waterfall())
-    assert cv2.imread(str(tmp_path / "waterfall.png")).shape[1] > 400
-    first = (tmp_path / "waterfall.svg").read_bytes()
-    draw_waterfall(tmp_path, waterfall())
-    assert (tmp_path / "waterfall.svg").read_bytes() == first
+    png, svg = save_figure(stacked_bars(waterfall()), tmp_path / "waterfall")
+    assert cv2.imread(str(png)).shape[1] > 400
+    first = svg.read_bytes()
+    save_figure(stacked_bars(waterfall()), tmp_path / "waterfall")
+    assert svg.read_bytes() == first
     cat = {"correct": 3, "ranking": 0}  # nothing lost is drawn too
     none = {"total": cat, "per_object": {"cat": cat}, "per_visibility": {"0.6-1": cat}}
-    draw_waterfall(tmp_path, none)
-    assert (tmp_path / "waterfall.svg").read_bytes() != first
+    save_figure(stacked_bars(none), tmp_path / "waterfall")
+    assert svg.read_bytes() != first

@@ -14,7 +14,6 @@ from hlp.reporting.figures.recall_time import (
     pareto_front,
     recall_by_time,
     search_points,
-    write_search_figure,
 )
 from hlp.reporting.report import report_runs
 from hlp.reporting.results import read_results
@@ -72,7 +71,7 @@ def test_the_front_is_a_step_and_what_it_beats_is_hollow(tmp_path: Path) -> None
     assert list(front.get_ydata()) == [0.7, 0.8, 0.9, 0.9]
     assert front.get_drawstyle() == "steps-post"
     hollow = [line for line in ax.get_lines() if line.get_markerfacecolor() == "white"]
-    assert [(*each.get_xdata(), *each.get_ydata()) for each in hollow] == [(200.0, 0.75)]
+    assert [(*line.get_xdata(), *line.get_ydata()) for line in hollow] == [(200.0, 0.75)]
     draw(folder)
     rows = csv_rows(folder / "recall_by_time.csv")
     assert [row["pareto"] for row in rows] == ["1", "1", "1", "0"]
@@ -146,7 +145,7 @@ def trial(number: int, recall: float | None, ms: float | None) -> dict[str, Any]
 
 
 def result(*trials: dict[str, Any], best: int | None) -> dict[str, Any]:
-    chosen = next((each for each in trials if each["trial"] == best), None)
+    chosen = next((trial for trial in trials if trial["trial"] == best), None)
     return {"space": "refinement", "limit_ms": 200.0, "best": chosen, "trials": [*trials]}
 
 
@@ -169,10 +168,3 @@ def test_limit_front_and_best_trial_are_drawn_and_failures_are_not() -> None:
     ]
     (ax,) = search_points(result(TRIALS[3], best=None)).axes
     assert not [line for line in ax.get_lines() if "best" in str(line.get_label())]
-
-
-def test_files_of_a_search_are_written_if_a_trial_succeeded(tmp_path: Path) -> None:
-    assert write_search_figure(tmp_path, result(TRIALS[1], best=None)) == []
-    written = write_search_figure(tmp_path, result(*TRIALS, best=2))
-    assert [path.name for path in written] == ["search.png", "search.svg"]
-    assert cv2.imread(str(written[0])).shape[1] > 600

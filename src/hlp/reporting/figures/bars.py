@@ -8,10 +8,8 @@ import math
 import textwrap
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hlp.reporting.figures.saving import save_figure
 from hlp.reporting.tables.bench_table import TIMED, TOTAL, format_ms
 from hlp.reporting.tables.summary_tables import METRIC_LABELS
 from hlp.results.summary_file import CORRECT
@@ -203,13 +201,8 @@ def recall_bar(metric: Mapping[str, Any]) -> Bar:
     return Bar(recall, f"{recall:.3f}", (float(ends[0]), float(ends[1])) if ends else None)
 
 
-def draw_bench(folder: Path, result: Mapping[str, Any]) -> list[Path]:
-    """Write bench.png and bench.svg, given what bench.json holds; those files."""
-    return save_figure(bench_bars(result), folder / "bench")
-
-
 def bench_bars(result: Mapping[str, Any]) -> "Figure":
-    """A bar for each path and unit (first object, further one, whole frame), stacked by stage.
+    """What bench.json holds: a bar for each path and unit (first object, …), stacked by stage.
 
     Stages are medians (ms). The number behind a bar is the median of the whole, which need not be
     their sum.
@@ -235,16 +228,11 @@ def bench_bars(result: Mapping[str, Any]) -> "Figure":
     return draw_bars([*timed], [Panel("", series, stacked=True, totals=totals)], title)
 
 
-def draw_waterfall(folder: Path, waterfall: Mapping[str, Any]) -> None:
-    """Write waterfall.png and waterfall.svg: misses per object and per visible fraction.
+def stacked_bars(waterfall: Mapping[str, Any]) -> "Figure":
+    """A bar for each object and class of visible fraction: misses stacked by cause.
 
     `waterfall` is the part of that name in `summary.json`.
     """
-    save_figure(stacked_bars(waterfall), folder / "waterfall")
-
-
-def stacked_bars(waterfall: Mapping[str, Any]) -> "Figure":
-    """A bar for each object and each class of visible fraction: misses stacked by cause."""
     groups = {
         f"{before}{name} ({sum(counts.values())})": counts
         for part, before in (("per_object", ""), ("per_visibility", "visible "))

@@ -106,11 +106,6 @@ def basin_maps(name: str, cells: pd.DataFrame) -> "Figure":
     return draw_heat_maps(maps, rows, columns, axes, title)
 
 
-def draw_oracle(folder: Path, result: Mapping[str, Any]) -> list[Path]:
-    """Write oracle.png and oracle.svg, given what oracle.json holds; those files."""
-    return save_figure(oracle_map(result), folder / "oracle")
-
-
 def oracle_map(result: Mapping[str, Any]) -> "Figure":
     """ADD(-S) recall: a row an object and one for all targets, a column a cell of the matrix."""
     found = [{**cell["per_object"], ALL_TARGETS: cell["add"]} for cell in result["cells"]]

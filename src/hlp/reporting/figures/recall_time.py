@@ -109,15 +109,11 @@ def _budget_labels(runs: Sequence[Result], longest: float) -> list[tuple[str, Po
     return labels
 
 
-def write_search_figure(folder: Path, result: Mapping[str, Any]) -> list[Path]:
-    """Write search.png and search.svg of what `search.json` holds; none without any result."""
-    if all(trial["error"] is not None for trial in result["trials"]):
-        return []
-    return save_figure(search_points(result), folder / "search")
-
-
 def search_points(result: Mapping[str, Any]) -> "Figure":
-    """A point for each trial that has a result; the first is the unchanged configuration."""
+    """A point for each trial with a result, of what `search.json` holds; there must be one.
+
+    The first is the unchanged configuration.
+    """
     limit, best = result["limit_ms"], result["best"]
     trials = [trial for trial in result["trials"] if trial["error"] is None]
     points = [(trial["time_ms"], trial["recall"]) for trial in trials]
@@ -153,17 +149,11 @@ def pareto_front(points: Sequence[Point]) -> list[int]:
     return front
 
 
-def draw_calibration(folder: Path, calibration: Mapping[str, Any]) -> None:
-    """Write calibration.png and calibration.svg; nothing without any answer.
-
-    `calibration` is the part of that name in `summary.json`.
-    """
-    if calibration["answers"]:
-        save_figure(calibration_figure(calibration), folder / "calibration")
-
-
 def calibration_figure(calibration: Mapping[str, Any]) -> "Figure":
-    """Left: how often answers of about one score are right. Right: risk by coverage."""
+    """Left: how often answers of about one score are right. Right: risk by coverage.
+
+    `calibration` is the part of that name in `summary.json`, of one or more answers.
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.0, 3.8), layout="constrained")

@@ -39,52 +39,48 @@ class LoggedAs:
 
 
 class MlflowRun:
-    """One MLflow run, or none. In names, characters that MLflow refuses are replaced by `_`.
+    """One MLflow run, or none: `place` is where it is now, None without MLflow.
 
-    Several threads may use it: their calls are sent one after another. `keep_aside` opens a run
-    elsewhere that goes on when the server of this one is away.
+    In names, characters that MLflow refuses are replaced by `_`. Several threads may use it: their
+    calls are sent one after another. `keep_aside` opens a run elsewhere that goes on when the
+    server of this one is away.
     """
 
     def __init__(
         self, place: LoggedAs | None, keep_aside: Callable[[], LoggedAs] | None = None
     ) -> None:
-        self._place = place
+        self.place = place
         self._keep_aside = keep_aside
         self._lock = threading.Lock()
 
     @property
-    def place(self) -> LoggedAs | None:
-        """Where the run is now; None without MLflow."""
-        return self._place
-
-    @property
     def run_id(self) -> str:
         """The run's id; empty without MLflow."""
-        return "" if self._place is None else self._place.run_id
+        return "" if self.place is None else self.place.run_id
 
     @property
     def page_path(self) -> str:
         """Path of the run's page on MLflow's server; empty without MLflow."""
-        return "" if self._place is None else run_path(self._place.experiment_id, self.run_id)
+        return "" if self.place is None else run_path(self.place.experiment_id, self.run_id)
 
     def send(self, call: Callable[["MlflowClient", str], _Answer]) -> _Answer | None:
         """Let something be done or asked by the run's client and id; None without MLflow.
 
         If its server is away, the run goes on aside. Without one aside, raises MLflow's error.
         """
-        if self._place is None:
+        if self.place is None:
             return None
         with self._lock:
             try:
-                return call(self._place.client, self._place.run_id)
+                return call(self.place.client, self.place.run_id)
             except Exception as error:
                 if self._keep_aside is None or not is_away(error):
                     raise
-                self._place, self._keep_aside = self._keep_aside(), None
+                self.place, self._keep_aside = self._keep_aside(), None
                 logging.getLogger(__name__).warning(
                     "MLflow's server is away: the run goes on here; `hlp upload` sends it later"
                 )
-                return call(self._place.client, self._place.run_id)
+                return call(self.place.client, self.place.run_id)
 
     def send_entities(self, kind: str, entities: Sequence[Any]) -> None:
         """Log `metrics`, `params` or `tags` as MLflow's entities, as many at once as it takes."""
@@ -97,7 +93,7 @@ class MlflowRun:
         self._log_numbers([(name, value, step) for name, value in metrics.items()])
 
     def _log_numbers(self, numbers: Sequence[tuple[str, float | None, int]]) -> None:
-        if self._place is None:
+        if self.place is None:
             return
         from mlflow.entities import Metric
 
@@ -116,7 +112,7 @@ class MlflowRun:
 
         Returns what to say in the run's description: a link to that run; empty if this is the one.
         """
-        if self._place is None or not rows:
+        if self.place is None or not rows:
             return ""
         tag = f"trained.{stage}"
         found = self.send(lambda client, _: _run_with(client, tag, fingerprint))
@@ -138,7 +134,7 @@ class MlflowRun:
 
     def log_params(self, params: Mapping[str, Any]) -> None:
         """Log parameters; nested ones are flattened, long values are cut at MLflow's limit."""
-        if self._place is None:
+        if self.place is None:
             return
         from mlflow.entities import Param
 
@@ -148,7 +144,7 @@ class MlflowRun:
 
     def set_tags(self, tags: Mapping[str, str]) -> None:
         """Set tags; long values are cut at MLflow's limit."""
-        if self._place is None:
+        if self.place is None:
             return
         from mlflow.entities import RunTag
 
@@ -161,7 +157,7 @@ class MlflowRun:
 
     def log_input(self, name: str, digest: str, source: str, context: str) -> None:
         """Log a data set that the run reads, with a `digest` of its content and its purpose."""
-        if self._place is None:
+        if self.place is None:
             return
         from mlflow.entities import Dataset, DatasetInput, InputTag
 
@@ -171,7 +167,7 @@ class MlflowRun:
 
     def log_image(self, picture: Path, key: str, step: int) -> None:
         """Log a picture as the image of a step: MLflow shows those of one key beside each other."""
-        if self._place is None:
+        if self.place is None:
             return
         from PIL import Image
 
@@ -198,7 +194,7 @@ class MlflowRun:
         largest memory (MB) of the whole block follow at the end, unless it fails. No thread is
         started without MLflow.
         """
-        if self._place is None:
+        if self.place is None:
             yield
             return
         begun, ended = time.process_time(), threading.Event()

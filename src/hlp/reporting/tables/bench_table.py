@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from hlp.errors import DataError
-from hlp.files import read_json, write_text
+from hlp.files import read_json
 from hlp.reporting.tables.table import Table, format_share, lay_out, prose
 
 CONFIGURED = "configured"
@@ -77,11 +77,6 @@ def comparison_table(result: Result) -> Table:
         agreed = [format_share(compared[key]) for key in AGREEMENT]
         rows.append([name, *map(_times, times), recall, *agreed])
     return Table(["path", *stages, "frame", "ADD(-S)", *AGREEMENT.values()], rows)
-
-
-def write_bench(folder: Path, result: Result) -> None:
-    """Write bench.md."""
-    write_text(folder / "bench.md", format_bench(result, "markdown") + "\n")
 
 
 def bench_metrics(result: Result) -> dict[str, float | None]:
