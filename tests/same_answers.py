@@ -18,8 +18,10 @@ from hlp.runs.runner import stages_of
 from hlp.stages.store import StageStore
 
 
-def compare_answers(overrides: Iterable[str], output: Path, folder: Path) -> int:
-    """Compare the answers to every target of a finished run; the number of poses.
+def compare_answers(
+    overrides: Iterable[str], output: Path, folder: Path, frames: int | None = None
+) -> int:
+    """Compare the answers to every target of a finished run's first frames; the number of poses.
 
     What the run has learnt is written into a folder. A run seeds the swarms of each frame by the
     frame's number, which an image that is given to a detector does not have. So the run's estimator
@@ -33,7 +35,7 @@ def compare_answers(overrides: Iterable[str], output: Path, folder: Path) -> int
     assert detection.reused == {"regions", "hypotheses", "poses"}
     learnt_of_run(run, output / MANIFEST, folder)
     detector, compared = Detector.load(folder), 0
-    for key in run.keys:
+    for key in run.keys[:frames]:
         frame = run.dataset.frames.load(key)
         counts = dict.fromkeys(run.dataset.wanted(frame), 1)
         of_run, of_image = (

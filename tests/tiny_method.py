@@ -6,9 +6,12 @@ import trimesh
 
 from hlp.commands.composing import compose_config
 from hlp.config.build import build_settings
+from hlp.data.synthetic.objects import demo_objects
 from hlp.method.settings import MethodSettings
 from hlp.records import ObjectModel
 
+MODELS = {model.name: model for model in demo_objects().values()}
+"""The demo's objects by name."""
 TINY = (
     "encoder=pca",
     "codebook=exact",

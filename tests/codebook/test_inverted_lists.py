@@ -83,10 +83,6 @@ def test_no_queries_and_any_layout():
     np.testing.assert_array_equal(search.search(wide).indices, search.search(QUERIES[:20]).indices)
 
 
-def test_features_must_divide_into_codes():
-    assert InvertedListsSettings.dimension_multiple == 4
-
-
 def test_stored_lists_find_what_trained_ones_do():
     trained = InvertedLists(FEATURES, SETTINGS, seed=0)
     restored = InvertedLists(FEATURES, SETTINGS, seed=0, trained=trained.trained.copy())

@@ -6,8 +6,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from damage import damage
 
+from damage import damage
 from forked_hlp import run_hlp
 
 pytestmark = pytest.mark.slow

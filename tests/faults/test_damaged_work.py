@@ -4,8 +4,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from damage import WAYS, damage
 
+from damage import WAYS, damage
 from run_files import poses_of, stages
 
 pytestmark = pytest.mark.slow

@@ -8,9 +8,9 @@ import signal
 from collections import Counter
 
 import pytest
-from damage import WAYS, damage
 from process import CODES, LEARNING_PLACES, LINES, PLACES, SWEEP_PLACES, stop_hlp
 
+from damage import WAYS, damage
 from forked_hlp import run_hlp
 from hlp.data.synthetic.objects import demo_objects
 from hlp.reporting.mlflow.pages import HEADLINES

@@ -11,14 +11,12 @@ import numpy as np
 import pytest
 
 from hlp import Detector
-from hlp.data.synthetic.objects import demo_objects
 from hlp.errors import InputError
 from hlp.evaluation.errors import add_s
 from hlp.settings import SettingsError
+from tiny_method import MODELS
 
 EVERY = {"max_instances": 1, "min_score": 0.0}  # as if the object were there
-
-MODELS = {model.name: model for model in demo_objects().values()}
 
 
 def test_a_learnt_object_is_found_where_it_is(learnt, frame):
@@ -88,8 +86,8 @@ def test_the_same_image_gives_the_same_poses(learnt, frame, tmp_path):
             np.testing.assert_array_equal(each.pose_cam_obj, expected[name].pose_cam_obj)
             assert each.score == expected[name].score
     shared = Detector.load(learnt)
-    with ThreadPoolExecutor(3) as pool:
-        found = list(pool.map(lambda _: shared.detect(*given, **EVERY), "abc"))
+    with ThreadPoolExecutor(2) as pool:
+        found = list(pool.map(lambda _: shared.detect(*given, **EVERY), "ab"))
     for one in (one for detections in found for one in detections):
         np.testing.assert_array_equal(one.pose_cam_obj, expected[one.object].pose_cam_obj)
 
@@ -125,9 +123,10 @@ def test_objects_may_be_named_by_any_iterable(learnt, frame):
 def test_missing_depth_may_be_nan(learnt, frame):
     holes, detector = np.where(frame.depth > 0, frame.depth, np.nan), Detector.load(learnt)
     one, two = (
-        detector.detect(frame.rgb, depth, frame.camera_matrix) for depth in (frame.depth, holes)
+        detector.detect(frame.rgb, depth, frame.camera_matrix, ["bear"], **EVERY)
+        for depth in (frame.depth, holes)
     )
-    assert [(found.object, found.score) for found in one] == [(f.object, f.score) for f in two]
+    assert [found.score for found in one] == [found.score for found in two] != []
 
 
 HEAVY = ("torch", "pytorch_lightning", "mlflow", "hydra", "omegaconf", "matplotlib", "trimesh")

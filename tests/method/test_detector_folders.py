@@ -7,14 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from damage import damage
 from hlp import Detector
 from hlp.checksums import sealed
-from hlp.data.synthetic.objects import demo_objects
 from hlp.errors import DataError, InputError, MissingFileError
 from hlp.method.learn.learnt_folder import RECORD
-from tiny_method import tiny_method, write_mesh
-
-MODELS = {model.name: model for model in demo_objects().values()}
+from tiny_method import MODELS, tiny_method, write_mesh
 
 
 @pytest.fixture
@@ -56,25 +54,12 @@ def test_wrong_folders_and_names_are_refused(learnt, folder, tmp_path):
         Detector.load(folder)
 
 
-def flip_a_byte(path):
-    content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 1
-    path.write_bytes(content)
-
-
-DAMAGE = {
-    "flipped": flip_a_byte,
-    "cut": lambda path: path.write_bytes(path.read_bytes()[: path.stat().st_size // 2]),
-    "gone": Path.unlink,
-}
-
-
-@pytest.mark.parametrize("how", DAMAGE)
+@pytest.mark.parametrize("how", ["flipped", "cut", "gone"])
 def test_every_damaged_and_missing_file_is_named_before_anything_is_detected(learnt, folder, how):
     files = [path.relative_to(learnt) for path in learnt.rglob("*") if path.is_file()]
     assert len(files) > 10
     for name in files:
-        DAMAGE[how](folder / name)
+        (folder / name).unlink() if how == "gone" else damage([folder / name], how)
         with pytest.raises(MissingFileError if how == "gone" else DataError) as caught:
             Detector.load(folder).warm_up()
         assert name.name in str(caught.value), name
@@ -88,7 +73,7 @@ def test_learning_into_a_damaged_folder_makes_it_again(folder, tmp_path, monkeyp
     """The damaged one is kept; nothing is added to it."""
     from hlp.method.learn import learning
 
-    flip_a_byte(folder / file)
+    damage([folder / file], "flipped")
     with pytest.raises(DataError, match=re.escape(file)):
         Detector.load(folder).add({"duck": write_mesh(tmp_path, MODELS["duck"])})
     meshes = {name: write_mesh(tmp_path, MODELS[name]) for name in ("bear", "can")}

@@ -4,10 +4,9 @@ import pytest
 import torch
 from torch import nn
 
-from hlp.models.classifier_training import HolisticCNN
 from hlp.models.encoder_training import PatchEncoder
 from hlp.models.network import INTEGER, SINGLE, Network
-from hlp.models.onnx_export import export_network, fuse, levels_layer, side_by_side, to_levels
+from hlp.models.onnx_export import export_network, levels_layer, side_by_side, to_levels
 from networks import trained
 
 
@@ -89,16 +88,6 @@ def test_a_channel_of_small_weights_keeps_its_bias(tmp_path, weight):
     np.testing.assert_allclose(found, expected, atol=0.05)
 
 
-def test_fusing_leaves_out_batch_norm_and_dropout():
-    torch.manual_seed(0)
-    network = trained(HolisticCNN(4, 3, (4, 8), 16, 0.5), 64)
-    fused = fuse(network.layers)
-    assert not any(isinstance(each, nn.BatchNorm2d | nn.Dropout) for each in fused)
-    images = torch.randn(5, 4, 64, 64)
-    with torch.no_grad():
-        torch.testing.assert_close(nn.Sequential(*fused)(images), network.eval()(images))
-
-
 def test_an_unknown_layer_is_named(tmp_path):
     layers = [nn.Conv2d(4, 8, 3), nn.GELU(), nn.Flatten(), nn.Linear(8 * 30 * 30, 5)]
     with pytest.raises(TypeError, match="GELU"):
@@ -125,17 +114,6 @@ def test_a_layer_over_levels_is_the_convolution(channels):
     # Half a level about the image, times what the weights there may be in sum.
     half = layer.weight[:, :3].abs().sum(dim=(1, 2, 3)).max().item() * 0.5 / 127.5
     assert (found - expected).abs().max() < half
-
-
-def test_pixels_lie_side_by_side():
-    images = random_images(4)
-    blocks = side_by_side(images)
-    assert blocks.shape == (3, 16, 32, 32)
-    for row in (0, 1):
-        for column in (0, 1):
-            first = 4 * (2 * row + column)
-            expected = images[:, :, row::2, column::2]
-            assert torch.equal(blocks[:, first : first + 4], expected)
 
 
 @pytest.mark.parametrize(

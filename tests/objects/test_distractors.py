@@ -8,6 +8,13 @@ from hlp.objects import distractors
 from hlp.objects.distractors import distractor_scenes
 
 
+@pytest.fixture(scope="module", autouse=True)
+def few_shapes():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(distractors, "_SHAPES", 12)
+        yield
+
+
 @pytest.fixture(scope="module")
 def mesh():
     return demo_objects()[1].mesh

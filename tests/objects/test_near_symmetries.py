@@ -60,7 +60,6 @@ def _mug():
 @pytest.mark.parametrize(
     ("shape", "count"),
     [
-        (BOX, 3),
         (PRISM, 7),
         (CUBE, 23),
         (CYLINDER, 2 * TURNS + 1),

@@ -18,6 +18,7 @@ from hlp.objects.object_model import (
     local_size,
     model_identity,
 )
+from hlp.records import Texture
 from hlp.rendering.rasterizer import render_depth
 from refinement_scene import as_mesh
 
@@ -48,15 +49,22 @@ def test_what_is_not_given_follows_the_rules_and_geometry_makes_the_identity(mes
     assert (sized.holistic_size, sized.local_size) == pytest.approx((0.15, 0.04))
     assert model_identity(model) == model_identity(sized)
     mesh, vertices, colors = model.mesh, model.mesh.vertices.copy(), model.mesh.colors.copy()
+    image, uv = np.full((2, 3, 3), 9, np.uint8), np.full((len(vertices), 2), 0.5)
     vertices[0, 0] += 1e-6
     colors[0, 0] ^= 1
     changed = [
         dataclasses.replace(model, mesh=dataclasses.replace(mesh, vertices=vertices)),
         dataclasses.replace(model, mesh=dataclasses.replace(mesh, colors=colors)),
         dataclasses.replace(model, proxy=mesh),
+        dataclasses.replace(model, mesh=dataclasses.replace(mesh, colored=not mesh.colored)),
+        *(
+            dataclasses.replace(model, mesh=dataclasses.replace(mesh, texture=texture))
+            for texture in (Texture(image, uv), Texture(255 - image, uv), Texture(image, uv / 2))
+        ),
+        dataclasses.replace(model, near_symmetries=model.symmetries[1:]),
         dataclasses.replace(model, diameter=0.15),
     ]
-    assert len({model_identity(item) for item in [model, *changed]}) == 5
+    assert len({model_identity(item) for item in [model, *changed]}) == 10
 
 
 def test_a_listed_diameter_and_symmetries_win(mesh_path):

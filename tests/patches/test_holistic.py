@@ -87,46 +87,28 @@ def test_cut_windows_holds_the_colour_and_the_coded_depth_of_each(room):
     assert (code == 255).any()  # the hole
 
 
-def region(probabilities, best, threshold, min_windows):
+@pytest.mark.parametrize(
+    ("probabilities", "best", "threshold", "min_windows", "accepted"),
+    [
+        ([0.4, 0.9, 0.3], [1, 0, 1], None, 0, [1, 0, 1]),  # the most likely class
+        ([0.1, 0.2], [0, 0], None, 0, [0, 0]),
+        ([0.06, 0.5], [0, 1], None, 8, [1, 1]),  # the most probable make up for too few
+        ([0.06, 0.2, 0.05, 0.04], [0] * 4, 0.3, 3, [1, 1, 1, 0]),
+        ([0.02, 0.5, 0.051, 0.01], [0] * 4, 0.3, 3, [0, 1, 1, 0]),  # but not far less probable ones
+        ([0.0] * 4, [0] * 4, 0.3, 3, [1, 1, 1, 0]),
+        ([], [], 0.1, 4, []),
+    ],
+)
+def test_which_windows_are_accepted(probabilities, best, threshold, min_windows, accepted):
     count = len(probabilities)
-    windows = windows_at([(10 * i + 5, 5) for i in range(count)], [4.0] * count)
+    windows = windows_at(np.arange(count)[:, None] * [10, 0] + 5, [4.0] * count)
     settings = RegionSettings(8, threshold, min_windows, 1.0, "exact")
-    found = candidate_region(
-        7, windows, np.asarray(probabilities), np.asarray(best), (10, 10 * count), 1.0, settings
-    )
+    given = np.array(probabilities), np.array(best, bool)
+    found = candidate_region(7, windows, *given, (10, 10 * count + 1), 1.0, settings)
     assert found.object_id == 7
-    return [bool(found.mask[5, 10 * i + 5]) for i in range(count)], found
-
-
-def test_without_a_threshold_windows_are_accepted_where_the_object_is_the_most_likely_class():
-    accepted, _ = region([0.4, 0.9, 0.3], [True, False, True], None, 0)
-    assert accepted == [True, False, True]
-
-
-def test_windows_far_less_probable_than_the_first_do_not_make_up_for_too_few():
-    best = np.zeros(4, bool)
-    assert region([0.02, 0.5, 0.051, 0.01], best, 0.3, 3)[0] == [False, True, True, False]
-    assert region([0.0, 0.0, 0.0, 0.0], best, 0.3, 3)[0] == [True, True, True, False]
-
-
-def test_too_few_windows_are_made_up_by_the_most_probable():
-    best = np.zeros(4, bool)
-    accepted, found = region([0.06, 0.2, 0.05, 0.04], best, 0.3, 3)
-    assert accepted == [True, True, True, False]
-    assert not best.any()  # the caller's array stays as it was
-    np.testing.assert_array_equal(found.probabilities, [0.06, 0.2, 0.05, 0.04])
-    accepted, _ = region([0.06, 0.5], [False, True], None, 8)
-    assert accepted == [True, True]
-
-
-def test_no_window_accepted_is_an_empty_region():
-    accepted, found = region([0.1, 0.2], [False, False], None, 0)
-    assert accepted == [False, False] and not found.mask.any()
-    empty = candidate_region(
-        1, windows_at(np.zeros((0, 2)), []), np.zeros(0), np.zeros(0, bool), (8, 9), 1.0,
-        RegionSettings(8, 0.1, 4, 1.0, "exact"),
-    )  # fmt: skip
-    assert empty.mask.shape == (8, 9) and not empty.mask.any()
+    assert found.mask[5, 5::10][:count].tolist() == [bool(one) for one in accepted]
+    assert given[1].tolist() == [bool(one) for one in best]  # the caller's array stays as it was
+    np.testing.assert_array_equal(found.probabilities, probabilities)
 
 
 @pytest.mark.parametrize(("reach", "extent", "scale"), [(None, 3.0, 1.0), (0.6, 1.5, 0.9)])

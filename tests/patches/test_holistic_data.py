@@ -1,4 +1,3 @@
-import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
@@ -51,34 +50,6 @@ def test_background_alone_holds_no_pixel_of_the_object_and_is_labelled_so():
     middle = (slice(None), slice(None), slice(7, 9), slice(7, 9))
     changed = (first[middle] != second[middle]).flatten(1).any(dim=1)
     assert changed[~alone].all()
-
-
-def test_the_void_around_the_object_never_shows():
-    pool = make_pool()
-    void = ~pool.mask
-    color, depth = pool.color.copy(), pool.depth.copy()
-    color[void] = 255 - color[void]
-    depth[void] = 3
-    other = dataclasses.replace(pool, color=color, depth=depth)
-    assert torch.equal(compose(module(pool))[0], compose(module(other))[0])
-
-
-def test_the_background_shows_around_the_object():
-    first, _ = compose(module(make_pool()))
-    second, _ = compose(module(make_pool(), backgrounds=make_backgrounds(2)))
-    corner = (slice(None), slice(0, 3), slice(0, 2), slice(0, 2))
-    assert (first[corner] != second[corner]).flatten(1).any(dim=1).float().mean() > 0.95
-
-
-def test_depth_of_the_object_survives_but_for_noise_and_holes():
-    pool = make_pool()
-    images, _ = compose(module(pool, share=0.0))
-    expected = (torch.from_numpy(pool.depth).float() - 128) / 127
-    middle = images[:, 3, 7, 7]
-    near = (middle - expected[:, 7, 7]).abs() < 0.15
-    hole = middle == 1.0
-    assert (near | hole).all()
-    assert near.float().mean() > 0.8
 
 
 def test_backgrounds_alone_have_their_windows_depth_in_the_middle():

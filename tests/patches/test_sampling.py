@@ -15,12 +15,6 @@ def ramp(height=400, width=500):
     return np.stack([x, y], axis=-1)
 
 
-def test_a_square_of_its_own_resolution_is_copied():
-    image = np.random.default_rng(0).integers(0, 256, (30, 40, 3)).astype(np.uint8)
-    cut = sample_squares(image, np.array([[20.5, 12.5]]), np.array([8.0]), 8)
-    np.testing.assert_array_equal(cut[0], image[9:17, 17:25])
-
-
 # 12: enlarged; 24: 1.5 times smaller, not halved; 25: halved once; 200: halved five times
 @pytest.mark.parametrize("side", [4.0, 12.0, 24.0, 25.0, 100.0, 200.0])
 def test_output_pixels_lie_at_half_pixels_whatever_the_shrink(side):

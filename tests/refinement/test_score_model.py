@@ -38,7 +38,7 @@ def drawn(count, truth, seed):
 
 def test_many_poses_teach_the_weights_that_drew_them():
     truth = ScoreModel(bias=2.0, cost=-20.0, shape=2.2)
-    fits, right = drawn(60_000, truth, 0)
+    fits, right = drawn(30_000, truth, 0)
     found = fit_score_model(fits, right)
     assert found.cost == pytest.approx(truth.cost, rel=0.05)
     assert found.shape == pytest.approx(truth.shape, rel=0.05)

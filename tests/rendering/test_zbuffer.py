@@ -38,12 +38,12 @@ def drawn(vertices, faces, pose, cull):
     return fast[inside], seen[inside], depth, owner
 
 
-@pytest.mark.parametrize("subdivisions", [0, 1, 3, 5])
+@pytest.mark.parametrize(("subdivisions", "z"), [(0, 1.3), (1, 1.3), (3, 1.3), (5, 1.3), (4, 0.04)])
 @pytest.mark.parametrize("cull", [False, True])
-def test_pixels_depths_and_faces_are_those_of_the_reference(subdivisions, cull):
-    """Triangles from many pixels wide to far below one, half of the poses cut by the border."""
+def test_pixels_depths_and_faces_are_those_of_the_reference(subdivisions, z, cull):
+    """Triangles from many pixels wide to far below one, or slivers, half of the poses cut off."""
     ball = trimesh.creation.icosphere(subdivisions=subdivisions, radius=0.1)
-    ball.apply_scale([1.0, 0.7, 1.3])
+    ball.apply_scale([1.0, 0.7, z])
     faces = np.array(ball.faces, dtype=np.int32)
     rng = np.random.default_rng(subdivisions)
     differing = covered = 0

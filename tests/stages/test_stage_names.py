@@ -37,9 +37,11 @@ class NothingIsMade(StageStore):
         yield Opened(self.root / stage / fingerprint, True)
 
 
-@pytest.fixture(autouse=True)
-def fake(monkeypatch):
-    monkeypatch.setattr(detection, "PoseEstimator", FakeEstimator)
+@pytest.fixture(scope="module", autouse=True)
+def fake():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(detection, "PoseEstimator", FakeEstimator)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -224,6 +226,12 @@ def edit(monkeypatch):
     forget()
 
 
+@pytest.fixture(scope="module")
+def before(dataset):
+    """The names before anything is edited."""
+    return names(method_settings(), dataset)
+
+
 FOUND = {"regions", "hypotheses", "poses"}
 
 
@@ -246,11 +254,9 @@ FOUND = {"regions", "hypotheses", "poses"}
         ("hlp.runs.runner", set()),
     ],
 )
-def test_an_edit_changes_the_names_of_the_stages_that_run_it(module, stages, dataset, edit):
-    before = names(method_settings(), dataclasses.replace(dataset))
+def test_an_edit_changes_the_names_of_the_stages_that_run_it(module, stages, dataset, before, edit):
     edit(module)
-    after = names(method_settings(), dataclasses.replace(dataset))
-    assert changed(before, after) == stages
+    assert changed(before, names(method_settings(), dataclasses.replace(dataset))) == stages
 
 
 def test_another_version_of_a_library_changes_the_names_of_the_stages_that_use_it(

@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 
 from hlp import Detector
-from hlp.data.synthetic.objects import demo_objects
 from hlp.method.learn import learning
 from hlp.method.learn.learnt_folder import SEARCHES
 from hlp.refinement.score_model import PRIOR
 from made_once import made_once
-from tiny_method import tiny_method, write_mesh
+from tiny_method import MODELS, tiny_method, write_mesh
 
-MODELS = {model.name: model for model in demo_objects().values()}
 JOINT = ("codebook=joint_lists", "patches.local.size_mm=45")
 
 

@@ -75,21 +75,6 @@ def test_a_damaged_texture_is_named(tmp_path, model):
         read_model(tmp_path)
 
 
-@pytest.mark.parametrize("part", ["image", "uv", "colored", "siblings"])
-def test_identity_follows_texture_and_siblings(model, part):
-    texture, mesh = model.mesh.texture, model.mesh
-    if part == "image":
-        changed = dataclasses.replace(texture, image=255 - texture.image)
-        mesh = dataclasses.replace(mesh, texture=changed)
-    elif part == "uv":
-        mesh = dataclasses.replace(mesh, texture=dataclasses.replace(texture, uv=texture.uv / 2))
-    elif part == "colored":
-        mesh = dataclasses.replace(mesh, colored=False)
-    near_symmetries = model.near_symmetries[:0] if part == "siblings" else model.near_symmetries
-    other = dataclasses.replace(model, mesh=mesh, near_symmetries=near_symmetries)
-    assert model_identity(other) != model_identity(model)
-
-
 @pytest.mark.parametrize(
     ("values", "words"),
     [

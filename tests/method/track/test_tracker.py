@@ -5,15 +5,14 @@ import pytest
 import trimesh
 
 from hlp import CameraImage, Detector, TrackingSettings
-from hlp.data.synthetic.objects import demo_objects
 from hlp.errors import InputError
 from hlp.evaluation.errors import add_s
 from hlp.geometry import project, rigid, rotation_distance, transform
 from hlp.method.track.tracker import Track, part_near
 from hlp.records import Frame
 from moving_scene import SimulatedCamera, path
+from tiny_method import MODELS
 
-MODELS = {model.name: model for model in demo_objects().values()}
 BEAR, CAN = MODELS["bear"], MODELS["can"]
 NEAR = (-0.05, -0.02, 0.7)
 

@@ -1,16 +1,19 @@
 """Ways in which a file can be damaged."""
 
 import os
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 
-WAYS = {
+WAYS: Mapping[str, Callable[[bytes], bytes]] = {
     "empty": lambda content: b"",
     "cut": lambda content: content[: len(content) // 2],
+    "end lost": lambda content: content[:-10],
     "flipped": lambda content: _flipped(content, len(content) // 2),
     "garbage": lambda content: os.urandom(len(content)),
 }
 
 
-def damage(paths, way):
+def damage(paths: Iterable[Path], way: str) -> int:
     """Damage all files among the paths; their number."""
     files = [path for path in paths if path.is_file() and path.stat().st_size > 0]
     for path in files:
@@ -18,5 +21,5 @@ def damage(paths, way):
     return len(files)
 
 
-def _flipped(content, at):
+def _flipped(content: bytes, at: int) -> bytes:
     return content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :]
