@@ -70,7 +70,9 @@ def fake_dataset() -> Any:
         target_ids=OBJECTS,
         frames=frames,
         frames_identity=frames.identity(),
-        wanted=lambda frame: dict.fromkeys((target.object_id for target in frame.targets), 1),
+        instances_to_find=lambda frame: dict.fromkeys(
+            (target.object_id for target in frame.targets), 1
+        ),
         search_all=False,
         settings=None,
     )

@@ -37,7 +37,7 @@ def compare_answers(
     detector, compared = Detector.load(folder), 0
     for key in run.keys[:frames]:
         frame = run.dataset.frames.load(key)
-        counts = dict.fromkeys(run.dataset.wanted(frame), 1)
+        counts = dict.fromkeys(run.dataset.instances_to_find(frame), 1)
         of_run, of_image = (
             search_frame(
                 detection.estimator, detection.estimator.prepare(given), counts, by_threads=False

@@ -108,7 +108,7 @@ def kind_of(hint: Any) -> str:
     if origin in (Union, types.UnionType):
         return " or ".join(dict.fromkeys(kind_of(each) for each in arguments))
     if origin in (tuple, list):
-        counted = [each for each in arguments if each is not Ellipsis]
+        counted = [argument for argument in arguments if argument is not Ellipsis]
         if origin is tuple and Ellipsis not in arguments:
             return f"list of {len(counted)}: " + ", ".join(kind_of(each) for each in counted)
         return f"list of {kind_of(counted[0])}"

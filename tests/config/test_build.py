@@ -11,7 +11,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from hlp.config import build
-from hlp.config.build import build_run, build_settings, check_symmetric, evenly
+from hlp.config.build import build_run, build_settings, check_symmetric, sampled_keys
 from hlp.config.settings import RunSettings
 from hlp.config.typed_defaults import group_kinds, rows
 from hlp.data.bop import BopSettings
@@ -273,11 +273,11 @@ def test_the_autoencoder_asks_for_frames_before_any_stage(bop_config, tmp_path, 
 @pytest.mark.parametrize("count", [1, 2, 5, 7, 99])
 def test_frames_are_spread_evenly(default, count):
     keys = tuple(f"{i:02d}" for i in range(7))
-    chosen = evenly(keys, count)
+    chosen = sampled_keys(keys, count)
     assert len(chosen) == min(count, 7) and chosen[0] == "00"
     steps = np.diff([int(key) for key in chosen])
     assert len(steps) == 0 or steps.max() - steps.min() <= 1
-    assert build_run(changed(default, "frames", 3)).keys == evenly(build_run(default).keys, 3)
+    assert build_run(changed(default, "frames", 3)).keys == sampled_keys(build_run(default).keys, 3)
 
 
 def test_settings_are_read_only(default):

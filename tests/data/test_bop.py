@@ -162,7 +162,7 @@ def test_visible_masks_are_read_by_the_number_of_the_annotation(root):
 def test_the_development_frames_hold_all_their_targets(shared_data):
     frames = BopFrames(shared_data / "lm", "test", "test_targets_bop19.json")
     assert len(frames) == 202
-    assert sum(sum(wanted.values()) for wanted in frames.targets.values()) == 1309
+    assert sum(sum(counts.values()) for counts in frames.targets.values()) == 1309
     assert frames.keys[0] == "000006_000000" and frames.keys[-1] == "000008_000004"
 
 

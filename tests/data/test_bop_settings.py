@@ -157,7 +157,7 @@ def test_the_development_sets_are_read_by_their_folders(
 ):
     dataset = BopSettings(root=str(shared_data / name)).build()
     assert len(dataset.frames) == frames
-    wanted = dataset.frames.targets.values()
-    assert sum(sum(each.values()) for each in wanted) == targets
+    counts = dataset.frames.targets.values()
+    assert sum(sum(found.values()) for found in counts) == targets
     assert len(dataset.models) == objects
     assert dataset.frames.load(dataset.frames.keys[0]).targets

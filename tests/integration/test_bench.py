@@ -94,7 +94,7 @@ def test_bench_compares_results_and_times_of_paths(bench: Path) -> None:
 def test_a_search_that_is_timed_has_the_same_answers(tiny_run: TinyRun) -> None:
     run, estimator = estimator_of(tiny_run)
     frame = run.dataset.frames.load(run.keys[0])
-    object_id = next(iter(run.dataset.wanted(frame)))
+    object_id = next(iter(run.dataset.instances_to_find(frame)))
     found, clock = [], PartClock()
     for observer in (clock, NOBODY):
         context = estimator.prepare(frame, observer=observer)

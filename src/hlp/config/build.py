@@ -62,7 +62,7 @@ def build_run(config: DictConfig, chosen: Chosen | None = None) -> Run:
     keys = dataset.frames.keys
     if not keys:
         raise ConfigError("data holds no frame with a target")
-    keys = evenly(keys, settings.frames)
+    keys = sampled_keys(keys, settings.frames)
     plain = OmegaConf.to_container(config, resolve=True)
     assert isinstance(plain, dict)
     bad = find_bad_frames(dataset, keys)
@@ -113,7 +113,7 @@ def build_settings(config: DictConfig) -> RunSettings:
     return read_settings(RunSettings, {str(key): value for key, value in values.items()})
 
 
-def evenly(keys: tuple[str, ...], count: int | None) -> tuple[str, ...]:
+def sampled_keys(keys: tuple[str, ...], count: int | None) -> tuple[str, ...]:
     """`count` of the keys, spread evenly; None: all. Raises ConfigError below 1."""
     if count is None:
         return keys

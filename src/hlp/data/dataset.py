@@ -147,7 +147,7 @@ class Dataset(TrainingImages):
         """The meshes on which BOP's errors are measured, by object, where there are other ones."""
         return {i: load_mesh(path) for i, path in self.evaluation_mesh_files.items()}
 
-    def wanted(self, frame: Frame) -> dict[int, int]:
+    def instances_to_find(self, frame: Frame) -> dict[int, int]:
         """Objects to look for in a frame, by id, and the largest number of instances of each."""
         counts = Counter(target.object_id for target in frame.targets)
         others = self.target_ids if self.search_all else ()

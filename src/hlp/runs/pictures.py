@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import UInt8
 from tqdm import tqdm
 
-from hlp.config.build import Run, evenly
+from hlp.config.build import Run, sampled_keys
 from hlp.models.encoder import FeatureDecoder
 from hlp.records import PoseEstimate, Target, TargetScore, frame_key
 from hlp.reporting.figures.panels import write_picture
@@ -128,7 +128,7 @@ class _Pictures:
     @cached_property
     def _drawn(self) -> list[tuple[str, int]]:
         """Keys of the frames that are drawn, each with the place of the target that is."""
-        chosen = enumerate(evenly(self._run.keys, self._run.settings.panels))
+        chosen = enumerate(sampled_keys(self._run.keys, self._run.settings.panels))
         return [
             (key, number % len(self._scored[key])) for number, key in chosen if key in self._scored
         ]

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hlp.codebook.neighbours import ExactNeighbours
-from hlp.config.build import evenly
+from hlp.config.build import sampled_keys
 from hlp.data.dataset import TrainingImages
 from hlp.geometry import allocentric_to_egocentric, inverse, project, transform
 from hlp.method.settings import ClassifierStage
@@ -43,7 +43,11 @@ class _FewBackgrounds(TrainingImages):
 
     def load_background_frames(self) -> list[Frame]:
         source = self.background_frames
-        return [] if source is None else [source.load(key) for key in evenly(source.keys, _FRAMES)]
+        return (
+            []
+            if source is None
+            else [source.load(key) for key in sampled_keys(source.keys, _FRAMES)]
+        )
 
 
 def sample_windows(

@@ -8,7 +8,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from hlp.config.build import Run, evenly
+from hlp.config.build import Run, sampled_keys
 from hlp.method.find.search import search_frame
 from hlp.method.find.trace import STAGES, STEPS
 from hlp.records import PoseEstimate
@@ -71,7 +71,7 @@ def measure_times(
         cpu = detection.cpu_seconds or None
         return Timing(measured, frames, (), detection.first_use_seconds, cpu, _load())
     sound = tuple(key for key in run.keys if key not in detection.failed)
-    keys = evenly(sound, run.settings.timing_frames)
+    keys = sampled_keys(sound, run.settings.timing_frames)
     begun = time.perf_counter()
     _look(run, detection, keys[0])  # loads and compiles
     first_use = time.perf_counter() - begun
@@ -90,7 +90,7 @@ def _look(run: Run, detection: DetectionStages, key: str) -> tuple[Seconds, floa
     """Find every object of one frame; the seconds of its steps, by object, and CPU seconds."""
     frame = detection.load(key)
     begun, busy = time.perf_counter(), time.process_time()
-    estimator, counts = detection.estimator, run.dataset.wanted(frame)
+    estimator, counts = detection.estimator, run.dataset.instances_to_find(frame)
     context = estimator.prepare(frame)
     found = search_frame(estimator, context, counts, by_threads=False, begun=begun)
     return seconds_of(found), time.process_time() - busy

@@ -235,7 +235,7 @@ class DetectionStages:
         return search_frame(
             self.estimator,
             self.estimator.prepare(frame),
-            self.dataset.wanted(frame),
+            self.dataset.instances_to_find(frame),
             given=given,
             stop_after=last,
             by_threads=False,

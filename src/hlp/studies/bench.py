@@ -10,7 +10,7 @@ import numpy as np
 from annotated_types import Ge
 from tqdm import tqdm
 
-from hlp.config.build import Run, evenly, with_changes
+from hlp.config.build import Run, sampled_keys, with_changes
 from hlp.config.settings import TASKS, RunSettings
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.files import write_json, write_text
@@ -81,7 +81,7 @@ def run_bench(run: Run, task: BenchSettings, output: Path) -> dict[str, Any]:
     paths |= {name: with_changes(run, changes) for name, changes in task.compared.items()}
     with study_run(run, output) as (store, tracker):
         machine = describe_machine(run.settings)
-        keys = evenly(run.keys, task.frames)
+        keys = sampled_keys(run.keys, task.frames)
         for settings in paths.values():
             TrainingStages(run.dataset, settings.method, store).make_for(run.dataset.target_ids)
         made = sorted({event.stage for event in store.events if not event.reused})
@@ -155,7 +155,7 @@ def _make_estimators(
         estimators[name] = PoseEstimator(training, find, dataset.target_ids)
         objects = {number: dataset.models[number].name for number in dataset.target_ids}
         loading = load_timed(estimators[name], objects)
-        _detect_all(estimators[name], frame, tuple(dataset.wanted(frame)))
+        _detect_all(estimators[name], frame, tuple(dataset.instances_to_find(frame)))
         if name == CONFIGURED:
             loaded, peak = loading, peak_mib()
     return estimators, loaded, peak
@@ -170,7 +170,7 @@ def _measure(run: Run, estimators: Mapping[str, PoseEstimator], keys: Sequence[s
     detections: Detections = {name: [] for name in estimators}
     for turn, key in enumerate(tqdm(keys, desc="bench", unit="frame", disable=None)):
         frame = run.dataset.frames.load(key)
-        objects = np.roll([*run.dataset.wanted(frame)], -turn).tolist()
+        objects = np.roll([*run.dataset.instances_to_find(frame)], -turn).tolist()
         for name in np.roll([*estimators], -turn).tolist():
             detections[name] += _detect_all(estimators[name], frame, objects)
     return detections
@@ -202,7 +202,7 @@ def _objects_at_once(run: Run, estimator: PoseEstimator, keys: Sequence[str]) ->
     for key in tqdm(keys, desc="objects at once", unit="frame", disable=None):
         frame = run.dataset.frames.load(key)
         begun, busy = time.perf_counter(), time.process_time()
-        context, counts = estimator.prepare(frame), run.dataset.wanted(frame)
+        context, counts = estimator.prepare(frame), run.dataset.instances_to_find(frame)
         trace = search_frame(estimator, context, counts, min_score=0.0)
         describe_all(estimator, context, trace)
         spent.append(Spent(time.perf_counter() - begun, time.process_time() - busy))

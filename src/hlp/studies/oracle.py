@@ -11,7 +11,7 @@ from annotated_types import Ge
 from jaxtyping import Float
 from tqdm import tqdm
 
-from hlp.config.build import Run, evenly
+from hlp.config.build import Run, sampled_keys
 from hlp.config.settings import TASKS
 from hlp.data.dataset import annotated_mask
 from hlp.evaluation.bop_recalls import measured_mask
@@ -98,7 +98,7 @@ def run_oracle(run: Run, task: OracleSettings, output: Path) -> dict[str, Any]:
     """
     dataset, settings = run.dataset, run.settings
     with study_run(run, output) as (store, tracker):
-        keys = evenly(run.keys, task.frames)
+        keys = sampled_keys(run.keys, task.frames)
         found = _read(_stage(run, stages_of(run, store), task, keys, store), keys)
         loaded = tqdm(keys, desc="scores", unit="frame", disable=None)
         truths = [FrameTruth.of(dataset.frames.load(key)) for key in loaded]
@@ -147,7 +147,7 @@ def _find(detection: DetectionStages, task: OracleSettings, frame: Frame) -> dic
     first = {target.object_id: target for target in reversed(frame.targets)}
     return {
         f"{object_id}/{region}/{coarse}": pose
-        for object_id in detection.dataset.wanted(frame)
+        for object_id in detection.dataset.instances_to_find(frame)
         for (region, coarse), pose in _poses_by_cell(
             detection, context, first[object_id], stored[object_id], task
         ).items()
