@@ -24,7 +24,7 @@ def test_an_error_while_writing_leaves_the_old_file_and_nothing_else(tmp_path: P
         assert path.read_text() == "before"
         raise OSError(28, "No space left on device")
     assert path.read_text() == "before"
-    assert [each.name for each in tmp_path.iterdir()] == ["a.txt"]
+    assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
 
 
 def test_an_error_of_the_system_names_the_file(tmp_path: Path) -> None:

@@ -53,7 +53,7 @@ def test_motions_are_a_group_that_keeps_distances(first, second, third, points):
         atol=1e-11,
     )
     moved = transform(first, points)
-    between = [np.linalg.norm(each[1:] - each[:-1], axis=1) for each in (points, moved)]
+    between = [np.linalg.norm(places[1:] - places[:-1], axis=1) for places in (points, moved)]
     np.testing.assert_allclose(*between, atol=1e-12)
     np.testing.assert_allclose(transform(inverse(first), moved), points, atol=1e-11)
 

@@ -49,7 +49,7 @@ def test_gradients_are_those_of_scipy() -> None:
     smooth = [
         ndimage.gaussian_filter(image[..., c].astype(float), 1, mode="mirror") for c in (0, 1)
     ]
-    gradients = np.array([[ndimage.sobel(each, axis=a) for each in smooth] for a in (1, 0)])
+    gradients = np.array([[ndimage.sobel(channel, axis=a) for channel in smooth] for a in (1, 0)])
     best = np.square(gradients).sum(axis=0).argmax(axis=0)[None]
     g_x, g_y = (np.take_along_axis(gradient, best, axis=0)[0] for gradient in gradients)
     expected = np.floor(np.arctan2(g_y, g_x) / np.pi * STEPS + 0.5).astype(int) % STEPS

@@ -104,13 +104,15 @@ def kind_of(hint: Any) -> str:
         return "null"
     origin, arguments = get_origin(bare), get_args(bare)
     if origin is Literal:
-        return ", ".join(f"`{each}`" for each in arguments)
+        return ", ".join(f"`{argument}`" for argument in arguments)
     if origin in (Union, types.UnionType):
-        return " or ".join(dict.fromkeys(kind_of(each) for each in arguments))
+        return " or ".join(dict.fromkeys(kind_of(argument) for argument in arguments))
     if origin in (tuple, list):
         counted = [argument for argument in arguments if argument is not Ellipsis]
         if origin is tuple and Ellipsis not in arguments:
-            return f"list of {len(counted)}: " + ", ".join(kind_of(each) for each in counted)
+            return f"list of {len(counted)}: " + ", ".join(
+                kind_of(argument) for argument in counted
+            )
         return f"list of {kind_of(counted[0])}"
     if _is_mapping(bare):
         return f"mapping of {kind_of(arguments[0])} to {kind_of(arguments[1])}"
@@ -150,7 +152,7 @@ def shown(default: Any) -> str:
     if isinstance(default, str):
         return f"`{default}`" if default else '`""'
     if isinstance(default, tuple | list):
-        return f"`[{', '.join(shown(each).strip('`') for each in default)}]`"
+        return f"`[{', '.join(shown(item).strip('`') for item in default)}]`"
     if isinstance(default, Mapping) or dataclasses.is_dataclass(default):
         return ""  # too long for a cell: its YAML file or its own table shows it
     return f"`{default}`"

@@ -17,8 +17,8 @@ class WrittenAnnotations(griffe.Extension):
             return
         func.returns = _source(node.returns)
         every = node.args
-        for each in [*every.posonlyargs, *every.args, *every.kwonlyargs]:
-            func.parameters[each.arg].annotation = _source(each.annotation)
+        for argument in [*every.posonlyargs, *every.args, *every.kwonlyargs]:
+            func.parameters[argument.arg].annotation = _source(argument.annotation)
 
     def on_attribute_instance(self, *, node: ast.AST, attr: griffe.Attribute, **_: object) -> None:
         """Properties, and the fields of a record, of which its signature is made."""

@@ -42,5 +42,5 @@ def test_help_of_notebooks_names_each_of_them() -> None:
 def test_help_of_run_lists_alternatives_of_ones_own(form: list[str], tmp_path: Path) -> None:
     (tmp_path / "refinement").mkdir()
     (tmp_path / "refinement" / "quick.yaml").write_text("defaults: [pso]\n")
-    given = ["--help", *(each.format(tmp_path) for each in form)]
+    given = ["--help", *(word.format(tmp_path) for word in form)]
     assert "refinement: icp, none, paper, pso, quick" in help_text("run", given)

@@ -31,7 +31,7 @@ def settings_classes() -> list[type]:
             inner = [
                 part for part in parts if isinstance(part, type) and issubclass(part, Settings)
             ]
-            found += [each for each in inner if each not in found]
+            found += [settings for settings in inner if settings not in found]
     return found
 
 
@@ -51,7 +51,7 @@ def yaml_files() -> Iterator[tuple[str, str, str | None]]:
     for group in group_kinds():
         for path in sorted((CONF / group).glob("*.yaml")):
             listed = OmegaConf.load(path).get("defaults") or []
-            bases = [each for each in listed if isinstance(each, str) and each.startswith("base")]
+            bases = [item for item in listed if isinstance(item, str) and item.startswith("base")]
             if bases:
                 yield group, path.stem, bases[0].partition("_")[2] or None
 
@@ -69,7 +69,7 @@ def test_a_file_says_its_name_and_what_differs(group: str, stem: str, base: str 
 def repeated(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> Iterator[str]:
     for key, value in values.items():
         if isinstance(value, Mapping) and isinstance(defaults[key], Mapping) and defaults[key]:
-            yield from (f"{key}.{each}" for each in repeated(value, defaults[key]))
+            yield from (f"{key}.{inner}" for inner in repeated(value, defaults[key]))
         elif value == defaults[key] and value != "???":
             yield key
 

@@ -269,7 +269,7 @@ def test_the_targets_of_a_bad_frame_are_known_and_its_identity_differs(
 ) -> None:
     before = BopFrames(root, "test", "targets.json", models)
     stated, identity = before.stated_targets(BROKEN), before.identity()
-    assert [(each.object_id, each.visible_fraction) for each in stated] == [(1, 0.05)]
+    assert [(target.object_id, target.visible_fraction) for target in stated] == [(1, 0.05)]
     CASES[case][0](root)
     after = BopFrames(root, "test", "targets.json", models)
     assert [target.object_id for target in after.stated_targets(BROKEN)] == [1]
@@ -286,9 +286,9 @@ def test_a_pose_far_beyond_the_depths_is_refused(root: Path) -> None:
 def test_a_wrong_unit_of_depth_is_said_of_all_frames(root: Path, models: Any) -> None:
     path = scene_file(root, "scene_camera.json")
     content = json.loads(path.read_text())
-    for each in content.values():
-        each["depth_scale"] = 1000.0
+    for camera_entry in content.values():
+        camera_entry["depth_scale"] = 1000.0
     path.write_text(json.dumps(content))
     found = bad_frames(root, models)
     assert [*found] == [SOUND, BROKEN]
-    assert all("are these metres" in each for each in found.values())
+    assert all("are these metres" in reason for reason in found.values())

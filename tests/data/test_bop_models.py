@@ -103,7 +103,7 @@ def test_a_continuous_symmetry_turns_about_its_axis():
 
 def _toolkit_motions(info, steps):
     """The BOP toolkit's rule: all turns about all axes in one set, each with each discrete one."""
-    discrete = [np.eye(4), *(np.reshape(each, (4, 4)) for each in info["symmetries_discrete"])]
+    discrete = [np.eye(4), *(np.reshape(motion, (4, 4)) for motion in info["symmetries_discrete"])]
     turns = []
     for entry in info["symmetries_continuous"]:
         offset = np.array(entry["offset"])
@@ -113,7 +113,7 @@ def _toolkit_motions(info, steps):
             turn[:3, :3] = Rotation.from_rotvec(vector).as_matrix()
             turn[:3, 3] = offset - turn[:3, :3] @ offset
             turns.append(turn)
-    motions = np.array([turn @ each for each in discrete for turn in turns])
+    motions = np.array([turn @ motion for motion in discrete for turn in turns])
     motions[:, :3, 3] *= 1e-3
     return motions
 

@@ -33,7 +33,7 @@ def encoded(number: int) -> tuple[bytes, bytes]:
     rng = np.random.default_rng(number)
     color = rng.integers(0, 255, (30, 40, 3), dtype=np.uint8)
     depth = np.full((30, 40), 1000 + number, np.uint16)
-    return tuple(cv2.imencode(".png", each)[1].tobytes() for each in (color, depth))  # type: ignore[return-value]
+    return tuple(cv2.imencode(".png", image)[1].tobytes() for image in (color, depth))  # type: ignore[return-value]
 
 
 @pytest.fixture
@@ -115,7 +115,7 @@ def test_numbers_pair_images_of_different_names(folder: Path) -> None:
     (folder / "rgb" / "color_7.png").write_bytes(color)
     (folder / "depth" / "depth_7.png").write_bytes(depth)
     (folder / "rgb" / "color_8.png").write_bytes(color)  # its depth never comes
-    assert [each.name for each in camera(folder)] == ["color_7"]
+    assert [image.name for image in camera(folder)] == ["color_7"]
 
 
 def test_what_is_missing_is_named_before_any_image(folder: Path) -> None:
@@ -193,7 +193,7 @@ def test_a_class_or_a_generator_is_a_camera(tmp_path: Path) -> None:
     path.write_text(OWN)
     for name in ("Mine", "frames"):
         camera = load_camera(f"{path}:{name}")
-        assert [each.name for each in camera] == ["one"]
+        assert [image.name for image in camera] == ["one"]
         camera.close()
 
 

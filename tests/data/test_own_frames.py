@@ -54,8 +54,8 @@ def test_the_unit_is_given_or_stated_or_guessed_once(root, caplog):
     assert given.depth[0, 0] == pytest.approx(0.2001)
     caplog.set_level("INFO", "hlp")
     source = frames(root, camera_file(root))
-    for each in source.keys:
-        source.load(each)
+    for name in source.keys:
+        source.load(name)
     (record,) = caplog.records
     assert record.message.startswith("depth is in millimetres")
     np.save(root / "depth.npy", np.full((30, 40), 1.5))

@@ -137,10 +137,12 @@ def test_a_wrong_camera_or_unit_is_said_of_all_frames(root):
     settings = YcbineoatSettings(root=str(root), mesh=str(root / "box.ply"), depth_scale=1000.0)
     dataset = settings.build()
     found = find_bad_frames(dataset, dataset.frames.keys)
-    assert len(found) == 3 and all("are these metres" in each for each in found.values())
+    assert len(found) == 3 and all("are these metres" in reason for reason in found.values())
     np.savetxt(root / "cam_K.txt", K * [[4, 1, 4], [1, 4, 4], [1, 1, 1]])
     found = find_bad_frames(dataset, dataset.frames.keys)
-    assert len(found) == 3 and all("cam_K.txt: the principal" in each for each in found.values())
+    assert len(found) == 3 and all(
+        "cam_K.txt: the principal" in reason for reason in found.values()
+    )
 
 
 def test_missing_parts_are_named(root):

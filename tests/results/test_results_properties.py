@@ -69,12 +69,14 @@ def test_poses_come_back(tmp_path: Path, estimates):
 def test_answers_of_a_stream_come_back_as_csv_and_json(tmp_path: Path, estimates):
     posed = [estimate for estimate in estimates if estimate.pose_cam_obj is not None]
     with AnswersFile(tmp_path) as answers:
-        for each in posed:
-            answers.add({"score": each.score, "t": each.pose_cam_obj[:3, 3].tolist()}, each)
+        for estimate in posed:
+            answers.add(
+                {"score": estimate.score, "t": estimate.pose_cam_obj[:3, 3].tolist()}, estimate
+            )
     assert len(read_poses(tmp_path / "poses.csv")) == len(posed)
     lines = [json.loads(line) for line in (tmp_path / "poses.jsonl").read_text().splitlines()]
     assert read_json(tmp_path / "poses.json")["poses"] == lines
-    assert [each["score"] for each in lines] == [each.score for each in posed]
+    assert [line["score"] for line in lines] == [estimate.score for estimate in posed]
 
 
 @given(SCORES, st.lists(texts(), min_size=4, max_size=4))

@@ -57,7 +57,7 @@ def content_of(folder):
 @pytest.mark.parametrize("pack", [zipped, taped])
 @pytest.mark.parametrize("around", ["", "lm/", "./"])
 def test_files_are_unpacked_without_the_folder_around_them(tmp_path, folder, pack, around):
-    archive = pack(tmp_path / "a", {f"{around}{name}": each for name, each in GOOD.items()})
+    archive = pack(tmp_path / "a", {f"{around}{name}": content for name, content in GOOD.items()})
     assert unpack(archive, folder, "lm") == 3
     assert content_of(folder) == GOOD
 
@@ -106,7 +106,7 @@ def test_a_member_larger_than_stated_is_an_error(tmp_path, folder):
     archive.write_bytes(data)
     with pytest.raises(DataError):
         unpack(archive, folder, "lm")
-    assert all(len(each) <= 10 for each in content_of(folder).values())
+    assert all(len(content) <= 10 for content in content_of(folder).values())
 
 
 @pytest.mark.filterwarnings("ignore:Duplicate name")
