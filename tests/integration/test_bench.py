@@ -68,8 +68,7 @@ def test_bench_states_every_part_of_every_path(bench: Path) -> None:
 
 def test_times_by_target_have_the_medians_of_the_study(bench: Path) -> None:
     numbers = read_numbers(bench, KINDS["bench"])
-    assert numbers is not None
-    values = {number.name: number.value for number in numbers}
+    values = {name: number.value for name, number in numbers.items()}
     targets = read_target_values(bench)
     assert values["ADD(-S)"] == pytest.approx(np.mean([*targets.pop("ADD(-S)").values()]))
     assert set(targets) == {"ms first", "ms further", "CPU first", "CPU further"}

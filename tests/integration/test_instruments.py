@@ -19,16 +19,14 @@ def run_experiment(tiny_run, name, output, *overrides):
 def logged_metrics(tiny_run, output):
     _, run = logged_run(tiny_run.folder, output)
     assert run.info.status == "FINISHED"
-    metrics = run.data.metrics
-    return metrics
+    return run.data.metrics
 
 
 def assert_targets_have_the_means_of_the_study(output, study):
     numbers = read_numbers(output, KINDS[study])
-    assert numbers is not None
     targets = read_target_values(output)
     means = {name: sum(values.values()) / len(values) for name, values in targets.items()}
-    assert means == pytest.approx({number.name: number.value for number in numbers})
+    assert means == pytest.approx({name: number.value for name, number in numbers.items()})
 
 
 def test_oracle_fills_the_matrix_from_the_runs_own_stages(tiny_run, tmp_path, capsys):

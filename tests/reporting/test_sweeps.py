@@ -38,16 +38,13 @@ def only(folder: Path) -> Sweep:
     return found
 
 
-def set_defaults(folder: Path, **defaults: str) -> None:
-    record = json.loads((folder / "sweep.json").read_text())
-    named = {key.replace("_", "."): value for key, value in defaults.items()}
-    (folder / "sweep.json").write_text(json.dumps({**record, "defaults": named}))
+def change(path: Path, **values: Any) -> None:
+    """Replace values of a JSON file."""
+    path.write_text(json.dumps({**json.loads(path.read_text()), **values}))
 
 
-def move_to_other_frames(run: Path) -> None:
-    manifest = json.loads((run / "manifest.json").read_text())
-    manifest["data"]["frames"] = "others"
-    (run / "manifest.json").write_text(json.dumps(manifest))
+def set_default(folder: Path, particles: str) -> None:
+    change(folder / "sweep.json", defaults={PARTICLES: particles})
 
 
 def write_scored(folder: Path, chosen: dict[str, str], right: int, ms: float) -> None:
@@ -71,7 +68,7 @@ def begin(folder: Path, *overrides: str) -> Path:
 def runs(tmp_path: Path) -> Path:
     """Three runs, the second is the default; the third has failed."""
     folder = write_sweep(tmp_path / "sweep", [PARTICLES], [f"{PARTICLES}=5,25,50"])
-    set_defaults(folder, refinement_particles="25.0")
+    set_default(folder, "25.0")
     write_scored(folder / "0", {PARTICLES: "5"}, 12, 30.0)
     write_scored(folder / "1", {PARTICLES: "25"}, 18, 50.0)
     begin(folder / "2", f"{PARTICLES}=50")
@@ -89,32 +86,30 @@ def test_runs_are_compared_with_the_default_or_the_first_target_by_target(runs: 
     drawn = -np.random.default_rng(1).binomial(10, 0.3, 100_000) / 10
     assert (low, high) == pytest.approx(tuple(np.percentile(drawn, [2.5, 97.5])), abs=0.051)
     assert found.difference(found.runs[1], "ADD(-S)") is None
-    set_defaults(runs, refinement_particles="7")
+    set_default(runs, "7")
     found = only(runs)
     assert not found.is_default and found.reference is found.runs[0]
     assert "+0.300 (+0.000 to +0.600) against the first run, not surely more" in found.verdict
 
 
 def test_the_table_of_runs_has_all_numbers_and_fits_a_terminal(runs: Path) -> None:
-    summary = runs / "1" / "summary.json"
     timing = {"cpu_ms": 71.6, "wall_ms": 50.0, "load": 1.26, "cores": 2}
-    more = {"timing": timing, "bop": {"ar": 0.654}}
-    summary.write_text(json.dumps({**json.loads(summary.read_text()), **more}))
+    change(runs / "1" / "summary.json", timing=timing, bop={"ar": 0.654})
     rows = csv_rows(write_files(runs, only(runs))[1])
+    assert [[*row.values()] for row in rows] == [
+        ["5", "20", "0.600", "0.500-0.640", "0.400", "0.650", "", "30", "60", "", "", "-0.300",
+         rows[0]["95 % of it"]],
+        ["25 *", "20", "0.900", "0.800-0.940", "0.700", "0.950", "0.654", "50", "100", "72", "1.3",
+         "default", ""],
+        ["50", "", "no result", *[""] * 10],
+    ]  # fmt: skip
     assert [*rows[0]] == [
         "particles", "targets", "ADD(-S)", "95 %", "5cm5deg", "IoU.5", "AR", "ms", "ms 95 %",
         "CPU ms", "load", "to default", "95 % of it",
     ]  # fmt: skip
-    shown = [[row[name] for name in ("ms", "ms 95 %", "CPU ms", "load", "AR")] for row in rows]
-    assert shown == [["30", "60", "", "", ""], ["50", "100", "72", "1.3", "0.654"], [""] * 5]
-    assert [row["particles"] for row in rows] == ["5", "25 *", "50"]
-    assert [row["ADD(-S)"] for row in rows] == ["0.600", "0.900", "no result"]
-    assert [row["95 %"] for row in rows] == ["0.500-0.640", "0.800-0.940", ""]
-    assert [row["to default"] for row in rows] == ["-0.300", "default", ""]
     text = describe_sweep(only(runs), "text")
     assert max(map(len, text.splitlines())) <= 80
-    table = sweep_table(only(runs), whole=False)
-    assert table.header == [
+    assert sweep_table(only(runs), whole=False).header == [
         "particles", "ADD(-S)", "95 %", "5cm5deg", "ms", "to default", "95 % of it",
     ]  # fmt: skip
     assert " ".join(text.split()).endswith(
@@ -132,7 +127,7 @@ def test_the_default_wins_a_tie(
 ) -> None:
     """A faster run that is right for as many targets, or for few more, is no better one."""
     folder = write_sweep(tmp_path / "sweep", [PARTICLES], [f"{PARTICLES}=5,25"])
-    set_defaults(folder, refinement_particles="25")
+    set_default(folder, "25")
     write_scored(folder / "0", {PARTICLES: "5"}, right, 30.0)
     write_scored(folder / "1", {PARTICLES: "25"}, of_default, 50.0)
     found = only(folder)
@@ -142,13 +137,6 @@ def test_the_default_wins_a_tie(
     if spread is not None:
         assert "highest ADD(-S): particles 25 (0.900); that is the default" in found.verdict
         assert f"a tie with it: particles 5 ({right / 20:.3f}), {spread}" in found.verdict
-
-
-def test_runs_on_other_frames_are_not_compared(runs: Path) -> None:
-    move_to_other_frames(runs / "0")
-    found = only(runs)
-    assert found.difference(found.runs[0], "ADD(-S)") is None and found.best is None
-    assert "*" not in describe_sweep(found, "text")
 
 
 @pytest.mark.parametrize(
@@ -166,14 +154,6 @@ def test_every_sweep_is_drawn(tmp_path: Path, swept: list[str], panels: int) -> 
         np.testing.assert_allclose(recalls, [[0.5, 0.55]])
         np.testing.assert_allclose(times, [[30.0, 30.0]])
         assert figure.axes[0].get_xlabel() == PARTICLES
-    names = {
-        f"{name}.{ending}"
-        for name in ("sweep", "recall_by_time")
-        for ending in ("csv", "png", "svg")
-    }
-    written = write_files(folder, only(folder))
-    assert {path.name for path in written} == {"sweep.md", *names}
-    assert all(path.stat().st_size for path in written)
 
 
 def test_a_sweep_without_any_result_still_has_its_table(runs: Path) -> None:
@@ -187,7 +167,8 @@ def test_a_sweep_without_any_result_still_has_its_table(runs: Path) -> None:
 
 
 def test_the_page_of_runs_shows_figures_objects_and_leads_to_theirs(runs: Path) -> None:
-    write_files(runs, only(runs))
+    names = [f"{name}.{e}" for name in ("sweep", "recall_by_time") for e in ("csv", "png", "svg")]
+    assert [path.name for path in write_files(runs, only(runs))] == ["sweep.md", *names]
     pages = write_pages(runs)
     assert [page.parent for page in pages] == [runs / "0", runs / "1", runs]
     text = pages[-1].read_text()
@@ -213,23 +194,6 @@ def begin_study(folder: Path, task: str, particles: int, finished: bool = True) 
     return folder
 
 
-def write_bench(folder: Path, particles: int, further: bool = True) -> None:
-    """A run of which detection takes a millisecond a particle."""
-    path: dict[str, Any] = {
-        "add_recall": 0.75,
-        "first": {"total": {"median_ms": float(particles), "cpu_ms": 2.0 * particles}},
-        "further": {"total": {"median_ms": particles / 4, "cpu_ms": particles / 2}},
-    }
-    result = {
-        "machine": {"load": 1.25},
-        "workload": {},
-        "memory": {"peak_mib": 912.3},
-        "paths": {"configured": path if further else {**path, "further": {}}},
-    }
-    begin_study(folder, "bench", particles)
-    (folder / "bench.json").write_text(json.dumps(result))
-
-
 def write_oracle(folder: Path, particles: int) -> None:
     recall = particles / 100
     cells = [
@@ -248,9 +212,20 @@ def sweep_of(folder: Path, task: str) -> Path:
 
 @pytest.fixture
 def benches(tmp_path: Path) -> Path:
+    """Detection takes a millisecond a particle; the second has no further objects."""
     sweep = sweep_of(tmp_path / "sweep", "bench")
     for run, particles in enumerate((15, 150)):
-        write_bench(sweep / str(run), particles, further=run == 0)
+        first = {"total": {"median_ms": float(particles), "cpu_ms": 2.0 * particles}}
+        further = {"total": {"median_ms": particles / 4, "cpu_ms": particles / 2}}
+        path = {"add_recall": 0.75, "first": first, "further": {} if run else further}
+        result = {
+            "machine": {"load": 1.25},
+            "workload": {},
+            "memory": {"peak_mib": 912.3},
+            "paths": {"configured": path},
+        }
+        study = begin_study(sweep / str(run), "bench", particles)
+        (study / "bench.json").write_text(json.dumps(result))
     begin_study(sweep / "10", "bench", 50, finished=False)
     return sweep
 
@@ -277,10 +252,8 @@ def test_table_figure_and_page_of_studies_are_written_and_reported(benches: Path
     written = write_files(benches, only(benches))
     assert [path.name for path in written] == ["bench.md", "bench.csv", "bench.png", "bench.svg"]
     assert "Made by `hlp -m task=bench a=1,2`." in written[0].read_text()
-    rows = csv_rows(written[1])
-    assert [row["MiB"] for row in rows] == ["912.3", "912.3", ""]
-    assert [row["load"] for row in rows] == ["1.25", "1.25", ""]
-    assert [row[PARTICLES] for row in rows] == ["15", "150", "50"]
+    rows = [[row[name] for name in (PARTICLES, "MiB", "load")] for row in csv_rows(written[1])]
+    assert rows == [["15", "912.3", "1.25"], ["150", "912.3", "1.25"], ["50", "", ""]]
     drawn = written[3].read_text()
     assert drawn.count("<!-- 0.750 -->") == 2  # the bars of the finished runs
     assert "<!-- axis cut: begins at 0.7 -->" in drawn
@@ -326,15 +299,15 @@ def write_targets(folder: Path, **values: np.ndarray) -> None:
 
 def test_studies_are_paired_with_the_default_target_by_target(benches: Path) -> None:
     """The default is the second run; of the first one, half of the targets are known."""
-    set_defaults(benches, refinement_particles="150.0")
+    set_default(benches, "150.0")
     rng = np.random.default_rng(0)
     before, after = rng.gamma(4.0, 40.0, 80), rng.gamma(4.0, 30.0, 40)
     right, now = rng.random(80) < 0.6, rng.random(40) < 0.8
     write_targets(benches / "1", ms_first=before, **{"ADD(-S)": right})
     write_targets(benches / "0", ms_first=after, **{"ADD(-S)": now})
     sweep = only(benches)
-    low, high = difference_interval(right[:40], now, blocks_of([(1, i // 2) for i in range(40)]),
-                                    10_000, 0)  # fmt: skip
+    blocks = blocks_of([(1, i // 2) for i in range(40)])
+    low, high = difference_interval(right[:40], now, blocks, 10_000, 0)
     gained = now.mean() - right[:40].mean()
     shown = differences_table(sweep)
     assert shown is not None
@@ -360,7 +333,7 @@ def test_the_best_study_is_said_with_its_difference(
     benches: Path, faster: float, best: int
 ) -> None:
     """A time is better if it is shorter; that of the default, if no other is surely shorter."""
-    set_defaults(benches, refinement_particles="150")
+    set_default(benches, "150")
     slow = 150.0 + np.random.default_rng(0).normal(size=80)
     for run, times in ((0, slow - faster), (1, slow)):
         write_targets(benches / str(run), ms_first=times)
@@ -373,13 +346,19 @@ def test_the_best_study_is_said_with_its_difference(
         assert f"lowest ms first: particles 15 (15.0); {said}" in sweep.verdict
 
 
-def test_studies_of_other_frames_are_not_paired(benches: Path) -> None:
-    for run in (0, 1):
-        write_targets(benches / str(run), ms_first=np.full(80, 20.0))
-    move_to_other_frames(benches / "1")
-    sweep = only(benches)
-    assert differences_table(sweep) is None and sweep.best is None
-    assert "*" not in describe_sweep(sweep, "markdown")
+@pytest.mark.parametrize("kind", ["runs", "benches"])
+def test_what_was_measured_on_other_frames_is_not_compared(
+    kind: str, request: pytest.FixtureRequest
+) -> None:
+    folder: Path = request.getfixturevalue(kind)
+    if kind == "benches":
+        for run in "01":
+            write_targets(folder / run, ms_first=np.full(80, 20.0))
+    assert only(folder).best is not None and only(folder).differences
+    change(folder / "0" / "manifest.json", data={"keys": ["000001"], "frames": "others"})
+    sweep = only(folder)
+    assert not sweep.differences and differences_table(sweep) is None and sweep.best is None
+    assert "*" not in describe_sweep(sweep, "text")
 
 
 def test_refiners_are_compared_by_their_mean_over_all_starts(tmp_path: Path) -> None:
@@ -406,7 +385,7 @@ def test_the_best_trial_of_each_search(tmp_path: Path) -> None:
     assert rows == [["0", "2", "0.900", "123"], ["1", "2", "", ""]]
     assert not only(sweep).differences and only(sweep).best is None
     assert len(write_files(sweep, only(sweep))) == 4
-    (sweep / "0" / "search.json").write_text(json.dumps({"trials": [1, 2], "best": None}))
+    change(sweep / "0" / "search.json", best=None)
     begin_study(sweep / "2", "search", 2, finished=False)
     assert sweep_table(only(sweep)).rows == [["0", "2"], ["1", "2"], ["2", "no result"]]
 
@@ -416,16 +395,21 @@ def test_each_kind_has_a_table_of_its_own(benches: Path) -> None:
     write_scored(benches / "3", {PARTICLES: "5"}, 12, 30.0)
     labels = {sweep.name: [run.short_label for run in sweep.runs] for sweep in read_sweeps(benches)}
     assert labels == {"sweep": ["5", "50"], "bench": ["15", "150", "50"], "oracle": ["75", "50"]}
-    written = report_runs(benches, "markdown")
-    for said in ("oracle by particles: 1 of 2", "bench by particles: 2 of 3", "sweep by particles"):
-        assert said in written
 
 
-def test_steps_are_the_values_of_one_key_of_whole_numbers() -> None:
-    assert steps_of([PARTICLES], [{PARTICLES: "5"}, {PARTICLES: "25"}]) == [5, 25]
-    assert steps_of([PARTICLES], [{PARTICLES: "5"}, {PARTICLES: "5"}]) == [0, 1]
-    assert steps_of(["x"], [{"x": "0.5"}, {}]) == [0, 1]
-    assert steps_of([], [{}]) == [0]
+@pytest.mark.parametrize(
+    ("key", "values", "steps"),
+    [
+        (PARTICLES, ["5", "25"], [5, 25]),
+        (PARTICLES, ["5", "5"], [0, 1]),
+        ("x", ["0.5", ""], [0, 1]),
+        ("", ["1"], [0]),
+    ],
+)
+def test_steps_are_the_values_of_one_key_of_whole_numbers(
+    key: str, values: list[str], steps: list[int]
+) -> None:
+    assert steps_of([key] if key else [], [{key: value} for value in values]) == steps
 
 
 @pytest.mark.parametrize(
