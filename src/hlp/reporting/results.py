@@ -13,8 +13,32 @@ from hlp.errors import DataError
 from hlp.files import MANIFEST, SCORES, SUMMARY, SWEEP
 from hlp.reporting.comparison import WELL_VISIBLE, ScoredTarget, read_targets
 from hlp.results.summary_file import TargetKey, read_summary
-from hlp.schemas.outputs import Manifest, Sweep
-from hlp.settings import read_as, shown
+from hlp.settings import Stored, read_as, shown
+
+
+@dataclass(frozen=True)
+class ManifestData(Stored):
+    """The part of a manifest that names the frames; `frames` is the hash of their content."""
+
+    keys: list[str]
+    frames: str = ""
+
+
+@dataclass(frozen=True)
+class Manifest(Stored):
+    """manifest.json of a run."""
+
+    config: dict[str, Any]
+    data: ManifestData
+
+
+@dataclass(frozen=True)
+class _Sweep(Stored):
+    """sweep.json."""
+
+    overrides: list[str]
+    swept: list[str]
+    defaults: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -120,7 +144,7 @@ def run_command(folder: Path) -> str:
 
 
 def _read_sweep(folder: Path) -> ResultSet:
-    sweep = read_as(folder / SWEEP, Sweep)
+    sweep = read_as(folder / SWEEP, _Sweep)
     folders = [path for path in folder.iterdir() if path.is_dir() and path.name.isdigit()]
     runs = sorted(folders, key=lambda path: int(path.name))
     results = [_read_run(run) for run in runs if _is_finished(run)]

@@ -77,47 +77,34 @@ def _numbers(values: Any) -> str:
     return " ".join(repr(float(value)) for value in np.ravel(values))
 
 
-def _millimetres(metres: float) -> float:
-    return float(metres * MILLIMETRES_PER_METRE)
-
-
-def _metres(text: str) -> float:
-    return float(text) / MILLIMETRES_PER_METRE
-
-
-def _degrees(angle: float) -> float:
-    return float(np.rad2deg(angle))
-
-
-def _radians(text: str) -> float:
-    return float(np.deg2rad(float(text)))
-
-
-def _verdict(text: str) -> bool:
-    return bool(int(text))
-
-
 _Column = tuple[str, Callable[[Any], int | float | str], Callable[[str], int | float | str]]
+_WHOLE, _NUMBER, _TEXT = (int, int), (float, float), (str, str)
+_VERDICT = (int, lambda text: bool(int(text)))
+_LENGTH = (
+    lambda metres: float(metres * MILLIMETRES_PER_METRE),
+    lambda text: float(text) / MILLIMETRES_PER_METRE,
+)
+_ANGLE = (lambda angle: float(np.rad2deg(angle)), lambda text: float(np.deg2rad(float(text))))
 _SCORES: dict[str, _Column] = {
-    "scene_id": ("scene_id", int, int),
-    "im_id": ("frame_id", int, int),
-    "obj_id": ("object_id", int, int),
-    "object": ("", str, str),
-    "found": ("found", int, _verdict),
-    "visible_fraction": ("visible_fraction", float, float),
-    "add_mm": ("add_error", _millimetres, _metres),
-    "rotation_deg": ("rotation_error", _degrees, _radians),
-    "translation_mm": ("translation_error", _millimetres, _metres),
-    "box_iou": ("box_iou", float, float),
-    "add_correct": ("add_correct", int, _verdict),
-    "pose_correct": ("pose_correct", int, _verdict),
-    "box_correct": ("box_correct", int, _verdict),
-    "mssd_recall": ("mssd_recall", float, float),
-    "mspd_recall": ("mspd_recall", float, float),
-    "vsd_recall": ("vsd_recall", float, float),
-    "cause": ("cause", str, str),
-    "score": ("score", float, float),
-    "add_s_correct": ("add_s_correct", int, _verdict),
+    "scene_id": ("scene_id", *_WHOLE),
+    "im_id": ("frame_id", *_WHOLE),
+    "obj_id": ("object_id", *_WHOLE),
+    "object": ("", *_TEXT),
+    "found": ("found", *_VERDICT),
+    "visible_fraction": ("visible_fraction", *_NUMBER),
+    "add_mm": ("add_error", *_LENGTH),
+    "rotation_deg": ("rotation_error", *_ANGLE),
+    "translation_mm": ("translation_error", *_LENGTH),
+    "box_iou": ("box_iou", *_NUMBER),
+    "add_correct": ("add_correct", *_VERDICT),
+    "pose_correct": ("pose_correct", *_VERDICT),
+    "box_correct": ("box_correct", *_VERDICT),
+    "mssd_recall": ("mssd_recall", *_NUMBER),
+    "mspd_recall": ("mspd_recall", *_NUMBER),
+    "vsd_recall": ("vsd_recall", *_NUMBER),
+    "cause": ("cause", *_TEXT),
+    "score": ("score", *_NUMBER),
+    "add_s_correct": ("add_s_correct", *_VERDICT),
 }
 """Each column of scores.csv: the score's field, and what writes and reads a value of it.
 

@@ -18,20 +18,30 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Annotated, Any
 
+from annotated_types import Ge, Le
 from filelock import FileLock, Timeout
 
 from hlp.checksums import find_damaged, folder_checksums, seal_is_whole, sealed
 from hlp.errors import DataError
 from hlp.files import read_json, remove_unfinished, write_json
-from hlp.schemas.outputs import StageRecord
-from hlp.settings import stored_as
+from hlp.settings import Stored, stored_as
 from hlp.stages.manifest import library_versions, plain
 
 RECORD, IN_USE = "stage.json", ".in-use"
 PARTIAL, DAMAGED, LOCK = ".partial", ".damaged", ".lock"
 _logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class _Record(Stored):
+    """stage.json of a finished output; `files` are checksums by path, `seconds` that it took."""
+
+    stage: str
+    fingerprint: str
+    seconds: Annotated[float, Ge(0), Le(1e9)]
+    files: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -247,7 +257,7 @@ def _verify(folder: Path) -> Mapping[str, Any]:
     record = read_json(path)
     if not seal_is_whole(record):
         raise DataError(f"{path} is damaged, or from an earlier version of HLP")
-    stated = stored_as(StageRecord, record, str(path))
+    stated = stored_as(_Record, record, str(path))
     if (stated.stage, stated.fingerprint) != (folder.parent.name, folder.name):
         raise DataError(f"{folder} is an output of another name")
     for name in find_damaged(folder, stated.files):
