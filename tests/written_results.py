@@ -54,7 +54,7 @@ def write_run(
 
 
 def write_sweep(folder: Path, swept: Sequence[str], overrides: Sequence[str]) -> Path:
-    """A sweep that is still without arms."""
+    """A sweep that is still without runs."""
     folder.mkdir(parents=True)
     record = {"swept": [*swept], "overrides": [*overrides], "status": "FINISHED"}
     (folder / "sweep.json").write_text(json.dumps(record))

@@ -104,7 +104,7 @@ def test_what_cannot_be_compared_is_named(tmp_path: Path) -> None:
 def test_mean_and_standard_deviation_of_a_sample() -> None:
     shares = np.random.default_rng(2).random((4, 3))
     means, spreads = mean_and_spread([dict(zip("abc", share, strict=True)) for share in shares])
-    found = [[float(each[name]) for name in "abc"] for each in (means, spreads)]
+    found = [[float(texts[name]) for name in "abc"] for texts in (means, spreads)]
     np.testing.assert_allclose(found[0], shares.mean(axis=0), atol=6e-4)
     np.testing.assert_allclose(found[1], shares.std(axis=0, ddof=1), atol=6e-5)
     unknown = mean_and_spread([{"a": 0.25, "b": None}, {"a": 0.75, "b": 0.5}])

@@ -26,7 +26,7 @@ def files(client: MlflowClient, run_id: str) -> set[str]:
 
 
 def history(client: MlflowClient, run_id: str, name: str) -> list[tuple[int, float]]:
-    return [(each.step, each.value) for each in client.get_metric_history(run_id, name)]
+    return [(point.step, point.value) for point in client.get_metric_history(run_id, name)]
 
 
 @pytest.mark.slow

@@ -42,13 +42,13 @@ def test_a_registered_model_finds_what_the_detector_finds(
     frame = SyntheticScenes(settings).load("000000_000000")
     image = {"rgb": frame.rgb, "depth": frame.depth, "camera_matrix": frame.camera_matrix}
     options = {"max_instances": 1, "min_score": 0.0}
-    found = model.predict({key: np.stack([each] * 2) for key, each in image.items()}, options)
+    found = model.predict({key: np.stack([value] * 2) for key, value in image.items()}, options)
     expected = Detector.load(learnt).detect(*image.values(), **options)
-    assert [each["object"] for each in found] == 2 * [each.object for each in expected] != []
-    assert [each["image"] for each in found] == [0] * len(expected) + [1] * len(expected)
+    assert [row["object"] for row in found] == 2 * [answer.object for answer in expected] != []
+    assert [row["image"] for row in found] == [0] * len(expected) + [1] * len(expected)
     np.testing.assert_array_equal(found[0]["pose_cam_obj"], expected[0].pose_cam_obj)
-    bear = model.predict({key: each[None] for key, each in image.items()}, {"objects": ["bear"]})
-    assert {each["object"] for each in bear} <= {"bear"}
+    bear = model.predict({key: value[None] for key, value in image.items()}, {"objects": ["bear"]})
+    assert {row["object"] for row in bear} <= {"bear"}
 
 
 def test_mlflow_knows_what_the_model_takes_and_returns(model: "PyFuncModel") -> None:
@@ -64,14 +64,14 @@ def test_mlflow_knows_what_the_model_takes_and_returns(model: "PyFuncModel") -> 
     assert list(options["objects"]) == ["bear", "can"]
     assert options["max_instances"] == 10
     example = model.input_example
-    assert {key: each.dtype.name for key, each in example.items()} == {
+    assert {key: value.dtype.name for key, value in example.items()} == {
         name: dtype for name, (dtype, _) in takes.items()
     }
     rows = model.predict(example, {"min_score": 0.0, "max_instances": 1})
     assert rows[0].keys() == set(signature.outputs.input_names())
     assert np.shape(rows[0]["pose_cam_obj"]) == (4, 4)
     with pytest.raises(MlflowException, match="depth"):
-        model.predict({key: each for key, each in example.items() if key != "depth"})
+        model.predict({key: value for key, value in example.items() if key != "depth"})
 
 
 def test_a_name_that_mlflow_refuses_is_named(learnt: Path, tmp_path: Path) -> None:

@@ -41,7 +41,7 @@ def test_report_lists_runs_oldest_first_then_side_by_side(tmp_path: Path) -> Non
         path.parent.mkdir()
         path.write_text(json.dumps(summary()))
         os.utime(path, (1000 - age, 1000 - age))
-    lines = runs_table({each: summary() for each in ("early", "late")}).text()
+    lines = runs_table({name: summary() for name in ("early", "late")}).text()
     text = report_runs(tmp_path, "text")
     assert lines in text and "targets ended as" not in text
     text = report_runs(tmp_path, "text", details=True)
@@ -69,8 +69,8 @@ def repeat(folder: Path, *right: bool, vsd: float = float("nan")) -> str:
     """An output folder whose targets are right or wrong by every metric but BOP's."""
     folder.mkdir()
     scores = [
-        TargetScore(1, image, 6, True, 0.75, 0.01, 0.1, 0.01, 0.9, each, each, each, 0.5, 0.7, vsd)
-        for image, each in enumerate(right)
+        TargetScore(1, image, 6, True, 0.75, 0.01, 0.1, 0.01, 0.9, *[verdict] * 3, 0.5, 0.7, vsd)
+        for image, verdict in enumerate(right)
     ]
     write_scores(folder / "scores.csv", scores, {6: "cat"})
     return str(folder)

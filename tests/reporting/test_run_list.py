@@ -28,10 +28,10 @@ def test_every_run_and_sweep_has_its_line(tmp_path: Path) -> None:
     assert "best run. 5 runs below" in text
 
 
-def test_a_sweep_has_the_figures_of_its_best_arm(tmp_path: Path) -> None:
+def test_a_sweep_has_the_figures_of_its_best_run(tmp_path: Path) -> None:
     sweep = write_sweep(tmp_path / "sweep", ["seed"], ["seed=1,2,3"])
-    for arm, (recall, ms) in enumerate([(0.5, 40.0), (0.8, 90.0), (0.8, 60.0)]):
-        write_run(sweep / str(arm), "demo", scored(recall, ms, {"cat": recall}))
+    for run, (recall, ms) in enumerate([(0.5, 40.0), (0.8, 90.0), (0.8, 60.0)]):
+        write_run(sweep / str(run), "demo", scored(recall, ms, {"cat": recall}))
     (row,) = (row for row in run_list(tmp_path).rows if row[0] == "sweep")
     assert list(row[1:]) == ["3/3 runs", "20", "0.800", "0.70-0.84", "0.600", "60"]
 
@@ -39,8 +39,8 @@ def test_a_sweep_has_the_figures_of_its_best_arm(tmp_path: Path) -> None:
 @pytest.mark.parametrize("broken", ["sweep.json", "0/summary.json", "0/manifest.json"])
 def test_a_sweep_with_a_broken_file_is_said_to_be_broken(broken: str, tmp_path: Path) -> None:
     sweep = write_sweep(tmp_path / "sweep", ["seed"], ["seed=1,2"])
-    for arm in "01":
-        write_run(sweep / arm, "demo", scored(0.5, 40.0, {"cat": 0.5}))
+    for run in "01":
+        write_run(sweep / run, "demo", scored(0.5, 40.0, {"cat": 0.5}))
     (sweep / broken).write_text("{")
     (row,) = (row for row in run_list(tmp_path).rows if row[0] == "sweep")
     assert row[1] == "broken" and not any(row[2:])
@@ -49,8 +49,8 @@ def test_a_sweep_with_a_broken_file_is_said_to_be_broken(broken: str, tmp_path: 
 def test_the_list_fits_a_terminal_and_shows_the_ends_of_long_names(tmp_path: Path) -> None:
     folder = tmp_path / "linemod_bop_with_something_else"
     sweep = write_sweep(folder / "2026-11-22_07-15-52", ["seed"], ["seed=1,2"])
-    for arm in "01":
-        write_run(sweep / arm, "demo", scored(0.5, 12345.0, {"cat": 0.5}))
+    for run in "01":
+        write_run(sweep / run, "demo", scored(0.5, 12345.0, {"cat": 0.5}))
     lines = describe_outputs(tmp_path, "text").splitlines()[:-1]
     assert max(map(len, lines)) <= 80
     assert sum("…" in line and "_07-15-52" in line for line in lines) == 3

@@ -34,11 +34,11 @@ def healthy(tmp_path_factory):
         cameras[number] = {"cam_K": frame.camera_matrix.ravel().tolist(), "depth_scale": 0.1}
         truths[number] = [
             {
-                "obj_id": each.object_id,
-                "cam_R_m2c": each.pose_cam_obj[:3, :3].ravel().tolist(),
-                "cam_t_m2c": (each.pose_cam_obj[:3, 3] * 1000).tolist(),
+                "obj_id": target.object_id,
+                "cam_R_m2c": target.pose_cam_obj[:3, :3].ravel().tolist(),
+                "cam_t_m2c": (target.pose_cam_obj[:3, 3] * 1000).tolist(),
             }
-            for each in frame.targets
+            for target in frame.targets
         ]
         shown |= {target.object_id for target in frame.targets}
     (scene / "scene_camera.json").write_text(json.dumps(cameras))
@@ -70,8 +70,8 @@ def _truncate(scene):
 
 def _transpose(scene):
     def change(entry):
-        for each in entry:
-            each["cam_R_m2c"] = np.reshape(each["cam_R_m2c"], (3, 3)).T.ravel().tolist()
+        for target in entry:
+            target["cam_R_m2c"] = np.reshape(target["cam_R_m2c"], (3, 3)).T.ravel().tolist()
 
     _edit(scene / "scene_gt.json", change)
 
@@ -80,10 +80,10 @@ def _open_gl(scene):
     """Frames that `load` refuses: the objects are behind the camera."""
 
     def change(entry):
-        for each in entry:
-            turned = np.diag([1.0, -1.0, -1.0]) @ np.reshape(each["cam_R_m2c"], (3, 3))
-            each["cam_R_m2c"] = turned.ravel().tolist()
-            each["cam_t_m2c"] = (np.array(each["cam_t_m2c"]) * [1, -1, -1]).tolist()
+        for target in entry:
+            turned = np.diag([1.0, -1.0, -1.0]) @ np.reshape(target["cam_R_m2c"], (3, 3))
+            target["cam_R_m2c"] = turned.ravel().tolist()
+            target["cam_t_m2c"] = (np.array(target["cam_t_m2c"]) * [1, -1, -1]).tolist()
 
     _edit(scene / "scene_gt.json", change)
 
@@ -105,7 +105,7 @@ def test_a_fault_in_the_files_of_a_data_set_is_named(healthy, tmp_path, plant, k
     root = shutil.copytree(healthy, tmp_path / "set")
     plant(root / "test" / "000001")
     findings = doctor.examine_dataset(root, None)
-    assert {each.kind for each in findings} == kinds, [str(finding) for finding in findings]
+    assert {finding.kind for finding in findings} == kinds, [str(finding) for finding in findings]
 
 
 def test_a_healthy_set_has_no_finding_and_is_drawn(healthy, tmp_path):

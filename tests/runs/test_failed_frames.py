@@ -42,7 +42,7 @@ def scored() -> Any:
     pose = np.eye(4)
     pose[2, 3] = 0.8
     ids = ((6, 1), (7, 1))
-    truths = [FrameTruth(*each, np.eye(3), 640, (Target(1, pose),)) for each in ids]
+    truths = [FrameTruth(*id_, np.eye(3), 640, (Target(1, pose),)) for id_ in ids]
     found = [PoseEstimate(*keys, 1, pose, 0.9) for keys in ids]
     return score_targets(truths, {1: model()}, found, EvaluationSettings())
 

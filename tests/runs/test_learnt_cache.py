@@ -20,7 +20,7 @@ def test_what_is_learnt_is_found_by_name_and_by_path(cache, tmp_path):
     assert learnt_cache.find_learnt(str(cache / "two"), tmp_path) == cache / "two"
     with pytest.raises(FileNotFoundError, match="holds bolt, two"):
         learnt_cache.find_learnt("nut", cache)
-    assert [each.name for each in learnt_cache.list_learnt(cache)] == ["bolt", "two"]
+    assert [entry.name for entry in learnt_cache.list_learnt(cache)] == ["bolt", "two"]
     entry = learnt_cache.describe_learnt(cache / "two")
     assert entry.size > 1000 and entry.objects == ("two",)
     assert learnt_cache.list_learnt(tmp_path / "none") == []

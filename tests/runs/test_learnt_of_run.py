@@ -43,7 +43,7 @@ def test_a_folder_holds_what_the_run_has_learnt(tiny_run: TinyRun, exported: Pat
     found = Detector.load(exported).detect(
         frame.rgb, frame.depth, frame.camera_matrix, max_instances=1, min_score=0.0
     )
-    assert {each.object for each in found} <= set(learnt.record.objects) and found
+    assert {answer.object for answer in found} <= set(learnt.record.objects) and found
 
 
 def test_objects_that_the_run_did_not_look_for_are_classes_only(

@@ -32,7 +32,7 @@ def box_views() -> Views:
             turn = Rotation.from_euler("yz", [yaw, roll], degrees=True)
             poses.append(rigid(turn.as_matrix(), np.array([0.0, 0.0, 0.6])))
             images.append(render_rgbd(box_model().mesh, poses[-1], CAMERA, (64, 64), FRONTAL_LIGHT))
-    rgb, depth = (np.stack(each) for each in zip(*images, strict=True))
+    rgb, depth = (np.stack(parts) for parts in zip(*images, strict=True))
     return Views(1, rgb, depth.astype(np.float32), np.stack(poses), CAMERA)
 
 

@@ -84,10 +84,9 @@ def test_cpu_time_is_what_the_process_computed_not_what_it_waited(
 ) -> None:
     spent = {}
     for estimator in (Slow, Busy):
-        run, stages = run_of(estimator, work=estimator.__name__)
         if found_on_disk:
-            stages.poses()
-            run, stages = run_of(estimator, work=estimator.__name__)
+            run_of(FakeEstimator, work=estimator.__name__)[1].poses()
+        run, stages = run_of(estimator, 1, estimator.__name__)
         spent[estimator] = measure_times(run, stages, stages.estimates()).summary()
     assert spent[Busy]["cpu_ms"] >= 50.0
     assert spent[Slow]["cpu_ms"] < 50.0 <= spent[Slow]["wall_ms"]
@@ -104,15 +103,13 @@ def test_a_run_that_found_its_poses_on_disk_measures_anew_and_says_so(run_of: An
     assert (summary["reused_stages"], summary["frames"]) == ([*STAGES], 2)
     # The frames are those spread evenly; the first is looked at once more before.
     assert run.dataset.frames.loads == [KEYS[0], KEYS[1]]
-    refined = [
-        key for step, key, object_id in fast.estimator.asked if (step, object_id) == ("refine", 3)
-    ]
-    assert refined == [KEYS[0], KEYS[0], KEYS[1]]
+    asked = [key for step, key, item in fast.estimator.asked if (step, item) == ("refine", 3)]
+    assert asked == [KEYS[0], KEYS[0], KEYS[1]]
     assert timing.first_use_seconds is not None and timing.first_use_seconds > 0.0
 
 
 def test_a_run_that_reused_only_regions_measures_all_steps(run_of: Any) -> None:
-    run_of(Slow)[1].regions()
+    run_of(FakeEstimator)[1].regions()
     run, fast = run_of(FakeEstimator, timing_frames=10)
     timing = measure_times(run, fast, fast.estimates())
     assert timing.reused == ("regions",)
@@ -124,7 +121,7 @@ def test_poses_file_has_an_images_time_only_where_this_run_measured_it(
     run_of: Any, tmp_path: Path
 ) -> None:
     """BOP's time is the image's: of all objects looked for, also of those without a pose."""
-    estimates = run_of(Slow)[1].estimates()
+    estimates = run_of(FakeEstimator)[1].estimates()
     write_poses(tmp_path / "first.csv", estimates)
     for pose in read_poses(tmp_path / "first.csv"):
         image = (pose.scene_id, pose.frame_id)
@@ -132,6 +129,6 @@ def test_poses_file_has_an_images_time_only_where_this_run_measured_it(
         assert len(looked_for) == len(OBJECTS)
         expected = sum(sum(seconds.values()) for seconds in looked_for)
         assert pose.seconds["total"] == pytest.approx(expected)
-    write_poses(tmp_path / "again.csv", run_of(Slow)[1].estimates())
+    write_poses(tmp_path / "again.csv", run_of(FakeEstimator)[1].estimates())
     rows = (tmp_path / "again.csv").read_text().splitlines()[1:]
     assert len(rows) == 5 and all(row.endswith(",-1.0") for row in rows)

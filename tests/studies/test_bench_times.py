@@ -28,7 +28,7 @@ def look(frame, place, spent, pose=None, region=(255,)):
 
 
 def verdicts(*right):
-    return [SimpleNamespace(add_correct=each) for each in right]
+    return [SimpleNamespace(add_correct=verdict) for verdict in right]
 
 
 def posed(millimetres=0.0, degrees=0.0):
@@ -126,7 +126,7 @@ def test_time_is_charged_to_the_part_that_was_entered_last():
     whole = time.perf_counter() - begun
     assert spent["idle"].wall >= 0.1 and spent["idle"].cpu < 0.03
     assert spent["busy"].wall >= spent["busy"].cpu - 1e-3 and spent["busy"].cpu >= 0.03
-    assert sum(each.wall for each in spent.values()) == pytest.approx(whole, abs=2e-3)
+    assert sum(times.wall for times in spent.values()) == pytest.approx(whole, abs=2e-3)
 
 
 def test_time_before_the_first_part_and_after_the_stop_is_nobodys():

@@ -84,10 +84,10 @@ def test_the_best_trial_is_the_best_within_the_limit(
 ) -> None:
     result = start("out", "task.trials=12")
     assert tried[0] == {"particles": 25, "theta": 10.0}  # the configuration as it stands
-    assert len(tried) == 12 and len({each["particles"] for each in tried}) > 3
-    assert all(5.0 <= each["theta"] <= 20.0 for each in tried)
-    slow = [each["particles"] for each in tried if 10.0 * each["particles"] > LIMIT]
-    fast = [each["particles"] for each in tried if 10.0 * each["particles"] <= LIMIT]
+    assert len(tried) == 12 and len({trial["particles"] for trial in tried}) > 3
+    assert all(5.0 <= trial["theta"] <= 20.0 for trial in tried)
+    slow = [trial["particles"] for trial in tried if 10.0 * trial["particles"] > LIMIT]
+    fast = [trial["particles"] for trial in tried if 10.0 * trial["particles"] <= LIMIT]
     assert slow and fast
     assert result["best"]["values"]["refinement.particles"] == max(fast)
     assert json.loads((tmp_path / "out" / "search.json").read_text()) == result
@@ -99,7 +99,7 @@ def test_the_best_trial_is_the_best_within_the_limit(
     parent, trials = runs_of(tmp_path)
     assert parent.data.metrics["search/recall"] == max(fast) / 100.0
     logged = [run.data.params["refinement.particles"] for run in trials]
-    assert logged == [str(each["particles"]) for each in tried]
+    assert logged == [str(trial["particles"]) for trial in tried]
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), DataError("no such pose")])
@@ -115,11 +115,11 @@ def test_a_search_goes_on_where_it_stopped(
         result = start("second", "task.trials=5")
         assert tried[4] == tried[3]
         assert len(tried) - 1 == 5 + 1
-        assert [each["error"] for each in result["trials"]] == [None] * 5
+        assert [trial["error"] for trial in result["trials"]] == [None] * 5
         statuses = ["FINISHED", "FINISHED", "KILLED", *["FINISHED"] * 3]
     else:
         result = start("first", "task.trials=4")
-        assert [each["error"] for each in result["trials"]] == [None, None, "no such pose", None]
+        assert [trial["error"] for trial in result["trials"]] == [None, None, "no such pose", None]
         statuses = ["FINISHED", "FINISHED", "FAILED", "FINISHED"]
     parent, trials = runs_of(tmp_path)
     assert parent.info.status == "FINISHED"
@@ -142,7 +142,7 @@ def test_a_bug_is_raised_and_no_failed_trial(
     tried[0] = {}
     result = start("second", "task.trials=2")
     assert tried[3] == tried[2]  # the trial is repeated
-    assert [each["error"] for each in result["trials"]] == [None, None]
+    assert [trial["error"] for trial in result["trials"]] == [None, None]
 
 
 def test_another_configuration_is_another_search(

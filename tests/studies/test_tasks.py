@@ -36,14 +36,16 @@ def test_the_configuration_chooses_the_task(choice, kind, module, monkeypatch):
     settings = build_settings(configuration(choice))
     assert isinstance(settings.task, kind)
     called = []
-    for each, name in (
+    for owner, name in (
         (runner, "run_method"),
         (oracle, "run_oracle"),
         (basin, "run_basin"),
         (bench, "run_bench"),
         (search, "run_search"),
     ):
-        monkeypatch.setattr(each, name, lambda *given, each=each: called.append((each, given[0])))
+        monkeypatch.setattr(
+            owner, name, lambda *given, owner=owner: called.append((owner, given[0]))
+        )
     run = Run(settings, None, (), {})
     settings.task.run(run, Path("out"))
     assert called == [(module, run)]

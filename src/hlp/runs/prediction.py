@@ -220,43 +220,31 @@ class _Call:
         return None
 
     def _write(self, frame: Frame, found: _Found, file: AnswersFile) -> None:
+        """Write and print the answers, then why objects of which there is none were not found."""
         image, models = self._frames.paths(frame.key).name, self._detector.models
         rejected = [r.answer for r in found.rejections if r.answer is not None]
-        seconds = sum(answer.seconds for answer in [*found.detections, *rejected])
-        named = set()
+        seconds = {"total": sum(answer.seconds for answer in [*found.detections, *rejected])}
         for answer in found.detections:
-            ids = (frame.scene_id, frame.frame_id, models[answer.object].object_id)
-            estimate = PoseEstimate(*ids, answer.pose_cam_obj, answer.score, {"total": seconds})
-            values = {
-                **self._about(frame, models[answer.object], True, seconds),
-                **detection_values(answer),
-            }
-            file.add(values, estimate)
+            model = models[answer.object]
+            values = self._about(frame, model, True, seconds) | detection_values(answer)
+            ids = (frame.scene_id, frame.frame_id, model.object_id)
+            file.add(values, PoseEstimate(*ids, answer.pose_cam_obj, answer.score, seconds))
             _say(pose_line(image, answer.object, answer.score, answer.pose_cam_obj))
-            named.add(answer.object)
+        named = {answer.object for answer in found.detections}
         for rejection in found.rejections:
             if rejection.object in named:  # one more instance that was looked for in vain
                 continue
-            best = rejection.answer
-            values = {
-                **self._about(frame, models[rejection.object], False, seconds),
-                **({"score": 0.0} if best is None else detection_values(best)),
-                "reason": rejection.reason,
-            }
-            file.add(values, None)
+            best = {"score": 0.0} if (r := rejection.answer) is None else detection_values(r)
+            about = self._about(frame, models[rejection.object], False, seconds)
+            file.add({**about, **best, "reason": rejection.reason}, None)
             _say(f"{image:<24} {rejection.object:<16} not found: {rejection.reason}")
             named.add(rejection.object)
 
     def _about(
-        self, frame: Frame, model: ObjectModel, found: bool, seconds: float
-    ) -> Mapping[str, Any]:
-        return {
-            **_names(self._frames, frame.key),
-            "obj_id": model.object_id,
-            "object": model.name,
-            "found": found,
-            "seconds": {"total": seconds},
-        }
+        self, frame: Frame, model: ObjectModel, found: bool, seconds: Mapping[str, float]
+    ) -> dict[str, Any]:
+        about = {"obj_id": model.object_id, "object": model.name, "found": found}
+        return {**_names(self._frames, frame.key), **about, "seconds": seconds}
 
     def _draw(self, frame: Frame, found: _Found) -> None:
         # Not needed for a folder.

@@ -91,23 +91,23 @@ class PageTarget(NamedTuple):
 
 def page_targets(scored: Scored) -> list[PageTarget]:
     """Missed targets, and right ones, each spread evenly over the run if there are too many."""
-    missed, right = list[PageTarget](), list[PageTarget]()
-    for key, scores in scored.items():
-        targets = numbered_targets((s.scene_id, s.frame_id, s.object_id) for s in scores)
-        for place, (target, score) in enumerate(zip(targets, scores, strict=True)):
-            (right if score.add_correct else missed).append(PageTarget(target, key, place))
+    missed, right = (_targets(scored, verdict) for verdict in (False, True))
     return sorted([*spread(missed, MISSED), *spread(right, RIGHT)])
 
 
 def missed_targets(scored: Scored, most: int) -> list[tuple[str, int]]:
     """Frames of missed targets and their places, up to a number, spread evenly over the run."""
-    missed = [
-        (key, place)
-        for key, scores in scored.items()
-        for place, score in enumerate(scores)
-        if not score.add_correct
-    ]
-    return spread(missed, most)
+    return [(missed.frame, missed.place) for missed in spread(_targets(scored, False), most)]
+
+
+def _targets(scored: Scored, right: bool) -> list[PageTarget]:
+    found = []
+    for key, scores in scored.items():
+        targets = numbered_targets((s.scene_id, s.frame_id, s.object_id) for s in scores)
+        for place, (target, score) in enumerate(zip(targets, scores, strict=True)):
+            if score.add_correct == right:
+                found.append(PageTarget(target, key, place))
+    return found
 
 
 def spread(items: Sequence[_Item], most: int) -> list[_Item]:

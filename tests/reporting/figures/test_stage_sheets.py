@@ -75,7 +75,7 @@ def test_missing_depth_is_grey_and_windows_without_depth_have_no_tile_for_it() -
     labels, names = np.array([0, 1, 1]), ["background", "cat"]
     whole, missing = windows(), windows()
     missing[1, 3] = 1.0
-    drawn, grey = (draw_training_samples(each, labels, names) for each in (whole, missing))
+    drawn, grey = (draw_training_samples(images, labels, names) for images in (whole, missing))
     assert len(places(grey, GREY)[0]) - len(places(drawn, GREY)[0]) == 64
     without = draw_training_samples(whole[:, :3], labels, names)
     assert drawn.shape[1] - without.shape[1] == 2 * 8  # two windows in the longest row

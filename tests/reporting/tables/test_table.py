@@ -71,7 +71,9 @@ def test_a_table_for_a_narrow_terminal_is_in_parts() -> None:
         (["object", "a", "b"], [["cat", "1.000", "2.000"]]),
         (["object", "c"], [["cat", "3.000"]]),
     ]
-    assert [part.header for part in table.parts(width=5)] == [["object", each] for each in "abc"]
+    assert [part.header for part in table.parts(width=5)] == [
+        ["object", column] for column in "abc"
+    ]
     assert table.parts(width=80) == [table]
     (named,) = Table(["object"], [["a_name_that_is_far_too_long"]]).parts(width=24)
     assert named.rows == [["a_name_…"]]

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 PARENT = "mlflow.parentRunId"  # tag of the runs of a sweep
 REVISION = "mlflow.source.git.commit"
-_ARM = "hlp.arm"  # tag that tells the runs of a sweep apart
+_PLACE = "hlp.arm"  # tag that tells the runs of a sweep apart
 SEND_TO = "hlp.send_to"  # tags of a run that was kept here while its server was unreachable
 CONTINUES = "hlp.continues"
 
@@ -55,18 +55,18 @@ class MlflowSettings(Settings):
 class ChildRun:
     """One run of a sweep: its name, its parent's run id, and the values of the swept keys.
 
-    `arm` tells it from the others of that parent; empty: the name does.
+    `place` tells it from the others of that parent; empty: the name does.
     """
 
     name: str
     parent: str
     swept: Mapping[str, str]
-    arm: str = ""
+    place: str = ""
 
     @property
     def tags(self) -> dict[str, str]:
         """The tags by which MLflow knows it."""
-        return {PARENT: self.parent, _ARM: self.arm or self.name}
+        return {PARENT: self.parent, _PLACE: self.place or self.name}
 
 
 _CHILD: ContextVar[ChildRun | None] = ContextVar("child", default=None)
@@ -227,6 +227,6 @@ def _reopen(client: "MlflowClient", run_id: str) -> Mapping[str, str] | None:
 def _same_child(client: "MlflowClient", experiment_id: str, child: ChildRun) -> str | None:
     """The id of this run of the sweep, if it was begun before."""
     for run in client.search_runs([experiment_id], f"tags.`{PARENT}` = '{child.parent}'"):
-        if run.data.tags.get(_ARM) == child.tags[_ARM]:
+        if run.data.tags.get(_PLACE) == child.tags[_PLACE]:
             return str(run.info.run_id)
     return None
