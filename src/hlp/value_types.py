@@ -111,7 +111,7 @@ def _kind_mistake(kind: ValueType, value: Any, most: float) -> Mistake | None:
 
 
 def _plain_mistake(hint: Any, value: Any, most: float) -> Mistake | None:
-    if type(value) is not hint:  # the rule is fast to see: lists of targets have thousands
+    if type(value) is not hint:  # mostly it is; lists of targets have thousands
         kinds, words = _PLAIN.get(hint, (object, ""))
         if not isinstance(value, kinds) or (isinstance(value, bool) and hint in _NO_BOOL):
             return Mistake((), value, words)

@@ -10,7 +10,7 @@ from hlp.files import read_json
 from hlp.method.learn.learnt_folder import read_record
 from hlp.refinement.score_model import load_score_model
 from hlp.reporting.results import read_results
-from hlp.results.poses_file import read_poses, read_scores
+from hlp.results.poses_file import read_poses
 from hlp.results.summary_file import read_summary
 from hlp.stages.manifest import read_manifest
 
@@ -55,7 +55,6 @@ FINE = "1,2,3,0.5,1 0 0 0 1 0 0 0 1,0 0 700,-1\n"
 RECORDS: dict[str, Case] = {
     "manifest: none": (lambda folder: read_manifest(folder / "manifest.json"), "there is no file"),
     "manifest: a list": (of_file(read_manifest, "manifest.json", "[]"), "no manifest of a run"),
-    "manifest: null": (of_file(read_manifest, "manifest.json", "null"), "no manifest of a run"),
     "manifest: config null": (
         of_file(read_manifest, "manifest.json", '{"config": null}'),
         "no manifest of a run",
@@ -82,10 +81,6 @@ RECORDS: dict[str, Case] = {
         "learn",
     ),
     "score: none": (load_score_model, "is missing"),
-    "poses: none": (lambda folder: read_poses(folder / "poses.csv"), "there is no file"),
-    "poses: empty": (of_file(read_poses, "poses.csv", ""), "the first line must be"),
-    "poses: another header": (of_file(read_poses, "poses.csv", "a,b\n"), "the first line must be"),
-    "scores: empty": (of_file(read_scores, "scores.csv", ""), "the first line must be"),
 }
 for _column, _value in (
     ("scene_id", "x"), ("im_id", "1.5"), ("obj_id", ""), ("score", "high"), ("score", ""),
@@ -94,7 +89,6 @@ for _column, _value in (
     _row = dict(zip(HEADER.strip().split(","), FINE.strip().split(","), strict=True))
     _text = HEADER + ",".join({**_row, _column: _value}.values()) + "\n"
     RECORDS[f"poses: {_column} {_value!r}"] = (of_file(read_poses, "poses.csv", _text), "poses.csv")
-RECORDS["poses: short row"] = (of_file(read_poses, "poses.csv", HEADER + "1,2,3\n"), "poses.csv")
 
 CASES = {**JSON, **RECORDS}
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from bad_input import DEEP, Case, check, of_file
+from bad_input import DEEP, Case, check, of_file, written
 from hlp.data.camera_files import (
     Camera,
     check_size,
@@ -62,10 +62,9 @@ ROS_MESSAGE = {
 }  # fmt: skip
 
 
-def written(folder, name, content):
-    path = folder / name
-    path.write_text(content if isinstance(content, str) else json.dumps(content))
-    return str(path)
+def camera_of(folder, name, content):
+    text = content if isinstance(content, str) else json.dumps(content)
+    return read_camera(str(written(folder / name, text)))
 
 
 @pytest.mark.parametrize(
@@ -95,7 +94,7 @@ def written(folder, name, content):
     ],
 )  # fmt: skip
 def test_every_form_gives_the_same_matrix(tmp_path, name, content, size, distortion):
-    camera = read_camera(written(tmp_path, name, content))
+    camera = camera_of(tmp_path, name, content)
     np.testing.assert_array_equal(camera.matrix, K)
     assert (camera.size, camera.distortion, camera.fisheye) == (size, distortion, False)
 
@@ -107,14 +106,14 @@ def test_numbers_may_be_given_directly():
 
 def test_a_fisheye_has_four_coefficients(tmp_path):
     content = ROS_YAML.format(model="equidistant", coefficients=[0.1, 0.2, 0.3, 0.4])
-    camera = read_camera(written(tmp_path, "a.yaml", content))
+    camera = camera_of(tmp_path, "a.yaml", content)
     assert (camera.distortion, camera.fisheye) == ((0.1, 0.2, 0.3, 0.4), True)
 
 
 def test_the_depth_scale_is_read(tmp_path):
-    path = written(tmp_path, "a.json", {"cam_K": FLAT, "depth_scale": 0.1})
-    assert read_camera(path).depth_scale == 0.1
-    assert read_camera(written(tmp_path, "b.json", {"cam_K": FLAT})).depth_scale is None
+    camera = camera_of(tmp_path, "a.json", {"cam_K": FLAT, "depth_scale": 0.1})
+    assert camera.depth_scale == 0.1
+    assert camera_of(tmp_path, "b.json", {"cam_K": FLAT}).depth_scale is None
 
 
 def intrinsics(content: Any, name: str = "k.json") -> Any:

@@ -161,12 +161,8 @@ class RgbdFrames(FileFrames):
 
     The images of a frame have one name. `camera.json` holds `cam_K` (9 numbers, row-major, pixels)
     and `depth_scale` (mm per unit of the 16-bit depth PNGs, by default 1). Frames are numbered in
-    the order of their names and belong to the scene `scene_id`.
+    the order of their names and belong to scene 0.
     """
-
-    def __init__(self, root: Path, scene_id: int = 0) -> None:
-        super().__init__(root)
-        self._scene_id = scene_id
 
     @cached_property
     def _entries(self) -> dict[str, tuple[Path, Path]]:
@@ -180,7 +176,7 @@ class RgbdFrames(FileFrames):
         for path, partner in pairs:
             if not partner.is_file():
                 raise MissingFileError(f"no depth image {partner} for {path}")
-        return {frame_key(self._scene_id, number): pair for number, pair in enumerate(pairs)}
+        return {frame_key(0, number): pair for number, pair in enumerate(pairs)}
 
     def identity(self) -> str:
         """Hash of images and intrinsics."""

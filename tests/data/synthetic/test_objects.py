@@ -12,8 +12,9 @@ ASYMMETRIC = [name for name in MODELS if name != "bowl"]
 
 
 def turned_distance(model: ObjectModel, motion: np.ndarray) -> np.ndarray:
-    """Distance (m) of each turned vertex to the nearest unturned one."""
-    distance, _ = cKDTree(model.mesh.vertices).query(transform(motion, model.mesh.vertices))
+    """Distance (m) of every fourth turned vertex to the nearest unturned one."""
+    turned = transform(motion, model.mesh.vertices[::4])
+    distance, _ = cKDTree(model.mesh.vertices).query(turned)
     return np.asarray(distance)
 
 
@@ -67,7 +68,7 @@ def test_bowl_is_symmetric_under_every_listed_motion_and_says_so_finely() -> Non
 def test_other_objects_have_no_rotation_symmetry(name: str) -> None:
     model = MODELS[name]
     assert len(model.symmetries) == 1
-    for motion in turns_about_z(24)[1:]:
+    for motion in turns_about_z(12)[1:]:
         assert np.quantile(turned_distance(model, motion), 0.9) > 0.004
 
 
