@@ -82,6 +82,7 @@ def content_hash(files: Iterable[Path], extra: str = "") -> str:
     return digest.hexdigest()
 
 
+@dataclass(frozen=True, kw_only=True)
 class TrainingImages:
     """Images without any target object, which training takes.
 
@@ -89,9 +90,9 @@ class TrainingImages:
     rendered objects, `encoder_frames` train the autoencoder; either may be None.
     """
 
-    photographs: Path | None
-    background_frames: "FrameSource | None"
-    encoder_frames: "FrameSource | None"
+    photographs: Path | None = None
+    background_frames: FrameSource | None = None
+    encoder_frames: FrameSource | None = None
 
     def photograph_crops(
         self, count: int, size: int, rng: np.random.Generator
@@ -135,9 +136,6 @@ class Dataset(TrainingImages):
     models: dict[int, ObjectModel]
     target_ids: tuple[int, ...]
     frames: FrameSource
-    photographs: Path | None
-    background_frames: FrameSource | None
-    encoder_frames: FrameSource | None
     search_all: bool = False
     settings: "DataSettings | None" = None
     evaluation_mesh_files: Mapping[int, Path] = field(default_factory=dict)

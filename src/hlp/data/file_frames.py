@@ -194,15 +194,6 @@ class RgbdFrames(FileFrames):
         return StatedFrame(*self._entries[key], camera.depth_scale, matrix, where)
 
 
-@dataclass(frozen=True)
-class FolderImages(TrainingImages):
-    """Training images in folders, without objects."""
-
-    photographs: Path | None
-    background_frames: RgbdFrames | None
-    encoder_frames: RgbdFrames | None
-
-
 @dataclass(frozen=True, kw_only=True)
 class FolderSettings(Settings):
     """What all data sets read from folders can be given beside their own frames."""
@@ -225,7 +216,7 @@ class FolderSettings(Settings):
         float, Gt(0), Doc("larger images are taken for broken ones: 50 megapixels fill 1 GB (D)")
     ] = MAX_MEGAPIXELS
 
-    def training_images(self) -> FolderImages:
+    def training_images(self) -> TrainingImages:
         """The images in the folders. Decodes none.
 
         Raises MissingFileError naming a folder that is absent or empty.
@@ -234,8 +225,11 @@ class FolderSettings(Settings):
         if self.photographs is not None:
             folder = existing_folder("data.photographs", self.photographs)
             list_photographs(folder)
-        rooms = _frames("data.rooms", self.rooms)
-        return FolderImages(folder, rooms, _frames("data.rgbd_frames", self.rgbd_frames))
+        return TrainingImages(
+            photographs=folder,
+            background_frames=_frames("data.rooms", self.rooms),
+            encoder_frames=_frames("data.rgbd_frames", self.rgbd_frames),
+        )
 
 
 def existing_folder(key: str, path: str) -> Path:

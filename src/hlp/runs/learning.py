@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 from hlp.codebook.entries import load_codebook
 from hlp.codebook.neighbours import is_joint
-from hlp.data.file_frames import FolderImages, FolderSettings
+from hlp.data.dataset import TrainingImages
+from hlp.data.file_frames import FolderSettings
 from hlp.errors import DataError, MissingFileError
 from hlp.method.learn import learning
 from hlp.method.learn.learnt_folder import (
@@ -58,7 +59,7 @@ class LearningRequest:
         return build_models(self.meshes, self.choices, 1, self.own_choices)
 
     @cached_property
-    def images(self) -> FolderImages:
+    def images(self) -> TrainingImages:
         """What stands behind and before the objects while they are learnt."""
         return self.backgrounds.training_images()
 

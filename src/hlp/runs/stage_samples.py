@@ -37,17 +37,10 @@ _WINDOWS, _BACKGROUNDS, _SCENES, _FRAMES = 40, 60, 2, 2
 class _FewBackgrounds(TrainingImages):
     """The data set's images, with a few of its frames as backgrounds."""
 
-    def __init__(self, images: TrainingImages) -> None:
-        self.photographs, self.encoder_frames = images.photographs, images.encoder_frames
-        self.background_frames = images.background_frames
-
     def load_background_frames(self) -> list[Frame]:
-        source = self.background_frames
-        return (
-            []
-            if source is None
-            else [source.load(key) for key in sampled_keys(source.keys, _FRAMES)]
-        )
+        if (source := self.background_frames) is None:
+            return []
+        return [source.load(key) for key in sampled_keys(source.keys, _FRAMES)]
 
 
 def sample_windows(
@@ -66,7 +59,10 @@ def sample_windows(
         backgrounds=min(stage.pool.backgrounds, _BACKGROUNDS),
         distractor_scenes=min(stage.pool.distractor_scenes, _SCENES),
     )
-    few = _FewBackgrounds(training.dataset)
+    images = training.dataset
+    few = _FewBackgrounds(
+        photographs=images.photographs, background_frames=images.background_frames
+    )
     data = training_windows(training.models, training.load_views, few, replace(stage, pool=pool))
     windows, labels = data.compose(data.pool, np.random.default_rng(stage.seed))
     return windows.numpy(), labels.numpy()

@@ -101,9 +101,8 @@ class SyntheticSettings(Settings):
             models,
             tuple(models),
             SyntheticScenes(self),
-            None,
-            background,
-            background,
+            background_frames=background,
+            encoder_frames=background,
             settings=self,
         )
 
