@@ -141,7 +141,6 @@ os.kill(os.getpid(), 9)
 """
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="needs fork")
 def test_a_worker_ends_with_its_parent() -> None:
     """The pipe closes when both are gone, long before the worker's work is done."""
     environment = {**os.environ, "PYTHONPATH": str(Path(hlp.__file__).parents[1])}

@@ -109,9 +109,8 @@ def _turns(entry: bop.ContinuousSymmetry, steps: int, where: str) -> Float[np.nd
     from scipy.spatial.transform import Rotation
 
     axis = np.asarray(entry.axis, dtype=np.float64)
-    with np.errstate(over="ignore"):  # of numbers that are no direction: 1e300
-        length = float(np.linalg.norm(axis))
-    if not 0 < length < np.inf:
+    length = float(np.linalg.norm(axis))
+    if length == 0:
         raise DataError(
             f"{where} is {list(entry.axis)}: it must be a direction of a positive length"
         )
