@@ -34,8 +34,8 @@ TINY = (
     "classifier.epochs=1",
     "classifier.min_batches=0",
     "score.scenes=0",
-    "voting.hypotheses=16",
-    "refinement.verification.candidates=6",
+    "voting.hypotheses=12",
+    "refinement.verification.candidates=4",
     "frames=2",
     "panels=1",
 )

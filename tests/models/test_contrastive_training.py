@@ -32,9 +32,9 @@ def make_batch(seed=0):
     return {
         "noisy": side(0.02),
         "clean": side(0.0),
-        "object": torch.arange(COUNT),
-        "point": torch.rand((COUNT, 3), generator=gen),
-        "rotation": torch.from_numpy(rotations).float(),
+        "object_ids": torch.arange(COUNT),
+        "points_obj": torch.rand((COUNT, 3), generator=gen),
+        "rotations": torch.from_numpy(rotations).float(),
     }
 
 
@@ -88,9 +88,9 @@ CASES = [
 @pytest.mark.parametrize(("other", "millimetres", "degrees", "near"), CASES)
 def test_near_neighbours_of_one_object_are_no_negatives(module, other, millimetres, degrees, near):
     batch = make_batch()
-    batch["object"][1] = other
-    batch["point"][1] = batch["point"][0] + torch.tensor([0.0, millimetres / 1000, 0.0])
-    batch["rotation"][1] = turned(batch["rotation"][0], degrees)
+    batch["object_ids"][1] = other
+    batch["points_obj"][1] = batch["points_obj"][0] + torch.tensor([0.0, millimetres / 1000, 0.0])
+    batch["rotations"][1] = turned(batch["rotations"][0], degrees)
     excluded = {(0, 1), (1, 0)} if near else set()
     found = loss_of(module, batch)
     assert found == pytest.approx(reference(module, batch, excluded), rel=1e-4)
@@ -100,9 +100,9 @@ def test_near_neighbours_of_one_object_are_no_negatives(module, other, millimetr
 
 def test_a_pair_is_never_its_own_neighbour(module):
     batch = make_batch()
-    batch["object"][:] = 3
-    batch["point"][:] = 0.0
-    batch["rotation"][:] = torch.eye(3)
+    batch["object_ids"][:] = 3
+    batch["points_obj"][:] = 0.0
+    batch["rotations"][:] = torch.eye(3)
     assert loss_of(module, batch) == pytest.approx(0.0, abs=1e-6)
 
 

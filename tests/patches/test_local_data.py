@@ -104,13 +104,13 @@ def pair_batch(data, step):
 def test_a_pair_is_a_degraded_patch_and_the_clean_other_one():
     pool = make_pool()
     batch = pair_batch(PairDataModule(pool, True, 32, 0), 0)
-    rows = batch["object"].numpy()  # the pool's object ids are its rows
+    rows = batch["object_ids"].numpy()  # the pool's object ids are its rows
     color, depth, valid = batch["clean"]
     np.testing.assert_allclose(color.permute(0, 2, 3, 1) * 255, pool.color[rows, 1], atol=1e-4)
     np.testing.assert_array_equal(depth, pool.depth[rows, 1].astype(np.float32))
     np.testing.assert_array_equal(valid, pool.valid[rows, 1])
-    np.testing.assert_array_equal(batch["point"], pool.points_obj[rows])
-    np.testing.assert_array_equal(batch["rotation"], pool.rotations[rows])
+    np.testing.assert_array_equal(batch["points_obj"], pool.points_obj[rows])
+    np.testing.assert_array_equal(batch["rotations"], pool.rotations[rows])
     noisy = batch["noisy"]
     assert noisy[1].shape == depth.shape
     assert (noisy[1] != depth).flatten(1).any(dim=1).all()

@@ -135,9 +135,9 @@ class ContrastiveEncoder(OneCycleModule[ContrastiveSettings]):
 
     def _near(self, batch: dict[str, Any]) -> Tensor:
         """Pairs (n, n) that look too alike to be negatives; never the diagonal."""
-        same = batch["object"][:, None] == batch["object"]
-        apart = torch.cdist(batch["point"], batch["point"]) * 1000.0
-        flat = batch["rotation"].flatten(1)
+        same = batch["object_ids"][:, None] == batch["object_ids"]
+        apart = torch.cdist(batch["points_obj"], batch["points_obj"]) * 1000.0
+        flat = batch["rotations"].flatten(1)
         limit = 1.0 + 2.0 * torch.cos(torch.deg2rad(torch.tensor(self.settings.exclude_deg)))
         turned = flat @ flat.T
         near = same & (apart < self.settings.exclude_mm) & (turned > limit)

@@ -32,8 +32,7 @@ class HolisticDataModule(PoolDataModule):
         seed: int,
         threads: int,
     ) -> None:
-        windows = {"color": pool.color, "depth": pool.depth, "mask": pool.mask}
-        super().__init__({**windows, "label": pool.labels}, batch_size, seed)
+        super().__init__(vars(pool), batch_size, seed)
         self.backgrounds = backgrounds
         self.channels = channels
         self.background_share = background_share
@@ -60,7 +59,7 @@ class HolisticDataModule(PoolDataModule):
             self.channels == "rgbd",
             self.threads,
         )
-        labels = batch["label"].clone()
+        labels = batch["labels"].clone()
         labels[torch.from_numpy(draws["background_only"].copy())] = BACKGROUND
         # A view: channels stay last in memory, which the network is fastest with.
         return torch.from_numpy(images).permute(0, 3, 1, 2), labels

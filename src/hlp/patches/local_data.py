@@ -25,39 +25,30 @@ class PairDataModule(PoolDataModule):
     """Pairs for contrastive training: a patch as a camera would see it, and a clean one.
 
     A batch is a dictionary. `noisy` and `clean` are triples of color (n, 3, p, p) in 0…1, depth and
-    valid (n, p, p). `object`, `point` and `rotation` serve to exclude near neighbours from the
-    negatives. Colour is None unless `with_color`: it takes most of the time, and not every encoder
-    uses it.
+    valid (n, p, p). `object_ids`, `points_obj` and `rotations` serve to exclude near neighbours
+    from the negatives. Colour is None unless `with_color`: it takes most of the time, and not every
+    encoder uses it.
     """
 
     def __init__(self, pool: PairPool, with_color: bool, batch_size: int, seed: int) -> None:
-        arrays = {
-            "color": pool.color,
-            "depth": pool.depth,
-            "valid": pool.valid,
-            "size": pool.sizes,
-            "object": pool.object_ids,
-            "point": pool.points_obj,
-            "rotation": pool.rotations,
-        }
-        super().__init__(arrays, batch_size, seed)
+        super().__init__(vars(pool), batch_size, seed)
         self.with_color = with_color
 
     def on_before_batch_transfer(self, batch: Batch, dataloader_idx: int) -> dict[str, object]:
         """Degrade the first patch of each pair on the CPU, seeded by the batch's number."""
         gen = torch.Generator().manual_seed(self.seed * 1_000_003 + self.batch_number)
         depth, valid = batch["depth"].float(), batch["valid"]
-        seen_depth, seen, clutter = degrade_depth(depth[:, 0], valid[:, 0], batch["size"], gen)
+        seen_depth, seen, clutter = degrade_depth(depth[:, 0], valid[:, 0], batch["sizes"], gen)
         noisy_color, clean_color = None, None
         if self.with_color:
             color = batch["color"].permute(0, 1, 4, 2, 3).float() / 255.0
             noisy_color = degrade_color(color[:, 0], seen, clutter, gen)
             clean_color = color[:, 1]
-        pairs = {
+        return {
             "noisy": (noisy_color, seen_depth, seen),
             "clean": (clean_color, depth[:, 1], valid[:, 1]),
+            **{name: batch[name] for name in ("object_ids", "points_obj", "rotations")},
         }
-        return {**pairs, **{name: batch[name] for name in ("object", "point", "rotation")}}
 
 
 class PatchDataModule(PoolDataModule):

@@ -46,7 +46,7 @@ def train_classifier(
     torch.manual_seed(settings.seed)
     channels = 4 if settings.holistic.channels == "rgbd" else 3
     module = HolisticClassifier(settings.classifier, channels, len(models) + 1)
-    epochs = settings.classifier.epochs_for(len(data.pool["label"]))
+    epochs = settings.classifier.epochs_for(len(data.pool["labels"]))
     if start is not None:
         copy_weights(module.network, start.weights, start.labels)
         epochs = start.epochs
