@@ -30,6 +30,14 @@ SMALL = (
     "classifier.epochs=8",
     "panels=0",
 )
+LESS_TINY = (
+    "rendering.viewpoints=80",
+    "rendering.in_plane_steps=5",
+    "patches.pool.per_object=300",
+    "patches.pool.backgrounds=300",
+    "patches.pairs.per_object=300",
+    "score.scenes=4",
+)
 PLAYER = """
 from hlp import CameraImage
 from hlp.data.bop import BopSettings
@@ -110,13 +118,13 @@ def test_the_cat_is_found_by_the_python_api(shared_data, tmp_path):
 
 
 def learn_recorded(shared_data, name, folder, *overrides):
-    """The frames of a recording, and a detector of its object."""
+    """The frames of a recording, and a detector of its object, a little less tiny than others."""
     root = shared_data / name
     if not root.is_dir():
         pytest.skip(f"development data is absent: no {root}")
     source = BopSettings(root=str(root)).build().frames
     (mesh,) = (root / "models").glob("*.ply")
-    settings = tiny_method(*overrides)
+    settings = tiny_method(*LESS_TINY, *overrides)
     detector = Detector.learn({name: mesh}, folder, settings=settings, mesh_scale=0.001)
     return [source.load(key) for key in source.keys], detector
 

@@ -36,18 +36,11 @@ def reference(depth, pixel, z, resolution):
     valid = np.zeros((resolution, resolution), bool)
     for i in range(resolution):
         for j in range(resolution):
-            x = int(np.rint(pixel[0] + ((j + 0.5) / resolution - 0.5) * side))
-            y = int(np.rint(pixel[1] + ((i + 0.5) / resolution - 0.5) * side))
+            place = pixel + ((np.array([j, i]) + 0.5) / resolution - 0.5) * side
+            x, y = np.rint(place).astype(int)
             if not (0 <= x < depth.shape[1] and 0 <= y < depth.shape[0]) or depth[y, x] <= 0:
                 continue
-            point = depth[y, x] * (
-                np.linalg.inv(CAMERA)
-                @ [
-                    pixel[0] + ((j + 0.5) / resolution - 0.5) * side,
-                    pixel[1] + ((i + 0.5) / resolution - 0.5) * side,
-                    1.0,
-                ]
-            )
+            point = depth[y, x] * (np.linalg.inv(CAMERA) @ [*place, 1.0])
             relative = (point @ center - z * center @ center) / np.linalg.norm(center) / (SIZE / 2)
             valid[i, j] = abs(relative) <= 1
             out[i, j] = np.clip(relative, -1, 1)

@@ -275,28 +275,17 @@ def pose_of(votes, settings):
     return voted_center(pose), pose[:3, :3]
 
 
-def brute_force(votes, radius, angle):
-    """The definition, from every vote in loops: where most centroids lie, then most rotations."""
-    best = max(votes.centroids_cam, key=lambda c: within(votes.centroids_cam, c, radius).sum())
-    for _ in range(30):
-        best = votes.centroids_cam[within(votes.centroids_cam, best, radius)].mean(axis=0)
-    turns = Rotation.from_matrix(votes.rotations_cam_obj[within(votes.centroids_cam, best, radius)])
-    near = [(turns * turn.inv()).magnitude() <= angle for turn in turns]
-    turn = turns[near[int(np.argmax([one.sum() for one in near]))]].mean()
-    for _ in range(30):
-        turn = turns[(turns * turn.inv()).magnitude() <= angle].mean()
-    return best, turn.as_matrix()
-
-
 def within(points, center, radius):
     return np.linalg.norm(points - center, axis=1) <= radius
 
 
 def test_it_is_the_mean_shift_of_the_definition(scattered):
     center, turn = pose_of(scattered, SequentialVotingSettings(mean_shift_iterations=30))
-    expected_center, expected_rotation = brute_force(scattered, 0.010, np.deg2rad(5.0))
-    np.testing.assert_allclose(center, expected_center, atol=1e-9)
-    assert rotation_distance(turn, expected_rotation) < 1e-3
+    expected = brute_translation(scattered, 0.010, 30)
+    np.testing.assert_allclose(center, expected, atol=1e-9)
+    near = within(scattered.centroids_cam, expected, 0.010)
+    there = Votes(*(values[near] for values in vars(scattered).values()))
+    assert rotation_distance(turn, brute_rotation(there, np.deg2rad(5.0), 30)) < 1e-3
 
 
 def test_rotations_are_those_at_the_translation_found(scattered):
