@@ -99,16 +99,6 @@ def describe_reports(root: Path, layout: str) -> str:
     return "\n\n".join(parts)
 
 
-def describe_table(folder: Path) -> str:
-    """The paper's table that a sweep or run belongs to, for a terminal; empty if to none."""
-    parts = []
-    for made in reports_of(read_results(folder)):
-        if made.name in TABLES:
-            title, note = (prose(made.notes[place], "text") for place in (0, -1))
-            parts += [title, lay_out(made.table, "text"), note]
-    return "\n\n".join(parts)
-
-
 def _write(folder: Path, made: Report) -> list[Path]:
     markdown, rows, latex = (folder / f"{made.name}.{ending}" for ending in ("md", "csv", "tex"))
     written = save_figure(made.figure, folder / made.name) if made.figure else []

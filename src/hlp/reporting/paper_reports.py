@@ -10,11 +10,11 @@ from hlp.reporting.comparison import paired_difference
 from hlp.reporting.figures.bars import Panel, draw_bars, recall_bar, run_panels
 from hlp.reporting.results import Result
 from hlp.reporting.tables.summary_tables import (
-    ADD_BY_OBJECT,
     ADD_MEAN,
     ADD_STD,
     METRIC_LABELS,
     MS_PER_FRAME,
+    paper_recalls,
     result_cells,
     run_cells,
 )
@@ -195,8 +195,8 @@ def object_recalls(runs: Mapping[str, Result]) -> Recalls:
     """Of Table 1: ADD(-S) recall per object, the paper's too if all objects are LINEMOD's."""
     objects = {label: run.summary["per_object"] for label, run in runs.items()}
     names = [*dict.fromkeys(name for own in objects.values() for name in own)]
-    linemod = all(name in ADD_BY_OBJECT for name in names)
-    printed = {"paper": [ADD_BY_OBJECT[name] for name in names]} if linemod else {}
+    paper = paper_recalls(names)
+    printed = {"paper": paper} if paper else {}
     ours = {
         label: [own.get(name, {}).get("add", {}) for name in names]
         for label, own in objects.items()

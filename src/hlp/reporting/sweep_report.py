@@ -41,7 +41,7 @@ def sweep_table(sweep: Sweep, *, whole: bool = True) -> Table:
         for name, number in run.numbers.items()
         if number.interval is not None and (whole or number.main)
     }
-    compared = _mains(sweep) if len(_mains(sweep)) == 1 else []
+    compared = sweep.mains if len(sweep.mains) == 1 else []
     header = [*_keys(sweep, whole)]
     for name in names:
         header += [name, "95 %"] if name in with_interval else [name]
@@ -64,10 +64,6 @@ def sweep_table(sweep: Sweep, *, whole: bool = True) -> Table:
     return Table(header, rows)
 
 
-def _mains(sweep: Sweep) -> list[str]:
-    return [name for name, number in sweep.numbers.items() if number.main]
-
-
 def _keys(sweep: Sweep, whole: bool) -> list[str]:
     """Column names of the swept keys: one each or, for a terminal, one for all."""
     names = [short_key(key) for key in sweep.keys] or ["run"]
@@ -75,13 +71,10 @@ def _keys(sweep: Sweep, whole: bool) -> list[str]:
 
 
 def _values(sweep: Sweep, run: SweepRun, whole: bool) -> list[str]:
-    values = [_cut(run.values.get(key, "")) for key in sweep.keys] or [run.folder.name]
+    values = [run.values.get(key, "") for key in sweep.keys] or [run.folder.name]
+    values = [v if len(v) <= _LONGEST else f"{v[: _LONGEST - 1]}…" for v in values]
     values = values if whole else [", ".join(values)]
     return [*values[:-1], f"{values[-1]} *" if run is sweep.best else values[-1]]
-
-
-def _cut(value: str) -> str:
-    return value if len(value) <= _LONGEST else f"{value[: _LONGEST - 1]}…"
 
 
 def _difference_cells(sweep: Sweep, run: SweepRun, name: str) -> list[str]:
@@ -98,8 +91,8 @@ def differences_table(sweep: Sweep, *, whole: bool = True) -> Table | None:
 
     With 95 % intervals. None for a single number, and where nothing can be compared.
     """
-    names = [name for name in _mains(sweep) if name in sweep.differences]
-    if not names or len(_mains(sweep)) == 1:
+    names = [name for name in sweep.mains if name in sweep.differences]
+    if not names or len(sweep.mains) == 1:
         return None
     rows = []
     for run in sweep.finished:
@@ -185,7 +178,7 @@ def sweep_figure(sweep: Sweep) -> "Figure | None":
     panels = _number_panels([run.numbers for run in sweep.finished])
     if sweep.name == RUN:
         panels = run_panels([result.summary for _, result in sweep.results])
-        name = next(iter(_mains(sweep)))
+        name = sweep.first_main
         bars = []
         for run in sweep.finished:
             found = sweep.difference(run, name)

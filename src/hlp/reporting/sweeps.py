@@ -88,9 +88,14 @@ class Sweep:
         return "default" if self.is_default else "first"
 
     @property
+    def mains(self) -> list[str]:
+        """The numbers by which runs are compared."""
+        return [name for name, number in self.numbers.items() if number.main]
+
+    @property
     def first_main(self) -> str:
         """The number that decides which run is the best; empty without any."""
-        return next((name for name, number in self.numbers.items() if number.main), "")
+        return next(iter(self.mains), "")
 
     @cached_property
     def highest(self) -> SweepRun | None:

@@ -18,7 +18,7 @@ from hlp.method.compute_threads import set_compute_threads
 from hlp.method.find.trace import Trace
 from hlp.records import PoseEstimate, TargetScore, frame_key, parse_frame_key
 from hlp.refinement.score_model import MIN_SCORE
-from hlp.reporting.experiments import describe_table, write_reports
+from hlp.reporting.experiments import write_reports
 from hlp.reporting.figures.bars import stacked_bars
 from hlp.reporting.figures.recall_time import calibration_figure
 from hlp.reporting.figures.saving import save_figure
@@ -85,7 +85,7 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         tracker.describe("\n\n".join([run_verdict(summary), *trained]))
         log_pictures(output, tracker)
         tracker.log_artifacts(output)
-    print("\n\n".join(filter(None, (format_summary(summary), describe_table(output)))))
+    print(format_summary(summary))
     say_failed(detection.failed, len(run.keys))
     _say_where(run, output, tracker)
     return summary

@@ -184,7 +184,7 @@ def _recorded(folder: Path, record: dict[str, Any], tracker: MlflowRun) -> Itera
 
 
 def _draw(folder: Path, tracker: MlflowRun) -> None:
-    from hlp.reporting.experiments import describe_table, write_reports
+    from hlp.reporting.experiments import write_reports
     from hlp.reporting.page.parts import page_or_log
     from hlp.reporting.page.study_page import write_sweep_page
     from hlp.reporting.sweep_report import describe_sweep, log_sweeps, write_sweep
@@ -198,7 +198,7 @@ def _draw(folder: Path, tracker: MlflowRun) -> None:
     described = [describe_sweep(sweep, "text") for sweep in sweeps]
     page = page_or_log(write_sweep_page, folder) if any(s.finished for s in sweeps) else None
     log_sweeps(sweeps, [*written, *([page] if page else [])], tracker)
-    print("\n" + "\n\n".join(filter(None, (*described, describe_table(folder)))) + "\n")
+    print("\n" + "\n\n".join(described) + "\n")
     say = logging.getLogger(__name__).info
     say("Written   %s (%s)", folder, ", ".join(path.name for path in written))
     if page is not None:

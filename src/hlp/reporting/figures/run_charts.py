@@ -9,7 +9,7 @@ import numpy as np
 from hlp.records import MILLIMETRES_PER_METRE
 from hlp.reporting.comparison import ScoredTarget
 from hlp.reporting.figures.bars import Bar, Panel, draw_bars, recall_bar
-from hlp.reporting.tables.summary_tables import ADD_BY_OBJECT
+from hlp.reporting.tables.summary_tables import paper_recalls
 from hlp.results.intervals import wilson
 
 if TYPE_CHECKING:
@@ -27,8 +27,8 @@ def object_bars(summary: Mapping[str, Any]) -> "Figure":
     """ADD(-S) recall of each object with its 95 % interval; the paper's as a diamond."""
     scores = summary["per_object"]
     bars = [recall_bar(score["add"]) for score in scores.values()]
-    linemod = all(name in ADD_BY_OBJECT for name in scores)
-    published = {"paper": [ADD_BY_OBJECT[name] for name in scores]} if linemod else {}
+    paper = paper_recalls([*scores])
+    published = {"paper": paper} if paper else {}
     panel = Panel("ADD(-S) recall, 95 % interval", {"ours": bars}, recall=True, published=published)
     return draw_bars(list(scores), [panel], "")
 

@@ -6,12 +6,13 @@ import logging
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
+from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 import yaml
 
 from hlp.reporting.results import run_command
-from hlp.reporting.tables.summary_tables import ADD_BY_OBJECT, MS_PER_FRAME
+from hlp.reporting.tables.summary_tables import MS_PER_FRAME, paper_recalls
 from hlp.results.summary_file import CORRECT
 
 if TYPE_CHECKING:
@@ -82,12 +83,10 @@ def run_verdict(summary: Mapping[str, Any]) -> str:
     time = summary["timing_ms"].get("total", {}).get("median")
     if time is not None:
         words += f"; an object takes {time:.0f} ms"
-    names = list(summary["per_object"])
-    if names and all(name in ADD_BY_OBJECT for name in names):
-        paper = sum(ADD_BY_OBJECT[name] for name in names) / len(names)
+    if paper := paper_recalls([*summary["per_object"]]):
         words += (
-            f". The paper: {paper:.3f} on the mean of these objects (LINEMOD's whole sequences),"
-            f" about {MS_PER_FRAME:.0f} ms a frame; ours is"
+            f". The paper: {fmean(paper):.3f} on the mean of these objects (LINEMOD's whole"
+            f" sequences), about {MS_PER_FRAME:.0f} ms a frame; ours is"
             f" {summary['metrics']['add']['mean_object']:.3f} on that mean"
         )
     return words + "."

@@ -1,6 +1,7 @@
 """Tables of one run's summary, with the paper's numbers beside ours, and of several runs."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from statistics import fmean
 from typing import Any
 
 from hlp.reporting.tables.table import (
@@ -54,6 +55,15 @@ MS_PER_FRAME = 800.0
 """The paper's approximate time of one frame on the authors' laptop (i7, GTX 970M)."""
 
 
+def paper_recalls(names: Sequence[str]) -> list[float]:
+    """The paper's recalls of objects; empty unless all are LINEMOD's.
+
+    The duck of another data set is another object.
+    """
+    linemod = all(name in ADD_BY_OBJECT for name in names)
+    return [ADD_BY_OBJECT[name] for name in names] if linemod else []
+
+
 def format_summary(summary: Mapping[str, Any], layout: str = "text") -> str:
     """The three main tables of a run: recall per object, time per stage, causes of misses."""
     tables = (objects_table(summary), time_table(summary), total_table(summary))
@@ -67,11 +77,9 @@ def format_summary(summary: Mapping[str, Any], layout: str = "text") -> str:
 def objects_table(summary: Mapping[str, Any]) -> Table:
     """A row an object, then the mean over objects and the recall over targets with its interval.
 
-    The paper's ADD(-S) is a column of its own if all objects are LINEMOD's. Otherwise it is left
-    out: the duck of another data set is another object.
+    The paper's ADD(-S) is a column of its own if all objects are LINEMOD's.
     """
-    names = list(summary["per_object"])
-    linemod = all(name in ADD_BY_OBJECT for name in names)
+    paper = paper_recalls([*summary["per_object"]])
     metrics = summary["metrics"]
     rows = [
         [
@@ -82,7 +90,7 @@ def objects_table(summary: Mapping[str, Any]) -> Table:
         ]
         for name, scores in summary["per_object"].items()
     ]
-    paper_mean = sum(ADD_BY_OBJECT[name] for name in names) / len(names) if linemod else None
+    paper_mean = fmean(paper) if paper else None
     means = [format_share(metrics[key]["mean_object"]) for key in METRIC_LABELS]
     recalls = [format_share(metrics[key]["recall"]) for key in METRIC_LABELS]
     intervals = [format_interval(metrics[key]["ci95"]) for key in METRIC_LABELS]
@@ -91,7 +99,7 @@ def objects_table(summary: Mapping[str, Any]) -> Table:
     rows.append(["all targets", targets, *recalls, ""])
     rows.append(["95 % interval", "", *intervals, ""])
     table = Table(["object", "targets", *METRIC_LABELS.values(), "paper ADD(-S)"], rows)
-    return table if linemod else Table(table.header[:-1], [row[:-1] for row in rows])
+    return table if paper else table.without(table.header[-1])
 
 
 def run_cells(summary: Mapping[str, Any]) -> dict[str, str]:
