@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -92,18 +92,6 @@ class EncoderSettings(Protocol):
 
     def load(self, folder: Path, threads: int, device: str) -> Encoder:
         """The encoder that `train` wrote into a folder. A network runs on the device."""
-
-
-@runtime_checkable
-class FeatureDecoder(Protocol):
-    """Settings of an encoder that can also turn features back into patches, for pictures."""
-
-    @property
-    def input(self) -> str:
-        """The channels of its patches, by the name that `patch_input` takes."""
-
-    def decode(self, folder: Path, features: Features) -> Float[np.ndarray, "n p p 4"] | None:
-        """Patches in [-1, 1] from features, by what `train` wrote; None if it wrote no decoder."""
 
 
 ENCODERS: Registry[EncoderSettings] = Registry("encoder", "hlp.models")

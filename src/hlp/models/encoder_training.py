@@ -6,26 +6,16 @@ reconstruction keeps light and clutter in the feature, InfoNCE removes them.
 """
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
-from jaxtyping import Float
 from pytorch_lightning.utilities.types import OptimizerLRScheduler
-from safetensors import SafetensorError
-from safetensors.torch import load_file, save
 from torch import Tensor, nn
 from torch.nn import functional
 
-from hlp.arrays import Features
-from hlp.errors import DataError
-from hlp.files import replaced
 from hlp.models.encoder import RESOLUTION, normals_with_depth
 from hlp.models.network_encoders import AutoencoderSettings, ContrastiveSettings
 from hlp.models.one_cycle import OneCycleModule
-
-DECODER = "decoder.safetensors"
 
 
 class PatchEncoder(nn.Module):
@@ -77,33 +67,6 @@ class PatchDecoder(nn.Module):
         """Patches (n, 4, 32, 32)."""
         start = self.expand(features).unflatten(1, (-1, self.side, self.side))
         return torch.as_tensor(self.convolutions(start))
-
-
-def save_decoder(decoder: PatchDecoder, folder: Path) -> None:
-    """Write the decoder's weights (`decoder.safetensors`)."""
-    weights = {name: value.contiguous() for name, value in decoder.state_dict().items()}
-    with replaced(folder / DECODER) as stream:
-        stream.write(save(weights))
-
-
-def decode(
-    folder: Path, widths: Sequence[int], features: Features
-) -> Float[np.ndarray, "n p p 4"] | None:
-    """Patches, channels last, that the decoder in a folder makes of features; None without one.
-
-    `widths` are the encoder's. Raises DataError for a damaged file.
-    """
-    path = folder / DECODER
-    if not path.is_file():
-        return None
-    decoder = PatchDecoder(widths, features.shape[1])
-    try:
-        decoder.load_state_dict(load_file(path))
-    except (SafetensorError, RuntimeError) as error:
-        raise DataError(f"{path} is no decoder of this encoder ({error})") from error
-    with torch.inference_mode():
-        images = decoder.eval()(torch.from_numpy(np.asarray(features, dtype=np.float32)))
-    return np.asarray(images.permute(0, 2, 3, 1).numpy())
 
 
 class ContrastiveEncoder(OneCycleModule[ContrastiveSettings]):

@@ -4,11 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-import numpy as np
 from annotated_types import Ge, Le
-from jaxtyping import Float
 
-from hlp.arrays import Features
 from hlp.models.encoder import (
     ENCODERS,
     STEM,
@@ -79,20 +76,12 @@ class AutoencoderSettings(NetworkSettings):
 
     def train(self, training: EncoderTraining) -> None:
         """See `EncoderSettings.train`."""
-        from hlp.models.encoder_training import Autoencoder, save_decoder
+        from hlp.models.encoder_training import Autoencoder
 
         data = training.frame_batches(
             self.per_frame, self.batch_size, self.rooms, self.varied_light
         )
-        module = Autoencoder(self)
-        training.fit(module, data, self.epochs)
-        save_decoder(module.decoder, training.folder)
-
-    def decode(self, folder: Path, features: Features) -> Float[np.ndarray, "n p p 4"] | None:
-        """See `FeatureDecoder.decode`."""
-        from hlp.models.encoder_training import decode
-
-        return decode(folder, self.widths, features)
+        training.fit(Autoencoder(self), data, self.epochs)
 
 
 @ENCODERS.register

@@ -20,13 +20,11 @@ from jaxtyping import UInt8
 from tqdm import tqdm
 
 from hlp.config.build import Run, sampled_keys
-from hlp.models.encoder import FeatureDecoder
 from hlp.records import PoseEstimate, Target, TargetScore, frame_key
 from hlp.reporting.figures.panels import write_picture
 from hlp.reporting.figures.saving import save_jpeg
 from hlp.reporting.figures.stage_sheets import (
     draw_nearest_entries,
-    draw_reconstructions,
     draw_training_samples,
     draw_view_sheet,
     viewpoint_figure,
@@ -38,7 +36,6 @@ from hlp.runs.shown_targets import FrameResults, Scored, missed_targets, page_ta
 from hlp.runs.stage_samples import (
     entries_of_patches,
     patches_on_target,
-    reconstruct,
     sample_windows,
     swarms_of_target,
 )
@@ -48,7 +45,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _TARGETS = 6  # whose patches and swarms are drawn
-_PATCHES, _RECONSTRUCTED = 2, 4  # of a target
+_PATCHES = 2  # of a target
 
 Image = UInt8[np.ndarray, "_ _ 3"]
 
@@ -185,7 +182,6 @@ class _Pictures:
             "views": self._views,
             "training_windows": self._training_windows,
             "nearest_entries": self._nearest_entries,
-            "reconstructions": self._reconstructions,
             "swarm_costs": lambda: self._swarms(self._drawn[:_TARGETS]),
             "missed_swarm_costs": lambda: self._swarms(missed_targets(self._scored, _TARGETS)),
         }
@@ -222,18 +218,6 @@ class _Pictures:
             patches = patches_on_target(self._training, shown.found, shown.target, _PATCHES)
             found += entries_of_patches(self._training, shown.found.frame, shown.target, patches)
         return draw_nearest_entries(found) if found else None
-
-    def _reconstructions(self) -> Image | None:
-        if not isinstance(self._training.settings.encoder, FeatureDecoder):
-            return None
-        found = []
-        for key, place in self._drawn[:_TARGETS]:
-            shown = self._shown(key, place)
-            patches = patches_on_target(self._training, shown.found, shown.target, _RECONSTRUCTED)
-            name = f"{self._training.models[shown.target.object_id].name} {key}"
-            rebuilt = reconstruct(self._training, name, patches)
-            found += [] if rebuilt is None else [rebuilt]
-        return draw_reconstructions(found) if found else None
 
     def _swarms(self, targets: Sequence[tuple[str, int]]) -> "Figure | None":
         shown = (self._shown(key, place) for key, place in targets)

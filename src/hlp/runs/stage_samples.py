@@ -11,7 +11,7 @@ from hlp.config.build import sampled_keys
 from hlp.data.dataset import TrainingImages
 from hlp.geometry import allocentric_to_egocentric, inverse, project, transform
 from hlp.method.settings import ClassifierStage
-from hlp.models.encoder import Encoder, FeatureDecoder, patch_input
+from hlp.models.encoder import Encoder
 from hlp.patches.local import LocalSettings, cut_local_patches, take_patches
 from hlp.patches.local_pool import cut_view_patches
 from hlp.patches.sampling import join
@@ -21,7 +21,7 @@ from hlp.refinement.pso import PsoSettings, search
 from hlp.refinement.refiner import cost_around
 from hlp.refinement.texture import choose_by_texture
 from hlp.refinement.verification import Observation, observe
-from hlp.reporting.figures.stage_sheets import PatchEntries, ReconstructedPatches
+from hlp.reporting.figures.stage_sheets import PatchEntries
 from hlp.reporting.figures.swarm_costs import Swarm, SwarmsOfTarget
 from hlp.runs.diagnosis import visible_pixels
 from hlp.runs.shown_targets import FrameResults
@@ -138,23 +138,6 @@ def entry_patch(
     view = int(apart.argmin())
     pixel = np.rint(project(points[view][None], views.camera_matrix)).astype(np.int64)
     return cut_view_patches(views, view, pixel, size, local, True)
-
-
-def reconstruct(
-    training: TrainingStages, name: str, patches: LocalPatches
-) -> ReconstructedPatches | None:
-    """Patches with colour as the encoder takes and rebuilds them, from the features of detection.
-
-    None if there are none, if the encoder has no decoder, or if its training kept none.
-    """
-    settings = training.settings.encoder
-    if len(patches) == 0 or not isinstance(settings, FeatureDecoder):
-        return None
-    features = _encode(training.load_encoder(), patches)
-    rebuilt = settings.decode(training.encoder().folder, features)
-    if rebuilt is None:
-        return None
-    return ReconstructedPatches(name, patch_input(patches, settings.input), rebuilt)
 
 
 class RecordedCost(DepthCost):

@@ -10,11 +10,9 @@ from hlp.reporting.figures.saving import save_jpeg
 from hlp.reporting.figures.stage_sheets import (
     NOTHING,
     PatchEntries,
-    ReconstructedPatches,
     depth_tile,
     directions,
     draw_nearest_entries,
-    draw_reconstructions,
     draw_training_samples,
     draw_view_sheet,
     nearest_angles_deg,
@@ -94,19 +92,6 @@ def test_a_patch_stands_before_its_entries_nearest_first() -> None:
     assert columns[0].max() < columns[1].min() and columns[1].max() < columns[2].min()
 
 
-def test_what_was_rebuilt_stands_below_each_patch_of_each_target() -> None:
-    def channels(*levels: float) -> np.ndarray:
-        made = np.array(levels, np.float32)[:, None, None, None] * np.ones((1, 4, 4, 4), np.float32)
-        return np.asarray(made)
-
-    found = ReconstructedPatches("cat", channels(0.97, 0.97), channels(0.99, 0.99))
-    one, more = (draw_reconstructions([found] * count) for count in (1, 3))
-    patches, rebuilt = places(one, 251)[0], places(one, 254)[0]
-    assert len(patches) == len(rebuilt) == 2 * 64 * 64
-    assert patches.max() < rebuilt.min()
-    assert more.shape[0] > 2.5 * one.shape[0] - 100 and more.shape[1] == one.shape[1]
-
-
 def test_depth_is_lighter_the_nearer_and_grey_where_it_is_not_valid() -> None:
     depth, valid = np.array([[-1.0, -0.5], [0.5, 1.0]]), np.ones((2, 2), dtype=bool)
     lights = depth_tile(depth, valid).reshape(4, 3) @ [0.299, 0.587, 0.114]
@@ -129,8 +114,7 @@ def test_rows_of_a_sheet_are_filled_up() -> None:
 def test_the_legend_of_depth_is_below_the_picture() -> None:
     picture = np.full((30, 400, 3), 200, dtype=np.uint8)
     plain, worded = with_depths(picture), with_depths(picture, "words")
-    unnamed = with_depths(picture, missing=False)
-    assert len(places(plain, NOTHING)[0]) - len(places(unnamed, NOTHING)[0]) >= 100
+    assert len(places(plain, NOTHING)[0]) >= 100
     np.testing.assert_array_equal(plain[:30], picture)
     assert len(worded) - len(plain) == len(plain) - 30 > 0
 

@@ -170,37 +170,6 @@ def draw_nearest_entries(found: Sequence[PatchEntries]) -> Sheet:
     return with_depths(titled(sheet(rows), title), words_below)
 
 
-@dataclass(frozen=True)
-class ReconstructedPatches:
-    """Patches of one target, and what was rebuilt of them: the encoder's channels in [-1, 1].
-
-    The first three channels are colour or normals, the last one is relative depth.
-    """
-
-    name: str
-    patches: Float[np.ndarray, "n p p 4"]
-    rebuilt: Float[np.ndarray, "n p p 4"]
-
-
-def draw_reconstructions(found: Sequence[ReconstructedPatches]) -> Sheet:
-    """Two rows for each target: its patches, and below them what was rebuilt, with its error."""
-    rows = []
-    for target in found:
-        errors = np.sqrt(((target.patches - target.rebuilt) ** 2).mean(axis=(1, 2, 3)))
-        rows.append((target.name, [below(_channels(one), "patch") for one in target.patches]))
-        rebuilt = zip(target.rebuilt, errors, strict=True)
-        tiles = [below(_channels(one), f"rebuilt, error {error:.2f}") for one, error in rebuilt]
-        rows.append(("", tiles))
-    title = "Local patches and what the autoencoder rebuilds from their features"
-    legend = "out of range: grey and far; error: root mean square over all channels, from -1 to 1"
-    return with_depths(titled(sheet(rows), title), legend, missing=False)
-
-
-def _channels(channels: Float[np.ndarray, "p p 4"]) -> Image:
-    depth = channels[..., 3]
-    return _patch_tile(_color(channels[..., :3]), depth_tile(depth, np.ones(depth.shape, bool)))
-
-
 def _patch_tile(color: Image, depth: Image) -> Image:
     """Colour and depth of a local patch beside each other."""
     return np.asarray(np.hstack([resized(color, _PATCH_SIZE), resized(depth, _PATCH_SIZE)]))
@@ -221,19 +190,15 @@ def depth_tile(depth: Float[np.ndarray, "p p"], valid: Bool[np.ndarray, "p p"]) 
     return np.where(valid[..., None], _colors(depth), NOTHING).astype(np.uint8)
 
 
-def with_depths(picture: Image, words: str = "", *, missing: bool = True) -> Image:
-    """The picture above a legend of the colours of depth, and further words (ASCII).
-
-    Without `missing`, the legend does not name the grey of missing depth.
-    """
+def with_depths(picture: Image, words: str = "") -> Image:
+    """The picture above a legend of the colours of depth, and further words (ASCII)."""
     near, middle, far = _colors(np.array([[-1.0, 0.0, 1.0]]))[0].tolist()
     entries = [
         ("depth: near", tuple(near)),
         ("as the middle", tuple(middle)),
         ("far", tuple(far)),
+        ("none, or outside", (NOTHING,) * 3),
     ]
-    if missing:
-        entries.append(("none, or outside", (NOTHING,) * 3))
     shown = with_legend(picture, entries)
     return with_legend(shown, [(words, (_DARK,) * 3)]) if words else shown
 

@@ -28,7 +28,6 @@ CAPTIONS = {
     "views": "Views: some of those rendered of each object",
     "training_windows": "Region: what the classifier is trained on",
     "nearest_entries": "Votes: patches of images and the most similar codebook entries",
-    "reconstructions": "Votes: what the autoencoder rebuilds from the features of patches",
     "swarm_costs": "Refinement: costs of the poses that the swarm tries",
     "missed_swarm_costs": "Refinement: the same for targets that were missed",
 }
