@@ -7,9 +7,9 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 LIMITS = {
-    "lines of src": 37_158,  # aim: 24,000
+    "lines of src": 36_794,  # aim: 24,000
     "modules of src": 250,  # aim: 220
-    "lines of tests": 32_652,  # aim: 22,000
+    "lines of tests": 31_752,  # aim: 22,000
     "files of conf": 58,
     "words of docs": 12_000,
     "words of README": 600,

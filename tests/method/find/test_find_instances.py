@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from hlp.method.find import attempts
 from hlp.method.find.instances import find_instances, resolve_conflicts
 from hlp.method.find.trace import ObjectTrace
 from hlp.records import Hypotheses, Refinement, Region
@@ -114,6 +115,32 @@ def test_missing_instances_are_looked_for_where_the_others_are_not():
 )
 def test_where_the_number_of_instances_is_not_known(looks, most, min_score, scores):
     assert search(Looks(*looks), most, min_score=min_score)[0] == scores
+
+
+class Templates(Looks):
+    """The second look is one by templates."""
+
+    def has_templates(self, _):
+        return True
+
+    def match_templates(self, _, __, missing, rest):
+        self.matched = missing, rest
+        return NONE
+
+
+@pytest.mark.parametrize(("first", "asked"), [(0.97, False), (0.9, True)])
+def test_templates_are_asked_for_one_where_votes_are_not_sure(first, asked):
+    estimator = Templates([first], [0.3])
+    assert search(estimator, 1, min_score=0.5)[0] == [first]
+    assert len(estimator.asked) == 1 + asked
+
+
+def test_templates_are_asked_for_more_where_the_number_is_not_known(monkeypatch):
+    monkeypatch.setattr(attempts.Attempts, "look_beside", lambda _: None)
+    monkeypatch.setattr(attempts.Attempts, "_color_evidence", lambda *_: 0.0)
+    estimator = Templates([0.97], [0.6], [0.8])
+    assert search(estimator, 10, min_score=0.5)[0] == [0.97, 0.6]
+    assert estimator.matched == (9, "all-0.97")
 
 
 def test_no_instance_is_answered_twice():

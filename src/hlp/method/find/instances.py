@@ -4,12 +4,12 @@ What one pose explains supports no other.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from jaxtyping import Float
 
+from hlp.method.find.attempts import Attempts, CoarsePoses, Unexplained
 from hlp.method.find.estimator import FrameContext, PoseEstimator
 from hlp.records import Hypotheses, Region
 from hlp.refinement.choice import RefinedHypotheses
@@ -21,33 +21,6 @@ Found = dict[int, RefinedHypotheses | None]
 """What stage 3 found, by object id; None where there was no hypothesis."""
 SearchAgain = Callable[[int, Observation], RefinedHypotheses | None]
 """Searches an object once more in the pixels that others leave."""
-
-
-class Unexplained:
-    """The part of a frame that poses leave unexplained, which they take one after another.
-
-    `left` is where it begins; None: the whole frame.
-    """
-
-    def __init__(
-        self, estimator: PoseEstimator, context: FrameContext, left: Observation | None
-    ) -> None:
-        self._estimator, self._context, self.left = estimator, context, left
-
-    @property
-    def observation(self) -> Observation:
-        """What is left."""
-        return self._context.observation if self.left is None else self.left
-
-    def is_free(self, object_id: int, pose: Pose) -> bool:
-        """Whether at least half of the pixels that agree with a pose are left."""
-        verifier = self._estimator.verifier(object_id)
-        evidence = verifier.evidence(self._context.observation, pose[None])
-        return bool(verifier.is_free(self.observation, pose[None], evidence)[0])
-
-    def take(self, object_id: int, pose: Pose) -> None:
-        """Leave out what a pose explains."""
-        self.left = self._estimator.verifier(object_id).without_explained(self.observation, pose)
 
 
 def find_instances(
@@ -65,36 +38,30 @@ def find_instances(
 
     `hypotheses` are those of the `region`. While fewer than `instances` poses are right with a
     probability of a half, the likeliest places of the region are searched, a few at a time. With
-    `min_score` the number of instances is not known: then one pose with that score, and of a half
-    at least, is enough. A pose from the fallback has no coarse hypothesis: its source is -1.
+    `min_score` the number of instances is not known: then templates are asked for more of them, and
+    one pose with that score, and of a half at least, is enough. A pose from the fallback has no
+    coarse hypothesis: its source is -1.
     """
     object_id = region.object_id
     first = estimator.refine(context, object_id, hypotheses, instances, unexplained, min_score)
     if not fallback:
         return first
-    attempts = _Attempts(estimator, context, object_id, unexplained)
+    attempts = Attempts(estimator, context, object_id, instances, unexplained, min_score)
     attempts.add(first)
+    attempts.look_beside()
     for enough, coarse_poses in _further_looks(estimator, context, region):
         # A low min_score asks for improbable poses too; it must not skip the fallback.
-        right = [
-            pose for score, _, pose in attempts.different() if score >= max(enough, min_score or 0)
-        ]
-        if len(right) >= instances or (right and min_score is not None):
+        right = attempts.poses(max(enough, min_score or 0))
+        if len(right) >= instances or (right and min_score is not None and enough < SURE):
             break
-        rest = Unexplained(estimator, context, unexplained)
-        for pose in right:
-            rest.take(object_id, pose)
-        missing = instances - len(right)
-        coarse = coarse_poses(missing, rest.left)
-        found = estimator.refine(context, object_id, coarse, missing, rest.left, min_score)
-        if found is not None:
-            attempts.add(replace(found, sources=np.full_like(found.sources, -1)))
-    return attempts.merged(instances)
+        attempts.look_further(coarse_poses, right)
+        attempts.look_beside()
+    return attempts.merged()
 
 
 def _further_looks(
     estimator: PoseEstimator, context: FrameContext, region: Region
-) -> Iterator[tuple[float, Callable[[int, Observation | None], Hypotheses]]]:
+) -> Iterator[tuple[float, CoarsePoses]]:
     """Further sources of coarse poses, given the missing instances and what is unexplained.
 
     With each, the score of a pose that makes it needless: votes may be fooled by what is flat, so
@@ -112,54 +79,6 @@ def _votes_in(
     found = estimator.find_hypotheses(context, places).hypotheses
     assert found is not None
     return found
-
-
-class _Attempts:
-    """What each search of a part of the frame has found, the region being the first part."""
-
-    def __init__(
-        self,
-        estimator: PoseEstimator,
-        context: FrameContext,
-        object_id: int,
-        unexplained: Observation | None,
-    ) -> None:
-        self._estimator, self._context = estimator, context
-        self._object_id, self._unexplained = object_id, unexplained
-        self._found: list[RefinedHypotheses] = []
-        self._answers: list[tuple[float, int, Pose]] = []  # score, row of all, pose
-
-    def add(self, found: RefinedHypotheses | None) -> None:
-        """Add what the next search found."""
-        if found is None:
-            return
-        start = sum(len(before.refined) for before in self._found)
-        self._found.append(found)
-        for row, pose in zip(found.instances, found.chosen_poses, strict=True):
-            score = self._estimator.score(self._context, self._object_id, pose)
-            self._answers.append((score, start + row, pose))
-
-    def different(self) -> list[tuple[float, int, Pose]]:
-        """The answers, the most probable first, without those on pixels of better ones."""
-        kept: list[tuple[float, int, Pose]] = []
-        rest = Unexplained(self._estimator, self._context, self._unexplained)
-        for answer in sorted(self._answers, key=lambda answer: -answer[0]):
-            if not kept or rest.is_free(self._object_id, answer[2]):
-                kept.append(answer)
-                rest.take(self._object_id, answer[2])
-        return kept
-
-    def merged(self, instances: int) -> RefinedHypotheses | None:
-        """All attempts as one: of all answers the best, each of another instance."""
-        if len(self._found) < 2:
-            return self._found[0] if self._found else None
-        return RefinedHypotheses(
-            [pose for found in self._found for pose in found.refined],
-            np.concatenate([found.costs for found in self._found]),
-            np.concatenate([found.sources for found in self._found]),
-            np.concatenate([found.seeds for found in self._found]),
-            tuple(row for _, row, _ in self.different()[:instances]),
-        )
 
 
 def resolve_conflicts(

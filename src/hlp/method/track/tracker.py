@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 
 from hlp.geometry import nearest_rotation, project, rigid, transform
 from hlp.method.arguments import RgbdFrame, checked_mask, checked_rgbd
+from hlp.method.find.attempts import Unexplained
 from hlp.method.find.detections import (
     Detection,
     Rejection,
@@ -22,7 +23,6 @@ from hlp.method.find.detections import (
     sort_answers,
 )
 from hlp.method.find.estimator import FrameContext, PoseEstimator
-from hlp.method.find.instances import Unexplained
 from hlp.method.find.patch_matching import FrameMatches
 from hlp.method.find.search import search_frame
 from hlp.method.settings import TrackingSettings

@@ -1,0 +1,203 @@
+"""What one search after another finds of an object in a frame, and which of it are instances."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from hlp.arrays import Pose, Poses, Values
+from hlp.method.find.estimator import FrameContext, PoseEstimator
+from hlp.records import Hypotheses
+from hlp.refinement.choice import RefinedHypotheses
+from hlp.refinement.part_color import FrameColors, Shares, color_evidence
+from hlp.refinement.refiner import refinable
+from hlp.refinement.score_model import MIN_SCORE
+from hlp.refinement.verification import Observation, Verifier
+
+CoarsePoses = Callable[[int, Observation | None], Hypotheses]
+"""Coarse poses for a number of missing instances, given what is unexplained."""
+_LIKELY = 0.3
+"""Score of a pose beside which others of its kind are looked for (D)."""
+
+
+class Unexplained:
+    """The part of a frame that poses leave unexplained, which they take one after another.
+
+    `left` is where it begins; None: the whole frame.
+    """
+
+    def __init__(
+        self, estimator: PoseEstimator, context: FrameContext, left: Observation | None
+    ) -> None:
+        self._estimator, self._context, self.left = estimator, context, left
+
+    @property
+    def observation(self) -> Observation:
+        """What is left."""
+        return self._context.observation if self.left is None else self.left
+
+    def is_free(self, object_id: int, pose: Pose) -> bool:
+        """Whether at least half of the pixels that agree with a pose are left."""
+        verifier = self._estimator.verifier(object_id)
+        evidence = verifier.evidence(self._context.observation, pose[None])
+        return bool(verifier.is_free(self.observation, pose[None], evidence)[0])
+
+    def take(self, object_id: int, pose: Pose) -> None:
+        """Leave out what a pose explains."""
+        self.left = self._estimator.verifier(object_id).without_explained(self.observation, pose)
+
+
+class _Answer(NamedTuple):
+    """A refined pose, its row among all of them, and whether a search chose it as an instance."""
+
+    score: float
+    row: int
+    pose: Pose
+    chosen: bool
+
+    @property
+    def is_likely(self) -> bool:
+        """Whether it goes before what is only less unlikely."""
+        return self.chosen and self.score >= _LIKELY
+
+
+class Attempts:
+    """What each search of a part of the frame has found, the region being the first part.
+
+    Parts without a coloured model are often packed, and one alone is hard to tell from a half of
+    two others. So several of them help to find each other: by where neighbours would be, and by
+    their colour.
+    """
+
+    def __init__(
+        self,
+        estimator: PoseEstimator,
+        context: FrameContext,
+        object_id: int,
+        instances: int,
+        unexplained: Observation | None,
+        min_score: float | None,
+    ) -> None:
+        self._estimator, self._context, self._object_id = estimator, context, object_id
+        self._instances, self._unexplained, self._min_score = instances, unexplained, min_score
+        self._help_each_other = instances > 1 and estimator.has_templates(object_id)
+        self._found: list[RefinedHypotheses] = []
+        self._answers: list[_Answer] = []
+        self._looked_beside: set[bytes] = set()
+        self._shares: dict[int, Shares] = {}
+
+    @cached_property
+    def _colors(self) -> FrameColors:
+        return FrameColors.of(self._context.frame.rgb)
+
+    def add(self, found: RefinedHypotheses | None) -> None:
+        """Add what the next search found."""
+        if found is None:
+            return
+        start = sum(len(before.refined) for before in self._found)
+        self._found.append(found)
+        rows: Sequence[int] = found.instances
+        if self._help_each_other and self._min_score is None:
+            rows = range(len(found.refined))  # the chosen ones may turn out to be wrong
+        for row in rows:
+            pose = found.refined[row].pose_cam_obj
+            score = self._estimator.score(self._context, self._object_id, pose)
+            self._answers.append(_Answer(score, start + row, pose, row in found.instances))
+
+    def look_further(self, coarse_poses: CoarsePoses, known: Sequence[Pose]) -> None:
+        """Refine coarse poses of the missing instances, in what the `known` ones leave."""
+        rest, missing = self._left_by(known), self._instances - len(known)
+        self._refine(coarse_poses(missing, rest), missing, rest)
+
+    def look_beside(self) -> None:
+        """Look for the neighbours of what was found, and for theirs, until there are no more."""
+        while self._help_each_other and len(found := self.poses(_LIKELY)) < self._instances:
+            new = [pose for pose in found if pose.tobytes() not in self._looked_beside]
+            if not new:
+                break
+            self._looked_beside |= {pose.tobytes() for pose in new}
+            verifier = self._estimator.verifier(self._object_id)
+            coarse = poses_beside(verifier, self._context.observation, np.stack(new))
+            self._refine(coarse, self._instances - len(found), self._left_by(found))
+
+    def _left_by(self, known: Sequence[Pose]) -> Observation | None:
+        rest = Unexplained(self._estimator, self._context, self._unexplained)
+        for pose in known:
+            rest.take(self._object_id, pose)
+        return rest.left
+
+    def _refine(self, coarse: Hypotheses, missing: int, rest: Observation | None) -> None:
+        of = self._context, self._object_id, coarse, missing, rest, self._min_score
+        found = self._estimator.refine(*of)
+        if found is not None:
+            self.add(replace(found, sources=np.full_like(found.sources, -1)))
+
+    def poses(self, least: float) -> list[Pose]:
+        """Those of at least that score, each of another instance, the most likely first."""
+        return [answer.pose for answer in self._different() if answer.score >= least]
+
+    def merged(self) -> RefinedHypotheses | None:
+        """All attempts as one: of all answers the best, each of another instance."""
+        if not self._found:
+            return None
+        if len(self._found) == 1 and not self._help_each_other:
+            return self._found[0]
+        return RefinedHypotheses(
+            [pose for found in self._found for pose in found.refined],
+            np.concatenate([found.costs for found in self._found]),
+            np.concatenate([found.sources for found in self._found]),
+            np.concatenate([found.seeds for found in self._found]),
+            tuple(answer.row for answer in self._different()),
+        )
+
+    def _different(self) -> list[_Answer]:
+        """The most likely answers, without those on pixels of better ones."""
+        by_score = sorted(self._answers, key=lambda answer: (not answer.is_likely, -answer.score))
+        if not self._help_each_other or not by_score:
+            return self._apart(by_score)
+        scores = np.clip([answer.score for answer in by_score], 1e-9, 1.0 - 1e-9)
+        likely = np.log(scores / (1.0 - scores)) + self._color_evidence(by_score, scores)
+        unlikely = [not answer.is_likely for answer in by_score]
+        return self._apart([by_score[n] for n in np.lexsort([-likely, unlikely])])
+
+    def _color_evidence(self, by_score: Sequence[_Answer], scores: Values) -> Values:
+        """What the colours of the surest answers say of each answer."""
+        sure = {answer.row for answer in self._apart(by_score) if answer.score >= MIN_SCORE}
+        seen, verifier = self._context.observation, self._estimator.verifier(self._object_id)
+        for answer in by_score:
+            if answer.row not in self._shares:
+                self._shares[answer.row] = self._colors.at(verifier, seen, answer.pose)
+        shares = np.stack([self._shares[answer.row] for answer in by_score])
+        weights = scores * [answer.row in sure for answer in by_score]
+        return color_evidence(shares, weights, self._colors.shares)
+
+    def _apart(self, answers: Sequence[_Answer]) -> list[_Answer]:
+        """Those of the answers, the best first, that do not stand on pixels of better ones."""
+        kept: list[_Answer] = []
+        rest = Unexplained(self._estimator, self._context, self._unexplained)
+        for answer in answers:
+            if len(kept) == self._instances:
+                break
+            if not kept or rest.is_free(self._object_id, answer.pose):
+                kept.append(answer)
+                rest.take(self._object_id, answer.pose)
+        return kept
+
+
+def poses_beside(verifier: Verifier, observation: Observation, found: Poses) -> Hypotheses:
+    """Coarse poses of neighbours: turned as what was `found`, and touching it.
+
+    They are shifted by the model's size along one of its axes. Those that fit much less well than
+    `found` are left out.
+    """
+    model = verifier.model
+    sizes = np.diag(np.ptp(np.asarray(model.proxy.vertices, dtype=np.float64), axis=0))
+    shifts = np.concatenate([sizes, -sizes])
+    poses = np.repeat(found, len(shifts), axis=0)
+    poses[:, :3, 3] += np.einsum("nij,kj->nki", found[:, :3, :3], shifts).reshape(-1, 3)
+    poses = poses[refinable(poses, model.centroid)]
+    limit = verifier.costs(observation, found).max() + verifier.settings.max_improvement
+    poses = poses[verifier.costs(observation, poses) <= limit]
+    return Hypotheses(poses, np.ones(len(poses)))

@@ -1,0 +1,139 @@
+"""Several parts without colours help to find each other: as neighbours, and by their colour."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import trimesh
+
+from hlp.geometry import rigid
+from hlp.method.find.attempts import Attempts, poses_beside
+from hlp.records import ObjectModel, Refinement
+from hlp.refinement.choice import RefinedHypotheses
+from hlp.refinement.verification import VerificationSettings, Verifier, observe
+from hlp.rendering.rasterizer import render_depth
+from refinement_scene import CAMERA, SHAPE, as_mesh
+
+SIZE = np.array([0.06, 0.1, 0.04])  # m
+TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+PLACES = np.array([[-0.1, 0.0, 0.8], [0.0, 0.0, 0.8], [0.1, 0.0, 0.8], [0.0, -0.06, 0.8]])
+POSES = rigid(TURN, PLACES)
+WHITE, RED = (230, 230, 225), (170, 30, 30)
+
+
+@pytest.fixture(scope="module")
+def verifier():
+    mesh = replace(as_mesh(trimesh.creation.box(SIZE)), colored=False)
+    model = ObjectModel(
+        1, "box", mesh, mesh, float(np.linalg.norm(SIZE)), np.eye(4)[None], 0.1, 0.04
+    )
+    return Verifier(model, VerificationSettings())
+
+
+def frame(verifier, *colors):
+    """Boxes at the first places, packed side by side, and what is seen of them."""
+    drawn = render_depth(verifier.mesh, POSES[: len(colors)], CAMERA, SHAPE)
+    rgb, depth = np.full((*SHAPE, 3), 60, np.uint8), np.full(SHAPE, 0.9, np.float32)
+    for image, color in zip(drawn, colors, strict=True):
+        rgb[image > 0], depth[image > 0] = color, image[image > 0]
+    seen = observe(rgb, depth, CAMERA, verifier.settings)
+    return SimpleNamespace(frame=SimpleNamespace(rgb=rgb), observation=seen)
+
+
+def test_neighbours_touch_and_those_in_the_air_are_left_out(verifier):
+    seen = frame(verifier, WHITE, WHITE, WHITE, WHITE).observation
+    beside = poses_beside(verifier, seen, POSES[1:2]).poses_cam_obj
+    for place in (0, 2, 3):
+        assert np.abs(beside - POSES[place]).max(axis=(1, 2)).min() < 1e-6
+    assert len(beside) < 6 and not (np.abs(beside - POSES[1]).max(axis=(1, 2)) < 0.01).any()
+    alone = frame(verifier, (0, 0, 0)).observation
+    assert len(poses_beside(verifier, alone, POSES[:1])) < 3
+
+
+class Scores:
+    """An estimator that keeps coarse poses as they are and chooses the first of each search."""
+
+    def __init__(self, verifier, scores, templates=True):
+        self._verifier, self._scores, self._templates = verifier, scores, templates
+        self.asked = []
+
+    def has_templates(self, _):
+        return self._templates
+
+    def verifier(self, _):
+        return self._verifier
+
+    def score(self, _, __, pose):
+        nearest = np.linalg.norm(PLACES - pose[:3, 3], axis=1)
+        return self._scores[int(nearest.argmin())] if nearest.min() < 0.01 else 0.0
+
+    def refine(self, _, __, coarse, missing, rest, ___):
+        self.asked.append(missing)
+        return refined(*coarse.poses_cam_obj)
+
+
+def refined(*poses):
+    if not poses:
+        return None
+    numbers = np.arange(len(poses))
+    seeds = np.zeros((len(poses), 2), int)
+    found = [Refinement(pose, 1) for pose in poses]
+    return RefinedHypotheses(found, np.zeros(len(poses)), numbers, seeds, (0,))
+
+
+def attempts(estimator, context, instances, min_score=None):
+    return Attempts(estimator, context, 1, instances, None, min_score)
+
+
+def found_places(tried):
+    poses = [] if (merged := tried.merged()) is None else merged.chosen_poses
+    return [int(np.linalg.norm(PLACES - pose[:3, 3], axis=1).argmin()) for pose in poses]
+
+
+def test_one_after_another_packed_neighbours_are_found(verifier):
+    context = frame(verifier, WHITE, WHITE, WHITE)
+    estimator = Scores(verifier, [0.9, 0.6, 0.7, 0.0])
+    tried = attempts(estimator, context, 3)
+    tried.add(refined(POSES[0]))
+    tried.look_beside()
+    assert found_places(tried) == [0, 1, 2]
+    assert estimator.asked == [2, 1]  # beside the first one, then beside the second
+
+
+@pytest.mark.parametrize(
+    ("scores", "templates", "instances"),
+    [([0.2, 0.6, 0.0, 0.0], True, 3), ([0.9, 0.6, 0.0, 0.0], False, 3), ([0.9] * 4, True, 1)],
+)
+def test_nothing_is_looked_for_beside_what_is_unlikely_coloured_or_all(
+    verifier, scores, templates, instances
+):
+    context = frame(verifier, WHITE, WHITE)
+    estimator = Scores(verifier, scores, templates)
+    tried = attempts(estimator, context, instances)
+    tried.add(refined(POSES[0]))
+    tried.look_beside()
+    assert estimator.asked == [] and found_places(tried) == [0]
+
+
+def test_of_unlikely_ones_those_in_the_colour_of_the_sure_go_first(verifier):
+    """One that no search chose, too."""
+    context = frame(verifier, WHITE, RED, WHITE)
+    tried = attempts(Scores(verifier, [0.95, 0.2, 0.1, 0.0]), context, 2)
+    tried.add(refined(POSES[0]))
+    tried.add(refined(POSES[1], POSES[2]))
+    assert found_places(tried) == [0, 2]
+    colored = attempts(Scores(verifier, [0.95, 0.2, 0.1, 0.0], templates=False), context, 2)
+    colored.add(refined(POSES[0]))
+    colored.add(refined(POSES[1], POSES[2]))
+    assert found_places(colored) == [0, 1]
+
+
+def test_what_a_search_chose_and_is_likely_goes_before_what_it_did_not_choose(verifier):
+    context = frame(verifier, WHITE, WHITE, WHITE)
+    tried = attempts(Scores(verifier, [0.4, 0.9, 0.0, 0.0]), context, 1 + 1)
+    tried.add(refined(POSES[0], POSES[1]))
+    assert found_places(tried) == [0, 1]
+    unknown = attempts(Scores(verifier, [0.4, 0.9, 0.0, 0.0]), context, 2, min_score=0.3)
+    unknown.add(refined(POSES[0], POSES[1]))
+    assert found_places(unknown) == [0]  # where their number is not known, chosen ones alone

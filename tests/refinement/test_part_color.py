@@ -1,0 +1,72 @@
+"""What the colours of sure answers say of others: parts of one kind look alike."""
+
+import numpy as np
+import pytest
+
+from hlp.geometry import rigid
+from hlp.refinement.part_color import FrameColors, color_evidence
+from hlp.refinement.verification import VerificationSettings, Verifier, observe
+from hlp.rendering.rasterizer import render_depth
+from refinement_scene import CAMERA, SHAPE, make_model
+
+YELLOW, RED, BLUE = (210, 190, 40), (180, 40, 40), (30, 60, 170)
+PLACES = np.array([[-0.2, 0.0, 0.8], [0.0, 0.05, 0.8], [0.2, 0.0, 0.8]])
+
+
+@pytest.fixture(scope="module")
+def shares():
+    """Shares of colours of the frame, and of two yellow things and a red one on blue ground."""
+    model = make_model()
+    poses = np.stack([rigid(np.eye(3), place - model.centroid) for place in PLACES])
+    drawn = render_depth(model.mesh, poses, CAMERA, SHAPE)
+    rgb = np.tile(np.array(BLUE, np.uint8), (*SHAPE, 1))
+    for mask, color in zip(drawn > 0, (YELLOW, YELLOW, RED), strict=True):
+        rgb[mask] = color
+    noise = np.random.default_rng(0).normal(0.0, 6.0, rgb.shape)
+    rgb = np.clip(rgb + noise, 0, 255).astype(np.uint8)
+    settings = VerificationSettings()
+    verifier = Verifier(model, settings)
+    seen = observe(rgb, drawn.max(axis=0), CAMERA, settings)
+    colors = FrameColors.of(rgb)
+    return colors.shares, np.stack([colors.at(verifier, seen, pose) for pose in poses])
+
+
+def test_what_looks_like_the_sure_ones_is_likelier_than_what_does_not(shares):
+    background, own = shares
+    assert own.sum(axis=1) == pytest.approx(1.0, abs=0.02)
+    found = color_evidence(own, np.array([0.9, 0.0, 0.0]), background)
+    assert found[1] > 1.5 and found[2] < -0.5
+
+
+def test_no_answer_speaks_for_itself(shares):
+    background, own = shares
+    alone = color_evidence(own, np.array([0.9, 0.0, 0.0]), background)[0]
+    assert alone == pytest.approx(0.0, abs=1e-9)
+    both = color_evidence(own, np.array([0.9, 0.8, 0.0]), background)
+    assert (both[:2] > 1.5).all()
+
+
+def test_it_is_the_mean_log_ratio(shares):
+    background, own = shares
+    weights = np.array([0.9, 0.6, 0.7])
+    for n, found in enumerate(color_evidence(own, weights, background)):
+        others = [m for m in range(3) if m != n]
+        part = sum(weights[m] * own[m] for m in others) + 0.3 * background
+        part /= sum(weights[m] for m in others) + 0.3
+        ratio = np.log(part + 1e-5) - np.log(background + 1e-5)
+        assert found == pytest.approx(float(own[n] @ ratio))
+
+
+def test_nothing_is_said_without_sure_ones(shares):
+    background, own = shares
+    assert color_evidence(own, np.zeros(3), background) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_where_nothing_agrees_there_are_no_colours(shares):
+    model, rgb = make_model(), np.zeros((*SHAPE, 3), np.uint8)
+    settings = VerificationSettings()
+    seen = observe(rgb, np.full(SHAPE, 2.0, np.float32), CAMERA, settings)
+    pose = rigid(np.eye(3), PLACES[1] - model.centroid)
+    none = FrameColors.of(rgb).at(Verifier(model, settings), seen, pose)
+    assert not none.any()
+    assert color_evidence(none[None], np.zeros(1), shares[0]) == pytest.approx(0.0)
