@@ -26,8 +26,6 @@ _BOUNDS = (
     ("le", "at most", operator.le),
     ("lt", "below", operator.lt),
 )
-_UPPER = ("le", "lt")
-_NO_BOOL = (int, float, str)
 
 
 class ValueType(NamedTuple):
@@ -55,7 +53,7 @@ def type_of(hint: Any) -> ValueType:
         return bare._replace(
             facts=facts,
             bounds=tuple((f"{words} {bound}", holds, bound) for bound, (_, words, holds) in bounds),
-            has_upper=any(name in _UPPER for _, (name, _, _) in bounds),
+            has_upper=any(name in ("le", "lt") for _, (name, _, _) in bounds),
         )
     if origin in (Union, types.UnionType):
         origin = Union
@@ -113,7 +111,7 @@ def _kind_mistake(kind: ValueType, value: Any, most: float) -> Mistake | None:
 def _plain_mistake(hint: Any, value: Any, most: float) -> Mistake | None:
     if type(value) is not hint:  # mostly it is; lists of targets have thousands
         kinds, words = _PLAIN.get(hint, (object, ""))
-        if not isinstance(value, kinds) or (isinstance(value, bool) and hint in _NO_BOOL):
+        if not isinstance(value, kinds) or (isinstance(value, bool) and hint in (int, float, str)):
             return Mistake((), value, words)
     if hint is not int and hint is not float:
         return None

@@ -131,8 +131,7 @@ class Attempts:
     def _refine(self, coarse: Hypotheses, missing: int, rest: Observation | None) -> None:
         of = self._context, self._object_id, coarse, missing, rest, self._min_score
         found = self._estimator.refine(*of)
-        if found is not None:
-            self.add(replace(found, sources=np.full_like(found.sources, -1)))
+        self.add(found and replace(found, sources=np.full_like(found.sources, -1)))
 
     def poses(self, least: float) -> list[Pose]:
         """Those of at least that score, each of another instance, the most likely first."""

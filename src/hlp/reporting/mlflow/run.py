@@ -4,7 +4,6 @@ import json
 import logging
 import os
 import re
-import resource
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -268,6 +267,10 @@ def _memory() -> float | None:
     return int(_STATM.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def _peak_memory() -> float:
-    """Largest memory of this process so far (MB)."""
+def _peak_memory() -> float | None:
+    """Largest memory of this process so far (MB); None where it is not counted in KiB."""
+    if not _STATM.is_file():
+        return None
+    import resource  # Windows has none
+
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6
