@@ -10,7 +10,7 @@ class Observer(Protocol):
         """A part begins.
 
         One of windows, network, region (stage 1), cut, encode, search, vote, modes (stage 2),
-        screen, refine, verify and polish (stage 3).
+        screen, refine, verify and second_search (stage 3).
         """
 
 

@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 from hlp.patches.holistic import union_of_squares
-from hlp.patches.window_choice import CloserSettings, first_region, likely_places, likely_regions
+from hlp.patches.window_choice import (
+    CloserLookSettings,
+    first_region,
+    likely_places,
+    likely_regions,
+)
 from hlp.records import Region
 
 
@@ -37,7 +42,7 @@ def test_improbable_windows_are_no_places():
 
 def test_squares_of_a_few_places_at_a_time():
     region = region_of([(10, 10), (40, 10), (70, 50)], [0.2, 0.4, 0.3])
-    settings = CloserSettings(places=3, together=2, side=1.0)
+    settings = CloserLookSettings(places=3, together=2, side=1.0)
     first, second = likely_regions(region, np.full(3, 6.0), settings)
     assert first.object_id == 4 and first.mask.shape == (60, 80)
     y, x = np.nonzero(second.mask)
@@ -48,7 +53,7 @@ def test_squares_of_a_few_places_at_a_time():
 @pytest.mark.parametrize("places", [None, 1])
 def test_no_more_places_than_asked_for(places):
     region = region_of([(10, 10), (40, 10)], [0.2, 0.4])
-    found = list(likely_regions(region, np.full(2, 6.0), CloserSettings(places=places)))
+    found = list(likely_regions(region, np.full(2, 6.0), CloserLookSettings(places=places)))
     assert len(found) == (places or 0)
 
 
@@ -58,9 +63,9 @@ def test_of_a_large_region_the_likeliest_windows_come_first():
     radii = np.full(400, 40.0)
     everything = union_of_squares(centers, radii * 0.7, (480, 640))
     region = Region(4, centers, probabilities, everything)
-    found = first_region(region, radii, 0.7, CloserSettings(first_area=6.0))
+    found = first_region(region, radii, 0.7, CloserLookSettings(first_area=6.0))
     assert np.count_nonzero(found.mask) == pytest.approx(6.0 * 80.0**2, rel=0.15)
-    three = first_region(region, radii, 0.7, CloserSettings(first_area=2.0), 3)
+    three = first_region(region, radii, 0.7, CloserLookSettings(first_area=2.0), 3)
     assert np.array_equal(three.mask, found.mask)
     # One square after the other, until the area is reached.
     order = np.argsort(-probabilities)
@@ -75,9 +80,9 @@ def test_a_small_region_is_searched_whole():
     mask[10:30, 10:30] = True
     region = Region(4, np.array([[20.0, 20.0]]), np.array([0.9]), mask)
     radii = np.array([6.0])
-    assert first_region(region, radii, 0.7, CloserSettings(first_area=3.0)) is region
-    assert first_region(region, radii, 0.7, CloserSettings(first_area=None)) is region
-    least = first_region(region, radii, 0.7, CloserSettings(first_area=0.01))
+    assert first_region(region, radii, 0.7, CloserLookSettings(first_area=3.0)) is region
+    assert first_region(region, radii, 0.7, CloserLookSettings(first_area=None)) is region
+    least = first_region(region, radii, 0.7, CloserLookSettings(first_area=0.01))
     assert np.count_nonzero(least.mask) == 9 * 9  # the likeliest window's square
     nothing = Region(4, np.zeros((0, 2)), np.zeros(0), np.zeros((60, 80), dtype=bool))
-    assert first_region(nothing, np.zeros(0), 0.7, CloserSettings()) is nothing
+    assert first_region(nothing, np.zeros(0), 0.7, CloserLookSettings()) is nothing

@@ -1,4 +1,4 @@
-"""Which hypotheses are refined and in what order, which one is chosen, and how it is polished."""
+"""Which hypotheses are refined, in what order, which is chosen, and the search about that."""
 
 from dataclasses import replace
 
@@ -17,15 +17,15 @@ class Recorder:
     def __init__(self):
         self.asked = []
         self.spent = []
-        self.polished = []
+        self.searched_again = []
 
     def refine(self, model, observation, hypotheses, seed, spent=0.0):
         self.asked.append(hypotheses.poses_cam_obj)
         self.spent.append(spent)
         return [Refinement(pose, 1) for pose in hypotheses.poses_cam_obj]
 
-    def polish(self, model, observation, answer, seed, spent=0.0):
-        self.polished.append(answer.pose_cam_obj)
+    def second_search(self, model, observation, answer, seed, spent=0.0):
+        self.searched_again.append(answer.pose_cam_obj)
         self.spent.append(spent)
         return Refinement(answer.pose_cam_obj, answer.iterations + 1)
 
@@ -57,7 +57,7 @@ def poses(scene):
     return np.stack([disturbed(scene, 12 * k, 6 * k, seed=k) for k in range(6)][::-1])
 
 
-def test_the_best_is_found_refined_first_and_polished(scene, verification, poses):
+def test_the_best_is_found_refined_first_and_searched_again(scene, verification, poses):
     refiner = Recorder()
     result = choose(scene, verification, refiner, poses, max_improvement=1.0)
     assert len(refiner.asked) == 3 and len(result.refined) == len(result.costs) == 6
@@ -65,7 +65,7 @@ def test_the_best_is_found_refined_first_and_polished(scene, verification, poses
     assert result.sources[result.best] == 5 and sorted(result.sources) == list(range(6))
     for source, refined in zip(result.sources, result.refined, strict=True):
         np.testing.assert_array_equal(refined.pose_cam_obj, poses[source])
-    np.testing.assert_array_equal(refiner.polished, poses[-1:])
+    np.testing.assert_array_equal(refiner.searched_again, poses[-1:])
     assert result.refined[result.best].iterations == 2
     assert error(scene, result.refined[result.best].pose_cam_obj) < 1e-9
     assert 0 < refiner.spent[0] < refiner.spent[1] < refiner.spent[-1]
@@ -101,21 +101,21 @@ def test_costly_hypotheses_of_little_support_are_not_refined(scene, verification
     assert try_to_choose(scene, verification, Recorder(), hopeless, support=few) is not None
 
 
-class Polisher(Recorder):
-    """Polishes every pose to a given one."""
+class SecondSearch(Recorder):
+    """Finds a given pose in every second search."""
 
-    def __init__(self, polished):
+    def __init__(self, found):
         super().__init__()
-        self.result = polished
+        self.result = found
 
-    def polish(self, model, observation, answer, seed, spent=0.0):
+    def second_search(self, model, observation, answer, seed, spent=0.0):
         return Refinement(self.result, answer.iterations + 1)
 
 
-def test_the_cost_is_that_of_the_polished_pose(scene, verification, poses):
+def test_the_cost_is_that_of_the_second_search(scene, verification, poses):
     """Among the other refined poses, whose costs stay as they are."""
     coarse = poses[:4]
-    result = choose(scene, verification, Polisher(scene.pose), coarse, max_improvement=1.0)
+    result = choose(scene, verification, SecondSearch(scene.pose), coarse, max_improvement=1.0)
     plain = choose(scene, verification, Recorder(), coarse, max_improvement=1.0)
     np.testing.assert_array_equal(result.refined[result.best].pose_cam_obj, scene.pose)
     together = np.stack([each.pose_cam_obj for each in result.refined])
@@ -127,8 +127,8 @@ def test_the_cost_is_that_of_the_polished_pose(scene, verification, poses):
     np.testing.assert_array_equal(result.costs[others], plain.costs[others])
 
 
-def test_a_polish_that_makes_the_pose_worse_is_undone(scene, verification, poses):
-    result = choose(scene, verification, Polisher(poses[0]), poses)
+def test_a_second_search_that_makes_the_pose_worse_is_undone(scene, verification, poses):
+    result = choose(scene, verification, SecondSearch(poses[0]), poses)
     plain = choose(scene, verification, Recorder(), poses)
     np.testing.assert_array_equal(result.refined[result.best].pose_cam_obj, poses[-1])
     np.testing.assert_array_equal(result.costs, plain.costs)
@@ -147,7 +147,7 @@ def test_hypotheses_behind_the_camera_or_not_finite_are_dropped(scene, verificat
     assert result.sources[result.best] == 5
     refiner = Recorder()
     assert try_to_choose(scene, verification, refiner, bad[[0, 2, 4]]) is None
-    assert refiner.asked == [] and refiner.polished == []
+    assert refiner.asked == [] and refiner.searched_again == []
 
 
 def test_the_origin_may_lie_behind_the_camera(scene, verification, poses):

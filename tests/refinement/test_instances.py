@@ -73,7 +73,7 @@ class Attracted:
     def refine(self, _model, _seen, batch, *_):
         return [self._refined] * len(batch.poses_cam_obj)
 
-    def polish(self, *_):
+    def second_search(self, *_):
         return self._refined
 
 

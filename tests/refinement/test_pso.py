@@ -115,25 +115,25 @@ def test_hypotheses_have_their_own_streams(scene, settings):
     np.testing.assert_array_equal(found[0].pose_cam_obj, found[1].pose_cam_obj)
 
 
-def test_polish_makes_the_answer_more_exact(scene, settings):
+def test_a_second_search_makes_the_answer_more_exact(scene, settings):
     refiner = PsoRefiner(settings)
     before, after = [], []
     for seed in range(4):
         answer = Refinement(disturbed(scene, 2, 2, seed), 5)
-        found = refiner.polish(scene.model, scene.seen, answer, seed)
+        found = refiner.second_search(scene.model, scene.seen, answer, seed)
         assert found.iterations > 5
         before.append(error(scene, answer.pose_cam_obj))
         after.append(error(scene, found.pose_cam_obj))
     assert np.mean(after) < 0.6 * np.mean(before)
 
 
-def test_no_polish_where_none_is_set_or_no_time_is_left(scene, settings):
+def test_no_second_search_where_none_is_set_or_no_time_is_left(scene, settings):
     answer = Refinement(disturbed(scene, 2, 2, 0), 5)
     given = (scene.model, scene.seen, answer, 0)
-    assert PsoRefiner(replace(settings, polish=None)).polish(*given) is answer
+    assert PsoRefiner(replace(settings, second_search=None)).second_search(*given) is answer
     late = PsoRefiner(replace(settings, budget_ms=50.0))
-    assert late.polish(*given, spent=0.06) is answer
-    assert late.polish(*given, spent=0.0) is not answer
+    assert late.second_search(*given, spent=0.06) is answer
+    assert late.second_search(*given, spent=0.0) is not answer
 
 
 def test_it_stops_when_no_particle_betters_its_own_best(settings):

@@ -15,7 +15,7 @@ from refinement_scene import SHAPE, disturbed, error, make_scene, shifted_model
 
 @pytest.fixture
 def pso_settings(cost_settings, verification):
-    return PsoSettings(cost=cost_settings, verification=verification, polish=None)
+    return PsoSettings(cost=cost_settings, verification=verification, second_search=None)
 
 
 @pytest.fixture

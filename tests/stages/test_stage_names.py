@@ -115,7 +115,7 @@ RENAMED = {
     "classifier": {"classifier", "regions"} | COARSE,
     "trainer": ALL - {"views"},
     "patches.region": {"regions"} | COARSE,
-    "patches.closer": {"regions"} | COARSE,
+    "patches.closer_look": {"regions"} | COARSE,
     "patches.pairs": {"encoder", "codebook"} | COARSE,
     "patches.local": {"encoder", "codebook"} | COARSE,
     "encoder": {"encoder", "codebook"} | COARSE,

@@ -24,8 +24,8 @@ class EntrySettings(Settings):
     min_relief: Annotated[
         Share,
         Doc(
-            "smallest relief of an entry's patch, in halves of its size: entries of flat patches "
-            "match nothing where those of scenes do not vote (D; P: not said, 0)"
+            "smallest depth relief of an entry's patch, in halves of its size: entries of flat "
+            "patches match nothing where those of scenes do not vote (D; P: not said, 0)"
         ),
     ] = 0.0
 

@@ -16,7 +16,7 @@ from hlp.patches.holistic import HolisticSettings, RegionSettings
 from hlp.patches.holistic_pool import HolisticPoolSettings
 from hlp.patches.local import GridSettings, LocalSettings
 from hlp.patches.local_pool import PairSettings
-from hlp.patches.window_choice import CloserSettings
+from hlp.patches.window_choice import CloserLookSettings
 from hlp.refinement.pso import PsoSettings
 from hlp.refinement.refiner import REFINERS, RefinementSettings
 from hlp.refinement.score_model import MIN_SCORE
@@ -37,7 +37,7 @@ class PatchesSettings(Settings):
     name: Annotated[str, Doc("of the choice")] = "hlp"
     holistic: HolisticSettings = field(default_factory=HolisticSettings)
     region: RegionSettings = field(default_factory=RegionSettings)
-    closer: CloserSettings = field(default_factory=CloserSettings)
+    closer_look: CloserLookSettings = field(default_factory=CloserLookSettings)
     pool: HolisticPoolSettings = field(default_factory=HolisticPoolSettings)
     local: LocalSettings = field(default_factory=LocalSettings)
     grid: GridSettings = field(default_factory=GridSettings)
@@ -255,7 +255,7 @@ class RegionStage(StageSettings):
 
     holistic: HolisticSettings
     region: RegionSettings
-    closer: CloserSettings
+    closer_look: CloserLookSettings
 
 
 @dataclass(frozen=True)

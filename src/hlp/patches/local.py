@@ -80,8 +80,8 @@ class GridSettings(Settings):
     min_relief: Annotated[
         Share,
         Doc(
-            "smallest relief of a patch, in halves of its size: flat ones look alike on every "
-            "object and on the table (D; P: not said, 0)"
+            "smallest depth relief of a patch, in halves of its size: flat ones look alike on "
+            "every object and on the table (D; P: not said, 0)"
         ),
     ] = 0.0
 

@@ -138,7 +138,7 @@ _LEAST = 0.02  # p(object): where it is lower, the classifier hardly ever errs
 
 
 @dataclass(frozen=True)
-class CloserSettings(Settings):
+class CloserLookSettings(Settings):
     """How much of a region is searched first, and what if that gave no right pose."""
 
     first_area: Annotated[
@@ -163,7 +163,11 @@ class CloserSettings(Settings):
 
 
 def first_region(
-    region: Region, radii: Values, square_side: float, settings: CloserSettings, instances: int = 1
+    region: Region,
+    radii: Values,
+    square_side: float,
+    settings: CloserLookSettings,
+    instances: int = 1,
 ) -> Region:
     """The likeliest part of a region that is larger than `first_area` for each of the `instances`.
 
@@ -196,7 +200,7 @@ def first_region(
     return replace(region, mask=mask & region.mask)
 
 
-def likely_regions(region: Region, radii: Values, settings: CloserSettings) -> Iterator[Region]:
+def likely_regions(region: Region, radii: Values, settings: CloserLookSettings) -> Iterator[Region]:
     """Regions of a few places each, the likeliest places first.
 
     `radii` are half the object's diameter in pixels, at the depth of each of the region's windows.

@@ -61,15 +61,15 @@ def refine_and_choose(
     good_enough: Callable[[Pose], bool] | None = None,
     observer: Observer = NOBODY,
 ) -> RefinedHypotheses | None:
-    """Refine the most promising hypotheses, choose those of lowest verification cost, polish them.
+    """Refine the most promising hypotheses, choose those of lowest verification cost.
 
     Hypotheses that are not finite or lie behind the camera are dropped, and those that are not
     likely (`Verifier.are_likely`); None if no other is left. The rest is refined in order of
     verification cost, two at a time and at most `candidates`, until the next one costs more than
     the best refined pose by `max_improvement`: refinement hardly ever lowers a cost by that much.
     Of the poses that depth cannot tell from the chosen one (`ObjectModel.near_symmetries`), that
-    whose colours agree best with the image takes its place. Then it is polished; the polished pose
-    is kept unless its cost, among the refined poses, is higher than before.
+    whose colours agree best with the image takes its place. Then it is searched again, in a smaller
+    box; what that finds is kept unless its cost, among the refined poses, is higher than before.
 
     This is repeated for every further one of up to `instances`, with the hypotheses for which more
     than half of the agreeing pixels are not explained by an instance that was chosen before.
@@ -129,7 +129,7 @@ class _InstanceSearch:
         return RefinedHypotheses(self._refined, self._costs, sources, seeds, chosen)
 
     def choose_next(self, candidates: int) -> Pose | None:
-        """Refine what may be the next instance, choose and polish it; None if there is none."""
+        """Refine what may be the next instance, choose one, search again about it; None if none."""
         if self._instances:
             before = self._observation if self._unexplained is None else self._unexplained
             last = self._refined[self._instances[-1]].pose_cam_obj
@@ -147,7 +147,7 @@ class _InstanceSearch:
             pose = choose_by_texture(self._observation, self._model, refined.pose_cam_obj)
             self._refined[row] = replace(refined, pose_cam_obj=pose)
             self._costs[rows] = self._competing_costs(rows)
-        self._polish(row, rows)
+        self._search_again(row, rows)
         self._instances.append(row)
         return self._refined[row].pose_cam_obj
 
@@ -176,14 +176,14 @@ class _InstanceSearch:
             poses = np.stack([refinement.pose_cam_obj for refinement in found])
             lowest = min(lowest, self._lowest_cost(poses))
 
-    def _polish(self, row: int, rows: Rows) -> None:
-        """Polish the chosen one of the free `rows`, unless that makes it fit less well.
+    def _search_again(self, row: int, rows: Rows) -> None:
+        """Search again about the chosen one of the free `rows`; what fits less well is dropped.
 
-        It may, because the refiner's cost is not the verifier's.
+        It may fit less well, because the refiner's cost is not the verifier's.
         """
         before = self._refined[row]
-        self._observer.enter("polish")
-        self._refined[row] = self._refiner.polish(
+        self._observer.enter("second_search")
+        self._refined[row] = self._refiner.second_search(
             self._model, self._observation, before, self._seed, self._spent()
         )
         self._observer.enter("verify")

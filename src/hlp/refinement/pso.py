@@ -17,12 +17,12 @@ from hlp.refinement.verification import Observation, VerificationSettings
 from hlp.settings import Doc, NotNegative, Settings, SettingsError
 from hlp.thread_team import ThreadTeam, threads_here
 
-# Random streams of the polish and of tracking; hypotheses use streams 0, 1, …
-_POLISH_STREAM, _FOLLOW_STREAM = 1 << 16, 1 << 17
+# Random streams of the second search and of tracking; hypotheses use streams 0, 1, …
+_SECOND_STREAM, _FOLLOW_STREAM = 1 << 16, 1 << 17
 
 
 @dataclass(frozen=True)
-class PolishSettings(Settings):
+class SecondSearchSettings(Settings):
     """The second search, about the chosen pose (D)."""
 
     theta_deg: Annotated[NotNegative, Doc("half the side of the box in rotation (D)")] = 3.0
@@ -66,10 +66,10 @@ class PsoSettings(Settings):
     recentre: Annotated[
         bool, Doc("the box follows the best pose, up to 30° away (D; P: not said, false)")
     ] = True
-    polish: Annotated[
-        PolishSettings | None,
+    second_search: Annotated[
+        SecondSearchSettings | None,
         Doc("a second, narrower search around the chosen pose (D); null: none (P)"),
-    ] = field(default_factory=PolishSettings)
+    ] = field(default_factory=SecondSearchSettings)
     budget_ms: Annotated[
         float | None,
         Gt(0),
@@ -133,7 +133,7 @@ class PsoRefiner(Refiner):
 
         return self._team.map(refine_one, len(poses))
 
-    def polish(
+    def second_search(
         self,
         model: ObjectModel,
         observation: Observation,
@@ -141,12 +141,12 @@ class PsoRefiner(Refiner):
         seed: int,
         spent: float = 0.0,
     ) -> Refinement:
-        """See `Refiner.polish`: a search in a smaller box, in the remaining time."""
-        polish, left = self._settings.polish, self._remaining(spent)
-        if polish is None or left <= 0.0:
+        """See `Refiner.second_search`: a search in a smaller box, in the remaining time."""
+        second, left = self._settings.second_search, self._remaining(spent)
+        if second is None or left <= 0.0:
             return chosen
-        settings = replace(self._settings, **vars(polish))
-        stream, deadline = (seed, _POLISH_STREAM), time.perf_counter() + left
+        settings = replace(self._settings, **vars(second))
+        stream, deadline = (seed, _SECOND_STREAM), time.perf_counter() + left
         found = _search(model, observation, chosen.pose_cam_obj, settings, stream, deadline)
         return Refinement(found.pose_cam_obj, chosen.iterations + found.iterations)
 

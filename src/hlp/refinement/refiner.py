@@ -31,7 +31,7 @@ class Refiner(Protocol):
         finite or whose centroid is behind the camera.
         """
 
-    def polish(
+    def second_search(
         self,
         model: ObjectModel,
         observation: Observation,

@@ -217,7 +217,7 @@ def search_again(
         # The first refinement of a look has the seed of the look, as its last one has.
         refiner, seed = settings.build(threads=1), int(refined.seeds[0][0])
         before = Refinement(pose, iterations)
-        refined_once_more = refiner.polish(model, seen, before, seed)
+        refined_once_more = refiner.second_search(model, seen, before, seed)
         ends = (pose, refined_once_more.pose_cam_obj)
         if not any(np.array_equal(end, stored) for end in ends):
             return None

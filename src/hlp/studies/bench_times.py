@@ -27,7 +27,7 @@ from hlp.stages.manifest import library_versions
 PARTS = {
     **dict.fromkeys(("windows", "network", "region"), 1),
     **dict.fromkeys(("cut", "encode", "search", "vote", "modes"), 2),
-    **dict.fromkeys(("screen", "refine", "verify", "polish"), 3),
+    **dict.fromkeys(("screen", "refine", "verify", "second_search"), 3),
 }
 """Parts of detection in their order, each with its stage."""
 

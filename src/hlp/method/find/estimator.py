@@ -151,13 +151,13 @@ class PoseEstimator:
             return replace(region, mask=both if both.any() else context.mask)
         radii = self._radii(context.frame, region.centers, model)
         side = settings.region.square_side or 0.0  # then centres of windows alone
-        return window_choice.first_region(region, radii, side, settings.closer, instances)
+        return window_choice.first_region(region, radii, side, settings.closer_look, instances)
 
     def likely_regions(self, context: FrameContext, region: Region) -> Iterator[Region]:
         """Parts of the frame to search where an object's region gave no right pose."""
         model = self.learnt.models[region.object_id]
         radii = self._radii(context.frame, region.centers, model)
-        found = window_choice.likely_regions(region, radii, self.settings.regions.closer)
+        found = window_choice.likely_regions(region, radii, self.settings.regions.closer_look)
         if context.mask is None:
             return found
         parts = (replace(part, mask=part.mask & context.mask) for part in found)
