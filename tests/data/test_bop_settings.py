@@ -150,7 +150,13 @@ def test_a_folder_that_is_absent_is_named_with_its_key(root):
 
 @pytest.mark.parametrize(
     ("name", "frames", "targets", "objects"),
-    [("cup", 29, 87, 1), ("mustard", 19, 19, 1), ("ycbv", 15, 55, 10)],
+    [
+        ("cup", 29, 87, 1),
+        ("mustard", 19, 19, 1),
+        ("ycbv", 15, 55, 10),
+        ("parts", 5, 30, 3),
+        ("boxes", 14, 226, 2),
+    ],
 )
 def test_the_development_sets_are_read_by_their_folders(
     shared_data, name, frames, targets, objects

@@ -81,13 +81,14 @@ def test_the_recordings_differ_by_folder_and_range_of_poses_alone():
         config = compose_config("experiment=recordings", f"data={data}", "data_folder=there")
         return OmegaConf.to_container(config, resolve=False)
 
-    board, *others = (composed(name) for name in ("board", "cup", "mustard", "ycbv"))
+    names = ("cup", "mustard", "ycbv", "parts", "boxes")
+    board, *others = (composed(name) for name in ("board", *names))
     folders = [config["data"].pop("root") for config in (board, *others)]
-    assert folders == [f"${{data_folder}}/{name}" for name in ("lm", "cup", "mustard", "ycbv")]
+    assert folders == [f"${{data_folder}}/{name}" for name in ("lm", *names)]
     for config in others:
         assert _typed(ViewsSettings, OmegaConf.create(config.pop("rendering"))) == ViewsSettings()
     assert board.pop("rendering")["coverage"] == "hemisphere"
     # What counts as right on LINEMOD's board is its literature's.
     assert board.pop("evaluation")["symmetric"] == [f"obj_{i:06d}" for i in (3, 7, 10, 11)]
-    assert [config.pop("evaluation")["symmetric"] for config in others] == [None] * 3
+    assert [config.pop("evaluation")["symmetric"] for config in others] == [None] * 5
     assert all(config == board for config in others)

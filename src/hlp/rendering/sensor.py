@@ -34,11 +34,13 @@ class Kinect:
 
     The strength scales depth noise, holes, missing edges and all colour errors but blur.
     Quantisation, edge jitter, shadow, losses at grazing angles and the maximum depth do not depend
-    on it unless it is 0. `edge_jitter` is how far (px) depth edges wander.
+    on it unless it is 0. `edge_jitter` is how far (px) depth edges wander. With `binning` pixels of
+    the sensor along a pixel of the image, depth is as exact as in an image of full size.
     """
 
     strength: float = 1.0
     edge_jitter: int = 1
+    binning: float = 1.0
 
 
 def noisy_depth(depth: Depth, focal: float, rng: np.random.Generator, sensor: Kinect) -> Depth:
@@ -59,7 +61,7 @@ def noisy_depth(depth: Depth, focal: float, rng: np.random.Generator, sensor: Ki
     missing |= _holes(clean.shape, rng, _HOLE_RATE * sensor.strength)
     read = np.where(missing, np.float32(0.0), clean)
     read = _jittered(read, jumps, rng, sensor.edge_jitter)
-    return _measured(read, focal, rng, _DISPARITY_NOISE * sensor.strength)
+    return _measured(read, focal * sensor.binning, rng, _DISPARITY_NOISE * sensor.strength)
 
 
 def noisy_rgb(

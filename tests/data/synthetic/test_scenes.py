@@ -119,7 +119,7 @@ def test_frames_made_are_kept_and_the_oldest_forgotten(
     source: SyntheticScenes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(synthetic_scenes, "_CACHED", 1)
-    fresh = SyntheticScenes(source._settings)
+    fresh = SyntheticScenes(source.settings)
     first, second = fresh.keys[:2]
     made = fresh.load(first)
     assert fresh.load(first) is made
@@ -159,6 +159,21 @@ def test_noise_makes_depth_incomplete_and_rough() -> None:
     both = (read > 0) & (true > 0)
     error = np.abs(read[both] - true[both])
     assert 0.0005 < np.median(error) < 0.006
+
+
+def test_a_smaller_image_has_the_same_errors_of_depth() -> None:
+    """Away from edges, which are more pixels of a smaller image."""
+    errors = {}
+    for width in (640, 320):
+        clean, noisy = (
+            SyntheticScenes(SyntheticSettings(scenes=1, width=width, noise=noise))
+            for noise in (0.0, 1.0)
+        )
+        true, read = (frames.load(frames.keys[0]).depth for frames in (clean, noisy))
+        assert true.shape == (width * 3 // 4, width)
+        both = (read > 0) & (true > 0) & (np.abs(true - read) < 0.01)
+        errors[width] = np.std((true - read)[both])
+    assert errors[320] == pytest.approx(errors[640], rel=0.1)
 
 
 @pytest.mark.parametrize(

@@ -5,18 +5,92 @@ World coordinates are in metres, z up; the origin is the middle of the table's t
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Interval, Le, Unit
 from jaxtyping import Float
 
 from hlp.geometry import inverse, rigid
 from hlp.objects.shapes import random_shape, toy_tree
 from hlp.records import Mesh, ObjectModel
 from hlp.rendering.light import Light
+from hlp.settings import Doc, Settings, SettingsError
 
 GAP = 0.004
 """Least distance (m) between the circles that items occupy on the table."""
 _TRIES = 60
+
+
+@dataclass(frozen=True)
+class SceneSettings(Settings):
+    """What all rendered scenes have in common. Every value is ours (D). Ranges are [least, most].
+
+    The defaults are the demo's.
+    """
+
+    scenes: Annotated[int, Ge(0), Le(100_000), Doc("number of scenes, with one frame each (D)")] = (
+        24
+    )
+    seed: Annotated[int, Ge(0), Le(2**32 - 1), Doc("seed of the scenes (D)")] = 0
+    width: Annotated[
+        int,
+        Ge(32),
+        Le(8192),
+        Unit("px"),
+        Doc("image width; LINEMOD's intrinsics scale with it, errors of depth do not (P: 640)"),
+    ] = 640
+    height: Annotated[
+        int | None,
+        Ge(32),
+        Le(8192),
+        Unit("px"),
+        Doc("image height; null: three quarters of the width (P: 480)"),
+    ] = None
+    noise: Annotated[
+        float, Ge(0), Le(100), Doc("sensor noise: 1 = a Kinect, 0 = an ideal camera (D)")
+    ] = 1.0
+    min_visible: Annotated[
+        float,
+        Interval(gt=0, le=1),
+        Doc("objects with a smaller visible fraction are no targets (D)"),
+    ] = 0.3
+    objects: Annotated[
+        tuple[Annotated[int, Ge(1)], Annotated[int, Le(8)]],
+        Doc("smallest and largest number of demo objects in a scene (D)"),
+    ] = (5, 8)
+    clutter: Annotated[
+        tuple[Annotated[int, Ge(0)], Annotated[int, Le(30)]],
+        Doc("the same for other shapes; two of three stand in front of an object (D)"),
+    ] = (6, 12)
+    distance_mm: Annotated[
+        tuple[Annotated[float, Ge(450)], Annotated[float, Le(3000)]],
+        Doc("from the camera to the scene's middle (D: LINEMOD's range)"),
+    ] = (600.0, 1100.0)
+    elevation_deg: Annotated[
+        tuple[Annotated[float, Ge(10)], Annotated[float, Le(90)]],
+        Doc("angle of the camera above the table (D)"),
+    ] = (20.0, 75.0)
+    roll_deg: Annotated[float, Ge(0), Doc("largest roll of the camera, in both directions (D)")] = (
+        20.0
+    )
+    tilt_deg: Annotated[float, Ge(0), Doc("largest lean of an object (D)")] = 5.0
+    background_frames: Annotated[
+        int, Ge(0), Le(1000), Doc("scenes without the objects, to train with (D)")
+    ] = 40
+
+    def __post_init__(self) -> None:
+        """Raise SettingsError naming the key that makes no scene."""
+        super().__post_init__()
+        for key in ("objects", "clutter", "distance_mm", "elevation_deg"):
+            limits = getattr(self, key)
+            if len(limits) != 2 or limits[0] > limits[1]:
+                raise SettingsError(key, f"is {list(limits)}: it must be [least, most]")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of the images (px)."""
+        return self.height or self.width * 3 // 4, self.width
 
 
 @dataclass(frozen=True)
@@ -192,3 +266,8 @@ def light_from_above(pose_cam_world: Float[np.ndarray, "4 4"], rng: np.random.Ge
         specular=float(rng.uniform(0.0, 0.3)),
         shininess=float(rng.uniform(8.0, 40.0)),
     )
+
+
+def between(limits: Sequence[int], rng: np.random.Generator) -> int:
+    """A random number from the least to the most, both included."""
+    return int(rng.integers(limits[0], limits[1] + 1))

@@ -199,12 +199,13 @@ def turns_about_z(steps: int) -> Float[np.ndarray, "n 4 4"]:
 def _models() -> tuple[ObjectModel, ...]:
     shapes = (_bear, _bowl, _camera, _can, _drill, _duck, _lamp, _rabbit)
     return tuple(
-        _model(number, shape.__name__.removeprefix("_"), _centred(shape()))
+        shape_model(number, shape.__name__.removeprefix("_"), _centred(shape()))
         for number, shape in enumerate(shapes, start=1)
     )
 
 
-def _model(object_id: int, name: str, mesh: Mesh) -> ObjectModel:
+def shape_model(object_id: int, name: str, mesh: Mesh) -> ObjectModel:
+    """An object of that mesh; the bowl alone has symmetries."""
     diameter = mesh_diameter(mesh.vertices)
     return ObjectModel(
         object_id=object_id,

@@ -1,16 +1,16 @@
 """RGB-D frames of random, cluttered demo scenes with exact poses, rendered on demand."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
-from annotated_types import Ge, Interval, Le, Unit
 from jaxtyping import Bool, Float, Int, UInt8
 
-from hlp.data.dataset import DATASETS, Dataset, content_hash
+from hlp.data.dataset import DATASETS, Dataset, DataSettings, content_hash
 from hlp.data.synthetic.layout import (
     Item,
+    SceneSettings,
+    between,
     light_from_above,
     look_at,
     place_clutter,
@@ -19,92 +19,32 @@ from hlp.data.synthetic.layout import (
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.surfaces import draw_surroundings, random_surroundings
 from hlp.geometry import inverse, project, transform
-from hlp.records import Frame, Target, frame_key
+from hlp.records import Frame, ObjectModel, Target, frame_key
 from hlp.rendering.light import Light
 from hlp.rendering.rasterizer import render_depth, render_scene
 from hlp.rendering.sensor import Kinect, noisy_depth, noisy_rgb
-from hlp.settings import Doc, Settings, SettingsError
 from hlp.source_code import source_digest
 
 LINEMOD_CAMERA = np.array([[572.4114, 0, 325.2611], [0, 573.57043, 242.04899], [0, 0, 1.0]])
 """LINEMOD's intrinsics (px) at 640×480; other image sizes scale them."""
+_FULL_SIZE = (640, 480)
 _BACKGROUND_SEED = 1_000_000  # far from the seeds of scenes with targets
 _CACHED = 64  # frames of 2 MB each at full size
 
 
 @DATASETS.register
 @dataclass(frozen=True)
-class SyntheticSettings(Settings):
+class SyntheticSettings(SceneSettings):
     """Config group `data`: the synthetic demo, objects modelled in code, scenes rendered on demand.
 
     Every value is ours (D). Ranges are [least, most].
     """
 
     name: Literal["synthetic"] = "synthetic"
-    scenes: Annotated[int, Ge(0), Le(100_000), Doc("number of scenes, with one frame each (D)")] = (
-        24
-    )
-    seed: Annotated[int, Ge(0), Le(2**32 - 1), Doc("seed of the scenes (D)")] = 0
-    width: Annotated[
-        int,
-        Ge(32),
-        Le(8192),
-        Unit("px"),
-        Doc("image width; LINEMOD's intrinsics scale with it (P: 640 × 480)"),
-    ] = 640
-    height: Annotated[int, Ge(32), Le(8192), Unit("px"), Doc("image height (P)")] = 480
-    noise: Annotated[
-        float, Ge(0), Le(100), Doc("sensor noise: 1 = a Kinect, 0 = an ideal camera (D)")
-    ] = 1.0
-    min_visible: Annotated[
-        float,
-        Interval(gt=0, le=1),
-        Doc("objects with a smaller visible fraction are no targets (D)"),
-    ] = 0.3
-    objects: Annotated[
-        tuple[Annotated[int, Ge(1)], Annotated[int, Le(8)]],
-        Doc("smallest and largest number of demo objects in a scene (D)"),
-    ] = (5, 8)
-    clutter: Annotated[
-        tuple[Annotated[int, Ge(0)], Annotated[int, Le(30)]],
-        Doc("the same for other shapes; two of three stand in front of an object (D)"),
-    ] = (6, 12)
-    distance_mm: Annotated[
-        tuple[Annotated[float, Ge(450)], Annotated[float, Le(3000)]],
-        Doc("from the camera to the scene's middle (D: LINEMOD's range)"),
-    ] = (600.0, 1100.0)
-    elevation_deg: Annotated[
-        tuple[Annotated[float, Ge(10)], Annotated[float, Le(90)]],
-        Doc("angle of the camera above the table (D)"),
-    ] = (20.0, 75.0)
-    roll_deg: Annotated[float, Ge(0), Doc("largest roll of the camera, in both directions (D)")] = (
-        20.0
-    )
-    tilt_deg: Annotated[float, Ge(0), Doc("largest lean of an object (D)")] = 5.0
-    background_frames: Annotated[
-        int, Ge(0), Le(1000), Doc("scenes without the objects, to train with (D)")
-    ] = 40
-
-    def __post_init__(self) -> None:
-        """Raise SettingsError naming the key that makes no scene."""
-        super().__post_init__()
-        for key in ("objects", "clutter", "distance_mm", "elevation_deg"):
-            limits = getattr(self, key)
-            if len(limits) != 2 or limits[0] > limits[1]:
-                raise SettingsError(key, f"is {list(limits)}: it must be [least, most]")
 
     def build(self) -> Dataset:
         """The demo's objects and scenes; frames without the objects to train with."""
-        background = training_frames(self.background_frames, _BACKGROUND_SEED)
-        models = demo_objects()
-        return Dataset(
-            models,
-            tuple(models),
-            SyntheticScenes(self),
-            background_frames=background,
-            encoder_frames=background,
-            settings=self,
-        )
+        return dataset_of(self, SyntheticScenes(self), demo_objects())
 
 
 @dataclass(frozen=True)
@@ -134,14 +74,14 @@ class SyntheticScenes:
     the frames without seeing a target. Raises ValueError naming a setting that makes no scene.
     """
 
-    def __init__(self, settings: SyntheticSettings, targets: bool = True) -> None:
-        self._settings = settings
+    def __init__(self, settings: SceneSettings, targets: bool = True) -> None:
+        self.settings = settings
         self._targets = targets
-        self._models = tuple(demo_objects().values()) if targets else ()
-        scale = np.diag([settings.width / 640, settings.height / 480, 1.0])
-        self.camera_matrix: Float[np.ndarray, "3 3"] = scale @ LINEMOD_CAMERA
+        self._scale = settings.width / _FULL_SIZE[0], settings.shape[0] / _FULL_SIZE[1]
+        self.camera_matrix: Float[np.ndarray, "3 3"] = np.diag([*self._scale, 1.0]) @ LINEMOD_CAMERA
         self._numbers = {frame_key(number, 0): number for number in range(settings.scenes)}
         self._cache: dict[str, Frame] = {}
+        self._last: tuple[str, Scene] | None = None
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -153,8 +93,8 @@ class SyntheticScenes:
 
     def identity(self) -> str:
         """Hash of the settings, `targets`, and the source of this generator."""
-        made_by = source_digest(__name__)
-        return content_hash([], f"synthetic {made_by} {self._targets} {self._settings}")
+        made_by = source_digest(type(self).__module__)
+        return content_hash([], f"synthetic {made_by} {self._targets} {self.settings}")
 
     def load(self, key: str) -> Frame:
         """One frame. Raises KeyError for an unknown key.
@@ -170,7 +110,7 @@ class SyntheticScenes:
     def _make(self, key: str) -> Frame:
         number = self._number(key)
         scene = self.scene(key)
-        sensor = Kinect(self._settings.noise)
+        sensor = Kinect(self.settings.noise, binning=1.0 / self._scale[0])
         rng = self._rng(number, "sensor")
         return Frame(
             scene_id=number,
@@ -183,8 +123,14 @@ class SyntheticScenes:
 
     def scene(self, key: str) -> Scene:
         """The scene of a frame before the sensor model. Raises KeyError for an unknown key."""
+        last = self._last
+        if last is None or last[0] != key:
+            self._last = last = (key, self._render(key))
+        return last[1]
+
+    def _render(self, key: str) -> Scene:
         rng = self._rng(self._number(key), "layout")
-        settings = self._settings
+        settings = self.settings
         azimuth = rng.uniform(0.0, 2 * np.pi)
         pose_cam_world = look_at(
             target=np.array([*rng.uniform(-0.04, 0.04, 2), 0.05]),
@@ -195,8 +141,8 @@ class SyntheticScenes:
         )
         items = self._place(inverse(pose_cam_world)[:3, 3], rng)
         light = light_from_above(pose_cam_world, rng)
-        shape = (settings.height, settings.width)
         parts = [(item.mesh, pose_cam_world @ item.pose_world_obj) for item in items]
+        shape = settings.shape
         rgb, depth, index = render_scene(parts, self.camera_matrix, shape, light)
         around = random_surroundings(azimuth, rng)
         back_rgb, back_depth = draw_surroundings(
@@ -213,18 +159,23 @@ class SyntheticScenes:
         Raises KeyError for an unknown frame.
         """
         scene = self.scene(frame.key)
-        number = [item.object_id for item in scene.items].index(target.object_id)
-        return np.asarray(scene.index == number)
+        poses = [scene.pose_cam_obj(number) for number in range(len(scene.items))]
+        of_target = [
+            item.object_id == target.object_id and np.array_equal(pose, target.pose_cam_obj)
+            for item, pose in zip(scene.items, poses, strict=True)
+        ]
+        return np.asarray(scene.index == of_target.index(True))
 
     def _place(self, eye: Float[np.ndarray, "3"], rng: np.random.Generator) -> list[Item]:
         """Randomly chosen objects and clutter; only clutter without targets."""
-        settings = self._settings
-        count = _between(settings.objects, rng)
-        clutter = _between(settings.clutter, rng)
+        settings = self.settings
+        count = between(settings.objects, rng)
+        clutter = between(settings.clutter, rng)
         if not self._targets:
             return place_clutter(count + clutter, [], eye, rng)
-        chosen = rng.permutation(len(self._models))[:count]
-        items = place_targets([self._models[i] for i in chosen], np.radians(settings.tilt_deg), rng)
+        models = list(demo_objects().values())
+        chosen = rng.permutation(len(models))[:count]
+        items = place_targets([models[i] for i in chosen], np.radians(settings.tilt_deg), rng)
         return items + place_clutter(clutter, items, eye, rng)
 
     def _find_targets(self, scene: Scene) -> tuple[Target, ...]:
@@ -236,7 +187,7 @@ class SyntheticScenes:
             pose = scene.pose_cam_obj(number)
             alone = silhouette_area(item, pose, self.camera_matrix)
             visible = np.count_nonzero(scene.index == number) / alone
-            if visible >= self._settings.min_visible:
+            if visible >= self.settings.min_visible:
                 targets.append(Target(item.object_id, pose, float(visible)))
         return tuple(sorted(targets, key=lambda target: target.object_id))
 
@@ -247,7 +198,22 @@ class SyntheticScenes:
 
     def _rng(self, number: int, purpose: str) -> np.random.Generator:
         streams = ("layout", "sensor").index(purpose) * 2 + int(self._targets)
-        return np.random.default_rng([self._settings.seed, number, streams])
+        return np.random.default_rng([self.settings.seed, number, streams])
+
+
+def dataset_of(
+    settings: DataSettings, frames: SyntheticScenes, models: dict[int, ObjectModel]
+) -> Dataset:
+    """The objects in the frames; scenes without the demo's objects to train with."""
+    background = training_frames(frames.settings.background_frames, _BACKGROUND_SEED)
+    return Dataset(
+        models,
+        tuple(models),
+        frames,
+        background_frames=background,
+        encoder_frames=background,
+        settings=settings,
+    )
 
 
 def training_frames(count: int, seed: int) -> SyntheticScenes:
@@ -270,7 +236,3 @@ def silhouette_area(
     window[:2, 2] -= low
     depth = render_depth(item.mesh, pose_cam_obj[None], window, (int(height), int(width)), 1)
     return int(np.count_nonzero(depth))
-
-
-def _between(limits: Sequence[int], rng: np.random.Generator) -> int:
-    return int(rng.integers(limits[0], limits[1] + 1))

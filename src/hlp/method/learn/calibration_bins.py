@@ -8,6 +8,7 @@ from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
 from hlp.geometry import rigid, transform
+from hlp.objects.bins import box_walls
 from hlp.records import Mesh, ObjectModel
 
 _ROOM = (0.8, 3.0)  # from the middle to a wall, in diameters
@@ -15,8 +16,6 @@ _HEIGHT = (0.2, 1.0)  # of a wall, in diameters
 _THICK = 0.02  # m
 _COPIES = (1, 6)
 _FACING = 0.3  # cosine between a plane's normal and the line of sight, at least
-CUBE = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
-"""Corners of a cube."""
 
 Pose = Float[np.ndarray, "4 4"]
 Plane = tuple[Float[np.ndarray, "3"], float]
@@ -58,17 +57,8 @@ def bin_walls(
     height = model.diameter * rng.uniform(*_HEIGHT)
     color = rng.uniform(10, 240, 3).astype(np.uint8)
     rooms = model.diameter * rng.uniform(*_ROOM, (2, 2))  # along both axes, to both sides
-    walls = []
-    for axis, side in np.ndindex(2, 2):
-        across, sign = 1 - axis, 1.0 - 2.0 * side
-        size, middle = np.full(3, _THICK), np.zeros(3)
-        size[across], size[2] = float(rooms[across].sum()), height
-        middle[axis] = sign * (rooms[axis, side] + _THICK / 2)
-        middle[across] = (rooms[across, 0] - rooms[across, 1]) / 2
-        middle[2] = height / 2
-        wall = hull_mesh(CUBE * size / 2, color)
-        walls.append((wall, rigid(frame, floor + frame @ middle)))
-    return walls
+    walls = box_walls(rooms, height, _THICK, color)
+    return [(wall, rigid(frame, floor + frame @ middle)) for wall, middle in walls]
 
 
 def copies(
@@ -99,12 +89,3 @@ def _upright(normal: Float[np.ndarray, "3"], rng: np.random.Generator) -> Float[
     first = np.cross(normal, rng.normal(size=3))
     first /= np.linalg.norm(first)
     return np.stack([first, np.cross(normal, first), normal], axis=1)
-
-
-def hull_mesh(points: Float[np.ndarray, "n 3"], color: np.ndarray) -> Mesh:
-    """The convex hull of points (m) in one colour, its faces flat."""
-    hull = ConvexHull(points)
-    vertices = points[hull.simplices].reshape(-1, 3)
-    faces = np.arange(len(vertices)).reshape(-1, 3)
-    normals = np.repeat(hull.equations[:, :3], 3, axis=0)
-    return Mesh(vertices, faces, np.tile(color, (len(vertices), 1)), normals)

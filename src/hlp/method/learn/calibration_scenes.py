@@ -16,16 +16,15 @@ from scipy.spatial.transform import Rotation
 
 from hlp.geometry import back_project, rigid, transform
 from hlp.method.learn.calibration_bins import (
-    CUBE,
     Plane,
     Pose,
     bin_walls,
     center_of,
     copies,
-    hull_mesh,
     resting_plane,
     with_random_color,
 )
+from hlp.objects.bins import CUBE, hull_mesh
 from hlp.patches.procedural_backgrounds import procedural_backgrounds
 from hlp.records import Frame, Mesh, ObjectModel, Target
 from hlp.rendering.light import random_light
