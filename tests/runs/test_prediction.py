@@ -4,6 +4,7 @@ import json
 import logging
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -234,3 +235,4 @@ def test_a_pose_has_the_keys_of_bop() -> None:
         "visible_fraction": 0.9,
         "residual_mm": 1.5,
     }
+    assert detection_values(replace(found, rank=3))["rank"] == 3

@@ -19,7 +19,6 @@ from hlp.method.find.detections import (
     Detection,
     SearchResult,
     TrackedDetection,
-    describe_all,
     sort_answers,
 )
 from hlp.method.find.estimator import PoseEstimator
@@ -271,9 +270,7 @@ class Detector:
             context = estimator.prepare(frame, within)
             counts = {self._ids[name]: max_instances for name in names}
             trace = search_frame(estimator, context, counts, min_score=min_score, begun=begun)
-            answers = describe_all(estimator, context, trace)
-        missing = [name for name in names if trace[self._ids[name]].refined is None]
-        return sort_answers(answers, missing, min_score)
+            return sort_answers(estimator, context, trace, min_score)
 
     def refine(
         self,

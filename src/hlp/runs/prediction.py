@@ -60,7 +60,7 @@ def pose_line(image: str, name: str, score: float, pose: Float[np.ndarray, "4 4"
 def detection_values(found: Detection) -> dict[str, Any]:
     """Score, pose and fit; the pose with BOP's keys: `cam_R_m2c` by rows, `cam_t_m2c` in mm.
 
-    In a sequence also its track.
+    Also the place in the order of picking, and in a sequence the track.
     """
     pose = np.asarray(found.pose_cam_obj, dtype=np.float64)
     values: dict[str, Any] = {
@@ -70,6 +70,8 @@ def detection_values(found: Detection) -> dict[str, Any]:
         "visible_fraction": found.visible_fraction,
         "residual_mm": found.residual_mm,
     }
+    if found.rank is not None:
+        values["rank"] = found.rank
     if isinstance(found, TrackedDetection):
         values |= {"track": found.track, "tracked": found.tracked}
     return values

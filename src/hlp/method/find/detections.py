@@ -2,21 +2,26 @@
 
 import dataclasses
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+from typing import Any, TypeVar
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from hlp.geometry import rotation_distance, transform
 from hlp.method.find.estimator import FrameContext, PoseEstimator
 from hlp.method.find.trace import Trace
+from hlp.records import Frame, ObjectModel
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.pose_fit import PoseFit
+from hlp.rendering.rasterizer import render_depth
 
 _SAME_TURN = np.deg2rad(15.0)
 _SAME_SHIFT = 0.1  # of the diameter
+_DRAWN = 320  # px: width of the images that tell which instance lies on which
+_OVERLAP = 0.02  # of the smaller silhouette: with less in common, none lies on the other
 
 
 def plain(value: Any) -> Any:
@@ -27,7 +32,7 @@ def plain(value: Any) -> Any:
         return None
     if not dataclasses.is_dataclass(value):
         return value
-    return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    return {part.name: plain(getattr(value, part.name)) for part in dataclasses.fields(value)}
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,9 @@ class Detection:
             `pose_cam_obj` first.
         runner_up: None if there was no other pose.
         fit: what the score is computed from.
+        rank: place in the order in which a robot would pick what was found in the image, 0 first:
+            what lies on another before it, else by score × visible fraction. None where it is not
+            one of the answers for an image.
 
     Examples:
         >>> (found,) = detector.detect(rgb, depth, camera_matrix, ["bear"], max_instances=1)
@@ -73,6 +81,7 @@ class Detection:
     equivalent_poses: Float[np.ndarray, "n 4 4"]
     runner_up: RunnerUp | None
     fit: PoseFit
+    rank: int | None = field(default=None, kw_only=True)
 
     def __str__(self) -> str:
         """One line: object, score, position in the camera's coordinates and what is visible."""
@@ -88,7 +97,7 @@ class Detection:
         Returns:
             Arrays as lists, `runner_up` and `fit` as dictionaries, what is not finite as None.
         """
-        return {field.name: plain(getattr(self, field.name)) for field in dataclasses.fields(self)}
+        return {part.name: plain(getattr(self, part.name)) for part in dataclasses.fields(self)}
 
 
 @dataclass(frozen=True)
@@ -128,11 +137,57 @@ class TrackingResult:
     rejections: list[Rejection]
 
 
+AnyDetection = TypeVar("AnyDetection", bound=Detection)
+
+
+def with_ranks(
+    detections: Sequence[AnyDetection], models: Mapping[int, ObjectModel], frame: Frame
+) -> list[AnyDetection]:
+    """The detections of one frame with their ranks, in the order in which they are given.
+
+    Again and again, of those on which no other one lies, the one of the greatest product of score
+    and visible fraction is picked; of all, if they lie on each other in a circle.
+    """
+    on_top = _lies_on(detections, {model.name: model for model in models.values()}, frame)
+    values = np.array([found.score * found.visible_fraction for found in detections])
+    left = np.ones(len(detections), dtype=bool)
+    ranked = list(detections)
+    for rank in range(len(detections)):
+        free = left & ~on_top[left].any(axis=0)
+        chosen = int(np.argmax(np.where(free if free.any() else left, values, -np.inf)))
+        ranked[chosen] = replace(detections[chosen], rank=rank)
+        left[chosen] = False
+    return ranked
+
+
+def _lies_on(
+    detections: Sequence[Detection], models: Mapping[str, ObjectModel], frame: Frame
+) -> Bool[np.ndarray, "n n"]:
+    """Whether the first is nearer to the camera in most of what the silhouettes of two share."""
+    height, width = frame.depth.shape
+    scale = min(1.0, _DRAWN / width) if len(detections) > 1 else 0.0  # one alone is not drawn
+    shape = math.ceil(height * scale), math.ceil(width * scale)
+    camera_matrix = np.diag([scale, scale, 1.0]) @ frame.camera_matrix
+    depths = np.zeros((len(detections), *shape), dtype=np.float32)
+    for depth, found in zip(depths, detections, strict=True):
+        mesh, pose = models[found.object].proxy, found.pose_cam_obj
+        depth[:] = render_depth(mesh, pose[None], camera_matrix, shape, threads=1)[0]
+    areas = np.count_nonzero(depths, axis=(1, 2))
+    lies_on = np.zeros((len(detections), len(detections)), dtype=bool)
+    for first, second in combinations(range(len(detections)), 2):
+        both = (depths[first] > 0.0) & (depths[second] > 0.0)
+        if np.count_nonzero(both) > _OVERLAP * min(areas[first], areas[second]):
+            nearer = np.median((depths[first] - depths[second])[both]) < 0.0
+            lies_on[(first, second) if nearer else (second, first)] = True
+    return lies_on
+
+
 def sort_answers(
-    answers: Sequence[Detection], missing: Sequence[str], min_score: float
+    estimator: PoseEstimator, context: FrameContext, trace: Trace, min_score: float
 ) -> SearchResult:
-    """Divide answers by their score. `missing` are the objects without an answer."""
+    """What a search of a frame found, divided by its score."""
     detections, rejections = list[Detection](), list[Rejection]()
+    answers, models = describe_all(estimator, context, trace), estimator.learnt.models
     for answer in sorted(answers, key=lambda answer: -answer.score):
         if answer.score >= min_score:
             detections.append(answer)
@@ -140,8 +195,9 @@ def sort_answers(
             reason = f"the score {answer.score:.2f} of the best pose is below {min_score:g}"
             rejections.append(Rejection(answer.object, reason, answer))
     reason = "nothing looks like the object where the image has depth and no other object is found"
+    missing = [models[i].name for i, found in trace.items() if found.refined is None]
     rejections += [Rejection(name, reason, None) for name in missing]
-    return SearchResult(detections, rejections)
+    return SearchResult(with_ranks(detections, models, context.frame), rejections)
 
 
 def describe_all(estimator: PoseEstimator, context: FrameContext, trace: Trace) -> list[Detection]:

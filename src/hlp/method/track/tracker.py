@@ -18,9 +18,9 @@ from hlp.method.find.detections import (
     TrackedDetection,
     TrackingResult,
     describe,
-    describe_all,
     describe_pose,
     sort_answers,
+    with_ranks,
 )
 from hlp.method.find.estimator import FrameContext, PoseEstimator
 from hlp.method.find.patch_matching import FrameMatches
@@ -31,8 +31,7 @@ from hlp.refinement.refiner import refinable
 from hlp.refinement.verification import Observation
 from hlp.rendering.rasterizer import NEAR
 
-# Diameters beside an object that are looked at: the search moves it by less.
-_BESIDE = 0.5
+_BESIDE = 0.5  # diameters beside an object that are looked at: the search moves it by less
 
 
 class Tracker:
@@ -127,7 +126,8 @@ class Tracker:
         rejections = step.search(counts, self.settings.min_score, lost, self._numbers)
         self._tracks = tuple(track for track, _ in step.found)
         answers = sorted((answer for _, answer in step.found), key=lambda answer: -answer.score)
-        return TrackingResult(answers, rejections)
+        models, frame = step.estimator.learnt.models, step.context.frame
+        return TrackingResult(with_ranks(answers, models, frame), rejections)
 
 
 @dataclass(frozen=True)
@@ -192,10 +192,9 @@ class _Step:
         trace = search_frame(
             estimator, self.context, counts, min_score=min_score, unexplained=rest, begun=begun
         )
-        names = {i: estimator.learnt.models[i].name for i in counts}
-        missing = [names[i] for i, found in trace.items() if found.refined is None]
-        result = sort_answers(describe_all(estimator, self.context, trace), missing, min_score)
-        for object_id, name in names.items():
+        result = sort_answers(estimator, self.context, trace, min_score)
+        for object_id in counts:
+            name = estimator.learnt.models[object_id].name
             of_object = [answer for answer in result.detections if answer.object == name]
             places = [track for track in lost if track.object_id == object_id]
             for answer, known in _matched(of_object, places):
