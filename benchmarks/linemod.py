@@ -26,9 +26,8 @@ from hlp.data.bop import BopSettings
 from hlp.evaluation.errors import add
 from hlp.geometry import back_project, rigid
 from hlp.records import Frame, Hypotheses, ObjectModel
-from hlp.rendering.light import FRONTAL_LIGHT
-from hlp.rendering.rasterizer import render_rgbd
-from hlp.rendering.viewpoints import hemisphere, view_rotations
+from hlp.rendering.rasterizer import FRONTAL_LIGHT, render_rgbd
+from hlp.rendering.views import hemisphere, view_rotations
 
 _VIEWPOINTS, _TURNS = 90, np.radians(np.arange(-45, 46, 10))
 _DISTANCES = np.arange(0.65, 1.2, 0.1)  # m, as in the paper

@@ -8,8 +8,7 @@ import trimesh
 from hlp.geometry import rigid
 from hlp.records import Mesh, ObjectModel
 from hlp.refinement.verification import Observation, VerificationSettings, observe
-from hlp.rendering.light import FRONTAL_LIGHT
-from hlp.rendering.rasterizer import render_scene
+from hlp.rendering.rasterizer import FRONTAL_LIGHT, render_scene
 
 CAMERA = np.array([[520.0, 0.0, 151.2], [0.0, 525.0, 118.7], [0.0, 0.0, 1.0]])
 SHAPE = (240, 320)

@@ -10,7 +10,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from generated_values import json_values, texts
-from hlp.checksums import (
+from hlp.errors import DataError
+from hlp.fingerprints import (
     content_checksum,
     file_checksum,
     find_damaged,
@@ -18,7 +19,6 @@ from hlp.checksums import (
     seal_is_whole,
     sealed,
 )
-from hlp.errors import DataError
 
 
 def test_file_and_content_have_one_checksum_that_of_xxh3_128(tmp_path: Path) -> None:

@@ -12,14 +12,14 @@ import pytest
 import hlp
 
 CALLEE = """\
-from hlp.compiled import compiled
+from hlp.kernels import compiled
 
 @compiled(inline="always")
 def doubled(x):
     return {factor} * x
 """
 CALLER = """\
-from hlp.compiled import compiled
+from hlp.kernels import compiled
 from kernels.callee import doubled
 
 @compiled()

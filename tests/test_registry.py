@@ -11,7 +11,7 @@ from typing import Any, Literal
 import pytest
 
 from hlp.errors import ConfigError
-from hlp.registry import Registry
+from hlp.settings import Registry
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     folder = tmp_path / "colours_of_a_test"
     folder.mkdir()
     (folder / "__init__.py").write_text(
-        "from hlp.registry import Registry\nCOLOURS = Registry('colour', 'colours_of_a_test')\n"
+        "from hlp.settings import Registry\nCOLOURS = Registry('colour', 'colours_of_a_test')\n"
     )
     (folder / "green.py").write_text(
         "from typing import Literal\nfrom colours_of_a_test import COLOURS\n"

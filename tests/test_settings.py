@@ -9,10 +9,10 @@ import pytest
 from annotated_types import Ge, Gt, Interval, Le, Len
 
 from hlp.errors import ConfigError, DataError
-from hlp.registry import Registry
 from hlp.settings import (
     Doc,
     ReadBy,
+    Registry,
     Settings,
     SettingsError,
     Stored,

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from hlp import source_code
-from hlp.source_code import code_of, source_digest
+from hlp import fingerprints
+from hlp.fingerprints import code_of, source_digest
 
 FILES = {
     "outside/__init__.py": "",
@@ -37,7 +37,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 def forget() -> None:
     """What is read once in a process is read again."""
-    for function in vars(source_code).values():
+    for function in vars(fingerprints).values():
         if hasattr(function, "cache_clear"):
             function.cache_clear()
 
@@ -68,13 +68,13 @@ def test_hlps_modules_count_by_source_for_a_plug_in(
     package: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = source_digest("outside.uses_hlp")
-    read = source_code._read
+    read = fingerprints._read
 
     def edited(name: str) -> bytes | None:
         content = read(name)
         return content + b"\n" if name == "hlp.geometry" and content else content
 
-    monkeypatch.setattr(source_code, "_read", edited)
+    monkeypatch.setattr(fingerprints, "_read", edited)
     source_digest.cache_clear()
     assert source_digest("outside.uses_hlp") != first
 
@@ -113,6 +113,6 @@ def test_a_module_without_source_is_named(package: Path, name: str) -> None:
 def test_imports_are_known_by_their_full_names(package: Path) -> None:
     lines = "import a, b.c as d\nfrom e import f as g\nfrom .deep import n\nfrom . import o\n"
     (package / "outside" / "many.py").write_text(lines)
-    found = source_code._imports("outside.many")
+    found = fingerprints._imports("outside.many")
     inside = ("outside.deep", "outside.deep.n", "outside", "outside.o")
     assert found == ("a", "b.c", "e", "e.f", *inside)

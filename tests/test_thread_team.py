@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 
-from hlp.thread_team import ThreadTeam, threads_here
+from hlp.kernels import ThreadTeam, threads_here
 
 
 @pytest.mark.parametrize("threads", [1, 2, 5])

@@ -8,8 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from hlp.registry import Registry
-from hlp.settings import Doc
+from hlp.settings import Doc, Registry
 
 UNITS = {
     "mm": "mm",

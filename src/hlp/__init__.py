@@ -20,7 +20,7 @@ if TYPE_CHECKING:
         TrackingResult,
     )
     from hlp.method.settings import MethodSettings, TrackingSettings
-    from hlp.method.track.tracker import Tracker
+    from hlp.method.tracker import Tracker
     from hlp.records import CameraImage, Frame, ObjectModel
     from hlp.refinement.pose_fit import PoseFit
 
@@ -38,7 +38,7 @@ _HOMES = {
     "RunnerUp": "hlp.method.find.detections",
     "SearchResult": "hlp.method.find.detections",
     "TrackedDetection": "hlp.method.find.detections",
-    "Tracker": "hlp.method.track.tracker",
+    "Tracker": "hlp.method.tracker",
     "TrackingResult": "hlp.method.find.detections",
     "TrackingSettings": "hlp.method.settings",
 }

@@ -11,6 +11,8 @@ Pose = Float[np.ndarray, "4 4"]
 Poses = Float[np.ndarray, "n 4 4"]
 CameraMatrix = Float[np.ndarray, "3 3"]
 Point = Float[np.ndarray, "3"]
+Vector = Float[np.ndarray, "3"]
+"""A direction, a normal or an offset."""
 Points = Float[np.ndarray, "n 3"]
 Pixels = Int[np.ndarray, "n 2"]
 Positions = Float[np.ndarray, "n 2"]

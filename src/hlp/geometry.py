@@ -3,6 +3,8 @@
 import numpy as np
 from jaxtyping import Float
 
+from hlp.arrays import CameraMatrix
+
 Array = Float[np.ndarray, "..."]
 
 
@@ -32,7 +34,7 @@ def transform(
 
 
 def project(
-    points_cam: Float[np.ndarray, "*b 3"], camera_matrix: Float[np.ndarray, "3 3"]
+    points_cam: Float[np.ndarray, "*b 3"], camera_matrix: CameraMatrix
 ) -> Float[np.ndarray, "*b 2"]:
     """Pixels (x, y) of points in front of the camera (z > 0); pixel centres are integers."""
     focal = camera_matrix[[0, 1], [0, 1]]
@@ -40,9 +42,7 @@ def project(
 
 
 def back_project(
-    pixels: Float[np.ndarray, "*b 2"],
-    depth: Float[np.ndarray, "*b"],
-    camera_matrix: Float[np.ndarray, "3 3"],
+    pixels: Float[np.ndarray, "*b 2"], depth: Float[np.ndarray, "*b"], camera_matrix: CameraMatrix
 ) -> Float[np.ndarray, "*b 3"]:
     """Points in camera coordinates (m) of pixels (x, y) at a depth along z (m)."""
     focal = camera_matrix[[0, 1], [0, 1]]
@@ -130,7 +130,7 @@ def _lengths(quats: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 1"]:
     return np.asarray(np.sqrt(x * x + y * y + z * z + w * w)[:, None])
 
 
-def nearest_rotation(matrix: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+def nearest_rotation(matrix: CameraMatrix) -> Float[np.ndarray, "3 3"]:
     """The rotation closest to a matrix in the Frobenius norm, as files store rounded rotations."""
     u, _, vt = np.linalg.svd(matrix)
     return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)

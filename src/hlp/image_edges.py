@@ -7,9 +7,10 @@ and background (Hinterstoisser et al., LINEMOD, PAMI 2012).
 
 import cv2
 import numpy as np
-from jaxtyping import Float32, Int8, UInt8
+from jaxtyping import Float32, Int8
 
-from hlp.compiled import compiled
+from hlp.arrays import Rgb
+from hlp.kernels import compiled
 
 STEPS = 16
 """Directions that are told apart, of half a turn: 0 is that of x, and they turn towards y."""
@@ -20,7 +21,7 @@ _LEAST = 0.04  # of a gradient: difference of the colours' logarithms between ne
 _LOGARITHMS = np.log(np.arange(256, dtype=np.float32) + np.float32(_OFFSET))
 
 
-def color_edges(rgb: UInt8[np.ndarray, "h w 3"]) -> Int8[np.ndarray, "h w"]:
+def color_edges(rgb: Rgb) -> Int8[np.ndarray, "h w"]:
     """Direction of the gradient at the edges of a colour image, `NO_EDGE` elsewhere."""
     return edges(_LOGARITHMS[rgb], _LEAST)
 

@@ -14,8 +14,7 @@ from typing_extensions import Doc
 from hlp.config.settings import RunSettings
 from hlp.config.typed_defaults import group_kinds, rows
 from hlp.refinement.pso import PsoSettings
-from hlp.registry import Registry
-from hlp.settings import Settings, defaults_of
+from hlp.settings import Registry, Settings, defaults_of
 
 CONF = Path(__file__).parents[2] / "conf"
 

@@ -14,7 +14,7 @@ from bad_input import Case, check, written
 from hlp.data.bop_models import load_object_models, symmetry_motions
 from hlp.objects.mesh_colors import PLAIN_COLOR
 from hlp.objects.object_model import ObjectSettings
-from hlp.schemas.bop import ModelInfo
+from hlp.schemas import ModelInfo
 from hlp.settings import read_settings
 
 APE, BOWL = ObjectSettings(1, 80.0, 30.0), ObjectSettings(3, None, None)

@@ -24,7 +24,7 @@ from hlp.data.images import (
 )
 from hlp.errors import MissingDependencyError
 from hlp.files import read_npz
-from hlp.schemas.meaning import require_depths
+from hlp.schemas import require_depths
 
 METRES = np.array([[0.0, 0.8, 0.9], [1.25, 2.0, 0.5]], np.float32)
 NOISE = np.random.default_rng(0).integers(0, 255, (40, 60, 3), dtype=np.uint8)

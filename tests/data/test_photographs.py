@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from hlp.data.photographs import list_photographs, load_photographs, random_crops
+from hlp.data.images import list_photographs, load_photographs, random_crops
 
 
 def _picture(height, width):

@@ -11,7 +11,7 @@ from hlp.cli import COMMANDS
 from hlp.commands import MULTIRUN, composing, help_text
 from hlp.commands.arguments import split_arguments
 from hlp.config.build import build_settings
-from hlp.data.public.sets import find_set
+from hlp.data.public_sets import find_set
 
 PREFIX = {"bench": ["task=bench"], "search": ["task=search"]}
 OWN = ("download", "learn", "predict", "live", "objects", "doctor")

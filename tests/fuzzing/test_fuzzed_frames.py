@@ -11,6 +11,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from spoiled_files import is_clean, spoiled
 
+from hlp import schemas
 from hlp.data.bop_models import name_objects, symmetry_motions
 from hlp.data.bop_scenes import Scene, list_scenes
 from hlp.data.bop_targets import annotated_targets, list_targets, most_visible
@@ -19,8 +20,7 @@ from hlp.data.file_frames import read_numbers
 from hlp.data.linemod import read_dpt
 from hlp.data.ycbineoat import read_pose
 from hlp.errors import DataError
-from hlp.schemas import bop
-from hlp.schemas.meaning import camera_matrix
+from hlp.schemas import camera_matrix
 from hlp.settings import read_as
 
 K = [500.0, 0, 40, 0, 510.0, 30, 0, 0, 1]
@@ -94,7 +94,7 @@ def test_models_info(tmp_path: Path, content: bytes) -> None:
     path.write_bytes(content)
 
     def read() -> None:
-        for info in read_as(path, bop.ModelInfos).values():
+        for info in read_as(path, schemas.ModelInfos).values():
             motions = symmetry_motions(info, 8, str(path))
             assert np.isfinite(motions).all()
 

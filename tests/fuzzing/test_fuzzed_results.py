@@ -10,8 +10,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from spoiled_files import is_clean, spoiled
 
-from hlp.checksums import sealed
 from hlp.errors import DataError
+from hlp.fingerprints import sealed
 from hlp.geometry import rigid
 from hlp.method.learn.learnt_folder import LearntRecord, read_record, write_record
 from hlp.method.learn.model_files import read_history

@@ -8,8 +8,8 @@ import pytest
 
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.find.search import search_frame
+from hlp.method.find.trace import NOBODY
 from hlp.method.settings import FindSettings
-from hlp.observer import NOBODY
 from hlp.reporting.study_numbers import KINDS, read_numbers
 from hlp.results.summary_file import read_target_values
 from hlp.stages.store import StageStore

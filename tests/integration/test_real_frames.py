@@ -11,7 +11,7 @@ from hlp.commands.composing import config_folder
 from hlp.data.bop import BopSettings
 from hlp.data.file_frames import RgbdFrames
 from hlp.evaluation.errors import add, add_s
-from hlp.method.track.tracker import Track
+from hlp.method.tracker import Track
 from run_files import read_json
 from same_answers import compare_answers
 from tiny_method import tiny_method

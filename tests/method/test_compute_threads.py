@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from threadpoolctl import ThreadpoolController
 
-from hlp.method.compute_threads import one_blas_thread, set_compute_threads, take_blas
+from hlp.kernels import one_blas_thread, set_compute_threads, take_blas
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ import pytest
 
 from damage import damage
 from hlp import Detector
-from hlp.checksums import sealed
 from hlp.errors import DataError, InputError, MissingFileError
+from hlp.fingerprints import sealed
 from hlp.method.learn.learnt_folder import RECORD
 from tiny_method import MODELS, tiny_method, write_mesh
 

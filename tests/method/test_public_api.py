@@ -16,7 +16,8 @@ GIVEN = ("Detection", "Detector", "Tracker")
 
 def examples():
     finder = doctest.DocTestFinder(exclude_empty=True)
-    found = [test for name in GIVEN for test in finder.find(getattr(hlp, name), name)]
+    kinds = [(kind, name) for name in GIVEN for kind in getattr(hlp, name).__mro__[:-1]]
+    found = [test for kind, name in kinds for test in finder.find(kind, name)]
     return {test.name: test for test in found if test.examples}
 
 
@@ -41,7 +42,8 @@ def test_examples_of_docstrings_run(name, learnt, frame, tmp_path, monkeypatch):
 def test_public_methods_have_examples():
     methods = {
         f"Detector.{name}"
-        for name, value in vars(hlp.Detector).items()
+        for kind in hlp.Detector.__mro__[:-1]
+        for name, value in vars(kind).items()
         if not name.startswith("_") and isinstance(value, FunctionType | classmethod)
     }
     assert methods - examples().keys() == {"Detector.warm_up"}
@@ -52,7 +54,7 @@ def test_all_of_a_public_signature_is_exported():
     classes = [value for value in exported if isinstance(value, type)]
     signatures = [
         typing.get_type_hints(method)
-        for of in (hlp.Detector, hlp.Tracker)
+        for of in (*hlp.Detector.__mro__[:-1], hlp.Tracker)
         for name, method in vars(of).items()
         if isinstance(method, FunctionType) and not name.startswith("_")
     ]

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from hlp.patches.procedural_backgrounds import procedural_backgrounds
+from hlp.patches.backgrounds import procedural_backgrounds
 
 
 @pytest.fixture(scope="module")

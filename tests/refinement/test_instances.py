@@ -10,8 +10,7 @@ from hlp.refinement.choice import refine_and_choose
 from hlp.refinement.pso import PsoSettings
 from hlp.refinement.refiner import NoneSettings
 from hlp.refinement.verification import Verifier, observe
-from hlp.rendering.light import FRONTAL_LIGHT
-from hlp.rendering.rasterizer import render_scene
+from hlp.rendering.rasterizer import FRONTAL_LIGHT, render_scene
 from refinement_scene import CAMERA, SHAPE, disturbed
 
 

@@ -15,8 +15,7 @@ from hlp.refinement.verification import (
     Verifier,
     observe,
 )
-from hlp.rendering.light import Light
-from hlp.rendering.rasterizer import render_depth, render_rgbd
+from hlp.rendering.rasterizer import Light, render_depth, render_rgbd
 from refinement_scene import CAMERA, SHAPE, disturbed, error, make_scene
 
 AMBIENT = Light((0.0, 0.0, -1.0), 1.0, 0.0, 0.0, 1.0)

@@ -1,6 +1,6 @@
 import numpy as np
 
-from hlp.rendering.light import random_light, shade
+from hlp.rendering.rasterizer import random_light, shade
 
 
 def shade_one(albedo, normal, view, light):

@@ -13,7 +13,7 @@ import trimesh
 
 from hlp.records import Mesh
 from hlp.rendering import opengl, rasterizer
-from hlp.rendering.light import Light, random_light
+from hlp.rendering.rasterizer import Light, random_light
 from refinement_scene import as_mesh
 
 CAMERA = np.array([[300.0, 0.0, 31.3], [0.0, 310.0, 22.6], [0.0, 0.0, 1.0]])
@@ -152,7 +152,7 @@ def test_a_forked_child_is_told_why_it_cannot_render():
 
 def test_importing_starts_nothing():
     run_python("""
-        import os, sys
+        import cv2, os, sys  # OpenCV sets some variables itself
         before = dict(os.environ)
         import hlp.rendering.views, hlp.rendering.opengl
         assert "pyrender" not in sys.modules and "OpenGL" not in sys.modules

@@ -6,8 +6,7 @@ import trimesh
 
 from hlp.geometry import rigid
 from hlp.records import Mesh
-from hlp.rendering.light import Light
-from hlp.rendering.rasterizer import render_depth, render_rgbd, render_scene
+from hlp.rendering.rasterizer import Light, render_depth, render_rgbd, render_scene
 from refinement_scene import as_mesh
 
 CAMERA = np.array([[70.0, 0.0, 31.3], [0.0, 72.0, 24.6], [0.0, 0.0, 1.0]])

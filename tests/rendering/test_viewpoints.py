@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hlp.rendering.viewpoints import hemisphere, thomson, view_rotations
+from hlp.rendering.views import hemisphere, thomson, view_rotations
 
 # Lowest known energies: Wales & Ulker, Physical Review B 74 (2006), 212101.
 BEST_ENERGY = {

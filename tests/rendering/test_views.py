@@ -9,8 +9,7 @@ import trimesh
 from hlp.geometry import project, transform
 from hlp.records import ObjectModel
 from hlp.rendering import opengl
-from hlp.rendering.viewpoints import hemisphere
-from hlp.rendering.views import ViewsSettings, load_views, render_views, save_views
+from hlp.rendering.views import ViewsSettings, hemisphere, load_views, render_views, save_views
 from refinement_scene import as_mesh
 
 SETTINGS = ViewsSettings(

@@ -14,11 +14,11 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from generated_values import json_values, texts
-from hlp import source_code
+from hlp import fingerprints
 from hlp.errors import ConfigError
+from hlp.fingerprints import Code
 from hlp.method.settings import MethodSettings
 from hlp.settings import read_settings
-from hlp.source_code import Code
 from hlp.stages.manifest import fingerprint, is_fingerprint, plain, stage_code
 
 BASE = {
@@ -37,7 +37,7 @@ def name_of(**changes):
 
 def test_a_name_is_the_same_in_another_process():
     code = (
-        "from hlp.source_code import Code; from hlp.stages.manifest import fingerprint; "
+        "from hlp.fingerprints import Code; from hlp.stages.manifest import fingerprint; "
         f"print(fingerprint(**{BASE!r}))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -153,8 +153,8 @@ def test_a_stages_code_is_what_its_modules_import_and_not_the_settings_of_other_
     """A change of the refiner renders no views and trains no classifier."""
     training = "hlp.method.learn.classifier_training"
     collected = ("hlp.method.settings",)
-    names, _ = source_code._closure((training,), collected)
+    names, _ = fingerprints._closure((training,), collected)
     assert not [name for name in names if name.startswith(("hlp.refinement", "hlp.voting"))]
     used = ("patches.holistic_pool", "models.classifier_training", "method.learn.training")
     assert {f"hlp.{name}" for name in used} <= {*names}
-    assert stage_code(training).source != source_code.code_of(training).source
+    assert stage_code(training).source != fingerprints.code_of(training).source

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from fake_detection import FakeEstimator, method_settings
-from hlp import source_code
+from hlp import fingerprints
 from hlp.config.build import build_settings
 from hlp.stages import detection
 from hlp.stages.detection import DetectionStages
@@ -205,7 +205,7 @@ def test_one_mesh_under_two_ids_shares_its_views_and_nothing_else(dataset):
 @pytest.fixture
 def edit(monkeypatch):
     """Adds a line to a module's source, as far as digests know."""
-    read = source_code._read
+    read = fingerprints._read
     edited = set()
 
     def with_a_line_more(name):
@@ -213,15 +213,15 @@ def edit(monkeypatch):
         return content + b"#\n" if content is not None and name in edited else content
 
     def forget():
-        source_code.code_of.cache_clear()
-        source_code.source_digest.cache_clear()
+        fingerprints.code_of.cache_clear()
+        fingerprints.source_digest.cache_clear()
 
     def add(module):
         assert read(module) is not None
         edited.add(module)
         forget()
 
-    monkeypatch.setattr(source_code, "_read", with_a_line_more)
+    monkeypatch.setattr(fingerprints, "_read", with_a_line_more)
     yield add
     forget()
 
@@ -241,7 +241,7 @@ FOUND = {"regions", "hypotheses", "poses"}
         ("hlp.rendering.rasterizer", ALL),
         ("hlp.records", ALL),
         ("hlp.patches.holistic_pool", {"classifier", "score", *FOUND}),
-        ("hlp.data.photographs", {"classifier", "score", *FOUND}),
+        ("hlp.data.images", {"classifier", "score", *FOUND}),
         ("hlp.rendering.sensor", {"classifier", "score", *FOUND}),
         ("hlp.patches.local_pool", {"encoder", "codebook", "score", "hypotheses", "poses"}),
         ("hlp.method.learn.training", ALL - {"views"}),
@@ -263,11 +263,11 @@ def test_another_version_of_a_library_changes_the_names_of_the_stages_that_use_i
     dataset, monkeypatch, edit
 ):
     before = names(method_settings(), dataset)
-    versions = source_code._versions
+    versions = fingerprints._versions
 
     def newer(modules):
         return {name: f"{v}.1" if name == "torch" else v for name, v in versions(modules).items()}
 
-    monkeypatch.setattr(source_code, "_versions", newer)
+    monkeypatch.setattr(fingerprints, "_versions", newer)
     edit("hlp.reporting.tables")  # clears what was read; changes nothing itself
     assert changed(before, names(method_settings(), dataset)) == ALL - {"views"}

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from filelock import FileLock
 
-from hlp import checksums
-from hlp.checksums import file_checksum, sealed
+from hlp import fingerprints
 from hlp.errors import DataError
+from hlp.fingerprints import file_checksum, sealed
 from hlp.stages.store import StageStore
 
 NAME = "0123456789abcdef"
@@ -177,7 +177,7 @@ def test_a_store_reads_every_file_once(tmp_path, monkeypatch):
     ask(tmp_path)
     read = []
     monkeypatch.setattr(
-        checksums, "file_checksum", lambda path: read.append(path.name) or file_checksum(path)
+        fingerprints, "file_checksum", lambda path: read.append(path.name) or file_checksum(path)
     )
     store = StageStore(tmp_path)
     for _ in range(3):

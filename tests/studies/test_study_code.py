@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from fake_detection import CountedFrames, method_settings
-from hlp import source_code
+from hlp import fingerprints
 from hlp.refinement.icp import IcpSettings
 from hlp.refinement.pso import PsoSettings
 from hlp.stages.store import Output
@@ -56,14 +56,14 @@ def test_what_was_measured_by_other_code_is_measured_anew(
     module: str, changed: set[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = names()
-    read = source_code._read
+    read = fingerprints._read
 
     def edited(name: str) -> bytes | None:
         content = read(name)
         return content + b"#\n" if content is not None and name == module else content
 
-    monkeypatch.setattr(source_code, "_read", edited)
-    source_code.code_of.cache_clear()
+    monkeypatch.setattr(fingerprints, "_read", edited)
+    fingerprints.code_of.cache_clear()
     after = names()
-    source_code.code_of.cache_clear()
+    fingerprints.code_of.cache_clear()
     assert {name for name in before if before[name] != after[name]} == changed

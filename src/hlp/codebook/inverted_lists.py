@@ -15,12 +15,11 @@ from jaxtyping import Float32, Int64, UInt8
 
 from hlp.arrays import Features
 from hlp.codebook.neighbours import SEARCHES, ExactNeighbours, SearchSettings
-from hlp.compiled import compiled
 from hlp.errors import DataError
 from hlp.files import read_npz
+from hlp.kernels import ThreadTeam, compiled, threads_here
 from hlp.records import Matches
 from hlp.settings import Count, Doc
-from hlp.thread_team import ThreadTeam, threads_here
 
 if TYPE_CHECKING:
     import faiss

@@ -11,8 +11,7 @@ from jaxtyping import Float, Int
 
 from hlp.arrays import Features, Values
 from hlp.records import Matches
-from hlp.registry import Registry
-from hlp.settings import Count, Doc, Settings
+from hlp.settings import Count, Doc, Registry, Settings
 
 _ROWS = 512  # queries in a block: bounds the distance matrix
 

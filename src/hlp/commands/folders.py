@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from hlp.commands.arguments import is_true, known_arguments, path_of, text_list
-from hlp.data.public.sets import IMAGES, SETS, find_set
+from hlp.data.public_sets import IMAGES, SETS, find_set
 from hlp.errors import InputError
 from hlp.files import shipped_folder
 from hlp.stages.cleaning import KINDS, find_removable, remove
@@ -16,7 +16,7 @@ _INDENT = " " * 11
 
 def download(arguments: Sequence[str]) -> None:
     """Load a data set and say what to do with it."""
-    from hlp.data.public.download import download as load  # the help needs no network's library
+    from hlp.data.download import download as load  # the help needs no network's library
 
     name, *rest = arguments
     if "=" in name:

@@ -21,7 +21,7 @@ from hlp.data.cameras import (
 )
 from hlp.data.own_frames import CameraSettings
 from hlp.errors import InputError
-from hlp.method.compute_threads import set_compute_threads
+from hlp.kernels import set_compute_threads
 from hlp.method.detector import Detector
 from hlp.runs import live as answering
 from hlp.runs.learnt_cache import cache_folder, find_learnt

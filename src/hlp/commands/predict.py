@@ -9,7 +9,7 @@ from hlp.commands import arguments as own
 from hlp.data.frame_paths import with_frames
 from hlp.data.own_frames import FrameFiles, OwnFrames, SearchMasks
 from hlp.errors import InputError
-from hlp.method.compute_threads import set_compute_threads
+from hlp.kernels import set_compute_threads
 from hlp.method.detector import Detector
 from hlp.runs import prediction
 from hlp.runs.learnt_cache import cache_folder, find_learnt

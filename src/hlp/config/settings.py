@@ -11,9 +11,8 @@ from annotated_types import Ge, Le
 from hlp.data.dataset import DATASETS, DataSettings
 from hlp.evaluation.settings import EvaluationSettings
 from hlp.method.settings import MethodSettings
-from hlp.registry import Registry
 from hlp.reporting.mlflow.tracking import MlflowSettings
-from hlp.settings import Doc, Settings, SettingsError
+from hlp.settings import Doc, Registry, Settings, SettingsError
 from hlp.stages.executor_settings import EXECUTORS, ExecutorSettings
 from hlp.stages.warm_start import WarmStartSettings
 

@@ -25,8 +25,7 @@ from omegaconf import OmegaConf
 
 from hlp.errors import ConfigError
 from hlp.files import config_folder
-from hlp.registry import Registry
-from hlp.settings import defaults_of
+from hlp.settings import Registry, defaults_of
 
 _SCHEME = "hlp-defaults"
 LADDER = "ladder"

@@ -13,8 +13,8 @@ from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Interval, Le
-from jaxtyping import Bool
 
+from hlp.arrays import Mask
 from hlp.data.bop_models import (
     AUTO,
     evaluation_meshes,
@@ -190,7 +190,7 @@ class BopFrames(FileFrames):
         ]
         return content_hash([*texts, *images], repr(list(self.targets.items())))
 
-    def visible_mask(self, frame: Frame, target: Target) -> Bool[np.ndarray, "h w"] | None:
+    def visible_mask(self, frame: Frame, target: Target) -> Mask | None:
         """The data set's mask of one of the frame's targets; None if there is no such file.
 
         Raises DataError naming a mask that is broken or not of the frame's size.

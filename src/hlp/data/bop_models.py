@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from hlp import schemas
+from hlp.arrays import Pose, Poses
 from hlp.data.bop_scenes import list_scenes
 from hlp.errors import ConfigError, DataError, MissingFileError
 from hlp.files import read_json
@@ -18,8 +20,7 @@ from hlp.objects.meshes import mesh_diameter
 from hlp.objects.object_model import ObjectSettings, build_object_model, check_unique
 from hlp.records import MILLIMETRE, MILLIMETRES_PER_METRE, ObjectModel
 from hlp.rendering.surface import sample_surface
-from hlp.schemas import bop
-from hlp.schemas.meaning import exact_rotation
+from hlp.schemas import exact_rotation
 from hlp.settings import read_as, stored_as
 
 _FOLDERS = ("models", "models_eval")
@@ -48,8 +49,8 @@ def load_object_models(
         path = _mesh_path(root, name, settings.id)
         listed = path.parent / _INFO
         content = read_json(listed) if listed.is_file() else {}
-        infos = stored_as(bop.ModelInfos, content, str(listed))
-        info = infos.get(str(settings.id), bop.ModelInfo())
+        infos = stored_as(schemas.ModelInfos, content, str(listed))
+        info = infos.get(str(settings.id), schemas.ModelInfo())
         diameter = None if info.diameter is None else info.diameter * MILLIMETRE
         where = f"{listed}, object {settings.id}"
         stated = any(_SYMMETRIES & entry.keys() for entry in content.values())
@@ -65,9 +66,7 @@ def load_object_models(
     return models
 
 
-def symmetry_motions(
-    info: bop.ModelInfo, steps: int, where: str = "models_info.json"
-) -> Float[np.ndarray, "n 4 4"]:
+def symmetry_motions(info: schemas.ModelInfo, steps: int, where: str = "models_info.json") -> Poses:
     """Symmetries in an entry of `models_info.json` as motions (n, 4, 4) in metres, identity first.
 
     As in the BOP toolkit, the rotations about all axes of continuous symmetries, discretised in
@@ -96,7 +95,7 @@ def symmetry_motions(
     return np.asarray(motions.reshape(-1, 4, 4))
 
 
-def _discrete(values: Sequence[float], where: str) -> Float[np.ndarray, "4 4"]:
+def _discrete(values: Sequence[float], where: str) -> Pose:
     motion = np.asarray(values, dtype=np.float64).reshape(4, 4)
     if not np.array_equal(motion[3], [0.0, 0.0, 0.0, 1.0]):
         raise DataError(f"{where} is no motion: its last row is {motion[3].tolist()}, not 0 0 0 1")
@@ -104,7 +103,7 @@ def _discrete(values: Sequence[float], where: str) -> Float[np.ndarray, "4 4"]:
     return np.asarray(rigid(rotation, motion[:3, 3] * MILLIMETRE))
 
 
-def _turns(entry: bop.ContinuousSymmetry, steps: int, where: str) -> Float[np.ndarray, "s 4 4"]:
+def _turns(entry: schemas.ContinuousSymmetry, steps: int, where: str) -> Float[np.ndarray, "s 4 4"]:
     """Rotations about the axis of a continuous symmetry, the identity first."""
     from scipy.spatial.transform import Rotation
 
@@ -128,7 +127,7 @@ def name_objects(root: Path, object_ids: Iterable[int]) -> dict[str, ObjectSetti
     names: dict[str, str] = {}
     for folder in _FOLDERS:
         if not names and (path := root / folder / _NAMES).is_file():
-            names = read_as(path, bop.Names)
+            names = read_as(path, schemas.Names)
             for name in names.values():
                 if not _NAME.fullmatch(name):
                     raise DataError(f"{path}: {name!r} cannot name an object")

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool
 
+from hlp import schemas
 from hlp.data.images import find_image, read_rgb
 from hlp.errors import DataError, MissingFileError
 from hlp.files import read_json
-from hlp.schemas import bop
 from hlp.settings import read_as, stored_as
 
 Mask = Bool[np.ndarray, "h w"]
@@ -32,7 +32,7 @@ class Scene:
 
     def __init__(self, folder: Path, number: int | None = None) -> None:
         self._folder, self._number = folder, number
-        self._entries = cache(lambda path: read_as(path, bop.Scene))
+        self._entries = cache(lambda path: read_as(path, schemas.Scene))
 
     @property
     def frame_ids(self) -> tuple[int, ...]:
@@ -43,7 +43,7 @@ class Scene:
         for kind in (_CAMERA, _TRUTH) if self.annotated else (_CAMERA,):
             path = self._file(kind, 0)
             try:
-                numbers |= {*bop.whole_ids([*self._entries(path)])}
+                numbers |= {*schemas.whole_ids([*self._entries(path)])}
             except ValueError as error:
                 raise DataError(f"{path}: {error}") from error
         return tuple(sorted(numbers))
@@ -54,22 +54,22 @@ class Scene:
         frames = (0,) if self._number is None else self.frame_ids[:1]
         return any(self._file(_TRUTH, frame).is_file() for frame in frames)
 
-    def camera(self, frame_id: int) -> bop.CameraEntry:
+    def camera(self, frame_id: int) -> schemas.CameraEntry:
         """The frame's camera. Raises DataError if there is none, or a broken one."""
         entry, path = self._entry(_CAMERA, frame_id)
         if isinstance(entry, dict) and "cam_K" not in entry:
             raise DataError(f"{path} has no cam_K for frame {frame_id}")
-        return stored_as(bop.CameraEntry, entry, f"{path}, frame {frame_id}")
+        return stored_as(schemas.CameraEntry, entry, f"{path}, frame {frame_id}")
 
-    def truth(self, frame_id: int) -> list[bop.TruthEntry]:
+    def truth(self, frame_id: int) -> list[schemas.TruthEntry]:
         """The annotated instances. Raises MissingFileError if no truth is stated, DataError."""
         entry, path = self._entry(_TRUTH, frame_id)
-        return stored_as(bop.Truths, entry, f"{path}, frame {frame_id}")
+        return stored_as(schemas.Truths, entry, f"{path}, frame {frame_id}")
 
-    def info(self, frame_id: int) -> list[bop.InfoEntry]:
+    def info(self, frame_id: int) -> list[schemas.InfoEntry]:
         """Their visible fractions, in the order of `truth`; may be empty. Raises DataError."""
         entry, path = self._entry(_INFO, frame_id)
-        return stored_as(bop.Infos, entry, f"{path}, frame {frame_id}")
+        return stored_as(schemas.Infos, entry, f"{path}, frame {frame_id}")
 
     def unchecked(self, frame_id: int) -> tuple[Any, Any]:
         """What stands at the place of `truth` and of `info`, whatever it is; empty if nothing.
@@ -103,10 +103,11 @@ class Scene:
         path = self._file("mask_visib", frame_id)
         if not path.is_file():
             return None
-        masks, where = read_as(path, bop.Scene), f"{path}, mask {number}"
+        masks, where = read_as(path, schemas.Scene), f"{path}, mask {number}"
         if str(number) not in masks:
             raise DataError(f"{path} has no mask {number} of run lengths")
-        return path, _from_run_lengths(stored_as(bop.RunLengths, masks[str(number)], where), where)
+        lengths = stored_as(schemas.RunLengths, masks[str(number)], where)
+        return path, _from_run_lengths(lengths, where)
 
     def text_files(self, frame_ids: list[int]) -> list[Path]:
         """The files that state cameras and poses of these frames."""
@@ -182,7 +183,7 @@ def _no_poses(path: Path) -> MissingFileError:
     )
 
 
-def _from_run_lengths(mask: bop.RunLengths, where: str) -> Mask:
+def _from_run_lengths(mask: schemas.RunLengths, where: str) -> Mask:
     """A mask from COCO's uncompressed run lengths: column by column, starting with False."""
     height, width = mask.size
     if sum(mask.counts) != height * width:

@@ -9,14 +9,14 @@ from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
+from hlp import schemas
+from hlp.arrays import Pose
 from hlp.data.bop_scenes import Scene
 from hlp.errors import DataError, HlpError
 from hlp.geometry import rigid
 from hlp.records import MILLIMETRE, Target
-from hlp.schemas import bop
-from hlp.schemas.meaning import exact_rotation
+from hlp.schemas import exact_rotation
 from hlp.settings import read_as
 
 FrameId = tuple[int, int]
@@ -37,7 +37,7 @@ def list_targets(
         frames = [(number, frame) for number, scene in scenes.items() for frame in scene.frame_ids]
         return {frame: _visible(scenes, frame, min_visible) for frame in frames}
     targets: dict[FrameId, dict[int, int]] = {}
-    for row in read_as(targets_file, bop.Targets):
+    for row in read_as(targets_file, schemas.Targets):
         counts = targets.setdefault((row.scene_id, row.im_id), {})
         if row.obj_id is not None:
             if row.obj_id in counts:
@@ -131,7 +131,7 @@ def _visible(scenes: Mapping[int, Scene], frame: FrameId, min_visible: float) ->
     return dict(Counter(i for i, fraction in instances if not fraction < min_visible))
 
 
-def _pose(entry: bop.TruthEntry, where: str) -> Float[np.ndarray, "4 4"]:
+def _pose(entry: schemas.TruthEntry, where: str) -> Pose:
     where = f"{where}, object {entry.obj_id}: cam_R_m2c"
     rotation = np.array(entry.cam_R_m2c, dtype=np.float64).reshape(3, 3)
     translation = np.array(entry.cam_t_m2c, dtype=np.float64) * MILLIMETRE

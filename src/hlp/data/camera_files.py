@@ -13,9 +13,10 @@ import numpy as np
 import yaml
 from jaxtyping import Float
 
+from hlp.arrays import CameraMatrix, Image
 from hlp.errors import InputError, MissingFileError
 from hlp.files import parse_json
-from hlp.schemas.meaning import camera_matrix
+from hlp.schemas import camera_matrix
 
 _MOST_BYTES = 64 * 1024**2
 _DEEPEST = 20  # brackets within brackets
@@ -53,7 +54,7 @@ class Camera:
     `depth_scale` is mm per unit of the depth images, None if not stated.
     """
 
-    matrix: Float[np.ndarray, "3 3"]
+    matrix: CameraMatrix
     size: tuple[int, int] | None = None
     distortion: tuple[float, ...] = ()
     fisheye: bool = False
@@ -262,9 +263,9 @@ def _undistortion(
 def resampled_depth(
     depth: Float[np.ndarray, "a b"],
     camera: Camera,
-    color_matrix: Float[np.ndarray, "3 3"],
+    color_matrix: CameraMatrix,
     shape: tuple[int, int],
-) -> Float[np.ndarray, "h w"]:
+) -> Image:
     """Depth at the pixels of a colour image (h, w), for two cameras that stand in one place.
 
     Each colour pixel takes the value of the nearest depth pixel on its viewing ray, 0 where the
@@ -282,7 +283,7 @@ def resampled_depth(
     return np.asarray(np.where(seen, taken, 0).astype(depth.dtype))
 
 
-def resized_camera(matrix: Float[np.ndarray, "3 3"], scale: float, size: tuple[int, int]) -> Camera:
+def resized_camera(matrix: CameraMatrix, scale: float, size: tuple[int, int]) -> Camera:
     """The camera of an image `scale` times as large as that of `matrix`; `size` (width, height)."""
     resized = matrix.copy()
     resized[:2] *= scale

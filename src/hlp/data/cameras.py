@@ -47,11 +47,9 @@ class Camera(Protocol):
 
         An image that cannot be used may be left out or delivered as a `BrokenImage`.
         """
-        ...
 
     def close(self) -> None:
         """Free the device. Called once, also after an error or Ctrl-C."""
-        ...
 
 
 def load_camera(source: str) -> Camera:

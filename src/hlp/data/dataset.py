@@ -10,16 +10,17 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool, UInt8
+from jaxtyping import UInt8
 
-from hlp.data.photographs import list_photographs, photograph_crops
+from hlp.arrays import Mask
+from hlp.data.images import list_photographs, photograph_crops
 from hlp.errors import ConfigError, HlpError
+from hlp.fingerprints import source_digest
 from hlp.objects.meshes import load_mesh
 from hlp.objects.object_model import mesh_identity, model_identity
-from hlp.patches.procedural_backgrounds import procedural_backgrounds
+from hlp.patches.backgrounds import procedural_backgrounds
 from hlp.records import Frame, Mesh, ObjectModel, Target
-from hlp.registry import Registry
-from hlp.source_code import source_digest
+from hlp.settings import Registry
 
 _CHUNK = 1 << 20
 
@@ -33,33 +34,26 @@ class FrameSource(Protocol):
     @property
     def keys(self) -> tuple[str, ...]:
         """Names of the frames, in order."""
-        ...
 
     def load(self, key: str) -> Frame:
         """Decode one frame. Raises KeyError for an unknown key, ValueError for a broken file."""
-        ...
 
     def identity(self) -> str:
         """Hash of all content that the frames are made from."""
-        ...
 
     def __len__(self) -> int:
         """Number of frames."""
-        ...
 
 
 @runtime_checkable
 class VisibleMasks(Protocol):
     """Frames with masks of the targets' visible pixels."""
 
-    def visible_mask(self, frame: Frame, target: Target) -> Bool[np.ndarray, "h w"] | None:
+    def visible_mask(self, frame: Frame, target: Target) -> Mask | None:
         """Pixels that show the target, which is one of the frame's; None if not known."""
-        ...
 
 
-def annotated_mask(
-    source: FrameSource, frame: Frame, target: Target
-) -> Bool[np.ndarray, "h w"] | None:
+def annotated_mask(source: FrameSource, frame: Frame, target: Target) -> Mask | None:
     """The data set's own mask of the pixels that show a target; None where it has none."""
     return source.visible_mask(frame, target) if isinstance(source, VisibleMasks) else None
 
@@ -180,14 +174,12 @@ class DataSettings(Protocol):
     @property
     def name(self) -> str:
         """The alternative's name."""
-        ...
 
     def build(self) -> Dataset:
         """Objects and frames; reads meshes, decodes no image.
 
         Raises FileNotFoundError and ValueError naming the key or file that is wrong.
         """
-        ...
 
 
 DATASETS: Registry[DataSettings] = Registry("data", "hlp.data")
@@ -220,11 +212,9 @@ class CheckedFrames(Protocol):
         Only what its text files and the beginnings of its images tell is checked. `models` are the
         data set's objects by id.
         """
-        ...
 
     def stated_targets(self, key: str) -> tuple[StatedTarget, ...]:
         """The targets of a frame, as many as would have to be found in it if it were sound."""
-        ...
 
 
 def find_bad_frames(dataset: Dataset, keys: Sequence[str]) -> dict[str, str]:

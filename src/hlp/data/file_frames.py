@@ -9,23 +9,23 @@ from typing import Annotated, Any
 
 import numpy as np
 from annotated_types import Ge, Gt
-from jaxtyping import Float
 
+from hlp.arrays import CameraMatrix, Image, Values
 from hlp.data.dataset import StatedTarget, TrainingImages, content_hash
 from hlp.data.images import (
     EXTENSIONS,
     find_image,
     image_size,
+    list_photographs,
     read_depth,
     read_rgb,
     require_same_size,
 )
-from hlp.data.photographs import list_photographs
 from hlp.errors import DataError, MissingFileError
 from hlp.geometry import transform
 from hlp.records import Frame, ObjectModel, Target, frame_key, parse_frame_key
-from hlp.schemas.bop import CameraEntry
-from hlp.schemas.meaning import (
+from hlp.schemas import (
+    CameraEntry,
     camera_matrix,
     require_depths,
     require_in_front,
@@ -46,7 +46,7 @@ class StatedFrame:
     color: Path
     depth: Path
     depth_scale: float
-    matrix: Float[np.ndarray, "3 3"]
+    matrix: CameraMatrix
     camera: str
     targets: Sequence[tuple[Target, str]] = ()
 
@@ -85,7 +85,7 @@ class FileFrames(ABC):
     def _stated(self, key: str) -> StatedFrame:
         """What the text files state. Raises MissingFileError, and DataError naming a broken one."""
 
-    def _depth(self, stated: StatedFrame) -> Float[np.ndarray, "h w"]:
+    def _depth(self, stated: StatedFrame) -> Image:
         """The depth image in metres."""
         return read_depth(stated.depth, stated.depth_scale)
 
@@ -138,7 +138,7 @@ class FileFrames(ABC):
             raise KeyError(f"no frame {key!r} in {self._root}")
 
 
-def read_numbers(path: Path, count: int, header_lines: int = 0) -> Float[np.ndarray, "n"]:
+def read_numbers(path: Path, count: int, header_lines: int = 0) -> Values:
     """The `count` numbers in a text file, after its header.
 
     Raises MissingFileError, and DataError for another number of values, NaN or infinity.

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import UInt8
 
+from hlp.arrays import Rgb
 from hlp.data.images import DEPTH_EXTENSIONS, EXTENSIONS
 from hlp.errors import DataError, InputError, MissingFileError
 
@@ -181,7 +181,7 @@ class VideoFrames:
     def __init__(self, path: Path) -> None:
         self._path, self._capture, self._next = path, _opened(path), 0
 
-    def read(self, index: int) -> UInt8[np.ndarray, "h w 3"]:
+    def read(self, index: int) -> Rgb:
         """The frame of an index, as RGB. Raises DataError where the video has no such frame."""
         if index < self._next:
             self._capture, self._next = _opened(self._path), 0

@@ -13,8 +13,9 @@ from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Gt, Unit
-from jaxtyping import Float, UInt16
+from jaxtyping import UInt16
 
+from hlp.arrays import Image
 from hlp.data.dataset import DATASETS, Dataset, StatedTarget, content_hash
 from hlp.data.file_frames import (
     MAX_MEGAPIXELS,
@@ -29,7 +30,7 @@ from hlp.errors import DataError, MissingFileError
 from hlp.geometry import rigid
 from hlp.objects.object_model import ObjectSettings, build_object_model, check_unique
 from hlp.records import Target, frame_key
-from hlp.schemas.meaning import camera_matrix, exact_rotation
+from hlp.schemas import camera_matrix, exact_rotation
 from hlp.settings import Doc
 
 _CENTIMETRE = 1e-2  # m
@@ -150,7 +151,7 @@ class LinemodFrames(FileFrames):
         color, depth = folder / f"color{n}.jpg", folder / f"depth{n}.dpt"
         return color, depth, folder / f"rot{n}.rot", folder / f"tra{n}.tra"
 
-    def _depth(self, stated: StatedFrame) -> Float[np.ndarray, "h w"]:
+    def _depth(self, stated: StatedFrame) -> Image:
         return depth_metres(read_dpt(stated.depth), stated.depth_scale, stated.depth)
 
     def _depth_size(self, path: Path) -> tuple[int, int]:

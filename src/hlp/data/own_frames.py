@@ -8,8 +8,9 @@ from typing import Annotated
 
 import numpy as np
 from annotated_types import Gt
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Float
 
+from hlp.arrays import Image, Mask, Rgb
 from hlp.data.camera_files import (
     Camera,
     check_size,
@@ -35,7 +36,7 @@ from hlp.data.images import (
 )
 from hlp.errors import DataError, InputError, MissingFileError
 from hlp.records import Frame, frame_key, parse_frame_key
-from hlp.schemas.meaning import require_depths
+from hlp.schemas import require_depths
 from hlp.settings import Doc, Settings
 
 _SCENE_ID = 0
@@ -125,9 +126,7 @@ class FrameReader:
             _logger.info(why)
         return self._scale
 
-    def read(
-        self, paths: FramePaths
-    ) -> tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]]:
+    def read(self, paths: FramePaths) -> tuple[Rgb, Image]:
         """Colour and depth (m). Raises FileNotFoundError, or ValueError for a broken file."""
         if paths.video_index is None:
             rgb = read_rgb(paths.color)
@@ -145,7 +144,7 @@ class FrameReader:
 
     def _registered(
         self, depth: Float[np.ndarray, "a b"], shape: tuple[int, int], paths: FramePaths
-    ) -> Float[np.ndarray, "h w"]:
+    ) -> Image:
         """Depth at the pixels of the undistorted colour image."""
         camera = self._depth_camera
         size = (depth.shape[1], depth.shape[0])
@@ -219,7 +218,7 @@ class SearchMasks:
     masks: str | None = None
     box: tuple[float, float, float, float] | None = None
 
-    def load(self, paths: FramePaths, shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
+    def load(self, paths: FramePaths, shape: tuple[int, ...]) -> Mask:
         """Where to look in a frame. Raises MissingFileError, DataError, InputError."""
         mask = np.zeros(shape, dtype=bool)
         if self.box is not None:

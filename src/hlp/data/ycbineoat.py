@@ -11,8 +11,8 @@ from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Gt
-from jaxtyping import Float
 
+from hlp.arrays import Pose
 from hlp.data.camera_files import read_camera
 from hlp.data.dataset import DATASETS, Dataset, StatedTarget, content_hash
 from hlp.data.file_frames import (
@@ -29,7 +29,7 @@ from hlp.errors import DataError, MissingFileError
 from hlp.geometry import rigid
 from hlp.objects.object_model import ObjectSettings, build_object_model
 from hlp.records import Target, frame_key
-from hlp.schemas.meaning import exact_rotation
+from hlp.schemas import exact_rotation
 from hlp.settings import Doc
 
 _OBJECT_ID = 1
@@ -70,7 +70,7 @@ class YcbineoatSettings(FolderSettings):
         return Dataset(models, tuple(models), frames, **vars(images), settings=self)
 
 
-def read_pose(path: Path) -> Float[np.ndarray, "4 4"]:
+def read_pose(path: Path) -> Pose:
     """The pose in a file: 16 numbers, row by row, its rotation made exact.
 
     Raises MissingFileError, and DataError for anything that is no rigid motion.

@@ -4,15 +4,16 @@ from collections.abc import Iterable, Mapping
 from numbers import Integral, Real
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
 
+from hlp import schemas
+from hlp.arrays import CameraMatrix, Image, Mask, Pose, Rgb
 from hlp.errors import DataError, InputError
 from hlp.records import Frame
-from hlp.schemas.meaning import FOCAL, SKEW, require_rotation
 
+T = TypeVar("T")
 _NEAREST, _FARTHEST = 0.05, 20.0
 """All of the depth (m) lies beyond the first, half of it nearer than the last: else another unit"""
 _LEAST_SIDE = 8  # pixels
@@ -22,15 +23,15 @@ class RgbdFrame(Protocol):
     """An RGB-D image with its camera, as `Detector.detect` takes them: `hlp.CameraImage` is one."""
 
     @property
-    def rgb(self) -> UInt8[np.ndarray, "h w 3"]:
+    def rgb(self) -> Rgb:
         """Colour, red first."""
 
     @property
-    def depth(self) -> Float[np.ndarray, "h w"]:
+    def depth(self) -> Image:
         """Depth (m) along the optical axis, registered to the colour; 0 or NaN where missing."""
 
     @property
-    def camera_matrix(self) -> Float[np.ndarray, "3 3"]:
+    def camera_matrix(self) -> CameraMatrix:
         """Intrinsics (px), with pixel centres at integers."""
 
 
@@ -42,6 +43,14 @@ def check_limits(max_instances: Any, min_score: Any) -> None:
     number = isinstance(min_score, Real) and not isinstance(min_score, bool)
     if not number or not 0.0 <= min_score <= 1.0:
         raise InputError(f"min_score is {min_score!r}: it must be a probability, 0 to 1")
+
+
+def checked_settings(given: object, kind: type[T]) -> T:
+    """Settings of that class, its defaults for None. Raises InputError for anything else."""
+    settings = kind() if given is None else given
+    if not isinstance(settings, kind):
+        raise InputError(f"settings is {settings!r}: it must be {kind.__name__}")
+    return settings
 
 
 def checked_names(given: Iterable[str], known: Iterable[str], folder: Path) -> list[str]:
@@ -89,7 +98,7 @@ def _array(given: object, name: str) -> np.ndarray[Any, Any]:
         raise InputError(f"{name} is no array: {error}") from error
 
 
-def checked_mask(given: object, shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
+def checked_mask(given: object, shape: tuple[int, ...]) -> Mask:
     """The argument as a mask (h, w). Raises InputError for another form, or if it is empty."""
     mask = _array(given, "mask")
     if mask.dtype != np.bool_ or mask.shape != shape:
@@ -99,7 +108,7 @@ def checked_mask(given: object, shape: tuple[int, ...]) -> Bool[np.ndarray, "h w
     return mask
 
 
-def checked_pose(given: object) -> Float[np.ndarray, "4 4"]:
+def checked_pose(given: object) -> Pose:
     """The argument as a rigid motion. Raises InputError for anything else."""
     pose = _array(given, "pose_cam_obj")
     if pose.dtype.kind not in "uif" or pose.shape != (4, 4) or not np.isfinite(pose).all():
@@ -107,7 +116,7 @@ def checked_pose(given: object) -> Float[np.ndarray, "4 4"]:
     if not np.array_equal(pose[3], [0, 0, 0, 1]):
         raise InputError(f"pose_cam_obj: its last row is {pose[3].tolist()}, it must be 0 0 0 1")
     try:
-        require_rotation(pose[:3, :3].astype(np.float64), "pose_cam_obj[:3, :3]")
+        schemas.require_rotation(pose[:3, :3].astype(np.float64), "pose_cam_obj[:3, :3]")
     except DataError as error:
         raise InputError(str(error)) from None
     return pose.astype(np.float64)
@@ -152,30 +161,11 @@ def checked_frame(rgb: object, depth: object, camera_matrix: object) -> Frame:
     return Frame(0, 0, color, distance, _checked_camera(camera_matrix, distance.shape))
 
 
-def _checked_camera(given: object, shape: tuple[int, ...]) -> Float[np.ndarray, "3 3"]:
-    camera = _array(given, "camera_matrix")
-    if camera.dtype.kind not in "uif":
+def _checked_camera(given: object, shape: tuple[int, ...]) -> CameraMatrix:
+    values = _array(given, "camera_matrix")
+    if values.dtype.kind not in "uif" or values.shape != (3, 3):
         raise InputError(f"camera_matrix must be 3 × 3 numbers, not {str(given)[:60]!r}")
-    camera = camera.astype(np.float64)
-    if camera.shape != (3, 3) or not np.isfinite(camera).all():
-        raise InputError(f"camera_matrix must be 3 × 3 finite numbers, not {str(given)[:60]!r}")
-    skewed = abs(camera[0, 1]) > SKEW * abs(camera[0, 0])
-    if skewed or not np.array_equal(camera[[1, 2, 2, 2], [0, 0, 1, 2]], [0.0, 0.0, 0.0, 1.0]):
-        raise InputError(
-            f"camera_matrix is {camera.tolist()}: its rows must be fx 0 cx, 0 fy cy, 0 0 1"
-        )
-    height, width = shape
-    if camera[0, 0] <= 0 or camera[1, 1] <= 0:
-        raise InputError("camera_matrix: both focal lengths must be positive")
-    if not (0 <= camera[0, 2] < width and 0 <= camera[1, 2] < height):
-        raise InputError(
-            f"camera_matrix: the principal point ({camera[0, 2]:g}, {camera[1, 2]:g}) lies outside "
-            f"the image ({width} × {height}): it belongs to images of another size"
-        )
-    low, high = (share * max(shape) for share in FOCAL)
-    if not (low <= camera[0, 0] <= high and low <= camera[1, 1] <= high):
-        raise InputError(
-            f"camera_matrix: focal lengths of {camera[0, 0]:g} and {camera[1, 1]:g} px in an image "
-            f"of {width} × {height}: they must be {low:g} to {high:g} px"
-        )
-    return camera
+    try:
+        return schemas.camera_matrix(values, "camera_matrix", (shape[1], shape[0]))
+    except DataError as error:
+        raise InputError(str(error)) from None

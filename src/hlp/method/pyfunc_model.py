@@ -16,9 +16,8 @@ from hlp.geometry import rigid
 from hlp.method.detector import Detector
 from hlp.method.find.detections import plain
 from hlp.records import CameraImage, ObjectModel
-from hlp.rendering.light import FRONTAL_LIGHT
-from hlp.rendering.rasterizer import render_scene
-from hlp.rendering.viewpoints import view_rotations
+from hlp.rendering.rasterizer import FRONTAL_LIGHT, render_scene
+from hlp.rendering.views import view_rotations
 
 _IMAGES = ("rgb", "depth", "camera_matrix")
 _COLUMNS = ("object", "score", "pose_cam_obj", "visible_fraction", "seconds")

@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from hlp.arrays import DepthPatches, Features, MaskPatches
-from hlp.compiled import compiled
+from hlp.kernels import compiled
 from hlp.models.network import Network
 from hlp.records import LocalPatches
-from hlp.registry import Registry
+from hlp.settings import Registry
 
 if TYPE_CHECKING:
     from pytorch_lightning import LightningDataModule

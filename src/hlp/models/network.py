@@ -9,7 +9,7 @@ from jaxtyping import Shaped
 
 from hlp.arrays import Features
 from hlp.errors import DataError, MissingDependencyError, MissingFileError
-from hlp.thread_team import threads_here
+from hlp.kernels import threads_here
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession

@@ -18,8 +18,7 @@ from hlp.geometry import rigid
 from hlp.objects.meshes import mesh_diameter
 from hlp.objects.shapes import merge, moved_by, random_color, random_shape
 from hlp.records import Frame, Mesh
-from hlp.rendering.light import random_light
-from hlp.rendering.rasterizer import render_scene
+from hlp.rendering.rasterizer import random_light, render_scene
 
 _SHAPES = 60  # different ones
 _SIDE = 320  # px of a scene's image

@@ -20,7 +20,7 @@ from hlp.geometry import rigid
 from hlp.objects.meshes import decimate, load_mesh, mesh_diameter
 from hlp.records import MILLIMETRE, MILLIMETRES_PER_METRE, Mesh, ObjectModel
 from hlp.rendering.rasterizer import render_depth
-from hlp.rendering.viewpoints import thomson, view_rotations
+from hlp.rendering.views import thomson, view_rotations
 from hlp.settings import Doc, Settings
 
 _VIEWS = 12  # in which a mesh and its decimated one are compared

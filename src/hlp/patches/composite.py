@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from hlp.arrays import ColorPatches, DepthCodes, MaskPatches, Values
-from hlp.compiled import compiled
-from hlp.thread_team import ThreadTeam
+from hlp.kernels import ThreadTeam, compiled
 
 NOISE_LENGTH = 1 << 20
 """Length of the table of standard normal values from which noise is read."""

@@ -19,8 +19,8 @@ from hlp.arrays import (
     Rows,
     Values,
 )
-from hlp.compiled import compiled
 from hlp.geometry import back_project
+from hlp.kernels import compiled
 from hlp.patches.holistic import center_depths, pixel_grid
 from hlp.patches.sampling import sample_squares
 from hlp.records import MILLIMETRE, LocalPatches

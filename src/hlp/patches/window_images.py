@@ -8,10 +8,9 @@ import numpy as np
 from jaxtyping import Float32, UInt8, UInt64
 
 from hlp.arrays import Image, Points, Rgb, Rows
-from hlp.compiled import compiled
+from hlp.kernels import ThreadTeam, compiled
 from hlp.patches.holistic import HolisticSettings, Windows
 from hlp.patches.sampling import area_shrink, halvings
-from hlp.thread_team import ThreadTeam
 
 _PAD = 2  # black pixels around an image, which stand for everything beyond it
 _LANES = 4  # values of a pixel: colour, and one that keeps pixels aligned

@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Int
 
 from hlp.arrays import Flags, Pose, Poses, Rows, Values
-from hlp.observer import NOBODY, Observer
 from hlp.records import Hypotheses, Refinement
 from hlp.refinement.refiner import Refiner, refinable
 from hlp.refinement.texture import choose_by_texture
@@ -59,7 +58,7 @@ def refine_and_choose(
     instances: int = 1,
     unexplained: Observation | None = None,
     good_enough: Callable[[Pose], bool] | None = None,
-    observer: Observer = NOBODY,
+    enter: Callable[[str], None] = lambda part: None,
 ) -> RefinedHypotheses | None:
     """Refine the most promising hypotheses, choose those of lowest verification cost.
 
@@ -74,11 +73,10 @@ def refine_and_choose(
     This is repeated for every further one of up to `instances`, with the hypotheses for which more
     than half of the agreeing pixels are not explained by an instance that was chosen before.
     `unexplained` is the observation without what other objects explain already (None: they explain
-    nothing). An instance whose pose is not `good_enough` is the last one.
+    nothing). An instance whose pose is not `good_enough` is the last one. `enter` is called with
+    each part that begins: refine, verify or second_search.
     """
-    search = _InstanceSearch(
-        refiner, verifier, observation, hypotheses, seed, unexplained, observer
-    )
+    search = _InstanceSearch(refiner, verifier, observation, hypotheses, seed, unexplained, enter)
     most = verifier.settings.candidates
     for number in range(instances):
         # Most searches for one more instance find none: they are kept short.
@@ -100,11 +98,11 @@ class _InstanceSearch:
         hypotheses: Hypotheses,
         seed: int,
         unexplained: Observation | None,
-        observer: Observer,
+        enter: Callable[[str], None],
     ) -> None:
         self._begun = time.perf_counter()
         self._refiner, self._verifier, self._model = refiner, verifier, verifier.model
-        self._observation, self._seed, self._observer = observation, seed, observer
+        self._observation, self._seed, self._enter = observation, seed, enter
         self._unexplained = unexplained
         poses = np.asarray(hypotheses.poses_cam_obj, dtype=np.float64)
         usable = np.flatnonzero(refinable(poses, self._model.centroid))
@@ -165,11 +163,11 @@ class _InstanceSearch:
             batch = Hypotheses(self._poses[rows], self._support[rows])
             # The refiner numbers each batch's hypotheses from 0.
             batch_seed = self._seed + len(self._refined)
-            self._observer.enter("refine")
+            self._enter("refine")
             found = self._refiner.refine(
                 self._model, self._observation, batch, batch_seed, self._spent()
             )
-            self._observer.enter("verify")
+            self._enter("verify")
             self._refined += found
             self._sources += rows.tolist()
             self._seeds += [(batch_seed, number) for number in range(len(rows))]
@@ -182,11 +180,11 @@ class _InstanceSearch:
         It may fit less well, because the refiner's cost is not the verifier's.
         """
         before = self._refined[row]
-        self._observer.enter("second_search")
+        self._enter("second_search")
         self._refined[row] = self._refiner.second_search(
             self._model, self._observation, before, self._seed, self._spent()
         )
-        self._observer.enter("verify")
+        self._enter("verify")
         cost = self._competing_costs(rows)[np.flatnonzero(rows == row)[0]]
         if cost > self._costs[row]:
             self._refined[row] = before

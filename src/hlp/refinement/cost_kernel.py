@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from hlp.arrays import CameraMatrix, Image, Mask, Poses, Values
-from hlp.compiled import compiled
+from hlp.kernels import compiled
 from hlp.rendering.zbuffer import (
     VECTOR_WIDTH,
     KernelMesh,

@@ -9,13 +9,12 @@ from annotated_types import Ge, Gt, Le
 from jaxtyping import Float
 
 from hlp.arrays import Point, Pose, Poses, Values
-from hlp.compiled import compiled
+from hlp.kernels import ThreadTeam, compiled, threads_here
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.refiner import REFINERS, Refiner, checked_poses, cost_around
 from hlp.refinement.verification import Observation, VerificationSettings
 from hlp.settings import Doc, NotNegative, Settings, SettingsError
-from hlp.thread_team import ThreadTeam, threads_here
 
 # Random streams of the second search and of tracking; hypotheses use streams 0, 1, …
 _SECOND_STREAM, _FOLLOW_STREAM = 1 << 16, 1 << 17

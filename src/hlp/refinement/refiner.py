@@ -9,8 +9,7 @@ from hlp.arrays import Flags, Point, Pose, Poses
 from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.cost import CostSettings, DepthCost
 from hlp.refinement.verification import Observation, VerificationSettings
-from hlp.registry import Registry
-from hlp.settings import Settings
+from hlp.settings import Registry, Settings
 
 
 class Refiner(Protocol):

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from hlp.arrays import CameraMatrix, Image, Mask, Point, Points, Pose, Poses, Values
-from hlp.compiled import compiled
+from hlp.kernels import compiled
 
 
 @compiled()

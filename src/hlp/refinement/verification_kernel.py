@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int32, UInt8
 
 from hlp.arrays import CameraMatrix, Image, Poses, Rgb
-from hlp.compiled import compiled
+from hlp.kernels import compiled
 from hlp.rendering.zbuffer import (
     KernelMesh,
     draw_triangles,

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int, Int32, Shaped
 
 from hlp.arrays import CameraMatrix, Points, Pose
-from hlp.compiled import compiled
+from hlp.kernels import compiled
 from hlp.records import Mesh
 from hlp.rendering.rasterizer import NEAR
 

@@ -17,10 +17,9 @@ from hlp.files import replaced
 from hlp.method.detector import Detector
 from hlp.method.find.detections import Detection, TrackingResult
 from hlp.method.settings import TrackingSettings
-from hlp.method.track.tracker import Tracker
+from hlp.method.tracker import Tracker
 from hlp.records import CameraImage, Frame, ObjectModel
-from hlp.rendering.light import FRONTAL_LIGHT
-from hlp.rendering.rasterizer import render_rgbd
+from hlp.rendering.rasterizer import FRONTAL_LIGHT, render_rgbd
 from hlp.reporting.picture_stream import PictureStream
 from hlp.runs.prediction import detection_values
 from hlp.settings import Doc

@@ -14,7 +14,7 @@ from hlp.evaluation.evaluator import score_targets
 from hlp.evaluation.summary import count_false_alarms, summarise
 from hlp.evaluation.waterfall import BAD_FRAME, vote_quality
 from hlp.files import MANIFEST, PAGE, POSES, SCORES, SUMMARY, write_json
-from hlp.method.compute_threads import set_compute_threads
+from hlp.kernels import set_compute_threads
 from hlp.method.find.trace import Trace
 from hlp.records import PoseEstimate, TargetScore, frame_key, parse_frame_key
 from hlp.refinement.score_model import MIN_SCORE

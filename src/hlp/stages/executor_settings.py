@@ -15,8 +15,7 @@ from typing import Annotated, ClassVar, Literal, Protocol, TypeVar
 from annotated_types import Ge, Le
 
 from hlp.errors import MissingDependencyError
-from hlp.registry import Registry
-from hlp.settings import Doc, Settings
+from hlp.settings import Doc, Registry, Settings
 
 Result = TypeVar("Result")
 Threads = Annotated[

@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from hlp.data.dataset import Dataset, DataSettings
 from hlp.errors import DataError
-from hlp.method.compute_threads import set_compute_threads
+from hlp.kernels import set_compute_threads
 from hlp.method.find.trace import Stage
 from hlp.method.settings import MethodSettings
 from hlp.stages.detection import DetectionStages, OnBadFrame, Seconds

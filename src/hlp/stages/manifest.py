@@ -21,7 +21,7 @@ import numpy as np
 import hlp
 from hlp.errors import DataError
 from hlp.files import read_json
-from hlp.source_code import Code, code_of
+from hlp.fingerprints import Code, code_of
 
 # It collects the settings of the whole method. Their values are in each fingerprint already, and
 # the code that a stage runs is imported by the stage itself.

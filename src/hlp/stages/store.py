@@ -23,9 +23,9 @@ from typing import IO, Annotated, Any
 from annotated_types import Ge, Le
 from filelock import FileLock, Timeout
 
-from hlp.checksums import find_damaged, folder_checksums, seal_is_whole, sealed
 from hlp.errors import DataError
 from hlp.files import read_json, remove_unfinished, write_json
+from hlp.fingerprints import find_damaged, folder_checksums, seal_is_whole, sealed
 from hlp.settings import Stored, stored_as
 from hlp.stages.manifest import library_versions, plain
 

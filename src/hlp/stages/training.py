@@ -10,6 +10,7 @@ from typing import Any
 
 from hlp.codebook.entries import load_codebook, save_codebook
 from hlp.data.dataset import Dataset, frames_identity
+from hlp.fingerprints import Code
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.learn.model_files import StartingWeights, load_classifier, read_weights
 from hlp.method.learn.score_calibration import calibrate_score
@@ -26,7 +27,6 @@ from hlp.models.network import Network
 from hlp.records import Codebook, ObjectModel, Views
 from hlp.refinement.score_model import PRIOR, ScoreModel, load_score_model, save_score_model
 from hlp.rendering.views import load_views, render_views, save_views
-from hlp.source_code import Code
 from hlp.stages.manifest import device_name, fingerprint, stage_code
 from hlp.stages.store import Output, StageStore
 from hlp.stages.warm_start import WarmStart, WarmStartSettings, read_warm_start

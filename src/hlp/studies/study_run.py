@@ -12,7 +12,8 @@ from tqdm import tqdm
 
 from hlp.config.build import Run
 from hlp.files import MANIFEST, write_json
-from hlp.method.compute_threads import set_compute_threads
+from hlp.fingerprints import Code, code_of
+from hlp.kernels import set_compute_threads
 from hlp.records import Frame
 from hlp.reporting.mlflow.run import MlflowRun
 from hlp.reporting.page.parts import page_or_log
@@ -20,7 +21,6 @@ from hlp.reporting.page.study_page import write_study_page
 from hlp.runs.manifest import make_manifest
 from hlp.runs.mlflow_log import log_inputs, say_where, tracked
 from hlp.settings import Doc
-from hlp.source_code import Code, code_of
 from hlp.stages.manifest import fingerprint
 from hlp.stages.store import StageStore
 from hlp.stages.trace_files import has_arrays, write_arrays

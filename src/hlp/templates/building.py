@@ -17,7 +17,7 @@ from hlp.geometry import rigid
 from hlp.image_edges import NO_EDGE, STEPS, edges
 from hlp.records import ObjectModel
 from hlp.rendering.rasterizer import render_depth
-from hlp.rendering.viewpoints import thomson, turns_in_plane, view_rotations
+from hlp.rendering.views import thomson, turns_in_plane, view_rotations
 from hlp.settings import Doc, NotNegative, Settings
 
 DIRECTIONS = 8

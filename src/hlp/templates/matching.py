@@ -7,12 +7,11 @@ import numpy as np
 from jaxtyping import Float, Float32, Int8, Int32, UInt8
 
 from hlp.arrays import CameraMatrix, Image, Mask, Points, Poses, Rows, Values
-from hlp.compiled import compiled
 from hlp.geometry import allocentric_to_egocentric, rigid, transform
 from hlp.image_edges import NO_EDGE, STEPS
+from hlp.kernels import ThreadTeam, compiled
 from hlp.records import ObjectModel
 from hlp.templates.building import DIRECTIONS, Templates, TemplateSettings
-from hlp.thread_team import ThreadTeam
 
 _SAME, _BESIDE = 4, 2  # response to an edge of the feature's direction, and of the next ones
 _FIRST = 16  # features after which a place that has too few of them is left
@@ -143,9 +142,8 @@ def _scan(
     """The best templates at each place, and the shares of their features that the image has."""
     height, width = answers.shape[1:]
     offsets, directions, surface = templates.offsets, templates.directions, templates.surface
-    limit, least = limits
-    count, last = offsets.shape[1], shares.shape[1] - 1
-    fewest = least * np.float32(_SAME * _FIRST)
+    limit, fewest = limits[0], limits[1] * np.float32(_SAME * _FIRST)
+    count = offsets.shape[1]
     half = np.float32(0.5)
     for p in range(len(places)):
         x_0, y_0 = places[p, 0] + half, places[p, 1] + half
@@ -167,13 +165,21 @@ def _scan(
                 if k == _FIRST - 1 and found < fewest:
                     break
             share = np.float32(found) / np.float32(_SAME * count)
-            if share <= shares[p, last]:
-                continue
-            place = last
-            while place > 0 and shares[p, place - 1] < share:
-                shares[p, place], rows[p, place] = shares[p, place - 1], rows[p, place - 1]
-                place -= 1
-            shares[p, place], rows[p, place] = share, t
+            _keep(share, t, shares[p], rows[p])
+
+
+@compiled(inline="always")
+def _keep(
+    share: np.float32, row: int, shares: Float32[np.ndarray, "k"], rows: Int32[np.ndarray, "k"]
+) -> None:
+    """Put a template among the best of its place, which are in descending order."""
+    place = len(shares)
+    while place > 0 and shares[place - 1] < share:
+        place -= 1
+        if place + 1 < len(shares):
+            shares[place + 1], rows[place + 1] = shares[place], rows[place]
+    if place < len(shares):
+        shares[place], rows[place] = share, row
 
 
 @compiled()

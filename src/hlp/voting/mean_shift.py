@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hlp.arrays import Points, Values
-from hlp.compiled import compiled
-from hlp.thread_team import ThreadTeam
+from hlp.kernels import ThreadTeam, compiled
 
 # Allows the compiler to reorder sums, so that loops become vector instructions.
 _FAST = {"reassoc", "contract", "nsz"}

@@ -9,10 +9,9 @@ from jaxtyping import Float
 
 from hlp.arrays import Point, Points, Poses, Values
 from hlp.geometry import quaternions, rigid, rotation_matrices
+from hlp.kernels import ThreadTeam
 from hlp.records import Hypotheses, Votes
-from hlp.registry import Registry
-from hlp.settings import Count, Doc, NotNegative, Positive, Settings
-from hlp.thread_team import ThreadTeam
+from hlp.settings import Count, Doc, NotNegative, Positive, Registry, Settings
 from hlp.voting.mean_shift import find_modes
 
 Quaternions = Float[np.ndarray, "n 4"]

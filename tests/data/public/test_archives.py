@@ -7,7 +7,7 @@ from collections import namedtuple
 
 import pytest
 
-from hlp.data.public.download import unpack
+from hlp.data.download import unpack
 from hlp.errors import DataError, DiskFullError
 
 GOOD = {"models/a.ply": b"ply" * 1000, "test/000001/rgb/000000.png": b"png" * 2000, "x.json": b"{}"}
@@ -91,7 +91,7 @@ def test_bombs_and_full_disks_are_known_by_what_is_stated(tmp_path, folder, monk
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(1, 1, 50_000_100))
     with pytest.raises(DiskFullError, match="output=FOLDER"):
         unpack(zipped(tmp_path / "b", GOOD), folder, "lm")
-    monkeypatch.setattr("hlp.data.public.download._MOST_MEMBERS", 2)
+    monkeypatch.setattr("hlp.data.download._MOST_MEMBERS", 2)
     with pytest.raises(DataError, match="'2' is one of more than 2"):
         unpack(archive, folder, "lm")
     assert not content_of(folder)

@@ -17,8 +17,8 @@ from filelock import FileLock
 from bop_folder import write_models, write_scene, write_targets
 from hlp.cli import main
 from hlp.data.bop import BopSettings
-from hlp.data.public.download import SOURCES, download, fetch
-from hlp.data.public.sets import KNOWN, SETS, Archive, find_set
+from hlp.data.download import SOURCES, download, fetch
+from hlp.data.public_sets import KNOWN, SETS, Archive, find_set
 from hlp.errors import DataError, DiskFullError, InputError, NetworkError
 from http_file_server import Served, serving
 

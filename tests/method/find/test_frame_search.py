@@ -5,10 +5,10 @@ import threading
 import numpy as np
 import pytest
 
+from hlp.kernels import ThreadTeam
 from hlp.method.find.search import search_frame
 from hlp.method.find.trace import STEPS, ObjectTrace
 from hlp.records import Hypotheses, Region
-from hlp.thread_team import ThreadTeam
 
 CONTEXT = None
 

@@ -8,8 +8,8 @@ from torch import nn
 from torch.nn import functional
 
 from damage import WAYS, damage
-from hlp.checksums import content_checksum
 from hlp.errors import DataError
+from hlp.fingerprints import content_checksum
 from hlp.method.learn.model_files import HISTORY, WEIGHTS, read_history, read_weights
 from hlp.method.learn.training import CheckpointFiles, fit, last_checkpoint
 from hlp.method.settings import TrainerSettings

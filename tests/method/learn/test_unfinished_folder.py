@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from hlp.checksums import sealed
 from hlp.errors import DamagedError, DataError, InputError
+from hlp.fingerprints import sealed
 from hlp.method.learn.learnt_folder import LearntRecord, read_record, write_record
 from hlp.method.learn.unfinished_folder import (
     SCORED,

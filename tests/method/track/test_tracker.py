@@ -8,7 +8,7 @@ from hlp import CameraImage, Detector, TrackingSettings
 from hlp.errors import InputError
 from hlp.evaluation.errors import add_s
 from hlp.geometry import project, rigid, rotation_distance, transform
-from hlp.method.track.tracker import Track, part_near
+from hlp.method.tracker import Track, part_near
 from hlp.records import Frame
 from moving_scene import SimulatedCamera, path
 from tiny_method import MODELS

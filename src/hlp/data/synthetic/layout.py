@@ -11,10 +11,11 @@ import numpy as np
 from annotated_types import Ge, Interval, Le, Unit
 from jaxtyping import Float
 
+from hlp.arrays import Pose, Positions, Vector
 from hlp.geometry import inverse, rigid
 from hlp.objects.shapes import random_shape, toy_tree
 from hlp.records import Mesh, ObjectModel
-from hlp.rendering.light import Light
+from hlp.rendering.rasterizer import Light
 from hlp.settings import Doc, Settings, SettingsError
 
 GAP = 0.004
@@ -104,7 +105,7 @@ class Item:
     object_id: int
     mesh: Mesh
     coarse: Mesh
-    pose_world_obj: Float[np.ndarray, "4 4"]
+    pose_world_obj: Pose
     center: Float[np.ndarray, "2"]
     radius: float
 
@@ -145,10 +146,7 @@ def place_targets(
 
 
 def place_clutter(
-    count: int,
-    items: Sequence[Item],
-    eye: Float[np.ndarray, "3"],
-    rng: np.random.Generator,
+    count: int, items: Sequence[Item], eye: Vector, rng: np.random.Generator
 ) -> list[Item]:
     """`count` random shapes. If there are targets, two of three occlude one, seen from the `eye`.
 
@@ -170,11 +168,7 @@ def place_clutter(
 
 
 def _occluder(
-    tree: bool,
-    target: Item,
-    items: Sequence[Item],
-    eye: Float[np.ndarray, "3"],
-    rng: np.random.Generator,
+    tree: bool, target: Item, items: Sequence[Item], eye: Vector, rng: np.random.Generator
 ) -> Item | None:
     """A tall shape or a tree between a target and the eye; None if there is no space."""
     crown = rng.uniform(0.02, 0.045)
@@ -223,7 +217,7 @@ def _position_in_front(
 
 
 def _first_free(
-    places: Float[np.ndarray, "n 2"], radius: float, items: Sequence[Item]
+    places: Positions, radius: float, items: Sequence[Item]
 ) -> Float[np.ndarray, "2"] | None:
     """The first position at which a circle does not overlap the items'; None if there is none."""
     if not items:
@@ -233,13 +227,7 @@ def _first_free(
     return np.asarray(places[np.argmax(free)]) if free.any() else None
 
 
-def look_at(
-    target: Float[np.ndarray, "3"],
-    distance: float,
-    azimuth: float,
-    elevation: float,
-    roll: float,
-) -> Float[np.ndarray, "4 4"]:
+def look_at(target: Vector, distance: float, azimuth: float, elevation: float, roll: float) -> Pose:
     """pose_cam_world of a camera at a distance (m) and angles (rad), looking at a point (m)."""
     from scipy.spatial.transform import Rotation
 
@@ -251,7 +239,7 @@ def look_at(
     return inverse(rigid(rolled, target + distance * back))
 
 
-def light_from_above(pose_cam_world: Float[np.ndarray, "4 4"], rng: np.random.Generator) -> Light:
+def light_from_above(pose_cam_world: Pose, rng: np.random.Generator) -> Light:
     """A random light at least 25° above the table and on the camera's side."""
     while True:
         world = rng.normal(size=3)

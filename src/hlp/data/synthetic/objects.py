@@ -9,8 +9,8 @@ the centre of the bounding box.
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float
 
+from hlp.arrays import Poses
 from hlp.geometry import rigid
 from hlp.objects.meshes import decimate, mesh_diameter
 from hlp.objects.object_model import holistic_size, local_size
@@ -185,7 +185,7 @@ def _centred(mesh: Mesh) -> Mesh:
     return moved(mesh, -(low + high) / 2)
 
 
-def turns_about_z(steps: int) -> Float[np.ndarray, "n 4 4"]:
+def turns_about_z(steps: int) -> Poses:
     """Rotations (n, 4, 4) about z by multiples of 2π / `steps`, the identity first."""
     angle = np.arange(steps) * (2 * np.pi / steps)
     turns = np.tile(np.eye(3), (steps, 1, 1))

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Float, Int
 
+from hlp.arrays import CameraMatrix, Image, Mask, Pose, Rgb, Vector
 from hlp.data.dataset import DATASETS, Dataset, DataSettings, content_hash
 from hlp.data.synthetic.layout import (
     Item,
@@ -18,12 +19,11 @@ from hlp.data.synthetic.layout import (
 )
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.surfaces import draw_surroundings, random_surroundings
+from hlp.fingerprints import source_digest
 from hlp.geometry import inverse, project, transform
 from hlp.records import Frame, ObjectModel, Target, frame_key
-from hlp.rendering.light import Light
-from hlp.rendering.rasterizer import render_depth, render_scene
+from hlp.rendering.rasterizer import Light, render_depth, render_scene
 from hlp.rendering.sensor import Kinect, noisy_depth, noisy_rgb
-from hlp.source_code import source_digest
 
 LINEMOD_CAMERA = np.array([[572.4114, 0, 325.2611], [0, 573.57043, 242.04899], [0, 0, 1.0]])
 """LINEMOD's intrinsics (px) at 640×480; other image sizes scale them."""
@@ -55,13 +55,13 @@ class Scene:
     """
 
     items: tuple[Item, ...]
-    pose_cam_world: Float[np.ndarray, "4 4"]
+    pose_cam_world: Pose
     light: Light
-    rgb: UInt8[np.ndarray, "h w 3"]
-    depth: Float[np.ndarray, "h w"]
+    rgb: Rgb
+    depth: Image
     index: Int[np.ndarray, "h w"]
 
-    def pose_cam_obj(self, item: int) -> Float[np.ndarray, "4 4"]:
+    def pose_cam_obj(self, item: int) -> Pose:
         """Pose (4, 4) of the item with that number."""
         return np.asarray(self.pose_cam_world @ self.items[item].pose_world_obj)
 
@@ -153,7 +153,7 @@ class SyntheticScenes:
         rgb[empty], depth[empty] = back_rgb[empty], back_depth[empty]
         return Scene(tuple(items), pose_cam_world, light, rgb, depth, index)
 
-    def visible_mask(self, frame: Frame, target: Target) -> Bool[np.ndarray, "h w"]:
+    def visible_mask(self, frame: Frame, target: Target) -> Mask:
         """Pixels that show one of the frame's targets, with or without sensor depth.
 
         Raises KeyError for an unknown frame.
@@ -166,7 +166,7 @@ class SyntheticScenes:
         ]
         return np.asarray(scene.index == of_target.index(True))
 
-    def _place(self, eye: Float[np.ndarray, "3"], rng: np.random.Generator) -> list[Item]:
+    def _place(self, eye: Vector, rng: np.random.Generator) -> list[Item]:
         """Randomly chosen objects and clutter; only clutter without targets."""
         settings = self.settings
         count = between(settings.objects, rng)
@@ -225,9 +225,7 @@ def training_frames(count: int, seed: int) -> SyntheticScenes:
     return SyntheticScenes(SyntheticSettings(scenes=count, seed=seed), targets=False)
 
 
-def silhouette_area(
-    item: Item, pose_cam_obj: Float[np.ndarray, "4 4"], camera_matrix: Float[np.ndarray, "3 3"]
-) -> int:
+def silhouette_area(item: Item, pose_cam_obj: Pose, camera_matrix: CameraMatrix) -> int:
     """Number of pixels that an item would cover without occlusion and image border."""
     pixels = project(transform(pose_cam_obj, item.mesh.vertices), camera_matrix)
     low = np.floor(pixels.min(axis=0)) - 1

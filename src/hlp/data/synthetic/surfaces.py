@@ -5,14 +5,14 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Float
 
+from hlp.arrays import CameraMatrix, Flags, Image, Points, Pose, Positions, Rgb, Values, Vector
 from hlp.data.synthetic.layout import Item
 from hlp.geometry import inverse, rigid
 from hlp.objects.shapes import merge, moved_by
 from hlp.records import Mesh
-from hlp.rendering.light import Light
-from hlp.rendering.rasterizer import render_depth
+from hlp.rendering.rasterizer import Light, render_depth
 
 MAP_SIDE, MAP_PIXELS = 2.4, 600
 """Side (m and px) of the square maps of texture and shadow, centred on the table."""
@@ -34,7 +34,7 @@ class Surroundings:
     half_size: Float[np.ndarray, "2"]
     yaw: float
     wall_distance: float
-    wall_normal: Float[np.ndarray, "3"]
+    wall_normal: Vector
     colors: Float[np.ndarray, "3 3"]
     textures: Float[np.ndarray, "3 m m"]
 
@@ -56,11 +56,11 @@ def random_surroundings(azimuth: float, rng: np.random.Generator) -> Surrounding
 def draw_surroundings(
     surroundings: Surroundings,
     items: Sequence[Item],
-    pose_cam_world: Float[np.ndarray, "4 4"],
-    camera_matrix: Float[np.ndarray, "3 3"],
+    pose_cam_world: Pose,
+    camera_matrix: CameraMatrix,
     shape: tuple[int, int],
     light: Light,
-) -> tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]]:
+) -> tuple[Rgb, Image]:
     """Colour and depth (m, 0 = nothing) of the surfaces, with the items' shadows on the table."""
     pose_world_cam = inverse(pose_cam_world)
     rays = _rays(camera_matrix, shape) @ pose_world_cam[:3, :3].T.astype(np.float32)
@@ -92,11 +92,8 @@ def draw_surroundings(
 
 
 def _intersect_plane(
-    eye: Float[np.ndarray, "3"],
-    rays: Float[np.ndarray, "n 3"],
-    normal: Float[np.ndarray, "3"],
-    offset: float,
-) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n 3"]]:
+    eye: Vector, rays: Points, normal: Vector, offset: float
+) -> tuple[Values, Points]:
     """Depth (m, 0 = none) and world point where rays meet the plane normal·x = offset."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ray_depth = np.float32(offset - eye @ normal) / (rays @ normal)
@@ -104,9 +101,7 @@ def _intersect_plane(
     return ray_depth, eye + rays * ray_depth[:, None]
 
 
-def _rays(
-    camera_matrix: Float[np.ndarray, "3 3"], shape: tuple[int, int]
-) -> Float[np.ndarray, "n 3"]:
+def _rays(camera_matrix: CameraMatrix, shape: tuple[int, int]) -> Points:
     """The ray of each pixel, row by row, with z = 1."""
     rays = np.ones((*shape, 3), dtype=np.float32)
     rays[..., 0] = (np.arange(shape[1]) - camera_matrix[0, 2]) / camera_matrix[0, 0]
@@ -114,23 +109,19 @@ def _rays(
     return rays.reshape(-1, 3)
 
 
-def _on_table(
-    points: Float[np.ndarray, "n 3"], surroundings: Surroundings
-) -> Bool[np.ndarray, "n"]:
+def _on_table(points: Points, surroundings: Surroundings) -> Flags:
     cos, sin = np.float32(np.cos(surroundings.yaw)), np.float32(np.sin(surroundings.yaw))
     along = np.abs(cos * points[:, 0] + sin * points[:, 1])
     across = np.abs(cos * points[:, 1] - sin * points[:, 0])
     return np.asarray((along < surroundings.half_size[0]) & (across < surroundings.half_size[1]))
 
 
-def _map_pixels(places: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+def _map_pixels(places: Positions) -> Positions:
     scale = np.float32(MAP_PIXELS / MAP_SIDE)
     return np.asarray(places * scale + np.float32(MAP_PIXELS / 2), dtype=np.float32)
 
 
-def _sample_map(
-    picture: Float[np.ndarray, "m m"], places: Float[np.ndarray, "n 2"]
-) -> Float[np.ndarray, "n"]:
+def _sample_map(picture: Float[np.ndarray, "m m"], places: Positions) -> Values:
     """Values of a map at places (m) relative to its middle; it is mirrored beyond its border."""
     if len(places) == 0:
         return np.zeros(0, dtype=np.float32)
@@ -155,11 +146,8 @@ def _random_texture(rng: np.random.Generator) -> Float[np.ndarray, "m m"]:
 
 
 def _shadows(
-    items: Sequence[Item],
-    toward_light: Float[np.ndarray, "3"],
-    places: Float[np.ndarray, "n 2"],
-    direct: float,
-) -> Float[np.ndarray, "n"]:
+    items: Sequence[Item], toward_light: Vector, places: Positions, direct: float
+) -> Values:
     """Share of the light that is missing at places on the table.
 
     It is `direct` in the shadows of items; near and below items some ambient light is missing, too.

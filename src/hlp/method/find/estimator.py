@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hlp.image_edges import color_edges
+from hlp.kernels import ThreadTeam
 from hlp.method.find.holistic_scan import FrameWindows, HolisticScan
 from hlp.method.find.patch_matching import FrameMatches, LearntObjects, PatchMatching
-from hlp.method.find.trace import ObjectTrace
+from hlp.method.find.trace import NOBODY, ObjectTrace, Observer
 from hlp.method.settings import FindSettings
 from hlp.models.encoder import Encoder
-from hlp.observer import NOBODY, Observer
 from hlp.patches import window_choice
 from hlp.patches.holistic import candidate_region, center_depths, region_weights
 from hlp.patches.local import region_pixels, thin_out
@@ -26,7 +26,6 @@ from hlp.refinement.verification import Observation, VerificationSettings, Verif
 from hlp.rendering.surface import color_grid
 from hlp.templates.building import build_templates
 from hlp.templates.matching import at_different_places, match_templates, spread_edges
-from hlp.thread_team import ThreadTeam
 from hlp.voting.cast import cast_votes
 
 _NEAREST = 0.1  # m: where depth is missing or less, a window is as large as there
@@ -265,7 +264,7 @@ class PoseEstimator:
             instances,
             unexplained,
             None if min_score is None else good_enough,
-            context.observer,
+            context.observer.enter,
         )
 
     def follow(self, context: FrameContext, object_id: int, pose_cam_obj: Pose) -> Pose:

@@ -5,9 +5,10 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
+from hlp.kernels import ThreadTeam
+from hlp.method.find.trace import NOBODY, Observer
 from hlp.models.classifier import CHUNK, class_probabilities
 from hlp.models.network import Network
-from hlp.observer import NOBODY, Observer
 from hlp.patches.holistic import HolisticSettings, RegionSettings, Windows, metric_windows
 from hlp.patches.window_choice import (
     Plane,
@@ -19,7 +20,6 @@ from hlp.patches.window_choice import (
 )
 from hlp.patches.window_images import WindowImages
 from hlp.records import Frame, ObjectModel
-from hlp.thread_team import ThreadTeam
 
 # Objects whose sizes differ by less share windows, whose scale is then at most 12 % off.
 _SHARED_SCALE = 1.25

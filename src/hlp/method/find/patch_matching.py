@@ -13,15 +13,15 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hlp.codebook.neighbours import is_joint
+from hlp.kernels import ThreadTeam
+from hlp.method.find.trace import NOBODY, Observer
 from hlp.method.settings import CoarseStage, FindSettings
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
-from hlp.observer import NOBODY, Observer
 from hlp.patches.local import cut_local_patches, take_patches
 from hlp.patches.sampling import join
 from hlp.records import Codebook, Frame, LocalPatches, Matches, ObjectModel
 from hlp.refinement.score_model import ScoreModel
-from hlp.thread_team import ThreadTeam
 
 _PER_THREAD = 128  # patches that are worth a thread of their own
 _UNKNOWN, _NO_PATCH = -2, -1  # in place of the row of a pixel's patch

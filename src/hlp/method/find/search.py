@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hlp.kernels import ThreadTeam
 from hlp.method.find.estimator import FrameContext, PoseEstimator
 from hlp.method.find.instances import find_instances, resolve_conflicts
 from hlp.method.find.trace import ObjectTrace, Stage, Trace
 from hlp.records import Region
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.verification import Observation
-from hlp.thread_team import ThreadTeam
 
 _LIKELIEST = 8  # windows by which it is judged whether an object is there
 _CALLER = ThreadTeam(1)

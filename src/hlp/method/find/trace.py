@@ -1,8 +1,8 @@
-"""What a search over a frame found on its way, for each object: the hand-over to all who use it."""
+"""What a search over a frame found on its way, for each object; who is told how far it is."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, Protocol
 
 from hlp.records import Hypotheses, LocalPatches, Region, Votes
 from hlp.refinement.choice import RefinedHypotheses
@@ -36,3 +36,24 @@ class ObjectTrace:
 
 Trace = Mapping[int, ObjectTrace]
 """The search for each object in one frame, by the object's id."""
+
+
+class Observer(Protocol):
+    """Is told of each part of a search as it begins, for example to measure its time."""
+
+    def enter(self, part: str) -> None:
+        """A part begins, and lasts until the next one does.
+
+        One of windows, network, region (stage 1), cut, encode, search, vote, modes (stage 2),
+        screen, refine, verify and second_search (stage 3).
+        """
+
+
+class NobodyWatches:
+    """An observer that does nothing."""
+
+    def enter(self, part: str) -> None:
+        """See `Observer.enter`."""
+
+
+NOBODY = NobodyWatches()

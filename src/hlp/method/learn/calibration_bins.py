@@ -7,6 +7,7 @@ from jaxtyping import Float
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
+from hlp.arrays import Vector
 from hlp.geometry import rigid, transform
 from hlp.objects.bins import box_walls
 from hlp.records import Mesh, ObjectModel
@@ -18,11 +19,11 @@ _COPIES = (1, 6)
 _FACING = 0.3  # cosine between a plane's normal and the line of sight, at least
 
 Pose = Float[np.ndarray, "4 4"]
-Plane = tuple[Float[np.ndarray, "3"], float]
+Plane = tuple[Vector, float]
 """Normal n, which faces the camera, and offset d: the points with n·x = d (m)."""
 
 
-def center_of(model: ObjectModel, pose: Pose) -> Float[np.ndarray, "3"]:
+def center_of(model: ObjectModel, pose: Pose) -> Vector:
     """Where the object's centroid is in the camera's coordinates (m)."""
     return np.asarray(transform(pose, model.centroid[None])[0])
 
@@ -48,7 +49,7 @@ def resting_plane(model: ObjectModel, pose: Pose, rng: np.random.Generator) -> P
 
 
 def bin_walls(
-    model: ObjectModel, center: Float[np.ndarray, "3"], plane: Plane, rng: np.random.Generator
+    model: ObjectModel, center: Vector, plane: Plane, rng: np.random.Generator
 ) -> list[tuple[Mesh, Pose]]:
     """Four walls of one colour that stand on the plane around a place."""
     normal, offset = plane
@@ -84,7 +85,7 @@ def with_random_color(mesh: Mesh, rng: np.random.Generator) -> Mesh:
     return replace(mesh, colors=np.full_like(mesh.colors, color.astype(np.uint8)))
 
 
-def _upright(normal: Float[np.ndarray, "3"], rng: np.random.Generator) -> Float[np.ndarray, "3 3"]:
+def _upright(normal: Vector, rng: np.random.Generator) -> Float[np.ndarray, "3 3"]:
     """Axes of which the third is the normal, turned about it at random."""
     first = np.cross(normal, rng.normal(size=3))
     first /= np.linalg.norm(first)

@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
 from scipy.spatial.transform import Rotation
 
+from hlp.arrays import CameraMatrix, Image, Mask, Rgb
 from hlp.geometry import back_project, rigid, transform
 from hlp.method.learn.calibration_bins import (
     Plane,
@@ -25,13 +25,11 @@ from hlp.method.learn.calibration_bins import (
     with_random_color,
 )
 from hlp.objects.bins import CUBE, hull_mesh
-from hlp.patches.procedural_backgrounds import procedural_backgrounds
+from hlp.patches.backgrounds import procedural_backgrounds
 from hlp.records import Frame, Mesh, ObjectModel, Target
-from hlp.rendering.light import random_light
-from hlp.rendering.rasterizer import render_depth, render_scene
+from hlp.rendering.rasterizer import random_light, render_depth, render_scene
 from hlp.rendering.sensor import Kinect, noisy_depth, noisy_rgb
-from hlp.rendering.viewpoints import view_rotations
-from hlp.rendering.views import ViewsSettings
+from hlp.rendering.views import ViewsSettings, view_rotations
 
 _SHAPE = (480, 640)  # px: height, width
 _FOCAL = (500.0, 620.0)  # px
@@ -47,7 +45,7 @@ _VISIBLE = 0.3  # of the object, at least
 _ATTEMPTS = 4
 _LYING, _BINS = 2, 4  # every so many scenes: the object lies on a face, with more of it; in a bin
 
-Images = tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]]
+Images = tuple[Rgb, Image]
 """Colour, and depth (m)."""
 Parts = list[tuple[Mesh, Pose]]
 
@@ -115,12 +113,7 @@ def _random_scene(
     return Frame(0, number, rgb, depth, camera_matrix, targets)
 
 
-def _target(
-    model: ObjectModel,
-    pose: Pose,
-    camera_matrix: Float[np.ndarray, "3 3"],
-    shown: Bool[np.ndarray, "h w"],
-) -> Target:
+def _target(model: ObjectModel, pose: Pose, camera_matrix: CameraMatrix, shown: Mask) -> Target:
     """The object in a pose, given the pixels that show it."""
     size = (shown.shape[0], shown.shape[1])
     alone = render_depth(model.proxy, pose[None], camera_matrix, size, threads=1)[0]
@@ -131,7 +124,7 @@ def _target(
 def _random_pose(
     model: ObjectModel,
     views: ViewsSettings,
-    camera_matrix: Float[np.ndarray, "3 3"],
+    camera_matrix: CameraMatrix,
     shape: tuple[int, int],
     rng: np.random.Generator,
 ) -> Pose:
@@ -229,10 +222,7 @@ def _inexact(model: ObjectModel, rng: np.random.Generator) -> Mesh:
 
 
 def _draw_plane(
-    plane: Plane,
-    camera_matrix: Float[np.ndarray, "3 3"],
-    shape: tuple[int, int],
-    rng: np.random.Generator,
+    plane: Plane, camera_matrix: CameraMatrix, shape: tuple[int, int], rng: np.random.Generator
 ) -> Images:
     """The plane, and a wall where the plane is farther away than that."""
     (normal, offset), (height, width) = plane, shape
@@ -248,12 +238,7 @@ def _draw_plane(
     return np.asarray(rgb, dtype=np.uint8), depth
 
 
-def _sensed(
-    rgb: UInt8[np.ndarray, "h w 3"],
-    depth: Float[np.ndarray, "h w"],
-    focal: float,
-    rng: np.random.Generator,
-) -> Images:
+def _sensed(rgb: Rgb, depth: Image, focal: float, rng: np.random.Generator) -> Images:
     """The images of a real camera: noise, wandering edges and a depth that is off smoothly.
 
     Colours have another saturation and black level, and are shifted by up to 2 px.
@@ -273,7 +258,7 @@ def _sensed(
     return noisy_rgb(np.asarray(moved), rng, sensor), read
 
 
-def _near_jumps(depth: Float[np.ndarray, "h w"], radius: int) -> Bool[np.ndarray, "h w"]:
+def _near_jumps(depth: Image, radius: int) -> Mask:
     """Pixels up to `radius` px from one side of a jump in depth; none for a radius of 0."""
     if radius == 0:
         return np.zeros(depth.shape, dtype=bool)

@@ -10,13 +10,13 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from hlp.method.learn.backgrounds import Backgrounds
 from hlp.method.learn.model_files import CLASSIFIER, StartingWeights
 from hlp.method.learn.training import calibration_images, fit
 from hlp.method.settings import ClassifierStage
 from hlp.models.classifier_training import HolisticClassifier, copy_weights, raise_background
 from hlp.models.onnx_export import export_network
 from hlp.objects.distractors import distractor_scenes
+from hlp.patches.backgrounds import Backgrounds
 from hlp.patches.composite import BackgroundPool
 from hlp.patches.holistic_data import HolisticDataModule
 from hlp.patches.holistic_pool import (

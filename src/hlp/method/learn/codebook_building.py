@@ -3,8 +3,8 @@
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Int
 
+from hlp.arrays import Pixels
 from hlp.codebook.entries import make_codebook
 from hlp.codebook.neighbours import ExactNeighbours
 from hlp.method.settings import CodebookStage
@@ -64,7 +64,7 @@ def build_codebook(
 
 def _draw_pixels(
     views: Views, view: int, size: float, settings: CodebookStage, rng: np.random.Generator
-) -> Int[np.ndarray, "n 2"]:
+) -> Pixels:
     """Random surface pixels (x, y) of a view, whose patches have the relief that entries need.
 
     Any, where none of the view's patches has it.

@@ -9,14 +9,14 @@ from typing import cast
 import numpy as np
 import pytorch_lightning as pl
 import torch
-from jaxtyping import Bool, Float
 from tqdm import tqdm
 
-from hlp.method.learn.backgrounds import Backgrounds
+from hlp.arrays import DepthPatches, MaskPatches
 from hlp.method.learn.training import calibration_images, fit
 from hlp.method.settings import EncoderStage
 from hlp.models.encoder import STEM, EncoderModule
 from hlp.models.onnx_export import export_network
+from hlp.patches.backgrounds import Backgrounds
 from hlp.patches.local_data import PairDataModule, PatchDataModule
 from hlp.patches.local_pool import PairPool, bake_frame_patches, bake_pairs
 from hlp.patches.sampling import join
@@ -53,7 +53,7 @@ class _Training:
     def pair_batches(self, with_color: bool, batch_size: int) -> pl.LightningDataModule:
         return PairDataModule(self._pairs(with_color), with_color, batch_size, self.settings.seed)
 
-    def pair_patches(self) -> tuple[Float[np.ndarray, "n p p"], Bool[np.ndarray, "n p p"]]:
+    def pair_patches(self) -> tuple[DepthPatches, MaskPatches]:
         pairs = self._pairs(with_color=False)
         return pairs.depth[:, 0], pairs.valid[:, 0]
 

@@ -22,7 +22,11 @@ from typing import Annotated, Any
 
 from annotated_types import Ge
 
-from hlp.checksums import (
+from hlp.codebook.entries import load_codebook
+from hlp.codebook.neighbours import is_joint
+from hlp.errors import ConfigError, DamagedError, DataError, MissingFileError
+from hlp.files import read_json, write_json
+from hlp.fingerprints import (
     content_checksum,
     find_damaged,
     folder_checksums,
@@ -30,10 +34,6 @@ from hlp.checksums import (
     seal_is_whole,
     sealed,
 )
-from hlp.codebook.entries import load_codebook
-from hlp.codebook.neighbours import is_joint
-from hlp.errors import ConfigError, DamagedError, DataError, MissingFileError
-from hlp.files import read_json, write_json
 from hlp.method.find.patch_matching import load_codebooks, search_groups
 from hlp.method.learn.model_files import load_classifier, read_model
 from hlp.method.settings import CoarseStage, Device, MethodSettings

@@ -19,9 +19,9 @@ from pytorch_lightning.callbacks import Callback, Checkpoint, TQDMProgressBar
 from safetensors.torch import save
 from torch import Tensor, nn
 
-from hlp.checksums import content_checksum
 from hlp.errors import DataError
 from hlp.files import replaced, write_csv
+from hlp.fingerprints import content_checksum
 from hlp.method.learn.model_files import HISTORY, WEIGHTS
 from hlp.method.settings import TrainerSettings
 

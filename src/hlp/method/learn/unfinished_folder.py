@@ -11,9 +11,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from hlp.checksums import find_damaged, folder_checksums, seal_is_whole, sealed
 from hlp.errors import DamagedError, DataError, InputError, MissingFileError
 from hlp.files import locked, read_json, remove_unfinished, write_json
+from hlp.fingerprints import find_damaged, folder_checksums, seal_is_whole, sealed
 from hlp.method.learn.learnt_folder import (
     RECORD,
     LearntRecord,

@@ -13,8 +13,7 @@ from jaxtyping import Bool, Float, UInt8
 from hlp.files import replaced
 from hlp.geometry import project, transform
 from hlp.records import Frame, ObjectModel, Votes
-from hlp.rendering.light import FRONTAL_LIGHT
-from hlp.rendering.rasterizer import render_depth, render_rgbd
+from hlp.rendering.rasterizer import FRONTAL_LIGHT, render_depth, render_rgbd
 
 Image = UInt8[np.ndarray, "h w 3"]
 Pose = Float[np.ndarray, "4 4"]

@@ -1,15 +1,23 @@
-"""What the numbers in files must mean: rotations, places before a camera, cameras, depths.
+"""What files from outside must say: the numbers of any file, and BOP's JSON files.
 
-Each function raises DataError that begins with `where` and says what is expected.
+Functions for numbers raise DataError that begins with `where` and says what is expected: rotations,
+places before a camera, cameras, depths. BOP's files are in millimetres and pixels; their format is
+that of Hodan et al., BOP (ECCV 2018), docs/bop_datasets_format.md of the BOP toolkit. Keys that are
+not named here are not read.
 """
 
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Ge, Le, Len
 from jaxtyping import Float
 
+from hlp.arrays import CameraMatrix, Image, Vector
 from hlp.errors import DataError
 from hlp.geometry import nearest_rotation
+from hlp.settings import Count, Positive, ReadBy, SettingsError, Share, Stored, shown
 
 ROTATION_TOLERANCE = 5e-3
 """Largest difference of a stated rotation's numbers from those of the nearest rotation.
@@ -26,7 +34,7 @@ _BEYOND_DEPTH = 10.0  # a pose may be that many times nearer or farther than any
 
 
 def require_rotation(
-    matrix: Float[np.ndarray, "3 3"], where: str, tolerance: float = ROTATION_TOLERANCE
+    matrix: CameraMatrix, where: str, tolerance: float = ROTATION_TOLERANCE
 ) -> None:
     """The numbers are those of a rotation, right-handed, up to rounding."""
     left, sizes, right = np.linalg.svd(matrix)
@@ -43,16 +51,14 @@ def require_rotation(
 
 
 def exact_rotation(
-    matrix: Float[np.ndarray, "3 3"], where: str, tolerance: float = ROTATION_TOLERANCE
+    matrix: CameraMatrix, where: str, tolerance: float = ROTATION_TOLERANCE
 ) -> Float[np.ndarray, "3 3"]:
     """The rotation whose rounded numbers these are."""
     require_rotation(matrix, where, tolerance)
     return nearest_rotation(matrix)
 
 
-def require_in_front(
-    center_cam: Float[np.ndarray, "3"], diameter: float, where: str, unit: str
-) -> None:
+def require_in_front(center_cam: Vector, diameter: float, where: str, unit: str) -> None:
     """An object of that diameter (m), centred at that point of the camera (m), can be seen.
 
     `unit` is that of the file.
@@ -112,7 +118,7 @@ def camera_matrix(
     return matrix
 
 
-def require_depths(metres: Float[np.ndarray, "h w"], where: str) -> None:
+def require_depths(metres: Image, where: str) -> None:
     """Half of a depth image (m, 0 where missing) lies at distances that a camera measures."""
     median = float(np.median(metres[metres > 0])) if metres.any() else 0.0
     if not NEAREST <= median <= FARTHEST:
@@ -122,9 +128,7 @@ def require_depths(metres: Float[np.ndarray, "h w"], where: str) -> None:
         )
 
 
-def require_near_depths(
-    center_cam: Float[np.ndarray, "3"], metres: Float[np.ndarray, "h w"], where: str
-) -> None:
+def require_near_depths(center_cam: Vector, metres: Image, where: str) -> None:
     """A true pose lies at a distance like those that the depth image (m) has."""
     present = metres[metres > 0]
     depth, low, high = float(center_cam[2]), float(present.min()), float(present.max())
@@ -133,3 +137,102 @@ def require_near_depths(
             f"{where} places the object at {depth:.4g} m, but the depth image reaches from "
             f"{low:.4g} to {high:.4g} m: check the unit of the translations and depth_scale"
         )
+
+
+_Id = Annotated[int, Ge(0), Le(2**31 - 1)]
+
+
+def _flat(values: Any) -> Any:
+    """Rows of a matrix as one list."""
+    if isinstance(values, list) and values and all(isinstance(row, list) for row in values):
+        return [number for row in values for number in row]
+    return values
+
+
+_Vector3 = Annotated[tuple[float, ...], Len(3, 3), ReadBy(_flat)]
+_Matrix3 = Annotated[tuple[float, ...], Len(9, 9), ReadBy(_flat)]
+_Matrix4 = Annotated[tuple[float, ...], Len(16, 16), ReadBy(_flat)]
+
+
+@dataclass(frozen=True)
+class CameraEntry(Stored):
+    """A frame's entry in scene_camera.json; also camera.json of a folder of frames."""
+
+    cam_K: _Matrix3  # noqa: N815
+    depth_scale: Positive = 1.0
+
+
+@dataclass(frozen=True)
+class TruthEntry(Stored):
+    """An annotated instance in scene_gt.json."""
+
+    obj_id: _Id
+    cam_R_m2c: _Matrix3  # noqa: N815
+    cam_t_m2c: _Vector3
+
+
+@dataclass(frozen=True)
+class InfoEntry(Stored):
+    """What scene_gt_info.json says of an annotated instance; None where it says nothing."""
+
+    visib_fract: Share | None = None
+
+
+@dataclass(frozen=True)
+class TargetRow(Stored):
+    """A row of a list of targets; that of 2024 names frames alone."""
+
+    scene_id: _Id
+    im_id: _Id
+    obj_id: _Id | None = None
+    inst_count: Count = 1
+
+
+@dataclass(frozen=True)
+class ContinuousSymmetry(Stored):
+    """An axis of revolution."""
+
+    axis: _Vector3
+    offset: _Vector3
+
+
+@dataclass(frozen=True)
+class ModelInfo(Stored):
+    """An object's entry in models_info.json."""
+
+    diameter: Positive | None = None
+    symmetries_discrete: tuple[_Matrix4, ...] = ()
+    symmetries_continuous: tuple[ContinuousSymmetry, ...] = ()
+
+
+@dataclass(frozen=True)
+class RunLengths(Stored):
+    """A mask: COCO's uncompressed run lengths, column by column, beginning with zeros."""
+
+    size: tuple[Count, Count]
+    counts: Any  # whole numbers: there are too many to check each by its type
+
+    def __post_init__(self) -> None:
+        """Raise SettingsError naming what is wrong."""
+        super().__post_init__()
+        counts = self.counts
+        if not isinstance(counts, list) or {*map(type, counts)} != {int} or min(counts) < 0:
+            problem = f"is {shown(counts)}: it must be a list of whole numbers from 0"
+            raise SettingsError("counts", problem)
+
+
+Scene = dict[str, Any]
+"""A scene's file: an entry for each frame, which is checked when the frame is."""
+Truths = list[TruthEntry]
+Infos = list[InfoEntry]
+Targets = list[TargetRow]
+ModelInfos = dict[str, ModelInfo]
+Names = dict[str, str]
+
+
+def whole_ids(names: Sequence[str]) -> list[int]:
+    """Ids that are keys of an object, as numbers. Raises ValueError for another key."""
+    for name in names:
+        if not (name.isascii() and name.isdecimal()) or str(int(name)) != name:
+            raise ValueError(f"the key {name!r} is no id: it must be a whole number from 0")
+    return [int(name) for name in names]

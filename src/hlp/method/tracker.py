@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from itertools import count
 
 import numpy as np
-from jaxtyping import Bool, Float
 
+from hlp.arrays import Mask, Pose, Poses, Vector
 from hlp.geometry import nearest_rotation, project, rigid, transform
 from hlp.method.arguments import RgbdFrame, checked_mask, checked_rgbd
 from hlp.method.find.attempts import Unexplained
@@ -69,9 +69,7 @@ class Tracker:
         self._since_search: dict[int, int] = {}
         self._numbers = count()
 
-    def update(
-        self, frame: RgbdFrame, mask: Bool[np.ndarray, "h w"] | None = None
-    ) -> list[TrackedDetection]:
+    def update(self, frame: RgbdFrame, mask: Mask | None = None) -> list[TrackedDetection]:
         """Find the objects in the next frame.
 
         Args:
@@ -86,9 +84,7 @@ class Tracker:
         """
         return self.search(frame, mask).detections
 
-    def search(
-        self, frame: RgbdFrame, mask: Bool[np.ndarray, "h w"] | None = None
-    ) -> TrackingResult:
+    def search(self, frame: RgbdFrame, mask: Mask | None = None) -> TrackingResult:
         """Find objects as `update` does, and say of each that is not found, why.
 
         Args:
@@ -140,12 +136,10 @@ class Track:
     number: int
     object_id: int
     score: float
-    pose_cam_obj: Float[np.ndarray, "4 4"]
-    before: Float[np.ndarray, "4 4"] | None = None
+    pose_cam_obj: Pose
+    before: Pose | None = None
 
-    def start_poses(
-        self, centroid: Float[np.ndarray, "3"], prediction: bool
-    ) -> Float[np.ndarray, "n 4 4"]:
+    def start_poses(self, centroid: Vector, prediction: bool) -> Poses:
         """Where the next frame may show the instance: at its pose, or moved on by one more step.
 
         A step turns about the object's centroid (object coordinates, m) and shifts it.
@@ -254,10 +248,7 @@ def follow(
 
 
 def part_near(
-    estimator: PoseEstimator,
-    context: FrameContext,
-    model: ObjectModel,
-    poses_cam_obj: Float[np.ndarray, "n 4 4"],
+    estimator: PoseEstimator, context: FrameContext, model: ObjectModel, poses_cam_obj: Poses
 ) -> FrameContext:
     """The part of the frame that shows the object in any of some poses, and what is beside it.
 

@@ -23,7 +23,7 @@ from typing import IO
 
 from filelock import FileLock, Timeout
 
-from hlp.data.public.sets import Archive, PublicSet
+from hlp.data.public_sets import Archive, PublicSet
 from hlp.errors import DataError, DiskFullError, HlpError, InputError, NetworkError
 from hlp.files import write_json
 

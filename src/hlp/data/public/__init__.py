@@ -1,1 +1,0 @@
-"""Public data sets: where they lie, loading them, unpacking what was loaded."""

@@ -1,1 +1,0 @@
-"""Follows objects from frame to frame."""
