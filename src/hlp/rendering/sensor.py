@@ -16,7 +16,8 @@ from jaxtyping import Bool, Float, UInt8
 Depth = Float[np.ndarray, "*b h w"]
 _Pixels = Bool[np.ndarray, "*b h w"]
 _JUMP = 0.015  # relative difference of depth above which neighbours show different surfaces
-# σ = 1.5 mm and steps of 2.9 mm at 1 m for a focal length of 572 px.
+# σ = 1.5 mm and steps of 2.9 mm at 1 m.
+_FOCAL = 572.0  # px, of images of full size
 _BASELINE = 0.075  # m from projector to camera
 _DISPARITY_NOISE, _DISPARITY_STEP = 0.064, 0.125  # px
 _EDGE_MISSING = 0.25  # share of pixels at edges without a reading
@@ -41,6 +42,12 @@ class Kinect:
     strength: float = 1.0
     edge_jitter: int = 1
     binning: float = 1.0
+
+
+def depth_error(distance: float) -> float:
+    """Standard deviation (m) of a Kinect's depth at a distance (m), quantisation included."""
+    off = np.hypot(_DISPARITY_NOISE, _DISPARITY_STEP / np.sqrt(12.0))
+    return float(off * distance**2 / (_FOCAL * _BASELINE))
 
 
 def noisy_depth(depth: Depth, focal: float, rng: np.random.Generator, sensor: Kinect) -> Depth:

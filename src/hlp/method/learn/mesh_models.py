@@ -1,5 +1,6 @@
 """Object models of CAD files, named and numbered, as learning takes them."""
 
+import logging
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,12 +10,14 @@ import numpy as np
 from annotated_types import Gt
 
 from hlp.errors import InputError
+from hlp.method.learn.hard_parts import hard_parts
 from hlp.method.learn.learnt_folder import NAME
 from hlp.objects.object_model import ObjectSettings, build_object_model
 from hlp.records import ObjectModel
 from hlp.settings import Doc, Settings
 
 _PROXY_FACES = 500  # triangles of the mesh that the refiner renders
+_logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +42,9 @@ class MeshChoices(Settings):
     local_size_mm: Annotated[
         float | None, Gt(0), Doc("side of the local patches; null: computed from the mesh")
     ] = None
+    farthest_mm: Annotated[
+        float, Gt(0), Doc("largest distance from the camera; for warnings of hard objects alone")
+    ] = 1000.0
 
 
 def build_models(
@@ -71,6 +77,8 @@ def build_models(
         if not own.colors:
             grey, proxy = (replace(mesh, colored=False) for mesh in (model.mesh, model.proxy))
             model = replace(model, mesh=grey, proxy=proxy)
+        for sentence in hard_parts(model, own.farthest_mm):
+            _logger.warning("%s: warning: %s", name, sentence)
         models[object_id] = model
     return models
 
