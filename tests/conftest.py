@@ -19,7 +19,7 @@ from jaxtyping import install_import_hook
 # that imports them.
 install_import_hook(["hlp.records", "hlp.geometry"], "beartype.beartype")
 
-from hlp.config.typed_defaults import provide_defaults
+from hlp.config.composition import provide_defaults
 from hlp.records import Mesh
 from made_once import made_once
 from refinement_scene import Scene, make_row, make_scene

@@ -49,10 +49,10 @@ def logged_run(folder: Path, output: Path | str) -> tuple[MlflowClient, Run]:
     return client, run
 
 
-def arms_of(folder: Path, output: Path) -> tuple[MlflowClient, Run, list[Run]]:
+def children_of(folder: Path, output: Path) -> tuple[MlflowClient, Run, list[Run]]:
     """A sweep's own run and those of its settings, oldest first."""
     client, runs = logged_runs(folder)
     parent_id = read_json(output / "sweep.json")["run_id"]
     (parent,) = [run for run in runs if run.info.run_id == parent_id]
-    arms = [run for run in runs if run.data.tags.get("mlflow.parentRunId") == parent_id]
-    return client, parent, arms
+    children = [run for run in runs if run.data.tags.get("mlflow.parentRunId") == parent_id]
+    return client, parent, children

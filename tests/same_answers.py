@@ -8,11 +8,11 @@ import numpy as np
 
 from hlp import Detector
 from hlp.commands.composing import compose_config
+from hlp.commands.learn import learnt_of_run
 from hlp.config.build import build_run
 from hlp.method.find.search import search_frame
 from hlp.method.find.trace import ObjectTrace
 from hlp.refinement.pose_fit import PoseFit
-from hlp.runs.learning import learnt_of_run
 from hlp.runs.manifest import MANIFEST
 from hlp.runs.runner import stages_of
 from hlp.stages.store import StageStore

@@ -17,8 +17,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from settings_reference import Table, as_markdown, settings_classes, tables_of
 
 from hlp.cli import COMMANDS
+from hlp.config.composition import rows
 from hlp.config.settings import RunSettings
-from hlp.config.typed_defaults import rows
 
 ROOT = Path(__file__).parents[2]
 CONF = ROOT / "conf"

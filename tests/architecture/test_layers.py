@@ -11,7 +11,7 @@ import pytest
 
 import hlp
 from hlp.commands.composing import compose_config
-from hlp.config.typed_defaults import rows
+from hlp.config.composition import rows
 from hlp.files import config_folder
 
 ROOT = Path(__file__).parents[2]

@@ -18,7 +18,7 @@ LARGEST = 150_000  # bytes of a picture in the documentation
 
 @dataclass(frozen=True)
 class ShownRuns:
-    """A run and a sweep with their database; values, names and ADD(-S) recalls of its arms."""
+    """A run and a sweep with their database; values, names and ADD(-S) recalls of its runs."""
 
     work: Path
     run: Path

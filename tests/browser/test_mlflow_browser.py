@@ -18,7 +18,7 @@ COLUMNS = ["add", "5cm5deg", "iou50", "ms"]
 def test_runs_numbers_and_images_are_seen_in_mlflow(
     shown: ShownRuns, browser: "Chrome", screenshots: Path | None
 ) -> None:
-    sweep, arm = f"sweep of {shown.key}", shown.names[0]
+    sweep, child = f"sweep of {shown.key}", shown.names[0]
     with served_ui(shown.work) as address:
         browser.get(address.partition("#")[0])
         choose_menu(browser)
@@ -26,7 +26,7 @@ def test_runs_numbers_and_images_are_seen_in_mlflow(
         has_words(browser, sweep)
         wait(browser, lambda page: metric_columns(page) == COLUMNS, "the headline metrics first")
         expand(browser, sweep, shown.names)
-        assert float(cell(browser, arm, "add")) == pytest.approx(shown.recalls[0], abs=0.002)
+        assert float(cell(browser, child, "add")) == pytest.approx(shown.recalls[0], abs=0.002)
         take_picture(browser, screenshots, "mlflow_runs")
 
         open_run(browser, sweep)
@@ -40,7 +40,7 @@ def test_runs_numbers_and_images_are_seen_in_mlflow(
         browser.get(address)
         has_words(browser, sweep)
         expand(browser, sweep, shown.names)
-        open_run(browser, arm)
+        open_run(browser, child)
         has_words(browser, "targets have a right pose", "counts/targets")
         see_image(browser, "Pictures/poses in scene 0")
         take_picture(browser, screenshots, "mlflow_pictures")
@@ -81,10 +81,10 @@ def metric_columns(browser: "Chrome") -> list[str]:
     return [str(text) for text in browser.execute_script(words)]
 
 
-def expand(browser: "Chrome", sweep: str, arms: tuple[str, ...]) -> None:
-    """Show the arms of a sweep, whose row is closed at first."""
+def expand(browser: "Chrome", sweep: str, runs: tuple[str, ...]) -> None:
+    """Show the runs of a sweep, whose row is closed at first."""
     click(browser, f"//div[@role='gridcell'][.//a[.='{sweep}']]//button", f"'{sweep}' to expand")
-    has_words(browser, *arms)
+    has_words(browser, *runs)
 
 
 def cell(browser: "Chrome", run: str, metric: str) -> str:

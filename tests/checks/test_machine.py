@@ -1,6 +1,6 @@
 import pytest
 
-from hlp.checks.machine import check_disk, check_libraries, check_threads, describe_machine
+from hlp.commands.doctor import check_disk, check_libraries, check_threads, describe_machine
 
 
 def test_a_missing_library_is_named_with_what_installs_it():

@@ -11,8 +11,7 @@ from yaml import YAMLError
 
 import hlp
 from hlp.cli import main
-from hlp.commands.composing import compose_config
-from hlp.commands.hydra_errors import hydra_in_words
+from hlp.commands.composing import compose_config, hydra_in_words
 
 
 @pytest.mark.parametrize(

@@ -12,11 +12,11 @@ from omegaconf import OmegaConf
 
 from hlp.config import build
 from hlp.config.build import build_run, build_settings, check_symmetric, sampled_keys
+from hlp.config.composition import group_kinds, rows
 from hlp.config.settings import RunSettings
-from hlp.config.typed_defaults import group_kinds, rows
 from hlp.data.bop import BopSettings
 from hlp.errors import DataError, MissingDependencyError
-from hlp.evaluation.settings import EvaluationSettings
+from hlp.evaluation import EvaluationSettings
 
 CONF = Path(__file__).parents[2] / "conf"
 

@@ -2,7 +2,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from hlp.commands.composing import compose_config
-from hlp.config.chosen import groups_of, overrides_of
+from hlp.config.composition import groups_of, overrides_of
 
 
 def test_overrides_as_text_by_key() -> None:

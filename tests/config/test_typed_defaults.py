@@ -11,8 +11,8 @@ from hydra.errors import MissingConfigException
 from omegaconf import OmegaConf
 from typing_extensions import Doc
 
+from hlp.config.composition import group_kinds, rows
 from hlp.config.settings import RunSettings
-from hlp.config.typed_defaults import group_kinds, rows
 from hlp.refinement.pso import PsoSettings
 from hlp.settings import Registry, Settings, defaults_of
 

@@ -4,7 +4,7 @@ from omegaconf import OmegaConf
 from hlp.commands.composing import compose_config
 from hlp.data.bop import BopSettings
 from hlp.data.linemod import LinemodSettings
-from hlp.evaluation.settings import EvaluationSettings
+from hlp.evaluation import EvaluationSettings
 from hlp.rendering.views import ViewsSettings
 from hlp.settings import read_settings
 

@@ -40,7 +40,7 @@ NOT_RUN = {
         "-m hydra/launcher=cores machine.threads=1 seed=0,1",
         "run executor=loky executor.workers=4",
     ],
-    "everything is learnt again for each of 39 arms": ["-m experiment=ladder"],
+    "everything is learnt again for each of 39 steps": ["-m experiment=ladder"],
 }
 """Commands that are not run, by what they need. test_commands.py composes them."""
 

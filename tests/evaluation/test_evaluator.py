@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from boxes import EXTENTS, TRUE, box_model, moved
 
-from hlp.evaluation import errors
+from hlp.evaluation import EvaluationSettings, errors
 from hlp.evaluation.evaluator import FrameTruth, add_correct, score_targets
-from hlp.evaluation.settings import EvaluationSettings
 from hlp.geometry import rigid
 from hlp.records import Frame, PoseEstimate, Target
 from hlp.rendering.rasterizer import render_depth

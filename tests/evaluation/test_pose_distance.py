@@ -5,8 +5,8 @@ import pytest
 from boxes import box_model
 from scipy.spatial.transform import Rotation
 
+from hlp.evaluation import EvaluationSettings
 from hlp.evaluation.errors import is_symmetric_flip, near_truth, poses_near_truth
-from hlp.evaluation.settings import EvaluationSettings
 from hlp.geometry import rigid
 
 SETTINGS = EvaluationSettings(symmetric=("bar",))

@@ -4,8 +4,8 @@ import json
 import numpy as np
 import pytest
 
+from hlp.evaluation import EvaluationSettings
 from hlp.evaluation.evaluator import FrameTruth
-from hlp.evaluation.settings import EvaluationSettings
 from hlp.evaluation.summary import count_false_alarms, summarise, with_interval
 from hlp.records import PoseEstimate, Target, TargetScore
 from hlp.results.summary_file import METRICS

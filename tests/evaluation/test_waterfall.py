@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hlp.evaluation.settings import WaterfallSettings
+from hlp.evaluation import WaterfallSettings
 from hlp.evaluation.waterfall import (
     CAUSES,
     CORRECT,

@@ -13,8 +13,8 @@ from pathlib import Path
 from forked_hlp import run_hlp
 
 PLACES = {
-    "database begun": ("hlp.reporting.mlflow.store", "artifacts_uri", 0),
-    "database made": ("hlp.reporting.mlflow.store.os", "replace", 1),
+    "database begun": ("hlp.reporting.mlflow", "artifacts_uri", 0),
+    "database made": ("hlp.reporting.mlflow.os", "replace", 1),
     "run opened": ("hlp.runs.runner", "log_inputs", 0),
     "views begun": ("hlp.rendering.views", "_poses", 1),
     "views half written": ("hlp.rendering.views", "write_array", 2),
@@ -56,9 +56,9 @@ COMMAND_PLACES = {
     "copy made": ("hlp.runs.learnt_cache.Path", "rename", 0),
     "entry hidden": ("hlp.runs.learnt_cache.shutil", "rmtree", 0),
     "entry half removed": ("hlp.runs.learnt_cache.shutil.os", "unlink", 2),
-    "first answer": ("hlp.results.answers_file.AnswersFile", "add", 0),
-    "second answer": ("hlp.results.answers_file.AnswersFile", "add", 1),
-    "last answer": ("hlp.results.answers_file.AnswersFile", "_write_json", 0),
+    "first answer": ("hlp.results.poses_file.AnswersFile", "add", 0),
+    "second answer": ("hlp.results.poses_file.AnswersFile", "add", 1),
+    "last answer": ("hlp.results.poses_file.AnswersFile", "_write_json", 0),
     "first image": ("hlp.runs.live", "_line", 0),
     "second image": ("hlp.runs.live", "_line", 1),
     "page half written": ("hlp.files.os", "replace", 0),

@@ -14,7 +14,7 @@ from damage import WAYS, damage
 from forked_hlp import run_hlp
 from hlp.data.synthetic.objects import demo_objects
 from hlp.reporting.mlflow.pages import HEADLINES
-from run_files import arms_of, logged_runs, poses_of, read_json
+from run_files import children_of, logged_runs, poses_of, read_json
 from tiny_method import write_mesh
 
 pytestmark = [pytest.mark.slow, pytest.mark.thorough]
@@ -70,11 +70,11 @@ def test_a_sweep_loses_no_setting_and_does_none_twice(tiny_run, tmp_path):
     assert poses_of(record.parent / "0") == poses_of(tiny_run.output)
     second = read_json(record.parent / "1" / "manifest.json")
     assert second["config"]["refinement"]["particles"] == 26
-    _, parent, arms = arms_of(tmp_path, record.parent)
+    _, parent, children = children_of(tmp_path, record.parent)
     assert parent.info.status == "FINISHED"
-    shown = [{name: run.data.metrics[name] for name in HEADLINES} for run in (parent, *arms)]
+    shown = [{name: run.data.metrics[name] for name in HEADLINES} for run in (parent, *children)]
     assert shown[0] == max(shown[1:], key=lambda metrics: (metrics["add"], -metrics["ms"]))
-    found = sorted((run.data.params["refinement.particles"], run.info.status) for run in arms)
+    found = sorted((run.data.params["refinement.particles"], run.info.status) for run in children)
     assert found == [("25", "FINISHED"), ("26", "FINISHED")]
     assert "RUNNING" not in {run.info.status for run in logged_runs(tmp_path)[1]}
 

@@ -10,8 +10,7 @@ import pytest
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.runs.runner import stages_of
-from hlp.runs.shown_targets import FrameResults
-from hlp.runs.stage_samples import search_again
+from hlp.runs.stage_samples import FrameResults, search_again
 from hlp.stages.manifest import library_builds, processor
 from hlp.stages.store import StageStore
 from run_files import logged_run, read_json, rows, stages

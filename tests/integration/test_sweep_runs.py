@@ -8,7 +8,7 @@ from hydra import compose, initialize_config_dir
 
 from hlp.commands import report
 from hlp.commands.composing import config_folder
-from run_files import arms_of, read_json, rows
+from run_files import children_of, read_json, rows
 from tiny_run import Call, TinyRun, start_run
 
 
@@ -25,19 +25,21 @@ def test_failed_arm_is_a_failed_run_and_the_others_go_on(tiny_run: TinyRun, call
     assert code == 1
     assert "refinement.particles is 0" in error
     output = tiny_run.folder / "failing"
-    client, parent, arms = arms_of(tiny_run.folder, output)
+    client, parent, children = children_of(tiny_run.folder, output)
     assert parent.info.status == "FAILED"
     assert parent.info.run_name == "sweep of particles"
     assert set(parent.data.params) == {setting.partition("=")[0] for setting in tiny_run.overrides}
-    named = [(arm.info.run_name, arm.info.status) for arm in arms]
+    named = [(child.info.run_name, child.info.status) for child in children]
     assert named == [("particles 0", "FAILED"), ("particles 5", "FINISHED")]
-    assert [arm.data.params["refinement.particles"] for arm in arms] == ["0", "5"]
-    traceback = Path(client.download_artifacts(arms[0].info.run_id, "traceback.txt")).read_text()
+    assert [child.data.params["refinement.particles"] for child in children] == ["0", "5"]
+    traceback = Path(
+        client.download_artifacts(children[0].info.run_id, "traceback.txt")
+    ).read_text()
     assert "refinement.particles is 0" in traceback
-    whole = Path(client.download_artifacts(arms[1].info.run_id, "config.yaml")).read_text()
+    whole = Path(client.download_artifacts(children[1].info.run_id, "config.yaml")).read_text()
     assert "particles: 5" in whole
     summary = read_json(output / "1" / "summary.json")
-    assert arms[1].data.metrics["add"] == round(summary["metrics"]["add"]["recall"], 4)
+    assert children[1].data.metrics["add"] == round(summary["metrics"]["add"]["recall"], 4)
 
 
 @pytest.mark.slow
@@ -52,14 +54,14 @@ def test_anytime_draws_recall_against_the_time_of_each_budget(
     points = rows(folder / "recall_by_time.csv")
     assert [point["refinement.budget_ms"] for point in points] == ["null", "1"]
     assert all(float(point["median_ms"]) > 0.0 for point in points)
-    client, parent, _ = arms_of(tiny_run.folder, folder)
+    client, parent, _ = children_of(tiny_run.folder, folder)
     logged_files = {item.path for item in client.list_artifacts(parent.info.run_id)}
     assert {"recall_by_time.png", "recall_by_time.svg"} <= logged_files
 
 
 @pytest.mark.slow
 def test_a_sweep_of_studies_ends_with_table_figure_and_page(tiny_run: TinyRun, call: Call) -> None:
-    """Also if an arm failed: no particles."""
+    """Also if a run failed: no particles."""
     given = ("task=oracle", "task.frames=1", "refinement.particles=0,5,6", "output=oracles")
     code, said, error = call(*tiny_run.overrides, "-m", *given)
     assert code == 1 and "refinement.particles is 0" in error
@@ -67,15 +69,15 @@ def test_a_sweep_of_studies_ends_with_table_figure_and_page(tiny_run: TinyRun, c
     words = " ".join(said.split())
     assert "oracle by particles: 2 of 3 runs finished; highest est/est: " in words
     assert "without a result: particles 0 (see 0/hlp.log)." in words
-    assert "est/est to first" in words  # the default was not among the finished arms
+    assert "est/est to first" in words  # the default was not among the finished runs
     endings = ("md", "csv", "png", "svg")
     written = {"report.html", *(f"oracle.{ending}" for ending in endings)}
     assert written <= {path.name for path in folder.iterdir()}
     assert '<a href="2/report.html">' in (folder / "report.html").read_text()
-    client, parent, _ = arms_of(tiny_run.folder, folder)
+    client, parent, _ = children_of(tiny_run.folder, folder)
     assert written <= {item.path for item in client.list_artifacts(parent.info.run_id)}
     assert "2 of 3 runs finished" in parent.data.tags["mlflow.note.content"]
-    assert parent.data.tags["best_arm"] in ("particles 5", "particles 6")
+    assert parent.data.tags["best_run"] in ("particles 5", "particles 6")
     history = client.get_metric_history(parent.info.run_id, "sweep/oracle/est/est")
     assert [point.step for point in history] == [5, 6]
 
@@ -136,8 +138,8 @@ def test_settings_side_by_side_leave_what_settings_in_turn_leave(tiny_run: TinyR
     assert "refinement.particles is 0" in done.stderr
     folder = tiny_run.folder / "cores"
     assert [(folder / name / "manifest.json").is_file() for name in "0123"] == [False, *[True] * 3]
-    _, _, arms = arms_of(tiny_run.folder, folder)
-    found = {arm.data.params["refinement.particles"]: arm.info.status for arm in arms}
+    _, _, children = children_of(tiny_run.folder, folder)
+    found = {child.data.params["refinement.particles"]: child.info.status for child in children}
     assert found == {"0": "FAILED", **dict.fromkeys("567", "FINISHED")}
 
 

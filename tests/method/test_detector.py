@@ -145,7 +145,7 @@ def test_detection_imports_no_framework(learnt, frame, tmp_path):
         f"loaded = [name for name in {HEAVY!r} if name in sys.modules]\n"
         "assert not loaded, loaded\n"
         "print(sum(name.partition('.')[0] == 'hlp' for name in sys.modules))\n"
-        "import hlp.stages.cleaning\n"
+        "import hlp.commands.folders\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -20,8 +20,8 @@ from hlp.reporting.paper_reports import (
     trend_table,
 )
 from hlp.reporting.results import Result
-from hlp.results.intervals import difference_interval
 from hlp.results.poses_file import write_scores
+from hlp.results.summary_file import difference_interval
 from table_text import csv_rows, unpadded
 from written_results import CONFIG, scored, write_run, write_sweep
 
@@ -273,7 +273,7 @@ def ladder(folder: Path, names: tuple[str, ...] = ("literal", "modes", "best")) 
         summary["bop"] = {"ar": 0.5 + 0.125 * number}
         run = write_run(folder / str(number), "ladder", summary, [f"ladder={name}"])
         manifest = json.loads((run / "manifest.json").read_text())
-        manifest["config"]["arm"] = {"change": f"what {name} is", "before": BEFORE[name]}
+        manifest["config"]["step"] = {"change": f"what {name} is", "before": BEFORE[name]}
         (run / "manifest.json").write_text(json.dumps(manifest))
         write_verdicts(run, RIGHT[name], 0.5)
     return folder
@@ -287,10 +287,12 @@ def test_a_row_a_step_with_what_it_gains_against_the_one_before_it(tmp_path: Pat
     assert png.stat().st_size and svg.stat().st_size
     rows = csv_rows(table)
     assert [*rows[0]] == [
-        "arm", "change", "ADD(-S)", "95 %", "5cm5deg", "IoU", "AR", "ms", "against",
+        "step", "change", "ADD(-S)", "95 %", "5cm5deg", "IoU", "AR", "ms", "against",
         "ADD(-S) gained", "95 % of it", "ms more",
     ]  # fmt: skip
-    said = [(r["arm"], r["ADD(-S)"], r["against"], r["ADD(-S) gained"], r["ms more"]) for r in rows]
+    said = [
+        (r["step"], r["ADD(-S)"], r["against"], r["ADD(-S) gained"], r["ms more"]) for r in rows
+    ]
     assert said == [
         ("literal", "0.250", "–", "–", "–"),
         ("modes", "0.750", "literal", "+0.500", "-20"),

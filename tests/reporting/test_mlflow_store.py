@@ -14,8 +14,8 @@ from urllib.parse import unquote
 import pytest
 from mlflow import MlflowClient
 
-from hlp.reporting.mlflow import store
-from hlp.reporting.mlflow.store import owner_is_dead, owner_tags, prepare_database, remove_database
+from hlp.reporting import mlflow as store
+from hlp.reporting.mlflow import owner_is_dead, owner_tags, prepare_database, remove_database
 from hlp.reporting.mlflow.tracking import MlflowSettings, track_run
 
 
@@ -129,7 +129,7 @@ def test_removing_a_database_leaves_what_lies_beside_it(made: Path, tmp_path: Pa
 
 def test_a_process_that_ended_is_dead_also_before_it_is_waited_for() -> None:
     assert not owner_is_dead(owner_tags())
-    code = "import json; from hlp.reporting.mlflow.store import owner_tags as tags"
+    code = "import json; from hlp.reporting.mlflow import owner_tags as tags"
     code += "; print(json.dumps(tags()))"
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None

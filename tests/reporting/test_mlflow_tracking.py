@@ -16,8 +16,8 @@ from mlflow.exceptions import MlflowException
 
 import hlp
 from hlp.errors import ConfigError, DataError, is_expected
+from hlp.reporting.mlflow import owner_tags
 from hlp.reporting.mlflow.run import LoggedAs, MlflowRun
-from hlp.reporting.mlflow.store import owner_tags
 from hlp.reporting.mlflow.tracking import ChildRun, MlflowSettings, as_child_run, track_run
 
 if TYPE_CHECKING:
@@ -187,7 +187,7 @@ def test_a_database_that_cannot_be_written_is_one_line(
 @pytest.mark.slow
 def test_nothing_is_told_to_mlflows_makers() -> None:
     code = (
-        "import os; from hlp.reporting.mlflow.store import import_client; import_client();"
+        "import os; from hlp.reporting.mlflow import import_client; import_client();"
         "from mlflow.telemetry.utils import is_telemetry_disabled as off; assert off()"
     )
     clean = ("MLFLOW_DISABLE_TELEMETRY", "DO_NOT_TRACK", "CI", "PYTEST_CURRENT_TEST")

@@ -32,7 +32,7 @@ def history(client: MlflowClient, run_id: str, name: str) -> list[tuple[int, flo
 @pytest.mark.slow
 @pytest.mark.thorough
 def test_what_a_dead_server_misses_is_sent_later(tmp_path: Path) -> None:
-    """A sweep's parent before the server starts, its arm while it runs, and ends while it is away.
+    """A sweep's parent before the server starts, its run while it runs, and ends while it is away.
 
     In the end the server has both, as if it had been there all the time.
     """
@@ -55,13 +55,13 @@ def test_what_a_dead_server_misses_is_sent_later(tmp_path: Path) -> None:
     with ExitStack() as first_server:
         first_server.enter_context(server(own, port))
         child = ChildRun("seed 1", parent.run_id, {"seed": "1"})
-        with as_child_run(child), track_run(settings, "", {}) as arm:
-            begun_as = arm.run_id
-            arm.log_metrics({"add": 0.5})
+        with as_child_run(child), track_run(settings, "", {}) as swept:
+            begun_as = swept.run_id
+            swept.log_metrics({"add": 0.5})
             first_server.close()
-            assert arm.log_training("encoder", "1f2e", [{"loss": 0.25}]) == ""  # the first to ask
-            arm.log_metrics({"ms": 40.0})
-            arm.log_artifact(picture)
+            assert swept.log_training("encoder", "1f2e", [{"loss": 0.25}]) == ""  # the first to ask
+            swept.log_metrics({"ms": 40.0})
+            swept.log_artifact(picture)
 
     with server(own, port):
         assert send_runs(unsent) == ["sweep", "seed 1"]

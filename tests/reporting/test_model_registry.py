@@ -11,7 +11,7 @@ from mlflow.exceptions import MlflowException
 from hlp import Detector
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.errors import ConfigError
-from hlp.reporting.mlflow.store import import_client
+from hlp.reporting.mlflow import import_client
 from hlp.runs.mlflow_log import register_learnt
 
 if TYPE_CHECKING:

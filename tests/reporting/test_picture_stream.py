@@ -6,7 +6,7 @@ import urllib.request
 import pytest
 
 from hlp.errors import InputError
-from hlp.reporting.picture_stream import PictureStream
+from hlp.runs.live import PictureStream
 
 
 def test_the_page_shows_pictures_as_they_come() -> None:

@@ -8,7 +8,7 @@ from hlp.errors import InputError
 from hlp.records import TargetScore
 from hlp.reporting.mlflow.tracking import MlflowSettings, track_run
 from hlp.reporting.report import describe_named, report_runs, scores_file
-from hlp.reporting.tables.summary_tables import (
+from hlp.reporting.summary_tables import (
     format_summary,
     runs_table,
     total_table,

@@ -5,7 +5,7 @@ import pytest
 from hlp.errors import MissingFileError
 from hlp.records import TargetScore
 from hlp.reporting.comparison import ScoredTarget
-from hlp.reporting.run_list import describe_outputs, report_selection, run_list, selection_table
+from hlp.reporting.report import describe_outputs, report_selection, run_list, selection_table
 from written_results import scored, write_run, write_sweep
 
 

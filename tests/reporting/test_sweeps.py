@@ -14,6 +14,7 @@ from hlp.errors import DataError
 from hlp.records import TargetScore
 from hlp.reporting.page.study_page import write_sweep_page
 from hlp.reporting.report import report_runs, write_pages
+from hlp.reporting.study_tables import basin_cells, write_basins
 from hlp.reporting.sweep_report import (
     describe_sweep,
     differences_table,
@@ -23,10 +24,8 @@ from hlp.reporting.sweep_report import (
 )
 from hlp.reporting.sweep_report import write_sweep as write_files
 from hlp.reporting.sweeps import Sweep, read_sweeps
-from hlp.reporting.tables.study_tables import basin_cells, write_basins
-from hlp.results.intervals import blocks_of, difference_interval
 from hlp.results.poses_file import write_scores
-from hlp.results.summary_file import write_target_values
+from hlp.results.summary_file import blocks_of, difference_interval, write_target_values
 from table_text import csv_rows
 from written_results import scored, write_run, write_sweep
 

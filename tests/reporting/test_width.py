@@ -11,14 +11,14 @@ import pytest
 from hlp.commands import report
 from hlp.data.synthetic.objects import demo_objects
 from hlp.records import TargetScore
-from hlp.reporting.tables.bench_table import format_bench
-from hlp.reporting.tables.study_tables import (
+from hlp.reporting.bench_tables import format_bench
+from hlp.reporting.study_tables import (
     basin_cells,
     format_basins,
     format_oracle,
     format_search,
 )
-from hlp.reporting.tables.summary_tables import ADD_BY_OBJECT, format_summary
+from hlp.reporting.summary_tables import ADD_BY_OBJECT, format_summary
 from hlp.results.poses_file import write_scores
 from written_bench import bench_result
 from written_results import scored, write_run, write_sweep

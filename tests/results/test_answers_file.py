@@ -5,8 +5,7 @@ import pytest
 
 from hlp.errors import InputError
 from hlp.records import PoseEstimate
-from hlp.results.answers_file import AnswersFile
-from hlp.results.poses_file import read_poses, write_poses
+from hlp.results.poses_file import AnswersFile, read_poses, write_poses
 
 POSE = np.array([[0, -1, 0, 0.1], [1, 0, 0, -0.2], [0, 0, 1, 0.7], [0, 0, 0, 1.0]])
 ESTIMATE = PoseEstimate(0, 3, 1, POSE, 0.75, {"total": 0.125})

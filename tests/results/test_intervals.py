@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import bootstrap
 
-from hlp.results.intervals import (
+from hlp.results.summary_file import (
     BLOCK,
     blocks_of,
     difference_interval,
@@ -108,5 +108,5 @@ def test_medians_of_many_targets_are_drawn_in_parts(monkeypatch: pytest.MonkeyPa
     first, second = rng.gamma(3.0, 10.0, (2, 90))
     blocks = np.repeat(np.arange(30), 3)
     whole = median_difference_interval(first, second, blocks, 500, seed=0)
-    monkeypatch.setattr("hlp.results.intervals._AT_ONCE", 900)
+    monkeypatch.setattr("hlp.results.summary_file._AT_ONCE", 900)
     assert median_difference_interval(first, second, blocks, 500, seed=0) == whole

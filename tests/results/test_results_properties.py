@@ -12,8 +12,7 @@ from generated_values import SEEDS, json_values, motions, texts
 from hlp.files import read_json, write_json
 from hlp.records import PoseEstimate, TargetScore
 from hlp.reporting.results import Manifest
-from hlp.results.answers_file import AnswersFile
-from hlp.results.poses_file import read_poses, read_scores, write_poses, write_scores
+from hlp.results.poses_file import AnswersFile, read_poses, read_scores, write_poses, write_scores
 from hlp.settings import read_as
 
 IDS = st.integers(0, 10**6)

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from hlp.evaluation.settings import EvaluationSettings, WaterfallSettings
+from hlp.evaluation import EvaluationSettings, WaterfallSettings
 from hlp.evaluation.waterfall import VoteCounts
 from hlp.geometry import project, rigid, transform
 from hlp.method.find.trace import STAGES, ObjectTrace

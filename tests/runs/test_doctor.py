@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import trimesh
 
+from hlp.commands import doctor
 from hlp.data.own_frames import FrameFiles, OwnFrames
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
-from hlp.runs import doctor
 
 pytestmark = pytest.mark.slow
 

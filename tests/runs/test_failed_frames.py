@@ -8,8 +8,8 @@ import pytest
 
 from hlp.data.dataset import StatedTarget
 from hlp.errors import DataError
+from hlp.evaluation import EvaluationSettings
 from hlp.evaluation.evaluator import FrameTruth, score_targets
-from hlp.evaluation.settings import EvaluationSettings
 from hlp.evaluation.summary import summarise
 from hlp.objects.shapes import rounded_box
 from hlp.records import ObjectModel, PoseEstimate, Target

@@ -7,12 +7,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from hlp.checks import known_objects
+from hlp.checks.known_objects import FaultWatch
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.method.find.detections import Detection, Rejection, SearchResult
 from hlp.refinement.pose_fit import PoseFit
-from hlp.runs import fault_watch
-from hlp.runs.fault_watch import FaultWatch
 
 MODELS = {model.name: model for model in demo_objects().values()}
 NOTHING = SearchResult([], [Rejection("bear", "nothing looks like it", None)])
@@ -63,7 +63,7 @@ def further(frame, cost):
 
 @pytest.fixture
 def said(caplog):
-    caplog.set_level(logging.INFO, "hlp.runs.fault_watch")
+    caplog.set_level(logging.INFO, "hlp.checks.known_objects")
     return lambda: [record.getMessage() for record in caplog.records]
 
 
@@ -144,7 +144,7 @@ def test_few_frames_without_answers_are_not_searched(frames, said, answered, mis
 
 
 def test_unregistered_depth_is_said_without_colours(frames, said, monkeypatch):
-    monkeypatch.setattr(fault_watch, "check_registration", lambda seen: [f"{len(seen)} frames"])
+    monkeypatch.setattr(known_objects, "check_registration", lambda seen: [f"{len(seen)} frames"])
     watched(Stub(), frames)
     assert said() == ["warning: 6 frames"]
     watched(Stub(), frames[:2])

@@ -11,10 +11,10 @@ from hlp.cli import main
 from hlp.codebook.entries import load_codebook
 from hlp.codebook.inverted_lists import JointListsSettings
 from hlp.commands.composing import compose_config
+from hlp.commands.learn import learnt_of_run
 from hlp.config.build import build_run
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.method.learn.learnt_folder import LearntFolder, check_files
-from hlp.runs.learning import learnt_of_run
 from hlp.stages.manifest import made_outputs
 from tiny_run import TinyRun
 

@@ -13,14 +13,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hlp.checks import Finding
+from hlp.checks import Finding, known_objects
 from hlp.data.own_frames import FrameFiles, OwnFrames
 from hlp.data.synthetic.objects import demo_objects
 from hlp.errors import DamagedError, DataError, InputError
 from hlp.method.find.detections import Detection, Rejection, SearchResult
 from hlp.records import Frame
 from hlp.refinement.pose_fit import PoseFit
-from hlp.runs import fault_watch
 from hlp.runs.prediction import (
     HEADER,
     PredictionOptions,
@@ -94,7 +93,7 @@ def test_a_broken_first_frame_keeps_neither_the_header_nor_the_checks_from_the_o
         checked.append(examined.key)
         return [Finding("intrinsics", "here", "the camera is odd", "Mend it")]
 
-    monkeypatch.setattr(fault_watch, "check_first_frame", check)
+    monkeypatch.setattr(known_objects, "check_first_frame", check)
     with caplog.at_level(logging.INFO):
         used = predict(detector, frames(tmp_path, (0,)), tmp_path / "out", PredictionOptions())
     assert used == 2
@@ -113,7 +112,7 @@ def test_what_goes_wrong_in_the_checks_is_not_blamed_on_the_frame(
     def check(*_: object) -> list[Finding]:
         raise DataError("of the checks")
 
-    monkeypatch.setattr(fault_watch, "check_first_frame", check)
+    monkeypatch.setattr(known_objects, "check_first_frame", check)
     with pytest.raises(DataError, match="of the checks"):
         predict(detector, frames(tmp_path), tmp_path / "out", PredictionOptions())
     assert "error" not in (tmp_path / "out" / "poses.jsonl").read_text()

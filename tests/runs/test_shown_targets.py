@@ -6,7 +6,8 @@ import pytest
 from hlp.method.find.trace import ObjectTrace
 from hlp.records import Frame, Hypotheses, PoseEstimate, Refinement, Target, TargetScore
 from hlp.refinement.choice import RefinedHypotheses
-from hlp.runs.shown_targets import MISSED, RIGHT, FrameResults, missed_targets, page_targets
+from hlp.runs.pictures import MISSED, RIGHT, missed_targets, page_targets
+from hlp.runs.stage_samples import FrameResults
 
 IMAGE, DEPTH = np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4))
 

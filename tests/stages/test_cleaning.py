@@ -3,8 +3,8 @@ import json
 
 import pytest
 
+from hlp.commands.folders import find_removable, remove
 from hlp.errors import DataError, InputError, MissingFileError
-from hlp.stages.cleaning import find_removable, remove
 from hlp.stages.store import StageStore
 
 USED, UNUSED, BEGUN = "0123456789abcdef", "f" * 16, "a" * 16

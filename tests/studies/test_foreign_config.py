@@ -11,7 +11,7 @@ import pytest
 from hlp.cli import main
 from hlp.commands.composing import config_folder
 from hlp.errors import DataError
-from hlp.studies.repeat import config_of
+from hlp.runs.manifest import config_of
 
 HARMLESS: dict[str, Any] = {
     "name": "demo",

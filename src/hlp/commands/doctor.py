@@ -1,15 +1,181 @@
 """`hlp doctor`: what is wrong with a data set, frames, learnt objects or this machine."""
 
+import os
+import re
+import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.util import find_spec
 from pathlib import Path
 
-from hlp.checks.machine import describe_machine
+import numpy as np
+
+from hlp.checks import Finding, frame_checks
+from hlp.checks.corrections import best_score, check_by_search
+from hlp.checks.frame_checks import check_frames, read_frames
+from hlp.checks.known_objects import Evidence, all_answers
+from hlp.checks.true_poses import check_true_poses
 from hlp.commands import arguments as own
+from hlp.data.bop import BopFrames, BopSettings
+from hlp.data.dataset import Dataset
 from hlp.data.frame_paths import with_frames
 from hlp.data.own_frames import FrameFiles, OwnFrames
-from hlp.runs import doctor as examining
+from hlp.errors import HlpError
+from hlp.method.detector import Detector
+from hlp.records import Frame
+from hlp.reporting.figures.panels import draw_detections, write_picture
 from hlp.runs.learnt_cache import cache_folder, find_learnt
+
+_THREAD_KEYS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_LEAST_DISK = 2.0e9  # bytes that learning an object takes for a while
+
+
+def check_libraries(requirements: Sequence[str] | None = None) -> list[Finding]:
+    """Required libraries that are missing; by default those of the installed package."""
+    stated = requires("hlp") if requirements is None else requirements
+    found = []
+    for requirement in stated or ():
+        if "extra ==" in requirement:
+            continue
+        name = re.split(r"[\s<>=!~;\[(]", requirement)[0]
+        try:
+            version(name)
+        except PackageNotFoundError:
+            advice = f"pip install '{requirement}'"
+            found.append(Finding("libraries", name, "it is not installed", advice))
+    return found
+
+
+def check_threads(
+    environment: Mapping[str, str] = os.environ, cores: int | None = None
+) -> list[Finding]:
+    """Variables that make libraries spin, or use more threads than there are cores."""
+    usable = (os.cpu_count() or 1) if cores is None else cores
+    found = []
+    if environment.get("OMP_WAIT_POLICY", "PASSIVE").upper() == "ACTIVE":
+        problem = "idle threads keep their cores busy, which can cost a factor of twenty"
+        found.append(Finding("threads", "OMP_WAIT_POLICY=ACTIVE", problem, "Set it to PASSIVE"))
+    for key in _THREAD_KEYS:
+        text = environment.get(key, "")
+        if text.isdecimal() and int(text) > usable:
+            problem, advice = f"this machine has {usable} cores", f"Set it to {usable} or less"
+            found.append(Finding("threads", f"{key}={text}", problem, advice))
+    return found
+
+
+def check_disk(folder: Path, free: float | None = None) -> list[Finding]:
+    """Too little room where what is learnt is kept."""
+    place = next(path for path in (folder, *folder.parents) if path.exists())
+    left = float(shutil.disk_usage(place).free) if free is None else free
+    if left >= _LEAST_DISK:
+        return []
+    needed = f"learning an object takes up to {_LEAST_DISK / 1e9:g}"
+    advice = "Free some, or choose another folder with work=FOLDER"
+    return [Finding("disk", str(folder), f"{left / 1e9:.1f} GB are free; {needed}", advice)]
+
+
+def describe_machine() -> list[str]:
+    """What is there, in lines for people."""
+    optional = [name for name in ("OpenEXR", "pyrealsense2", "OpenGL") if find_spec(name)]
+    return [
+        f"{os.cpu_count()} cores, numba {version('numba')}, onnxruntime {version('onnxruntime')}, "
+        f"opencv {version('opencv-python-headless')}",
+        f"optional: {', '.join(optional) or 'nothing'}",
+    ]
+
+
+_KEPT = 6  # frames whose content is looked at
+_SEARCHED = 2  # frames in which objects are looked for
+_LAYOUT = (
+    "The folder must be in BOP's layout: models/obj_000001.ply …, and for each scene "
+    "test/000001/rgb/, depth/, scene_camera.json and scene_gt.json"
+)
+
+
+def examine_machine(cache: Path) -> list[Finding]:
+    """Libraries, threads and disk."""
+    return [*check_libraries(), *check_threads(), *check_disk(cache)]
+
+
+def examine_learnt(folder: Path) -> tuple[Detector | None, list[Finding]]:
+    """Learnt objects, all loaded; None if they cannot be."""
+    try:
+        detector = Detector.load(folder)
+        detector.warm_up()
+        return detector, frame_checks.check_object_size(list(detector.models.values()))
+    except HlpError as error:
+        return None, [Finding("learnt objects", str(folder), str(error), "Learn them again")]
+
+
+def examine_dataset(root: Path, output: Path | None) -> list[Finding]:
+    """A data set in BOP's layout: files, cameras, and whether poses fit the depth images.
+
+    With `output` some frames are drawn there with the objects at their true poses.
+    """
+    try:
+        dataset = BopSettings(name="bop", root=str(root)).build()
+        source, keys = dataset.frames, dataset.frames.keys
+    except HlpError as error:
+        return [Finding("data set", str(root), str(error), _LAYOUT)]
+    read = source.read if isinstance(source, BopFrames) else None
+    frames, findings = read_frames(source.load, keys, _KEPT, read)
+    causes = check_frames(frames, list(dataset.models.values()))
+    causes += check_true_poses(frames, dataset.models)
+    if output is not None:
+        for frame in frames:
+            _draw_truth(output, dataset, frame)
+    # Values that make no sense have a cause; where it is known, only the cause is said.
+    return [found for found in findings if not causes or found.kind != "values"] + causes
+
+
+def examine_own(frames: OwnFrames, detector: Detector | None) -> list[Finding]:
+    """A user's own frames, with learnt objects to look for or without."""
+    try:
+        keys = frames.keys
+        _ = frames.camera
+    except HlpError as error:
+        return [Finding("files", "frames", str(error), "Correct it and call again")]
+    read, findings = read_frames(frames.load, keys, _KEPT)
+    models = [] if detector is None else list(detector.models.values())
+    findings += check_frames(read, models)
+    if detector is not None and read and not findings:
+        findings += _examine_by_objects(detector, read)
+    return findings
+
+
+def _examine_by_objects(detector: Detector, frames: Sequence[Frame]) -> list[Finding]:
+    """Faults that keep objects from being found, or with which they fit worse in most frames."""
+    scores = [best_score(detector, frame) for frame in frames[:_SEARCHED]]
+    best = int(np.argmax(scores))
+    searched = [frames[best], *(frame for frame in frames[:_SEARCHED] if frame is not frames[best])]
+    findings = check_by_search(searched, scores[best], partial(best_score, detector))
+    if findings:
+        return findings
+    evidence = Evidence(detector)
+    for frame in frames:
+        found = detector.search(
+            frame.rgb, frame.depth, frame.camera_matrix, max_instances=1, min_score=0.0
+        )
+        evidence.add(frame, all_answers(found))
+    return evidence.findings()
+
+
+def _draw_truth(output: Path, dataset: Dataset, frame: Frame) -> None:
+    models = dataset.models
+    known = [target for target in frame.targets if target.object_id in models]
+    poses = [(models[target.object_id], target.pose_cam_obj) for target in known]
+    write_picture(output / f"truth_{frame.key}.png", draw_detections(frame, poses))
+
+
+def describe(findings: list[Finding]) -> Iterator[str]:
+    """Findings as lines for people."""
+    for number, finding in enumerate(findings, 1):
+        yield f"{number}. {finding}"
+    if not findings:
+        yield "nothing wrong was found"
+
 
 _FRAMES = {"rgb", "depth", "intrinsics"}
 
@@ -20,24 +186,24 @@ def doctor(arguments: Sequence[str]) -> None:
     known = [*own.field_names(FrameFiles), "data", "learnt", "output", "work"]
     own.check_known(given, known, "doctor")
     cache = cache_folder(given.get("work"))
-    findings = examining.examine_machine(cache)
+    findings = examine_machine(cache)
     print("machine   " + "\n          ".join(describe_machine()))
     detector = None
     if "learnt" in given:
         folder = find_learnt(given["learnt"], cache)
-        detector, more = examining.examine_learnt(folder)
+        detector, more = examine_learnt(folder)
         print(f"learnt    {folder}")
         findings += more
     if "data" in given:
         output = Path(given["output"]).expanduser() if "output" in given else None
         print(f"data      {given['data']}")
-        findings += examining.examine_dataset(Path(given["data"]).expanduser(), output)
+        findings += examine_dataset(Path(given["data"]).expanduser(), output)
         if output is not None:
             print(f"pictures  {output} (objects at their true poses)")
     if _FRAMES & given.keys():
         frames = OwnFrames(own.read_group(FrameFiles, given))
         print(f"frames    {given.get('rgb')}")
-        findings += examining.examine_own(frames, detector)
-    print("\n".join(examining.describe(findings)))
+        findings += examine_own(frames, detector)
+    print("\n".join(describe(findings)))
     if findings:
         sys.exit(1)

@@ -99,7 +99,7 @@ def in_words(error: BaseException) -> str:
     """The message of an error and its notes; one of the configuration in one sentence."""
     lines = [str(error)]
     if _is_of_configuration(error):
-        from hlp.commands.hydra_errors import hydra_in_words  # Hydra is slow, and not always used
+        from hlp.commands.composing import hydra_in_words  # Hydra is slow, and not always used
 
         words = hydra_in_words(error)
         cause = str(error.__cause__ or "").partition("\n")[0] if words == str(error) else ""

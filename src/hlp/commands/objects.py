@@ -67,9 +67,9 @@ def _whole(given: str, cache: Path, work: str | None) -> Iterator[Path]:
 
 def _take_from_run(manifest: Path, work: str, target: Path) -> None:
     from hlp.commands.composing import compose_config  # Hydra: a second, for a run alone
+    from hlp.commands.learn import learnt_of_run
     from hlp.config.build import build_run
-    from hlp.runs.learning import learnt_of_run
-    from hlp.studies.repeat import check_manifest, config_of
+    from hlp.runs.manifest import check_manifest, config_of
 
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "config.yaml").write_text(config_of(manifest, (), config_folder()))

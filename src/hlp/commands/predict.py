@@ -59,8 +59,10 @@ def _learnt_folder(given: Mapping[str, str], frames: OwnFrames, known: Sequence[
     cache = cache_folder(given.get("work"))
     if "learnt" in given:
         return find_learnt(given["learnt"], cache)
-    from hlp.commands.learn import learning_request  # Hydra, torch: only to learn
-    from hlp.runs.learning import learn_once
+    from hlp.commands.learn import (
+        learn_once,
+        learning_request,  # Hydra, torch: only to learn
+    )
 
     request = learning_request(given, [str(Path(given["model"]).expanduser())], known)
     frames.load(frames.keys[0])  # what is wrong is said before minutes of learning

@@ -10,11 +10,16 @@ from pathlib import Path
 from hlp.commands.arguments import is_true, known_arguments, tracking_uri
 from hlp.errors import InputError
 from hlp.reporting.experiments import describe_reports
+from hlp.reporting.mlflow import is_local
 from hlp.reporting.mlflow.pages import PORT, newest_page, server
-from hlp.reporting.mlflow.store import is_local
 from hlp.reporting.mlflow.upload import send_runs, unsent_database
-from hlp.reporting.report import describe_named, report_runs, write_pages
-from hlp.reporting.run_list import describe_outputs, report_selection
+from hlp.reporting.report import (
+    describe_named,
+    describe_outputs,
+    report_runs,
+    report_selection,
+    write_pages,
+)
 
 
 def report(arguments: Sequence[str]) -> None:

@@ -17,8 +17,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 
 from hlp.commands import MULTIRUN, composing
-from hlp.config.chosen import chosen_by_hydra
-from hlp.config.typed_defaults import provide_defaults
+from hlp.config.composition import chosen_by_hydra, provide_defaults
 from hlp.errors import InputError
 from hlp.studies import sweep
 
@@ -47,7 +46,7 @@ def bench(arguments: Sequence[str]) -> None:
     if not saved:
         run(["task=bench", *overrides], "bench")
         return
-    from hlp.reporting.tables.bench_table import compare_benches
+    from hlp.reporting.bench_tables import compare_benches
 
     if overrides:
         raise InputError(f"compare={saved[-1]} measures nothing: leave {overrides[0]} out")
@@ -67,7 +66,7 @@ def _run(config: DictConfig, manifest: Path | None = None) -> None:
     """
     # What only shows the configuration waits for none of these.
     from hlp.config import build
-    from hlp.studies import repeat
+    from hlp.runs.manifest import run_again
 
     if config.output != "":  # otherwise the settings say that it is empty
         config.output = HydraConfig.get().runtime.output_dir  # each run of a sweep has its own
@@ -78,11 +77,11 @@ def _run(config: DictConfig, manifest: Path | None = None) -> None:
     if manifest is None:
         built.settings.task.run(built, Path(config.output))
     else:
-        repeat.run_again(built, manifest, Path(config.output))
+        run_again(built, manifest, Path(config.output))
 
 
 def _repeat(arguments: Sequence[str]) -> None:
-    from hlp.studies.repeat import config_of
+    from hlp.runs.manifest import config_of
 
     overrides = [word for word in arguments if not word.startswith(_MANIFEST)]
     named = [word.removeprefix(_MANIFEST) for word in arguments if word.startswith(_MANIFEST)]

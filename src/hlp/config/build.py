@@ -12,13 +12,13 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue
 
-from hlp.config.chosen import Chosen
+from hlp.config.composition import Chosen
 from hlp.config.settings import RunSettings
 from hlp.data.dataset import Dataset, find_bad_frames
 from hlp.errors import ConfigError, DataError
-from hlp.evaluation.settings import EvaluationSettings
+from hlp.evaluation import EvaluationSettings
 from hlp.models.network import require_device
-from hlp.reporting.tables.summary_tables import ADD_BY_OBJECT
+from hlp.reporting.summary_tables import ADD_BY_OBJECT
 from hlp.settings import read_settings
 
 _MOST = 8  # names that a message shows

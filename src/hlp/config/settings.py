@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Protocol
 from annotated_types import Ge, Le
 
 from hlp.data.dataset import DATASETS, DataSettings
-from hlp.evaluation.settings import EvaluationSettings
+from hlp.evaluation import EvaluationSettings
 from hlp.method.settings import MethodSettings
 from hlp.reporting.mlflow.tracking import MlflowSettings
 from hlp.settings import Doc, Registry, Settings, SettingsError
@@ -38,11 +38,11 @@ TASKS: Registry[TaskSettings] = Registry("task", "hlp.studies")
 
 
 @dataclass(frozen=True)
-class ArmSettings(Settings):
-    """What an arm of experiment=ladder changes, for its table; see conf/ladder.yaml."""
+class StepSettings(Settings):
+    """What a step of experiment=ladder changes, for its table; see conf/ladder.yaml."""
 
     change: Annotated[str, Doc("the change, in words")] = ""
-    before: Annotated[str | None, Doc("the arm that it is compared with; null: none")] = None
+    before: Annotated[str | None, Doc("the step that it is compared with; null: none")] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +79,7 @@ class RunSettings(MethodSettings):
         Doc("frames processed again to measure times when results were already on disk"),
     ] = 20
     warm_start: WarmStartSettings = field(default_factory=WarmStartSettings)
-    arm: ArmSettings = field(default_factory=ArmSettings)
+    step: StepSettings = field(default_factory=StepSettings)
     data: Annotated[DataSettings, DATASETS]
     evaluation: EvaluationSettings
     reporting: MlflowSettings

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 
 from hlp.arrays import CameraMatrix, Flags, Image, Mask, Points, Pose, Poses, Values
-from hlp.evaluation.settings import EvaluationSettings
+from hlp.evaluation import EvaluationSettings
 from hlp.geometry import back_project, inverse, project, rotation_distance, transform
 from hlp.records import ObjectModel
 

@@ -15,9 +15,8 @@ from scipy.spatial import cKDTree
 
 from hlp.arrays import CameraMatrix, Flags, Image, Pose, Poses
 from hlp.errors import DataError
-from hlp.evaluation import errors
+from hlp.evaluation import EvaluationSettings, errors
 from hlp.evaluation.bop_recalls import BopRecalls
-from hlp.evaluation.settings import EvaluationSettings
 from hlp.records import Frame, Mesh, ObjectModel, PoseEstimate, Target, TargetScore
 
 _FEW_VERTICES = 2000

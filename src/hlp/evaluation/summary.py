@@ -10,12 +10,11 @@ import numpy as np
 from jaxtyping import Float
 
 from hlp.arrays import Flags, Values
+from hlp.evaluation import EvaluationSettings
 from hlp.evaluation.evaluator import FrameTruth
-from hlp.evaluation.settings import EvaluationSettings
 from hlp.evaluation.waterfall import by_object, count_causes
 from hlp.records import PoseEstimate, TargetScore
-from hlp.results.intervals import blocks_of, recall_interval
-from hlp.results.summary_file import METRICS, Summary, average_recalls
+from hlp.results.summary_file import METRICS, Summary, average_recalls, blocks_of, recall_interval
 
 _BINS = 10
 _POINTS = 101  # of the curve of risk and coverage, at most

@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hlp.arrays import Flags, Rows
-from hlp.evaluation.settings import WaterfallSettings
+from hlp.evaluation import WaterfallSettings
 from hlp.records import TargetScore
 from hlp.results.summary_file import CORRECT
 

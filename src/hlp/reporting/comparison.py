@@ -10,11 +10,18 @@ import pandas as pd
 
 from hlp.errors import DataError
 from hlp.records import TargetScore
-from hlp.reporting.tables.summary_tables import METRIC_LABELS
-from hlp.reporting.tables.table import Table, check_layout, lay_out, prose
-from hlp.results.intervals import blocks_of, difference_interval, median_difference_interval, wilson
+from hlp.reporting.summary_tables import METRIC_LABELS
+from hlp.reporting.table import Table, check_layout, lay_out, prose
 from hlp.results.poses_file import read_scores
-from hlp.results.summary_file import METRICS, TargetKey, numbered_targets
+from hlp.results.summary_file import (
+    METRICS,
+    TargetKey,
+    blocks_of,
+    difference_interval,
+    median_difference_interval,
+    numbered_targets,
+    wilson,
+)
 
 RESAMPLINGS = 10_000
 SEED = 0

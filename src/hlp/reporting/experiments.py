@@ -4,43 +4,48 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean, stdev
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from hlp.files import write_csv, write_text
-from hlp.reporting.comparison import WELL_VISIBLE, mean_and_spread, recall_of
-from hlp.reporting.figures.saving import save_figure
-from hlp.reporting.ladder import (
-    LADDER,
-    LADDER_NOTE,
-    draw_ladder,
-    ladder_tables,
-    step_figures,
-    steps_of_ladder,
+from hlp.reporting import paper_reports as paper
+from hlp.reporting.comparison import (
+    WELL_VISIBLE,
+    Difference,
+    difference_cells,
+    mean_and_spread,
+    paired_difference,
+    recall_of,
 )
-from hlp.reporting.paper_reports import (
-    NOTES,
-    TABLES,
-    TRENDS,
-    draw_trend,
-    measured_on,
-    metric_recalls,
-    object_recalls,
-    object_recalls_table,
-    trend_figures,
-    trend_note,
-    trend_table,
-)
+from hlp.reporting.figures import save_figure
+from hlp.reporting.figures.bars import Panel, draw_bars, gain_bar, recall_bar
 from hlp.reporting.results import Result, ResultSet, read_results, result_folders
-from hlp.reporting.tables.summary_tables import BOP_RECALLS, METRIC_LABELS, run_cells
-from hlp.reporting.tables.table import Table, lay_out, prose, result_share
+from hlp.reporting.summary_tables import (
+    BOP_RECALLS,
+    METRIC_LABELS,
+    result_cells,
+    run_cells,
+    run_numbers,
+)
+from hlp.reporting.table import Table, lay_out, prose, result_difference, result_share
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-RECORDINGS = "recordings"
-"""Name of an experiment, and of the files of its table."""
 FIGURES = "figures.csv"
 """The main figures of an experiment, in the form of `docs/results/`."""
+LADDER, RECORDINGS = "ladder", "recordings"
+"""Names of experiments, and of the files of their tables; of the config group `ladder`, too."""
+_LADDER_NOTE = (
+    "Each step differs by one decision from that under *against*; what it gains is over the"
+    " targets of both, with the 95 % interval of the paired bootstrap over blocks of neighbouring"
+    " frames. AR: BOP's average recall. ms: median for one object in one frame."
+)
+_DATA, _SEED = "data", "seed"
+_RECORDINGS_NOTE = (
+    "ADD(-S): ADD-S for objects with a symmetry, ADD for the others. AR: mean of BOP's average"
+    " recalls VSD, MSSD and MSPD. ECE: expected calibration error of the score. ms: median for one"
+    " object in one frame."
+)
 
 
 @dataclass(frozen=True)
@@ -63,16 +68,14 @@ def reports_of(found: ResultSet) -> list[Report]:
     made = []
     for name in dict.fromkeys(result.experiment for result in found.results):
         results = [result for result in found.results if result.experiment == name]
-        if name in TRENDS:
+        if name in paper.TRENDS:
             made.append(_trend(name, results, found))
-        elif name in TABLES:
+        elif name in paper.TABLES:
             made.append(_table(name, results, found))
         elif name == RECORDINGS:
             made.append(_recordings(results, found))
-        elif name == LADDER and (steps := steps_of_ladder(results)):
-            table, narrow = ladder_tables(steps)
-            notes, figure = [*_made_by(found), LADDER_NOTE], draw_ladder(steps)
-            made.append(Report(LADDER, table, notes, figure, narrow, step_figures(steps)))
+        elif name == LADDER and (steps := _steps(results)):
+            made.append(_ladder(steps, found))
     return made
 
 
@@ -106,7 +109,7 @@ def _write(folder: Path, made: Report) -> list[Path]:
     write_text(markdown, "\n\n".join([*picture, *made.notes, made.table.markdown()]) + "\n")
     write_csv(rows, made.table.header, made.table.rows)
     written += [markdown, rows]
-    if made.name in {*TRENDS, *TABLES}:
+    if made.name in {*paper.TRENDS, *paper.TABLES}:
         write_text(latex, made.table.latex() + "\n")
         written.append(latex)
     if made.figures is not None:
@@ -120,39 +123,93 @@ def _made_by(found: ResultSet) -> list[str]:
     return [f"Made by `{found.command}`.", *([missing] if found.unfinished else [])]
 
 
-def _in_words(result: Result, swept: Sequence[str], without: Sequence[str] = ()) -> str:
-    """A run's values of the swept keys."""
-    pairs = [(key, result.chosen[key]) for key in swept if key in result.chosen]
-    return ", ".join(f"{key.rpartition('.')[2]} {v}" for key, v in pairs if key not in without)
-
-
 def _trend(name: str, results: Sequence[Result], found: ResultSet) -> Report:
-    trend, data = TRENDS[name], measured_on(results[0])
-    words = [_in_words(result, found.swept, trend.keys) for result in results]
+    trend, data = paper.TRENDS[name], paper.measured_on(results[0])
+    others = [key for key in found.swept if key not in trend.keys]
+    words = [result.in_words(others) for result in results]
     runs = sorted(zip(words, results, strict=True), key=lambda run: words.index(run[0]))
-    notes = [f"{trend.title}, {data}.", *_made_by(found), trend_note(trend)]
-    figure, figures = draw_trend(trend, runs, data), trend_figures(trend, runs)
-    return Report(name, trend_table(trend, runs), notes, figure, figures=figures)
+    notes = [f"{trend.title}, {data}.", *_made_by(found), paper.trend_note(trend)]
+    figure, figures = paper.draw_trend(trend, runs, data), paper.trend_figures(trend, runs)
+    return Report(name, paper.trend_table(trend, runs), notes, figure, figures=figures)
 
 
 def _table(name: str, results: Sequence[Result], found: ResultSet) -> Report:
-    runs = {_in_words(result, found.swept) or "ours": result for result in results}
-    title, note = f"{TABLES[name]}, {measured_on(results[0])}", NOTES[name]
+    runs = {result.in_words(found.swept) or "ours": result for result in results}
+    title, note = f"{paper.TABLES[name]}, {paper.measured_on(results[0])}", paper.NOTES[name]
     if name == "table1":
-        recalls, table = object_recalls(runs), object_recalls_table(runs)
+        recalls, table = paper.object_recalls(runs), paper.object_recalls_table(runs)
     else:
-        recalls = metric_recalls(runs)
+        recalls = paper.metric_recalls(runs)
         table = recalls.table("recall")
     notes = [f"{title}.", *_made_by(found), note]
     return Report(name, table, notes, recalls.figure(title, note))
 
 
-_DATA, _SEED = "data", "seed"
-_NOTE = (
-    "ADD(-S): ADD-S for objects with a symmetry, ADD for the others. AR: mean of BOP's average"
-    " recalls VSD, MSSD and MSPD. ECE: expected calibration error of the score. ms: median for one"
-    " object in one frame."
-)
+@dataclass(frozen=True)
+class _Step:
+    """One run of the ladder: what it changes, the step before it, and what it gains against it."""
+
+    name: str
+    change: str
+    before: str
+    result: Result
+    gain: Difference | None
+    milliseconds: float
+
+
+def _steps(results: Sequence[Result]) -> list[_Step]:
+    """The steps of the ladder among some results, in the order of the sweep."""
+    runs = {result.chosen[LADDER]: result for result in results if LADDER in result.chosen}
+    verdicts = {name: result.verdicts for name, result in runs.items()}
+    steps = []
+    for name, result in runs.items():
+        change, before = (result.config["step"][key] or "" for key in ("change", "before"))
+        gain = paired_difference(verdicts.get(before, {}), verdicts[name], "verdict")
+        spent = result.total_ms["median"] - runs.get(before, result).total_ms["median"]
+        steps.append(_Step(name, change, before, result, gain, spent))
+    return steps
+
+
+def _ladder(steps: Sequence[_Step], found: ResultSet) -> Report:
+    """A row a step: recalls, and what it gained; the narrow table fits a terminal."""
+    against = ["against", "ADD(-S) gained", "95 % of it", "ms more"]
+    shown = ["ADD(-S)", "95 %", "5cm5deg", "IoU.5", "AR", "ms"]
+    rows = []
+    for step in steps:
+        cells, gained = run_cells(step.result.summary), ["–"] * len(against)
+        if step.gain is not None:
+            gained = [step.before, *difference_cells(step.gain), f"{step.milliseconds:+.0f}"]
+        rows.append([step.name, step.change, *(cells[name] for name in shown), *gained])
+    table = Table(["step", "change", *(name.removesuffix(".5") for name in shown), *against], rows)
+    few = table.without("change", "95 %", "5cm5deg", "IoU", "AR")
+    names = [name.removeprefix("ADD(-S) ") for name in few.header]
+    narrow = Table(names, few.rows).fitted(0, names.index("against"))
+    notes, figure = [*_made_by(found), _LADDER_NOTE], _draw_ladder(steps)
+    return Report(LADDER, table, notes, figure, narrow, _ladder_figures(steps))
+
+
+def _ladder_figures(steps: Sequence[_Step]) -> Table:
+    """Recalls of each step, also of the targets that are mostly hidden, and its gain."""
+    shown = ["add", "add_low", "add_high", "5cm5deg", "iou50", "ar"]
+    rows = []
+    for step in steps:
+        cells, hidden = result_cells(step.result.summary), step.result.hidden_targets
+        of_hidden = result_share(recall_of(hidden, "add") if hidden else None)
+        recalls, before = [cells[name] for name in shown], step.before if step.gain else ""
+        gain = result_difference(step.gain)
+        rows.append([step.name, step.change, *recalls, of_hidden, before, *gain])
+    gained = ["from", "gain", "gain_low", "gain_high"]
+    return Table(["step", "change", *shown, f"visible_below_{WELL_VISIBLE:g}", *gained], rows)
+
+
+def _draw_ladder(steps: Sequence[_Step]) -> "Figure":
+    """A row a step, the first at the top: recall on the left, the gain on the right."""
+    recalls = [recall_bar(step.result.add) for step in steps]
+    gains = [gain_bar(step.gain) for step in steps]
+    panels = [Panel("ADD(-S) recall, 95 % interval", {"": recalls}, recall=True)]
+    if any(gains):
+        panels.append(Panel("gained against the step that it starts from", {"": gains}))
+    return draw_bars([step.name for step in steps], panels, paper.measured_on(steps[0].result))
 
 
 def _recordings(results: Sequence[Result], found: ResultSet) -> Report:
@@ -172,9 +229,9 @@ def _recordings(results: Sequence[Result], found: ResultSet) -> Report:
     header = [*keys, *measured]
     table = Table(header, [[row.get(name, "") for name in header] for row in rows])
     spread = [" spread: standard deviation between seeds."] if _SEED in keys else []
-    notes = [*_made_by(found), "".join([_NOTE, *spread])]
+    notes = [*_made_by(found), "".join([_RECORDINGS_NOTE, *spread])]
     narrow = table.without("frames", *bop).fitted(0)
-    figures = recording_figures({", ".join(same): runs for same, runs in repeats.items()})
+    figures = _recording_figures({", ".join(same): runs for same, runs in repeats.items()})
     return Report(RECORDINGS, table, notes, None, narrow, figures)
 
 
@@ -192,21 +249,14 @@ def _repeat_rows(repeats: Sequence[Result], keys: Sequence[str]) -> list[dict[st
     ]
     if _SEED not in keys or len(repeats) < 2:
         return rows
-    means, spreads = mean_and_spread([_shares(result.summary) for result in repeats])
+    means, spreads = mean_and_spread([run_numbers(result.summary) for result in repeats])
     times = [result.total_ms["median"] for result in repeats]
     for name, shares, time in (("mean", means, fmean(times)), ("spread", spreads, stdev(times))):
-        rows.append({**_values(repeats[0], keys), **shares, _SEED: name, "ms": f"{time:.0f}"})
+        rows.append({**shares, **_values(repeats[0], keys), _SEED: name, "ms": f"{time:.0f}"})
     return rows
 
 
-def _shares(summary: Mapping[str, Any]) -> dict[str, float | None]:
-    """Recalls by ADD(-S) and 5cm5deg, BOP's, and the error of the scores; None if not known."""
-    recalls = {METRIC_LABELS[key]: summary["metrics"][key]["recall"] for key in ("add", "5cm5deg")}
-    bop = {key.upper(): summary.get("bop", {}).get(key) for key in ("ar", *BOP_RECALLS)}
-    return {**recalls, **bop, "ECE": summary.get("calibration", {}).get("ece")}
-
-
-def recording_figures(repeats: Mapping[str, Sequence[Result]]) -> Table:
+def _recording_figures(repeats: Mapping[str, Sequence[Result]]) -> Table:
     """A row a data set: recalls by seed, and means over them; another for its hidden targets.
 
     The interval is that of the first seed.
@@ -214,7 +264,7 @@ def recording_figures(repeats: Mapping[str, Sequence[Result]]) -> Table:
     seeds = sorted({result.seed for own in repeats.values() for result in own})
     rows = []
     for data, own in repeats.items():
-        shares = {result.seed: _shares(result.summary) for result in own}
+        shares = {result.seed: run_numbers(result.summary) for result in own}
         ends = [*map(result_share, own[0].add["ci95"])]
         rows.append([data, str(own[0].targets), *_mean_cells(shares, seeds, ends)])
         hidden = {result.seed: targets for result in own if (targets := result.hidden_targets)}

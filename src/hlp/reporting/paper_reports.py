@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from hlp.reporting.comparison import paired_difference
 from hlp.reporting.figures.bars import Panel, draw_bars, recall_bar, run_panels
 from hlp.reporting.results import Result
-from hlp.reporting.tables.summary_tables import (
+from hlp.reporting.summary_tables import (
     ADD_MEAN,
     ADD_STD,
     METRIC_LABELS,
@@ -18,7 +18,7 @@ from hlp.reporting.tables.summary_tables import (
     result_cells,
     run_cells,
 )
-from hlp.reporting.tables.table import Table, format_interval, format_share, result_difference
+from hlp.reporting.table import Table, format_interval, format_share, result_difference
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

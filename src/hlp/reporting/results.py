@@ -83,6 +83,11 @@ class Result:
         scored = self.scores.values()
         return [found for found in scored if found.score.visible_fraction < WELL_VISIBLE]
 
+    def in_words(self, keys: Sequence[str]) -> str:
+        """The chosen values of some keys, e.g. `particles 25, seed 1`."""
+        chosen = (key for key in keys if key in self.chosen)
+        return ", ".join(f"{key.rpartition('.')[2]} {self.chosen[key]}" for key in chosen)
+
     @property
     def targets(self) -> int:
         """Number of targets."""

@@ -8,10 +8,10 @@ from typing import Literal
 
 from hlp.errors import DataError
 from hlp.files import SUMMARY, read_json
-from hlp.reporting.tables.bench_table import CONFIGURED, TOTAL, format_ms, read_bench
-from hlp.reporting.tables.study_tables import head_of, read_mean_recalls
-from hlp.reporting.tables.summary_tables import METRIC_LABELS, run_cells
-from hlp.reporting.tables.table import format_share
+from hlp.reporting.bench_tables import CONFIGURED, TOTAL, format_ms, read_bench
+from hlp.reporting.study_tables import head_of, read_mean_recalls
+from hlp.reporting.summary_tables import METRIC_LABELS, run_cells
+from hlp.reporting.table import format_share
 from hlp.results.summary_file import read_summary
 
 Interval = tuple[float, float]

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hlp.files import write_csv, write_text
-from hlp.reporting.figures.bars import Bar, Panel, draw_bars, run_panels
+from hlp.reporting.figures import save_figure
+from hlp.reporting.figures.bars import Bar, Panel, draw_bars, gain_bar, run_panels
+from hlp.reporting.figures.charts import draw_trade_off
 from hlp.reporting.figures.heat_maps import HeatMap, draw_heat_maps
-from hlp.reporting.figures.recall_time import draw_trade_off
-from hlp.reporting.figures.saving import save_figure
 from hlp.reporting.mlflow.pages import headline_metrics
 from hlp.reporting.mlflow.run import MlflowRun
 from hlp.reporting.study_numbers import ADD, RUN, Number
 from hlp.reporting.sweeps import Sweep, SweepRun, say_difference, short_key
-from hlp.reporting.tables.table import Table, format_interval, lay_out, prose
+from hlp.reporting.table import Table, format_interval, lay_out, prose
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -179,10 +179,7 @@ def sweep_figure(sweep: Sweep) -> "Figure | None":
     if sweep.name == RUN:
         panels = run_panels([result.summary for _, result in sweep.results])
         name = sweep.first_main
-        bars = []
-        for run in sweep.finished:
-            found = sweep.difference(run, name)
-            bars.append(found and Bar(found[0], f"{found[0]:+.3f}", found[1]))
+        bars = [gain_bar(sweep.difference(run, name)) for run in sweep.finished]
         if any(bars):
             panels.insert(1, Panel(f"{name} recall minus that of the {sweep.against}", {"": bars}))
     marked = [row for row, run in enumerate(sweep.finished) if run is sweep.reference]
@@ -253,7 +250,7 @@ def log_sweeps(sweeps: Sequence[Sweep], written: Sequence[Path], tracker: Mlflow
             metrics = headline_metrics(run.result.summary) if run.result else named
             tracker.log_metrics({f"{RUN}/{name}": value for name, value in metrics.items()}, step)
         if sweep.best is not None:
-            tracker.set_tags({"best_arm": sweep.best.label})
+            tracker.set_tags({"best_run": sweep.best.label})
             if sweep.best.result is not None:
                 tracker.log_metrics(headline_metrics(sweep.best.result.summary))
     for path in written:

@@ -17,10 +17,10 @@ from tqdm import tqdm
 
 from hlp.data.dataset import Dataset, FrameSource, annotated_mask
 from hlp.errors import DataError
+from hlp.evaluation import EvaluationSettings
 from hlp.evaluation.bop_recalls import unoccluded_mask
 from hlp.evaluation.errors import is_symmetric_flip, near_truth, poses_near_truth
 from hlp.evaluation.evaluator import FrameTruth, add_correct
-from hlp.evaluation.settings import EvaluationSettings
 from hlp.evaluation.waterfall import TargetCounts, TargetResults, VoteCounts, cause_of
 from hlp.method.find.trace import ObjectTrace, Stage, Trace
 from hlp.records import Frame, ObjectModel, Region, Target, TargetScore, frame_key

@@ -1,16 +1,23 @@
-"""`manifest.json`: the versions, seed, configuration, code, data and stages behind a result.
+"""`manifest.json`: versions, seed, configuration, code, data and stages behind a result.
 
-A run writes its manifest last: a folder with a manifest holds a complete result.
+A run writes its manifest last: a folder with a manifest holds a complete result. From its manifest
+a run is repeated: the same configuration and seed, so the same poses.
 """
 
 import dataclasses
 import hashlib
 import json
+import logging
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import yaml
+
 from hlp.data.dataset import frames_identity
-from hlp.files import MANIFEST, read_csv
+from hlp.errors import ConfigError, DataError
+from hlp.files import MANIFEST, POSES, read_csv
 from hlp.results.poses_file import POSE_COLUMNS
 from hlp.stages.manifest import (
     code_digest,
@@ -86,3 +93,121 @@ def _without_output(value: Any) -> Any:
     """A part of a manifest as it is in JSON, without the run's own folder."""
     plain = json.loads(json.dumps(value))
     return {**plain, "output": None} if isinstance(plain, dict) else plain
+
+
+_NAME = re.compile(r"[\w][\w .+-]*")
+_OF_HYDRA = ("hydra", "defaults")
+_DEEPEST = 50
+
+
+def config_of(manifest: Path, overrides: Sequence[str], configuration: Path) -> str:
+    """A `config.yaml` for Hydra with all of a manifest's values.
+
+    `configuration` is the folder of HLP's configuration. Hydra's part and the places where a run is
+    stored (work, output, reporting but for what it is about) come from there. Raises what
+    `read_manifest` and `check_harmless` raise, and ConfigError for an override that chooses another
+    file of a group: the manifest's is fixed.
+    """
+    config = read_manifest(manifest)["config"]
+    check_harmless(config, manifest, overrides)
+    for override in overrides:
+        key = override.partition("=")[0]
+        if isinstance(config.get(key), dict):
+            raise ConfigError(
+                f"{override}: {manifest} fixes {key}; only keys in it can be set ({key}.KEY=VALUE)"
+            )
+    own = yaml.safe_load((configuration / "config.yaml").read_text())
+    reporting = yaml.safe_load((configuration / "reporting" / "mlflow.yaml").read_text())
+    given = config.get("reporting")
+    if isinstance(given, dict) and isinstance(given.get("about"), str):
+        reporting["about"] = given["about"]
+    where = {"work": own["work"], "output": own["output"], "reporting": reporting}
+    return json.dumps({"defaults": ["_self_"], **config, **where, "hydra": own["hydra"]})
+
+
+def run_again(run: "Run", manifest: Path, output: Path) -> None:
+    """Run the task again, and say whether the poses are the same as those of the manifest's run.
+
+    Raises DataError if the data are not those of the manifest.
+    """
+    check_manifest(run, manifest)
+    run.settings.task.run(run, output)
+    digest = read_manifest(manifest).get("poses")
+    if digest is None:  # a study's, which has no poses
+        return
+    if digest == poses_digest(output / POSES):
+        logging.getLogger(__name__).info("Repeated  the same poses as in %s", manifest)
+    else:
+        logging.getLogger(__name__).warning("Repeated  NOT the same poses as in %s", manifest)
+
+
+def check_manifest(run: "Run", manifest: Path) -> None:
+    """Raise DataError if the data are not those of the manifest; warn of what else differs.
+
+    The message names the data that differ: models, frames, photographs, … Other code, versions,
+    builds of libraries and processors are warned of: with them, poses may differ.
+    """
+    wanted, found = read_manifest(manifest), made_from(run)  # there and here
+    data = wanted.get("data", {})
+    changed = [name for name, value in found["data"].items() if data.get(name) != value]
+    if changed:
+        raise DataError(f"not the data of {manifest}: {', '.join(changed)} differ")
+    warn = logging.getLogger(__name__).warning
+    if wanted.get("code") != found["code"]:
+        warn("HLP's code is not that of %s (%s)", manifest, wanted.get("revision") or "no git")
+    for name, version in found["versions"].items():
+        before = wanted.get("versions", {}).get(name)
+        if before != version:
+            warn("%s is %s here, and %s in %s", name, version, before, manifest)
+    for part, here in (("processor", processor()), ("builds", library_builds())):
+        there = wanted.get(part)
+        if isinstance(there, dict) and (other := [n for n in here if there.get(n) != here[n]]):
+            text = "%s: %s differ from %s; the last bits of results may differ too"
+            warn(text, part, ", ".join(other), manifest)
+
+
+def check_harmless(config: Mapping[str, Any], manifest: Path, overrides: Sequence[str]) -> None:
+    """Raise DataError, naming file and key, for a configuration that could do more than it should.
+
+    The address of a cluster is accepted if it is among the overrides too, with any value.
+    """
+
+    def refuse(key: str, found: object, why: str) -> None:
+        raise DataError(f"{manifest}: config.{key} is {str(found)[:100]!r}: {why}")
+
+    for name in _OF_HYDRA:
+        if name in config:
+            refuse(name, config[name], "a manifest holds no configuration of Hydra")
+    for key, value in _entries(config, manifest):
+        last = key.rpartition(".")[2]
+        if last.startswith("_"):
+            refuse(key, value, "a manifest names nothing that is to be called")
+        if "/" in last or "\\" in last:
+            refuse(key, value, "no key is a path")
+        if isinstance(value, str) and "${" in value:
+            refuse(key, value, "a manifest holds plain values, which refer to nothing")
+        if last == "name" and isinstance(value, str) and not _NAME.fullmatch(value):
+            refuse(key, value, "a name is no path")
+    executor = config.get("executor")
+    address = executor.get("address") if isinstance(executor, Mapping) else None
+    own = any(given.startswith("executor.address=") for given in overrides)
+    if address is not None and not own:
+        why = "work would be sent there; give executor.address=… yourself if it is your cluster"
+        refuse("executor.address", address, why)
+
+
+def _entries(
+    value: Any, manifest: Path, key: str = "", depth: int = 0
+) -> Iterator[tuple[str, Any]]:
+    """All keys, joined by dots, and their values, those of lists too."""
+    if depth > _DEEPEST:
+        raise DataError(f"{manifest}: config is nested more than {_DEEPEST} deep")
+    if key:
+        yield key, value
+    items: dict[str, Any] = {}
+    if isinstance(value, Mapping):
+        items = {f"{key}.{name}" if key else str(name): item for name, item in value.items()}
+    elif isinstance(value, list):
+        items = {f"{key}[{place}]": item for place, item in enumerate(value)}
+    for name, item in items.items():
+        yield from _entries(item, manifest, name, depth + 1)

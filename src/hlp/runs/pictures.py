@@ -9,7 +9,7 @@ the swarm's searches repeated, since neither is kept.
 """
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -21,19 +21,20 @@ from tqdm import tqdm
 
 from hlp.config.build import Run, sampled_keys
 from hlp.records import PoseEstimate, Target, TargetScore, frame_key
+from hlp.reporting.figures import save_jpeg
 from hlp.reporting.figures.panels import write_picture
-from hlp.reporting.figures.saving import save_jpeg
+from hlp.reporting.figures.stage_figures import swarm_figure, viewpoint_figure
 from hlp.reporting.figures.stage_sheets import (
     draw_nearest_entries,
     draw_training_samples,
     draw_view_sheet,
-    viewpoint_figure,
 )
-from hlp.reporting.figures.swarm_costs import swarm_figure
 from hlp.reporting.figures.target_panels import SeenTarget, ShownPose, draw_overview, draw_panels
 from hlp.reporting.page.report_data import CAPTIONS, PANELS, STAGES, ReportDataWriter
-from hlp.runs.shown_targets import FrameResults, Scored, missed_targets, page_targets
+from hlp.results.summary_file import TargetKey, numbered_targets
+from hlp.runs import spread
 from hlp.runs.stage_samples import (
+    FrameResults,
     entries_of_patches,
     patches_on_target,
     sample_windows,
@@ -44,6 +45,11 @@ from hlp.stages.detection import DetectionStages
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+MISSED, RIGHT = 300, 8
+"""The largest numbers of missed and of right targets that a run's page shows: each takes some
+tenths of a second and 0.2 MB."""
+Scored = Mapping[str, Sequence[TargetScore]]
+"""The scores of each frame that could be used, in the order of its targets."""
 _TARGETS = 6  # whose patches and swarms are drawn
 _PATCHES = 2  # of a target
 
@@ -235,3 +241,32 @@ class _Pictures:
             poses = (shown.target.pose_cam_obj, None if best is None else best.pose_cam_obj)
             writer.add_target(key, self._panels(shown), shown.found.frame, model, poses)
         writer.write([models[i] for i in sorted(object_ids)])
+
+
+class PageTarget(NamedTuple):
+    """A target on the run's page: its key, its frame's, its place among those of the frame."""
+
+    target: TargetKey
+    frame: str
+    place: int
+
+
+def page_targets(scored: Scored) -> list[PageTarget]:
+    """Missed targets, and right ones, each spread evenly over the run if there are too many."""
+    missed, right = (_targets(scored, verdict) for verdict in (False, True))
+    return sorted([*spread(missed, MISSED), *spread(right, RIGHT)])
+
+
+def missed_targets(scored: Scored, most: int) -> list[tuple[str, int]]:
+    """Frames of missed targets and their places, up to a number, spread evenly over the run."""
+    return [(missed.frame, missed.place) for missed in spread(_targets(scored, False), most)]
+
+
+def _targets(scored: Scored, right: bool) -> list[PageTarget]:
+    found = []
+    for key, scores in scored.items():
+        targets = numbered_targets((s.scene_id, s.frame_id, s.object_id) for s in scores)
+        for place, (target, score) in enumerate(zip(targets, scores, strict=True)):
+            if score.add_correct == right:
+                found.append(PageTarget(target, key, place))
+    return found

@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 from tqdm import tqdm
 
 import hlp
+from hlp.checks.known_objects import FaultWatch
 from hlp.data.own_frames import OwnFrames, SearchMasks
 from hlp.errors import DamagedError, DataError, HlpError, MissingFileError
 from hlp.method.detector import MOST_INSTANCES, Detector
@@ -29,9 +30,8 @@ from hlp.records import (
     parse_frame_key,
 )
 from hlp.refinement.score_model import MIN_SCORE
-from hlp.results.answers_file import LINES, AnswersFile
-from hlp.runs.fault_watch import FaultWatch
-from hlp.runs.shown_targets import spread
+from hlp.results.poses_file import LINES, AnswersFile
+from hlp.runs import spread
 from hlp.settings import Doc, Settings
 
 HEADER = (

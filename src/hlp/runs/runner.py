@@ -19,17 +19,17 @@ from hlp.method.find.trace import Trace
 from hlp.records import PoseEstimate, TargetScore, frame_key, parse_frame_key
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.reporting.experiments import write_reports
+from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.bars import stacked_bars
-from hlp.reporting.figures.recall_time import calibration_figure
-from hlp.reporting.figures.saving import save_figure
+from hlp.reporting.figures.charts import calibration_figure
 from hlp.reporting.mlflow.pages import summary_metrics
 from hlp.reporting.mlflow.run import MlflowRun
-from hlp.reporting.page.parts import page_or_log, run_verdict
+from hlp.reporting.page import page_or_log, run_verdict
 from hlp.reporting.page.report_data import PANELS, STAGES
 from hlp.reporting.page.run_page import write_run_page
 from hlp.reporting.paper_reports import TABLES
-from hlp.reporting.tables.summary_tables import format_summary
-from hlp.reporting.tables.table import prose
+from hlp.reporting.summary_tables import format_summary
+from hlp.reporting.table import prose
 from hlp.results.poses_file import read_poses, write_poses, write_scores
 from hlp.runs.diagnosis import FrameNotes, explain_misses, note_frame
 from hlp.runs.manifest import make_manifest, poses_digest

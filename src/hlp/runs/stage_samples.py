@@ -1,6 +1,7 @@
-"""What stages work with: training windows, patches with their codebook entries, swarms."""
+"""What stages work with and find: results of a frame, training windows, patches, swarms."""
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,21 +11,30 @@ from hlp.codebook.neighbours import ExactNeighbours
 from hlp.config.build import sampled_keys
 from hlp.data.dataset import TrainingImages
 from hlp.geometry import allocentric_to_egocentric, inverse, project, transform
+from hlp.method.find.trace import Trace
 from hlp.method.settings import ClassifierStage
-from hlp.models.encoder import Encoder
 from hlp.patches.local import LocalSettings, cut_local_patches, take_patches
 from hlp.patches.local_pool import cut_view_patches
 from hlp.patches.sampling import join
-from hlp.records import Codebook, Frame, LocalPatches, ObjectModel, Refinement, Target, Views
+from hlp.records import (
+    Codebook,
+    Frame,
+    LocalPatches,
+    ObjectModel,
+    PoseEstimate,
+    Refinement,
+    Target,
+    Views,
+    frame_key,
+)
 from hlp.refinement.cost import DepthCost
 from hlp.refinement.pso import PsoSettings, search
 from hlp.refinement.refiner import cost_around
 from hlp.refinement.texture import choose_by_texture
 from hlp.refinement.verification import Observation, observe
+from hlp.reporting.figures.stage_figures import Swarm, SwarmsOfTarget
 from hlp.reporting.figures.stage_sheets import PatchEntries
-from hlp.reporting.figures.swarm_costs import Swarm, SwarmsOfTarget
 from hlp.runs.diagnosis import visible_pixels
-from hlp.runs.shown_targets import FrameResults
 from hlp.stages.detection import DetectionStages
 from hlp.stages.training import TrainingStages
 
@@ -32,6 +42,67 @@ _ENTRIES = 5  # of a patch
 _SWARMS = 5  # of a target
 # In place of the settings' pools, which take half a minute.
 _WINDOWS, _BACKGROUNDS, _SCENES, _FRAMES = 40, 60, 2, 2
+
+
+@dataclass(frozen=True)
+class FrameResults:
+    """A frame with what the stages found in it, and the answers."""
+
+    frame: Frame
+    trace: Trace
+    estimates: tuple[PoseEstimate, ...]
+
+    @classmethod
+    def read(
+        cls, detection: DetectionStages, key: str, estimates: Sequence[PoseEstimate]
+    ) -> "FrameResults":
+        """What lies on disk of a frame that did not fail; `estimates` are the run's."""
+        here = [e for e in estimates if frame_key(e.scene_id, e.frame_id) == key]
+        return cls(detection.load(key), detection.read(key), tuple(here))
+
+    @property
+    def targets(self) -> list[Target]:
+        """The frame's targets as they are scored: by object, in the order of first appearance."""
+        objects = dict.fromkeys(target.object_id for target in self.frame.targets)
+        return [target for i in objects for target in self.frame.targets if target.object_id == i]
+
+    def nearest(self, target: Target) -> PoseEstimate | None:
+        """The answer for the target's object that is nearest to its true place."""
+
+        def distance(estimate: PoseEstimate) -> float:
+            assert estimate.pose_cam_obj is not None
+            apart = estimate.pose_cam_obj[:3, 3] - target.pose_cam_obj[:3, 3]
+            return float(np.linalg.norm(apart))
+
+        found = (
+            estimate
+            for estimate in self.estimates
+            if estimate.object_id == target.object_id and estimate.pose_cam_obj is not None
+        )
+        return min(found, key=distance, default=None)
+
+    def coarse(
+        self, object_id: int, estimate: PoseEstimate | None
+    ) -> Float[np.ndarray, "4 4"] | None:
+        """The coarse pose that became the estimate; without an estimate the best one.
+
+        None if there is none: the fallback finds poses without any.
+        """
+        found = self.trace[object_id]
+        poses = np.zeros((0, 4, 4)) if found.hypotheses is None else found.hypotheses.poses_cam_obj
+        row = self.row(object_id, estimate)
+        if row is None or found.refined is None:
+            return poses[0] if len(poses) else None
+        source = int(found.refined.sources[row])
+        return poses[source] if 0 <= source < len(poses) else None
+
+    def row(self, object_id: int, estimate: PoseEstimate | None) -> int | None:
+        """Which of the object's refined poses is the estimate; None without one."""
+        refined = self.trace[object_id].refined
+        if estimate is None or estimate.pose_cam_obj is None or refined is None:
+            return None
+        poses = np.stack([found.pose_cam_obj for found in refined.refined])
+        return int(np.abs(poses - estimate.pose_cam_obj).max(axis=(1, 2)).argmin())
 
 
 class _FewBackgrounds(TrainingImages):
@@ -95,8 +166,9 @@ def entries_of_patches(
         return []
     model, local = training.models[target.object_id], training.settings.patches.local
     codebook, views = training.load_codebook(model.object_id), training.load_views(model.object_id)
-    features = _encode(training.load_encoder(), patches)
-    matches = ExactNeighbours(codebook.features, _ENTRIES).search(features)
+    encoder = training.load_encoder()  # the patches have colour, whether or not it takes that
+    seen = patches if encoder.sees_color else replace(patches, color=patches.color[..., :0])
+    matches = ExactNeighbours(codebook.features, _ENTRIES).search(encoder.encode(seen))
     true_places = transform(inverse(target.pose_cam_obj), patches.points_cam)
     size = local.side_of(model.local_size)
     shown = []
@@ -107,12 +179,6 @@ def entries_of_patches(
         name = f"{model.name} {frame.key}"
         shown.append(PatchEntries(name, join(cut), matches.distances[row], apart))
     return shown
-
-
-def _encode(encoder: Encoder, patches: LocalPatches) -> Float[np.ndarray, "n d"]:
-    """Features of patches that have colour, whether or not the encoder takes it."""
-    seen = patches if encoder.sees_color else replace(patches, color=patches.color[..., :0])
-    return encoder.encode(seen)
 
 
 def distances_on_object(

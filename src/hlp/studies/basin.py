@@ -24,7 +24,7 @@ from hlp.records import Frame, Hypotheses, parse_frame_key
 from hlp.refinement.refiner import REFINERS, RefinementSettings
 from hlp.refinement.verification import observe
 from hlp.reporting.figures.heat_maps import draw_basins
-from hlp.reporting.tables.study_tables import (
+from hlp.reporting.study_tables import (
     basin_cells,
     basin_metrics,
     format_basins,

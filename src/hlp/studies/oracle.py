@@ -14,9 +14,9 @@ from tqdm import tqdm
 from hlp.config.build import Run, sampled_keys
 from hlp.config.settings import TASKS
 from hlp.data.dataset import annotated_mask
+from hlp.evaluation import EvaluationSettings
 from hlp.evaluation.bop_recalls import measured_mask
 from hlp.evaluation.evaluator import FrameTruth, score_targets
-from hlp.evaluation.settings import EvaluationSettings
 from hlp.evaluation.summary import with_interval
 from hlp.files import write_json
 from hlp.method.find.estimator import FrameContext, derive_seed
@@ -31,9 +31,9 @@ from hlp.records import (
     TargetScore,
     parse_frame_key,
 )
+from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.heat_maps import oracle_map
-from hlp.reporting.figures.saving import save_figure
-from hlp.reporting.tables.study_tables import format_oracle, head_of, oracle_metrics, write_oracle
+from hlp.reporting.study_tables import format_oracle, head_of, oracle_metrics, write_oracle
 from hlp.results.summary_file import METRICS, TargetKey, numbered_targets, write_target_values
 from hlp.runs.runner import stages_of
 from hlp.settings import Doc, Settings

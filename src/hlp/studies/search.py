@@ -21,12 +21,12 @@ from hlp.errors import ConfigError, InputError, MissingDependencyError, is_expec
 from hlp.files import SCORES, write_json
 from hlp.method.find.estimator import derive_seed
 from hlp.reporting.comparison import read_targets
-from hlp.reporting.figures.recall_time import search_points
-from hlp.reporting.figures.saving import save_figure
+from hlp.reporting.figures import save_figure
+from hlp.reporting.figures.charts import search_points
 from hlp.reporting.mlflow.pages import short_name
 from hlp.reporting.mlflow.run import flatten
 from hlp.reporting.mlflow.tracking import ChildRun, as_child_run
-from hlp.reporting.tables.study_tables import format_search, write_search
+from hlp.reporting.study_tables import format_search, write_search
 from hlp.results.summary_file import write_target_values
 from hlp.runs import runner
 from hlp.settings import Doc, Settings

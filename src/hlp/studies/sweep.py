@@ -22,7 +22,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
 
-from hlp.config.chosen import chosen_by_hydra, groups_of, overrides_of
+from hlp.config.composition import chosen_by_hydra, groups_of, overrides_of
 from hlp.errors import DataError, HlpError, InputError, MissingFileError
 from hlp.files import SWEEP, read_json, write_json
 from hlp.reporting.mlflow.pages import experiment_tags, short_name
@@ -185,7 +185,7 @@ def _recorded(folder: Path, record: dict[str, Any], tracker: MlflowRun) -> Itera
 
 def _draw(folder: Path, tracker: MlflowRun) -> None:
     from hlp.reporting.experiments import write_reports
-    from hlp.reporting.page.parts import page_or_log
+    from hlp.reporting.page import page_or_log
     from hlp.reporting.page.study_page import write_sweep_page
     from hlp.reporting.sweep_report import describe_sweep, log_sweeps, write_sweep
     from hlp.reporting.sweeps import read_sweeps

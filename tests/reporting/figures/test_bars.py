@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.bars import (
     Bar,
     Panel,
@@ -15,7 +16,6 @@ from hlp.reporting.figures.bars import (
     run_panels,
     stacked_bars,
 )
-from hlp.reporting.figures.saving import save_figure
 from hlp.reporting.paper_reports import TRENDS, Recalls, draw_trend
 from hlp.reporting.results import Result
 from written_bench import bench_result

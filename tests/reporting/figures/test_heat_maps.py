@@ -14,7 +14,7 @@ from hlp.reporting.figures.heat_maps import (
     draw_heat_maps,
     oracle_map,
 )
-from hlp.reporting.tables.study_tables import basin_cells
+from hlp.reporting.study_tables import basin_cells
 
 RIGHT = {
     ("pso", "cat"): [[4, 3, 1], [2, 1, 0]],

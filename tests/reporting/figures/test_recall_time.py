@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hlp.reporting.figures.recall_time import (
+from hlp.reporting.figures.charts import (
     FRONT,
     draw_trade_off,
     pareto_front,

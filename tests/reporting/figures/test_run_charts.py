@@ -9,9 +9,8 @@ import pytest
 
 from hlp.records import TargetScore
 from hlp.reporting.comparison import ScoredTarget
-from hlp.reporting.figures import run_charts
-from hlp.reporting.figures.saving import svg_in_base64
-from hlp.reporting.tables.summary_tables import ADD_BY_OBJECT
+from hlp.reporting.figures import charts, svg_in_base64
+from hlp.reporting.summary_tables import ADD_BY_OBJECT
 from written_summary import summary
 
 
@@ -33,38 +32,38 @@ def drawn(figure: Any) -> tuple[list[str], list[float], list[str]]:
 def test_objects_have_bars_with_intervals_and_the_papers_recall() -> None:
     written = summary(("cat", "ape"))
     written["per_object"]["cat"]["add"] = {"recall": 0.75, "ci95": [0.6, 0.8]}
-    figure = run_charts.object_bars(written)
+    figure = charts.object_bars(written)
     assert drawn(figure) == (["cat", "ape"], [0.75, 0.5], ["0.750", "0.500"])
     lines = {str(line.get_label()): line.get_xdata() for line in figure.axes[0].lines}
     assert list(lines["paper"]) == [ADD_BY_OBJECT["cat"], ADD_BY_OBJECT["ape"]]
     assert [0.6, 0.8] in [list(ends) for ends in lines.values()]
-    unknown = run_charts.object_bars(summary(("mug",)))
+    unknown = charts.object_bars(summary(("mug",)))
     assert "paper" not in {line.get_label() for line in unknown.axes[0].lines}
 
 
 def test_recall_by_visible_fraction_names_the_number_of_targets() -> None:
     targets = [target(True), target(False), target(True, visible_fraction=1.0)]
-    figure = run_charts.visibility_bars([*targets, target(True, visible_fraction=math.nan)])
+    figure = charts.visibility_bars([*targets, target(True, visible_fraction=math.nan)])
     assert drawn(figure) == (["0.5 to 0.6 (2)", "0.9 to 1.0 (1)"], [0.5, 1.0], ["0.500", "1.000"])
-    assert run_charts.visibility_bars([target(True, visible_fraction=math.nan)]) is None
+    assert charts.visibility_bars([target(True, visible_fraction=math.nan)]) is None
 
 
 def test_times_are_medians_with_the_95th_percentile() -> None:
     written = summary()
-    figure = run_charts.timing_bars(written)
+    figure = charts.timing_bars(written)
     assert drawn(figure) == (["total", "voting"], [480.0, 2.34], ["480 (700)", "2.34"])
     written["timing_ms"] = {"total": {"median": None, "p95": None}}
-    assert run_charts.timing_bars(written) is None
+    assert charts.timing_bars(written) is None
 
 
 def test_the_curve_is_the_share_of_targets_below_each_threshold() -> None:
     targets = [target(True), target(False, add_error=0.012), target(False, add_error=math.inf)]
-    figure = run_charts.ad_curve(targets, {"cat": 100.0})
+    figure = charts.ad_curve(targets, {"cat": 100.0})
     assert figure is not None
     *_, everything = figure.axes[0].lines
     shares = dict(zip(everything.get_xdata().round(6), everything.get_ydata(), strict=True))
     assert (shares[2.0], shares[2.25], shares[20.0]) == (0.0, 1 / 3, 2 / 3)
-    assert run_charts.ad_curve(targets, {"duck": 100.0}) is None
+    assert charts.ad_curve(targets, {"duck": 100.0}) is None
 
 
 @pytest.mark.parametrize(
@@ -78,12 +77,12 @@ def test_right_and_wrong_targets_are_counted_by_error(
     kind: str, changed: dict[str, float], places: tuple[int, int]
 ) -> None:
     targets = [target(True), target(True), target(False, **changed), target(False, found=False)]
-    (ax,) = run_charts.error_histogram(targets, kind).axes
+    (ax,) = charts.error_histogram(targets, kind).axes
     right, wrong = ([int(bar.get_height()) for bar in group] for group in ax.containers)
     assert (sum(right), sum(wrong)) == (2, 1)
     assert (right[places[0]], wrong[places[1]]) == (2, 1)
 
 
 def test_equal_charts_are_equal_files() -> None:
-    first, second = (svg_in_base64(run_charts.object_bars(summary())) for _ in range(2))
+    first, second = (svg_in_base64(charts.object_bars(summary())) for _ in range(2))
     assert first == second and len(first) < 60_000

@@ -6,19 +6,17 @@ import numpy as np
 import pytest
 
 from hlp.records import LocalPatches
-from hlp.reporting.figures.saving import save_jpeg
+from hlp.reporting.figures import save_jpeg
+from hlp.reporting.figures.stage_figures import directions, nearest_angles_deg, viewpoint_figure
 from hlp.reporting.figures.stage_sheets import (
     NOTHING,
     PatchEntries,
     depth_tile,
-    directions,
     draw_nearest_entries,
     draw_training_samples,
     draw_view_sheet,
-    nearest_angles_deg,
     resized,
     sheet,
-    viewpoint_figure,
     with_depths,
 )
 from view_records import square_views

@@ -2,8 +2,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hlp.reporting.figures.saving import save_jpeg
-from hlp.reporting.figures.swarm_costs import Swarm, SwarmsOfTarget, swarm_figure
+from hlp.reporting.figures import save_jpeg
+from hlp.reporting.figures.stage_figures import Swarm, SwarmsOfTarget, swarm_figure
 
 
 def test_the_swarms_of_each_target_have_a_panel(tmp_path: Path) -> None:

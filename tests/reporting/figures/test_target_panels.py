@@ -7,8 +7,8 @@ from box_scene import CAMERA, SHAPE, at
 from hlp.geometry import project
 from hlp.records import Frame, ObjectModel, PoseEstimate, Region, Target, TargetScore, Votes
 from hlp.rendering.rasterizer import render_depth
+from hlp.reporting.figures import LEGEND_HEIGHT, TITLE_HEIGHT
 from hlp.reporting.figures.panels import ESTIMATE_COLOR, TRUTH_COLOR
-from hlp.reporting.figures.saving import LEGEND_HEIGHT, TITLE_HEIGHT
 from hlp.reporting.figures.target_panels import (
     LIMIT_MM,
     RIGHT_COLOR,

@@ -11,7 +11,7 @@ import pytest
 
 from box_scene import box_model
 from hlp.records import Frame, TargetScore
-from hlp.reporting.page.parts import page_or_log
+from hlp.reporting.page import page_or_log
 from hlp.reporting.page.report_data import ReportDataWriter
 from hlp.reporting.page.run_page import write_run_page
 from hlp.results.poses_file import write_scores

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from hlp.errors import DataError, MissingFileError
-from hlp.reporting.page.parts import page_or_log
+from hlp.reporting.page import page_or_log
 from hlp.reporting.page.study_page import study_folders, write_study_page
 from hlp.reporting.report import report_runs, write_pages
 

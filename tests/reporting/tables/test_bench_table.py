@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hlp.reporting.tables.bench_table import (
+from hlp.reporting.bench_tables import (
     bench_metrics,
     compare_benches,
     format_bench,

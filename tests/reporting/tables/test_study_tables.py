@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from hlp.reporting.tables.study_tables import (
+from hlp.reporting.study_tables import (
     basin_cells,
     basin_metrics,
     format_basins,

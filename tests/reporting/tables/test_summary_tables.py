@@ -1,6 +1,6 @@
 import pytest
 
-from hlp.reporting.tables.summary_tables import (
+from hlp.reporting.summary_tables import (
     ADD_BY_OBJECT,
     ADD_MEAN,
     ADD_STD,

@@ -1,6 +1,6 @@
 import pytest
 
-from hlp.reporting.tables.table import (
+from hlp.reporting.table import (
     Table,
     check_layout,
     format_interval,
@@ -49,7 +49,7 @@ def test_numbers_and_layouts() -> None:
 
 def test_a_table_is_cut_to_fit_a_terminal() -> None:
     rows = [["without_verification", "0.500", "a value of many words"], ["short", "1.000", ""]]
-    table = Table(["arm", "AD", "against"], rows)
+    table = Table(["step", "AD", "against"], rows)
     fitted = table.fitted(0, 2, width=30)
     assert max(map(len, fitted.text().split("\n"))) == 30
     assert fitted.rows[0][1] == "0.500"
@@ -91,5 +91,5 @@ def test_prose_is_in_lines_on_a_terminal_alone() -> None:
 
 
 def test_numbers_are_not_cut_to_fit() -> None:
-    table = Table(["arm", "AD"], [["of a long name", "0.500" * 20]])
+    table = Table(["step", "AD"], [["of a long name", "0.500" * 20]])
     assert table.fitted(0, width=30).rows[0] == ["of a …", "0.500" * 20]

@@ -1,1 +1,98 @@
-"""Figures of results, and pictures of what the stages see."""
+"""Figures of results, and pictures of what the stages see; here how they are saved and titled."""
+
+import base64
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def save_jpeg(figure: "Figure", path: Path) -> None:
+    """Write a figure as a JPEG. Raises OSError for a path that cannot be written."""
+    figure.savefig(path, dpi=110, pil_kwargs={"quality": 88, "optimize": True})
+
+
+def save_figure(figure: "Figure", path: Path) -> list[Path]:
+    """Write `path`.png and `path`.svg; those files. Equal figures give equal files."""
+    import matplotlib
+
+    files = [path.with_name(f"{path.name}.{ending}") for ending in ("png", "svg")]
+    with matplotlib.rc_context({"svg.hashsalt": "hlp"}):
+        figure.savefig(files[0], dpi=150)
+        figure.savefig(files[1], metadata={"Date": None})
+    return files
+
+
+def svg_in_base64(figure: "Figure") -> str:
+    """A figure as SVG, as it stands in a page."""
+    import matplotlib
+
+    stream = io.BytesIO()
+    with matplotlib.rc_context({"svg.hashsalt": "hlp"}):
+        figure.savefig(stream, format="svg", metadata={"Date": None})
+    return base64.b64encode(stream.getvalue()).decode("ascii")
+
+
+Image = UInt8[np.ndarray, "h w 3"]
+Color = tuple[int, int, int]
+
+TITLE_HEIGHT, LEGEND_HEIGHT = 26, 20
+_DARK, _LIGHT = 24, (235, 235, 235)
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
+_PAD, _SMALL = 8, 0.42
+
+
+def titled(picture: Image, title: str, scale: float = 0.5) -> Image:
+    """The picture below a bar with its title (ASCII), which is made narrower if it is too long."""
+    width = picture.shape[1]
+    bar = np.full((round(TITLE_HEIGHT / 0.5 * scale), width, 3), _DARK, dtype=np.uint8)
+    scale *= min(1.0, (width - 2 * _PAD) / max(size_of(title, scale)[0], 1))
+    write_words(bar, title, (_PAD, len(bar) - _PAD), scale)
+    return np.vstack([bar, picture])
+
+
+def with_legend(picture: Image, entries: Sequence[tuple[str, Color]]) -> Image:
+    """The picture above a bar with coloured squares and their meanings."""
+    bar = np.full((LEGEND_HEIGHT, picture.shape[1], 3), _DARK, dtype=np.uint8)
+    x = _PAD
+    for words, color in entries:
+        cv2.rectangle(bar, (x, 5), (x + 10, 15), color, -1)
+        x = write_words(bar, words, (x + 15, 14)) + 14
+    return np.vstack([picture, bar])
+
+
+def with_scale(picture: Image, color_map: int, high: str) -> Image:
+    """The picture above a bar with a colour map's colours, from 0 to `high`."""
+    bar = np.full((LEGEND_HEIGHT, picture.shape[1], 3), _DARK, dtype=np.uint8)
+    left, length = write_words(bar, "0", (_PAD, 14)) + 8, picture.shape[1] // 4
+    ramp = np.linspace(0, 255, length).astype(np.uint8)[None]
+    colors = cv2.cvtColor(cv2.applyColorMap(ramp, color_map), cv2.COLOR_BGR2RGB)
+    bar[5:15, left : left + length] = colors
+    write_words(bar, high, (left + length + 8, 14))
+    return np.vstack([picture, bar])
+
+
+def size_of(words: str, scale: float = _SMALL) -> tuple[int, int]:
+    """Width and height of written words (px)."""
+    width, height = cv2.getTextSize(words, _FONT, scale, 1)[0]
+    return int(width), int(height)
+
+
+def write_words(
+    picture: Image,
+    words: str,
+    place: tuple[int, int],
+    scale: float = _SMALL,
+    color: Color = _LIGHT,
+    thickness: int = 1,
+) -> int:
+    """Write words (ASCII) into the picture itself, from a place on; x of their end."""
+    cv2.putText(picture, words, place, _FONT, scale, color, thickness, cv2.LINE_AA)
+    return place[0] + size_of(words, scale)[0]

@@ -10,8 +10,8 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from hlp.reporting.tables.bench_table import TIMED, TOTAL, format_ms
-from hlp.reporting.tables.summary_tables import METRIC_LABELS
+from hlp.reporting.bench_tables import TIMED, TOTAL, format_ms
+from hlp.reporting.summary_tables import METRIC_LABELS
 from hlp.results.summary_file import CORRECT
 
 if TYPE_CHECKING:
@@ -199,6 +199,11 @@ def recall_bar(metric: Mapping[str, Any]) -> Bar:
     """A recall of `summary.json` with its interval, which older ones lack for objects."""
     recall, ends = float(metric["recall"]), metric.get("ci95")
     return Bar(recall, f"{recall:.3f}", (float(ends[0]), float(ends[1])) if ends else None)
+
+
+def gain_bar(found: tuple[float, Interval] | None) -> Bar | None:
+    """A difference of recalls with its interval, where there is one."""
+    return found and Bar(found[0], f"{found[0]:+.3f}", found[1])
 
 
 def bench_bars(result: Mapping[str, Any]) -> "Figure":

@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from hlp.reporting.figures.saving import save_figure
-from hlp.reporting.tables.study_tables import ALL_TARGETS, head_of, recalls_by_errors
+from hlp.reporting.figures import save_figure
+from hlp.reporting.study_tables import ALL_TARGETS, head_of, recalls_by_errors
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

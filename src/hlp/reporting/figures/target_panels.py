@@ -20,6 +20,14 @@ from hlp.records import (
     Votes,
 )
 from hlp.rendering.rasterizer import render_depth
+from hlp.reporting.figures import (
+    Image,
+    size_of,
+    titled,
+    with_legend,
+    with_scale,
+    write_words,
+)
 from hlp.reporting.figures.panels import (
     ESTIMATE_COLOR,
     PATCH_COLOR,
@@ -34,14 +42,6 @@ from hlp.reporting.figures.panels import (
     draw_votes,
     outline,
     weight_by_cell,
-)
-from hlp.reporting.figures.saving import (
-    Image,
-    size_of,
-    titled,
-    with_legend,
-    with_scale,
-    write_words,
 )
 
 Pose = Float[np.ndarray, "4 4"]

@@ -13,7 +13,7 @@ from typing import Any
 from urllib.request import urlopen
 
 from hlp.errors import InputError, MissingFileError, NetworkError
-from hlp.reporting.mlflow.store import (
+from hlp.reporting.mlflow import (
     SQLITE,
     artifacts_uri,
     database_path,

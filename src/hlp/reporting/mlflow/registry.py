@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hlp.errors import ConfigError
+from hlp.reporting.mlflow import import_client, reason
 from hlp.reporting.mlflow.run import MlflowRun
-from hlp.reporting.mlflow.store import import_client, reason
 from hlp.reporting.mlflow.tracking import MlflowSettings, track_run
 
 if TYPE_CHECKING:

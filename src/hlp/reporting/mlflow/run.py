@@ -13,8 +13,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from hlp.reporting.mlflow import is_away, reason
 from hlp.reporting.mlflow.pages import NOTE, run_path
-from hlp.reporting.mlflow.store import is_away, reason
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient

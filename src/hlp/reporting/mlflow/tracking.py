@@ -9,9 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from hlp.errors import DataError, is_expected
-from hlp.reporting.mlflow.pages import experiment_tags
-from hlp.reporting.mlflow.run import LoggedAs, MlflowRun, metric_name
-from hlp.reporting.mlflow.store import (
+from hlp.reporting.mlflow import (
     database_path,
     import_client,
     is_away,
@@ -20,6 +18,8 @@ from hlp.reporting.mlflow.store import (
     owner_tags,
     reason,
 )
+from hlp.reporting.mlflow.pages import experiment_tags
+from hlp.reporting.mlflow.run import LoggedAs, MlflowRun, metric_name
 from hlp.settings import Doc, Settings
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 PARENT = "mlflow.parentRunId"  # tag of the runs of a sweep
 REVISION = "mlflow.source.git.commit"
-_PLACE = "hlp.arm"  # tag that tells the runs of a sweep apart
+_PLACE = "hlp.sweep_run"  # tag that tells the runs of a sweep apart
 SEND_TO = "hlp.send_to"  # tags of a run that was kept here while its server was unreachable
 CONTINUES = "hlp.continues"
 

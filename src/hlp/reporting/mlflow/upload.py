@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hlp.errors import MissingFileError, NetworkError
-from hlp.reporting.mlflow.run import LoggedAs, MlflowRun
-from hlp.reporting.mlflow.store import (
+from hlp.reporting.mlflow import (
     SQLITE,
     database_path,
     import_client,
@@ -17,6 +16,7 @@ from hlp.reporting.mlflow.store import (
     prepare_database,
     remove_database,
 )
+from hlp.reporting.mlflow.run import LoggedAs, MlflowRun
 from hlp.reporting.mlflow.tracking import CONTINUES, PARENT, SEND_TO
 
 if TYPE_CHECKING:

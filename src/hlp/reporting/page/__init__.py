@@ -1,1 +1,92 @@
-"""The page of a run or a sweep: one HTML file that needs no network and no other file."""
+"""Pages that stand alone, for a browser; here what those of runs, sweeps and studies share."""
+
+import base64
+import json
+import logging
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from pathlib import Path
+from statistics import fmean
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from hlp.reporting.results import run_command
+from hlp.reporting.summary_tables import MS_PER_FRAME, paper_recalls
+from hlp.results.summary_file import CORRECT
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+
+def render(template: str, **values: Any) -> str:
+    """A page from a template of the folder `layout`; texts are escaped, JSON is not."""
+    return _templates().get_template(template).render(**values)
+
+
+@lru_cache(maxsize=1)
+def _templates() -> "Environment":
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    return Environment(
+        loader=FileSystemLoader(Path(__file__).parent / "layout"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def page_or_log(write: Callable[[Path], Path], folder: Path) -> Path | None:
+    """The page that `write` makes of a folder. An error is only logged, and None returned.
+
+    Results do not depend on their page.
+    """
+    try:
+        return write(folder)
+    except Exception:
+        logging.getLogger(__name__).exception("the report of %s could not be written", folder)
+        return None
+
+
+def how_to_repeat(folder: Path, manifest: Mapping[str, Any]) -> dict[str, str]:
+    """Command, configuration (YAML) and the rest of the manifest (JSON), for the page's end."""
+    rest = {key: value for key, value in manifest.items() if key != "config"}
+    return {
+        "command": run_command(folder),
+        "config": yaml.safe_dump(dict(manifest.get("config", {})), sort_keys=False),
+        "manifest": json.dumps(rest, indent=1),
+    }
+
+
+def in_base64(path: Path) -> str:
+    """A picture's file as it stands in a page."""
+    return base64.b64encode(path.read_bytes()).decode("ascii")
+
+
+def run_verdict(summary: Mapping[str, Any]) -> str:
+    """How many targets were found, how sure that is, what most misses come from, and the time.
+
+    The paper's numbers follow if all objects are LINEMOD's.
+    """
+    add, targets = summary["metrics"]["add"], summary["targets"]
+    right = round(add["recall"] * targets)
+    low, high = add["ci95"]
+    words = f"{right} of {targets} targets have a right pose: ADD(-S) {add['recall']:.3f}"
+    words += f" (95 % interval {low:.3f} to {high:.3f})"
+    total = summary["waterfall"].get("total", summary["waterfall"])
+    lost = {name: count for name, count in total.items() if name != CORRECT and count}
+    if lost:
+        cause = max(lost, key=lambda name: lost[name])
+        share = f"{lost[cause]} of {sum(lost.values())}"
+        words += f"; most misses come from “{cause.replace('_', ' ')}” ({share})"
+    time = summary["timing_ms"].get("total", {}).get("median")
+    if time is not None:
+        words += f"; an object takes {time:.0f} ms"
+    if paper := paper_recalls([*summary["per_object"]]):
+        words += (
+            f". The paper: {fmean(paper):.3f} on the mean of these objects (LINEMOD's whole"
+            f" sequences), about {MS_PER_FRAME:.0f} ms a frame; ours is"
+            f" {summary['metrics']['add']['mean_object']:.3f} on that mean"
+        )
+    return words + "."

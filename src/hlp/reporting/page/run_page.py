@@ -8,11 +8,10 @@ from typing import Any
 from hlp.files import MANIFEST, PAGE, SCORES, SUMMARY, read_json, write_text
 from hlp.records import MILLIMETRES_PER_METRE
 from hlp.reporting.comparison import ScoredTarget, read_targets
-from hlp.reporting.figures import run_charts
-from hlp.reporting.figures.saving import svg_in_base64
-from hlp.reporting.page.parts import how_to_repeat, in_base64, render, run_verdict
+from hlp.reporting.figures import charts, svg_in_base64
+from hlp.reporting.page import how_to_repeat, in_base64, render, run_verdict
 from hlp.reporting.page.report_data import ReportData, drawn_stages, picture_path, read_report_data
-from hlp.reporting.tables.summary_tables import (
+from hlp.reporting.summary_tables import (
     METRIC_LABELS,
     calibration_words,
     false_alarm_words,
@@ -90,12 +89,12 @@ def _charts(
 ) -> dict[str, str]:
     """SVG in base64 by name; empty where there is nothing to draw."""
     figures = {
-        "objects": run_charts.object_bars(summary),
-        "ad_curve": run_charts.ad_curve(targets, diameters_mm),
-        "translation": run_charts.error_histogram(targets, "translation"),
-        "rotation": run_charts.error_histogram(targets, "rotation"),
-        "visibility": run_charts.visibility_bars(targets),
-        "timing": run_charts.timing_bars(summary),
+        "objects": charts.object_bars(summary),
+        "ad_curve": charts.ad_curve(targets, diameters_mm),
+        "translation": charts.error_histogram(targets, "translation"),
+        "rotation": charts.error_histogram(targets, "rotation"),
+        "visibility": charts.visibility_bars(targets),
+        "timing": charts.timing_bars(summary),
     }
     files = {name: folder / f"{name}.svg" for name in _FIGURES}
     return {

@@ -7,11 +7,11 @@ from markdown_it import MarkdownIt
 
 from hlp.errors import DataError
 from hlp.files import MANIFEST, PAGE, SUMMARY, read_json, write_text
-from hlp.reporting.page.parts import how_to_repeat, in_base64, render
+from hlp.reporting.page import how_to_repeat, in_base64, render
+from hlp.reporting.summary_tables import METRIC_LABELS
 from hlp.reporting.sweep_report import differences_table, note_of, sweep_table
 from hlp.reporting.sweeps import Sweep, read_sweeps
-from hlp.reporting.tables.summary_tables import METRIC_LABELS
-from hlp.reporting.tables.table import Table, format_share
+from hlp.reporting.table import Table, format_share
 
 # Without HTML: what stands in a text, as an object's name, is shown and not run.
 _MARKDOWN = MarkdownIt("commonmark", {"html": False}).enable("table")

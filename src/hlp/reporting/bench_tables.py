@@ -6,7 +6,7 @@ from typing import Any
 
 from hlp.errors import DataError
 from hlp.files import read_json
-from hlp.reporting.tables.table import Table, format_share, lay_out, prose
+from hlp.reporting.table import Table, format_share, lay_out, prose
 
 CONFIGURED = "configured"
 """Name of the path that the configuration itself describes; the others are compared with it."""

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from statistics import fmean
 from typing import Any
 
-from hlp.reporting.tables.table import (
+from hlp.reporting.table import (
     Table,
     format_interval,
     format_share,
@@ -102,35 +102,43 @@ def objects_table(summary: Mapping[str, Any]) -> Table:
     return table if paper else table.without(table.header[-1])
 
 
-def run_cells(summary: Mapping[str, Any]) -> dict[str, str]:
-    """The main numbers of a run as they stand in tables, by column; empty where not measured."""
+def run_numbers(summary: Mapping[str, Any]) -> dict[str, float | None]:
+    """The main numbers of a run by the column they stand in; None where not measured.
+
+    `low` and `high` are the ends of the interval of ADD(-S).
+    """
     metrics, times = summary["metrics"], summary["timing_ms"]
-    bop, timing = summary.get("bop", {}), summary.get("timing", {})
-    load, total = timing.get("load"), times.get("total", {})
-    shares = {label: metrics[key]["recall"] for key, label in METRIC_LABELS.items()}
-    shares |= {"AR": bop.get("ar"), **{key.upper(): bop.get(key) for key in BOP_RECALLS}}
-    shares["ECE"] = summary.get("calibration", {}).get("ece")
-    spent = {
+    bop, timing, total = summary.get("bop", {}), summary.get("timing", {}), times.get("total", {})
+    return {
+        **{label: metrics[key]["recall"] for key, label in METRIC_LABELS.items()},
+        **dict(zip(("low", "high"), metrics["add"]["ci95"], strict=True)),
+        **{key.upper(): bop.get(key) for key in ("ar", *BOP_RECALLS)},
+        "ECE": summary.get("calibration", {}).get("ece"),
         "ms refinement": times.get("refinement", {}).get("median"),
         "ms": total.get("median"),
         "ms 95 %": total.get("p95"),
         "CPU ms": timing.get("cpu_ms"),
+        "load": timing.get("load"),
     }
+
+
+def run_cells(summary: Mapping[str, Any]) -> dict[str, str]:
+    """The main numbers of a run as they stand in tables, by column; empty where not measured."""
+    numbers = run_numbers(summary)
+    load = numbers["load"]
     return {
+        **{name: (_ms if "ms" in name else format_share)(n) for name, n in numbers.items()},
         "targets": str(summary["targets"]),
-        **{name: format_share(share) for name, share in shares.items()},
-        "95 %": format_interval(metrics["add"]["ci95"]),
-        **{name: _ms(time) for name, time in spent.items()},
+        "95 %": format_interval(summary["metrics"]["add"]["ci95"]),
         "load": "" if load is None else f"{load:.1f}",
     }
 
 
 def result_cells(summary: Mapping[str, Any]) -> dict[str, str]:
     """The main recalls of a run as result files have them; empty where not measured."""
-    metrics, (low, high) = summary["metrics"], summary["metrics"]["add"]["ci95"]
-    shares = {key: metrics[key]["recall"] for key in METRIC_LABELS}
-    shares |= {"add_low": low, "add_high": high, "ar": summary.get("bop", {}).get("ar")}
-    return {name: result_share(share) for name, share in shares.items()}
+    names = {"add_low": "low", "add_high": "high", "ar": "AR", **METRIC_LABELS}
+    numbers = run_numbers(summary)
+    return {name: result_share(numbers[column]) for name, column in names.items()}
 
 
 def bop_words(summary: Mapping[str, Any]) -> str:

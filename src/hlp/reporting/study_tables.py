@@ -1,4 +1,4 @@
-"""Tables, CSV files and metrics of the studies: oracle matrix, basins of refiners, search."""
+"""Tables, CSV files and metrics of the studies: bench, oracle, basin, search."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import Any
 import pandas as pd
 
 from hlp.files import read_csv, write_csv, write_text
-from hlp.reporting.tables.table import Table, lay_out, prose
+from hlp.reporting.table import Table, lay_out, prose
 
 Result = Mapping[str, Any]
 

@@ -1,7 +1,8 @@
-"""The settings' defaults as Hydra configurations, so that YAML files say only what differs.
+"""What Hydra composes a configuration of: the settings' defaults, and what the command line chose.
 
-In every group, `base` holds the defaults of the group's settings class. In a group of alternatives,
-`base_NAME` holds those of the class registered as NAME, also from a plug-in:
+YAML files say only what differs. In every group, `base` holds the defaults of the group's settings
+class. In a group of alternatives, `base_NAME` holds those of the class registered as NAME, also
+from a plug-in:
 
     # conf/refinement/gentle.yaml
     defaults:
@@ -13,15 +14,21 @@ An alternative that is nothing but these defaults has no file: it is a row of
 `conf/alternatives.yaml`. The group `ladder` is rows of one file too.
 """
 
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
+from hydra.conf import HydraConf
 from hydra.core.config_search_path import ConfigSearchPath
+from hydra.core.hydra_config import HydraConfig
 from hydra.core.object_type import ObjectType
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.plugins import Plugins
 from hydra.plugins.config_source import ConfigResult, ConfigSource
 from hydra.plugins.search_path_plugin import SearchPathPlugin
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
 
 from hlp.errors import ConfigError
 from hlp.files import config_folder
@@ -141,3 +148,47 @@ def _values(config_path: str) -> dict[str, Any] | None:
     if kind is None or name != file:
         return None
     return defaults_of(kind, None if file == "base" else name)
+
+
+# Of the run itself rather than of what it does: keys, and groups with all that is in them.
+_PLACES = re.compile(r"(output|work|experiment|data_folder)$|(hydra|reporting)\b")
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """Overrides by key, as text, and the alternative of each config group; empty from Python."""
+
+    overrides: Mapping[str, str] = field(default_factory=dict)
+    groups: Mapping[str, str] = field(default_factory=dict)
+    command: str = ""
+
+
+def chosen_by_hydra() -> Chosen:
+    """What the run that Hydra has just composed was given."""
+    hydra = HydraConfig.get()
+    given = [str(override) for override in hydra.overrides.task]
+    repeatable = (override for override in given if not override.startswith("output="))
+    return Chosen(overrides_of(given), groups_of(hydra), " ".join(["hlp run", *repeatable]))
+
+
+def overrides_of(given: Sequence[str]) -> dict[str, str]:
+    """Overrides as text by key.
+
+    Those that delete something or sweep are left out, and those that say where a run is stored.
+    """
+    return {
+        override.key_or_group: str(override.get_value_element_as_str())
+        for override in OverridesParser.create().parse_overrides([*given])
+        if not override.is_delete()
+        and not override.is_sweep_override()
+        and not _PLACES.match(override.key_or_group)
+    }
+
+
+def groups_of(hydra: HydraConf | DictConfig) -> dict[str, str]:
+    """The alternative of each of HLP's groups, from Hydra's own configuration."""
+    return {
+        str(group): str(name)
+        for group, name in hydra.runtime.choices.items()
+        if name and not str(group).startswith("hydra") and "@" not in str(group)
+    }

@@ -1,4 +1,4 @@
-"""The arms of experiment=ladder: each differs from the arm it names, from the paper to our best."""
+"""The steps of experiment=ladder, from the paper to our best: each differs from one before it."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -10,9 +10,9 @@ from hydra import compose, initialize_config_dir
 from hlp.config.build import build_settings
 from hlp.config.settings import RunSettings
 
-pytestmark = pytest.mark.slow  # forty arms are composed
+pytestmark = pytest.mark.slow  # forty steps are composed
 CONF = Path(__file__).parents[2] / "conf"
-ARMS = sorted(yaml.safe_load((CONF / "ladder.yaml").read_text()))
+STEPS = sorted(yaml.safe_load((CONF / "ladder.yaml").read_text()))
 BOARD = ("data=bop", "data.root=folder", "output=out", "hydra.mode=RUN")
 
 
@@ -22,39 +22,39 @@ def composed(*overrides: str) -> RunSettings:
 
 
 @pytest.fixture(scope="module")
-def arms() -> dict[str, RunSettings]:
-    return {name: composed("experiment=ladder", f"ladder={name}") for name in ARMS}
+def steps() -> dict[str, RunSettings]:
+    return {name: composed("experiment=ladder", f"ladder={name}") for name in STEPS}
 
 
-def test_the_sweep_runs_every_arm_once_after_the_one_it_is_compared_with(
-    arms: dict[str, RunSettings],
+def test_the_sweep_runs_every_step_once_after_the_one_it_is_compared_with(
+    steps: dict[str, RunSettings],
 ) -> None:
     experiment = yaml.safe_load((CONF / "experiment" / "ladder.yaml").read_text())
     swept = [part.strip() for part in experiment["hydra"]["sweeper"]["params"]["ladder"].split(",")]
-    assert sorted(swept) == ARMS
+    assert sorted(swept) == STEPS
     for number, name in enumerate(swept):
-        before = arms[name].arm.before
+        before = steps[name].step.before
         assert before is None if number == 0 else before in swept[:number], name
 
 
 def test_it_goes_from_the_paper_to_the_letter_over_what_was_meant_to_our_best(
-    arms: dict[str, RunSettings],
+    steps: dict[str, RunSettings],
 ) -> None:
     ways = (("literal", "paper_literal"), ("entries", "paper"), ("best", "hlp"))
     for name, method in ways:
         expected = composed(f"method={method}", "score.scenes=0").method
-        assert arms[name].method == expected, name
+        assert steps[name].method == expected, name
 
 
-def test_every_arm_changes_the_method_and_says_what(arms: dict[str, RunSettings]) -> None:
-    for name, settings in arms.items():
-        if settings.arm.before is not None:
-            assert settings.method != arms[settings.arm.before].method, name
-        assert settings.arm.change, name
-    assert len({settings.arm.change for settings in arms.values()}) == len(arms)
+def test_every_step_changes_the_method_and_says_what(steps: dict[str, RunSettings]) -> None:
+    for name, settings in steps.items():
+        if settings.step.before is not None:
+            assert settings.method != steps[settings.step.before].method, name
+        assert settings.step.change, name
+    assert len({settings.step.change for settings in steps.values()}) == len(steps)
 
 
-def test_the_last_step_is_only_about_speed(arms: dict[str, RunSettings]) -> None:
-    last, best = arms["templates"].method, arms["best"].method
+def test_the_last_step_is_only_about_speed(steps: dict[str, RunSettings]) -> None:
+    last, best = steps["templates"].method, steps["best"].method
     patches = replace(last.patches, name="hlp", grid=best.patches.grid)
     assert replace(last, patches=patches, codebook=best.codebook) == best
