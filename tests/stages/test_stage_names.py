@@ -250,7 +250,7 @@ FOUND = {"regions", "hypotheses", "poses"}
         ("hlp.refinement.pso", {"score", "poses"}),
         ("hlp.stages.trace_files", FOUND),
         ("hlp.method.settings", set()),
-        ("hlp.reporting.tables", set()),
+        ("hlp.reporting.table", set()),
         ("hlp.runs.runner", set()),
     ],
 )
