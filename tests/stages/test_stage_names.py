@@ -269,5 +269,5 @@ def test_another_version_of_a_library_changes_the_names_of_the_stages_that_use_i
         return {name: f"{v}.1" if name == "torch" else v for name, v in versions(modules).items()}
 
     monkeypatch.setattr(fingerprints, "_versions", newer)
-    edit("hlp.reporting.tables")  # clears what was read; changes nothing itself
+    edit("hlp.reporting.table")  # clears what was read; changes nothing itself
     assert changed(before, names(method_settings(), dataset)) == ALL - {"views"}
