@@ -9,20 +9,21 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hlp.method.arguments import RgbdFrame
-    from hlp.method.detector import Detector
-    from hlp.method.find.detections import (
-        Detection,
-        Rejection,
-        RunnerUp,
-        SearchResult,
-        TrackedDetection,
-        TrackingResult,
-    )
-    from hlp.method.settings import MethodSettings, TrackingSettings
-    from hlp.method.tracker import Tracker
-    from hlp.records import CameraImage, Frame, ObjectModel
-    from hlp.refinement.pose_fit import PoseFit
+    from hlp.method.arguments import RgbdFrame as RgbdFrame
+    from hlp.method.detector import Detector as Detector
+    from hlp.method.find.detections import Detection as Detection
+    from hlp.method.find.detections import Rejection as Rejection
+    from hlp.method.find.detections import RunnerUp as RunnerUp
+    from hlp.method.find.detections import SearchResult as SearchResult
+    from hlp.method.find.detections import TrackedDetection as TrackedDetection
+    from hlp.method.find.detections import TrackingResult as TrackingResult
+    from hlp.method.settings import MethodSettings as MethodSettings
+    from hlp.method.settings import TrackingSettings as TrackingSettings
+    from hlp.method.tracker import Tracker as Tracker
+    from hlp.records import CameraImage as CameraImage
+    from hlp.records import Frame as Frame
+    from hlp.records import ObjectModel as ObjectModel
+    from hlp.refinement.pose_fit import PoseFit as PoseFit
 
 __version__ = "0.3.0"
 _HOMES = {
@@ -43,23 +44,7 @@ _HOMES = {
     "TrackingSettings": "hlp.method.settings",
 }
 """Everything that stands in a public signature, and the module that it is in."""
-__all__ = [
-    "CameraImage",
-    "Detection",
-    "Detector",
-    "Frame",
-    "MethodSettings",
-    "ObjectModel",
-    "PoseFit",
-    "Rejection",
-    "RgbdFrame",
-    "RunnerUp",
-    "SearchResult",
-    "TrackedDetection",
-    "Tracker",
-    "TrackingResult",
-    "TrackingSettings",
-]
+__all__ = [*_HOMES]
 
 
 def __getattr__(name: str) -> Any:

@@ -8,11 +8,9 @@ from hlp.geometry import quaternions, rotation_distance
 from hlp.patches.sampling import join
 from hlp.records import Votes
 from hlp.voting.modes import (
-    JointModes,
     JointVotingSettings,
-    PaperModes,
+    MeanShiftModes,
     PaperVotingSettings,
-    SequentialModes,
     SequentialVotingSettings,
 )
 
@@ -92,7 +90,7 @@ def test_the_papers_modes_equal_brute_force(seed):
         (25, THERE, rotation(120, "y"), 0.004, 2.0, 1.0),
     )
     votes = join([make_votes(*groups, seed=seed), clutter(40, seed)])
-    found = PaperModes(PAPER).find(votes, CENTROID)
+    found = MeanShiftModes(PAPER).find(votes, CENTROID)
     assert len(found) == 1
     pose = found.poses_cam_obj[0]
     expected = brute_translation(votes, 0.010, 10)
@@ -104,7 +102,7 @@ def test_the_papers_modes_equal_brute_force(seed):
     assert 20 <= found.support[0] <= near.sum()
 
 
-@pytest.mark.parametrize("finder", [PaperModes(PAPER), JointModes(JOINT)])
+@pytest.mark.parametrize("finder", [MeanShiftModes(PAPER), MeanShiftModes(JOINT)])
 @pytest.mark.parametrize("quat", [(1, -1, 0, 0), (0, 1, -1, 0), (-1, 0, 0, 1)])
 def test_q_and_minus_q_are_one_rotation(finder, quat):
     # Two components of the quaternion are equally large and of opposite sign, and SciPy makes the
@@ -127,7 +125,7 @@ def two_objects():
 
 
 def test_joint_modes_pair_no_translation_with_the_rotation_of_another_hypothesis():
-    found = JointModes(JOINT).find(two_objects(), CENTROID)
+    found = MeanShiftModes(JOINT).find(two_objects(), CENTROID)
     for pose, place, turn in zip(
         found.poses_cam_obj[:2], (THERE, HERE), (rotation(100, "y"), rotation(20)), strict=True
     ):
@@ -137,7 +135,7 @@ def test_joint_modes_pair_no_translation_with_the_rotation_of_another_hypothesis
 
 
 def test_the_papers_modes_may():
-    found = PaperModes(PAPER).find(two_objects(), CENTROID)
+    found = MeanShiftModes(PAPER).find(two_objects(), CENTROID)
     np.testing.assert_allclose(voted_center(found.poses_cam_obj[0]), HERE, atol=0.003)
     apart = rotation_distance(found.poses_cam_obj[0, :3, :3], rotation(100, "y"))
     assert np.rad2deg(apart) < 1.0
@@ -162,7 +160,7 @@ def inside(votes, pose):
 def test_joint_modes_are_ranked_distinct_and_no_more_than_asked_for(hypotheses):
     votes = many_objects()
     settings = dataclasses.replace(JOINT, hypotheses=hypotheses)
-    found = JointModes(settings).find(votes, CENTROID)
+    found = MeanShiftModes(settings).find(votes, CENTROID)
     assert len(found) == hypotheses
     assert (np.diff(found.support) <= 0).all()
     for pose, support in zip(found.poses_cam_obj, found.support, strict=True):
@@ -187,25 +185,26 @@ def test_the_best_joint_mode_equals_brute_force():
             turn = Rotation.from_matrix(votes.rotations_cam_obj[near]).mean().as_matrix()
         if near.sum() > most:
             best, most = (center, turn), near.sum()
-    found = JointModes(dataclasses.replace(JOINT, mean_shift_iterations=20)).find(votes, CENTROID)
+    found = MeanShiftModes(dataclasses.replace(JOINT, mean_shift_iterations=20)).find(
+        votes, CENTROID
+    )
     np.testing.assert_allclose(voted_center(found.poses_cam_obj[0]), best[0], atol=1e-9)
     assert np.rad2deg(rotation_distance(found.poses_cam_obj[0, :3, :3], best[1])) < 0.02
     assert found.support[0] == most
 
 
-@pytest.mark.parametrize("finder", [PaperModes, JointModes])
-def test_only_the_strongest_votes_count_where_there_are_too_many(finder):
+@pytest.mark.parametrize("settings", [PAPER, JOINT])
+def test_only_the_strongest_votes_count_where_there_are_too_many(settings):
     weak = make_votes((50, HERE, rotation(20), 0.003, 1.0, 0.1))
     strong = make_votes((4, THERE, rotation(90), 0.003, 1.0, 0.9))
-    settings = PAPER if finder is PaperModes else JOINT
     votes = join([weak, strong])
-    every = finder(settings).find(votes, CENTROID)
-    few = finder(dataclasses.replace(settings, max_votes=10)).find(votes, CENTROID)
+    every = MeanShiftModes(settings).find(votes, CENTROID)
+    few = MeanShiftModes(dataclasses.replace(settings, max_votes=10)).find(votes, CENTROID)
     np.testing.assert_allclose(voted_center(every.poses_cam_obj[0]), HERE, atol=0.004)
     np.testing.assert_allclose(voted_center(few.poses_cam_obj[0]), THERE, atol=0.004)
 
 
-@pytest.mark.parametrize("finder", [PaperModes(PAPER), JointModes(JOINT)])
+@pytest.mark.parametrize("finder", [MeanShiftModes(PAPER), MeanShiftModes(JOINT)])
 def test_few_votes(finder):
     none = make_votes((0, HERE, np.eye(3), 0.0, 0.0, 1.0))
     found = finder.find(none, CENTROID)
@@ -226,7 +225,7 @@ def test_modes_are_ranked_by_the_votes_of_the_mode_not_of_the_seed():
     apart = np.linalg.norm(ball.centroids_cam[:, None] - ball.centroids_cam, axis=2)
     assert (apart <= RADIUS).sum(axis=1).max() < 16
     votes = join([make_votes((16, HERE, rotation(20), 0.001, 1.0, 1.0)), ball])
-    found = JointModes(JOINT).find(votes, CENTROID)
+    found = MeanShiftModes(JOINT).find(votes, CENTROID)
     np.testing.assert_allclose(voted_center(found.poses_cam_obj[0]), THERE, atol=0.006)
     np.testing.assert_array_equal(found.support[:2], [20.0, 16.0])
 
@@ -246,7 +245,9 @@ def test_without_shifts_the_support_of_a_mode_is_that_of_its_vote():
         best = int(np.argmax(np.where(free, support, -1.0)))
         expected.append(best)
         free &= ~agree[best]
-    found = JointModes(dataclasses.replace(JOINT, mean_shift_iterations=0)).find(votes, CENTROID)
+    found = MeanShiftModes(dataclasses.replace(JOINT, mean_shift_iterations=0)).find(
+        votes, CENTROID
+    )
     np.testing.assert_allclose(found.support, support[expected], rtol=1e-12)
     for pose, vote in zip(found.poses_cam_obj, expected, strict=True):
         np.testing.assert_allclose(voted_center(pose), votes.centroids_cam[vote], atol=1e-12)
@@ -255,7 +256,7 @@ def test_without_shifts_the_support_of_a_mode_is_that_of_its_vote():
 
 def test_threads_change_no_bit():
     votes = join([many_objects(), clutter(300)])
-    one, two = (JointModes(JOINT, threads).find(votes, CENTROID) for threads in (1, 2))
+    one, two = (MeanShiftModes(JOINT, threads).find(votes, CENTROID) for threads in (1, 2))
     np.testing.assert_array_equal(one.poses_cam_obj, two.poses_cam_obj)
     np.testing.assert_array_equal(one.support, two.support)
 
@@ -271,7 +272,7 @@ def scattered():
 
 
 def pose_of(votes, settings):
-    pose = SequentialModes(settings).find(votes, CENTROID).poses_cam_obj[0]
+    pose = MeanShiftModes(settings).find(votes, CENTROID).poses_cam_obj[0]
     return voted_center(pose), pose[:3, :3]
 
 
@@ -294,24 +295,24 @@ def test_rotations_are_those_at_the_translation_found(scattered):
     assert np.linalg.norm(center - HERE) < 0.002
     assert rotation_distance(turn, truth) < np.deg2rad(2.0)
     # Most votes of all are for 120°, so independent modes pair HERE with another place's rotation.
-    apart = PaperModes(PaperVotingSettings()).find(scattered, CENTROID).poses_cam_obj[0]
+    apart = MeanShiftModes(PaperVotingSettings()).find(scattered, CENTROID).poses_cam_obj[0]
     assert rotation_distance(apart[:3, :3], truth) > np.deg2rad(90.0)
 
 
 def test_several_poses_are_ordered_by_the_votes_that_agree_with_them(scattered):
     settings = SequentialVotingSettings(hypotheses=4)
-    found = SequentialModes(settings).find(scattered, CENTROID)
+    found = MeanShiftModes(settings).find(scattered, CENTROID)
     np.testing.assert_array_equal(found.support, [30.0, 12.0, 12.0, 12.0])
     centers = found.poses_cam_obj[:, :3, :3] @ CENTROID + found.poses_cam_obj[:, :3, 3]
     np.testing.assert_array_equal(within(centers, HERE, 0.003), [True, False, False, False])
-    every = SequentialModes(SequentialVotingSettings(hypotheses=9)).find(scattered, CENTROID)
+    every = MeanShiftModes(SequentialVotingSettings(hypotheses=9)).find(scattered, CENTROID)
     np.testing.assert_array_equal(every.support, [30.0, 12.0, 12.0, 12.0, 12.0, 10.0])
     np.testing.assert_array_equal(every.poses_cam_obj[:4], found.poses_cam_obj)
 
 
 def test_threads_change_nothing_and_no_votes_give_no_pose(scattered):
     settings = SequentialVotingSettings(hypotheses=5)
-    one, four = (SequentialModes(settings, n).find(scattered, CENTROID) for n in (1, 4))
+    one, four = (MeanShiftModes(settings, n).find(scattered, CENTROID) for n in (1, 4))
     np.testing.assert_array_equal(one.poses_cam_obj, four.poses_cam_obj)
     none = make_votes((0, HERE, np.eye(3), 0.0, 0.0, 1.0))
-    assert len(SequentialModes(settings).find(none, CENTROID)) == 0
+    assert len(MeanShiftModes(settings).find(none, CENTROID)) == 0

@@ -7,7 +7,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from jaxtyping import Float
 
-from hlp.arrays import Point, Points, Poses, Values
+from hlp.arrays import Point, Points, Values
 from hlp.geometry import quaternions, rigid, rotation_matrices
 from hlp.kernels import ThreadTeam
 from hlp.records import Hypotheses, Votes
@@ -15,6 +15,8 @@ from hlp.settings import Count, Doc, NotNegative, Positive, Registry, Settings
 from hlp.voting.mean_shift import find_modes
 
 Quaternions = Float[np.ndarray, "n 4"]
+Modes = tuple[Float[np.ndarray, "m 7"], Values]
+"""Centroids (m) with quaternions, and the weight of the votes that agree with each."""
 
 
 class ModeFinder(Protocol):
@@ -83,6 +85,16 @@ class MeanShiftSettings(Settings):
         """Of half the kernel radius for rotations: the least |dot product| of quaternions."""
         return float(np.cos(np.deg2rad(self.rotation_deg) / 2.0))
 
+    def modes(
+        self, centroids: Points, quats: Quaternions, weights: Values, team: ThreadTeam
+    ) -> Modes:
+        """The modes of some votes, best first. The team does not affect results."""
+        raise NotImplementedError
+
+    def build(self, threads: int) -> "MeanShiftModes":
+        """The mode finder. The number of `threads` does not affect results."""
+        return MeanShiftModes(self, threads)
+
 
 @VOTINGS.register
 @dataclass(frozen=True)
@@ -94,9 +106,24 @@ class PaperVotingSettings(MeanShiftSettings):
 
     name: Literal["paper"] = "paper"
 
-    def build(self, threads: int) -> "PaperModes":
-        """The mode finder; it uses one thread."""
-        return PaperModes(self)
+    def modes(
+        self, centroids: Points, quats: Quaternions, weights: Values, team: ThreadTeam
+    ) -> Modes:
+        """One: the mode of translations and that of rotations with most votes."""
+        squares = (centroids**2).sum(axis=1)
+        squared = squares[:, None] + squares - 2.0 * centroids @ centroids.T
+        support = (squared <= self.radius**2) @ weights
+        center = centroids[[int(np.argmax(support))]]
+        rotation = quats[[int(np.argmax((np.abs(quats @ quats.T) >= self.cosine) @ weights))]]
+        for _ in range(self.mean_shift_iterations):
+            inside = np.linalg.norm(center[:, None] - centroids, axis=-1) <= self.radius
+            shares = inside * weights
+            center = shares @ centroids / np.maximum(shares.sum(axis=1), 1e-12)[:, None]
+            dots = rotation @ quats.T
+            signs = np.where(dots < 0.0, -1.0, 1.0)  # of q and −q, the nearer one counts
+            total = ((np.abs(dots) >= self.cosine) * weights * signs) @ quats
+            rotation = total / np.maximum(np.linalg.norm(total, axis=1), 1e-12)[:, None]
+        return np.hstack([center, rotation]), np.array([float(support.max())])
 
 
 @VOTINGS.register
@@ -115,9 +142,24 @@ class SequentialVotingSettings(MeanShiftSettings):
         Doc("largest number of translations, of rotations at each, and of coarse poses (P: 1)"),
     ] = 1
 
-    def build(self, threads: int) -> "SequentialModes":
-        """The mode finder. The number of `threads` does not affect results."""
-        return SequentialModes(self, threads)
+    def modes(
+        self, centroids: Points, quats: Quaternions, weights: Values, team: ThreadTeam
+    ) -> Modes:
+        """Up to `hypotheses`, those with most votes that agree in both, most first."""
+        limits = self.mean_shift_iterations, self.hypotheses, team
+        places, _ = find_modes(centroids, quats, weights, self.radius**2, 0.0, *limits)
+        found, supports = [], []
+        for place in places:
+            distances = np.linalg.norm(centroids - place[:3], axis=1)
+            near = distances <= max(self.radius, float(distances.min()))
+            agreeing = centroids[near], quats[near], weights[near]
+            turns, support = find_modes(*agreeing, np.inf, self.cosine, *limits)
+            turns[:, :3] = place[:3]
+            found.append(turns)
+            supports.append(support)
+        means, support = np.concatenate(found), np.concatenate(supports)
+        order = np.argsort(-support, kind="stable")[: self.hypotheses]
+        return means[order], support[order]
 
 
 @VOTINGS.register
@@ -146,103 +188,29 @@ class JointVotingSettings(MeanShiftSettings):
         Count, Doc("largest number of coarse poses; refinement takes the best fits (D; P: 1)")
     ] = 60
 
-    def build(self, threads: int) -> "JointModes":
-        """The mode finder. The number of `threads` does not affect results."""
-        return JointModes(self, threads)
+    def modes(
+        self, centroids: Points, quats: Quaternions, weights: Values, team: ThreadTeam
+    ) -> Modes:
+        """Up to `hypotheses`, started from votes of high support."""
+        limits = self.mean_shift_iterations, self.hypotheses, team
+        return find_modes(centroids, quats, weights, self.radius**2, self.cosine, *limits)
 
 
-class PaperModes:
-    """Independent mean shifts of translations and rotations, joined to one pose (paper, 3.2)."""
+class MeanShiftModes:
+    """Coarse poses at the modes of the heaviest votes, as the settings find them."""
 
-    def __init__(self, settings: PaperVotingSettings) -> None:
-        self.settings = settings
-
-    def find(self, votes: Votes, centroid_obj: Point) -> Hypotheses:
-        """At most one hypothesis: the translation mode and the rotation mode with most votes."""
-        if len(votes) == 0:
-            return _no_hypotheses()
-        settings = self.settings
-        centroids, quats, weights = _heaviest_votes(votes, settings.max_votes)
-        squares = (centroids**2).sum(axis=1)
-        squared = squares[:, None] + squares - 2.0 * centroids @ centroids.T
-        support = (squared <= settings.radius**2) @ weights
-        center = centroids[[int(np.argmax(support))]]
-        rotation = quats[[int(np.argmax((np.abs(quats @ quats.T) >= settings.cosine) @ weights))]]
-        for _ in range(settings.mean_shift_iterations):
-            inside = np.linalg.norm(center[:, None] - centroids, axis=-1) <= settings.radius
-            shares = inside * weights
-            center = shares @ centroids / np.maximum(shares.sum(axis=1), 1e-12)[:, None]
-            dots = rotation @ quats.T
-            signs = np.where(dots < 0.0, -1.0, 1.0)  # of q and −q, the nearer one counts
-            total = ((np.abs(dots) >= settings.cosine) * weights * signs) @ quats
-            rotation = total / np.maximum(np.linalg.norm(total, axis=1), 1e-12)[:, None]
-        poses = _centred_poses(center, rotation, centroid_obj)
-        return Hypotheses(poses, np.array([float(support.max())]))
-
-
-class SequentialModes:
-    """Modes of the centroids; for each, modes of the rotations of the votes that agree with it."""
-
-    def __init__(self, settings: SequentialVotingSettings, threads: int = 1) -> None:
+    def __init__(self, settings: MeanShiftSettings, threads: int = 1) -> None:
         self.settings = settings
         self._team = ThreadTeam(threads)
 
     def find(self, votes: Votes, centroid_obj: Point) -> Hypotheses:
-        """Up to `hypotheses` poses, those with most votes that agree in both, most first."""
+        """Hypotheses that place the object's centroid at the modes; none without votes."""
         if len(votes) == 0:
-            return _no_hypotheses()
-        settings = self.settings
-        limits = settings.mean_shift_iterations, settings.hypotheses, self._team
-        centroids, quats, weights = _heaviest_votes(votes, settings.max_votes)
-        places, _ = find_modes(centroids, quats, weights, settings.radius**2, 0.0, *limits)
-        found, supports = [], []
-        for place in places:
-            distances = np.linalg.norm(centroids - place[:3], axis=1)
-            near = distances <= max(settings.radius, float(distances.min()))
-            agreeing = centroids[near], quats[near], weights[near]
-            turns, support = find_modes(*agreeing, np.inf, settings.cosine, *limits)
-            turns[:, :3] = place[:3]
-            found.append(turns)
-            supports.append(support)
-        means, support = np.concatenate(found), np.concatenate(supports)
-        order = np.argsort(-support, kind="stable")[: settings.hypotheses]
-        poses = _centred_poses(means[order, :3], means[order, 3:], centroid_obj)
-        return Hypotheses(poses, support[order])
-
-
-class JointModes:
-    """Mean shift with a flat kernel in translation × rotation, started from votes of high support.
-
-    The result does not depend on the number of `threads`.
-    """
-
-    def __init__(self, settings: JointVotingSettings, threads: int = 1) -> None:
-        self.settings = settings
-        self._team = ThreadTeam(threads)
-
-    def find(self, votes: Votes, centroid_obj: Point) -> Hypotheses:
-        """Up to `hypotheses` modes, ordered by the weight of the votes within the kernel."""
-        if len(votes) == 0:
-            return _no_hypotheses()
-        settings = self.settings
-        heaviest = _heaviest_votes(votes, settings.max_votes)
-        limits = settings.mean_shift_iterations, settings.hypotheses, self._team
-        means, support = find_modes(*heaviest, settings.radius**2, settings.cosine, *limits)
-        return Hypotheses(_centred_poses(means[:, :3], means[:, 3:], centroid_obj), support)
-
-
-def _no_hypotheses() -> Hypotheses:
-    return Hypotheses(np.zeros((0, 4, 4)), np.zeros(0))
-
-
-def _heaviest_votes(votes: Votes, limit: int) -> tuple[Points, Quaternions, Values]:
-    """Centroids (m), quaternions and weights of the `limit` votes of largest weight."""
-    rows = np.argsort(-votes.weights, kind="stable")[:limit]
-    rotations = votes.rotations_cam_obj[rows]
-    return votes.centroids_cam[rows], quaternions(rotations), votes.weights[rows]
-
-
-def _centred_poses(centers: Points, quats: Quaternions, centroid_obj: Point) -> Poses:
-    """Poses that place the object's centroid at the centres."""
-    rotations = rotation_matrices(quats)
-    return rigid(rotations, centers - rotations @ centroid_obj)
+            return Hypotheses(np.zeros((0, 4, 4)), np.zeros(0))
+        rows = np.argsort(-votes.weights, kind="stable")[: self.settings.max_votes]
+        quats = quaternions(votes.rotations_cam_obj[rows])
+        means, support = self.settings.modes(
+            votes.centroids_cam[rows], quats, votes.weights[rows], self._team
+        )
+        rotations = rotation_matrices(means[:, 3:])
+        return Hypotheses(rigid(rotations, means[:, :3] - rotations @ centroid_obj), support)

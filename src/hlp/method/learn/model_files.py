@@ -2,7 +2,7 @@
 
 import csv
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -60,15 +60,9 @@ def write_model(folder: Path, model: ObjectModel) -> None:
         grid = color_grid(model.mesh)
         cells: dict[str, Any] = {"colors": grid.colors, "corner": grid.corner, "cell": grid.cell}
         np.savez_compressed(folder / _COLORS, **cells)
-    content = {
-        "id": model.object_id,
-        "name": model.name,
-        "colored": model.mesh.colored,
-        "diameter": model.diameter,
-        "holistic_size": model.holistic_size,
-        "local_size": model.local_size,
-    }
-    write_json(folder / _OBJECT, content)
+    sizes = model.diameter, model.holistic_size, model.local_size
+    stated = _LearntObject(model.object_id, model.name, model.mesh.colored, *sizes)
+    write_json(folder / _OBJECT, asdict(stated))
 
 
 def read_model(folder: Path) -> ObjectModel:
