@@ -2,6 +2,7 @@
 
 import dataclasses
 import shutil
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from hlp.errors import DataError
 from hlp.method.find.trace import STAGES
 from hlp.method.learn.model_files import read_history, read_weights
 from hlp.runs.runner import stages_of
-from hlp.stages.frame_task import FrameTask, Worker, render_in_workers
+from hlp.stages.frame_task import Worker, render_in_workers
 from hlp.stages.store import StageStore
 from hlp.stages.trace_files import read_arrays
 
@@ -82,7 +83,7 @@ def test_a_worker_of_other_data_finds_nothing(tiny_run, work, tmp_path):
     detection = detection_of(tiny_run, work, "executor=loky")
     right = Worker.of(detection.training, detection.executor)
     other = dataclasses.replace(right, made_from={**right.made_from, "frames": "others"})
-    wrong = FrameTask(other, {"regions": tmp_path}, ("regions",))
+    wrong = partial(other.find, {"regions": tmp_path}, ("regions",))
     with pytest.raises(DataError, match="does not have the same frames as the run"):
         wrong(detection.keys[0])
     assert not list(tmp_path.glob("*.npz"))

@@ -1,12 +1,13 @@
 """A worker's networks are those of the run that sends it frames."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
 
 from fake_detection import KEYS, FakeEstimator, fake_dataset, method_settings
 from hlp.stages import detection, frame_task
-from hlp.stages.frame_task import FrameTask, Worker, what_makes
+from hlp.stages.frame_task import Worker, what_makes
 from hlp.stages.store import Output
 
 SETTINGS = method_settings()
@@ -18,7 +19,7 @@ def task_of(work, classifier):
     data = DATA
     made_from = what_makes(fake_dataset())
     worker = Worker(data, SETTINGS, work, made_from, learnt)
-    return FrameTask(worker, {"regions": work}, ("regions",))
+    return partial(worker.find, {"regions": work}, ("regions",))
 
 
 DATA = SimpleNamespace(build=fake_dataset)

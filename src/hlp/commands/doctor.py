@@ -94,11 +94,6 @@ _LAYOUT = (
 )
 
 
-def examine_machine(cache: Path) -> list[Finding]:
-    """Libraries, threads and disk."""
-    return [*check_libraries(), *check_threads(), *check_disk(cache)]
-
-
 def examine_learnt(folder: Path) -> tuple[Detector | None, list[Finding]]:
     """Learnt objects, all loaded; None if they cannot be."""
     try:
@@ -186,7 +181,7 @@ def doctor(arguments: Sequence[str]) -> None:
     known = [*own.field_names(FrameFiles), "data", "learnt", "output", "work"]
     own.check_known(given, known, "doctor")
     cache = cache_folder(given.get("work"))
-    findings = examine_machine(cache)
+    findings = [*check_libraries(), *check_threads(), *check_disk(cache)]
     print("machine   " + "\n          ".join(describe_machine()))
     detector = None
     if "learnt" in given:

@@ -7,16 +7,15 @@ call with the same request continues after them.
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from itertools import takewhile
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
-from filelock import FileLock, Timeout
 
-from hlp.errors import DataError, InputError
-from hlp.files import POSES, read_csv, replaced, write_csv, write_text
+from hlp.errors import DataError
+from hlp.files import POSES, locked, read_csv, replaced, write_csv, write_text
 from hlp.geometry import rigid
 from hlp.records import MILLIMETRES_PER_METRE, PoseEstimate, TargetScore
 
@@ -175,13 +174,10 @@ class AnswersFile:
     def __init__(self, folder: Path, request: str = "") -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self._folder = folder
-        self._lock = FileLock(folder / _LOCK)  # released by the system if the process dies
-        try:
-            self._lock.acquire(timeout=0)
-        except Timeout as error:
-            raise InputError(
-                f"another process writes into {folder}: wait for it, or name another folder"
-            ) from error
+        self._opened = ExitStack()
+        self._opened.callback((folder / _LOCK).unlink, missing_ok=True)
+        problem = f"another process writes into {folder}: wait for it, or name another folder"
+        self._opened.enter_context(locked(folder / _LOCK, problem))
         kept, rows = self._kept(request)
         self.answered = {_ids(answer): "error" not in answer for answer in kept}
         (folder / JSON).unlink(missing_ok=True)
@@ -189,27 +185,19 @@ class AnswersFile:
         write_text(folder / LINES, "".join(f"{json.dumps(answer)}\n" for answer in kept))
         write_text(folder / POSES, "".join([",".join(POSE_COLUMNS) + "\n", *self._own(rows)]))
         write_text(folder / _REQUEST, request)
-        self._csv = (folder / POSES).open("a", encoding="utf-8")
-        self._lines = (folder / LINES).open("a", encoding="utf-8")
+        self._csv, self._lines = (
+            self._opened.enter_context((folder / name).open("a", encoding="utf-8"))
+            for name in (POSES, LINES)
+        )
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._csv.close()
-        self._lines.close()
-        try:
-            if error is None:
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
+        with self._opened:
+            if kind is None:
                 self._write_json()
                 (self._folder / _REQUEST).unlink(missing_ok=True)
-        finally:
-            self._lock.release()
-            (self._folder / _LOCK).unlink(missing_ok=True)
 
     def add(self, answer: Mapping[str, Any], estimate: PoseEstimate | None) -> None:
         """Add one answer as a line of JSON and, if it is an `estimate`, as a row of the CSV."""

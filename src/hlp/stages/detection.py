@@ -4,7 +4,7 @@ import logging
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -190,10 +190,10 @@ class DetectionStages:
         left = [key for key in keys if not done[key]]
         found: Iterable[tuple[str, Seconds]]
         if self.executor is not None and self.executor.parallel and left:
-            from hlp.stages.frame_task import FrameTask, Worker
+            from hlp.stages.frame_task import Worker
 
             worker = Worker.of(self.training, self.executor, self.on_bad_frame)
-            found = self.executor.each(FrameTask(worker, folders, tuple(missing)), left)
+            found = self.executor.each(partial(worker.find, folders, tuple(missing)), left)
         else:
             found = ((key, self.find(key, folders, missing)) for key in left)
         for key, seconds in found:

@@ -1,7 +1,7 @@
 """Frames and views by a worker. It is sent settings and folders, and reads the images."""
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -81,6 +81,17 @@ class Worker:
             _KEPT.detection, _KEPT.worker = kept, self
         return kept
 
+    def find(
+        self, folders: Mapping[Stage, Path], missing: Sequence[Stage], key: str
+    ) -> tuple[str, Seconds]:
+        """Write a frame's files of missing stages; its key and the time of each object's steps."""
+        return key, self.stages().find(key, folders, missing)
+
+    def render(self, key: str) -> str:
+        """Put the views of the object with this id into the store; return the id."""
+        self.stages().training.views(int(key))
+        return key
+
 
 def what_makes(dataset: Dataset) -> dict[str, Any]:
     """What must be equal for results to be equal: versions, code and data."""
@@ -92,36 +103,11 @@ def what_makes(dataset: Dataset) -> dict[str, Any]:
     }
 
 
-@dataclass(frozen=True)
-class FrameTask:
-    """Writing the `missing` stages' files of frames into their `folders`."""
-
-    worker: Worker
-    folders: Mapping[Stage, Path]
-    missing: tuple[Stage, ...]
-
-    def __call__(self, key: str) -> tuple[str, Seconds]:
-        """Write a frame's files; return its key and the time of each object's steps."""
-        return key, self.worker.stages().find(key, self.folders, self.missing)
-
-
-@dataclass(frozen=True)
-class ViewTask:
-    """Rendering views into the store."""
-
-    worker: Worker
-
-    def __call__(self, key: str) -> str:
-        """Put the views of the object with this id into the store; return the id."""
-        self.worker.stages().training.views(int(key))
-        return key
-
-
 def render_in_workers(training: TrainingStages, executor: ExecutorSettings) -> None:
     """Have missing views rendered by the executor's workers. The serial executor has none."""
     missing = [str(object_id) for object_id in training.missing_views()]
     if not executor.parallel or not missing:
         return
-    done = executor.each(ViewTask(Worker.of(training, executor)), missing)
+    done = executor.each(Worker.of(training, executor).render, missing)
     for key in tqdm(done, desc="views", unit="object", total=len(missing), disable=None):
         training.take_views(int(key))

@@ -6,19 +6,17 @@ work/search/<space>_<digest>/0, 1, …    the trials' results
 
 import logging
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from annotated_types import Ge
-from filelock import FileLock, Timeout
 
 from hlp.config.build import Run, with_changed_run
 from hlp.config.settings import TASKS
-from hlp.errors import ConfigError, InputError, MissingDependencyError, is_expected
-from hlp.files import SCORES, write_json
+from hlp.errors import ConfigError, MissingDependencyError, is_expected
+from hlp.files import SCORES, locked, write_json
 from hlp.method.find.estimator import derive_seed
 from hlp.reporting.comparison import read_targets
 from hlp.reporting.figures import save_figure
@@ -98,7 +96,8 @@ def run_search(run: Run, task: SearchSettings, output: Path) -> dict[str, Any]:
         for value in _ends(distribution):  # if they are accepted, all others are
             with_changed_run(run, nested({key: value}))
     folder = Path(run.settings.work).absolute() / "search" / _study_name(run, task)
-    with _only_one(folder):
+    folder.mkdir(parents=True, exist_ok=True)
+    with locked(folder / "study.lock", f"another process works on the search in {folder}"):
         study = _open(folder, run.settings.seed, own)
         resumed = study.user_attrs.get(_RUN_ID)
         with study_run(run, output, resumed) as (_, tracker):
@@ -143,15 +142,6 @@ def _study_name(run: Run, task: SearchSettings) -> str:
     code = study_code(__name__, *chosen, run.dataset.frames)
     digest = fingerprint("search", code, run.settings.seed, settings, upstream)
     return f"{task.space.name}_{digest}"
-
-
-def _only_one(folder: Path) -> AbstractContextManager[object]:
-    """Held while a process works on the search in a folder."""
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        return FileLock(folder / "study.lock").acquire(timeout=0)
-    except Timeout as error:
-        raise InputError(f"another process works on the search in {folder}") from error
 
 
 def _open(folder: Path, seed: int, own: Mapping[str, Any]) -> "Study":

@@ -16,7 +16,6 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
@@ -24,7 +23,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from hlp.config.composition import chosen_by_hydra, groups_of, overrides_of
 from hlp.errors import DataError, HlpError, InputError, MissingFileError
-from hlp.files import SWEEP, read_json, write_json
+from hlp.files import SWEEP, locked, read_json, write_json
 from hlp.reporting.mlflow.pages import experiment_tags, short_name
 from hlp.reporting.mlflow.run import MlflowRun
 from hlp.reporting.mlflow.tracking import ChildRun, MlflowSettings, as_child_run, track_run
@@ -58,10 +57,7 @@ def _open_sweep(config: DictConfig) -> None:
 
     folder = Path(config.hydra.sweep.dir).absolute()
     folder.mkdir(parents=True, exist_ok=True)
-    try:
-        _OPEN.enter_context(FileLock(folder / LOCK).acquire(timeout=0))
-    except Timeout as error:
-        raise InputError(f"another sweep is writing into {folder}") from error
+    _OPEN.enter_context(locked(folder / LOCK, f"another sweep is writing into {folder}"))
     overrides = [word for word in config.hydra.overrides.task if not word.startswith("output=")]
     swept = _swept_keys(config)
     command = " ".join(["hlp -m", *overrides])
@@ -218,13 +214,11 @@ def _read(folder: Path) -> dict[str, Any]:
 
 
 def _is_running(folder: Path) -> bool:
-    lock = FileLock(folder / LOCK)
     try:
-        lock.acquire(timeout=0)
-    except Timeout:
+        with locked(folder / LOCK, "it is running"):
+            return False
+    except InputError:
         return True
-    lock.release()
-    return False
 
 
 def _swept_keys(config: DictConfig) -> list[str]:

@@ -6,7 +6,7 @@ import os
 import re
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -81,28 +81,27 @@ class MlflowRun:
                 )
                 return call(self.place.client, self.place.run_id)
 
-    def send_entities(self, kind: str, entities: Sequence[Any]) -> None:
-        """Log `metrics`, `params` or `tags` as MLflow's entities, as many at once as it takes."""
-        for start in range(0, len(entities), _AT_ONCE[kind]):
-            part = {kind: entities[start : start + _AT_ONCE[kind]]}
+    def log_entities(self, kind: str, fields: Iterable[tuple[Any, ...]]) -> None:
+        """Log `metrics`, `params` or `tags`, given the fields of each of MLflow's entities."""
+        if self.place is None:
+            return
+        from mlflow import entities
+
+        of = {"metrics": entities.Metric, "params": entities.Param, "tags": entities.RunTag}
+        made = [of[kind](*own) for own in fields]
+        for start in range(0, len(made), _AT_ONCE[kind]):
+            part = {kind: made[start : start + _AT_ONCE[kind]]}
             self.send(partial(_log_batch, part))
 
     def log_metrics(self, metrics: Mapping[str, float | None], step: int = 0) -> None:
         """Log several numbers in one call, e.g. `add`; None (not measured) is left out."""
-        self._log_numbers([(name, value, step) for name, value in metrics.items()])
+        known = {name: value for name, value in metrics.items() if value is not None}
+        self._log_numbers((name, value, step) for name, value in known.items())
 
-    def _log_numbers(self, numbers: Sequence[tuple[str, float | None, int]]) -> None:
-        if self.place is None:
-            return
-        from mlflow.entities import Metric
-
+    def _log_numbers(self, numbers: Iterable[tuple[str, float, int]]) -> None:
         now = int(time.time() * 1000)
-        entities = [
-            Metric(metric_name(name), float(value), now, step)
-            for name, value, step in numbers
-            if value is not None
-        ]
-        self.send_entities("metrics", entities)
+        fields = ((metric_name(name), float(value), now, step) for name, value, step in numbers)
+        self.log_entities("metrics", fields)
 
     def log_training(
         self, stage: str, fingerprint: str, rows: Sequence[Mapping[str, float]]
@@ -116,12 +115,9 @@ class MlflowRun:
         tag = f"trained.{stage}"
         found = self.send(lambda client, _: _run_with(client, tag, fingerprint))
         if found is None:
+            epochs = enumerate(rows)
             self._log_numbers(
-                [
-                    (f"{stage}/{name}", value, epoch)
-                    for epoch, row in enumerate(rows)
-                    for name, value in row.items()
-                ]
+                (f"{stage}/{name}", v, i) for i, row in epochs for name, v in row.items()
             )
             self.set_tags({tag: fingerprint})
             return ""
@@ -133,22 +129,12 @@ class MlflowRun:
 
     def log_params(self, params: Mapping[str, Any]) -> None:
         """Log parameters; nested ones are flattened, long values are cut at MLflow's limit."""
-        if self.place is None:
-            return
-        from mlflow.entities import Param
-
         flat = flatten(params).items()
-        values = [Param(metric_name(name), str(value)[:_LONGEST_VALUE]) for name, value in flat]
-        self.send_entities("params", values)
+        self.log_entities("params", ((metric_name(k), str(v)[:_LONGEST_VALUE]) for k, v in flat))
 
     def set_tags(self, tags: Mapping[str, str]) -> None:
         """Set tags; long values are cut at MLflow's limit."""
-        if self.place is None:
-            return
-        from mlflow.entities import RunTag
-
-        values = [RunTag(metric_name(k), v[:_LONGEST_TAG]) for k, v in tags.items()]
-        self.send_entities("tags", values)
+        self.log_entities("tags", ((metric_name(k), v[:_LONGEST_TAG]) for k, v in tags.items()))
 
     def describe(self, markdown: str) -> None:
         """Set the run's description."""

@@ -113,22 +113,16 @@ def track_run(
         return
     with _errors_named(settings.uri):
         child = _CHILD.get()
-        opening = _Opening(settings, run_name, tags or {}, page, resume, child)
-        run, logged = opening.open()
+        run, logged = _Opening(settings, run_name, tags or {}, page, resume, child).open()
         try:
             chosen = {**(child.swept if child else {}), **(params or {})}
             # MLflow lets no parameter be changed.
-            new = {name: v for name, v in chosen.items() if metric_name(name) not in logged}
-            run.log_params(new)
-            whole = dict(config)
-            run.send(lambda client, run_id: client.log_dict(run_id, whole, "config.yaml"))
+            run.log_params({k: v for k, v in chosen.items() if metric_name(k) not in logged})
+            run.send(lambda client, run_id: client.log_dict(run_id, dict(config), "config.yaml"))
             yield run
             run.send(lambda client, run_id: client.set_terminated(run_id, "FINISHED"))
-        except Exception as error:
-            _close(run, "FAILED", error)
-            raise
-        except BaseException:  # Ctrl-C, or an end asked for
-            _close(run, "KILLED")
+        except BaseException as error:
+            _close(run, error)
             raise
 
 
@@ -192,16 +186,18 @@ def _errors_named(uri: str) -> Iterator[None]:
         raise DataError(f"MLflow at {uri} failed: {reason(error)}") from error
 
 
-def _close(run: MlflowRun, status: str, error: Exception | None = None) -> None:
-    """End a run that did not end well. If MLflow fails too, only the log says so."""
+def _close(run: MlflowRun, error: BaseException) -> None:
+    """End a run that failed, or was killed by Ctrl-C. If MLflow fails too, only the log says so."""
+    failed = isinstance(error, Exception)
     try:
-        if error is not None:
+        if failed:
             words, trace = f"{type(error).__name__}: {error}"[:500], traceback.format_exc()
             run.send(lambda client, run_id: client.set_tag(run_id, "error", words))
             run.send(lambda client, run_id: client.log_text(run_id, trace, "traceback.txt"))
+        status = "FAILED" if failed else "KILLED"
         run.send(lambda client, run_id: client.set_terminated(run_id, status))
     except Exception as second:
-        if error is None and not is_expected(second):
+        if not failed and not is_expected(second):
             raise
         logging.getLogger(__name__).warning("MLflow cannot be told: %s", reason(second))
 

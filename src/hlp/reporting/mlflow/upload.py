@@ -108,13 +108,12 @@ def _send(
 
 def _send_values(kept: "MlflowClient", run: "Run", target: MlflowRun) -> None:
     """Parameters, data sets, and metrics with all their steps."""
-    from mlflow.entities import Param
-
     known = target.send(lambda client, run_id: client.get_run(run_id).data.params) or {}
-    params = [Param(name, value) for name, value in run.data.params.items() if name not in known]
-    target.send_entities("params", params)
+    params = run.data.params.items()
+    target.log_entities("params", ((name, value) for name, value in params if name not in known))
     histories = (kept.get_metric_history(run.info.run_id, name) for name in run.data.metrics)
-    target.send_entities("metrics", [metric for history in histories for metric in history])
+    metrics = (metric for history in histories for metric in history)
+    target.log_entities("metrics", ((m.key, m.value, m.timestamp, m.step) for m in metrics))
     inputs = run.inputs.dataset_inputs if run.inputs is not None else []
     if inputs:
         target.send(lambda client, run_id: client.log_inputs(run_id, datasets=inputs))
