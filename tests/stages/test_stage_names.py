@@ -14,7 +14,7 @@ from hlp import fingerprints
 from hlp.config.build import build_settings
 from hlp.stages import detection
 from hlp.stages.detection import DetectionStages
-from hlp.stages.store import Opened, StageStore
+from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
 
 CHOICES = (
@@ -34,7 +34,7 @@ class NothingIsMade(StageStore):
 
     @contextmanager
     def open(self, stage, fingerprint, *_, **__):
-        yield Opened(self.root / stage / fingerprint, True)
+        yield self.root / stage / fingerprint, True
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -9,7 +9,6 @@ from typing import Any
 from tqdm import tqdm
 
 from hlp.config.build import Run, sampled_keys
-from hlp.method.find.search import search_frame
 from hlp.method.find.trace import STAGES, STEPS
 from hlp.records import PoseEstimate
 from hlp.stages.detection import DetectionStages, Seconds, seconds_of
@@ -73,11 +72,11 @@ def measure_times(
     sound = tuple(key for key in run.keys if key not in detection.failed)
     keys = sampled_keys(sound, run.settings.timing_frames)
     begun = time.perf_counter()
-    _look(run, detection, keys[0])  # loads and compiles
+    _look(detection, keys[0])  # loads and compiles
     first_use = time.perf_counter() - begun
     seconds, cpu = list[Mapping[str, float]](), 0.0
     for key in tqdm(keys, desc="times", unit="frame", disable=None):
-        found, spent = _look(run, detection, key)
+        found, spent = _look(detection, key)
         seconds += found.values()
         cpu += spent
     reused = tuple(stage for stage in STAGES if stage in detection.reused)
@@ -86,14 +85,10 @@ def measure_times(
     return Timing(seconds, len(keys), reused, first_use, cpu, _load())
 
 
-def _look(run: Run, detection: DetectionStages, key: str) -> tuple[Seconds, float]:
+def _look(detection: DetectionStages, key: str) -> tuple[Seconds, float]:
     """Find every object of one frame; the seconds of its steps, by object, and CPU seconds."""
-    frame = detection.load(key)
-    begun, busy = time.perf_counter(), time.process_time()
-    estimator, counts = detection.estimator, run.dataset.instances_to_find(frame)
-    context = estimator.prepare(frame)
-    found = search_frame(estimator, context, counts, by_threads=False, begun=begun)
-    return seconds_of(found), time.process_time() - busy
+    frame, begun = detection.load(key), time.process_time()
+    return seconds_of(detection.search(frame)), time.process_time() - begun
 
 
 def _load() -> float:

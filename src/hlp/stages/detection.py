@@ -105,8 +105,8 @@ class DetectionStages:
                 stage: stacks[stage].enter_context(self.store.open(stage, name, description))
                 for stage, (name, description) in described.items()
             }
-            folders = {stage: output.folder for stage, output in opened.items()}
-            missing = [stage for stage, output in opened.items() if not output.finished]
+            folders = {stage: folder for stage, (folder, _) in opened.items()}
+            missing = [stage for stage, (_, finished) in opened.items() if not finished]
             self.reused |= opened.keys() - {*missing} - self.made.keys()
             bar = " + ".join(missing) or "frames"
             keys = self._process(folders, missing)

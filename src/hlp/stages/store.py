@@ -67,14 +67,6 @@ class Output:
     folder: Path
 
 
-@dataclass(frozen=True)
-class Opened:
-    """An output's folder: `finished`, or to be made now."""
-
-    folder: Path
-    finished: bool
-
-
 class StageStore:
     """Makes each stage output once and returns its folder.
 
@@ -102,16 +94,16 @@ class StageStore:
         `make` is called with a folder to write into; for the rest see `open`. Raises what `make`
         and `open` raise.
         """
-        with self.open(stage, fingerprint, description, of) as opened:
-            if not opened.finished:
-                make(opened.folder)
+        with self.open(stage, fingerprint, description, of) as (partial, finished):
+            if not finished:
+                make(partial)
         return self.root / stage / fingerprint
 
     @contextmanager
     def open(
         self, stage: str, fingerprint: str, description: Mapping[str, Any], of: str = ""
-    ) -> Iterator[Opened]:
-        """A stage's output: finished, or a folder to make it in.
+    ) -> Iterator[tuple[Path, bool]]:
+        """The folder of a stage's output, and whether it is finished; else it is made in there.
 
         What is made gets its final name when the block ends, so nobody sees a partial output. After
         an error or an interruption it stays as `<fingerprint>.partial`, and the next run that makes
@@ -130,11 +122,11 @@ class StageStore:
                 if not self.holds(stage, fingerprint):  # by now
                     _set_aside(folder)
                     with self._making(folder, description) as partial:
-                        yield Opened(partial, False)
+                        yield partial, False
                     self._note(folder, of, reused=False)
                     return
         self._note(folder, of, reused=True)
-        yield Opened(folder, True)
+        yield folder, True
 
     def holds(self, stage: str, fingerprint: str) -> bool:
         """Whether an output is finished and undamaged."""

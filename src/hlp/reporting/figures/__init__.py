@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-from jaxtyping import UInt8
+
+from hlp.arrays import Rgb
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,7 +41,6 @@ def svg_in_base64(figure: "Figure") -> str:
     return base64.b64encode(stream.getvalue()).decode("ascii")
 
 
-Image = UInt8[np.ndarray, "h w 3"]
 Color = tuple[int, int, int]
 
 TITLE_HEIGHT, LEGEND_HEIGHT = 26, 20
@@ -49,7 +49,7 @@ _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _PAD, _SMALL = 8, 0.42
 
 
-def titled(picture: Image, title: str, scale: float = 0.5) -> Image:
+def titled(picture: Rgb, title: str, scale: float = 0.5) -> Rgb:
     """The picture below a bar with its title (ASCII), which is made narrower if it is too long."""
     width = picture.shape[1]
     bar = np.full((round(TITLE_HEIGHT / 0.5 * scale), width, 3), _DARK, dtype=np.uint8)
@@ -58,7 +58,7 @@ def titled(picture: Image, title: str, scale: float = 0.5) -> Image:
     return np.vstack([bar, picture])
 
 
-def with_legend(picture: Image, entries: Sequence[tuple[str, Color]]) -> Image:
+def with_legend(picture: Rgb, entries: Sequence[tuple[str, Color]]) -> Rgb:
     """The picture above a bar with coloured squares and their meanings."""
     bar = np.full((LEGEND_HEIGHT, picture.shape[1], 3), _DARK, dtype=np.uint8)
     x = _PAD
@@ -68,7 +68,7 @@ def with_legend(picture: Image, entries: Sequence[tuple[str, Color]]) -> Image:
     return np.vstack([picture, bar])
 
 
-def with_scale(picture: Image, color_map: int, high: str) -> Image:
+def with_scale(picture: Rgb, color_map: int, high: str) -> Rgb:
     """The picture above a bar with a colour map's colours, from 0 to `high`."""
     bar = np.full((LEGEND_HEIGHT, picture.shape[1], 3), _DARK, dtype=np.uint8)
     left, length = write_words(bar, "0", (_PAD, 14)) + 8, picture.shape[1] // 4
@@ -86,7 +86,7 @@ def size_of(words: str, scale: float = _SMALL) -> tuple[int, int]:
 
 
 def write_words(
-    picture: Image,
+    picture: Rgb,
     words: str,
     place: tuple[int, int],
     scale: float = _SMALL,

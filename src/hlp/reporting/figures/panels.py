@@ -8,17 +8,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Float
 
+from hlp.arrays import CameraMatrix, Mask, Pose, Positions, Rgb
 from hlp.files import replaced
 from hlp.geometry import project, transform
 from hlp.records import Frame, ObjectModel, Votes
 from hlp.rendering.rasterizer import FRONTAL_LIGHT, render_depth, render_rgbd
-
-Image = UInt8[np.ndarray, "h w 3"]
-Pose = Float[np.ndarray, "4 4"]
-Camera = Float[np.ndarray, "3 3"]
-Color = tuple[int, int, int]
+from hlp.reporting.figures import Color
 
 VOTE_CELL = 8  # px, as in the paper
 JPEG_QUALITY = 85
@@ -31,22 +28,22 @@ AXIS_COLORS = ((240, 60, 60), (70, 220, 70), (80, 130, 255))
 _SUBPIXEL = 4  # bits of OpenCV's fixed-point coordinates
 
 
-def write_picture(path: Path, image: Image) -> None:
+def write_picture(path: Path, image: Rgb, jpeg_quality: int = JPEG_QUALITY) -> None:
     """Write an RGB image, of the format of its name. Raises OSError naming an unwritable path."""
     bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    quality = [] if path.suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+    quality = [] if path.suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality]
     _, encoded = cv2.imencode(path.suffix, bgr, quality)
     with replaced(path) as stream:
         stream.write(encoded.tobytes())
 
 
-def draw_region(rgb: Image, mask: Bool[np.ndarray, "h w"]) -> Image:
+def draw_region(rgb: Rgb, mask: Mask) -> Rgb:
     """The picture with the region outlined and everything outside it darkened."""
     picture = np.where(mask[..., None], rgb, rgb // 3).astype(np.uint8)
     return outline(picture, mask, REGION_COLOR)
 
 
-def draw_patches(rgb: Image, pixels: Float[np.ndarray, "n 2"]) -> Image:
+def draw_patches(rgb: Rgb, pixels: Positions) -> Rgb:
     """A dot at the centre of every accepted local patch, on the darkened picture."""
     picture = _grey(rgb, 0.7)
     for center in _fixed_point(pixels):
@@ -55,7 +52,7 @@ def draw_patches(rgb: Image, pixels: Float[np.ndarray, "n 2"]) -> Image:
 
 
 def weight_by_cell(
-    votes: Votes, camera_matrix: Camera, shape: tuple[int, int]
+    votes: Votes, camera_matrix: CameraMatrix, shape: tuple[int, int]
 ) -> Float[np.ndarray, "rows columns"]:
     """Weight of the votes for the centroid in each cell of 8×8 px of the image.
 
@@ -72,7 +69,7 @@ def weight_by_cell(
     return sums.reshape(rows, columns)
 
 
-def draw_votes(frame: Frame, votes: Votes, model: ObjectModel, true_pose: Pose | None) -> Image:
+def draw_votes(frame: Frame, votes: Votes, model: ObjectModel, true_pose: Pose | None) -> Rgb:
     """Cells coloured by the weight of their votes, dark for little; a ring marks the truth."""
     height, width = frame.depth.shape
 
@@ -92,9 +89,7 @@ def draw_votes(frame: Frame, votes: Votes, model: ObjectModel, true_pose: Pose |
     return picture
 
 
-def draw_poses(
-    frame: Frame, model: ObjectModel, pose: Pose | None, true_pose: Pose | None
-) -> Image:
+def draw_poses(frame: Frame, model: ObjectModel, pose: Pose | None, true_pose: Pose | None) -> Rgb:
     """Shaded model, outline and axes over the grey picture; the true pose as an outline only."""
     picture = _grey(frame.rgb, 0.8)
     camera, shape = frame.camera_matrix, frame.depth.shape
@@ -107,15 +102,15 @@ def draw_poses(
     return picture if pose is None else _draw_axes(picture, model, pose, camera)
 
 
-def draw_detections(frame: Frame, poses: Sequence[tuple[ObjectModel, Pose]]) -> Image:
+def draw_detections(frame: Frame, poses: Sequence[tuple[ObjectModel, Pose]]) -> Rgb:
     """Shaded models, outlines and axes of several objects over the grey picture, far ones first."""
     colored = [(model, pose, ESTIMATE_COLOR) for model, pose in poses]
     return draw_models(_grey(frame.rgb, 0.8), colored, frame.camera_matrix)
 
 
 def draw_models(
-    picture: Image, poses: Sequence[tuple[ObjectModel, Pose, Color]], camera_matrix: Camera
-) -> Image:
+    picture: Rgb, poses: Sequence[tuple[ObjectModel, Pose, Color]], camera_matrix: CameraMatrix
+) -> Rgb:
     """Shaded models over a picture, far ones first, with their axes and outlines in colours."""
     for model, pose, color in sorted(poses, key=lambda posed: -float(posed[1][2, 3])):
         picture = _shade(picture, model, pose, camera_matrix, color)
@@ -124,8 +119,8 @@ def draw_models(
 
 
 def _shade(
-    picture: Image, model: ObjectModel, pose: Pose, camera_matrix: Camera, color: Color
-) -> Image:
+    picture: Rgb, model: ObjectModel, pose: Pose, camera_matrix: CameraMatrix, color: Color
+) -> Rgb:
     size = (picture.shape[0], picture.shape[1])
     shaded, depth = render_rgbd(model.mesh, pose, camera_matrix, size, FRONTAL_LIGHT)
     mixed = (3 * shaded.astype(np.uint16) + picture) // 4
@@ -133,7 +128,7 @@ def _shade(
     return outline(picture, depth > 0, color)
 
 
-def _draw_axes(picture: Image, model: ObjectModel, pose: Pose, camera_matrix: Camera) -> Image:
+def _draw_axes(picture: Rgb, model: ObjectModel, pose: Pose, camera_matrix: CameraMatrix) -> Rgb:
     """The object's x (red), y (green) and z (blue) from its centroid, 0.6 diameters long."""
     ends = model.centroid + np.vstack([np.zeros(3), 0.6 * model.diameter * np.eye(3)])
     points = transform(pose, ends)
@@ -145,19 +140,19 @@ def _draw_axes(picture: Image, model: ObjectModel, pose: Pose, camera_matrix: Ca
     return picture
 
 
-def outline(picture: Image, mask: Bool[np.ndarray, "h w"], color: Color) -> Image:
+def outline(picture: Rgb, mask: Mask, color: Color) -> Rgb:
     """The picture itself, with the border of a mask drawn into it."""
     contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(picture, contours, -1, color, 1)
     return picture
 
 
-def _grey(rgb: Image, brightness: float) -> Image:
+def _grey(rgb: Rgb, brightness: float) -> Rgb:
     grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY) * brightness
     return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
 
 
-def _fixed_point(pixels: Float[np.ndarray, "n 2"]) -> list[tuple[int, int]]:
+def _fixed_point(pixels: Positions) -> list[tuple[int, int]]:
     """Pixels in the fixed-point form that OpenCV draws with `shift`, clipped to its range."""
     scaled = np.rint(np.clip(pixels, -1e5, 1e5) * (1 << _SUBPIXEL)).astype(int)
     return [(int(x), int(y)) for x, y in scaled]

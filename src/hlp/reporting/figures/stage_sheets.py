@@ -5,12 +5,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Int
 
+from hlp.arrays import Rgb
 from hlp.records import MILLIMETRES_PER_METRE, LocalPatches, Views
-from hlp.reporting.figures import Image, size_of, titled, with_legend, write_words
-
-Sheet = UInt8[np.ndarray, "_ _ 3"]
+from hlp.reporting.figures import size_of, titled, with_legend, write_words
 
 NOTHING = 128
 """Grey level where a tile shows nothing: that of patches beyond the range of depth."""
@@ -23,7 +22,7 @@ _WINDOWS = 8  # of a class
 _MISSING = 0.999  # of a window's depth channel: missing depth is 1
 
 
-def draw_view_sheet(views: Mapping[str, Views]) -> Sheet:
+def draw_view_sheet(views: Mapping[str, Views]) -> Rgb:
     """Views of each object, by its name, spread evenly over all of them."""
     rows = []
     for name, rendered in views.items():
@@ -41,7 +40,7 @@ def draw_view_sheet(views: Mapping[str, Views]) -> Sheet:
 
 def draw_training_samples(
     images: Float[np.ndarray, "n c p p"], labels: Int[np.ndarray, "n"], names: Sequence[str]
-) -> Sheet:
+) -> Rgb:
     """Some windows of each class: colour and, with four channels, depth beside it.
 
     Images are in [-1, 1], as the network takes them; `names` are those of the classes.
@@ -75,7 +74,7 @@ class PatchEntries:
     apart: Float[np.ndarray, "k"]
 
 
-def draw_nearest_entries(found: Sequence[PatchEntries]) -> Sheet:
+def draw_nearest_entries(found: Sequence[PatchEntries]) -> Rgb:
     """A row for each patch: itself, then its nearest entries; colour and depth of each."""
     rows = []
     for near in found:
@@ -97,7 +96,7 @@ def draw_nearest_entries(found: Sequence[PatchEntries]) -> Sheet:
     return with_depths(titled(sheet(rows), title), words_below)
 
 
-def _patch_tile(color: Image, depth: Image) -> Image:
+def _patch_tile(color: Rgb, depth: Rgb) -> Rgb:
     """Colour and depth of a local patch beside each other."""
     return np.asarray(np.hstack([resized(color, _PATCH_SIZE), resized(depth, _PATCH_SIZE)]))
 
@@ -107,17 +106,17 @@ def _spread(items: Int[np.ndarray, "n"], most: int) -> Int[np.ndarray, "m"]:
     return items[[i * len(items) // count for i in range(count)]]
 
 
-def _color(channels: Float[np.ndarray, "p p 3"]) -> Image:
+def _color(channels: Float[np.ndarray, "p p 3"]) -> Rgb:
     """From [-1, 1], as networks take colours."""
     return np.asarray(np.rint(127.5 * (np.clip(channels, -1.0, 1.0) + 1.0)), dtype=np.uint8)
 
 
-def depth_tile(depth: Float[np.ndarray, "p p"], valid: Bool[np.ndarray, "p p"]) -> Image:
+def depth_tile(depth: Float[np.ndarray, "p p"], valid: Bool[np.ndarray, "p p"]) -> Rgb:
     """Relative depth from -1 (near, yellow) to 1 (far, violet); grey where it is not valid."""
     return np.where(valid[..., None], _colors(depth), NOTHING).astype(np.uint8)
 
 
-def with_depths(picture: Image, words: str = "") -> Image:
+def with_depths(picture: Rgb, words: str = "") -> Rgb:
     """The picture above a legend of the colours of depth, and further words (ASCII)."""
     near, middle, far = _colors(np.array([[-1.0, 0.0, 1.0]]))[0].tolist()
     entries = [
@@ -130,20 +129,20 @@ def with_depths(picture: Image, words: str = "") -> Image:
     return with_legend(shown, [(words, (_DARK,) * 3)]) if words else shown
 
 
-def resized(tile: Image, size: int) -> Image:
+def resized(tile: Rgb, size: int) -> Rgb:
     """A square tile with sides of `size` px; pixels stay square where it grows."""
     way = cv2.INTER_AREA if size < len(tile) else cv2.INTER_NEAREST
     return np.asarray(cv2.resize(tile, (size, size), interpolation=way), dtype=np.uint8)
 
 
-def below(tile: Image, words: str) -> Image:
+def below(tile: Rgb, words: str) -> Rgb:
     """The tile with words (ASCII) below it."""
     bar = np.full((_WORDS, tile.shape[1], 3), _DARK, dtype=np.uint8)
     write_words(bar, words, (2, _WORDS - 5), _SMALL)
     return np.vstack([tile, bar])
 
 
-def sheet(rows: Sequence[tuple[str, Sequence[Image]]]) -> Sheet:
+def sheet(rows: Sequence[tuple[str, Sequence[Rgb]]]) -> Rgb:
     """Rows of tiles of one size, each behind its name (ASCII). Shorter rows are filled up.
 
     Raises ValueError without any tile.
@@ -165,7 +164,7 @@ def sheet(rows: Sequence[tuple[str, Sequence[Image]]]) -> Sheet:
     return whole
 
 
-def _colors(depth: Float[np.ndarray, "h w"]) -> Image:
+def _colors(depth: Float[np.ndarray, "h w"]) -> Rgb:
     levels = np.rint(127.5 * (1.0 - np.clip(depth, -1.0, 1.0))).astype(np.uint8)
     colors = cv2.cvtColor(cv2.applyColorMap(levels, _DEPTHS), cv2.COLOR_BGR2RGB)
     return np.asarray(colors, dtype=np.uint8)

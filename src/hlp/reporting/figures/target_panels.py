@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
 
+from hlp.arrays import CameraMatrix, Image, Pose, Rgb
 from hlp.geometry import project, transform
 from hlp.records import (
     MILLIMETRES_PER_METRE,
@@ -20,14 +20,7 @@ from hlp.records import (
     Votes,
 )
 from hlp.rendering.rasterizer import render_depth
-from hlp.reporting.figures import (
-    Image,
-    size_of,
-    titled,
-    with_legend,
-    with_scale,
-    write_words,
-)
+from hlp.reporting.figures import size_of, titled, with_legend, with_scale, write_words
 from hlp.reporting.figures.panels import (
     ESTIMATE_COLOR,
     PATCH_COLOR,
@@ -43,8 +36,6 @@ from hlp.reporting.figures.panels import (
     outline,
     weight_by_cell,
 )
-
-Pose = Float[np.ndarray, "4 4"]
 
 COARSE_COLOR = (255, 255, 255)
 RIGHT_COLOR, WRONG_COLOR = ESTIMATE_COLOR, (230, 97, 0)
@@ -85,7 +76,7 @@ class SeenTarget:
         return None if self.truth is None else self.truth.pose_cam_obj
 
 
-def draw_panels(seen: SeenTarget) -> UInt8[np.ndarray, "_ _ 3"]:
+def draw_panels(seen: SeenTarget) -> Rgb:
     """One RGB picture of six panels below a line with the verdict, each with a legend.
 
     Accepted are the local patches that voted. The estimated pose is drawn shaded and with its axes,
@@ -136,7 +127,7 @@ def describe_target(seen: SeenTarget) -> str:
     return words if math.isnan(visible) else f"{words}; visible {visible:.2f}"
 
 
-def _close_ups(seen: SeenTarget) -> list[UInt8[np.ndarray, "_ _ 3"]]:
+def _close_ups(seen: SeenTarget) -> list[Rgb]:
     """The coarse against the fine pose, and rendered against observed depth."""
     frame, model, pose = seen.frame, seen.model, seen.pose
     named = [
@@ -186,7 +177,7 @@ def enlarge(frame: Frame, model: ObjectModel, poses: Sequence[Pose]) -> Frame:
 
 def draw_outlines(
     frame: Frame, model: ObjectModel, poses: Sequence[tuple[Pose, tuple[int, int, int]]]
-) -> Image:
+) -> Rgb:
     """The frame in colour with the object's outline in each pose, in the colour given with it."""
     picture = frame.rgb.copy()
     for pose, color in poses:
@@ -194,7 +185,7 @@ def draw_outlines(
     return picture
 
 
-def draw_depths(frame: Frame, model: ObjectModel, pose: Pose, coarse: Pose | None) -> Image:
+def draw_depths(frame: Frame, model: ObjectModel, pose: Pose, coarse: Pose | None) -> Rgb:
     """Four tiles: observed and rendered depth; their difference, and that of the coarse pose.
 
     Where the model hides what is seen the difference is blue, where it lies behind it red, both
@@ -216,9 +207,7 @@ def draw_depths(frame: Frame, model: ObjectModel, pose: Pose, coarse: Pose | Non
     return np.vstack([np.hstack(small[:2]), np.hstack(small[2:])])
 
 
-def color_differences(
-    rendered: Float[np.ndarray, "h w"], observed: Float[np.ndarray, "h w"]
-) -> Image:
+def color_differences(rendered: Image, observed: Image) -> Rgb:
     """Rendered minus observed depth (m) as colours; dark grey where one of them is missing."""
     share = np.clip(MILLIMETRES_PER_METRE * (rendered - observed) / LIMIT_MM, -1.0, 1.0)[..., None]
     far = np.where(share < 0, np.array(_BEFORE), np.array(_BEHIND))
@@ -227,13 +216,13 @@ def color_differences(
     return np.where(known, colors, _NOTHING).astype(np.uint8)
 
 
-def _rendered(frame: Frame, model: ObjectModel, pose: Pose) -> Float[np.ndarray, "h w"]:
+def _rendered(frame: Frame, model: ObjectModel, pose: Pose) -> Image:
     height, width = frame.depth.shape
     depth = render_depth(model.proxy, pose[None], frame.camera_matrix, (height, width))
     return np.asarray(depth[0])
 
 
-def _shades(depth: Float[np.ndarray, "h w"], near: float, far: float) -> Image:
+def _shades(depth: Image, near: float, far: float) -> Rgb:
     """Depth as colours from near (light) to far; dark grey where it is missing."""
     share = np.clip((far - depth) / max(far - near, 1e-9), 0.0, 1.0)
     scaled = np.rint(255 * share).astype(np.uint8)
@@ -251,9 +240,7 @@ class ShownPose:
     right: bool
 
 
-def draw_overview(
-    frame: Frame, poses: Sequence[ShownPose], title: str
-) -> UInt8[np.ndarray, "_ _ 3"]:
+def draw_overview(frame: Frame, poses: Sequence[ShownPose], title: str) -> Rgb:
     """The frame in colour with all poses, far ones first: shaded models, outlines, axes, names."""
     colors = {True: RIGHT_COLOR, False: WRONG_COLOR}
     colored = [(shown.model, shown.pose_cam_obj, colors[shown.right]) for shown in poses]
@@ -264,7 +251,7 @@ def draw_overview(
     return titled(with_legend(picture, legend), title)
 
 
-def _write(picture: Image, shown: ShownPose, camera: Float[np.ndarray, "3 3"]) -> None:
+def _write(picture: Rgb, shown: ShownPose, camera: CameraMatrix) -> None:
     """The words below the object's centroid, light on dark, kept inside the picture."""
     center = transform(shown.pose_cam_obj, shown.model.centroid[None])
     if center[0, 2] <= 0:

@@ -14,11 +14,13 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from hlp.arrays import Pose, Rgb
 from hlp.errors import DataError
-from hlp.files import read_json, replaced, write_json
+from hlp.files import read_json, write_json
 from hlp.geometry import back_project, transform
 from hlp.objects.meshes import decimate
 from hlp.records import MILLIMETRES_PER_METRE, Frame, ObjectModel
+from hlp.reporting.figures.panels import write_picture
 from hlp.results.summary_file import TargetKey
 
 FOLDER, PANELS, STAGES = "report", "panels", "stages"
@@ -39,8 +41,6 @@ _FACES = 300  # of a model in the 3D view
 _POINTS = 2500  # of a scene in the 3D view
 _AROUND = 1.1  # diameters from the object's true and found places that are in the 3D view
 _UNITS = 10.0  # of a point's coordinates in a millimetre
-
-Pose = Float[np.ndarray, "4 4"]
 
 
 def drawn_stages(run: Path) -> dict[str, Path]:
@@ -114,7 +114,7 @@ class ReportDataWriter:
     def add_target(
         self,
         key: TargetKey,
-        picture: UInt8[np.ndarray, "h w 3"],
+        picture: Rgb,
         frame: Frame,
         model: ObjectModel,
         poses: tuple[Pose, Pose | None],
@@ -125,10 +125,7 @@ class ReportDataWriter:
         name = f"{scene:06d}_{image:06d}_{object_id}_{instance}.jpg"
         size = (_WIDTH, round(picture.shape[0] * _WIDTH / picture.shape[1]))
         small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-        bgr = cv2.cvtColor(small, cv2.COLOR_RGB2BGR)
-        jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1]
-        with replaced(self._folder / name) as stream:
-            stream.write(jpeg.tobytes())
+        write_picture(self._folder / name, np.asarray(small, dtype=np.uint8), _QUALITY)
         points, colors = scene_around(frame, model, [true] if found is None else [true, found])
         middle = MILLIMETRES_PER_METRE * true[:3, 3]
         offsets = _UNITS * (MILLIMETRES_PER_METRE * points - middle)
