@@ -17,8 +17,12 @@ from hlp.reporting.comparison import (
     recall_of,
 )
 from hlp.reporting.mlflow import database_path, import_client, is_local
-from hlp.reporting.page.run_page import write_run_page
-from hlp.reporting.page.study_page import study_folders, write_study_page, write_sweep_page
+from hlp.reporting.page.pages import (
+    study_folders,
+    write_run_page,
+    write_study_page,
+    write_sweep_page,
+)
 from hlp.reporting.results import result_folders
 from hlp.reporting.summary_tables import (
     METRIC_LABELS,

@@ -13,7 +13,7 @@ from hlp.reporting.figures.charts import draw_trade_off
 from hlp.reporting.figures.heat_maps import HeatMap, draw_heat_maps
 from hlp.reporting.mlflow.pages import headline_metrics
 from hlp.reporting.mlflow.run import MlflowRun
-from hlp.reporting.study_numbers import ADD, RUN, Number
+from hlp.reporting.study_numbers import ADD, KINDS, RUN, Number
 from hlp.reporting.sweeps import Sweep, SweepRun, say_difference, short_key
 from hlp.reporting.table import Table, format_interval, lay_out, prose
 
@@ -106,7 +106,7 @@ def note_of(sweep: Sweep) -> str:
     """What the columns and marks of the tables mean."""
     best = [_BEST.format(sweep.rank)] if sweep.best is not None else []
     paired = [_PAIRED] if sweep.differences else []
-    return " ".join([*best, *paired, sweep.kind.note])
+    return " ".join([*best, *paired, KINDS[sweep.name].note])
 
 
 def describe_sweep(sweep: Sweep, layout: str) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from hlp.files import MANIFEST
 from hlp.reporting.comparison import Difference, difference_cells, paired_difference
 from hlp.reporting.results import Manifest, Result, read_results
-from hlp.reporting.study_numbers import ADD, KINDS, RUN, Kind, Number, read_numbers
+from hlp.reporting.study_numbers import ADD, KINDS, RUN, Number, read_numbers
 from hlp.results.summary_file import TargetKey, read_target_values
 from hlp.settings import read_as
 
@@ -63,11 +63,6 @@ class Sweep:
     is_default: bool
 
     @property
-    def kind(self) -> Kind:
-        """What is measured, and what its numbers mean."""
-        return KINDS[self.name]
-
-    @property
     def finished(self) -> list[SweepRun]:
         """The runs that have numbers."""
         return [run for run in self.runs if run.numbers]
@@ -97,6 +92,11 @@ class Sweep:
         """The number that decides which run is the best; empty without any."""
         return next(iter(self.mains), "")
 
+    @property
+    def _sign(self) -> int:
+        """Of that number: 1 if more of it is better, -1 of times."""
+        return -1 if self.numbers[self.first_main].quantity == "time" else 1
+
     @cached_property
     def highest(self) -> SweepRun | None:
         """The run with the highest recall, or the shortest time, by the first main number.
@@ -109,11 +109,10 @@ class Sweep:
         same = {(run.frames_identity, frozenset(run.targets.get(name, ()))) for run in found}
         if len(found) < 2 or len(same) > 1:
             return None
-        sign = -1.0 if self.numbers[name].quantity == "time" else 1.0
 
         def rank(run: SweepRun) -> tuple[float, float]:
             time = run.numbers.get("ms")
-            return sign * run.numbers[name].value, -time.value if time else 0.0
+            return self._sign * run.numbers[name].value, -time.value if time else 0.0
 
         return max(found, key=rank)
 
@@ -124,9 +123,7 @@ class Sweep:
         found = None if highest is None else self.difference(highest, self.first_main)
         if found is None or not self.is_default:
             return highest
-        low, high = found[1]
-        shorter = self.numbers[self.first_main].quantity == "time"
-        return highest if (high < 0 if shorter else low > 0) else self.reference
+        return highest if min(self._sign * end for end in found[1]) > 0 else self.reference
 
     def difference(self, run: SweepRun, name: str) -> Difference | None:
         """The run's number minus the reference's, over the targets of both.
@@ -155,8 +152,7 @@ class Sweep:
     @property
     def rank(self) -> str:
         """What the highest run has, in words, e.g. `lowest ms first`."""
-        name = self.first_main
-        return f"{'lowest' if self.numbers[name].quantity == 'time' else 'highest'} {name}"
+        return f"{'lowest' if self._sign < 0 else 'highest'} {self.first_main}"
 
     @property
     def verdict(self) -> str:
@@ -181,13 +177,13 @@ class Sweep:
         name = "the default" if self.is_default else "the first run"
         if run is self.reference:
             return f"that is {name}"
-        found, number = self.difference(run, self.first_main), self.numbers[self.first_main]
+        found = self.difference(run, self.first_main)
         if found is None:
             return f"it shares no target with {name}"
         low, high = found[1]
         sure = "surely" if low > 0 or high < 0 else "not surely"
-        word = "less" if number.quantity == "time" else "more"
-        words, interval = say_difference(number, found)
+        words, interval = say_difference(self.numbers[self.first_main], found)
+        word = "less" if self._sign < 0 else "more"
         return f"{words} ({interval}) against {name}, {sure} {word}"
 
 

@@ -25,8 +25,8 @@ from hlp.reporting.figures.charts import calibration_figure
 from hlp.reporting.mlflow.pages import summary_metrics
 from hlp.reporting.mlflow.run import MlflowRun
 from hlp.reporting.page import page_or_log, run_verdict
+from hlp.reporting.page.pages import write_run_page
 from hlp.reporting.page.report_data import PANELS, STAGES
-from hlp.reporting.page.run_page import write_run_page
 from hlp.reporting.paper_reports import TABLES
 from hlp.reporting.summary_tables import format_summary
 from hlp.reporting.table import prose

@@ -17,7 +17,7 @@ from hlp.kernels import set_compute_threads
 from hlp.records import Frame
 from hlp.reporting.mlflow.run import MlflowRun
 from hlp.reporting.page import page_or_log
-from hlp.reporting.page.study_page import write_study_page
+from hlp.reporting.page.pages import write_study_page
 from hlp.runs.manifest import make_manifest
 from hlp.runs.mlflow_log import log_inputs, say_where, tracked
 from hlp.settings import Doc

@@ -12,8 +12,8 @@ import pytest
 from box_scene import box_model
 from hlp.records import Frame, TargetScore
 from hlp.reporting.page import page_or_log
+from hlp.reporting.page.pages import write_run_page
 from hlp.reporting.page.report_data import ReportDataWriter
-from hlp.reporting.page.run_page import write_run_page
 from hlp.results.poses_file import write_scores
 from written_results import write_run
 from written_summary import summary
@@ -109,7 +109,7 @@ def test_where_there_is_no_room_for_all_pictures_those_of_misses_are_shown(
 ) -> None:
     keep(run, *kept)  # 7 is right
     size = (run / "report" / f"000001_{kept[0]:06d}_6_0.jpg").stat().st_size
-    monkeypatch.setattr("hlp.reporting.page.run_page._MOST_BYTES", size)
+    monkeypatch.setattr("hlp.reporting.page.pages._MOST_BYTES", size)
     page = Page(write_run_page(run))
     assert list(page.data["pictures"]) == [shown]
     assert "1 more pictures lie in report/" in page.text

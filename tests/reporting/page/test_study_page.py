@@ -7,7 +7,7 @@ import pytest
 
 from hlp.errors import DataError, MissingFileError
 from hlp.reporting.page import page_or_log
-from hlp.reporting.page.study_page import study_folders, write_study_page
+from hlp.reporting.page.pages import study_folders, write_study_page
 from hlp.reporting.report import report_runs, write_pages
 
 TABLE = """\

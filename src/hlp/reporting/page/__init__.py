@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from hlp.files import PAGE, write_text
 from hlp.reporting.results import run_command
 from hlp.reporting.summary_tables import MS_PER_FRAME, paper_recalls
 from hlp.results.summary_file import CORRECT
@@ -19,9 +20,13 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 
-def render(template: str, **values: Any) -> str:
-    """A page from a template of the folder `layout`; texts are escaped, JSON is not."""
-    return _templates().get_template(template).render(**values)
+def write_page(folder: Path, template: str, **values: Any) -> Path:
+    """Write `report.html` from a template of the folder `layout`; the file.
+
+    Texts are escaped, JSON is not.
+    """
+    write_text(folder / PAGE, _templates().get_template(template).render(**values))
+    return folder / PAGE
 
 
 @lru_cache(maxsize=1)
