@@ -15,7 +15,7 @@ from forked_hlp import run_hlp
 PLACES = {
     "database begun": ("hlp.reporting.mlflow", "artifacts_uri", 0),
     "database made": ("hlp.reporting.mlflow.os", "replace", 1),
-    "run opened": ("hlp.runs.runner", "log_inputs", 0),
+    "run opened": ("hlp.runs.mlflow_log", "_log_inputs", 0),
     "views begun": ("hlp.rendering.views", "_poses", 1),
     "views half written": ("hlp.rendering.views", "write_array", 2),
     "windows": ("hlp.method.learn.classifier_training", "bake_windows", 1),

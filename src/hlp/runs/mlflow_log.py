@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hlp.data.dataset import frames_identity
-from hlp.files import SCORES
+from hlp.files import MANIFEST, SCORES
+from hlp.kernels import set_compute_threads
 from hlp.method.detector import MOST_INSTANCES
 from hlp.method.learn.learnt_folder import LearntFolder
 from hlp.method.learn.model_files import read_history
@@ -24,6 +25,7 @@ from hlp.reporting.mlflow.run import MlflowRun
 from hlp.reporting.mlflow.tracking import REVISION, track_run
 from hlp.reporting.page.report_data import FOLDER, PANELS, drawn_stages, read_report_data
 from hlp.stages.manifest import git_revision
+from hlp.stages.store import StageStore
 
 if TYPE_CHECKING:
     from hlp.config.build import Run
@@ -36,9 +38,17 @@ _UNTAGGED = ("experiment", "reporting", "machine", "executor")  # groups that no
 
 
 @contextmanager
-def tracked(run: "Run", output: Path, resume: str | None = None) -> Iterator[MlflowRun]:
-    """Open the MLflow run of a run whose results go into `output`; see `track_run`."""
+def begun(
+    run: "Run", output: Path, resume: str | None = None
+) -> Iterator[tuple[StageStore, MlflowRun]]:
+    """The store and the MLflow run of a run whose results go into `output`; see `track_run`.
+
+    Its threads are set, and a manifest of an earlier result is removed.
+    """
     settings, chosen = run.settings, run.chosen
+    set_compute_threads(settings.machine.threads)
+    output.mkdir(parents=True, exist_ok=True)
+    (output / MANIFEST).unlink(missing_ok=True)
     name = short_name(chosen.overrides, chosen.groups, settings.name)
     data = str(run.config["data"]["name"])
     with track_run(
@@ -53,7 +63,8 @@ def tracked(run: "Run", output: Path, resume: str | None = None) -> Iterator[Mlf
         if chosen.command:
             tracker.set_tags({"command": chosen.command})
         with tracker.system_metrics():
-            yield tracker
+            _log_inputs(run, tracker)
+            yield StageStore(Path(settings.work)), tracker
 
 
 def choice_tags(groups: Mapping[str, str]) -> dict[str, str]:
@@ -69,7 +80,7 @@ def place_tags(output: Path) -> dict[str, str]:
     return tags if revision is None else {**tags, REVISION: revision}
 
 
-def log_inputs(run: "Run", tracker: MlflowRun) -> None:
+def _log_inputs(run: "Run", tracker: MlflowRun) -> None:
     """Log the data sets that the run reads, each with a hash of its content."""
     dataset, data = run.dataset, run.config["data"]
     where = str(data.get("root", data["name"]))

@@ -14,7 +14,6 @@ from hlp.evaluation.evaluator import score_targets
 from hlp.evaluation.summary import count_false_alarms, summarise
 from hlp.evaluation.waterfall import BAD_FRAME, vote_quality
 from hlp.files import MANIFEST, PAGE, POSES, SCORES, SUMMARY, write_json
-from hlp.kernels import set_compute_threads
 from hlp.method.find.trace import Trace
 from hlp.records import PoseEstimate, TargetScore, frame_key, parse_frame_key
 from hlp.refinement.score_model import MIN_SCORE
@@ -33,13 +32,7 @@ from hlp.reporting.table import prose
 from hlp.results.poses_file import read_poses, write_poses, write_scores
 from hlp.runs.diagnosis import FrameNotes, explain_misses, note_frame
 from hlp.runs.manifest import make_manifest, poses_digest
-from hlp.runs.mlflow_log import (
-    log_inputs,
-    log_pictures,
-    log_training,
-    say_where,
-    tracked,
-)
+from hlp.runs.mlflow_log import begun, log_pictures, log_training, say_where
 from hlp.runs.pictures import draw_pictures
 from hlp.runs.timing import Timing, measure_times
 from hlp.stages.detection import DetectionStages, OnBadFrame
@@ -61,14 +54,9 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
     otherwise.
     """
     settings = run.settings
-    set_compute_threads(settings.machine.threads)
-    output.mkdir(parents=True, exist_ok=True)
-    (output / MANIFEST).unlink(missing_ok=True)
-    with tracked(run, output) as tracker:
-        log_inputs(run, tracker)
+    with begun(run, output) as (store, tracker):
         for key, reason in run.bad_frames.items():
             _logger.warning("frame %s cannot be used: %s", key, reason)
-        store = StageStore(Path(settings.work))
         detection = stages_of(run, store, settings.on_bad_frame)
         render_in_workers(detection.training, settings.executor)
         estimates, notes = _find(run, detection)

@@ -32,7 +32,7 @@ from hlp.refinement.pso import PsoSettings, search
 from hlp.refinement.refiner import cost_around
 from hlp.refinement.texture import choose_by_texture
 from hlp.refinement.verification import Observation, observe
-from hlp.reporting.figures.stage_figures import Swarm, SwarmsOfTarget
+from hlp.reporting.figures.stage_figures import SwarmsOfTarget
 from hlp.reporting.figures.stage_sheets import PatchEntries
 from hlp.runs.diagnosis import visible_pixels
 from hlp.stages.detection import DetectionStages
@@ -232,11 +232,9 @@ def swarms_of_target(
     object_id, answer = target.object_id, found.nearest(target)
     refined, chosen = found.trace[object_id].refined, found.row(object_id, answer)
     rows = [*range(min(_SWARMS, 0 if refined is None else len(refined.refined)))]
-    swarms = []
-    for row in dict.fromkeys(rows if chosen is None else [*rows, chosen]):
-        rounds = search_again(detection, found, object_id, row)
-        if rounds is not None:
-            swarms.append(Swarm(rounds, row == chosen))
+    asked = dict.fromkeys(rows if chosen is None else [*rows, chosen])
+    searched = {row: search_again(detection, found, object_id, row) for row in asked}
+    swarms = {row: rounds for row, rounds in searched.items() if rounds is not None}
     if not swarms:
         return None
     model, settings = detection.dataset.models[object_id], detection.settings.refinement
@@ -251,7 +249,8 @@ def swarms_of_target(
     pose = None if answer is None else answer.pose_cam_obj
     return SwarmsOfTarget(
         f"{model.name} {found.frame.key}: {verdict}",
-        swarms,
+        list(swarms.values()),
+        list(swarms).index(chosen) if chosen in swarms else None,
         own_cost(target.pose_cam_obj),
         None if pose is None else own_cost(pose),
     )

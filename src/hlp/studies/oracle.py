@@ -18,6 +18,7 @@ from hlp.evaluation import EvaluationSettings
 from hlp.evaluation.bop_recalls import measured_mask
 from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.evaluation.summary import with_interval
+from hlp.evaluation.waterfall import by_object
 from hlp.files import write_json
 from hlp.method.find.estimator import FrameContext, derive_seed
 from hlp.method.find.search import search_frame
@@ -239,10 +240,7 @@ def summarise_oracle(
     cells: list[dict[str, Any]] = []
     for (region, coarse), found in scores.items():
         stages = {"region": region, "coarse": coarse, "fine": "estimated"}
-        groups: dict[str, list[TargetScore]] = {}
-        for score in sorted(found, key=lambda score: score.object_id):
-            groups.setdefault(names[score.object_id], []).append(score)
-        per_object = {name: recall(group) for name, group in groups.items()}
+        per_object = {name: recall(group) for name, group in by_object(found, names).items()}
         cells.append({**stages, "add": recall(found), "per_object": per_object})
     recalls = [found["add"]["recall"] for found in cells]
     return {"cells": cells, "lost": _lost(dict(zip(scores, recalls, strict=True)))}

@@ -92,9 +92,8 @@ def run_search(run: Run, task: SearchSettings, output: Path) -> dict[str, Any]:
         )
     space = read_space(task.space.parameters)
     own = check_within(space, run.config)
-    for key, distribution in space.items():
-        for value in _ends(distribution):  # if they are accepted, all others are
-            with_changed_run(run, nested({key: value}))
+    for changed in ({key: end} for key, of in space.items() for end in _ends(of)):
+        with_changed_run(run, nested(changed))  # if ends are accepted, all others are
     folder = Path(run.settings.work).absolute() / "search" / _study_name(run, task)
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder / "study.lock", f"another process works on the search in {folder}"):

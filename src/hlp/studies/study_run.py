@@ -13,13 +13,12 @@ from tqdm import tqdm
 from hlp.config.build import Run
 from hlp.files import MANIFEST, write_json
 from hlp.fingerprints import Code, code_of
-from hlp.kernels import set_compute_threads
 from hlp.records import Frame
 from hlp.reporting.mlflow.run import MlflowRun
 from hlp.reporting.page import page_or_log
 from hlp.reporting.page.pages import write_study_page
 from hlp.runs.manifest import make_manifest
-from hlp.runs.mlflow_log import log_inputs, say_where, tracked
+from hlp.runs.mlflow_log import begun, say_where
 from hlp.settings import Doc
 from hlp.stages.manifest import fingerprint
 from hlp.stages.store import StageStore
@@ -41,13 +40,7 @@ def study_run(
     is logged, and a message says where it is. A folder with a manifest holds a complete result.
     With `resume` the MLflow run of that id is continued.
     """
-    settings = run.settings
-    set_compute_threads(settings.machine.threads)
-    output.mkdir(parents=True, exist_ok=True)
-    (output / MANIFEST).unlink(missing_ok=True)
-    with tracked(run, output, resume) as tracker:
-        log_inputs(run, tracker)
-        store = StageStore(Path(settings.work))
+    with begun(run, output, resume) as (store, tracker):
         yield store, tracker
         write_json(output / MANIFEST, make_manifest(run, store))
         page_or_log(write_study_page, output)

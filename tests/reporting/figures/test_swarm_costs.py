@@ -3,13 +3,15 @@ from pathlib import Path
 import numpy as np
 
 from hlp.reporting.figures import save_jpeg
-from hlp.reporting.figures.stage_figures import Swarm, SwarmsOfTarget, swarm_figure
+from hlp.reporting.figures.stage_figures import SwarmsOfTarget, swarm_figure
 
 
 def test_the_swarms_of_each_target_have_a_panel(tmp_path: Path) -> None:
     costs = np.array([[0.6, 0.5], [0.4, 0.7], [0.5, 0.8]])
-    swarms = [Swarm(costs, True), Swarm(costs + 0.1, False)]
-    targets = [SwarmsOfTarget("a", swarms, 0.15, 0.18), SwarmsOfTarget("b", swarms[1:], 0.1, None)]
+    targets = [
+        SwarmsOfTarget("a", [costs, costs + 0.1], 0, 0.15, 0.18),
+        SwarmsOfTarget("b", [costs + 0.1], None, 0.1, None),
+    ]
     figure = swarm_figure(targets)
     first, second = figure.axes
     lines = {str(line.get_label()): line for line in first.lines}
@@ -26,8 +28,8 @@ def test_the_swarms_of_each_target_have_a_panel(tmp_path: Path) -> None:
 
 
 def test_an_answer_that_no_shown_swarm_has_found_is_shown_beside_them() -> None:
-    swarm = Swarm(np.array([[0.6], [0.5], [0.4]]), False)
-    figure = swarm_figure([SwarmsOfTarget("a", [swarm], 0.1, 0.3)])
+    swarm = np.array([[0.6], [0.5], [0.4]])
+    figure = swarm_figure([SwarmsOfTarget("a", [swarm], None, 0.1, 0.3)])
     (star,) = [line for line in figure.axes[0].lines if line.get_label() == "answer"]
     assert (*star.get_xdata(), *star.get_ydata()) == (2, 0.3)
     assert "closer look" in figure.get_suptitle()

@@ -98,25 +98,16 @@ _LABELS = _POINTS, _BEST, _REST, _TRUTH, _FOUND = (
 
 
 @dataclass(frozen=True)
-class Swarm:
-    """Costs of the particles in each round, the first one before any iteration.
-
-    `chosen` says whether the answer was refined from this hypothesis.
-    """
-
-    costs: Float[np.ndarray, "rounds particles"]
-    chosen: bool
-
-
-@dataclass(frozen=True)
 class SwarmsOfTarget:
     """The swarms of a target, one for each hypothesis, and the costs of its true pose and answer.
 
-    Without an answer, `answer_cost` is None.
+    A swarm is the costs of its particles in each round, the first one before any iteration. From
+    the `chosen` one the answer was refined; without an answer, `answer_cost` is None.
     """
 
     title: str
-    swarms: Sequence[Swarm]
+    swarms: Sequence[Float[np.ndarray, "rounds particles"]]
+    chosen: int | None
     true_cost: float
     answer_cost: float | None
 
@@ -148,30 +139,24 @@ def swarm_figure(targets: Sequence[SwarmsOfTarget]) -> "Figure":
         fontsize=8,
     )
     title = "Particle swarm: costs of the poses that it tries, starting from coarse poses"
-    if any(_lacks_chosen(target) for target in targets):
+    if any(target.answer_cost is not None and target.chosen is None for target in targets):
         title += "\nno chosen swarm: the answer's search cannot be repeated, as after a closer look"
     figure.suptitle(title, fontsize=11)
     return figure
 
 
-def _lacks_chosen(target: SwarmsOfTarget) -> bool:
-    return target.answer_cost is not None and not any(swarm.chosen for swarm in target.swarms)
-
-
 def _draw(ax: "Axes", target: SwarmsOfTarget) -> None:
-    for swarm in sorted(target.swarms, key=lambda swarm: swarm.chosen):
-        rounds = np.arange(len(swarm.costs))
-        best = np.minimum.accumulate(swarm.costs.min(axis=1))
-        if swarm.chosen:
-            x = np.repeat(rounds, swarm.costs.shape[1])
-            ax.scatter(x, swarm.costs.ravel(), s=3, color=_PARTICLES, alpha=0.5, label=_POINTS)
-            ax.plot(rounds, best, color=_CHOSEN, linewidth=2.2, label=_BEST)
-        else:
-            ax.plot(rounds, best, color=_OTHER, linewidth=1.1, label=_REST)
+    chosen = None if target.chosen is None else target.swarms[target.chosen]
+    for costs in target.swarms:
+        if costs is not chosen:
+            ax.plot(_best(costs), color=_OTHER, linewidth=1.1, label=_REST)
+    if chosen is not None:
+        x = np.repeat(np.arange(len(chosen)), chosen.shape[1])
+        ax.scatter(x, chosen.ravel(), s=3, color=_PARTICLES, alpha=0.5, label=_POINTS)
+        ax.plot(_best(chosen), color=_CHOSEN, linewidth=2.2, label=_BEST)
     ax.axhline(target.true_cost, color=_TRUE, linewidth=1.5, ls="--", label=_TRUTH)
     if target.answer_cost is not None:
-        chosen = [swarm for swarm in target.swarms if swarm.chosen] or target.swarms
-        last = max(len(swarm.costs) for swarm in chosen) - 1
+        last = max(map(len, target.swarms if chosen is None else [chosen])) - 1
         ax.plot(last, target.answer_cost, "*", color=_ANSWER, markersize=9, label=_FOUND)
     ax.set_title(target.title, fontsize=9)
     ax.set_xlabel("iteration")
@@ -179,3 +164,8 @@ def _draw(ax: "Axes", target: SwarmsOfTarget) -> None:
     ax.set_ylim(bottom=0.0)
     ax.spines[["top", "right"]].set_visible(False)
     ax.grid(axis="y", alpha=0.3)
+
+
+def _best(costs: Float[np.ndarray, "rounds particles"]) -> Float[np.ndarray, "rounds"]:
+    """The lowest cost so far."""
+    return np.asarray(np.minimum.accumulate(costs.min(axis=1)))
