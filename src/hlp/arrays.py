@@ -10,6 +10,7 @@ Pose = Float[np.ndarray, "4 4"]
 """A rigid motion, nearly always from object to camera coordinates."""
 Poses = Float[np.ndarray, "n 4 4"]
 CameraMatrix = Float[np.ndarray, "3 3"]
+Rotation = Float[np.ndarray, "3 3"]
 Point = Float[np.ndarray, "3"]
 Vector = Float[np.ndarray, "3"]
 """A direction, a normal or an offset."""

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from hlp.arrays import CameraMatrix
+from hlp.arrays import CameraMatrix, Rotation
 
 Array = Float[np.ndarray, "..."]
 
@@ -130,7 +130,7 @@ def _lengths(quats: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 1"]:
     return np.asarray(np.sqrt(x * x + y * y + z * z + w * w)[:, None])
 
 
-def nearest_rotation(matrix: CameraMatrix) -> Float[np.ndarray, "3 3"]:
+def nearest_rotation(matrix: Rotation) -> Rotation:
     """The rotation closest to a matrix in the Frobenius norm, as files store rounded rotations."""
     u, _, vt = np.linalg.svd(matrix)
     return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)

@@ -12,9 +12,8 @@ from typing import Annotated, Any
 
 import numpy as np
 from annotated_types import Ge, Le, Len
-from jaxtyping import Float
 
-from hlp.arrays import CameraMatrix, Image, Vector
+from hlp.arrays import CameraMatrix, Image, Rotation, Vector
 from hlp.errors import DataError
 from hlp.geometry import nearest_rotation
 from hlp.settings import Count, Positive, ReadBy, SettingsError, Share, Stored, shown
@@ -33,9 +32,7 @@ SKEW = 0.01
 _BEYOND_DEPTH = 10.0  # a pose may be that many times nearer or farther than any depth
 
 
-def require_rotation(
-    matrix: CameraMatrix, where: str, tolerance: float = ROTATION_TOLERANCE
-) -> None:
+def require_rotation(matrix: Rotation, where: str, tolerance: float = ROTATION_TOLERANCE) -> None:
     """The numbers are those of a rotation, right-handed, up to rounding."""
     left, sizes, right = np.linalg.svd(matrix)
     nearest = left @ right
@@ -50,9 +47,7 @@ def require_rotation(
         )
 
 
-def exact_rotation(
-    matrix: CameraMatrix, where: str, tolerance: float = ROTATION_TOLERANCE
-) -> Float[np.ndarray, "3 3"]:
+def exact_rotation(matrix: Rotation, where: str, tolerance: float = ROTATION_TOLERANCE) -> Rotation:
     """The rotation whose rounded numbers these are."""
     require_rotation(matrix, where, tolerance)
     return nearest_rotation(matrix)
@@ -82,9 +77,7 @@ def require_in_front(center_cam: Vector, diameter: float, where: str, unit: str)
         )
 
 
-def camera_matrix(
-    values: Any, where: str, size: tuple[int, int] | None = None
-) -> Float[np.ndarray, "3 3"]:
+def camera_matrix(values: Any, where: str, size: tuple[int, int] | None = None) -> CameraMatrix:
     """Intrinsics of nine numbers, row by row, of images of that size (width, height).
 
     Without a size, only the matrix itself is checked.

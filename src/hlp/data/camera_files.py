@@ -193,7 +193,7 @@ def _distortion(content: Mapping[str, Any], where: str) -> tuple[tuple[float, ..
     return coefficients[:4] if fisheye else coefficients, fisheye
 
 
-def _matrix(values: Any, where: str, by_columns: bool = False) -> Float[np.ndarray, "3 3"]:
+def _matrix(values: Any, where: str, by_columns: bool = False) -> CameraMatrix:
     try:
         flat = np.ravel(values).tolist() if isinstance(values, list | tuple) else []
     except ValueError:  # rows of different lengths

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import UInt8
 
-from hlp.arrays import Mask
+from hlp.arrays import ColorPatches, Mask
 from hlp.data.images import list_photographs, photograph_crops
 from hlp.errors import ConfigError, HlpError
 from hlp.fingerprints import source_digest
@@ -88,9 +87,7 @@ class TrainingImages:
     background_frames: FrameSource | None = None
     encoder_frames: FrameSource | None = None
 
-    def photograph_crops(
-        self, count: int, size: int, rng: np.random.Generator
-    ) -> UInt8[np.ndarray, "n s s 3"]:
+    def photograph_crops(self, count: int, size: int, rng: np.random.Generator) -> ColorPatches:
         """Random square crops (RGB) of photographs, or procedural ones."""
         if self.photographs is None:
             return procedural_backgrounds(count, size, rng)

@@ -6,9 +6,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
-from hlp.arrays import Mask, Rgb
+from hlp.arrays import ColorPatches, Mask, Rgb
 from hlp.errors import DataError, InputError, MissingDependencyError, MissingFileError
 from hlp.files import NO_ARRAYS
 from hlp.records import MILLIMETRES_PER_METRE
@@ -205,9 +205,7 @@ def _read_exr(path: Path) -> np.ndarray[Any, Any]:
     return values[..., 0] if values.ndim == 3 else values
 
 
-Image = Rgb
-_MOST = 400
-_LONG_SIDE = 400
+_MOST, _LONG_SIDE = 400, 400  # photographs that are cropped, and their size (px)
 
 
 def list_photographs(folder: Path) -> tuple[Path, ...]:
@@ -224,7 +222,7 @@ def list_photographs(folder: Path) -> tuple[Path, ...]:
     return tuple(voc or found)
 
 
-def load_photographs(paths: Sequence[Path], limit: int, long_side: int) -> list[Image]:
+def load_photographs(paths: Sequence[Path], limit: int, long_side: int) -> list[Rgb]:
     """Decode at most `limit` photographs, spread over `paths`, shrunk to `long_side` pixels.
 
     Raises DataError naming a file that is broken.
@@ -235,8 +233,8 @@ def load_photographs(paths: Sequence[Path], limit: int, long_side: int) -> list[
 
 
 def random_crops(
-    images: Sequence[Image], count: int, size: int, rng: np.random.Generator
-) -> UInt8[np.ndarray, "n s s 3"]:
+    images: Sequence[Rgb], count: int, size: int, rng: np.random.Generator
+) -> ColorPatches:
     """Random square crops of random images, mirrored half of the time, resized to `size` pixels.
 
     The crop's side is uniform between `size` / 2 and the image's short side.
@@ -257,7 +255,7 @@ def random_crops(
     return crops
 
 
-def _shrink(image: Image, long_side: int) -> Image:
+def _shrink(image: Rgb, long_side: int) -> Rgb:
     height, width = image.shape[:2]
     factor = long_side / max(height, width)
     if factor >= 1:
@@ -266,9 +264,7 @@ def _shrink(image: Image, long_side: int) -> Image:
     return np.asarray(cv2.resize(image, shape, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
-def photograph_crops(
-    folder: Path, count: int, size: int, rng: np.random.Generator
-) -> UInt8[np.ndarray, "n s s 3"]:
+def photograph_crops(folder: Path, count: int, size: int, rng: np.random.Generator) -> ColorPatches:
     """Random square crops of the photographs in a folder."""
     images = load_photographs(list_photographs(folder), _MOST, _LONG_SIDE)
     return random_crops(images, count, size, rng)

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from hlp.arrays import ColorPatches
 from hlp.errors import ConfigError
 from hlp.records import Frame
 
@@ -15,9 +16,7 @@ from hlp.records import Frame
 class Backgrounds(Protocol):
     """Source of backgrounds for training."""
 
-    def photograph_crops(
-        self, count: int, size: int, rng: np.random.Generator
-    ) -> UInt8[np.ndarray, "n s s 3"]:
+    def photograph_crops(self, count: int, size: int, rng: np.random.Generator) -> ColorPatches:
         """Random square crops (RGB) of photographs, or procedural ones."""
 
     def load_background_frames(self) -> Sequence[Frame]:
@@ -36,9 +35,7 @@ class GivenBackgrounds:
 
     frames: tuple[Frame, ...] = ()
 
-    def photograph_crops(
-        self, count: int, size: int, rng: np.random.Generator
-    ) -> UInt8[np.ndarray, "n s s 3"]:
+    def photograph_crops(self, count: int, size: int, rng: np.random.Generator) -> ColorPatches:
         """See `Backgrounds`: procedural ones."""
         return procedural_backgrounds(count, size, rng)
 
@@ -57,9 +54,7 @@ _OCTAVES = (2, 4, 8, 16, 32)
 _LARGEST_BATCH = 512
 
 
-def procedural_backgrounds(
-    count: int, size: int, rng: np.random.Generator
-) -> UInt8[np.ndarray, "n s s 3"]:
+def procedural_backgrounds(count: int, size: int, rng: np.random.Generator) -> ColorPatches:
     """Random textured pictures, used when no photographs are given.
 
     Each has smooth coloured noise and a gradient, most have clutter (filled polygons, ellipses,
@@ -75,7 +70,7 @@ def procedural_backgrounds(
     return pictures
 
 
-def _batch(count: int, size: int, rng: np.random.Generator) -> UInt8[np.ndarray, "n s s 3"]:
+def _batch(count: int, size: int, rng: np.random.Generator) -> ColorPatches:
     base = _noise(count, size, rng) + _gradients(count, size, rng)
     pictures = np.ascontiguousarray(np.clip(base * 255.0, 0, 255), dtype=np.uint8)
     for picture in pictures:

@@ -13,7 +13,7 @@ from annotated_types import Ge, Le
 from jaxtyping import Bool, Float
 from tqdm import tqdm
 
-from hlp.arrays import Points, Poses, Values
+from hlp.arrays import CameraMatrix, Points, Poses, Values
 from hlp.errors import ConfigError, DataError, MissingFileError
 from hlp.files import write_array
 from hlp.geometry import rigid
@@ -263,7 +263,7 @@ def _poses(model: ObjectModel, settings: ViewsSettings, seed: int) -> Poses:
     return rigid(rotations, on_axis - rotations @ model.centroid)
 
 
-def _crop_camera(model: ObjectModel, settings: ViewsSettings) -> Float[np.ndarray, "3 3"]:
+def _crop_camera(model: ObjectModel, settings: ViewsSettings) -> CameraMatrix:
     """Camera of a crop in which the sphere about the centroid that encloses the object fits."""
     distance = settings.distance_mm / 1000.0
     radius = float(np.linalg.norm(model.mesh.vertices - model.centroid, axis=1).max())

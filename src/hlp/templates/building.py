@@ -12,7 +12,7 @@ import numpy as np
 from annotated_types import Ge, Le, Unit
 from jaxtyping import Float, Float32, Int8, UInt8
 
-from hlp.arrays import CameraMatrix, Image, Mask, Values
+from hlp.arrays import CameraMatrix, Image, Mask, Rotation, Values
 from hlp.geometry import rigid
 from hlp.image_edges import NO_EDGE, STEPS, edges
 from hlp.records import ObjectModel
@@ -105,7 +105,7 @@ def build_templates(model: ObjectModel, settings: TemplateSettings) -> Templates
 
 
 def _turned_view(
-    view: Float[np.ndarray, "3 3"],
+    view: Rotation,
     depth: Image,
     camera: CameraMatrix,
     distance: float,
