@@ -184,10 +184,6 @@ def bad_frames(root: Path, models: Any, targets: str | None = "targets.json") ->
     return find_bad_frames(dataset, frames.keys)
 
 
-def without(key: str) -> Callable[[Path], None]:
-    return edited("scene_gt.json", lambda e: [{k: v for k, v in e[0].items() if k != key}])
-
-
 def truncated(name: str) -> Callable[[Path], None]:
     return lambda root: scene_file(root, name).write_bytes(scene_file(root, name).read_bytes()[:20])
 
@@ -210,9 +206,6 @@ CASES = {
     "8 bits of depth": (image("depth/000012.png", np.ones((60, 80), np.uint8)), "16-bit"),
     "depth in colours": (image("depth/000012.png", np.ones((60, 80, 3), "u2")), "one channel"),
     "no camera": (edited("scene_camera.json", lambda _: ...), "has no cam_K for frame 12"),
-    "a list as camera": (edited("scene_camera.json", lambda _: [1]), "must be a mapping"),
-    "eight numbers": (camera(cam_K=K[:8]), "must be a list of 9"),
-    "words": (camera(cam_K=["f"] * 9), "cam_K.0 is 'f'"),
     "no focal length": (camera(cam_K=[0.0, *K[1:]]), "focal lengths must be finite and positive"),
     "intrinsics of a larger image": (
         camera(cam_K=[2 * value for value in K[:8]] + [1]),
@@ -220,28 +213,16 @@ CASES = {
     ),
     "millimetres": (camera(cam_K=[1.9, 0, 40, 0, 1.9, 30, 0, 0, 1]), "fx is 1.9 px"),
     "columns": (camera(cam_K=np.reshape(K, (3, 3)).T.tolist()), "fx 0 cx 0 fy cy 0 0 1"),
-    "depth_scale 0": (camera(depth_scale=0), "depth_scale"),
-    "depth_scale NaN": (camera(depth_scale=float("nan")), "depth_scale is nan"),
     "no pose": (edited("scene_gt.json", lambda _: []), "1 of object 1 should be found, 0 have"),
-    "an object for a list": (edited("scene_gt.json", lambda e: e[0]), "must be a list"),
-    "a number for an object": (edited("scene_gt.json", lambda _: [7]), "must be a mapping"),
     "null for a list": (edited("scene_gt.json", lambda _: None), "must be a list"),
-    "no obj_id": (without("obj_id"), "0.obj_id is missing"),
-    "an id that is no whole number": (with_pose(obj_id=1.5), "obj_id is 1.5: it must be a whole"),
     "an id below 0": (with_pose(obj_id=-1), "obj_id is -1"),
-    "two numbers": (
-        with_pose(cam_t_m2c=[0.0, 700.0]),
-        "[0.0, 700.0]: it must be a list of 3",
-    ),
     "metres": (with_pose(cam_t_m2c=[0.0, 0.0, 0.7]), "are these metres?"),
     "behind the camera": (with_pose(cam_t_m2c=[0.0, 0.0, -700.0]), "behind the camera"),
     "micrometres": (with_pose(cam_t_m2c=[0.0, 0.0, 7e5]), "places the object 700 m away"),
     "a reflection": (with_pose(cam_R_m2c=(UPRIGHT * -1).tolist()), "no rotation but a reflection"),
     "a scaled rotation": (with_pose(cam_R_m2c=(UPRIGHT * 1.01).tolist()), "is no rotation"),
-    "infinity": (with_pose(cam_R_m2c=[float("inf")] * 9), "is inf: it must be a finite number"),
     "a visible fraction of 2": (visible(2.0), "visib_fract is 2.0: it must be at most 1"),
     "two fractions": (edited("scene_gt_info.json", lambda e: e * 2), "info.json has 2 instances"),
-    "a visible fraction in words": (visible("half"), "visib_fract is 'half'"),
 }
 
 
@@ -255,7 +236,7 @@ def test_a_bad_frame_is_found_alone(root: Path, models: Any, case: str) -> None:
     assert words in found[BROKEN]
 
 
-@pytest.mark.parametrize("case", ["no obj_id", "null for a list", "no camera"])
+@pytest.mark.parametrize("case", ["null for a list", "no camera"])
 def test_without_a_list_of_targets_a_broken_frame_is_still_one_of_the_run(
     root: Path, models: Any, case: str
 ) -> None:
@@ -263,7 +244,7 @@ def test_without_a_list_of_targets_a_broken_frame_is_still_one_of_the_run(
     assert [*bad_frames(root, models, None)] == [BROKEN]
 
 
-@pytest.mark.parametrize("case", ["no depth", "no pose", "no obj_id", "no camera"])
+@pytest.mark.parametrize("case", ["no depth", "no pose", "no camera"])
 def test_the_targets_of_a_bad_frame_are_known_and_its_identity_differs(
     root: Path, models: Any, case: str
 ) -> None:
@@ -281,14 +262,3 @@ def test_a_pose_far_beyond_the_depths_is_refused(root: Path) -> None:
     with pytest.raises(DataError, match=r"places the object at 10 m, but the depth image reaches"):
         frames_of(root).load(BROKEN)
     assert frames_of(root).read(BROKEN).targets[0].pose_cam_obj[2, 3] == 10.0
-
-
-def test_a_wrong_unit_of_depth_is_said_of_all_frames(root: Path, models: Any) -> None:
-    path = scene_file(root, "scene_camera.json")
-    content = json.loads(path.read_text())
-    for camera_entry in content.values():
-        camera_entry["depth_scale"] = 1000.0
-    path.write_text(json.dumps(content))
-    found = bad_frames(root, models)
-    assert [*found] == [SOUND, BROKEN]
-    assert all("are these metres" in reason for reason in found.values())

@@ -89,18 +89,6 @@ def test_a_discrete_symmetry_gets_a_true_rotation_and_metres():
     np.testing.assert_allclose(motions[1, :3, :3], flip[:3, :3], atol=0.002)
 
 
-def test_a_continuous_symmetry_turns_about_its_axis():
-    offset = np.array([10.0, 20.0, 5.0])
-    info = {"symmetries_continuous": [{"axis": [0, 0, 2], "offset": offset.tolist()}]}
-    motions = symmetry_motions(read_settings(ModelInfo, info), 8)
-    np.testing.assert_allclose(motions[0], np.eye(4), atol=1e-12)
-    angles = np.sort(Rotation.from_matrix(motions[:, :3, :3]).as_rotvec()[:, 2] % (2 * np.pi))
-    np.testing.assert_allclose(angles, np.arange(8) * np.pi / 4, atol=1e-9)
-    for height in (-0.1, 0.3):
-        on_axis = np.array([0.01, 0.02, height, 1.0])
-        np.testing.assert_allclose(motions @ on_axis, np.tile(on_axis, (8, 1)), atol=1e-12)
-
-
 def _toolkit_motions(info, steps):
     """The BOP toolkit's rule: all turns about all axes in one set, each with each discrete one."""
     discrete = [np.eye(4), *(np.reshape(motion, (4, 4)) for motion in info["symmetries_discrete"])]
@@ -169,19 +157,10 @@ def turned(axis: list[float], offset: list[float]) -> Any:
 HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0]).ravel().tolist()
 MODELS: dict[str, Case] = {
     "models_info: a list": (models("[1]"), "the content is [1]: it must be a mapping"),
-    "models_info: null": (models(None), "1 is null: it must be a mapping"),
     "models_info: metres": (models({"diameter": 0.1393}), "must be in millimetres"),
     "models_info: tenth": (models({"diameter": 13.93}), "the mesh's is 139.2"),
     "models_info: another mesh": (models({"diameter": 300.0}), "diameter is 300"),
-    "models_info: no size": (models({"diameter": 0}), "1.diameter is 0"),
-    "models_info: NaN": (models('{"1": {"diameter": NaN}}'), "1.diameter is nan"),
     "models_info: text": (models({"diameter": "139"}), "1.diameter is '139': it must be a number"),
-    "symmetries: null": (models({"symmetries_discrete": None}), "is null: it must be a list"),
-    "symmetries: 15 numbers": (
-        models({"symmetries_discrete": [HALF_TURN[:15]]}),
-        "it must be a list of 16",
-    ),
-    "symmetries: text": (models({"symmetries_discrete": [["a"] * 16]}), "is 'a': it must be a num"),
     "symmetries: a reflection": (
         models({"symmetries_discrete": [np.diag([-1.0, 1, 1, 1]).ravel().tolist()]}),
         "symmetries_discrete.0 is no rotation but a reflection",
@@ -200,19 +179,7 @@ MODELS: dict[str, Case] = {
     ),
     "symmetries: in metres": (models(turned([0, 0, 1], [0.5, 90.0, 0])), "stated symmetry"),
     "symmetries: no turn of a box": (models(turned([1, 1, 0], [0, 0, 0])), "from itself"),
-    "symmetries: no axis": (
-        models({"symmetries_continuous": [{"offset": [0, 0, 0]}]}),
-        "1.symmetries_continuous.0.axis is missing",
-    ),
-    "symmetries: null axis": (
-        models({"symmetries_continuous": [{"axis": None, "offset": [0, 0, 0]}]}),
-        "axis is null: it must be a list",
-    ),
     "symmetries: axis of length 0": (models(turned([0, 0, 0], [0, 0, 0])), "positive length"),
-    "symmetries: short axis": (
-        models(turned([0, 1], [0, 0, 0])),
-        "axis is [0, 1]: it must be a list of 3",
-    ),
     "symmetries: too many": (
         models({"symmetries_continuous": [{"axis": [0, 0, 1], "offset": [0, 0, 0]}] * 40}, 315),
         "12600 motions",

@@ -118,14 +118,6 @@ def test_a_video_and_a_folder_of_depth(root):
     assert [source.paths(key).name for key in source.keys] == ["v_000000", "v_000001"]
 
 
-def test_one_broken_frame_is_named_and_the_others_are_read(root):
-    (root / "rgb" / "b.jpg").write_bytes(b"rubbish")
-    source = frames(root)
-    source.load("000000_000000")
-    with pytest.raises(ValueError, match=r"b\.jpg is truncated"):
-        source.load("000000_000001")
-
-
 FRAME = FramePaths(Path("rgb/a.png"), Path("depth/a.png"))
 
 

@@ -15,7 +15,6 @@ from hlp.reporting.experiments import describe_reports, write_reports
 from hlp.reporting.paper_reports import (
     TABLES,
     TRENDS,
-    metric_recalls,
     object_recalls_table,
     trend_table,
 )
@@ -98,14 +97,6 @@ def test_a_single_run_is_a_table(tmp_path: Path, name: str) -> None:
     assert TABLES[name] in lines[0] and cells in [line.split() for line in lines]
 
 
-def test_two_methods_of_a_table_stand_side_by_side(tmp_path: Path) -> None:
-    folder = write_sweep(tmp_path / "sweep", ["method"], ["experiment=table2", "method=paper,hlp"])
-    for i, method in enumerate(("paper", "hlp")):
-        write_run(folder / str(i), "table2", scored(0.5, 9.0, OBJECTS), [f"method={method}"])
-    said = unpadded(describe_reports(tmp_path, "markdown"))
-    assert "| method paper | 95 % | method hlp | 95 % |" in said
-
-
 def test_other_experiments_have_no_report(tmp_path: Path) -> None:
     folder = write_run(tmp_path / "run", "demo", scored(0.7, 100.0, OBJECTS))
     assert describe_reports(tmp_path, "text") == "" and write_reports(folder) == []
@@ -180,16 +171,6 @@ def test_table_1_of_two_runs_leaves_blank_what_one_was_not_asked_for() -> None:
     assert list(table.header[3:]) == ["method paper", "95 %", "method hlp", "95 %"]
     assert list(table.rows[1]) == ["ape", "", "0.970", "", "", "0.800", "0.600-0.850"]
     assert list(table.rows[2][3:]) == ["0.500", "", "0.850", ""]
-
-
-def test_table_2_has_the_printed_numbers_beside_ours() -> None:
-    table = metric_recalls({"ours": run(0.7, OBJECTS)}).table("recall")
-    assert list(table.header) == ["recall", "paper", "Brachmann et al.", "ours", "95 %"]
-    assert [list(row) for row in table.rows] == [
-        ["ADD(-S)", "0.632", "0.566", "0.700", "0.600-0.740"],
-        ["5cm5deg", "0.362", "0.227", "0.500", "0.400-0.540"],
-        ["IoU.5", "0.799", "0.620", "0.750", "0.650-0.790"],
-    ]
 
 
 BOP = {"ar": 0.7, "vsd": 0.6, "mssd": 0.7, "mspd": 0.8}

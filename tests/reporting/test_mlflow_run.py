@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from mlflow import MlflowClient
 
-from hlp.reporting.mlflow.run import LoggedAs, MlflowRun, flatten, metric_name
+from hlp.reporting.mlflow.run import LoggedAs, MlflowRun
 from hlp.reporting.mlflow.tracking import REVISION, MlflowSettings, track_run
 
 LOSSES = [{"loss": 0.5, "accuracy": 0.75}, {"loss": 0.25, "accuracy": 0.875}]
@@ -80,19 +80,6 @@ def test_the_link_leads_to_the_run_with_the_loss_curves(mlflow_settings: MlflowS
     assert len(client.get_metric_history(first, "encoder/accuracy")) == 2
     reused = client.get_run(second).data
     assert reused.tags["encoder_of_run"] == first and reused.metrics == {}
-
-
-@pytest.mark.parametrize(
-    ("name", "clean"),
-    [("recall@5cm[cat]", "recall_5cm_cat_"), ("time_ms/total p95", "time_ms/total p95")],
-)
-def test_names_that_mlflow_refuses_are_mended(name: str, clean: str) -> None:
-    assert metric_name(name) == clean
-
-
-def test_flatten() -> None:
-    nested = {"a": {"b": {"c": 1}, "d": [1, 2]}, "e": {}}
-    assert flatten(nested) == {"a.b.c": 1, "a.d": [1, 2], "e": {}}
 
 
 class Client:

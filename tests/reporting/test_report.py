@@ -12,20 +12,11 @@ from hlp.reporting.summary_tables import (
     format_summary,
     runs_table,
     total_table,
-    votes_table,
-    waterfall_tables,
 )
 from hlp.results.poses_file import write_scores
 from hlp.results.summary_file import read_summary
 from table_text import unpadded
 from written_summary import older_summary, summary
-
-
-def test_report_tells_the_waterfall(tmp_path: Path) -> None:
-    (tmp_path / "summary.json").write_text(json.dumps(summary()))
-    text = report_runs(tmp_path, "text")
-    for table in (*waterfall_tables(summary()), votes_table(summary())):
-        assert table.text() in text
 
 
 def test_summaries_of_before_there_were_causes_are_still_read(tmp_path: Path) -> None:
