@@ -5,7 +5,6 @@ import os
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # before torch is imported anywhere
 
 import gc
-import logging
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,7 +22,7 @@ from hlp.config.composition import provide_defaults
 from hlp.records import Mesh
 from made_once import made_once
 from refinement_scene import Scene, make_row, make_scene
-from tiny_run import TINY, Call, TinyRun, make_tiny_run
+from tiny_run import TINY, Call, TinyRun, make_tiny_run, run_here
 
 # Properties: few examples, the same in every run; HLP_EXAMPLES=2000 tries that many new ones.
 settings.register_profile(
@@ -123,39 +122,10 @@ def threads() -> Iterator[None]:
 
 
 @pytest.fixture
-def call(
-    threads: None,
-    tiny_run: TinyRun,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> Iterator[Call]:
+def call(tiny_run: TinyRun, monkeypatch: pytest.MonkeyPatch) -> Call:
     """`hlp run` in this process and the tiny run's folder: exit code, standard output and error."""
-    from hlp.cli import main
-
-    root = logging.getLogger()
-    handlers, level = root.handlers[:], root.level
-    variables = dict(os.environ)
-    monkeypatch.setattr(sys, "argv", sys.argv)
     monkeypatch.chdir(tiny_run.folder)
-
-    def run(*overrides: str) -> tuple[int, str, str]:
-        capsys.readouterr()
-        try:
-            main(["run", *overrides])
-            code = 0
-        except SystemExit as exit_:
-            code = int(exit_.code or 0)
-        printed = capsys.readouterr()
-        return code, printed.out, printed.err
-
-    yield run
-    for handler in set(root.handlers) - set(handlers):
-        handler.close()
-    root.handlers[:] = handlers
-    root.setLevel(level)
-    for name in set(os.environ) - set(variables):
-        del os.environ[name]
-    os.environ.update(variables)
+    return run_here
 
 
 @pytest.fixture(scope="session")

@@ -4,6 +4,7 @@ What it finds depends on the frame and the object alone, so that results can be 
 """
 
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -34,6 +35,7 @@ SHAPE = (12, 17)  # its pixels fill no whole number of bytes
 NOT_FOUND = ("000004_000001", 7)
 
 
+@cache
 def method_settings(*overrides: str) -> MethodSettings:
     """The default settings, as `hlp run` would have them."""
     return build_settings(compose_config("output=out", *overrides)).method

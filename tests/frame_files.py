@@ -1,12 +1,15 @@
 """Frames as files, as users have them."""
 
 import json
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from hlp.data.synthetic.objects import demo_objects
 from hlp.records import CameraImage, Frame
+from tiny_method import write_mesh
 
 
 def write_image(
@@ -26,3 +29,33 @@ def write_camera(folder: Path, frame: Frame, units: float = 1000.0) -> None:
     """The frame's camera as camera.json, which says what a unit of depth is."""
     camera = {"cam_K": frame.camera_matrix.ravel().tolist(), "depth_scale": 1000.0 / units}
     (folder / "camera.json").write_text(json.dumps(camera))
+
+
+def write_bop_set(root: Path, frames: Sequence[Frame], object_ids: Collection[int]) -> None:
+    """Frames of the demo as a BOP set of one scene, in which these of its objects are annotated."""
+    (root / "models").mkdir(parents=True)
+    for object_id in object_ids:
+        mesh = write_mesh(root / "models", demo_objects()[object_id])
+        mesh.rename(mesh.with_name(f"obj_{object_id:06d}.ply"))
+    scene = root / "test" / "000001"
+    contents: dict[str, dict[int, object]] = {"camera": {}, "gt": {}, "gt_info": {}}
+    for number, frame in enumerate(frames):
+        write_image(scene, f"{number:06d}", frame, 10_000.0)
+        chosen = [target for target in frame.targets if target.object_id in object_ids]
+        contents["camera"][number] = {
+            "cam_K": frame.camera_matrix.ravel().tolist(),
+            "depth_scale": 0.1,
+        }
+        contents["gt"][number] = [
+            {
+                "obj_id": target.object_id,
+                "cam_R_m2c": target.pose_cam_obj[:3, :3].ravel().tolist(),
+                "cam_t_m2c": (target.pose_cam_obj[:3, 3] * 1000.0).tolist(),
+            }
+            for target in chosen
+        ]
+        contents["gt_info"][number] = [
+            {"visib_fract": float(target.visible_fraction)} for target in chosen
+        ]
+    for name, content in contents.items():
+        (scene / f"scene_{name}.json").write_text(json.dumps(content))

@@ -52,15 +52,6 @@ def test_projection_equals_the_camera_matrix():
     np.testing.assert_allclose(pixels, homogeneous[:, :2] / homogeneous[:, 2:], rtol=1e-12)
 
 
-@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 0.3, 2.0, np.pi - 1e-6])
-def test_rotation_distance_is_the_angle_between(angle):
-    first = random_rotations(5, 5)
-    axes = np.random.default_rng(5).normal(size=(5, 3))
-    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    second = first @ Rotation.from_rotvec(axes * angle).as_matrix()
-    np.testing.assert_allclose(geometry.rotation_distance(first, second), angle, atol=1e-9)
-
-
 def test_quaternions_keep_the_leading_dimensions_and_none_has_length_zero():
     rotations = random_rotations(6, 7).reshape(2, 3, 3, 3)
     quats = geometry.quaternions(rotations)

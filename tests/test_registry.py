@@ -1,7 +1,6 @@
 """Alternatives are found by their names, here and in plug-ins; nothing else is imported."""
 
 import importlib.metadata
-import subprocess
 import sys
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint
@@ -95,18 +94,3 @@ def test_a_plug_in_that_cannot_be_loaded_is_named(
     with pytest.raises(ModuleNotFoundError) as caught:
         colours(package).find("blue")
     assert caught.value.__notes__ == ["while loading the plug-in no_such_paint (hlp.colour)"]
-
-
-def test_looking_for_what_detection_needs_imports_no_framework() -> None:
-    """Every alternative of voting and refinement, in a fresh process."""
-    code = (
-        "import sys\n"
-        "from hlp.refinement.refiner import REFINERS\n"
-        "from hlp.voting.modes import VOTINGS\n"
-        "assert list(REFINERS.alternatives()) == ['icp', 'none', 'pso']\n"
-        "assert list(VOTINGS.alternatives()) == ['joint', 'paper', 'sequential']\n"
-        "heavy = {'torch', 'pytorch_lightning', 'pydantic', 'hydra', 'mlflow', 'matplotlib'}\n"
-        "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr

@@ -1,5 +1,6 @@
 """Mesh files, and the smallest settings of the method, for tests that learn an object."""
 
+from functools import cache
 from pathlib import Path
 
 import trimesh
@@ -15,7 +16,7 @@ MODELS = {model.name: model for model in demo_objects().values()}
 TINY = (
     "encoder=pca",
     "codebook=exact",
-    "rendering.viewpoints=60",
+    "rendering.viewpoints=40",
     "rendering.in_plane_steps=4",
     "rendering.size_px=64",
     "patches.pool.per_object=200",
@@ -28,6 +29,7 @@ TINY = (
 )
 
 
+@cache
 def tiny_method(*overrides: str) -> MethodSettings:
     """The default method made small: PCA in place of a trained encoder, few views."""
     return build_settings(compose_config("output=out", *TINY, *overrides)).method

@@ -1,16 +1,20 @@
 """The smallest run of the demo world, shared by the tests that look at runs."""
 
 import json
+import logging
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import chdir, contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 
 import pytest
 
 import hlp
+from hlp.cli import main
 from hlp.commands.composing import compose_config
 from hlp.config.build import Run, build_run
 from made_once import made_once
@@ -27,6 +31,7 @@ TINY = (
     "data.background_frames=4",
     "rendering.viewpoints=20",
     "rendering.in_plane_steps=3",
+    "rendering.size_px=64",
     "patches.pool.per_object=60",
     "patches.pool.backgrounds=120",
     "patches.pool.distractor_scenes=2",
@@ -45,14 +50,15 @@ TINY = (
 class TinyRun:
     """A finished run of the demo world, everything as small as it can be.
 
-    `overrides` are what `hlp run` was given beside `output`; stages lie in `folder`/work. It may be
-    a copy of `made_in`, where the run took place.
+    `overrides` are what `hlp run` was given beside `output`, `out` and `error` what it printed;
+    stages lie in `folder`/work. It may be a copy of `made_in`, where the run took place.
     """
 
     folder: Path
     output: Path
     overrides: tuple[str, ...]
-    process: "subprocess.CompletedProcess[str]"
+    out: str
+    error: str
     made_in: Path
 
     def build(self, *overrides: str) -> Run:
@@ -67,15 +73,50 @@ def make_tiny_run(
     """The run with these overrides, once for all test processes."""
 
     def make(folder: Path) -> None:
-        done = start_run(folder, *overrides(folder), "output=first", threads=2)
-        assert done.returncode == 0, done.stderr
-        said = [done.stdout, done.stderr, str(folder)]
-        (folder / "said.json").write_text(json.dumps(said))
+        with chdir(folder):
+            code, *said = run_here(*overrides(folder), "output=first", "machine.threads=2")
+        assert code == 0, said
+        (folder / "said.json").write_text(json.dumps([*said, str(folder)]))
 
     folder = made_once(factory, name, make)
     out, err, made_in = json.loads((folder / "said.json").read_text())
-    process = subprocess.CompletedProcess([], 0, out, err)
-    return TinyRun(folder, folder / "first", overrides(Path(made_in)), process, Path(made_in))
+    return TinyRun(folder, folder / "first", overrides(Path(made_in)), out, err, Path(made_in))
+
+
+def run_here(*overrides: str) -> tuple[int, str, str]:
+    """`hlp run` in this process, which has imported everything: exit code, output and errors."""
+    out, error = StringIO(), StringIO()
+    with _left_as_it_was(), redirect_stdout(out), redirect_stderr(error):
+        try:
+            main(["run", *overrides])
+            code = 0
+        except SystemExit as ended:
+            code = int(ended.code or 0)
+    return code, out.getvalue(), error.getvalue()
+
+
+@contextmanager
+def _left_as_it_was() -> Iterator[None]:
+    """Arguments, variables, logging and threads of this process are as before afterwards."""
+    import cv2
+    import torch
+
+    root = logging.getLogger()
+    handlers, level = root.handlers[:], root.level
+    arguments, variables, threads = sys.argv, dict(os.environ), torch.get_num_threads()
+    try:
+        yield
+    finally:
+        for handler in {*root.handlers} - {*handlers}:
+            handler.close()
+        root.handlers[:] = handlers
+        root.setLevel(level)
+        sys.argv = arguments
+        for name in {*os.environ} - {*variables}:
+            del os.environ[name]
+        os.environ.update(variables)
+        torch.set_num_threads(threads)
+        cv2.setNumThreads(-1)
 
 
 def start_run(folder: Path, *overrides: str, threads: int) -> "subprocess.CompletedProcess[str]":

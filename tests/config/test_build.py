@@ -1,6 +1,5 @@
 import dataclasses
 import json
-import math
 from pathlib import Path
 
 import cv2
@@ -89,20 +88,13 @@ WRONG = [
     ("seed", "abc", r"^seed is 'abc': it must be a whole number$"),
     ("rendering.viewpoints", 3.5, r"^rendering\.viewpoints is 3\.5: it must be a whole number$"),
     ("rendering.viewpoint", 9, r"^rendering\.viewpoint is no key: did you mean viewpoints\?$"),
-    ("rendering.focal_px", math.nan, r"^rendering\.focal_px is nan: it must be a finite number$"),
-    ("patches.region.stride", 8, r"^patches\.region\.stride is no key"),
-    ("patches.pool.off_center", 1.5, r"^patches\.pool\.off_center is 1\.5: .* at most 1$"),
     ("patches.holistic.resolution", 48, r"^patches\.holistic\.resolution is 48: .* 64$"),
     ("patches.local.resolution", 48, r"^patches\.local\.resolution is 48: .* 32$"),
-    ("refinement.cost.tau_edge_mm", -2.5, r"^refinement\.cost\.tau_edge_mm is -2\.5: .* above 0$"),
     ("refinement.phi_1", 1.0, r"^refinement\.phi_1 \+ phi_2 is 2\.3: it must be above 4$"),
     ("encoder.input", "depth", r"^encoder\.input .*'rgbd' or 'normals_depth'$"),
     ("encoder.name", "cea", r"^encoder\.name is 'cea': choose one of cae, contrastive, pca$"),
     ("encoder.dimension", 150, r"^encoder\.dimension is 150: codebook=inverted_lists takes .* 4$"),
-    ("encoder.widths", [8] * 6, r"^encoder\.widths is .*1 to 5"),
-    ("classifier.widths", [0, 16], r"^classifier\.widths\.0 is 0: it must be at least 1"),
     ("classifier.widths", [8] * 7, r"^classifier\.widths is .*1 to 6"),
-    ("trainer.accelerator", "warp", r"^trainer\.accelerator is 'warp': it must be 'cpu' or"),
     ("frames", 0, r"^frames is 0: it must be at least 1$"),
     ("data.objects", [4, 9], r"^data\.objects\.1 is 9: it must be at most 8$"),
     ("data.objects", [6, 5], r"^data\.objects is \[6, 5\]: it must be \[least, most\]$"),

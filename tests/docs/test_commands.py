@@ -1,6 +1,7 @@
 """Every `hlp` command that README and the pages show: its groups, keys and values exist."""
 
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -35,8 +36,13 @@ def compose_command(words: list[str], own_files: Path) -> int:
     count = max(map(len, swept), default=1)
     for index in range(count):
         chosen = [values[index % len(values)] for values in swept]
-        build_settings(composing.compose_config(*searched, "output=out", *chosen))
+        _compose(*searched, "output=out", *chosen)
     return count
+
+
+@cache
+def _compose(*overrides: str) -> None:
+    build_settings(composing.compose_config(*overrides))
 
 
 def check_own(words: list[str]) -> None:
@@ -54,7 +60,7 @@ def check_own(words: list[str]) -> None:
     for key, value in split_arguments(words[1:]).items():
         if not re.search(rf"(^|[\s,\[]){key}[\s,=]", shown + help_text("learn")):
             overrides.append(f"{key}={value}")
-    composing.compose_config("output=out", *overrides)
+    _compose("output=out", *overrides)
 
 
 def _values(override: str) -> list[str]:

@@ -7,14 +7,22 @@ import subprocess
 import pytest
 from markdown_pages import ROOT
 
-pytestmark = pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
+OWN_WORK = "work=build/screenshots/work "
 
 
-def commands(*words: str) -> list[str]:
-    """The lines that `make` would run where .venv is made already.
-
-    The `make` that runs this test, perhaps with variables of its own, passes nothing on to it.
-    """
+@pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
+@pytest.mark.parametrize(
+    ("words", "run"),
+    [
+        (["demo", "WORK=there"], ["hlp run work=there"]),
+        (["ui", "WORK=there", "PORT=5001"], ["hlp ui work=there port=5001"]),
+        (["test-slow", "SLOW=slow and not thorough"], [' -m "slow and not thorough"']),
+        (["test-slow", "BROWSER=required"], ["HLP_BROWSER=required .venv/bin/python -m pytest "]),
+        (["screenshots"], [OWN_WORK, OWN_WORK, "tests/browser --shown=build/screenshots "]),
+    ],
+)
+def test_targets_run_what_readme_says(words: list[str], run: list[str]) -> None:
+    """The `make` that runs this test, perhaps with variables of its own, passes nothing on."""
     own = ("MAKE", "MFLAGS", "BROWSER", "PORT", "SLOW", "WORK")
     done = subprocess.run(
         ["make", "--dry-run", "--assume-old=.venv/.installed", *words],
@@ -24,22 +32,5 @@ def commands(*words: str) -> list[str]:
         text=True,
         check=True,
     )
-    return done.stdout.splitlines()
-
-
-def test_demo_is_a_run_and_ui_shows_it() -> None:
-    assert commands("demo", "WORK=there") == [".venv/bin/hlp run work=there"]
-    assert commands("ui", "WORK=there", "PORT=5001") == [".venv/bin/hlp ui work=there port=5001"]
-
-
-def test_a_part_of_the_slow_tests_can_be_chosen_and_a_browser_demanded() -> None:
-    (line,) = commands("test-slow", "BROWSER=required", "SLOW=slow and not thorough")
-    assert line.startswith("HLP_BROWSER=required .venv/bin/python -m pytest ")
-    assert line.endswith('-m "slow and not thorough"')
-
-
-def test_screenshots_show_a_run_and_a_sweep_of_their_own() -> None:
-    run, sweep, pictures = commands("screenshots")
-    assert run.startswith(".venv/bin/hlp run work=build/screenshots/work ")
-    assert sweep.startswith(".venv/bin/hlp -m ") and "work=build/screenshots/work " in sweep
-    assert "tests/browser" in pictures and "--screenshots=docs/assets" in pictures
+    lines = done.stdout.splitlines()
+    assert all(words in line for words, line in zip(run, lines, strict=True))

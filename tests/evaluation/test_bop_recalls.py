@@ -7,7 +7,6 @@ from scipy.spatial.transform import Rotation
 
 from hlp.evaluation.bop_recalls import FRACTIONS, PIXELS, BopRecalls, match
 from hlp.geometry import inverse, rigid
-from hlp.records import Mesh
 
 DIAMETER = float(np.linalg.norm(EXTENTS))
 K = np.array([[570.0, 0.0, 81.3], [0.0, 560.0, 58.6], [0.0, 0.0, 1.0]])
@@ -142,12 +141,3 @@ def test_mssd_and_mspd_take_the_nearest_symmetric_pose():
     assert plain[0, 1] == (np.linalg.norm(a - b, axis=0).max() < FRACTIONS * DIAMETER).mean()
     a, b = ((K @ each / each[2])[:2] for each in (a, b))
     assert plain[0, 2] == (np.linalg.norm(a - b, axis=0).max() < PIXELS).mean()
-
-
-def test_errors_are_measured_on_the_given_mesh():
-    """The mesh of `models_eval` may be another one than the model's."""
-    half = Mesh(MODEL.mesh.vertices * 0.5, MODEL.mesh.faces, MODEL.mesh.colors, MODEL.mesh.normals)
-    turned = moved(degrees=40.0)
-    full_recall = RECALLS.of([TRUE], [turned], K, 640, None)[0, 1]
-    half_recall = BopRecalls(MODEL, half).of([TRUE], [turned], K, 640, None)[0, 1]
-    assert half_recall > full_recall

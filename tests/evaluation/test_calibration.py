@@ -35,15 +35,6 @@ def test_calibration_error_is_that_of_its_definition(bins):
     assert reliability(scores, right, bins)[:, 0].sum() == 500
 
 
-def test_scores_that_mean_what_they_say_have_no_error():
-    rng = np.random.default_rng(0)
-    scores = rng.random(200_000)
-    right = rng.random(200_000) < scores
-    assert expected_calibration_error(scores, right) < 0.005
-    assert expected_calibration_error(np.ones(4), np.array([True] * 4)) == 0.0
-    assert expected_calibration_error(np.ones(4), np.array([False] * 4)) == 1.0
-
-
 def test_risk_at_each_coverage_is_that_of_the_answers_above_the_threshold():
     scores, right = answers(300, 2)
     coverage, risk = risk_coverage(scores, right)

@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from hlp.evaluation import errors
 from hlp.geometry import rigid
 
 K = np.array([[572.4, 0.0, 325.3], [0.0, 573.6, 242.0], [0.0, 0.0, 1.0]])
-EYE = np.eye(4)[None]
 
 
 def _poses(seed, spread=0.3):
@@ -100,17 +99,6 @@ def test_mssd_and_mspd_equal_loops_over_symmetries_and_vertices(steps):
     behind = true.copy()
     behind[2, 3] = 0.0
     assert errors.mspd(behind, true, vertices, turns, K) == float("inf")
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_the_convex_hull_is_enough_for_the_maximum_errors(seed):
-    estimated, true, vertices = _poses(seed, spread=0.1)
-    hull = vertices[ConvexHull(vertices).vertices]
-    assert len(hull) < len(vertices)
-    full, reduced = (errors.mssd(estimated, true, v, EYE) for v in (vertices, hull))
-    assert reduced == pytest.approx(full, rel=1e-12)
-    full, reduced = (errors.mspd(estimated, true, v, EYE, K) for v in (vertices, hull))
-    assert reduced == pytest.approx(full, abs=0.5)
 
 
 def test_vsd_is_one_where_nothing_is_visible():

@@ -1,14 +1,17 @@
 """CONTRIBUTING's example of an alternative, installed from a package of its own, runs."""
 
 import re
+import sys
 import tomllib
 from pathlib import Path
 
 import pytest
 
 from forked_hlp import run_hlp
+from hlp.errors import ConfigError
+from hlp.models.encoder import ENCODERS
 from run_files import read_json
-from tiny_run import TINY
+from tiny_run import TINY, run_here
 
 CONTRIBUTING = Path(__file__).parents[2] / "CONTRIBUTING.md"
 BLOCK = re.compile(r'```\w+ title="([^"]+)"\n(.*?)```', re.DOTALL)
@@ -45,19 +48,31 @@ def test_the_example_is_found_by_its_name_and_runs(plug_in):
     assert read_json(plug_in / "out" / "summary.json")["targets"] > 0
 
 
-def test_every_value_is_shown_and_a_mistake_is_named(plug_in):
+@pytest.fixture
+def installed(plug_in, monkeypatch):
+    """The plug-in can be imported by this process, which forgets it afterwards."""
+    monkeypatch.syspath_prepend(plug_in)
+    monkeypatch.chdir(plug_in)
+    yield plug_in
+    ENCODERS._known.pop("cells", None)
+    for name in [name for name in sys.modules if name.partition(".")[0] == "my_hlp"]:
+        del sys.modules[name]
+
+
+def test_every_value_is_shown_and_a_mistake_is_named(installed):
     """A folder on the search path will do as well as an option."""
-    path = f"hydra.searchpath=[file://{plug_in / 'conf'}]"
-    done = run_hlp(plug_in, "run", "--cfg", "job", path, "encoder=cells")
-    assert done.returncode == 0, done.stderr
-    assert "encoder:\n  name: cells\n  cells: 8\n" in done.stdout
-    assert "  theta_deg: 10.0\n" in done.stdout
-    assert "base_" not in done.stdout
-    chosen = ("--config-dir", str(plug_in / "conf"), "encoder=cells", "encoder.cells=0")
-    done = run_hlp(plug_in, "run", *chosen, "output=out")
-    assert done.returncode == 1
-    assert done.stderr.strip().endswith("encoder.cells is 0: it must be at least 1")
-    (plug_in / "my_hlp-1.0.dist-info" / "entry_points.txt").unlink()
-    done = run_hlp(plug_in, "run", "encoder.name=cells")
-    assert done.returncode == 1
-    assert "encoder.name is 'cells': choose one of cae, contrastive, pca" in done.stderr
+    path = f"hydra.searchpath=[file://{installed / 'conf'}]"
+    code, shown, _ = run_here("--cfg", "job", path, "encoder=cells")
+    assert code == 0 and "encoder:\n  name: cells\n  cells: 8\n" in shown
+    assert "  theta_deg: 10.0\n" in shown
+    assert "base_" not in shown
+    chosen = ("--config-dir", str(installed / "conf"), "encoder=cells", "encoder.cells=0")
+    code, _, said = run_here(*chosen, "output=out")
+    assert code == 1
+    assert said.strip().endswith("encoder.cells is 0: it must be at least 1")
+
+
+def test_without_its_entry_point_it_is_not_known(installed):
+    (installed / "my_hlp-1.0.dist-info" / "entry_points.txt").unlink()
+    with pytest.raises(ConfigError, match="is 'cells': choose one of cae, contrastive, pca"):
+        ENCODERS.find("cells", "encoder")

@@ -166,39 +166,36 @@ def test_learnt_objects_are_used_by_name_and_by_path(own, first):
 
 
 @pytest.mark.parametrize(
-    ("given", "words"),
+    ("words", "said"),
     [
-        (["names=a"], "mesh is not set"),
-        (["mesh=none.ply"], "there is no mesh none.ply"),
-        (["mesh=my drill.ply", "names=a,b"], "names: a, b for 1 meshes"),
-        (["mesh=my drill.ply", "mesh_scale=1"], "wrong unit"),
-        (["mesh=my drill.ply", "rooms=nowhere"], "rooms is no folder"),
-        (["mesh=my drill.ply", "symetries=none"], "symetries"),
-        (["mesh=my drill.ply", "name=a/b"], "give output"),
+        (["learn", "names=a"], "mesh is not set"),
+        (["learn", "mesh=none.ply"], "there is no mesh none.ply"),
+        (["learn", "mesh=my drill.ply", "names=a,b"], "names: a, b for 1 meshes"),
+        (["learn", "mesh=my drill.ply", "mesh_scale=1"], "wrong unit"),
+        (["learn", "mesh=my drill.ply", "rooms=nowhere"], "rooms is no folder"),
+        (["learn", "mesh=my drill.ply", "symetries=none"], "symetries"),
+        (["learn", "mesh=my drill.ply", "name=a/b"], "give output"),
+        (
+            ["predict", "model=a.ply", "rgb=a.png", "intrinsics=[1,1,1,1]"],
+            "depth is not set: give depth=…, see `hlp predict --help`\n",
+        ),
+        (
+            [
+                *("predict", *TINY, "model=my drill.ply", "rgb=rgb", "depth=depth"),
+                *("intrinsics=[500,500,600,9]", "output=never"),
+            ],
+            "principal point",
+        ),
     ],
 )
-def test_learning_says_what_is_wrong_before_it_begins(own, given, words, monkeypatch, capsys):
+def test_what_is_wrong_is_said_before_anything_is_learnt(own, words, said, monkeypatch, capsys):
     monkeypatch.chdir(own.folder)
     with pytest.raises(SystemExit) as ended:
-        main(["learn", *given, "work=work"])
-    said = capsys.readouterr().err
+        main([*words, "work=work"])
+    error = capsys.readouterr().err
     assert ended.value.code == 1
-    assert said.startswith("hlp: ") and words in said
-
-
-def test_help_says_what_to_give_and_what_is_wrong_is_named(own):
-    shown = run_hlp(own.folder, "predict", "--help")
-    assert shown.returncode == 0
-    assert "hlp predict model=bracket.ply" in shown.stdout
-    failed = own.predict("never", model="a.ply", rgb="a.png", intrinsics="[1,1,1,1]")
-    assert failed.returncode == 1
-    assert failed.stderr == "hlp: depth is not set: give depth=…, see `hlp predict --help`\n"
-    failed = own.predict("never", *TINY, **own.given | {"intrinsics": "[500,500,600,9]"})
-    assert failed.returncode == 1 and "principal point" in failed.stderr
+    assert error.startswith("hlp: ") and said in error
     assert not (own.folder / "never").exists()
-    for command in ("learn", "objects"):
-        shown = run_hlp(own.folder, command, "--help")
-        assert shown.stdout.startswith(f"usage: hlp {command}")
 
 
 @pytest.mark.slow

@@ -188,8 +188,8 @@ def test_a_detector_finds_the_same_poses(tiny_run, tmp_path):
 
 
 def test_console_tells_the_stages_and_where_the_results_are(tiny_run):
-    said = tiny_run.process.stdout
-    assert tiny_run.process.stderr == ""
+    said = tiny_run.out
+    assert tiny_run.error == ""
     assert said.count("made   views of ") == 8
     assert said.count("made   codebook of ") == 8
     assert said.count("made   regions ") == 1

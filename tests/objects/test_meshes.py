@@ -1,6 +1,5 @@
 """Meshes: loading, decimation, diameters; files that are none."""
 
-import json
 import struct
 import time
 
@@ -118,36 +117,10 @@ def test_decimating_a_triangle_soup_does_not_tear_it():
     assert trimesh.Trimesh(small.vertices, small.faces).is_watertight
 
 
-def test_a_mesh_that_is_small_enough_stays_itself():
-    mesh = _mesh(_sphere_mm(1))
-    assert decimate(mesh, len(mesh.faces)) is mesh
-
-
-def test_too_few_faces_are_refused():
-    with pytest.raises(ValueError, match="at least 4"):
-        decimate(_mesh(_sphere_mm(1)), 3)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_the_diameter_is_the_largest_of_all_distances(seed):
-    points = np.random.default_rng(seed).normal(size=(400, 3)) * [1, 2, 0.5]
+@pytest.mark.parametrize("thickness", [0.5, 0.0])  # something flat has no convex hull
+def test_the_diameter_is_the_largest_of_all_distances(thickness):
+    points = np.random.default_rng(0).normal(size=(400, 3)) * [1, 2, thickness]
     assert mesh_diameter(points) == pytest.approx(pdist(points).max(), rel=1e-12)
-
-
-def test_the_diameter_of_something_flat_and_of_a_box():
-    flat = np.random.default_rng(0).normal(size=(1500, 3)) * [1, 1, 0]
-    assert mesh_diameter(flat) == pytest.approx(pdist(flat).max())
-    corners = trimesh.creation.box((0.1, 0.2, 0.3)).vertices
-    assert mesh_diameter(np.array(corners)) == pytest.approx(np.sqrt(0.14))
-
-
-def test_linemods_diameters_are_those_of_its_list(shared_data):
-    info = json.loads((shared_data / "lm/models/models_info.json").read_text())
-    for object_id in (1, 6, 11):
-        mesh = load_mesh(shared_data / f"lm/models/obj_{object_id:06d}.ply")
-        assert mesh_diameter(mesh.vertices) * 1e3 == pytest.approx(
-            info[str(object_id)]["diameter"], abs=0.05
-        )
 
 
 def _subdivided(mesh, least):
@@ -290,10 +263,8 @@ def textured_mesh(uv):
 
 
 BINARY_PLY = bytes(BOX.export(file_type="ply"))
-BINARY_STL = bytes(BOX.export(file_type="stl"))
 CORNERS = "0 0 0\n90 0 0\n0 90 0"
 TINY = trimesh.creation.box((0.07, 0.08, 0.09))
-HUGE = trimesh.creation.box((70000, 80000, 90000))
 MESHES = {
     "no mesh": (lambda folder: load_mesh(folder / "a.ply"), "no mesh"),
     "mesh: a folder": (load_mesh, "no mesh"),

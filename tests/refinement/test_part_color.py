@@ -57,11 +57,6 @@ def test_it_is_the_mean_log_ratio(shares):
         assert found == pytest.approx(float(own[n] @ ratio))
 
 
-def test_nothing_is_said_without_sure_ones(shares):
-    background, own = shares
-    assert color_evidence(own, np.zeros(3), background) == pytest.approx(0.0, abs=1e-9)
-
-
 def test_where_nothing_agrees_there_are_no_colours(shares):
     model, rgb = make_model(), np.zeros((*SHAPE, 3), np.uint8)
     settings = VerificationSettings()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hlp.refinement.pose_fit import PoseFit, measure_fit, relief_correlation, slope_correlation
+from hlp.refinement.pose_fit import measure_fit, relief_correlation, slope_correlation
 from hlp.refinement.verification import VerificationSettings, Verifier, observe
 from hlp.rendering.rasterizer import render_depth
 from refinement_scene import CAMERA, disturbed
@@ -90,8 +90,3 @@ def test_what_lies_outside_the_image_is_not_visible(scene, observation, verifier
     occluded = float(verifier.evidence(observation, pose[None]).occluded[0])
     fit = measure_fit(verifier, observation, pose)
     assert fit.visible_fraction == pytest.approx(expected * (1.0 - occluded), abs=0.02)
-
-
-def test_a_fit_comes_back_from_an_array():
-    fit = PoseFit(0.2, 0.9, -0.5, np.inf, 0.75)
-    assert PoseFit.from_array(fit.as_array()) == fit

@@ -69,14 +69,6 @@ def test_swarm_reaches_goals_outside_its_box_only_when_the_box_follows(settings)
     assert low < np.deg2rad(10.0) * 3**0.5 + 1e-9
 
 
-@pytest.mark.parametrize("recentre", [True, False])
-def test_swarm_finds_a_goal_in_its_box(settings, recentre):
-    goal = apply_offsets(start(), np.array([[0.1, -0.12, 0.05, 0.005, -0.007, 0.003]]), CENTROID)[0]
-    long = replace(settings, recentre=recentre, iterations=200, patience=40)
-    found, _ = search(Bowl(goal), start(), CENTROID, long, np.random.default_rng(1))
-    assert Bowl(goal).evaluate(found[None])[0] < 1e-5
-
-
 def test_a_pose_that_cannot_be_bettered_is_kept(settings):
     bowl = Bowl(start())
     found, iterations = search(bowl, start(), CENTROID, settings, np.random.default_rng(0))

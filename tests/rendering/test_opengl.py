@@ -150,16 +150,6 @@ def test_a_forked_child_is_told_why_it_cannot_render():
     assert "forked" in printed and "spawn" in printed
 
 
-def test_importing_starts_nothing():
-    run_python("""
-        import cv2, os, sys  # OpenCV sets some variables itself
-        before = dict(os.environ)
-        import hlp.rendering.views, hlp.rendering.opengl
-        assert "pyrender" not in sys.modules and "OpenGL" not in sys.modules
-        assert dict(os.environ) == before
-    """)
-
-
 def test_missing_libraries_are_named():
     printed = run_python("""
         import sys

@@ -8,12 +8,10 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from generated_values import SEEDS, json_values, motions, texts
-from hlp.files import read_json, write_json
+from generated_values import motions, texts
+from hlp.files import read_json
 from hlp.records import PoseEstimate, TargetScore
-from hlp.reporting.results import Manifest
 from hlp.results.poses_file import AnswersFile, read_poses, read_scores, write_poses, write_scores
-from hlp.settings import read_as
 
 IDS = st.integers(0, 10**6)
 SECONDS = st.dictionaries(texts(), st.floats(0.0, 1e3), max_size=3)
@@ -91,16 +89,3 @@ def test_scores_come_back(tmp_path: Path, scores, names):
                 np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-300)
             else:
                 assert one == other, field.name
-
-
-@given(
-    st.dictionaries(texts(), json_values(), max_size=4),
-    st.lists(texts(), max_size=4),
-    texts(),
-    SEEDS,
-)
-def test_a_manifest_comes_back(tmp_path: Path, config, keys, frames, seed):
-    data = {"keys": keys, "frames": frames}
-    write_json(tmp_path / "manifest.json", {"config": config, "data": data, "seed": seed})
-    manifest = read_as(tmp_path / "manifest.json", Manifest)
-    assert (manifest.config, manifest.data.keys, manifest.data.frames) == (config, keys, frames)

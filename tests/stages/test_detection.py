@@ -197,16 +197,6 @@ def test_estimates_are_the_cheapest_hypotheses_with_the_times_of_this_pass(tmp_p
         assert 0.0 < estimate.seconds["refinement"] < 0.1
 
 
-def test_times_on_disk_are_nobodys(tmp_path):
-    """Not those of a run that finds all, nor of one that finds only the first two stages."""
-    stages_in(tmp_path).hypotheses()
-    refined = stages_in(tmp_path)
-    again = stages_in(tmp_path)
-    assert [each.seconds for each in refined.estimates()] == [{}] * 6
-    assert [estimate.seconds for estimate in again.estimates()] == [{}] * 6
-    assert again.first_use_seconds is None
-
-
 def test_loading_and_compiling_are_the_first_uses_and_no_frames(tmp_path, monkeypatch):
     import time
 

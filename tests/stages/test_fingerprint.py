@@ -52,10 +52,6 @@ def test_a_name_is_the_same_in_another_process():
         {"code": Code("0123", {"numpy": "2.4.7"})},
         {"seed": 1},
         {"settings": {"encoder": {"width": 32, "levels": [2, 1]}, "k": 3}},
-        {"settings": {"encoder": {"width": 32, "levels": [1, 2]}, "k": "3"}},
-        {"settings": {"encoder": {"width": 32, "levels": [1, 2], "k": 3}}},
-        {"upstream": {"frames": "0123456789abcdef"}},
-        {"upstream": {}},
     ],
     ids=str,
 )

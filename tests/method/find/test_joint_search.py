@@ -13,7 +13,7 @@ from hlp.refinement.score_model import PRIOR
 from made_once import made_once
 from tiny_method import MODELS, tiny_method, write_mesh
 
-JOINT = ("codebook=joint_lists", "patches.local.size_mm=45")
+JOINT = ("codebook=joint_lists", "patches.local.size_mm=45", "rendering.viewpoints=30")
 
 
 @pytest.fixture(scope="module")
