@@ -18,8 +18,6 @@ from hlp.cli import main
 from hlp.commands.composing import compose_config
 from hlp.config import build
 from hlp.errors import MissingFileError
-from hlp.records import TargetScore
-from hlp.results.poses_file import write_scores
 
 Said = pytest.CaptureFixture[str]
 
@@ -159,15 +157,6 @@ def test_anytime_is_a_sweep_of_budgets(folder: Path) -> None:
         assert sorted(config["refinement"]["budget_ms"] for config in found) == values
 
 
-@pytest.mark.parametrize(
-    ("argument", "word"), [("encoder=none", "contrastive"), ("seed=13", "data.root")]
-)
-def test_an_error_is_one_message_that_names_the_key(
-    argument: str, word: str, folder: Path, capsys: Said
-) -> None:
-    assert word in fails(["run", argument], capsys)
-
-
 def test_a_traceback_is_shown_where_it_is_asked_for(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -195,11 +184,3 @@ def test_what_cannot_be_reported_or_compared_is_named(
     command: str, words: str, folder: Path, capsys: Said
 ) -> None:
     assert words in fails(command.split(), capsys)
-
-
-def test_report_compares_two_runs(folder: Path, capsys: Said) -> None:
-    for name, right in (("a", False), ("b", True)):
-        score = TargetScore(1, 2, 6, True, 1.0, 0.009, 0.1, 0.009, 0.9, right, True, True)
-        write_scores(folder / name / "scores.csv", [score], {6: "cat"})
-    main(["report", "runs=[a, b]"])
-    assert "Changed verdicts of ADD(-S): 1" in capsys.readouterr().out

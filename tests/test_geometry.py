@@ -52,6 +52,13 @@ def test_projection_equals_the_camera_matrix():
     np.testing.assert_allclose(pixels, homogeneous[:, :2] / homogeneous[:, 2:], rtol=1e-12)
 
 
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, np.pi - 1e-6])
+def test_rotation_distance_is_exact_at_both_ends(angle):
+    first = random_rotations(5, 5)
+    second = first @ Rotation.from_rotvec([0.0, angle, 0.0]).as_matrix()
+    np.testing.assert_allclose(geometry.rotation_distance(first, second), angle, atol=1e-9)
+
+
 def test_quaternions_keep_the_leading_dimensions_and_none_has_length_zero():
     rotations = random_rotations(6, 7).reshape(2, 3, 3, 3)
     quats = geometry.quaternions(rotations)

@@ -213,6 +213,7 @@ CASES = {
     ),
     "millimetres": (camera(cam_K=[1.9, 0, 40, 0, 1.9, 30, 0, 0, 1]), "fx is 1.9 px"),
     "columns": (camera(cam_K=np.reshape(K, (3, 3)).T.tolist()), "fx 0 cx 0 fy cy 0 0 1"),
+    "depth_scale 0": (camera(depth_scale=0), "depth_scale"),
     "no pose": (edited("scene_gt.json", lambda _: []), "1 of object 1 should be found, 0 have"),
     "null for a list": (edited("scene_gt.json", lambda _: None), "must be a list"),
     "an id below 0": (with_pose(obj_id=-1), "obj_id is -1"),

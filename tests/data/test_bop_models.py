@@ -160,6 +160,7 @@ MODELS: dict[str, Case] = {
     "models_info: metres": (models({"diameter": 0.1393}), "must be in millimetres"),
     "models_info: tenth": (models({"diameter": 13.93}), "the mesh's is 139.2"),
     "models_info: another mesh": (models({"diameter": 300.0}), "diameter is 300"),
+    "models_info: no size": (models({"diameter": 0}), "1.diameter is 0"),
     "models_info: text": (models({"diameter": "139"}), "1.diameter is '139': it must be a number"),
     "symmetries: a reflection": (
         models({"symmetries_discrete": [np.diag([-1.0, 1, 1, 1]).ravel().tolist()]}),

@@ -13,8 +13,6 @@ from hlp import Detector
 from hlp.data.synthetic.objects import demo_objects
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.evaluation.errors import add
-from hlp.geometry import project, transform
-from hlp.objects.meshes import load_mesh, mesh_diameter
 from tiny_method import tiny_method, write_mesh
 
 SCENES = {
@@ -107,11 +105,3 @@ def test_blocks_of_a_page_run_in_order_unless_they_say_why_not(tmp_path):
     with pytest.raises(ZeroDivisionError) as raised:
         run_examples(page, {})
     assert raised.traceback[-1].lineno + 1 == 4  # the page's own line
-
-
-def test_the_frame_of_the_examples_shows_the_object(own_files):
-    folder, frame, model, true_pose = own_files
-    mesh = load_mesh(folder / "bracket.ply")
-    assert mesh_diameter(mesh.vertices) == pytest.approx(model.diameter, rel=1e-3)
-    x, y = project(transform(true_pose, model.centroid[None]), frame.camera_matrix)[0]
-    assert 0 < x < frame.rgb.shape[1] and 0 < y < frame.rgb.shape[0]

@@ -43,23 +43,6 @@ def test_failed_arm_is_a_failed_run_and_the_others_go_on(tiny_run: TinyRun, call
 
 
 @pytest.mark.slow
-@pytest.mark.thorough
-def test_anytime_draws_recall_against_the_time_of_each_budget(
-    tiny_run: TinyRun, call: Call
-) -> None:
-    budgets = ("experiment=anytime", "refinement.budget_ms=null,1", "output=anytime")
-    code, _, error = call(*tiny_run.overrides, *budgets)
-    assert code == 0, error
-    folder = tiny_run.folder / "anytime"
-    points = rows(folder / "recall_by_time.csv")
-    assert [point["refinement.budget_ms"] for point in points] == ["null", "1"]
-    assert all(float(point["median_ms"]) > 0.0 for point in points)
-    client, parent, _ = children_of(tiny_run.folder, folder)
-    logged_files = {item.path for item in client.list_artifacts(parent.info.run_id)}
-    assert {"recall_by_time.png", "recall_by_time.svg"} <= logged_files
-
-
-@pytest.mark.slow
 def test_a_sweep_of_studies_ends_with_table_figure_and_page(tiny_run: TinyRun, call: Call) -> None:
     """Also if a run failed: no particles."""
     given = ("task=oracle", "task.frames=1", "refinement.particles=0,5,6", "output=oracles")

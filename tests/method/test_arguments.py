@@ -74,6 +74,7 @@ CASES = {
     "one wrong focal length": (frame(camera_matrix=camera(fy=1)), "fy is 1 px"),
     "half an instance": (limits(1.5), "max_instances is 1.5"),
     "instances: true": (limits(True), "max_instances is True"),
+    "score in words": (limits(score="0.5"), "min_score is '0.5'"),
     "score above 1": (limits(score=2), "min_score is 2"),
     "ragged mask": (mask([[True], [False, True]]), "mask is no array"),
     "pose: NaN": (pose(np.full((4, 4), np.nan)), "pose_cam_obj must be 4 × 4 finite"),
@@ -82,8 +83,11 @@ CASES = {
     "names: a number": (names(5), "objects is 5: give a list"),
     "names: lists": (names([["bear"]]), "objects: ['bear'] not learnt; learnt has bear"),
     "meshes: a list": (lambda: checked_meshes(["a.ply"]), "it must map names to files"),
+    "meshes: a number as name": (lambda: checked_meshes({1: "a.ply"}), "it must map names"),
     "meshes: no path": (lambda: checked_meshes({"a": None}), "meshes['a'] is None: it must be a"),
+    "folder: zero byte": (lambda: checked_path("a\0b", "folder"), "it must be a path"),
     "folder: null": (lambda: checked_path(None, "folder"), "folder is None: it must be a path"),
+    "backgrounds: a number": (lambda: checked_backgrounds(5), "background_frames: they must be"),
     "backgrounds: images": (lambda: checked_backgrounds([RGB]), "background_frames: they must be"),
 }
 

@@ -28,6 +28,12 @@ def make_batch(count=32):
     }
 
 
+@pytest.mark.parametrize("widths", [(8, 16), (4, 8, 8, 16)])
+def test_a_reconstruction_has_the_shape_of_its_patch(widths):
+    images = Autoencoder(replace(SETTINGS, widths=widths))(torch.rand(2, 4, 32, 32))
+    assert images.shape == (2, 4, 32, 32) and images.abs().max() <= 1
+
+
 def test_loss_is_the_mean_squared_error_of_colour_and_depth():
     torch.manual_seed(0)
     module = Autoencoder(SETTINGS).eval()

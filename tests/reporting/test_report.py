@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from hlp.errors import InputError
 from hlp.records import TargetScore
 from hlp.reporting.mlflow.tracking import MlflowSettings, track_run
 from hlp.reporting.report import describe_named, report_runs, scores_file
@@ -88,13 +87,6 @@ def test_runs_of_other_targets_are_said_to_be(tmp_path: Path) -> None:
     told = describe_named(f"[{','.join(names)}]", "sqlite:///none.db", "text")
     assert "mean" in told and "nan" not in told  # BOP's recalls were not computed
     assert told.endswith("The runs were not asked for the same targets.")
-
-
-def test_two_are_compared_and_one_is_too_few(tmp_path: Path) -> None:
-    first, second = repeat(tmp_path / "a", True, False), repeat(tmp_path / "b", True, True)
-    assert "McNemar" in describe_named(f"[{first},{second}]", "sqlite:///none.db", "text")
-    with pytest.raises(InputError, match="name two"):
-        describe_named(f"[{first}]", "sqlite:///none.db", "text")
 
 
 def test_scores_are_found_by_folder_and_by_run(tmp_path: Path) -> None:
