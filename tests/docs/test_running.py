@@ -24,7 +24,7 @@ from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from run_files import logged_runs
 from tiny_run import TINY, TinyRun
 
-NETWORK = "gigabytes from a server; tests/data/public/test_download.py has one of its own"
+NETWORK = "gigabytes from a server; tests/data/test_download.py has one of its own"
 CAMERA = "a camera of Intel's; tests/integration/test_live.py has a simulated one"
 NOT_RUN = {
     NETWORK: ["download lmo", "download voc2012 output=/data/voc"],

@@ -166,6 +166,7 @@ def _checked_camera(given: object, shape: tuple[int, ...]) -> CameraMatrix:
     if values.dtype.kind not in "uif" or values.shape != (3, 3):
         raise InputError(f"camera_matrix must be 3 × 3 numbers, not {str(given)[:60]!r}")
     try:
-        return schemas.camera_matrix(values, "camera_matrix", (shape[1], shape[0]))
+        copied = values.astype(np.float64)
+        return schemas.camera_matrix(copied, "camera_matrix", (shape[1], shape[0]))
     except DataError as error:
         raise InputError(str(error)) from None
