@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from hlp.data.synthetic.objects import demo_objects
 from hlp.geometry import rigid, rotation_distance
 from hlp.records import Codebook, LocalPatches, Matches
-from hlp.voting.modes import canonical_rotations, cast_votes
+from hlp.voting.cast import canonical_rotations, cast_votes
 
 OFFSET = np.array([0.01, 0.0, -0.02])
 

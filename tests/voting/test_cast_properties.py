@@ -9,7 +9,7 @@ from generated_values import motions, numbers, point_sets, rotations, vectors
 from hlp.codebook.entries import make_codebook
 from hlp.geometry import allocentric_to_egocentric, inverse, rigid, rotation_distance, transform
 from hlp.records import LocalPatches, Matches, Mesh, ObjectModel
-from hlp.voting.modes import canonical_rotations, cast_votes
+from hlp.voting.cast import canonical_rotations, cast_votes
 
 FLOAT32 = 2e-6  # rounding of what a codebook stores, in metres and radians
 

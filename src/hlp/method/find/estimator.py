@@ -26,7 +26,7 @@ from hlp.refinement.verification import Observation, VerificationSettings, Verif
 from hlp.rendering.surface import color_grid
 from hlp.templates.building import build_templates
 from hlp.templates.matching import at_different_places, match_templates, spread_edges
-from hlp.voting.modes import cast_votes
+from hlp.voting.cast import cast_votes
 
 _NEAREST = 0.1  # m: where depth is missing or less, a window is as large as there
 Pose = Float[np.ndarray, "4 4"]
