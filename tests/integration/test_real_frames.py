@@ -60,6 +60,16 @@ def test_the_demo_finds_its_objects(tmp_path):
     assert summary["metrics"]["5cm5deg"]["recall"] >= 0.82
 
 
+def test_the_bin_finds_its_parts(tmp_path):
+    """`hlp run data=bin` with nothing changed: measured .62 and .67 (seeds 0 and 1)."""
+    done = start_run(tmp_path, "data=bin", "output=bin", "panels=0", threads=2)
+    assert done.returncode == 0, done.stderr
+    summary = read_json(tmp_path / "bin" / "summary.json")
+    assert summary["targets"] == 66
+    assert summary["metrics"]["add"]["recall"] >= 0.5
+    assert summary["metrics"]["iou50"]["recall"] >= 0.6
+
+
 def test_cat_and_driller_are_found_and_a_detector_finds_the_same(shared_data, tmp_path):
     root = tmp_path / "lm"
     root.mkdir()

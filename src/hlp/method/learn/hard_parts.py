@@ -13,7 +13,7 @@ from hlp.rendering.views import thomson, view_rotations
 _FOCAL = 572.0  # px, of the depth cameras that most people have
 _VIEWS = 16
 _STANDS_OUT = 10.0  # standard deviations of depth: what is thinner is hardly told from a plane
-_FEWEST = 30.0  # px, along the diameter; docs/limits.md
+_FEWEST = 40.0  # px, along the diameter: below, recall falls to a half (docs/limits.md)
 _WIDE = 7  # px: depth of what is narrower is mostly lost at its edges
 _POINTS, _ROUND = 4000, 0.9  # on the surface; ratio of small to large radii of what is like a ball
 
@@ -54,7 +54,7 @@ def _small(model: ObjectModel, farthest_mm: float) -> str:
         return ""
     return (
         f"it is about {size:.0f} px large at {farthest_mm:.0f} mm, and less than {_FEWEST:.0f} px "
-        f"are seldom found. A camera within {farthest_mm * size / _FEWEST:.0f} mm helps, or one "
+        f"are missed more often. A camera within {farthest_mm * size / _FEWEST:.0f} mm helps, or one "
         "with more pixels for the same view"
     )
 
