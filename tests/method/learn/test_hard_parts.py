@@ -80,7 +80,7 @@ def test_at_the_distance_that_would_help_there_is_no_such_warning(
     model: ObjectModel, farthest_mm: float
 ) -> None:
     (sentence,) = hard_parts(model, farthest_mm)
-    (nearer,) = re.findall(r"A camera within (\d+) mm helps", sentence)
+    (nearer,) = re.findall(r"A camera within (\d+) mm", sentence)
     assert hard_parts(model, float(nearer) - 1.0) == []
 
 

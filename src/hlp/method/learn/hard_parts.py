@@ -54,8 +54,8 @@ def _small(model: ObjectModel, farthest_mm: float) -> str:
         return ""
     return (
         f"it is about {size:.0f} px large at {farthest_mm:.0f} mm, and less than {_FEWEST:.0f} px "
-        f"are missed more often. A camera within {farthest_mm * size / _FEWEST:.0f} mm helps, or one "
-        "with more pixels for the same view"
+        f"are missed more often. A camera within {farthest_mm * size / _FEWEST:.0f} mm or one "
+        "with more pixels for the same view helps"
     )
 
 
