@@ -35,7 +35,8 @@ class PoseFit:
     `verification.Evidence`: 0 where the image has an edge at every visible part of the outline, 1
     where it has none. `relief_mm` is the standard deviation of the model's depth from the plane
     that fits it best: of a flat side, the correlations say little. It is infinite for an object
-    with colours, which make up for it.
+    with colours, which make up for it. `appearance` is what `appearance` tells of a pose of an object
+    without colours, given the other answers of the frame: a log-likelihood ratio, 0 if nothing.
     """
 
     cost: float
@@ -47,13 +48,14 @@ class PoseFit:
     contrast: float = 0.0
     edge: float = 0.0
     relief_mm: float = np.inf
+    appearance: float = 0.0
 
-    def as_array(self) -> Float[np.ndarray, "7"]:
+    def as_array(self) -> Float[np.ndarray, "10"]:
         """The values in the order of the fields, for a file."""
         return np.array(astuple(self), dtype=np.float64)
 
     @classmethod
-    def from_array(cls, values: Float[np.ndarray, "7"]) -> "PoseFit":
+    def from_array(cls, values: Float[np.ndarray, "10"]) -> "PoseFit":
         """Inverse of `as_array`."""
         return cls(*(float(value) for value in values))
 

@@ -38,13 +38,13 @@ _NEUTRAL = 1.2  # Fisher transform between those of right and of wrong poses (D)
 class ScoreModel:
     """Weights of the logistic regression: score = 1 / (1 + exp(-s)).
 
-    s = bias + cost·c + shape·z + edge·e + hidden·h - d, where c is the verification cost, e the
-    distance of the outline to edges of the image, h the hidden fraction, and d = color times how
-    much the colours contradict. z is the mean Fisher transform artanh(r) of the correlations r of
-    relief and slope, drawn to a neutral value where the model itself shows little relief. `cost`,
-    `edge` and `hidden` are at most 0 and `shape` at least 0: the score never falls when the fit is
-    better. An object of which less than
-    `least_visible` is seen is not found: its score is below `MIN_SCORE`, in proportion.
+    s = bias + cost·c + shape·z + edge·e + hidden·h + a - d, where c is the verification cost, e the
+    distance of the outline to edges of the image, h the hidden fraction, a what the appearance
+    tells, and d = color times how much the colours contradict. z is the mean Fisher transform
+    artanh(r) of the correlations r of relief and slope, drawn to a neutral value where the model
+    itself shows little relief. `cost`, `edge` and `hidden` are at most 0 and `shape` at least 0:
+    the score never falls when the fit is better. An object of which less than `least_visible` is
+    seen is not found: its score is below `MIN_SCORE`, in proportion.
     """
 
     bias: float
@@ -58,7 +58,7 @@ class ScoreModel:
     def score(self, fit: PoseFit) -> float:
         """The probability that a pose with this fit is right."""
         logit = self.weights() @ np.array([1.0, *_inputs([fit])[0]])
-        logit -= self.color * _contradiction(fit)
+        logit += fit.appearance - self.color * _contradiction(fit)
         score = float(1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0))))
         if fit.visible_fraction < self.least_visible:
             score = min(score, MIN_SCORE * fit.visible_fraction / self.least_visible)

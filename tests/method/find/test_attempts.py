@@ -64,9 +64,11 @@ class Scores:
     def verifier(self, _):
         return self._verifier
 
-    def score(self, _, __, pose):
+    def score(self, _, __, pose, appearance=None):
         nearest = np.linalg.norm(PLACES - pose[:3, 3], axis=1)
-        return self._scores[int(nearest.argmin())] if nearest.min() < 0.01 else 0.0
+        score = self._scores[int(nearest.argmin())] if nearest.min() < 0.01 else 0.0
+        logit = np.log(max(score, 1e-9) / (1.0 - score)) + (appearance or 0.0)
+        return float(1.0 / (1.0 + np.exp(-logit)))
 
     def refine(self, _, __, coarse, missing, rest, ___):
         self.asked.append(missing)
@@ -103,7 +105,7 @@ def test_one_after_another_packed_neighbours_are_found(verifier):
 
 @pytest.mark.parametrize(
     ("scores", "templates", "instances"),
-    [([0.2, 0.6, 0.0, 0.0], True, 3), ([0.9, 0.6, 0.0, 0.0], False, 3), ([0.9] * 4, True, 1)],
+    [([0.05, 0.6, 0.0, 0.0], True, 3), ([0.9, 0.6, 0.0, 0.0], False, 3), ([0.9] * 4, True, 1)],
 )
 def test_nothing_is_looked_for_beside_what_is_unlikely_coloured_or_all(
     verifier, scores, templates, instances

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hlp.arrays import Pose, Poses, Values
+from hlp.arrays import Pose, Poses
 from hlp.method.find.estimator import FrameContext, PoseEstimator
 from hlp.records import Hypotheses
+from hlp.refinement.appearance import FrameColors, Look, color_evidence, plain_evidence
 from hlp.refinement.choice import RefinedHypotheses
-from hlp.refinement.part_color import FrameColors, Shares, color_evidence
 from hlp.refinement.refiner import refinable
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.refinement.verification import Observation, Verifier
@@ -82,11 +82,12 @@ class Attempts:
     ) -> None:
         self._estimator, self._context, self._object_id = estimator, context, object_id
         self._instances, self._unexplained, self._min_score = instances, unexplained, min_score
-        self._help_each_other = instances > 1 and estimator.has_templates(object_id)
+        self._colorless = estimator.has_templates(object_id)
+        self._help_each_other = instances > 1 and self._colorless
         self._found: list[RefinedHypotheses] = []
         self._answers: list[_Answer] = []
         self._looked_beside: set[bytes] = set()
-        self._shares: dict[int, Shares] = {}
+        self._looks: dict[int, Look] = {}
 
     @cached_property
     def _colors(self) -> FrameColors:
@@ -103,7 +104,7 @@ class Attempts:
             rows = range(len(found.refined))  # the chosen ones may turn out to be wrong
         for row in rows:
             pose = found.refined[row].pose_cam_obj
-            score = self._estimator.score(self._context, self._object_id, pose)
+            score = self._score(pose, 0.0)
             self._answers.append(_Answer(score, start + row, pose, row in found.instances))
 
     def look_further(self, coarse_poses: CoarsePoses, known: Sequence[Pose]) -> None:
@@ -141,7 +142,7 @@ class Attempts:
         """All attempts as one: of all answers the best, each of another instance."""
         if not self._found:
             return None
-        if len(self._found) == 1 and not self._help_each_other:
+        if len(self._found) == 1 and not self._colorless:
             return self._found[0]
         return RefinedHypotheses(
             [pose for found in self._found for pose in found.refined],
@@ -153,24 +154,32 @@ class Attempts:
 
     def _different(self) -> list[_Answer]:
         """The most likely answers, without those on pixels of better ones."""
-        by_score = sorted(self._answers, key=lambda answer: (not answer.is_likely, -answer.score))
-        if not self._help_each_other or not by_score:
-            return self._apart(by_score)
-        scores = np.clip([answer.score for answer in by_score], 1e-9, 1.0 - 1e-9)
-        likely = np.log(scores / (1.0 - scores)) + self._color_evidence(by_score, scores)
-        unlikely = [not answer.is_likely for answer in by_score]
-        return self._apart([by_score[n] for n in np.lexsort([-likely, unlikely])])
+        judged = self._answers if not self._colorless else self._judged()
+        return self._apart(sorted(judged, key=lambda answer: (not answer.is_likely, -answer.score)))
 
-    def _color_evidence(self, by_score: Sequence[_Answer], scores: Values) -> Values:
-        """What the colours of the surest answers say of each answer."""
-        sure = {answer.row for answer in self._apart(by_score) if answer.score >= MIN_SCORE}
-        seen, verifier = self._context.observation, self._estimator.verifier(self._object_id)
-        for answer in by_score:
-            if answer.row not in self._shares:
-                self._shares[answer.row] = self._colors.at(verifier, seen, answer.pose)
-        shares = np.stack([self._shares[answer.row] for answer in by_score])
-        weights = scores * [answer.row in sure for answer in by_score]
-        return color_evidence(shares, weights, self._colors.shares)
+    def _judged(self) -> list[_Answer]:
+        """All answers, with scores that know what the surest ones look like."""
+        if not self._answers:
+            return []
+        scores = np.clip([answer.score for answer in self._answers], 1e-9, 1.0 - 1e-9)
+        best_first = sorted(self._answers, key=lambda answer: -answer.score)
+        rows = {answer.row for answer in self._apart(best_first) if answer.score >= MIN_SCORE}
+        sure = np.array([answer.row in rows for answer in self._answers])
+        looks = [self._look(answer) for answer in self._answers]
+        shares, clutter = (np.array(values) for values in zip(*looks, strict=True))
+        evidence = color_evidence(shares, scores * sure, self._colors.shares)
+        evidence += plain_evidence(clutter, np.log(scores / (1.0 - scores)), sure)
+        pairs = zip(self._answers, evidence, strict=True)
+        return [a._replace(score=self._score(a.pose, float(told))) for a, told in pairs]
+
+    def _look(self, answer: _Answer) -> Look:
+        if answer.row not in self._looks:
+            verifier, seen = self._estimator.verifier(self._object_id), self._context.observation
+            self._looks[answer.row] = self._colors.at(verifier, seen, answer.pose)
+        return self._looks[answer.row]
+
+    def _score(self, pose: Pose, appearance: float) -> float:
+        return self._estimator.score(self._context, self._object_id, pose, appearance)
 
     def _apart(self, answers: Sequence[_Answer]) -> list[_Answer]:
         """Those of the answers, the best first, that do not stand on pixels of better ones."""

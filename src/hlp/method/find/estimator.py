@@ -285,9 +285,21 @@ class PoseEstimator:
             context.fits[key] = measure_fit(self.verifier(object_id), seen, pose_cam_obj)
         return context.fits[key]
 
-    def score(self, context: FrameContext, object_id: int, pose_cam_obj: Pose) -> float:
-        """The probability that a pose of an object is right."""
+    def score(
+        self,
+        context: FrameContext,
+        object_id: int,
+        pose_cam_obj: Pose,
+        appearance: float | None = None,
+    ) -> float:
+        """The probability that a pose of an object is right.
+
+        `appearance` is what other instances tell of it from now on (see `PoseFit`).
+        """
         fit = self.measure_fit(context, object_id, pose_cam_obj)
+        if appearance is not None:
+            fit = replace(fit, appearance=appearance)
+            context.fits[object_id, pose_cam_obj.tobytes()] = fit
         return self.score_model(object_id).score(fit)
 
 

@@ -1,10 +1,10 @@
-"""What the colours of sure answers say of others: parts of one kind look alike."""
+"""What the look of sure answers says of others: parts of one kind look alike, and most are plain."""
 
 import numpy as np
 import pytest
 
 from hlp.geometry import rigid
-from hlp.refinement.part_color import FrameColors, color_evidence
+from hlp.refinement.appearance import FrameColors, color_evidence, plain_evidence
 from hlp.refinement.verification import VerificationSettings, Verifier, observe
 from hlp.rendering.rasterizer import render_depth
 from refinement_scene import CAMERA, SHAPE, make_model
@@ -28,7 +28,7 @@ def shares():
     verifier = Verifier(model, settings)
     seen = observe(rgb, drawn.max(axis=0), CAMERA, settings)
     colors = FrameColors.of(rgb)
-    return colors.shares, np.stack([colors.at(verifier, seen, pose) for pose in poses])
+    return colors.shares, np.stack([colors.at(verifier, seen, pose).shares for pose in poses])
 
 
 def test_what_looks_like_the_sure_ones_is_likelier_than_what_does_not(shares):
@@ -63,5 +63,36 @@ def test_where_nothing_agrees_there_are_no_colours(shares):
     seen = observe(rgb, np.full(SHAPE, 2.0, np.float32), CAMERA, settings)
     pose = rigid(np.eye(3), PLACES[1] - model.centroid)
     none = FrameColors.of(rgb).at(Verifier(model, settings), seen, pose)
-    assert not none.any()
-    assert color_evidence(none[None], np.zeros(1), shares[0]) == pytest.approx(0.0)
+    assert not none.shares.any() and np.isnan(none.clutter)
+    assert color_evidence(none.shares[None], np.zeros(1), shares[0]) == pytest.approx(0.0)
+    told = plain_evidence(np.array([none.clutter]), np.zeros(1), np.zeros(1, bool))
+    assert told == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize(("print_width", "least", "most"), [(0, 0.0, 0.02), (6, 0.3, 1.0)])
+def test_clutter_is_edges_that_the_model_lacks(print_width, least, most):
+    model, settings = make_model(), VerificationSettings()
+    pose = rigid(np.eye(3), PLACES[1] - model.centroid)
+    drawn = render_depth(model.mesh, pose[None], CAMERA, SHAPE)[0]
+    rgb = np.tile(np.array(BLUE, np.uint8), (*SHAPE, 1))
+    rgb[drawn > 0] = YELLOW
+    if print_width:
+        rgb[(drawn > 0) & (np.arange(SHAPE[1]) // print_width % 2 > 0)] = RED
+    seen = observe(rgb, drawn, CAMERA, settings)
+    assert least <= FrameColors.of(rgb).at(Verifier(model, settings), seen, pose).clutter <= most
+
+
+def test_plain_answers_gain_and_cluttered_ones_lose():
+    logits, nobody = np.zeros(3), np.zeros(3, bool)
+    plain, between, cluttered = plain_evidence(np.array([0.1, 0.25, 0.7]), logits, nobody)
+    assert plain > 1.0 and between == pytest.approx(0.0) and cluttered < -1.0
+
+
+def test_sure_answers_tell_that_the_parts_are_printed():
+    clutter, sure = np.full(5, 0.7), np.array([True] * 4 + [False])
+    alone = plain_evidence(clutter, np.zeros(5), np.zeros(5, bool))[4]
+    printed = plain_evidence(clutter, np.full(5, 4.0), sure)[4]
+    doubtful = plain_evidence(clutter, np.full(5, 0.5), sure)[4]
+    assert alone < doubtful < printed and printed > -0.1
+    plain = plain_evidence(np.array([0.1, 0.1, 0.1, 0.1, 0.7]), np.full(5, 4.0), sure)[4]
+    assert plain < alone
