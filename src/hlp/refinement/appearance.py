@@ -1,9 +1,9 @@
-"""What parts whose model has no colours look like in a frame: their colours, and how plain they are.
+"""What parts whose model has no colours look like in a frame: their colours, how plain they are.
 
 Parts of one kind look alike, whatever their colour is. An answer in the colours of the surest ones
-is more likely right, one in the colours of the bin less. And most are of one material: within their
-outline, the image has edges only where the model has some. Cartons are printed; that their kind is,
-too, the surest answers tell.
+is more likely right, one in the colours of the bin less. Most parts are of one material: within
+their outline, the image has edges only where the model has some. Cartons are printed; the surest
+answers tell whether the parts of a frame are.
 """
 
 from dataclasses import dataclass
@@ -29,7 +29,11 @@ _CREASE = 0.006  # m: second difference of depth at an edge of the model (D)
 _NEAR = 1  # px from an edge
 _LEAST_PIXELS = 30
 _PLAIN = 0.8  # probability that a part without colours in its model is of one material (D)
-_UNSURE = 1.5  # of the logit of scores by which that is judged: they are the best of many (D)
+_UNSURE = 1.5  # of the logit of scores by which that is judged (D)
+_COLOR = 0.7  # of the colours' log-likelihood ratio: neighbouring pixels tell the same (D)
+BEST_OF_MANY = -0.3
+"""Added to the logit before anything is seen of colours: templates find many poses, and of the best
+of many more are wrong than of the few on which scores are calibrated (D)."""
 
 Shares = Float[np.ndarray, "864"]
 """Share of the pixels in each class of colour."""
@@ -93,7 +97,7 @@ def _shares(classes: Int64[np.ndarray, "n"]) -> Shares:
 def color_evidence(
     shares: Float[np.ndarray, "n 864"], weights: Values, background: Shares
 ) -> Values:
-    """Mean log-likelihood ratio of each answer's colours: those of the part against the image's.
+    """Log-likelihood ratio of each answer's colours: those of the part against the image's.
 
     The colours of the part are those of the answers, by their `weights`. An answer does not speak
     for itself: it is compared with the others. 0 where no other one has a weight.
@@ -102,18 +106,22 @@ def color_evidence(
     part = total - weights[:, None] * shares + _BACKGROUND * background
     part /= (weights.sum() - weights + _BACKGROUND)[:, None]
     ratio = np.log((part + _RAREST) / (background + _RAREST))
-    return np.asarray((shares * ratio).sum(axis=1))
+    return np.asarray(_COLOR * (shares * ratio).sum(axis=1))
 
 
 def plain_evidence(clutter: Values, logits: Values, sure: Flags) -> Values:
     """Log-likelihood ratio of right against wrong that each answer's clutter tells.
 
-    It tells much if the part is of one material, and nothing if it is printed. How likely that is
-    follows from the `sure` answers and their scores' `logits`.
+    Much if the part is of one material. If it is printed, only where edges are so dense that an
+    outline finds some anywhere. How likely either is follows from the `sure` answers and their
+    scores' `logits`.
     """
-    # Measured: .03 to .25 within right outlines of plain parts, .25 to .9 within wrong ones (D).
-    ratio = np.exp(np.clip(np.nan_to_num(2.5 - 10.0 * clutter), -4.0, 1.5))
+    # Measured: .03 to .25 within right outlines of plain parts, .25 to .9 within wrong ones; .2 to
+    # .7 within cartons, .75 to 1 where parts were taken for a table full of things (D).
+    seen = np.where(np.isfinite(clutter), clutter, 0.25)
+    plain = np.exp(np.clip(2.5 - 10.0 * seen, -4.0, 1.5))
+    printed = np.exp(-8.0 * np.maximum(seen - 0.6, 0.0))
     right = 1.0 / (1.0 + np.exp(_UNSURE - logits[sure]))
-    plain = _PLAIN * float(np.prod(right * ratio[sure] + 1.0 - right))
-    plain /= plain + 1.0 - _PLAIN
-    return np.asarray(np.log(plain * ratio + 1.0 - plain))
+    likelihoods = [np.prod(right * ratio[sure] + 1.0 - right) for ratio in (plain, printed)]
+    weights = np.array([_PLAIN, 1.0 - _PLAIN]) * likelihoods
+    return np.asarray(np.log(weights @ np.stack([plain, printed]) / weights.sum()))

@@ -35,8 +35,9 @@ class PoseFit:
     `verification.Evidence`: 0 where the image has an edge at every visible part of the outline, 1
     where it has none. `relief_mm` is the standard deviation of the model's depth from the plane
     that fits it best: of a flat side, the correlations say little. It is infinite for an object
-    with colours, which make up for it. `appearance` is what `appearance` tells of a pose of an object
-    without colours, given the other answers of the frame: a log-likelihood ratio, 0 if nothing.
+    with colours, which make up for it. `appearance` is what colours and edges within the outline
+    tell of a pose of an object without colours, given the other answers of the frame
+    (`refinement.appearance`): a log-likelihood ratio, 0 if nothing.
     """
 
     cost: float

@@ -9,7 +9,7 @@ import trimesh
 
 from hlp.geometry import rigid
 from hlp.method.find.attempts import Attempts, poses_beside
-from hlp.records import ObjectModel, Refinement
+from hlp.records import Hypotheses, ObjectModel, Refinement
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.verification import VerificationSettings, Verifier, observe
 from hlp.rendering.rasterizer import render_depth
@@ -56,7 +56,7 @@ class Scores:
 
     def __init__(self, verifier, scores, templates=True):
         self._verifier, self._scores, self._templates = verifier, scores, templates
-        self.asked = []
+        self.asked, self.appearances = [], {}
 
     def has_templates(self, _):
         return self._templates
@@ -65,13 +65,14 @@ class Scores:
         return self._verifier
 
     def score(self, _, __, pose, appearance=None):
+        self.appearances[pose.tobytes()] = appearance
         nearest = np.linalg.norm(PLACES - pose[:3, 3], axis=1)
         score = self._scores[int(nearest.argmin())] if nearest.min() < 0.01 else 0.0
         logit = np.log(max(score, 1e-9) / (1.0 - score)) + (appearance or 0.0)
         return float(1.0 / (1.0 + np.exp(-logit)))
 
-    def refine(self, _, __, coarse, missing, rest, ___):
-        self.asked.append(missing)
+    def refine(self, _, __, coarse, missing, rest, min_score):
+        self.asked.append((missing, min_score))
         return refined(*coarse.poses_cam_obj)
 
 
@@ -100,7 +101,8 @@ def test_one_after_another_packed_neighbours_are_found(verifier):
     tried.add(refined(POSES[0]))
     tried.look_beside()
     assert found_places(tried) == [0, 1, 2]
-    assert estimator.asked == [2, 1]  # beside the first one, then beside the second
+    # beside the first one, then beside the second
+    assert estimator.asked == [(2, None), (1, None)]
 
 
 @pytest.mark.parametrize(
@@ -118,10 +120,33 @@ def test_nothing_is_looked_for_beside_what_is_unlikely_coloured_or_all(
     assert estimator.asked == [] and found_places(tried) == [0]
 
 
+def test_some_more_are_tried_where_the_number_is_not_known_whatever_the_score_of_the_first(
+    verifier,
+):
+    context = frame(verifier, WHITE, WHITE)
+    for templates, asked in ((True, (3, None)), (False, (20, 0.5))):
+        estimator = Scores(verifier, [0.0] * 4, templates)
+        tried = attempts(estimator, context, 20, min_score=0.5)
+        tried.look_further(lambda *_: Hypotheses(POSES[:2], np.ones(2)), [])
+        assert estimator.asked == [asked]
+
+
+def test_what_was_seen_of_an_answer_stays_with_its_fit(verifier):
+    context = frame(verifier, WHITE, WHITE)
+    estimator = Scores(verifier, [0.9, 0.5, 0.0, 0.0])
+    tried = attempts(estimator, context, 2)
+    tried.add(refined(POSES[0], POSES[1]))
+    tried.merged()
+    assert estimator.appearances[POSES[1].tobytes()] > 1.0  # plain, and in the other's colour
+    colored = Scores(verifier, [0.9, 0.5, 0.0, 0.0], templates=False)
+    attempts(colored, context, 2).add(refined(POSES[0]))
+    assert colored.appearances == {POSES[0].tobytes(): None}
+
+
 def test_of_unlikely_ones_those_in_the_colour_of_the_sure_go_first(verifier):
     """One that no search chose, too."""
     context = frame(verifier, WHITE, RED, WHITE)
-    tried = attempts(Scores(verifier, [0.95, 0.2, 0.1, 0.0]), context, 2)
+    tried = attempts(Scores(verifier, [0.95, 0.05, 0.03, 0.0]), context, 2)
     tried.add(refined(POSES[0]))
     tried.add(refined(POSES[1], POSES[2]))
     assert found_places(tried) == [0, 2]

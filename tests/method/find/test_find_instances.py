@@ -55,7 +55,7 @@ class Looks:
         seeds = np.zeros((len(found), 2), dtype=int)
         return RefinedHypotheses(found, np.zeros(len(found)), np.arange(len(found)), seeds, rows)
 
-    def score(self, _, __, found):
+    def score(self, _, __, found, ___=None):
         return float(found[0, 3])
 
     def verifier(self, _):
@@ -128,6 +128,12 @@ class Templates(Looks):
         return NONE
 
 
+@pytest.fixture
+def _scores_by_fit_alone(monkeypatch):
+    monkeypatch.setattr(attempts.Attempts, "_judged", lambda self: self._answers)
+
+
+@pytest.mark.usefixtures("_scores_by_fit_alone")
 @pytest.mark.parametrize(("first", "asked"), [(0.97, False), (0.9, True)])
 def test_templates_are_asked_for_one_where_votes_are_not_sure(first, asked):
     estimator = Templates([first], [0.3])
@@ -135,9 +141,9 @@ def test_templates_are_asked_for_one_where_votes_are_not_sure(first, asked):
     assert len(estimator.asked) == 1 + asked
 
 
+@pytest.mark.usefixtures("_scores_by_fit_alone")
 def test_templates_are_asked_for_more_where_the_number_is_not_known(monkeypatch):
     monkeypatch.setattr(attempts.Attempts, "look_beside", lambda _: None)
-    monkeypatch.setattr(attempts.Attempts, "_color_evidence", lambda *_: 0.0)
     estimator = Templates([0.97], [0.6], [0.8])
     assert search(estimator, 10, min_score=0.5)[0] == [0.97, 0.6]
     assert estimator.matched == (9, "all-0.97")

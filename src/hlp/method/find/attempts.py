@@ -10,7 +10,13 @@ import numpy as np
 from hlp.arrays import Pose, Poses
 from hlp.method.find.estimator import FrameContext, PoseEstimator
 from hlp.records import Hypotheses
-from hlp.refinement.appearance import FrameColors, Look, color_evidence, plain_evidence
+from hlp.refinement.appearance import (
+    BEST_OF_MANY,
+    FrameColors,
+    Look,
+    color_evidence,
+    plain_evidence,
+)
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.refiner import refinable
 from hlp.refinement.score_model import MIN_SCORE
@@ -18,6 +24,8 @@ from hlp.refinement.verification import Observation, Verifier
 
 CoarsePoses = Callable[[int, Observation | None], Hypotheses]
 """Coarse poses for a number of missing instances, given what is unexplained."""
+_TRIED = 3
+"""Instances that are refined at once where their number is not known (D)."""
 _LIKELY = 0.3
 """Score of a pose beside which others of its kind are looked for (D)."""
 
@@ -104,7 +112,7 @@ class Attempts:
             rows = range(len(found.refined))  # the chosen ones may turn out to be wrong
         for row in rows:
             pose = found.refined[row].pose_cam_obj
-            score = self._score(pose, 0.0)
+            score = self._score(pose, BEST_OF_MANY if self._colorless else None)
             self._answers.append(_Answer(score, start + row, pose, row in found.instances))
 
     def look_further(self, coarse_poses: CoarsePoses, known: Sequence[Pose]) -> None:
@@ -130,7 +138,11 @@ class Attempts:
         return rest.left
 
     def _refine(self, coarse: Hypotheses, missing: int, rest: Observation | None) -> None:
-        of = self._context, self._object_id, coarse, missing, rest, self._min_score
+        enough = self._min_score
+        if self._colorless and enough is not None:
+            # What looks best may be the bin: some more are tried, whatever the score of the first.
+            missing, enough = min(missing, _TRIED), None
+        of = self._context, self._object_id, coarse, missing, rest, enough
         found = self._estimator.refine(*of)
         self.add(found and replace(found, sources=np.full_like(found.sources, -1)))
 
@@ -169,8 +181,8 @@ class Attempts:
         shares, clutter = (np.array(values) for values in zip(*looks, strict=True))
         evidence = color_evidence(shares, scores * sure, self._colors.shares)
         evidence += plain_evidence(clutter, np.log(scores / (1.0 - scores)), sure)
-        pairs = zip(self._answers, evidence, strict=True)
-        return [a._replace(score=self._score(a.pose, float(told))) for a, told in pairs]
+        pairs = zip(self._answers, BEST_OF_MANY + evidence, strict=True)
+        return [answer._replace(score=self._score(answer.pose, told)) for answer, told in pairs]
 
     def _look(self, answer: _Answer) -> Look:
         if answer.row not in self._looks:
@@ -178,7 +190,7 @@ class Attempts:
             self._looks[answer.row] = self._colors.at(verifier, seen, answer.pose)
         return self._looks[answer.row]
 
-    def _score(self, pose: Pose, appearance: float) -> float:
+    def _score(self, pose: Pose, appearance: float | None) -> float:
         return self._estimator.score(self._context, self._object_id, pose, appearance)
 
     def _apart(self, answers: Sequence[_Answer]) -> list[_Answer]:

@@ -298,7 +298,7 @@ class PoseEstimator:
         """
         fit = self.measure_fit(context, object_id, pose_cam_obj)
         if appearance is not None:
-            fit = replace(fit, appearance=appearance)
+            fit = replace(fit, appearance=float(appearance))
             context.fits[object_id, pose_cam_obj.tobytes()] = fit
         return self.score_model(object_id).score(fit)
 
