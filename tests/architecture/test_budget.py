@@ -7,10 +7,10 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 LIMITS = {
-    "lines of src": 36_794,  # aim: 24,000
-    "modules of src": 250,  # aim: 220
-    "lines of tests": 31_752,  # aim: 22,000
-    "files of conf": 58,
+    "lines of src": 36_918,  # aim: 24,000
+    "modules of src": 220,
+    "lines of tests": 31_646,  # aim: 22,000
+    "files of conf": 60,
     "words of docs": 12_000,
     "words of README": 600,
     "words of CHANGELOG": 800,
