@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
+from hlp.arrays import Mask, Pixels, Pose, Positions, Values
 from hlp.image_edges import color_edges
 from hlp.kernels import ThreadTeam
 from hlp.method.find.holistic_scan import FrameWindows, HolisticScan
@@ -29,8 +29,6 @@ from hlp.templates.matching import at_different_places, match_templates, spread_
 from hlp.voting.cast import cast_votes
 
 _NEAREST = 0.1  # m: where depth is missing or less, a window is as large as there
-Pose = Float[np.ndarray, "4 4"]
-Mask = Bool[np.ndarray, "h w"]
 
 
 @dataclass(eq=False)
@@ -58,8 +56,8 @@ class FrameContext:
     @cached_property
     def observation(self) -> Observation:
         """The frame in the form that the verification compares poses with."""
-        frame = self.frame
-        return observe(frame.rgb, frame.depth, frame.camera_matrix, self.verification)
+        images = self.frame.rgb, self.frame.depth, self.frame.camera_matrix
+        return observe(*images, self.verification)
 
 
 class PoseEstimator:
@@ -189,23 +187,20 @@ class PoseEstimator:
         seconds = {"local": matched - begun, "voting": time.perf_counter() - matched}
         return ObjectTrace(region, cut, votes, found, seconds=seconds)
 
-    def _patch_pixels(self, frame: Frame, region: Region) -> Int[np.ndarray, "n 2"]:
+    def _patch_pixels(self, frame: Frame, region: Region) -> Pixels:
         """Centres of the region's patches; of too many, more of those at likely windows."""
         grid = self.settings.coarse.grid
-        pixels = region_pixels(region.mask, grid.step)
-        if len(pixels) <= grid.max_patches:
+        if len(pixels := region_pixels(region.mask, grid.step)) <= grid.max_patches:
             return pixels
         radii = self._radii(frame, pixels, self.learnt.models[region.object_id])
         weights = region_weights(region, pixels.astype(np.float64), radii)
         return np.asarray(pixels[thin_out(weights, grid.max_patches)])
 
-    def _radii(
-        self, frame: Frame, pixels: Float[np.ndarray, "n 2"], model: ObjectModel
-    ) -> Float[np.ndarray, "n"]:
+    def _radii(self, frame: Frame, pixels: Positions, model: ObjectModel) -> Values:
         """Half the object's diameter in pixels, at the depth of each of the pixels."""
         depths = center_depths(frame.depth, np.rint(pixels).astype(np.int64))
-        focal = frame.camera_matrix[0, 0]
-        return np.asarray(focal * model.diameter / np.maximum(depths, _NEAREST) / 2.0)
+        diameter = frame.camera_matrix[0, 0] * model.diameter
+        return np.asarray(diameter / np.maximum(depths, _NEAREST) / 2.0)
 
     def has_templates(self, object_id: int) -> bool:
         """Whether templates are asked for an object: only for one without colours."""
@@ -271,8 +266,8 @@ class PoseEstimator:
         """The pose of an instance that was at `pose_cam_obj` a moment before the frame."""
         seen, model = context.observation, self.learnt.models[object_id]
         seed = self._seed(context.frame, object_id)
-        pose = self._refiner.follow(model, seen, pose_cam_obj, seed)
-        return choose_nearby_by_texture(seen, model, pose.pose_cam_obj)
+        found = self._refiner.follow(model, seen, pose_cam_obj, seed).pose_cam_obj
+        return choose_nearby_by_texture(seen, model, found)
 
     def _seed(self, frame: Frame, object_id: int) -> int:
         return derive_seed(self.settings.seed, frame.scene_id, frame.frame_id, object_id)
@@ -281,8 +276,8 @@ class PoseEstimator:
         """How well a pose fits the frame; measured once for every pose."""
         key = object_id, pose_cam_obj.tobytes()
         if key not in context.fits:
-            seen = context.observation
-            context.fits[key] = measure_fit(self.verifier(object_id), seen, pose_cam_obj)
+            of = self.verifier(object_id), context.observation, pose_cam_obj
+            context.fits[key] = measure_fit(*of)
         return context.fits[key]
 
     def score(
@@ -292,10 +287,7 @@ class PoseEstimator:
         pose_cam_obj: Pose,
         appearance: float | None = None,
     ) -> float:
-        """The probability that a pose of an object is right.
-
-        `appearance` is what other instances tell of it from now on (see `PoseFit`).
-        """
+        """The probability that a pose is right; `PoseFit.appearance` of it is kept, if given."""
         fit = self.measure_fit(context, object_id, pose_cam_obj)
         if appearance is not None:
             fit = replace(fit, appearance=float(appearance))
