@@ -64,11 +64,14 @@ class Scores:
     def verifier(self, _):
         return self._verifier
 
-    def score(self, _, __, pose, appearance=None):
+    def set_appearance(self, _, __, pose, appearance):
         self.appearances[pose.tobytes()] = appearance
+
+    def score(self, _, __, pose):
         nearest = np.linalg.norm(PLACES - pose[:3, 3], axis=1)
         score = self._scores[int(nearest.argmin())] if nearest.min() < 0.01 else 0.0
-        logit = np.log(max(score, 1e-9) / (1.0 - score)) + (appearance or 0.0)
+        logit = np.log(max(score, 1e-9) / (1.0 - score))
+        logit += self.appearances.get(pose.tobytes(), 0.0)
         return float(1.0 / (1.0 + np.exp(-logit)))
 
     def refine(self, _, __, coarse, missing, rest, min_score):
@@ -140,7 +143,7 @@ def test_what_was_seen_of_an_answer_stays_with_its_fit(verifier):
     assert estimator.appearances[POSES[1].tobytes()] > 1.0  # plain, and in the other's colour
     colored = Scores(verifier, [0.9, 0.5, 0.0, 0.0], templates=False)
     attempts(colored, context, 2).add(refined(POSES[0]))
-    assert colored.appearances == {POSES[0].tobytes(): None}
+    assert colored.appearances == {}
 
 
 def test_of_unlikely_ones_those_in_the_colour_of_the_sure_go_first(verifier):

@@ -55,7 +55,10 @@ class Looks:
         seeds = np.zeros((len(found), 2), dtype=int)
         return RefinedHypotheses(found, np.zeros(len(found)), np.arange(len(found)), seeds, rows)
 
-    def score(self, _, __, found, ___=None):
+    def set_appearance(self, *_):
+        pass
+
+    def score(self, _, __, found):
         return float(found[0, 3])
 
     def verifier(self, _):

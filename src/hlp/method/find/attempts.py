@@ -182,7 +182,7 @@ class Attempts:
         evidence = color_evidence(shares, scores * sure, self._colors.shares)
         evidence += plain_evidence(clutter, np.log(scores / (1.0 - scores)), sure)
         pairs = zip(self._answers, BEST_OF_MANY + evidence, strict=True)
-        return [answer._replace(score=self._score(answer.pose, told)) for answer, told in pairs]
+        return [a._replace(score=self._score(a.pose, float(value))) for a, value in pairs]
 
     def _look(self, answer: _Answer) -> Look:
         if answer.row not in self._looks:
@@ -191,7 +191,10 @@ class Attempts:
         return self._looks[answer.row]
 
     def _score(self, pose: Pose, appearance: float | None) -> float:
-        return self._estimator.score(self._context, self._object_id, pose, appearance)
+        of = self._context, self._object_id, pose
+        if appearance is not None:
+            self._estimator.set_appearance(*of, appearance)
+        return self._estimator.score(*of)
 
     def _apart(self, answers: Sequence[_Answer]) -> list[_Answer]:
         """Those of the answers, the best first, that do not stand on pixels of better ones."""

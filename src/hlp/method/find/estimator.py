@@ -280,18 +280,17 @@ class PoseEstimator:
             context.fits[key] = measure_fit(*of)
         return context.fits[key]
 
-    def score(
-        self,
-        context: FrameContext,
-        object_id: int,
-        pose_cam_obj: Pose,
-        appearance: float | None = None,
-    ) -> float:
-        """The probability that a pose is right; `PoseFit.appearance` of it is kept, if given."""
+    def set_appearance(
+        self, context: FrameContext, object_id: int, pose_cam_obj: Pose, appearance: float
+    ) -> None:
+        """Keep with a pose's fit what else the frame says of its look (`PoseFit.appearance`)."""
         fit = self.measure_fit(context, object_id, pose_cam_obj)
-        if appearance is not None:
-            fit = replace(fit, appearance=float(appearance))
-            context.fits[object_id, pose_cam_obj.tobytes()] = fit
+        key = object_id, pose_cam_obj.tobytes()
+        context.fits[key] = replace(fit, appearance=appearance)
+
+    def score(self, context: FrameContext, object_id: int, pose_cam_obj: Pose) -> float:
+        """The probability that a pose is right, by its fit."""
+        fit = self.measure_fit(context, object_id, pose_cam_obj)
         return self.score_model(object_id).score(fit)
 
 
