@@ -3,6 +3,7 @@
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,10 +14,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bop_folder import K, write_models, write_scene, write_targets
-from hlp.data.bop import BopFrames
+from hlp.data.bop import BopFrames, BopSettings
 from hlp.data.bop_models import load_object_models
 from hlp.data.dataset import find_bad_frames
-from hlp.errors import DataError
+from hlp.errors import DataError, MissingFileError
 from hlp.geometry import project, transform
 from hlp.objects.meshes import load_mesh
 from hlp.objects.object_model import ObjectSettings
@@ -263,3 +264,17 @@ def test_a_pose_far_beyond_the_depths_is_refused(root: Path) -> None:
     with pytest.raises(DataError, match=r"places the object at 10 m, but the depth image reaches"):
         frames_of(root).load(BROKEN)
     assert frames_of(root).read(BROKEN).targets[0].pose_cam_obj[2, 3] == 10.0
+
+
+def test_frames_without_any_object_are_searched_for_all_whose_number_is_unknown(root):
+    write_models(root / "models", (1, 6))
+    data = BopSettings(root=str(root), split="test", targets=None, empty=str(root)).build()
+    empty = data.in_empty_frames()
+    assert empty is not None and empty.search_all and empty.in_empty_frames() is None
+    assert empty.frames.keys == data.frames.keys and len(empty.frames) == 2
+    frame = empty.frames.load(SOUND)
+    assert frame.targets == () and empty.instances_to_find(frame) == {1: 1, 6: 1}
+    assert empty.frames_identity != data.frames_identity
+    assert replace(data, empty_frames=None).in_empty_frames() is None
+    with pytest.raises(MissingFileError, match=r"data\.empty"):
+        BopSettings(root=str(root), split="test", targets=None, empty="nowhere").build()

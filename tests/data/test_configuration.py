@@ -85,6 +85,7 @@ def test_the_recordings_differ_by_folder_and_range_of_poses_alone():
     board, *others = (composed(name) for name in ("board", *names))
     folders = [config["data"].pop("root") for config in (board, *others)]
     assert folders == [f"${{data_folder}}/{name}" for name in ("lm", *names)]
+    assert {config["data"]["empty"] for config in (board, *others)} == {"${data_folder}/tables"}
     for config in others:
         assert _typed(ViewsSettings, OmegaConf.create(config.pop("rendering"))) == ViewsSettings()
     assert board.pop("rendering")["coverage"] == "hemisphere"

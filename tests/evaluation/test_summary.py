@@ -6,7 +6,7 @@ import pytest
 
 from hlp.evaluation import EvaluationSettings
 from hlp.evaluation.evaluator import FrameTruth
-from hlp.evaluation.summary import count_false_alarms, summarise, with_interval
+from hlp.evaluation.summary import count_false_alarms, scores_in_vain, summarise, with_interval
 from hlp.records import PoseEstimate, Target, TargetScore
 from hlp.results.summary_file import METRICS
 
@@ -136,6 +136,7 @@ def test_absent_objects_are_counted_once_a_frame_by_their_best_answer():
     ]
     estimates = [PoseEstimate(1, frame, i, np.eye(4), score) for frame, i, score in answers]
     estimates.append(PoseEstimate(1, 0, 3, None, 0.0))
-    found = count_false_alarms(truths, estimates, 0.5)
+    found = count_false_alarms(scores_in_vain(truths, estimates), 0.5)
+    assert found.pop("scores") == [0.7, 0.49]
     assert found == {"searched": 3, "alarms": 1, "min_score": 0.5, "rate": 1 / 3}
-    assert count_false_alarms(truths, estimates[:1], 0.5)["rate"] is None
+    assert count_false_alarms([], 0.5)["rate"] is None

@@ -1,4 +1,4 @@
-"""Reports of single experiments: the paper's figures and tables, recordings, ladder."""
+"""Reports of single experiments: the paper's figures and tables, ladder."""
 
 import json
 from pathlib import Path
@@ -10,7 +10,6 @@ from hydra import compose, initialize_config_dir
 
 from hlp.commands.composing import config_folder
 from hlp.config.build import build_settings
-from hlp.records import TargetScore
 from hlp.reporting.experiments import describe_reports, write_reports
 from hlp.reporting.paper_reports import (
     TABLES,
@@ -19,25 +18,12 @@ from hlp.reporting.paper_reports import (
     trend_table,
 )
 from hlp.reporting.results import Result
-from hlp.results.poses_file import write_scores
 from hlp.results.summary_file import difference_interval
 from table_text import csv_rows, unpadded
-from written_results import CONFIG, scored, write_run, write_sweep
+from written_results import CONFIG, scored, write_run, write_sweep, write_verdicts
 
 OBJECTS = {"cat": 0.9, "ape": 0.8}
 ENDINGS = ("png", "svg", "md", "csv", "tex")
-
-
-def write_verdicts(run: Path, right: list[int], visible: float = 0.9) -> None:
-    """Two targets in each frame; the last one of all is `visible`."""
-    scores = [
-        TargetScore(1, i // 2, i % 2, True, 0.9, 0.001, 0.01, 0.001, 0.9, *[bool(verdict)] * 3)
-        for i, verdict in enumerate(right[:-1])
-    ]
-    last, verdict = len(right) - 1, bool(right[-1])
-    errors = (0.001, 0.01, 0.001, 0.9)
-    scores.append(TargetScore(1, last // 2, last % 2, True, visible, *errors, *[verdict] * 3))
-    write_scores(run / "scores.csv", scores, {0: "ape", 1: "can"})
 
 
 def boxes(folder: Path) -> Path:
@@ -169,69 +155,6 @@ def test_table_1_of_two_runs_leaves_blank_what_one_was_not_asked_for() -> None:
     assert list(table.header[3:]) == ["method paper", "95 %", "method hlp", "95 %"]
     assert list(table.rows[1]) == ["ape", "", "0.970", "", "", "0.800", "0.600-0.850"]
     assert list(table.rows[2][3:]) == ["0.500", "", "0.850", ""]
-
-
-BOP = {"ar": 0.7, "vsd": 0.6, "mssd": 0.7, "mspd": 0.8}
-
-
-def test_all_data_sets_stand_in_one_table(tmp_path: Path) -> None:
-    """The second of three has no folder, so its run has no result; the last has no BOP recalls."""
-    overrides = ["experiment=recordings", "data_folder=data"]
-    folder = write_sweep(tmp_path / "sweep", ["data"], overrides)
-    for number, name in ((0, "board"), (2, "demo")):
-        summary = {
-            **scored(0.9 - 0.1 * number, 40.0, {"cat": 0.9}),
-            "bop": BOP if not number else {},
-        }
-        write_run(folder / str(number), "recordings", summary, [f"data={name}"])
-    (folder / "1").mkdir()
-    markdown, table, figures = write_reports(folder)
-    rows = csv_rows(table)
-    assert [*rows[0]] == [
-        "data", "frames", "targets", "ADD(-S)", "95 %", "5cm5deg", "AR", "VSD", "MSSD", "MSPD",
-        "ECE", "ms",
-    ]  # fmt: skip
-    assert [(row["data"], row["ADD(-S)"], row["AR"], row["VSD"]) for row in rows] == [
-        ("board", "0.900", "0.700", "0.600"),
-        ("demo", "0.700", "", ""),
-    ]
-    assert figures.read_text().splitlines() == [
-        "data,targets,add_seed_0,add,add_low,add_high,5cm5deg,ar,ece",
-        "board,20,.900,.900,.800,.940,.700,.700,",
-        "demo,20,.700,.700,.600,.740,.500,,",
-    ]
-    text = markdown.read_text()
-    assert "Made by `hlp -m experiment=recordings data_folder=data`." in text
-    assert "left out: 1." in text
-    said = unpadded(describe_reports(tmp_path, "markdown"))
-    assert "| board | 2 | 20 | 0.900 |" in said and "Written: " in said
-
-
-def test_of_several_seeds_mean_and_standard_deviation_follow(tmp_path: Path) -> None:
-    folder = write_sweep(tmp_path / "sweep", ["seed", "data"], ["experiment=recordings"])
-    runs = [(0, "board", 0.9), (0, "demo", 0.7), (1, "board", 0.8), (1, "demo", 0.7)]
-    for number, (seed, name, recall) in enumerate(runs):
-        summary = {**scored(recall, 40.0 + 10 * seed, {"cat": recall}), "bop": BOP}
-        given = [f"seed={seed}", f"data={name}"]
-        made = write_run(folder / str(number), "recordings", summary, given)
-        write_verdicts(made, [1, 1, 0, seed], 0.5 if name == "board" else 0.9)
-    _, table, figures = write_reports(folder)
-    rows = csv_rows(table)
-    assert [(row["data"], row["seed"], row["ADD(-S)"], row["ms"]) for row in rows[:5]] == [
-        ("board", "0", "0.900", "40"),
-        ("board", "1", "0.800", "50"),
-        ("board", "mean", "0.850", "45"),
-        ("board", "spread", "0.0707", "7"),
-        ("demo", "0", "0.700", "40"),
-    ]
-    assert [row["AR"] for row in rows[4:]] == ["0.700", "0.700", "0.700", "0.0000"]
-    assert figures.read_text().splitlines() == [
-        "data,targets,add_seed_0,add_seed_1,add,add_low,add_high,5cm5deg,ar,ece",
-        "board,20,.900,.800,.850,.800,.940,.650,.700,",
-        "board below 0.6 visible,1,.000,1.000,.500,,,.500,,",
-        "demo,20,.700,.700,.700,.600,.740,.500,.700,",
-    ]
-    assert "spread: standard deviation between seeds." in (folder / "recordings.md").read_text()
 
 
 RIGHT = {"literal": [0, 0, 0, 1], "modes": [1, 0, 1, 1], "best": [1, 1, 1, 0]}

@@ -77,9 +77,16 @@ class BopSettings(FolderSettings):
         Literal["targets", "all"],
         Doc(
             "targets: in each frame, what its targets name (BOP's task); all: every object of the "
-            "data set, to count false alarms"
+            "data set, the number of instances not being known, to count false alarms"
         ),
     ] = "targets"
+    empty: Annotated[
+        str | None,
+        Doc(
+            "folder in BOP's layout whose frames show none of the objects: they are searched as "
+            "well, the number of instances not being known, to count false alarms"
+        ),
+    ] = None
     symmetry_steps: Annotated[
         int,
         Ge(1),
@@ -110,7 +117,12 @@ class BopSettings(FolderSettings):
             search_all=self.search == "all",
             settings=self,
             evaluation_mesh_files=evaluation_meshes(root, models),
+            empty_frames=None if self.empty is None else self._empty_frames(self.empty),
         )
+
+    def _empty_frames(self, folder: str) -> "EmptyFrames":
+        root = existing_folder("data.empty", folder)
+        return EmptyFrames(root, find_split(root), None, (), 0.0, self.max_megapixels)
 
     def _models(self, root: Path, objects: Mapping[str, ObjectSettings]) -> dict[int, ObjectModel]:
         return load_object_models(root, objects, self.proxy_faces, self.symmetry_steps)
@@ -235,3 +247,12 @@ class BopFrames(FileFrames):
             f"{where}: cam_K",
             [(target, f"{where}, object {target.object_id}: cam_t_m2c") for target in found],
         )
+
+
+class EmptyFrames(BopFrames):
+    """All frames of a split, none of which shows an object of the data set."""
+
+    @cached_property
+    def targets(self) -> dict[FrameId, dict[int, int]]:
+        """(scene, frame) -> nothing, sorted by frame."""
+        return {(i, frame): {} for i, scene in self._scenes.items() for frame in scene.frame_ids}

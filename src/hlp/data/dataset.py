@@ -4,7 +4,7 @@ import hashlib
 import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -118,10 +118,10 @@ class Dataset(TrainingImages):
     """Objects by id, frames with targets, and frames without any target object.
 
     `models` are the classes of the classifier, `target_ids` those that are targets in the frames.
-    With `search_all` the other target objects are looked for as well, though no frame's targets
-    name them, to count false alarms. `settings` are those that the data set was built from; workers
-    build it again from them. `evaluation_mesh_files` are meshes (mm) for BOP's errors; an object
-    without one has its model's.
+    With `search_all` every target object is looked for in every frame, its number of instances not
+    being known, to count false alarms. `empty_frames` show no object. `settings` are those that the
+    data set was built from; workers build it again from them. `evaluation_mesh_files` are meshes
+    (mm) for BOP's errors; an object without one has its model's.
     """
 
     models: dict[int, ObjectModel]
@@ -130,11 +130,18 @@ class Dataset(TrainingImages):
     search_all: bool = False
     settings: "DataSettings | None" = None
     evaluation_mesh_files: Mapping[int, Path] = field(default_factory=dict)
+    empty_frames: FrameSource | None = None
 
     @cached_property
     def evaluation_meshes(self) -> dict[int, Mesh]:
         """The meshes on which BOP's errors are measured, by object, where there are other ones."""
         return {i: load_mesh(path) for i, path in self.evaluation_mesh_files.items()}
+
+    def in_empty_frames(self) -> "Dataset | None":
+        """The same objects, to be looked for where none is; None if there are no such frames."""
+        if self.empty_frames is None:
+            return None
+        return replace(self, frames=self.empty_frames, search_all=True, empty_frames=None)
 
     def instances_to_find(self, frame: Frame) -> dict[int, int]:
         """Objects to look for in a frame, by id, and the largest number of instances of each."""

@@ -106,14 +106,10 @@ def _times(values: Sequence[float]) -> Summary:
     return {"median": float(np.median(values)), "p95": float(np.percentile(values, 95))}
 
 
-def count_false_alarms(
-    truths: Sequence[FrameTruth], estimates: Sequence[PoseEstimate], min_score: float
-) -> dict[str, Any]:
-    """How often an object that is no target of a frame was said to be there.
+def scores_in_vain(truths: Sequence[FrameTruth], estimates: Sequence[PoseEstimate]) -> list[float]:
+    """The best score of each object in each frame of which it is no target; 0 without an answer.
 
-    `estimates` include those without a pose, since they tell what was looked for. `searched` counts
-    pairs of object and frame without a target, `alarms` those with an answer of at least
-    `min_score`; `rate` is their ratio, None if nothing was searched in vain.
+    `estimates` include those without a pose, since they tell what was looked for.
     """
     present = {(t.scene_id, t.frame_id, own.object_id) for t in truths for own in t.targets}
     best: dict[tuple[int, int, int], float] = {}
@@ -122,9 +118,21 @@ def count_false_alarms(
         if key not in present:
             score = 0.0 if estimate.pose_cam_obj is None else estimate.score
             best[key] = max(best.get(key, 0.0), score)
-    alarms = sum(score >= min_score for score in best.values())
-    rate = alarms / len(best) if best else None
-    return {"searched": len(best), "alarms": alarms, "min_score": min_score, "rate": rate}
+    return list(best.values())
+
+
+def count_false_alarms(scores: Sequence[float], min_score: float) -> dict[str, Any]:
+    """How often an object that is no target of a frame was said to be there (`scores_in_vain`).
+
+    `searched` counts pairs of object and frame, `alarms` those with an answer of at least
+    `min_score`; `rate` is their ratio, None if nothing was searched in vain. `scores` are those of
+    all answers, the highest first.
+    """
+    alarms = sum(score >= min_score for score in scores)
+    rate = alarms / len(scores) if scores else None
+    answers = sorted((score for score in scores if score > 0.0), reverse=True)
+    found = {"searched": len(scores), "alarms": alarms, "min_score": min_score, "rate": rate}
+    return found | {"scores": answers}
 
 
 def expected_calibration_error(scores: Values, right: Flags, bins: int = _BINS) -> float:

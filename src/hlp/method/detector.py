@@ -14,14 +14,11 @@ from hlp.method.find.detections import (
     TrackedDetection,
     sort_answers,
 )
-from hlp.method.find.search import search_frame
+from hlp.method.find.search import MOST_INSTANCES, search_frame
 from hlp.method.opened_folder import OpenedFolder
 from hlp.method.settings import TrackingSettings
 from hlp.method.tracker import Track, Tracker, follow
 from hlp.refinement.score_model import MIN_SCORE
-
-MOST_INSTANCES = 10
-"""Instances of one object that are looked for in an image."""
 
 
 class Detector(OpenedFolder):

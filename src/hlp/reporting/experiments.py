@@ -1,18 +1,17 @@
 """Reports of single experiments: the paper's figures and tables, recordings, ladder."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from statistics import fmean, stdev
 from typing import TYPE_CHECKING
 
 from hlp.files import write_csv, write_text
 from hlp.reporting import paper_reports as paper
+from hlp.reporting import recordings
 from hlp.reporting.comparison import (
     WELL_VISIBLE,
     Difference,
     difference_cells,
-    mean_and_spread,
     paired_difference,
     recall_of,
 )
@@ -21,10 +20,8 @@ from hlp.reporting.figures.bars import Panel, draw_bars, gain_bar, recall_bar
 from hlp.reporting.results import Result, ResultSet, read_results, result_folders
 from hlp.reporting.summary_tables import (
     BOP_RECALLS,
-    METRIC_LABELS,
     result_cells,
     run_cells,
-    run_numbers,
 )
 from hlp.reporting.table import Table, lay_out, prose, result_difference, result_share
 
@@ -39,12 +36,6 @@ _LADDER_NOTE = (
     "Each step differs by one decision from that under *against*; what it gains is over the"
     " targets of both, with the 95 % interval of the paired bootstrap over blocks of neighbouring"
     " frames. AR: BOP's average recall. ms: median for one object in one frame."
-)
-_DATA, _SEED = "data", "seed"
-_RECORDINGS_NOTE = (
-    "ADD(-S): ADD-S for objects with a symmetry, ADD for the others. AR: mean of BOP's average"
-    " recalls VSD, MSSD and MSPD. ECE: expected calibration error of the score. ms: median for one"
-    " object in one frame."
 )
 
 
@@ -213,79 +204,11 @@ def _draw_ladder(steps: Sequence[_Step]) -> "Figure":
 
 
 def _recordings(results: Sequence[Result], found: ResultSet) -> Report:
-    """A row a data set: its size, recalls, BOP's average recalls, time of one object (ms).
-
-    Further keys that were swept have a column each. Of several seeds, their mean and their spread
-    (standard deviation) follow.
-    """
-    keys = [_DATA, *(key for key in found.swept if key != _DATA)]
-    bop = [*map(str.upper, BOP_RECALLS)]
-    measured = ["frames", "targets", "ADD(-S)", "95 %", "5cm5deg", "AR", *bop, "ECE", "ms"]
-    repeats: dict[tuple[str, ...], list[Result]] = {}
-    for result in results:
-        same = tuple(_values(result, [key for key in keys if key != _SEED]).values())
-        repeats.setdefault(same, []).append(result)
-    rows = [row for same in repeats.values() for row in _repeat_rows(same, keys)]
-    header = [*keys, *measured]
-    table = Table(header, [[row.get(name, "") for name in header] for row in rows])
-    spread = [" spread: standard deviation between seeds."] if _SEED in keys else []
-    notes = [*_made_by(found), "".join([_RECORDINGS_NOTE, *spread])]
-    narrow = table.without("frames", *bop).fitted(0)
-    figures = _recording_figures({", ".join(same): runs for same, runs in repeats.items()})
-    return Report(RECORDINGS, table, notes, None, narrow, figures)
-
-
-def _values(result: Result, keys: Sequence[str]) -> dict[str, str]:
-    """Values of the swept keys; of the data, the name at least."""
-    own = {_DATA: str(result.config[_DATA]["name"]), **result.chosen}
-    return {key: own.get(key, "") for key in keys}
-
-
-def _repeat_rows(repeats: Sequence[Result], keys: Sequence[str]) -> list[dict[str, str]]:
-    """A row a result; of several, which differ by their seeds, also their mean and spread."""
-    rows = [
-        {"frames": str(result.frames), **run_cells(result.summary), **_values(result, keys)}
-        for result in repeats
-    ]
-    if _SEED not in keys or len(repeats) < 2:
-        return rows
-    means, spreads = mean_and_spread([run_numbers(result.summary) for result in repeats])
-    times = [result.total_ms["median"] for result in repeats]
-    for name, shares, time in (("mean", means, fmean(times)), ("spread", spreads, stdev(times))):
-        rows.append({**shares, **_values(repeats[0], keys), _SEED: name, "ms": f"{time:.0f}"})
-    return rows
-
-
-def _recording_figures(repeats: Mapping[str, Sequence[Result]]) -> Table:
-    """A row a data set: recalls by seed, and means over them; another for its hidden targets.
-
-    The interval is that of the first seed.
-    """
-    seeds = sorted({result.seed for own in repeats.values() for result in own})
-    rows = []
-    for data, own in repeats.items():
-        shares = {result.seed: run_numbers(result.summary) for result in own}
-        ends = [*map(result_share, own[0].add["ci95"])]
-        rows.append([data, str(own[0].targets), *_mean_cells(shares, seeds, ends)])
-        hidden = {result.seed: targets for result in own if (targets := result.hidden_targets)}
-        if hidden:
-            name, count = f"{data} below {WELL_VISIBLE:g} visible", len(hidden[own[0].seed])
-            recalls: dict[str, dict[str, float | None]] = {
-                seed: {METRIC_LABELS[key]: recall_of(targets, key) for key in ("add", "5cm5deg")}
-                for seed, targets in hidden.items()
-            }
-            rows.append([name, str(count), *_mean_cells(recalls, seeds, ["", ""])])
-    by_seed = [f"add_seed_{seed}" for seed in seeds]
-    means = ["add", "add_low", "add_high", "5cm5deg", "ar", "ece"]
-    return Table(["data", "targets", *by_seed, *means], rows)
-
-
-def _mean_cells(
-    shares: Mapping[str, Mapping[str, float | None]], seeds: Sequence[str], ends: Sequence[str]
-) -> list[str]:
-    by_seed = [result_share(shares.get(seed, {}).get("ADD(-S)")) for seed in seeds]
-    means, _ = mean_and_spread([*shares.values()])
-    add, *others = (
-        means.get(name, "").replace("0.", ".", 1) for name in ("ADD(-S)", "5cm5deg", "AR", "ECE")
-    )
-    return [*by_seed, add, *ends, *others]
+    keys = recordings.swept_keys(found.swept)
+    repeats = recordings.repeats_of(results, keys)
+    table = recordings.recordings_table(repeats, keys)
+    spread = " spread: standard deviation between seeds." if recordings.SEED in keys else ""
+    notes = [*_made_by(found), recordings.NOTE + spread]
+    narrow = table.without("frames", "5cm5deg", *map(str.upper, BOP_RECALLS)).fitted(0)
+    figure, figures = recordings.draw_scores(repeats), recordings.recording_figures(repeats)
+    return Report(RECORDINGS, table, notes, figure, narrow, figures)

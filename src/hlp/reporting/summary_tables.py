@@ -161,6 +161,18 @@ def calibration_words(summary: Mapping[str, Any]) -> str:
     )
 
 
+def sure_answers(summary: Mapping[str, Any]) -> tuple[int, int]:
+    """Number of answers with a score of at least a half, and of the wrong ones among them."""
+    bins = [row for row in summary.get("calibration", {}).get("reliability", []) if row[1] >= 0.5]
+    return round(sum(row[0] for row in bins)), round(sum(n * (1 - share) for n, _, share in bins))
+
+
+def false_alarms(summary: Mapping[str, Any]) -> tuple[int, int]:
+    """Number of searches for absent objects, and of those that were answered."""
+    found = summary.get("false_alarms", {})
+    return found.get("searched", 0), found.get("alarms", 0)
+
+
 def false_alarm_words(summary: Mapping[str, Any]) -> str:
     """How often absent objects were said to be there; empty if none was looked for."""
     found = summary.get("false_alarms", {})

@@ -13,7 +13,7 @@ import numpy as np
 from hlp.data.dataset import frames_identity
 from hlp.files import MANIFEST, SCORES
 from hlp.kernels import set_compute_threads
-from hlp.method.detector import MOST_INSTANCES
+from hlp.method.find.search import MOST_INSTANCES
 from hlp.method.learn.learnt_folder import LearntFolder
 from hlp.method.learn.model_files import read_history
 from hlp.method.pyfunc_model import example_image

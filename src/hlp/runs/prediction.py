@@ -18,8 +18,9 @@ import hlp
 from hlp.checks.known_objects import FaultWatch
 from hlp.data.own_frames import OwnFrames, SearchMasks
 from hlp.errors import DamagedError, DataError, HlpError, MissingFileError
-from hlp.method.detector import MOST_INSTANCES, Detector
+from hlp.method.detector import Detector
 from hlp.method.find.detections import Detection, SearchResult, TrackedDetection, TrackingResult
+from hlp.method.find.search import MOST_INSTANCES
 from hlp.method.learn.learnt_folder import RECORD
 from hlp.method.settings import TrackingSettings
 from hlp.records import (

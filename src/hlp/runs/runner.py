@@ -11,7 +11,7 @@ from hlp.config.build import Run
 from hlp.data.dataset import CheckedFrames
 from hlp.errors import DataError
 from hlp.evaluation.evaluator import score_targets
-from hlp.evaluation.summary import count_false_alarms, summarise
+from hlp.evaluation.summary import count_false_alarms, scores_in_vain, summarise
 from hlp.evaluation.waterfall import BAD_FRAME, vote_quality
 from hlp.files import MANIFEST, PAGE, POSES, SCORES, SUMMARY, write_json
 from hlp.method.find.trace import Trace
@@ -63,7 +63,8 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
         trained = log_training(detection.training, tracker)
         require_some(detection.failed, len(run.keys))
         timing = measure_times(run, detection, estimates)
-        summary = _score(run, detection, estimates, notes, timing, output)
+        in_vain = _search_empty(run, detection)
+        summary = _score(run, detection, estimates, notes, timing, in_vain, output)
         tracker.log_metrics(summary_metrics(summary))
         digest = {"poses": poses_digest(output / POSES)}
         write_json(output / MANIFEST, make_manifest(run, store) | digest)
@@ -91,12 +92,25 @@ def _find(run: Run, detection: DetectionStages) -> tuple[list[PoseEstimate], lis
     return estimates, [notes[key] for key in run.keys if key not in detection.failed]
 
 
+def _search_empty(run: Run, detection: DetectionStages) -> list[float]:
+    """Look for every object where none is; the best score of each in each frame."""
+    dataset = run.dataset.in_empty_frames()
+    if dataset is None:
+        return []
+    keys, settings = dataset.frames.keys, run.settings
+    _logger.info("%d frames that show none of the objects are searched", len(keys))
+    of = dataset, settings.method, detection.training, detection.store, keys
+    stages = DetectionStages(*of, on_bad_frame=settings.on_bad_frame)
+    return scores_in_vain([], stages.estimates())
+
+
 def _score(
     run: Run,
     detection: DetectionStages,
     estimates: Sequence[PoseEstimate],
     notes: Sequence[FrameNotes],
     timing: Timing,
+    in_vain: Sequence[float],
     output: Path,
 ) -> dict[str, Any]:
     """Write poses.csv, then score the poses as read from it."""
@@ -122,7 +136,8 @@ def _score(
         settings.seed,
     )
     summary["timing"] = timing.summary()
-    summary["false_alarms"] = count_false_alarms(truths, estimates, MIN_SCORE)
+    in_vain = [*in_vain, *scores_in_vain(truths, estimates)]
+    summary["false_alarms"] = count_false_alarms(in_vain, MIN_SCORE)
     summary["frames_failed"] = describe_failed(detection.failed)
     write_json(output / SUMMARY, summary)
     save_figure(stacked_bars(summary["waterfall"]), output / "waterfall")

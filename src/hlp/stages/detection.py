@@ -15,12 +15,12 @@ from hlp.codebook.entries import load_codebook
 from hlp.data.dataset import CheckedFrames, Dataset
 from hlp.errors import DataError, InputError
 from hlp.method.find.estimator import PoseEstimator
-from hlp.method.find.search import search_frame
+from hlp.method.find.search import MOST_INSTANCES, search_frame
 from hlp.method.find.trace import STAGES, STEPS, Stage, Trace
 from hlp.method.learn.model_files import load_classifier
 from hlp.method.settings import FindSettings, MethodSettings
 from hlp.records import Frame, PoseEstimate, parse_frame_key
-from hlp.refinement.score_model import ScoreModel
+from hlp.refinement.score_model import MIN_SCORE, ScoreModel
 from hlp.stages.executor_settings import ExecutorSettings
 from hlp.stages.manifest import device_name, fingerprint, stage_code
 from hlp.stages.store import Output, StageStore
@@ -136,7 +136,7 @@ class DetectionStages:
         common: dict[str, Any] = {
             "device": device_name(self.find_settings.machine.device),
             "keys": list(self.keys),
-            "search_all": dataset.search_all,
+            "search_all": dataset.search_all and [MOST_INSTANCES, MIN_SCORE],
         }
         if self.bad_frames:
             common["bad_frames"] = sorted(self.bad_frames)
@@ -231,11 +231,13 @@ class DetectionStages:
 
     def search(self, frame: Frame, given: Trace | None = None, last: Stage = "poses") -> Trace:
         """Search a frame up to a stage, in memory; one object at a time, to time each."""
-        begun = time.perf_counter()
+        begun, counts = time.perf_counter(), self.dataset.instances_to_find(frame)
+        unknown = self.dataset.search_all
         return search_frame(
             self.estimator,
             self.estimator.prepare(frame),
-            self.dataset.instances_to_find(frame),
+            dict.fromkeys(counts, MOST_INSTANCES) if unknown else counts,
+            min_score=MIN_SCORE if unknown else None,
             given=given,
             stop_after=last,
             by_threads=False,

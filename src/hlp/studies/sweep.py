@@ -119,9 +119,7 @@ def run_one(config: DictConfig) -> None:
     from hlp.runs.mlflow_log import choice_tags, place_tags
 
     hydra = HydraConfig.get()
-    absent = _absent_data(config)
-    if absent is not None:
-        logging.getLogger(__name__).warning("left out: there is no folder %s", absent)
+    if not _has_data(config):
         return
     output, sweep = Path(config.output), _read(Path(hydra.sweep.dir))
     if not sweep:
@@ -148,12 +146,24 @@ def run_one(config: DictConfig) -> None:
         run.settings.task.run(run, output)
 
 
-def _absent_data(config: DictConfig) -> str | None:
-    """The folder of the data set, if `data_folder` is set and lacks it."""
+def _has_data(config: DictConfig) -> bool:
+    """Whether the data set is there; frames without objects that are absent are not asked for."""
+    warn = logging.getLogger(__name__).warning
+    if absent := _absent_folder(config, "data.root"):
+        warn("left out: there is no folder %s", absent)
+        return False
+    if absent := _absent_folder(config, "data.empty"):
+        warn("false alarms are not counted: there is no folder %s", absent)
+        OmegaConf.update(config, "data.empty", None)
+    return True
+
+
+def _absent_folder(config: DictConfig, key: str) -> str | None:
+    """The folder that a key names, if `data_folder` is set and lacks it."""
     if OmegaConf.select(config, "data_folder") is None:
         return None
-    root = OmegaConf.select(config, "data.root")
-    return None if root is None or Path(root).is_dir() else str(root)
+    folder = OmegaConf.select(config, key)
+    return None if folder is None or Path(folder).is_dir() else str(folder)
 
 
 @contextmanager

@@ -14,6 +14,8 @@ from hlp.records import Region
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.verification import Observation
 
+MOST_INSTANCES = 10
+"""Instances of one object that are looked for in an image where their number is not known."""
 _LIKELIEST = 8  # windows by which it is judged whether an object is there
 _CALLER = ThreadTeam(1)
 

@@ -1,0 +1,205 @@
+"""`experiment=recordings`: one configuration on several data sets, and what scores are worth."""
+
+from collections.abc import Mapping, Sequence
+from statistics import fmean, stdev
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from hlp.arrays import Values
+from hlp.reporting.comparison import WELL_VISIBLE, mean_and_spread, recall_of
+from hlp.reporting.figures.bars import COLORS
+from hlp.reporting.results import Result
+from hlp.reporting.summary_tables import (
+    BOP_RECALLS,
+    METRIC_LABELS,
+    false_alarms,
+    run_cells,
+    run_numbers,
+    sure_answers,
+)
+from hlp.reporting.table import Table, result_share
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_DATA, SEED = "data", "seed"
+NOTE = (
+    "ADD(-S): ADD-S for objects with a symmetry, ADD for the others. AR: mean of BOP's average"
+    " recalls VSD, MSSD and MSPD. ECE: expected calibration error of the score. Wrong: answers with"
+    " a score of at least 0.5 that are wrong, of all with such a score. False alarms: searches with"
+    " such an answer where the object is not, of all such searches. ms: median for one object in"
+    " one frame."
+)
+WRONG, ALARMS = "wrong", "false alarms"
+_MARKED = (0.5, 0.9)  # scores, on the curves of precision and recall
+
+Repeats = Mapping[str, Sequence[Result]]
+"""The results of each data set, which differ by their seeds."""
+
+
+def repeats_of(results: Sequence[Result], keys: Sequence[str]) -> Repeats:
+    """The results by the values of the swept `keys` without the seed."""
+    repeats: dict[str, list[Result]] = {}
+    for result in results:
+        values = _values(result, [key for key in keys if key != SEED]).values()
+        repeats.setdefault(", ".join(values), []).append(result)
+    return repeats
+
+
+def swept_keys(swept: Sequence[str]) -> list[str]:
+    """The data set, and what else was swept."""
+    return [_DATA, *(key for key in swept if key != _DATA)]
+
+
+def recordings_table(repeats: Repeats, keys: Sequence[str]) -> Table:
+    """A row a data set: its size, recalls, BOP's average recalls, time of one object (ms).
+
+    Further keys that were swept have a column each. Of several seeds, their mean and their spread
+    (standard deviation) follow.
+    """
+    bop = [*map(str.upper, BOP_RECALLS)]
+    scores = ["ECE", WRONG, ALARMS]
+    measured = ["frames", "targets", "ADD(-S)", "95 %", "5cm5deg", "AR", *bop, *scores, "ms"]
+    rows = [row for same in repeats.values() for row in _repeat_rows(same, keys)]
+    header = [*keys, *measured]
+    return Table(header, [[row.get(name, "") for name in header] for row in rows])
+
+
+def _values(result: Result, keys: Sequence[str]) -> dict[str, str]:
+    """Values of the swept keys; of the data, the name at least."""
+    own = {_DATA: str(result.config[_DATA]["name"]), **result.chosen}
+    return {key: own.get(key, "") for key in keys}
+
+
+def _repeat_rows(repeats: Sequence[Result], keys: Sequence[str]) -> list[dict[str, str]]:
+    """A row a result; of several, which differ by their seeds, also their mean and spread."""
+    rows = [
+        {
+            "frames": str(result.frames),
+            **run_cells(result.summary),
+            **_values(result, keys),
+            **_Counts.of([result]).cells(),
+        }
+        for result in repeats
+    ]
+    if SEED not in keys or len(repeats) < 2:
+        return rows
+    means, spreads = mean_and_spread([run_numbers(result.summary) for result in repeats])
+    times = [result.total_ms["median"] for result in repeats]
+    for name, shares, time in (("mean", means, fmean(times)), ("spread", spreads, stdev(times))):
+        rows.append({**shares, **_values(repeats[0], keys), SEED: name, "ms": f"{time:.0f}"})
+    rows[-2] |= _Counts.of(repeats).cells()
+    return rows
+
+
+class _Counts(NamedTuple):
+    """Sure answers (a score of at least a half), wrong ones, searches in vain, false alarms."""
+
+    sure: int
+    wrong: int
+    searched: int
+    alarms: int
+
+    @classmethod
+    def of(cls, results: Sequence[Result]) -> "_Counts":
+        """Of all results together."""
+        own = ((*sure_answers(r.summary), *false_alarms(r.summary)) for r in results)
+        return cls(*map(sum, zip(*own, strict=True)))
+
+    def cells(self) -> dict[str, str]:
+        """As the table shows them."""
+        parts = {WRONG: (self.wrong, self.sure), ALARMS: (self.alarms, self.searched)}
+        return {name: f"{part}/{of}" if of else "" for name, (part, of) in parts.items()}
+
+
+def recording_figures(repeats: Repeats) -> Table:
+    """A row a data set: recalls by seed, and means over them; another for its hidden targets.
+
+    The interval is that of the first seed. Answers and searches are those of all seeds.
+    """
+    seeds = sorted({result.seed for own in repeats.values() for result in own})
+    rows = []
+    for data, own in repeats.items():
+        shares = {result.seed: run_numbers(result.summary) for result in own}
+        ends, counts = [*map(result_share, own[0].add["ci95"])], map(str, _Counts.of(own))
+        time = f"{fmean(result.total_ms['median'] for result in own):.0f}"
+        rows.append([data, str(own[0].targets), *_mean_cells(shares, seeds, ends), *counts, time])
+        hidden = {result.seed: targets for result in own if (targets := result.hidden_targets)}
+        if hidden:
+            name, count = f"{data} below {WELL_VISIBLE:g} visible", len(hidden[own[0].seed])
+            recalls: dict[str, dict[str, float | None]] = {
+                seed: {METRIC_LABELS[key]: recall_of(targets, key) for key in ("add", "5cm5deg")}
+                for seed, targets in hidden.items()
+            }
+            rows.append([name, str(count), *_mean_cells(recalls, seeds, ["", ""]), *[""] * 5])
+    by_seed = [f"add_seed_{seed}" for seed in seeds]
+    means = ["add", "add_low", "add_high", "5cm5deg", "ar", "ece"]
+    counted = ["sure", "sure_wrong", "searched_in_vain", "false_alarms", "ms"]
+    return Table(["data", "targets", *by_seed, *means, *counted], rows)
+
+
+def _mean_cells(
+    shares: Mapping[str, Mapping[str, float | None]], seeds: Sequence[str], ends: Sequence[str]
+) -> list[str]:
+    by_seed = [result_share(shares.get(seed, {}).get("ADD(-S)")) for seed in seeds]
+    means, _ = mean_and_spread([*shares.values()])
+    add, *others = (
+        means.get(name, "").replace("0.", ".", 1) for name in ("ADD(-S)", "5cm5deg", "AR", "ECE")
+    )
+    return [*by_seed, add, *ends, *others]
+
+
+def draw_scores(repeats: Repeats) -> "Figure | None":
+    """What scores are worth, a line a data set; None if no run has kept its answers.
+
+    Left: precision by recall, down to each score. Right: the share of right answers by score.
+    Answers where the object is not count as wrong ones.
+    """
+    from matplotlib.figure import Figure
+
+    answers = {data: _answers(own) for data, own in repeats.items()}
+    answers = {data: found for data, found in answers.items() if len(found[0])}
+    if not answers:
+        return None
+    figure = Figure(figsize=(9.0, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    right.plot([0, 1], [0, 1], color="0.6", linewidth=1)
+    for number, (data, (scores, correct)) in enumerate(answers.items()):
+        style = {"color": COLORS[number % len(COLORS)], "linestyle": ("-", "--")[number > 5]}
+        targets = sum(result.targets for result in repeats[data])
+        recall, precision = (
+            np.cumsum(correct) / targets,
+            np.cumsum(correct) / (1 + np.arange(len(scores))),
+        )
+        left.step(recall, precision, where="post", label=data, **style)
+        for marked, sign in zip(_MARKED, "ox", strict=True):
+            if (last := int((scores >= marked).sum())) > 0:
+                left.plot(recall[last - 1], precision[last - 1], sign, color=style["color"])
+        right.plot(*_by_score(scores, correct), marker=".", **style)
+    left.set(xlabel="recall: share of the targets", ylabel="precision: share of right answers")
+    left.set(xlim=(0, 1.01), ylim=(0, 1.02), title="down to a score of 0.5 (o) and 0.9 (x)")
+    right.set(xlabel="score", ylabel="share of right answers", xlim=(0, 1), ylim=(0, 1.02))
+    left.legend(fontsize="small")
+    return figure
+
+
+def _answers(results: Sequence[Result]) -> tuple[Values, Values]:
+    """Scores of all answers, the highest first, and whether each is right (ADD-S)."""
+    found: list[tuple[float, bool]] = []
+    for result in results:
+        targets = [target.score for target in result.scores.values()]
+        found += [(t.score, t.add_s_correct) for t in targets if t.found and np.isfinite(t.score)]
+        found += [
+            (score, False) for score in result.summary.get("false_alarms", {}).get("scores", [])
+        ]
+    table = np.array(sorted(found, reverse=True), dtype=np.float64).reshape(-1, 2)
+    return table[:, 0], table[:, 1]
+
+
+def _by_score(scores: Values, correct: Values) -> tuple[Values, Values]:
+    """Mean score and share of right answers of each tenth of scores that has any."""
+    tenth = np.minimum((scores * 10).astype(int), 9)
+    count, total, hits = (np.bincount(tenth, weights) for weights in (None, scores, correct))
+    used = count > 0
+    return total[used] / count[used], hits[used] / count[used]
