@@ -52,7 +52,7 @@ def compare_answers(
             score = detection.training.load_score_model(object_id)
             estimate = estimates[frame.scene_id, frame.frame_id, object_id]
             poses, fits = _chosen(of_run[object_id])
-            assert estimate.score == (score.known_present().score(fits[0]) if fits else 0.0)
+            assert [estimate.score] == (score.scores(fits[:1], known_present=True) or [0.0])
             np.testing.assert_array_equal(poses[:1], _only(estimate.pose_cam_obj))
             poses, fits = _chosen(of_image[object_id])
             answer = found.get(name)

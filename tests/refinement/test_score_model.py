@@ -11,6 +11,7 @@ from hlp.refinement.pose_fit import PoseFit
 from hlp.refinement.score_model import (
     COLORLESS_PRIOR,
     COLORLESS_SPREAD,
+    FOUND_SHARE,
     PRIOR,
     ScoreModel,
     fit_score_model,
@@ -52,10 +53,29 @@ def test_an_object_of_which_little_is_seen_is_not_found_unless_it_is_known_to_be
     scores = [PRIOR.score(replace(full, visible_fraction=v)) for v in (0.0, 0.15, 0.29, 0.31)]
     assert scores[:2] == [0.0, 0.25]
     assert scores[2] < 0.5 < scores[3] == PRIOR.score(full)
-    known = PRIOR.known_present()
-    assert known.score(replace(full, visible_fraction=0.15)) == known.score(full)
-    hidden = COLORLESS_PRIOR.known_present().score(replace(full, visible_fraction=0.15))
-    assert 0.9 < hidden < COLORLESS_PRIOR.known_present().score(full)
+    hidden = replace(full, visible_fraction=0.15)
+    assert known_score(PRIOR, hidden) == known_score(PRIOR, full)
+    assert 0.9 < known_score(COLORLESS_PRIOR, hidden) < known_score(COLORLESS_PRIOR, full)
+
+
+def known_score(model, fit):
+    (score,) = model.scores([fit], known_present=True)
+    return score
+
+
+def test_of_many_without_colours_that_are_there_seven_of_ten_are_taken_to_be_found():
+    looks = ((0.1, 0.02), (0.2, 0.15), (0.3, 0.4))
+    good, fair, bad = (PoseFit(cost, 0.5, 0.5, 1.0, 1.0, edge=edge) for cost, edge in looks)
+    model = COLORLESS_PRIOR
+    for fits in ([fair] * 4, [good, fair, fair, bad]):
+        alone, known = (np.array(model.scores(fits, there)) for there in (False, True))
+        assert alone.tolist() == [model.score(fit) for fit in fits]
+        assert np.mean(alone) < np.mean(known) <= FOUND_SHARE + 1e-6
+        raised = np.log(known / (1.0 - known)) - np.log(alone / (1.0 - alone))
+        np.testing.assert_allclose(raised, raised[0], atol=1e-9)
+        assert 0.0 < raised[0] <= np.log(9.0 / 1.5) + 1e-9
+    assert model.scores([good] * 4, known_present=True) == model.scores([good] * 4)
+    assert PRIOR.scores([], known_present=True) == []
 
 
 def test_weights_are_the_minimum_of_the_penalised_likelihood():
@@ -150,6 +170,6 @@ def test_colours_are_no_part_of_the_fit():
 
 
 def test_colours_do_not_count_for_an_object_that_is_known_to_be_there():
-    known = PRIOR.known_present()
     contradicting, agreeing = (PoseFit(0.2, 0.8, 0.8, 1.0, 1.0, c, 0.8) for c in (0.0, 1.0))
-    assert known.score(contradicting) == known.score(agreeing) > PRIOR.score(agreeing)
+    told = [known_score(PRIOR, fit) for fit in (contradicting, agreeing)]
+    assert told[0] == told[1] > PRIOR.score(agreeing)

@@ -10,6 +10,7 @@ colours agree better than a camera's, so rendered scenes cannot say by how much.
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from statistics import fmean
 
 import numpy as np
 from jaxtyping import Float
@@ -64,15 +65,35 @@ class ScoreModel:
             score = min(score, MIN_SCORE * fit.visible_fraction / self.least_visible)
         return score
 
-    def known_present(self) -> "ScoreModel":
-        """The score of an object that is known to be in the image, as BOP's targets are.
+    def scores(self, fits: Sequence[PoseFit], known_present: bool = False) -> list[float]:
+        """The scores of the answers to all instances of the object in an image.
 
-        Colours that contradict then say more of the light than of another object, and a small part
-        of it is enough.
+        They may be known to be there, as BOP's targets are. Colours that contradict then say more
+        of the light than of another object, and a small part of it is enough. An object without
+        colours is often one of many in a bin, where some are hidden: its scores are raised no
+        further than to a mean of `FOUND_SHARE`.
         """
-        more = np.log(PRESENT_SHARE / (1.0 - PRESENT_SHARE))
-        more -= np.log(RIGHT_SHARE / (1.0 - RIGHT_SHARE))
-        return replace(self, bias=self.bias + float(more), color=0.0, least_visible=0.0)
+        if not known_present:
+            return [self.score(fit) for fit in fits]
+        known = replace(self, color=0.0, least_visible=0.0)
+
+        def raised(more: float) -> list[float]:
+            model = replace(known, bias=known.bias + more)
+            return [model.score(fit) for fit in fits]
+
+        highest = _logit(PRESENT_SHARE) - _logit(RIGHT_SHARE)
+        if not self.colorless or not fits or fmean(raised(highest)) <= FOUND_SHARE:
+            return raised(highest)
+        if fmean(raised(0.0)) >= FOUND_SHARE:
+            return raised(0.0)
+        from scipy.optimize import brentq  # takes as long to import as finding an object
+
+        return raised(brentq(lambda more: fmean(raised(more)) - FOUND_SHARE, 0.0, highest))
+
+    @property
+    def colorless(self) -> bool:
+        """Whether it is that of an object without colours, for which edges of the image count."""
+        return self.edge < 0.0
 
     def weights(self) -> Float[np.ndarray, "5"]:
         """Bias, cost, shape, edge and hidden, in this order."""
@@ -91,6 +112,8 @@ RIGHT_SHARE = 0.6
 """Share of right poses among the answers, before anything is known of their fit: ours (D)."""
 PRESENT_SHARE = 0.9
 """The same where the object is known to be in the image: ours (D)."""
+FOUND_SHARE = 0.7
+"""Share of the instances of an object without colours that are found, of those in an image (D)."""
 SPREAD = ScoreModel(bias=0.5, cost=3.0, shape=0.3)
 """Standard deviations of an object's weights from `PRIOR`; a weight without any is fixed."""
 COLORLESS_SPREAD = ScoreModel(bias=0.8, cost=5.0, shape=0.5, edge=5.0, hidden=2.0)
@@ -163,6 +186,10 @@ def load_score_model(folder: Path) -> ScoreModel:
     if not np.isfinite(weights).all():
         raise DataError(f"{path} is damaged (not finite): learn the object again")
     return ScoreModel(*weights)
+
+
+def _logit(share: float) -> float:
+    return float(np.log(share / (1.0 - share)))
 
 
 def _inputs(fits: Sequence[PoseFit]) -> Float[np.ndarray, "n 4"]:

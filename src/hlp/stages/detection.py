@@ -20,7 +20,7 @@ from hlp.method.find.trace import STAGES, STEPS, Stage, Trace
 from hlp.method.learn.model_files import load_classifier
 from hlp.method.settings import FindSettings, MethodSettings
 from hlp.records import Frame, PoseEstimate, parse_frame_key
-from hlp.refinement.score_model import MIN_SCORE, ScoreModel
+from hlp.refinement.score_model import MIN_SCORE
 from hlp.stages.executor_settings import ExecutorSettings
 from hlp.stages.manifest import device_name, fingerprint, stage_code
 from hlp.stages.store import Output, StageStore
@@ -258,9 +258,9 @@ class DetectionStages:
         still decoded.
         """
         self.training.make_for(self.dataset.target_ids)
-        scores = {i: self.training.load_score_model(i) for i in self.dataset.target_ids}
-        if not self.dataset.search_all:
-            scores = {i: model.known_present() for i, model in scores.items()}
+        models = {i: self.training.load_score_model(i) for i in self.dataset.target_ids}
+        known = not self.dataset.search_all
+        scores = {i: partial(model.scores, known_present=known) for i, model in models.items()}
         self._make_up_to("poses", visit or (lambda key, found: None))
         return [
             estimate
@@ -278,21 +278,21 @@ def seconds_of(trace: Trace) -> Seconds:
 
 
 def estimates_of(
-    key: str, trace: Trace, seconds: Seconds, scores: Mapping[int, ScoreModel]
+    key: str, trace: Trace, seconds: Seconds, scores: Mapping[int, Callable[..., list[float]]]
 ) -> list[PoseEstimate]:
     """The instances of every object looked for in a frame, from the trace of the stage `poses`.
 
-    `scores` are the objects' score models by id. There is one estimate, without a pose, of an
-    object that was not found. `seconds` are the times measured in that frame; the instances of an
-    object share its time equally. An estimate has a time only if every step was measured.
+    `scores` are `ScoreModel.scores` of the objects by id. There is one estimate, without a pose, of
+    an object that was not found. `seconds` are the times measured in that frame; the instances of
+    an object share its time equally. An estimate has a time only if every step was measured.
     """
     scene_id, frame_id = parse_frame_key(key)
     estimates = []
     for object_id, found in sorted(trace.items()):
         answers: list[tuple[np.ndarray | None, float]] = [(None, 0.0)]
         if found.refined is not None:
-            fits = [scores[object_id].score(fit) for fit in found.fits]
-            answers = list(zip(found.refined.chosen_poses, fits, strict=True))
+            own = scores[object_id](found.fits)
+            answers = list(zip(found.refined.chosen_poses, own, strict=True))
         spent = seconds.get(object_id, {})
         timed = spent if set(STEPS) <= spent.keys() else {}
         shared = {step: of_all / len(answers) for step, of_all in timed.items()}
