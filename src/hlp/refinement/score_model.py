@@ -119,6 +119,11 @@ SPREAD = ScoreModel(bias=0.5, cost=3.0, shape=0.3)
 COLORLESS_SPREAD = ScoreModel(bias=0.8, cost=5.0, shape=0.5, edge=5.0, hidden=2.0)
 
 
+def prior_of(colored: bool) -> ScoreModel:
+    """The score of an object of which nothing else is known."""
+    return PRIOR if colored else COLORLESS_PRIOR
+
+
 def fit_score_model(
     fits: Sequence[PoseFit], right: Flags, prior: ScoreModel = PRIOR, spread: ScoreModel = SPREAD
 ) -> ScoreModel:

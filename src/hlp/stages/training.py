@@ -25,7 +25,7 @@ from hlp.method.settings import (
 from hlp.models.encoder import Encoder
 from hlp.models.network import Network
 from hlp.records import Codebook, ObjectModel, Views
-from hlp.refinement.score_model import PRIOR, ScoreModel, load_score_model, save_score_model
+from hlp.refinement.score_model import ScoreModel, load_score_model, prior_of, save_score_model
 from hlp.rendering.views import load_views, render_views, save_views
 from hlp.stages.manifest import device_name, fingerprint, stage_code
 from hlp.stages.store import Output, StageStore
@@ -223,17 +223,20 @@ class TrainingStages:
         }
 
         def make(folder: Path) -> None:
-            estimator = PoseEstimator(self, stage.find, (object_id,))
+            estimator = PoseEstimator(self, stage.find, (object_id,), self._prior)
             frames, scenes = self.dataset.load_background_frames(), stage.score.scenes
             score = calibrate_score(estimator, object_id, frames, scenes, stage.rendering)
             save_score_model(folder, score)
 
         return self._make_once("score", object_id, self._description(settings, upstream), make)
 
+    def _prior(self, object_id: int) -> ScoreModel:
+        return prior_of(self.models[object_id].mesh.colored)
+
     def load_score_model(self, object_id: int) -> ScoreModel:
         """The score of one object's poses, from disk."""
         if self.settings.score.scenes == 0:
-            return PRIOR
+            return self._prior(object_id)
         return load_score_model(self.score(object_id).folder)
 
     def _make_once(
