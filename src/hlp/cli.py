@@ -105,9 +105,7 @@ COMMANDS = {
         "learn", "learn your own objects from their CAD models", needs_arguments=True
     ),
     "predict": _Command(
-        "predict",
-        "poses of learnt objects in your own frames",
-        needs_arguments=True,
+        "predict", "poses of learnt objects in your own frames", needs_arguments=True
     ),
     "live": _Command(
         "live",

@@ -248,11 +248,7 @@ def undistorted(image: np.ndarray[Any, Any], camera: Camera, nearest: bool) -> n
 
 @lru_cache(maxsize=4)
 def _undistortion(
-    values: tuple[float, ...],
-    distortion: tuple[float, ...],
-    fisheye: bool,
-    width: int,
-    height: int,
+    values: tuple[float, ...], distortion: tuple[float, ...], fisheye: bool, width: int, height: int
 ) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
     matrix, coefficients = np.array(values).reshape(3, 3), np.array(distortion)
     make = cv2.fisheye.initUndistortRectifyMap if fisheye else cv2.initUndistortRectifyMap

@@ -8,12 +8,7 @@ from hlp.arrays import CameraMatrix, Image, Mask, Pose, Rgb
 from hlp.errors import InputError
 from hlp.method import arguments
 from hlp.method.arguments import RgbdFrame
-from hlp.method.find.detections import (
-    Detection,
-    SearchResult,
-    TrackedDetection,
-    sort_answers,
-)
+from hlp.method.find.detections import Detection, SearchResult, TrackedDetection, sort_answers
 from hlp.method.find.search import search_frame
 from hlp.method.opened_folder import OpenedFolder
 from hlp.method.settings import TrackingSettings

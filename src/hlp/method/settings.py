@@ -84,8 +84,7 @@ class MachineSettings(Settings):
         Doc("threads of networks, renderer, refiner, search and OpenCV each (D)"),
     ] = 2
     device: Annotated[
-        Device,
-        Doc("device of the networks in detection; cuda needs onnxruntime-gpu"),
+        Device, Doc("device of the networks in detection; cuda needs onnxruntime-gpu")
     ] = "cpu"
 
 

@@ -229,10 +229,7 @@ class AnswersFile:
 
     def _write_json(self) -> None:
         """One document made line by line, since there may be a great many."""
-        with (
-            (self._folder / LINES).open("rb") as lines,
-            replaced(self._folder / JSON) as stream,
-        ):
+        with (self._folder / LINES).open("rb") as lines, replaced(self._folder / JSON) as stream:
             stream.write(b'{"poses": [\n')
             for number, line in enumerate(lines):
                 stream.write((b",\n" if number else b"") + line.rstrip(b"\n"))

@@ -22,13 +22,7 @@ from hlp.method.detector import MOST_INSTANCES, Detector
 from hlp.method.find.detections import Detection, SearchResult, TrackedDetection, TrackingResult
 from hlp.method.learn.learnt_folder import RECORD
 from hlp.method.settings import TrackingSettings
-from hlp.records import (
-    MILLIMETRES_PER_METRE,
-    Frame,
-    ObjectModel,
-    PoseEstimate,
-    parse_frame_key,
-)
+from hlp.records import MILLIMETRES_PER_METRE, Frame, ObjectModel, PoseEstimate, parse_frame_key
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.results.poses_file import LINES, AnswersFile
 from hlp.runs import spread
@@ -139,10 +133,7 @@ def predict(
 
 
 def _request(
-    detector: Detector,
-    frames: OwnFrames,
-    options: PredictionOptions,
-    masks: SearchMasks | None,
+    detector: Detector, frames: OwnFrames, options: PredictionOptions, masks: SearchMasks | None
 ) -> str:
     """Identifies all that decides the answers: version, learnt objects, options, and files."""
     digest = hashlib.blake2b((detector.folder / RECORD).read_bytes(), digest_size=16)
@@ -189,11 +180,7 @@ class _Call:
     """Finds objects in one frame after the other, and writes, prints and draws what it finds."""
 
     def __init__(
-        self,
-        detector: Detector,
-        frames: OwnFrames,
-        output: Path,
-        options: PredictionOptions,
+        self, detector: Detector, frames: OwnFrames, output: Path, options: PredictionOptions
     ) -> None:
         self._detector, self._frames, self._output = detector, frames, output
         self._search = _search(detector, options)

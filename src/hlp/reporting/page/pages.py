@@ -138,10 +138,7 @@ def _rows(
 
 
 def _pictures(
-    folder: Path,
-    kept: ReportData,
-    scores: Mapping[TargetKey, ScoredTarget],
-    room: int,
+    folder: Path, kept: ReportData, scores: Mapping[TargetKey, ScoredTarget], room: int
 ) -> dict[str, str]:
     """JPEGs in base64 by the targets' names, as many as there is room (bytes) for, misses first."""
     right = {key for key, target in scores.items() if target.correct("add")}
