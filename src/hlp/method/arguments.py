@@ -20,7 +20,12 @@ _LEAST_SIDE = 8  # pixels
 
 
 class RgbdFrame(Protocol):
-    """An RGB-D image with its camera, as `Detector.detect` takes them: `hlp.CameraImage` is one."""
+    """An RGB-D image with its camera, as `Detector.detect` takes them: `hlp.CameraImage` is one.
+
+    Examples:
+        >>> [found.object for found in detector.tracker(["bear"], 1).update(image)]
+        ['bear']
+    """
 
     @property
     def rgb(self) -> Rgb:
