@@ -113,7 +113,7 @@ def rotation_matrices(quats: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*b
     flat = np.reshape(np.asarray(quats, dtype=np.float64), (-1, 4))
     lengths = _lengths(flat)
     if (lengths == 0.0).any():
-        raise ValueError("a quaternion of zero norm is no rotation")
+        raise ValueError("a quaternion of zero norm is not a rotation")
     x, y, z, w = (flat / lengths).T
     xx, yy, zz, ww = x * x, y * y, z * z, w * w
     xy, zw, xz, yw, yz, xw = x * y, z * w, x * z, y * w, y * z, x * w

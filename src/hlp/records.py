@@ -101,7 +101,7 @@ def parse_frame_key(key: str) -> tuple[int, int]:
     """Scene and frame of a key. Raises ValueError for a text that `frame_key` does not write."""
     scene, _, frame = key.partition("_")
     if not (scene.isdecimal() and frame.isdecimal()) or key != frame_key(int(scene), int(frame)):
-        raise ValueError(f"{key!r} is no frame key: it must look like 000006_000012")
+        raise ValueError(f"{key!r} is not a frame key: it must look like 000006_000012")
     return int(scene), int(frame)
 
 

@@ -114,7 +114,7 @@ def start(folder, stages):
 
 @pytest.mark.parametrize("name", ["../../secret", "/etc", "", NAME.upper(), NAME + "0", 7])
 def test_a_manifest_names_no_other_folder(tmp_path, name):
-    with pytest.raises(DataError, match=r"manifest\.json: .* is no fingerprint"):
+    with pytest.raises(DataError, match=r"manifest\.json: .* is not a fingerprint"):
         start(tmp_path, [{"stage": "classifier", "fingerprint": name}])
 
 

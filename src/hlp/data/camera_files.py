@@ -73,7 +73,7 @@ def read_camera(given: str | Sequence[float], key: str = "intrinsics") -> Camera
         return Camera(_matrix(list(given), key))
     path = Path(given)
     if not path.is_file():
-        raise MissingFileError(f"{key} is no file: {path} (set {key}=FILE or {key}=[fx,fy,cx,cy])")
+        raise MissingFileError(f"{key} is not a file: {path} (set {key}=FILE or [fx,fy,cx,cy])")
     where = f"{key}, {path}"
     content = _parsed(path, where)
     if isinstance(content, list):
@@ -90,7 +90,7 @@ def _parsed(path: Path, where: str) -> Any:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{where} is no text: give JSON, YAML or nine numbers") from error
+        raise InputError(f"{where} is not text: give JSON, YAML or nine numbers") from error
     words = re.split(r"[\s,;\[\]]+", text.strip(" \t\r\n,;[]"))
     try:
         return [float(word) for word in words]

@@ -136,7 +136,7 @@ class Detector(OpenedFolder):
             front of the camera.
 
         Raises:
-            InputError: as in `detect`, or the pose is no rigid motion.
+            InputError: as in `detect`, or the pose is not a rigid motion.
 
         Examples:
             >>> (found,) = detector.detect(rgb, depth, camera_matrix, ["bear"], max_instances=1)

@@ -76,10 +76,8 @@ class OpenedFolder:
             meshes: names and files (PLY, OBJ, STL, …).
             folder: must not exist yet.
             settings: None: the defaults.
-            mesh_scale: metres per unit of the files (0.001: millimetres); None: guessed from the
-                size, and logged.
-            background_frames: RGB-D frames of places without the objects, which are better
-                backgrounds than the procedural ones.
+            mesh_scale: metres per unit of the files (0.001: millimetres); None: guessed, logged.
+            background_frames: RGB-D frames without the objects, better than procedural ones.
 
         Returns:
             A detector of these objects.

@@ -164,7 +164,7 @@ class TrackingSettings(Settings):
         Interval(ge=0, le=1),
         Doc(
             "probability below which a tracked pose is lost, so that the object is detected again "
-            "in that frame, and below which a detected pose is no answer (D)"
+            "in that frame, and below which a detected pose is rejected (D)"
         ),
     ] = MIN_SCORE
     search_every: Annotated[

@@ -75,7 +75,7 @@ def _estimate(row: Mapping[str, Any], where: str) -> PoseEstimate:
     if not np.isfinite([*rotation.ravel(), *millimetres, score]).all():
         raise DataError(f"{where}: NaN or infinity")
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > _ROTATION_TOLERANCE:
-        raise DataError(f"{where}: R is no rotation")
+        raise DataError(f"{where}: R is not a rotation")
     pose = rigid(rotation, millimetres / MILLIMETRES_PER_METRE)
     seconds = {"total": time} if time >= 0 else {}
     return PoseEstimate(scene, image, object_id, pose, score, seconds)

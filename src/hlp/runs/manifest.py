@@ -187,7 +187,7 @@ def check_harmless(config: Mapping[str, Any], manifest: Path, overrides: Sequenc
         if isinstance(value, str) and "${" in value:
             refuse(key, value, "a manifest holds plain values, which refer to nothing")
         if last == "name" and isinstance(value, str) and not _NAME.fullmatch(value):
-            refuse(key, value, "a name is no path")
+            refuse(key, value, "a name is not a path")
     executor = config.get("executor")
     address = executor.get("address") if isinstance(executor, Mapping) else None
     own = any(given.startswith("executor.address=") for given in overrides)

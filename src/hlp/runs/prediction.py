@@ -78,7 +78,7 @@ class PredictionOptions(Settings):
     objects: Annotated[list[str] | None, Doc("names; null: all learnt ones")] = None
     max_instances: Annotated[int, Ge(1), Doc("of each object")] = MOST_INSTANCES
     min_score: Annotated[
-        float, Interval(ge=0, le=1), Doc("probability below which a pose is no answer")
+        float, Interval(ge=0, le=1), Doc("poses of a lower score are rejected")
     ] = MIN_SCORE
     track: Annotated[bool, Doc("the frames are a sequence: follow objects from frame to frame")] = (
         False

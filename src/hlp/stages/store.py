@@ -242,10 +242,10 @@ def _verify(folder: Path) -> Mapping[str, Any]:
     Raises DataError that says what is wrong.
     """
     if not folder.is_dir():
-        raise DataError(f"{folder} is no folder")
+        raise DataError(f"{folder} is not a folder")
     path = folder / RECORD
     if not path.is_file():
-        raise DataError(f"{folder} is no finished output: it has no {RECORD}")
+        raise DataError(f"{folder} is not a finished output: it has no {RECORD}")
     record = read_json(path)
     if not seal_is_whole(record):
         raise DataError(f"{path} is damaged, or from an earlier version of HLP")
