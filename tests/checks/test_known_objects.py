@@ -17,7 +17,7 @@ from hlp.checks.known_objects import (
 from hlp.method.find.detections import Detection, Rejection, SearchResult
 from hlp.refinement.pose_fit import PoseFit
 
-FITS = PoseFit(cost=0.2, relief=0.95, slope=0.9, residual_mm=1.0, visible_fraction=1.0)
+FITS = PoseFit(cost=0.2, depth_correlation=0.95, slope=0.9, residual_mm=1.0, visible_fraction=1.0)
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def test_answers_that_were_not_good_enough_count_too(frames, models):
 
 def test_colours_are_compared_where_the_shape_fits(frames, models, named, grey):
     good = answers(frames[0], models)[0]
-    bad = [replace(good, fit=replace(FITS, **{key: 0.7})) for key in ("relief", "slope")]
+    bad = [replace(good, fit=replace(FITS, **{key: 0.7})) for key in ("depth_correlation", "slope")]
     assert colored_answers(named, [good, *bad]) == [good]
     assert colored_answers(grey, [good]) == []
 

@@ -53,8 +53,8 @@ def _small(model: ObjectModel, farthest_mm: float) -> str:
     if size >= _LEAST_PX:
         return ""
     return (
-        f"it is about {size:.0f} px large at {farthest_mm:.0f} mm, and less than {_LEAST_PX:.0f} px "
-        f"are missed more often. A camera within {farthest_mm * size / _LEAST_PX:.0f} mm or one "
+        f"it is about {size:.0f} px large at {farthest_mm:.0f} mm, and less than {_LEAST_PX:.0f} "
+        f"px are missed more often. A camera within {farthest_mm * size / _LEAST_PX:.0f} mm or one "
         "with more pixels for the same view helps"
     )
 
