@@ -44,7 +44,7 @@ CUBE = trimesh.creation.box((80, 80, 80))
 CYLINDER = trimesh.creation.cylinder(35, 120, sections=64)
 CONE = trimesh.creation.cone(40, 120, sections=64)
 WEDGE = trimesh.Trimesh(
-    [[0, 0, 0], [90, 0, 0], [0, 50, 0], [0, 0, 120], [90, 0, 30], [0, 50, 70]],
+    [[0, 0, 0], [90, 0, 0], [0, 50, 0], [0, 0, 120], [90, 0, 30], [0, 50, 70]]
 ).convex_hull
 TURNS = CONTINUOUS_STEPS - 1
 

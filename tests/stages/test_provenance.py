@@ -11,13 +11,7 @@ import torch
 import hlp
 from hlp.errors import DataError, MissingFileError
 from hlp.stages import manifest as provenance
-from hlp.stages.manifest import (
-    code_digest,
-    device_name,
-    git_revision,
-    library_builds,
-    processor,
-)
+from hlp.stages.manifest import code_digest, device_name, git_revision, library_builds, processor
 from hlp.stages.store import StageStore
 from hlp.stages.warm_start import read_warm_start
 from tiny_method import tiny_method

@@ -190,7 +190,7 @@ class DetectionStages:
         left = [key for key in keys if not done[key]]
         found: Iterable[tuple[str, Seconds]]
         if self.executor is not None and self.executor.parallel and left:
-            from hlp.stages.frame_task import Worker
+            from hlp.stages.frame_task import Worker  # a worker runs this class in turn
 
             worker = Worker.of(self.training, self.executor, self.on_bad_frame)
             found = self.executor.each(partial(worker.find, folders, tuple(missing)), left)
