@@ -111,8 +111,7 @@ class StageStore:
         time wait for the first of them.
 
         `description` (settings, upstream) is stored with the output, in `stage.json`; `of` names
-        the object in log and events. Raises what the block raises, with a note that names the
-        folder.
+        the object in log and events. Raises what the block raises, with a note of the folder.
         """
         folder = self.root / stage / fingerprint
         if not self.holds(stage, fingerprint):

@@ -139,8 +139,7 @@ def _make_estimators(
 ) -> tuple[dict[str, PoseEstimator], dict[str, Any], float]:
     """The estimator of each path, loaded and warmed up on a frame.
 
-    Also, for the configured path, which comes first, the seconds of loading and the peak memory
-    (MiB).
+    Also, for the configured path, which comes first, the loading time (s) and peak memory (MiB).
     """
     dataset = run.dataset
     estimators: dict[str, PoseEstimator] = {}

@@ -75,8 +75,7 @@ class Attempts:
     """What each search of a part of the frame has found, the region being the first part.
 
     Parts without a coloured model are often packed, and one alone is hard to tell from a half of
-    two others. So several of them help to find each other: by where neighbours would be, and by
-    their colour.
+    two others. So several of them help to find each other: by places of neighbours, and by colour.
     """
 
     def __init__(
