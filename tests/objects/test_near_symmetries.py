@@ -109,7 +109,7 @@ def test_print_breaks_a_continuous_axis_and_leaves_its_own_turns():
     assert len(bands.unbroken) == TURNS and len(bands.broken) == TURNS + 1
     stripe = _find(_mesh(can, lambda points: points[:, 0] > 10))
     assert len(stripe.unbroken) + len(stripe.broken) == 2 * TURNS + 1
-    about_axis = [each for each in stripe.unbroken if np.trace(each[:3, :3]) > -0.99]
+    about_axis = [item for item in stripe.unbroken if np.trace(item[:3, :3]) > -0.99]
     assert about_axis == []
     two = _find(_mesh(can, lambda points: points[:, 0] * points[:, 1] > 0))
     assert len(two.unbroken) >= 1

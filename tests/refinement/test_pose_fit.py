@@ -24,8 +24,8 @@ def test_depth_correlation_is_that_of_what_planes_leave():
     y, x = np.nonzero(among)
     plane = np.column_stack([x, y, np.ones(len(x))])
     left = [
-        each[among] - plane @ np.linalg.lstsq(plane, each[among], rcond=None)[0]
-        for each in (first, second)
+        item[among] - plane @ np.linalg.lstsq(plane, item[among], rcond=None)[0]
+        for item in (first, second)
     ]
     expected = np.corrcoef(*left)[0, 1]
     assert depth_correlation(first, second, among) == pytest.approx(expected, abs=1e-9)

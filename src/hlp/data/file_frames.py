@@ -54,7 +54,7 @@ class StatedFrame:
 class FileFrames(ABC):
     """Frames of two images and files with camera and true poses (a `FrameSource`).
 
-    Constructing it reads no file. They are `CheckedFrames` too: a bad frame costs itself alone.
+    Constructing it reads no file. They are `CheckedFrames` too: only a bad frame is lost.
     `unit` is that of the translations in the files.
     """
 

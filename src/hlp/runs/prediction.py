@@ -101,7 +101,7 @@ def predict(
 
     Writes poses.csv, poses.jsonl and, last, poses.json into `output`, and prints a line for each
     answer. A call that was stopped is continued by the same one, but for tracking. The next frames
-    are decoded beside detection. A frame that cannot be used costs itself alone: it is logged, and
+    are decoded beside detection. Only a frame that cannot be used is lost: it is logged, and
     a line of poses.jsonl names its error. Raises DataError if there is no other, and DamagedError
     or MissingFileError for a file of what is learnt.
     """

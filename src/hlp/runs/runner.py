@@ -50,7 +50,7 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
     `output` receives summary.json, scores.csv, poses.csv, panels/, stages/, report/, manifest.json
     and, drawn from these, report.html; experiments of the paper's tables also the table. Everything
     is logged as one MLflow run. It is opened first, so a crash leaves it FAILED. Raises DataError
-    if no frame can be used; with `on_bad_frame` "report", single ones cost themselves alone.
+    if no frame can be used; with `on_bad_frame` "report", single ones count as missed.
     """
     settings = run.settings
     with begun(run, output) as (store, tracker):

@@ -32,7 +32,7 @@ Visit = Callable[[str, Trace], None]
 Seconds = dict[int, dict[str, float]]
 """Wall time (s) by object and step in one frame."""
 OnBadFrame = Literal["report", "fail"]
-"""Whether a frame that cannot be used costs itself alone, or ends the run."""
+"""Whether a frame that cannot be used counts as missed, or ends the run."""
 
 
 class DetectionStages:
