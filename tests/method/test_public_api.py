@@ -17,8 +17,7 @@ NO_EXAMPLE = {"Frame", "ObjectModel", "Detector.objects", "Detector.threads"}
 
 def public(name):
     """A class of ours with all that it inherits."""
-    kinds = getattr(hlp, name).__mro__[::-1]
-    return [kind for kind in kinds if kind.__module__.startswith("hlp.")]
+    return [kind for kind in getattr(hlp, name).__mro__[::-1] if "hlp." in kind.__module__]
 
 
 def examples():
@@ -35,8 +34,8 @@ def test_examples_of_docstrings_run(name, learnt, frame, tmp_path, monkeypatch):
     image = hlp.CameraImage(frame.rgb, frame.depth, frame.camera_matrix)
     test = examples()[name]
     detector = hlp.Detector.load("learnt")
-    test.globs |= vars(image) | {"Detector": hlp.Detector, "detector": detector, "image": image}
-    test.globs |= {"json": json}
+    given = {"Detector": hlp.Detector, "detector": detector, "image": image, "json": json}
+    test.globs |= vars(image) | given
     options = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
     report = list[str]()
     doctest.DocTestRunner(optionflags=options).run(test, out=report.append)
@@ -50,9 +49,8 @@ def methods(of):
 
 
 def test_what_is_public_is_documented_with_arguments_results_and_an_example():
-    every = methods("Detector") | methods("Tracker")
     assert {*hlp.__all__, *methods("Detector")} - examples().keys() == NO_EXAMPLE
-    for name, method in every.items():
+    for name, method in (methods("Detector") | methods("Tracker")).items():
         if isinstance(method, FunctionType):
             hints = typing.get_type_hints(method)
             gives = hints.pop("return") is not type(None)
