@@ -15,15 +15,7 @@ from hlp.commands.composing import compose_config
 from hlp.config.build import build_settings
 from hlp.method.find.trace import ObjectTrace
 from hlp.method.settings import MethodSettings
-from hlp.records import (
-    Frame,
-    Hypotheses,
-    LocalPatches,
-    Refinement,
-    Region,
-    Target,
-    Votes,
-)
+from hlp.records import Frame, Hypotheses, LocalPatches, Refinement, Region, Target, Votes
 from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.pose_fit import PoseFit
 from hlp.refinement.score_model import PRIOR, ScoreModel

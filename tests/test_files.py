@@ -69,7 +69,7 @@ def test_what_cannot_be_read_is_named(tmp_path: Path) -> None:
         with pytest.raises(FileNotFoundError, match="gone"):
             read(tmp_path / "gone")
     (tmp_path / "a.json").write_text('{"1": ')
-    with pytest.raises(ValueError, match=r"a\.json is no JSON"):
+    with pytest.raises(ValueError, match=r"a\.json is not JSON"):
         read_json(tmp_path / "a.json")
     (tmp_path / "a.csv").write_text("b\n1\n")
     with pytest.raises(ValueError, match=r"a\.csv: the first line must be a$"):

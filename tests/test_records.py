@@ -27,7 +27,7 @@ def test_no_other_text_is_a_key(text):
     try:
         ids = parse_frame_key(text)
     except ValueError as error:
-        assert "is no frame key" in str(error)
+        assert "is not a frame key" in str(error)
     else:
         assert frame_key(*ids) == text
 

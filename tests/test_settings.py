@@ -108,8 +108,11 @@ def test_what_is_left_out_has_its_default() -> None:
         ({"kept": {"weight": -1}}, "b.kept.weight is -1.0: it must be above 0"),
         ({"tool": {"teeth": 8}}, "b.tool.name is not set: set b.tool.name=VALUE"),
         ({"tool": {"name": "axe"}}, "b.tool.name is 'axe': choose one of hammer, mallet, saw"),
-        ({"tool": {"name": "saw", "weight": 1}}, "b.tool.weight is no key: there are name, teeth"),
-        ({"tool": {"name": "saw", "teeths": 1}}, "b.tool.teeths is no key: did you mean teeth?"),
+        (
+            {"tool": {"name": "saw", "weight": 1}},
+            "b.tool.weight is not a key: there are name, teeth",
+        ),
+        ({"tool": {"name": "saw", "teeths": 1}}, "b.tool.teeths is not a key: did you mean teeth?"),
         ({"tool": {"name": "saw", "teeth": 7}}, "b.tool.teeth is 7: it must be even"),
         (
             {"more": {"x": {"name": "saw", "teeth": 0}}},

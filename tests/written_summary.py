@@ -38,10 +38,7 @@ def summary(names: tuple[str, ...] = ("cat", "ape")) -> dict[str, Any]:
         },
         "votes": {
             "total": quality(0.25, 1200.0),
-            "per_object": {
-                "cat": quality(0.125, 1000.4),
-                "ape": quality(None, 0.0),
-            },
+            "per_object": {"cat": quality(0.125, 1000.4), "ape": quality(None, 0.0)},
         },
     }
 

@@ -105,9 +105,7 @@ COMMANDS = {
         "learn", "learn your own objects from their CAD models", needs_arguments=True
     ),
     "predict": _Command(
-        "predict",
-        "poses of learnt objects in your own frames",
-        needs_arguments=True,
+        "predict", "poses of learnt objects in your own frames", needs_arguments=True
     ),
     "live": _Command(
         "live",
@@ -129,7 +127,7 @@ COMMANDS = {
         messages="stderr",
     ),
     "runs": _Command(
-        "report", "what lies in outputs/, with the main figures", goes_on=False, messages="stderr"
+        "report", "the runs in outputs/, with their main figures", goes_on=False, messages="stderr"
     ),
     "ui": _Command("report", "the runs in a browser, by MLflow", goes_on=False),
     "upload": _Command("report", "send runs to an MLflow server that was unreachable"),
@@ -138,6 +136,6 @@ COMMANDS = {
     "download": _Command(
         "folders", "public data sets in a form that HLP reads", needs_arguments=True
     ),
-    "notebooks": _Command("folders", "copy the notebooks that teach into a folder", goes_on=False),
-    "clean": _Command("folders", "outputs of stages that may go, and their sizes", goes_on=False),
+    "notebooks": _Command("folders", "copy the tutorial notebooks into a folder", goes_on=False),
+    "clean": _Command("folders", "stage outputs that can be removed", goes_on=False),
 }

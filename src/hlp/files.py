@@ -153,7 +153,7 @@ def read_json(path: Path, most_bytes: int = MOST_BYTES) -> Any:
             raise DataError(f"{path} has {size} bytes: at most {most_bytes} are read")
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
-        raise DataError(f"{path} is no JSON: it is not in UTF-8 ({error.reason})") from error
+        raise DataError(f"{path} is not JSON: it is not in UTF-8 ({error.reason})") from error
     except PermissionError as error:
         raise DataError(f"{path} may not be read: give yourself the right to") from error
     return parse_json(text, str(path))
@@ -168,7 +168,7 @@ def parse_json(text: str, where: str) -> Any:
     except _DoubleKeyError as error:
         raise DataError(f"{where} states the key {error} twice: leave one out") from error
     except ValueError as error:
-        raise DataError(f"{where} is no JSON: {error}") from error
+        raise DataError(f"{where} is not JSON: {error}") from error
     level: list[Any] = [content]
     for _ in range(_DEEPEST):
         level = [inner for outer in level for inner in _inner(outer)]
@@ -203,7 +203,7 @@ def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, Any]]:
     """Rows of a CSV file by column name; the first row is line 2, missing cells are None.
 
     Raises MissingFileError, or DataError naming a file whose first line is not `columns`, or that
-    is no text.
+    is not text.
     """
     more, rows = read_table(path, columns)
     if more:
@@ -233,7 +233,7 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
     if not path.is_file():
         raise MissingFileError(f"there is no file {path}")
     try:
-        # numpy leaves a file open that is no archive, unless somebody else opened it.
+        # numpy leaves a file open that is not an archive, unless somebody else opened it.
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             return dict(stored)
     except NO_ARRAYS as error:

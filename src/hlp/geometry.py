@@ -55,8 +55,7 @@ def rotation_distance(
 ) -> Float[np.ndarray, "*b"]:
     """Angle (rad) of the rotation that takes one rotation to the other.
 
-    Computed from ‖A − B‖ = 2√2 sin(θ/2): the arc cosine of the trace would lose half the digits
-    near 0.
+    Computed from ‖A − B‖ = 2√2 sin(θ/2): the trace's arc cosine would lose half the digits near 0.
     """
     chord = np.linalg.norm(np.asarray(first) - np.asarray(second), axis=(-2, -1))
     return np.asarray(2.0 * np.arcsin(np.clip(chord / (2.0 * np.sqrt(2.0)), 0.0, 1.0)))
@@ -113,7 +112,7 @@ def rotation_matrices(quats: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*b
     flat = np.reshape(np.asarray(quats, dtype=np.float64), (-1, 4))
     lengths = _lengths(flat)
     if (lengths == 0.0).any():
-        raise ValueError("a quaternion of zero norm is no rotation")
+        raise ValueError("a quaternion of zero norm is not a rotation")
     x, y, z, w = (flat / lengths).T
     xx, yy, zz, ww = x * x, y * y, z * z, w * w
     xy, zw, xz, yw, yz, xw = x * y, z * w, x * z, y * w, y * z, x * w

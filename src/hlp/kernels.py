@@ -38,8 +38,7 @@ def compiled(**options: Any) -> Callable[[Function], Function]:
     that it imports is unchanged.
 
     Kernels lie in `NUMBA_CACHE_DIR`, or else in the user's cache folder. Where that cannot be
-    written, as without a home, every process compiles them again. The package's own folder is never
-    written.
+    written, every process compiles them again. The package's own folder is never written.
     """
 
     def compile_later(function: Function) -> Function:

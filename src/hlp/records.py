@@ -12,9 +12,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-MILLIMETRE = 1e-3
-"""One millimetre in metres."""
-MILLIMETRES_PER_METRE = 1000.0
+MILLIMETRE, MILLIMETRES_PER_METRE = 1e-3, 1000.0  # the first in metres
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,10 +85,7 @@ class ObjectModel:
 
 @dataclass(frozen=True)
 class Target:
-    """One object to be found in a frame, with its true pose.
-
-    `visible_fraction` is nan where the data set does not state it.
-    """
+    """An object to be found in a frame, with its true pose; `visible_fraction`: nan if unknown."""
 
     object_id: int
     pose_cam_obj: Float[np.ndarray, "4 4"]
@@ -106,7 +101,7 @@ def parse_frame_key(key: str) -> tuple[int, int]:
     """Scene and frame of a key. Raises ValueError for a text that `frame_key` does not write."""
     scene, _, frame = key.partition("_")
     if not (scene.isdecimal() and frame.isdecimal()) or key != frame_key(int(scene), int(frame)):
-        raise ValueError(f"{key!r} is no frame key: it must look like 000006_000012")
+        raise ValueError(f"{key!r} is not a frame key: it must look like 000006_000012")
     return int(scene), int(frame)
 
 
@@ -134,6 +129,10 @@ class CameraImage:
     `rgb` has red first. `depth` is in metres along the optical axis, registered to the colour, 0 or
     NaN where missing. `camera_matrix` is in pixels. `name` is what the image is called in answers,
     `captured` when it was taken (s since 1970; None: unknown).
+
+    Examples:
+        >>> CameraImage(rgb, depth, camera_matrix, name="left").name
+        'left'
     """
 
     rgb: UInt8[np.ndarray, "h w 3"]

@@ -38,12 +38,12 @@ def require_rotation(matrix: Rotation, where: str, tolerance: float = ROTATION_T
     nearest = left @ right
     if np.abs(nearest - matrix).max() > tolerance:
         raise DataError(
-            f"{where} is no rotation: its rows must be of length 1 and at right angles, row by row "
-            f"(it scales by {sizes.min():.4g} to {sizes.max():.4g})"
+            f"{where} is not a rotation: its rows must be of length 1 and at right angles, row by "
+            f"row (it scales by {sizes.min():.4g} to {sizes.max():.4g})"
         )
     if np.linalg.det(nearest) < 0:
         raise DataError(
-            f"{where} is no rotation but a reflection: take a right-handed coordinate system"
+            f"{where} is not a rotation but a reflection: take a right-handed coordinate system"
         )
 
 
@@ -227,5 +227,5 @@ def whole_ids(names: Sequence[str]) -> list[int]:
     """Ids that are keys of an object, as numbers. Raises ValueError for another key."""
     for name in names:
         if not (name.isascii() and name.isdecimal()) or str(int(name)) != name:
-            raise ValueError(f"the key {name!r} is no id: it must be a whole number from 0")
+            raise ValueError(f"the key {name!r} is not an id: it must be a whole number from 0")
     return [int(name) for name in names]

@@ -262,7 +262,7 @@ def _read_record(kind: type, value: Any, key: str) -> Any:
         given = {name: given[name] for name in kinds if name in given}
     for name in given:
         if name not in kinds:
-            raise SettingsError(_join(key, name), f"is no key: {_instead(name, list(kinds))}")
+            raise SettingsError(_join(key, name), f"is not a key: {_instead(name, list(kinds))}")
     for field in dataclasses.fields(kind):
         required = field.default is _MISSING and field.default_factory is _MISSING
         if required and field.name not in given:

@@ -25,16 +25,25 @@ def modules() -> dict[str, Path]:
     return found
 
 
+CIRCLES = {
+    "hlp.commands.ending": {"hlp.commands.composing"},  # Hydra's errors in words
+    "hlp.stages.detection": {"hlp.stages.frame_task"},  # a worker runs the stages that start it
+}
+"""Imports in functions that close a circle."""
+
+
 def test_no_modules_import_each_other_in_a_circle() -> None:
-    """By the imports at the top of modules; `prepare` raises CycleError with the circle."""
+    """By their imports, in functions too; `prepare` raises CycleError with the circle."""
     known = modules()
     graph: dict[str, set[str]] = {}
     for name, path in known.items():
         graph[name] = set()
-        for statement in ast.parse(path.read_text()).body:
+        at_run_time = [s for s in ast.parse(path.read_text()).body if not isinstance(s, ast.If)]
+        for statement in (inner for node in at_run_time for inner in ast.walk(node)):
             if isinstance(statement, ast.ImportFrom) and statement.module in known:
                 names = (f"{statement.module}.{alias.name}" for alias in statement.names)
                 graph[name] |= {full if full in known else statement.module for full in names}
+        graph[name] -= CIRCLES.get(name, set())
     assert len(graph) > 100
     TopologicalSorter(graph).prepare()
 

@@ -32,7 +32,7 @@ def _loader(frame, refused):
 def test_of_many_files_that_cannot_be_read_the_first_are_named(frames, odd, shown, more):
     kept, findings = read_frames(_loader(frames[0], KEYS[:odd]), KEYS, 9)
     assert len(kept) == len(KEYS) - odd
-    assert [each.kind for each in findings] == ["files"] * shown
+    assert [item.kind for item in findings] == ["files"] * shown
     assert [finding.where[:13] for finding in findings] == KEYS[:shown]
     assert more in findings[-1].where and ("more" in findings[-1].where) == bool(more)
 

@@ -17,7 +17,7 @@ from hlp.checks.known_objects import (
 from hlp.method.find.detections import Detection, Rejection, SearchResult
 from hlp.refinement.pose_fit import PoseFit
 
-FITS = PoseFit(cost=0.2, relief=0.95, slope=0.9, residual_mm=1.0, visible_fraction=1.0)
+FITS = PoseFit(cost=0.2, depth_correlation=0.95, slope=0.9, residual_mm=1.0, visible_fraction=1.0)
 
 
 @pytest.fixture(scope="module")
@@ -53,13 +53,13 @@ def test_answers_that_were_not_good_enough_count_too(frames, models):
 
 def test_colours_are_compared_where_the_shape_fits(frames, models, named, grey):
     good = answers(frames[0], models)[0]
-    bad = [replace(good, fit=replace(FITS, **{key: 0.7})) for key in ("relief", "slope")]
+    bad = [replace(good, fit=replace(FITS, **{key: 0.7})) for key in ("depth_correlation", "slope")]
     assert colored_answers(named, [good, *bad]) == [good]
     assert colored_answers(grey, [good]) == []
 
 
 def test_exchanged_colours_are_found_and_true_ones_are_not(frames, models, named):
-    true = [exchange_gain(each, named, answers(each, models)) for each in frames]
+    true = [exchange_gain(item, named, answers(item, models)) for item in frames]
     wrong = [exchange_gain(exchanged(frame), named, answers(frame, models)) for frame in frames]
     np.testing.assert_allclose(true, np.negative(wrong), atol=1e-6)
     assert check_color_order(true) == []
@@ -105,7 +105,7 @@ def test_registered_images_have_no_finding(frames, models, named):
     found = [
         shift_agreements(frame, named, answers(frame, models, visible=0.7)) for frame in frames
     ]
-    assert all(each.shape == (5, 5) and each.argmax() == 12 for each in found)
+    assert all(item.shape == (5, 5) and item.argmax() == 12 for item in found)
     assert check_color_shift(found) == []
     assert check_color_shift([]) == []
 
@@ -117,7 +117,7 @@ def test_few_frames_small_gains_and_uncertain_answers_say_nothing(frames, models
     diagonal = one.copy()
     diagonal[1, 1] = 0.9
     assert check_color_shift([far] * 2) == check_color_shift([far]) == []
-    assert [each.where for each in check_color_shift([far + 2 * (far - one)])] == [
+    assert [item.where for item in check_color_shift([far + 2 * (far - one)])] == [
         "this frame alone"
     ]
     assert check_color_shift([far + 2 * (far - one), None]) == []

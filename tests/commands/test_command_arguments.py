@@ -48,10 +48,16 @@ def test_lists_of_files_are_separated_by_commas(tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["predict", "lernt=x", "rgb=a.png"], "lernt is no key of `hlp predict`: did you mean lea"),
-        (["predict", "learnt=x", "rgb=a", "depht=b"], "depht is no key of `hlp predict`: did you"),
+        (
+            ["predict", "lernt=x", "rgb=a.png"],
+            "lernt is not a key of `hlp predict`: did you mean lea",
+        ),
+        (
+            ["predict", "learnt=x", "rgb=a", "depht=b"],
+            "depht is not a key of `hlp predict`: did you",
+        ),
         (["predict", "learnt=x", "rgb=a", "depth_scale=1"], "depth is not set: give depth="),
-        (["learn", "mehs=a.ply"], "mehs is no key of `hlp learn`: did you mean mesh?"),
+        (["learn", "mehs=a.ply"], "mehs is not a key of `hlp learn`: did you mean mesh?"),
         (["learn", "names=a"], "mesh is not set: give mesh=FILE"),
         (["objects", "lst"], "cannot use 'lst': did you mean list? see `hlp objects --help`"),
         (
@@ -59,8 +65,11 @@ def test_lists_of_files_are_separated_by_commas(tmp_path):
             "cannot use 'export a': see `hlp objects export NAME|RUN FOLDER`",
         ),
         (["objects", "show"], "cannot use 'show': see `hlp objects show NAME|FOLDER`"),
-        (["report", "experimnt=demo"], "experimnt is no key of `hlp report`: did you mean exp"),
-        (["notebooks", "folder=here"], "folder is no key of `hlp notebooks`: see `hlp notebooks"),
+        (["report", "experimnt=demo"], "experimnt is not a key of `hlp report`: did you mean exp"),
+        (
+            ["notebooks", "folder=here"],
+            "folder is not a key of `hlp notebooks`: see `hlp notebooks",
+        ),
         (["clean", "dry=perhaps"], "dry=perhaps: it is true or false"),
         (["ui", "open=perhaps"], "open=perhaps: it is true or false"),
         (["ui", "port=here"], "port=here: it is a number"),

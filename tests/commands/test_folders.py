@@ -41,7 +41,7 @@ def fails(words: list[str], capsys: Out) -> str:
 def test_none_is_copied_where_one_is_there(tmp_path: Path, capsys: Out) -> None:
     mine = tmp_path / NAMES[2]
     mine.write_text("mine")
-    assert f"{mine} is there already" in fails(["notebooks", f"output={tmp_path}"], capsys)
+    assert f"{mine} exists already" in fails(["notebooks", f"output={tmp_path}"], capsys)
     assert [path.name for path in tmp_path.iterdir()] == [mine.name]
     assert mine.read_text() == "mine"
 

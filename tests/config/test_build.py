@@ -87,7 +87,7 @@ def test_what_the_test_scenes_look_like_is_no_reason_to_train_again(default, key
 WRONG = [
     ("seed", "abc", r"^seed is 'abc': it must be a whole number$"),
     ("rendering.viewpoints", 3.5, r"^rendering\.viewpoints is 3\.5: it must be a whole number$"),
-    ("rendering.viewpoint", 9, r"^rendering\.viewpoint is no key: did you mean viewpoints\?$"),
+    ("rendering.viewpoint", 9, r"^rendering\.viewpoint is not a key: did you mean viewpoints\?$"),
     ("patches.holistic.resolution", 48, r"^patches\.holistic\.resolution is 48: .* 64$"),
     ("patches.local.resolution", 48, r"^patches\.local\.resolution is 48: .* 32$"),
     ("refinement.phi_1", 1.0, r"^refinement\.phi_1 \+ phi_2 is 2\.3: it must be above 4$"),
@@ -98,7 +98,7 @@ WRONG = [
     ("frames", 0, r"^frames is 0: it must be at least 1$"),
     ("data.objects", [4, 9], r"^data\.objects\.1 is 9: it must be at most 8$"),
     ("data.objects", [6, 5], r"^data\.objects is \[6, 5\]: it must be \[least, most\]$"),
-    ("mesh", "a.ply", r"^mesh is no key: there are seed, rendering, "),
+    ("mesh", "a.ply", r"^mesh is not a key: there are seed, rendering, "),
     ("output", "", r"^output is empty: name one$"),
     ("name", "???", r"^name is not set: set name=VALUE$"),
     ("data.seed", "???", r"^data\.seed is not set: set data\.seed=VALUE$"),
@@ -217,8 +217,8 @@ def no_targets(bop):
     ("change", "data", "error", "message"),
     [
         (None, {"root": "???"}, ValueError, r"^data\.root is not set: set data\.root=VALUE$"),
-        (None, {"root": "nowhere"}, FileNotFoundError, r"^data\.root is no folder: nowhere"),
-        (None, {"split": "train"}, FileNotFoundError, r"^data\.split is no folder: .*/lm/train"),
+        (None, {"root": "nowhere"}, FileNotFoundError, r"^data\.root is not a folder: nowhere"),
+        (None, {"split": "train"}, FileNotFoundError, r"^data\.split is not a folder: .*/lm/train"),
         (no_mesh, {}, FileNotFoundError, r"object 1 \(box\).*models/obj_000001\.ply"),
         (broken_mesh, {}, ValueError, r"obj_000001\.ply"),
         (no_targets, {}, ValueError, "lists no target"),
@@ -226,7 +226,7 @@ def no_targets(bop):
             (None, {key: folder}, FileNotFoundError, message)
             for key in ("photographs", "rooms", "rgbd_frames")
             for folder, message in (
-                ("nowhere", rf"^data\.{key} is no folder: .*nowhere"),
+                ("nowhere", rf"^data\.{key} is not a folder: .*nowhere"),
                 ("empty", "empty"),
             )
         ),

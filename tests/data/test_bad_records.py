@@ -11,8 +11,8 @@ from hlp.reporting.results import read_results
 from hlp.results.summary_file import read_summary
 
 BROKEN_JSON = {
-    "": "is no JSON",
-    "{": "is no JSON",
+    "": "is not JSON",
+    "{": "is not JSON",
     '{"1": 1, "1": 2}': "states the key '1' twice",
     DEEP: "nested deeper than 64",
     "[" * 80 + "]" * 80: "nested deeper than 64",

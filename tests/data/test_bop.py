@@ -221,8 +221,11 @@ CASES = {
     "metres": (with_pose(cam_t_m2c=[0.0, 0.0, 0.7]), "are these metres?"),
     "behind the camera": (with_pose(cam_t_m2c=[0.0, 0.0, -700.0]), "behind the camera"),
     "micrometres": (with_pose(cam_t_m2c=[0.0, 0.0, 7e5]), "places the object 700 m away"),
-    "a reflection": (with_pose(cam_R_m2c=(UPRIGHT * -1).tolist()), "no rotation but a reflection"),
-    "a scaled rotation": (with_pose(cam_R_m2c=(UPRIGHT * 1.01).tolist()), "is no rotation"),
+    "a reflection": (
+        with_pose(cam_R_m2c=(UPRIGHT * -1).tolist()),
+        "not a rotation but a reflection",
+    ),
+    "a scaled rotation": (with_pose(cam_R_m2c=(UPRIGHT * 1.01).tolist()), "is not a rotation"),
     "a visible fraction of 2": (visible(2.0), "visib_fract is 2.0: it must be at most 1"),
     "two fractions": (edited("scene_gt_info.json", lambda e: e * 2), "info.json has 2 instances"),
 }

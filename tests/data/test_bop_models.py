@@ -164,11 +164,11 @@ MODELS: dict[str, Case] = {
     "models_info: text": (models({"diameter": "139"}), "1.diameter is '139': it must be a number"),
     "symmetries: a reflection": (
         models({"symmetries_discrete": [np.diag([-1.0, 1, 1, 1]).ravel().tolist()]}),
-        "symmetries_discrete.0 is no rotation but a reflection",
+        "symmetries_discrete.0 is not a rotation but a reflection",
     ),
     "symmetries: scaled": (
         models({"symmetries_discrete": [np.diag([2.0, 2, 2, 1]).ravel().tolist()]}),
-        "symmetries_discrete.0 is no rotation",
+        "symmetries_discrete.0 is not a rotation",
     ),
     "symmetries: columns": (
         models({"symmetries_discrete": [[*HALF_TURN[:12], 5.0, 0.0, 0.0, 1.0]]}),

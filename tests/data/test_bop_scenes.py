@@ -131,10 +131,10 @@ SCENES: dict[str, Case] = {
 for _text, _said in (
     ("[]", "must be a mapping"),
     ("null", "must be a mapping"),
-    ('{"a": {}}', "the key 'a' is no id"),
-    ('{"-1": {}}', "the key '-1' is no id"),
-    ('{"01": {}}', "the key '01' is no id"),
-    ('{"1.5": {}}', "the key '1.5' is no id"),
+    ('{"a": {}}', "the key 'a' is not an id"),
+    ('{"-1": {}}', "the key '-1' is not an id"),
+    ('{"01": {}}', "the key '01' is not an id"),
+    ('{"1.5": {}}', "the key '1.5' is not an id"),
     (DEEP, "nested deeper"),
 ):
 

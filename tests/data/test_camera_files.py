@@ -123,15 +123,15 @@ def intrinsics(content: Any, name: str = "k.json") -> Any:
 
 CASES: dict[str, Case] = {
     "no file": (lambda folder: read_camera(str(folder / "k.json"), "depth_intrinsics"),
-                "depth_intrinsics is no file"),
+                "depth_intrinsics is not a file"),
     "three numbers": (lambda _: read_camera([1, 2, 3]), "nine numbers"),
     "no focal length": (lambda _: read_camera([0, 500, 320, 240]), "be finite and positive"),
     "NaN": (lambda _: read_camera([float("nan"), 500, 320, 240]), "must be finite"),
     "null": (intrinsics("null"), "neither keys nor nine"),
     "words": (intrinsics("fx fy cx cy", "k.txt"), "k.txt: it holds neither"),
-    "no JSON": (intrinsics("{"), "k.json is no JSON"),
+    "no JSON": (intrinsics("{"), "k.json is not JSON"),
     "no YAML": (intrinsics("a: [", "k.yaml"), "k.yaml is neither JSON, YAML"),
-    "bytes": (intrinsics(b"\xff\xfe\xfa"), "is no text"),
+    "bytes": (intrinsics(b"\xff\xfe\xfa"), "is not text"),
     "deep": (intrinsics(DEEP), "nested deeper"),
     "deep YAML": (intrinsics("K: " + "[" * 5000, "k.yaml"), "k.yaml is nested too deeply"),
     "an alias": (intrinsics("a: &a [1, 1]\nK: [*a, *a]\n", "k.yaml"), "refers to itself"),

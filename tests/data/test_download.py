@@ -179,7 +179,7 @@ def test_a_call_after_an_interruption_continues(hub, tmp_path):
         download(find_set("lm"), folder, "bop19", hub.address)
     download(find_set("lm"), folder, "bop19", hub.address)
     assert [name for name, _ in hub.asked] == ["lm_base.zip", "lm_models.zip", "lm_test_bop19.zip"]
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="exists already"):
         download(find_set("lm"), folder, "bop19", hub.address)
 
 
@@ -215,7 +215,7 @@ def test_voc_becomes_a_folder_of_photographs(tmp_path, monkeypatch):
         (["images=all", "lm"], "the name of a data set comes first"),
         (["lm", "images=few"], "images=few: lm has bop19, all"),
         (["voc2012", "images=bop19"], "images=bop19: voc2012 has all"),
-        (["lm", "folder=x"], "folder is no key of `hlp download`"),
+        (["lm", "folder=x"], "folder is not a key of `hlp download`"),
     ],
 )
 def test_wrong_arguments_are_one_line(arguments, message, capsys):

@@ -69,7 +69,7 @@ def test_what_has_no_partner_is_named(tmp_path):
 def test_what_is_not_there_is_named(tmp_path):
     (tmp_path / "empty").mkdir()
     for given, words in (
-        ("none.png", "rgb is no image"), ("empty", "rgb: no image in"),
+        ("none.png", "rgb is neither an image"), ("empty", "rgb: no image in"),
         ("c_*.png", "rgb: no file is like"),
     ):  # fmt: skip
         with pytest.raises(FileNotFoundError, match=words):
@@ -98,7 +98,7 @@ def test_what_a_folder_lacks_is_named(tmp_path):
     make(tmp_path, "depth/a.png")
     with pytest.raises(MissingFileError, match=r"has no cam_K\.txt or camera\.json.*intrinsics=…"):
         with_frames({"frames": str(tmp_path)})
-    with pytest.raises(MissingFileError, match="frames is no folder"):
+    with pytest.raises(MissingFileError, match="frames is not a folder"):
         with_frames({"frames": str(tmp_path / "none")})
     with pytest.raises(InputError, match="frames and rgb"):
         with_frames({"frames": str(tmp_path), "rgb": "x"})

@@ -120,7 +120,7 @@ CASES: dict[str, Case] = {
     "dpt: short header": (of_file(read_dpt, "a.dpt", b"\1\0\0\0"), "truncated or no .dpt"),
     "dpt: too short": (of_file(read_dpt, "a.dpt", struct.pack("<ii", 2, 2) + b"\1" * 7), "trunc"),
     "rot: ten": (of_file(rot, "a.rot", NINE + "1"), "a header line and 9 finite numbers"),
-    "rot: words": (of_file(rot, "a.rot", NINE.replace("1 0 0", "x 0 0")), "no number"),
+    "rot: words": (of_file(rot, "a.rot", NINE.replace("1 0 0", "x 0 0")), "not a number"),
 }
 
 

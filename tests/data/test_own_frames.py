@@ -103,7 +103,7 @@ def test_intrinsics_of_another_image_size_are_refused(root):
         frames(root, [500.0, 500.0, 400.0, 15.0]).load("000000_000000")
     with pytest.raises(ValueError, match=r"80x60, but .* is 40x30: .* by 0\.5"):
         frames(root, camera_file(root, width=80, height=60)).load("000000_000000")
-    with pytest.raises(FileNotFoundError, match="intrinsics is no file"):
+    with pytest.raises(FileNotFoundError, match="intrinsics is not a file"):
         frames(root, "none.json").load("000000_000000")
 
 

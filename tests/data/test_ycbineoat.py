@@ -71,7 +71,7 @@ def test_the_data_set_is_built_from_a_mesh_and_the_folder(root, tmp_path):
     before = dataset.frames.identity()
     np.savetxt(root / "annotated_poses" / "0000001.txt", pose(7))
     assert YcbineoatFrames(root).identity() != before
-    with pytest.raises(MissingFileError, match=r"data\.mesh is no file"):
+    with pytest.raises(MissingFileError, match=r"data\.mesh is not a file"):
         YcbineoatSettings(root=str(root), mesh="none.ply").build()
 
 
@@ -111,8 +111,8 @@ DEPTH = f"depth/{STAMPS[1]}.png"
         (rewritten("annotated_poses/0000001.txt", "x y"), "0000001.txt"),
         (posed(np.eye(3)), "must hold 16 finite numbers"),
         (posed(np.full((4, 4), np.nan)), "must hold 16 finite numbers"),
-        (posed(pose(1).T), "is no pose: it must be R t / 0 0 0 1"),
-        (posed(pose(1) @ np.diag([1.1, 1.1, 1.1, 1.0])), "is no rotation"),
+        (posed(pose(1).T), "is not a pose: it must be R t / 0 0 0 1"),
+        (posed(pose(1) @ np.diag([1.1, 1.1, 1.1, 1.0])), "is not a rotation"),
         (posed(at(600.0)), "places the object 600 m away"),
         (posed(at(0.001)), "around the camera: translations are in metres"),
     ],

@@ -127,7 +127,7 @@ class Device:
 """What the page's own camera takes its images from."""
 
 ENDS = {
-    "upload": (1, "nothing is waiting"),
+    "upload": (1, "nothing to send"),
     "live source=my_camera.py:MyCamera learnt=learnt/": (130, "stopped after 2 images"),
     "doctor data=/path/to/set output=look/": (1, "no single known fault explains it"),  # noise
 }

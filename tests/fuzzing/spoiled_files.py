@@ -37,7 +37,7 @@ def _other_bytes(draw: st.DrawFn, content: bytes) -> bytes:
 @st.composite
 def _other_word(draw: st.DrawFn, content: bytes) -> bytes:
     """A number or name exchanged for another word."""
-    places = [each.span() for each in NUMBERS_AND_NAMES.finditer(content)]
+    places = [item.span() for item in NUMBERS_AND_NAMES.finditer(content)]
     if not places:
         return content
     begin, end = draw(st.sampled_from(places))
@@ -52,7 +52,7 @@ def _places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
         if isinstance(value, list)
         else ()
     )
-    return [path, *(place for key, each in inner for place in _places(each, (*path, key)))]
+    return [path, *(place for key, item in inner for place in _places(item, (*path, key)))]
 
 
 @st.composite

@@ -108,6 +108,6 @@ def test_a_search_that_is_timed_has_the_same_answers(tiny_run: TinyRun) -> None:
 def test_a_wrong_path_is_named_before_anything_is_learnt(tiny_run: TinyRun, tmp_path: Path) -> None:
     wrong = ("+task.compared.odd.refinement.particels=3", f"work={tmp_path / 'work'}")
     run = tiny_run.build("task=bench", *wrong)
-    with pytest.raises(ValueError, match=r"^refinement\.particels is no key: did you"):
+    with pytest.raises(ValueError, match=r"^refinement\.particels is not a key: did you"):
         run.settings.task.run(run, tmp_path / "out")
     assert not (tmp_path / "work").exists()

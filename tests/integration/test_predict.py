@@ -124,7 +124,7 @@ def test_new_frames_are_looked_at_without_learning_again(own, first):
     cv2.imwrite(str(new / "depth" / "blank.png"), blank)
     again = own.predict("again", *TINY, **FILES | {"rgb": "new/rgb", "depth": "new/depth"})
     assert again.returncode == 0, again.stderr
-    assert "learnt before" in again.stdout
+    assert "already learnt" in again.stdout
     blank_answer, broken, answer = own.answers("again")
     assert answer["found"] and not blank_answer["found"]
     assert blank_answer["score"] == 0.0 and "has depth" in blank_answer["reason"]
@@ -172,7 +172,7 @@ def test_learnt_objects_are_used_by_name_and_by_path(own, first):
         (["learn", "mesh=none.ply"], "there is no mesh none.ply"),
         (["learn", "mesh=my drill.ply", "names=a,b"], "names: a, b for 1 meshes"),
         (["learn", "mesh=my drill.ply", "mesh_scale=1"], "wrong unit"),
-        (["learn", "mesh=my drill.ply", "rooms=nowhere"], "rooms is no folder"),
+        (["learn", "mesh=my drill.ply", "rooms=nowhere"], "rooms is not a folder"),
         (["learn", "mesh=my drill.ply", "symetries=none"], "symetries"),
         (["learn", "mesh=my drill.ply", "name=a/b"], "give output"),
         (

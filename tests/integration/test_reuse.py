@@ -169,5 +169,5 @@ def test_what_cannot_be_repeated_stops_before_any_stage(call, manifest):
     assert (code, said) == (1, "")
     assert f"not the data of {manifest}: frames differ" in error
     manifest.write_text("{}")
-    assert "no manifest of a run" in call(f"manifest={manifest}")[2]
+    assert "not a manifest of a run" in call(f"manifest={manifest}")[2]
     assert "there is no file " in call(f"manifest={manifest.parent / 'absent.json'}")[2]

@@ -255,7 +255,7 @@ def dataset(tmp_path):
         (["refinement.partikles=3"], ["refinement.partikles"]),
         (["encoder=none"], ["Could not find 'encoder/none'", "contrastive"]),
         (["refinement.particles=0"], ["refinement.particles is 0", "at least 1"]),
-        (["experiment=linemod_bop", "data.root=nowhere"], ["data.root is no folder", "nowhere"]),
+        (["experiment=linemod_bop", "data.root=nowhere"], ["data.root is not a folder", "nowhere"]),
         (
             [
                 *("experiment=linemod_bop", "data.root={root}", "data.photographs=null"),

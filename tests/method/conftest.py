@@ -29,7 +29,7 @@ def frame():
     scenes = SyntheticScenes(dataclasses.replace(DEMO, scenes=12, width=320, height=240))
     frames = [scenes.load(key) for key in scenes.keys]
     bear = next(item.object_id for item in demo_objects().values() if item.name == "bear")
-    return max(frames, key=lambda each: visible(each, bear))
+    return max(frames, key=lambda entry: visible(entry, bear))
 
 
 def visible(frame, object_id):

@@ -39,10 +39,10 @@ def test_what_is_not_good_enough_is_rejected_with_the_reason(learnt, frame):
     detector, given = Detector.load(learnt), (frame.rgb, frame.depth, frame.camera_matrix)
     result = detector.search(*given, max_instances=1, min_score=1.0)
     assert [detection.score for detection in result.detections] == [1.0] * len(result.detections)
-    assert {each.object for each in result.rejections} == {"bear", "can"}
-    for each in result.rejections:
-        assert each.answer is not None and each.answer.score < 1.0
-        assert each.reason == f"the score {each.answer.score:.2f} of the best pose is below 1"
+    assert {item.object for item in result.rejections} == {"bear", "can"}
+    for item in result.rejections:
+        assert item.answer is not None and item.answer.score < 1.0
+        assert item.reason == f"the score {item.answer.score:.2f} of the best pose is below 1"
     nothing = detector.search(frame.rgb, np.zeros_like(frame.depth), frame.camera_matrix)
     assert nothing.detections == []
     assert all(
@@ -64,7 +64,7 @@ def test_a_roughly_known_pose_is_refined(learnt, frame):
     found = detector.refine(*given, "bear", rough)
     assert found is not None and found.object == "bear" and found.seconds > 0.0
     off = [
-        add_s(each, target.pose_cam_obj, bear.mesh.vertices) for each in (rough, found.pose_cam_obj)
+        add_s(item, target.pose_cam_obj, bear.mesh.vertices) for item in (rough, found.pose_cam_obj)
     ]
     assert off[1] < 0.5 * off[0] and off[1] < 0.05 * bear.diameter
     behind = np.diag([1.0, -1.0, -1.0, 1.0]) @ target.pose_cam_obj
@@ -78,13 +78,13 @@ def test_a_roughly_known_pose_is_refined(learnt, frame):
 def test_the_same_image_gives_the_same_poses(learnt, frame, tmp_path):
     """In another folder, in any order, with other threads, and from threads at the same time."""
     given = (frame.rgb, frame.depth, frame.camera_matrix)
-    expected = {each.object: each for each in Detector.load(learnt).detect(*given, **EVERY)}
+    expected = {item.object: item for item in Detector.load(learnt).detect(*given, **EVERY)}
     assert expected
     copied = Detector.load(shutil.copytree(learnt, tmp_path / "copied"), threads=1)
     for name in ("can", "bear"):
-        for each in copied.detect(*given, objects=[name], **EVERY):
-            np.testing.assert_array_equal(each.pose_cam_obj, expected[name].pose_cam_obj)
-            assert each.score == expected[name].score
+        for item in copied.detect(*given, objects=[name], **EVERY):
+            np.testing.assert_array_equal(item.pose_cam_obj, expected[name].pose_cam_obj)
+            assert item.score == expected[name].score
     shared = Detector.load(learnt)
     with ThreadPoolExecutor(2) as pool:
         found = list(pool.map(lambda _: shared.detect(*given, **EVERY), "ab"))
@@ -104,7 +104,7 @@ def test_the_shared_part_of_an_image_counts_for_the_first_object(learnt, frame, 
     monkeypatch.setattr(detector._estimator, "prepare", slowly)
     monkeypatch.setattr(time, "perf_counter", lambda: clock() + late[0])
     found = detector.detect(frame.rgb, frame.depth, frame.camera_matrix, **EVERY)
-    seconds = {each.object: each.seconds for each in found}
+    seconds = {item.object: item.seconds for item in found}
     assert seconds["bear"] > 1000.0 > seconds["can"] > 0.0
 
 

@@ -50,7 +50,7 @@ def test_wrong_folders_and_names_are_refused(learnt, folder, tmp_path):
     with pytest.raises(DataError, match=r"learnt.json: format is 99"):
         Detector.load(folder)
     (folder / RECORD).write_text("{")
-    with pytest.raises(DataError, match="is no JSON"):
+    with pytest.raises(DataError, match="is not JSON"):
         Detector.load(folder)
 
 

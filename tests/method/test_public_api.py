@@ -11,12 +11,18 @@ import pytest
 
 import hlp
 
-GIVEN = ("Detection", "Detector", "Tracker")
+NO_EXAMPLE = {"Frame", "ObjectModel", "Detector.objects", "Detector.threads"}
+"""What other examples show: one is loaded or made by HLP, the properties are single values."""
+
+
+def public(name):
+    """A class of ours with all that it inherits."""
+    return [kind for kind in getattr(hlp, name).__mro__[::-1] if "hlp." in kind.__module__]
 
 
 def examples():
     finder = doctest.DocTestFinder(exclude_empty=True)
-    kinds = [(kind, name) for name in GIVEN for kind in getattr(hlp, name).__mro__[:-1]]
+    kinds = [(kind, name) for name in hlp.__all__ for kind in public(name)]
     found = [test for kind, name in kinds for test in finder.find(kind, name)]
     return {test.name: test for test in found if test.examples}
 
@@ -27,26 +33,29 @@ def test_examples_of_docstrings_run(name, learnt, frame, tmp_path, monkeypatch):
     shutil.copytree(learnt, "learnt")
     image = hlp.CameraImage(frame.rgb, frame.depth, frame.camera_matrix)
     test = examples()[name]
-    test.globs = vars(image) | {
-        "Detector": hlp.Detector,
-        "detector": hlp.Detector.load("learnt"),
-        "image": image,
-        "json": json,
-    }
+    detector = hlp.Detector.load("learnt")
+    given = {"Detector": hlp.Detector, "detector": detector, "image": image, "json": json}
+    test.globs |= vars(image) | given
     options = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
     report = list[str]()
     doctest.DocTestRunner(optionflags=options).run(test, out=report.append)
     assert not report, "".join(report)
 
 
-def test_public_methods_have_examples():
-    methods = {
-        f"Detector.{name}"
-        for kind in hlp.Detector.__mro__[:-1]
-        for name, value in vars(kind).items()
-        if not name.startswith("_") and isinstance(value, FunctionType | classmethod)
-    }
-    assert methods - examples().keys() == {"Detector.warm_up"}
+def methods(of):
+    """What has a name without underscore, by it."""
+    every = [item for kind in public(of) for item in vars(kind).items() if item[0][0] != "_"]
+    return {f"{of}.{name}": getattr(value, "__func__", value) for name, value in every}
+
+
+def test_what_is_public_is_documented_with_arguments_results_and_an_example():
+    assert {*hlp.__all__, *methods("Detector")} - examples().keys() == NO_EXAMPLE
+    for name, method in (methods("Detector") | methods("Tracker")).items():
+        if isinstance(method, FunctionType):
+            hints = typing.get_type_hints(method)
+            gives = hints.pop("return") is not type(None)
+            assert ("Args:" in method.__doc__, "Returns:" in method.__doc__) == (bool(hints), gives)
+            assert all(f"    {argument}: " in method.__doc__ for argument in hints), name
 
 
 def test_all_of_a_public_signature_is_exported():

@@ -55,7 +55,7 @@ def test_files_are_valid_models_of_a_free_number_of_images(exported):
         (given,) = model.graph.input
         dimensions = given.type.tensor_type.shape.dim
         assert dimensions[0].dim_param and [d.dim_value for d in dimensions[1:]] == [32, 32, 4]
-    kinds = {each.data_type for each in model.graph.initializer if len(each.dims) == 4}
+    kinds = {entry.data_type for entry in model.graph.initializer if len(entry.dims) == 4}
     assert kinds == {onnx.TensorProto.INT8}  # all convolutions' weights
 
 

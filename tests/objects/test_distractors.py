@@ -50,9 +50,9 @@ def test_things_wear_the_objects_colors(mesh):
     painted, _ = distractors._unit_size(replace(mesh, colors=colors))
     shape = distractors._random_thing(np.random.default_rng(0))
     worn = [distractors._paint(shape, painted, np.random.default_rng(seed)) for seed in range(24)]
-    alike = [np.abs(each.astype(int) - [250, 3, 7]).max() <= 1 for each in worn]
+    alike = [np.abs(item.astype(int) - [250, 3, 7]).max() <= 1 for item in worn]
     assert 0.25 < np.mean(alike) < 0.75
-    assert all(each.shape == shape.colors.shape for each in worn)
+    assert all(item.shape == shape.colors.shape for item in worn)
 
 
 def test_no_scene_if_none_is_wanted(mesh):

@@ -199,7 +199,7 @@ def test_the_unit_is_guessed_and_said(tmp_path, caplog, size, scale):
     assert np.ptp(mesh.vertices[:, 0]) == pytest.approx(size * scale, rel=1e-5)
     assert f"mesh_scale={scale:g}" in caplog.text
     warned = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
-    assert [each.count("the mesh is in centimetres") for each in warned] == [1] * (size == 15.0)
+    assert [item.count("the mesh is in centimetres") for item in warned] == [1] * (size == 15.0)
 
 
 def test_a_size_that_fits_no_unit_asks_for_it(tmp_path):

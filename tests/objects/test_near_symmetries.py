@@ -44,7 +44,7 @@ CUBE = trimesh.creation.box((80, 80, 80))
 CYLINDER = trimesh.creation.cylinder(35, 120, sections=64)
 CONE = trimesh.creation.cone(40, 120, sections=64)
 WEDGE = trimesh.Trimesh(
-    [[0, 0, 0], [90, 0, 0], [0, 50, 0], [0, 0, 120], [90, 0, 30], [0, 50, 70]],
+    [[0, 0, 0], [90, 0, 0], [0, 50, 0], [0, 0, 120], [90, 0, 30], [0, 50, 70]]
 ).convex_hull
 TURNS = CONTINUOUS_STEPS - 1
 
@@ -109,7 +109,7 @@ def test_print_breaks_a_continuous_axis_and_leaves_its_own_turns():
     assert len(bands.unbroken) == TURNS and len(bands.broken) == TURNS + 1
     stripe = _find(_mesh(can, lambda points: points[:, 0] > 10))
     assert len(stripe.unbroken) + len(stripe.broken) == 2 * TURNS + 1
-    about_axis = [each for each in stripe.unbroken if np.trace(each[:3, :3]) > -0.99]
+    about_axis = [item for item in stripe.unbroken if np.trace(item[:3, :3]) > -0.99]
     assert about_axis == []
     two = _find(_mesh(can, lambda points: points[:, 0] * points[:, 1] > 0))
     assert len(two.unbroken) >= 1

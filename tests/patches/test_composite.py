@@ -66,7 +66,7 @@ def reference(i, draw):
     measured = behind_code[draw["background"]]
     depth = (measured - 128.0) / 127.0
     if not measured.any():
-        depth = plane(draw["background_plane"]) + smooth(draw["background_relief"])
+        depth = plane(draw["background_plane"]) + smooth(draw["background_heights"])
     depth = np.where(shown, (code[i] - 128.0) / 127.0, depth + draw["background_offset"])
     depth = np.where(occluded, plane(draw["occluder_plane"]), depth)
     noise = NOISE[start + 3 * pixels : start + 4 * pixels].reshape(depth.shape)

@@ -4,7 +4,7 @@ import pytest
 from hlp.patches.local import (
     LocalSettings,
     cut_local_patches,
-    depth_relief,
+    plane_deviations,
     region_pixels,
     surface_pixels,
     thin_out,
@@ -145,15 +145,15 @@ def test_patches_without_colour_are_the_same_but_for_it():
         np.testing.assert_array_equal(getattr(full, name), getattr(plain, name))
 
 
-def test_relief_is_the_distance_from_the_best_plane():
+def test_the_deviation_is_the_distance_from_the_best_plane():
     rng = np.random.default_rng(0)
     axis = np.linspace(-1, 1, 16)
     plane = 0.3 + 0.2 * axis[:, None] - 0.4 * axis
     depth = np.stack([plane, plane + rng.normal(0, 0.1, (16, 16)), rng.uniform(-1, 1, (16, 16))])
     design = np.stack([np.ones(256), *(g.ravel() for g in np.meshgrid(axis, axis))], axis=1)
-    for patch, relief in zip(depth, depth_relief(depth), strict=True):
+    for patch, deviation in zip(depth, plane_deviations(depth), strict=True):
         fitted = design @ np.linalg.lstsq(design, patch.ravel())[0]
-        assert relief == pytest.approx(np.sqrt(np.mean((patch.ravel() - fitted) ** 2)), abs=1e-7)
+        assert deviation == pytest.approx(np.sqrt(np.mean((patch.ravel() - fitted) ** 2)), abs=1e-7)
 
 
 def test_flat_patches_are_left_out(scene):
@@ -162,7 +162,9 @@ def test_flat_patches_are_left_out(scene):
     pixels = np.array([[50, 30], [20, 30], [80, 25]])  # on the step, and on its flat sides
     every = cut_local_patches(rgb, depth, CAMERA, pixels, SIZE, MASKED, 0.2)
     assert len(every) == 3
-    stepped = cut_local_patches(rgb, depth, CAMERA, pixels, SIZE, MASKED, 0.2, min_relief=0.1)
+    stepped = cut_local_patches(
+        rgb, depth, CAMERA, pixels, SIZE, MASKED, 0.2, min_plane_deviation=0.1
+    )
     np.testing.assert_array_equal(stepped.pixels, [[50, 30]])
     np.testing.assert_array_equal(stepped.depth[0], every.depth[0])
 

@@ -86,7 +86,7 @@ def test_colour_is_left_out_where_it_is_not_needed(views, model):
     bare = cut_view_patches(views, 0, pixels, model.local_size, LOCAL, False)
     assert bare.color.shape == (*full.valid.shape, 0)
     np.testing.assert_array_equal(bare.depth, full.depth)
-    seen = [degrade_patches(each, np.arange(len(each)), 0.05, 3) for each in (full, bare)]
+    seen = [degrade_patches(item, np.arange(len(item)), 0.05, 3) for item in (full, bare)]
     assert seen[1].color.shape == bare.color.shape
     np.testing.assert_array_equal(seen[1].depth, seen[0].depth)
     np.testing.assert_array_equal(seen[1].valid, seen[0].valid)

@@ -118,7 +118,7 @@ def test_the_cost_is_that_of_the_second_search(scene, verification, poses):
     result = choose(scene, verification, SecondSearch(scene.pose), coarse, max_improvement=1.0)
     plain = choose(scene, verification, Recorder(), coarse, max_improvement=1.0)
     np.testing.assert_array_equal(result.refined[result.best].pose_cam_obj, scene.pose)
-    together = np.stack([each.pose_cam_obj for each in result.refined])
+    together = np.stack([item.pose_cam_obj for item in result.refined])
     observation = observe(scene.rgb, scene.depth, CAMERA, verification)
     verifier = Verifier(scene.model, verification)
     expected = verifier.competing_costs(observation, together, np.ones(4))[result.best]

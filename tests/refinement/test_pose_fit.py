@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hlp.refinement.pose_fit import measure_fit, relief_correlation, slope_correlation
+from hlp.refinement.pose_fit import depth_correlation, measure_fit, slope_correlation
 from hlp.refinement.verification import VerificationSettings, Verifier, observe
 from hlp.rendering.rasterizer import render_depth
 from refinement_scene import CAMERA, disturbed
@@ -18,20 +18,20 @@ def bumps(seed):
     return np.asarray(1.0 + 0.01 * (np.sin(a * x + seed) + np.cos(b * y) + np.sin(c * (x + y))))
 
 
-def test_relief_is_the_correlation_of_what_planes_leave():
+def test_depth_correlation_is_that_of_what_planes_leave():
     first, second = bumps(1), bumps(2)
     among = np.random.default_rng(0).random(first.shape) < 0.3
     y, x = np.nonzero(among)
     plane = np.column_stack([x, y, np.ones(len(x))])
     left = [
-        each[among] - plane @ np.linalg.lstsq(plane, each[among], rcond=None)[0]
-        for each in (first, second)
+        item[among] - plane @ np.linalg.lstsq(plane, item[among], rcond=None)[0]
+        for item in (first, second)
     ]
     expected = np.corrcoef(*left)[0, 1]
-    assert relief_correlation(first, second, among) == pytest.approx(expected, abs=1e-9)
+    assert depth_correlation(first, second, among) == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.parametrize("compare", [relief_correlation, slope_correlation])
+@pytest.mark.parametrize("compare", [depth_correlation, slope_correlation])
 def test_place_and_tilt_do_not_matter_but_shape_does(compare):
     y, x = np.mgrid[0.0:80.0, 0.0:100.0]
     first, everywhere = bumps(1), np.ones((80, 100), dtype=bool)
@@ -57,8 +57,8 @@ def test_the_right_pose_fits_better_in_every_respect(scene, observation, verifie
     right = measure_fit(verifier, observation, scene.pose)
     wrong = measure_fit(verifier, observation, disturbed(scene, 40.0, 20.0, seed=1))
     assert right.cost < wrong.cost
-    assert right.relief > 0.9 and right.slope > 0.9
-    assert wrong.relief < 0.9 and wrong.slope < 0.9
+    assert right.depth_correlation > 0.9 and right.slope > 0.9
+    assert wrong.depth_correlation < 0.9 and wrong.slope < 0.9
     assert 0.3 < right.residual_mm < 1.2 < wrong.residual_mm
     evidence = verifier.evidence(observation, scene.pose[None])
     assert right.visible_fraction == pytest.approx(1.0 - evidence.occluded[0])
@@ -70,11 +70,11 @@ def test_a_pose_outside_the_image_or_behind_the_camera_fits_nothing(scene, obser
         pose = scene.pose.copy()
         pose[:3, 3] += shift
         fit = measure_fit(verifier, observation, pose)
-        assert np.isfinite([fit.cost, fit.relief, fit.slope, fit.visible_fraction]).all()
+        assert np.isfinite([fit.cost, fit.depth_correlation, fit.slope, fit.visible_fraction]).all()
     far = scene.pose.copy()
     far[0, 3] += 5.0
     fit = measure_fit(verifier, observation, far)
-    assert (fit.relief, fit.slope, fit.residual_mm) == (0.0, 0.0, np.inf)
+    assert (fit.depth_correlation, fit.slope, fit.residual_mm) == (0.0, 0.0, np.inf)
 
 
 @pytest.mark.parametrize(("shift", "axis"), [(0.35, 0), (-0.3, 0), (0.25, 1), (-0.2, 1)])

@@ -23,7 +23,7 @@ OPTIONS = {"xatol": 1e-7, "fatol": 1e-10, "maxiter": 9999, "maxfev": 9999, "adap
 
 
 def fits_of(costs, shapes):
-    """Fits whose relief and slope have the given mean Fisher transform."""
+    """Fits whose correlations of depth and slope have the given mean Fisher transform."""
     return [
         PoseFit(float(c), float(np.tanh(z - 0.1)), float(np.tanh(z + 0.1)), 2.0, 1.0)
         for c, z in zip(costs, shapes, strict=True)
@@ -86,7 +86,10 @@ def test_weights_are_the_minimum_of_the_penalised_likelihood():
         for fit in fits
     ]
     x = np.array(
-        [[1.0, f.cost, (np.arctanh(f.relief) + np.arctanh(f.slope)) / 2.0, f.edge] for f in fits]
+        [
+            [1.0, f.cost, (np.arctanh(f.depth_correlation) + np.arctanh(f.slope)) / 2.0, f.edge]
+            for f in fits
+        ]
     )
     x = np.column_stack([x, [1.0 - f.visible_fraction for f in fits]])
     weight = np.where(right, 0.6 / right.mean(), 0.4 / (~right).mean())
@@ -156,8 +159,8 @@ def test_colours_that_contradict_lower_the_score_of_colourful_objects_alone():
 
 
 def test_the_shape_of_a_flat_side_says_little():
-    def score(relief, relief_mm):
-        return PRIOR.score(PoseFit(0.15, relief, relief, 1.0, 1.0, relief_mm=relief_mm))
+    def score(shape, deviation_mm):
+        return PRIOR.score(PoseFit(0.15, shape, shape, 1.0, 1.0, plane_deviation_mm=deviation_mm))
 
     assert score(0.0, 0.0) == pytest.approx(score(0.99, 0.0))
     assert score(0.3, 50.0) < score(0.3, 1.0) < score(0.97, 1.0) < score(0.97, 50.0)

@@ -9,12 +9,7 @@ from scipy.ndimage import distance_transform_edt, sobel
 from hlp.image_edges import NO_EDGE, color_edges
 from hlp.records import Mesh
 from hlp.refinement.cost_kernel import WORST, depth_edges
-from hlp.refinement.verification import (
-    Evidence,
-    VerificationSettings,
-    Verifier,
-    observe,
-)
+from hlp.refinement.verification import Evidence, VerificationSettings, Verifier, observe
 from hlp.rendering.rasterizer import Light, render_depth, render_rgbd
 from refinement_scene import CAMERA, SHAPE, disturbed, error, make_scene
 

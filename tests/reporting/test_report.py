@@ -48,7 +48,7 @@ def test_report_says_what_is_wrong(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="format=html"):
         report_runs(tmp_path, "html")
     (tmp_path / "summary.json").write_text('{"targets": 3')
-    with pytest.raises(ValueError, match=r"summary\.json is no JSON"):
+    with pytest.raises(ValueError, match=r"summary\.json is not JSON"):
         read_summary(tmp_path / "summary.json")
     (tmp_path / "summary.json").write_text('{"targets": 3}')
     with pytest.raises(ValueError, match="it lacks metrics"):

@@ -36,7 +36,7 @@ def test_a_damaged_entry_is_listed_and_can_be_removed(cache):
 
 def test_only_entries_of_the_cache_are_removed(cache, tmp_path):
     for wrong in (str(cache / "bolt"), "..", "../objects"):
-        with pytest.raises(ValueError, match="is no name"):
+        with pytest.raises(ValueError, match="is not a name"):
             learnt_cache.remove_learnt(wrong, cache)
     (cache / "stray").mkdir()
     for wrong in ("nut", "stray"):
@@ -50,7 +50,7 @@ def test_an_exported_copy_stands_alone(cache, tmp_path):
     learnt_cache.export_learnt("two", tmp_path / "copy", cache)
     learnt_cache.remove_learnt("two", cache)
     assert learnt_cache.find_learnt(str(tmp_path / "copy"), cache) == tmp_path / "copy"
-    with pytest.raises(ValueError, match="is there already"):
+    with pytest.raises(ValueError, match="exists already"):
         learnt_cache.export_learnt("bolt", tmp_path / "copy", cache)
 
 

@@ -24,7 +24,7 @@ def test_what_is_no_manifest_is_named(tmp_path: Path) -> None:
     path = tmp_path / "manifest.json"
     with pytest.raises(FileNotFoundError, match=r"manifest\.json"):
         read_manifest(path)
-    for text, words in (("{", "is no JSON"), ("[]", "no config"), ('{"config": 1}', "no config")):
+    for text, words in (("{", "is not JSON"), ("[]", "no config"), ('{"config": 1}', "no config")):
         path.write_text(text)
         with pytest.raises(ValueError, match=words):
             read_manifest(path)

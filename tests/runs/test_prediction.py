@@ -20,13 +20,7 @@ from hlp.errors import DamagedError, DataError, InputError
 from hlp.method.find.detections import Detection, Rejection, SearchResult
 from hlp.records import Frame
 from hlp.refinement.pose_fit import PoseFit
-from hlp.runs.prediction import (
-    HEADER,
-    PredictionOptions,
-    detection_values,
-    pose_line,
-    predict,
-)
+from hlp.runs.prediction import HEADER, PredictionOptions, detection_values, pose_line, predict
 
 FILES = ("poses.csv", "poses.json", "poses.jsonl")
 

@@ -99,7 +99,7 @@ def test_a_broken_manifest_and_a_missing_store_are_named(work, outputs):
     with pytest.raises(DataError, match=r"manifest\.json is damaged"):
         find_removable(work, [outputs])
     manifest.write_text("")
-    with pytest.raises(DataError, match=r"manifest\.json is no JSON"):
+    with pytest.raises(DataError, match=r"manifest\.json is not JSON"):
         find_removable(work, [outputs])
     with pytest.raises(MissingFileError, match="nowhere"):
         find_removable(work / "nowhere", [outputs])

@@ -106,8 +106,8 @@ def test_every_object_goes_through_every_step_once_and_the_first_frame_twice(tmp
     stages.poses()
     wanted = []
     for key in (FIRST, *KEYS):
-        wanted += [("region", key, each) for each in OBJECTS]
-        wanted += [(step, key, each) for each in OBJECTS for step in ("hypotheses", "refine")]
+        wanted += [("region", key, item) for item in OBJECTS]
+        wanted += [(step, key, item) for item in OBJECTS for step in ("hypotheses", "refine")]
     assert stages.estimator.asked == wanted
     assert stages.estimator.loaded == 1
 
@@ -179,7 +179,7 @@ def test_estimates_are_the_cheapest_hypotheses_with_the_times_of_this_pass(tmp_p
     stages = stages_in(tmp_path)
     estimates = stages.estimates()
     assert [(f"{e.scene_id:06d}_{e.frame_id:06d}", e.object_id) for e in estimates] == [
-        (key, each) for key in KEYS for each in OBJECTS
+        (key, item) for key in KEYS for item in OBJECTS
     ]
     for estimate in estimates:
         key = f"{estimate.scene_id:06d}_{estimate.frame_id:06d}"

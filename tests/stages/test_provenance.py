@@ -11,13 +11,7 @@ import torch
 import hlp
 from hlp.errors import DataError, MissingFileError
 from hlp.stages import manifest as provenance
-from hlp.stages.manifest import (
-    code_digest,
-    device_name,
-    git_revision,
-    library_builds,
-    processor,
-)
+from hlp.stages.manifest import code_digest, device_name, git_revision, library_builds, processor
 from hlp.stages.store import StageStore
 from hlp.stages.warm_start import read_warm_start
 from tiny_method import tiny_method
@@ -114,7 +108,7 @@ def start(folder, stages):
 
 @pytest.mark.parametrize("name", ["../../secret", "/etc", "", NAME.upper(), NAME + "0", 7])
 def test_a_manifest_names_no_other_folder(tmp_path, name):
-    with pytest.raises(DataError, match=r"manifest\.json: .* is no fingerprint"):
+    with pytest.raises(DataError, match=r"manifest\.json: .* is not a fingerprint"):
         start(tmp_path, [{"stage": "classifier", "fingerprint": name}])
 
 

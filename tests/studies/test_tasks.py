@@ -67,7 +67,7 @@ def test_an_experiment_takes_the_sizes_of_the_world_it_is_run_on():
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
-        (["+task.frame=3"], r"^task\.frame is no key: did you mean frames\?$"),
+        (["+task.frame=3"], r"^task\.frame is not a key: did you mean frames\?$"),
         (["task.noise_deg=wide"], r"^task\.noise_deg is 'wide': it must be a number$"),
         (
             ["task.name=orakel"],

@@ -103,10 +103,7 @@ class CorrectedFits:
 
 
 def correction_gains(
-    frame: Frame,
-    models: Mapping[str, ObjectModel],
-    answers: Sequence[Detection],
-    refine: Refine,
+    frame: Frame, models: Mapping[str, ObjectModel], answers: Sequence[Detection], refine: Refine
 ) -> CorrectedFits:
     """How much less the most certain answer to a frame costs after each correction.
 

@@ -67,11 +67,7 @@ def check_frames(frames: Sequence[Frame], models: Sequence[ObjectModel]) -> list
 
 def check_first_frame(frame: Frame, models: Sequence[ObjectModel]) -> list[Finding]:
     """What one frame is enough for: intrinsics, and the units of depth and meshes."""
-    return [
-        *check_intrinsics(frame),
-        *check_object_size(models),
-        *check_depth_scale(frame, models),
-    ]
+    return [*check_intrinsics(frame), *check_object_size(models), *check_depth_scale(frame, models)]
 
 
 _OFF_CENTER = 0.15  # of the image's width or height

@@ -90,7 +90,7 @@ def colored_answers(
         answer
         for answer in answers
         if models[answer.object].mesh.colored
-        and min(answer.fit.relief, answer.fit.slope) >= _SHAPE_FITS
+        and min(answer.fit.depth_correlation, answer.fit.slope) >= _SHAPE_FITS
     ]
 
 

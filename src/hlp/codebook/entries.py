@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+from annotated_types import Interval
 from jaxtyping import Float, UInt32
 
 from hlp.arrays import Features, Poses
@@ -13,7 +14,7 @@ from hlp.errors import DataError
 from hlp.files import read_npz
 from hlp.geometry import allocentric_to_egocentric
 from hlp.records import Codebook
-from hlp.settings import Count, Doc, Settings, Share
+from hlp.settings import Count, Doc, Settings
 
 
 @dataclass(frozen=True)
@@ -21,13 +22,11 @@ class EntrySettings(Settings):
     """Entries of an object's codebook."""
 
     patches_per_view: Annotated[Count, Doc("local patches drawn from every view (D)")] = 16
-    min_relief: Annotated[
-        Share,
-        Doc(
-            "smallest depth relief of an entry's patch, in halves of its size: entries of flat "
-            "patches match nothing where those of scenes do not vote (D; P: not said, 0)"
-        ),
-    ] = 0.0
+    min_plane_deviation: Annotated[
+        float | None,
+        Interval(ge=0, le=1),
+        Doc("as of `patches.grid`: flat entries match nothing there (D); null: none (P: not said)"),
+    ] = None
 
 
 def make_codebook(

@@ -46,7 +46,9 @@ def check_known(given: Mapping[str, str], known: Sequence[str], command: str) ->
     for key in given:
         if key not in known:
             hint = nearest(key, known) or ":"
-            raise InputError(f"{key} is no key of `hlp {command}`{hint} see `hlp {command} --help`")
+            raise InputError(
+                f"{key} is not a key of `hlp {command}`{hint} see `hlp {command} --help`"
+            )
 
 
 def check_mistyped(
@@ -57,7 +59,7 @@ def check_mistyped(
     for key in given:
         hint = "" if key in known else nearest(key, absent)
         if hint:
-            raise InputError(f"{key} is no key of `hlp {command}`{hint}")
+            raise InputError(f"{key} is not a key of `hlp {command}`{hint}")
 
 
 def known_arguments(arguments: Sequence[str], known: Sequence[str], command: str) -> dict[str, str]:

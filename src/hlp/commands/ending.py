@@ -58,8 +58,7 @@ def stops_in_one_line(continues: bool = True) -> Iterator[None]:
 def fails_in_one_line() -> Iterator[None]:
     """End the process with 1 after an expected error; any other is a bug and is raised.
 
-    Expected are HLP's errors, those of the configuration, and those of the system such as a full
-    disk.
+    Expected are HLP's errors, the configuration's, and the system's, such as a full disk.
     """
     try:
         yield

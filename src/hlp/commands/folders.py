@@ -18,7 +18,7 @@ KINDS = ("partial", "damaged", "unreferenced")
 
 @dataclass(frozen=True)
 class Removable:
-    """An output that may go: `kind` is one of `KINDS`, `size` in bytes."""
+    """An output that can be removed: `kind` is one of `KINDS`, `size` in bytes."""
 
     kind: str
     folder: Path
@@ -26,7 +26,7 @@ class Removable:
 
 
 def find_removable(work: Path, results: Iterable[Path]) -> list[Removable]:
-    """What may go from the store in `work`.
+    """What can be removed from the store in `work`.
 
     An output is unreferenced if no manifest below the folders of `results` names it. Without any
     manifest none is. Raises MissingFileError if there is no store, DataError for a broken manifest.
@@ -111,14 +111,14 @@ def _listed() -> Iterator[str]:
 
 
 def notebooks(arguments: Sequence[str]) -> None:
-    """Copy the notebooks that teach into a folder, none of them if one is there already."""
+    """Copy the tutorial notebooks into a folder, none of them if one exists already."""
     given = known_arguments(arguments, ("output",), "notebooks")
     folder = path_of(given, "output", "notebooks")
     sources = sorted(shipped_folder("notebooks").glob("*.ipynb"))
     for source in sources:
         if (folder / source.name).exists():
             raise InputError(
-                f"{folder / source.name} is there already: choose another folder with output=DIR"
+                f"{folder / source.name} exists already: choose another folder with output=DIR"
             )
     folder.mkdir(parents=True, exist_ok=True)
     for source in sources:
@@ -126,7 +126,7 @@ def notebooks(arguments: Sequence[str]) -> None:
 
 
 def clean(arguments: Sequence[str]) -> None:
-    """List the outputs of stages that may go; with dry=false, remove them."""
+    """List the stage outputs that can be removed; with dry=false, remove them."""
     given = known_arguments(arguments, ("work", "outputs", "kinds", "dry"), "clean")
     kinds = text_list(given["kinds"]) if "kinds" in given else KINDS
     for kind in kinds:

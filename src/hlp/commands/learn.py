@@ -82,7 +82,7 @@ def learn_once(cache: Path, request: LearningRequest) -> Path:
     folder = cache / f"{'+'.join(request.meshes)}-{identity[:8]}"
     if (folder / RECORD).is_file():
         read_record(folder)
-        _logger.info("learnt before: %s", folder)
+        _logger.info("already learnt: %s", folder)
         return folder
     return learn_into(folder, request)
 

@@ -44,7 +44,7 @@ def objects(arguments: Sequence[str]) -> None:
 
 
 def _no_use(words: Sequence[str]) -> InputError:
-    """What is said of words that are no use of the command: the use of the first, if it has one."""
+    """The error for words that the command does not take, with the form of the first, if known."""
     word = words[0] if words else ""
     hint = nearest(word, _WORDS) if word not in _WORDS else ""
     uses = (line[7:] for line in help_text("objects").split("\n") if f" objects {word} " in line)

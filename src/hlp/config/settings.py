@@ -74,9 +74,7 @@ class RunSettings(MethodSettings):
         int, Ge(0), Le(100_000), Doc("number of frames that are drawn; 0: no pictures")
     ] = 6
     timing_frames: Annotated[
-        int,
-        Ge(1),
-        Doc("frames processed again to measure times when results were already on disk"),
+        int, Ge(1), Doc("frames processed again to measure times when results were already on disk")
     ] = 20
     warm_start: WarmStartSettings = field(default_factory=WarmStartSettings)
     step: StepSettings = field(default_factory=StepSettings)

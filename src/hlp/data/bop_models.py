@@ -71,8 +71,8 @@ def symmetry_motions(info: schemas.ModelInfo, steps: int, where: str = "models_i
 
     As in the BOP toolkit, the rotations about all axes of continuous symmetries, discretised in
     `steps`, form one set, and each of it is combined with each discrete symmetry; rotations about
-    different axes are not combined. Raises DataError naming `where` if an entry is no rotation or
-    no axis, and ConfigError if there would be more than 10000 motions.
+    different axes are not combined. Raises DataError naming `where` if an entry has no rotation or
+    axis, and ConfigError if there would be more than 10000 motions.
     """
     stated_discrete, stated_continuous = info.symmetries_discrete, info.symmetries_continuous
     count = (1 + len(stated_discrete)) * max(1, len(stated_continuous) * steps)
@@ -98,7 +98,7 @@ def symmetry_motions(info: schemas.ModelInfo, steps: int, where: str = "models_i
 def _discrete(values: Sequence[float], where: str) -> Pose:
     motion = np.asarray(values, dtype=np.float64).reshape(4, 4)
     if not np.array_equal(motion[3], [0.0, 0.0, 0.0, 1.0]):
-        raise DataError(f"{where} is no motion: its last row is {motion[3].tolist()}, not 0 0 0 1")
+        raise DataError(f"{where} is not rigid: its last row is {motion[3].tolist()}, not 0 0 0 1")
     rotation = exact_rotation(motion[:3, :3], where, _ROUNDING)
     return np.asarray(rigid(rotation, motion[:3, 3] * MILLIMETRE))
 

@@ -73,7 +73,7 @@ def read_camera(given: str | Sequence[float], key: str = "intrinsics") -> Camera
         return Camera(_matrix(list(given), key))
     path = Path(given)
     if not path.is_file():
-        raise MissingFileError(f"{key} is no file: {path} (set {key}=FILE or {key}=[fx,fy,cx,cy])")
+        raise MissingFileError(f"{key} is not a file: {path} (set {key}=FILE or [fx,fy,cx,cy])")
     where = f"{key}, {path}"
     content = _parsed(path, where)
     if isinstance(content, list):
@@ -90,7 +90,7 @@ def _parsed(path: Path, where: str) -> Any:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{where} is no text: give JSON, YAML or nine numbers") from error
+        raise InputError(f"{where} is not text: give JSON, YAML or nine numbers") from error
     words = re.split(r"[\s,;\[\]]+", text.strip(" \t\r\n,;[]"))
     try:
         return [float(word) for word in words]
@@ -248,11 +248,7 @@ def undistorted(image: np.ndarray[Any, Any], camera: Camera, nearest: bool) -> n
 
 @lru_cache(maxsize=4)
 def _undistortion(
-    values: tuple[float, ...],
-    distortion: tuple[float, ...],
-    fisheye: bool,
-    width: int,
-    height: int,
+    values: tuple[float, ...], distortion: tuple[float, ...], fisheye: bool, width: int, height: int
 ) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
     matrix, coefficients = np.array(values).reshape(3, 3), np.array(distortion)
     make = cv2.fisheye.initUndistortRectifyMap if fisheye else cv2.initUndistortRectifyMap

@@ -63,7 +63,7 @@ def load_camera(source: str) -> Camera:
         raise MissingFileError(f"source={source}: there is no file {path} (give FILE.py:CLASS)")
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
-        raise InputError(f"source={source}: {path} is no Python file")
+        raise InputError(f"source={source}: {path} is not a Python file")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     make: Any = getattr(module, name, None)

@@ -207,7 +207,7 @@ class StatedTarget:
 class CheckedFrames(Protocol):
     """Frames read from files, which can be broken.
 
-    A bad frame of such a source costs itself alone, because its targets are known without it.
+    Only the bad frame of such a source is lost, because its targets are known without it.
     """
 
     def check(self, key: str, models: Mapping[int, ObjectModel]) -> None:

@@ -52,7 +52,7 @@ def download(public: PublicSet, folder: Path, images: str, mirror: str | None = 
     archives = public.files(images, mirror)
     folder = folder.absolute()
     if folder.exists():
-        raise InputError(f"{folder} is there already: use it, or name another folder with output=")
+        raise InputError(f"{folder} exists already: use it, or name another folder with output=")
     partial = folder.with_name(f".{folder.name}.partial")
     unpacked = partial / "unpacked"
     partial.mkdir(parents=True, exist_ok=True)
@@ -272,7 +272,7 @@ def _checked(archive: Path, members: Iterator[Member]) -> dict[PurePosixPath, Me
             files[path] = member
     for path, member in files.items():
         if any(parent in files for parent in path.parents):
-            raise _unsafe(archive, member.name, "lies in a member that is no folder")
+            raise _unsafe(archive, member.name, "lies in a member that is not a folder")
     return files
 
 

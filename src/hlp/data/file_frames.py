@@ -54,7 +54,7 @@ class StatedFrame:
 class FileFrames(ABC):
     """Frames of two images and files with camera and true poses (a `FrameSource`).
 
-    Constructing it reads no file. They are `CheckedFrames` too: a bad frame costs itself alone.
+    Constructing it reads no file. They are `CheckedFrames` too: only a bad frame is lost.
     `unit` is that of the translations in the files.
     """
 
@@ -149,7 +149,7 @@ def read_numbers(path: Path, count: int, header_lines: int = 0) -> Values:
         words = " ".join(path.read_text(encoding="utf-8").splitlines()[header_lines:]).split()
         values = np.array([float(word) for word in words])
     except ValueError as error:
-        raise DataError(f"{path} holds something that is no number ({error})") from error
+        raise DataError(f"{path} holds something that is not a number ({error})") from error
     if len(values) != count or not np.isfinite(values).all():
         header = "a header line and " if header_lines else ""
         raise DataError(f"{path} must hold {header}{count} finite numbers")
@@ -235,7 +235,7 @@ class FolderSettings(Settings):
 def existing_folder(key: str, path: str) -> Path:
     """The folder that a key names. Raises MissingFileError where it is absent."""
     if not Path(path).is_dir():
-        raise MissingFileError(f"{key} is no folder: {path} (set {key}=PATH)")
+        raise MissingFileError(f"{key} is not a folder: {path} (set {key}=PATH)")
     return Path(path)
 
 

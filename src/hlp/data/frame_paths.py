@@ -48,7 +48,7 @@ def with_frames(given: Mapping[str, str]) -> dict[str, str]:
         raise InputError("frames and rgb: give one of them")
     root = Path(given["frames"]).expanduser()
     if not root.is_dir():
-        raise MissingFileError(f"frames is no folder: {root} (set frames=FOLDER)")
+        raise MissingFileError(f"frames is not a folder: {root} (set frames=FOLDER)")
     found = {key: value for key, value in given.items() if key != "frames"}
     for key, names in _NAMES.items():
         if key not in found:
@@ -81,7 +81,7 @@ def list_images(given: str, key: str, extensions: tuple[str, ...]) -> list[Path]
         return [path]
     else:
         raise MissingFileError(
-            f"{key} is no image and no folder: {path} (set {key}=IMAGE, {key}=FOLDER or a pattern)"
+            f"{key} is neither an image nor a folder: {path} (set {key}=IMAGE, FOLDER or a pattern)"
         )
     if not found:
         raise MissingFileError(problem)

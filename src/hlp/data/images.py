@@ -31,7 +31,7 @@ def find_image(folder: Path, stem: str) -> Path:
 def read_pixels(path: Path, flags: int = cv2.IMREAD_UNCHANGED) -> np.ndarray[Any, Any]:
     """An image as it is in the file, or as OpenCV's `flags` say.
 
-    Raises MissingFileError, and DataError if it is no image.
+    Raises MissingFileError, and DataError if it is not an image.
     """
     encoded = np.frombuffer(_existing(path).read_bytes(), np.uint8)
     try:
@@ -125,7 +125,7 @@ def guess_unit(raw: np.ndarray[Any, Any], path: Path) -> tuple[float, str]:
 def image_size(path: Path, most_megapixels: float, depth: bool = False) -> tuple[int, int]:
     """Width and height of an image, from its header.
 
-    Raises MissingFileError; DataError for a file that is no image, empty or larger than
+    Raises MissingFileError; DataError for a file that is not an image, empty or larger than
     `most_megapixels`, and for a `depth` image without one channel of 16 bits.
     """
     from PIL import Image, UnidentifiedImageError

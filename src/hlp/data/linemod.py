@@ -1,8 +1,7 @@
 """LINEMOD in its original layout (Hinterstoisser et al., ACCV 2012), one folder per object.
 
 `OBJ/data/colorN.jpg`, `depthN.dpt`, `rotN.rot`, `traN.tra` and `OBJ/mesh.ply`. Depth is in
-millimetres, translations are in centimetres. The intrinsics are in no file but in the
-configuration.
+millimetres, translations are in centimetres. The intrinsics are in the configuration.
 """
 
 from collections.abc import Mapping, Sequence

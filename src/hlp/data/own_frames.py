@@ -82,8 +82,7 @@ class FrameFiles(CameraSettings):
 
     rgb: Annotated[str, Doc("a colour image, a folder, a pattern such as 'color_*.png', a video")]
     depth: Annotated[
-        str,
-        Doc("its depth image (16-bit PNG, TIFF, EXR, NPY), or a folder or pattern of them"),
+        str, Doc("its depth image (16-bit PNG, TIFF, EXR, NPY), or a folder or pattern of them")
     ]
 
 

@@ -55,7 +55,7 @@ class PublicSet:
     """A public data set: what it is, where it comes from, which archives it consists of.
 
     `archives` are by `images`, each path below `base`. `sizes` are in words, by `images`.
-    `next_step` is said when all is there, with {folder} for the folder.
+    `next_step` is shown when all is there, with {folder} for the folder.
     """
 
     name: str

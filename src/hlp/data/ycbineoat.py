@@ -60,7 +60,7 @@ class YcbineoatSettings(FolderSettings):
         images = self.training_images()
         mesh = Path(self.mesh)
         if not mesh.is_file():
-            raise MissingFileError(f"data.mesh is no file: {mesh} (set data.mesh=FILE)")
+            raise MissingFileError(f"data.mesh is not a file: {mesh} (set data.mesh=FILE)")
         name = mesh.stem if self.object is None else self.object
         model = build_object_model(
             name, ObjectSettings(_OBJECT_ID), mesh, self.mesh_scale, self.proxy_faces
@@ -73,11 +73,11 @@ class YcbineoatSettings(FolderSettings):
 def read_pose(path: Path) -> Pose:
     """The pose in a file: 16 numbers, row by row, its rotation made exact.
 
-    Raises MissingFileError, and DataError for anything that is no rigid motion.
+    Raises MissingFileError, and DataError for anything that is not a rigid motion.
     """
     pose = read_numbers(path, 16).reshape(4, 4)
     if not np.array_equal(pose[3], [0, 0, 0, 1]):
-        raise DataError(f"{path} is no pose: it must be R t / 0 0 0 1, translation in metres")
+        raise DataError(f"{path} is not a pose: it must be R t / 0 0 0 1, translation in metres")
     return rigid(exact_rotation(pose[:3, :3], str(path)), pose[:3, 3])
 
 

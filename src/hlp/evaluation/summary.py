@@ -176,8 +176,7 @@ def risk_coverage(scores: Values, right: Flags) -> tuple[Values, Values]:
 def area_under_risk_coverage(scores: Values, right: Flags) -> float:
     """Mean risk over all coverages (Geifman et al., ICLR 2019); 0 is best.
 
-    Answers with equal scores are in random order: each has their expected risk. Raises ValueError
-    without answers.
+    Answers with equal scores each have their expected risk. Raises ValueError without answers.
     """
     coverage, risk = risk_coverage(scores, right)
     count = np.rint(coverage * len(scores))

@@ -156,11 +156,7 @@ class VoteCounts:
 
     @classmethod
     def of(
-        cls,
-        object_id: int,
-        good: Flags,
-        weights: Float[np.ndarray, "v"],
-        on_object: Flags,
+        cls, object_id: int, good: Flags, weights: Float[np.ndarray, "v"], on_object: Flags
     ) -> "VoteCounts":
         """Count votes, given which are good and which were cast by patches on the object."""
         counts = len(good), int(good.sum())

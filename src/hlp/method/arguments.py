@@ -20,7 +20,12 @@ _LEAST_SIDE = 8  # pixels
 
 
 class RgbdFrame(Protocol):
-    """An RGB-D image with its camera, as `Detector.detect` takes them: `hlp.CameraImage` is one."""
+    """An RGB-D image with its camera, as `Detector.detect` takes them: `hlp.CameraImage` is one.
+
+    Examples:
+        >>> [found.object for found in detector.tracker(["bear"], 1).update(image)]
+        ['bear']
+    """
 
     @property
     def rgb(self) -> Rgb:
@@ -54,7 +59,7 @@ def checked_settings(given: object, kind: type[T]) -> T:
 
 
 def checked_names(given: Iterable[str], known: Iterable[str], folder: Path) -> list[str]:
-    """Names of learnt objects, each once. Raises InputError for what is no name of one."""
+    """Names of learnt objects, each once. Raises InputError for what is not a name of one."""
     if isinstance(given, str | bytes) or not isinstance(given, Iterable):
         raise InputError(f"objects is {given!r}: give a list of names")
     names = list(given)
@@ -95,7 +100,7 @@ def _array(given: object, name: str) -> np.ndarray[Any, Any]:
     try:
         return np.asarray(np.ma.filled(given, 0) if np.ma.isMaskedArray(given) else given)
     except (TypeError, ValueError, RuntimeError, OverflowError) as error:  # of numpy and torch
-        raise InputError(f"{name} is no array: {error}") from error
+        raise InputError(f"{name} is not an array: {error}") from error
 
 
 def checked_mask(given: object, shape: tuple[int, ...]) -> Mask:

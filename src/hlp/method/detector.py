@@ -8,12 +8,7 @@ from hlp.arrays import CameraMatrix, Image, Mask, Pose, Rgb
 from hlp.errors import InputError
 from hlp.method import arguments
 from hlp.method.arguments import RgbdFrame
-from hlp.method.find.detections import (
-    Detection,
-    SearchResult,
-    TrackedDetection,
-    sort_answers,
-)
+from hlp.method.find.detections import Detection, SearchResult, TrackedDetection, sort_answers
 from hlp.method.find.search import MOST_INSTANCES, search_frame
 from hlp.method.opened_folder import OpenedFolder
 from hlp.method.settings import TrackingSettings
@@ -28,7 +23,7 @@ class Detector(OpenedFolder):
     are executed one after another. The same image gives the same poses, whichever images came
     before and whatever the number of `threads`.
 
-    All methods raise InputError, which names the argument that is wrong.
+    All methods raise `hlp.errors.InputError` for a wrong argument, which the message names.
 
     Examples:
         `Detector.learn` makes a folder once, which takes minutes. Afterwards:
@@ -55,7 +50,7 @@ class Detector(OpenedFolder):
             rgb: (h, w, 3) uint8, red first.
             depth: (h, w) floating point, metres along the optical axis, registered to `rgb`; 0 or
                 NaN where missing.
-            camera_matrix: (3, 3), pixels, with pixel centres at integers.
+            camera_matrix: (3, 3) floating point, pixels, with pixel centres at integers.
             objects: their names; None: all learnt ones.
             max_instances: how many instances of one object are looked for.
             min_score: the least probability that a pose is right.
@@ -63,6 +58,10 @@ class Detector(OpenedFolder):
 
         Returns:
             All instances of the objects, the most certain first.
+
+        Raises:
+            InputError: an argument has another shape, type or unit, or an object is not learnt.
+            DataError: a file of the folder was damaged after it was opened.
 
         Examples:
             >>> (found,) = detector.detect(rgb, depth, camera_matrix, ["bear"], max_instances=1)
@@ -84,6 +83,21 @@ class Detector(OpenedFolder):
     ) -> SearchResult:
         """Find objects as `detect` does, and say for each why it has no other detection.
 
+        Args:
+            rgb: this and all others as in `detect`.
+            depth: (h, w) floating point, metres.
+            camera_matrix: (3, 3) floating point, pixels.
+            objects: names, or None.
+            max_instances: of one object.
+            min_score: what scores less is rejected, not detected.
+            mask: (h, w) bool.
+
+        Returns:
+            Detections, and the rejected answers with the reasons.
+
+        Raises:
+            InputError: as in `detect`.
+
         Examples:
             >>> result = detector.search(rgb, 0 * depth, camera_matrix, ["bear"])
             >>> result.detections, result.rejections[0].reason
@@ -103,11 +117,23 @@ class Detector(OpenedFolder):
     def refine(
         self, rgb: Rgb, depth: Image, camera_matrix: CameraMatrix, object: str, pose_cam_obj: Pose
     ) -> Detection | None:
-        """The best pose of an object about a given one, by the refiner alone (stage 3).
+        """Improve a pose that is roughly known, by the refiner alone (stage 3).
 
-        For a pose (4, 4), which maps the object's coordinates to the camera's (metres), that is
-        roughly known: from another detector, or from a moment before. The image is given as in
-        `detect`. None if the object is not in front of the camera.
+        It may come from another detector, or from the image before.
+
+        Args:
+            rgb: (h, w, 3) uint8, red first.
+            depth: (h, w) floating point, metres.
+            camera_matrix: (3, 3) floating point, pixels.
+            object: its name.
+            pose_cam_obj: (4, 4), the rough pose: object to camera coordinates, metres.
+
+        Returns:
+            The pose found near the given one, with its score; None if the object would not be in
+            front of the camera.
+
+        Raises:
+            InputError: as in `detect`, or the pose is not a rigid motion.
 
         Examples:
             >>> (found,) = detector.detect(rgb, depth, camera_matrix, ["bear"], max_instances=1)
@@ -130,7 +156,15 @@ class Detector(OpenedFolder):
         max_instances: int = MOST_INSTANCES,
         settings: TrackingSettings | None = None,
     ) -> Tracker:
-        """What follows objects, given as in `detect`, through one sequence of frames.
+        """Make a tracker, which follows objects through one sequence of frames.
+
+        Args:
+            objects: their names; None: all learnt ones.
+            max_instances: how many instances of one object are followed.
+            settings: None: the defaults.
+
+        Returns:
+            A tracker, to be given one frame after another.
 
         Examples:
             >>> tracker = detector.tracker(["bear"], max_instances=1)
@@ -149,12 +183,22 @@ class Detector(OpenedFolder):
         max_instances: int = MOST_INSTANCES,
         settings: TrackingSettings | None = None,
     ) -> Iterator[list[TrackedDetection]]:
-        """The objects in each frame of a sequence; the same as `Tracker.update` frame by frame.
+        """Follow objects through a sequence of frames, as `Tracker.update` does frame by frame.
 
-        An object is searched where it was last seen, which takes a tenth of the time of detection,
-        and detected where that fails. Frames have `rgb`, `depth` and `camera_matrix` as in
-        `detect`, as `hlp.CameraImage` has. What is found in a frame, the most certain first, comes
-        as soon as the frame is there.
+        An object is searched where it was last seen, in a small part of the time of detection, and
+        detected where that fails.
+
+        Args:
+            frames: have `rgb`, `depth` and `camera_matrix` as in `detect`, as `hlp.CameraImage`.
+            objects: their names; None: all learnt ones.
+            max_instances: how many instances of one object are followed.
+            settings: None: the defaults.
+
+        Returns:
+            For each frame, as soon as it is there, what is found in it, the most certain first.
+
+        Raises:
+            InputError: as in `detect`, when the frame that is wrong is reached.
 
         Examples:
             >>> for found in detector.track([image, image], ["bear"], max_instances=1):

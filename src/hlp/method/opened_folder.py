@@ -76,10 +76,16 @@ class OpenedFolder:
             meshes: names and files (PLY, OBJ, STL, …).
             folder: must not exist yet.
             settings: None: the defaults.
-            mesh_scale: metres per unit of the files (0.001: millimetres); None: guessed from the
-                size, and logged.
-            background_frames: RGB-D frames of places without the objects, which are better
-                backgrounds than the procedural ones.
+            mesh_scale: metres per unit of the files (0.001: millimetres); None: guessed, logged.
+            background_frames: RGB-D frames without the objects, better than procedural ones.
+
+        Returns:
+            A detector of these objects.
+
+        Raises:
+            InputError: an argument is wrong, or the folder exists already.
+            MissingFileError: there is no such mesh.
+            DataError: a mesh has no triangles or cannot be read.
 
         Examples:
             >>> meshes = {"bear": "bear.ply", "can": "can.ply"}
@@ -105,6 +111,9 @@ class OpenedFolder:
             folder: the folder.
             threads: number of threads of kernels and networks; None: as when learning.
             device: runs the networks, "cpu" or "cuda"; None: as when learning.
+
+        Returns:
+            A detector of the objects in the folder.
 
         Raises:
             MissingFileError: the folder holds no learnt objects.
@@ -144,9 +153,17 @@ class OpenedFolder:
         mesh_scale: float | None = None,
         background_frames: Iterable[Frame] = (),
     ) -> None:
-        """Learn more objects, given as in `learn`, into the folder.
+        """Learn more objects into the folder, which takes minutes.
 
         The encoder stays as it is and the classifier is trained further.
+
+        Args:
+            meshes: names and files, as in `learn`.
+            mesh_scale: metres per unit of the files, or None.
+            background_frames: as in `learn`.
+
+        Raises:
+            InputError: an argument is wrong, or an object has a name that is taken.
 
         Examples:
             >>> detector.add({"cat": "cat.ply"}, mesh_scale=0.001)  # doctest: +SKIP
@@ -160,7 +177,13 @@ class OpenedFolder:
             self._open()
 
     def remove(self, name: str) -> None:
-        """Take an object out of the folder, unless it is the only one.
+        """Take an object out of the folder.
+
+        Args:
+            name: the object's.
+
+        Raises:
+            InputError: there is no such object, or no other one.
 
         Examples:
             >>> detector.remove("can")
@@ -174,7 +197,11 @@ class OpenedFolder:
             self._open()
 
     def warm_up(self) -> None:
-        """Load all networks and codebooks now instead of at the first `detect`."""
+        """Load all networks and codebooks now instead of at the first `detect`.
+
+        Examples:
+            >>> detector.warm_up()
+        """
         with self._lock:
             self._estimator.load(tuple(self._ids.values()))
 

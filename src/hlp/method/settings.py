@@ -71,10 +71,7 @@ class TrainerSettings(Settings):
 
 @dataclass(frozen=True)
 class MachineSettings(Settings):
-    """Config group `machine`: settings that affect the time of the method but not its results.
-
-    Only the last bits of the networks' outputs differ between devices.
-    """
+    """Config group `machine`: what affects the time of the method but not its results."""
 
     name: Annotated[str, Doc("of the choice")] = "local"
     threads: Annotated[
@@ -84,8 +81,7 @@ class MachineSettings(Settings):
         Doc("threads of networks, renderer, refiner, search and OpenCV each (D)"),
     ] = 2
     device: Annotated[
-        Device,
-        Doc("device of the networks in detection; cuda needs onnxruntime-gpu"),
+        Device, Doc("device of the networks in detection; cuda needs onnxruntime-gpu")
     ] = "cpu"
 
 
@@ -111,6 +107,10 @@ class MethodSettings(Settings):
 
     Equal settings, objects and images give equal poses. The threads of `machine` change only the
     time; its device changes the last bits of the networks' outputs.
+
+    Examples:
+        >>> MethodSettings(refinement=PsoSettings(particles=10)).refinement.particles
+        10
     """
 
     seed: Annotated[int, Ge(0), Le(2**32 - 1), Doc("every random number follows from it")] = 0
@@ -152,14 +152,19 @@ class MethodSettings(Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class TrackingSettings(Settings):
-    """How objects are followed through a sequence of frames."""
+    """How objects are followed through a sequence of frames.
+
+    Examples:
+        >>> detector.tracker(["bear"], 1, TrackingSettings(min_score=0.7)).settings.min_score
+        0.7
+    """
 
     min_score: Annotated[
         float,
         Interval(ge=0, le=1),
         Doc(
             "probability below which a tracked pose is lost, so that the object is detected again "
-            "in that frame, and below which a detected pose is no answer (D)"
+            "in that frame, and below which a detected pose is rejected (D)"
         ),
     ] = MIN_SCORE
     search_every: Annotated[
@@ -196,10 +201,7 @@ class StageSettings:
         return cls(**values)
 
     def named(self) -> dict[str, Any]:
-        """What a name is made of: every field, also of parts, but the machine.
-
-        It decides the time but not the result; its device is added.
-        """
+        """What a name is made of: every field, of parts too, but `machine`; its device is added."""
         values = {part.name: getattr(self, part.name) for part in fields(self)}  # type: ignore[arg-type]
         values.pop("machine", None)
         return {

@@ -64,7 +64,15 @@ class Tracker:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all poses: the next frame is searched as the first one was."""
+        """Forget all poses: the next frame is searched as the first one was.
+
+        Examples:
+            >>> tracker = detector.tracker(["bear"], max_instances=1)
+            >>> found = tracker.update(image)
+            >>> tracker.reset()
+            >>> [one.tracked for one in tracker.update(image)]
+            [False]
+        """
         self._tracks: tuple[Track, ...] = ()
         self._since_search: dict[int, int] = {}
         self._numbers = count()

@@ -35,14 +35,14 @@ class ClassifierSettings(Settings):
     epochs: Annotated[int, Ge(1), Le(10_000), Doc("passes over the pool of windows (D)")] = 12
     batch_size: Annotated[Count, Doc("windows in a batch (D)")] = 256
     min_batches: Annotated[
-        int, Ge(0), Doc("few objects have few windows: further epochs until so many batches (D)")
+        int, Ge(0), Doc("least number of batches: with few objects, epochs are added (D)")
     ] = 300
     prior_objects: Annotated[
         int | None,
         Ge(1),
         Doc(
-            "where fewer objects are learnt, background is taken to be as much more likely as it "
-            "is among so many; null: as likely as in training (D)"
+            "background is taken to be as likely as if at least this many objects were learnt; "
+            "null: as in training (D)"
         ),
     ] = 15
 

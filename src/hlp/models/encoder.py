@@ -127,8 +127,7 @@ class NetworkEncoder:
 def patch_input(patches: LocalPatches, kind: str) -> Float32[np.ndarray, "n p p 4"]:
     """Channels in [-1, 1] of cut patches.
 
-    `rgbd` is the paper's input (section 3.2). `normals_depth` contains only shape and needs no
-    colour.
+    `rgbd` is the paper's input (section 3.2). `normals_depth` needs no colour.
     """
     if kind != "rgbd":
         return normals_with_depth(patches.depth, patches.valid)

@@ -6,7 +6,7 @@ reconstruction keeps light and clutter in the feature, InfoNCE removes them.
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 from pytorch_lightning.utilities.types import OptimizerLRScheduler
@@ -14,8 +14,10 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from hlp.models.encoder import RESOLUTION, normals_with_depth
-from hlp.models.network_encoders import AutoencoderSettings, ContrastiveSettings
 from hlp.models.one_cycle import OneCycleModule
+
+if TYPE_CHECKING:  # they import this module to train, which takes torch
+    from hlp.models.network_encoders import AutoencoderSettings, ContrastiveSettings
 
 
 class PatchEncoder(nn.Module):
@@ -69,10 +71,10 @@ class PatchDecoder(nn.Module):
         return torch.as_tensor(self.convolutions(start))
 
 
-class ContrastiveEncoder(OneCycleModule[ContrastiveSettings]):
+class ContrastiveEncoder(OneCycleModule["ContrastiveSettings"]):
     """Trains `PatchEncoder` so that the patches of a pair are each other's nearest neighbours."""
 
-    def __init__(self, settings: ContrastiveSettings) -> None:
+    def __init__(self, settings: "ContrastiveSettings") -> None:
         super().__init__(settings, rise=0.1)
         self.network = PatchEncoder(settings.widths, settings.dimension)
 
@@ -107,10 +109,10 @@ class ContrastiveEncoder(OneCycleModule[ContrastiveSettings]):
         return torch.as_tensor(near & ~torch.eye(len(near), dtype=torch.bool, device=near.device))
 
 
-class Autoencoder(OneCycleModule[AutoencoderSettings]):
+class Autoencoder(OneCycleModule["AutoencoderSettings"]):
     """Encoder to a feature and mirrored decoder back to the patch; trained on the squared error."""
 
-    def __init__(self, settings: AutoencoderSettings) -> None:
+    def __init__(self, settings: "AutoencoderSettings") -> None:
         super().__init__(settings, rise=0.1)
         self.network = PatchEncoder(settings.widths, settings.dimension)
         self.decoder = PatchDecoder(settings.widths, settings.dimension)

@@ -60,8 +60,8 @@ class AutoencoderSettings(NetworkSettings):
     varied_light: Annotated[
         bool,
         Doc(
-            "patches under random light are to become the patches as they were, so that light "
-            "matters less in the feature (D; P: not said)"
+            "a patch is reconstructed from a copy of it under random light, so that light matters "
+            "less in the feature (D; P: not said)"
         ),
     ] = False
     one_cycle: Annotated[

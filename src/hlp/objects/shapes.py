@@ -64,9 +64,7 @@ def moved(
 def moved_by(mesh: Mesh, motion: Pose) -> Mesh:
     """The mesh after a rigid motion."""
     return replace(
-        mesh,
-        vertices=transform(motion, mesh.vertices),
-        normals=mesh.normals @ motion[:3, :3].T,
+        mesh, vertices=transform(motion, mesh.vertices), normals=mesh.normals @ motion[:3, :3].T
     )
 
 
@@ -140,10 +138,7 @@ def rounded_box(
 
 
 def tube(
-    path: Sequence[Sequence[float]],
-    radii: Sequence[float],
-    color: Color,
-    spacing: float = SPACING,
+    path: Sequence[Sequence[float]], radii: Sequence[float], color: Color, spacing: float = SPACING
 ) -> Mesh:
     """Tube along the line `path` (k, 3) with radius `radii` (k,) at each point, flat ends (m)."""
     line = _resampled(np.column_stack([np.asarray(path), np.asarray(radii)]), spacing)

@@ -37,7 +37,7 @@ COMPOSITE_DRAWS = np.dtype(
         ("color_noise", "f4"),
         ("background_offset", "f4"),  # added to its depth; depths are in units of the window, ±1
         ("background_plane", "f4", (3,)),  # without depth: offset, slopes down and right
-        ("background_relief", "f4", (4, 4)),  # coarse grid added to that plane
+        ("background_heights", "f4", (4, 4)),  # coarse grid added to that plane
         ("occluder_plane", "f4", (3,)),  # offset, slopes down and right
         ("depth_shift", "f4"),
         ("depth_noise", "f4"),
@@ -211,7 +211,7 @@ def _compose_depth(
             else:
                 plane, offset = draw["background_plane"], draw["background_offset"]
                 depth = plane[0] + plane[1] * down + plane[2] * right + offset
-                depth += _smooth(draw["background_relief"], y, x, size)
+                depth += _smooth(draw["background_heights"], y, x, size)
             depth += draw["depth_shift"] + noise[start] * draw["depth_noise"]
             start += 1
             hole = _smooth(draw["holes"], y, x, size) > draw["hole_level"]

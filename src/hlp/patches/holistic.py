@@ -60,8 +60,8 @@ class RegionSettings(Settings):
         int,
         Ge(0),
         Doc(
-            "at least this many windows, the most probable, are accepted, as far as they are a "
-            "tenth as probable as the first (D; P: 0)"
+            "if fewer are, the most probable up to this number are accepted too, but none that is "
+            "less than a tenth as probable as the first (D; P: 0)"
         ),
     ] = 8
     square_side: Annotated[

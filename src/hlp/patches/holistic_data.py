@@ -97,8 +97,8 @@ def _center_backgrounds(draws: np.ndarray) -> None:
     alone = draws["background_only"]
     draws["background_offset"][alone] = 0.0
     draws["background_plane"][alone, 0] = 0.0
-    middle = draws["background_relief"][:, 1:3, 1:3].mean(axis=(1, 2), keepdims=True)
-    draws["background_relief"] -= np.where(alone[:, None, None], middle, np.float32(0.0))
+    middle = draws["background_heights"][:, 1:3, 1:3].mean(axis=(1, 2), keepdims=True)
+    draws["background_heights"] -= np.where(alone[:, None, None], middle, np.float32(0.0))
 
 
 def _draw_occluders(rng: np.random.Generator, draws: np.ndarray, size: int) -> None:
@@ -138,7 +138,7 @@ def _draw_depths(rng: np.random.Generator, draws: np.ndarray) -> None:
         slopes = rng.normal(0.0, 0.5, (count, 2))
         draws[name] = np.column_stack([rng.uniform(low, high, count), slopes])
     height = rng.uniform(0.0, 0.4, (count, 1, 1))
-    draws["background_relief"] = rng.standard_normal((count, 4, 4)) * height
+    draws["background_heights"] = rng.standard_normal((count, 4, 4)) * height
     draws["background_offset"] = rng.uniform(0.0, 0.6, count)
     draws["depth_shift"] = rng.normal(0.0, 0.02, count)
     draws["depth_noise"] = rng.uniform(0.0, 0.03, count)

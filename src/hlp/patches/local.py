@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Gt, Le, Unit
+from annotated_types import Ge, Gt, Interval, Le, Unit
 from jaxtyping import Float, UInt8
 
 from hlp.arrays import (
@@ -77,13 +77,14 @@ class GridSettings(Settings):
     max_patches: Annotated[
         Count, Doc("largest number of patches; of more, those at likely windows are preferred (D)")
     ] = 400
-    min_relief: Annotated[
-        Share,
+    min_plane_deviation: Annotated[
+        float | None,
+        Interval(ge=0, le=1),
         Doc(
-            "smallest depth relief of a patch, in halves of its size: flat ones look alike on "
-            "every object and on the table (D; P: not said, 0)"
+            "smallest standard deviation of a patch's depth from a plane, in halves of its size: "
+            "flat patches look alike everywhere (D); null: none (P: not said)"
         ),
-    ] = 0.0
+    ] = None
 
 
 def cut_local_patches(
@@ -95,17 +96,16 @@ def cut_local_patches(
     settings: LocalSettings,
     min_valid: float,
     with_color: bool = True,
-    min_relief: float = 0.0,
+    min_plane_deviation: float | None = None,
 ) -> LocalPatches:
     """Cut patches of side f·size/z (px) around pixels (x, y), in views and test images alike.
 
     Dropped are patches whose centre has no depth, those with less than the share `min_valid` of
-    their pixels inside the metric cube, and those with less than `min_relief` (see
-    `depth_relief`); the result's `pixels` tell which remain. Depth becomes
-    (d − z)/(size/2), clamped to ±1, with d and z measured along the viewing ray of the patch. A
-    surface seen from the same side then has the same depth patch anywhere in the image, as
-    `geometry.allocentric_to_egocentric` assumes. `metric_size` is in m. Without `with_color` the
-    patches have no colour channels.
+    their pixels inside the metric cube, and flat ones, of less than `min_plane_deviation`; the
+    result's `pixels` are those of the rest. Depth becomes (d − z)/(size/2), clamped to ±1, with d
+    and z measured along the viewing ray of the patch. A surface seen from the same side then has
+    the same depth patch anywhere in the image, as `geometry.allocentric_to_egocentric` assumes.
+    `metric_size` is in m. Without `with_color` the patches have no colour channels.
     """
     z = center_depths(depth, pixels)
     kept = z > 0
@@ -122,16 +122,16 @@ def cut_local_patches(
     half, valid = np.float32(metric_size / 2), np.empty(relative.shape, dtype=np.bool_)
     _normalise_depth(relative, z, half, *along, settings.mask_beyond_clamp, color, valid)
     full = valid.mean(axis=(1, 2)) >= min_valid
-    if min_relief > 0.0:
-        full &= depth_relief(relative) >= min_relief
+    if min_plane_deviation is not None:
+        full &= plane_deviations(relative) >= min_plane_deviation
     points = back_project(centers, z.astype(np.float64), camera_matrix)
     return LocalPatches(color[full], relative[full], valid[full], points[full], centers[full])
 
 
-def depth_relief(depth: DepthPatches) -> Values:
+def plane_deviations(depth: DepthPatches) -> Values:
     """How far the depth of each patch is from its best plane: root of the mean squared residual.
 
-    It is in the depth's unit, 0 for a plane however it is tilted. Silhouettes have relief, too.
+    It is in the depth's unit, 0 for a plane however it is tilted. Silhouettes deviate, too.
     """
     axis = np.linspace(-1.0, 1.0, depth.shape[1])
     flat = depth.reshape(len(depth), len(axis) ** 2).astype(np.float64)

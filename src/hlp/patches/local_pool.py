@@ -165,16 +165,18 @@ def cut_view_patches(
     size: float,
     local: LocalSettings,
     with_color: bool,
-    min_relief: float = 0.0,
+    min_plane_deviation: float | None = None,
 ) -> LocalPatches:
     """Local patches of metric `size` (m) of one view around surface pixels (x, y).
 
-    All with `min_relief` are kept, however few of their pixels are valid: a patch at a thin part of
-    the object has few valid pixels in test images, too. Without `with_color` the patches have no
-    colour channels.
+    All that are not too flat are kept, however few of their pixels are valid: a patch at a thin
+    part of the object has few valid pixels in test images, too. Without `with_color` the patches
+    have no colour channels.
     """
     depth, rgb = np.asarray(views.depth[view]), np.asarray(views.rgb[view])
     if with_color:
         rgb = bleed_color(rgb, depth > 0)
     camera = views.camera_matrix
-    return cut_local_patches(rgb, depth, camera, pixels, size, local, 0.0, with_color, min_relief)
+    return cut_local_patches(
+        rgb, depth, camera, pixels, size, local, 0.0, with_color, min_plane_deviation
+    )

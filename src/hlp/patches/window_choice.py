@@ -145,9 +145,9 @@ class CloserLookSettings(Settings):
         float | None,
         Gt(0),
         Doc(
-            "of a larger region only the likeliest windows' squares are searched first, up to this "
-            "area in squared diameters of the object, for each instance that may be there where "
-            "their number is not known (D); null: the whole region (P)"
+            "a larger region is searched first in the squares of its likeliest windows, up to this "
+            "area (squared diameters; times the instances that are looked for, if their number is "
+            "not known) (D); null: the whole region (P)"
         ),
     ] = 6.0
 

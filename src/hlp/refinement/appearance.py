@@ -39,7 +39,7 @@ Shares = Float[np.ndarray, "864"]
 """Share of the pixels in each class of colour."""
 
 
-class Look(NamedTuple):
+class PartAppearance(NamedTuple):
     """Within an outline: the `shares` of colours, and of pixels near an edge that the model lacks.
 
     `clutter` is nan where too few pixels are far from the model's own edges.
@@ -65,7 +65,9 @@ class FrameColors:
         classes = np.ravel_multi_index(tuple(np.moveaxis(places, -1, 0)), _SIZES)
         return cls(classes, _shares(classes), _near(color_edges(rgb) != NO_EDGE, _NEAR))
 
-    def at(self, verifier: Verifier, observation: Observation, pose_cam_obj: Pose) -> Look:
+    def at(
+        self, verifier: Verifier, observation: Observation, pose_cam_obj: Pose
+    ) -> PartAppearance:
         """The look of the pixels that agree in depth with a pose of the verifier's object."""
         depth, shape = observation.depth, (observation.depth.shape[0], observation.depth.shape[1])
         camera = observation.camera_matrix
@@ -76,7 +78,7 @@ class FrameColors:
         inside = agreeing & ~_near(own_edges, _BORDER)
         enough = np.count_nonzero(inside) >= _LEAST_PIXELS
         clutter = float(self.near_edge[inside].mean()) if enough else np.nan
-        return Look(_shares(self.classes[agreeing]), clutter)
+        return PartAppearance(_shares(self.classes[agreeing]), clutter)
 
 
 def _near(mask: Bool[np.ndarray, "h w"], distance: int) -> Bool[np.ndarray, "h w"]:

@@ -1,7 +1,6 @@
 """Stage 3 of one object: choose the hypotheses to refine, and the refined ones that are instances.
 
-Instances are chosen one after another. A later one must not stand on pixels that those before it
-explain.
+Instances are chosen one after another. A later one must not stand on pixels of those before.
 """
 
 import time

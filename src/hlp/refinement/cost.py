@@ -55,7 +55,7 @@ class CostSettings(Settings):
         NotNegative, Doc("largest cost of an occluded pixel; 0 would favour hidden poses (D; P: 1)")
     ] = 0.5
     uncovered_cost: Annotated[
-        NotNegative, Doc("cost of a pixel that only the coarse pose explains; 0: off (D; P: 0)")
+        NotNegative, Doc("cost of a pixel that only the coarse pose explains (D; P: 0)")
     ] = 1.0
     reference_mm: Annotated[
         NotNegative, Doc("the coarse pose explains pixels whose depth differs by at most this (D)")

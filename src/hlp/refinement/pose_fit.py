@@ -25,30 +25,35 @@ _FULL = 0.8  # share of a window that must be visible
 class PoseFit:
     """How well one pose of an object fits the image.
 
-    `cost` is the verification cost, in [0, 1]. `relief` and `slope` compare the shapes of model and
-    image over the visible part of the silhouette, each by a correlation in [-1, 1]: that of the
-    depths after a plane is subtracted, and that of the depths' local slopes. A wrong pose agrees
-    with something at the right place, but rarely with its shape. `residual_mm` is the median
+    `cost` is the verification cost, in [0, 1]. `depth_correlation` and `slope` compare the shapes
+    of model and image over the visible part of the silhouette, each by a correlation in [-1, 1]:
+    that of the depths after a plane is subtracted, and that of their local slopes. A wrong pose
+    agrees with something at the right place, but rarely with its shape. `residual_mm` is the median
     absolute difference in depth where both agree. `visible_fraction` is the fraction of the
     silhouette that lies in the image and that nothing nearer covers. `color` and `contrast` are
-    correlation and contrast of `texture.ColorAgreement`, `edge` is that of
-    `verification.Evidence`: 0 where the image has an edge at every visible part of the outline, 1
-    where it has none. `relief_mm` is the standard deviation of the model's depth from the plane
-    that fits it best: of a flat side, the correlations say little. It is infinite for an object
-    with colours, which make up for it. `appearance` is what colours and edges within the outline
-    tell of a pose of an object without colours, given the other answers of the frame
-    (`refinement.appearance`): a log-likelihood ratio, 0 if nothing.
+    correlation and contrast of `texture.ColorAgreement`, `edge` is that of `verification.Evidence`:
+    0 where the image has an edge at every visible part of the outline, 1 where it has none.
+    `plane_deviation_mm` is the standard deviation of the model's depth from the plane that fits it
+    best: of a flat side, the correlations say little. It is infinite for an object with colours,
+    which make up for it. `appearance` is what colours and edges within the outline tell of a pose
+    of an object without colours, given the other answers of the frame (`refinement.appearance`): a
+    log-likelihood ratio, 0 if nothing.
+
+    Examples:
+        >>> (found,) = detector.detect(rgb, depth, camera_matrix, ["bear"], max_instances=1)
+        >>> found.fit.residual_mm == found.residual_mm
+        True
     """
 
     cost: float
-    relief: float
+    depth_correlation: float
     slope: float
     residual_mm: float
     visible_fraction: float
     color: float = 0.0
     contrast: float = 0.0
     edge: float = 0.0
-    relief_mm: float = np.inf
+    plane_deviation_mm: float = np.inf
     appearance: float = 0.0
 
     def as_array(self) -> Float[np.ndarray, "10"]:
@@ -77,7 +82,7 @@ def measure_fit(verifier: Verifier, observation: Observation, pose_cam_obj: Pose
     colors = color_agreement(observation, verifier.model, pose_cam_obj)
     return PoseFit(
         cost=float(verifier.weigh(evidence)[0]),
-        relief=relief_correlation(rendered, seen, visible),
+        depth_correlation=depth_correlation(rendered, seen, visible),
         slope=slope_correlation(rendered, seen, visible),
         residual_mm=apart * MILLIMETRES_PER_METRE,
         visible_fraction=_share_inside(verifier, observation, pose_cam_obj)
@@ -85,13 +90,13 @@ def measure_fit(verifier: Verifier, observation: Observation, pose_cam_obj: Pose
         color=colors.correlation,
         contrast=colors.contrast,
         edge=float(evidence.edge[0]),
-        relief_mm=np.inf
+        plane_deviation_mm=np.inf
         if verifier.model.mesh.colored
-        else relief_size(rendered, visible) * MILLIMETRES_PER_METRE,
+        else plane_deviation(rendered, visible) * MILLIMETRES_PER_METRE,
     )
 
 
-def relief_correlation(first: Image, second: Image, among: Mask) -> float:
+def depth_correlation(first: Image, second: Image, among: Mask) -> float:
     """Correlation of two depth images among some pixels, without the plane that fits each best.
 
     0 if there are too few pixels, or one of the images shows a plane.
@@ -100,7 +105,7 @@ def relief_correlation(first: Image, second: Image, among: Mask) -> float:
     return _correlation([left[:, 0]], [left[:, 1]]) if len(left) else 0.0
 
 
-def relief_size(depth: Image, among: Mask) -> float:
+def plane_deviation(depth: Image, among: Mask) -> float:
     """Standard deviation (m) of depths among some pixels from their plane; 0 for too few."""
     left = _without_plane([depth], among)
     return float(np.sqrt(np.square(left).mean())) if len(left) else 0.0

@@ -77,8 +77,8 @@ class PsoSettings(Settings):
     gain: Annotated[
         Literal["swarm", "particle"],
         Doc(
-            "what an iteration gains: a better best pose of the swarm (D), or a better pose of any "
-            "particle than its own best (the text: until no particle improves)"
+            "which improvement lets the swarm go on: of its best pose (D), or of any particle's "
+            "best (the text: until no particle improves)"
         ),
     ] = "swarm"
     follow: FollowSettings = field(default_factory=FollowSettings)

@@ -31,7 +31,7 @@ _CONTRADICTION = 50.0  # of the logit, for each unit of correlation and of squar
 _HIGHEST_CONTRAST = 0.8
 _LEAST_VISIBLE = 0.3  # of the object: as in the scenes on which the score is calibrated
 _HIGHEST = 0.995  # correlation; sensor noise decides above it
-_NOISE_MM = 3.0  # of depth; a relief of this size tells half of what a large one tells (D)
+_NOISE_MM = 3.0  # of depth; a plane deviation of this size tells half of what a large one tells (D)
 _NEUTRAL = 1.2  # Fisher transform between those of right and of wrong poses (D)
 
 
@@ -42,8 +42,8 @@ class ScoreModel:
     s = bias + cost·c + shape·z + edge·e + hidden·h + a - d, where c is the verification cost, e the
     distance of the outline to edges of the image, h the hidden fraction, a what the appearance
     tells, and d = color times how much the colours contradict. z is the mean Fisher transform
-    artanh(r) of the correlations r of relief and slope, drawn to a neutral value where the model
-    itself shows little relief. `cost`, `edge` and `hidden` are at most 0 and `shape` at least 0:
+    artanh(r) of the correlations r of depth and slope, drawn to a neutral value where the model
+    itself is nearly a plane. `cost`, `edge` and `hidden` are at most 0 and `shape` at least 0:
     the score never falls when the fit is better. An object of which less than `least_visible` is
     seen is not found: its score is below `MIN_SCORE`, in proportion.
     """
@@ -199,10 +199,12 @@ def _logit(share: float) -> float:
 
 def _inputs(fits: Sequence[PoseFit]) -> Float[np.ndarray, "n 4"]:
     """Cost, shape, edge and hidden fraction of each fit."""
-    pairs = np.array([(fit.relief, fit.slope) for fit in fits])
+    pairs = np.array([(fit.depth_correlation, fit.slope) for fit in fits])
     shape = np.arctanh(np.clip(pairs, 0.0, _HIGHEST)).mean(axis=1)
     # Of a flat side, noise decides the correlations: they count as if they said nothing.
-    weight = 1.0 / (1.0 + np.square(_NOISE_MM / np.maximum([fit.relief_mm for fit in fits], 1e-9)))
+    weight = 1.0 / (
+        1.0 + np.square(_NOISE_MM / np.maximum([fit.plane_deviation_mm for fit in fits], 1e-9))
+    )
     shape = _NEUTRAL + weight * (shape - _NEUTRAL)
     others = np.array([(fit.edge, 1.0 - fit.visible_fraction) for fit in fits])
     return np.column_stack([[fit.cost for fit in fits], shape, others])

@@ -4,8 +4,7 @@ The poses T·S of an object whose shape the motions S (`ObjectModel.near_symmetr
 it is show the same surface with other colours. So the surface is drawn once, from the full mesh,
 and the colours of each are read where its motion takes the surface points, from a grid filled by
 the full texture. Colours are compared as logarithms, after light, shading and white balance were
-fitted; differences count up to a limit, because highlights and things in front are not in the
-texture.
+fitted; differences count up to a limit, because highlights and occluders are not in the texture.
 """
 
 from dataclasses import dataclass, replace

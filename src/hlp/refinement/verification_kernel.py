@@ -51,8 +51,7 @@ def sum_evidence(
     """The sums of which `Evidence` is made for each pose.
 
     The image is read at every k-th pixel, k the smallest number for which the object's bounding box
-    has at most `size` of them on a side. Pixels are never averaged, which would invent depth at
-    edges.
+    has at most `size` of them on a side. Pixels are never averaged: that invents depths.
     """
     depth, rgb, edge_distance = images
     corners = np.empty(mesh.vertices.shape)
@@ -153,8 +152,7 @@ def _sampling_grid(
 ) -> tuple[int, int, int, int, int]:
     """First column, number of columns, first row, number of rows, and the stride between them (px).
 
-    It has one more pixel than the object's bounding box on each side, as neighbours of the
-    silhouette.
+    It has one more pixel than the object's bounding box on each side, for neighbours.
     """
     left, right, top, bottom = np.inf, -np.inf, np.inf, -np.inf
     for v in range(corners.shape[1]):

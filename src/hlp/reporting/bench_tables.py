@@ -12,11 +12,7 @@ CONFIGURED = "configured"
 """Name of the path that the configuration itself describes; the others are compared with it."""
 TIMED = ("first", "further", "frame")
 """Units that are timed."""
-AGREEMENT = {
-    "same_pose": "same pose",
-    "same_verdict": "same verdict",
-    "region_iou": "region IoU",
-}
+AGREEMENT = {"same_pose": "same pose", "same_verdict": "same verdict", "region_iou": "region IoU"}
 """Shares of results that are the same on two paths, and what people call them."""
 TOTAL = "total"
 _TIMES = ("median_ms", "p95_ms", "cpu_ms")

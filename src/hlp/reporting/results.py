@@ -181,7 +181,7 @@ def _overrides(folder: Path) -> list[str]:
     try:
         given = yaml.safe_load(path.read_text(encoding="utf-8")) if path.is_file() else []
     except (yaml.YAMLError, RecursionError) as error:
-        raise DataError(f"{path} is no YAML: {str(error).splitlines()[0]}") from error
+        raise DataError(f"{path} is not YAML: {str(error).splitlines()[0]}") from error
     if not isinstance(given, list) or not all(isinstance(word, str) for word in given):
         raise DataError(f"{path} is {shown(given)}: it must be a list of overrides")
     return [word for word in given if not word.startswith("output=")]

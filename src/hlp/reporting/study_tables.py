@@ -103,8 +103,7 @@ def write_basins(folder: Path, cells: pd.DataFrame) -> None:
 def read_mean_recalls(path: Path) -> dict[str, float]:
     """Recall of all objects by refiner, the mean over all starting errors, from basin.csv.
 
-    Raises MissingFileError, DataError for another file, and ValueError for a cell that is no
-    number.
+    Raises MissingFileError, DataError for another file, and ValueError without a number.
     """
     cells = pd.DataFrame(read_csv(path, _BASIN), columns=_BASIN)
     whole = cells[cells["object"] == ALL].astype({"add_recall": float})

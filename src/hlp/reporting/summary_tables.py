@@ -4,14 +4,7 @@ from collections.abc import Mapping, Sequence
 from statistics import fmean
 from typing import Any
 
-from hlp.reporting.table import (
-    Table,
-    format_interval,
-    format_share,
-    lay_out,
-    prose,
-    result_share,
-)
+from hlp.reporting.table import Table, format_interval, format_share, lay_out, prose, result_share
 from hlp.results.summary_file import CORRECT
 
 METRIC_LABELS = {"add": "ADD(-S)", "5cm5deg": "5cm5deg", "iou50": "IoU.5"}

@@ -101,8 +101,7 @@ class Sweep:
     def highest(self) -> SweepRun | None:
         """The run with the highest recall, or the shortest time, by the first main number.
 
-        The faster one of two; None if fewer than two finished, or if not all were measured on the
-        same targets.
+        The faster one of two; None if fewer than two finished, or if their targets differ.
         """
         name = self.first_main
         found = [run for run in self.finished if name in run.numbers]

@@ -75,7 +75,7 @@ def _estimate(row: Mapping[str, Any], where: str) -> PoseEstimate:
     if not np.isfinite([*rotation.ravel(), *millimetres, score]).all():
         raise DataError(f"{where}: NaN or infinity")
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > _ROTATION_TOLERANCE:
-        raise DataError(f"{where}: R is no rotation")
+        raise DataError(f"{where}: R is not a rotation")
     pose = rigid(rotation, millimetres / MILLIMETRES_PER_METRE)
     seconds = {"total": time} if time >= 0 else {}
     return PoseEstimate(scene, image, object_id, pose, score, seconds)
@@ -229,10 +229,7 @@ class AnswersFile:
 
     def _write_json(self) -> None:
         """One document made line by line, since there may be a great many."""
-        with (
-            (self._folder / LINES).open("rb") as lines,
-            replaced(self._folder / JSON) as stream,
-        ):
+        with (self._folder / LINES).open("rb") as lines, replaced(self._folder / JSON) as stream:
             stream.write(b'{"poses": [\n')
             for number, line in enumerate(lines):
                 stream.write((b",\n" if number else b"") + line.rstrip(b"\n"))

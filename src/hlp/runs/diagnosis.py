@@ -100,8 +100,7 @@ def explain_misses(
 ) -> list[TargetScore]:
     """The scores, with the cause of the miss for each missed target.
 
-    `scores` holds one score per target, from `score_targets` with the frames in the order of the
-    notes.
+    `scores` holds one score per target, from `score_targets` in the order of the notes.
     """
     # The targets of a frame follow each other, so its two files are read once.
     folders: dict[Stage, Path] = {

@@ -93,7 +93,7 @@ def remove_learnt(name: str, cache: Path) -> Path:
     the cache is deleted.
     """
     if Path(name).name != name or name in {"", ".", ".."}:
-        raise InputError(f"{name} is no name in {cache}: delete other folders yourself")
+        raise InputError(f"{name} is not a name in {cache}: delete other folders yourself")
     folder = find_learnt(name, cache) if (cache / name / RECORD).is_file() else None
     if folder is None or folder.parent != cache:
         known = ", ".join(entry.name for entry in list_learnt(cache)) or "nothing"
@@ -113,7 +113,7 @@ def export_learnt(name: str, target: Path, cache: Path) -> Path:
     """
     source = find_whole(name, cache)
     if target.exists():
-        raise InputError(f"{target} is there already: name a new folder")
+        raise InputError(f"{target} exists already: name a new folder")
     partial = target.absolute().with_name(f".{target.name}.partial")
     shutil.rmtree(partial, ignore_errors=True)  # left by a call that was killed
     shutil.copytree(source, partial)

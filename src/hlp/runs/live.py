@@ -242,7 +242,7 @@ def live(
 ) -> None:
     """Answer each image of a camera until it ends.
 
-    The first line says that everything is loaded. An image that cannot be used costs itself alone:
+    The first line says that everything is loaded. Only an image that cannot be used is lost:
     its line has an `error`. The lines' fields are described in docs/live.md.
     """
     tracker = detector.tracker(options.objects, options.max_instances, options)

@@ -147,20 +147,20 @@ def check_manifest(run: "Run", manifest: Path) -> None:
     The message names the data that differ: models, frames, photographs, … Other code, versions,
     builds of libraries and processors are warned of: with them, poses may differ.
     """
-    wanted, found = read_manifest(manifest), made_from(run)  # there and here
-    data = wanted.get("data", {})
+    recorded, found = read_manifest(manifest), made_from(run)  # there and here
+    data = recorded.get("data", {})
     changed = [name for name, value in found["data"].items() if data.get(name) != value]
     if changed:
         raise DataError(f"not the data of {manifest}: {', '.join(changed)} differ")
     warn = logging.getLogger(__name__).warning
-    if wanted.get("code") != found["code"]:
-        warn("HLP's code is not that of %s (%s)", manifest, wanted.get("revision") or "no git")
+    if recorded.get("code") != found["code"]:
+        warn("HLP's code is not that of %s (%s)", manifest, recorded.get("revision") or "no git")
     for name, version in found["versions"].items():
-        before = wanted.get("versions", {}).get(name)
+        before = recorded.get("versions", {}).get(name)
         if before != version:
             warn("%s is %s here, and %s in %s", name, version, before, manifest)
     for part, here in (("processor", processor()), ("builds", library_builds())):
-        there = wanted.get(part)
+        there = recorded.get(part)
         if isinstance(there, dict) and (other := [n for n in here if there.get(n) != here[n]]):
             text = "%s: %s differ from %s; the last bits of results may differ too"
             warn(text, part, ", ".join(other), manifest)
@@ -187,7 +187,7 @@ def check_harmless(config: Mapping[str, Any], manifest: Path, overrides: Sequenc
         if isinstance(value, str) and "${" in value:
             refuse(key, value, "a manifest holds plain values, which refer to nothing")
         if last == "name" and isinstance(value, str) and not _NAME.fullmatch(value):
-            refuse(key, value, "a name is no path")
+            refuse(key, value, "a name is not a path")
     executor = config.get("executor")
     address = executor.get("address") if isinstance(executor, Mapping) else None
     own = any(given.startswith("executor.address=") for given in overrides)

@@ -23,13 +23,7 @@ from hlp.method.find.detections import Detection, SearchResult, TrackedDetection
 from hlp.method.find.search import MOST_INSTANCES
 from hlp.method.learn.learnt_folder import RECORD
 from hlp.method.settings import TrackingSettings
-from hlp.records import (
-    MILLIMETRES_PER_METRE,
-    Frame,
-    ObjectModel,
-    PoseEstimate,
-    parse_frame_key,
-)
+from hlp.records import MILLIMETRES_PER_METRE, Frame, ObjectModel, PoseEstimate, parse_frame_key
 from hlp.refinement.score_model import MIN_SCORE
 from hlp.results.poses_file import LINES, AnswersFile
 from hlp.runs import spread
@@ -85,7 +79,7 @@ class PredictionOptions(Settings):
     objects: Annotated[list[str] | None, Doc("names; null: all learnt ones")] = None
     max_instances: Annotated[int, Ge(1), Doc("of each object")] = MOST_INSTANCES
     min_score: Annotated[
-        float, Interval(ge=0, le=1), Doc("probability below which a pose is no answer")
+        float, Interval(ge=0, le=1), Doc("poses of a lower score are rejected")
     ] = MIN_SCORE
     track: Annotated[bool, Doc("the frames are a sequence: follow objects from frame to frame")] = (
         False
@@ -108,7 +102,7 @@ def predict(
 
     Writes poses.csv, poses.jsonl and, last, poses.json into `output`, and prints a line for each
     answer. A call that was stopped is continued by the same one, but for tracking. The next frames
-    are decoded beside detection. A frame that cannot be used costs itself alone: it is logged, and
+    are decoded beside detection. Only a frame that cannot be used is lost: it is logged, and
     a line of poses.jsonl names its error. Raises DataError if there is no other, and DamagedError
     or MissingFileError for a file of what is learnt.
     """
@@ -140,10 +134,7 @@ def predict(
 
 
 def _request(
-    detector: Detector,
-    frames: OwnFrames,
-    options: PredictionOptions,
-    masks: SearchMasks | None,
+    detector: Detector, frames: OwnFrames, options: PredictionOptions, masks: SearchMasks | None
 ) -> str:
     """Identifies all that decides the answers: version, learnt objects, options, and files."""
     digest = hashlib.blake2b((detector.folder / RECORD).read_bytes(), digest_size=16)
@@ -190,11 +181,7 @@ class _Call:
     """Finds objects in one frame after the other, and writes, prints and draws what it finds."""
 
     def __init__(
-        self,
-        detector: Detector,
-        frames: OwnFrames,
-        output: Path,
-        options: PredictionOptions,
+        self, detector: Detector, frames: OwnFrames, output: Path, options: PredictionOptions
     ) -> None:
         self._detector, self._frames, self._output = detector, frames, output
         self._search = _search(detector, options)

@@ -48,10 +48,9 @@ def run_method(run: Run, output: Path) -> dict[str, Any]:
     """Run every stage that is not on disk, write the results into `output`, return the summary.
 
     `output` receives summary.json, scores.csv, poses.csv, panels/, stages/, report/, manifest.json
-    and, drawn from these, report.html; experiments of the paper's tables also the table.
-    Everything is logged as one MLflow run. It is opened first, so a crash leaves it FAILED. Raises
-    DataError if no frame can be used; single ones cost themselves alone, unless `on_bad_frame` says
-    otherwise.
+    and, drawn from these, report.html; experiments of the paper's tables also the table. Everything
+    is logged as one MLflow run. It is opened first, so a crash leaves it FAILED. Raises DataError
+    if no frame can be used; with `on_bad_frame` "report", single ones count as missed.
     """
     settings = run.settings
     with begun(run, output) as (store, tracker):

@@ -226,8 +226,7 @@ def swarms_of_target(
 ) -> SwarmsOfTarget | None:
     """The first searches for a target's object; None where none can be repeated.
 
-    The chosen one led to the answer that is nearest to the target. The title tells the `verdict` on
-    the answer.
+    The chosen one led to the answer that is nearest to the target. The title tells its `verdict`.
     """
     object_id, answer = target.object_id, found.nearest(target)
     refined, chosen = found.trace[object_id].refined, found.row(object_id, answer)

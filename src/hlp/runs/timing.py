@@ -72,11 +72,11 @@ def measure_times(
     sound = tuple(key for key in run.keys if key not in detection.failed)
     keys = sampled_keys(sound, run.settings.timing_frames)
     begun = time.perf_counter()
-    _look(detection, keys[0])  # loads and compiles
+    _search(detection, keys[0])  # loads and compiles
     first_use = time.perf_counter() - begun
     seconds, cpu = list[Mapping[str, float]](), 0.0
     for key in tqdm(keys, desc="times", unit="frame", disable=None):
-        found, spent = _look(detection, key)
+        found, spent = _search(detection, key)
         seconds += found.values()
         cpu += spent
     reused = tuple(stage for stage in STAGES if stage in detection.reused)
@@ -85,7 +85,7 @@ def measure_times(
     return Timing(seconds, len(keys), reused, first_use, cpu, _load())
 
 
-def _look(detection: DetectionStages, key: str) -> tuple[Seconds, float]:
+def _search(detection: DetectionStages, key: str) -> tuple[Seconds, float]:
     """Find every object of one frame; the seconds of its steps, by object, and CPU seconds."""
     frame, begun = detection.load(key), time.process_time()
     return seconds_of(detection.search(frame)), time.process_time() - begun

@@ -32,7 +32,7 @@ Visit = Callable[[str, Trace], None]
 Seconds = dict[int, dict[str, float]]
 """Wall time (s) by object and step in one frame."""
 OnBadFrame = Literal["report", "fail"]
-"""Whether a frame that cannot be used costs itself alone, or ends the run."""
+"""Whether a frame that cannot be used counts as missed, or ends the run."""
 
 
 class DetectionStages:
@@ -190,7 +190,7 @@ class DetectionStages:
         left = [key for key in keys if not done[key]]
         found: Iterable[tuple[str, Seconds]]
         if self.executor is not None and self.executor.parallel and left:
-            from hlp.stages.frame_task import Worker
+            from hlp.stages.frame_task import Worker  # a worker runs this class in turn
 
             worker = Worker.of(self.training, self.executor, self.on_bad_frame)
             found = self.executor.each(partial(worker.find, folders, tuple(missing)), left)

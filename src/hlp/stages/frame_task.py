@@ -40,10 +40,7 @@ class Worker:
 
     @classmethod
     def of(
-        cls,
-        training: TrainingStages,
-        executor: ExecutorSettings,
-        on_bad_frame: OnBadFrame = "fail",
+        cls, training: TrainingStages, executor: ExecutorSettings, on_bad_frame: OnBadFrame = "fail"
     ) -> "Worker":
         """A worker of an executor."""
         data, settings = training.dataset.settings, training.settings

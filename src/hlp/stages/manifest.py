@@ -99,10 +99,10 @@ def plain(value: Any, key: str = "settings") -> Any:
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
-    """Read `manifest.json`. Raises MissingFileError, or DataError if it is no manifest."""
+    """Read `manifest.json`. Raises MissingFileError, or DataError if it is not a manifest."""
     manifest = read_json(path)
     if not isinstance(manifest, dict) or not isinstance(manifest.get("config"), dict):
-        raise DataError(f"{path} is no manifest of a run: it has no config")
+        raise DataError(f"{path} is not a manifest of a run: it has no config")
     return manifest
 
 
@@ -118,7 +118,7 @@ def named_outputs(path: Path) -> list[tuple[str, str, str]]:
         raise DataError(f"{path} is damaged: stages are {stages!r}") from error
     for stage, _, name in made:
         if not is_fingerprint(name):
-            raise DataError(f"{path}: {name!r} is no fingerprint of a stage '{stage}'")
+            raise DataError(f"{path}: {name!r} is not a fingerprint of a stage '{stage}'")
     return made
 
 

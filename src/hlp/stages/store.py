@@ -111,8 +111,7 @@ class StageStore:
         time wait for the first of them.
 
         `description` (settings, upstream) is stored with the output, in `stage.json`; `of` names
-        the object in log and events. Raises what the block raises, with a note that names the
-        folder.
+        the object in log and events. Raises what the block raises, with a note of the folder.
         """
         folder = self.root / stage / fingerprint
         if not self.holds(stage, fingerprint):
@@ -242,10 +241,10 @@ def _verify(folder: Path) -> Mapping[str, Any]:
     Raises DataError that says what is wrong.
     """
     if not folder.is_dir():
-        raise DataError(f"{folder} is no folder")
+        raise DataError(f"{folder} is not a folder")
     path = folder / RECORD
     if not path.is_file():
-        raise DataError(f"{folder} is no finished output: it has no {RECORD}")
+        raise DataError(f"{folder} is not a finished output: it has no {RECORD}")
     record = read_json(path)
     if not seal_is_whole(record):
         raise DataError(f"{path} is damaged, or from an earlier version of HLP")

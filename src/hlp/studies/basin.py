@@ -24,23 +24,12 @@ from hlp.records import Frame, Hypotheses, parse_frame_key
 from hlp.refinement.refiner import REFINERS, RefinementSettings
 from hlp.refinement.verification import observe
 from hlp.reporting.figures.heat_maps import draw_basins
-from hlp.reporting.study_tables import (
-    basin_cells,
-    basin_metrics,
-    format_basins,
-    write_basins,
-)
+from hlp.reporting.study_tables import basin_cells, basin_metrics, format_basins, write_basins
 from hlp.results.summary_file import TargetKey, numbered_targets, write_target_values
 from hlp.settings import Doc, Settings, SettingsError
 from hlp.stages.store import StageStore
 from hlp.stages.trace_files import read_arrays
-from hlp.studies.study_run import (
-    FrameCount,
-    object_names,
-    stage_of_frames,
-    study_code,
-    study_run,
-)
+from hlp.studies.study_run import FrameCount, object_names, stage_of_frames, study_code, study_run
 
 Verdicts = Bool[np.ndarray, "n degrees millimetres"]
 _PERTURBATIONS = 2  # number of the random stream

@@ -19,12 +19,7 @@ from hlp.method.find.estimator import PoseEstimator
 from hlp.method.find.search import search_frame
 from hlp.method.settings import FindSettings
 from hlp.records import Frame, PoseEstimate
-from hlp.reporting.bench_tables import (
-    CONFIGURED,
-    TIMED,
-    bench_metrics,
-    format_bench,
-)
+from hlp.reporting.bench_tables import CONFIGURED, TIMED, bench_metrics, format_bench
 from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.bars import bench_bars
 from hlp.results.summary_file import TargetKey, write_target_values
@@ -144,8 +139,7 @@ def _make_estimators(
 ) -> tuple[dict[str, PoseEstimator], dict[str, Any], float]:
     """The estimator of each path, loaded and warmed up on a frame.
 
-    Also, for the configured path, which comes first, the seconds of loading and the peak memory
-    (MiB).
+    Also, for the configured path, which comes first, the loading time (s) and peak memory (MiB).
     """
     dataset = run.dataset
     estimators: dict[str, PoseEstimator] = {}

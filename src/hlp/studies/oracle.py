@@ -43,13 +43,7 @@ from hlp.stages.detection import DetectionStages
 from hlp.stages.store import StageStore
 from hlp.stages.trace_files import read_arrays
 from hlp.studies.basin import perturbed_poses
-from hlp.studies.study_run import (
-    FrameCount,
-    object_names,
-    stage_of_frames,
-    study_code,
-    study_run,
-)
+from hlp.studies.study_run import FrameCount, object_names, stage_of_frames, study_code, study_run
 
 Cell = tuple[str, str]
 Pose = Float[np.ndarray, "4 4"]

@@ -184,11 +184,7 @@ def _keep(
 
 @compiled()
 def _choose_different(
-    centers: Points,
-    rotations: Float[np.ndarray, "n 3 3"],
-    shift: float,
-    trace: float,
-    chosen: Rows,
+    centers: Points, rotations: Float[np.ndarray, "n 3 3"], shift: float, trace: float, chosen: Rows
 ) -> int:
     """Choose poses that differ from all that were chosen before; how many were."""
     count = 0

@@ -41,8 +41,7 @@ def find_modes(
     """At most `limit` distinct modes (centroid, quaternion) of votes, and the weight at each.
 
     Votes agree as in `KernelVotes`; with a cosine of 0 rotations do not matter, with an infinite
-    radius centroids do not. The mode of most weight comes first. Each mean shift takes as many
-    `steps`.
+    radius centroids do not. The mode of most weight comes first. Each mean shift takes `steps`.
     """
     columns = np.ascontiguousarray(centroids.T), np.ascontiguousarray(quats.T)
     votes = KernelVotes(*columns, weights, radius_squared, cosine)

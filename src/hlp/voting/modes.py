@@ -59,8 +59,7 @@ class MeanShiftSettings(Settings):
 
     name: str = ""
     max_distance: Annotated[
-        NotNegative,
-        Doc("T_h (P), in units of the codebook's feature scale; the value is ours (D)"),
+        NotNegative, Doc("T_h (P), in units of the codebook's feature scale; the value is ours (D)")
     ] = 3.0
     weighted_by_distance: Annotated[
         bool, Doc("votes are weighted by exp(−d²/2σ²), σ the feature scale (D; P: false)")

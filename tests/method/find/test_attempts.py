@@ -102,7 +102,7 @@ def test_one_after_another_packed_neighbours_are_found(verifier):
     estimator = Scores(verifier, [0.9, 0.6, 0.7, 0.0])
     tried = attempts(estimator, context, 3)
     tried.add(refined(POSES[0]))
-    tried.look_beside()
+    tried.search_neighbours()
     assert found_places(tried) == [0, 1, 2]
     # beside the first one, then beside the second
     assert estimator.asked == [(2, None), (1, None)]
@@ -119,7 +119,7 @@ def test_nothing_is_looked_for_beside_what_is_unlikely_coloured_or_all(
     estimator = Scores(verifier, scores, templates)
     tried = attempts(estimator, context, instances)
     tried.add(refined(POSES[0]))
-    tried.look_beside()
+    tried.search_neighbours()
     assert estimator.asked == [] and found_places(tried) == [0]
 
 
@@ -130,7 +130,7 @@ def test_some_more_are_tried_where_the_number_is_not_known_whatever_the_score_of
     for templates, asked in ((True, (3, None)), (False, (20, 0.5))):
         estimator = Scores(verifier, [0.0] * 4, templates)
         tried = attempts(estimator, context, 20, min_score=0.5)
-        tried.look_further(lambda *_: Hypotheses(POSES[:2], np.ones(2)), [])
+        tried.search_further(lambda *_: Hypotheses(POSES[:2], np.ones(2)), [])
         assert estimator.asked == [asked]
 
 

@@ -146,7 +146,7 @@ def test_templates_are_asked_for_one_where_votes_are_not_sure(first, asked):
 
 @pytest.mark.usefixtures("_scores_by_fit_alone")
 def test_templates_are_asked_for_more_where_the_number_is_not_known(monkeypatch):
-    monkeypatch.setattr(attempts.Attempts, "look_beside", lambda _: None)
+    monkeypatch.setattr(attempts.Attempts, "search_neighbours", lambda _: None)
     estimator = Templates([0.97], [0.6], [0.8])
     assert search(estimator, 10, min_score=0.5)[0] == [0.97, 0.6]
     assert estimator.matched == (9, "all-0.97")

@@ -95,7 +95,7 @@ def test_other_objects_their_order_and_threads_change_nothing(loaded, objects, f
 
 
 def test_windows_are_classified_once_for_all_objects_that_share_them(loaded, objects, frame):
-    exact, fast = (FrameWindows(scan(loaded, objects, each), frame) for each in (EXACT, FAST))
+    exact, fast = (FrameWindows(scan(loaded, objects, item), frame) for item in (EXACT, FAST))
     assert exact.classify(1)[1] is exact.classify(3)[1]
     assert exact.classify(1)[1] is not exact.classify(2)[1]
     assert fast.classify(1)[1] is fast.classify(2)[1]

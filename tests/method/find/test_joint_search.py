@@ -52,7 +52,7 @@ def test_the_bear_is_found_by_any_number_of_threads_and_whoever_else_is_looked_f
     alone = one.detect(*image, objects=["bear"], max_instances=1)
     both = two.detect(*image, max_instances=1)
     assert len(alone) == 1
-    (bear,) = (each for each in both if each.object == "bear")
+    (bear,) = (item for item in both if item.object == "bear")
     np.testing.assert_array_equal(bear.pose_cam_obj, alone[0].pose_cam_obj)
     true = next(t for t in frame.targets if t.object_id == MODELS["bear"].object_id)
     apart = bear.pose_cam_obj[:3, 3] - true.pose_cam_obj[:3, 3]
@@ -67,8 +67,8 @@ def test_removing_an_object_leaves_an_index_of_the_others(joint, frame, tmp_path
     (after,) = searches(folder)
     assert after != before
     no_training(monkeypatch)
-    for each in (detector, Detector.load(folder)):
-        found = each.detect(frame.rgb, frame.depth, frame.camera_matrix, max_instances=1)
+    for item in (detector, Detector.load(folder)):
+        found = item.detect(frame.rgb, frame.depth, frame.camera_matrix, max_instances=1)
         assert [one.object for one in found] == ["bear"]
 
 

@@ -16,7 +16,7 @@ from hlp.rendering.rasterizer import render_depth
 
 CAMERA = np.array([[500.0, 0, 320.0], [0, 500.0, 240.0], [0, 0, 1.0]])
 PLATE = shape_model(1, "plate", hull_mesh(CUBE * [0.05, 0.015, 0.005], np.full(3, 128, np.uint8)))
-FIT = PoseFit(cost=0.1, relief=0.9, slope=0.9, residual_mm=1.0, visible_fraction=1.0)
+FIT = PoseFit(cost=0.1, depth_correlation=0.9, slope=0.9, residual_mm=1.0, visible_fraction=1.0)
 FRAME = Frame(0, 0, np.zeros((480, 640, 3), np.uint8), np.zeros((480, 640)), CAMERA)
 
 

@@ -7,12 +7,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from hlp.geometry import rigid, transform
-from hlp.method.learn.calibration_bins import (
-    bin_walls,
-    copies,
-    resting_plane,
-    with_random_color,
-)
+from hlp.method.learn.calibration_bins import bin_walls, copies, resting_plane, with_random_color
 from hlp.records import ObjectModel
 from refinement_scene import as_mesh
 

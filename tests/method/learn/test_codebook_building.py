@@ -12,7 +12,7 @@ from hlp.geometry import allocentric_to_egocentric
 from hlp.method.learn import codebook_building as codebooks
 from hlp.method.learn.codebook_building import build_codebook
 from hlp.method.settings import CodebookStage
-from hlp.patches.local import LocalSettings, depth_relief
+from hlp.patches.local import LocalSettings, plane_deviations
 from hlp.records import Codebook
 from hlp.rendering.views import ViewsSettings, render_views
 
@@ -74,11 +74,11 @@ def test_entries_of_flat_patches_are_left_out(model, views):
     """Unless a view has no others."""
     wanted = 0.15
     for least, expected in ((wanted, wanted), (1.0, 0.0)):
-        entries = EntrySettings(patches_per_view=PER_VIEW, min_relief=least)
+        entries = EntrySettings(patches_per_view=PER_VIEW, min_plane_deviation=least)
         settings = CodebookStage(3, SETTINGS.local, entries)
         found = build_codebook(model, views, Depths(), settings)
-        relief = depth_relief(found.features.reshape(-1, 8, 8))
-        assert relief.min() >= expected - 1e-4  # features are rounded
+        deviations = plane_deviations(found.features.reshape(-1, 8, 8))
+        assert deviations.min() >= expected - 1e-4  # features are rounded
         assert PER_VIEW * len(views) * 0.7 < len(found.features) <= PER_VIEW * len(views)
 
 

@@ -8,14 +8,7 @@ import numpy as np
 import pytest
 
 from hlp.reporting.figures import save_figure
-from hlp.reporting.figures.bars import (
-    Bar,
-    Panel,
-    bench_bars,
-    draw_bars,
-    run_panels,
-    stacked_bars,
-)
+from hlp.reporting.figures.bars import Bar, Panel, bench_bars, draw_bars, run_panels, stacked_bars
 from hlp.reporting.paper_reports import TRENDS, Recalls, draw_trend
 from hlp.reporting.results import Result
 from written_bench import bench_result

@@ -61,5 +61,5 @@ def test_a_file_that_is_no_bench_is_named(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"summary\.json is no bench: it lacks machine, memory"):
         read_bench(path)
     path.write_text("{")
-    with pytest.raises(ValueError, match=r"summary\.json is no JSON"):
+    with pytest.raises(ValueError, match=r"summary\.json is not JSON"):
         read_bench(path)

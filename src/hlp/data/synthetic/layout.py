@@ -98,8 +98,7 @@ class SceneSettings(Settings):
 class Item:
     """A shape on the table inside a circle of `center` and `radius` (m), seen from above.
 
-    `object_id` is 0 for clutter. `coarse` is a mesh of fewer triangles, from which its shadow is
-    rendered.
+    `object_id` is 0 for clutter. `coarse` is a mesh of fewer triangles, for its shadow.
     """
 
     object_id: int

@@ -14,16 +14,7 @@ from hlp.arrays import Poses
 from hlp.geometry import rigid
 from hlp.objects.meshes import decimate, mesh_diameter
 from hlp.objects.object_model import holistic_size, local_size
-from hlp.objects.shapes import (
-    cylinder,
-    ellipsoid,
-    lathe,
-    merge,
-    moved,
-    painted,
-    rounded_box,
-    tube,
-)
+from hlp.objects.shapes import cylinder, ellipsoid, lathe, merge, moved, painted, rounded_box, tube
 from hlp.records import Mesh, ObjectModel
 
 PROXY_FACES = 2000

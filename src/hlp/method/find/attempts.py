@@ -13,7 +13,7 @@ from hlp.records import Hypotheses
 from hlp.refinement.appearance import (
     BEST_OF_MANY,
     FrameColors,
-    Look,
+    PartAppearance,
     color_evidence,
     plain_evidence,
 )
@@ -75,8 +75,7 @@ class Attempts:
     """What each search of a part of the frame has found, the region being the first part.
 
     Parts without a coloured model are often packed, and one alone is hard to tell from a half of
-    two others. So several of them help to find each other: by where neighbours would be, and by
-    their colour.
+    two others. So several of them help to find each other: by places of neighbours, and by colour.
     """
 
     def __init__(
@@ -94,8 +93,8 @@ class Attempts:
         self._help_each_other = instances > 1 and self._colorless
         self._found: list[RefinedHypotheses] = []
         self._answers: list[_Answer] = []
-        self._looked_beside: set[bytes] = set()
-        self._looks: dict[int, Look] = {}
+        self._searched_beside: set[bytes] = set()
+        self._appearances: dict[int, PartAppearance] = {}
 
     @cached_property
     def _colors(self) -> FrameColors:
@@ -115,18 +114,18 @@ class Attempts:
             score = self._score(pose, BEST_OF_MANY if self._colorless else None)
             self._answers.append(_Answer(score, start + row, pose, row in found.instances))
 
-    def look_further(self, coarse_poses: CoarsePoses, known: Sequence[Pose]) -> None:
+    def search_further(self, coarse_poses: CoarsePoses, known: Sequence[Pose]) -> None:
         """Refine coarse poses of the missing instances, in what the `known` ones leave."""
         rest, missing = self._left_by(known), self._instances - len(known)
         self._refine(coarse_poses(missing, rest), missing, rest)
 
-    def look_beside(self) -> None:
-        """Look for the neighbours of what was found, and for theirs, until there are no more."""
+    def search_neighbours(self) -> None:
+        """Search the neighbours of what was found, and theirs, until there are no more."""
         while self._help_each_other and len(found := self.poses(_LIKELY)) < self._instances:
-            new = [pose for pose in found if pose.tobytes() not in self._looked_beside]
+            new = [pose for pose in found if pose.tobytes() not in self._searched_beside]
             if not new:
                 break
-            self._looked_beside |= {pose.tobytes() for pose in new}
+            self._searched_beside |= {pose.tobytes() for pose in new}
             verifier = self._estimator.verifier(self._object_id)
             coarse = poses_beside(verifier, self._context.observation, np.stack(new))
             self._refine(coarse, self._instances - len(found), self._left_by(found))
@@ -177,18 +176,18 @@ class Attempts:
         best_first = sorted(self._answers, key=lambda answer: -answer.score)
         rows = {answer.row for answer in self._apart(best_first) if answer.score >= MIN_SCORE}
         sure = np.array([answer.row in rows for answer in self._answers])
-        looks = [self._look(answer) for answer in self._answers]
-        shares, clutter = (np.array(values) for values in zip(*looks, strict=True))
+        appearances = [self._appearance(answer) for answer in self._answers]
+        shares, clutter = (np.array(values) for values in zip(*appearances, strict=True))
         evidence = color_evidence(shares, scores * sure, self._colors.shares)
         evidence += plain_evidence(clutter, np.log(scores / (1.0 - scores)), sure)
         pairs = zip(self._answers, BEST_OF_MANY + evidence, strict=True)
         return [a._replace(score=self._score(a.pose, float(value))) for a, value in pairs]
 
-    def _look(self, answer: _Answer) -> Look:
-        if answer.row not in self._looks:
+    def _appearance(self, answer: _Answer) -> PartAppearance:
+        if answer.row not in self._appearances:
             verifier, seen = self._estimator.verifier(self._object_id), self._context.observation
-            self._looks[answer.row] = self._colors.at(verifier, seen, answer.pose)
-        return self._looks[answer.row]
+            self._appearances[answer.row] = self._colors.at(verifier, seen, answer.pose)
+        return self._appearances[answer.row]
 
     def _score(self, pose: Pose, appearance: float | None) -> float:
         of = self._context, self._object_id, pose

@@ -37,7 +37,13 @@ def plain(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class RunnerUp:
-    """The best other pose of an object that is no equivalent of the one that was chosen."""
+    """The best other pose (4, 4) of an object, no equivalent of the chosen one, and its score.
+
+    Examples:
+        >>> found = detector.detect(rgb, depth, camera_matrix, ["bear"])[0]
+        >>> found.runner_up.pose_cam_obj.shape
+        (4, 4)
+    """
 
     pose_cam_obj: Float[np.ndarray, "4 4"]
     score: float
@@ -102,7 +108,12 @@ class Detection:
 
 @dataclass(frozen=True)
 class Rejection:
-    """Why an object has no (other) detection: a sentence, and the best answer if there is one."""
+    """Why an object has no (other) detection: a sentence, and the best answer if there is one.
+
+    Examples:
+        >>> print(detector.search(rgb, depth, camera_matrix, ["bear"], 1, 1.0).rejections[0].reason)
+        the score ... of the best pose is below 1
+    """
 
     object: str
     reason: str
@@ -111,7 +122,12 @@ class Rejection:
 
 @dataclass(frozen=True)
 class SearchResult:
-    """Detections, the most certain first, and the answers that were not good enough."""
+    """Detections, the most certain first, and the answers that were not good enough.
+
+    Examples:
+        >>> detector.search(rgb, depth, camera_matrix, ["bear"]).detections[0].object
+        'bear'
+    """
 
     detections: list[Detection]
     rejections: list[Rejection]
@@ -123,6 +139,10 @@ class TrackedDetection(Detection):
 
     `track` is the number of the instance, the same as in the frames before. `tracked` is True if
     the pose follows from the last one, False if the object was searched in the whole frame.
+
+    Examples:
+        >>> [(one.track, one.tracked) for one in detector.tracker(["bear"], 1).update(image)]
+        [(0, False)]
     """
 
     track: int
@@ -131,7 +151,12 @@ class TrackedDetection(Detection):
 
 @dataclass(frozen=True)
 class TrackingResult:
-    """What is in a frame, the most certain first, and why other objects are not found there."""
+    """What is in a frame, the most certain first, and why other objects are not found there.
+
+    Examples:
+        >>> detector.tracker(["bear"], 1).search(image).rejections
+        []
+    """
 
     detections: list[TrackedDetection]
     rejections: list[Rejection]

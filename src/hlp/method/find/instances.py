@@ -48,18 +48,18 @@ def find_instances(
         return first
     attempts = Attempts(estimator, context, object_id, instances, unexplained, min_score)
     attempts.add(first)
-    attempts.look_beside()
-    for enough, coarse_poses in _further_looks(estimator, context, region):
+    attempts.search_neighbours()
+    for enough, coarse_poses in _fallback_sources(estimator, context, region):
         # A low min_score asks for improbable poses too; it must not skip the fallback.
         right = attempts.poses(max(enough, min_score or 0))
         if len(right) >= instances or (right and min_score is not None and enough < SURE):
             break
-        attempts.look_further(coarse_poses, right)
-        attempts.look_beside()
+        attempts.search_further(coarse_poses, right)
+        attempts.search_neighbours()
     return attempts.merged()
 
 
-def _further_looks(
+def _fallback_sources(
     estimator: PoseEstimator, context: FrameContext, region: Region
 ) -> Iterator[tuple[float, CoarsePoses]]:
     """Further sources of coarse poses, given the missing instances and what is unexplained.

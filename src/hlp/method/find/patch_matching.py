@@ -182,7 +182,7 @@ class FrameMatches:
             settings.local,
             settings.grid.min_valid,
             encoder.sees_color,
-            settings.grid.min_relief,
+            settings.grid.min_plane_deviation,
         )
         self._observer.enter("encode")
         features = encoder.encode(cut)

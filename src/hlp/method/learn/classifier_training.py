@@ -19,11 +19,7 @@ from hlp.objects.distractors import distractor_scenes
 from hlp.patches.backgrounds import Backgrounds
 from hlp.patches.composite import BackgroundPool
 from hlp.patches.holistic_data import HolisticDataModule
-from hlp.patches.holistic_pool import (
-    HolisticPool,
-    bake_backgrounds,
-    bake_windows,
-)
+from hlp.patches.holistic_pool import HolisticPool, bake_backgrounds, bake_windows
 from hlp.patches.sampling import join
 from hlp.records import ObjectModel, Views
 

@@ -65,14 +65,16 @@ def build_codebook(
 def _draw_pixels(
     views: Views, view: int, size: float, settings: CodebookStage, rng: np.random.Generator
 ) -> Pixels:
-    """Random surface pixels (x, y) of a view, whose patches have the relief that entries need.
+    """Random surface pixels (x, y) of a view, whose patches are as uneven as entries must be.
 
     Any, where none of the view's patches has it.
     """
     entries = settings.entries
-    if entries.min_relief == 0.0:
+    if entries.min_plane_deviation is None:
         return surface_pixels(views.depth[view], entries.patches_per_view, rng)
     pixels = surface_pixels(views.depth[view], _DRAWN * entries.patches_per_view, rng)
-    cut = cut_view_patches(views, view, pixels, size, settings.local, False, entries.min_relief)
+    cut = cut_view_patches(
+        views, view, pixels, size, settings.local, False, entries.min_plane_deviation
+    )
     chosen = np.rint(cut.pixels).astype(np.int64) if len(cut) else pixels
     return chosen[: entries.patches_per_view]

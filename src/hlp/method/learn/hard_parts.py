@@ -12,8 +12,8 @@ from hlp.rendering.views import thomson, view_rotations
 
 _FOCAL = 572.0  # px, of the depth cameras that most people have
 _VIEWS = 16
-_STANDS_OUT = 10.0  # standard deviations of depth: what is thinner is hardly told from a plane
-_FEWEST = 40.0  # px, along the diameter: below, recall falls to a half (docs/limits.md)
+_LEAST_THICKNESS = 10.0  # standard deviations of depth: thinner parts look like a plane
+_LEAST_PX = 40.0  # px, along the diameter: below, recall falls to a half (docs/limits.md)
 _WIDE = 7  # px: depth of what is narrower is mostly lost at its edges
 _POINTS, _ROUND = 4000, 0.9  # on the surface; ratio of small to large radii of what is like a ball
 
@@ -38,9 +38,9 @@ def hard_parts(model: ObjectModel, farthest_mm: float) -> list[str]:
 def _flat(model: ObjectModel, farthest_mm: float) -> str:
     thickness = _thickness(model.proxy.vertices) * MILLIMETRES_PER_METRE
     error = depth_error(farthest_mm * MILLIMETRE) * MILLIMETRES_PER_METRE
-    if thickness >= _STANDS_OUT * error:
+    if thickness >= _LEAST_THICKNESS * error:
         return ""
-    nearer = farthest_mm * np.sqrt(thickness / (_STANDS_OUT * error))
+    nearer = farthest_mm * np.sqrt(thickness / (_LEAST_THICKNESS * error))
     return (
         f"it is {thickness:.0f} mm thick, and depth is off by {error:.1f} mm at {farthest_mm:.0f} "
         f"mm: on a plane it hardly stands out. A camera within {nearer:.0f} mm helps, or one with "
@@ -50,11 +50,11 @@ def _flat(model: ObjectModel, farthest_mm: float) -> str:
 
 def _small(model: ObjectModel, farthest_mm: float) -> str:
     size = _FOCAL * model.diameter / (farthest_mm * MILLIMETRE)
-    if size >= _FEWEST:
+    if size >= _LEAST_PX:
         return ""
     return (
-        f"it is about {size:.0f} px large at {farthest_mm:.0f} mm, and less than {_FEWEST:.0f} px "
-        f"are missed more often. A camera within {farthest_mm * size / _FEWEST:.0f} mm or one "
+        f"it is about {size:.0f} px large at {farthest_mm:.0f} mm, and less than {_LEAST_PX:.0f} "
+        f"px are missed more often. A camera within {farthest_mm * size / _LEAST_PX:.0f} mm or one "
         "with more pixels for the same view helps"
     )
 

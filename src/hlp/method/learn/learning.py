@@ -30,7 +30,7 @@ from hlp.method.learn.learnt_folder import (
     write_record,
     write_searches,
 )
-from hlp.method.learn.mesh_models import check_told_apart
+from hlp.method.learn.mesh_models import check_distinct
 from hlp.method.learn.model_files import StartingWeights, read_weights, write_model
 from hlp.method.learn.score_calibration import calibrate_score
 from hlp.method.learn.unfinished_folder import SCORED, VIEWS, finish, folder_in_the_making, once
@@ -86,7 +86,7 @@ def add(folder: Path, models: Mapping[int, ObjectModel], backgrounds: Background
     for name in names:
         if name in old.objects:
             raise InputError(f"{folder} knows an object {name!r} already: remove it first")
-    check_told_apart([*old.objects, *names])
+    check_distinct([*old.objects, *names])
     known = {**before.models, **models}
     new_label = {object_id: label for label, object_id in enumerate(sorted(known), 1)}
     labels = {0: 0} | {

@@ -31,7 +31,7 @@ class MeshChoices(Settings):
     ] = None
     symmetries: Annotated[
         Literal["found", "none"],
-        Doc("found: turns that leave shape and colours nearly alike; none: every turn counts"),
+        Doc("found: turns that leave shape and colours nearly alike; none: it is asymmetric"),
     ] = "found"
     colors: Annotated[
         bool, Doc("false: the colours of the meshes are not those of the real objects")
@@ -61,7 +61,7 @@ def build_models(
     """
     if not meshes:
         raise InputError("no mesh is given: name one at least, {'bracket': 'bracket.ply'}")
-    check_told_apart(meshes)
+    check_distinct(meshes)
     models = {}
     for object_id, (name, path) in enumerate(meshes.items(), first_id):
         if not NAME.fullmatch(name):
@@ -83,7 +83,7 @@ def build_models(
     return models
 
 
-def check_told_apart(names: Iterable[str]) -> None:
+def check_distinct(names: Iterable[str]) -> None:
     """Raise InputError for names whose folders are one where case does not count."""
     found: dict[str, str] = {}
     for name in names:

@@ -69,7 +69,7 @@ def read_model(folder: Path) -> ObjectModel:
     """Read what `write_model` wrote. Raises MissingFileError, DataError naming a damaged file."""
     for name in (_OBJECT, _MODEL):
         if not (folder / name).is_file():
-            raise MissingFileError(f"{folder} is no learnt object: it has no {name}")
+            raise MissingFileError(f"{folder} is not a learnt object: it has no {name}")
     stated = stored_as(_LearntObject, read_json(folder / _OBJECT), str(folder / _OBJECT))
     stored = read_npz(folder / _MODEL)
     try:

@@ -197,9 +197,9 @@ class CheckpointFiles(CheckpointIO):
         try:
             loaded = torch.load(io.BytesIO(content), map_location=map_location, weights_only=True)
         except (pickle.UnpicklingError, RuntimeError, EOFError) as error:
-            raise DataError(f"{path} is no checkpoint of HLP") from error
+            raise DataError(f"{path} is not a checkpoint of HLP") from error
         if not isinstance(loaded, dict):
-            raise DataError(f"{path} is no checkpoint of HLP")
+            raise DataError(f"{path} is not a checkpoint of HLP")
         return loaded
 
     def remove_checkpoint(self, path: str | Path) -> None:

@@ -76,7 +76,7 @@ def restore_replaced(folder: Path) -> None:
             latest = max(left, key=lambda path: (path / RECORD).stat().st_mtime)
             latest.rename(folder)
             latest.parent.rmdir()
-            _logger.warning("%s is back: a process was killed while replacing it", folder)
+            _logger.warning("%s is restored: a process was killed while replacing it", folder)
 
 
 def _set_aside_damaged(folder: Path) -> bool:

@@ -209,8 +209,7 @@ def gain_bar(found: tuple[float, Interval] | None) -> Bar | None:
 def bench_bars(result: Mapping[str, Any]) -> "Figure":
     """What bench.json holds: a bar for each path and unit (first object, …), stacked by stage.
 
-    Stages are medians (ms). The number behind a bar is the median of the whole, which need not be
-    their sum.
+    Stages are medians (ms). The number behind a bar is the median of the whole, not their sum.
     """
     timed = {
         f"{name}: {unit}": path[unit]

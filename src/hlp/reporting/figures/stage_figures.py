@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 _NEAR, _FAR = "#0072b2", "#b9d3e6"
 _FROM = {"from the side": (12.0, -60.0), "from above": (90.0, -90.0)}
-_DIGITS = 4  # by which equal directions are told
+_DIGITS = 4  # to which directions are rounded, to find equal ones
 
 
 def viewpoint_figure(views: Views, name: str) -> "Figure":

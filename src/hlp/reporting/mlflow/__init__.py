@@ -65,7 +65,7 @@ def open_experiment(
     """MLflow's client, and the id of an experiment, which is created with these tags if need be.
 
     Runs that a dead process has left open are closed as KILLED. Raises ConfigError if MLflow cannot
-    be used at this address, and the client's own error if a server is away; see `is_away`.
+    be used at this address, and the client's own error if a server is unreachable.
     """
     client_of = import_client()
     from mlflow.exceptions import MlflowException
@@ -81,7 +81,7 @@ def open_experiment(
             client = client_of(whole, registry_uri=whole)
             return _open(client, experiment, tags, artifacts_uri(database))
     except (MlflowException, SQLAlchemyError) as error:
-        if is_away(error):
+        if is_unreachable(error):
             raise
         raise ConfigError(f"reporting.uri: MLflow cannot use {uri}: {reason(error)}") from error
 
@@ -108,7 +108,7 @@ def reason(error: BaseException) -> str:
     return lines[0] if lines else type(error).__name__
 
 
-def is_away(error: BaseException) -> bool:
+def is_unreachable(error: BaseException) -> bool:
     """Whether an error of MLflow's client says that its server did not answer."""
     import requests
     from mlflow.exceptions import MlflowException
@@ -131,7 +131,7 @@ def prepare_database(database: Path) -> None:
     try:
         database.parent.mkdir(parents=True, exist_ok=True)
     except FileExistsError as error:
-        raise ConfigError(f"reporting.uri: {database.parent} is no folder") from error
+        raise ConfigError(f"reporting.uri: {database.parent} is not a folder") from error
     with _locked(database):
         if database.exists() and database.stat().st_size > 0:
             problem = _problem(database)

@@ -192,10 +192,7 @@ def server(uri: str, port: int = PORT) -> Iterator[str]:
     command += ["--port", str(port), "--backend-store-uri", f"{SQLITE}{database}"]
     command += ["--artifacts-destination", artifacts_uri(database)]
     process = subprocess.Popen(  # noqa: S603 - all words stand above or are checked
-        command,
-        env={**os.environ, **light},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
+        command, env={**os.environ, **light}, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
     try:
         address = f"http://{_HOST}:{port}"

@@ -22,11 +22,7 @@ _LOADER = "hlp.method.pyfunc_model"  # named, not imported: MLflow imports it wh
 
 
 def register(
-    learnt: Path,
-    name: str,
-    uri: str,
-    options: Mapping[str, Any],
-    example: Mapping[str, np.ndarray],
+    learnt: Path, name: str, uri: str, options: Mapping[str, Any], example: Mapping[str, np.ndarray]
 ) -> str:
     """Copy a folder of learnt objects into MLflow as a new version of a model; its address.
 
@@ -40,10 +36,7 @@ def register(
 
     settings = MlflowSettings(uri=uri, experiment=EXPERIMENT, about=_ABOUT)
     tags = {"objects": ", ".join(options["objects"])}
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        track_run(settings, name, {}, tags) as run,
-    ):
+    with tempfile.TemporaryDirectory() as folder, track_run(settings, name, {}, tags) as run:
         saved = Path(folder, "model")
         pyfunc.save_model(
             saved,

@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from hlp.reporting.mlflow import is_away, reason
+from hlp.reporting.mlflow import is_unreachable, reason
 from hlp.reporting.mlflow.pages import NOTE, run_path
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class MlflowRun:
 
     In names, characters that MLflow refuses are replaced by `_`. Several threads may use it: their
     calls are sent one after another. `keep_aside` opens a run elsewhere that goes on when the
-    server of this one is away.
+    server of this one is unreachable.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class MlflowRun:
     def send(self, call: Callable[["MlflowClient", str], _Answer]) -> _Answer | None:
         """Let something be done or asked by the run's client and id; None without MLflow.
 
-        If its server is away, the run goes on aside. Without one aside, raises MLflow's error.
+        If its server is unreachable, the run goes on aside; without one aside, the error is raised.
         """
         if self.place is None:
             return None
@@ -73,11 +73,11 @@ class MlflowRun:
             try:
                 return call(self.place.client, self.place.run_id)
             except Exception as error:
-                if self._keep_aside is None or not is_away(error):
+                if self._keep_aside is None or not is_unreachable(error):
                     raise
                 self.place, self._keep_aside = self._keep_aside(), None
                 logging.getLogger(__name__).warning(
-                    "MLflow's server is away: the run goes on here; `hlp upload` sends it later"
+                    "MLflow's server is unreachable: it goes on here, `hlp upload` sends it later"
                 )
                 return call(self.place.client, self.place.run_id)
 

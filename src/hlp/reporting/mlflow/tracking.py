@@ -12,8 +12,8 @@ from hlp.errors import DataError, is_expected
 from hlp.reporting.mlflow import (
     database_path,
     import_client,
-    is_away,
     is_local,
+    is_unreachable,
     open_experiment,
     owner_tags,
     reason,
@@ -47,7 +47,7 @@ class MlflowSettings(Settings):
     experiment: Annotated[str, Doc("the MLflow experiment; by default `name`")] = "hlp"
     about: Annotated[str, Doc("what the experiment is, for its page in MLflow")] = ""
     unsent: Annotated[
-        str, Doc("database that keeps runs while the server is away; `hlp upload` sends them")
+        str, Doc("database of the runs whose server is unreachable; `hlp upload` sends them")
     ] = "sqlite:///work/unsent/mlflow.db"
 
 
@@ -104,7 +104,7 @@ def track_run(
     the same child of the same parent is continued. `resume` continues the run of that id, or opens
     a new one if MLflow no longer has it. A local database is created on first use, with the folder
     for artifacts beside it. Runs that a dead process has left open are closed as KILLED. If a
-    server is away, the run is kept in `settings.unsent`, with a warning.
+    server is unreachable, the run is kept in `settings.unsent`, with a warning.
 
     Raises ConfigError if MLflow cannot be used at `settings.uri`, DataError if it fails later.
     """
@@ -143,10 +143,10 @@ class _Opening:
         try:
             place, logged = self._open(uri, {})
         except Exception as error:
-            if not is_away(error):
+            if not is_unreachable(error):
                 raise
             logging.getLogger(__name__).warning(
-                "MLflow's server %s is away: the run is kept in %s; `hlp upload` sends it later",
+                "MLflow's server %s is unreachable: the run is kept in %s; `hlp upload` sends it",
                 uri,
                 database_path(unsent),
             )
@@ -199,7 +199,7 @@ def _close(run: MlflowRun, error: BaseException) -> None:
     except Exception as second:
         if not failed and not is_expected(second):
             raise
-        logging.getLogger(__name__).warning("MLflow cannot be told: %s", reason(second))
+        logging.getLogger(__name__).warning("cannot report to MLflow: %s", reason(second))
 
 
 def _reopen(client: "MlflowClient", run_id: str) -> Mapping[str, str] | None:

@@ -11,7 +11,7 @@ from hlp.reporting.mlflow import (
     SQLITE,
     database_path,
     import_client,
-    is_away,
+    is_unreachable,
     owner_is_dead,
     prepare_database,
     remove_database,
@@ -29,7 +29,7 @@ _NOT_SENT = (SEND_TO, CONTINUES, _SENT_AS, PARENT, "mlflow.user", "mlflow.logged
 
 
 def unsent_database(work: Path) -> str:
-    """Where `hlp run` keeps runs of a folder `work` while the server is away."""
+    """Where `hlp run` keeps runs of a folder `work` while the server is unreachable."""
     return f"{SQLITE}{work / 'unsent' / 'mlflow.db'}"
 
 
@@ -41,7 +41,7 @@ def send_runs(unsent: str, uri: str | None = None) -> list[str]:
     """
     database = database_path(unsent)
     if not database.is_file():
-        raise MissingFileError(f"nothing is waiting: there is no {database}")
+        raise MissingFileError(f"nothing to send: there is no {database}")
     prepare_database(database)
     kept = import_client()(f"{SQLITE}{database}")
     experiments = {found.experiment_id: found for found in kept.search_experiments()}
@@ -56,12 +56,12 @@ def send_runs(unsent: str, uri: str | None = None) -> list[str]:
             experiment = experiments[run.info.experiment_id]
             sent[run.info.run_id] = _send(kept, run, experiment, target, sent)
         except Exception as error:
-            if not is_away(error):
+            if not is_unreachable(error):
                 raise
             raise NetworkError(f"MLflow's server is still away: {error}".split("\n")[0]) from error
         kept.set_tag(run.info.run_id, _SENT_AS, sent[run.info.run_id])
     if len(ended) < len(waiting):
-        logging.getLogger(__name__).info("%d still run", len(waiting) - len(ended))
+        logging.getLogger(__name__).info("%d are still running", len(waiting) - len(ended))
     elif len(kept_here) == len(runs):
         remove_database(database)
     return [str(run.info.run_name) for run in ended]

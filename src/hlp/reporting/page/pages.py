@@ -138,10 +138,7 @@ def _rows(
 
 
 def _pictures(
-    folder: Path,
-    kept: ReportData,
-    scores: Mapping[TargetKey, ScoredTarget],
-    room: int,
+    folder: Path, kept: ReportData, scores: Mapping[TargetKey, ScoredTarget], room: int
 ) -> dict[str, str]:
     """JPEGs in base64 by the targets' names, as many as there is room (bytes) for, misses first."""
     right = {key for key, target in scores.items() if target.correct("add")}
@@ -180,7 +177,7 @@ def study_folders(root: Path) -> list[Path]:
     """Folders of finished studies in or below `root`.
 
     They have a manifest that names their task, and tables in Markdown; runs of the whole method
-    have a summary instead. Raises DataError for a manifest beside tables that is no JSON.
+    have a summary instead. Raises DataError for a manifest beside tables that is not JSON.
     """
     found = {path.parent for path in root.rglob(MANIFEST) if not (path.parent / SUMMARY).exists()}
     tabled = [folder for folder in sorted(found) if any(folder.glob("*.md"))]

@@ -83,7 +83,7 @@ def read_report_data(run: Path) -> ReportData:
             targets[scene_id, frame_id, object_id, instance] = target
         return ReportData(dict(index["objects"]), targets)
     except (KeyError, TypeError, ValueError) as error:
-        raise DataError(f"{path} is no index of a report ({error!r})") from error
+        raise DataError(f"{path} is not an index of a report ({error!r})") from error
 
 
 def picture_path(run: Path, target: Mapping[str, Any]) -> Path | None:
