@@ -10,7 +10,7 @@ from bad_input import DEEP, Case, check, of_file, written
 from hlp.files import read_csv, read_json, replaced, write_array, write_csv, write_json, write_text
 from hlp.method.learn.learnt_folder import read_record
 from hlp.reporting.results import read_results
-from hlp.results.summary_file import read_summary
+from hlp.results.recalls import read_summary
 
 
 def test_content_comes_back(tmp_path: Path) -> None:

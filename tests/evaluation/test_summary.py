@@ -20,7 +20,7 @@ from hlp.evaluation.summary import (
     with_interval,
 )
 from hlp.records import PoseEstimate, Target, TargetScore
-from hlp.results.summary_file import METRICS
+from hlp.results.recalls import METRICS
 
 SETTINGS = EvaluationSettings("bop", (), bootstrap=2000)
 NAMES = {1: "ape", 6: "cat"}

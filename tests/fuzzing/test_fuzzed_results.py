@@ -20,7 +20,7 @@ from hlp.records import PoseEstimate, TargetScore
 from hlp.refinement.score_model import PRIOR, load_score_model, save_score_model
 from hlp.reporting.results import read_results
 from hlp.results.poses_file import read_poses, read_scores, write_poses, write_scores
-from hlp.results.summary_file import read_summary
+from hlp.results.recalls import read_summary
 from hlp.stages.manifest import read_manifest
 from hlp.stages.store import StageStore
 

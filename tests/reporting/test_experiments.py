@@ -20,7 +20,7 @@ from hlp.reporting.paper_reports import (
 )
 from hlp.reporting.results import Result
 from hlp.results.poses_file import write_scores
-from hlp.results.summary_file import difference_interval
+from hlp.results.recalls import difference_interval
 from table_text import csv_rows, unpadded
 from written_results import CONFIG, scored, write_run, write_sweep
 

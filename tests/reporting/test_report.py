@@ -23,7 +23,7 @@ from hlp.reporting.summary_tables import (
     total_table,
 )
 from hlp.results.poses_file import write_scores
-from hlp.results.summary_file import read_summary
+from hlp.results.recalls import read_summary
 from table_text import unpadded
 from written_results import scored, write_run, write_sweep
 from written_summary import older_summary, summary

@@ -12,7 +12,7 @@ import yaml
 from hlp.errors import DataError
 from hlp.files import MANIFEST, SCORES, SUMMARY, SWEEP
 from hlp.reporting.comparison import WELL_VISIBLE, ScoredTarget, read_targets
-from hlp.results.summary_file import TargetKey, read_summary
+from hlp.results.recalls import TargetKey, read_summary
 from hlp.settings import Stored, read_as, shown
 
 

@@ -12,7 +12,7 @@ from hlp.reporting.table import (
     prose,
     result_share,
 )
-from hlp.results.summary_file import CORRECT
+from hlp.results.recalls import CORRECT
 
 METRIC_LABELS = {"add": "ADD(-S)", "5cm5deg": "5cm5deg", "iou50": "IoU.5"}
 """What people call the metrics of `summary.json`."""

@@ -9,7 +9,7 @@ from hlp.files import MANIFEST
 from hlp.reporting.comparison import Difference, difference_cells, paired_difference
 from hlp.reporting.results import Manifest, Result, read_results
 from hlp.reporting.study_numbers import ADD, KINDS, RUN, Number, read_numbers
-from hlp.results.summary_file import TargetKey, read_target_values
+from hlp.results.recalls import TargetKey, read_target_values
 from hlp.settings import read_as
 
 _LOG = "hlp.log"

@@ -30,7 +30,7 @@ from hlp.reporting.study_tables import (
     format_basins,
     write_basins,
 )
-from hlp.results.summary_file import TargetKey, numbered_targets, write_target_values
+from hlp.results.recalls import TargetKey, numbered_targets, write_target_values
 from hlp.settings import Doc, Settings, SettingsError
 from hlp.stages.store import StageStore
 from hlp.stages.trace_files import read_arrays

@@ -25,7 +25,7 @@ from hlp.reporting.summary_tables import (
 from hlp.reporting.sweep_report import differences_table, note_of, sweep_table
 from hlp.reporting.sweeps import Sweep, read_sweeps
 from hlp.reporting.table import Table, format_share
-from hlp.results.summary_file import TargetKey, read_summary
+from hlp.results.recalls import TargetKey, read_summary
 
 _MOST_BYTES = 10_500_000  # of pictures: in base64 about 14 MB
 _FIGURES = ("waterfall", "calibration")  # that lie as SVG in a run's folder
