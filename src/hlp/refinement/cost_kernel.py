@@ -215,9 +215,5 @@ def _sum_rows(
         occluded = has_depth & (behind > tau)
         edges += _ONE if edge else _ZERO
         edge_sum += (occluder_cost if occluded else edge_cost[x]) if edge else _ZERO
-    sums[0] += depth_sum
-    sums[1] += pixels
-    sums[2] += seen
-    sums[3] += edge_sum
-    sums[4] += edges
-    sums[5] += covered
+    for k, amount in enumerate((depth_sum, pixels, seen, edge_sum, edges, covered)):
+        sums[k] += amount
