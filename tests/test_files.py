@@ -9,7 +9,7 @@ import pytest
 from bad_input import DEEP, Case, check, of_file, written
 from hlp.files import read_csv, read_json, replaced, write_array, write_csv, write_json, write_text
 from hlp.method.learn.learnt_folder import read_record
-from hlp.reporting.results import read_results
+from hlp.reporting.sweeps import read_sweeps
 from hlp.results.recalls import read_summary
 
 
@@ -102,11 +102,11 @@ CASES: dict[str, Case] = {
     ),
     "summary: empty": (of_file(read_summary, "summary.json", "{}"), "it lacks metrics"),
     "results: no manifest": (
-        lambda folder: read_results(written(folder / "summary.json", "{}").parent),
+        lambda folder: read_sweeps(written(folder / "summary.json", "{}").parent),
         "manifest.json",
     ),
     "sweep: no keys": (
-        lambda folder: read_results(written(folder / "sweep.json", "{}").parent),
+        lambda folder: read_sweeps(written(folder / "sweep.json", "{}").parent),
         "",
     ),
     "learnt: none": (read_record, "holds no learnt objects"),

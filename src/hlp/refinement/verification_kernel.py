@@ -9,6 +9,7 @@ from hlp.arrays import CameraMatrix, Image, Poses, Rgb
 from hlp.kernels import compiled
 from hlp.rendering.zbuffer import (
     KernelMesh,
+    ThreeRows,
     draw_triangles,
     edge_direction,
     framed_buffer,
@@ -19,7 +20,6 @@ COLOR_OFFSET = np.float32(4.0)
 """Added to every colour channel, because the chromaticity of dark pixels is mostly noise."""
 _ONE, _ZERO, _INFINITE = np.float32(1.0), np.float32(0.0), np.float32(np.inf)
 _OFFSETS = np.float32(3.0) * COLOR_OFFSET
-_Row = Float32[np.ndarray, "c+5"]
 
 
 class SeenImages(NamedTuple):
@@ -84,7 +84,7 @@ def sum_evidence(
 
 @compiled(error_model="numpy")
 def _sum_row(
-    around: tuple[_Row, _Row, _Row],
+    around: ThreeRows,
     faces: tuple[Float32[np.ndarray, "f 3"], Int32[np.ndarray, "c+5"]],
     row: tuple[Float32[np.ndarray, "c"], UInt8[np.ndarray, "c 3"], Float32[np.ndarray, "4 c"]],
     taus: tuple[np.float32, np.float32, np.float32],
@@ -148,7 +148,7 @@ def _color_cost(
 
 
 @compiled(inline="always")
-def _is_edgelet(around: tuple[_Row, _Row, _Row], i: int, limit: np.float32) -> np.bool_:
+def _is_edgelet(around: ThreeRows, i: int, limit: np.float32) -> np.bool_:
     """Whether a 4-neighbour of the row's pixel i is empty, or farther than a limit (m)."""
     above, here, below = around
     farthest: np.float32 = min(min(here[i], here[i + 2]), min(above[i + 1], below[i + 1]))
@@ -157,12 +157,10 @@ def _is_edgelet(around: tuple[_Row, _Row, _Row], i: int, limit: np.float32) -> n
 
 @compiled(inline="always")
 def _edge_cost(
-    around: tuple[_Row, _Row, _Row], distance: Float32[np.ndarray, "4 c"], i: int, tau: np.float32
+    around: ThreeRows, distance: Float32[np.ndarray, "4 c"], i: int, tau: np.float32
 ) -> np.float32:
     """Distance (in units of the tolerance, at most 1) to an edge of the direction of this one."""
-    above, here, below = around
-    direction = edge_direction(above[i : i + 3], here[i : i + 3], below[i : i + 3])
-    return min(distance[direction, i] / tau, _ONE)
+    return min(distance[edge_direction(around, i), i] / tau, _ONE)
 
 
 @compiled()

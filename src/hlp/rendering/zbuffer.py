@@ -26,6 +26,9 @@ _INFINITE, _EIGHTH = np.float32(np.inf), np.float32(np.tan(np.pi / 8.0))
 # error of single precision in an image of a few hundred pixels.
 _TOLERANCE = np.float32(1e-5)
 _Three = tuple[np.float32, np.float32, np.float32]
+_Row = Float32[np.ndarray, "w+5"]
+ThreeRows = tuple[_Row, _Row, _Row]
+"""A row of a framed buffer between the one above and the one below."""
 
 
 class KernelMesh(NamedTuple):
@@ -186,16 +189,15 @@ def _draw_box(
 
 
 @compiled(inline="always")
-def edge_direction(
-    above: Float32[np.ndarray, "3"], here: Float32[np.ndarray, "3"], below: Float32[np.ndarray, "3"]
-) -> int:
+def edge_direction(around: ThreeRows, i: int) -> int:
     """Which of `DIRECTIONS` the gradient of inverse depth has, which is 0 beside a mesh.
 
-    Takes the pixel, in the middle of `here`, and the eight around it.
+    It is that of the middle row's pixel i + 1; the eight around it are taken.
     """
-    rising, falling = below[2] - above[0], above[2] - below[0]
-    x = _TWO * (here[2] - here[0]) + rising + falling
-    y = _TWO * (below[1] - above[1]) + rising - falling
+    above, here, below = around
+    rising, falling = below[i + 2] - above[i], above[i + 2] - below[i]
+    x = _TWO * (here[i + 2] - here[i]) + rising + falling
+    y = _TWO * (below[i + 1] - above[i + 1]) + rising - falling
     turned = x * y
     x, y = abs(x), abs(y)
     if y < _EIGHTH * x:

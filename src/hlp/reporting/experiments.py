@@ -18,7 +18,7 @@ from hlp.reporting.comparison import (
 )
 from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.bars import Panel, draw_bars, gain_bar, recall_bar
-from hlp.reporting.results import Result, ResultSet, read_results, result_folders
+from hlp.reporting.results import Result, result_folders
 from hlp.reporting.summary_tables import (
     BOP_RECALLS,
     METRIC_LABELS,
@@ -26,6 +26,7 @@ from hlp.reporting.summary_tables import (
     run_cells,
     run_numbers,
 )
+from hlp.reporting.sweeps import Sweep, read_sweeps
 from hlp.reporting.table import Table, lay_out, prose, result_difference, result_share
 
 if TYPE_CHECKING:
@@ -63,10 +64,11 @@ class Report:
     figures: Table | None = None
 
 
-def reports_of(found: ResultSet) -> list[Report]:
-    """The reports of the experiments among some results."""
+def reports_of(folder: Path) -> list[Report]:
+    """The reports of the experiments among the results of a sweep or run."""
     made = []
-    for name in dict.fromkeys(result.experiment for result in found.results):
+    sweeps = read_sweeps(folder)
+    for name, found in {run.experiment: sweep for sweep in sweeps for run in sweep.results}.items():
         results = [result for result in found.results if result.experiment == name]
         if name in paper.TRENDS:
             made.append(_trend(name, results, found))
@@ -84,7 +86,7 @@ def write_reports(folder: Path) -> list[Path]:
 
     The paper's also as NAME.tex. figures.csv holds the main figures, as result files keep them.
     """
-    return [path for made in reports_of(read_results(folder)) for path in _write(folder, made)]
+    return [path for made in reports_of(folder) for path in _write(folder, made)]
 
 
 def describe_reports(root: Path, layout: str) -> str:
@@ -94,7 +96,7 @@ def describe_reports(root: Path, layout: str) -> str:
     """
     parts = []
     for folder in result_folders(root):
-        for made in reports_of(read_results(folder)):
+        for made in reports_of(folder):
             files = ", ".join(str(path) for path in _write(folder, made))
             shown = made.narrow if layout == "text" and made.narrow else made.table
             parts += [prose(words, layout) for words in made.notes]
@@ -118,14 +120,14 @@ def _write(folder: Path, made: Report) -> list[Path]:
     return written
 
 
-def _made_by(found: ResultSet) -> list[str]:
+def _made_by(found: Sweep) -> list[str]:
     missing = f"Unfinished runs of the sweep, left out: {len(found.unfinished)}."
     return [f"Made by `{found.command}`.", *([missing] if found.unfinished else [])]
 
 
-def _trend(name: str, results: Sequence[Result], found: ResultSet) -> Report:
+def _trend(name: str, results: Sequence[Result], found: Sweep) -> Report:
     trend, data = paper.TRENDS[name], paper.measured_on(results[0])
-    others = [key for key in found.swept if key not in trend.keys]
+    others = [key for key in found.keys if key not in trend.keys]
     words = [result.in_words(others) for result in results]
     runs = sorted(zip(words, results, strict=True), key=lambda run: words.index(run[0]))
     notes = [f"{trend.title}, {data}.", *_made_by(found), paper.trend_note(trend)]
@@ -133,8 +135,8 @@ def _trend(name: str, results: Sequence[Result], found: ResultSet) -> Report:
     return Report(name, paper.trend_table(trend, runs), notes, figure, figures=figures)
 
 
-def _table(name: str, results: Sequence[Result], found: ResultSet) -> Report:
-    runs = {result.in_words(found.swept) or "ours": result for result in results}
+def _table(name: str, results: Sequence[Result], found: Sweep) -> Report:
+    runs = {result.in_words(found.keys) or "ours": result for result in results}
     title, note = f"{paper.TABLES[name]}, {paper.measured_on(results[0])}", paper.NOTES[name]
     if name == "table1":
         recalls, table = paper.object_recalls(runs), paper.object_recalls_table(runs)
@@ -170,7 +172,7 @@ def _steps(results: Sequence[Result]) -> list[_Step]:
     return steps
 
 
-def _ladder(steps: Sequence[_Step], found: ResultSet) -> Report:
+def _ladder(steps: Sequence[_Step], found: Sweep) -> Report:
     """A row a step: recalls, and what it gained; the narrow table fits a terminal."""
     against = ["against", "ADD(-S) gained", "95 % of it", "ms more"]
     shown = ["ADD(-S)", "95 %", "5cm5deg", "IoU.5", "AR", "ms"]
@@ -212,13 +214,13 @@ def _draw_ladder(steps: Sequence[_Step]) -> "Figure":
     return draw_bars([step.name for step in steps], panels, paper.measured_on(steps[0].result))
 
 
-def _recordings(results: Sequence[Result], found: ResultSet) -> Report:
+def _recordings(results: Sequence[Result], found: Sweep) -> Report:
     """A row a data set: its size, recalls, BOP's average recalls, time of one object (ms).
 
     Further keys that were swept have a column each. Of several seeds, their mean and their spread
     (standard deviation) follow.
     """
-    keys = [_DATA, *(key for key in found.swept if key != _DATA)]
+    keys = [_DATA, *(key for key in found.keys if key != _DATA)]
     bop = [*map(str.upper, BOP_RECALLS)]
     measured = ["frames", "targets", "ADD(-S)", "95 %", "5cm5deg", "AR", *bop, "ECE", "ms"]
     repeats: dict[tuple[str, ...], list[Result]] = {}

@@ -22,8 +22,8 @@ from hlp.reporting.figures.charts import (
     search_points,
 )
 from hlp.reporting.report import report_runs
-from hlp.reporting.results import read_results
 from hlp.reporting.summary_tables import ADD_BY_OBJECT
+from hlp.reporting.sweeps import read_sweeps
 from table_text import csv_rows
 from written_results import scored, write_run, write_sweep
 from written_summary import summary
@@ -40,14 +40,14 @@ def sweep(folder: Path, swept: list[str], runs: list[tuple[list[str], float, flo
 
 def drawn(folder: Path) -> Any:
     """The axes of the figure of a sweep."""
-    found = read_results(folder)
-    (ax,) = recall_by_time(found.results, found.swept).axes
+    (found,) = read_sweeps(folder)
+    (ax,) = recall_by_time(found.results, found.keys).axes
     return ax
 
 
 def draw(folder: Path) -> list[Path]:
-    found = read_results(folder)
-    return draw_trade_off(folder, found.results, found.swept)
+    (found,) = read_sweeps(folder)
+    return draw_trade_off(folder, found.results, found.keys)
 
 
 BUDGETS = [
