@@ -11,7 +11,7 @@ NEWEST := build/newest
 # What touches every library that HLP calls, and takes a minute or two.
 LIBRARY_TESTS := tests/test_geometry.py tests/test_settings.py tests/results tests/codebook tests/voting/test_cast.py \
   tests/rendering/test_rasterizer.py tests/objects/test_meshes.py tests/models tests/config/test_build.py \
-  tests/stages/test_store.py tests/reporting/test_mlflow_tracking.py tests/data/test_bop.py
+  tests/stages/test_store.py tests/reporting/mlflow/test_mlflow_tracking.py tests/data/test_bop.py
 UV := uv==0.13.8
 DOCS_STAMP := $(VENV)/.docs-installed
 PYTHON ?=

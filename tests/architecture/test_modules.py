@@ -7,12 +7,10 @@ from graphlib import TopologicalSorter
 from pathlib import Path
 
 SOURCE = Path(__file__).parents[2] / "src"
-LONG_FUNCTIONS = {
-    "_sum_row": 50,
-    "_sum_rows": 41,
-    "draw_triangles": 60,
-    "search": 43,
-}
+TESTS = SOURCE.parent / "tests"
+OF_NO_PACKAGE = {"architecture", "browser", "docs", "faults", "fuzzing", "integration", "notebooks"}
+"""Folders of tests that look at several packages; the others mirror src/hlp."""
+LONG_FUNCTIONS = {"search": 43}
 """Functions above 40 lines, docstring and all, and what they may have at most."""
 
 
@@ -72,5 +70,17 @@ def test_functions_are_short() -> None:
 
 def test_test_files_have_names_of_their_own() -> None:
     """Tests of no package are modules of one name space."""
-    names = Counter(path.name for path in (SOURCE.parent / "tests").rglob("test_*.py"))
+    names = Counter(path.name for path in TESTS.rglob("test_*.py"))
     assert [name for name, count in names.items() if count > 1] == []
+
+
+def test_tests_lie_where_the_package_lies_that_they_are_of() -> None:
+    """One that is named after a module lies beside a module of that name."""
+    packages: dict[str, set[str]] = {}
+    for path in (SOURCE / "hlp").rglob("*.py"):
+        folder = str(path.parent.relative_to(SOURCE / "hlp"))
+        packages.setdefault(path.stem, set()).add(folder)
+    for path in TESTS.rglob("test_*.py"):
+        if (folder := str(path.parent.relative_to(TESTS))) not in OF_NO_PACKAGE:
+            module = path.stem.removeprefix("test_")
+            assert folder in packages.get(module, packages["__init__"]), path

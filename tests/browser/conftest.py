@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NoReturn
 import pytest
 from page import ShownRuns
 
-from hlp.reporting.results import read_results
+from hlp.reporting.sweeps import read_sweeps
 from tiny_run import TinyRun, start_run
 
 if TYPE_CHECKING:
@@ -83,8 +83,8 @@ def shown(request: pytest.FixtureRequest, programs: tuple[str, str]) -> ShownRun
     else:
         folder = Path(given).absolute()
         run, sweep = folder / "run", folder / "sweep"
-    found = read_results(sweep)
-    (key,) = found.swept
+    (found,) = read_sweeps(sweep)
+    (key,) = found.keys
     values = tuple(result.chosen[key] for result in found.results)
     last = key.rpartition(".")[2]
     names = tuple(f"{last} {value}" if "." in key else value for value in values)

@@ -1,3 +1,5 @@
+"""Inverted lists of one object, and of all objects in one index, beside an exact search."""
+
 import dataclasses
 
 import faiss
@@ -8,6 +10,7 @@ from hlp.codebook.inverted_lists import (
     EXACT_BELOW,
     InvertedLists,
     InvertedListsSettings,
+    JointListsSettings,
     load_lists,
 )
 from hlp.codebook.neighbours import ExactNeighbours
@@ -132,3 +135,35 @@ def test_lists_lie_beside_a_codebook(tmp_path):
     assert load_lists(tmp_path, dataclasses.replace(SETTINGS, lists=33), seed=0) is None
     SETTINGS.prepare(FEATURES[:9], 0, tmp_path)
     assert load_lists(tmp_path, SETTINGS, seed=0) is None  # searched exactly: nothing to load
+
+
+JOINT = JointListsSettings()
+
+
+def test_most_of_the_nearest_entries_of_all_objects_are_found():
+    objects = [surface(count, seed=seed) for seed, count in enumerate((EXACT_BELOW, 3000, 5000))]
+    queries = surface(400, seed=9)
+    found = JOINT.build(np.concatenate(objects), 0, 1).search(queries)
+    exact = ExactNeighbours(np.concatenate(objects), 3).search(queries)
+    pairs = zip(found.indices, exact.indices, strict=True)
+    assert sum(len(set(a) & set(b)) for a, b in pairs) / found.indices.size > 0.8
+
+
+def test_the_number_of_lists_follows_that_of_entries_up_to_a_limit():
+    few, many = surface(EXACT_BELOW), surface(4 * EXACT_BELOW)
+    limited = JointListsSettings(lists=20)
+    lists = [
+        each.build(features, 0, 1).settings.lists
+        for each, features in ((JOINT, few), (JOINT, many), (limited, many))
+    ]
+    assert lists == [EXACT_BELOW // 450, 4 * EXACT_BELOW // 450, 20]
+
+
+def test_prepared_lists_are_not_trained_again(tmp_path, monkeypatch):
+    features, queries = surface(2 * EXACT_BELOW), surface(50, seed=1)
+    trained = JOINT.build(features, 3, 1).search(queries)
+    JOINT.prepare(features, 3, tmp_path)
+    monkeypatch.setattr("hlp.codebook.inverted_lists._train", lambda *_: 1 / 0)
+    read = JOINT.build(features, 3, 1, tmp_path)
+    assert isinstance(read, InvertedLists)
+    np.testing.assert_array_equal(read.search(queries).indices, trained.indices)

@@ -1,15 +1,21 @@
-"""Hydra's options (-m, --cfg, …) among the overrides, and the log file in a run's folder."""
+"""Hydra's options among the overrides, its errors in our words, and a run's log file."""
 
 import logging
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
 import yaml
+from hydra.errors import HydraException
+from yaml import YAMLError
 
+import hlp
 from hlp.cli import main
-from hlp.commands.composing import LogFile
+from hlp.commands.composing import LogFile, compose_config, hydra_in_words
 
 Out = pytest.CaptureFixture[str]
 
@@ -71,3 +77,122 @@ def test_a_message_with_a_bug_shows_where_it_is(
     assert "Traceback" in capsys.readouterr().err
     logger.warning("%d poses", 3)
     assert (tmp_path / "log").read_text() == "3 poses\n"
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("refinement.particels=3", "Could not override 'refinement.particels': did you mean refin"),
+        ("refinment=icp", "Could not override 'refinment': did you mean refinement?"),
+        ("refinement=icpp", "Could not find 'refinement/icpp': did you mean icp? There are icp"),
+        ("hydra/launcher=core", "In 'hydra/config': Could not find 'hydra/launcher/core': did you"),
+        (
+            "refinement=icp refinement.particles=8",
+            "Could not override 'refinement.particles': the chosen refinement has no such key",
+        ),
+        ("foo", "cannot read 'foo' (Error parsing override 'foo'): settings are given as KEY=VA"),
+        ("a=[1", "cannot read 'a=[1' (no viable alternative at input '[1'): settings are given"),
+        ("seed=1,2", "Ambiguous value for argument 'seed=1,2' 1. To use it as a list, use key=[v"),
+    ],
+)
+def test_errors_of_overrides_are_one_line_with_what_was_meant(override: str, words: str) -> None:
+    with pytest.raises(HydraException) as caught:
+        compose_config(*override.split())
+    said = hydra_in_words(caught.value)
+    assert said.startswith(words)
+    assert "\n" not in said
+
+
+def test_the_nearest_key_is_looked_for_among_those_of_what_was_chosen(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    given = ["task=search", "task.trails=3"]
+    monkeypatch.setattr("sys.argv", ["hlp search", *given])
+    with pytest.raises(HydraException) as caught:
+        compose_config(*given)
+    assert "'task.trails': did you mean task.trials?" in hydra_in_words(caught.value)
+
+
+def test_a_launcher_without_its_plugin_says_what_to_install(tmp_path: Path) -> None:
+    extras = {"cores": "joblib", "slurm": "slurm", "joblib": "joblib", "submitit_local": "slurm"}
+    code = (
+        "import sys\n"
+        "sys.modules['hydra_plugins'] = None\n"  # importing it raises ImportError
+        "from hlp.cli import main\n"
+        f"for launcher in {[*extras]}:\n"
+        "    try: main(['-m', f'hydra/launcher={launcher}', 'seed=0,1'])\n"
+        "    except SystemExit as ended: assert ended.code == 1\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(Path(hlp.__file__).parents[1])},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stderr.splitlines() == [
+        f"hlp: hydra/launcher={launcher} needs the extra '{extra}': pip install 'hlp[{extra}]'"
+        for launcher, extra in extras.items()
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("defaults: [pso\nparticles: 3\n", "mine.yaml, line 2 is not YAML: expected ',' or ']'"),
+        ("\tparticles: 3\n", "mine.yaml, line 1 is not YAML: found character '\\t'"),
+        ("defaults: [psso]\n", "In 'refinement/mine': Could not load 'refinement/psso'"),
+        (
+            "# @package _global_\ndefaults: [override /voting: joint, override /codebok: exact]\n",
+            "In 'refinement/mine': Could not override 'codebok'. No match in the defaults list: d",
+        ),
+    ],
+)
+def test_faults_in_a_file_of_ones_own_name_it(text: str, words: str, tmp_path: Path) -> None:
+    (tmp_path / "refinement").mkdir()
+    (tmp_path / "refinement" / "mine.yaml").write_text(text)
+    with pytest.raises((HydraException, YAMLError)) as caught:
+        compose_config(f"hydra.searchpath=[file://{tmp_path}]", "refinement=mine")
+    said = hydra_in_words(caught.value)
+    assert words in said
+    assert "\n" not in said
+
+
+def test_a_broken_file_ends_the_command_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "refinement").mkdir()
+    (tmp_path / "refinement" / "mine.yaml").write_text("particles: [1\n")
+    monkeypatch.setattr("sys.argv", ["hlp"])
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "--config-dir", str(tmp_path), "refinement=mine"])
+    assert ended.value.code == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"hlp: {tmp_path}/refinement/mine.yaml, line 2 is not YAML")
+
+
+@pytest.fixture
+def logging_as_before() -> Iterator[None]:
+    """Hydra's handlers write to streams that are closed after a test."""
+    root = logging.getLogger()
+    handlers, level = root.handlers[:], root.level
+    yield
+    root.handlers[:] = handlers
+    root.setLevel(level)
+
+
+@pytest.mark.usefixtures("logging_as_before")
+def test_a_reference_to_nothing_is_one_line_with_its_key(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "name=${nothing}"])
+    assert ended.value.code == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == "hlp: hydra.run.dir: Interpolation key 'nothing' not found"
+
+
+def test_other_errors_stay_as_they_are() -> None:
+    assert hydra_in_words(ValueError("something\nelse")) == "something\nelse"

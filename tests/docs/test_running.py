@@ -29,7 +29,7 @@ CAMERA = "a camera of Intel's; tests/integration/test_live.py has a simulated on
 NOT_RUN = {
     NETWORK: ["download lmo", "download voc2012 output=/data/voc"],
     CAMERA: ["live source=realsense learnt=learnt/ objects=bracket overlay=last.jpg"],
-    "a server of MLflow's; tests/reporting/test_mlflow_upload.py has one that is away": [
+    "a server of MLflow's; tests/reporting/mlflow/test_mlflow_upload.py has one that is away": [
         "run reporting.uri=http://mlflow.example.org:5000 reporting.experiment=brackets"
     ],
     "serves until it is stopped": ["ui"],

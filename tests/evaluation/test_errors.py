@@ -1,12 +1,29 @@
-"""Errors against plain loops over their definitions."""
+"""Errors against plain loops over their definitions, and what must hold of them for every pose."""
+
+import dataclasses
 
 import numpy as np
 import pytest
+from boxes import box_model
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from hlp.evaluation import errors
-from hlp.geometry import rigid
+from generated_values import cameras, motions, point_sets, poses_in_front
+from hlp.evaluation import EvaluationSettings, errors
+from hlp.evaluation.errors import (
+    add,
+    add_s,
+    is_symmetric_flip,
+    mspd,
+    mssd,
+    near_truth,
+    nearest_symmetric_pose,
+    poses_near_truth,
+    rotation_error,
+)
+from hlp.geometry import inverse, rigid, rotation_distance, transform
 
 K = np.array([[572.4, 0.0, 325.3], [0.0, 573.6, 242.0], [0.0, 0.0, 1.0]])
 
@@ -105,3 +122,136 @@ def test_vsd_is_one_where_nothing_is_visible():
     """For all else see the tests of BOP's recalls."""
     wall = np.full((24, 30), 0.5)
     np.testing.assert_array_equal(errors.vsd(0 * wall, wall + 0.4, wall, K, [0.02]), [1.0])
+
+
+SETTINGS = EvaluationSettings(symmetric=("bar",))
+HALF_TURN = rigid(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
+TRUE = rigid(Rotation.from_rotvec([0.4, 0.2, 0.1]).as_matrix(), np.array([0.05, 0.0, 0.8]))
+CENTER = (0.2, 0.0, 0.0)  # of the bars, beside their origin
+SHIFT, BACK = (rigid(np.eye(3), sign * np.array(CENTER)) for sign in (1.0, -1.0))
+BAR_TURN = SHIFT @ HALF_TURN @ BACK
+PLAIN = box_model((0.02, 0.04, 0.12), center=CENTER)
+BAR = box_model(
+    (0.02, 0.04, 0.12), name="bar", symmetries=np.stack([np.eye(4), BAR_TURN]), center=CENTER
+)
+
+
+def _turned(degrees, millimetres=0.0, axis=(0.0, 1.0, 0.0)):
+    """The true pose turned about the object's centroid, then moved."""
+    turn = Rotation.from_rotvec(np.deg2rad(degrees) * np.array(axis)).as_matrix()
+    pose = TRUE @ SHIFT @ rigid(turn, np.zeros(3)) @ BACK
+    pose[0, 3] += millimetres / 1000.0
+    return pose
+
+
+@pytest.mark.parametrize(
+    ("degrees", "millimetres", "near"),
+    [(0, 0, True), (29.9, 0, True), (30.1, 0, False), (0, 29.9, True), (0, 30.1, False)],
+)
+def test_a_pose_is_near_within_both_bounds_about_the_centroid(degrees, millimetres, near):
+    poses = _turned(degrees, millimetres)[None]
+    assert poses_near_truth(poses, TRUE, PLAIN, SETTINGS, (30.0, 30.0)).tolist() == [near]
+
+
+def test_the_turned_pose_of_a_symmetric_object_is_near_only_by_the_policy():
+    poses = np.stack([TRUE, TRUE @ BAR_TURN, _turned(90)])
+    near = poses_near_truth(poses, TRUE, BAR, SETTINGS, (5.0, 5.0))
+    assert near.tolist() == [True, True, False]
+    strict = dataclasses.replace(SETTINGS, symmetric=())
+    assert poses_near_truth(poses, TRUE, BAR, strict, (5.0, 5.0)).tolist() == [True, False, False]
+
+
+def test_votes_near_the_truth_are_those_that_angles_and_distances_say(monkeypatch):
+    rng = np.random.default_rng(0)
+    turns = Rotation.from_rotvec(rng.normal(scale=0.25, size=(200, 3)))
+    rotations = turns.as_matrix() @ TRUE[:3, :3]
+    center = TRUE[:3, :3] @ PLAIN.centroid + TRUE[:3, 3]
+    centroids = center + rng.normal(scale=0.012, size=(200, 3))
+    near = near_truth(rotations, centroids, TRUE, PLAIN, SETTINGS, (15.0, 20.0))
+    expected = (turns.magnitude() <= np.deg2rad(15.0)) & (
+        np.sqrt(((centroids - center) ** 2).sum(axis=1)) <= 0.02
+    )
+    assert 20 < expected.sum() < 150
+    np.testing.assert_array_equal(near, expected)
+    monkeypatch.setattr("hlp.evaluation.errors._MOTIONS", 1)  # a symmetric pose at a time
+    turned = near_truth(rotations @ BAR_TURN[:3, :3], centroids, TRUE, BAR, SETTINGS, (15.0, 20.0))
+    np.testing.assert_array_equal(turned, expected)
+    none = near_truth(np.zeros((0, 3, 3)), np.zeros((0, 3)), TRUE, BAR, SETTINGS, (15.0, 20.0))
+    assert none.shape == (0,)
+
+
+@pytest.mark.parametrize(
+    ("pose", "model", "flipped"),
+    [
+        (_turned(180, axis=(0.0, 0.0, 1.0)), PLAIN, True),
+        (_turned(90), PLAIN, False),  # the bar lies across
+        (_turned(20, axis=(0.0, 0.0, 1.0)), PLAIN, False),  # within the basin
+        (_turned(180, 40, axis=(0.0, 0.0, 1.0)), PLAIN, False),  # elsewhere
+        (_turned(180, axis=(0.0, 0.0, 1.0)), BAR, False),  # that one is right
+    ],
+)
+def test_flipped_is_what_lies_on_the_surface_but_is_turned(pose, model, flipped):
+    assert is_symmetric_flip(pose, TRUE, model, SETTINGS) == flipped
+
+
+ALONE = np.eye(4)[None]
+
+
+@st.composite
+def symmetric_objects(draw):
+    """Vertices and the cyclic group of 2 to 6 motions, about any axis, that maps them to them."""
+    place = draw(motions(0.02))
+    order = draw(st.integers(2, 6))
+    turns = [Rotation.from_rotvec([0, 0, 2 * np.pi * i / order]).as_matrix() for i in range(order)]
+    group = np.stack([place @ rigid(turn, np.zeros(3)) @ inverse(place) for turn in turns])
+    part = draw(point_sets(1, 12))
+    return np.concatenate([transform(each, part) for each in group]), group
+
+
+@given(poses_in_front(), poses_in_front(), motions(), point_sets())
+def test_errors_in_metres_do_not_depend_on_where_the_camera_is(estimated, true, camera, points):
+    for error in (add, add_s, lambda a, b, v: mssd(a, b, v, ALONE)):
+        here = error(estimated, true, points)
+        np.testing.assert_allclose(
+            error(camera @ estimated, camera @ true, points), here, atol=1e-9
+        )
+        assert error(true, true, points) < 1e-9
+
+
+@given(poses_in_front(), poses_in_front(), point_sets())
+def test_add_is_symmetric_and_between_adi_and_the_largest_distance(estimated, true, points):
+    distance = add(estimated, true, points)
+    np.testing.assert_allclose(add(true, estimated, points), distance, atol=1e-12)
+    assert add_s(estimated, true, points) <= distance + 1e-12
+    assert distance <= mssd(estimated, true, points, ALONE) + 1e-12
+
+
+@given(poses_in_front(), poses_in_front(), symmetric_objects(), cameras(), st.data())
+def test_symmetric_siblings_of_a_pose_have_equal_errors(estimated, true, thing, camera, data):
+    vertices, group = thing
+    sibling = group[data.draw(st.integers(0, len(group) - 1))]
+    in_metres, in_pixels = mssd(estimated, true, vertices, group), None
+    both = np.concatenate([transform(each, vertices) for each in (estimated, true)])
+    if both[:, 2].min() > 0.01:
+        in_pixels = mspd(estimated, true, vertices, group, camera)
+    for first, second in ((estimated @ sibling, true), (estimated, true @ sibling)):
+        np.testing.assert_allclose(mssd(first, second, vertices, group), in_metres, atol=1e-9)
+        np.testing.assert_allclose(
+            add_s(first, second, vertices), add_s(estimated, true, vertices), atol=1e-9
+        )
+        if in_pixels is not None:
+            same = mspd(first, second, vertices, group, camera)
+            np.testing.assert_allclose(same, in_pixels, rtol=1e-7, atol=1e-7)
+    assert in_metres <= mssd(estimated, true, vertices, ALONE) + 1e-12
+    assert add_s(true @ sibling, true, vertices) < 1e-9
+    assert mssd(true @ sibling, true, vertices, group) < 1e-9
+
+
+@given(poses_in_front(), poses_in_front(), symmetric_objects())
+def test_the_nearest_symmetric_pose_is_a_sibling_and_none_is_nearer(estimated, true, thing):
+    _, group = thing
+    nearest = nearest_symmetric_pose(estimated, true, group)
+    siblings = true @ group
+    assert np.abs(siblings - nearest).max(axis=(1, 2)).min() < 1e-12
+    distances = rotation_distance(estimated[None, :3, :3], siblings[:, :3, :3])
+    assert rotation_error(estimated, nearest) <= distances.min() + 1e-12

@@ -18,9 +18,9 @@ from hlp.method.learn.model_files import read_history
 from hlp.method.settings import MethodSettings
 from hlp.records import PoseEstimate, TargetScore
 from hlp.refinement.score_model import PRIOR, load_score_model, save_score_model
-from hlp.reporting.results import read_results
+from hlp.reporting.sweeps import read_sweeps
 from hlp.results.poses_file import read_poses, read_scores, write_poses, write_scores
-from hlp.results.summary_file import read_summary
+from hlp.results.recalls import read_summary
 from hlp.stages.manifest import read_manifest
 from hlp.stages.store import StageStore
 
@@ -121,7 +121,7 @@ def test_results_of_runs_and_sweeps(tmp_path: Path, name: str, data: st.DataObje
     (tmp_path / "sweep.json").write_text(json.dumps(SWEEP))
     path = tmp_path / name if name == "sweep.json" else run / name
     path.write_bytes(data.draw(spoiled(path.read_bytes())))
-    is_clean(lambda: read_results(tmp_path), tmp_path)
+    is_clean(lambda: read_sweeps(tmp_path), tmp_path)
 
 
 @given(spoiled(b"- experiment=demo\n- seed=1\n- output=out\n"))
@@ -133,7 +133,7 @@ def test_overrides_of_a_run(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "manifest.json").write_text(json.dumps(MANIFEST))
     (tmp_path / ".hydra").mkdir(exist_ok=True)
     (tmp_path / ".hydra" / "overrides.yaml").write_bytes(content)
-    is_clean(lambda: read_results(tmp_path), tmp_path)
+    is_clean(lambda: read_sweeps(tmp_path), tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from hlp.method.find.search import search_frame
 from hlp.method.find.trace import NOBODY
 from hlp.method.settings import FindSettings
 from hlp.reporting.study_numbers import KINDS, read_numbers
-from hlp.results.summary_file import read_target_values
+from hlp.results.recalls import read_target_values
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages
 from hlp.studies.bench_times import PARTS, PartClock

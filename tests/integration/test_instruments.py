@@ -5,7 +5,7 @@ import pytest
 from hlp.method.find.estimator import PoseEstimator
 from hlp.refinement.refiner import NoneRefiner
 from hlp.reporting.study_numbers import KINDS, read_numbers
-from hlp.results.summary_file import read_target_values
+from hlp.results.recalls import read_target_values
 from run_files import logged_run, read_json, rows, stages
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("threads")]

@@ -151,7 +151,7 @@ def test_a_texture_decides_like_colours_on_the_vertices():
         np.testing.assert_allclose(chosen, pose, atol=1e-9)
 
 
-def test_without_siblings_or_pixels_the_pose_stays():
+def test_without_near_symmetries_or_pixels_the_pose_stays():
     model = _model(trimesh.creation.box((0.06, 0.10, 0.15)), HALF_TURNS)
     pose, observation = _scene(model, 0)
     alone = replace(model, near_symmetries=np.empty((0, 4, 4)))

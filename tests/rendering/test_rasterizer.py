@@ -1,12 +1,22 @@
-"""The z-buffer against closed forms."""
+"""Depth, colours and shades against closed forms, and against a ray caster written here."""
 
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
 
+from generated_values import SEEDS, numbers
 from hlp.geometry import rigid
 from hlp.records import Mesh
-from hlp.rendering.rasterizer import Light, render_depth, render_rgbd, render_scene
+from hlp.rendering.rasterizer import (
+    Light,
+    random_light,
+    render_depth,
+    render_rgbd,
+    render_scene,
+    shade,
+)
 from refinement_scene import as_mesh
 
 CAMERA = np.array([[70.0, 0.0, 31.3], [0.0, 72.0, 24.6], [0.0, 0.0, 1.0]])
@@ -115,3 +125,101 @@ def test_bad_input_is_named():
         render_depth(mesh, poses, CAMERA, SHAPE)
     with pytest.raises(ValueError, match="at least one"):
         render_scene([], CAMERA, SHAPE, AMBIENT)
+
+
+def shade_one(albedo, normal, view, light):
+    """Blinn-Phong for one point, scalar by scalar."""
+    n = np.array(normal) / np.linalg.norm(normal)
+    v = np.array(view) / np.linalg.norm(view)
+    if n @ v < 0:
+        n = -n
+    s = np.array(light.direction)
+    h = (v + s) / np.linalg.norm(v + s)
+    lit = max(float(n @ s), 0.0)
+    gloss = max(float(n @ h), 0.0) ** light.shininess if lit > 0 else 0.0
+    return [
+        min(
+            max(round(a * (light.ambient + light.diffuse * lit) + 255 * light.specular * gloss), 0),
+            255,
+        )
+        for a in albedo
+    ]
+
+
+def test_shade_equals_the_scalar_formula():
+    rng = np.random.default_rng(0)
+    albedo = rng.uniform(0, 255, (200, 3))
+    normals, views = rng.normal(size=(200, 3)), rng.normal(size=(200, 3))
+    for _ in range(5):
+        light = random_light(rng)
+        expected = [
+            shade_one(list(a), list(n), list(v), light)
+            for a, n, v in zip(albedo, normals, views, strict=True)
+        ]
+        np.testing.assert_array_equal(shade(albedo, normals, views, light), expected)
+
+
+def test_random_lights_stay_in_the_cameras_half_space():
+    rng = np.random.default_rng(1)
+    lights = [random_light(rng) for _ in range(200)]
+    directions = np.array([light.direction for light in lights])
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0)
+    assert (directions[:, 2] < 0).all()
+    assert directions[:, 0].std() > 0.4 and directions[:, 1].std() > 0.4
+    assert all(0.3 <= light.ambient <= 0.9 for light in lights)
+    assert np.std([light.specular for light in lights]) > 0.05
+
+
+SMALL = (24, 32)
+CLEAR = 1e-6  # barycentric; nearer to an edge than this, a pixel may count as inside or outside
+
+
+def cast(mesh, camera):
+    """Depth (rays, triangles) where a ray hits for certain, and where it may; else infinite."""
+    y, x = np.mgrid[: SMALL[0], : SMALL[1]].reshape(2, -1)
+    focal, middle = camera[[0, 1], [0, 1]], camera[:2, 2]
+    rays = np.column_stack([(np.column_stack([x, y]) - middle) / focal, np.ones(len(x))])
+    corners = mesh.vertices[mesh.faces]
+    # A ray r hits the triangle (a, b, c) where [a b c] w = r has only positive weights.
+    weights = np.einsum("fij,rj->rfi", np.linalg.inv(np.swapaxes(corners, 1, 2)), rays)
+    total = weights.sum(axis=2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        least = (weights / total[..., None]).min(axis=2)
+        depth = 1.0 / total
+    surely = np.where((total > 0) & (least > CLEAR), depth, np.inf)
+    perhaps = np.where((total > 0) & (least > -CLEAR), depth, np.inf)
+    return surely, perhaps
+
+
+@st.composite
+def triangles(draw):
+    """Triangles in front of a camera, some beyond the image's border, none seen edge-on."""
+    rng = np.random.default_rng(draw(SEEDS))
+    focal = draw(numbers(10.0, 60.0))
+    camera = np.array([[focal, 0.0, 15.3], [0.0, focal * 1.1, 11.6], [0.0, 0.0, 1.0]])
+    count = draw(st.integers(1, 30))
+    z = rng.uniform(0.2, draw(numbers(0.3, 5.0)), (3 * count, 1))
+    pixels = rng.uniform(-20, 50, (3 * count, 2))
+    vertices = np.hstack([(pixels - camera[:2, 2]) / camera[[0, 1], [0, 1]] * z, z])
+    faces = np.arange(3 * count).reshape(-1, 3)
+    a, b, c = (pixels[faces[:, i]] for i in range(3))
+    area = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    faces = faces[np.abs(area) > 0.1]
+    grey = np.zeros((len(vertices), 3), np.uint8)
+    return Mesh(vertices, faces, grey, np.zeros_like(vertices)), camera
+
+
+@given(triangles())
+def test_the_nearest_triangle_is_drawn_at_its_depth(case):
+    mesh, camera = case
+    if len(mesh.faces) == 0:
+        return
+    drawn = render_depth(mesh, np.eye(4)[None], camera, SMALL)[0].ravel()
+    surely, perhaps = cast(mesh, camera)
+    nearest = surely.min(axis=1)
+    tolerance = 1e-5 * np.where(np.isfinite(nearest), nearest, 1.0)
+    seen = drawn > 0
+    assert not (np.isfinite(nearest) & ~seen).any()
+    assert (drawn[seen] <= nearest[seen] + tolerance[seen]).all()
+    apart = np.abs(perhaps - drawn[:, None]).min(axis=1)
+    assert (apart[seen] < 1e-5 * drawn[seen]).all()

@@ -18,7 +18,7 @@ from hlp.reporting.paper_reports import (
     trend_table,
 )
 from hlp.reporting.results import Result
-from hlp.results.summary_file import difference_interval
+from hlp.results.recalls import difference_interval
 from table_text import csv_rows, unpadded
 from written_results import CONFIG, scored, write_run, write_sweep, write_verdicts
 

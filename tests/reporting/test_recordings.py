@@ -6,7 +6,7 @@ import numpy as np
 
 from hlp.reporting.experiments import describe_reports, write_reports
 from hlp.reporting.recordings import draw_scores, repeats_of
-from hlp.reporting.results import read_results
+from hlp.reporting.sweeps import read_sweeps
 from table_text import csv_rows, unpadded
 from written_results import scored, write_run, write_sweep, write_verdicts
 
@@ -87,7 +87,7 @@ def test_a_curve_of_precision_counts_answers_where_nothing_is(tmp_path: Path) ->
         given = summary | {"false_alarms": in_vain}
         made = write_run(folder / str(number), "recordings", given, [f"data={name}"])
         write_verdicts(made, [1, 1, 0, 1], scores=[0.95, 0.9, 0.8, 0.6])
-    figure = draw_scores(repeats_of(read_results(folder).results, ["data"]))
+    figure = draw_scores(repeats_of(read_sweeps(folder)[0].results, ["data"]))
     assert figure is not None
     precision, reliability = figure.axes
     curves = [line for line in precision.lines if str(line.get_label()) in ("board", "demo")]

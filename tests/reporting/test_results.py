@@ -2,7 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from hlp.reporting.results import read_results, result_folders
+from hlp.reporting.results import result_folders
+from hlp.reporting.sweeps import read_sweeps
 from written_results import scored, write_run, write_sweep
 
 SUMMARY = scored(0.8, 100.0, {"cat": 0.8})
@@ -17,7 +18,7 @@ def sweep_of_eleven(folder: Path) -> Path:
 
 
 def test_runs_are_read_in_their_order_and_with_what_was_chosen(tmp_path: Path) -> None:
-    found = read_results(sweep_of_eleven(tmp_path / "sweep"))
+    (found,) = read_sweeps(sweep_of_eleven(tmp_path / "sweep"))
     particles = [run.config["refinement"]["particles"] for run in found.results]
     assert particles == list(range(1, 12))
     assert found.results[10].chosen == {"refinement.particles": "11"}
@@ -28,10 +29,11 @@ def test_runs_are_read_in_their_order_and_with_what_was_chosen(tmp_path: Path) -
 def test_a_run_without_manifest_is_not_finished(tmp_path: Path) -> None:
     folder = sweep_of_eleven(tmp_path / "sweep")
     (folder / "3" / "manifest.json").unlink()
-    found = read_results(folder)
+    (found,) = read_sweeps(folder)
     assert len(found.results) == 10
-    assert found.unfinished == [folder / "3"]
-    assert found.chosen[folder / "3"] == {"refinement.particles": "4"}
+    (unfinished,) = found.unfinished
+    assert unfinished.folder == folder / "3"
+    assert unfinished.values == {"refinement.particles": "4"}
 
 
 def test_sweeps_and_single_runs_are_found_but_not_runs_of_sweeps(tmp_path: Path) -> None:
@@ -39,14 +41,14 @@ def test_sweeps_and_single_runs_are_found_but_not_runs_of_sweeps(tmp_path: Path)
     run = write_run(tmp_path / "b", "table1", SUMMARY, ["experiment=table1", "output=b"])
     assert result_folders(tmp_path) == [sweep, run]
     assert result_folders(run) == [run]
-    assert read_results(run).command == "hlp run experiment=table1"
+    assert [found.command for found in read_sweeps(run)] == ["hlp run experiment=table1"]
 
 
 def test_a_broken_run_is_named(tmp_path: Path) -> None:
     run = write_run(tmp_path / "broken", "table1", SUMMARY)
     (run / "summary.json").write_text("{")
     with pytest.raises(ValueError, match="broken holds no results"):
-        read_results(run)
+        read_sweeps(run)
 
 
 def test_what_measures_stages_has_no_summary_and_is_passed_over(tmp_path: Path) -> None:
@@ -55,4 +57,4 @@ def test_what_measures_stages_has_no_summary_and_is_passed_over(tmp_path: Path) 
     assert result_folders(tmp_path) == []
     folder = write_sweep(tmp_path / "other", [], [])
     run.rename(folder / "0")
-    assert read_results(folder).results == []
+    assert read_sweeps(folder) == []

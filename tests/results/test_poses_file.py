@@ -1,16 +1,25 @@
-"""`poses.csv` and `scores.csv` as files; test_results_properties.py reads what was written."""
+"""`poses.csv`, `scores.csv` and the answers of a stream, written and read again."""
 
 import csv
+import dataclasses
+import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from generated_values import motions, texts
+from hlp.errors import InputError
+from hlp.files import read_json
 from hlp.geometry import rigid
 from hlp.records import PoseEstimate, TargetScore
 from hlp.results import poses_file
+from hlp.results.poses_file import AnswersFile, read_poses, read_scores, write_poses, write_scores
 
 
 def _pose(seed):
@@ -107,3 +116,130 @@ def test_an_absent_file_and_other_columns_are_named(tmp_path, read):
     path.write_text("scene_id,im_id\n")
     with pytest.raises(ValueError, match=r"results\.csv: the first line must be"):
         read(path)
+
+
+POSE = np.array([[0, -1, 0, 0.1], [1, 0, 0, -0.2], [0, 0, 1, 0.7], [0, 0, 0, 1.0]])
+ESTIMATE = PoseEstimate(0, 3, 1, POSE, 0.75, {"total": 0.125})
+
+
+def test_every_answer_is_on_disk_at_once(tmp_path):
+    with AnswersFile(tmp_path / "out") as file:
+        file.add({"im_id": 3, "found": True}, ESTIMATE)
+        (line,) = (tmp_path / "out" / "poses.jsonl").read_text().splitlines()
+        assert json.loads(line) == {"im_id": 3, "found": True}
+        (read,) = read_poses(tmp_path / "out" / "poses.csv")
+        np.testing.assert_allclose(read.pose_cam_obj, POSE)
+        file.add({"im_id": 4, "found": False}, None)
+    write_poses(tmp_path / "whole.csv", [ESTIMATE])
+    assert (tmp_path / "whole.csv").read_text() == (tmp_path / "out" / "poses.csv").read_text()
+    poses = json.loads((tmp_path / "out" / "poses.json").read_text())["poses"]
+    assert [pose["im_id"] for pose in poses] == [3, 4]
+
+
+def test_an_interrupted_call_leaves_the_lines_and_no_old_document(tmp_path):
+    with AnswersFile(tmp_path):
+        pass
+    assert json.loads((tmp_path / "poses.json").read_text()) == {"poses": []}
+    try:
+        with AnswersFile(tmp_path) as file:
+            file.add({"im_id": 1}, None)
+            raise KeyboardInterrupt
+    except KeyboardInterrupt:
+        pass
+    assert not (tmp_path / "poses.json").exists()
+    assert (tmp_path / "poses.jsonl").read_text() == '{"im_id": 1}\n'
+
+
+def test_two_processes_do_not_write_into_one_folder(tmp_path):
+    """Nor two calls in one process; what the first one writes stays whole."""
+    with AnswersFile(tmp_path) as file:
+        file.add({"im_id": 1}, None)
+        with pytest.raises(InputError, match="another process writes into"):
+            AnswersFile(tmp_path)
+        file.add({"im_id": 2}, None)
+    assert (tmp_path / "poses.jsonl").read_text() == '{"im_id": 1}\n{"im_id": 2}\n'
+    with AnswersFile(tmp_path):
+        pass
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "poses.csv",
+        "poses.json",
+        "poses.jsonl",
+    ]
+
+
+IDS = st.integers(0, 10**6)
+SECONDS = st.dictionaries(texts(), st.floats(0.0, 1e3), max_size=3)
+ANY_ESTIMATES = st.lists(
+    st.builds(
+        PoseEstimate,
+        IDS,
+        IDS,
+        IDS,
+        st.none() | motions(5.0),
+        st.floats(0.0, 1.0),
+        SECONDS,
+    ),
+    max_size=5,
+)
+NUMBERS = st.floats(-1e100, 1e100) | st.sampled_from([float("nan"), float("inf")])
+SCORES = st.lists(
+    st.builds(
+        TargetScore,
+        *(IDS, IDS, st.integers(0, 3), st.booleans()),
+        *(NUMBERS,) * 5,
+        *(st.booleans(),) * 3,
+        *(NUMBERS,) * 3,
+        texts(),
+        NUMBERS,
+        st.booleans(),
+    ),
+    max_size=4,
+)
+
+
+@given(ANY_ESTIMATES)
+def test_poses_come_back(tmp_path: Path, estimates):
+    write_poses(tmp_path / "poses.csv", estimates)
+    sent = [estimate for estimate in estimates if estimate.pose_cam_obj is not None]
+    back = read_poses(tmp_path / "poses.csv")
+    assert len(back) == len(sent)
+    for ours, theirs in zip(back, sent, strict=True):
+        for field in ("scene_id", "frame_id", "object_id", "score"):
+            assert getattr(ours, field) == getattr(theirs, field)
+        np.testing.assert_array_equal(ours.pose_cam_obj[:3, :3], theirs.pose_cam_obj[:3, :3])
+        np.testing.assert_allclose(
+            ours.pose_cam_obj[:3, 3], theirs.pose_cam_obj[:3, 3], rtol=1e-15, atol=1e-300
+        )
+    write_poses(tmp_path / "again.csv", back)
+    again = read_poses(tmp_path / "again.csv")
+    for first, second in zip(back, again, strict=True):
+        np.testing.assert_allclose(first.pose_cam_obj, second.pose_cam_obj, rtol=1e-15)
+
+
+@given(ANY_ESTIMATES)
+def test_answers_of_a_stream_come_back_as_csv_and_json(tmp_path: Path, estimates):
+    posed = [estimate for estimate in estimates if estimate.pose_cam_obj is not None]
+    with AnswersFile(tmp_path) as answers:
+        for estimate in posed:
+            answers.add(
+                {"score": estimate.score, "t": estimate.pose_cam_obj[:3, 3].tolist()}, estimate
+            )
+    assert len(read_poses(tmp_path / "poses.csv")) == len(posed)
+    lines = [json.loads(line) for line in (tmp_path / "poses.jsonl").read_text().splitlines()]
+    assert read_json(tmp_path / "poses.json")["poses"] == lines
+    assert [line["score"] for line in lines] == [estimate.score for estimate in posed]
+
+
+@given(SCORES, st.lists(texts(), min_size=4, max_size=4))
+def test_scores_come_back(tmp_path: Path, scores, names):
+    write_scores(tmp_path / "scores.csv", scores, dict(enumerate(names)))
+    back, back_names = read_scores(tmp_path / "scores.csv")
+    assert back_names == {score.object_id: names[score.object_id] for score in scores}
+    assert len(back) == len(scores)
+    for ours, theirs in zip(back, scores, strict=True):
+        for field in dataclasses.fields(TargetScore):
+            one, other = getattr(ours, field.name), getattr(theirs, field.name)
+            if isinstance(other, float):
+                np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-300)
+            else:
+                assert one == other, field.name

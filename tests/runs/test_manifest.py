@@ -1,9 +1,17 @@
+"""What a manifest keeps; and what a stranger's could be made to do, which is refused."""
+
 import json
+import os
+import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from hlp.runs.manifest import poses_digest, read_manifest
+from hlp.cli import main
+from hlp.commands.composing import config_folder
+from hlp.errors import DataError
+from hlp.runs.manifest import config_of, poses_digest, read_manifest
 
 HEADER = "scene_id,im_id,obj_id,score,R,t,time\n"
 
@@ -30,3 +38,88 @@ def test_what_is_no_manifest_is_named(tmp_path: Path) -> None:
             read_manifest(path)
     path.write_text(json.dumps({"config": {"seed": 1}}))
     assert read_manifest(path) == {"config": {"seed": 1}}
+
+
+HARMLESS: dict[str, Any] = {
+    "name": "demo",
+    "seed": 0,
+    "executor": {"name": "loky", "workers": 2, "threads": 1},
+    "data": {"name": "linemod", "root": "/data/lm", "sizes": [1.0, 2.0], "objects": {"cat": 6}},
+    "task": {"name": "search", "space": {"parameters": {"refinement.particles": {"low": 5}}}},
+}
+
+ATTACKS: dict[str, tuple[dict[str, Any], str]] = {
+    "callback of Hydra": (
+        {"hydra": {"callbacks": {"x": {"_target_": "os.system", "command": "touch x"}}}},
+        "config.hydra is",
+    ),
+    "launcher by way of the defaults": (
+        {"defaults": [{"override hydra/launcher": "slurm"}]},
+        "config.defaults is",
+    ),
+    "class to create": ({"encoder": {"_target_": "os.mkdir", "path": "x"}}, "encoder._target_"),
+    "class in a list": ({"data": {"a": [{"_target_": "os.mkdir"}]}}, r"data.a\[0\]._target_"),
+    "call with arguments": ({"task": {"_args_": ["x"]}}, "task._args_"),
+    "environment": ({"data": {"root": "${oc.env:HOME}"}}, "data.root"),
+    "environment in a list": ({"data": {"photos": ["a", "b${oc.env:HOME}"]}}, r"data.photos\[1\]"),
+    "environment with another spelling": ({"seed": "${ oc.env:SEED,1}"}, "seed"),
+    "file that is read": ({"name": "${oc.decode:${oc.env:X}}"}, "name"),
+    "results elsewhere": ({"name": "../../../tmp/x"}, "name"),
+    "results at an absolute place": ({"name": "/var/x"}, "name"),
+    "study elsewhere": ({"task": {"space": {"name": "../../x"}}}, "task.space.name"),
+    "drawing elsewhere": ({"task": {"refiners": {"../../x": {}}}}, "no key is a path"),
+    "cluster of dask": ({"executor": {"name": "dask", "address": "tcp://evil:8786"}}, "address"),
+    "cluster of ray": ({"executor": {"name": "ray", "address": "ray://evil:10001"}}, "address"),
+}
+
+
+def write(folder: Path, **changes: Any) -> Path:
+    path = folder / "manifest.json"
+    path.write_text(json.dumps({"config": HARMLESS | changes, "stages": []}))
+    return path
+
+
+def test_settings_and_data_are_taken(tmp_path: Path) -> None:
+    composed = json.loads(config_of(write(tmp_path), [], config_folder()))
+    assert {key: composed[key] for key in HARMLESS} == HARMLESS
+
+
+@pytest.mark.parametrize("attack", ATTACKS)
+def test_attacks_are_refused_by_file_and_key(tmp_path: Path, attack: str) -> None:
+    changes, message = ATTACKS[attack]
+    with pytest.raises(DataError, match=rf"manifest\.json: .*{message}"):
+        config_of(write(tmp_path, **changes), [], config_folder())
+
+
+def test_ones_own_cluster_may_be_named(tmp_path: Path) -> None:
+    manifest = write(tmp_path, executor={"name": "dask", "address": "tcp://mine:8786"})
+    own = ["executor.address=tcp://mine:8786"]
+    assert "tcp://mine" in config_of(manifest, own, config_folder())
+
+
+def test_deep_nesting_is_refused(tmp_path: Path) -> None:
+    nested: Any = 1
+    for _ in range(200):
+        nested = [nested]
+    with pytest.raises(DataError, match="nested deeper than"):
+        config_of(write(tmp_path, data=nested), [], config_folder())
+    path = tmp_path / "manifest.json"
+    path.write_text('{"config": ' + "[" * 200_000)
+    with pytest.raises(DataError, match="nested deeper than"):
+        config_of(path, [], config_folder())
+
+
+def test_the_command_runs_nothing_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", sys.argv)
+    callback = {"x": {"_target_": "os.mkdir", "path": str(tmp_path / "touched")}}
+    write(tmp_path, hydra={"callbacks": callback})
+    for variable in ("HYDRA_FULL_ERROR", "OMP_WAIT_POLICY", "MPLBACKEND"):
+        monkeypatch.setenv(variable, os.environ.get(variable, "1"))
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "manifest=manifest.json"])
+    assert ended.value.code == 1
+    assert capsys.readouterr().err.startswith("hlp: manifest.json: config.hydra is")
+    assert [path.name for path in tmp_path.iterdir()] == ["manifest.json"]

@@ -17,7 +17,7 @@ from hlp.errors import DataError
 from hlp.records import TargetScore
 from hlp.reporting.mlflow.tracking import track_run
 from hlp.results.poses_file import write_scores
-from hlp.results.summary_file import read_target_values
+from hlp.results.recalls import read_target_values
 from hlp.studies import search
 from hlp.studies.search import SearchSettings, check_within, nested, read_space
 

@@ -14,7 +14,7 @@ from hlp.evaluation import EvaluationSettings
 from hlp.evaluation.evaluator import FrameTruth
 from hlp.evaluation.waterfall import by_object, count_causes
 from hlp.records import PoseEstimate, TargetScore
-from hlp.results.summary_file import METRICS, Summary, average_recalls, blocks_of, recall_interval
+from hlp.results.recalls import METRICS, Summary, average_recalls, blocks_of, recall_interval
 
 _BINS = 10
 _POINTS = 101  # of the curve of risk and coverage, at most

@@ -27,7 +27,7 @@ from jaxtyping import Float
 from hlp.arrays import Flags, Rows
 from hlp.evaluation import WaterfallSettings
 from hlp.records import TargetScore
-from hlp.results.summary_file import CORRECT
+from hlp.results.recalls import CORRECT
 
 BAD_FRAME = "bad_frame"
 CAUSES = (

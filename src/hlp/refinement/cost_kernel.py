@@ -137,33 +137,26 @@ def _sum_directed_edges(
     """The edge term of `_sum_rows`, where each edgelet's cost is that of its own direction."""
     total = _ZERO
     for y in range(1, inverse.shape[0] - 1):
-        above, here, below = inverse[y - 1], inverse[y], inverse[y + 1]
+        around = inverse[y - 1], inverse[y], inverse[y + 1]
+        above, here, below = around
         for x in range(1, inverse.shape[1] - VECTOR_WIDTH):
             if here[x] <= _ZERO or here[x] == _INFINITE:
                 continue
             rendered = _ONE / here[x]
-            if not _is_edgelet(rendered, here[x - 1], here[x + 1], above[x], below[x], limits.step):
+            beside = here[x - 1], here[x + 1], above[x], below[x]
+            if not _is_edgelet(rendered, beside, limits.step):
                 continue
             if observed[y, x] > _ZERO and rendered - observed[y, x] > limits.tau:
                 total += limits.occluder_cost
             else:
-                first, stop = x - 1, x + 2
-                direction = edge_direction(above[first:stop], here[first:stop], below[first:stop])
-                total += edge_costs[direction, y, x]
+                total += edge_costs[edge_direction(around, x - 1), y, x]
     return total
 
 
 @compiled(inline="always")
-def _is_edgelet(
-    rendered: np.float32,
-    left: np.float32,
-    right: np.float32,
-    above: np.float32,
-    below: np.float32,
-    step: np.float32,
-) -> bool:
+def _is_edgelet(rendered: np.float32, beside: tuple[np.float32, ...], step: np.float32) -> bool:
     """Whether a 4-neighbour, by its inverse depth, is empty or farther by more than the step."""
-    farthest: np.float32 = min(min(left, right), min(above, below))
+    farthest: np.float32 = min(min(beside[0], beside[1]), min(beside[2], beside[3]))
     return farthest < _ONE / (rendered + step)  # type: ignore[return-value]
 
 
@@ -211,13 +204,9 @@ def _sum_rows(
         pixels += _ONE if drawn else _ZERO
         seen += _ONE if drawn & has_depth else _ZERO
         covered += reference[x] if drawn else _ZERO
-        edge = drawn & _is_edgelet(rendered, before[x], after[x], above[x], below[x], step)
+        edge = drawn & _is_edgelet(rendered, (before[x], after[x], above[x], below[x]), step)
         occluded = has_depth & (behind > tau)
         edges += _ONE if edge else _ZERO
         edge_sum += (occluder_cost if occluded else edge_cost[x]) if edge else _ZERO
-    sums[0] += depth_sum
-    sums[1] += pixels
-    sums[2] += seen
-    sums[3] += edge_sum
-    sums[4] += edges
-    sums[5] += covered
+    for k, amount in enumerate((depth_sum, pixels, seen, edge_sum, edges, covered)):
+        sums[k] += amount

@@ -9,6 +9,7 @@ from hlp.arrays import CameraMatrix, Image, Poses, Rgb
 from hlp.kernels import compiled
 from hlp.rendering.zbuffer import (
     KernelMesh,
+    ThreeRows,
     draw_triangles,
     edge_direction,
     framed_buffer,
@@ -82,7 +83,7 @@ def sum_evidence(
 
 @compiled(error_model="numpy")
 def _sum_row(
-    around: tuple[Float32[np.ndarray, "c+5"], ...],
+    around: ThreeRows,
     faces: tuple[Float32[np.ndarray, "f 3"], Int32[np.ndarray, "c+5"]],
     row: tuple[Float32[np.ndarray, "c"], UInt8[np.ndarray, "c 3"], Float32[np.ndarray, "4 c"]],
     taus: tuple[np.float32, np.float32, np.float32],
@@ -95,38 +96,28 @@ def _sum_row(
     `around` are the inverse depths of the row above, of the row itself and of that below, `faces`
     the chromaticity of all faces and those that the row shows, `row` that of the images.
     """
-    above, inverse, below = around
-    chromaticity, seen = faces
-    depth, rgb, edge_distance = row
+    inverse, (chromaticity, seen), (depth, rgb, edge_distance) = around[1], faces, row
     tau_depth, tau_pixels, tau_color = taus
     pixels, missing, occluded, behind, agreeing, edges, occluded_edges = 0, 0, 0, 0, 0, 0, 0
     residual, color, edge_sum = _ZERO, _ZERO, _ZERO
     for i in range(columns):
-        here = inverse[i + 1]
-        if here <= _ZERO:
+        if inverse[i + 1] <= _ZERO:
             continue
+        rendered = _ONE / inverse[i + 1]
+        present, is_occluded, is_behind, agrees = _compare(depth[i], rendered, tau_depth)
         pixels += 1
-        rendered = _ONE / here
-        difference = depth[i] - rendered
-        present = (depth[i] > _ZERO) & (depth[i] < _INFINITE)
-        is_occluded = present & (difference < -tau_depth)
-        is_behind = present & (difference > tau_depth)
         missing += not present
         occluded += is_occluded
         behind += is_behind
-        if present & (abs(difference) <= tau_depth):
+        if agrees:
             agreeing += 1
-            residual += abs(difference) / tau_depth
-            apart = _chromaticity_difference(rgb[i], chromaticity[seen[i + 1]])
-            color += min(apart / tau_color, _ONE)
-        # An edgelet: a 4-neighbour is empty or farther by more than the step.
-        farthest = min(min(inverse[i], inverse[i + 2]), min(above[i + 1], below[i + 1]))
-        if farthest * (rendered + step) < _ONE:
+            residual += abs(depth[i] - rendered) / tau_depth
+            color += _color_cost(rgb[i], chromaticity[seen[i + 1]], tau_color)
+        if _is_edgelet(around, i, rendered + step):
             edges += 1
             occluded_edges += is_occluded
             if not is_occluded:
-                direction = edge_direction(above[i : i + 3], inverse[i : i + 3], below[i : i + 3])
-                edge_sum += min(edge_distance[direction, i] / tau_pixels, _ONE)
+                edge_sum += _edge_cost(around, edge_distance, i, tau_pixels)
     for k, found in enumerate((pixels, agreeing, behind, occluded, missing, edges, occluded_edges)):
         sums[k] += found
     for k, amount in enumerate((residual, color, edge_sum)):
@@ -134,16 +125,41 @@ def _sum_row(
 
 
 @compiled(inline="always")
-def _chromaticity_difference(
-    rgb: UInt8[np.ndarray, "3"], chromaticity: Float32[np.ndarray, "3"]
+def _compare(depth: np.float32, rendered: np.float32, tau: np.float32) -> tuple[bool, ...]:
+    """Whether there is a depth; whether it is nearer, farther, or the same within the tolerance."""
+    present, difference = (depth > _ZERO) & (depth < _INFINITE), depth - rendered
+    nearer, farther = present & (difference < -tau), present & (difference > tau)
+    same = present & (abs(difference) <= tau)
+    return present, nearer, farther, same  # type: ignore[return-value]
+
+
+@compiled(inline="always")
+def _color_cost(
+    rgb: UInt8[np.ndarray, "3"], chromaticity: Float32[np.ndarray, "3"], tau: np.float32
 ) -> np.float32:
-    """Sum of |Δr|, |Δg|, |Δb| of a colour's chromaticity."""
+    """Sum of |Δr|, |Δg|, |Δb| of a colour's chromaticity, in units of the tolerance, at most 1."""
     red, green, blue = np.float32(rgb[0]), np.float32(rgb[1]), np.float32(rgb[2])
     share = _ONE / (red + green + blue + _OFFSETS)
     difference = abs((red + COLOR_OFFSET) * share - chromaticity[0])
     difference += abs((green + COLOR_OFFSET) * share - chromaticity[1])
     difference += abs((blue + COLOR_OFFSET) * share - chromaticity[2])
-    return np.float32(difference)
+    return np.float32(min(difference / tau, _ONE))
+
+
+@compiled(inline="always")
+def _is_edgelet(around: ThreeRows, i: int, limit: np.float32) -> np.bool_:
+    """Whether a 4-neighbour of the row's pixel i is empty, or farther than a limit (m)."""
+    above, here, below = around
+    farthest: np.float32 = min(min(here[i], here[i + 2]), min(above[i + 1], below[i + 1]))
+    return farthest * limit < _ONE
+
+
+@compiled(inline="always")
+def _edge_cost(
+    around: ThreeRows, distance: Float32[np.ndarray, "4 c"], i: int, tau: np.float32
+) -> np.float32:
+    """Distance (in units of the tolerance, at most 1) to an edge of the direction of this one."""
+    return min(distance[edge_direction(around, i), i] / tau, _ONE)
 
 
 @compiled()

@@ -25,6 +25,10 @@ _INFINITE, _EIGHTH = np.float32(np.inf), np.float32(np.tan(np.pi / 8.0))
 # Pixels by which each triangle is extended, so that neighbours leave no gap: more than the rounding
 # error of single precision in an image of a few hundred pixels.
 _TOLERANCE = np.float32(1e-5)
+_Three = tuple[np.float32, np.float32, np.float32]
+_Row = Float32[np.ndarray, "w+5"]
+ThreeRows = tuple[_Row, _Row, _Row]
+"""A row of a framed buffer between the one above and the one below."""
 
 
 class KernelMesh(NamedTuple):
@@ -112,8 +116,7 @@ def draw_triangles(
     height, stride = inverse.shape[0] - 2, inverse.shape[1]
     width = stride - 1 - VECTOR_WIDTH
     flat = inverse.reshape(-1)
-    if triangles is not None:  # resolved at compile time
-        seen = triangles.reshape(-1)
+    seen = None if triangles is None else triangles.reshape(-1)  # resolved at compile time
     faces, cull = mesh.faces, mesh.closed
     for face in range(faces.shape[0]):
         a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
@@ -125,51 +128,76 @@ def draw_triangles(
             continue
         left, right = min(ax, bx, cx), max(ax, bx, cx)
         top, bottom = min(ay, by, cy), max(ay, by, cy)
-        x0 = max(int(np.ceil(left - _TOLERANCE)), 0)
-        x1 = min(int(np.floor(right + _TOLERANCE)), width - 1)
-        y0 = max(int(np.ceil(top - _TOLERANCE)), 0)
-        y1 = min(int(np.floor(bottom + _TOLERANCE)), height - 1)
+        box = *_covered(left, right, width), *_covered(top, bottom, height)
         low, high = min(wa, wb, wc), max(wa, wb, wc)
-        if x0 > x1 or y0 > y1 or area == _ZERO or low <= _ZERO:
+        if box[0] > box[1] or box[2] > box[3] or area == _ZERO or low <= _ZERO:
             continue
         # Weights of corners b and c grow linearly from corner a; corner a has the rest.
         scale = _ONE / area
         b_x, b_y = (cy - ay) * scale, (ax - cx) * scale
         c_x, c_y = (ay - by) * scale, (bx - ax) * scale
         w_x, w_y = b_x * (wb - wa) + c_x * (wc - wa), b_y * (wb - wa) + c_y * (wc - wa)
-        least_weight = -_TOLERANCE * (right - left + bottom - top) * abs(scale)
-        dx = np.float32(x0) - ax
-        # Whole vectors of pixels, counted with unsigned integers, need no loop for the remainder.
-        columns = np.uintp((x1 - x0 + VECTOR_WIDTH) // VECTOR_WIDTH * VECTOR_WIDTH)
-        start = np.uintp((y0 + 1) * stride + x0 + 1)
-        for y in range(y0, y1 + 1):
-            dy = np.float32(y) - ay
-            b_0, c_0, w_0 = b_x * dx + b_y * dy, c_x * dx + c_y * dy, wa + w_x * dx + w_y * dy
-            for k in range(columns):
-                along = np.float32(np.int32(k))
-                weight_b, weight_c = b_0 + along * b_x, c_0 + along * c_x
-                least = min(min(weight_b, weight_c), _ONE - weight_b - weight_c)
-                # A pixel within the tolerance may lie outside a sliver: do not extrapolate there.
-                w = min(max(w_0 + along * w_x, low), high)
-                before = flat[start + k]
-                nearest = (least >= least_weight) & (w > before)
-                flat[start + k] = w if nearest else before
-                if triangles is not None:
-                    seen[start + k] = np.int32(face) if nearest else seen[start + k]
-            start += np.uintp(stride)
+        limits = -_TOLERANCE * (right - left + bottom - top) * abs(scale), low, high
+        steps = (b_x, c_x, w_x), (b_y, c_y, w_y)
+        _draw_box(flat, seen, stride, face, box, (ax, ay, wa), steps, limits)
+
+
+@compiled(forceinline=True)
+def _covered(low: np.float32, high: np.float32, size: int) -> tuple[int, int]:
+    """First and last of `size` pixels between two positions."""
+    return max(int(np.ceil(low - _TOLERANCE)), 0), min(int(np.floor(high + _TOLERANCE)), size - 1)
+
+
+@compiled(forceinline=True)
+def _draw_box(
+    flat: Float32[np.ndarray, "p"],
+    seen: Int32[np.ndarray, "p"] | None,
+    stride: int,
+    face: int,
+    box: tuple[int, int, int, int],
+    corner: _Three,
+    steps: tuple[_Three, _Three],
+    limits: _Three,
+) -> None:
+    """Draw a triangle in a box, given by its first and last column and row.
+
+    Two weights and the inverse depth change by `steps` per pixel along x and y, from 0, 0 and that
+    of a corner; `limits` are those of the weights and of the inverse depth.
+    """
+    (x0, x1, y0, y1), (ax, ay, wa) = box, corner
+    (b_x, c_x, w_x), (b_y, c_y, w_y) = steps
+    least_weight, low, high = limits
+    dx = np.float32(x0) - ax
+    # Whole vectors of pixels, counted with unsigned integers, need no loop for the remainder.
+    columns = np.uintp((x1 - x0 + VECTOR_WIDTH) // VECTOR_WIDTH * VECTOR_WIDTH)
+    start = np.uintp((y0 + 1) * stride + x0 + 1)
+    for y in range(y0, y1 + 1):
+        dy = np.float32(y) - ay
+        b_0, c_0, w_0 = b_x * dx + b_y * dy, c_x * dx + c_y * dy, wa + w_x * dx + w_y * dy
+        for k in range(columns):
+            along = np.float32(np.int32(k))
+            weight_b, weight_c = b_0 + along * b_x, c_0 + along * c_x
+            least = min(min(weight_b, weight_c), _ONE - weight_b - weight_c)
+            # A pixel within the tolerance may lie outside a sliver: do not extrapolate there.
+            w = min(max(w_0 + along * w_x, low), high)
+            before = flat[start + k]
+            nearest = (least >= least_weight) & (w > before)
+            flat[start + k] = w if nearest else before
+            if seen is not None:
+                seen[start + k] = np.int32(face) if nearest else seen[start + k]
+        start += np.uintp(stride)
 
 
 @compiled(inline="always")
-def edge_direction(
-    above: Float32[np.ndarray, "3"], here: Float32[np.ndarray, "3"], below: Float32[np.ndarray, "3"]
-) -> int:
+def edge_direction(around: ThreeRows, i: int) -> int:
     """Which of `DIRECTIONS` the gradient of inverse depth has, which is 0 beside a mesh.
 
-    Takes the pixel, in the middle of `here`, and the eight around it.
+    It is that of the middle row's pixel i + 1; the eight around it are taken.
     """
-    rising, falling = below[2] - above[0], above[2] - below[0]
-    x = _TWO * (here[2] - here[0]) + rising + falling
-    y = _TWO * (below[1] - above[1]) + rising - falling
+    above, here, below = around
+    rising, falling = below[i + 2] - above[i], above[i + 2] - below[i]
+    x = _TWO * (here[i + 2] - here[i]) + rising + falling
+    y = _TWO * (below[i + 1] - above[i + 1]) + rising - falling
     turned = x * y
     x, y = abs(x), abs(y)
     if y < _EIGHTH * x:

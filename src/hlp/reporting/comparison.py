@@ -13,7 +13,7 @@ from hlp.records import TargetScore
 from hlp.reporting.summary_tables import METRIC_LABELS
 from hlp.reporting.table import Table, check_layout, lay_out, prose
 from hlp.results.poses_file import read_scores
-from hlp.results.summary_file import (
+from hlp.results.recalls import (
     METRICS,
     TargetKey,
     blocks_of,

@@ -17,12 +17,13 @@ from hlp.reporting.comparison import (
 )
 from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.bars import Panel, draw_bars, gain_bar, recall_bar
-from hlp.reporting.results import Result, ResultSet, read_results, result_folders
+from hlp.reporting.results import Result, result_folders
 from hlp.reporting.summary_tables import (
     BOP_RECALLS,
     result_cells,
     run_cells,
 )
+from hlp.reporting.sweeps import Sweep, read_sweeps
 from hlp.reporting.table import Table, lay_out, prose, result_difference, result_share
 
 if TYPE_CHECKING:
@@ -54,10 +55,11 @@ class Report:
     figures: Table | None = None
 
 
-def reports_of(found: ResultSet) -> list[Report]:
-    """The reports of the experiments among some results."""
+def reports_of(folder: Path) -> list[Report]:
+    """The reports of the experiments among the results of a sweep or run."""
     made = []
-    for name in dict.fromkeys(result.experiment for result in found.results):
+    sweeps = read_sweeps(folder)
+    for name, found in {run.experiment: sweep for sweep in sweeps for run in sweep.results}.items():
         results = [result for result in found.results if result.experiment == name]
         if name in paper.TRENDS:
             made.append(_trend(name, results, found))
@@ -75,7 +77,7 @@ def write_reports(folder: Path) -> list[Path]:
 
     The paper's also as NAME.tex. figures.csv holds the main figures, as result files keep them.
     """
-    return [path for made in reports_of(read_results(folder)) for path in _write(folder, made)]
+    return [path for made in reports_of(folder) for path in _write(folder, made)]
 
 
 def describe_reports(root: Path, layout: str) -> str:
@@ -85,7 +87,7 @@ def describe_reports(root: Path, layout: str) -> str:
     """
     parts = []
     for folder in result_folders(root):
-        for made in reports_of(read_results(folder)):
+        for made in reports_of(folder):
             files = ", ".join(str(path) for path in _write(folder, made))
             shown = made.narrow if layout == "text" and made.narrow else made.table
             parts += [prose(words, layout) for words in made.notes]
@@ -109,14 +111,14 @@ def _write(folder: Path, made: Report) -> list[Path]:
     return written
 
 
-def _made_by(found: ResultSet) -> list[str]:
+def _made_by(found: Sweep) -> list[str]:
     missing = f"Unfinished runs of the sweep, left out: {len(found.unfinished)}."
     return [f"Made by `{found.command}`.", *([missing] if found.unfinished else [])]
 
 
-def _trend(name: str, results: Sequence[Result], found: ResultSet) -> Report:
+def _trend(name: str, results: Sequence[Result], found: Sweep) -> Report:
     trend, data = paper.TRENDS[name], paper.measured_on(results[0])
-    others = [key for key in found.swept if key not in trend.keys]
+    others = [key for key in found.keys if key not in trend.keys]
     words = [result.in_words(others) for result in results]
     runs = sorted(zip(words, results, strict=True), key=lambda run: words.index(run[0]))
     notes = [f"{trend.title}, {data}.", *_made_by(found), paper.trend_note(trend)]
@@ -124,8 +126,8 @@ def _trend(name: str, results: Sequence[Result], found: ResultSet) -> Report:
     return Report(name, paper.trend_table(trend, runs), notes, figure, figures=figures)
 
 
-def _table(name: str, results: Sequence[Result], found: ResultSet) -> Report:
-    runs = {result.in_words(found.swept) or "ours": result for result in results}
+def _table(name: str, results: Sequence[Result], found: Sweep) -> Report:
+    runs = {result.in_words(found.keys) or "ours": result for result in results}
     title, note = f"{paper.TABLES[name]}, {paper.measured_on(results[0])}", paper.NOTES[name]
     if name == "table1":
         recalls, table = paper.object_recalls(runs), paper.object_recalls_table(runs)
@@ -161,7 +163,7 @@ def _steps(results: Sequence[Result]) -> list[_Step]:
     return steps
 
 
-def _ladder(steps: Sequence[_Step], found: ResultSet) -> Report:
+def _ladder(steps: Sequence[_Step], found: Sweep) -> Report:
     """A row a step: recalls, and what it gained; the narrow table fits a terminal."""
     against = ["against", "ADD(-S) gained", "95 % of it", "ms more"]
     shown = ["ADD(-S)", "95 %", "5cm5deg", "IoU.5", "AR", "ms"]
@@ -203,8 +205,8 @@ def _draw_ladder(steps: Sequence[_Step]) -> "Figure":
     return draw_bars([step.name for step in steps], panels, paper.measured_on(steps[0].result))
 
 
-def _recordings(results: Sequence[Result], found: ResultSet) -> Report:
-    keys = recordings.swept_keys(found.swept)
+def _recordings(results: Sequence[Result], found: Sweep) -> Report:
+    keys = recordings.swept_keys(found.keys)
     repeats = recordings.repeats_of(results, keys)
     table = recordings.recordings_table(repeats, keys)
     spread = " spread: standard deviation between seeds." if recordings.SEED in keys else ""

@@ -34,7 +34,7 @@ from hlp.reporting.summary_tables import (
 from hlp.reporting.sweep_report import describe_sweep, write_sweep
 from hlp.reporting.sweeps import read_sweeps
 from hlp.reporting.table import LAYOUTS, Table, check_layout, format_share, lay_out, prose
-from hlp.results.summary_file import average_recalls, read_summary
+from hlp.results.recalls import average_recalls, read_summary
 
 
 def report_runs(folder: Path, layout: str, details: bool = False) -> str:

@@ -1,8 +1,8 @@
-"""Finished runs and sweeps, read back from their folders for figures and tables."""
+"""Finished runs, read back from their folders for figures and tables."""
 
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ import yaml
 from hlp.errors import DataError
 from hlp.files import MANIFEST, SCORES, SUMMARY, SWEEP
 from hlp.reporting.comparison import WELL_VISIBLE, ScoredTarget, read_targets
-from hlp.results.summary_file import TargetKey, read_summary
+from hlp.results.recalls import TargetKey, read_summary
 from hlp.settings import Stored, read_as, shown
 
 
@@ -33,20 +33,11 @@ class Manifest(Stored):
 
 
 @dataclass(frozen=True)
-class _Sweep(Stored):
-    """sweep.json."""
-
-    overrides: list[str]
-    swept: list[str]
-    defaults: dict[str, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
 class Result:
     """One finished run: its whole configuration, its `summary.json`, and the number of frames.
 
     `chosen` holds the overrides given on the command line or by the sweep, as text by key. `folder`
-    is where the run's files are. `frames_identity` is the hash of all frames of the data set.
+    is where the run's files are.
     """
 
     config: Mapping[str, Any]
@@ -54,7 +45,6 @@ class Result:
     frames: int
     chosen: Mapping[str, str]
     folder: Path = Path()
-    frames_identity: str = ""
 
     @property
     def experiment(self) -> str:
@@ -106,41 +96,11 @@ class Result:
         return times
 
 
-@dataclass(frozen=True)
-class ResultSet:
-    """The finished runs of a sweep, or a single run.
-
-    `chosen` are the overrides of all runs by folder, `unfinished` the folders of those that are not
-    finished (studies such as `hlp bench` are finished, though they have no summary and are no
-    results); `defaults` the values of the swept keys without the sweep, where they are known.
-    """
-
-    results: list[Result]
-    swept: list[str]
-    command: str
-    chosen: Mapping[Path, Mapping[str, str]] = field(default_factory=dict)
-    unfinished: Sequence[Path] = ()
-    defaults: Mapping[str, str] = field(default_factory=dict)
-
-
 def result_folders(root: Path) -> list[Path]:
     """Folders in or below `root` that hold a sweep, or a run that belongs to no sweep."""
     sweeps = {path.parent for path in root.rglob(SWEEP)}
-    runs = {path.parent for path in root.rglob(MANIFEST) if _is_finished(path.parent)}
+    runs = {path.parent for path in root.rglob(MANIFEST) if is_finished(path.parent)}
     return sorted(sweeps | {run for run in runs if run.parent not in sweeps})
-
-
-def read_results(folder: Path) -> ResultSet:
-    """The results in a folder of `result_folders`, in the order of the sweep.
-
-    Raises DataError for a broken file, naming the folder.
-    """
-    try:
-        if (folder / SWEEP).is_file():
-            return _read_sweep(folder)
-        return ResultSet([_read_run(folder)], [], run_command(folder))
-    except (KeyError, TypeError, ValueError) as error:
-        raise DataError(f"{folder} holds no results that can be read ({error!r})") from error
 
 
 def run_command(folder: Path) -> str:
@@ -148,22 +108,12 @@ def run_command(folder: Path) -> str:
     return shlex.join(["hlp", "run", *_overrides(folder)])
 
 
-def _read_sweep(folder: Path) -> ResultSet:
-    sweep = read_as(folder / SWEEP, _Sweep)
-    folders = [path for path in folder.iterdir() if path.is_dir() and path.name.isdigit()]
-    runs = sorted(folders, key=lambda path: int(path.name))
-    results = [_read_run(run) for run in runs if _is_finished(run)]
-    command = " ".join(["hlp -m", *sweep.overrides])
-    chosen = {run: chosen_values(run) for run in runs}
-    unfinished = [run for run in runs if not (run / MANIFEST).is_file()]
-    return ResultSet(results, sweep.swept, command, chosen, unfinished, sweep.defaults)
-
-
-def _read_run(folder: Path) -> Result:
+def read_result(folder: Path) -> Result:
+    """The result in the folder of a finished run. Raises DataError for a broken file."""
     manifest = read_as(folder / MANIFEST, Manifest)
     summary = read_summary(folder / SUMMARY)
-    frames, identity = len(manifest.data.keys), manifest.data.frames
-    return Result(manifest.config, summary, frames, chosen_values(folder), folder, identity)
+    frames = len(manifest.data.keys)
+    return Result(manifest.config, summary, frames, chosen_values(folder), folder)
 
 
 def chosen_values(folder: Path) -> dict[str, str]:
@@ -172,7 +122,8 @@ def chosen_values(folder: Path) -> dict[str, str]:
     return {key: value for key, value in pairs}
 
 
-def _is_finished(folder: Path) -> bool:
+def is_finished(folder: Path) -> bool:
+    """Whether a folder holds a finished run; studies have no summary and are none."""
     return all((folder / name).is_file() for name in (MANIFEST, SUMMARY))
 
 

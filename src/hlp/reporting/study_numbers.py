@@ -12,7 +12,7 @@ from hlp.reporting.bench_tables import CONFIGURED, TOTAL, format_ms, read_bench
 from hlp.reporting.study_tables import head_of, read_mean_recalls
 from hlp.reporting.summary_tables import METRIC_LABELS, run_cells
 from hlp.reporting.table import format_share
-from hlp.results.summary_file import read_summary
+from hlp.results.recalls import read_summary
 
 Interval = tuple[float, float]
 RUN = "sweep"

@@ -5,7 +5,7 @@ from statistics import fmean
 from typing import Any
 
 from hlp.reporting.table import Table, format_interval, format_share, lay_out, prose, result_share
-from hlp.results.summary_file import CORRECT
+from hlp.results.recalls import CORRECT
 
 METRIC_LABELS = {"add": "ADD(-S)", "5cm5deg": "5cm5deg", "iou50": "IoU.5"}
 """What people call the metrics of `summary.json`."""

@@ -138,8 +138,7 @@ def write_sweep(folder: Path, sweep: Sweep) -> list[Path]:
         _write_numbers(rows, sweep)
     figure = sweep_figure(sweep)
     drawn = save_figure(figure, folder / sweep.name) if figure else []
-    runs = [result for _, result in sweep.results]
-    return [markdown, rows, *drawn, *draw_trade_off(folder, runs, sweep.keys)]
+    return [markdown, rows, *drawn, *draw_trade_off(folder, sweep.results, sweep.keys)]
 
 
 def _write_numbers(path: Path, sweep: Sweep) -> None:
@@ -177,7 +176,7 @@ def sweep_figure(sweep: Sweep) -> "Figure | None":
     rows = [f"{run.short_label}{' *' * (run is sweep.best)}" for run in sweep.finished]
     panels = _number_panels([run.numbers for run in sweep.finished])
     if sweep.name == RUN:
-        panels = run_panels([result.summary for _, result in sweep.results])
+        panels = run_panels([result.summary for result in sweep.results])
         name = sweep.first_main
         bars = [gain_bar(sweep.difference(run, name)) for run in sweep.finished]
         if any(bars):
@@ -211,10 +210,10 @@ def _number_panels(runs: Sequence[Mapping[str, Number]]) -> list[Panel]:
 
 def _grid(sweep: Sweep) -> "Figure":
     """Recall left and time right, a cell for each pair of values."""
-    pairs = [tuple(run.values[key] for key in sweep.keys) for run, _ in sweep.results]
+    pairs = [tuple(run.values[key] for key in sweep.keys) for run in sweep.finished]
     across, down = (list(dict.fromkeys(pair[place] for pair in pairs)) for place in (0, 1))
     recalls, times = (np.full((len(down), len(across)), np.nan) for _ in range(2))
-    for (x, y), (_, result) in zip(pairs, sweep.results, strict=True):
+    for (x, y), result in zip(pairs, sweep.results, strict=True):
         recalls[down.index(y), across.index(x)] = result.add["recall"]
         times[down.index(y), across.index(x)] = result.total_ms["median"]
     maps = [
@@ -230,7 +229,7 @@ def _grid(sweep: Sweep) -> "Figure":
 def _title(sweep: Sweep) -> str:
     if sweep.name != RUN:
         return sweep.verdict
-    results = [result for _, result in sweep.results]
+    results = sweep.results
     names = ", ".join(map(short_key, sweep.keys)) or "runs"
     targets = {result.targets for result in results}
     counted = f", {targets.pop()} targets" if len(targets) == 1 else ""

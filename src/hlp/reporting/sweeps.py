@@ -1,18 +1,36 @@
 """What the runs of a sweep give, and how they differ; they may be studies (oracle, basin, …)."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
-from hlp.files import MANIFEST
+from hlp.errors import DataError
+from hlp.files import MANIFEST, SWEEP
 from hlp.reporting.comparison import Difference, difference_cells, paired_difference
-from hlp.reporting.results import Manifest, Result, read_results
+from hlp.reporting.results import (
+    Manifest,
+    Result,
+    chosen_values,
+    is_finished,
+    read_result,
+    run_command,
+)
 from hlp.reporting.study_numbers import ADD, KINDS, RUN, Number, read_numbers
-from hlp.results.summary_file import TargetKey, read_target_values
-from hlp.settings import read_as
+from hlp.results.recalls import TargetKey, read_target_values
+from hlp.settings import Stored, read_as
 
 _LOG = "hlp.log"
+
+
+@dataclass(frozen=True)
+class _Stated(Stored):
+    """sweep.json; `defaults` are the values of the swept keys without the sweep, if known."""
+
+    overrides: list[str]
+    swept: list[str]
+    defaults: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -49,7 +67,7 @@ class SweepRun:
 
 @dataclass(frozen=True)
 class Sweep:
-    """The runs of a sweep that are of one kind, in the order of their folders.
+    """The runs of a sweep that are of one kind, in the order of their folders; or a single run.
 
     `reference` is the finished run that the others are compared with: that of the defaults, else
     the first; None without any.
@@ -68,9 +86,14 @@ class Sweep:
         return [run for run in self.runs if run.numbers]
 
     @property
-    def results(self) -> list[tuple[SweepRun, Result]]:
-        """The finished runs with their results; none of studies."""
-        return [(run, run.result) for run in self.runs if run.result is not None]
+    def unfinished(self) -> list[SweepRun]:
+        """The others."""
+        return [run for run in self.runs if not run.numbers]
+
+    @property
+    def results(self) -> list[Result]:
+        """The results of the finished runs; none of studies."""
+        return [run.result for run in self.runs if run.result is not None]
 
     @cached_property
     def numbers(self) -> Mapping[str, Number]:
@@ -164,7 +187,7 @@ class Sweep:
             if self.highest is not self.best:
                 tie = f"a tie with it: {self._measured(self.highest)}"
                 words.append(f"{tie}, {self._compared(self.highest)}")
-        if failed := [run for run in self.runs if not run.numbers]:
+        if failed := self.unfinished:
             logs = ", ".join(str(Path(run.folder.name, _LOG)) for run in failed)
             words.append(f"without a result: {'; '.join(r.label for r in failed)} (see {logs})")
         return "; ".join(words) + "."
@@ -197,30 +220,38 @@ def short_key(key: str) -> str:
 
 
 def read_sweeps(folder: Path) -> list[Sweep]:
-    """What a sweep holds of each kind: plain runs, and studies; empty before the first run.
+    """What a sweep, or a run of its own, holds of each kind: plain runs, and studies.
 
-    A run that has not finished is listed with every kind that others are; with plain runs if none
-    has finished. Raises DataError for a broken file.
+    Empty before the first run. A run that has not finished is listed with every kind that others
+    are; with plain runs if none has finished. Raises DataError for a broken file, naming it.
     """
-    found = read_results(folder)
-    results = {result.folder: result for result in found.results}
+    try:
+        stated, command, folders = _Stated([], []), run_command(folder), [folder]
+        if (folder / SWEEP).is_file():
+            stated = read_as(folder / SWEEP, _Stated)
+            numbered = (path for path in folder.iterdir() if path.name.isdigit() and path.is_dir())
+            folders = sorted(numbered, key=lambda path: int(path.name))
+            command = " ".join(["hlp -m", *stated.overrides])
+        results = {run: read_result(run) for run in folders if run == folder or is_finished(run)}
+        chosen = {run: chosen_values(run) for run in folders}
+    except (KeyError, TypeError, ValueError) as error:
+        raise DataError(f"{folder} holds no results that can be read ({error!r})") from error
     sweeps = []
     for name, kind in KINDS.items():
         runs = []
-        for run, chosen in found.chosen.items():
-            values = {key: chosen[key] for key in found.swept if key in chosen}
-            if run in found.unfinished:
+        for run, given in chosen.items():
+            values = {key: given[key] for key in stated.swept if key in given}
+            if not (run / MANIFEST).is_file():
                 runs.append(SweepRun(values, run, {}))
             elif numbers := read_numbers(run, kind):
                 identity = read_as(run / MANIFEST, Manifest).data.frames
                 of_kind = results.get(run) if name == RUN else None
                 runs.append(SweepRun(values, run, numbers, identity, of_kind))
         finished = [run for run in runs if run.numbers]
-        default = [run for run in finished if _holds(run.values, found.defaults)]
+        default = [run for run in finished if _holds(run.values, stated.defaults)]
         reference = next(iter([*default, *finished]), None)
-        if finished or (runs and name == RUN and len(runs) == len(found.chosen)):
-            sweep = Sweep(name, runs, found.swept, found.command, reference, bool(default))
-            sweeps.append(sweep)
+        if finished or (runs and name == RUN and len(runs) == len(folders)):
+            sweeps.append(Sweep(name, runs, stated.swept, command, reference, bool(default)))
     return sweeps
 
 

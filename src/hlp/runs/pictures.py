@@ -31,7 +31,7 @@ from hlp.reporting.figures.stage_sheets import (
 )
 from hlp.reporting.figures.target_panels import SeenTarget, ShownPose, draw_overview, draw_panels
 from hlp.reporting.page.report_data import CAPTIONS, PANELS, STAGES, ReportDataWriter
-from hlp.results.summary_file import TargetKey, numbered_targets
+from hlp.results.recalls import TargetKey, numbered_targets
 from hlp.runs import spread
 from hlp.runs.stage_samples import (
     FrameResults,

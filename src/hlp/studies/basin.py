@@ -25,7 +25,7 @@ from hlp.refinement.refiner import REFINERS, RefinementSettings
 from hlp.refinement.verification import observe
 from hlp.reporting.figures.heat_maps import draw_basins
 from hlp.reporting.study_tables import basin_cells, basin_metrics, format_basins, write_basins
-from hlp.results.summary_file import TargetKey, numbered_targets, write_target_values
+from hlp.results.recalls import TargetKey, numbered_targets, write_target_values
 from hlp.settings import Doc, Settings, SettingsError
 from hlp.stages.store import StageStore
 from hlp.stages.trace_files import read_arrays

@@ -22,7 +22,7 @@ from hlp.records import Frame, PoseEstimate
 from hlp.reporting.bench_tables import CONFIGURED, TIMED, bench_metrics, format_bench
 from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.bars import bench_bars
-from hlp.results.summary_file import TargetKey, write_target_values
+from hlp.results.recalls import TargetKey, write_target_values
 from hlp.settings import Doc, Settings
 from hlp.stages.store import StageStore
 from hlp.stages.training import TrainingStages

@@ -21,7 +21,7 @@ from hlp.config.settings import RunSettings
 from hlp.evaluation.errors import nearest_symmetric_pose, rotation_error, translation_error
 from hlp.method.find.estimator import PoseEstimator
 from hlp.records import ObjectModel, PoseEstimate, TargetScore
-from hlp.results.summary_file import TargetKey, numbered_targets
+from hlp.results.recalls import TargetKey, numbered_targets
 from hlp.stages.manifest import library_versions
 
 PARTS = {

@@ -36,7 +36,7 @@ from hlp.records import (
 from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.heat_maps import oracle_map
 from hlp.reporting.study_tables import format_oracle, head_of, oracle_metrics, write_oracle
-from hlp.results.summary_file import METRICS, TargetKey, numbered_targets, write_target_values
+from hlp.results.recalls import METRICS, TargetKey, numbered_targets, write_target_values
 from hlp.runs.runner import stages_of
 from hlp.settings import Doc, Settings
 from hlp.stages.detection import DetectionStages

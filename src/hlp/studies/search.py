@@ -25,7 +25,7 @@ from hlp.reporting.mlflow.pages import short_name
 from hlp.reporting.mlflow.run import flatten
 from hlp.reporting.mlflow.tracking import ChildRun, as_child_run
 from hlp.reporting.study_tables import format_search, write_search
-from hlp.results.summary_file import write_target_values
+from hlp.results.recalls import write_target_values
 from hlp.runs import runner
 from hlp.settings import Doc, Settings
 from hlp.stages.manifest import fingerprint

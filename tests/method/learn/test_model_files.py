@@ -29,7 +29,7 @@ def model():
     )
 
 
-def test_a_model_comes_back_with_its_texture_and_siblings(tmp_path, model):
+def test_a_model_comes_back_with_its_texture_and_near_symmetries(tmp_path, model):
     write_model(tmp_path, model)
     back = read_model(tmp_path)
     assert model_identity(back) == model_identity(model)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from hlp.reporting.bench_tables import TIMED, TOTAL, format_ms
 from hlp.reporting.summary_tables import METRIC_LABELS
-from hlp.results.summary_file import CORRECT
+from hlp.results.recalls import CORRECT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,7 +14,7 @@ from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.bars import Bar, Panel, draw_bars, recall_bar
 from hlp.reporting.results import Result
 from hlp.reporting.summary_tables import paper_recalls
-from hlp.results.summary_file import wilson
+from hlp.results.recalls import wilson
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,7 +14,7 @@ import yaml
 from hlp.files import PAGE, write_text
 from hlp.reporting.results import run_command
 from hlp.reporting.summary_tables import MS_PER_FRAME, paper_recalls
-from hlp.results.summary_file import CORRECT
+from hlp.results.recalls import CORRECT
 
 if TYPE_CHECKING:
     from jinja2 import Environment

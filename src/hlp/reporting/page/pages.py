@@ -25,7 +25,7 @@ from hlp.reporting.summary_tables import (
 from hlp.reporting.sweep_report import differences_table, note_of, sweep_table
 from hlp.reporting.sweeps import Sweep, read_sweeps
 from hlp.reporting.table import Table, format_share
-from hlp.results.summary_file import TargetKey, read_summary
+from hlp.results.recalls import TargetKey, read_summary
 
 _MOST_BYTES = 10_500_000  # of pictures: in base64 about 14 MB
 _FIGURES = ("waterfall", "calibration")  # that lie as SVG in a run's folder
@@ -253,7 +253,7 @@ def _figures(folder: Path, sweep: Sweep) -> dict[str, str]:
     captions = {sweep.name: "Runs by what differs"}
     if sweep.results:
         captions["recall_by_time"] = "Recall against time, with the Pareto front"
-    captions |= {result.experiment: result.experiment for _, result in sweep.results}
+    captions |= {result.experiment: result.experiment for result in sweep.results}
     found = {words: folder / f"{name}.svg" for name, words in captions.items()}
     return {words: in_base64(path) for words, path in found.items() if path.is_file()}
 
@@ -262,9 +262,10 @@ def objects_by_run(sweep: Sweep) -> Table | None:
     """ADD(-S) recall of each object (rows) in each finished run (columns); None for studies."""
     if not sweep.results:
         return None
-    found = [(run.short_label, result.summary["per_object"]) for run, result in sweep.results]
+    labels = [run.short_label for run in sweep.finished]
+    found = [result.summary["per_object"] for result in sweep.results]
     rows = []
-    for name in dict.fromkeys(name for _, objects in found for name in objects):
-        scores = [objects.get(name) for _, objects in found]
+    for name in dict.fromkeys(name for objects in found for name in objects):
+        scores = [objects.get(name) for objects in found]
         rows.append([name, *(format_share(score and score["add"]["recall"]) for score in scores)])
-    return Table([f"{METRIC_LABELS['add']} of", *(label for label, _ in found)], rows)
+    return Table([f"{METRIC_LABELS['add']} of", *labels], rows)

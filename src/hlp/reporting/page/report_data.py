@@ -21,7 +21,7 @@ from hlp.geometry import back_project, transform
 from hlp.objects.meshes import decimate
 from hlp.records import MILLIMETRES_PER_METRE, Frame, ObjectModel
 from hlp.reporting.figures.panels import write_picture
-from hlp.results.summary_file import TargetKey
+from hlp.results.recalls import TargetKey
 
 FOLDER, PANELS, STAGES = "report", "panels", "stages"
 """Folders of a run's pictures: of targets on its page, of some frames, of the stages."""

@@ -18,7 +18,7 @@ from hlp.reporting.sweep_report import (
 )
 from hlp.reporting.sweep_report import write_sweep as write_files
 from hlp.reporting.sweeps import read_sweeps
-from hlp.results.summary_file import blocks_of, difference_interval, write_target_values
+from hlp.results.recalls import blocks_of, difference_interval, write_target_values
 from table_text import csv_rows
 from written_results import write_sweep
 from written_sweeps import (

@@ -1,4 +1,4 @@
-"""Faults planted in the files of a data set are found and named; tests/checks has more of them."""
+"""Faults of data sets, found and named (tests/checks has more of them), and those of a machine."""
 
 import json
 import shutil
@@ -9,10 +9,9 @@ import pytest
 
 from frame_files import write_bop_set
 from hlp.commands import doctor
+from hlp.commands.doctor import check_disk, check_libraries, check_threads, describe_machine
 from hlp.data.own_frames import FrameFiles, OwnFrames
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
-
-pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +40,7 @@ def _open_gl(scene):
     path.write_text(json.dumps(content))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("plant", "kinds"), [(_truncate, {"files"}), (_open_gl, {"axes"})])
 def test_a_fault_in_the_files_of_a_data_set_is_named(healthy, tmp_path, plant, kinds):
     root = shutil.copytree(healthy, tmp_path / "set")
@@ -49,6 +49,7 @@ def test_a_fault_in_the_files_of_a_data_set_is_named(healthy, tmp_path, plant, k
     assert {finding.kind for finding in findings} == kinds, [str(finding) for finding in findings]
 
 
+@pytest.mark.slow
 def test_a_healthy_set_has_no_finding_and_is_drawn(healthy, tmp_path):
     assert doctor.examine_dataset(healthy, tmp_path / "look") == []
     pictures = sorted((tmp_path / "look").iterdir())
@@ -56,6 +57,7 @@ def test_a_healthy_set_has_no_finding_and_is_drawn(healthy, tmp_path):
     assert list(doctor.describe([])) == ["nothing wrong was found"]
 
 
+@pytest.mark.slow
 def test_what_is_no_data_set_is_a_finding(tmp_path):
     (finding,) = doctor.examine_dataset(tmp_path, None)
     assert finding.kind == "data set" and "scene_camera.json" in finding.advice
@@ -63,6 +65,7 @@ def test_what_is_no_data_set_is_a_finding(tmp_path):
     assert detector is None and finding.kind == "learnt objects"
 
 
+@pytest.mark.slow
 def test_own_frames_are_examined_without_true_poses(healthy):
     scene = healthy / "test" / "000001"
     given = {"rgb": str(scene / "rgb"), "depth": str(scene / "depth")}
@@ -74,3 +77,34 @@ def test_own_frames_are_examined_without_true_poses(healthy):
     nothing = FrameFiles(**given, intrinsics="none.json")
     (finding,) = doctor.examine_own(OwnFrames(nothing), None)
     assert "no file" in finding.problem
+
+
+def test_a_missing_library_is_named_with_what_installs_it():
+    stated = ["numpy>=2.4,<2.5", "no-such-library>=1.2", "optuna>=5; extra == 'search'"]
+    (finding,) = check_libraries(stated)
+    assert finding.where == "no-such-library"
+    assert finding.advice == "pip install 'no-such-library>=1.2'"
+    assert check_libraries() == []
+
+
+@pytest.mark.parametrize(
+    ("environment", "where"),
+    [({"OMP_WAIT_POLICY": "active"}, "ACTIVE"), ({"OMP_NUM_THREADS": "64"}, "OMP_NUM_THREADS=64")],
+)
+def test_threads_that_cost_time_are_named(environment, where):
+    (finding,) = check_threads(environment, cores=4)
+    assert where in finding.where
+
+
+def test_usual_threads_have_no_finding():
+    assert check_threads({}, cores=4) == []
+    good = {"OMP_WAIT_POLICY": "PASSIVE", "OMP_NUM_THREADS": "4", "MKL_NUM_THREADS": "x"}
+    assert check_threads(good, cores=4) == []
+
+
+def test_too_little_disk_is_named(tmp_path):
+    folder = tmp_path / "not" / "yet"
+    (finding,) = check_disk(folder, free=1e8)
+    assert "0.1 GB are free" in finding.problem
+    assert check_disk(folder, free=1e12) == []
+    assert len(describe_machine()) == 2

@@ -1,6 +1,6 @@
-"""`summary.json` of a run, `targets.csv` of a study, and 95 % intervals of recalls.
+"""Recalls over targets: in `summary.json` of a run, one by one in `targets.csv`, their intervals.
 
-The intervals, also of differences, are over targets that are not independent.
+The 95 % intervals, also of differences, are over targets that are not independent.
 """
 
 import math
