@@ -65,10 +65,9 @@ class FrameContext:
 class PoseEstimator:
     """The three stages for one object in one frame.
 
-    Networks and codebooks are loaded when first needed, or by `load`. `object_ids` are the objects
-    that may be requested (default: all learnt ones), `score_model` their scores (the learnt ones).
-    Not safe for use by several threads at once, but for the stages of different objects in a frame
-    whose shared work is done (`share_work`).
+    Networks and codebooks are loaded when first needed, or by `load`. Only `object_ids` may be
+    requested (default: all), with scores by `score_model` (default: the learnt ones). Not safe for
+    several threads, but for stages of different objects after `share_work`.
     """
 
     def __init__(
