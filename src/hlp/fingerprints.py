@@ -18,7 +18,6 @@ from importlib.util import find_spec, resolve_name
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import xxhash
 
 from hlp.errors import DataError
@@ -229,8 +228,3 @@ def _versions(modules: Iterable[str]) -> dict[str, str]:
 @cache
 def _distributions() -> dict[str, list[str]]:
     return dict(packages_distributions())
-
-
-def derive_seed(*parts: int) -> int:
-    """One seed from several numbers: frames and objects have independent random numbers."""
-    return int(np.random.SeedSequence(parts).generate_state(1)[0])

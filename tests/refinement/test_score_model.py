@@ -1,6 +1,7 @@
 """The score's logistic regression on poses whose truth is known."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from hlp.refinement.score_model import (
     load_score_model,
     save_score_model,
 )
+from hlp.stages.training import TrainingStages
 
 OPTIONS = {"xatol": 1e-7, "fatol": 1e-10, "maxiter": 9999, "maxfev": 9999, "adaptive": True}
 
@@ -176,3 +178,12 @@ def test_colours_do_not_count_for_an_object_that_is_known_to_be_there():
     contradicting, agreeing = (PoseFit(0.2, 0.8, 0.8, 1.0, 1.0, c, 0.8) for c in (0.0, 1.0))
     told = [known_score(PRIOR, fit) for fit in (contradicting, agreeing)]
     assert told[0] == told[1] > PRIOR.score(agreeing)
+
+
+def test_without_scenes_the_score_is_that_of_any_object_with_or_without_colours():
+    meshes = {1: SimpleNamespace(colored=True), 2: SimpleNamespace(colored=False)}
+    models = {i: SimpleNamespace(mesh=mesh) for i, mesh in meshes.items()}
+    settings = SimpleNamespace(score=SimpleNamespace(scenes=0))
+    stages = SimpleNamespace(settings=settings, models=models)
+    found = [TrainingStages.load_score_model(stages, i) for i in models]
+    assert found == [PRIOR, COLORLESS_PRIOR]

@@ -223,20 +223,17 @@ class TrainingStages:
         }
 
         def make(folder: Path) -> None:
-            estimator = PoseEstimator(self, stage.find, (object_id,), self._prior)
+            estimator = PoseEstimator(self, stage.find, (object_id,))
             frames, scenes = self.dataset.load_background_frames(), stage.score.scenes
             score = calibrate_score(estimator, object_id, frames, scenes, stage.rendering)
             save_score_model(folder, score)
 
         return self._make_once("score", object_id, self._description(settings, upstream), make)
 
-    def _prior(self, object_id: int) -> ScoreModel:
-        return prior_of(self.models[object_id].mesh.colored)
-
     def load_score_model(self, object_id: int) -> ScoreModel:
         """The score of one object's poses, from disk."""
         if self.settings.score.scenes == 0:
-            return self._prior(object_id)
+            return prior_of(self.models[object_id].mesh.colored)
         return load_score_model(self.score(object_id).folder)
 
     def _make_once(

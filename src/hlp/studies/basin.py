@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 from hlp.config.build import Run, sampled_keys
 from hlp.config.settings import TASKS
 from hlp.evaluation.evaluator import add_correct
-from hlp.fingerprints import derive_seed
 from hlp.geometry import rigid
+from hlp.method.find.estimator import derive_seed
 from hlp.records import Frame, Hypotheses, parse_frame_key
 from hlp.refinement.refiner import REFINERS, RefinementSettings
 from hlp.refinement.verification import observe

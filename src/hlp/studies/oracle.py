@@ -20,8 +20,7 @@ from hlp.evaluation.evaluator import FrameTruth, score_targets
 from hlp.evaluation.summary import with_interval
 from hlp.evaluation.waterfall import by_object
 from hlp.files import write_json
-from hlp.fingerprints import derive_seed
-from hlp.method.find.estimator import FrameContext
+from hlp.method.find.estimator import FrameContext, derive_seed
 from hlp.method.find.search import search_frame
 from hlp.method.find.trace import ObjectTrace
 from hlp.records import (

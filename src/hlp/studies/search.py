@@ -17,7 +17,7 @@ from hlp.config.build import Run, with_changed_run
 from hlp.config.settings import TASKS
 from hlp.errors import ConfigError, MissingDependencyError, is_expected
 from hlp.files import SCORES, locked, write_json
-from hlp.fingerprints import derive_seed
+from hlp.method.find.estimator import derive_seed
 from hlp.reporting.comparison import read_targets
 from hlp.reporting.figures import save_figure
 from hlp.reporting.figures.charts import search_points

@@ -1,14 +1,13 @@
 """The method on one frame: windows → region → votes → coarse poses → refined pose."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
 
 from hlp.arrays import Mask, Pixels, Pose, Positions, Values
-from hlp.fingerprints import derive_seed
 from hlp.image_edges import color_edges
 from hlp.kernels import ThreadTeam
 from hlp.method.find.holistic_scan import FrameWindows, HolisticScan
@@ -22,7 +21,6 @@ from hlp.patches.local import region_pixels, thin_out
 from hlp.records import Frame, Hypotheses, ObjectModel, Region
 from hlp.refinement.choice import RefinedHypotheses, refine_and_choose
 from hlp.refinement.pose_fit import PoseFit, measure_fit
-from hlp.refinement.score_model import ScoreModel
 from hlp.refinement.texture import choose_nearby_by_texture
 from hlp.refinement.verification import Observation, VerificationSettings, Verifier, observe
 from hlp.rendering.surface import color_grid
@@ -65,17 +63,13 @@ class FrameContext:
 class PoseEstimator:
     """The three stages for one object in one frame.
 
-    Networks and codebooks are loaded when first needed, or by `load`. Only `object_ids` may be
-    requested (default: all), with scores by `score_model` (default: the learnt ones). Not safe for
-    several threads, but for stages of different objects after `share_work`.
+    Networks and codebooks are loaded when first needed, or by `load`. `object_ids` are the objects
+    that may be requested (default: all learnt ones). Not safe for use by several threads at once,
+    but for the stages of different objects in a frame whose shared work is done (`share_work`).
     """
 
     def __init__(
-        self,
-        learnt: LearntObjects,
-        settings: FindSettings,
-        object_ids: Sequence[int] | None = None,
-        score_model: Callable[[int], ScoreModel] | None = None,
+        self, learnt: LearntObjects, settings: FindSettings, object_ids: Sequence[int] | None = None
     ) -> None:
         self.learnt, self.settings = learnt, settings
         self.object_ids = tuple(learnt.models if object_ids is None else object_ids)
@@ -84,7 +78,7 @@ class PoseEstimator:
         self.matching = PatchMatching(learnt, settings, self.object_ids, lambda: self.encoder, team)
         self.verifier = cache(lambda i: Verifier(learnt.models[i], fine.refinement.verification))
         """The cost that compares poses of an object, given its id."""
-        self.score_model = cache(score_model or learnt.load_score_model)
+        self.score_model = cache(learnt.load_score_model)
         """The score of an object's poses, given its id."""
         self._templates = cache(lambda i, given: build_templates(learnt.models[i], given))
         self._modes = settings.coarse.voting.build(threads)
@@ -298,3 +292,8 @@ class PoseEstimator:
         """The probability that a pose is right, by its fit."""
         fit = self.measure_fit(context, object_id, pose_cam_obj)
         return self.score_model(object_id).score(fit)
+
+
+def derive_seed(*parts: int) -> int:
+    """One seed from several numbers: frames and objects have independent random numbers."""
+    return int(np.random.SeedSequence(parts).generate_state(1)[0])

@@ -44,7 +44,7 @@ from hlp.method.settings import (
 from hlp.objects.object_model import mesh_identity
 from hlp.patches.backgrounds import Backgrounds
 from hlp.records import ObjectModel, Views
-from hlp.refinement.score_model import ScoreModel, prior_of, save_score_model
+from hlp.refinement.score_model import save_score_model
 from hlp.rendering.views import load_views, render_views, save_views
 
 _ADDED_EPOCHS = 4  # of a classifier that already knows most of its objects
@@ -186,7 +186,7 @@ class _Making:
         settings, ids = self.record.settings, tuple(model.object_id for model in models)
         frames = self.backgrounds.load_background_frames()
         learnt = LearntFolder(self.folder, record=self.record)
-        estimator = PoseEstimator(learnt, FindSettings.of(settings), ids, self._prior)
+        estimator = PoseEstimator(learnt, FindSettings.of(settings), ids)
         for object_id in ids:
             folder = self.folder / OBJECTS / self.models[object_id].name
             with once(folder, SCORED) as missing:
@@ -194,9 +194,6 @@ class _Making:
                     scenes, rendering = settings.score.scenes, settings.rendering
                     score = calibrate_score(estimator, object_id, frames, scenes, rendering)
                     save_score_model(folder, score)
-
-    def _prior(self, object_id: int) -> ScoreModel:
-        return prior_of(self.models[object_id].mesh.colored)
 
 
 def learning_request(

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -15,7 +17,9 @@ from hlp.method.learn.calibration_scenes import calibration_scene
 from hlp.records import Frame
 from hlp.refinement.pose_fit import PoseFit
 from hlp.refinement.score_model import (
+    COLORLESS_PRIOR,
     COLORLESS_SPREAD,
+    PRIOR,
     SPREAD,
     ScoreModel,
     fit_score_model,
@@ -27,7 +31,6 @@ _VERTICES = 1000  # of a mesh, about as many are compared
 _ABSENT = 3  # every third scene is without the object
 _BATCH = 8  # scenes held at a time
 _INSTANCES = 2  # answers a scene; the second one is wrong, and looks like the object
-_TRIED = 3  # of an object without colours
 
 
 def calibrate_score(
@@ -39,12 +42,12 @@ def calibrate_score(
 ) -> ScoreModel:
     """Search an object in `scenes` rendered ones, and fit the score to what is right there.
 
-    Some scenes are without the object. The estimator must have learnt it, and search with the score
-    of an object of which nothing is known. Without scenes that is the score.
+    Some scenes are without the object. The estimator must have learnt it. Without scenes the score
+    is that of an object of which nothing is known.
     """
     found = list(search_scenes(estimator, object_id, backgrounds, scenes, rendering))
-    prior = estimator.score_model(object_id)
-    spread = COLORLESS_SPREAD if prior.colorless else SPREAD
+    colored = estimator.learnt.models[object_id].mesh.colored
+    prior, spread = (PRIOR, SPREAD) if colored else (COLORLESS_PRIOR, COLORLESS_SPREAD)
     if not found:
         return prior
     right = np.array([is_right for _, is_right in found], dtype=bool)
@@ -77,20 +80,19 @@ def search_scenes(
         for start in range(0, scenes, _BATCH):
             for frame in pool.map(draw, range(start, min(start + _BATCH, scenes))):
                 bar.update()
-                found = _search(estimator, frame, object_id)
-                poses = [] if found.refined is None else found.refined.chosen_poses
-                for pose, fit in zip(poses, found.fits, strict=True):
-                    yield fit, any(is_right(pose, t.pose_cam_obj) for t in frame.targets)
+                for found in _searches(estimator, frame, object_id):
+                    poses = [] if found.refined is None else found.refined.chosen_poses
+                    for pose, fit in zip(poses, found.fits, strict=True):
+                        yield fit, any(is_right(pose, t.pose_cam_obj) for t in frame.targets)
 
 
-def _search(estimator: PoseEstimator, frame: Frame, object_id: int) -> ObjectTrace:
-    """What a first look finds; of an object without colours, all that is found where more is asked.
-
-    Of all that is tried, the answers without colours are the best, which fit well also where they
-    are wrong.
-    """
-    of = estimator, estimator.prepare(frame)
+def _searches(estimator: PoseEstimator, frame: Frame, object_id: int) -> Iterator[ObjectTrace]:
+    """What votes find, and what templates find: both give answers later."""
+    context, counts = estimator.prepare(frame), {object_id: _INSTANCES}
+    # The fallback would need the score that is about to be calibrated.
+    search = partial(search_frame, estimator, context, counts, fallback=False, by_threads=False)
+    found = search()[object_id]
+    yield found
     if estimator.has_templates(object_id):
-        return search_frame(*of, {object_id: _TRIED}, by_threads=False)[object_id]
-    counts = {object_id: _INSTANCES}
-    return search_frame(*of, counts, fallback=False, by_threads=False)[object_id]
+        coarse = estimator.match_templates(context, object_id, _INSTANCES, None)
+        yield search(given={object_id: replace(found, hypotheses=coarse, refined=None)})[object_id]
