@@ -76,7 +76,7 @@ def test_own_frames_are_examined_without_true_poses(healthy):
     assert finding.kind == "intrinsics"
     nothing = FrameFiles(**given, intrinsics="none.json")
     (finding,) = doctor.examine_own(OwnFrames(nothing), None)
-    assert "no file" in finding.problem
+    assert "is not a file" in finding.problem
 
 
 def test_a_missing_library_is_named_with_what_installs_it():
