@@ -12,7 +12,7 @@ from hlp.codebook.entries import load_codebook
 from hlp.codebook.inverted_lists import JointListsSettings
 from hlp.commands.composing import compose_config
 from hlp.commands.learn import learnt_of_run
-from hlp.config.build import build_run
+from hlp.config.build import Run, build_run
 from hlp.data.synthetic.scenes import SyntheticScenes, SyntheticSettings
 from hlp.method.learn.learnt_folder import LearntFolder, check_files
 from hlp.stages.manifest import made_outputs
@@ -26,6 +26,13 @@ def exported(tiny_run: TinyRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.chdir(tiny_run.folder)
     main(["objects", "export", "first", str(tmp_path / "learnt")])
     return tmp_path / "learnt"
+
+
+@pytest.fixture
+def run(tiny_run: TinyRun, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """The tiny run, built again where it was made."""
+    monkeypatch.chdir(tiny_run.folder)
+    return build_run(compose_config(*tiny_run.overrides, f"output={tiny_run.output}"))
 
 
 def test_a_folder_holds_what_the_run_has_learnt(tiny_run: TinyRun, exported: Path) -> None:
@@ -47,11 +54,9 @@ def test_a_folder_holds_what_the_run_has_learnt(tiny_run: TinyRun, exported: Pat
 
 
 def test_objects_that_the_run_did_not_look_for_are_classes_only(
-    tiny_run: TinyRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tiny_run: TinyRun, run: Run, tmp_path: Path
 ) -> None:
     """As on LINEMOD's board: the classifier tells fifteen objects apart, eight are targets."""
-    monkeypatch.chdir(tiny_run.folder)
-    run = build_run(compose_config(*tiny_run.overrides, f"output={tiny_run.output}"))
     known = run.dataset.target_ids
     asked = replace(run, dataset=replace(run.dataset, target_ids=known[1:3]))
     (tmp_path / "learnt").mkdir()
@@ -77,11 +82,7 @@ def test_a_run_whose_outputs_are_elsewhere_is_named(
     assert not (tmp_path / "learnt").exists()
 
 
-def test_the_index_that_objects_share_is_made(
-    tiny_run: TinyRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tiny_run.folder)
-    run = build_run(compose_config(*tiny_run.overrides, f"output={tiny_run.output}"))
+def test_the_index_that_objects_share_is_made(tiny_run: TinyRun, run: Run, tmp_path: Path) -> None:
     patches = run.settings.patches
     patches = replace(patches, local=replace(patches.local, size_mm=45.0))
     settings = replace(run.settings, codebook=JointListsSettings(), patches=patches)

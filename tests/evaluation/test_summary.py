@@ -13,7 +13,6 @@ from hlp.evaluation.summary import (
     area_under_risk_coverage,
     count_false_alarms,
     expected_calibration_error,
-    reliability,
     risk_coverage,
     scores_in_vain,
     summarise,
@@ -21,7 +20,7 @@ from hlp.evaluation.summary import (
     with_interval,
 )
 from hlp.records import PoseEstimate, Target, TargetScore
-from hlp.results.recalls import METRICS
+from hlp.results.recalls import METRICS, reliability
 
 SETTINGS = EvaluationSettings("bop", (), bootstrap=2000)
 NAMES = {1: "ape", 6: "cat"}

@@ -7,16 +7,21 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from hlp.arrays import Flags, Values
 from hlp.evaluation import EvaluationSettings
 from hlp.evaluation.evaluator import FrameTruth
 from hlp.evaluation.waterfall import by_object, count_causes
 from hlp.records import PoseEstimate, TargetScore
-from hlp.results.recalls import METRICS, Summary, average_recalls, blocks_of, recall_interval
+from hlp.results.recalls import (
+    METRICS,
+    Summary,
+    average_recalls,
+    blocks_of,
+    recall_interval,
+    reliability,
+)
 
-_BINS = 10
 _POINTS = 101  # of the curve of risk and coverage, at most
 
 
@@ -135,7 +140,7 @@ def count_false_alarms(scores: Sequence[float], min_score: float) -> dict[str, A
     return found | {"scores": answers}
 
 
-def expected_calibration_error(scores: Values, right: Flags, bins: int = _BINS) -> float:
+def expected_calibration_error(scores: Values, right: Flags, bins: int = 10) -> float:
     """Mean of |share of right answers − mean score| over bins of equal width, by their answers.
 
     Guo et al., On Calibration of Modern Neural Networks (ICML 2017), Eq. 3. Raises ValueError
@@ -143,20 +148,6 @@ def expected_calibration_error(scores: Values, right: Flags, bins: int = _BINS) 
     """
     count, score, share = reliability(scores, right, bins).T
     return float((count * np.abs(score - share)).sum() / count.sum())
-
-
-def reliability(scores: Values, right: Flags, bins: int = _BINS) -> Float[np.ndarray, "b 3"]:
-    """Number of answers, mean score and share of right ones of each bin that has any."""
-    if len(scores) == 0:
-        raise ValueError("no answer to calibrate")
-    if not ((scores >= 0.0) & (scores <= 1.0)).all():
-        raise ValueError("scores must be probabilities, from 0 to 1")
-    place = np.minimum((scores * bins).astype(int), bins - 1)
-    count, total, hits = (
-        np.bincount(place, weights, bins) for weights in (None, scores, right.astype(float))
-    )
-    used = count > 0
-    return np.column_stack([count[used], total[used] / count[used], hits[used] / count[used]])
 
 
 def risk_coverage(scores: Values, right: Flags) -> tuple[Values, Values]:

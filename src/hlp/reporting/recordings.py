@@ -19,6 +19,7 @@ from hlp.reporting.summary_tables import (
     sure_answers,
 )
 from hlp.reporting.table import Table, result_share
+from hlp.results.recalls import reliability
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -176,7 +177,8 @@ def draw_scores(repeats: Repeats) -> "Figure | None":
         for marked, sign in zip(_MARKED, "ox", strict=True):
             if (last := int((scores >= marked).sum())) > 0:
                 left.plot(recall[last - 1], precision[last - 1], sign, color=style["color"])
-        right.plot(*_by_score(scores, correct), marker=".", **style)
+        _, score, share = reliability(scores, correct > 0.0).T
+        right.plot(score, share, marker=".", **style)
     left.set(xlabel="recall: share of the targets", ylabel="precision: share of right answers")
     left.set(xlim=(0, 1.01), ylim=(0, 1.02), title="down to a score of 0.5 (o) and 0.9 (x)")
     right.set(xlabel="score", ylabel="share of right answers", xlim=(0, 1), ylim=(0, 1.02))
@@ -195,11 +197,3 @@ def _answers(results: Sequence[Result]) -> tuple[Values, Values]:
         ]
     table = np.array(sorted(found, reverse=True), dtype=np.float64).reshape(-1, 2)
     return table[:, 0], table[:, 1]
-
-
-def _by_score(scores: Values, correct: Values) -> tuple[Values, Values]:
-    """Mean score and share of right answers of each tenth of scores that has any."""
-    tenth = np.minimum((scores * 10).astype(int), 9)
-    count, total, hits = (np.bincount(tenth, weights) for weights in (None, scores, correct))
-    used = count > 0
-    return total[used] / count[used], hits[used] / count[used]

@@ -196,3 +196,17 @@ def _bootstrap(
     means: Float[np.ndarray, "r"] = sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1)
     low, high = np.percentile(means, [2.5, 97.5])
     return float(low), float(high)
+
+
+def reliability(scores: Values, right: Values, bins: int = 10) -> Float[np.ndarray, "b 3"]:
+    """Number of answers, mean score and share of right ones of each bin that has any."""
+    if len(scores) == 0:
+        raise ValueError("no answer to calibrate")
+    if not ((scores >= 0.0) & (scores <= 1.0)).all():
+        raise ValueError("scores must be probabilities, from 0 to 1")
+    place = np.minimum((scores * bins).astype(int), bins - 1)
+    count, total, hits = (
+        np.bincount(place, weights, bins) for weights in (None, scores, right.astype(float))
+    )
+    used = count > 0
+    return np.column_stack([count[used], total[used] / count[used], hits[used] / count[used]])

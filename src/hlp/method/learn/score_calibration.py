@@ -17,12 +17,11 @@ from hlp.method.learn.calibration_scenes import calibration_scene
 from hlp.records import Frame
 from hlp.refinement.pose_fit import PoseFit
 from hlp.refinement.score_model import (
-    COLORLESS_PRIOR,
     COLORLESS_SPREAD,
-    PRIOR,
     SPREAD,
     ScoreModel,
     fit_score_model,
+    prior_of,
 )
 from hlp.rendering.views import ViewsSettings
 
@@ -47,7 +46,7 @@ def calibrate_score(
     """
     found = list(search_scenes(estimator, object_id, backgrounds, scenes, rendering))
     colored = estimator.learnt.models[object_id].mesh.colored
-    prior, spread = (PRIOR, SPREAD) if colored else (COLORLESS_PRIOR, COLORLESS_SPREAD)
+    prior, spread = prior_of(colored), SPREAD if colored else COLORLESS_SPREAD
     if not found:
         return prior
     right = np.array([is_right for _, is_right in found], dtype=bool)
