@@ -19,7 +19,6 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from hlp.objects.random_shapes import random_shape
 from scipy.spatial.transform import Rotation
 
 from hlp import Detection, Detector
@@ -30,6 +29,7 @@ from hlp.data.synthetic.scenes import LINEMOD_CAMERA
 from hlp.data.synthetic.surfaces import draw_surroundings, random_surroundings
 from hlp.evaluation.errors import add_s
 from hlp.geometry import rigid
+from hlp.objects.distractors import random_shape
 from hlp.objects.shapes import merge, moved_by
 from hlp.records import MILLIMETRE, Frame, Mesh, ObjectModel, Target
 from hlp.rendering.rasterizer import render_scene

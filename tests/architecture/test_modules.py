@@ -4,6 +4,7 @@ import ast
 from collections import Counter
 from collections.abc import Iterator
 from graphlib import TopologicalSorter
+from importlib import import_module
 from pathlib import Path
 
 SOURCE = Path(__file__).parents[2] / "src"
@@ -44,6 +45,18 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
         graph[name] -= CIRCLES.get(name, set())
     assert len(graph) > 100
     TopologicalSorter(graph).prepare()
+
+
+def test_benchmarks_import_what_there_is() -> None:
+    """They are run by hand, so that a module that moves would go unnoticed."""
+    paths = sorted((SOURCE.parent / "benchmarks").glob("*.py"))
+    nodes = (node for path in paths for node in ast.walk(ast.parse(path.read_text())))
+    imports = [node for node in nodes if isinstance(node, ast.ImportFrom) and node.module]
+    ours = [node for node in imports if str(node.module).split(".")[0] == "hlp"]
+    assert len(ours) > 20
+    for node in ours:
+        module = import_module(str(node.module))
+        assert [alias.name for alias in node.names if not hasattr(module, alias.name)] == []
 
 
 def test_modules_are_short() -> None:

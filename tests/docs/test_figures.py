@@ -8,6 +8,7 @@ import csv
 import json
 import re
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ from markdown_pages import PAGES, ROOT
 DOCS = ROOT / "docs"
 _MARK = re.compile(r"<!-- figures: (.+?) -->\n")
 _RESULT = re.compile(r"(?<![\w.])[+−-]?\.\d{2,3}(?!\d)")
+_NUMBER = re.compile(r"[+-]?\d*\.?\d+(e-?\d+)?")
 _CELL = re.compile(r"[+−-]?\d*\.?\d+")
 
 
@@ -33,8 +35,8 @@ def without_marked_blocks(text: str) -> str:
     return re.sub(r"```.*?```|<!--.*?-->", "", text, flags=re.DOTALL)
 
 
-def numbers_of(path: Path) -> set[float]:
-    """Every number in a JSON or CSV file."""
+def rows_of(path: Path) -> list[set[float]]:
+    """The numbers in each row of a CSV file; all those of a JSON file."""
     if path.suffix == ".json":
         found: set[float] = set()
         waiting = [json.loads(path.read_text())]
@@ -44,9 +46,9 @@ def numbers_of(path: Path) -> set[float]:
                 waiting += list(value.values() if isinstance(value, dict) else value)
             elif isinstance(value, int | float):
                 found.add(float(value))
-        return found
-    cells = [cell for row in csv.reader(path.read_text().splitlines()) for cell in row]
-    return {float(cell) for cell in cells if re.fullmatch(r"[+-]?\d*\.?\d+(e-?\d+)?", cell)}
+        return [found]
+    rows = csv.reader(path.read_text().splitlines())
+    return [{float(cell) for cell in row if _NUMBER.fullmatch(cell)} for row in rows]
 
 
 def shown_in(block: str) -> Iterator[str]:
@@ -64,12 +66,25 @@ def is_there(shown: str, numbers: set[float]) -> bool:
     return any(abs(value - number) <= step / 2 + 1e-9 for number in numbers)
 
 
+def are_there(shown: str, files: list[list[set[float]]]) -> bool:
+    """Whether all results of a line stand in one row of each of the files.
+
+    A paragraph may tell of several rows.
+    """
+    results = list(shown_in(shown))
+    if not shown.startswith("|"):
+        files = [[set().union(*rows)] for rows in files]
+    chosen = (set().union(*rows) for rows in product(*files))
+    return any(all(is_there(result, row) for result in results) for row in chosen)
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_figures_are_those_of_the_result_files(page):
-    for files, block in marked_blocks(page.read_text()):
-        numbers = set().union(*(numbers_of(DOCS / file) for file in files))
-        wrong = [shown for shown in shown_in(block) if not is_there(shown, numbers)]
-        assert not wrong, f"{page.name}: {files} do not hold {wrong}"
+    for names, block in marked_blocks(page.read_text()):
+        files = [rows_of(DOCS / name) for name in names]
+        lines = block.splitlines() if block.startswith("|") else [block]
+        wrong = [line for line in lines if not are_there(line, files)]
+        assert not wrong, f"{page.name}: {names} have no row with what {wrong} show"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
@@ -78,9 +93,9 @@ def test_no_result_stands_outside_of_a_marked_block(page):
 
 
 def test_a_wrong_figure_would_be_found(tmp_path):
-    (tmp_path / "a.csv").write_text("name,recall\ncat,0.9706\nall,1309\n")
-    numbers = numbers_of(tmp_path / "a.csv")
-    assert is_there(".971", numbers) and is_there("1309", numbers)
-    assert not is_there(".970", numbers) and not is_there("1308", numbers)
+    (tmp_path / "a.csv").write_text("name,recall\ncat,0.9706,12\nall,0.9,1309\n")
+    files = [rows_of(tmp_path / "a.csv")]
+    assert are_there("| cat | .971 | 12 |", files) and are_there("all: .90, cat: .971", files)
+    assert not are_there("| cat | .970 | 12 |", files) and not are_there("| .90 | 12 |", files)
     assert list(shown_in("| cat | .971 | 1309 |\n| b | 8 objects |")) == [".971", "1309"]
     assert _RESULT.findall("p > 0.08, .97 and v1.234, 3.14") == [".97"]

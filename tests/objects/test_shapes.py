@@ -63,17 +63,3 @@ def test_merge_keeps_triangles_and_colors_of_each_part():
     corner = both.vertices[both.faces[:, 0]]
     expected = np.where(corner[:, :1] > 0.5, [0, 0, 200], [200, 0, 0])
     np.testing.assert_array_equal(both.colors[both.faces[:, 0]], expected)
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_random_shapes_have_the_stated_size(seed):
-    mesh = shapes.random_shape(np.random.default_rng(seed), least_height=0.12)
-    assert 0.03 < np.ptp(mesh.vertices, axis=0).max() < 0.21
-    assert len(mesh.colors) == len(mesh.normals) == len(mesh.vertices)
-    assert len(np.unique(mesh.colors, axis=0)) <= 2
-
-
-def test_a_tree_has_its_crown_at_the_height():
-    tree = shapes.toy_tree(0.03, 0.2, np.random.default_rng(0))
-    widest = np.argmax(np.hypot(*tree.vertices[:, :2].T))
-    assert tree.vertices[widest, 2] == pytest.approx(0.2, abs=0.03)

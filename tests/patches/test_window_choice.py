@@ -165,7 +165,7 @@ def test_improbable_windows_are_no_places():
 
 def test_squares_of_a_few_places_at_a_time():
     region = region_of([(10, 10), (40, 10), (70, 50)], [0.2, 0.4, 0.3])
-    settings = CloserLookSettings(places=3, together=2, side=1.0)
+    settings = CloserLookSettings(places=3, places_at_once=2, side=1.0)
     first, second = likely_regions(region, np.full(3, 6.0), settings)
     assert first.object_id == 4 and first.mask.shape == (60, 80)
     y, x = np.nonzero(second.mask)

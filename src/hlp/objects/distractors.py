@@ -1,4 +1,4 @@
-"""Scenes of things that are not the objects to learn, but look like them here and there.
+"""Random shapes, and scenes of them that look like the objects to learn here and there.
 
 A classifier that has seen only its objects and flat backgrounds takes whatever sticks out for an
 object. The scenes show random shapes of the objects' sizes in arbitrary colours, in the objects'
@@ -11,12 +11,20 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, UInt8
-from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
 from hlp.geometry import rigid
 from hlp.objects.meshes import mesh_diameter
-from hlp.objects.shapes import merge, moved_by, random_color, random_shape
+from hlp.objects.shapes import (
+    Color,
+    cylinder,
+    ellipsoid,
+    lathe,
+    merge,
+    moved_by,
+    painted,
+    rounded_box,
+    tube,
+)
 from hlp.records import Frame, Mesh
 from hlp.rendering.rasterizer import random_light, render_scene
 
@@ -27,6 +35,7 @@ _DISTANCES = (0.5, 1.2)  # m from the camera to the supporting plane
 _SCALES = (0.4, 2.5)  # diameters relative to the objects'
 _THINGS = (6, 14)  # in a scene
 _WALL = 1.6  # m: side of the supporting plane
+_COARSE = 0.007  # m between vertices
 
 
 def distractor_scenes(meshes: Sequence[Mesh], count: int, seed: int, threads: int) -> list[Frame]:
@@ -50,9 +59,15 @@ def _random_thing(rng: np.random.Generator) -> Mesh:
     """One to four random shapes stuck together, about the origin, with a diameter of 1."""
     parts = []
     for _ in range(int(rng.integers(1, 5))):
-        turn = Rotation.random(random_state=rng).as_matrix()
+        turn = _random_turn(rng)
         parts.append(moved_by(random_shape(rng), rigid(turn, rng.normal(0.0, 0.03, 3))))
     return _unit_size(merge(parts))[0]
+
+
+def _random_turn(rng: np.random.Generator) -> Float[np.ndarray, "3 3"]:
+    from scipy.spatial.transform import Rotation  # slow to import
+
+    return np.asarray(Rotation.random(random_state=rng).as_matrix())
 
 
 def _unit_size(mesh: Mesh) -> tuple[Mesh, float]:
@@ -69,6 +84,8 @@ def _scene(
     rng: np.random.Generator,
 ) -> Frame:
     """A scene of `shapes` (of diameter 1) that resemble `objects` (meshes of diameter 1, sizes)."""
+    from scipy.spatial.transform import Rotation  # slow to import
+
     middle = (_SIDE - 1) / 2
     camera_matrix = np.array([[_FOCAL, 0.0, middle], [0.0, _FOCAL, middle], [0.0, 0.0, 1.0]])
     distance = rng.uniform(*_DISTANCES)
@@ -80,7 +97,7 @@ def _scene(
         look, diameter = objects[int(rng.integers(len(objects)))]
         scale = diameter * np.exp(rng.uniform(*np.log(_SCALES)))
         shape = shapes[int(rng.integers(len(shapes)))]
-        turn = Rotation.random(random_state=rng).as_matrix()
+        turn = _random_turn(rng)
         # Before the plane (negative z is towards the camera), most touching or cutting it.
         place = np.array([*rng.uniform(-reach, reach, 2), -scale * rng.uniform(0.1, 0.8)])
         place = plane_pose[:3, :3] @ place + plane_pose[:3, 3]
@@ -104,7 +121,9 @@ def _paint(shape: Mesh, look: Mesh, rng: np.random.Generator) -> UInt8[np.ndarra
         seen = look.colors[rng.integers(len(look.colors), size=2)]
         return _blend(shape, seen.astype(np.float64), rng)
     # The object's surface point at the same place in the bounding box, after a random turn.
-    turn = Rotation.random(random_state=rng).as_matrix()
+    from scipy.spatial import cKDTree  # slow to import
+
+    turn = _random_turn(rng)
     sample = rng.integers(len(look.vertices), size=4000)
     tree = cKDTree(look.vertices[sample])
     _, nearest = tree.query(shape.vertices @ turn.T)
@@ -134,3 +153,70 @@ def _plane(rng: np.random.Generator) -> Mesh:
     plane = Mesh(vertices, faces, np.zeros((len(vertices), 3), np.uint8), normals)
     colors = np.array([random_color(rng) for _ in range(2)], dtype=np.float64)
     return replace(plane, colors=_blend(plane, colors, rng))
+
+
+def random_shape(rng: np.random.Generator, least_height: float = 0.04) -> Mesh:
+    """A box, cylinder, ball, cone, ring or vase, of one colour or striped.
+
+    Boxes, cylinders, cones and vases are `least_height` to 20 cm high.
+    """
+    kind = int(rng.integers(6))
+    color = random_color(rng)
+    width, height = rng.uniform(0.02, 0.045), rng.uniform(least_height, 0.20)
+    if kind == 0:
+        size = (2 * width, rng.uniform(0.03, 0.10), height)
+        mesh = rounded_box(size, rng.uniform(0.002, 0.008), color, _COARSE)
+    elif kind == 1:
+        mesh = cylinder(width, height, color, _COARSE)
+    elif kind == 2:
+        mesh = ellipsoid((width, width * rng.uniform(0.8, 1.2), width), color, _COARSE)
+    elif kind == 3:
+        mesh = lathe([(0, 0), (width, 0), (width, 0.006), (0, height)], color, spacing=_COARSE)
+    elif kind == 4:
+        mesh = _ring(width, rng.uniform(0.007, 0.014), color)
+    else:
+        mesh = _vase(width, height, color, rng)
+    if rng.uniform() < 0.4:
+        return _striped(mesh, random_color(rng), rng)
+    return mesh
+
+
+def _ring(radius: float, thickness: float, color: Color) -> Mesh:
+    """A ring standing on its edge."""
+    angle = np.linspace(0.0, 2 * np.pi, 40)
+    circle = np.column_stack([np.cos(angle), np.zeros(40), np.sin(angle)]) * radius
+    return tube(circle.tolist(), [thickness] * 40, color, _COARSE)
+
+
+def _vase(width: float, height: float, color: Color, rng: np.random.Generator) -> Mesh:
+    heights = np.linspace(0.0, height, 5)
+    radii = width * rng.uniform(0.3, 1.0, 5)
+    wall = [(float(r), float(z)) for r, z in zip(radii, heights, strict=True)]
+    return lathe([(0.0, 0.0), *wall, (0.0, height)], color, spacing=_COARSE)
+
+
+def _striped(mesh: Mesh, color: Color, rng: np.random.Generator) -> Mesh:
+    """Stripes perpendicular to a random direction, like the print on packages."""
+    direction = rng.normal(size=3)
+    direction /= np.linalg.norm(direction)
+    along = mesh.vertices @ direction
+    return painted(mesh, np.sin(2 * np.pi * along / rng.uniform(0.03, 0.09)) > 0.3, color)
+
+
+def toy_tree(crown: float, height: float, rng: np.random.Generator) -> Mesh:
+    """A tree of a foot, a thin trunk, and a crown of radius `crown` (m) centred at `height` (m)."""
+    half = crown * rng.uniform(0.9, 1.6)
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 9)[1:-1]
+    low = max(height - half, 0.012)
+    rounds = [(float(crown * np.cos(a)), float(low + half * (1 + np.sin(a)))) for a in angle]
+    foot = [(0.0, 0.0), (0.7 * crown, 0.0), (0.7 * crown, 0.006), (0.006, 0.009), (0.006, low)]
+    tree = lathe([*foot, *rounds, (0.0, low + 2 * half)], random_color(rng), spacing=_COARSE)
+    return painted(tree, tree.vertices[:, 2] < low + 0.004, random_color(rng))
+
+
+def random_color(rng: np.random.Generator) -> Color:
+    """A muted random colour (red, green, blue)."""
+    grey = rng.uniform(30.0, 225.0)
+    channels = np.clip(grey + rng.normal(0.0, 45.0, 3), 10, 240).astype(int)
+    red, green, blue = (int(value) for value in channels)
+    return red, green, blue

@@ -1,4 +1,4 @@
-"""Closed, coloured surfaces from which objects are assembled, and random ones in random colours.
+"""Closed, coloured surfaces from which objects are assembled, and the walls of a bin.
 
 Every shape is a `Mesh` in metres whose vertices are at most about `SPACING` apart, so that
 interpolated colours and shading look smooth. `merge` keeps surfaces inside other shapes, which a
@@ -17,8 +17,9 @@ from hlp.geometry import rigid, transform
 from hlp.records import Mesh
 
 SPACING = 0.004  # m
-_COARSE = 0.007  # m, of random shapes
 Color = tuple[int, int, int]
+CUBE = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+"""Corners of a cube."""
 
 
 def solid(vertices: Points, faces: Int[np.ndarray, "f 3"], color: Color) -> Mesh:
@@ -221,68 +222,31 @@ def _box_grid(half: Point, spacing: float) -> tuple[Points, np.ndarray]:
     return np.concatenate(vertices), np.concatenate(faces)
 
 
-def random_shape(rng: np.random.Generator, least_height: float = 0.04) -> Mesh:
-    """A box, cylinder, ball, cone, ring or vase, of one colour or striped.
+def hull_mesh(points: Points, color: np.ndarray) -> Mesh:
+    """The convex hull of points (m) in one colour, its faces flat."""
+    from scipy.spatial import ConvexHull  # slow to import
 
-    Boxes, cylinders, cones and vases are `least_height` to 20 cm high.
+    hull = ConvexHull(points)
+    vertices = points[hull.simplices].reshape(-1, 3)
+    faces = np.arange(len(vertices)).reshape(-1, 3)
+    normals = np.repeat(hull.equations[:, :3], 3, axis=0)
+    return Mesh(vertices, faces, np.tile(color, (len(vertices), 1)), normals)
+
+
+def box_walls(
+    reach: Float[np.ndarray, "2 2"], height: float, thickness: float, color: np.ndarray
+) -> list[tuple[Mesh, Point]]:
+    """Four walls that stand around the origin on z = 0, and where the middle of each is (m).
+
+    `reach` is the distance of the inner sides, along both axes to both sides.
     """
-    kind = int(rng.integers(6))
-    color = random_color(rng)
-    width, height = rng.uniform(0.02, 0.045), rng.uniform(least_height, 0.20)
-    if kind == 0:
-        size = (2 * width, rng.uniform(0.03, 0.10), height)
-        mesh = rounded_box(size, rng.uniform(0.002, 0.008), color, _COARSE)
-    elif kind == 1:
-        mesh = cylinder(width, height, color, _COARSE)
-    elif kind == 2:
-        mesh = ellipsoid((width, width * rng.uniform(0.8, 1.2), width), color, _COARSE)
-    elif kind == 3:
-        mesh = lathe([(0, 0), (width, 0), (width, 0.006), (0, height)], color, spacing=_COARSE)
-    elif kind == 4:
-        mesh = _ring(width, rng.uniform(0.007, 0.014), color)
-    else:
-        mesh = _vase(width, height, color, rng)
-    if rng.uniform() < 0.4:
-        return _striped(mesh, random_color(rng), rng)
-    return mesh
-
-
-def _ring(radius: float, thickness: float, color: Color) -> Mesh:
-    """A ring standing on its edge."""
-    angle = np.linspace(0.0, 2 * np.pi, 40)
-    circle = np.column_stack([np.cos(angle), np.zeros(40), np.sin(angle)]) * radius
-    return tube(circle.tolist(), [thickness] * 40, color, _COARSE)
-
-
-def _vase(width: float, height: float, color: Color, rng: np.random.Generator) -> Mesh:
-    heights = np.linspace(0.0, height, 5)
-    radii = width * rng.uniform(0.3, 1.0, 5)
-    wall = [(float(r), float(z)) for r, z in zip(radii, heights, strict=True)]
-    return lathe([(0.0, 0.0), *wall, (0.0, height)], color, spacing=_COARSE)
-
-
-def _striped(mesh: Mesh, color: Color, rng: np.random.Generator) -> Mesh:
-    """Stripes perpendicular to a random direction, like the print on packages."""
-    direction = rng.normal(size=3)
-    direction /= np.linalg.norm(direction)
-    along = mesh.vertices @ direction
-    return painted(mesh, np.sin(2 * np.pi * along / rng.uniform(0.03, 0.09)) > 0.3, color)
-
-
-def toy_tree(crown: float, height: float, rng: np.random.Generator) -> Mesh:
-    """A tree of a foot, a thin trunk, and a crown of radius `crown` (m) centred at `height` (m)."""
-    half = crown * rng.uniform(0.9, 1.6)
-    angle = np.linspace(-np.pi / 2, np.pi / 2, 9)[1:-1]
-    low = max(height - half, 0.012)
-    rounds = [(float(crown * np.cos(a)), float(low + half * (1 + np.sin(a)))) for a in angle]
-    foot = [(0.0, 0.0), (0.7 * crown, 0.0), (0.7 * crown, 0.006), (0.006, 0.009), (0.006, low)]
-    tree = lathe([*foot, *rounds, (0.0, low + 2 * half)], random_color(rng), spacing=_COARSE)
-    return painted(tree, tree.vertices[:, 2] < low + 0.004, random_color(rng))
-
-
-def random_color(rng: np.random.Generator) -> Color:
-    """A muted random colour (red, green, blue)."""
-    grey = rng.uniform(30.0, 225.0)
-    channels = np.clip(grey + rng.normal(0.0, 45.0, 3), 10, 240).astype(int)
-    red, green, blue = (int(value) for value in channels)
-    return red, green, blue
+    walls = []
+    for axis, side in np.ndindex(2, 2):
+        across, sign = 1 - axis, 1.0 - 2.0 * side
+        size, middle = np.full(3, thickness), np.zeros(3)
+        size[across], size[2] = float(reach[across].sum()), height
+        middle[axis] = sign * (reach[axis, side] + thickness / 2)
+        middle[across] = (reach[across, 0] - reach[across, 1]) / 2
+        middle[2] = height / 2
+        walls.append((hull_mesh(CUBE * size / 2, color), middle))
+    return walls

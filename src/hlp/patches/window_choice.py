@@ -156,7 +156,7 @@ class CloserLookSettings(Settings):
         Ge(1),
         Doc("likeliest places that are searched if no pose is probably right (D); null: none (P)"),
     ] = 12
-    together: Annotated[Count, Doc("places that are searched at once (D)")] = 3
+    places_at_once: Annotated[Count, Doc("places that are searched at once (D)")] = 3
     side: Annotated[
         Positive, Doc("side, in diameters, of the square around a place that is searched (D)")
     ] = 1.2
@@ -206,8 +206,8 @@ def likely_regions(region: Region, radii: Values, settings: CloserLookSettings) 
     `radii` are half the object's diameter in pixels, at the depth of each of the region's windows.
     """
     rows = likely_places(region, radii, settings.places or 0)
-    for start in range(0, len(rows), settings.together):
-        chosen = rows[start : start + settings.together]
+    for start in range(0, len(rows), settings.places_at_once):
+        chosen = rows[start : start + settings.places_at_once]
         half_sides = radii[chosen] * settings.side
         mask = union_of_squares(region.centers[chosen], half_sides, region.mask.shape)
         yield replace(region, mask=mask)

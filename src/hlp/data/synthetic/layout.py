@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from hlp.arrays import Pose, Positions, Vector
 from hlp.geometry import inverse, rigid
-from hlp.objects.shapes import random_shape, toy_tree
+from hlp.objects.distractors import random_shape, toy_tree
 from hlp.records import Mesh, ObjectModel
 from hlp.rendering.rasterizer import Light
 from hlp.settings import Doc, Settings, SettingsError

@@ -43,7 +43,7 @@ from hlp.records import Codebook, ObjectModel
 from hlp.refinement.score_model import ScoreModel, load_score_model
 from hlp.settings import Stored, read_settings, stored_as
 
-FORMAT = 7
+FORMAT = 8
 RECORD = "learnt.json"
 CLASSIFIER, ENCODER, OBJECTS, SEARCHES = "classifier", "encoder", "objects", "searches"
 NAME = re.compile(r"[\w][\w .+-]{0,79}")

@@ -50,7 +50,7 @@ def write_model(folder: Path, model: ObjectModel) -> None:
         for part, mesh in (("mesh", model.mesh), ("proxy", model.proxy))
         for field in _MESH_FIELDS
     }
-    arrays |= {"symmetries": model.symmetries, "siblings": model.near_symmetries}
+    arrays |= {"symmetries": model.symmetries, "near_symmetries": model.near_symmetries}
     if (texture := model.mesh.texture) is not None:
         arrays["mesh_uv"] = texture.uv
         _, encoded = cv2.imencode(".png", texture.image[..., ::-1])
@@ -85,8 +85,8 @@ def read_model(folder: Path) -> ObjectModel:
             grid = ColorGrid(cells["colors"], cells["corner"], float(cells["cell"]))
             mesh = replace(mesh, color_grid=grid)
         sizes = stated.holistic_size, stated.local_size
-        shape = stated.diameter, stored["symmetries"]
-        return ObjectModel(stated.id, stated.name, mesh, proxy, *shape, *sizes, stored["siblings"])
+        poses = stored["symmetries"], *sizes, stored["near_symmetries"]
+        return ObjectModel(stated.id, stated.name, mesh, proxy, stated.diameter, *poses)
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(f"{folder} is damaged ({error}): learn the object again") from error
 
