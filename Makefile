@@ -63,6 +63,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@touch $@
 
 demo: $(STAMP) ## poses of synthetic objects: train, recover, score, log to MLflow
+	@echo "This takes 5 to 10 minutes on two cores the first time; after a stop, the same command continues"
 	@$(BIN)/hlp run work=$(WORK)
 
 test: $(STAMP) ## the tests

@@ -31,6 +31,14 @@ from hlp.stages.manifest import library_versions, plain
 
 RECORD, IN_USE = "stage.json", ".in-use"
 PARTIAL, DAMAGED, LOCK = ".partial", ".damaged", ".lock"
+_STEPS = {
+    "views": "RGB-D views of the models are rendered",
+    "classifier": "a network learns to tell windows that show an object from others",
+    "encoder": "a network learns features of local patches",
+    "codebook": "local patches of the views are stored, with the poses that they vote for",
+    "score": "searches in rendered scenes show how often which answers are right",
+    "poses": "the objects are searched in the frames",
+}
 _logger = logging.getLogger(__name__)
 
 
@@ -79,6 +87,7 @@ class StageStore:
         self.root = root.absolute()
         self.events: list[StageEvent] = []
         self._verified: dict[Path, Mapping[str, Any]] = {}  # records of outputs
+        self._announced: set[str] = set()
         self._in_use: IO[bytes] | None = None
 
     def get_or_make(
@@ -163,6 +172,7 @@ class StageStore:
             "versions": library_versions(),
         }
         begun = time.perf_counter()
+        self._announce(folder.parent.name)
         try:
             partial.mkdir(exist_ok=True)
             yield partial
@@ -177,6 +187,13 @@ class StageStore:
             error.add_note(f"while making {folder.parent.name} in {partial}")
             raise
         self._verified[folder] = record
+
+    def _announce(self, stage: str) -> None:
+        """Say once what a stage is for, before its first output is made."""
+        if stage in _STEPS and stage not in self._announced:
+            self._announced.add(stage)
+            number = [*_STEPS].index(stage) + 1
+            _logger.info("step %d of %d, %s: %s", number, len(_STEPS), stage, _STEPS[stage])
 
     def _note(self, folder: Path, of: str, *, reused: bool) -> None:
         """Add an event for an output that was verified or made."""
