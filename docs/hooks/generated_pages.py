@@ -59,6 +59,7 @@ def generated_pages() -> Iterator[tuple[str, str]]:
     for group, hint in hints.items():
         yield f"configuration/{group}.md", _group_page(group, hint)
     yield "command-line.md", _command_line()
+    yield "changes.md", (ROOT / "CHANGELOG.md").read_text()
 
 
 def _groups() -> dict[str, Any]:

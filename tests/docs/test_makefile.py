@@ -14,7 +14,7 @@ OWN_WORK = "work=build/screenshots/work "
 @pytest.mark.parametrize(
     ("words", "run"),
     [
-        (["demo", "WORK=there"], ["hlp run work=there"]),
+        (["demo", "WORK=there"], ["minutes", "hlp run work=there"]),
         (["ui", "WORK=there", "PORT=5001"], ["hlp ui work=there port=5001"]),
         (["test-slow", "SLOW=slow and not thorough"], [' -m "slow and not thorough"']),
         (["test-slow", "BROWSER=required"], ["HLP_BROWSER=required .venv/bin/python -m pytest "]),

@@ -85,8 +85,8 @@ def read_model(folder: Path) -> ObjectModel:
             grid = ColorGrid(cells["colors"], cells["corner"], float(cells["cell"]))
             mesh = replace(mesh, color_grid=grid)
         sizes = stated.holistic_size, stated.local_size
-        poses = stored["symmetries"], *sizes, stored["near_symmetries"]
-        return ObjectModel(stated.id, stated.name, mesh, proxy, stated.diameter, *poses)
+        rest = stored["symmetries"], *sizes, stored["near_symmetries"]
+        return ObjectModel(stated.id, stated.name, mesh, proxy, stated.diameter, *rest)
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(f"{folder} is damaged ({error}): learn the object again") from error
 
