@@ -10,7 +10,6 @@ import io
 import json
 import os
 import re
-import sys
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
@@ -19,7 +18,7 @@ from pathlib import Path
 from tokenize import TokenError
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from hlp.errors import DataError, InputError, MissingFileError
+from hlp.errors import DataError, MissingFileError
 
 if TYPE_CHECKING:
     import numpy as np  # takes 0.1 s to import, and a command that shows settings needs no array
@@ -74,32 +73,6 @@ def remove_unfinished(folder: Path) -> None:
     for path in folder.rglob(".*"):
         if _UNFINISHED.fullmatch(path.name):
             path.unlink(missing_ok=True)
-
-
-@contextmanager
-def locked(path: Path, problem: str) -> Iterator[None]:
-    """Hold the lock of a file, which is made; the system frees that of a dead process.
-
-    Raises InputError with the `problem` while another process holds it, and where it is a link: a
-    folder from somebody else may hold one to any file. Without effect on Windows.
-    """
-    if sys.platform == "win32":
-        yield
-        return
-    import fcntl
-
-    try:
-        lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
-    except OSError as error:
-        if path.is_symlink():
-            raise InputError(f"{path} is a link, which no lock is: remove it") from error
-        raise
-    with os.fdopen(lock):
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise InputError(problem) from error
-        yield
 
 
 def write_text(path: Path, text: str) -> None:
