@@ -18,23 +18,17 @@ LEAVES: dict[str, Callable[[Path, Path], None]] = {
         path.with_name("first").symlink_to(secret), path.symlink_to("first"),
     )[1],
     "pipe": lambda path, secret: os.mkfifo(path),
+    "deep": lambda path, secret: Path(path, *["d"] * 70).mkdir(parents=True),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("what", [*LEAVES, "deep"])
+@pytest.mark.parametrize("what", LEAVES)
 def test_what_leads_out_of_a_folder_is_named(tmp_path: Path, what: str) -> None:
     (tmp_path / "secret.txt").write_text("of the user")
     sub = tmp_path / "run" / "sub"
     sub.mkdir(parents=True)
     (sub / "summary.json").touch()
-    if what == "deep":
-        os.chdir(sub)  # longer than a path may be
-        for _ in range(1500):
-            os.mkdir("d")
-            os.chdir("d")
-        os.chdir(tmp_path)
-    else:
-        LEAVES[what](sub / "odd", tmp_path / "secret.txt")
+    LEAVES[what](sub / "odd", tmp_path / "secret.txt")
     words = {"pipe": "neither a file", "deep": "below 64 folders"}.get(what, "leads out of")
     with pytest.raises(DataError, match=words):
         own_files(tmp_path / "run")
