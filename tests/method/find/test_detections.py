@@ -9,7 +9,7 @@ from hlp.data.synthetic.bins import BinScenes, BinSettings, bin_parts
 from hlp.data.synthetic.objects import shape_model
 from hlp.geometry import rigid
 from hlp.method.find.detections import Detection, with_ranks
-from hlp.objects.bins import CUBE, hull_mesh
+from hlp.objects.meshes import CUBE, hull_mesh
 from hlp.records import Frame, Target
 from hlp.refinement.pose_fit import PoseFit
 from hlp.rendering.rasterizer import render_depth

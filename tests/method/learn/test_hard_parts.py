@@ -11,7 +11,7 @@ import trimesh
 from hlp.data.synthetic.objects import demo_objects, shape_model
 from hlp.method.learn.hard_parts import hard_parts
 from hlp.method.learn.mesh_models import MeshChoices, build_models
-from hlp.objects.bins import CUBE, hull_mesh
+from hlp.objects.meshes import CUBE, hull_mesh
 from hlp.objects.shapes import ellipsoid, tube
 from hlp.records import ObjectModel
 from hlp.rendering.sensor import Kinect, depth_error, noisy_depth

@@ -18,9 +18,8 @@ from hlp.data.synthetic.layout import Item, SceneSettings, between
 from hlp.data.synthetic.objects import shape_model
 from hlp.data.synthetic.scenes import SyntheticScenes, dataset_of
 from hlp.geometry import rigid
-from hlp.objects.bins import CUBE, box_walls, hull_mesh
 from hlp.objects.mesh_colors import PLAIN_COLOR
-from hlp.objects.meshes import mesh_diameter
+from hlp.objects.meshes import CUBE, box_walls, hull_mesh, mesh_diameter
 from hlp.objects.shapes import lathe, merge, moved, random_color, random_shape, rounded_box
 from hlp.records import Mesh, ObjectModel
 from hlp.rendering.rasterizer import render_depth

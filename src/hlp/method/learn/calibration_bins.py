@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from hlp.arrays import Vector
 from hlp.geometry import rigid, transform
-from hlp.objects.bins import box_walls
+from hlp.objects.meshes import box_walls
 from hlp.records import Mesh, ObjectModel
 
 _ROOM = (0.8, 3.0)  # from the middle to a wall, in diameters

@@ -24,7 +24,7 @@ from hlp.method.learn.calibration_bins import (
     resting_plane,
     with_random_color,
 )
-from hlp.objects.bins import CUBE, hull_mesh
+from hlp.objects.meshes import CUBE, hull_mesh
 from hlp.patches.backgrounds import procedural_backgrounds
 from hlp.records import Frame, Mesh, ObjectModel, Target
 from hlp.rendering.rasterizer import random_light, render_depth, render_scene
