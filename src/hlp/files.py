@@ -19,6 +19,7 @@ from tokenize import TokenError
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from hlp.errors import DataError, MissingFileError
+from hlp.folders import own_files
 
 if TYPE_CHECKING:
     import numpy as np  # takes 0.1 s to import, and a command that shows settings needs no array
@@ -69,8 +70,8 @@ def replaced(path: Path) -> Iterator[BinaryIO]:
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove what `replaced` was writing in a folder when its process was killed."""
-    for path in folder.rglob(".*"):
+    """Remove what `replaced` was writing when its process was killed. Raises as `own_files`."""
+    for path in own_files(folder):
         if _UNFINISHED.fullmatch(path.name):
             path.unlink(missing_ok=True)
 

@@ -72,6 +72,8 @@ def inside(folder: Path, name: str) -> Path:
 
 def lock_file(path: Path) -> FileIO:
     """Open the file of a lock, which is made but never emptied. Raises InputError for a link."""
+    if path.is_dir() and not path.is_symlink():
+        path.rmdir()  # an empty folder is in the way of nothing else
     try:
         return FileIO(os.open(path, os.O_RDWR | os.O_CREAT | _NO_LINK, 0o644))
     except OSError as error:
