@@ -35,12 +35,12 @@ def test_panels_are_logged_by_frame_and_pictures_of_stages_by_name(
 def test_what_a_killed_run_left_is_removed_before_mlflow_gets_it_and_a_link_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def opened(*_: object, **__: object) -> None:
-        raise ZeroDivisionError
-
+    opened = MagicMock(side_effect=ZeroDivisionError)
     monkeypatch.setattr(mlflow_log, "track_run", opened)
+    for name in ("short_name", "choice_tags", "place_tags", "experiment_tags"):
+        monkeypatch.setattr(mlflow_log, name, lambda *_: {})
     run = MagicMock()
-    run.settings.machine.threads, run.chosen.overrides = 1, {}
+    run.settings.machine.threads = 1
     (tmp_path / "panels").mkdir()
     for left in (tmp_path / ".poses.csv.123", tmp_path / "panels" / ".a.jpg.77"):
         left.touch()
