@@ -40,6 +40,7 @@ SWEEP = "sweep.json"
 MOST_BYTES = 512 * 1024**2
 """A larger JSON file is an error: it would fill the memory. BOP's largest have 100 MB."""
 _DEEPEST = 64  # lists and objects within each other in JSON
+_ROOM, _MOST_RATIO = 512 * 1024**2, 20  # bytes unpacked of an archive, and for each packed one
 _UNFINISHED = re.compile(r"\..+\.\d+")
 NO_ARRAYS = (
     ValueError, TypeError, KeyError, EOFError, OSError, zipfile.BadZipFile, zlib.error,
@@ -209,6 +210,9 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
     try:
         # numpy leaves a file open that is not an archive, unless somebody else opened it.
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
+            stated = sum(array.file_size for array in stored.zip.infolist())
+            if stated > _ROOM + _MOST_RATIO * path.stat().st_size:
+                raise ValueError(f"it states {stated} bytes, more than any that HLP wrote")
             return dict(stored)
     except NO_ARRAYS as error:
         raise DataError(
