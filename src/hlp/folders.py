@@ -14,14 +14,13 @@ from pathlib import Path
 from hlp.errors import DataError, InputError
 
 _DEEPEST = 64  # folders within each other
-_NO_LINK = getattr(os, "O_NOFOLLOW", 0)  # Windows has none
 
 
 def own_files(folder: Path) -> list[Path]:
     """All files in a folder and those below it; the folder itself may be a link.
 
-    Raises DataError for a link that leads out of it, for what is neither a file nor a folder, and
-    for more folders within each other than anybody makes.
+    Raises DataError for a link that leads out of it, what is neither a file nor a folder, and more
+    folders within each other than anybody makes.
     """
     files, root = [], os.path.realpath(folder)
     for entry, depth in _entries(folder):
@@ -38,10 +37,7 @@ def own_files(folder: Path) -> list[Path]:
 
 
 def found_below(root: Path, name: str) -> list[Path]:
-    """What has a name in or below a folder; no link is followed.
-
-    Raises what `own_files` raises for the folder that one of them lies in.
-    """
+    """What has a name in or below a folder, if `own_files` raises nothing for where it lies."""
     found = sorted(Path(entry) for entry, _ in _entries(root) if entry.name == name)
     for path in found:
         own_files(path.parent)
@@ -75,7 +71,7 @@ def lock_file(path: Path) -> FileIO:
     if path.is_dir() and not path.is_symlink():
         path.rmdir()  # an empty folder is in the way of nothing else
     try:
-        return FileIO(os.open(path, os.O_RDWR | os.O_CREAT | _NO_LINK, 0o644))
+        return FileIO(os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o644))
     except OSError as error:
         if path.is_symlink():
             raise InputError(f"{path} is a link, which no lock is: remove it") from error
@@ -86,8 +82,7 @@ def lock_file(path: Path) -> FileIO:
 def locked(path: Path, problem: str) -> Iterator[None]:
     """Hold the lock of a file; the system frees that of a dead process.
 
-    Raises InputError with the `problem` while another process holds it, and where it is a link.
-    Without effect on Windows.
+    Raises InputError with the `problem` while another process holds it. No effect on Windows.
     """
     if sys.platform == "win32":
         yield

@@ -36,10 +36,8 @@ _SOURCES: dict[str, tuple[type, Callable[[Any], Camera]]] = {
 """The settings that a source takes as keys, and what makes a camera of them."""
 
 
-def _lines() -> Iterable[str]:
-    """Standard input; the bytes of names that are not in UTF-8 stay."""
-    sys.stdin.reconfigure(errors="surrogateescape")  # type: ignore[union-attr]
-    return sys.stdin
+def _lines() -> Iterable[str]:  # bytes of names that are not in UTF-8 stay as they are
+    return open(0, encoding="utf-8", errors="surrogateescape", closefd=False)
 
 
 def live(arguments: Sequence[str]) -> None:

@@ -1,6 +1,7 @@
 """A user's own frames: colour and depth images or a video, intrinsics, no true poses."""
 
 import logging
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
@@ -182,14 +183,10 @@ class OwnFrames(FrameReader):
     @property
     def depth_scale(self) -> float:
         """Millimetres per unit of the depth images: given, stated by a file, or guessed."""
-        problem: HlpError | None = None
         for paths in islice(self._paths.values(), _EXAMPLES):
-            try:
+            with suppress(HlpError):
                 return self.unit_of(paths.depth)
-            except HlpError as error:
-                problem = problem or error
-        assert problem is not None  # without any frame there are no paths at all
-        raise problem
+        return self.unit_of(next(iter(self._paths.values())).depth)
 
     @cached_property
     def _paths(self) -> dict[str, FramePaths]:
