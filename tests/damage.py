@@ -8,7 +8,7 @@ WAYS: Mapping[str, Callable[[bytes], bytes]] = {
     "empty": lambda content: b"",
     "cut": lambda content: content[: len(content) // 2],
     "end lost": lambda content: content[:-10],
-    "flipped": lambda content: _flipped(content, len(content) // 2),
+    "flipped": lambda content: flipped(content, len(content) // 2),
     "garbage": lambda content: os.urandom(len(content)),
 }
 
@@ -21,5 +21,6 @@ def damage(paths: Iterable[Path], way: str) -> int:
     return len(files)
 
 
-def _flipped(content: bytes, at: int) -> bytes:
+def flipped(content: bytes, at: int) -> bytes:
+    """With one bit of the byte `at` changed."""
     return content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :]

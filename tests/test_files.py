@@ -7,7 +7,18 @@ import numpy as np
 import pytest
 
 from bad_input import DEEP, Case, check, of_file, written
-from hlp.files import read_csv, read_json, replaced, write_array, write_csv, write_json, write_text
+from hlp import files
+from hlp.errors import DataError
+from hlp.files import (
+    read_csv,
+    read_json,
+    read_npz,
+    replaced,
+    write_array,
+    write_csv,
+    write_json,
+    write_text,
+)
 from hlp.method.learn.learnt_folder import read_record
 from hlp.reporting.sweeps import read_sweeps
 from hlp.results.recalls import read_summary
@@ -62,6 +73,16 @@ def test_arrays_on_a_full_disk_say_so(tmp_path: Path) -> None:
     (tmp_path / f".a.npy.{os.getpid()}").symlink_to(full)
     with pytest.raises(OSError, match=r"No space left on device: '.*a\.npy'"):
         write_array(tmp_path / "a.npy", np.zeros(100_000))
+
+
+def test_arrays_that_take_far_more_room_than_their_file_are_not_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    np.savez_compressed(tmp_path / "a.npz", zeros=np.zeros(1_000_000))
+    assert read_npz(tmp_path / "a.npz")["zeros"].size == 1_000_000
+    monkeypatch.setattr(files, "_ROOM", 1_000_000)
+    with pytest.raises(DataError, match=r"a\.npz is damaged \(it states 8000\d+ bytes"):
+        read_npz(tmp_path / "a.npz")
 
 
 def test_a_written_file_has_the_usual_permissions(tmp_path: Path) -> None:

@@ -10,7 +10,6 @@ import io
 import json
 import os
 import re
-import sys
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
@@ -19,7 +18,8 @@ from pathlib import Path
 from tokenize import TokenError
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from hlp.errors import DataError, InputError, MissingFileError
+from hlp.errors import DataError, MissingFileError
+from hlp.folders import own_files
 
 if TYPE_CHECKING:
     import numpy as np  # takes 0.1 s to import, and a command that shows settings needs no array
@@ -40,6 +40,7 @@ SWEEP = "sweep.json"
 MOST_BYTES = 512 * 1024**2
 """A larger JSON file is an error: it would fill the memory. BOP's largest have 100 MB."""
 _DEEPEST = 64  # lists and objects within each other in JSON
+_ROOM, _MOST_RATIO = 512 * 1024**2, 20  # bytes unpacked of an archive, and for each packed one
 _UNFINISHED = re.compile(r"\..+\.\d+")
 NO_ARRAYS = (
     ValueError, TypeError, KeyError, EOFError, OSError, zipfile.BadZipFile, zlib.error,
@@ -70,36 +71,10 @@ def replaced(path: Path) -> Iterator[BinaryIO]:
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove what `replaced` was writing in a folder when its process was killed."""
-    for path in folder.rglob(".*"):
+    """Remove what `replaced` was writing when its process was killed. Raises as `own_files`."""
+    for path in own_files(folder):
         if _UNFINISHED.fullmatch(path.name):
             path.unlink(missing_ok=True)
-
-
-@contextmanager
-def locked(path: Path, problem: str) -> Iterator[None]:
-    """Hold the lock of a file, which is made; the system frees that of a dead process.
-
-    Raises InputError with the `problem` while another process holds it, and where it is a link: a
-    folder from somebody else may hold one to any file. Without effect on Windows.
-    """
-    if sys.platform == "win32":
-        yield
-        return
-    import fcntl
-
-    try:
-        lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
-    except OSError as error:
-        if path.is_symlink():
-            raise InputError(f"{path} is a link, which no lock is: remove it") from error
-        raise
-    with os.fdopen(lock):
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise InputError(problem) from error
-        yield
 
 
 def write_text(path: Path, text: str) -> None:
@@ -235,6 +210,9 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
     try:
         # numpy leaves a file open that is not an archive, unless somebody else opened it.
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
+            stated = sum(array.file_size for array in stored.zip.infolist())
+            if stated > _ROOM + _MOST_RATIO * path.stat().st_size:
+                raise ValueError(f"it states {stated} bytes, more than any that HLP wrote")
             return dict(stored)
     except NO_ARRAYS as error:
         raise DataError(

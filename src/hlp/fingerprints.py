@@ -20,7 +20,7 @@ from typing import Any
 
 import xxhash
 
-from hlp.errors import DataError
+from hlp.folders import inside, own_files
 
 _SEAL = "checksum"
 
@@ -39,9 +39,10 @@ def content_checksum(content: bytes | memoryview) -> str:
 def folder_checksums(folder: Path, leaving_out: Collection[str] = ()) -> dict[str, str]:
     """Checksum of every file in a folder and those below it, by its path in the folder.
 
-    Files and folders whose names begin with a dot are no part of the content.
+    Files and folders whose names begin with a dot are no part of the content. Raises what
+    `own_files` raises.
     """
-    paths = (path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
+    paths = (path.relative_to(folder) for path in own_files(folder))
     names = sorted(
         path.as_posix() for path in paths if not any(part.startswith(".") for part in path.parts)
     )
@@ -55,9 +56,7 @@ def find_damaged(folder: Path, checksums: Mapping[str, str]) -> Iterator[str]:
     folder, which no `folder_checksums` gives.
     """
     for name, expected in checksums.items():
-        if Path(name).is_absolute() or ".." in Path(name).parts:
-            raise DataError(f"{folder} names a file outside of it: {name}")
-        path = folder / name
+        path = inside(folder, name)
         if not path.is_file() or file_checksum(path) != expected:
             yield name
 

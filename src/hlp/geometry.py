@@ -133,3 +133,9 @@ def nearest_rotation(matrix: Rotation) -> Rotation:
     """The rotation closest to a matrix in the Frobenius norm, as files store rounded rotations."""
     u, _, vt = np.linalg.svd(matrix)
     return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
+
+
+def nearest_equal(pose: Array, symmetries: Array, other: Array) -> Array:
+    """Of the poses that symmetries (n, 4, 4) make of one, the least turned against another."""
+    equal = pose @ symmetries
+    return np.asarray(equal[np.argmin(rotation_distance(equal[:, :3, :3], other[:3, :3]))])

@@ -70,6 +70,13 @@ def test_an_expected_error_is_a_line_with_its_notes(
         raise error
 
 
+def test_a_line_of_an_error_is_as_long_as_can_be_read(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit), fails_in_one_line():
+        raise InputError("it is " + "x" * 5_000_000 + ": leave it out")
+    said = capsys.readouterr().err
+    assert len(said) < 700 and said.startswith("hlp: it is xx") and said.endswith("leave it out\n")
+
+
 def test_a_bug_keeps_its_traceback() -> None:
     with pytest.raises(KeyError), fails_in_one_line():
         {}["bug"]

@@ -1,5 +1,6 @@
 """Cameras of `hlp live`: followed folders, named lines, a user's own, a RealSense."""
 
+import itertools
 import json
 import sys
 import threading
@@ -21,6 +22,7 @@ from hlp.data.cameras import (
     RealSenseSettings,
     load_camera,
 )
+from hlp.data.frame_paths import FramePaths
 from hlp.data.own_frames import CameraSettings
 from hlp.errors import DataError, InputError, MissingDependencyError, MissingFileError
 from hlp.records import CameraImage
@@ -157,6 +159,10 @@ def test_each_line_is_an_image(named: dict[str, str]) -> None:
         ('{"rgb": "a.png"}', 'a line must be {"rgb": FILE'),
         ("[1]", "a line must be"),
         ('{"rgb": "none.png", "depth": "none.png"}', "no image none.png"),
+        ('{"rgb": "%s.png", "depth": "a"}' % ("n" * 5000), "File name too long"),
+        ('{"rgb": "a\\u0000", "depth": "a"}', "no image a"),
+        ("[" * 100_000, "cannot read '[[["),
+        ('{"rgb": "\udcff", "depth": "a"}', "no image"),  # bytes that are not UTF-8
     ],
 )
 def test_a_wrong_line_costs_itself_alone(named: dict[str, str], line: str, words: str) -> None:
@@ -165,9 +171,47 @@ def test_a_wrong_line_costs_itself_alone(named: dict[str, str], line: str, words
     assert isinstance(whole, CameraImage)
 
 
-def test_a_wrong_time_is_named(named: dict[str, str]) -> None:
-    (broken,) = LinesCamera([json.dumps(named | {"captured": "noon"})], SETTINGS)
-    assert isinstance(broken, BrokenImage) and "captured is 'noon'" in str(broken.error)
+@pytest.mark.parametrize("time", ['"noon"', "NaN", "-1e999", "1e13", "[]"])
+def test_a_wrong_time_is_named(named: dict[str, str], time: str) -> None:
+    line = json.dumps(named)[:-1] + f', "captured": {time}}}'
+    (broken,) = LinesCamera([line], SETTINGS)
+    assert isinstance(broken, BrokenImage) and "must be seconds since 1970" in str(broken.error)
+
+
+def test_a_file_that_may_not_be_read_costs_its_own_image(
+    named: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read = Path.read_bytes
+
+    def refused(path: Path) -> bytes:
+        if path.stem == "closed":
+            raise PermissionError(13, "Permission denied", str(path))
+        return read(path)
+
+    for name, key in itertools.product(("closed.png", "closed.npy"), ("rgb", "depth")):
+        closed = Path(named["rgb"]).with_name(name)
+        closed.touch()
+        monkeypatch.setattr(Path, "read_bytes", refused)
+        lines = [json.dumps(named | {key: str(closed)}), json.dumps(named)]
+        broken, whole = LinesCamera(lines, SETTINGS)
+        assert isinstance(broken, BrokenImage) and isinstance(whole, CameraImage)
+        assert str(broken.error) == f"{closed} cannot be read: Permission denied"
+
+
+def test_an_image_that_is_removed_while_it_is_read_ends_nothing(folder: Path) -> None:
+    put(folder, 1)
+    put(folder, 2)
+    followed = camera(folder)
+    read = followed._reader.read
+
+    def read_and_remove(paths: FramePaths) -> Any:
+        found = read(paths)
+        if paths.name == "1":
+            paths.color.unlink()
+        return found
+
+    followed._reader.read = read_and_remove  # type: ignore[method-assign]
+    assert [image.name for image in followed] == ["2"]
 
 
 OWN = """

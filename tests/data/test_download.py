@@ -4,12 +4,14 @@ import hashlib
 import io
 import json
 import shutil
+import socket
 import tarfile
 import time
 import zipfile
 from collections import namedtuple
 from pathlib import Path
 
+import httpx2
 import numpy as np
 import pytest
 from filelock import FileLock
@@ -126,6 +128,21 @@ def test_what_keeps_a_file_from_being_loaded_is_named(server, tmp_path, monkeypa
     with pytest.raises(DiskFullError, match=r"0\.1 GB free.*output=FOLDER"):
         fetch(archive(server), tmp_path / "a.zip")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "[::1]", "169.254.169.254", "10.0.0.1"])
+@pytest.mark.parametrize("asked", ["https://files.example/a.zip", "http://93.184.216.34/a.zip"])
+def test_no_redirect_leads_into_the_users_own_network(monkeypatch, tmp_path, host, asked):
+    answer = httpx2.Response(302, headers={"Location": f"http://{host}"})
+    resolve = socket.getaddrinfo
+    names = {"files.example": "1.1.1.1"}
+    monkeypatch.setattr(
+        socket, "getaddrinfo", lambda name, *of: resolve(names.get(name, name), *of)
+    )
+    monkeypatch.setattr(httpx2.HTTPTransport, "handle_request", lambda *_: answer)
+    with pytest.raises(DataError, match=r"leads to .*, which is not in the internet"):
+        fetch(Archive(asked), tmp_path / "a.zip")
+    assert not [path for path in tmp_path.iterdir() if path.stat().st_size]
 
 
 def zipped(root: Path, around: str = "") -> bytes:

@@ -179,7 +179,10 @@ GREY, DEPTH = np.full((8, 8), 9, np.uint8), np.full((8, 8), 900, np.uint16)
 CASES: dict[str, Case] = {
     "no image": (lambda folder: read_rgb(folder / "a.png"), "no image"),
     "no depth image": (lambda folder: read_raw_depth(folder / "a.npy"), "no image"),
-    "png of 60000 px": (of_file(read_rgb, "a.png", stated_size(60_000)), "too large, or no image"),
+    **{
+        f"png of {side} px": (of_file(read_rgb, "a.png", stated_size(side)), "too large, with more")
+        for side in (60_000, 15_000)
+    },
     "depth for colours": (pixels(read_rgb, "a.png", DEPTH), "is it a depth image?"),
     "header of text": (of_file(size, "a.png", "png"), "truncated or no image"),
     "no header": (lambda folder: size(folder / "a.png"), "no image"),
@@ -205,6 +208,7 @@ CASES: dict[str, Case] = {
     "own depth with a deep header": (of_file(own, "a.npy", npy("(" * 3000)), "no array"),
     "own depth beyond": (of_file(own, "a.npy", npy("(8, 8)", np.full(64, 1e300))), "than inf m"),
     "own depth of nearly 0": (of_file(own, "a.npy", npy("(8,8)", np.full(64, 1e-99))), "than 0 m"),
+    "a PNG cut": (of_file(read_rgb, "a.png", b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\xff"), "truncated"),
     "arrays cut": (of_file(read_npz, "a.npz", b"PK\3\4"), "damaged"),
     "no arrays": (lambda folder: read_npz(folder / "a.npz"), "there is no file"),
 }

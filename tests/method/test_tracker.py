@@ -1,5 +1,7 @@
 """Tracking through sequences of a simulated camera, whose poses are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -8,6 +10,9 @@ from hlp import CameraImage, Detector, TrackingSettings
 from hlp.errors import InputError
 from hlp.evaluation.errors import add_s
 from hlp.geometry import project, rigid, rotation_distance, transform
+from hlp.method import tracker as tracker_module
+from hlp.method.find.detections import SearchResult
+from hlp.method.find.estimator import PoseEstimator
 from hlp.method.tracker import Track, part_near
 from hlp.records import Frame
 from moving_scene import SimulatedCamera, path
@@ -65,6 +70,39 @@ def test_a_lost_object_is_detected_again_in_the_same_frame(detector):
         assert len(found) == 1 and is_right(found[0].pose_cam_obj, true, BEAR)
     assert [found[0].tracked for found in answers] == [False, True, False, True]
     assert {found[0].track for found in answers} == {0}
+
+
+@pytest.mark.parametrize("way", ["follow", "search"])
+def test_a_symmetric_object_keeps_one_of_its_poses(learnt, monkeypatch, way):
+    """Whether it is tracked or found again: both give the pose turned by a half here."""
+    detector = Detector.load(learnt)
+    about = trimesh.transformations.rotation_matrix(np.pi, [0, 0, 1], BEAR.centroid)
+    model = replace(detector.models["bear"], symmetries=np.stack([np.eye(4), about]))
+    with detector._alone() as estimator:
+        estimator.learnt.models[model.object_id] = model
+    poses = path(BEAR, 3, NEAR)
+    first, *rest = SimulatedCamera({"bear": poses}, MODELS)
+    tracker = detector.tracker(["bear"], 1, TrackingSettings(min_score=0.0))
+    (before,) = tracker.update(first)
+    turned = [pose @ about for pose in poses[1:]]
+    given = iter(turned)
+    if way == "follow":
+        monkeypatch.setattr(PoseEstimator, "follow", lambda *_: next(given))
+    else:
+        sort = tracker_module.sort_answers
+        monkeypatch.setattr(tracker_module, "follow", lambda *_: None)
+        monkeypatch.setattr(
+            tracker_module,
+            "sort_answers",
+            lambda *a: SearchResult(
+                [replace(one, pose_cam_obj=next(given)) for one in sort(*a).detections], []
+            ),
+        )
+    for image, true in zip(rest, poses[1:], strict=True):
+        (found,) = tracker.update(image)
+        assert (found.track, found.tracked) == (before.track, way == "follow")
+        np.testing.assert_allclose(found.pose_cam_obj, true, atol=1e-9)
+        np.testing.assert_allclose(found.equivalent_poses, [true, true @ about], atol=1e-9)
 
 
 def test_an_object_that_is_gone_is_not_found_and_why_is_said(detector):

@@ -48,7 +48,9 @@ def detector(tmp_path: Path) -> Any:
     return Nothing(tmp_path / "learnt")
 
 
-def frames(folder: Path, broken: tuple[int, ...] = (), count: int = 3) -> OwnFrames:
+def frames(
+    folder: Path, broken: tuple[int, ...] = (), count: int = 3, scale: float | None = 1.0
+) -> OwnFrames:
     for name in ("rgb", "depth"):
         (folder / name).mkdir(parents=True)
     for i in range(count):
@@ -58,7 +60,17 @@ def frames(folder: Path, broken: tuple[int, ...] = (), count: int = 3) -> OwnFra
         (folder / f"depth/{i}.png").write_bytes(b"no image")
     rgb, depth = str(folder / "rgb"), str(folder / "depth")
     camera = [30.0, 30.0, 15.5, 11.5]
-    return OwnFrames(FrameFiles(rgb=rgb, depth=depth, intrinsics=camera, depth_scale=1.0))
+    return OwnFrames(FrameFiles(rgb=rgb, depth=depth, intrinsics=camera, depth_scale=scale))
+
+
+def test_frames_whose_depth_cannot_be_read_do_not_keep_its_unit_from_the_others(
+    detector: Any, tmp_path: Path
+) -> None:
+    own = frames(tmp_path, (0, 1), scale=None)
+    assert predict(detector, own, tmp_path / "out", PredictionOptions()) == 1
+    broken = frames(tmp_path / "all", (0, 1, 2), scale=None)
+    with pytest.raises(DataError, match="none of the 3 frames can be used"):
+        predict(detector, broken, tmp_path / "none", PredictionOptions())
 
 
 @pytest.mark.parametrize("count", [1, 3])

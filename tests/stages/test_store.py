@@ -169,6 +169,42 @@ def test_what_no_store_wrote_is_set_aside(tmp_path, what):
     assert (folder / "data.txt").read_text() == "done"
 
 
+@pytest.mark.parametrize("ending", ["partial", "lock", ""])
+@pytest.mark.parametrize(
+    "what", ["file", "folder", "link", "link to nowhere", "link within", "pipe"]
+)
+def test_nothing_in_the_store_leads_out_of_it_or_stays_in_the_way(tmp_path, what, ending):
+    """Whatever lies where an output is made: nothing is written elsewhere, and it is made."""
+    elsewhere, place = tmp_path / "elsewhere", tmp_path / "codebook" / NAME
+    elsewhere.mkdir()
+    (elsewhere / "mine").write_text("of the user")
+    place.parent.mkdir()
+    place = place.with_suffix(f".{ending}" if ending else "")
+    make = {
+        "file": place.touch,
+        "folder": place.mkdir,
+        "link": lambda: place.symlink_to(elsewhere),
+        "link to nowhere": lambda: place.symlink_to(tmp_path / "nowhere"),
+        "link within": lambda: (place.mkdir(), (place / "x").symlink_to(elsewhere / "mine")),
+        "pipe": lambda: os.mkfifo(place),
+    }
+    make[what]()
+    ask(tmp_path)
+    folder = tmp_path / "codebook" / NAME
+    assert (folder / "data.txt").read_text() == "done" and not folder.is_symlink()
+    assert [path.name for path in elsewhere.iterdir()] == ["mine"]
+    assert (elsewhere / "mine").read_text() == "of the user" and not (tmp_path / "nowhere").exists()
+
+
+def test_a_finished_output_that_holds_a_link_to_elsewhere_is_made_again(tmp_path):
+    ask(tmp_path)
+    data = tmp_path / "codebook" / NAME / "data.txt"
+    data.rename(tmp_path / "same.txt")
+    data.symlink_to(tmp_path / "same.txt")
+    ask(tmp_path)
+    assert not data.is_symlink()
+
+
 def test_only_the_last_damaged_output_is_kept(tmp_path):
     for text in ("first", "second"):
         ask(tmp_path)

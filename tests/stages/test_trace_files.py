@@ -1,12 +1,14 @@
 """What is written of a frame comes back as it was, whole or not at all."""
 
+import itertools
+import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from damage import damage
+from damage import damage, flipped
 from fake_detection import OBJECTS, SHAPE, CountedFrames, FakeEstimator
 from hlp.errors import DataError
 from hlp.method.find.search import search_frame
@@ -101,7 +103,35 @@ def test_a_frame_without_anything_is_a_file_too(tmp_path):
     assert read_trace({"poses": tmp_path}, "key") == {} and has_arrays(tmp_path, "key")
 
 
-@pytest.mark.parametrize("how", ["empty", "cut", "end lost", "flipped"])
+def test_no_flipped_bit_changes_what_is_read(tmp_path):
+    write_arrays(tmp_path, "key", ARRAYS)
+    path = tmp_path / "key.npz"
+    whole = path.read_bytes()
+    for at in range(len(whole)):
+        path.write_bytes(flipped(whole, at))
+        if has_arrays(tmp_path, "key"):  # a time, or another thing that nothing depends on
+            found = read_arrays(tmp_path, "key")
+            assert found.keys() == ARRAYS.keys()
+            assert all(np.array_equal(found[name], ARRAYS[name]) for name in ARRAYS)
+
+
+def test_a_file_of_another_frame_or_output_is_noticed(tmp_path):
+    one, other = tmp_path / "poses" / "00.partial", tmp_path / "poses" / "11.partial"
+    for folder, key in itertools.product((one, other), "ab"):
+        write_arrays(folder, key, ARRAYS)
+    (other / "a.npz").replace(one / "b.npz")
+    with (tmp_path / "bare.npz").open("wb") as stream:
+        np.savez(stream, **ARRAYS)
+    for odd in (one / "a.npz", other / "b.npz", tmp_path / "bare.npz"):
+        shutil.copy(odd, one / "b.npz")
+        assert has_arrays(one, "a") and not has_arrays(one, "b")
+        with pytest.raises(DataError, match=r"b\.npz is of another frame"):
+            read_arrays(one, "b")
+    one.rename(one.with_suffix(""))  # when all is made
+    assert read_arrays(one.with_suffix(""), "a").keys() == ARRAYS.keys()
+
+
+@pytest.mark.parametrize("how", ["empty", "cut", "end lost"])
 def test_a_damaged_file_is_named_and_a_missing_one_is_no_damage(tmp_path, how):
     write_arrays(tmp_path, "key", ARRAYS)
     assert has_arrays(tmp_path, "key")

@@ -13,6 +13,7 @@ from typing import NoReturn
 
 from hlp.errors import is_expected
 
+_LONGEST = 600  # characters in a line of an error: two long paths and what to do
 INTERRUPTED, READER_GONE, TERMINATED = 130, 141, 143
 _CONFIGURING = {"hydra", "omegaconf", "yaml"}
 """Libraries whose errors are about what was configured."""
@@ -90,8 +91,14 @@ def fail(error: BaseException) -> NoReturn:
     """Print the error's message and exit with 1; with HLP_TRACEBACK set, raise the error."""
     if os.environ.get("HLP_TRACEBACK", "0") not in {"", "0"}:
         raise error
-    print(f"hlp: {in_words(error)}", file=sys.stderr)
+    lines = in_words(error).split("\n")
+    print("hlp:", "\n".join(map(_cut, lines)), file=sys.stderr)
     sys.exit(1)
+
+
+def _cut(line: str) -> str:
+    """A line as it is unless it is very long, as one that names what a broken file says."""
+    return line if len(line) <= _LONGEST else f"{line[: _LONGEST // 2]} … {line[-_LONGEST // 2 :]}"
 
 
 def in_words(error: BaseException) -> str:

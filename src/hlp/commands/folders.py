@@ -9,7 +9,8 @@ from pathlib import Path
 from hlp.commands.arguments import is_true, known_arguments, path_of, text_list
 from hlp.data.public_sets import IMAGES, SETS, find_set
 from hlp.errors import InputError, MissingFileError
-from hlp.files import MANIFEST, locked, shipped_folder
+from hlp.files import MANIFEST, shipped_folder
+from hlp.folders import found_below, locked
 from hlp.stages.manifest import is_fingerprint, named_outputs
 from hlp.stages.store import DAMAGED, IN_USE, PARTIAL, RECORD
 
@@ -33,7 +34,7 @@ def find_removable(work: Path, results: Iterable[Path]) -> list[Removable]:
     """
     if not work.is_dir():
         raise MissingFileError(f"there is no folder {work}: name the one of the runs, work=DIR")
-    manifests = [path for folder in results for path in sorted(folder.rglob(MANIFEST))]
+    manifests = [path for folder in results for path in found_below(folder, MANIFEST)]
     named = {(stage, name) for path in manifests for stage, _, name in named_outputs(path)}
     found = []
     for folder in sorted(work.glob("*/*")):

@@ -3,7 +3,7 @@
 import json
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 from typing import Any
@@ -30,10 +30,14 @@ from hlp.runs.live import Line, LiveOptions, LivePictures
 _COMMON = ("source", "learnt", "overlay", "page", "threads", "work")
 _SOURCES: dict[str, tuple[type, Callable[[Any], Camera]]] = {
     "folder": (FolderSettings, FolderCamera),
-    "stdin": (CameraSettings, lambda settings: LinesCamera(sys.stdin, settings)),
+    "stdin": (CameraSettings, lambda settings: LinesCamera(_lines(), settings)),
     "realsense": (RealSenseSettings, RealSenseCamera),
 }
 """The settings that a source takes as keys, and what makes a camera of them."""
+
+
+def _lines() -> Iterable[str]:  # bytes of names that are not in UTF-8 stay as they are
+    return open(0, encoding="utf-8", errors="surrogateescape", closefd=False)
 
 
 def live(arguments: Sequence[str]) -> None:

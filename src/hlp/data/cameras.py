@@ -19,10 +19,11 @@ from hlp.data.frame_paths import FramePaths, is_pattern, pairs_so_far
 from hlp.data.own_frames import CameraSettings, FrameFiles, FrameReader
 from hlp.errors import DataError, HlpError, InputError, MissingDependencyError, MissingFileError
 from hlp.records import CameraImage
-from hlp.settings import Doc, Settings
+from hlp.settings import Doc, Settings, shown
 
 _KEYS = ("rgb", "depth")
 _FORM = 'a line must be {"rgb": FILE, "depth": FILE}, with "name" and "captured" as you like'
+_LATEST = 1e12  # s since 1970; in ms they are more
 _POLL = 0.01  # s between two looks into the folders
 _PATIENCE = 1.0  # s: a file that cannot be read so long after it was first seen is broken
 _ENDS = {".png": b"IEND\xaeB`\x82", ".jpg": b"\xff\xd9", ".jpeg": b"\xff\xd9"}
@@ -112,12 +113,14 @@ class LinesCamera:
 def _parsed(line: str) -> dict[str, Any]:
     try:
         given = json.loads(line)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"cannot read {line.strip()[:80]!r} ({error}): {_FORM}") from error
     if not isinstance(given, dict) or not all(isinstance(given.get(k), str) for k in _KEYS):
         raise InputError(f"cannot use {line.strip()[:80]!r}: {_FORM}")
-    if not isinstance(given.get("captured"), int | float | None):
-        raise InputError(f"captured is {given['captured']!r}: it must be seconds since 1970")
+    captured = given.get("captured")
+    known = isinstance(captured, int | float) and abs(captured) < _LATEST
+    if captured is not None and not known:
+        raise InputError(f"captured is {shown(captured)}: it must be seconds since 1970")
     return given
 
 
@@ -185,10 +188,12 @@ class FolderCamera:
             return None
         try:
             rgb, depth = self._reader.read(paths)
+            captured = paths.color.stat().st_mtime
         except HlpError as error:
             return None if patient else BrokenImage(paths.name, error)
+        except FileNotFoundError:  # removed by now
+            return None
         del self._waiting_since[paths.color]
-        captured = paths.color.stat().st_mtime
         return CameraImage(rgb, depth, self._reader.camera.matrix, paths.name, captured)
 
 

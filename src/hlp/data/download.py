@@ -10,6 +10,7 @@ import hashlib
 import logging
 import re
 import shutil
+import socket
 import stat
 import tarfile
 import zipfile
@@ -18,14 +19,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from ipaddress import ip_address
 from pathlib import Path, PurePosixPath
-from typing import IO
-
-from filelock import FileLock, Timeout
+from typing import IO, Any
 
 from hlp.data.public_sets import Archive, PublicSet
 from hlp.errors import DataError, DiskFullError, HlpError, InputError, NetworkError
 from hlp.files import write_json
+from hlp.folders import locked
 
 SOURCES = "sources.json"
 """What a loaded folder was made from: addresses, sizes and checksums of the archives, licence."""
@@ -56,22 +57,19 @@ def download(public: PublicSet, folder: Path, images: str, mirror: str | None = 
     partial = folder.with_name(f".{folder.name}.partial")
     unpacked = partial / "unpacked"
     partial.mkdir(parents=True, exist_ok=True)
-    lock = FileLock(folder.with_name(f".{folder.name}.lock"))
-    try:
-        with lock.acquire(timeout=0):
-            sources = [fetch(archive, partial / archive.name) for archive in archives]
-            shutil.rmtree(unpacked, ignore_errors=True)
-            unpacked.mkdir()
-            for archive in archives:
-                count = unpack(partial / archive.name, unpacked, public.name)
-                _logger.info("%s: %d files", archive.name, count)
-            about = {"name": public.name, "licence": public.licence, "page": public.page}
-            write_json(unpacked / SOURCES, about | {"archives": sources})
-            unpacked.rename(folder)
-            shutil.rmtree(partial)
-    except Timeout as error:
-        raise InputError(f"another process is loading {folder}: wait for it") from error
-    Path(lock.lock_file).unlink(missing_ok=True)
+    lock = folder.with_name(f".{folder.name}.lock")
+    with locked(lock, f"another process is loading {folder}: wait for it"):
+        sources = [fetch(archive, partial / archive.name) for archive in archives]
+        shutil.rmtree(unpacked, ignore_errors=True)
+        unpacked.mkdir()
+        for archive in archives:
+            count = unpack(partial / archive.name, unpacked, public.name)
+            _logger.info("%s: %d files", archive.name, count)
+        about = {"name": public.name, "licence": public.licence, "page": public.page}
+        write_json(unpacked / SOURCES, about | {"archives": sources})
+        unpacked.rename(folder)
+        shutil.rmtree(partial)
+        lock.unlink(missing_ok=True)
     return folder
 
 
@@ -111,11 +109,12 @@ def _receive(archive: Archive, target: Path) -> tuple[Path, str | None]:
     Raises NetworkError, DiskFullError, and DataError for another file than the known one.
     """
     import httpx2
-    from huggingface_hub import get_hf_file_metadata
+    from huggingface_hub import get_hf_file_metadata, set_client_factory
     from huggingface_hub.errors import HfHubHTTPError
     from huggingface_hub.file_download import http_get
 
     part = target
+    set_client_factory(partial(_client, archive.url))
     try:
         about = get_hf_file_metadata(archive.url, token=False)  # a mirror must not get the user's
         # Another server's ETag may look like a checksum, and be none: only a hub names a commit.
@@ -143,6 +142,26 @@ def _receive(archive: Archive, target: Path) -> tuple[Path, str | None]:
             part.unlink()  # it does not end before the file
         raise _cut_off(archive, part, error) from error
     return part, stated
+
+
+def _client(url: str) -> Any:
+    """A client for a file; no redirect leads it from the internet into the user's own network."""
+    import httpx2
+
+    def check(request: httpx2.Request) -> None:
+        if _is_near(request.url.host) and not _is_near(httpx2.URL(url).host):
+            raise DataError(f"{url} leads to {request.url.host}, which is not in the internet")
+
+    return httpx2.Client(event_hooks={"request": [check]}, follow_redirects=True, timeout=None)
+
+
+def _is_near(host: str) -> bool:
+    """Whether a name leads to an address of this machine or network, as far as it is known here."""
+    try:
+        found = socket.getaddrinfo(host, None)
+    except OSError:  # a proxy may know it
+        return False
+    return not all(ip_address(str(place[4][0]).partition("%")[0]).is_global for place in found)
 
 
 def _cut_off(archive: Archive, part: Path, error: Exception) -> NetworkError:

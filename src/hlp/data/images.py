@@ -1,7 +1,10 @@
 """Colour and depth images, read with checks; errors name the file. Photographs as backgrounds."""
 
 from collections.abc import Sequence
+from io import BytesIO
+from math import prod
 from pathlib import Path
+from struct import unpack
 from typing import Any
 
 import cv2
@@ -16,7 +19,9 @@ from hlp.schemas import FARTHEST, NEAREST
 
 EXTENSIONS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 DEPTH_EXTENSIONS = (".png", ".tif", ".tiff", ".exr", ".npy", *EXTENSIONS)
+_ABSENT = "no image {}: is the data set complete?"
 _SATURATED = 65535  # 7-Scenes and others write this for missing depth
+_PNG, _MOST_PIXELS = b"\x89PNG", 2e8  # a megabyte of zeros may state a thousand times as many
 _PNG_16_BIT_GREY = b"\x10\x00"  # of a PNG's header: depth and kind of its pixels
 _DEPTH_MODES = ("I;16", "I;16B", "I;16L", "I", "F")  # Pillow's names
 _DEPTH_CHANNELS = ("Z", "Y", "R", "V", "RGB", "RGBA")  # of an EXR file, the likeliest first
@@ -31,9 +36,16 @@ def find_image(folder: Path, stem: str) -> Path:
 def read_pixels(path: Path, flags: int = cv2.IMREAD_UNCHANGED) -> np.ndarray[Any, Any]:
     """An image as it is in the file, or as OpenCV's `flags` say.
 
-    Raises MissingFileError, and DataError if it is not an image.
+    Raises MissingFileError, and DataError if it is not an image or cannot be read.
     """
-    encoded = np.frombuffer(_existing(path).read_bytes(), np.uint8)
+    return _decoded(_content(path), path, flags)
+
+
+def _decoded(content: bytes, path: Path, flags: int) -> np.ndarray[Any, Any]:
+    encoded = np.frombuffer(content, np.uint8)
+    size = unpack(">II", content[16:24].ljust(8, b"\0")) if content.startswith(_PNG) else ()
+    if prod(size) > _MOST_PIXELS:
+        raise DataError(f"{path} is too large, with more than {_MOST_PIXELS:g} pixels")
     try:
         image = cv2.imdecode(encoded, flags) if len(encoded) else None
     except cv2.error as error:  # its header states a size that OpenCV refuses
@@ -49,12 +61,11 @@ def read_rgb(path: Path) -> Rgb:
     Raises MissingFileError, and DataError if the file is truncated or no image, or looks like a
     depth image: a PNG of one channel of 16 bits.
     """
-    if path.suffix.lower() == ".png":
-        with _existing(path).open("rb") as stream:
-            if stream.read(26)[24:] == _PNG_16_BIT_GREY:
-                raise DataError(f"{path} has one channel of 16 bits: is it a depth image?")
+    content = _content(path)
+    if path.suffix.lower() == ".png" and content[24:26] == _PNG_16_BIT_GREY:
+        raise DataError(f"{path} has one channel of 16 bits: is it a depth image?")
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    return np.ascontiguousarray(read_pixels(path, flags)[..., ::-1])
+    return np.ascontiguousarray(_decoded(content, path, flags)[..., ::-1])
 
 
 def read_depth(path: Path, millimetres: float) -> Float[np.ndarray, "h w"]:
@@ -77,7 +88,7 @@ def read_raw_depth(path: Path) -> np.ndarray[Any, Any]:
     MissingDependencyError for an EXR file without the package OpenEXR.
     """
     read = {".npy": _read_npy, ".exr": _read_exr}.get(path.suffix.lower(), read_pixels)
-    raw = read(_existing(path))
+    raw = read(path)
     if raw.ndim == 3 and raw.shape[2] == 1:
         raw = raw[..., 0]
     if raw.ndim != 2 or raw.dtype.kind not in "uif" or raw.dtype.itemsize < 2 or raw.size == 0:
@@ -134,7 +145,8 @@ def image_size(path: Path, most_megapixels: float, depth: bool = False) -> tuple
         f"with more than {most_megapixels:g} megapixels: make it smaller, or raise "
         "data.max_megapixels"
     )
-    _existing(path)
+    if not path.is_file():
+        raise MissingFileError(_ABSENT.format(path))
     try:
         with Image.open(path) as image:
             width, height, mode = image.width, image.height, image.mode
@@ -162,10 +174,14 @@ def require_same_size(rgb: Path, size: tuple[int, ...], depth_size: tuple[int, .
         )
 
 
-def _existing(path: Path) -> Path:
-    if not path.is_file():
-        raise MissingFileError(f"no image {path}: is the data set complete?")
-    return path
+def _content(path: Path) -> bytes:
+    """All of a file. Raises MissingFileError, and DataError where the system cannot read it."""
+    try:
+        if path.is_file():
+            return path.read_bytes()
+    except OSError as error:  # no right to, a name that is too long, a disk that fails
+        raise DataError(f"{path} cannot be read: {error.strerror}") from error
+    raise MissingFileError(_ABSENT.format(path))
 
 
 def _present(raw: np.ndarray[Any, Any], path: Path) -> Mask:
@@ -180,8 +196,9 @@ def _present(raw: np.ndarray[Any, Any], path: Path) -> Mask:
 
 
 def _read_npy(path: Path) -> np.ndarray[Any, Any]:
+    content = BytesIO(_content(path))
     try:
-        return np.asarray(np.load(path, allow_pickle=False))
+        return np.asarray(np.load(content, allow_pickle=False))
     except NO_ARRAYS as error:
         raise DataError(f"{path} is truncated or no array: copy or save it again") from error
 
@@ -193,6 +210,7 @@ def _read_exr(path: Path) -> np.ndarray[Any, Any]:
         raise MissingDependencyError(
             f"{path}: EXR needs the package OpenEXR: pip install 'hlp[exr]', or convert to TIFF"
         ) from error
+    _content(path)  # its library's errors do not say what is wrong with a file
     try:
         channels = OpenEXR.File(str(path)).channels()
         found = {name: np.asarray(channel.pixels) for name, channel in channels.items()}

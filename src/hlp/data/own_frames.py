@@ -1,8 +1,10 @@
 """A user's own frames: colour and depth images or a video, intrinsics, no true poses."""
 
 import logging
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import Annotated
 
@@ -34,12 +36,13 @@ from hlp.data.images import (
     read_raw_depth,
     read_rgb,
 )
-from hlp.errors import DataError, InputError, MissingFileError
+from hlp.errors import DataError, HlpError, InputError, MissingFileError
 from hlp.records import Frame, frame_key, parse_frame_key
 from hlp.schemas import require_depths
 from hlp.settings import Doc, Settings
 
 _SCENE_ID = 0
+_EXAMPLES = 9  # images that are looked at for the unit of depth
 _logger = logging.getLogger(__name__)
 
 
@@ -168,7 +171,8 @@ class FrameReader:
 class OwnFrames(FrameReader):
     """Frames without true poses (a `FrameSource`).
 
-    Frames are numbered in the order of their names. The unit of depth is guessed from the first.
+    Frames are numbered in the order of their names. The unit of depth is guessed from the first
+    that tells one.
     """
 
     settings: FrameFiles
@@ -179,6 +183,9 @@ class OwnFrames(FrameReader):
     @property
     def depth_scale(self) -> float:
         """Millimetres per unit of the depth images: given, stated by a file, or guessed."""
+        for paths in islice(self._paths.values(), _EXAMPLES):
+            with suppress(HlpError):
+                return self.unit_of(paths.depth)
         return self.unit_of(next(iter(self._paths.values())).depth)
 
     @cached_property

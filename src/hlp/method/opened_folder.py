@@ -8,11 +8,12 @@ from typing import Self
 
 from threadpoolctl import ThreadpoolController
 
+from hlp.errors import MissingFileError
 from hlp.kernels import one_blas_thread
 from hlp.method import arguments
 from hlp.method.find.estimator import PoseEstimator
 from hlp.method.learn.learnt_folder import LearntFolder
-from hlp.method.learn.unfinished_folder import restore_replaced
+from hlp.method.learn.unfinished_folder import left_behind
 from hlp.method.settings import Device, FindSettings, MethodSettings
 from hlp.patches.backgrounds import GivenBackgrounds
 from hlp.records import Frame, ObjectModel
@@ -32,7 +33,6 @@ class OpenedFolder:
         """Open a folder of learnt objects; see `load`."""
         # Files are read later, from any working directory.
         self.folder = arguments.checked_path(folder, "folder").resolve()
-        restore_replaced(self.folder)
         self._threads, self._device = threads, device
         self._lock = threading.Lock()
         self._blas = ThreadpoolController()
@@ -52,6 +52,11 @@ class OpenedFolder:
         return f"{type(self).__name__}({about})"
 
     def _open(self) -> None:
+        if (left := left_behind(self.folder)) is not None:
+            raise MissingFileError(
+                f"{self.folder} is missing: a process was killed while replacing it. Rename {left} "
+                "to it, then call again"
+            )
         learnt = LearntFolder(self.folder, self._threads, self._device)
         self._ids, self._settings = dict(learnt.record.objects), learnt.settings
         find = FindSettings.of(learnt.settings)

@@ -9,7 +9,7 @@ from itertools import count
 import numpy as np
 
 from hlp.arrays import Mask, Pose, Poses, Vector
-from hlp.geometry import nearest_rotation, project, rigid, transform
+from hlp.geometry import nearest_equal, nearest_rotation, project, rigid, transform
 from hlp.method.arguments import RgbdFrame, checked_mask, checked_rgbd
 from hlp.method.find.attempts import Unexplained
 from hlp.method.find.detections import (
@@ -38,9 +38,9 @@ class Tracker:
     """Follows objects from frame to frame. Made by `Detector.tracker`.
 
     An instance that was found in the last frame is looked for where it was, by the refiner alone.
-    If its score is then too low, its object is detected again in the same frame. Frames are taken
-    to be equally far apart in time. A tracker belongs to one sequence; several trackers may use one
-    detector.
+    If its score is then too low, its object is detected again in the same frame. Of the poses that
+    its symmetries do not tell apart it keeps to one. Frames are taken to be equally far apart in
+    time. A tracker belongs to one sequence; several trackers may use one detector.
 
     Examples:
         >>> tracker = detector.tracker(["bear"], max_instances=1)
@@ -178,10 +178,7 @@ class _Step:
         answer = follow(self.estimator, self.context, track, self._unexplained(), settings)
         if answer is None or answer.score < settings.min_score:
             return False
-        answer = replace(answer, seconds=time.perf_counter() - self._begun)
-        pose = answer.pose_cam_obj
-        seen = replace(track, score=answer.score, pose_cam_obj=pose, before=track.pose_cam_obj)
-        self._add(answer, seen, tracked=True)
+        self._add(replace(answer, seconds=time.perf_counter() - self._begun), track, tracked=True)
         return True
 
     def search(
@@ -200,14 +197,19 @@ class _Step:
             of_object = [answer for answer in result.detections if answer.object == name]
             places = [track for track in lost if track.object_id == object_id]
             for answer, known in _matched(of_object, places):
-                number = next(numbers) if known is None else known.number
-                new = Track(number, object_id, answer.score, answer.pose_cam_obj)
-                self._add(answer, new, tracked=False)
+                last = known or Track(next(numbers), object_id, 0.0, answer.pose_cam_obj)
+                self._add(answer, last, tracked=False)
         present = {answer.object for _, answer in self.found}
         return [rejection for rejection in result.rejections if rejection.object not in present]
 
-    def _add(self, answer: Detection, track: Track, tracked: bool) -> None:
-        numbered = TrackedDetection(**vars(answer), track=track.number, tracked=tracked)
+    def _add(self, answer: Detection, last: Track, tracked: bool) -> None:
+        """Take an answer up; of poses that are equal, the nearest to the last one."""
+        symmetries = self.estimator.learnt.models[last.object_id].symmetries
+        pose = nearest_equal(answer.pose_cam_obj, symmetries, last.pose_cam_obj)
+        answer = replace(answer, pose_cam_obj=pose, equivalent_poses=pose @ symmetries)
+        before = last.pose_cam_obj if tracked else None
+        track = replace(last, score=answer.score, pose_cam_obj=pose, before=before)
+        numbered = TrackedDetection(**vars(answer), track=last.number, tracked=tracked)
         self.found.append((track, numbered))
         self._begun = time.perf_counter()
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from hlp.errors import DataError, InputError, MissingFileError
 from hlp.files import MANIFEST, SCORES, SUMMARY, SWEEP, read_json
+from hlp.folders import found_below, own_files
 from hlp.reporting.comparison import (
     WELL_VISIBLE,
     ScoredTarget,
@@ -46,8 +47,8 @@ def report_runs(folder: Path, layout: str, details: bool = False) -> str:
     MissingFileError where no finished run is found.
     """
     check_layout(layout)
-    sweeps = sorted(path.parent for path in folder.rglob(SWEEP))
-    paths = sorted(folder.rglob(SUMMARY), key=lambda path: path.stat().st_mtime)
+    sweeps = [path.parent for path in found_below(folder, SWEEP)]
+    paths = sorted(found_below(folder, SUMMARY), key=lambda path: path.stat().st_mtime)
     studies = study_folders(folder)
     if not paths and not sweeps and not studies:
         raise MissingFileError(f"no finished run ({SUMMARY}) in or below {folder}")
@@ -115,6 +116,7 @@ def scores_file(run: str, uri: str) -> Path:
     Raises MissingFileError where neither is found, or the run has no scores.
     """
     if Path(run).is_dir():
+        own_files(Path(run))
         path = Path(run) / SCORES
         if not path.is_file():
             raise MissingFileError(f"no {SCORES} in {run}: it holds no finished run")
@@ -191,7 +193,8 @@ def describe_outputs(folder: Path, layout: str) -> str:
     if not table.rows:
         raise MissingFileError(f"no run in or below {folder}: `hlp run` makes one")
     shown = table.fitted(0, ends=True) if layout == "text" else table
-    note = "The figures of a sweep are those of its best run. " if any(folder.rglob(SWEEP)) else ""
+    swept = found_below(folder, SWEEP)
+    note = "The figures of a sweep are those of its best run. " if swept else ""
     return f"{LAYOUTS[layout](shown)}\n\n{note}{len(table.rows)} runs below {folder}"
 
 
@@ -199,7 +202,7 @@ def run_list(folder: Path) -> Table:
     """A row a run or sweep, oldest first; broken ones are listed as such."""
     begun: dict[Path, float] = {}
     for name in (SUMMARY, SWEEP, MANIFEST, _HYDRA):
-        for path in folder.rglob(name):
+        for path in found_below(folder, name):
             age = path.stat().st_mtime
             begun[path.parent] = min(age, begun.get(path.parent, age))
     ordered = sorted(begun, key=lambda run: (begun[run], run))
@@ -251,7 +254,7 @@ def report_selection(folder: Path, objects: str, layout: str) -> str:
     """
     check_layout(layout)
     names = [name.strip() for name in objects.removeprefix("[").removesuffix("]").split(",")]
-    found = sorted(folder.rglob(SCORES))
+    found = found_below(folder, SCORES)
     if not found:
         raise MissingFileError(f"no finished run in {folder}: none of its folders has {SCORES}")
     parts = [f"Recall of {', '.join(names)}"]

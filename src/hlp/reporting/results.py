@@ -11,6 +11,7 @@ import yaml
 
 from hlp.errors import DataError
 from hlp.files import MANIFEST, SCORES, SUMMARY, SWEEP
+from hlp.folders import found_below
 from hlp.reporting.comparison import WELL_VISIBLE, ScoredTarget, read_targets
 from hlp.results.recalls import TargetKey, read_summary
 from hlp.settings import Stored, read_as, shown
@@ -98,8 +99,8 @@ class Result:
 
 def result_folders(root: Path) -> list[Path]:
     """Folders in or below `root` that hold a sweep, or a run that belongs to no sweep."""
-    sweeps = {path.parent for path in root.rglob(SWEEP)}
-    runs = {path.parent for path in root.rglob(MANIFEST) if is_finished(path.parent)}
+    sweeps = {path.parent for path in found_below(root, SWEEP)}
+    runs = {path.parent for path in found_below(root, MANIFEST) if is_finished(path.parent)}
     return sorted(sweeps | {run for run in runs if run.parent not in sweeps})
 
 

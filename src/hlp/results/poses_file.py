@@ -15,7 +15,8 @@ from typing import Any, Self
 import numpy as np
 
 from hlp.errors import DataError
-from hlp.files import POSES, locked, read_csv, replaced, write_csv, write_text
+from hlp.files import POSES, read_csv, replaced, write_csv, write_text
+from hlp.folders import locked
 from hlp.geometry import rigid
 from hlp.records import MILLIMETRES_PER_METRE, PoseEstimate, TargetScore
 

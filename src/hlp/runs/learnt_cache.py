@@ -8,6 +8,7 @@ from pathlib import Path
 import platformdirs
 
 from hlp.errors import DataError, InputError, MissingFileError
+from hlp.folders import own_files
 from hlp.method.learn.learnt_folder import RECORD, check_files, read_record
 from hlp.method.learn.unfinished_folder import restore_replaced
 
@@ -41,7 +42,6 @@ def find_learnt(given: str, cache: Path) -> Path:
     Raises MissingFileError if there is no such folder, naming those in the cache.
     """
     path = Path(given).expanduser()
-    restore_replaced(path.resolve())
     if (path / RECORD).is_file():
         return path
     named = cache / given
@@ -74,16 +74,17 @@ def _listed(folder: Path) -> LearntEntry:
     try:
         return describe_learnt(folder)
     except DataError as error:
-        return LearntEntry(folder.name, folder, _size(folder), (), str(error))
+        return LearntEntry(folder.name, folder, 0, (), str(error))
 
 
 def describe_learnt(folder: Path) -> LearntEntry:
     """Name, size and content of a folder of learnt objects. Raises DataError if it is damaged."""
-    return LearntEntry(folder.name, folder, _size(folder), tuple(read_record(folder).objects))
+    objects = tuple(read_record(folder).objects)
+    return LearntEntry(folder.name, folder, _size(folder), objects)
 
 
 def _size(folder: Path) -> int:
-    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    return sum(path.stat().st_size for path in own_files(folder))
 
 
 def remove_learnt(name: str, cache: Path) -> Path:

@@ -1,9 +1,11 @@
 """`hlp live`: an answer to each image of a camera as it comes, as a line of JSON; its page."""
 
+import select
+import socket
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -29,6 +31,7 @@ HOST = "127.0.0.1"
 _CLIENTS = 16  # at once
 _INTERVAL = 0.01  # s between two looks for another picture
 _PATIENCE = 10.0  # s, with a client that neither asks nor reads
+_PART = "--picture\r\nContent-Type: image/jpeg\r\nContent-Length: {}\r\n\r\n"
 _PAGE = b"""<!doctype html><html lang="en"><meta charset="utf-8"><title>hlp live</title>
 <style>body{margin:0;background:#111}img{max-width:100vw;max-height:100vh}</style>
 <img src="stream" alt="The last image with the poses that were found"></html>
@@ -62,13 +65,18 @@ class PictureStream:
         """Replace the picture."""
         self._shown = jpeg, self._shown[1] + 1
 
-    def next(self, after: int) -> tuple[bytes, int]:
-        """The first picture after the one of a number, and its number; no bytes at the end."""
+    def pictures(self, client: socket.socket) -> Iterator[bytes]:
+        """The last picture and those that follow, until the end or until the client has gone."""
+        shown = 0
         while True:
-            closed, (picture, number) = self._closed, self._shown
-            if number > after or closed:
-                return (picture if number > after else b""), number
-            time.sleep(_INTERVAL)
+            ends, (picture, number) = self._closed, self._shown
+            if number > shown:
+                yield picture
+                shown = number
+            elif ends or select.select([client], [], [], 0)[0]:  # it can only say goodbye
+                return
+            else:
+                time.sleep(_INTERVAL)
 
     def close(self) -> None:
         """Stop serving."""
@@ -86,15 +94,12 @@ class _Server(ThreadingHTTPServer):
         self._free = threading.Semaphore(_CLIENTS)
         super().__init__(*given)
 
-    def process_request(self, request: Any, client_address: Any) -> None:
-        """Answer in a thread of its own; hang up if there are too many."""
-        if self._free.acquire(blocking=False):
-            super().process_request(request, client_address)
-        else:
-            self.shutdown_request(request)
+    def verify_request(self, request: Any, client_address: Any) -> bool:
+        """Whether there is room for one more; else the server hangs up."""
+        return self._free.acquire(blocking=False)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """See `process_request`."""
+        """Answer, in a thread of its own."""
         try:
             super().process_request_thread(request, client_address)
         finally:
@@ -112,18 +117,27 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Answer one request."""
-        # Another name may be a stranger's that was made to lead here (DNS rebinding); another port
-        # may be forwarded to ours.
-        if self.headers.get("Host", "").split(":")[0] not in (HOST, "localhost"):
+        if not self._is_own():
             self.send_error(403, f"ask for {HOST}")
         elif self.path == "/":
             self._send("text/html", _PAGE)
         elif self.path == "/picture.jpg":
-            self._send("image/jpeg", self.server.stream.next(0)[0])
+            self._send("image/jpeg", next(self.server.stream.pictures(self.connection), b""))
         elif self.path == "/stream":
             self._stream()
         else:
             self.send_error(404)
+
+    def _is_own(self) -> bool:
+        """Whether no other site's page embeds this, or has made its name lead here (DNS rebinding).
+
+        A link may lead here, and another port may be forwarded to ours.
+        """
+        said, host = self.headers, self.headers.get("Host", "")
+        linked = said.get("Sec-Fetch-Dest") == "document"
+        own = said.get("Origin", f"//{host}").partition("//")[2] == host
+        own &= linked or said.get("Sec-Fetch-Site", "none") in ("none", "same-origin")
+        return own and host.split(":")[0] in (HOST, "localhost")
 
     def end_headers(self) -> None:
         """Other pages may not show the pictures."""
@@ -145,12 +159,8 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=picture")
         self.send_header("Cache-Control", "no-store")
         self.end_headers()
-        picture, number = self.server.stream.next(0)
-        while picture:
-            head = "--picture\r\nContent-Type: image/jpeg\r\n"
-            head += f"Content-Length: {len(picture)}\r\n\r\n"
-            self.wfile.write(head.encode() + picture + b"\r\n")
-            picture, number = self.server.stream.next(number)
+        for picture in self.server.stream.pictures(self.connection):
+            self.wfile.write(_PART.format(len(picture)).encode() + picture + b"\r\n")
 
 
 Line = Mapping[str, Any]
@@ -284,16 +294,7 @@ def _line(number: int, image: CameraImage, result: TrackingResult, milliseconds:
         "captured": image.captured,
         "ms": round(milliseconds, 2),
         "found": [
-            {
-                "object": found.object,
-                "track": found.track,
-                "tracked": found.tracked,
-                **detection_values(found),
-            }
-            for found in result.detections
+            {"object": found.object, **detection_values(found)} for found in result.detections
         ],
-        "missing": [
-            {"object": rejection.object, "reason": rejection.reason}
-            for rejection in result.rejections
-        ],
+        "missing": [{"object": r.object, "reason": r.reason} for r in result.rejections],
     }

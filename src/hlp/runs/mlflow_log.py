@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hlp.data.dataset import frames_identity
-from hlp.files import MANIFEST, SCORES
+from hlp.files import MANIFEST, SCORES, remove_unfinished
 from hlp.kernels import set_compute_threads
 from hlp.method.find.search import MOST_INSTANCES
 from hlp.method.learn.learnt_folder import LearntFolder
@@ -48,6 +48,7 @@ def begun(
     settings, chosen = run.settings, run.chosen
     set_compute_threads(settings.machine.threads)
     output.mkdir(parents=True, exist_ok=True)
+    remove_unfinished(output)  # or MLflow would get it
     (output / MANIFEST).unlink(missing_ok=True)
     name = short_name(chosen.overrides, chosen.groups, settings.name)
     data = str(run.config["data"]["name"])

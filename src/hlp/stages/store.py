@@ -17,8 +17,9 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from io import FileIO
 from pathlib import Path
-from typing import IO, Annotated, Any
+from typing import Annotated, Any
 
 from annotated_types import Ge, Le
 from filelock import FileLock, Timeout
@@ -26,6 +27,7 @@ from filelock import FileLock, Timeout
 from hlp.errors import DataError
 from hlp.files import read_json, remove_unfinished, write_json
 from hlp.fingerprints import find_damaged, folder_checksums, seal_is_whole, sealed
+from hlp.folders import lock_file, own_files
 from hlp.settings import Stored, stored_as
 from hlp.stages.manifest import library_versions, plain
 
@@ -88,7 +90,7 @@ class StageStore:
         self.events: list[StageEvent] = []
         self._verified: dict[Path, Mapping[str, Any]] = {}  # records of outputs
         self._announced: set[str] = set()
-        self._in_use: IO[bytes] | None = None
+        self._in_use: FileIO | None = None
 
     def get_or_make(
         self,
@@ -164,7 +166,7 @@ class StageStore:
 
     @contextmanager
     def _making(self, folder: Path, description: Mapping[str, Any]) -> Iterator[Path]:
-        partial = folder.with_name(folder.name + PARTIAL)
+        partial = _cleared(folder.with_name(folder.name + PARTIAL))
         record = {
             "stage": folder.parent.name,
             "fingerprint": folder.name,
@@ -214,7 +216,7 @@ class StageStore:
         import fcntl
 
         with suppress(OSError):  # no folder yet, a read-only one, or a file system without locks
-            self._in_use = (self.root / IN_USE).open("ab")
+            self._in_use = lock_file(self.root / IN_USE)
             weakref.finalize(self, self._in_use.close)
             fcntl.flock(self._in_use, fcntl.LOCK_SH)
 
@@ -222,7 +224,10 @@ class StageStore:
 @contextmanager
 def _only_one(folder: Path) -> Iterator[None]:
     """Hold the lock of an output, once no other run holds it any more."""
-    lock = FileLock(folder.with_name(folder.name + LOCK))
+    path = folder.with_name(folder.name + LOCK)
+    if path.is_symlink() or path.is_dir():
+        _put_aside(path, f"{path} is no lock")
+    lock = FileLock(path)
     try:
         lock.acquire(timeout=0)
     except Timeout:
@@ -243,13 +248,29 @@ def _set_aside(folder: Path) -> None:
         _verify(folder)
     except (DataError, FileNotFoundError) as error:
         problem = str(error)
-    aside = folder.with_name(folder.name + DAMAGED)
+    _put_aside(folder, problem)
+
+
+def _put_aside(path: Path, problem: str) -> None:
+    """Rename what is no part of the store, whatever it is; an earlier one is removed."""
+    aside = path.with_suffix(DAMAGED)
     _logger.warning("%s: kept as %s, made again", problem, aside.name)
     if aside.is_dir() and not aside.is_symlink():
-        shutil.rmtree(aside)  # an earlier one
+        shutil.rmtree(aside)
     else:
         aside.unlink(missing_ok=True)
-    folder.rename(aside)
+    path.rename(aside)
+
+
+def _cleared(partial: Path) -> Path:
+    """The place of an output that is being made: a folder of the store's own, or nothing."""
+    if partial.is_symlink() or (partial.exists() and not partial.is_dir()):
+        _put_aside(partial, f"{partial} is not a folder of its own")
+    try:
+        own_files(partial)
+    except DataError as error:
+        _put_aside(partial, str(error))
+    return partial
 
 
 def _verify(folder: Path) -> Mapping[str, Any]:
@@ -262,6 +283,7 @@ def _verify(folder: Path) -> Mapping[str, Any]:
     path = folder / RECORD
     if not path.is_file():
         raise DataError(f"{folder} is not a finished output: it has no {RECORD}")
+    own_files(folder)
     record = read_json(path)
     if not seal_is_whole(record):
         raise DataError(f"{path} is damaged, or from an earlier version of HLP")

@@ -18,18 +18,34 @@ from hlp.refinement.choice import RefinedHypotheses
 from hlp.refinement.pose_fit import PoseFit
 
 Arrays = dict[str, np.ndarray]
-_FAILED = "failed"
+_FAILED, _OWNER = "failed", "owner"
 
 
 def write_arrays(folder: Path, key: str, arrays: Arrays) -> None:
-    """Write `key`.npz. After a crash or on a full disk there is no partial file of that name."""
+    """Write `key`.npz. After a crash or on a full disk there is no partial file of that name.
+
+    The file says whose it is, and the archive holds a checksum of each array.
+    """
     with replaced(folder / f"{key}.npz") as stream:
-        np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
+        owner = np.array(_owner(folder, key))
+        np.savez_compressed(stream, **arrays, **{_OWNER: owner})  # type: ignore[arg-type]
 
 
 def read_arrays(folder: Path, key: str) -> Arrays:
-    """Read what `write_arrays` wrote. Raises DataError naming a damaged file."""
-    return read_npz(folder / f"{key}.npz")
+    """Read what `write_arrays` wrote.
+
+    Raises DataError naming a file that is damaged, or that is of another frame or output.
+    """
+    path = folder / f"{key}.npz"
+    arrays = read_npz(path)
+    if str(arrays.pop(_OWNER, "")) != _owner(folder, key):
+        raise DataError(f"{path} is of another frame: delete its folder to make it again")
+    return arrays
+
+
+def _owner(folder: Path, key: str) -> str:
+    """Stage, fingerprint and frame; the folder's name ends differently while it is being made."""
+    return f"{folder.parent.name}/{folder.name.partition('.')[0]}/{key}"
 
 
 def has_arrays(folder: Path, key: str) -> bool:

@@ -16,7 +16,8 @@ from annotated_types import Ge
 from hlp.config.build import Run, with_changed_run
 from hlp.config.settings import TASKS
 from hlp.errors import ConfigError, MissingDependencyError, is_expected
-from hlp.files import SCORES, locked, write_json
+from hlp.files import SCORES, write_json
+from hlp.folders import locked
 from hlp.method.find.estimator import derive_seed
 from hlp.reporting.comparison import read_targets
 from hlp.reporting.figures import save_figure

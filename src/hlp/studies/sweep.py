@@ -23,7 +23,8 @@ from omegaconf import DictConfig, OmegaConf
 
 from hlp.config.composition import chosen_by_hydra, groups_of, overrides_of
 from hlp.errors import DataError, HlpError, InputError, MissingFileError
-from hlp.files import SWEEP, locked, read_json, write_json
+from hlp.files import SWEEP, read_json, write_json
+from hlp.folders import locked
 from hlp.reporting.mlflow.pages import experiment_tags, short_name
 from hlp.reporting.mlflow.run import MlflowRun
 from hlp.reporting.mlflow.tracking import ChildRun, MlflowSettings, as_child_run, track_run

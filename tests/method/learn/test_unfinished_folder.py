@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from hlp.errors import DamagedError, DataError, InputError
+from hlp.errors import DamagedError, DataError, InputError, MissingFileError
 from hlp.fingerprints import sealed
 from hlp.method.learn.learnt_folder import LearntRecord, read_record, write_record
 from hlp.method.learn.unfinished_folder import (
@@ -16,6 +16,7 @@ from hlp.method.learn.unfinished_folder import (
     once,
     restore_replaced,
 )
+from hlp.method.opened_folder import OpenedFolder
 from hlp.method.settings import MethodSettings
 from hlp.runs.learnt_cache import find_learnt
 
@@ -132,8 +133,8 @@ def test_a_folder_is_not_brought_back_while_it_is_being_replaced(killed):
     assert not killed.exists()
 
 
-def test_a_lock_that_is_a_link_empties_nobodys_file(tmp_path):
-    """A folder from somebody else may bring one, with what makes a reader bring it back."""
+def test_what_is_only_read_is_not_repaired_and_a_lock_that_is_a_link_empties_nobodys_file(tmp_path):
+    """A folder from somebody else may bring all that asks for a repair."""
     mine = tmp_path / "mine.txt"
     mine.write_text("of the user")
     (tmp_path / "L.partial").mkdir()
@@ -142,9 +143,22 @@ def test_a_lock_that_is_a_link_empties_nobodys_file(tmp_path):
     hidden.mkdir(parents=True)
     (hidden / "learnt.json").write_text("{}")
     (tmp_path / ".L.lock").symlink_to(mine)
-    with pytest.raises(InputError, match=r"\.L\.lock is a link"):
+    with pytest.raises(MissingFileError, match="neither a folder"):
         find_learnt(str(tmp_path / "L"), tmp_path / "cache")
+    with pytest.raises(MissingFileError, match=rf"killed.*Rename {hidden}"):
+        OpenedFolder.load(tmp_path / "L")
+    assert hidden.is_dir()
     refused = pytest.raises(InputError, match=r"\.L\.lock is a link")
     with refused, folder_in_the_making(tmp_path / "L", {}):
         pass
     assert mine.read_text() == "of the user"
+
+
+def test_nothing_is_made_in_a_folder_that_a_link_leads_to(tmp_path):
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / ".request.json").write_text("{}")
+    (tmp_path / "L.partial").symlink_to(elsewhere)
+    with pytest.raises(InputError, match="in the way"), folder_in_the_making(tmp_path / "L", {}):
+        pass
+    assert (elsewhere / ".request.json").read_text() == "{}"

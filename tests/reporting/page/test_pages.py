@@ -176,7 +176,8 @@ def test_the_page_has_tables_figures_and_the_command(tmp_path: Path) -> None:
     assert page == folder / "report.html" and "basin study on data=synthetic" in text
     assert ">&lt;cat&gt;</td>" in text and "<b>2</b>" not in text  # shown, not run
     assert text.index("<summary>all</summary>") < text.index("<summary>a cup</summary>")
-    assert "hlp run task=basin seed=2" in text and "http" not in text
+    assert "hlp run task=basin seed=2" in text and "://" not in text
+    assert "default-src 'none'; img-src data:;" in text  # no server is asked for a picture
     assert "name: demo" in text and "&#34;hlp&#34;: &#34;1&#34;" in text
 
 

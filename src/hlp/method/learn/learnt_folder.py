@@ -34,6 +34,7 @@ from hlp.fingerprints import (
     seal_is_whole,
     sealed,
 )
+from hlp.folders import own_files
 from hlp.method.find.patch_matching import load_codebooks, search_groups
 from hlp.method.learn.model_files import load_classifier, read_model
 from hlp.method.settings import CoarseStage, Device, MethodSettings
@@ -95,10 +96,14 @@ def write_record(folder: Path, record: LearntRecord) -> None:
 
 
 def read_record(folder: Path) -> LearntRecord:
-    """Read `learnt.json`. Raises MissingFileError and DataError that name what is wrong."""
+    """Read `learnt.json`; whatever is opened in the folder after that lies in it.
+
+    Raises MissingFileError and DataError that name what is wrong.
+    """
     path = folder / RECORD
     if not path.is_file():
         raise MissingFileError(f"{folder} holds no learnt objects: it has no {RECORD}")
+    own_files(folder)
     try:
         content = read_json(path)
     except DataError as error:

@@ -11,7 +11,7 @@ import numpy as np
 from annotated_types import Ge, Gt
 from jaxtyping import Float
 
-from hlp.errors import DataError, MissingFileError
+from hlp.errors import DataError
 from hlp.files import read_json, read_npz, write_json
 from hlp.method.settings import MachineSettings
 from hlp.models.network import Network, load_network
@@ -67,9 +67,6 @@ def write_model(folder: Path, model: ObjectModel) -> None:
 
 def read_model(folder: Path) -> ObjectModel:
     """Read what `write_model` wrote. Raises MissingFileError, DataError naming a damaged file."""
-    for name in (_OBJECT, _MODEL):
-        if not (folder / name).is_file():
-            raise MissingFileError(f"{folder} is not a learnt object: it has no {name}")
     stated = stored_as(_LearntObject, read_json(folder / _OBJECT), str(folder / _OBJECT))
     stored = read_npz(folder / _MODEL)
     try:

@@ -3,6 +3,7 @@
 import glob
 import itertools
 import logging
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -12,8 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from hlp.errors import DamagedError, DataError, InputError, MissingFileError
-from hlp.files import locked, read_json, remove_unfinished, write_json
+from hlp.files import read_json, remove_unfinished, write_json
 from hlp.fingerprints import find_damaged, folder_checksums, seal_is_whole, sealed
+from hlp.folders import locked, own_files
 from hlp.method.learn.learnt_folder import (
     RECORD,
     LearntRecord,
@@ -42,8 +44,11 @@ def folder_in_the_making(
         what = "holds learnt objects" if (folder / RECORD).is_file() else "is there"
         raise InputError(f"{folder} {what} already: load it, or name another folder")
     partial = folder.with_name(folder.name + ".partial")
-    if partial.exists() and any(partial.iterdir()) and not (partial / _REQUEST).exists():
-        raise InputError(f"{partial} is in the way: rename it, or name another folder")
+    if os.path.lexists(partial):
+        begun = (partial / _REQUEST).is_file() or (partial.is_dir() and not any(partial.iterdir()))
+        if partial.is_symlink() or not begun:
+            raise InputError(f"{partial} is in the way: rename it, or name another folder")
+        own_files(partial)
     with _locked(folder):
         if partial.exists() and _read_json_or_none(partial / _REQUEST) != request:
             shutil.rmtree(partial)
@@ -60,23 +65,28 @@ def restore_replaced(folder: Path) -> None:
     That process had renamed the old folder, but not yet the new one: the latter is still there as
     `.partial`, and the call that was killed continues with it. Raises InputError while another
     process is replacing the folder. What a process that was killed after that has left in the
-    folder is removed.
+    folder is removed. Only for folders that HLP writes into: those that it reads may be anybody's.
     """
     if (folder / RECORD).is_file() and (folder / _REQUEST).is_file():
         _remove_markers(folder)
-    partial = folder.with_name(folder.name + ".partial")
-    if folder.exists() or not (partial / _REQUEST).is_file():
-        return
-    hidden = folder.parent.glob(f".{glob.escape(folder.name)}.*/{glob.escape(folder.name)}")
-    left = [path for path in hidden if (path / RECORD).is_file()]
-    if not left:
+    latest = left_behind(folder)
+    if latest is None:
         return
     with _locked(folder):
         if not folder.exists():
-            latest = max(left, key=lambda path: (path / RECORD).stat().st_mtime)
             latest.rename(folder)
             latest.parent.rmdir()
             _logger.warning("%s is restored: a process was killed while replacing it", folder)
+
+
+def left_behind(folder: Path) -> Path | None:
+    """What a killed process has renamed a folder to, if it was replacing it."""
+    partial = folder.with_name(folder.name + ".partial")
+    if folder.exists() or not (partial / _REQUEST).is_file():
+        return None
+    hidden = folder.parent.glob(f".{glob.escape(folder.name)}.*/{glob.escape(folder.name)}")
+    left = [path for path in hidden if (path / RECORD).is_file()]
+    return max(left, key=lambda path: (path / RECORD).stat().st_mtime, default=None)
 
 
 def _set_aside_damaged(folder: Path) -> bool:

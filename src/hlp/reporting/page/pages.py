@@ -9,6 +9,7 @@ from markdown_it import MarkdownIt
 
 from hlp.errors import DataError
 from hlp.files import MANIFEST, PAGE, SCORES, SUMMARY, read_json
+from hlp.folders import found_below
 from hlp.records import MILLIMETRES_PER_METRE
 from hlp.reporting.comparison import ScoredTarget, read_targets
 from hlp.reporting.figures import charts, svg_in_base64
@@ -179,7 +180,8 @@ def study_folders(root: Path) -> list[Path]:
     They have a manifest that names their task, and tables in Markdown; runs of the whole method
     have a summary instead. Raises DataError for a manifest beside tables that is not JSON.
     """
-    found = {path.parent for path in root.rglob(MANIFEST) if not (path.parent / SUMMARY).exists()}
+    manifests = found_below(root, MANIFEST)
+    found = {path.parent for path in manifests if not (path.parent / SUMMARY).exists()}
     tabled = [folder for folder in sorted(found) if any(folder.glob("*.md"))]
     return [folder for folder in tabled if _task_in(read_json(folder / MANIFEST)) is not None]
 

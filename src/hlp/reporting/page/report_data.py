@@ -17,6 +17,7 @@ from jaxtyping import Float, UInt8
 from hlp.arrays import Pose, Rgb
 from hlp.errors import DataError
 from hlp.files import read_json, write_json
+from hlp.folders import inside
 from hlp.geometry import back_project, transform
 from hlp.objects.meshes import decimate
 from hlp.records import MILLIMETRES_PER_METRE, Frame, ObjectModel
@@ -87,13 +88,12 @@ def read_report_data(run: Path) -> ReportData:
 
 
 def picture_path(run: Path, target: Mapping[str, Any]) -> Path | None:
-    """A target's picture, if it is a JPEG within the report's folder: runs come from anywhere.
+    """A target's picture; None where there is none, or the file is no JPEG.
 
-    None where it is absent, and where the index or a link names another file.
+    Raises DataError where the index names a file outside of the report's folder.
     """
-    name = str(target["picture"])
-    path = run / FOLDER / name
-    if name != Path(name).name or path.is_symlink() or not path.is_file():
+    path = inside(run / FOLDER, str(target["picture"]))
+    if not path.is_file():
         return None
     with path.open("rb") as stream:
         return path if stream.read(len(_JPEG)) == _JPEG else None

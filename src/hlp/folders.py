@@ -1,0 +1,97 @@
+"""Folders that may come from somebody else: nothing that is opened in one lies outside of it.
+
+A link in there may lead to any file of the user's, and a pipe would be read for ever. So a folder
+is looked through before anything in it is opened; what its own files name is found by `inside`.
+"""
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from io import FileIO
+from pathlib import Path
+
+from hlp.errors import DataError, InputError
+
+_DEEPEST = 64  # folders within each other
+
+
+def own_files(folder: Path) -> list[Path]:
+    """All files in a folder and those below it; the folder itself may be a link.
+
+    Raises DataError for a link that leads out of it, what is neither a file nor a folder, and more
+    folders within each other than anybody makes.
+    """
+    files, root = [], os.path.realpath(folder)
+    for entry, depth in _entries(folder):
+        path, link = Path(entry), entry.is_symlink()
+        if link and not Path(os.path.realpath(path)).is_relative_to(root):
+            raise DataError(f"{path} is a link that leads out of {folder}: copy or remove it")
+        if depth > _DEEPEST:
+            raise DataError(f"{path} lies below {_DEEPEST} folders: remove it")
+        if entry.is_file(follow_symlinks=False) or (link and path.is_file()):
+            files.append(path)
+        elif not link and not entry.is_dir():
+            raise DataError(f"{path} is neither a file nor a folder: remove it")
+    return files
+
+
+def found_below(root: Path, name: str) -> list[Path]:
+    """What has a name in or below a folder, if `own_files` raises nothing for where it lies."""
+    found = sorted(Path(entry) for entry, _ in _entries(root) if entry.name == name)
+    for path in found:
+        own_files(path.parent)
+    return found
+
+
+def _entries(folder: Path) -> Iterator[tuple["os.DirEntry[str]", int]]:
+    """Everything in and below a folder, with the number of folders that it lies in."""
+    waiting = [(os.fspath(folder), 1)]
+    while waiting:
+        inner, depth = waiting.pop()
+        # Another process may remove it meanwhile, and some may not be read.
+        away = FileNotFoundError, NotADirectoryError, PermissionError
+        with suppress(*away), os.scandir(inner) as entries:
+            for entry in entries:
+                if entry.is_dir(follow_symlinks=False) and depth <= _DEEPEST:
+                    waiting.append((entry.path, depth + 1))
+                yield entry, depth
+
+
+def inside(folder: Path, name: str) -> Path:
+    """The path of a file that a folder's own files name. Raises DataError for one outside."""
+    path = Path(name)
+    if path.is_absolute() or ".." in path.parts:
+        raise DataError(f"{folder} names a file outside of it: {name}")
+    return folder / path
+
+
+def lock_file(path: Path) -> FileIO:
+    """Open the file of a lock, which is made but never emptied. Raises InputError for a link."""
+    if path.is_dir() and not path.is_symlink():
+        path.rmdir()  # an empty folder is in the way of nothing else
+    try:
+        return FileIO(os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o644))
+    except OSError as error:
+        if path.is_symlink():
+            raise InputError(f"{path} is a link, which no lock is: remove it") from error
+        raise
+
+
+@contextmanager
+def locked(path: Path, problem: str) -> Iterator[None]:
+    """Hold the lock of a file; the system frees that of a dead process.
+
+    Raises InputError with the `problem` while another process holds it. No effect on Windows.
+    """
+    if sys.platform == "win32":
+        yield
+        return
+    import fcntl
+
+    with lock_file(path) as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise InputError(problem) from error
+        yield
